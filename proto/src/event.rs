@@ -94,6 +94,14 @@ pub enum LearnerEvent {
         /// How long it has waited, seconds.
         waited_s: f64,
     },
+    /// The learner waits for its host's recorder, which stands still: its disk hangs, or its orchestrator is stopped.
+    /// Said every second.
+    WaitingForRecorder {
+        /// Rank in the process group.
+        rank: u32,
+        /// For how long it has stood still, seconds.
+        waited_s: f64,
+    },
     /// The budget is reached or a stop was asked for; the last checkpoint is written and the process exits with 0. Of
     /// an evaluation: all episodes are played.
     Finished {
@@ -119,6 +127,7 @@ impl LearnerEvent {
             | Self::CheckpointBegun { rank }
             | Self::CheckpointWritten { rank, .. }
             | Self::WaitingForActor { rank, .. }
+            | Self::WaitingForRecorder { rank, .. }
             | Self::Finished { rank, .. } => rank,
             Self::EpisodePlayed { .. } => 0,
         }

@@ -7,13 +7,15 @@
 //! inherit the variable: `POINT:N@PROGRAM` arms only the program of that name. Commas divide several points.
 //!
 //! `STILLROOM_FAULT=hold=POINT` stops the process there (SIGSTOP) until it gets SIGCONT: a test then does something to
-//! the others at a moment that it has chosen.
+//! the others at a moment that it has chosen. `stall=SECONDS=POINT` holds only the thread that comes there, as a disk
+//! does that hangs.
 
 use rustix::process::{Signal, getpid, kill_process};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
 /// Environment variable that arms a fault point.
 pub const VARIABLE: &str = "STILLROOM_FAULT";
@@ -21,8 +23,17 @@ pub const VARIABLE: &str = "STILLROOM_FAULT";
 #[derive(Debug)]
 struct Armed {
     point: String,
-    signal: Signal,
+    then: Fault,
     countdown: AtomicU64,
+}
+
+/// What happens at an armed point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Fault {
+    /// The process gets this signal.
+    Signal(Signal),
+    /// The thread sleeps.
+    Stall(Duration),
 }
 
 static ARMED: OnceLock<Vec<Armed>> = OnceLock::new();
@@ -31,8 +42,11 @@ static ARMED: OnceLock<Vec<Armed>> = OnceLock::new();
 pub fn reach(point: &str) {
     for armed in ARMED.get_or_init(armed_here) {
         if armed.point == point && armed.countdown.fetch_sub(1, Ordering::Relaxed) == 1 {
-            // A crash, not an exit: no destructor may run, as when the kernel kills the process.
-            let _ = kill_process(getpid(), armed.signal);
+            match armed.then {
+                // A crash, not an exit: no destructor may run, as when the kernel kills the process.
+                Fault::Signal(signal) => drop(kill_process(getpid(), signal)),
+                Fault::Stall(long) => std::thread::sleep(long),
+            }
         }
     }
 }
@@ -51,12 +65,19 @@ fn parse(text: &str, program: &str) -> Option<Armed> {
     if wanted != program {
         return None;
     }
-    let (text, signal) = text.strip_prefix("hold=").map_or((text, Signal::KILL), |held| (held, Signal::STOP));
+    let number = |digits: &str| -> u64 {
+        // A test tool: a mistake in it must not pass for a test.
+        digits.parse().unwrap_or_else(|_| panic!("{VARIABLE}={text}: `{digits}` is not a count"))
+    };
+    let (text, then) = if let Some(held) = text.strip_prefix("hold=") {
+        (held, Fault::Signal(Signal::STOP))
+    } else if let Some((seconds, point)) = text.strip_prefix("stall=").and_then(|stalled| stalled.split_once('=')) {
+        (point, Fault::Stall(Duration::from_secs(number(seconds))))
+    } else {
+        (text, Fault::Signal(Signal::KILL))
+    };
     let (point, count) = text.rsplit_once(':').unwrap_or((text, "1"));
-    // A test tool: a mistake in it must not pass for a test.
-    let countdown: u64 = count.parse().unwrap_or_else(|_| panic!("{VARIABLE}={text}: `{count}` is not a count"));
-    let countdown = countdown.max(1);
-    Some(Armed { point: point.to_owned(), signal, countdown: AtomicU64::new(countdown) })
+    Some(Armed { point: point.to_owned(), then, countdown: AtomicU64::new(number(count).max(1)) })
 }
 
 #[cfg(test)]
@@ -77,8 +98,14 @@ mod tests {
         assert_eq!(count("file.before_rename:2@actor"), ("file.before_rename".into(), 2));
         assert!(parse("file.before_rename:2@learner", "actor").is_none(), "another program's");
         let held = parse("hold=learner.mid_rollout:3@learner", "learner").unwrap();
-        assert_eq!((held.point.as_str(), held.signal), ("learner.mid_rollout", Signal::STOP));
-        assert_eq!(parse("learner.mid_rollout", "learner").unwrap().signal, Signal::KILL);
+        assert_eq!((held.point.as_str(), held.then), ("learner.mid_rollout", Fault::Signal(Signal::STOP)));
+        assert_eq!(parse("learner.mid_rollout", "learner").unwrap().then, Fault::Signal(Signal::KILL));
+        let stalled = parse("stall=8=recorder.after_receive:40", "orchestrator").unwrap();
+        assert_eq!(
+            (stalled.point.as_str(), stalled.then),
+            ("recorder.after_receive", Fault::Stall(Duration::from_secs(8)))
+        );
+        assert_eq!(stalled.countdown.load(Ordering::Relaxed), 40);
     }
 
     /// The test starts itself as a child that passes one point twice.

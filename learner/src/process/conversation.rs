@@ -55,6 +55,8 @@ pub struct Conversation<'a, W> {
     control: Control<W>,
     gone: &'a OrchestratorGone,
     connected: bool,
+    /// For how long the recorder had stood still when that was told last.
+    pub(super) told_of_recorder: Duration,
 }
 
 impl<'a, W: Write> Conversation<'a, W> {
@@ -84,6 +86,7 @@ impl<'a, W: Write> Conversation<'a, W> {
             control: Control::new(output, gone.clone()),
             gone,
             connected: false,
+            told_of_recorder: Duration::ZERO,
         }
     }
 
@@ -163,10 +166,15 @@ impl<'a, W: Write> Conversation<'a, W> {
     }
 
     /// Whether the recording of this learner's rollouts before `rollout` is written; without a recorder it is.
-    pub fn is_written(&self, rollout: u64) -> bool {
+    pub(super) fn is_written(&self, rollout: u64) -> bool {
         let written =
             |Written { learner_incarnation, rollout: to }| learner_incarnation == self.incarnation && to >= rollout;
         !self.ports.recorded() || self.ports.written().is_some_and(written)
+    }
+
+    /// For how long the recorder has stood still, if there is one and it does.
+    pub(super) fn recorder_standstill(&self) -> Option<Duration> {
+        self.ports.recorder_standstill()
     }
 
     /// Whether nothing more can be recorded.
@@ -176,7 +184,7 @@ impl<'a, W: Write> Conversation<'a, W> {
 
     /// Receives until no actor is waited for, or there is a reason to stop.
     fn await_actors(&mut self, waits_for: impl Fn(&Collector<Sample>) -> Vec<u32>) -> Result<Option<Stop>> {
-        let began = Instant::now();
+        let mut began = Instant::now();
         let mut patience = Patience::new(self.actor_deadline_s);
         loop {
             self.receive_all()?;
@@ -189,6 +197,9 @@ impl<'a, W: Write> Conversation<'a, W> {
             }
             // By half of them, then half of the rest: few wakes, and little is left to do when the last comes.
             let enough = (missing.len() as u32).div_ceil(2);
+            if self.recorder_stands_still()? {
+                (began, patience) = (Instant::now(), Patience::new(self.actor_deadline_s));
+            }
             let waited = began.elapsed();
             let left = match patience.after(waited) {
                 Waited::Overdue => return Err(self.silent(&missing).into()),

@@ -144,6 +144,11 @@ impl Ports {
         self.receipts.as_ref().and_then(Receipts::written)
     }
 
+    /// For how long the recorder has stood still, if there is one and it does.
+    pub fn recorder_standstill(&self) -> Option<Duration> {
+        self.receipts.as_ref().and_then(Receipts::standstill)
+    }
+
     /// Whether nothing more can be recorded.
     pub fn recording_failed(&self) -> bool {
         self.receipts.as_ref().is_some_and(Receipts::failed)

@@ -22,6 +22,7 @@ mod ringers;
 mod stop;
 mod training;
 mod weights;
+mod writing;
 
 pub use announcements::{Announcements, Permission};
 pub use check::check;

@@ -10,6 +10,7 @@ use super::conversation::{Conversation, Silent};
 use super::ends::{CutShort, joint_end, reasons};
 use super::failure::{NonFinite, Unsaved, is_non_finite, is_unsaved};
 use super::stop::Stop;
+use super::writing::Unrecorded;
 use crate::agent::{Agent, AgentError};
 use crate::checkpoint::{CheckpointError, Part, Snapshot, Store};
 use crate::collector::{Reward, RolloutStatistics, Task};
@@ -30,10 +31,6 @@ use wire::fault;
 
 /// Longest wait for a rollout's announcement.
 const ANNOUNCEMENT_DEADLINE: Duration = Duration::from_mins(1);
-/// Longest wait until a collected rollout's recording is written.
-const WRITING_DEADLINE: Duration = Duration::from_mins(1);
-/// The same once a stop is announced: the recorder may have died without a word.
-const WRITING_PATIENCE: Duration = Duration::from_secs(5);
 
 /// All that training needs.
 pub struct Training<'a, W> {
@@ -392,7 +389,7 @@ impl<W: Write> Training<'_, W> {
         self.conversation.collector.begin(shape, reward, version);
         match self.collect(state) {
             Ok(stop) => Ok(stop.map(CutShort::Stop)),
-            Err(error) if error.is::<Silent>() => Ok(Some(CutShort::Fault(error))),
+            Err(error) if error.is::<Silent>() || error.is::<Unrecorded>() => Ok(Some(CutShort::Fault(error))),
             Err(error) => Err(error),
         }
     }
@@ -434,30 +431,10 @@ impl<W: Write> Training<'_, W> {
     }
 
     fn await_written(&mut self) -> Result<Option<CutShort>> {
-        let began = Instant::now();
-        loop {
-            self.conversation.receive_all()?;
-            // First the reason to stop, then the recording: once the recorder is gone, it writes nothing more.
-            let stop = self.conversation.stop_asked()?;
-            if self.conversation.is_written(self.rollout + 1) {
-                return Ok(None);
-            }
-            let waited = began.elapsed();
-            match stop {
-                Some(Stop::OrchestratorGone) => return Ok(stop.map(CutShort::Stop)),
-                Some(Stop::Announced) if self.conversation.recording_failed() || waited >= WRITING_PATIENCE => {
-                    return Ok(stop.map(CutShort::Stop));
-                }
-                _ if waited >= WRITING_DEADLINE => {
-                    return Ok(Some(CutShort::Fault(anyhow::anyhow!(
-                        "rollout {} was not recorded within {} s: the disk of {} hangs, or the orchestrator does",
-                        self.rollout,
-                        WRITING_DEADLINE.as_secs(),
-                        self.run.recordings().display()
-                    ))));
-                }
-                _ => self.conversation.wait(WRITING_PATIENCE),
-            }
+        match self.conversation.await_written(self.rollout) {
+            Ok(stop) => Ok(stop.map(CutShort::Stop)),
+            Err(error) if error.is::<Unrecorded>() => Ok(Some(CutShort::Fault(error))),
+            Err(error) => Err(error),
         }
     }
 

@@ -28,7 +28,7 @@ use super::restart::{RestartHistory, Verdict};
 use super::stage::StageMachine;
 use super::words::{
     also, connected, died_at_stop, given_up, immortal, killed_for_it, killed_unready, learners_given_up, quote, ready,
-    rewinds, unanswering,
+    recorder_stands_still, rewinds, unanswering,
 };
 use proto::config::StageConfig;
 use proto::event::LearnerEvent;
@@ -39,6 +39,8 @@ use std::time::Duration;
 const LOST_PEERS: Exit = Exit::Code(EXIT_LOST_PEERS);
 /// How one ends that is killed here.
 const SIGKILL: Exit = Exit::Signal(9);
+/// From here on a recorder that stands still is warned of, seconds.
+const RECORDER_WARNING_S: f64 = 5.0;
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Phase {
@@ -75,6 +77,7 @@ pub struct Supervisor {
     /// Episodes of an evaluation that the present incarnation of its learner has played, and the most that any has.
     episodes: u64,
     episodes_reached: u64,
+    warned_of_recorder_s: f64,
     actions: Vec<Action>,
 }
 
@@ -93,6 +96,7 @@ impl Supervisor {
             frames_reached: 0,
             episodes: 0,
             episodes_reached: 0,
+            warned_of_recorder_s: 0.0,
             actions: Vec::new(),
         }
     }
@@ -378,6 +382,10 @@ impl Supervisor {
                 self.gang.waits(now);
                 self.waits_for(now, actor, waited_s);
             }
+            LearnerEvent::WaitingForRecorder { rank, waited_s } => {
+                self.gang.waits(now);
+                self.waits_for_recorder(rank, waited_s);
+            }
             LearnerEvent::Finished { rank, frames, weights, complete } => {
                 self.gang.finished(rank);
                 if rank == 0 {
@@ -414,6 +422,19 @@ impl Supervisor {
         self.report(Level::Warning, unanswering(&who, waited, (waited < patience).then_some(patience)));
         if waited >= patience {
             self.kill(now, process);
+        }
+    }
+
+    /// Warns of a recorder that stands still, again whenever that has doubled. Nobody is killed for it: whoever came next
+    /// would wait for it, too.
+    fn waits_for_recorder(&mut self, rank: u32, waited_s: f64) {
+        // Learners of several hosts speak of several recorders, each a moment after the other.
+        if waited_s + RECORDER_WARNING_S < self.warned_of_recorder_s {
+            self.warned_of_recorder_s = 0.0;
+        }
+        if waited_s >= RECORDER_WARNING_S.max(2.0 * self.warned_of_recorder_s) {
+            self.warned_of_recorder_s = waited_s;
+            self.report(Level::Warning, recorder_stands_still(rank, waited_s));
         }
     }
 

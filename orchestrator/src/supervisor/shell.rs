@@ -466,7 +466,7 @@ async fn heard(company: &mut Option<&mut Company>) -> (u32, Heard) {
 
 /// Rank 0 reports for all learners, but each waits for its own actors.
 fn is_for_audience(event: &LearnerEvent) -> bool {
-    event.rank() == 0 || matches!(event, LearnerEvent::WaitingForActor { .. })
+    event.rank() == 0 || matches!(event, LearnerEvent::WaitingForActor { .. } | LearnerEvent::WaitingForRecorder { .. })
 }
 
 #[cfg(test)]

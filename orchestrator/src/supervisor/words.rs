@@ -45,6 +45,15 @@ pub fn unanswering(who: &str, waited: Duration, given: Option<Duration>) -> Stri
     format!("{who} has not answered for {} s{then}", waited.as_secs())
 }
 
+/// That all wait for a recorder.
+pub fn recorder_stands_still(rank: u32, waited_s: f64) -> String {
+    let who = Process::Learner(rank);
+    format!(
+        "{who} waits for the recording, which has not got on for {waited_s:.0} s: the disk of the run's recordings hangs, \
+         or its orchestrator was stopped. Nobody is killed for that"
+    )
+}
+
 /// That a learner died during an orderly stop.
 pub fn died_at_stop(who: Process, evaluates: bool, exit: &Exit, last_words: &[String]) -> String {
     let words = quote(last_words);

@@ -57,6 +57,9 @@ pub fn learner(event: &LearnerEvent, stages: &[StageConfig], history: &History) 
         LearnerEvent::WaitingForActor { actor, waited_s, .. } => {
             tell("waiting", || json!({ "process": format!("actor-{actor:02}"), "waited_s": waited_s }));
         }
+        LearnerEvent::WaitingForRecorder { waited_s, .. } => {
+            tell("waiting", || json!({ "process": "recorder", "waited_s": waited_s }));
+        }
         LearnerEvent::ActorsConnected { .. }
         | LearnerEvent::RolloutCollected { .. }
         | LearnerEvent::CheckpointBegun { .. }

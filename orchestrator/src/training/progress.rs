@@ -24,10 +24,11 @@ enum Doing {
     },
 }
 
-/// A learner has said that an actor does not answer. It says so every ten seconds, and not when the actor answers.
+/// A learner has said that somebody keeps it waiting. It says so every ten seconds, and not when that is over.
 #[derive(Debug, Clone, Copy)]
 struct Waiting {
-    actor: u32,
+    /// None: the recorder.
+    actor: Option<u32>,
     seconds: u64,
     said: Duration,
 }
@@ -66,7 +67,11 @@ impl Progress {
             LearnerEvent::RolloutCollected { rollout, .. } => Doing::Updating(rollout),
             LearnerEvent::RolloutTrained { rollout, .. } => Doing::Collecting(rollout + 1),
             LearnerEvent::WaitingForActor { actor, waited_s, .. } => {
-                self.waiting = Some(Waiting { actor, seconds: waited_s as u64, said: now });
+                self.waiting = Some(Waiting { actor: Some(actor), seconds: waited_s as u64, said: now });
+                return;
+            }
+            LearnerEvent::WaitingForRecorder { waited_s, .. } => {
+                self.waiting = Some(Waiting { actor: None, seconds: waited_s as u64, said: now });
                 return;
             }
             LearnerEvent::Finished { complete, .. } => Doing::Leaving { complete },
@@ -121,7 +126,10 @@ impl Progress {
 
     fn doing(&self, now: Duration, validating: bool) -> String {
         if let Some(Waiting { actor, seconds, .. }) = self.waiting(now) {
-            return format!("waiting for actor-{actor:02}, {seconds} s");
+            return match actor {
+                Some(actor) => format!("waiting for actor-{actor:02}, {seconds} s"),
+                None => format!("waiting for the recording, {seconds} s"),
+            };
         }
         let time = format::duration(now.saturating_sub(self.since));
         match self.doing {
@@ -300,6 +308,8 @@ mod tests {
         // It has answered, which nobody says.
         assert_eq!(progress.doing(seconds(33), false), "collecting rollout 5, 23 s");
         assert!(progress.is_usual(seconds(33)));
+        progress.learner(seconds(35), &LearnerEvent::WaitingForRecorder { rank: 1, waited_s: 4.9 });
+        assert_eq!(progress.doing(seconds(36), false), "waiting for the recording, 4 s");
         progress.learner(seconds(40), &LearnerEvent::WaitingForActor { rank: 0, actor: 3, waited_s: 2.0 });
         progress.learner(seconds(41), &LearnerEvent::RolloutCollected { rank: 0, rollout: 5, frames: 60, here: 10 });
         assert_eq!(progress.doing(seconds(42), false), "updating on rollout 5, 1 s");

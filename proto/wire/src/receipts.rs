@@ -12,7 +12,9 @@
 use crate::address::WireAddress;
 use crate::error::WireError;
 use crate::shm::Words;
+use rustix::time::{ClockId, clock_gettime};
 use std::fmt::Debug;
+use std::time::Duration;
 
 /// A receipt of one half of an actor's environments: everything up to an exchange was taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,14 +34,21 @@ pub struct Written {
     pub rollout: u64,
 }
 
+/// A recorder gets on at least once a second. One that has not for so long stands still: its disk hangs, or its process
+/// is stopped.
+const STANDSTILL: Duration = Duration::from_secs(3);
+/// How long others wait for a recorder that stands still before they give up.
+pub const STANDSTILL_DEADLINE: Duration = Duration::from_mins(10);
 /// Bits of the number in a word; the learner incarnation has the others.
 const NUMBER_BITS: u32 = 40;
 /// Word of [`Written`].
 const WRITTEN: usize = 0;
 /// Word that is not 0 once the recording has failed.
 const FAILED: usize = 1;
+/// Word of the moment at which the recorder last got on, milliseconds of the machine's monotonic clock; 0 before that.
+const BEAT: usize = 2;
 /// First word of the first actor: its incarnation that the recorder has met, then a receipt for each half.
-const ACTORS: usize = 2;
+const ACTORS: usize = 3;
 const WORDS_PER_ACTOR: usize = 3;
 
 fn words(actors: u32) -> usize {
@@ -65,6 +74,12 @@ fn pack(learner_incarnation: u32, number: u64) -> Option<u64> {
 /// Learner incarnations count from 1, so 0 is a word that was not written yet.
 fn unpack(word: u64) -> Option<(u32, u64)> {
     (word != 0).then_some(((word >> NUMBER_BITS) as u32, word & ((1 << NUMBER_BITS) - 1)))
+}
+
+/// The same for all processes of a machine.
+fn now_ms() -> u64 {
+    let now = clock_gettime(ClockId::Monotonic);
+    now.tv_sec as u64 * 1000 + now.tv_nsec as u64 / 1_000_000
 }
 
 fn map(address: &WireAddress, actors: u32, writable: bool) -> Result<Words, WireError> {
@@ -117,6 +132,13 @@ impl Receipts {
     pub fn failed(&self) -> bool {
         self.0.load(FAILED) != 0
     }
+
+    /// For how long the recorder has stood still; none while it gets on, or has not begun.
+    pub fn standstill(&self) -> Option<Duration> {
+        let beat = self.0.load(BEAT);
+        let silent = Duration::from_millis(now_ms().saturating_sub(beat));
+        (beat != 0 && silent > STANDSTILL).then_some(silent)
+    }
 }
 
 /// What the recorder writes.
@@ -156,6 +178,11 @@ impl ReceiptBook {
         }
     }
 
+    /// The recorder gets on: it writes, or waits for something to write.
+    pub fn beat(&self) {
+        self.0.store(BEAT, now_ms().max(1));
+    }
+
     /// Nothing more is recorded.
     pub fn fail(&self) {
         self.0.store(FAILED, 1);
@@ -189,8 +216,13 @@ mod tests {
         book.write(written);
         book.fail();
         assert_eq!(all(), (7, None, Some(last), Some(written), true));
+        assert_eq!(receipts.standstill(), None, "it has not begun");
+        book.beat();
+        assert_eq!(receipts.standstill(), None);
+        book.0.store(BEAT, now_ms().saturating_sub(9_000).max(1));
+        assert!(receipts.standstill().is_some_and(|still| still >= Duration::from_millis(8_900)) || now_ms() < 12_000);
         let message = Receipts::open(&address, 3).unwrap_err().to_string();
-        assert!(message.contains("has 64 bytes of 88"), "{message}");
+        assert!(message.contains("has 72 bytes of 96"), "{message}");
         drop((book, receipts));
         address.sweep().unwrap();
     }

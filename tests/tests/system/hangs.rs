@@ -91,6 +91,28 @@ fn an_actor_that_hangs_is_told_of_and_started_again() {
     run.assert_nothing_left();
 }
 
+/// For sixteen seconds the recorder's thread stands still, as at a disk that hangs. Actors that cannot send to it do not
+/// answer, and would be killed after five.
+#[test]
+fn a_recorder_that_stands_still_is_told_of_and_nobody_is_killed_for_it() {
+    let workshop = Workshop::new();
+    let text = TINY.replace("actor_deadline_s = 60.0", "actor_deadline_s = 60.0\nprogress_deadline_s = 10.0");
+    assert_ne!(text, TINY);
+    std::fs::write(workshop.path("tiny.toml"), text).expect("a writable temporary folder");
+    let mut command = workshop.up("disk", ACTORS, ENVIRONMENTS, FRAMES);
+    command.env("STILLROOM_FAULT", "stall=16=recorder.after_receive:200@orchestrator");
+    let printed = complete(command);
+    assert_eq!(&printed.result(), undisturbed());
+    assert_eq!(printed.deaths(), Vec::<&str>::new(), "{printed:#?}");
+    // After five seconds, and when that has doubled.
+    assert_eq!(
+        printed.stderr.matches("learner-0 waits for the recording, which has not got on for").count(),
+        2,
+        "{printed:#?}"
+    );
+    workshop.run("disk").assert_nothing_left();
+}
+
 #[test]
 fn a_stop_of_a_learner_that_hangs_says_what_it_waits_for_and_ends() {
     let workshop = workshop();

@@ -10,7 +10,13 @@ use proto::reward::RewardKind;
 use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
-use wire::{Bell, Bells, Sleeper};
+use std::time::Duration;
+use wire::{Bell, Bells, Receipts, STANDSTILL_DEADLINE, Sleeper};
+
+/// How often it is looked whether the thread has ended.
+const LOOK: Duration = Duration::from_millis(5);
+/// From here on the end of a recording that hangs is told of.
+const FIRST_WARNING: Duration = Duration::from_secs(5);
 
 /// A running recorder.
 #[derive(Debug)]
@@ -20,6 +26,7 @@ pub struct Recorder {
     /// Rings when there is a note.
     bell: Bell,
     failure: Arc<OnceLock<String>>,
+    receipts: Receipts,
     /// The learner that speaks for the recording.
     leader: u32,
     stages: Vec<(String, RewardKind)>,
@@ -31,6 +38,7 @@ impl Recorder {
         let (notes, inbox) = channel();
         let (ready, started) = channel();
         let bell = Bells::open(&setup.address, setup.shape)?.bell([Sleeper::Recorder]);
+        let receipts = Receipts::open(&setup.address, setup.shape.shares.actors())?;
         let (failure, leader) = (Arc::new(OnceLock::new()), setup.ranks.start);
         let stages = setup.config.stages.iter().map(|stage| (stage.name.clone(), stage.reward)).collect();
         let thread = {
@@ -49,7 +57,7 @@ impl Recorder {
                 .map_err(RecorderError::Thread)?
         };
         match started.recv_timeout(START_DEADLINE) {
-            Ok(()) => Ok(Self { thread, notes, bell, failure, leader, stages }),
+            Ok(()) => Ok(Self { thread, notes, bell, failure, receipts, leader, stages }),
             Err(std::sync::mpsc::RecvTimeoutError::Timeout) => Err(RecorderError::Slow),
             // It returned before it was ready: with the reason, unless it panicked.
             Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => match thread.join() {
@@ -103,6 +111,9 @@ impl Recorder {
             LearnerEvent::WaitingForActor { rank, actor, waited_s } => {
                 self.learner_log(*rank, Level::Warning, format!("has waited {waited_s:.1} s for actor {actor}"));
             }
+            LearnerEvent::WaitingForRecorder { rank, waited_s } => {
+                self.learner_log(*rank, Level::Warning, format!("has waited {waited_s:.1} s for the recording"));
+            }
             LearnerEvent::Finished { rank, frames, weights, complete } => {
                 let how = if *complete { "complete" } else { "stopped" };
                 self.learner_log(*rank, Level::Info, format!("{how} after {frames} frames, weights {weights}"));
@@ -150,6 +161,18 @@ impl Recorder {
     /// Takes what is still in shared memory, completes the last segment and sees it onto the disk.
     pub fn finish(self) -> Result<RecordingSummary, RecorderError> {
         self.note(Note::Finish);
+        let mut warning = FIRST_WARNING;
+        while !self.thread.is_finished() {
+            let still = self.receipts.standstill().unwrap_or_default();
+            if still >= STANDSTILL_DEADLINE {
+                return Err(RecorderError::Hangs(still));
+            }
+            if still >= warning {
+                tracing::warn!("the recording's end has not got on for {} s: its disk hangs", still.as_secs());
+                warning = 2 * still;
+            }
+            std::thread::sleep(LOOK);
+        }
         self.thread.join().map_err(|_| RecorderError::Died)?
     }
 

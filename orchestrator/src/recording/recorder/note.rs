@@ -77,6 +77,12 @@ pub enum RecorderError {
     /// The thread is gone.
     #[error("the recorder's thread ended unexpectedly; its last messages are in the log")]
     Died,
+    /// The thread has stood still for too long.
+    #[error(
+        "the recording has not got on for {} s: its disk hangs. What is written of it can be read; `orchestrator \
+         recover` completes the file", .0.as_secs()
+    )]
+    Hangs(Duration),
     /// Recording ended with a failure some time ago.
     #[error("{0}")]
     Failed(String),

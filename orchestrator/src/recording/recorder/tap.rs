@@ -38,6 +38,7 @@ pub fn run(
 
     let mut flushed = Instant::now();
     loop {
+        book.beat();
         wakeup.wait(FLUSH_INTERVAL.saturating_sub(flushed.elapsed()));
         drain(&subscribers, &mut desk).inspect_err(|_| book.fail())?;
         learners.tell(&desk.ledger);
@@ -85,6 +86,7 @@ fn drain(subscribers: &[ObservationSubscriber], desk: &mut Desk<'_>) -> Result<u
             // Copied once, then checked: what lies in shared memory can change meanwhile.
             let header = *sample.user_header();
             desk.sample(&header, sample.payload());
+            desk.book.beat();
             taken += 1;
         }
     }

@@ -155,6 +155,24 @@ fn a_hanging_actor_is_killed_and_started_again() {
     assert!(world.killed.is_empty(), "the new one is given its time");
 }
 
+/// Its disk hangs: whoever were killed for it, the next would wait, too.
+#[test]
+fn a_recorder_that_stands_still_is_told_of_and_nobody_is_killed() {
+    let mut world = World::new();
+    world.step(false);
+    world.step(false);
+    let warnings = |world: &World| world.reports.iter().filter(|text| text.contains("waits for the recording")).count();
+    for second in 3..590 {
+        world.pass(Duration::from_secs(1));
+        world.learner(LearnerEvent::WaitingForRecorder { rank: 0, waited_s: f64::from(second) });
+    }
+    assert!(world.killed.is_empty() && !world.supervisor.is_stopping(), "{:#?}", world.reports);
+    // After 5, 10, 20, ..., 320 seconds.
+    assert_eq!(warnings(&world), 7, "{:#?}", world.reports);
+    world.learner(LearnerEvent::WaitingForRecorder { rank: 0, waited_s: 6.0 });
+    assert_eq!(warnings(&world), 8, "the next standstill is told of anew");
+}
+
 /// Seconds that pass, a tick each, until someone is killed or the run stops.
 fn seconds_until_a_kill(world: &mut World) -> u64 {
     let begin = world.now;
