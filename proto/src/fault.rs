@@ -71,7 +71,8 @@ fn parse(text: &str, program: &str) -> Option<Armed> {
     };
     let (text, then) = if let Some(held) = text.strip_prefix("hold=") {
         (held, Fault::Signal(Signal::STOP))
-    } else if let Some((seconds, point)) = text.strip_prefix("stall=").and_then(|stalled| stalled.split_once('=')) {
+    } else if let Some(stalled) = text.strip_prefix("stall=") {
+        let (seconds, point) = stalled.split_once('=').unwrap_or((stalled, ""));
         (point, Fault::Stall(Duration::from_secs(number(seconds))))
     } else {
         (text, Fault::Signal(Signal::KILL))
@@ -106,6 +107,10 @@ mod tests {
             ("recorder.after_receive", Fault::Stall(Duration::from_secs(8)))
         );
         assert_eq!(stalled.countdown.load(Ordering::Relaxed), 40);
+        assert!(
+            std::panic::catch_unwind(|| parse("stall=recorder.after_receive", "orchestrator")).is_err(),
+            "how long?"
+        );
     }
 
     /// The test starts itself as a child that passes one point twice.

@@ -14,7 +14,7 @@ use proto::event::LearnerEvent;
 use std::io::Write;
 use std::ops::Range;
 use std::time::{Duration, Instant};
-use wire::{Written, fault};
+use wire::{Standstill, Written, fault};
 
 /// Longest sleep without a look around. Whatever is waited for rings, but a process can be killed before it does.
 const LOOK: Duration = Duration::from_millis(250);
@@ -55,6 +55,7 @@ pub struct Conversation<'a, W> {
     control: Control<W>,
     gone: &'a OrchestratorGone,
     connected: bool,
+    standstill: Standstill,
     /// For how long the recorder had stood still when that was told last.
     pub(super) told_of_recorder: Duration,
 }
@@ -86,6 +87,7 @@ impl<'a, W: Write> Conversation<'a, W> {
             control: Control::new(output, gone.clone()),
             gone,
             connected: false,
+            standstill: Standstill::default(),
             told_of_recorder: Duration::ZERO,
         }
     }
@@ -173,8 +175,8 @@ impl<'a, W: Write> Conversation<'a, W> {
     }
 
     /// For how long the recorder has stood still, if there is one and it does.
-    pub(super) fn recorder_standstill(&self) -> Option<Duration> {
-        self.ports.recorder_standstill()
+    pub(super) fn recorder_standstill(&mut self) -> Option<Duration> {
+        self.ports.look_at_recorder(&mut self.standstill)
     }
 
     /// Whether nothing more can be recorded.

@@ -12,7 +12,7 @@ use wire::fault;
 use wire::message::{EnvironmentState, Observation, ObservationHeader, RestoreHeader, StageAnnouncement};
 use wire::{
     ActionPublisher, Bell, Ipc, ObservationSubscriber, Receipt, Receipts, RestorePublisher, Sleeper, StageSubscriber,
-    Wakeup, Wire, WireAddress, WireShape, Written,
+    Standstill, Wakeup, Wire, WireAddress, WireShape, Written,
 };
 
 /// A received sample: borrowed from shared memory until it is dropped. A subscriber may hold two of each actor.
@@ -144,9 +144,9 @@ impl Ports {
         self.receipts.as_ref().and_then(Receipts::written)
     }
 
-    /// For how long the recorder has stood still, if there is one and it does.
-    pub fn recorder_standstill(&self) -> Option<Duration> {
-        self.receipts.as_ref().and_then(Receipts::standstill)
+    /// Looks whether the recorder stands still, if there is one; for how long, if it does.
+    pub fn look_at_recorder(&self, standstill: &mut Standstill) -> Option<Duration> {
+        self.receipts.as_ref().and_then(|receipts| standstill.look(receipts))
     }
 
     /// Whether nothing more can be recorded.

@@ -389,7 +389,7 @@ impl<W: Write> Training<'_, W> {
         self.conversation.collector.begin(shape, reward, version);
         match self.collect(state) {
             Ok(stop) => Ok(stop.map(CutShort::Stop)),
-            Err(error) if error.is::<Silent>() || error.is::<Unrecorded>() => Ok(Some(CutShort::Fault(error))),
+            Err(error) if error.is::<Silent>() => Ok(Some(CutShort::Fault(error))),
             Err(error) => Err(error),
         }
     }
@@ -433,7 +433,9 @@ impl<W: Write> Training<'_, W> {
     fn await_written(&mut self) -> Result<Option<CutShort>> {
         match self.conversation.await_written(self.rollout) {
             Ok(stop) => Ok(stop.map(CutShort::Stop)),
-            Err(error) if error.is::<Unrecorded>() => Ok(Some(CutShort::Fault(error))),
+            Err(error) if matches!(error.downcast_ref(), Some(Unrecorded::Late { .. })) => {
+                Ok(Some(CutShort::Fault(error)))
+            }
             Err(error) => Err(error),
         }
     }

@@ -1,7 +1,7 @@
 //! What a learner waits for of its host's recorder: the receipts of observations, and the writing of a rollout.
 //!
 //! A recorder that stands still (its disk hangs, or the orchestrator is stopped) keeps actors from answering, too. While
-//! it does nobody is late, and everybody is told what is waited for.
+//! it does nobody is late, and the learner reports what it waits for.
 
 use super::conversation::Conversation;
 use super::stop::Stop;
@@ -9,7 +9,7 @@ use anyhow::Result;
 use proto::event::LearnerEvent;
 use std::io::Write;
 use std::time::{Duration, Instant};
-use wire::STANDSTILL_DEADLINE;
+use wire::Standstill;
 
 /// Longest wait until a collected rollout is written by a recorder that does not stand still.
 const WRITING_DEADLINE: Duration = Duration::from_mins(1);
@@ -18,7 +18,8 @@ const WRITING_PATIENCE: Duration = Duration::from_secs(5);
 /// How often a learner says that it waits for a recorder that stands still. Each time is a sign of its own life.
 const TELLING_INTERVAL: Duration = Duration::from_secs(1);
 
-/// The recording does not get on.
+/// The recording does not get on. After a standstill nothing is saved: the disk that hangs would have to see the
+/// recording first, and the last checkpoint stands.
 #[derive(Debug, thiserror::Error)]
 pub enum Unrecorded {
     /// It has stood still for too long.
@@ -42,7 +43,7 @@ impl<W: Write> Conversation<'_, W> {
             self.told_of_recorder = Duration::ZERO;
             return Ok(false);
         };
-        if still >= STANDSTILL_DEADLINE {
+        if still >= Standstill::DEADLINE {
             return Err(Unrecorded::Standstill(still));
         }
         if still >= self.told_of_recorder + TELLING_INTERVAL {

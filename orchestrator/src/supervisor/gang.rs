@@ -45,6 +45,8 @@ pub struct Gang {
     heard: Duration,
     /// For how long they had been silent when the user was last warned of it.
     warned: Option<Duration>,
+    /// When one last said that the recorder held it up.
+    held: Duration,
     /// The present incarnation has collected a rollout.
     collected: bool,
     /// Time of the next joint start, if no learner is left by then.
@@ -71,6 +73,7 @@ impl Gang {
             pace: Pace::default(),
             heard: Duration::ZERO,
             warned: None,
+            held: Duration::ZERO,
             collected: false,
             restart_at: None,
             bereaved: None,
@@ -141,6 +144,13 @@ impl Gang {
         (self.heard, self.warned) = (now, None);
     }
 
+    /// One says that it waits for a recorder that stands still: the same, and nothing that takes long meanwhile is taken
+    /// for slow.
+    pub fn waits_for_recorder(&mut self, now: Duration) {
+        self.waits(now);
+        (self.since, self.held) = (now, now);
+    }
+
     /// The user was warned that they have been silent for so long.
     pub fn warned(&mut self, silent: Duration) {
         self.warned = Some(silent);
@@ -184,7 +194,8 @@ impl Gang {
     /// One whose actors have not all answered though more than `patience` has passed since all were ready, and no
     /// rollout has been collected.
     pub fn late_to_be_connected(&self, now: Duration, patience: Duration) -> Option<u32> {
-        let late = !self.collected && self.all_ready_since().is_some_and(|ready| now.saturating_sub(ready) > patience);
+        let waited = |ready: Duration| now.saturating_sub(ready.max(self.held));
+        let late = !self.collected && self.all_ready_since().is_some_and(|ready| waited(ready) > patience);
         let unconnected = |word: Said| !word.connected && !word.finished;
         self.ranks().filter(|_| late).find(|&rank| unconnected(self.said[rank as usize]))
     }

@@ -77,7 +77,8 @@ pub struct Supervisor {
     /// Episodes of an evaluation that the present incarnation of its learner has played, and the most that any has.
     episodes: u64,
     episodes_reached: u64,
-    warned_of_recorder_s: f64,
+    /// By rank: for how long its recorder stood still when that was last said, and when it was warned of.
+    held_up_s: Vec<[f64; 2]>,
     actions: Vec<Action>,
 }
 
@@ -96,7 +97,7 @@ impl Supervisor {
             frames_reached: 0,
             episodes: 0,
             episodes_reached: 0,
-            warned_of_recorder_s: 0.0,
+            held_up_s: vec![[0.0; 2]; policy.learners as usize],
             actions: Vec::new(),
         }
     }
@@ -383,7 +384,7 @@ impl Supervisor {
                 self.waits_for(now, actor, waited_s);
             }
             LearnerEvent::WaitingForRecorder { rank, waited_s } => {
-                self.gang.waits(now);
+                self.gang.waits_for_recorder(now);
                 self.waits_for_recorder(rank, waited_s);
             }
             LearnerEvent::Finished { rank, frames, weights, complete } => {
@@ -425,15 +426,17 @@ impl Supervisor {
         }
     }
 
-    /// Warns of a recorder that stands still, again whenever that has doubled. Nobody is killed for it: whoever came next
-    /// would wait for it, too.
+    /// Warns of a recorder that stands still, again whenever that has doubled. No process is killed for it: whoever came
+    /// next would wait for it, too.
     fn waits_for_recorder(&mut self, rank: u32, waited_s: f64) {
-        // Learners of several hosts speak of several recorders, each a moment after the other.
-        if waited_s + RECORDER_WARNING_S < self.warned_of_recorder_s {
-            self.warned_of_recorder_s = 0.0;
+        let [last_s, warned_s] = &mut self.held_up_s[rank as usize];
+        if waited_s < *last_s {
+            // Another time.
+            *warned_s = 0.0;
         }
-        if waited_s >= RECORDER_WARNING_S.max(2.0 * self.warned_of_recorder_s) {
-            self.warned_of_recorder_s = waited_s;
+        *last_s = waited_s;
+        if waited_s >= RECORDER_WARNING_S.max(2.0 * *warned_s) {
+            *warned_s = waited_s;
             self.report(Level::Warning, recorder_stands_still(rank, waited_s));
         }
     }

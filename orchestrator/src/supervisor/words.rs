@@ -49,8 +49,8 @@ pub fn unanswering(who: &str, waited: Duration, given: Option<Duration>) -> Stri
 pub fn recorder_stands_still(rank: u32, waited_s: f64) -> String {
     let who = Process::Learner(rank);
     format!(
-        "{who} waits for the recording, which has not got on for {waited_s:.0} s: the disk of the run's recordings hangs, \
-         or its orchestrator was stopped. Nobody is killed for that"
+        "{who} waits for the recording, which has not got on for {waited_s:.0} s: its disk is slow or hangs, or its \
+         orchestrator was stopped. No process is killed for that; the run waits up to ten minutes"
     )
 }
 

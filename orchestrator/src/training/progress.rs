@@ -24,7 +24,8 @@ enum Doing {
     },
 }
 
-/// A learner has said that somebody keeps it waiting. It says so every ten seconds, and not when that is over.
+/// A learner has said that somebody keeps it waiting. It says so every ten seconds, of the recorder every
+/// second, and not when that is over.
 #[derive(Debug, Clone, Copy)]
 struct Waiting {
     /// None: the recorder.

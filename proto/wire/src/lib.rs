@@ -65,7 +65,7 @@ pub use bells::{Bell, Bells, Sleeper, Wakeup};
 pub use error::WireError;
 pub use ffi::give_memory_back;
 pub use proto::fault;
-pub use receipts::{Receipt, ReceiptBook, Receipts, STANDSTILL_DEADLINE, Written};
+pub use receipts::{Receipt, ReceiptBook, Receipts, Standstill, Written};
 pub use services::{
     ActionPublisher, ActionSubscriber, Ipc, ObservationPublisher, ObservationReaders, ObservationSubscriber,
     RestorePublisher, RestoreSubscriber, StageSubscriber, UpdateConnections, Wire, WireHost,

@@ -14,7 +14,7 @@ use crate::error::WireError;
 use crate::shm::Words;
 use rustix::time::{ClockId, clock_gettime};
 use std::fmt::Debug;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// A receipt of one half of an actor's environments: everything up to an exchange was taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,11 +34,41 @@ pub struct Written {
     pub rollout: u64,
 }
 
-/// A recorder gets on at least once a second. One that has not for so long stands still: its disk hangs, or its process
-/// is stopped.
-const STANDSTILL: Duration = Duration::from_secs(3);
-/// How long others wait for a recorder that stands still before they give up.
-pub const STANDSTILL_DEADLINE: Duration = Duration::from_mins(10);
+/// A recorder that has something to do, or nothing, gets on at least once a second. One that has not for so long stands
+/// still: its disk is slow or hangs, or its process is stopped. It is less than the two seconds after which a learner
+/// names an actor.
+const STANDSTILL: Duration = Duration::from_millis(1_800);
+/// For how long somebody has seen a recorder stand still: the sum of the times between his own looks. While he himself
+/// was stopped he saw nothing.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Standstill {
+    seen: Duration,
+    looked: Option<Instant>,
+}
+
+impl Standstill {
+    /// How long others wait for a recorder that stands still before they give up.
+    pub const DEADLINE: Duration = Duration::from_mins(10);
+    /// No look is further from the one before.
+    const LONGEST_TURN: Duration = Duration::from_secs(1);
+
+    /// Looks. Returns for how long it has been seen to stand still; none while it gets on.
+    pub fn look(&mut self, receipts: &Receipts) -> Option<Duration> {
+        self.see(receipts.stands_still(), Instant::now())
+    }
+
+    fn see(&mut self, stands_still: bool, now: Instant) -> Option<Duration> {
+        if !stands_still {
+            *self = Self::default();
+            return None;
+        }
+        let turn =
+            self.looked.map_or(STANDSTILL, |before| now.saturating_duration_since(before).min(Self::LONGEST_TURN));
+        (self.seen, self.looked) = (self.seen + turn, Some(now));
+        Some(self.seen)
+    }
+}
+
 /// Bits of the number in a word; the learner incarnation has the others.
 const NUMBER_BITS: u32 = 40;
 /// Word of [`Written`].
@@ -133,11 +163,10 @@ impl Receipts {
         self.0.load(FAILED) != 0
     }
 
-    /// For how long the recorder has stood still; none while it gets on, or has not begun.
-    pub fn standstill(&self) -> Option<Duration> {
+    /// Whether the recorder stands still. One that has not begun does not.
+    fn stands_still(&self) -> bool {
         let beat = self.0.load(BEAT);
-        let silent = Duration::from_millis(now_ms().saturating_sub(beat));
-        (beat != 0 && silent > STANDSTILL).then_some(silent)
+        beat != 0 && Duration::from_millis(now_ms().saturating_sub(beat)) > STANDSTILL
     }
 }
 
@@ -216,15 +245,26 @@ mod tests {
         book.write(written);
         book.fail();
         assert_eq!(all(), (7, None, Some(last), Some(written), true));
-        assert_eq!(receipts.standstill(), None, "it has not begun");
+        let mut standstill = Standstill::default();
+        assert_eq!(standstill.look(&receipts), None, "it has not begun");
         book.beat();
-        assert_eq!(receipts.standstill(), None);
-        book.0.store(BEAT, now_ms().saturating_sub(9_000).max(1));
-        assert!(receipts.standstill().is_some_and(|still| still >= Duration::from_millis(8_900)) || now_ms() < 12_000);
+        assert_eq!(standstill.look(&receipts), None);
+        book.0.store(BEAT, 1);
+        assert_eq!(standstill.look(&receipts), Some(STANDSTILL), "once since the machine started");
         let message = Receipts::open(&address, 3).unwrap_err().to_string();
         assert!(message.contains("has 72 bytes of 96"), "{message}");
         drop((book, receipts));
         address.sweep().unwrap();
+    }
+
+    #[test]
+    fn who_was_stopped_himself_has_seen_no_standstill() {
+        let (mut standstill, begun) = (Standstill::default(), Instant::now());
+        let mut see = |stands_still, ms| standstill.see(stands_still, begun + Duration::from_millis(ms));
+        let ms = Duration::from_millis;
+        assert_eq!([see(true, 0), see(true, 250)], [Some(STANDSTILL), Some(STANDSTILL + ms(250))]);
+        assert_eq!(see(true, 3_600_000), Some(STANDSTILL + ms(1250)), "an hour without a look");
+        assert_eq!([see(false, 3_600_100), see(true, 3_600_200)], [None, Some(STANDSTILL)]);
     }
 
     #[test]

@@ -11,7 +11,7 @@ use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::Duration;
-use wire::{Bell, Bells, Receipts, STANDSTILL_DEADLINE, Sleeper};
+use wire::{Bell, Bells, Receipts, Sleeper, Standstill};
 
 /// How often it is looked whether the thread has ended.
 const LOOK: Duration = Duration::from_millis(5);
@@ -161,14 +161,17 @@ impl Recorder {
     /// Takes what is still in shared memory, completes the last segment and sees it onto the disk.
     pub fn finish(self) -> Result<RecordingSummary, RecorderError> {
         self.note(Note::Finish);
-        let mut warning = FIRST_WARNING;
+        let (mut standstill, mut warning) = (Standstill::default(), FIRST_WARNING);
         while !self.thread.is_finished() {
-            let still = self.receipts.standstill().unwrap_or_default();
-            if still >= STANDSTILL_DEADLINE {
+            let still = standstill.look(&self.receipts).unwrap_or_default();
+            if still >= Standstill::DEADLINE {
                 return Err(RecorderError::Hangs(still));
             }
             if still >= warning {
-                tracing::warn!("the recording's end has not got on for {} s: its disk hangs", still.as_secs());
+                tracing::warn!(
+                    "the recording's end has not got on for {} s: its disk is slow or hangs",
+                    still.as_secs()
+                );
                 warning = 2 * still;
             }
             std::thread::sleep(LOOK);

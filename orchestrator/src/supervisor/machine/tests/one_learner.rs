@@ -169,8 +169,22 @@ fn a_recorder_that_stands_still_is_told_of_and_nobody_is_killed() {
     assert!(world.killed.is_empty() && !world.supervisor.is_stopping(), "{:#?}", world.reports);
     // After 5, 10, 20, ..., 320 seconds.
     assert_eq!(warnings(&world), 7, "{:#?}", world.reports);
-    world.learner(LearnerEvent::WaitingForRecorder { rank: 0, waited_s: 6.0 });
-    assert_eq!(warnings(&world), 8, "the next standstill is told of anew");
+    for waited_s in [1.8, 3.0, 6.0, 7.9, 1.8, 6.0] {
+        world.learner(LearnerEvent::WaitingForRecorder { rank: 0, waited_s });
+    }
+    assert_eq!(warnings(&world), 9, "each further standstill is told of anew");
+}
+
+/// No actor can connect while the recorder, which has to meet it, stands still.
+#[test]
+fn a_recorder_that_stands_still_at_the_start_is_waited_for() {
+    let mut world = World::new();
+    world.step(false);
+    for second in 2..500 {
+        world.pass(Duration::from_secs(1));
+        world.learner(LearnerEvent::WaitingForRecorder { rank: 0, waited_s: f64::from(second) });
+    }
+    assert!(world.killed.is_empty() && !world.supervisor.is_stopping(), "{:#?}", world.reports);
 }
 
 /// Seconds that pass, a tick each, until someone is killed or the run stops.
