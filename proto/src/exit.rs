@@ -8,8 +8,8 @@ pub const EXIT_NON_FINITE: i32 = 3;
 /// the reason, and on its way.
 pub const EXIT_LOST_PEERS: i32 = 4;
 
-/// Status with which a learner exits because it cannot write the checkpoint without which it may not end, or not begin.
-/// A restart would train the same again and meet the same full disk.
+/// Status with which a learner exits because it cannot write the checkpoint without which it may not end, or not begin;
+/// or because the recording has stood still for too long. A restart would meet the same disk.
 pub const EXIT_UNSAVED: i32 = 5;
 
 /// Status with which `orchestrator recover` and `orchestrator replay` exit if recordings are damaged or incomplete: what

@@ -38,7 +38,7 @@ enum Fault {
 
 static ARMED: OnceLock<Vec<Armed>> = OnceLock::new();
 
-/// Marks a fault point: kills or holds this process if [`VARIABLE`] names the point.
+/// Marks a fault point: kills or holds this process, or stalls the thread, if [`VARIABLE`] names the point.
 pub fn reach(point: &str) {
     for armed in ARMED.get_or_init(armed_here) {
         if armed.point == point && armed.countdown.fetch_sub(1, Ordering::Relaxed) == 1 {

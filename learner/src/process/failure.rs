@@ -1,5 +1,6 @@
 //! Why a learner ends: errors that have an exit status of their own.
 
+use super::writing::Unrecorded;
 use crate::agent::AgentError;
 use crate::checkpoint::{CheckpointError, encode_tensors};
 use crate::collector::ProtocolError;
@@ -49,10 +50,11 @@ pub enum Unsaved {
     OtherHost,
 }
 
-/// Whether an error is that this learner could not write a checkpoint: the process then ends with
-/// [`proto::exit::EXIT_UNSAVED`].
+/// Whether an error is that this learner could not write a checkpoint, or that nothing is recorded any more: the process
+/// then ends with [`proto::exit::EXIT_UNSAVED`].
 pub fn is_unsaved(error: &anyhow::Error) -> bool {
     matches!(error.downcast_ref(), Some(Unsaved::Here(_)))
+        || matches!(error.downcast_ref(), Some(Unrecorded::Standstill(_)))
 }
 
 /// Whether an error is about a number that is not finite: the process then ends with
@@ -82,6 +84,7 @@ pub fn is_of_peers(error: &anyhow::Error) -> bool {
 mod tests {
     use super::*;
     use crate::collector::Mismatch;
+    use wire::Standstill;
 
     #[test]
     fn a_number_that_is_not_finite_is_found_under_whatever_was_said_on_the_way() {
@@ -94,5 +97,12 @@ mod tests {
         assert!(!seen(mismatch(false).into()));
         assert!(!seen(AgentError::UnknownAction { column: 0, action: 99 }.into()));
         assert!(!seen(anyhow::anyhow!("a weight is not finite")));
+    }
+
+    /// A rollout that is late is another thing: what is trained is saved, and the learner started again.
+    #[test]
+    fn a_recording_that_stands_still_ends_the_run_without_a_restart() {
+        let seen = |error: Unrecorded| is_unsaved(&anyhow::Error::from(error).context("in the middle"));
+        assert!(seen(Unrecorded::Standstill(Standstill::DEADLINE)) && !seen(Unrecorded::Late { rollout: 3 }));
     }
 }

@@ -144,8 +144,8 @@ impl Gang {
         (self.heard, self.warned) = (now, None);
     }
 
-    /// One says that it waits for a recorder that stands still: the same, and nothing that takes long meanwhile is taken
-    /// for slow.
+    /// One says that it waits for a recorder that stands still: it lives, and that time is neither work nor a delay of
+    /// the actors.
     pub fn waits_for_recorder(&mut self, now: Duration) {
         self.waits(now);
         (self.since, self.held) = (now, now);

@@ -38,8 +38,9 @@ pub struct Written {
 /// still: its disk is slow or hangs, or its process is stopped. It is less than the two seconds after which a learner
 /// names an actor.
 const STANDSTILL: Duration = Duration::from_millis(1_800);
-/// For how long somebody has seen a recorder stand still: the sum of the times between his own looks. While he himself
-/// was stopped he saw nothing.
+
+/// For how long a process has seen the recorder stand still: the sum of the times between its looks. A process that was
+/// stopped itself saw nothing meanwhile.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Standstill {
     seen: Duration,
@@ -49,10 +50,10 @@ pub struct Standstill {
 impl Standstill {
     /// How long others wait for a recorder that stands still before they give up.
     pub const DEADLINE: Duration = Duration::from_mins(10);
-    /// No look is further from the one before.
+    /// More than this between two looks does not count.
     const LONGEST_TURN: Duration = Duration::from_secs(1);
 
-    /// Looks. Returns for how long it has been seen to stand still; none while it gets on.
+    /// Looks again. Returns for how long it has been seen to stand still; none while it gets on.
     pub fn look(&mut self, receipts: &Receipts) -> Option<Duration> {
         self.see(receipts.stands_still(), Instant::now())
     }
@@ -258,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn who_was_stopped_himself_has_seen_no_standstill() {
+    fn a_process_that_was_stopped_has_seen_no_standstill() {
         let (mut standstill, begun) = (Standstill::default(), Instant::now());
         let mut see = |stands_still, ms| standstill.see(stands_still, begun + Duration::from_millis(ms));
         let ms = Duration::from_millis;

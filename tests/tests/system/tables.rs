@@ -34,6 +34,7 @@ fn what_a_library_prints_in_a_learner_is_in_its_log_and_no_event() {
     assert!(printed.success && !printed.stderr.contains("no event"), "{printed:#?}");
     let log = std::fs::read_to_string(run.folder.log("learner-0")).expect("a log");
     assert!(log.lines().any(|line| line == LINE), "{log}");
+    assert!(printed.stderr.contains(&format!("learner-0: {LINE}")), "and shown as its words: {printed:#?}");
 }
 
 #[test]

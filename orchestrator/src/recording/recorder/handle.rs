@@ -99,8 +99,11 @@ impl Recorder {
                 let (rollout, frames, here) = (*rollout, *frames, *here);
                 self.note(Note::Collected { learner_incarnation, rollout, frames, here });
             }
-            // What begins is followed by what was written; an episode that was played has its end in the recording.
-            LearnerEvent::EpisodePlayed { .. } | LearnerEvent::CheckpointBegun { .. } => {}
+            // What begins is followed by what was written; an episode that was played has its end in the recording; a
+            // recorder that stands still does not write that down.
+            LearnerEvent::EpisodePlayed { .. }
+            | LearnerEvent::CheckpointBegun { .. }
+            | LearnerEvent::WaitingForRecorder { .. } => {}
             LearnerEvent::CheckpointWritten { rank, rollout, frames, path } => {
                 self.learner_log(
                     *rank,
@@ -110,9 +113,6 @@ impl Recorder {
             }
             LearnerEvent::WaitingForActor { rank, actor, waited_s } => {
                 self.learner_log(*rank, Level::Warning, format!("has waited {waited_s:.1} s for actor {actor}"));
-            }
-            LearnerEvent::WaitingForRecorder { rank, waited_s } => {
-                self.learner_log(*rank, Level::Warning, format!("has waited {waited_s:.1} s for the recording"));
             }
             LearnerEvent::Finished { rank, frames, weights, complete } => {
                 let how = if *complete { "complete" } else { "stopped" };
@@ -158,7 +158,8 @@ impl Recorder {
         }
     }
 
-    /// Takes what is still in shared memory, completes the last segment and sees it onto the disk.
+    /// Takes what is still in shared memory, completes the last segment and sees it onto the disk. Warns of a disk that
+    /// hangs, and gives it up after [`Standstill::DEADLINE`].
     pub fn finish(self) -> Result<RecordingSummary, RecorderError> {
         self.note(Note::Finish);
         let (mut standstill, mut warning) = (Standstill::default(), FIRST_WARNING);
