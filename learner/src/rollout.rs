@@ -115,10 +115,17 @@ impl Rollout {
 
     /// Stores the observations and actions of some columns in step t. `kept` holds their frames in the same order.
     pub fn store(&mut self, t: usize, columns: &[usize], kept: &Tensor, steps: &[Step]) {
-        let rows: Vec<i64> = columns.iter().map(|&column| self.index(t, column) as i64).collect();
+        self.keep(columns.iter().map(|&column| (t, column)), kept);
+        for (&column, step) in columns.iter().zip(steps) {
+            self.note(t, column, *step);
+        }
+    }
+
+    /// Stores frames, \[places, side, side\], each at its step and column.
+    pub(crate) fn keep(&mut self, places: impl Iterator<Item = (usize, usize)>, kept: &Tensor) {
+        let rows: Vec<i64> = places.map(|(t, column)| self.index(t, column) as i64).collect();
         let rows = Tensor::from_slice(&rows).to_device(self.frames.device());
         let _ = self.frames.index_copy_(0, &rows, kept);
-        self.note(t, columns, steps);
     }
 
     /// Row of the store for a frame.
@@ -136,13 +143,11 @@ impl Rollout {
         &self.frames
     }
 
-    /// Notes the observations and actions of some columns in step t, whose frames are in the store.
-    pub(crate) fn note(&mut self, t: usize, columns: &[usize], steps: &[Step]) {
-        for (&column, step) in columns.iter().zip(steps) {
-            let index = self.index(t, column);
-            self.steps[index] = *step;
-            self.recorded[index] = false;
-        }
+    /// Notes the observation and action of a column in step t, whose frame is in the store.
+    pub(crate) fn note(&mut self, t: usize, column: usize, step: Step) {
+        let index = self.index(t, column);
+        self.steps[index] = step;
+        self.recorded[index] = false;
     }
 
     /// Records the outcome of a column's action in step t.

@@ -13,8 +13,10 @@
 //! `learner.deterministic` on the same kind of GPU.
 
 mod acting;
+mod choosing;
 mod error;
 mod overlap;
+mod padding;
 mod shards;
 mod state;
 mod step;
@@ -26,18 +28,16 @@ pub(crate) use state::{ACTING, BELIEFS, MODEL, weights_of};
 pub use step::{Choice, StepInput, StepOutput};
 
 use crate::device;
-use crate::ffi::kernels::Chosen;
-use crate::network::{
-    FramePreparation, Network, Observations, RawFrame, Staging, Unfit, fits, goal_coordinates, table_row, to_vec,
-};
+use crate::network::{Network, Staging, Unfit, fits, to_vec};
 use crate::optimizer::Adam;
 use crate::peers::{PeerError, Peers};
 use crate::ppo::lagrangian::ascend;
 use crate::ppo::preemption::ends_early;
-use crate::rollout::{Outcome, Rollout, Step};
+use crate::rollout::{Outcome, Rollout};
 use crate::shards::Shards;
-use acting::{Acting, Rows};
+use acting::Acting;
 use overlap::{Overlap, policy};
+use padding::batch_rows;
 use proto::config::Config;
 use proto::reward::RewardKind;
 use proto::stage::RolloutShape;
@@ -47,6 +47,7 @@ use std::ops::Range;
 use step::{Inference, column_indices, sample};
 use tch::{Device, Tensor};
 use trainer::{Done, HERE, Job, Trainer, build};
+use wire::message::Halves;
 
 /// The agent.
 #[derive(Debug)]
@@ -64,6 +65,8 @@ pub struct Agent {
     columns: Range<usize>,
     /// The same as shards.
     shards: Shards,
+    /// Rows that go through the network together, where a step may be of fewer columns.
+    batch_rows: Option<usize>,
     /// Beliefs before the next observation, \[columns, hidden\]: all rows but the last of `table`.
     beliefs: Tensor,
     /// \[columns + 1, hidden\].
@@ -98,6 +101,7 @@ impl Agent {
         });
         let (shards, first_column) = (Shards::of(config, &columns), columns.start);
         let trainer = Trainer { network, auxiliary, adam, peers, shards: shards.clone(), first_column };
+        let batch_rows = batch_rows(config, &shards).filter(|_| acting.is_some());
         let agent = Self {
             config: config.clone(),
             device,
@@ -107,6 +111,7 @@ impl Agent {
             multiplier: config.reward.lagrangian.initial,
             columns,
             shards,
+            batch_rows,
             beliefs,
             table,
             rollout: None,
@@ -139,38 +144,6 @@ impl Agent {
             .filter(|frames| frames.size()[0] >= rows)
             .unwrap_or_else(|| self.policy().preparation.store(rows.max(self.largest_rollout() + 1)));
         self.rollout = Some(Rollout::new(shape, columns, frames, self.beliefs.copy()));
-    }
-
-    /// [`Agent::step`] for columns that are inferred together.
-    fn step_together(&mut self, t: usize, input: &StepInput) -> Result<StepOutput, AgentError> {
-        let space = self.config.episode.action_space.actions();
-        assert_eq!(input.gumbel.len(), input.columns.len() * space.len(), "noise for every action of every column");
-        let mut steps = self.seen(input)?;
-        if let Some(choices) = self.replay(Some(t), input, &steps, input.gumbel)? {
-            return Ok(self.note(t, input, steps, &choices));
-        }
-        let Inference { kept, beliefs, log_probs, values } = self.infer(input, &steps)?;
-        let rollout = self.rollout.as_mut().expect("step is called between begin_rollout and update");
-
-        let mut output = StepOutput { values, ..StepOutput::default() };
-        for (row, step) in steps.iter_mut().enumerate() {
-            let actions = row * space.len()..(row + 1) * space.len();
-            let action = sample(&log_probs[actions.clone()], &input.gumbel[actions.clone()]);
-            step.action = action as i64;
-            step.log_prob = log_probs[actions.start + action];
-            step.value = output.values[row];
-            output.actions.push(space[action].index());
-            output.log_probs.push(step.log_prob);
-        }
-        rollout.store(t, input.columns, &kept, &steps);
-
-        // Columns ascend and those that hold are the last.
-        let acting = input.columns.partition_point(|&column| rollout.is_valid(t, column));
-        if acting > 0 {
-            let columns = column_indices(&input.columns[..acting], self.device);
-            let _ = self.beliefs.index_copy_(0, &columns, &beliefs.narrow(0, 0, acting as i64));
-        }
-        Ok(output)
     }
 
     /// Chooses actions for some columns and advances their beliefs, outside of any rollout: nothing is stored.
@@ -206,6 +179,14 @@ impl Agent {
         Ok(share > 0.0 && ends_early(share, [steps, planned], self.peers().finished(rollout)?))
     }
 
+    /// Whether a step's columns may be whichever are ready. Where actors have two halves, one is simulated while the other
+    /// is inferred, and a GPU that also trains has no time for batches that are not full: there it is better that all of
+    /// a half go together (BENCHMARKS.md, Whoever is ready).
+    pub(crate) fn takes_who_is_ready(&self) -> bool {
+        let one_half = Halves::of(self.config.actors.environments_per_actor).count() == 1;
+        self.batch_rows.is_some() && one_half && self.config.ppo.preemption_share == 0.0
+    }
+
     /// Which of the run's columns this learner has.
     pub fn columns(&self) -> Range<usize> {
         self.columns.clone()
@@ -227,21 +208,6 @@ impl Agent {
     /// Outside a rollout, or if it is not longer than that.
     pub fn cut_rollout(&mut self, steps: usize) {
         self.rollout.as_mut().expect("a rollout in progress is cut").cut(steps);
-    }
-
-    /// [`Agent::bootstrap`] for columns that are inferred together.
-    fn bootstrap_together(&mut self, input: &StepInput) -> Result<(), AgentError> {
-        let steps = self.seen(input)?;
-        let noise = vec![0.0; input.columns.len() * self.config.episode.action_space.actions().len()];
-        let values = match self.replay(None, input, &steps, &noise)? {
-            Some(choices) => choices.iter().map(|choice| choice.value).collect(),
-            None => self.infer(input, &steps)?.values,
-        };
-        let rollout = self.rollout.as_mut().expect("bootstrap is called between begin_rollout and update");
-        for (&column, value) in input.columns.iter().zip(values) {
-            rollout.set_bootstrap(column, value);
-        }
-        Ok(())
     }
 
     /// Trains on the rollout: [`Agent::begin_update`] and [`Agent::finish_update`].
@@ -444,130 +410,6 @@ impl Agent {
         if let Some(acting) = &mut self.acting {
             acting.recheck_memory();
         }
-    }
-
-    /// The network's inputs besides the frames; no actions are chosen yet.
-    fn seen(&self, input: &StepInput) -> Result<Vec<Step>, AgentError> {
-        let StepInput { columns, frames, goal_m, previous_action, episode_start, .. } = *input;
-        let rows = columns.len();
-        assert!(
-            [frames.len(), goal_m.len(), previous_action.len(), episode_start.len()] == [rows; 4] && rows > 0,
-            "one entry a column"
-        );
-        assert!(columns.is_sorted_by(|a, b| a < b), "columns ascend");
-
-        let mut steps = Vec::with_capacity(rows);
-        for (row, &column) in columns.iter().enumerate() {
-            if !goal_m[row].iter().all(|coordinate| coordinate.is_finite()) {
-                return Err(AgentError::NonFinite { what: format!("column {column}: goal sensor") });
-            }
-            let action = previous_action[row];
-            steps.push(Step {
-                goal: goal_coordinates(self.config.network.goal, goal_m[row]),
-                previous_action: table_row(self.config.episode.action_space, action)
-                    .ok_or(AgentError::UnknownAction { column, action })?,
-                episode_start: episode_start[row],
-                ..Step::default()
-            });
-        }
-        Ok(steps)
-    }
-
-    /// Takes step `t`, or values what comes after the last, by a CUDA graph. `None` where there is none. Frames and
-    /// beliefs are stored; what was chosen is not.
-    fn replay(
-        &mut self,
-        t: Option<usize>,
-        input: &StepInput,
-        steps: &[Step],
-        noise: &[f32],
-    ) -> Result<Option<Vec<Chosen>>, AgentError> {
-        let network = policy(self.overlap.as_ref(), self.trainer.as_deref());
-        let (Some(acting), Some(kernels), Some(rollout)) = (&mut self.acting, network.kernels(), self.rollout.as_ref())
-        else {
-            return Ok(None);
-        };
-        let (unused_belief, unused_place) = (self.table.size()[0] - 1, rollout.unused_place());
-        let columns: Vec<i64> = input.columns.iter().map(|&column| column as i64).collect();
-        let place = |&column: &usize| t.map_or(unused_place, |t| rollout.place(t, column));
-        // A column that holds keeps its belief, because the same observation comes again.
-        let belief = |&column: &usize| match t {
-            Some(t) if rollout.is_valid(t, column) => column as i64,
-            _ => unused_belief,
-        };
-        let rows = Rows {
-            frames: input.frames,
-            places: &input.columns.iter().map(place).collect::<Vec<_>>(),
-            columns: &columns,
-            beliefs_to: &input.columns.iter().map(belief).collect::<Vec<_>>(),
-            steps,
-            noise,
-        };
-        let choices = match acting.step(network, kernels, &self.table, rollout.frames(), rows) {
-            Ok(choices) => choices,
-            Err(error) => {
-                tracing::warn!("{NO_GRAPH}: {error}");
-                self.acting = None;
-                return Ok(None);
-            }
-        };
-        match choices.iter().zip(input.columns).find(|(choice, _)| !choice.finite) {
-            Some((_, column)) => Err(AgentError::NonFinite { what: format!("column {column}: policy or value") }),
-            None => Ok(Some(choices)),
-        }
-    }
-
-    /// Notes what was chosen in step `t`.
-    fn note(&mut self, t: usize, input: &StepInput, mut steps: Vec<Step>, choices: &[Chosen]) -> StepOutput {
-        let space = self.config.episode.action_space.actions();
-        let mut output = StepOutput::default();
-        for (step, &Chosen { log_prob, value, action, .. }) in steps.iter_mut().zip(choices) {
-            (step.action, step.log_prob, step.value) = (action as i64, log_prob, value);
-            output.actions.push(space[action].index());
-            output.log_probs.push(log_prob);
-            output.values.push(value);
-        }
-        let rollout = self.rollout.as_mut().expect("step is called between begin_rollout and update");
-        rollout.note(t, input.columns, &steps);
-        output
-    }
-
-    fn infer(&mut self, input: &StepInput, steps: &[Step]) -> Result<Inference, AgentError> {
-        let StepInput { columns, frames, episode_start, .. } = *input;
-        let rows = columns.len();
-        let network = policy(self.overlap.as_ref(), self.trainer.as_deref());
-        let preparation: FramePreparation = network.preparation;
-        let goals: Vec<f32> = steps.iter().flat_map(|step| step.goal).collect();
-        let previous_actions: Vec<i64> = steps.iter().map(|step| step.previous_action).collect();
-        let carried: Vec<f32> = episode_start.iter().map(|&start| if start { 0.0 } else { 1.0 }).collect();
-        let to_device = |tensor: Tensor| tensor.to_device(self.device);
-        let raw: Vec<&RawFrame> = frames.iter().map(|frame| frame.depth_mm).collect();
-
-        let _no_grad = tch::no_grad_guard();
-        let observations = Observations {
-            frames: preparation.keep(&raw, &mut self.staging),
-            goals: to_device(Tensor::from_slice(&goals).view([-1, 3])),
-            previous_actions: to_device(Tensor::from_slice(&previous_actions)),
-        };
-        let before = self.beliefs.index_select(0, &column_indices(columns, self.device))
-            * to_device(Tensor::from_slice(&carried).unsqueeze(1));
-        let embedded = network.embed(&observations);
-        let beliefs = network.belief.step(&network.parameters, &embedded, &before);
-        let output = network.actor_critic(&beliefs);
-
-        // One copy back: each row is the log-probabilities and then the value.
-        let judged = to_vec(&Tensor::cat(&[output.log_probs, output.values.unsqueeze(1)], 1));
-        let mut log_probs = Vec::with_capacity(judged.len());
-        let mut values = Vec::with_capacity(rows);
-        for (row, &column) in judged.chunks_exact(judged.len() / rows).zip(columns) {
-            if !row.iter().all(|number| number.is_finite()) {
-                return Err(AgentError::NonFinite { what: format!("column {column}: policy or value") });
-            }
-            let (value, row_log_probs) = row.split_last().expect("a row has at least the value");
-            log_probs.extend_from_slice(row_log_probs);
-            values.push(*value);
-        }
-        Ok(Inference { kept: observations.frames, beliefs, log_probs, values })
     }
 
     fn policy(&self) -> &Network {

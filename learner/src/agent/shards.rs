@@ -1,21 +1,35 @@
-//! A step of several shards: each is inferred by itself, as the network's last bits depend on what goes through it
+//! A step of several shards: each is inferred by itself, as the network's last bits depend on how many rows go through it
 //! together.
 
 use super::{Agent, AgentError, StepInput, StepOutput};
 use crate::shards::Shards;
 
 impl Agent {
-    /// Infers step `t` for some columns, stores what was seen and chosen, and advances their beliefs.
+    /// [`Agent::step_each`] for columns that are all at row `t` of the rollout.
+    ///
+    /// # Panics
+    /// Outside a rollout, or when the input's slices differ in length.
+    pub fn step(&mut self, t: usize, input: &StepInput) -> Result<StepOutput, AgentError> {
+        self.step_each(&vec![t; input.columns.len()], input)
+    }
+
+    /// Infers some columns, each at its row of the rollout, stores what was seen and chosen, and advances their beliefs.
+    ///
+    /// After its last action, at a row that is as many as the rollout has, a column is valued for the bootstrap and
+    /// nothing else: its belief stays, and its action in the output means nothing.
     ///
     /// A column that holds in the rollout's last step is inferred, too: its last action bootstraps from this value. Its
     /// action must not be sent. Its belief does not change, because the same observation comes again.
     ///
     /// # Panics
-    /// Outside a rollout, or when the input's slices differ in length.
-    pub fn step(&mut self, t: usize, input: &StepInput) -> Result<StepOutput, AgentError> {
+    /// Outside a rollout, or when the slices differ in length.
+    pub(crate) fn step_each(&mut self, rows: &[usize], input: &StepInput) -> Result<StepOutput, AgentError> {
+        assert_eq!(rows.len(), input.columns.len(), "a row for each column");
         let mut output = StepOutput::default();
+        let mut at = rows;
         for part in parts(&self.shards, input) {
-            let StepOutput { actions, log_probs, values } = self.step_together(t, &part)?;
+            let of_part = at.split_off(..part.columns.len()).expect("the parts are all columns");
+            let StepOutput { actions, log_probs, values } = self.step_together(of_part, &part)?;
             output.actions.extend(actions);
             output.log_probs.extend(log_probs);
             output.values.extend(values);
@@ -23,10 +37,14 @@ impl Agent {
         Ok(output)
     }
 
-    /// Computes the values of the observations after the last action. Beliefs stay where they are. Columns that held
-    /// may be left out.
+    /// Computes the values of the observations after the last action, at rows of their own. Beliefs stay where they are.
+    /// Columns that held may be left out.
+    ///
+    /// # Panics
+    /// As [`Agent::step`].
     pub fn bootstrap(&mut self, input: &StepInput) -> Result<(), AgentError> {
-        parts(&self.shards, input).iter().try_for_each(|part| self.bootstrap_together(part))
+        let steps = self.rollout.as_ref().expect("a rollout is bootstrapped").shape().steps;
+        self.step(steps, input).map(drop)
     }
 }
 

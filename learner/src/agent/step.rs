@@ -6,7 +6,8 @@ use tch::{Device, Tensor};
 /// What the policy sees of some columns in one step. All slices have one entry a column, in the same order.
 #[derive(Debug, Clone, Copy)]
 pub struct StepInput<'a> {
-    /// Columns of this learner (place of the actor among its own · environments per actor + environment), ascending.
+    /// Columns of this learner (place of the actor among its own · environments per actor + environment), ascending but
+    /// for rows of which nothing is kept.
     pub columns: &'a [usize],
     /// Depth frames; may point into shared memory.
     pub frames: &'a [DepthFrame<'a>],
@@ -60,6 +61,14 @@ pub(super) fn sample(log_probs: &[f32], gumbel: &[f32]) -> usize {
         }
     }
     best.0
+}
+
+/// Some rows of a tensor; all of it where they are all, without a copy.
+pub(super) fn pick(tensor: &Tensor, rows: &[usize]) -> Tensor {
+    if rows.len() as i64 == tensor.size()[0] {
+        return tensor.shallow_clone();
+    }
+    tensor.index_select(0, &column_indices(rows, tensor.device()))
 }
 
 /// Columns as a tensor on a device.

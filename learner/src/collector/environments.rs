@@ -1,7 +1,7 @@
 //! The learner's authoritative list of environment states, and the check that actors agree with it.
 
 use super::column_map::ColumnMap;
-use super::statistics::{RolloutStatistics, RunningEpisode};
+use super::statistics::RunningEpisode;
 use crate::rollout::Outcome;
 use proto::action::{Action, HOLD, NO_ACTION};
 use proto::plausible::{self, Implausible};
@@ -16,6 +16,24 @@ pub struct Reward {
     pub kind: RewardKind,
     /// Weight of one metre of displacement: `λ_disturb` or the multiplier.
     pub disturbance_weight: f32,
+}
+
+/// An episode that has ended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ended {
+    /// Its last transition.
+    pub last: Transition,
+    /// What that does not contain.
+    pub running: RunningEpisode,
+}
+
+/// What an action led to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settlement {
+    /// For training.
+    pub outcome: Outcome,
+    /// The episode, if it has ended.
+    pub ended: Option<Ended>,
 }
 
 /// An actor's report contradicts the learner's record of that environment. One of the two is faulty, so the data must
@@ -176,30 +194,21 @@ impl Environments {
     }
 
     /// Records the outcome of the action in flight, if there is one. Call it once for each checked report.
-    pub fn settle(
-        &mut self,
-        column: usize,
-        transition: &Transition,
-        reward: Reward,
-        statistics: &mut RolloutStatistics,
-    ) -> Option<Outcome> {
+    pub fn settle(&mut self, column: usize, transition: &Transition, reward: Reward) -> Option<Settlement> {
         self.in_flight[column].take()?;
         let value = transition.reward.compose(reward.kind, reward.disturbance_weight);
         let has = |flag| transition.flags & flag != 0;
         let running = &mut self.running[column];
         running.add(transition, value, self.gamma);
-        statistics.add_step(value);
-        if has(transition_flag::ENDED) {
-            statistics.add_episode(transition, running);
-            *running = RunningEpisode::default();
-            self.ended[column] = true;
-        }
-        Some(Outcome {
+        let ended = has(transition_flag::ENDED).then(|| Ended { last: *transition, running: std::mem::take(running) });
+        self.ended[column] |= ended.is_some();
+        let outcome = Outcome {
             reward: value,
             ended: has(transition_flag::ENDED),
             time_limit: has(transition_flag::TIME_LIMIT),
             disturbed: transition.reward.disturbed(),
-        })
+        };
+        Some(Settlement { outcome, ended })
     }
 }
 

@@ -2,13 +2,13 @@
 //! [`RolloutStatistics::over`], is the one call that communicates with other processes; the training loop makes it
 //! afterwards.)
 //!
-//! Its inputs are observation samples and the agent's actions, its output is the next [`Task`]. For each step of a
-//! rollout and each half of the environments it waits until the observations of every actor have arrived, records the
+//! Its inputs are observation samples and the agent's actions, its output is the next [`Task`]. Each half of each
+//! actor's environments is a lane. For each step of a rollout and each lane it waits for the observations, records the
 //! outcomes of the last actions, lets the agent act, and sends the actions. After the last step it waits for one more
-//! observation of each half, for the bootstrap values. These observations are kept: they are the first of the next
-//! rollout.
+//! observation of each lane, for the bootstrap values. These observations are kept: they are the first of the next
+//! rollout. Which lanes act together is the [`Pace`]. What is recorded does not depend on it, nor on who is fast.
 //!
-//! Where a run is recorded, a half goes on only when the recorder has its observations, too ([`Collector::unrecorded`]).
+//! Where a run is recorded, a lane goes on only when the recorder has its observations, too ([`Collector::unrecorded`]).
 //! Until then an actor that is killed can send them again, last outcomes included. So no step is trained on that the
 //! recorder has not seen.
 //!
@@ -16,32 +16,37 @@
 //! goes back to. [`Collector::restore`] tells a restarted actor the state of its environments, at any moment; a
 //! restarted learner begins from a [`Boundary`]. The tests crash both at every point and compare what was recorded.
 
+mod batch;
 mod column_map;
 mod environments;
 mod error;
-mod exchange;
+mod lanes;
 mod noise;
 mod statistics;
+mod tally;
 #[cfg(test)]
 mod tests;
 
+pub use batch::{Batch, Place};
 pub use column_map::ColumnMap;
 pub use environments::{Environments, Mismatch, Reward};
 pub use error::ProtocolError;
+pub use lanes::{Lane, Pace};
 pub use noise::gumbel;
 pub(crate) use noise::gumbel_of;
 pub use statistics::{RolloutStatistics, RunningEpisode};
 
-use crate::agent::StepInput;
 use crate::rollout::Outcome;
 use crate::shards::Shards;
-use exchange::{Arrival, Half};
+use environments::Settlement;
+use lanes::{Arrival, Lanes, Next};
 use proto::action::HOLD;
 use proto::camera::DepthFrame;
 use proto::config::CarriedGoal;
 use proto::episode::EnvironmentId;
 use proto::stage::RolloutShape;
 use proto::step::{Current, Transition, current_flag};
+use tally::Tally;
 use wire::Receipt;
 use wire::message::{ActionHeader, EnvironmentState, ObservationHeader, RestoreHeader, can_follow, observation_kind};
 
@@ -66,7 +71,7 @@ pub trait HalfSample {
 /// The state of all environments between two rollouts: with weights and beliefs, all a run needs to go on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Boundary {
-    /// Exchange that the next rollout begins with, the same for both halves.
+    /// Exchange that the next rollout begins with, the same for all lanes.
     pub exchange: u64,
     /// State of each environment, by column.
     pub environments: Vec<EnvironmentState>,
@@ -104,30 +109,29 @@ pub struct Settings {
     pub learner_incarnation: u32,
     /// Whether there is a recorder, whose receipts are waited for.
     pub recorded: bool,
+    /// Who acts together.
+    pub pace: Pace,
 }
 
 /// What to do next.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Task {
-    /// Receive until this half's observations are complete.
-    Await {
-        /// The half.
-        half: u32,
-    },
-    /// Let the agent act on this half's [`Collector::batch`], then [`Collector::answer`].
-    Act {
-        /// The half.
-        half: u32,
-        /// Row of the rollout.
-        t: usize,
-    },
-    /// Let the agent value this half's [`Collector::batch`], then [`Collector::bootstrapped`].
-    Bootstrap {
-        /// The half.
-        half: u32,
-    },
+    /// Receive until enough observations are there: see [`Collector::missing`].
+    Await,
+    /// Let the agent act on the [`Collector::batch`] of these lanes, or value it where the last action is taken, then
+    /// [`Collector::answer`].
+    Act(Vec<Lane>),
     /// The rollout is complete: [`Collector::finish`].
     Finish,
+}
+
+/// Who is waited for.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Missing {
+    /// Actors from which something is missing before the current task can go on, ascending.
+    pub actors: Vec<u32>,
+    /// It is enough to look again when so many samples have come.
+    pub enough: u32,
 }
 
 /// What was done with a sample.
@@ -170,68 +174,20 @@ pub struct Settled {
     pub outcome: Outcome,
 }
 
-/// One half's observations of all actors, in batch order.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Batch<'a> {
-    pub(crate) columns: Vec<usize>,
-    pub(crate) frames: Vec<DepthFrame<'a>>,
-    pub(crate) goal_m: Vec<[f32; 3]>,
-    pub(crate) previous_action: Vec<u8>,
-    pub(crate) episode_start: Vec<bool>,
-    pub(crate) gumbel: Vec<f32>,
-}
-
-impl Batch<'_> {
-    /// The batch as the agent takes it.
-    pub fn input(&self) -> StepInput<'_> {
-        StepInput {
-            columns: &self.columns,
-            frames: &self.frames,
-            goal_m: &self.goal_m,
-            previous_action: &self.previous_action,
-            episode_start: &self.episode_start,
-            gumbel: &self.gumbel,
-        }
-    }
-}
-
-/// Whose action is about to be chosen.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Place {
-    /// Column.
-    pub column: usize,
-    /// Its environment.
-    pub environment: EnvironmentId,
-    /// Episode number within the environment.
-    pub episode: u32,
-    /// Actions taken in it so far.
-    pub step: u32,
-}
-
 /// Where a rollout stands.
 #[derive(Debug)]
 struct Cursor {
     shape: RolloutShape,
     reward: Reward,
-    /// Turns taken: one for each (step, half), then one for each half's bootstrap.
-    turn: usize,
     boundary: Boundary,
-    /// Of each shard.
-    statistics: Vec<RolloutStatistics>,
-}
-
-impl Cursor {
-    /// Frames so far.
-    fn frames(&self) -> u64 {
-        self.statistics.iter().map(RolloutStatistics::frames).sum()
-    }
+    tally: Tally,
 }
 
 /// The collector. `S` is whatever holds a received sample; it is kept until its actions have been sent.
 #[derive(Debug)]
 pub struct Collector<S> {
     settings: Settings,
-    halves: Vec<Half<S>>,
+    lanes: Lanes<S>,
     environments: Environments,
     /// What each column holds, as randomness counts it.
     ids: Vec<EnvironmentId>,
@@ -255,9 +211,10 @@ impl<S: HalfSample> Collector<S> {
         let Boundary { exchange, environments, running } = boundary;
         let shards = shards.of_columns();
         assert_eq!(shards.len(), column_map.columns(), "every column is of a shard");
+        let of_actors = (0..column_map.actors()).map(|index| shards[column_map.columns_of_actor(index).start]);
         Self {
             settings,
-            halves: (0..column_map.halves()).map(|_| Half::new(column_map.actors(), exchange)).collect(),
+            lanes: Lanes::new(settings.pace, column_map.halves(), of_actors.collect(), exchange),
             environments: Environments::new(
                 column_map,
                 settings.max_episode_steps,
@@ -282,8 +239,9 @@ impl<S: HalfSample> Collector<S> {
         assert!(self.cursor.is_none(), "a rollout begins when the last one is finished");
         self.stage_version = stage_version;
         let boundary = self.boundary();
-        let statistics = vec![RolloutStatistics::default(); self.shards.iter().max().map_or(0, |last| last + 1)];
-        self.cursor = Some(Cursor { shape, reward, turn: 0, boundary, statistics });
+        self.lanes.begin();
+        let tally = Tally::new(self.settings.column_map, self.shards.iter().max().map_or(0, |last| last + 1));
+        self.cursor = Some(Cursor { shape, reward, boundary, tally });
     }
 
     /// The state as of the last boundary: the start of the rollout in progress, or now if there is none.
@@ -291,12 +249,9 @@ impl<S: HalfSample> Collector<S> {
         if let Some(cursor) = &self.cursor {
             return cursor.boundary.clone();
         }
-        assert!(
-            !self.environments.any_in_flight() && self.halves.iter().all(|half| half.step() == self.halves[0].step()),
-            "between rollouts both halves stand at the same exchange and nothing is on its way"
-        );
+        assert!(!self.environments.any_in_flight(), "between rollouts nothing is on its way");
         Boundary {
-            exchange: self.halves[0].step(),
+            exchange: self.lanes.boundary(),
             environments: self.environments.states().to_vec(),
             running: self.environments.running().to_vec(),
         }
@@ -325,10 +280,10 @@ impl<S: HalfSample> Collector<S> {
         if learner_incarnation != self.settings.learner_incarnation {
             return Ok(Received::Foreign);
         }
-        match self.halves[half as usize].arrival(index, step) {
+        match self.lanes.arrival(index, half, step) {
             Arrival::Duplicate => return Ok(Received::Duplicate),
             Arrival::Ahead => {
-                let sent = self.halves[half as usize].step();
+                let sent = self.lanes.step(index, half);
                 return Err(ProtocolError::Ahead { actor, half, found: step, sent });
             }
             Arrival::Awaited => {}
@@ -340,14 +295,14 @@ impl<S: HalfSample> Collector<S> {
         for (i, column) in columns.clone().enumerate() {
             self.environments.check(column, sample.environment(i), sample.transition(i), sample.current(i))?;
         }
-        // Here, because others are still awaited: once the half is complete, all wait for its actions.
+        // Here, because others are still awaited: once enough are there, those wait for their actions.
         for (i, column) in columns.enumerate() {
             let (Settings { seed, policy_actions, .. }, place) = (self.settings, self.ids[column]);
             let Current { episode, step, .. } = *sample.current(i);
             self.noise[column].clear();
             gumbel(seed, place, episode, step, policy_actions, &mut self.noise[column]);
         }
-        self.halves[half as usize].keep(index, sample);
+        self.lanes.keep(index, half, sample);
         Ok(Received::Kept)
     }
 
@@ -363,16 +318,19 @@ impl<S: HalfSample> Collector<S> {
     pub fn recorded(&mut self, actor: u32, half: u32, receipt: Receipt) {
         let index = self.settings.column_map.index_of(actor).expect("a learner reads receipts of its own actors");
         if receipt.learner_incarnation == self.settings.learner_incarnation {
-            self.halves[half as usize].recorded(index, receipt.step);
+            self.lanes.recorded(index, half, receipt.step);
         }
     }
 
-    /// Actors whose observations of this half's exchange the recorder does not have yet, ascending. While there are
-    /// some, the half is not answered.
-    pub fn unrecorded(&self, half: u32) -> Vec<u32> {
-        let column_map = self.settings.column_map;
-        let half = Some(&self.halves[half as usize]).filter(|_| self.settings.recorded);
-        half.into_iter().flat_map(Half::unrecorded).map(|index| column_map.actor(index)).collect()
+    /// Actors of which the recorder does not have the observations of these lanes yet, ascending. While there are some,
+    /// the lanes are not answered.
+    pub fn unrecorded(&self, lanes: &[Lane]) -> Missing {
+        let unseen = |lane: &&Lane| self.settings.recorded && !self.lanes.is_recorded(lane.index, lane.half);
+        let mut actors: Vec<u32> =
+            lanes.iter().filter(unseen).map(|lane| self.settings.column_map.actor(lane.index)).collect();
+        actors.dedup();
+        let enough = (actors.len() as u32).div_ceil(2);
+        Missing { actors, enough }
     }
 
     /// An actor's state according to all messages received from it and sent to it: an actor that has just started must
@@ -381,27 +339,26 @@ impl<S: HalfSample> Collector<S> {
     /// # Panics
     /// If it is not this learner's.
     pub fn restore(&self, actor: u32, actor_incarnation: u32) -> (RestoreHeader, Vec<EnvironmentState>) {
-        let first = self.halves[0].step();
+        let column_map = self.settings.column_map;
+        let index = column_map.index_of(actor).expect("only a learner's own actors ask it");
         let header = RestoreHeader {
-            step: [first, self.halves.get(1).map_or(first, Half::step)],
+            step: [0, self.lanes.halves() - 1].map(|half| self.lanes.step(index, half)),
             stage_version: self.stage_version,
             learner_incarnation: self.settings.learner_incarnation,
             actor_incarnation,
         };
-        let column_map = self.settings.column_map;
-        let columns =
-            column_map.columns_of_actor(column_map.index_of(actor).expect("only a learner's own actors ask it"));
+        let columns = column_map.columns_of_actor(index);
         (header, columns.map(|column| *self.environments.state(column)).collect())
     }
 
-    /// Actors from which something is missing before the current task can go on, ascending.
-    pub fn missing(&self) -> Vec<u32> {
-        match self.task() {
-            Task::Await { half } => {
+    /// Whom the current task waits for: nobody unless it is [`Task::Await`].
+    pub fn missing(&self) -> Missing {
+        match self.next() {
+            Next::Await { actors, enough } => {
                 let column_map = self.settings.column_map;
-                self.halves[half as usize].missing().map(|index| column_map.actor(index)).collect()
+                Missing { actors: actors.into_iter().map(|index| column_map.actor(index)).collect(), enough }
             }
-            _ => vec![],
+            _ => Missing::default(),
         }
     }
 
@@ -410,84 +367,88 @@ impl<S: HalfSample> Collector<S> {
     /// # Panics
     /// If no rollout is in progress.
     pub fn task(&self) -> Task {
-        let cursor = self.rollout();
-        let halves = self.halves.len();
-        let (t, half) = (cursor.turn / halves, (cursor.turn % halves) as u32);
-        if t > cursor.shape.steps {
-            return Task::Finish;
+        match self.next() {
+            Next::Await { .. } => Task::Await,
+            Next::Act(lanes) => Task::Act(lanes),
+            Next::Finish => Task::Finish,
         }
-        if self.halves[half as usize].missing().next().is_some() {
-            return Task::Await { half };
-        }
-        if t == cursor.shape.steps { Task::Bootstrap { half } } else { Task::Act { half, t } }
     }
 
-    /// Returns the outcomes of this half's last actions, once. Empty if they were returned before, and for the first
+    fn next(&self) -> Next {
+        assert!(self.cursor.is_some(), "there is a task while a rollout is in progress");
+        self.lanes.next(self.settings.recorded)
+    }
+
+    /// Returns the outcomes of these lanes' last actions, once. Empty if they were returned before, and for the first
     /// observations.
     ///
     /// # Panics
-    /// If the half's observations are not complete.
-    pub fn settle(&mut self, half: u32) -> Vec<Settled> {
-        let Self { settings, halves, environments, shards, cursor, .. } = self;
-        let cursor = cursor.as_mut().expect("outcomes belong to a rollout in progress");
-        let exchange = &mut halves[half as usize];
-        if !exchange.begin_settling() {
-            return vec![];
-        }
+    /// If their observations are not here.
+    pub fn settle(&mut self, of: &[Lane]) -> Vec<Settled> {
+        let Self { settings, lanes, environments, shards, cursor, .. } = self;
+        let Cursor { reward, tally, .. } = cursor.as_mut().expect("outcomes belong to a rollout in progress");
         let mut settled = vec![];
-        let step = exchange.step();
-        for (index, sample) in (0..).zip(exchange.complete().expect("a half settles when it is complete")) {
-            for (i, column) in settings.column_map.columns_of(index, half).enumerate() {
-                let statistics = &mut cursor.statistics[shards[column]];
-                let outcome = environments.settle(column, sample.transition(i), cursor.reward, statistics);
-                if let Some(outcome) = outcome {
-                    settled.push(Settled { t: (step - 1 - cursor.boundary.exchange) as usize, column, outcome });
+        for &lane in of {
+            if !lanes.begin_settling(lane) {
+                continue;
+            }
+            let sample = lanes.sample(lane);
+            for (i, column) in settings.column_map.columns_of(lane.index, lane.half).enumerate() {
+                let settlement = environments.settle(column, sample.transition(i), *reward);
+                if let Some(Settlement { outcome, ended }) = settlement {
+                    let t = lane.t - 1;
+                    tally.take(t, column, outcome.reward, ended);
+                    settled.push(Settled { t, column, outcome });
                 }
             }
         }
+        tally.add(lanes.settled_rows(), shards);
         settled
     }
 
-    /// The transitions of this half's last exchange, by column, as its actors reported them; none for a column that
+    /// The transitions of these lanes' last exchange, by column, as their actors reported them; none for a column that
     /// held.
     ///
     /// # Panics
-    /// If the half's observations are not complete.
-    pub(crate) fn transitions(&self, half: u32) -> impl Iterator<Item = (usize, &Transition)> {
-        let samples = self.halves[half as usize].complete().expect("outcomes are told of a complete half");
+    /// If their observations are not here.
+    pub(crate) fn transitions(&self, lanes: &[Lane]) -> impl Iterator<Item = (usize, &Transition)> {
         let column_map = self.settings.column_map;
-        (0..).zip(samples).flat_map(move |(index, sample)| {
-            column_map.columns_of(index, half).enumerate().map(|(i, column)| (column, sample.transition(i)))
+        lanes.iter().flat_map(move |&lane| {
+            let sample = self.lanes.sample(lane);
+            column_map.columns_of(lane.index, lane.half).enumerate().map(|(i, column)| (column, sample.transition(i)))
         })
     }
 
-    /// This half's observations as a batch, with the noise that will choose the actions.
+    /// The observations of these lanes as a batch, with the noise that will choose the actions.
     ///
     /// # Panics
-    /// If they are not complete.
-    pub fn batch(&self, half: u32) -> Batch<'_> {
-        self.batch_with(half, |place, noise| noise.extend_from_slice(&self.noise[place.column]))
+    /// If they are not here.
+    pub fn batch(&self, lanes: &[Lane]) -> Batch<'_> {
+        self.batch_with(lanes, |place, noise| noise.extend_from_slice(&self.noise[place.column]))
     }
 
     /// The same with the caller's noise: `noise` gets the place and appends one number for each action of the policy.
     ///
     /// # Panics
-    /// If the half's observations are not complete.
-    pub(crate) fn batch_with(&self, half: u32, mut noise: impl FnMut(Place, &mut Vec<f32>)) -> Batch<'_> {
+    /// If the observations are not here.
+    pub(crate) fn batch_with(&self, lanes: &[Lane], mut noise: impl FnMut(Place, &mut Vec<f32>)) -> Batch<'_> {
         let Settings { column_map, policy_actions, carried_goal, .. } = self.settings;
-        let samples = self.halves[half as usize].complete().expect("a batch is made of a complete half");
-        let count = column_map.half(half).len() * samples.len();
+        let count = lanes.iter().map(|lane| column_map.half(lane.half).len()).sum();
         let mut batch = Batch {
-            columns: column_map.batch(half).collect(),
+            columns: Vec::with_capacity(count),
+            rows: Vec::with_capacity(count),
             frames: Vec::with_capacity(count),
             goal_m: Vec::with_capacity(count),
             previous_action: Vec::with_capacity(count),
             episode_start: Vec::with_capacity(count),
             gumbel: Vec::with_capacity(count * policy_actions),
         };
-        for (index, sample) in (0..).zip(samples) {
-            for (i, column) in column_map.columns_of(index, half).enumerate() {
+        for &lane in lanes {
+            let sample = self.lanes.sample(lane);
+            for (i, column) in column_map.columns_of(lane.index, lane.half).enumerate() {
                 let current = sample.current(i);
+                batch.columns.push(column);
+                batch.rows.push(lane.t);
                 batch.frames.push(sample.frame(i));
                 batch.goal_m.push(current.goal_vector_m(carried_goal));
                 batch.previous_action.push(current.previous_action as u8);
@@ -501,40 +462,39 @@ impl<S: HalfSample> Collector<S> {
     }
 
     /// Takes the agent's actions, in batch order, and returns what to send to each actor. In a rollout's last step
-    /// the environments beyond its shape HOLD, whatever the agent chose for them.
+    /// the environments beyond its shape HOLD, whatever the agent chose for them. Lanes whose last action is taken are
+    /// valued now; there is nothing to send to them.
     ///
     /// # Panics
-    /// If the current task is not to act on this half, there is not one action for each of its environments, or the
-    /// recorder does not have what is answered.
-    pub fn answer(&mut self, half: u32, actions: &[u8]) -> Vec<ActionBatch> {
-        let Task::Act { half: due, t } = self.task() else { panic!("actions are answered when they are due") };
-        assert_eq!(half, due, "the halves take turns");
-        assert!(self.unrecorded(half).is_empty(), "what is answered is recorded");
-        let column_map = self.settings.column_map;
-        let width = column_map.half(half).len();
-        assert_eq!(actions.len(), width * column_map.actors() as usize, "one action for each environment of the half");
-        let cursor = self.cursor.as_mut().expect("a task is due in a rollout");
-        cursor.turn += 1;
-        let acting =
-            if t + 1 == cursor.shape.steps { cursor.shape.environments_in_last_step } else { column_map.columns() };
-        let exchange = &mut self.halves[half as usize];
-        let header = ActionHeader {
-            step: exchange.step(),
-            stage_version: self.stage_version,
-            learner_incarnation: self.settings.learner_incarnation,
-            half,
-        };
-        exchange.advance();
-        let mut batches = Vec::with_capacity(column_map.actors() as usize);
-        for (index, chosen) in (0..).zip(actions.chunks(width)) {
+    /// If it is not the turn of these lanes, there is not one action for each of their environments, or the recorder
+    /// does not have what is answered.
+    pub fn answer(&mut self, lanes: &[Lane], actions: &[u8]) -> Vec<ActionBatch> {
+        assert!(self.unrecorded(lanes).actors.is_empty(), "what is answered is recorded");
+        let Settings { column_map, learner_incarnation, .. } = self.settings;
+        let shape = self.rollout().shape;
+        let mut chosen = actions;
+        let mut batches = Vec::with_capacity(lanes.len());
+        for &lane in lanes {
+            let Lane { index, half, t } = lane;
             let columns = column_map.columns_of(index, half);
+            let own = chosen.split_off(..columns.len()).expect("one action for each environment of the lanes");
+            if t == shape.steps {
+                columns.for_each(|column| self.environments.forget_outcome(column));
+                self.lanes.value(lane);
+                continue;
+            }
+            let acting = if t + 1 == shape.steps { shape.environments_in_last_step } else { column_map.columns() };
             let sent: Vec<u8> =
-                columns.clone().zip(chosen).map(|(column, &a)| if column < acting { a } else { HOLD }).collect();
+                columns.clone().zip(own).map(|(column, &a)| if column < acting { a } else { HOLD }).collect();
             for (column, &action) in columns.zip(&sent) {
                 self.environments.act(column, action);
             }
+            let (step, stage_version) = (self.lanes.step(index, half), self.stage_version);
+            let header = ActionHeader { step, stage_version, learner_incarnation, half };
+            self.lanes.advance(lane);
             batches.push(ActionBatch { actor: column_map.actor(index), header, actions: sent });
         }
+        assert!(chosen.is_empty(), "one action for each environment of the lanes");
         batches
     }
 
@@ -545,14 +505,26 @@ impl<S: HalfSample> Collector<S> {
 
     /// Frames of the rollout in progress so far; 0 when there is none.
     pub fn collected(&self) -> u64 {
-        self.cursor.as_ref().map_or(0, Cursor::frames)
+        self.cursor.as_ref().map_or(0, |cursor| cursor.tally.frames())
+    }
+
+    /// Steps of the rollout in progress.
+    ///
+    /// # Panics
+    /// If there is none.
+    pub fn steps(&self) -> usize {
+        self.rollout().shape.steps
     }
 
     /// Steps that every column has taken, and steps planned; none if a column is within a step or no step follows.
     pub(crate) fn between_steps(&self) -> Option<[usize; 2]> {
-        let Cursor { shape, turn, .. } = self.rollout();
-        let halves = self.halves.len();
-        (turn % halves == 0 && turn / halves < shape.steps).then_some([turn / halves, shape.steps])
+        let planned = self.rollout().shape.steps;
+        self.lanes.common_row().filter(|&row| row < planned).map(|row| [row, planned])
+    }
+
+    /// Whether the first of all lanes, which has steps to take, is among these.
+    pub(crate) fn has_first(&self, lanes: &[Lane]) -> bool {
+        lanes.first().is_some_and(|lane| (lane.index, lane.half) == (0, 0) && lane.t < self.rollout().shape.steps)
     }
 
     /// Ends the rollout after the steps taken so far: the observations that come next are for the bootstrap.
@@ -567,19 +539,6 @@ impl<S: HalfSample> Collector<S> {
         cursor.shape = RolloutShape { steps, environments_in_last_step: columns, frames: (steps * columns) as u64 };
     }
 
-    /// The agent has computed the values of this half's last observations.
-    ///
-    /// # Panics
-    /// If that was not the current task, or the recorder does not have these observations.
-    pub fn bootstrapped(&mut self, half: u32) {
-        assert_eq!(self.task(), Task::Bootstrap { half }, "a half is bootstrapped when it is due");
-        assert!(self.unrecorded(half).is_empty(), "what a rollout ends with is recorded");
-        for column in self.settings.column_map.batch(half) {
-            self.environments.forget_outcome(column);
-        }
-        self.cursor.as_mut().expect("a task is due in a rollout").turn += 1;
-    }
-
     /// Ends the rollout; the figures of each shard. Its last observations stay: they are the next rollout's first.
     ///
     /// # Panics
@@ -587,8 +546,8 @@ impl<S: HalfSample> Collector<S> {
     pub fn finish(&mut self) -> Vec<RolloutStatistics> {
         assert_eq!(self.task(), Task::Finish, "a rollout is finished when it is complete");
         let cursor = self.cursor.take().expect("a task is due in a rollout");
-        assert_eq!(cursor.frames(), cursor.shape.frames, "every frame of the budget is recorded once");
-        cursor.statistics
+        assert_eq!(cursor.tally.frames(), cursor.shape.frames, "every frame of the budget is recorded once");
+        cursor.tally.finish()
     }
 
     fn rollout(&self) -> &Cursor {

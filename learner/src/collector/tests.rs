@@ -3,6 +3,7 @@
 #[path = "../../tests/support/environment.rs"]
 mod environment;
 mod fake_actor;
+mod figures;
 mod taker;
 
 use super::*;
@@ -11,7 +12,6 @@ use fake_actor::FakeActor;
 use proptest::prelude::*;
 use proto::camera::FRAME_PIXELS;
 use proto::config::{CarriedGoal, Config};
-use proto::metric;
 use proto::reward::RewardKind;
 use proto::step::transition_flag;
 use std::collections::{BTreeMap, VecDeque};
@@ -84,6 +84,19 @@ struct Run {
     cut: Option<usize>,
     budget: u64,
     recorded: bool,
+    pace: Pace,
+}
+
+impl Run {
+    fn settings(self, learner_incarnation: u32) -> Settings {
+        let Self { column_map, recorded, pace, .. } = self;
+        Settings { recorded, pace, ..settings(column_map, learner_incarnation) }
+    }
+
+    /// The same, in lockstep and without a recorder.
+    fn plain(self) -> Self {
+        Self { pace: Pace::Lockstep, recorded: false, ..self }
+    }
 }
 
 /// A fault of the schedule, at the n-th turn of the world.
@@ -125,7 +138,7 @@ impl World {
             before: brain.clone(),
             brain,
             frames: 0,
-            collector: collector(Settings { recorded: run.recorded, ..settings(run.column_map, 1) }, boundary),
+            collector: collector(run.settings(1), boundary),
             in_progress: None,
         };
         for actor in 0..run.column_map.actors() as usize {
@@ -163,8 +176,7 @@ impl World {
         self.in_progress = None;
         // Its subscriber dies with it.
         self.to_learner.clear();
-        let settings = settings(self.run.column_map, self.learner_incarnation);
-        self.collector = collector(Settings { recorded: self.run.recorded, ..settings }, boundary);
+        self.collector = collector(self.run.settings(self.learner_incarnation), boundary);
         self.broadcast();
         // Actors that have no restore yet keep crying.
         for actor in &self.actors {
@@ -197,42 +209,40 @@ impl World {
         }
         self.cut_if_due();
         match self.collector.task() {
-            Task::Await { .. } => return heard,
-            Task::Act { half, .. } | Task::Bootstrap { half } if !self.collector.unrecorded(half).is_empty() => {
+            Task::Await => return heard,
+            Task::Act(lanes) if !self.collector.unrecorded(&lanes).actors.is_empty() => {
                 // As the process does, which acts meanwhile.
-                self.settle(half);
+                self.settle(&lanes);
                 return heard;
             }
-            Task::Act { half, t } => {
-                self.settle(half);
+            Task::Act(lanes) => {
+                self.settle(&lanes);
                 let record = self.in_progress.as_mut().unwrap();
-                let batch = self.collector.batch(half);
-                let last = t + 1 == record.shape.steps;
+                let batch = self.collector.batch(&lanes);
+                assert!(batch.columns.is_sorted_by(|a, b| a < b));
+                assert!(batch.columns.len() <= column_map.half(0).len() * column_map.actors() as usize);
                 let mut actions = vec![];
-                for (i, &column) in batch.columns.iter().enumerate() {
+                for (i, (&column, &t)) in batch.columns.iter().zip(&batch.rows).enumerate() {
                     let (seen, belief) = look(&batch, i, self.brain.beliefs[column]);
                     let action = (mix([self.brain.weights, belief]) % POLICY_ACTIONS as u64) as u8;
                     actions.push(action);
-                    if !last || column < record.shape.environments_in_last_step {
+                    if t == record.shape.steps {
+                        record.bootstrap.push((column, belief));
+                    } else if t + 1 < record.shape.steps || column < record.shape.environments_in_last_step {
                         self.brain.beliefs[column] = belief;
                         record.actions.push((t, column, action, seen));
                     }
                 }
-                for batch in self.collector.answer(half, &actions) {
+                for batch in self.collector.answer(&lanes, &actions) {
                     self.actors[batch.actor as usize].actions.push_back(batch);
                 }
             }
-            Task::Bootstrap { half } => {
-                self.settle(half);
-                let record = self.in_progress.as_mut().unwrap();
-                let batch = self.collector.batch(half);
-                for (i, &column) in batch.columns.iter().enumerate() {
-                    record.bootstrap.push((column, look(&batch, i, self.brain.beliefs[column]).1));
-                }
-                self.collector.bootstrapped(half);
-            }
             Task::Finish => {
                 let mut record = self.in_progress.take().unwrap();
+                // Who comes first may be first.
+                record.actions.sort_unstable();
+                record.outcomes.sort_unstable();
+                record.bootstrap.sort_unstable();
                 let metrics = self.collector.finish()[0].metrics();
                 record.metrics = metrics.into_iter().map(|(name, value)| (name, value.to_bits())).collect();
                 self.frames += record.shape.frames;
@@ -260,9 +270,9 @@ impl World {
         }
     }
 
-    fn settle(&mut self, half: u32) {
+    fn settle(&mut self, lanes: &[Lane]) {
         let record = self.in_progress.as_mut().unwrap();
-        for Settled { t, column, outcome } in self.collector.settle(half) {
+        for Settled { t, column, outcome } in self.collector.settle(lanes) {
             let Outcome { reward, ended, time_limit, disturbed } = outcome;
             record.outcomes.push((t, column, reward.to_bits(), ended, time_limit, disturbed));
         }
@@ -313,6 +323,12 @@ impl World {
     }
 }
 
+/// Whose turn it is.
+fn due(collector: &Collector<FakeSample>) -> Vec<Lane> {
+    let Task::Act(lanes) = collector.task() else { panic!("{:?}", collector.task()) };
+    lanes
+}
+
 /// All columns are one shard.
 fn collector(settings: Settings, boundary: Boundary) -> Collector<FakeSample> {
     Collector::new(settings, &Shards::one(settings.column_map.columns()), boundary)
@@ -328,6 +344,7 @@ fn settings(column_map: ColumnMap, learner_incarnation: u32) -> Settings {
         gamma: 0.99,
         learner_incarnation,
         recorded: false,
+        pace: Pace::Lockstep,
     }
 }
 
@@ -358,13 +375,15 @@ fn random_order(seed: u64) -> impl FnMut() -> usize {
 }
 
 fn any_run() -> impl Strategy<Value = Run> {
-    (1u32..4, 1u32..5, 1usize..9, 1u64..120, any::<bool>()).prop_map(
-        |(actors, environments, rollout_steps, budget, recorded)| Run {
+    let pace = prop_oneof![Just(Pace::Lockstep), Just(Pace::Ready)];
+    (1u32..4, 1u32..5, 1usize..9, 1u64..120, any::<bool>(), pace).prop_map(
+        |(actors, environments, rollout_steps, budget, recorded, pace)| Run {
             column_map: ColumnMap::new(0, actors, environments),
             rollout_steps,
             cut: None,
             budget,
             recorded,
+            pace,
         },
     )
 }
@@ -376,12 +395,12 @@ fn any_fault() -> impl Strategy<Value = (usize, Fault)> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
 
-    /// Whoever dies when, and in whatever order messages arrive: the same rollouts are recorded.
+    /// Whoever dies when, in whatever order messages arrive, and whoever acts together: the same rollouts are recorded.
     #[test]
     fn no_crash_and_no_timing_changes_what_is_recorded(
         run in any_run(), order in any::<u64>(), faults in prop::collection::vec(any_fault(), 0..8),
     ) {
-        let undisturbed = World::new(run).run(round_robin(), &[]);
+        let undisturbed = World::new(run.plain()).run(round_robin(), &[]);
         let frames: u64 = undisturbed.rollouts.iter().map(|rollout| rollout.shape.frames).sum();
         prop_assert_eq!(frames, run.budget);
         for rollout in &undisturbed.rollouts {
@@ -397,6 +416,8 @@ proptest! {
     fn a_rollout_cut_short_is_a_short_one(
         run in any_run(), cut in 1usize..9, order in any::<u64>(), faults in prop::collection::vec(any_fault(), 0..3),
     ) {
+        // Who has run ahead cannot be cut.
+        let run = Run { pace: Pace::Lockstep, ..run };
         let short = Run { rollout_steps: cut.min(run.rollout_steps), ..run };
         let cut = Run { cut: Some(cut), ..run };
         prop_assert_eq!(World::new(cut).run(random_order(order), &faults), World::new(short).run(round_robin(), &[]));
@@ -428,12 +449,16 @@ proptest! {
 /// Every single point of a run, one crash each: shorter than chance, but complete.
 #[test]
 fn a_crash_at_each_turn() {
-    let run = Run { column_map: ColumnMap::new(0, 2, 3), rollout_steps: 3, cut: None, budget: 40, recorded: true };
-    let undisturbed = World::new(run).run(round_robin(), &[]);
-    assert!(undisturbed.rollouts.iter().flat_map(|rollout| &rollout.outcomes).any(|outcome| outcome.3), "some end");
-    for turn in 0..200 {
-        for fault in [Fault::Actor(0), Fault::Actor(1), Fault::Learner] {
-            assert_eq!(World::new(run).run(round_robin(), &[(turn, fault)]), undisturbed, "{fault:?} at {turn}");
+    let column_map = ColumnMap::new(0, 2, 3);
+    for pace in [Pace::Lockstep, Pace::Ready] {
+        let run = Run { column_map, rollout_steps: 3, cut: None, budget: 40, recorded: true, pace };
+        let undisturbed = World::new(run.plain()).run(round_robin(), &[]);
+        assert!(undisturbed.rollouts.iter().flat_map(|rollout| &rollout.outcomes).any(|outcome| outcome.3), "some end");
+        for turn in 0..200 {
+            for fault in [Fault::Actor(0), Fault::Actor(1), Fault::Learner] {
+                let disturbed = World::new(run).run(round_robin(), &[(turn, fault)]);
+                assert_eq!(disturbed, undisturbed, "{fault:?} at {turn}, {pace:?}");
+            }
         }
     }
 }
@@ -508,7 +533,9 @@ fn a_batch_has_the_goal_vector_with_the_configured_sign() {
             let expected =
                 if holding { current.object_to_goal_m.map(|axis| sign * axis) } else { current.wrist_to_object_m };
             collector.receive(&header, sample).unwrap();
-            assert_eq!(collector.batch(0).input().goal_m, [expected], "{carried_goal}, {holding}");
+            let reward = Reward { kind: RewardKind::Task, disturbance_weight: 15.0 };
+            collector.begin(RolloutShape { steps: 1, environments_in_last_step: 1, frames: 1 }, reward, 1);
+            assert_eq!(collector.batch(&due(&collector)).input().goal_m, [expected], "{carried_goal}, {holding}");
         }
     }
 }
@@ -523,8 +550,9 @@ fn an_outcome_that_does_not_follow_from_the_action_is_an_error() {
     collector.receive(&header, sample).unwrap();
     let reward = Reward { kind: RewardKind::Task, disturbance_weight: 15.0 };
     collector.begin(RolloutShape { steps: 2, environments_in_last_step: 1, frames: 2 }, reward, 1);
-    assert!(collector.settle(0).is_empty(), "the first observation belongs to no action of this rollout");
-    let batch = collector.answer(0, &[4]).remove(0);
+    let first = due(&collector);
+    assert!(collector.settle(&first).is_empty(), "the first observation belongs to no action of this rollout");
+    let batch = collector.answer(&first, &[4]).remove(0);
     actor.actions.push_back(batch);
     let (header, sample) = actor.turn(column_map).unwrap().remove(0);
     let mut refused = |change: &dyn Fn(&mut Transition)| {
@@ -544,42 +572,11 @@ fn an_outcome_that_does_not_follow_from_the_action_is_an_error() {
     assert!(refused(&|transition| transition.reward.goal_success = 1000.0).contains("reward for success"));
     assert!(refused(&|transition| transition.disturbance_m = 3e38).contains("disturbance is"));
     assert_eq!(collector.receive(&header, sample.clone()), Ok(Received::Kept));
-    let settled = collector.settle(0);
+    let second = due(&collector);
+    let settled = collector.settle(&second);
     assert_eq!((settled.len(), settled[0].t, settled[0].column), (1, 0, 0));
     let parts = sample.0[0].1.reward;
     assert_eq!(settled[0].outcome.reward, parts.compose(RewardKind::Task, 15.0));
     assert_eq!(settled[0].outcome.disturbed, parts.disturbance_progress_m <= -0.001);
-    assert!(collector.settle(0).is_empty(), "an outcome is taken in once");
-}
-
-#[test]
-fn the_figures_of_a_rollout_are_those_of_each_shard() {
-    let mut config = Config::default();
-    (config.actors.count, config.actors.environments_per_actor, config.learner.shards) = (3, 1, 2);
-    let column_map = ColumnMap::of(0, &config);
-    let mut collector =
-        Collector::<FakeSample>::new(settings(column_map, 1), &Shards::of(&config, &(0..3)), Boundary::start(3));
-    let mut actors = [0, 1, 2].map(|actor| FakeActor::new(actor, 1));
-    for (number, actor) in (0..).zip(&mut actors) {
-        actor.restore = Some(collector.restore(number, 0));
-    }
-    let arrive = |collector: &mut Collector<FakeSample>, actors: &mut [FakeActor; 3]| {
-        for (header, sample) in actors.iter_mut().map(|actor| actor.turn(column_map).unwrap().remove(0)) {
-            collector.receive(&header, sample).unwrap();
-        }
-        collector.settle(0)
-    };
-    let reward = Reward { kind: RewardKind::Task, disturbance_weight: 15.0 };
-    collector.begin(RolloutShape { steps: 1, environments_in_last_step: 3, frames: 3 }, reward, 1);
-    assert!(arrive(&mut collector, &mut actors).is_empty());
-    for (actor, batch) in actors.iter_mut().zip(collector.answer(0, &[4; 3])) {
-        actor.actions.push_back(batch);
-    }
-    let rewards: Vec<f64> =
-        arrive(&mut collector, &mut actors).iter().map(|settled| f64::from(settled.outcome.reward)).collect();
-    assert_eq!(collector.collected(), 3);
-    collector.bootstrapped(0);
-    let figures: Vec<BTreeMap<String, f64>> = collector.finish().iter().map(RolloutStatistics::metrics).collect();
-    let means = [f64::midpoint(rewards[0], rewards[1]), rewards[2]];
-    assert_eq!(figures.iter().map(|figures| figures[metric::REWARD]).collect::<Vec<_>>(), means);
+    assert!(collector.settle(&second).is_empty(), "an outcome is taken in once");
 }

@@ -6,7 +6,7 @@ use super::control::Control;
 use super::link::{Ports, Sample};
 use super::patience::{Patience, Waited};
 use super::stop::{OrchestratorGone, Stop};
-use crate::collector::{Boundary, Collector, ColumnMap, Received, Settings};
+use crate::collector::{Boundary, Collector, ColumnMap, Lane, Missing, Pace, Received, Settings};
 use crate::shards::Shards;
 use anyhow::Result;
 use proto::config::Config;
@@ -38,6 +38,8 @@ pub struct Speaker<'a> {
     pub ports: &'a Ports,
     /// Set when the orchestrator is gone.
     pub gone: &'a OrchestratorGone,
+    /// Who acts together.
+    pub pace: Pace,
 }
 
 /// A learner's conversation with actors and orchestrator.
@@ -63,7 +65,7 @@ pub struct Conversation<'a, W> {
 impl<'a, W: Write> Conversation<'a, W> {
     /// The environments, divided into `shards`, go on from `boundary`; events are written to `output`.
     pub fn open(speaker: Speaker<'a>, config: &Config, shards: &Shards, boundary: Boundary, output: W) -> Self {
-        let Speaker { rank, incarnation, ports, gone } = speaker;
+        let Speaker { rank, incarnation, ports, gone, pace } = speaker;
         let settings = Settings {
             column_map: ColumnMap::of(rank, config),
             seed: config.seed,
@@ -73,6 +75,7 @@ impl<'a, W: Write> Conversation<'a, W> {
             gamma: config.ppo.gamma,
             learner_incarnation: incarnation,
             recorded: ports.recorded(),
+            pace,
         };
         let actors = config.shares().actors_of(rank);
         gone.wakes(ports.own_bell());
@@ -156,15 +159,15 @@ impl<'a, W: Write> Conversation<'a, W> {
         })
     }
 
-    /// Receives until the half whose turn it is is complete, or there is a reason to stop.
+    /// Receives until enough actors have sent their observations, or there is a reason to stop.
     pub fn await_observations(&mut self) -> Result<Option<Stop>> {
         self.await_actors(Collector::missing)
     }
 
-    /// Waits until the recorder has this half's observations, or there is a reason to stop. An actor that cannot send
-    /// them to it does not answer, whatever the learner has of it.
-    pub fn await_receipts(&mut self, half: u32) -> Result<Option<Stop>> {
-        self.await_actors(|collector| collector.unrecorded(half))
+    /// Waits until the recorder has the observations of these lanes, or there is a reason to stop. An actor that cannot
+    /// send them to it does not answer, whatever the learner has of it.
+    pub fn await_receipts(&mut self, lanes: &[Lane]) -> Result<Option<Stop>> {
+        self.await_actors(|collector| collector.unrecorded(lanes))
     }
 
     /// Whether the recording of this learner's rollouts before `rollout` is written; without a recorder it is.
@@ -185,20 +188,18 @@ impl<'a, W: Write> Conversation<'a, W> {
     }
 
     /// Receives until no actor is waited for, or there is a reason to stop.
-    fn await_actors(&mut self, waits_for: impl Fn(&Collector<Sample>) -> Vec<u32>) -> Result<Option<Stop>> {
+    fn await_actors(&mut self, waits_for: impl Fn(&Collector<Sample>) -> Missing) -> Result<Option<Stop>> {
         let mut began = Instant::now();
         let mut patience = Patience::new(self.actor_deadline_s);
         loop {
             self.receive_all()?;
-            let missing = waits_for(&self.collector);
+            let Missing { actors: missing, enough } = waits_for(&self.collector);
             if let Some(stop) = self.stop_asked()? {
                 return Ok(Some(stop));
             }
             if missing.is_empty() {
                 return Ok(None);
             }
-            // By half of them, then half of the rest: few wakes, and little is left to do when the last comes.
-            let enough = (missing.len() as u32).div_ceil(2);
             if self.recorder_stands_still()? {
                 (began, patience) = (Instant::now(), Patience::new(self.actor_deadline_s));
             }
@@ -231,11 +232,11 @@ impl<'a, W: Write> Conversation<'a, W> {
         }
     }
 
-    /// Sends a half's actions, in batch order, once the recorder has what they answer; or returns a reason to stop.
-    pub fn answer(&mut self, half: u32, actions: &[u8]) -> Result<Option<Stop>> {
-        let stop = self.await_receipts(half)?;
+    /// Sends these lanes' actions, in batch order, once the recorder has what they answer; or returns a reason to stop.
+    pub fn answer(&mut self, lanes: &[Lane], actions: &[u8]) -> Result<Option<Stop>> {
+        let stop = self.await_receipts(lanes)?;
         if stop.is_none() {
-            self.ports.send_actions(&self.collector.answer(half, actions))?;
+            self.ports.send_actions(&self.collector.answer(lanes, actions))?;
         }
         Ok(stop)
     }

@@ -9,7 +9,7 @@ use super::output::claim_stdout;
 use super::stop::{OrchestratorGone, Stop};
 use super::weights::{self, Trained};
 use crate::agent::Agent;
-use crate::collector::{Boundary, ColumnMap, Reward, Task};
+use crate::collector::{Boundary, ColumnMap, Lane, Pace, Reward, Task};
 use crate::device;
 use crate::evaluation::Examination;
 use anyhow::{Result, bail};
@@ -68,7 +68,7 @@ pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
     let policy_actions = config.episode.action_space.actions().len();
     let examination = Examination::new(plan, column_map, config.reward.lambda_disturb, seed, policy_actions);
     let ports = Ports::open(&wire, WireShape::of(&config), RANK, config.recording.enabled)?;
-    let speaker = Speaker { rank: RANK, incarnation, ports: &ports, gone: &gone };
+    let speaker = Speaker { rank: RANK, incarnation, ports: &ports, gone: &gone, pace: Pace::Lockstep };
     let boundary = Boundary::start(column_map.columns());
     let mut conversation = Conversation::open(speaker, &config, agent.shards(), boundary, output);
     conversation.tell(&LearnerEvent::Ready {
@@ -130,42 +130,42 @@ impl<W: Write> Room<'_, W> {
         self.conversation.restore_all()?;
         while self.examination.remaining() > 0 {
             match self.conversation.collector.task() {
-                Task::Await { half: _ } => {
+                Task::Await => {
                     if let Some(stop) = self.conversation.await_observations()? {
                         self.leave(Some(stop));
                         return Ok(());
                     }
                 }
-                Task::Act { half, t: _ } => {
+                Task::Act(lanes) => {
                     self.conversation.note_connected();
-                    self.settle(half);
+                    self.settle(&lanes);
                     let stop = match self.examination.remaining() {
                         // The last outcomes, too, are recorded before all processes leave.
-                        0 => self.conversation.await_receipts(half)?,
-                        _ => self.act(half)?,
+                        0 => self.conversation.await_receipts(&lanes)?,
+                        _ => self.act(&lanes)?,
                     };
                     if stop.is_some() {
                         self.leave(stop);
                         return Ok(());
                     }
-                    if half == 0 {
+                    if lanes[0].half == 0 {
                         fault::reach("learner.mid_evaluation");
                     }
                 }
-                Task::Bootstrap { .. } | Task::Finish => unreachable!("a rollout without an end does not end"),
+                Task::Finish => unreachable!("a rollout without an end does not end"),
             }
         }
         self.leave(None);
         Ok(())
     }
 
-    /// Records the outcomes of the half's last actions, and reports the episodes that ended.
-    fn settle(&mut self, half: u32) {
+    /// Records the outcomes of a half's last actions, and reports the episodes that ended.
+    fn settle(&mut self, lanes: &[Lane]) {
         let collector = &mut self.conversation.collector;
-        let acted: Vec<usize> = collector.settle(half).into_iter().map(|settled| settled.column).collect();
+        let acted: Vec<usize> = collector.settle(lanes).into_iter().map(|settled| settled.column).collect();
         let mut acted = acted.into_iter().peekable();
         let mut played = vec![];
-        for (column, transition) in collector.transitions(half) {
+        for (column, transition) in collector.transitions(lanes) {
             // Both ascend.
             if acted.next_if_eq(&column).is_some() {
                 played.extend(self.examination.settle(column, transition));
@@ -176,9 +176,9 @@ impl<W: Write> Room<'_, W> {
         }
     }
 
-    fn act(&mut self, half: u32) -> Result<Option<Stop>> {
+    fn act(&mut self, lanes: &[Lane]) -> Result<Option<Stop>> {
         let collector = &self.conversation.collector;
-        let batch = collector.batch_with(half, |place, noise| self.examination.noise(place, noise));
+        let batch = collector.batch_with(lanes, |place, noise| self.examination.noise(place, noise));
         let input = batch.input();
         let choice = self.agent.act(&input)?;
         let mut actions = Vec::with_capacity(choice.actions.len());
@@ -187,8 +187,9 @@ impl<W: Write> Room<'_, W> {
             actions.push(self.examination.choose(column, action, foretold));
         }
         drop(batch);
-        self.tempo.keep(half);
-        self.conversation.answer(half, &actions)
+        // In lockstep all are of one half.
+        self.tempo.keep(lanes[0].half);
+        self.conversation.answer(lanes, &actions)
     }
 
     fn leave(&mut self, stop: Option<Stop>) {

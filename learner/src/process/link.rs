@@ -181,8 +181,8 @@ impl Ports {
             sample.write_from_slice(&batch.actions).send().with_context(failed)?;
             fault::reach("learner.after_send");
         }
-        if let (Some(first), Some(last)) = (batches.first(), batches.last()) {
-            self.ringers.ring(first.actor..last.actor + 1);
+        for run in batches.chunk_by(|batch, next| next.actor <= batch.actor + 1) {
+            self.ringers.ring(run[0].actor..run[run.len() - 1].actor + 1);
         }
         Ok(())
     }

@@ -33,6 +33,7 @@ pub use patience::{Patience, Waited};
 
 use crate::agent::Agent;
 use crate::checkpoint::Store;
+use crate::collector::Pace;
 use crate::device;
 use crate::peers::{Meeting, Peers};
 use anyhow::{Context, Result, ensure};
@@ -128,7 +129,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
     // 0 = none was found, which is not the checkpoint of rollout 0.
     agent.peers().agree("the rollouts of their checkpoints", checkpoint.as_ref().map_or(0, |_| rollout + 1))?;
     let ports = Ports::open(&wire, WireShape::of(&config), rank, config.recording.enabled)?;
-    let speaker = Speaker { rank, incarnation, ports: &ports, gone: &gone };
+    let pace = if agent.takes_who_is_ready() { Pace::Ready } else { Pace::Lockstep };
+    let speaker = Speaker { rank, incarnation, ports: &ports, gone: &gone, pace };
     let mut conversation = Conversation::open(speaker, &config, agent.shards(), boundary, output);
     conversation.tell(&LearnerEvent::Ready {
         rank,

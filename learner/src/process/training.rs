@@ -13,7 +13,7 @@ use super::stop::Stop;
 use super::writing::Unrecorded;
 use crate::agent::{Agent, AgentError};
 use crate::checkpoint::{CheckpointError, Part, Snapshot, Store};
-use crate::collector::{Reward, RolloutStatistics, Task};
+use crate::collector::{Lane, Reward, RolloutStatistics, Task};
 use anyhow::Result;
 use proto::config::Config;
 use proto::event::{LearnerEvent, Timing};
@@ -470,9 +470,8 @@ impl<W: Write> Training<'_, W> {
     fn collect(&mut self, state: &mut Loop) -> Result<Option<Stop>> {
         state.preempted = false;
         loop {
-            let task = self.conversation.collector.task();
-            if matches!(task, Task::Act { half: 0, .. })
-                && let Some([steps, planned]) = self.conversation.collector.between_steps()
+            if let (Task::Act(_), Some([steps, planned])) =
+                (self.conversation.collector.task(), self.conversation.collector.between_steps())
                 && self.agent.is_preempted(self.rollout, steps, planned)?
             {
                 tracing::info!("rollout {} ends after {steps} of {planned} steps: the others wait", self.rollout);
@@ -481,7 +480,7 @@ impl<W: Write> Training<'_, W> {
                 state.preempted = true;
             }
             match self.conversation.collector.task() {
-                Task::Await { half: _ } => {
+                Task::Await => {
                     let began = Instant::now();
                     let stop = self.conversation.await_observations()?;
                     state.timing.simulate_s += began.elapsed().as_secs_f64();
@@ -489,40 +488,24 @@ impl<W: Write> Training<'_, W> {
                         return Ok(stop);
                     }
                 }
-                Task::Act { half, t } => {
+                Task::Act(lanes) => {
                     self.conversation.note_connected();
                     let began = Instant::now();
                     self.look_for_new_actors(state);
-                    self.settle(half);
-                    let batch = self.conversation.collector.batch(half);
-                    let output = self.agent.step(t, &batch.input())?;
+                    self.settle(&lanes);
+                    let batch = self.conversation.collector.batch(&lanes);
+                    let output = self.agent.step_each(&batch.rows, &batch.input())?;
                     drop(batch);
                     state.timing.infer_s += began.elapsed().as_secs_f64();
                     let began = Instant::now();
-                    let stop = self.conversation.answer(half, &output.actions)?;
+                    let stop = self.conversation.answer(&lanes, &output.actions)?;
                     state.timing.simulate_s += began.elapsed().as_secs_f64();
                     if stop.is_some() {
                         return Ok(stop);
                     }
-                    if half == 0 {
+                    if self.conversation.collector.has_first(&lanes) {
                         fault::reach("learner.mid_rollout");
                     }
-                }
-                Task::Bootstrap { half } => {
-                    let began = Instant::now();
-                    self.look_for_new_actors(state);
-                    self.settle(half);
-                    let batch = self.conversation.collector.batch(half);
-                    self.agent.bootstrap(&batch.input())?;
-                    drop(batch);
-                    state.timing.infer_s += began.elapsed().as_secs_f64();
-                    let began = Instant::now();
-                    let stop = self.conversation.await_receipts(half)?;
-                    state.timing.simulate_s += began.elapsed().as_secs_f64();
-                    if stop.is_some() {
-                        return Ok(stop);
-                    }
-                    self.conversation.collector.bootstrapped(half);
                 }
                 Task::Finish => {
                     if self.hurries() && !state.preempted {
@@ -541,8 +524,8 @@ impl<W: Write> Training<'_, W> {
         }
     }
 
-    fn settle(&mut self, half: u32) {
-        for settled in self.conversation.collector.settle(half) {
+    fn settle(&mut self, lanes: &[Lane]) {
+        for settled in self.conversation.collector.settle(lanes) {
             self.agent.record(settled.t, settled.column, settled.outcome);
         }
     }

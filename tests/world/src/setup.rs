@@ -1,6 +1,7 @@
 //! What a world is made of: the run's configuration, the processes' number, what is wrong on purpose.
 
 use crate::dice::Dice;
+use learner::collector::Pace;
 use proto::config::{Config, StageConfig};
 use proto::reward::RewardKind;
 
@@ -42,6 +43,8 @@ pub enum Mutation {
 pub struct Setup {
     /// Configuration.
     pub config: Config,
+    /// Who acts together.
+    pub pace: Pace,
     /// What is wrong on purpose.
     pub mutation: Option<Mutation>,
 }
@@ -57,7 +60,7 @@ pub const NOISE: usize = 1;
 
 impl Setup {
     /// The run of a seed: one to three learners, a few actors each, up to four environments, two stages. Every third one
-    /// collects rollouts beside updates.
+    /// collects rollouts beside updates; in half of all those act who are ready, as on a GPU.
     pub fn of(dice: &mut Dice, seed: u64) -> Self {
         let learners = dice.below(3) + 1;
         let actors = learners + dice.below(3);
@@ -77,7 +80,8 @@ impl Setup {
             stage("I", RewardKind::Task, dice.between(1, 14 * environments)),
             stage("II", RewardKind::DisturbanceFree, dice.between(1, 16 * environments)),
         ];
-        Self { config, mutation: None }
+        let pace = if (seed / 3).is_multiple_of(2) { Pace::Lockstep } else { Pace::Ready };
+        Self { config, pace, mutation: None }
     }
 
     /// Whether this is wrong on purpose.

@@ -41,6 +41,8 @@ pub struct Ledger {
 struct Seen {
     learner_incarnation: u32,
     last_step: [Option<u64>; 2],
+    /// Samples that were not sent before, under any learner incarnation.
+    samples: u64,
 }
 
 impl Ledger {
@@ -66,19 +68,21 @@ impl Ledger {
             return Verdict::Alien;
         }
         if header.learner_incarnation > seen.learner_incarnation {
-            *seen = Seen { learner_incarnation: header.learner_incarnation, last_step: [None; 2] };
+            (seen.learner_incarnation, seen.last_step) = (header.learner_incarnation, [None; 2]);
         }
         let last = &mut seen.last_step[header.half as usize];
         match *last {
             None => {
                 *last = Some(header.step);
+                seen.samples += 1;
                 Verdict::RestorePoint
             }
-            Some(seen) if header.step <= seen => Verdict::Repeated,
-            Some(seen) if header.step - seen > AHEAD_MOST => Verdict::Alien,
-            Some(seen) => {
-                self.missed += header.step - seen - 1;
+            Some(newest) if header.step <= newest => Verdict::Repeated,
+            Some(newest) if header.step - newest > AHEAD_MOST => Verdict::Alien,
+            Some(newest) => {
+                self.missed += header.step - newest - 1;
                 *last = Some(header.step);
+                seen.samples += 1;
                 Verdict::News
             }
         }
@@ -97,6 +101,14 @@ impl Ledger {
             .map(|seen| seen.last_step[half as usize].filter(|_| seen.learner_incarnation == learner_incarnation));
         let step = steps.min().flatten()?;
         Some(Receipt { learner_incarnation, step })
+    }
+
+    /// Samples of `actors` that were not sent before: as many receipts have been given for them.
+    ///
+    /// # Panics
+    /// If there is no such actor.
+    pub(super) fn news(&self, actors: Range<u32>) -> u64 {
+        self.actors[actors.start as usize..actors.end as usize].iter().map(|seen| seen.samples).sum()
     }
 
     /// Exchanges that never arrived. Learners answer what was judged here and nothing else, so anything but 0 is a

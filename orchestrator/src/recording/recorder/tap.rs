@@ -99,26 +99,39 @@ struct Learners {
     /// Rank of the first.
     first: u32,
     bells: Vec<Bell>,
-    /// The last receipt that was rung for, of each learner and half.
-    told: Vec<[Option<Receipt>; 2]>,
+    /// What each was rung for last.
+    told: Vec<Told>,
+}
+
+/// Receipts of a learner's actors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Told {
+    /// Of all of them, of each half.
+    complete: [Option<Receipt>; 2],
+    /// How many there were.
+    news: u64,
 }
 
 impl Learners {
     fn of(wire: &Wire, setup: &RecorderSetup) -> Self {
         let bells: Vec<_> = setup.ranks.clone().map(|rank| wire.bells().bell([Sleeper::Learner(rank)])).collect();
-        Self { shape: setup.shape, first: setup.ranks.start, told: vec![[None; 2]; bells.len()], bells }
+        Self { shape: setup.shape, first: setup.ranks.start, told: vec![Told::default(); bells.len()], bells }
     }
 
-    /// Rings for each learner that now has the receipts of all its actors for the next exchange of a half: before that
-    /// it could not go on.
+    /// Rings for each learner that has new receipts: at once where it now has those of all its actors for the next
+    /// exchange of a half, else counted. A learner whose actors go in lockstep could not go on before; one that lets
+    /// those act who are ready waits for any.
     fn tell(&mut self, ledger: &Ledger) {
         for ((rank, bell), told) in (self.first..).zip(&self.bells).zip(&mut self.told) {
             let actors = self.shape.shares.actors_of(rank);
-            let complete = [0, 1].map(|half| ledger.complete(actors.clone(), half));
-            if complete != *told {
-                *told = complete;
+            let now =
+                Told { complete: [0, 1].map(|half| ledger.complete(actors.clone(), half)), news: ledger.news(actors) };
+            if now.complete != told.complete {
                 bell.ring();
+            } else if now.news != told.news {
+                bell.ring_counted();
             }
+            *told = now;
         }
     }
 

@@ -14,7 +14,7 @@ use crate::kernel::{MILLISECOND, Next, Program, SECOND, TORN, World};
 use crate::meeting::{Lost, Meeting, Word};
 use crate::service::{NoPlace, TaskId};
 use crate::setup::{MAX_STEPS, Mutation, NOISE};
-use learner::collector::{ActionBatch, Boundary, Collector, ColumnMap, Settings};
+use learner::collector::{ActionBatch, Boundary, Collector, ColumnMap, Lane, Settings};
 use learner::process::{Announcements, Patience};
 use learner::shards::Shards;
 use orchestrator::{Event, Exit};
@@ -101,8 +101,8 @@ enum Phase {
     Announcing { began: u64 },
     /// Observations are to come.
     Collecting { patience: Patience, began: u64 },
-    /// The recorder is to have what this half's actions answer, or what its values are of.
-    Receipting { half: u32, chosen: Option<Chosen>, t: usize, patience: Patience, began: u64 },
+    /// The recorder is to have what these actions answer.
+    Receipting { lanes: Vec<Lane>, chosen: Chosen, patience: Patience, began: u64 },
     /// Actions are being sent.
     Answering(VecDeque<ActionBatch>),
     /// At the end of the rollout.
@@ -117,8 +117,18 @@ enum Phase {
     Due { ends_stage: bool, after: After },
 }
 
-/// What the policy has chosen for a half: column, what it was given, action.
-type Chosen = Vec<(usize, u64, u8)>;
+/// What the policy has chosen for some columns.
+type Chosen = Vec<Choice>;
+
+/// What it has chosen for one at its row of the rollout.
+#[derive(Debug, Clone, Copy)]
+struct Choice {
+    t: usize,
+    column: usize,
+    /// What it was given.
+    seen: u64,
+    action: u8,
+}
 
 /// Its open ports.
 struct Ports {
@@ -279,6 +289,7 @@ impl Learner {
             gamma: config.ppo.gamma,
             learner_incarnation: self.incarnation,
             recorded: !world.setup.has(Mutation::IgnoresReceipts),
+            pace: world.setup.pace,
         };
         let shards = Shards::one(settings.column_map.columns());
         self.collector = Some(Collector::new(settings, &shards, boundary));
@@ -371,8 +382,8 @@ impl Program for Learner {
             Phase::Restoring(actor) => self.restore_next(world, actor),
             Phase::Announcing { began } => self.await_announcement(world, me, began),
             Phase::Collecting { patience, began } => self.collect(world, me, patience, began),
-            Phase::Receipting { half, chosen, t, patience, began } => {
-                self.await_receipts(world, me, (half, t, chosen), (patience, began))
+            Phase::Receipting { lanes, chosen, patience, began } => {
+                self.await_receipts(world, me, (lanes, chosen), (patience, began))
             }
             Phase::Answering(batches) => self.answer(world, batches),
             Phase::Agreed(own) => match self.ended(world) {

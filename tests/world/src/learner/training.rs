@@ -1,13 +1,13 @@
 //! Rollouts: announced, collected, agreed on, trained.
 
 use super::sample::Sample;
-use super::{After, Chosen, CutShort, InUpdate, LOOK, Learner, Phase, Stop, Then};
+use super::{After, Choice, Chosen, CutShort, InUpdate, LOOK, Learner, Phase, Stop, Then};
 use crate::kernel::{MILLISECOND, Next, SECOND, World};
 use crate::meeting::Word;
 use crate::model::{choose, look, of_action, of_bootstrap, of_outcome, updated};
 use crate::service::TaskId;
 use crate::setup::{DISTURBANCE_WEIGHT, Mutation, NOISE};
-use learner::collector::{ActionBatch, Collector, Received, Reward, Task};
+use learner::collector::{ActionBatch, Collector, Lane, Missing, Received, Reward, Task};
 use learner::process::{Patience, Permission, Waited};
 use orchestrator::Exit;
 use proto::event::{LearnerEvent, Timing};
@@ -144,11 +144,11 @@ impl Learner {
         &mut self,
         world: &mut World,
         me: TaskId,
-        waits_for: impl Fn(&Collector<Sample>) -> Vec<u32>,
+        waits_for: impl Fn(&Collector<Sample>) -> Missing,
         (patience, began): (&mut Patience, u64),
     ) -> Result<(), Option<Next>> {
         self.receive_all(world).map_err(Some)?;
-        let missing = waits_for(self.collector());
+        let Missing { actors: missing, .. } = waits_for(self.collector());
         if let Some(stop) = self.stop_asked(world) {
             return Err(Some(self.finish_update(world, me, After::Agreement(Some(CutShort::Stop(stop))))));
         }
@@ -171,26 +171,21 @@ impl Learner {
         Err(None)
     }
 
-    /// Waits until the recorder has a half's observations; then its actions follow, or the next half's values.
+    /// Waits until the recorder has the observations of some lanes; then their actions follow.
     pub(super) fn await_receipts(
         &mut self,
         world: &mut World,
         me: TaskId,
-        (half, t, chosen): (u32, usize, Option<Chosen>),
+        (lanes, chosen): (Vec<Lane>, Chosen),
         (mut patience, began): (Patience, u64),
     ) -> Next {
-        let unrecorded = |collector: &Collector<Sample>| collector.unrecorded(half);
+        let unrecorded = |collector: &Collector<Sample>| collector.unrecorded(&lanes);
         match self.await_actors(world, me, unrecorded, (&mut patience, began)) {
             Err(Some(next)) => next,
-            Err(None) => self.stay(Phase::Receipting { half, chosen, t, patience, began }, Next::Wait(LOOK)),
+            Err(None) => self.stay(Phase::Receipting { lanes, chosen, patience, began }, Next::Wait(LOOK)),
             Ok(()) => {
-                if let Some(chosen) = chosen {
-                    let batches = self.act(half, t, &chosen);
-                    self.stay(Phase::Answering(batches.into()), Next::After(10))
-                } else {
-                    self.collector().bootstrapped(half);
-                    self.go_on(world, 20)
-                }
+                let batches = self.act(&lanes, &chosen);
+                self.stay(Phase::Answering(batches.into()), Next::After(10))
             }
         }
     }
@@ -198,31 +193,20 @@ impl Learner {
     /// The rollout in progress, up to what takes time.
     pub(super) fn collect(&mut self, world: &mut World, me: TaskId, mut patience: Patience, began: u64) -> Next {
         match self.collector().task() {
-            Task::Await { .. } => match self.await_actors(world, me, Collector::missing, (&mut patience, began)) {
+            Task::Await => match self.await_actors(world, me, Collector::missing, (&mut patience, began)) {
                 Ok(()) => self.go_on(world, 5),
                 Err(Some(next)) => next,
                 Err(None) => self.stay(Phase::Collecting { patience, began }, Next::Wait(LOOK)),
             },
-            Task::Act { half, t } => {
+            Task::Act(lanes) => {
                 if !std::mem::replace(&mut self.connected, true) {
                     self.tell(world, me, LearnerEvent::ActorsConnected { rank: self.rank });
                 }
-                self.settle(half);
-                let weights = self.acting;
-                let chosen = self.look(half).into_iter().map(|(column, seen)| (column, seen, choose(weights, seen)));
-                let chosen = Some(chosen.collect());
+                self.settle(&lanes);
+                let chosen = self.look(&lanes);
                 let patience = Patience::new(world.setup.config.learner.actor_deadline_s);
-                self.phase = Phase::Receipting { half, chosen, t, patience, began: world.now };
+                self.phase = Phase::Receipting { lanes, chosen, patience, began: world.now };
                 Next::After(world.dice.spread(200, 4 * MILLISECOND))
-            }
-            Task::Bootstrap { half } => {
-                self.settle(half);
-                for (column, seen) in self.look(half) {
-                    self.digest_of(column, of_bootstrap(self.columns.start + column, seen));
-                }
-                let patience = Patience::new(world.setup.config.learner.actor_deadline_s);
-                self.phase = Phase::Receipting { half, chosen: None, t: 0, patience, began: world.now };
-                Next::After(world.dice.spread(100, MILLISECOND))
             }
             Task::Finish => self.finish_update(world, me, After::Agreement(None)),
         }
@@ -239,8 +223,8 @@ impl Learner {
         self.digests[column] = self.digests[column].wrapping_add(more);
     }
 
-    fn settle(&mut self, half: u32) {
-        for settled in self.collector().settle(half) {
+    fn settle(&mut self, lanes: &[Lane]) {
+        for settled in self.collector().settle(lanes) {
             let outcome = settled.outcome;
             let flags = [outcome.ended, outcome.time_limit, outcome.disturbed];
             let more = of_outcome(settled.t, self.columns.start + settled.column, outcome.reward, flags);
@@ -248,25 +232,32 @@ impl Learner {
         }
     }
 
-    /// What the policy is given for each column of a half.
-    fn look(&mut self, half: u32) -> Vec<(usize, u64)> {
-        let batch = self.collector().batch(half);
+    /// What the policy is given for each column of some lanes, and what it chooses.
+    fn look(&mut self, lanes: &[Lane]) -> Chosen {
+        let weights = self.acting;
+        let batch = self.collector().batch(lanes);
         let input = batch.input();
-        let seen = |(i, &column): (usize, &usize)| {
+        let seen = |(i, (&column, t)): (usize, (&usize, usize))| {
             let noise = &input.gumbel[i * NOISE..][..NOISE];
-            (column, look(input.goal_m[i], noise, input.previous_action[i], input.episode_start[i]))
+            let seen = look(input.goal_m[i], noise, input.previous_action[i], input.episode_start[i]);
+            Choice { t, column, seen, action: choose(weights, seen) }
         };
-        input.columns.iter().enumerate().map(seen).collect()
+        input.columns.iter().zip(batch.rows()).enumerate().map(seen).collect()
     }
 
-    fn act(&mut self, half: u32, t: usize, chosen: &[(usize, u64, u8)]) -> Vec<ActionBatch> {
-        let actions: Vec<u8> = chosen.iter().map(|&(_, _, action)| action).collect();
-        let batches = self.collector().answer(half, &actions);
+    /// Answers some lanes. Of those whose last action is taken, what is seen is for the bootstrap.
+    fn act(&mut self, lanes: &[Lane], chosen: &[Choice]) -> Vec<ActionBatch> {
+        let actions: Vec<u8> = chosen.iter().map(|choice| choice.action).collect();
+        let batches = self.collector().answer(lanes, &actions);
         // What the collector has made of the agent's choice: HOLD where a column does not act.
-        let sent: Vec<u8> = batches.iter().flat_map(|batch| batch.actions.clone()).collect();
-        for (&(column, seen, action), sent) in chosen.iter().zip(sent) {
-            if action == sent {
-                self.digest_of(column, of_action(t, self.columns.start + column, action, seen));
+        let mut sent = batches.iter().flat_map(|batch| batch.actions.clone());
+        let steps = self.collector().steps();
+        for &Choice { t, column, seen, action } in chosen {
+            let place = self.columns.start + column;
+            if t == steps {
+                self.digest_of(column, of_bootstrap(place, seen));
+            } else if sent.next() == Some(action) {
+                self.digest_of(column, of_action(t, place, action, seen));
             }
         }
         batches

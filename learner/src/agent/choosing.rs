@@ -1,0 +1,296 @@
+//! One step of the policy for columns that are inferred together: by a CUDA graph where there is one.
+
+use super::acting::Rows;
+use super::overlap::policy;
+use super::padding::Padded;
+use super::step::{Inference, column_indices, pick, sample};
+use super::{Agent, AgentError, NO_GRAPH, StepInput, StepOutput};
+use crate::ffi::kernels::Chosen;
+use crate::network::{FramePreparation, Observations, RawFrame, goal_coordinates, table_row, to_vec};
+use crate::rollout::Step;
+use tch::Tensor;
+
+impl Agent {
+    /// [`Agent::step_each`] for columns that are inferred together.
+    pub(super) fn step_together(&mut self, rows: &[usize], input: &StepInput) -> Result<StepOutput, AgentError> {
+        let count = input.columns.len();
+        assert!(input.columns.is_sorted_by(|a, b| a < b), "columns ascend");
+        let actions = self.config.episode.action_space.actions().len();
+        let steps = self.rollout.as_ref().expect("step is called between begin_rollout and update").shape().steps;
+        // Whose last action is taken chooses none.
+        let silent = if rows.iter().all(|&t| t == steps) { vec![0.0; count * actions] } else { vec![] };
+        let input = if silent.is_empty() { *input } else { StepInput { gumbel: &silent, ..*input } };
+        assert_eq!(input.gumbel.len(), count * actions, "noise for every action of every column");
+        let choices = match self.batch_rows.filter(|&wanted| count < wanted) {
+            Some(wanted) => self.choose(rows, &Padded::new(&input, wanted).input())?,
+            None => self.choose(rows, &input)?,
+        };
+        Ok(self.note(rows, input.columns, choices))
+    }
+
+    /// What the policy makes of a batch, of which the first `rows.len()` rows are kept: their frames and beliefs are,
+    /// what was chosen is not yet.
+    fn choose(&mut self, rows: &[usize], input: &StepInput) -> Result<Vec<(Step, Chosen)>, AgentError> {
+        let steps = self.seen(input)?;
+        let choices = match self.replay(rows, input, &steps) {
+            Some(choices) => choices,
+            None => self.choose_without_graph(rows, input, &steps)?,
+        };
+        match choices.iter().zip(input.columns).take(rows.len()).find(|(choice, _)| !choice.finite) {
+            Some((_, column)) => Err(AgentError::NonFinite { what: format!("column {column}: policy or value") }),
+            None => Ok(steps.into_iter().zip(choices).take(rows.len()).collect()),
+        }
+    }
+
+    fn choose_without_graph(
+        &mut self,
+        rows: &[usize],
+        input: &StepInput,
+        steps: &[Step],
+    ) -> Result<Vec<Chosen>, AgentError> {
+        let Inference { kept, beliefs, log_probs, values } = self.infer(input, steps)?;
+        let rollout = self.rollout.as_mut().expect("step is called between begin_rollout and update");
+        let actions = self.config.episode.action_space.actions().len();
+        let choose = |((log_probs, noise), &value): ((&[f32], &[f32]), &f32)| {
+            let action = sample(log_probs, noise);
+            Chosen { log_prob: log_probs[action], value, action, finite: true }
+        };
+        let noisy = log_probs.chunks_exact(actions).zip(input.gumbel.chunks_exact(actions));
+        let choices = noisy.zip(&values).map(choose).collect();
+
+        let places = |holds: &dyn Fn(usize, usize) -> bool| -> Vec<usize> {
+            (0..rows.len()).filter(|&row| holds(rows[row], input.columns[row])).collect()
+        };
+        let seen = places(&|t, _| t < rollout.shape().steps);
+        let acting = places(&|t, column| rollout.is_valid(t, column));
+        if !seen.is_empty() {
+            rollout.keep(seen.iter().map(|&row| (rows[row], input.columns[row])), &pick(&kept, &seen));
+        }
+        if !acting.is_empty() {
+            let columns: Vec<usize> = acting.iter().map(|&row| input.columns[row]).collect();
+            let columns = column_indices(&columns, self.device);
+            let _ = self.beliefs.index_copy_(0, &columns, &pick(&beliefs, &acting));
+        }
+        Ok(choices)
+    }
+
+    /// The network's inputs besides the frames; no actions are chosen yet.
+    pub(super) fn seen(&self, input: &StepInput) -> Result<Vec<Step>, AgentError> {
+        let StepInput { columns, frames, goal_m, previous_action, episode_start, .. } = *input;
+        let rows = columns.len();
+        assert!(
+            [frames.len(), goal_m.len(), previous_action.len(), episode_start.len()] == [rows; 4] && rows > 0,
+            "one entry a column"
+        );
+
+        let mut steps = Vec::with_capacity(rows);
+        for (row, &column) in columns.iter().enumerate() {
+            if !goal_m[row].iter().all(|coordinate| coordinate.is_finite()) {
+                return Err(AgentError::NonFinite { what: format!("column {column}: goal sensor") });
+            }
+            let action = previous_action[row];
+            steps.push(Step {
+                goal: goal_coordinates(self.config.network.goal, goal_m[row]),
+                previous_action: table_row(self.config.episode.action_space, action)
+                    .ok_or(AgentError::UnknownAction { column, action })?,
+                episode_start: episode_start[row],
+                ..Step::default()
+            });
+        }
+        Ok(steps)
+    }
+
+    /// What the policy makes of a batch, by a CUDA graph. `None` where there is none. Frames and beliefs of the first
+    /// `rows.len()` rows are stored; what was chosen is not.
+    fn replay(&mut self, rows: &[usize], input: &StepInput, steps: &[Step]) -> Option<Vec<Chosen>> {
+        let network = policy(self.overlap.as_ref(), self.trainer.as_deref());
+        let (Some(acting), Some(kernels), Some(rollout)) = (&mut self.acting, network.kernels(), self.rollout.as_ref())
+        else {
+            return None;
+        };
+        let (unused_belief, unused_place) = (self.table.size()[0] - 1, rollout.unused_place());
+        let columns: Vec<i64> = input.columns.iter().map(|&column| column as i64).collect();
+        let (mut places, mut beliefs_to) = (vec![unused_place; columns.len()], vec![unused_belief; columns.len()]);
+        for (row, (&t, &column)) in rows.iter().zip(input.columns).enumerate() {
+            if t < rollout.shape().steps {
+                places[row] = rollout.place(t, column);
+            }
+            // A column that holds keeps its belief, because the same observation comes again.
+            if rollout.is_valid(t, column) {
+                beliefs_to[row] = column as i64;
+            }
+        }
+        let batch = Rows {
+            frames: input.frames,
+            places: &places,
+            columns: &columns,
+            beliefs_to: &beliefs_to,
+            steps,
+            noise: input.gumbel,
+        };
+        match acting.step(network, kernels, &self.table, rollout.frames(), batch) {
+            Ok(choices) => Some(choices),
+            Err(error) => {
+                tracing::warn!("{NO_GRAPH}: {error}");
+                self.acting = None;
+                None
+            }
+        }
+    }
+
+    /// Notes what was chosen for each column at its row, or its value after the last.
+    fn note(&mut self, rows: &[usize], columns: &[usize], choices: Vec<(Step, Chosen)>) -> StepOutput {
+        let space = self.config.episode.action_space.actions();
+        let rollout = self.rollout.as_mut().expect("step is called between begin_rollout and update");
+        let mut output = StepOutput::default();
+        for ((mut step, choice), (&t, &column)) in choices.into_iter().zip(rows.iter().zip(columns)) {
+            let Chosen { log_prob, value, action, .. } = choice;
+            if t == rollout.shape().steps {
+                rollout.set_bootstrap(column, value);
+            } else {
+                (step.action, step.log_prob, step.value) = (action as i64, log_prob, value);
+                rollout.note(t, column, step);
+            }
+            output.actions.push(space[action].index());
+            output.log_probs.push(log_prob);
+            output.values.push(value);
+        }
+        output
+    }
+
+    pub(super) fn infer(&mut self, input: &StepInput, steps: &[Step]) -> Result<Inference, AgentError> {
+        let StepInput { columns, frames, episode_start, .. } = *input;
+        let rows = columns.len();
+        let network = policy(self.overlap.as_ref(), self.trainer.as_deref());
+        let preparation: FramePreparation = network.preparation;
+        let goals: Vec<f32> = steps.iter().flat_map(|step| step.goal).collect();
+        let previous_actions: Vec<i64> = steps.iter().map(|step| step.previous_action).collect();
+        let carried: Vec<f32> = episode_start.iter().map(|&start| if start { 0.0 } else { 1.0 }).collect();
+        let to_device = |tensor: Tensor| tensor.to_device(self.device);
+        let raw: Vec<&RawFrame> = frames.iter().map(|frame| frame.depth_mm).collect();
+
+        let _no_grad = tch::no_grad_guard();
+        let observations = Observations {
+            frames: preparation.keep(&raw, &mut self.staging),
+            goals: to_device(Tensor::from_slice(&goals).view([-1, 3])),
+            previous_actions: to_device(Tensor::from_slice(&previous_actions)),
+        };
+        let before = self.beliefs.index_select(0, &column_indices(columns, self.device))
+            * to_device(Tensor::from_slice(&carried).unsqueeze(1));
+        let embedded = network.embed(&observations);
+        let beliefs = network.belief.step(&network.parameters, &embedded, &before);
+        let output = network.actor_critic(&beliefs);
+
+        // One copy back: each row is the log-probabilities and then the value.
+        let judged = to_vec(&Tensor::cat(&[output.log_probs, output.values.unsqueeze(1)], 1));
+        let mut log_probs = Vec::with_capacity(judged.len());
+        let mut values = Vec::with_capacity(rows);
+        for (row, &column) in judged.chunks_exact(judged.len() / rows).zip(columns) {
+            if !row.iter().all(|number| number.is_finite()) {
+                return Err(AgentError::NonFinite { what: format!("column {column}: policy or value") });
+            }
+            let (value, row_log_probs) = row.split_last().expect("a row has at least the value");
+            log_probs.extend_from_slice(row_log_probs);
+            values.push(*value);
+        }
+        Ok(Inference { kept: observations.frames, beliefs, log_probs, values })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bench::Frames;
+    use crate::collector::Batch;
+    use proto::config::Config;
+    use proto::stage::RolloutShape;
+    use std::collections::BTreeMap;
+    use tch::Device;
+
+    /// The rows of both halves that a rule picks, as one input.
+    fn picked<'a>(halves: &[Batch<'a>; 2], pick: impl Fn(usize) -> bool) -> Batch<'a> {
+        let mut rows: Vec<(usize, usize, usize)> = vec![];
+        for (half, batch) in halves.iter().enumerate() {
+            let columns = batch.columns.iter().enumerate();
+            rows.extend(columns.filter(|(_, column)| pick(**column)).map(|(row, &column)| (column, half, row)));
+        }
+        rows.sort_unstable();
+        let actions = halves[0].gumbel.len() / halves[0].columns.len();
+        let at = || rows.iter().map(|&(_, half, row)| (&halves[half], row));
+        Batch {
+            columns: rows.iter().map(|row| row.0).collect(),
+            rows: at().map(|(batch, row)| batch.rows[row]).collect(),
+            frames: at().map(|(batch, row)| batch.frames[row]).collect(),
+            goal_m: at().map(|(batch, row)| batch.goal_m[row]).collect(),
+            previous_action: at().map(|(batch, row)| batch.previous_action[row]).collect(),
+            episode_start: at().map(|(batch, row)| batch.episode_start[row]).collect(),
+            gumbel: at().flat_map(|(batch, row)| batch.gumbel[row * actions..][..actions].to_vec()).collect(),
+        }
+    }
+
+    /// To the last bit, with a graph and without: some go through all of a rollout before others begin, and halves stand
+    /// beside one another in other places than in lockstep.
+    #[test]
+    #[ignore = "needs a CUDA device"]
+    fn what_the_network_makes_of_a_row_does_not_depend_on_the_others() {
+        const STEPS: usize = 3;
+        crate::device::load_cuda();
+        let mut config = Config::resolve("recipe", None).unwrap();
+        for ([actors, environments], shards, groups) in
+            [([19, 16], 0, 5), ([19, 16], 0, 2), ([8, 16], 4, 3), ([38, 16], 0, 4), ([10, 2], 0, 4)]
+        {
+            (config.actors.count, config.actors.environments_per_actor) = (actors, environments);
+            config.learner.shards = shards;
+            let frames = Frames::new(&config).unwrap();
+            let lanes = |column: usize| column / (environments as usize / 2);
+            for with_graph in [true, false] {
+                let [mut lockstep, mut ready] = [(); 2].map(|()| Agent::new(&config, Device::Cuda(0)).unwrap());
+                let mut outputs = [BTreeMap::new(), BTreeMap::new()];
+                for agent in [&mut lockstep, &mut ready] {
+                    agent.acting = agent.acting.take().filter(|_| with_graph);
+                    agent.begin_rollout(RolloutShape::next(u64::MAX, STEPS, config.environments()));
+                }
+                let mut step = |agent: &mut Agent, which: usize, batch: &Batch| {
+                    let output = agent.step_each(&batch.rows, &batch.input()).unwrap();
+                    for (row, (&t, &column)) in batch.rows.iter().zip(&batch.columns).enumerate() {
+                        // After the last action none is chosen.
+                        let action = if t == STEPS { 0 } else { output.actions[row] };
+                        let said = (action, output.values[row].to_bits());
+                        assert!(outputs[which].insert((t, column), said).is_none());
+                    }
+                };
+                for t in 0..=STEPS {
+                    let halves = [0, 1].map(|half| frames.batch(half, t, frames.noise(half, t)));
+                    for batch in &halves {
+                        step(&mut lockstep, 0, batch);
+                    }
+                }
+                for group in 0..groups {
+                    for t in 0..=STEPS {
+                        let halves = [0, 1].map(|half| frames.batch(half, t, frames.noise(half, t)));
+                        // No more of a shard than fit.
+                        for part in 0..2 {
+                            let of = |column| lanes(column) * 7 % groups == group && lanes(column) / 2 % 2 == part;
+                            let batch = picked(&halves, of);
+                            if !batch.columns.is_empty() {
+                                step(&mut ready, 1, &batch);
+                            }
+                        }
+                    }
+                }
+                assert_eq!(ready.acting.is_some(), with_graph);
+                let [first, second] = outputs;
+                assert_eq!(first.len(), (STEPS + 1) * config.environments());
+                assert!(first == second, "{actors} x {environments}, graph: {with_graph}");
+                assert!(lockstep.beliefs.equal(&ready.beliefs), "beliefs");
+                let stored = |agent: &Agent| agent.rollout_tensors();
+                let (one, other) = (stored(&lockstep), stored(&ready));
+                for (name, tensor) in &one {
+                    // Not a number is equal to nothing, but it is the same.
+                    let (left, right) = (tensor.nan_to_num(7.0, None, None), other[name].nan_to_num(7.0, None, None));
+                    assert!(left.equal(&right), "{name}");
+                }
+            }
+        }
+    }
+}

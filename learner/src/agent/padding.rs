@@ -1,0 +1,87 @@
+//! Batches of one size, whoever is ready.
+//!
+//! What the network makes of a row depends, to the last bits, on how many rows go through it together, because other
+//! numbers of rows have other kernels. On a GPU it does not depend on which they are or where the row stands among
+//! them. So a batch that is short of some rows gets others, of which nothing is kept, and the actors need not wait for
+//! each other.
+
+use super::step::StepInput;
+use crate::shards::Shards;
+use proto::camera::DepthFrame;
+use proto::config::Config;
+
+/// Rows of a batch, of every shard; none where they differ, so that batches are what they are.
+pub(super) fn batch_rows(config: &Config, shards: &Shards) -> Option<usize> {
+    let each = config.actors.environments_per_actor as usize;
+    let [first, others @ ..] = shards.columns() else { return None };
+    let alike = others.iter().all(|shard| shard.len() == first.len());
+    match each {
+        1 => alike.then_some(first.len()),
+        _ => (alike && each.is_multiple_of(2)).then_some(first.len() / 2),
+    }
+}
+
+/// A step's input with rows of which nothing is kept.
+#[derive(Debug)]
+pub(super) struct Padded<'a> {
+    columns: Vec<usize>,
+    frames: Vec<DepthFrame<'a>>,
+    goal_m: Vec<[f32; 3]>,
+    previous_action: Vec<u8>,
+    episode_start: Vec<bool>,
+    gumbel: Vec<f32>,
+}
+
+impl<'a> Padded<'a> {
+    /// The first row again, until there are `rows`.
+    pub fn new(input: &StepInput<'a>, rows: usize) -> Self {
+        fn again<T: Clone>(values: &[T], rows: usize) -> Vec<T> {
+            let mut values = values.to_vec();
+            values.resize(rows, values[0].clone());
+            values
+        }
+        let draws = input.gumbel.len() / input.columns.len();
+        let mut gumbel = input.gumbel.to_vec();
+        gumbel.resize(rows * draws, 0.0);
+        Self {
+            columns: again(input.columns, rows),
+            frames: again(input.frames, rows),
+            goal_m: again(input.goal_m, rows),
+            previous_action: again(input.previous_action, rows),
+            episode_start: again(input.episode_start, rows),
+            gumbel,
+        }
+    }
+
+    pub fn input(&self) -> StepInput<'_> {
+        StepInput {
+            columns: &self.columns,
+            frames: &self.frames,
+            goal_m: &self.goal_m,
+            previous_action: &self.previous_action,
+            episode_start: &self.episode_start,
+            gumbel: &self.gumbel,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn batches_are_of_one_size_where_halves_and_shards_are() {
+        let rows = |actors, environments, shards, columns| {
+            let mut config = Config::default();
+            (config.actors.count, config.actors.environments_per_actor, config.learner.shards) =
+                (actors, environments, shards);
+            batch_rows(&config, &Shards::of(&config, &columns))
+        };
+        assert_eq!(rows(19, 16, 0, 0..304), Some(152));
+        assert_eq!(rows(38, 16, 0, 304..608), Some(152));
+        assert_eq!(rows(19, 1, 0, 0..19), Some(19));
+        assert_eq!(rows(4, 3, 0, 0..12), None);
+        assert_eq!((rows(8, 16, 4, 0..128), rows(8, 16, 4, 64..128)), (Some(16), Some(16)));
+        assert_eq!(rows(5, 2, 4, 0..10), None);
+    }
+}
