@@ -195,6 +195,8 @@ mod tests {
                 if ledger.judge(&header(actor, half, 1, step)) == Verdict::News { news += 1; }
             }
             prop_assert_eq!(news, sent);
+            let begun: u64 = next.as_flattened().iter().map(|&position| u64::from(position > 0)).sum();
+            prop_assert_eq!(ledger.news(0..3), sent + begun, "and has a receipt");
             prop_assert_eq!(ledger.missed(), 0);
         }
     }

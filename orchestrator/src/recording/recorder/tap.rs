@@ -297,3 +297,48 @@ fn write_note(scribe: &mut Scribe, time_ns: u64, note: Note) -> Result<(), Segme
         Note::Began { .. } | Note::Collected { .. } | Note::Finish => Ok(()),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proto::shares::Shares;
+    use wire::{Bells, WireAddress, WireHost};
+
+    #[test]
+    fn a_learner_is_rung_for_every_receipt_and_at_once_for_the_last_of_a_half() {
+        const LONG: Duration = Duration::from_secs(20);
+        const SHORT: Duration = Duration::from_millis(30);
+        let shape = WireShape { shares: Shares::of_one(2), environments_per_actor: 1 };
+        let address = WireAddress::new(&format!("rtell{}", std::process::id()), 1);
+        let host = WireHost::create(&address, shape).unwrap();
+        {
+            let bells = Bells::open(&address, shape).unwrap();
+            let learner = bells.wakeup(Sleeper::Learner(0));
+            let own = vec![bells.bell([Sleeper::Learner(0)])];
+            let mut learners = Learners { shape, first: 0, bells: own, told: vec![Told::default()] };
+            let mut ledger = Ledger::new(2);
+            let mut tell = |samples: &[(u32, u64)]| {
+                for &(actor, step) in samples {
+                    ledger.judge(&ObservationHeader { actor, step, learner_incarnation: 1, ..Default::default() });
+                }
+                learners.tell(&ledger);
+            };
+            let wakes = |counted, longest| {
+                let began = Instant::now();
+                learner.wait_for(counted, longest);
+                began.elapsed() < longest / 2
+            };
+            learner.wait(Duration::ZERO);
+            tell(&[(0, 0)]);
+            assert!(wakes(1, LONG), "who waits for any receipt");
+            tell(&[(0, 1)]);
+            assert!(!wakes(2, SHORT), "who waits for more than that");
+            tell(&[(1, 0)]);
+            assert!(wakes(9, LONG), "a half has come from all");
+            tell(&[(1, 0)]);
+            assert!(!wakes(1, SHORT), "nothing is new");
+        }
+        drop(host);
+        address.sweep().unwrap();
+    }
+}
