@@ -238,6 +238,12 @@ fn parts(rows: usize) -> Vec<Range<usize>> {
     (0..count).map(|part| end(part)..end(part + 1)).collect()
 }
 
+/// Whether the parts of such a batch are equally long: only then does it not matter in which a row is.
+pub(super) fn parts_are_alike(rows: usize) -> bool {
+    let parts = parts(rows);
+    parts.iter().all(|part| part.len() == parts[0].len())
+}
+
 /// Writes the inputs of a step into their pinned memory.
 fn fill(inputs: &mut Tensor, layout: &InputBytes, frames: &[i64], rows: Rows) {
     fn put<const BYTES: usize>(to: &mut [u8], numbers: impl Iterator<Item = [u8; BYTES]>) {
@@ -309,6 +315,7 @@ mod tests {
             let parts = parts(rows);
             assert_eq!(parts.len(), count, "{rows}");
             assert!(parts.iter().all(|part| !part.is_empty()));
+            assert_eq!(parts_are_alike(rows), rows != 77);
             assert_eq!(parts.into_iter().flatten().collect::<Vec<_>>(), (0..rows).collect::<Vec<_>>());
         }
     }

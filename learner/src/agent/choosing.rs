@@ -13,17 +13,17 @@ use tch::Tensor;
 impl Agent {
     /// [`Agent::step_each`] for columns that are inferred together.
     pub(super) fn step_together(&mut self, rows: &[usize], input: &StepInput) -> Result<StepOutput, AgentError> {
+        input.check();
         let count = input.columns.len();
-        assert!(input.columns.is_sorted_by(|a, b| a < b), "columns ascend");
         let actions = self.config.episode.action_space.actions().len();
         let steps = self.rollout.as_ref().expect("step is called between begin_rollout and update").shape().steps;
-        // Whose last action is taken chooses none.
-        let silent = if rows.iter().all(|&t| t == steps) { vec![0.0; count * actions] } else { vec![] };
-        let input = if silent.is_empty() { *input } else { StepInput { gumbel: &silent, ..*input } };
+        // Whose last action is taken chooses none, and needs no noise.
+        let silence = rows.iter().all(|&t| t == steps).then(|| vec![0.0; count * actions]);
+        let input = &StepInput { gumbel: silence.as_deref().unwrap_or(input.gumbel), ..*input };
         assert_eq!(input.gumbel.len(), count * actions, "noise for every action of every column");
         let choices = match self.batch_rows.filter(|&wanted| count < wanted) {
-            Some(wanted) => self.choose(rows, &Padded::new(&input, wanted).input())?,
-            None => self.choose(rows, &input)?,
+            Some(wanted) => self.choose(rows, &Padded::new(input, wanted).input())?,
+            None => self.choose(rows, input)?,
         };
         Ok(self.note(rows, input.columns, choices))
     }
@@ -76,13 +76,8 @@ impl Agent {
 
     /// The network's inputs besides the frames; no actions are chosen yet.
     pub(super) fn seen(&self, input: &StepInput) -> Result<Vec<Step>, AgentError> {
-        let StepInput { columns, frames, goal_m, previous_action, episode_start, .. } = *input;
+        let StepInput { columns, goal_m, previous_action, episode_start, .. } = *input;
         let rows = columns.len();
-        assert!(
-            [frames.len(), goal_m.len(), previous_action.len(), episode_start.len()] == [rows; 4] && rows > 0,
-            "one entry a column"
-        );
-
         let mut steps = Vec::with_capacity(rows);
         for (row, &column) in columns.iter().enumerate() {
             if !goal_m[row].iter().all(|coordinate| coordinate.is_finite()) {
@@ -219,7 +214,7 @@ mod tests {
         let at = || rows.iter().map(|&(_, half, row)| (&halves[half], row));
         Batch {
             columns: rows.iter().map(|row| row.0).collect(),
-            rows: at().map(|(batch, row)| batch.rows[row]).collect(),
+            at: at().map(|(batch, row)| batch.at[row]).collect(),
             frames: at().map(|(batch, row)| batch.frames[row]).collect(),
             goal_m: at().map(|(batch, row)| batch.goal_m[row]).collect(),
             previous_action: at().map(|(batch, row)| batch.previous_action[row]).collect(),
@@ -236,13 +231,23 @@ mod tests {
         const STEPS: usize = 3;
         crate::device::load_cuda();
         let mut config = Config::resolve("recipe", None).unwrap();
-        for ([actors, environments], shards, groups) in
-            [([19, 16], 0, 5), ([19, 16], 0, 2), ([8, 16], 4, 3), ([38, 16], 0, 4), ([10, 2], 0, 4)]
-        {
-            (config.actors.count, config.actors.environments_per_actor) = (actors, environments);
-            config.learner.shards = shards;
+        for ([actors, environments], shards, groups) in [
+            ([38, 1], 0, 5),
+            ([128, 1], 0, 3),
+            ([8, 1], 4, 3),
+            ([19, 16], 0, 5),
+            ([19, 16], 0, 2),
+            ([8, 16], 4, 3),
+            ([38, 16], 0, 4),
+            ([10, 2], 0, 4),
+        ] {
+            // Frames come in two halves.
+            let with_halves = if environments == 1 { [actors / 2, 2] } else { [actors, environments] };
+            [config.actors.count, config.actors.environments_per_actor] = with_halves;
             let frames = Frames::new(&config).unwrap();
-            let lanes = |column: usize| column / (environments as usize / 2);
+            [config.actors.count, config.actors.environments_per_actor] = [actors, environments];
+            config.learner.shards = shards;
+            let lanes = |column: usize| column / (environments as usize).div_ceil(2);
             for with_graph in [true, false] {
                 let [mut lockstep, mut ready] = [(); 2].map(|()| Agent::new(&config, Device::Cuda(0)).unwrap());
                 let mut outputs = [BTreeMap::new(), BTreeMap::new()];
@@ -251,8 +256,8 @@ mod tests {
                     agent.begin_rollout(RolloutShape::next(u64::MAX, STEPS, config.environments()));
                 }
                 let mut step = |agent: &mut Agent, which: usize, batch: &Batch| {
-                    let output = agent.step_each(&batch.rows, &batch.input()).unwrap();
-                    for (row, (&t, &column)) in batch.rows.iter().zip(&batch.columns).enumerate() {
+                    let output = agent.step_each(&batch.at, &batch.input()).unwrap();
+                    for (row, (&t, &column)) in batch.at.iter().zip(&batch.columns).enumerate() {
                         // After the last action none is chosen.
                         let action = if t == STEPS { 0 } else { output.actions[row] };
                         let said = (action, output.values[row].to_bits());
@@ -261,7 +266,8 @@ mod tests {
                 };
                 for t in 0..=STEPS {
                     let halves = [0, 1].map(|half| frames.batch(half, t, frames.noise(half, t)));
-                    for batch in &halves {
+                    let whole = if environments == 1 { vec![picked(&halves, |_| true)] } else { halves.into() };
+                    for batch in &whole {
                         step(&mut lockstep, 0, batch);
                     }
                 }

@@ -151,6 +151,7 @@ impl Agent {
     /// # Panics
     /// When the input's slices differ in length.
     pub fn act(&mut self, input: &StepInput) -> Result<Choice, AgentError> {
+        input.check();
         let space = self.config.episode.action_space.actions();
         assert_eq!(input.gumbel.len(), input.columns.len() * space.len(), "noise for every action of every column");
         let steps = self.seen(input)?;

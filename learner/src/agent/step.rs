@@ -22,6 +22,20 @@ pub struct StepInput<'a> {
     pub gumbel: &'a [f32],
 }
 
+impl StepInput<'_> {
+    /// # Panics
+    /// If the slices differ in length, there is no column, or columns do not ascend.
+    pub(super) fn check(&self) {
+        let Self { columns, frames, goal_m, previous_action, episode_start, .. } = *self;
+        let rows = columns.len();
+        assert!(
+            [frames.len(), goal_m.len(), previous_action.len(), episode_start.len()] == [rows; 4] && rows > 0,
+            "one entry a column"
+        );
+        assert!(columns.is_sorted_by(|a, b| a < b), "columns ascend");
+    }
+}
+
 /// What the policy chose, one entry a column of the input.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct StepOutput {

@@ -114,7 +114,7 @@ impl Frames {
         let frames = samples.flat_map(|sample| sample.payload().iter().map(Observation::frame)).collect();
         let starts: Vec<bool> = columns.iter().map(|&column| episode_step(column, step) == 0).collect();
         Batch {
-            rows: vec![step; columns.len()],
+            at: vec![step; columns.len()],
             frames,
             goal_m: columns.iter().map(|&column| [0.1, 0.2, (column % 7) as f32 * 0.3]).collect(),
             previous_action: starts.iter().map(|&start| if start { NO_ACTION } else { 16 }).collect(),

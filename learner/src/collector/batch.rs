@@ -9,7 +9,7 @@ use proto::episode::EnvironmentId;
 pub struct Batch<'a> {
     pub(crate) columns: Vec<usize>,
     /// Row of the rollout that each column is at; as many as it has, after the last action.
-    pub(crate) rows: Vec<usize>,
+    pub(crate) at: Vec<usize>,
     pub(crate) frames: Vec<DepthFrame<'a>>,
     pub(crate) goal_m: Vec<[f32; 3]>,
     pub(crate) previous_action: Vec<u8>,
@@ -20,7 +20,7 @@ pub struct Batch<'a> {
 impl Batch<'_> {
     /// Row of the rollout that each column is at.
     pub fn rows(&self) -> impl Iterator<Item = usize> {
-        self.rows.iter().copied()
+        self.at.iter().copied()
     }
 
     /// The batch as the agent takes it.

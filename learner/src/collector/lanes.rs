@@ -9,13 +9,13 @@ pub enum Pace {
     /// The first halves of all actors, then all second halves: a batch always has the same rows. All wait for the
     /// slowest.
     Lockstep,
-    /// Whoever is there: within a rollout actors wait for nobody but the learner. For an agent that gives a row the same
-    /// result whatever stands beside it.
+    /// Whoever is there, as soon as they are a share of those who are not through with the rollout. The fast run ahead of
+    /// the slow, up to its end. For an agent that gives a row the same result whatever stands beside it.
     Ready,
 }
 
-/// One in so many of those who are not through with the rollout must be there before [`Pace::Ready`] lets them act: the
-/// others have something to do meanwhile, and a batch of a few rows takes nearly as long as one of many.
+/// One in so many must be there before [`Pace::Ready`] lets them act: the others have something to do meanwhile, and a
+/// batch of a few rows takes nearly as long as one of many.
 const READY_SHARE: usize = 4;
 
 /// One actor's half at a row of the rollout.
@@ -32,7 +32,7 @@ pub struct Lane {
 /// What the lanes wait for.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Next {
-    /// Observations of these actors, ascending; it is enough to look when so many have come.
+    /// Observations of these actors, or receipts for them, ascending; it is enough to look when so many have come.
     Await { actors: Vec<u32>, enough: u32 },
     /// These act together, ascending.
     Act(Vec<Lane>),
@@ -64,6 +64,8 @@ pub struct Lanes<S> {
     shards: Vec<usize>,
     /// Exchange that the rollout began with.
     from: u64,
+    /// And the first rollout.
+    first: u64,
 }
 
 /// Meaning of a sample's step.
@@ -82,7 +84,7 @@ impl<S> Lanes<S> {
     pub fn new(pace: Pace, halves: u32, shards: Vec<usize>, from: u64) -> Self {
         let standing = || Standing { step: from, sample: None, recorded: None, settled: false, valued: false };
         let all = (0..shards.len() * halves as usize).map(|_| standing()).collect();
-        Self { pace, halves, all, shards, from }
+        Self { pace, halves, all, shards, from, first: from }
     }
 
     fn at(&self, index: u32, half: u32) -> &Standing<S> {
@@ -107,6 +109,11 @@ impl<S> Lanes<S> {
     pub fn begin(&mut self) {
         self.from = self.boundary();
         self.all.iter_mut().for_each(|lane| lane.valued = false);
+    }
+
+    /// Whether observations have come from all at least once.
+    pub fn all_seen(&self) -> bool {
+        self.all.iter().all(|lane| lane.sample.is_some() || lane.step > self.first)
     }
 
     /// The exchange of all between two rollouts.
@@ -140,6 +147,12 @@ impl<S> Lanes<S> {
         *slot = Some(sample);
     }
 
+    /// Whether a lane is at this row and its observations are here.
+    pub fn stands(&self, lane: Lane) -> bool {
+        let standing = self.at(lane.index, lane.half);
+        standing.sample.is_some() && self.row(standing) == lane.t
+    }
+
     /// The observations of a lane whose turn it is.
     ///
     /// # Panics
@@ -167,12 +180,10 @@ impl<S> Lanes<S> {
 
     /// Lanes that are not through with the rollout, ascending.
     fn open(&self) -> impl Iterator<Item = (Lane, &Standing<S>)> {
-        let of = move |(place, lane): (u32, &Standing<S>)| Lane {
-            index: place / self.halves,
-            half: place % self.halves,
-            t: self.row(lane),
-        };
-        (0..).zip(&self.all).map(move |(place, lane)| (of((place, lane)), lane)).filter(|(_, lane)| !lane.valued)
+        let open = (0..).zip(&self.all).filter(|(_, lane)| !lane.valued);
+        open.map(|(place, lane): (u32, _)| {
+            (Lane { index: place / self.halves, half: place % self.halves, t: self.row(lane) }, lane)
+        })
     }
 
     /// Rows of the rollout whose outcomes are taken in from every lane.
@@ -277,7 +288,7 @@ mod tests {
     fn run(lanes: &mut Lanes<()>, slow: &[(u32, u32)]) -> Vec<Vec<Lane>> {
         let mut turns = vec![];
         loop {
-            for (lane, _) in lanes.open().map(|(lane, standing)| (lane, standing.step)).collect::<Vec<_>>() {
+            for lane in lanes.open().map(|(lane, _)| lane).collect::<Vec<_>>() {
                 let is_slow = slow.contains(&(lane.index, lane.half));
                 if !is_slow
                     && lanes.arrival(lane.index, lane.half, lanes.step(lane.index, lane.half)) == Arrival::Awaited
@@ -335,5 +346,30 @@ mod tests {
         lanes.recorded(0, 0, 1);
         lanes.recorded(1, 0, 0);
         assert_eq!(lanes.next(true), Next::Act(vec![lane(0, 0, 1), lane(1, 0, 0)]), "what the recorder has");
+    }
+
+    #[test]
+    fn a_rollout_of_no_steps_values_all_at_once_and_the_next_begins_where_it_ended() {
+        for pace in [Pace::Lockstep, Pace::Ready] {
+            let mut lanes = Lanes::new(pace, 1, vec![0; 3], 4);
+            assert!(!lanes.all_seen());
+            (0..3).for_each(|index| lanes.keep(index, 0, ()));
+            assert!(lanes.all_seen());
+            for _ in 0..2 {
+                lanes.begin();
+                assert_eq!((lanes.common_row(), lanes.settled_rows()), (Some(0), 0));
+                let Next::Act(due) = lanes.next(false) else { panic!("{pace:?}") };
+                assert_eq!(due, [0, 1, 2].map(|index| lane(index, 0, 0)));
+                for lane in due {
+                    lanes.value(lane);
+                }
+                assert_eq!((lanes.next(false), lanes.boundary()), (Next::Finish, 4));
+            }
+            lanes.begin();
+            let turns = run(&mut lanes, &[1].map(|index| (index, 0)));
+            assert_eq!(turns.iter().flatten().filter(|lane| lane.index == 1).count(), 1, "its observation was here");
+            run(&mut lanes, &[]);
+            assert_eq!((lanes.next(false), lanes.boundary()), (Next::Finish, 4 + STEPS as u64));
+        }
     }
 }

@@ -130,7 +130,7 @@ pub enum Task {
 pub struct Missing {
     /// Actors from which something is missing before the current task can go on, ascending.
     pub actors: Vec<u32>,
-    /// It is enough to look again when so many samples have come.
+    /// It is enough to look again when so many samples or receipts have come.
     pub enough: u32,
 }
 
@@ -351,6 +351,11 @@ impl<S: HalfSample> Collector<S> {
         (header, columns.map(|column| *self.environments.state(column)).collect())
     }
 
+    /// Whether all actors have sent observations at least once.
+    pub fn all_seen(&self) -> bool {
+        self.lanes.all_seen()
+    }
+
     /// Whom the current task waits for: nobody unless it is [`Task::Await`].
     pub fn missing(&self) -> Missing {
         match self.next() {
@@ -436,7 +441,7 @@ impl<S: HalfSample> Collector<S> {
         let count = lanes.iter().map(|lane| column_map.half(lane.half).len()).sum();
         let mut batch = Batch {
             columns: Vec::with_capacity(count),
-            rows: Vec::with_capacity(count),
+            at: Vec::with_capacity(count),
             frames: Vec::with_capacity(count),
             goal_m: Vec::with_capacity(count),
             previous_action: Vec::with_capacity(count),
@@ -448,7 +453,7 @@ impl<S: HalfSample> Collector<S> {
             for (i, column) in column_map.columns_of(lane.index, lane.half).enumerate() {
                 let current = sample.current(i);
                 batch.columns.push(column);
-                batch.rows.push(lane.t);
+                batch.at.push(lane.t);
                 batch.frames.push(sample.frame(i));
                 batch.goal_m.push(current.goal_vector_m(carried_goal));
                 batch.previous_action.push(current.previous_action as u8);
@@ -466,8 +471,8 @@ impl<S: HalfSample> Collector<S> {
     /// valued now; there is nothing to send to them.
     ///
     /// # Panics
-    /// If it is not the turn of these lanes, there is not one action for each of their environments, or the recorder
-    /// does not have what is answered.
+    /// If their observations are not here, they are at other rows, there is not one action for each of their
+    /// environments, or the recorder does not have what is answered.
     pub fn answer(&mut self, lanes: &[Lane], actions: &[u8]) -> Vec<ActionBatch> {
         assert!(self.unrecorded(lanes).actors.is_empty(), "what is answered is recorded");
         let Settings { column_map, learner_incarnation, .. } = self.settings;
@@ -477,6 +482,7 @@ impl<S: HalfSample> Collector<S> {
         for &lane in lanes {
             let Lane { index, half, t } = lane;
             let columns = column_map.columns_of(index, half);
+            assert!(self.lanes.stands(lane), "it is the turn of these lanes");
             let own = chosen.split_off(..columns.len()).expect("one action for each environment of the lanes");
             if t == shape.steps {
                 columns.for_each(|column| self.environments.forget_outcome(column));

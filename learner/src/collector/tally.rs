@@ -71,3 +71,60 @@ impl Tally {
         self.statistics
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::collector::RunningEpisode;
+    use proto::step::Transition;
+
+    /// Of two rows and two halves: returns whose sum depends on the order in which they are added, each column's last of
+    /// another size.
+    const RETURNS: [[f64; 4]; 2] = [[1e16, 1.0, -1e16, 1.0], [1.0, 1e16, 3.0, -1e16]];
+
+    fn ended(episode_return: f64) -> Ended {
+        Ended { last: Transition::default(), running: RunningEpisode { episode_return, ..RunningEpisode::default() } }
+    }
+
+    /// Two actors with two environments: columns 0 and 2 are the first halves, 1 and 3 the second ones.
+    fn sum(order: &[(usize, usize)], shards: &[usize], rows: impl Fn(usize) -> usize) -> Vec<Option<f64>> {
+        let mut tally = Tally::new(ColumnMap::new(0, 2, 2), shards.iter().max().unwrap() + 1);
+        for (taken, &(t, column)) in order.iter().enumerate() {
+            tally.take(t, column, 0.5, Some(ended(RETURNS[t][column])));
+            tally.add(rows(taken), shards);
+        }
+        tally.add(2, shards);
+        assert_eq!(tally.frames(), order.len() as u64);
+        let mean = |statistics: &RolloutStatistics| statistics.metrics().get(proto::metric::RETURN).copied();
+        tally.finish().iter().map(mean).collect()
+    }
+
+    #[test]
+    fn sums_are_those_of_rows_in_order_however_far_ahead_some_are() {
+        let in_order = [(0, 0), (0, 2), (0, 1), (0, 3), (1, 0), (1, 2), (1, 1), (1, 3)];
+        let expected = in_order.iter().fold(0.0, |sum, &(t, column)| sum + RETURNS[t][column]) / 8.0;
+        assert_eq!(sum(&in_order, &[0; 4], |taken| (taken + 1) / 4), [Some(expected)]);
+        let ahead = [(0, 3), (1, 3), (0, 1), (0, 2), (1, 2), (1, 1), (0, 0), (1, 0)];
+        let as_they_come = ahead.iter().fold(0.0, |sum, &(t, column)| sum + RETURNS[t][column]) / 8.0;
+        assert!(as_they_come != expected, "the order matters");
+        assert_eq!(sum(&ahead, &[0; 4], |taken| usize::from(taken >= 6)), [Some(expected)]);
+    }
+
+    #[test]
+    fn each_shard_has_its_own_and_who_holds_has_none() {
+        let order = [(0, 0), (1, 0), (0, 1), (0, 3), (0, 2)];
+        let found = sum(&order, &[0, 0, 1, 1], |_| 0);
+        let of_first = (RETURNS[0][0] + RETURNS[0][1] + RETURNS[1][0]) / 3.0;
+        assert_eq!(found, [Some(of_first), Some(f64::midpoint(RETURNS[0][2], RETURNS[0][3]))]);
+        let nothing = Tally::new(ColumnMap::new(0, 2, 2), 1).finish();
+        assert_eq!((nothing.len(), nothing[0].frames()), (1, 0));
+    }
+
+    #[test]
+    #[should_panic(expected = "every outcome is of a row that is complete")]
+    fn no_outcome_is_left_out() {
+        let mut tally = Tally::new(ColumnMap::new(0, 2, 2), 1);
+        tally.take(0, 0, 0.5, None);
+        tally.finish();
+    }
+}

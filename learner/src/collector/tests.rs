@@ -222,7 +222,7 @@ impl World {
                 assert!(batch.columns.is_sorted_by(|a, b| a < b));
                 assert!(batch.columns.len() <= column_map.half(0).len() * column_map.actors() as usize);
                 let mut actions = vec![];
-                for (i, (&column, &t)) in batch.columns.iter().zip(&batch.rows).enumerate() {
+                for (i, (&column, &t)) in batch.columns.iter().zip(&batch.at).enumerate() {
                     let (seen, belief) = look(&batch, i, self.brain.beliefs[column]);
                     let action = (mix([self.brain.weights, belief]) % POLICY_ACTIONS as u64) as u8;
                     actions.push(action);

@@ -1,8 +1,8 @@
 //! Straggler pre-emption of DD-PPO (Wijmans et al. 2020): when most learners have finished their rollout, the others
 //! end theirs where they are, so that the gradient's mean does not wait for the slowest.
 //!
-//! Within one learner nobody can straggle: both halves of all actors are inferred together, step by step, and every
-//! column ends a rollout in the same step. So the rule is one between learners. What it needs of the others is how many
+//! Within one learner nobody can straggle: where the rule is in force its actors go in lockstep, and every column ends a
+//! rollout in the same step. So the rule is one between learners. What it needs of the others is how many
 //! have finished ([`Finished`]), which [`crate::peers::Peers::finished`] counts.
 //!
 //! When the others finish depends on timing, so a run with pre-emption is not reproducible to the last bit. It is off

@@ -225,9 +225,10 @@ impl<'a, W: Write> Conversation<'a, W> {
         Silent { actors: format!("{plural} {}", named.join(", ")), deadline_s: self.actor_deadline_s }
     }
 
-    /// An action is due, so all actors have answered. At the first time this is reported.
+    /// Reports, once, that all actors have answered.
     pub fn note_connected(&mut self) {
-        if !std::mem::replace(&mut self.connected, true) {
+        if !self.connected && self.collector.all_seen() {
+            self.connected = true;
             self.tell(&LearnerEvent::ActorsConnected { rank: self.rank });
         }
     }

@@ -470,8 +470,9 @@ impl<W: Write> Training<'_, W> {
     fn collect(&mut self, state: &mut Loop) -> Result<Option<Stop>> {
         state.preempted = false;
         loop {
-            if let (Task::Act(_), Some([steps, planned])) =
-                (self.conversation.collector.task(), self.conversation.collector.between_steps())
+            if self.hurries()
+                && let Some([steps, planned]) = self.conversation.collector.between_steps()
+                && matches!(self.conversation.collector.task(), Task::Act(_))
                 && self.agent.is_preempted(self.rollout, steps, planned)?
             {
                 tracing::info!("rollout {} ends after {steps} of {planned} steps: the others wait", self.rollout);
@@ -494,7 +495,7 @@ impl<W: Write> Training<'_, W> {
                     self.look_for_new_actors(state);
                     self.settle(&lanes);
                     let batch = self.conversation.collector.batch(&lanes);
-                    let output = self.agent.step_each(&batch.rows, &batch.input())?;
+                    let output = self.agent.step_each(&batch.at, &batch.input())?;
                     drop(batch);
                     state.timing.infer_s += began.elapsed().as_secs_f64();
                     let began = Instant::now();

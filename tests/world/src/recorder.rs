@@ -32,7 +32,7 @@ pub struct Recorder {
     ledger: Ledger,
     tally: Tally,
     /// The last receipts that each learner was rung for.
-    told: Vec<[Option<Receipt>; 2]>,
+    told: Vec<u64>,
     halves: Halves,
     /// By column: the transition that was last accounted for.
     taken: Vec<Option<(u32, u32, u32)>>,
@@ -54,7 +54,7 @@ impl Recorder {
             ports: vec![],
             ledger: Ledger::new(config.actors.count),
             tally: Tally::default(),
-            told: vec![[None; 2]; config.learner.count as usize],
+            told: vec![0; config.learner.count as usize],
             halves: Halves::of(config.actors.environments_per_actor),
             taken: vec![None; config.environments()],
             pending: vec![],
@@ -127,12 +127,12 @@ impl Recorder {
         world.desks[self.session].receipts.insert((header.actor, header.half), receipt);
     }
 
-    /// Rings for each learner that now has the receipts of all its actors for the next exchange of a half.
+    /// Rings for each learner that has new receipts.
     fn tell(&mut self, world: &mut World, me: TaskId) {
         let shares = world.setup.config.shares();
         for (rank, told) in (0..).zip(&mut self.told) {
-            let complete = [0, 1].map(|half| self.ledger.complete(shares.actors_of(rank), half));
-            if std::mem::replace(told, complete) != complete {
+            let news = self.ledger.news(shares.actors_of(rank));
+            if std::mem::replace(told, news) != news {
                 ring_learner(world, self.session, rank, me);
             }
         }

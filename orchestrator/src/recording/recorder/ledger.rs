@@ -107,7 +107,7 @@ impl Ledger {
     ///
     /// # Panics
     /// If there is no such actor.
-    pub(super) fn news(&self, actors: Range<u32>) -> u64 {
+    pub fn news(&self, actors: Range<u32>) -> u64 {
         self.actors[actors.start as usize..actors.end as usize].iter().map(|seen| seen.samples).sum()
     }
 

@@ -160,6 +160,8 @@ pub struct Learner {
     /// By own column: what was seen, done and got in this rollout.
     digests: Vec<u64>,
     connected: bool,
+    /// Actors that have been sent actions, and are to be woken.
+    answered: Vec<u32>,
     gone: bool,
     gone_at: Option<u64>,
     twice: bool,
@@ -191,6 +193,7 @@ impl Learner {
             acting: crate::model::FIRST_WEIGHTS,
             last_save: world.now,
             connected: false,
+            answered: vec![],
             gone: false,
             gone_at: None,
             twice: false,

@@ -199,7 +199,8 @@ impl Learner {
                 Err(None) => self.stay(Phase::Collecting { patience, began }, Next::Wait(LOOK)),
             },
             Task::Act(lanes) => {
-                if !std::mem::replace(&mut self.connected, true) {
+                if !self.connected && self.collector().all_seen() {
+                    self.connected = true;
                     self.tell(world, me, LearnerEvent::ActorsConnected { rank: self.rank });
                 }
                 self.settle(&lanes);
@@ -268,6 +269,7 @@ impl Learner {
         while let Some(ActionBatch { actor, mut header, actions }) = batches.pop_front() {
             let Some(ports) = &self.ports else { break };
             let (port, _) = ports.actors[(actor - self.actors.start) as usize];
+            self.answered.push(actor);
             let actions = Rc::new(actions);
             let twice = world.setup.has(Mutation::AnswersTwice) && world.dice.once_in(20);
             for again in 0..if twice { 3 } else { 1 } {
@@ -284,7 +286,7 @@ impl Learner {
             }
         }
         // Another thread rings them.
-        for actor in self.actors.clone() {
+        for actor in std::mem::take(&mut self.answered) {
             let listeners = world.wires[self.session].actions[actor as usize].listeners();
             world.ring_all(listeners);
         }
