@@ -2,7 +2,7 @@
 
 use super::acting::Rows;
 use super::overlap::policy;
-use super::padding::Padded;
+use super::padding::padded;
 use super::step::{Inference, column_indices, pick, sample};
 use super::{Agent, AgentError, NO_GRAPH, StepInput, StepOutput};
 use crate::ffi::kernels::Chosen;
@@ -22,7 +22,7 @@ impl Agent {
         let input = &StepInput { gumbel: silence.as_deref().unwrap_or(input.gumbel), ..*input };
         assert_eq!(input.gumbel.len(), count * actions, "noise for every action of every column");
         let choices = match self.batch_rows.filter(|&wanted| count < wanted) {
-            Some(wanted) => self.choose(rows, &Padded::new(input, wanted).input())?,
+            Some(wanted) => self.choose(rows, &padded(input, rows, wanted).input())?,
             None => self.choose(rows, input)?,
         };
         Ok(self.note(rows, input.columns, choices))
@@ -195,8 +195,8 @@ impl Agent {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::agent::Batch;
     use crate::bench::Frames;
-    use crate::collector::Batch;
     use proto::config::Config;
     use proto::stage::RolloutShape;
     use std::collections::BTreeMap;

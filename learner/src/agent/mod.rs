@@ -25,7 +25,7 @@ mod trainer;
 pub use error::{AgentError, OtherSign};
 pub use state::AgentState;
 pub(crate) use state::{ACTING, BELIEFS, MODEL, weights_of};
-pub use step::{Choice, StepInput, StepOutput};
+pub use step::{Batch, Choice, StepInput, StepOutput};
 
 use crate::device;
 use crate::network::{Network, Staging, Unfit, fits, to_vec};

@@ -6,9 +6,8 @@
 //! each other.
 
 use super::acting::parts_are_alike;
-use super::step::StepInput;
+use super::step::{Batch, StepInput};
 use crate::shards::Shards;
-use proto::camera::DepthFrame;
 use proto::config::Config;
 
 /// Rows of a batch, of every shard; none where they differ, so that batches are what they are.
@@ -23,47 +22,24 @@ pub(super) fn batch_rows(config: &Config, shards: &Shards) -> Option<usize> {
     rows.filter(|&rows| alike && parts_are_alike(rows))
 }
 
-/// A step's input with rows of which nothing is kept.
-#[derive(Debug)]
-pub(super) struct Padded<'a> {
-    columns: Vec<usize>,
-    frames: Vec<DepthFrame<'a>>,
-    goal_m: Vec<[f32; 3]>,
-    previous_action: Vec<u8>,
-    episode_start: Vec<bool>,
-    gumbel: Vec<f32>,
-}
-
-impl<'a> Padded<'a> {
-    /// The first row again, until there are `rows`.
-    pub fn new(input: &StepInput<'a>, rows: usize) -> Self {
-        fn again<T: Clone>(values: &[T], rows: usize) -> Vec<T> {
-            let mut values = values.to_vec();
-            values.resize(rows, values[0].clone());
-            values
-        }
-        let draws = input.gumbel.len() / input.columns.len();
-        let mut gumbel = input.gumbel.to_vec();
-        gumbel.resize(rows * draws, 0.0);
-        Self {
-            columns: again(input.columns, rows),
-            frames: again(input.frames, rows),
-            goal_m: again(input.goal_m, rows),
-            previous_action: again(input.previous_action, rows),
-            episode_start: again(input.episode_start, rows),
-            gumbel,
-        }
+/// A step of columns at these rows of the rollout, and the first column again until there are `count`.
+pub(super) fn padded<'a>(input: &StepInput<'a>, rows: &[usize], count: usize) -> Batch<'a> {
+    fn again<T: Clone>(values: &[T], count: usize) -> Vec<T> {
+        let mut values = values.to_vec();
+        values.resize(count, values[0].clone());
+        values
     }
-
-    pub fn input(&self) -> StepInput<'_> {
-        StepInput {
-            columns: &self.columns,
-            frames: &self.frames,
-            goal_m: &self.goal_m,
-            previous_action: &self.previous_action,
-            episode_start: &self.episode_start,
-            gumbel: &self.gumbel,
-        }
+    let draws = input.gumbel.len() / input.columns.len();
+    let mut gumbel = input.gumbel.to_vec();
+    gumbel.resize(count * draws, 0.0);
+    Batch {
+        columns: again(input.columns, count),
+        at: rows.to_vec(),
+        frames: again(input.frames, count),
+        goal_m: again(input.goal_m, count),
+        previous_action: again(input.previous_action, count),
+        episode_start: again(input.episode_start, count),
+        gumbel,
     }
 }
 

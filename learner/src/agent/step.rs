@@ -36,6 +36,39 @@ impl StepInput<'_> {
     }
 }
 
+/// Columns that are inferred together, in memory of its own: what a [`StepInput`] borrows.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Batch<'a> {
+    pub(crate) columns: Vec<usize>,
+    /// Row of the rollout that each column is at; as many as it has, after the last action. Columns beyond these fill the
+    /// batch up, and nothing is kept of them.
+    pub(crate) at: Vec<usize>,
+    pub(crate) frames: Vec<DepthFrame<'a>>,
+    pub(crate) goal_m: Vec<[f32; 3]>,
+    pub(crate) previous_action: Vec<u8>,
+    pub(crate) episode_start: Vec<bool>,
+    pub(crate) gumbel: Vec<f32>,
+}
+
+impl Batch<'_> {
+    /// Row of the rollout that each column is at.
+    pub fn rows(&self) -> impl Iterator<Item = usize> {
+        self.at.iter().copied()
+    }
+
+    /// The batch as the agent takes it.
+    pub fn input(&self) -> StepInput<'_> {
+        StepInput {
+            columns: &self.columns,
+            frames: &self.frames,
+            goal_m: &self.goal_m,
+            previous_action: &self.previous_action,
+            episode_start: &self.episode_start,
+            gumbel: &self.gumbel,
+        }
+    }
+}
+
 /// What the policy chose, one entry a column of the input.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct StepOutput {

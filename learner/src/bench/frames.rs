@@ -1,6 +1,7 @@
 //! Observations of both halves of all environments, in the shared memory of the real services.
 
-use crate::collector::{Batch, ColumnMap, gumbel};
+use crate::agent::Batch;
+use crate::collector::{ColumnMap, gumbel};
 use anyhow::{Context, Result, ensure};
 use iceoryx2::sample::Sample;
 use proto::action::NO_ACTION;

@@ -16,7 +16,6 @@
 //! goes back to. [`Collector::restore`] tells a restarted actor the state of its environments, at any moment; a
 //! restarted learner begins from a [`Boundary`]. The tests crash both at every point and compare what was recorded.
 
-mod batch;
 mod column_map;
 mod environments;
 mod error;
@@ -27,7 +26,6 @@ mod tally;
 #[cfg(test)]
 mod tests;
 
-pub use batch::{Batch, Place};
 pub use column_map::ColumnMap;
 pub use environments::{Environments, Mismatch, Reward};
 pub use error::ProtocolError;
@@ -36,6 +34,7 @@ pub use noise::gumbel;
 pub(crate) use noise::gumbel_of;
 pub use statistics::{RolloutStatistics, RunningEpisode};
 
+use crate::agent::Batch;
 use crate::rollout::Outcome;
 use crate::shards::Shards;
 use environments::Settlement;
@@ -172,6 +171,19 @@ pub struct Settled {
     pub column: usize,
     /// What it led to.
     pub outcome: Outcome,
+}
+
+/// Whose action is about to be chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Place {
+    /// Column.
+    pub column: usize,
+    /// Its environment.
+    pub environment: EnvironmentId,
+    /// Episode number within the environment.
+    pub episode: u32,
+    /// Actions taken in it so far.
+    pub step: u32,
 }
 
 /// Where a rollout stands.
