@@ -42,6 +42,7 @@ impl Agent {
         }
     }
 
+    /// The same as [`Agent::replay`], operation by operation.
     fn choose_without_graph(
         &mut self,
         rows: &[usize],
@@ -153,6 +154,7 @@ impl Agent {
         output
     }
 
+    /// What the network gives for a batch; nothing is stored.
     pub(super) fn infer(&mut self, input: &StepInput, steps: &[Step]) -> Result<Inference, AgentError> {
         let StepInput { columns, frames, episode_start, .. } = *input;
         let rows = columns.len();

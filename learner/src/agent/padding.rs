@@ -2,8 +2,8 @@
 //!
 //! What the network makes of a row depends, to the last bits, on how many rows go through it together, because other
 //! numbers of rows have other kernels. On a GPU it did not depend on which they are or where the row stands among them,
-//! wherever that was looked at: 10, 16, 19, 152 and 304 rows on H100s (`choosing.rs` has the test). So a batch that is short of some rows gets others, of which nothing is kept, and the actors need not wait for
-//! each other.
+//! wherever that was looked at: 10, 16, 19, 152 and 304 rows on H100s (`choosing.rs` has the test). So a batch that is
+//! short of some rows gets others, of which nothing is kept, and the actors need not wait for each other.
 
 use super::acting::parts_are_alike;
 use super::step::{Batch, StepInput};

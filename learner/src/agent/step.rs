@@ -36,7 +36,7 @@ impl StepInput<'_> {
     }
 }
 
-/// Columns that are inferred together, in memory of its own: what a [`StepInput`] borrows.
+/// Columns that are inferred together: owns what a [`StepInput`] borrows.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Batch<'a> {
     pub(crate) columns: Vec<usize>,
