@@ -7,7 +7,7 @@ use super::preset::{OPEN_STEPS, Preset, overlay};
 use std::sync::LazyLock;
 
 /// Presets with a file of their own.
-const FILES: [(&str, &str, &str); 10] = [
+const FILES: [(&str, &str, &str); 11] = [
     (
         "demo",
         "both stages in minutes on two CPU cores: small encoder, episodes that begin near the target",
@@ -42,6 +42,11 @@ const FILES: [(&str, &str, &str); 10] = [
         "recipe-procedural",
         "recipe in 1,000 procedural kitchens instead of the 19",
         include_str!("../../presets/recipe-procedural.toml"),
+    ),
+    (
+        "procedural-scratch",
+        "recipe-procedural with r′ from the first frame: the best of all that was run (RESULTS.md)",
+        include_str!("../../presets/procedural-scratch.toml"),
     ),
     (
         "procedural-100",
@@ -93,6 +98,7 @@ pub(super) fn merged(name: &str) -> Result<toml::Table, ConfigError> {
 mod tests {
     use super::super::{CarriedGoal, Config, KitchenSource};
     use super::*;
+    use crate::reward::RewardKind;
     use std::collections::BTreeSet;
 
     #[test]
@@ -132,6 +138,21 @@ mod tests {
             assert_eq!(base.kitchens.source, KitchenSource::BuiltIn);
             assert_eq!(Config { preset: base.preset.clone(), kitchens: base.kitchens, ..config }, base);
         }
+    }
+
+    #[test]
+    fn procedural_scratch_differs_from_recipe_procedural_in_its_stage_and_learning_rate() {
+        let [config, base] =
+            ["procedural-scratch", "recipe-procedural"].map(|name| Config::resolve(name, None).unwrap());
+        let [stage] = &config.stages[..] else { panic!("{:?}", config.stages) };
+        assert_eq!(
+            (stage.reward, stage.frames, config.ppo.learning_rate_end),
+            (RewardKind::DisturbanceFree, 45_000_000, 0.05)
+        );
+        assert_eq!(stage.frames, base.stages.iter().map(|stage| stage.frames).sum::<u64>());
+        let mut same = Config { preset: base.preset.clone(), stages: base.stages.clone(), ..config };
+        same.ppo.learning_rate_end = base.ppo.learning_rate_end;
+        assert_eq!(same, base);
     }
 
     #[test]
