@@ -18,6 +18,9 @@ pub struct ConfigArgs {
     /// Preset [default: the one that `up` would take]
     #[arg(value_name = "PRESET")]
     preset: Option<String>,
+    /// The same, as other commands take it
+    #[arg(long = "preset", value_name = "P", conflicts_with = "preset")]
+    named: Option<String>,
     #[command(flatten)]
     overrides: Overrides,
     /// Print one JSON object instead
@@ -29,7 +32,7 @@ pub struct ConfigArgs {
 pub fn run(args: &ConfigArgs) -> Result<()> {
     // Without a learner that starts there is no CUDA either.
     let default = || Ok(Tools::find().map_or("demo", |tools| default_preset(&tools.torch)));
-    let preset = args.overrides.preset(args.preset.as_deref(), default)?;
+    let preset = args.overrides.preset(args.preset.as_deref().or(args.named.as_deref()), default)?;
     let config = args.overrides.resolve(&preset)?;
     let text = if args.json { serde_json::to_string(&config)? } else { config.to_toml() };
     terminal::out(text.trim_end());

@@ -16,26 +16,29 @@ struct Shape {
 const ONE_LEARNER: Shape = Shape { learners: 1, overlap: false, environments: 16, frames: 200_000 };
 const TWO_LEARNERS: Shape = Shape { learners: 2, frames: 400_000, ..ONE_LEARNER };
 
-/// Both stages of the curriculum, with the resnet in bfloat16.
-const PRESET: &str = "short-two-stage";
-
-/// All but that: a checkpoint after every rollout, so that a killed learner has a boundary to go back to.
+/// Both stages of the curriculum, with the resnet in bfloat16, and a checkpoint after every rollout, so that a killed
+/// learner has a boundary to go back to.
 fn configured(shape: Shape) -> Vec<String> {
     let Shape { learners, overlap, environments, frames } = shape;
     let [frames, actors, learners] = [frames, 19 * u64::from(learners), u64::from(learners)].map(|n| n.to_string());
-    let flags = ["--seed", "3", "--learners", &learners, "--actors", &actors, "--frames", &frames];
+    let flags = ["--preset", "short-two-stage", "--seed", "3", "--frames", &frames];
+    let size = ["--learners", &learners, "--actors", &actors];
     let each = format!("actors.environments_per_actor={environments}");
     let overlap = format!("ppo.overlap={overlap}");
     let keys = [&each, &overlap, "learner.device=cuda", "checkpoint.interval_s=0", "validation.every_frames=0"];
     let keys = keys.iter().flat_map(|key| ["--set", key]);
-    flags.into_iter().chain(keys).map(str::to_owned).collect()
+    flags.into_iter().chain(size).chain(keys).map(str::to_owned).collect()
+}
+
+/// A command that is given all that.
+fn given(workshop: &Workshop, command: &[&str], shape: Shape) -> std::process::Command {
+    let configured = configured(shape);
+    let words: Vec<&str> = command.iter().copied().chain(configured.iter().map(String::as_str)).collect();
+    workshop.orchestrator(&words)
 }
 
 fn up(workshop: &Workshop, name: &str, shape: Shape) -> std::process::Command {
-    let configured = configured(shape);
-    let flags = configured.iter().map(String::as_str);
-    let given: Vec<&str> = ["up", "--preset", PRESET, "--run", name].into_iter().chain(flags).collect();
-    workshop.orchestrator(&given)
+    given(workshop, &["up", "--run", name], shape)
 }
 
 /// One run as it is, one whose learner and an actor are killed, one whose orchestrator is killed: one result.
@@ -65,10 +68,7 @@ fn killed_or_not(shape: Shape) {
 fn what_the_gpu_tests_configure_is_understood_anywhere() {
     let workshop = Workshop::new();
     for shape in [ONE_LEARNER, TWO_LEARNERS] {
-        let configured = configured(shape);
-        let flags = configured.iter().map(String::as_str);
-        let given: Vec<&str> = ["config", PRESET].into_iter().chain(flags).collect();
-        let printed = complete(workshop.orchestrator(&given));
+        let printed = complete(given(&workshop, &["config"], shape));
         let has = |line: &str| printed.stdout.lines().any(|printed| printed == line);
         assert!(has("device = \"cuda\"") && has(&format!("count = {}", 19 * shape.learners)), "{printed:#?}");
     }
