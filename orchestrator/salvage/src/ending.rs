@@ -184,6 +184,9 @@ impl<S: Source> Reader<'_, S> {
             + (statistics.metadata_count as usize).saturating_sub(self.ending.metadata.len());
         if account.lost_unknown && missing >= account.lost {
             price(account, missing - account.lost, others > 0);
+        } else if !whole_until_now && missing > account.lost {
+            let further = missing - account.lost;
+            self.add_lost(expected, further);
         }
         if whole_until_now {
             let ending = &self.ending;
@@ -204,6 +207,20 @@ impl<S: Source> Reader<'_, S> {
             } else if wrong {
                 self.finding(0, self.source.length(), Problem::Index, Cost::Nothing);
             }
+        }
+    }
+
+    /// More is lost than findings say: with bytes of a chunk, an index of its messages may be gone that stood behind it.
+    fn add_lost(&mut self, expected: u64, further: u64) {
+        let findings = self.account.findings.iter_mut();
+        let mut lost: Vec<_> = findings.filter(|finding| matches!(finding.cost, Cost::Lost(_))).collect();
+        if let [finding] = &mut lost[..]
+            && let Cost::Lost(Some(count)) = &mut finding.cost
+        {
+            *count += further;
+            self.account.lost += further;
+        } else {
+            self.finding(0, self.source.length(), Problem::Count(expected), Cost::Lost(Some(further)));
         }
     }
 

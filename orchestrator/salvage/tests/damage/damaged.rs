@@ -108,6 +108,26 @@ fn indexes_are_not_needed() {
     costs_nothing(&file, &Problem::Index);
 }
 
+/// Just as many bytes of it and behind it are gone as its first indexes have: its length leads to the next record still, and
+/// the indexes that are left do not name all of its messages.
+#[test]
+fn what_is_lost_with_a_chunk_and_its_indexes_is_counted() {
+    let whole = recording("zstd");
+    let all = records(&whole);
+    let chunk = all.iter().rposition(|record| record.0 == op::CHUNK).unwrap();
+    let indexes = all[chunk + 1..].iter().take_while(|record| record.0 == op::MESSAGE_INDEX).count();
+    assert_eq!(indexes, 3);
+    for gone in 1..=indexes {
+        let from = all[chunk].2 - 40;
+        let bytes = all[chunk + gone].2 - all[chunk].2;
+        let mut file = whole.clone();
+        file.drain(from as usize..(from + bytes) as usize);
+        let Account { messages, lost, lost_unknown, .. } = read(&file).account;
+        assert!(messages < MESSAGES && !lost_unknown, "{gone}");
+        assert_eq!(messages + lost, MESSAGES, "{gone}");
+    }
+}
+
 #[test]
 fn the_summary_is_not_needed() {
     let bad_sum = Problem::Summary("the summary's checksum does not agree");
