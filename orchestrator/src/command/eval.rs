@@ -89,7 +89,7 @@ pub struct EvalArgs {
     #[arg(long, value_enum)]
     device: Option<DeviceArg>,
     /// Seed of the action noise [default: the run's]
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = super::overrides::seed)]
     seed: Option<u64>,
     /// Print the result as JSON, which is all that comes on standard output
     #[arg(long)]

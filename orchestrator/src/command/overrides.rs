@@ -85,7 +85,16 @@ fn one_seed(text: &str) -> Result<u64, String> {
     if text.contains(',') {
         return Err(format!("a run has one seed; `orchestrator suite FILE --seed {text}` trains a run with each"));
     }
-    text.parse().map_err(|error| format!("{error}"))
+    seed(text)
+}
+
+/// Seeds are numbers that TOML, in which configurations are written, can hold.
+pub fn seed(text: &str) -> Result<u64, String> {
+    let seed = text.parse().map_err(|error| format!("{error}"))?;
+    if i64::try_from(seed).is_err() {
+        return Err(format!("must be at most {}", i64::MAX));
+    }
+    Ok(seed)
 }
 
 /// The preset to use when nobody asks for one.

@@ -98,6 +98,7 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
         }
         return Ok(show(summary, &folder));
     }
+    demand_checkpoints(&folder)?;
     let mut config = Config::of_run(&folder)?;
     let tools = Tools::find()?;
     let patience = Policy::of(&config).silence;
@@ -132,6 +133,21 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
         std::fs::create_dir_all(&path).with_context(|| format!("cannot create {}", path.display()))?;
     }
     TrainingRun { folder, config, identity, lock, tools, started: Started::default() }.run()
+}
+
+/// Refuses a run that has trained and whose folder of checkpoints is gone: it would begin anew, over its own figures. An
+/// empty one is that of a run that was killed before it had saved.
+fn demand_checkpoints(folder: &RunFolder) -> Result<()> {
+    let has_trained = std::fs::metadata(folder.metrics()).is_ok_and(|metrics| metrics.len() > 0);
+    if has_trained && !folder.checkpoints().exists() {
+        bail!(
+            "this run has trained, but {} is gone, and with it all that it has learned: put that folder back from a \
+             copy, or begin anew with `orchestrator up --config {}` and another folder",
+            folder.checkpoints().display(),
+            folder.config().display()
+        );
+    }
+    Ok(())
 }
 
 /// Gives a run these numbers of actors and learners, where they are asked for; whether one is another than before.

@@ -11,6 +11,20 @@ fn refused(printed: &Printed, expected: &str) {
     assert!(!printed.stderr.contains("panicked"), "{printed:#?}");
 }
 
+/// It would begin anew, over its own figures.
+#[test]
+fn a_run_whose_checkpoints_are_gone_is_not_resumed() {
+    let workshop = Workshop::new();
+    complete(workshop.up("run", 1, 1, 100)).result();
+    let folder = workshop.run("run").folder;
+    std::fs::remove_dir_all(folder.checkpoints()).unwrap();
+    let figures = std::fs::read(folder.metrics()).unwrap();
+    let more = complete(workshop.orchestrator(&["resume", "run", "--frames", "200"]));
+    refused(&more, "checkpoints is gone, and with it all that it has learned");
+    assert_eq!(std::fs::read(folder.metrics()).unwrap(), figures);
+    assert!(!folder.checkpoints().exists());
+}
+
 #[test]
 fn mistakes_on_the_command_line() {
     let workshop = Workshop::new();
@@ -23,6 +37,10 @@ fn mistakes_on_the_command_line() {
     refused(&complete(workshop.orchestrator(&["eval", "runs/a", "--set", "ppo.clip=0.2"])), "cannot be used with");
     refused(&complete(workshop.orchestrator(&["eval", "runs/a", "--config", "tiny.toml"])), "cannot be used with");
     refused(&complete(workshop.orchestrator(&["up", "--seed", "1,2,3"])), "`orchestrator suite FILE --seed 1,2,3`");
+    for command in ["up", "config", "eval"] {
+        let refusal = "must be at most 9223372036854775807";
+        refused(&complete(workshop.orchestrator(&[command, "--seed", "9223372036854775808"])), refusal);
+    }
     refused(&complete(workshop.orchestrator(&["resume", "nowhere"])), "nowhere");
     refused(&complete(workshop.orchestrator(&["stop", "nowhere"])), "nowhere");
     refused(&complete(workshop.orchestrator(&["replay", "nothing.mcap"])), "nothing.mcap");
