@@ -19,7 +19,7 @@ use std::process::ExitCode;
   orchestrator replay runs/a                                        every recorded episode, every state compared
   orchestrator replay runs/a --images films --format video --limit 3   three films to look at
   orchestrator replay runs/a --images films --environment 3/0 --episode 12,40 --format video
-  orchestrator replay EVALUATION --kitchen 26 --episode 2,7 --images films --format video   numbers of episodes.csv
+  orchestrator replay EVALUATION --kitchen 26 --episode 6,7 --images films --format video   numbers of episodes.csv
   orchestrator replay runs/a/recordings/incarnation-001.000.mcap --episode 7
 
 Compared are states, goal vectors, outcomes, rewards, disturbance and distances of every step, and each episode's end
