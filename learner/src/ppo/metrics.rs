@@ -1,7 +1,8 @@
 //! The figures of an update: sums over chunks and learners, then means over the steps of the optimiser.
 //!
 //! What a step gives stays on its device until the update is through. Whoever read it sooner would have the GPU wait for
-//! the CPU, and the CPU for the GPU, at every step. (Several learners still wait at each, for the sum of their gradients.)
+//! the CPU, and the CPU for the GPU, at every step. (Several learners on CPUs wait at each, for the sum of their
+//! gradients.)
 
 use crate::auxiliary::{Auxiliary, Tally};
 use crate::peers::{PeerError, Peers};

@@ -52,7 +52,7 @@ use tree::Tree;
 /// When an update looks at its numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Look {
-    /// When it is through: with one learner the GPU never waits for the CPU until then.
+    /// When it is through: until then nobody waits for a number of the GPU.
     AtTheEnd,
     /// After each step, too, when its gradient is still there.
     AtEachStep,

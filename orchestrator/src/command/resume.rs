@@ -1,5 +1,6 @@
 //! `orchestrator resume`: goes on with a run from its last checkpoint.
 
+use crate::evaluation::subject::newest;
 use crate::preflight::all::demand_all;
 use crate::preflight::tools::Tools;
 use crate::run::identity::{Identity, host_name, is_evaluation};
@@ -98,7 +99,7 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
         }
         return Ok(show(summary, &folder));
     }
-    demand_checkpoints(&folder)?;
+    demand_checkpoint(&folder)?;
     let mut config = Config::of_run(&folder)?;
     let tools = Tools::find()?;
     let patience = Policy::of(&config).silence;
@@ -135,15 +136,16 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     TrainingRun { folder, config, identity, lock, tools, started: Started::default() }.run()
 }
 
-/// Refuses a run that has trained and whose folder of checkpoints is gone: it would begin anew, over its own figures. An
-/// empty one is that of a run that was killed before it had saved.
-fn demand_checkpoints(folder: &RunFolder) -> Result<()> {
+/// Refuses a run that has trained and has no checkpoint: it would begin anew, over its own figures. A run saves before its
+/// first rollout, so there was one.
+fn demand_checkpoint(folder: &RunFolder) -> Result<()> {
     let has_trained = std::fs::metadata(folder.metrics()).is_ok_and(|metrics| metrics.len() > 0);
-    if has_trained && !folder.checkpoints().exists() {
+    let checkpoints = folder.checkpoints();
+    if has_trained && (!checkpoints.exists() || newest(&checkpoints, folder.id().as_deref())?.is_none()) {
         bail!(
-            "this run has trained, but {} is gone, and with it all that it has learned: put that folder back from a \
-             copy, or begin anew with `orchestrator up --config {}` and another folder",
-            folder.checkpoints().display(),
+            "this run has trained, but there is no checkpoint of it in {}, and without one all that it has learned is \
+             gone: put that folder back from a copy, or begin anew with `orchestrator up --config {}` and another folder",
+            checkpoints.display(),
             folder.config().display()
         );
     }
@@ -196,6 +198,7 @@ pub fn go_on(folder: RunFolder, asked: Config, started: Started, patience: Durat
         }
         return Ok(show(&summary, &folder));
     }
+    demand_checkpoint(&folder)?;
     let tools = Tools::find()?;
     settle(&folder, &identity, config.learner.count.max(learners), Policy::of(&config).silence)?;
     let actors = identity.actors_for(asked_actors, config.actors.count);

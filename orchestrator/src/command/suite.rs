@@ -80,7 +80,7 @@ pub struct SuiteArgs {
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     gpus: Vec<String>,
     /// Seeds, separated by commas, of every run, in the place of those in the file
-    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = super::overrides::seed)]
     seed: Vec<u64>,
     /// Only judge the file and print its runs
     #[arg(long)]

@@ -138,7 +138,7 @@ fn find_checkpoint(path: &Path) -> Result<Found> {
 }
 
 /// The manifest with the highest rollout in a folder; in that of a run, of those that are the run's.
-fn newest(folder: &Path, run: Option<&str>) -> Result<Option<PathBuf>> {
+pub fn newest(folder: &Path, run: Option<&str>) -> Result<Option<PathBuf>> {
     let entries = std::fs::read_dir(folder).with_context(|| folder.display().to_string())?;
     let foreign =
         |path: &Path| run.is_some_and(|run| Manifest::read(path).is_ok_and(|manifest| manifest.is_of_another(run)));

@@ -11,18 +11,30 @@ fn refused(printed: &Printed, expected: &str) {
     assert!(!printed.stderr.contains("panicked"), "{printed:#?}");
 }
 
-/// It would begin anew, over its own figures.
+/// It would begin anew, over its own figures: by `resume` and by the command of a launcher that begins and goes on.
 #[test]
-fn a_run_whose_checkpoints_are_gone_is_not_resumed() {
+fn a_run_whose_checkpoints_are_gone_is_not_gone_on_with() {
     let workshop = Workshop::new();
-    complete(workshop.up("run", 1, 1, 100)).result();
-    let folder = workshop.run("run").folder;
-    std::fs::remove_dir_all(folder.checkpoints()).unwrap();
-    let figures = std::fs::read(folder.metrics()).unwrap();
-    let more = complete(workshop.orchestrator(&["resume", "run", "--frames", "200"]));
-    refused(&more, "checkpoints is gone, and with it all that it has learned");
-    assert_eq!(std::fs::read(folder.metrics()).unwrap(), figures);
-    assert!(!folder.checkpoints().exists());
+    let command = |workshop: &Workshop| {
+        let mut up = workshop.up("run", 1, 1, 20_000);
+        up.args(["--hosts", "1", "--host-rank", "0"]);
+        up
+    };
+    let child = start(command(&workshop));
+    let run = workshop.run("run");
+    run.wait_for_rollouts(3);
+    assert!(complete(workshop.orchestrator(&["stop", "run"])).success);
+    finish(child);
+    let figures = || std::fs::read(run.folder.metrics()).unwrap();
+    let before = figures();
+    std::fs::remove_dir_all(run.folder.checkpoints()).unwrap();
+    for _ in ["gone", "empty"] {
+        for again in [workshop.resume("run"), command(&workshop)] {
+            refused(&complete(again), "there is no checkpoint of it in");
+        }
+        std::fs::create_dir_all(run.folder.checkpoints()).unwrap();
+    }
+    assert_eq!(figures(), before);
 }
 
 #[test]
@@ -37,9 +49,9 @@ fn mistakes_on_the_command_line() {
     refused(&complete(workshop.orchestrator(&["eval", "runs/a", "--set", "ppo.clip=0.2"])), "cannot be used with");
     refused(&complete(workshop.orchestrator(&["eval", "runs/a", "--config", "tiny.toml"])), "cannot be used with");
     refused(&complete(workshop.orchestrator(&["up", "--seed", "1,2,3"])), "`orchestrator suite FILE --seed 1,2,3`");
-    for command in ["up", "config", "eval"] {
-        let refusal = "must be at most 9223372036854775807";
-        refused(&complete(workshop.orchestrator(&[command, "--seed", "9223372036854775808"])), refusal);
+    for command in [&["up"][..], &["config"], &["eval"], &["suite", "table.toml"]] {
+        let command = [command, &["--seed", "9223372036854775808"]].concat();
+        refused(&complete(workshop.orchestrator(&command)), "must be at most 9223372036854775807");
     }
     refused(&complete(workshop.orchestrator(&["resume", "nowhere"])), "nowhere");
     refused(&complete(workshop.orchestrator(&["stop", "nowhere"])), "nowhere");
