@@ -6,10 +6,10 @@
 
 use crate::ffi;
 use crate::ffi::branches::Branches;
-use crate::ffi::graph::{Graph, GraphError, Recorder};
+use crate::ffi::graph::{Graph, GraphError, Memory, Recorder};
 use crate::ffi::host_memory::HostMemory;
 use crate::ffi::kernels::{CHOSEN_WORDS, Chosen, Kernels, Source, Undecided};
-use crate::ffi::stream::Streams;
+use crate::ffi::stream::{Priority, Streams};
 use crate::network::{Network, RawFrame, Staging};
 use crate::rollout::Step;
 use proto::camera::DepthFrame;
@@ -21,6 +21,8 @@ use tch::{Device, Kind, Tensor};
 /// launches of its own: more than two were slower on an H200 (BENCHMARKS.md).
 const PART_ROWS: usize = 76;
 const MOST_PARTS: usize = 2;
+/// Steps before a recording.
+const WARM_UPS: usize = 3;
 
 /// Graphs and their memory.
 #[derive(Debug)]
@@ -107,7 +109,7 @@ impl Acting {
     /// Nothing is recorded yet.
     pub fn new(device: Device) -> Result<Self, GraphError> {
         Ok(Self {
-            recorder: Recorder::open()?,
+            recorder: Recorder::open(Priority::High, Memory::Apart)?,
             streams: Streams::open()?,
             branches: Branches::open(MOST_PARTS)?,
             memory: HostMemory::open()?,
@@ -191,7 +193,7 @@ impl Acting {
         let (places, beliefs_to) = (beyond(store), beyond(beliefs));
         fill(&mut inputs, &layout, frames, Rows { places: &places, beliefs_to: &beliefs_to, ..rows });
 
-        let (graph, ()) = self.recorder.record(|| {
+        let (graph, ()) = self.recorder.record(WARM_UPS, || {
             let _no_grad = tch::no_grad_guard();
             let inputs = inputs.to_device_(device, Kind::Uint8, true, false);
             let part =

@@ -38,12 +38,14 @@ extern "C" int stillroom_exchange_stream(int64_t stream, int64_t *before, char *
     return guarded(message, capacity, [&] { *before = exchange(stream).id(); });
 }
 
-extern "C" int stillroom_graph_begin(const GraphFunctions *functions, void **graph, char *message, size_t capacity) {
+// Graphs with the same `pool` share their memory; with 0 a graph has its own.
+extern "C" int stillroom_graph_begin(const GraphFunctions *functions, uint64_t pool, void **graph, char *message,
+                                     size_t capacity) {
     return guarded(message, capacity, [&] {
         void *room = new Room();
         functions->construct(room, false);
         *graph = room;
-        functions->begin(room, Pool(0, 0), CAPTURE_THIS_THREAD);
+        functions->begin(room, Pool(0, pool), CAPTURE_THIS_THREAD);
     });
 }
 

@@ -7,11 +7,8 @@ use super::stream::{Priority, StreamError, Streams, exchange};
 use std::ffi::{c_char, c_int};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr::null_mut;
+use std::sync::atomic::{AtomicU64, Ordering};
 use tch::{Cuda, TchError};
-
-/// Runs before a recording: libraries choose their algorithms and allocate their room at first use, which a recording
-/// does not allow.
-const WARM_UPS: usize = 3;
 
 /// Why nothing was recorded.
 #[derive(Debug, thiserror::Error)]
@@ -46,6 +43,7 @@ type Member = unsafe extern "C" fn();
 unsafe extern "C" {
     fn stillroom_graph_begin(
         functions: *const Functions,
+        pool: u64,
         graph: *mut Handle,
         message: *mut c_char,
         capacity: usize,
@@ -65,10 +63,26 @@ unsafe extern "C" {
     ) -> c_int;
 }
 
+/// Where what a graph computes lies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Memory {
+    /// Each graph has its own.
+    Apart,
+    /// All graphs of a recorder have the same, as if their work were done in the order in which they were recorded: what
+    /// one of them computed and nobody holds any more may be overwritten by the next. They are to be launched one after
+    /// the other.
+    Shared,
+}
+
+/// Pools of memory that graphs share. libtorch counts its own from 1, process by process.
+static POOLS: AtomicU64 = AtomicU64::new(1 << 32);
+
 /// Records graphs.
 #[derive(Debug)]
 pub struct Recorder {
     functions: Functions,
+    /// libtorch's number of the memory that all graphs share; 0 where each has its own.
+    pool: u64,
     /// A stream of our own, because nothing can be recorded on the default stream.
     stream: Handle,
 }
@@ -80,27 +94,42 @@ pub struct Graph {
     graph: Handle,
 }
 
+// SAFETY: the driver's functions take a stream from any thread; libtorch's are stateless.
+unsafe impl Send for Recorder {}
+// SAFETY: a graph is launched, and freed, by whoever has it, one thread at a time.
+unsafe impl Send for Graph {}
+
 impl Recorder {
-    /// Finds libtorch's functions and makes a stream. libtorch must have made a tensor on the device before.
-    pub fn open() -> Result<Self, GraphError> {
-        Ok(Self { functions: functions()?, stream: Streams::open()?.make(Priority::High)?.handle() })
+    /// Finds libtorch's functions and makes a stream, whose priority the kernels of its graphs keep. libtorch must have
+    /// made a tensor on the device before.
+    pub fn open(priority: Priority, memory: Memory) -> Result<Self, GraphError> {
+        let pool = match memory {
+            Memory::Apart => 0,
+            Memory::Shared => POOLS.fetch_add(1, Ordering::Relaxed),
+        };
+        Ok(Self { functions: functions()?, pool, stream: Streams::open()?.make(priority)?.handle() })
     }
 
-    /// Runs `body` a few times, then records what it launches; what it launches must be the same every time. Its
-    /// results are in the memory that it writes, which must live as long as the graph.
-    pub fn record<T>(&self, mut body: impl FnMut() -> Result<T, GraphError>) -> Result<(Graph, T), GraphError> {
+    /// Runs `body` a few times, because libraries choose their algorithms and allocate their room at first use, which a
+    /// recording does not allow; then records what it launches, which must be the same every time. Its results are in
+    /// the memory that it writes, which must live as long as the graph.
+    pub fn record<T>(
+        &self,
+        warm_ups: usize,
+        mut body: impl FnMut() -> Result<T, GraphError>,
+    ) -> Result<(Graph, T), GraphError> {
         Cuda::synchronize(0);
         let before = exchange(self.stream as i64)?;
         let recorded = cuda::on_stream(self.stream, || {
             let mut try_body = || catch_unwind(AssertUnwindSafe(&mut body)).unwrap_or(Err(GraphError::Operation));
-            for _ in 0..WARM_UPS {
+            for _ in 0..warm_ups {
                 try_body()?;
                 Cuda::synchronize(0);
             }
             let mut graph = Graph { functions: self.functions, graph: null_mut() };
             // SAFETY: the functions are libtorch's; the out-pointer is ours.
             guarded(|message, capacity| unsafe {
-                stillroom_graph_begin(&raw const graph.functions, &raw mut graph.graph, message, capacity)
+                stillroom_graph_begin(&raw const graph.functions, self.pool, &raw mut graph.graph, message, capacity)
             })?;
             let result = try_body();
             // In any case, or the stream would stay in the state of recording.

@@ -162,14 +162,22 @@ impl Network {
 
     /// Embeddings of the observations: \[rows, 512 + 32\], and 16 more with the previous action.
     pub fn embed(&self, observations: &Observations) -> Tensor {
-        self.embed_to_train(observations).rows
+        let scale_offset = FramePreparation::SCALE_OFFSET;
+        self.embedded(observations, self.encoder.forward_fused(&self.parameters, &observations.frames, scale_offset))
+            .rows
     }
 
-    /// The same, for [`Network::gradient_of`] a loss that is made of it.
+    /// The same, for [`Network::gradient_of`] a loss that is made of it. One such pass is to be over before the next one
+    /// begins.
     pub(crate) fn embed_to_train(&self, observations: &Observations) -> Embedded<'_> {
+        let scale_offset = FramePreparation::SCALE_OFFSET;
+        self.embedded(observations, self.encoder.forward_to_train(&self.parameters, &observations.frames, scale_offset))
+    }
+
+    /// With what the encoder made of the frames by itself, if it did.
+    fn embedded<'a>(&'a self, observations: &Observations, visual: Option<(Tensor, Backward<'a>)>) -> Embedded<'a> {
         let frames = &observations.frames;
-        let (visual, fused) = match self.encoder.forward_fused(&self.parameters, frames, FramePreparation::SCALE_OFFSET)
-        {
+        let (visual, fused) = match visual {
             Some((visual, backward)) => {
                 let visual = visual.set_requires_grad(true);
                 (visual.shallow_clone(), Some((visual, backward)))

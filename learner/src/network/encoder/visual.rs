@@ -63,6 +63,17 @@ pub(crate) trait VisualEncoder: fmt::Debug + Send {
     ) -> Option<(Tensor, Backward<'a>)> {
         None
     }
+
+    /// The same, to the same bits, where it is trained: a pass may be recorded and launched again, and then it holds until
+    /// the next one begins.
+    fn forward_to_train<'a>(
+        &'a self,
+        parameters: &'a Parameters,
+        kept: &Tensor,
+        scale_offset: [f32; 2],
+    ) -> Option<(Tensor, Backward<'a>)> {
+        self.forward_fused(parameters, kept, scale_offset)
+    }
 }
 
 /// An encoder's line in the registry.

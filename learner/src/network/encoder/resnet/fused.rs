@@ -103,9 +103,15 @@ impl Fused {
 
     /// Rounds the weights anew if they have changed. The copies stay in their places, which recorded graphs know.
     pub(super) fn refresh(&self, resnet: &Resnet, parameters: &Parameters) {
-        let mut rounded = self.rounded.borrow_mut();
-        match &mut *rounded {
-            Some(weights) if weights.version == parameters.version() => {}
+        let is_new = self.rounded.borrow().as_ref().is_some_and(|weights| weights.version == parameters.version());
+        if !is_new {
+            self.renew(resnet, parameters);
+        }
+    }
+
+    /// The same in any case: a recorded pass does it each time.
+    pub(super) fn renew(&self, resnet: &Resnet, parameters: &Parameters) {
+        match &mut *self.rounded.borrow_mut() {
             Some(weights) => weights.take(Rounded::new(resnet, parameters)),
             none => *none = Some(Rounded::new(resnet, parameters)),
         }

@@ -1,8 +1,10 @@
 //! The paper's encoder in its two ways: through autograd in float32 (`plain.rs`), which every device can run, and in
-//! bfloat16 with kernels of our own (`fused.rs`) on a CUDA device.
+//! bfloat16 with kernels of our own (`fused.rs`) on a CUDA device, there recorded as CUDA graphs where it is trained
+//! (`recorded.rs`).
 
 mod fused;
 mod plain;
+mod recorded;
 
 use super::visual::{Backward, EncoderEntry, PATH, VisualEncoder};
 use crate::ffi::cuda::CudaError;
@@ -11,6 +13,8 @@ use crate::network::parameters::Parameters;
 use fused::Fused;
 use plain::Resnet;
 use proto::config::Encoder;
+use recorded::Recordings;
+use std::cell::RefCell;
 use tch::Tensor;
 
 /// Its line in the registry.
@@ -18,7 +22,10 @@ pub(crate) const ENTRY: EncoderEntry = EncoderEntry {
     encoder: Encoder::Resnet,
     linear: plain::LINEAR,
     features: plain::features,
-    declare: |layout, side| Box::new(ResnetEncoder { resnet: Resnet::new(layout, PATH, side), side, fused: None }),
+    declare: |layout, side| {
+        let (resnet, recordings) = (Resnet::new(layout, PATH, side), RefCell::default());
+        Box::new(ResnetEncoder { resnet, side, fused: None, recordings })
+    },
     allenact: &[
         ("visual_encoder.backbone.", "visual_encoder.backbone."),
         ("visual_encoder.compression.", "visual_encoder.compression."),
@@ -33,6 +40,8 @@ struct ResnetEncoder {
     side: i64,
     /// The kernels, once they are compiled.
     fused: Option<Fused>,
+    /// Passes of training, once they have come often enough.
+    recordings: RefCell<Recordings>,
 }
 
 impl VisualEncoder for ResnetEncoder {
@@ -69,5 +78,20 @@ impl VisualEncoder for ResnetEncoder {
         let (visual, tape) = fused.forward(&self.resnet, parameters, kept, scale_offset);
         let backward = move |gradient: &Tensor| fused.backward(&self.resnet, parameters, tape, gradient, scale_offset);
         Some((visual, Box::new(backward)))
+    }
+
+    fn forward_to_train<'a>(
+        &'a self,
+        parameters: &'a Parameters,
+        kept: &Tensor,
+        scale_offset: [f32; 2],
+    ) -> Option<(Tensor, Backward<'a>)> {
+        let pass = recorded::Pass { fused: self.fused.as_ref()?, resnet: &self.resnet, parameters, scale_offset };
+        match self.recordings.borrow_mut().forward(&pass, kept) {
+            Some((visual, begun)) => {
+                Some((visual, Box::new(move |gradient: &Tensor| self.recordings.borrow().backward(begun, gradient))))
+            }
+            None => self.forward_fused(parameters, kept, scale_offset),
+        }
     }
 }

@@ -1,0 +1,188 @@
+//! Passes of training as CUDA graphs. Given to a GPU kernel by kernel, a pass over a minibatch takes the CPU longer than
+//! the GPU (BENCHMARKS.md, Steps of the optimiser as graphs); a graph is one launch.
+//!
+//! What an encoder computes depends on the number of frames alone, so two graphs do for all passes over as many: the
+//! forward pass, and the backward pass, between which autograd does the rest of the network. They launch the kernels that
+//! the other way launches, in the same order, so no bit depends on whether, or when, a pass was recorded.
+
+use super::super::visual::Gradients;
+use super::fused::Fused;
+use super::plain::Resnet;
+use crate::ffi::graph::{Graph, GraphError, Memory, Recorder};
+use crate::ffi::stream::Priority;
+use crate::network::parameters::Parameters;
+use std::collections::BTreeMap;
+use tch::Tensor;
+
+/// Passes over as many frames before they are recorded. They warm libraries up, which choose algorithms and allocate at
+/// first use; and sizes that hardly come again, as at the end of a stage, are not worth it.
+const RECORDED_AFTER: u32 = 3;
+/// Sizes that are recorded; others go kernel by kernel. Minibatches of one shard have one of two.
+const MOST_RECORDED: usize = 4;
+
+/// What a pass computes with.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Pass<'a> {
+    pub fused: &'a Fused,
+    pub resnet: &'a Resnet,
+    pub parameters: &'a Parameters,
+    /// See [`Fused::forward`].
+    pub scale_offset: [f32; 2],
+}
+
+/// The recorded passes, by number of frames.
+#[derive(Debug, Default)]
+pub(super) struct Recordings {
+    recorder: Option<Recorder>,
+    recorded: BTreeMap<i64, Recorded>,
+    /// How often passes over as many frames have come.
+    times: BTreeMap<i64, u32>,
+    /// Forward passes launched.
+    launched: u64,
+    /// Something could not be recorded.
+    refused: bool,
+}
+
+/// A forward pass that was launched, for its backward pass.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Begun {
+    frames: i64,
+    number: u64,
+}
+
+/// Both graphs, with what they read and write.
+#[derive(Debug)]
+struct Recorded {
+    forward: Graph,
+    backward: Graph,
+    /// Read by the forward pass.
+    kept: Tensor,
+    /// Written by it.
+    visual: Tensor,
+    /// Read by the backward pass.
+    d_visual: Tensor,
+    /// Written by it.
+    gradients: Gradients,
+}
+
+impl Recordings {
+    /// The visual embedding of these frames, and what [`Recordings::backward`] needs to go on; none where the pass is not
+    /// recorded.
+    pub(super) fn forward(&mut self, pass: &Pass, kept: &Tensor) -> Option<(Tensor, Begun)> {
+        let frames = kept.size()[0];
+        if !self.refused && !self.recorded.contains_key(&frames) && self.is_due(frames) {
+            match self.record(pass, kept) {
+                Ok(recorded) => {
+                    self.recorded.insert(frames, recorded);
+                }
+                Err(error) => {
+                    tracing::warn!("training launches its kernels one by one, which takes longer: {error}");
+                    self.refused = true;
+                }
+            }
+        }
+        let Recorded { forward, kept: place, visual, .. } = self.recorded.get_mut(&frames)?;
+        place.copy_(kept);
+        launch(forward);
+        self.launched += 1;
+        Some((visual.detach(), Begun { frames, number: self.launched }))
+    }
+
+    /// Gradients of all of the encoder's parameters for that of the embedding. They hold until the next pass.
+    ///
+    /// # Panics
+    /// If another forward pass has begun since: its numbers lie where this one's did.
+    pub(super) fn backward(&self, begun: Begun, gradient: &Tensor) -> Gradients {
+        assert_eq!(begun.number, self.launched, "a pass is over before the next one begins");
+        let Recorded { backward, d_visual, gradients, .. } = &self.recorded[&begun.frames];
+        tch::no_grad(|| d_visual.shallow_clone().copy_(gradient));
+        launch(backward);
+        gradients.iter().map(|(id, gradient)| (*id, gradient.shallow_clone())).collect()
+    }
+
+    /// Counts a pass. True where passes of this size are to be recorded.
+    fn is_due(&mut self, frames: i64) -> bool {
+        let times = self.times.entry(frames).or_default();
+        *times += 1;
+        *times > RECORDED_AFTER && self.recorded.len() < MOST_RECORDED
+    }
+
+    fn record(&mut self, pass: &Pass, kept: &Tensor) -> Result<Recorded, GraphError> {
+        let Pass { fused, resnet, parameters, scale_offset } = *pass;
+        // A graph's kernels have the priority of the stream that they were recorded on: acting goes first.
+        let recorder = match &mut self.recorder {
+            Some(recorder) => recorder,
+            none => none.insert(Recorder::open(Priority::Low, Memory::Shared)?),
+        };
+        let kept = kept.copy();
+        let (forward, (visual, tape)) = recorder.record(0, || {
+            fused.renew(resnet, parameters);
+            Ok(fused.forward(resnet, parameters, &kept, scale_offset))
+        })?;
+        let d_visual = visual.zeros_like();
+        let mut tape = Some(tape);
+        let (backward, gradients) = recorder.record(0, || {
+            let tape = tape.take().expect("recorded at the first call, without warm-ups");
+            Ok(fused.backward(resnet, parameters, tape, &d_visual, scale_offset))
+        })?;
+        Ok(Recorded { forward, backward, kept, visual, d_visual, gradients })
+    }
+}
+
+/// Launches a graph that was recorded to its end.
+fn launch(graph: &Graph) {
+    // As in tch: a device that fails in the middle of a pass ends the process.
+    graph.replay().unwrap_or_else(|error| panic!("{error}"));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Backward, PATH, ResnetEncoder, VisualEncoder};
+    use super::*;
+    use crate::network::{Layout, to_vec};
+    use std::cell::RefCell;
+    use tch::{Device, Kind};
+
+    const SIDE: i64 = 112;
+
+    /// Bit for bit what goes kernel by kernel, for sizes in turns and under weights that change between two passes.
+    #[test]
+    #[ignore = "needs a CUDA device"]
+    fn a_recorded_pass_is_the_pass() {
+        crate::device::load_cuda();
+        let device = Device::Cuda(0);
+        let mut layout = Layout::default();
+        let mut encoder = ResnetEncoder {
+            resnet: Resnet::new(&mut layout, PATH, SIDE),
+            side: SIDE,
+            fused: None,
+            recordings: RefCell::default(),
+        };
+        let parameters = Parameters::new(layout, 3, device);
+        encoder.fuse().unwrap();
+        tch::manual_seed(7);
+        let float = (Kind::Float, device);
+        let mut compared = 0;
+        for _ in 0..RECORDED_AFTER + 3 {
+            for frames in [38, 19] {
+                let kept = Tensor::rand([frames, SIDE, SIDE], float) * 4000.0;
+                let gradient = Tensor::randn([frames, 512], float);
+                let pass = |(visual, backward): (Tensor, Backward)| (visual.copy(), backward(&gradient));
+                let scale_offset = [0.001, -1.0];
+                let (visual, gradients) = pass(encoder.forward_to_train(&parameters, &kept, scale_offset).unwrap());
+                let (expected, all_expected) = pass(encoder.forward_fused(&parameters, &kept, scale_offset).unwrap());
+                assert!(visual.equal(&expected), "the embedding of {frames} frames");
+                assert_eq!(gradients.len(), all_expected.len());
+                for ((id, gradient), (expected_id, expected)) in gradients.iter().zip(&all_expected) {
+                    assert!(id == expected_id && gradient.equal(expected), "{id:?} of {frames} frames");
+                    assert!(to_vec(gradient).iter().any(|&number| number != 0.0), "{id:?} has a gradient");
+                }
+                compared += usize::from(encoder.recordings.borrow().recorded.contains_key(&frames));
+                tch::no_grad(|| {
+                    let _ = parameters.flat().g_mul_scalar_(1.01);
+                });
+            }
+        }
+        assert_eq!(compared, 6, "three recorded passes of each size");
+    }
+}
