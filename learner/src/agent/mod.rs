@@ -47,7 +47,6 @@ use std::ops::Range;
 use step::{Inference, column_indices, sample};
 use tch::{Device, Tensor};
 use trainer::{Done, HERE, Job, Trainer, build};
-use wire::message::Halves;
 
 /// The agent.
 #[derive(Debug)]
@@ -180,12 +179,9 @@ impl Agent {
         Ok(share > 0.0 && ends_early(share, [steps, planned], self.peers().finished(rollout)?))
     }
 
-    /// Whether a step's columns may be whichever are ready. Where actors have two halves, one is simulated while the other
-    /// is inferred, and a GPU that also trains has no time for batches that are not full: there it is better that all of
-    /// a half go together (BENCHMARKS.md, Whoever is ready).
+    /// Whether a step's columns may be whichever are ready, without changing a bit.
     pub(crate) fn takes_who_is_ready(&self) -> bool {
-        let one_half = Halves::of(self.config.actors.environments_per_actor).count() == 1;
-        self.batch_rows.is_some() && one_half && self.config.ppo.preemption_share == 0.0
+        self.batch_rows.is_some() && self.config.ppo.preemption_share == 0.0
     }
 
     /// Which of the run's columns this learner has.

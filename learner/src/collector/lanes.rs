@@ -3,6 +3,8 @@
 //! The observation with step s is answered by the action with step s, which leads to the observation with step s + 1.
 //! So everything an actor can send is either expected now or was received before, whatever the others have sent.
 
+use std::fmt;
+
 /// Who acts together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Pace {
@@ -12,6 +14,27 @@ pub enum Pace {
     /// Whoever is there, as soon as they are a share of those who are not through with the rollout. The fast run ahead of
     /// the slow, up to its end. For an agent that gives a row the same result whatever stands beside it.
     Ready,
+}
+
+impl Pace {
+    /// The other one.
+    #[must_use]
+    pub fn other(self) -> Self {
+        match self {
+            Self::Lockstep => Self::Ready,
+            Self::Ready => Self::Lockstep,
+        }
+    }
+}
+
+impl fmt::Display for Pace {
+    /// How actors go.
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            Self::Lockstep => "in lockstep",
+            Self::Ready => "when they are ready",
+        })
+    }
 }
 
 /// One in so many must be there before [`Pace::Ready`] lets them act: the others have something to do meanwhile, and a
@@ -80,11 +103,11 @@ pub enum Arrival {
 }
 
 impl<S> Lanes<S> {
-    /// All wait for the observations of exchange `from`. `shards`: of each actor.
-    pub fn new(pace: Pace, halves: u32, shards: Vec<usize>, from: u64) -> Self {
+    /// All wait for the observations of exchange `from`, and go in lockstep. `shards`: of each actor.
+    pub fn new(halves: u32, shards: Vec<usize>, from: u64) -> Self {
         let standing = || Standing { step: from, sample: None, recorded: None, settled: false, valued: false };
         let all = (0..shards.len() * halves as usize).map(|_| standing()).collect();
-        Self { pace, halves, all, shards, from, first: from }
+        Self { pace: Pace::Lockstep, halves, all, shards, from, first: from }
     }
 
     fn at(&self, index: u32, half: u32) -> &Standing<S> {
@@ -103,6 +126,11 @@ impl<S> Lanes<S> {
     /// The exchange whose observations are expected or here; as many actions have been sent since the run's start.
     pub fn step(&self, index: u32, half: u32) -> u64 {
         self.at(index, half).step
+    }
+
+    /// Who acts together from now on.
+    pub fn go_at(&mut self, pace: Pace) {
+        self.pace = pace;
     }
 
     /// A rollout begins.
@@ -306,7 +334,7 @@ mod tests {
 
     #[test]
     fn in_lockstep_the_halves_take_turns_and_wait_for_the_slowest() {
-        let mut lanes = Lanes::new(Pace::Lockstep, 2, vec![0; 2], 7);
+        let mut lanes = Lanes::new(2, vec![0; 2], 7);
         lanes.begin();
         assert_eq!(run(&mut lanes, &[(1, 1)]), [[lane(0, 0, 0), lane(1, 0, 0)]]);
         assert_eq!(lanes.next(false), Next::Await { actors: vec![1], enough: 1 });
@@ -318,7 +346,8 @@ mod tests {
 
     #[test]
     fn who_is_ready_goes_on_to_the_end_of_the_rollout_while_another_is_slow() {
-        let mut lanes = Lanes::new(Pace::Ready, 2, vec![0; 4], 7);
+        let mut lanes = Lanes::new(2, vec![0; 4], 7);
+        lanes.go_at(Pace::Ready);
         lanes.begin();
         let turns = run(&mut lanes, &[(2, 0), (2, 1)]);
         let acted: usize = turns.iter().map(Vec::len).sum();
@@ -333,7 +362,8 @@ mod tests {
 
     #[test]
     fn a_batch_has_the_furthest_behind_and_of_each_shard_what_fits() {
-        let mut lanes = Lanes::new(Pace::Ready, 2, vec![0, 0, 1, 1], 0);
+        let mut lanes = Lanes::new(2, vec![0, 0, 1, 1], 0);
+        lanes.go_at(Pace::Ready);
         lanes.begin();
         lanes.keep(0, 0, ());
         assert_eq!(lanes.next(false), Next::Await { actors: vec![0, 1, 2, 3], enough: 1 });
@@ -351,7 +381,8 @@ mod tests {
     #[test]
     fn a_rollout_of_no_steps_values_all_at_once_and_the_next_begins_where_it_ended() {
         for pace in [Pace::Lockstep, Pace::Ready] {
-            let mut lanes = Lanes::new(pace, 1, vec![0; 3], 4);
+            let mut lanes = Lanes::new(1, vec![0; 3], 4);
+            lanes.go_at(pace);
             assert!(!lanes.all_seen());
             (0..3).for_each(|index| lanes.keep(index, 0, ()));
             assert!(lanes.all_seen());

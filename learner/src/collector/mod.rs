@@ -108,8 +108,6 @@ pub struct Settings {
     pub learner_incarnation: u32,
     /// Whether there is a recorder, whose receipts are waited for.
     pub recorded: bool,
-    /// Who acts together.
-    pub pace: Pace,
 }
 
 /// What to do next.
@@ -214,7 +212,7 @@ pub struct Collector<S> {
 }
 
 impl<S: HalfSample> Collector<S> {
-    /// A collector that goes on from `boundary`.
+    /// A collector that goes on from `boundary`, in lockstep.
     ///
     /// # Panics
     /// If the boundary or the shards are not of as many environments as the column map.
@@ -226,7 +224,7 @@ impl<S: HalfSample> Collector<S> {
         let of_actors = (0..column_map.actors()).map(|index| shards[column_map.columns_of_actor(index).start]);
         Self {
             settings,
-            lanes: Lanes::new(settings.pace, column_map.halves(), of_actors.collect(), exchange),
+            lanes: Lanes::new(column_map.halves(), of_actors.collect(), exchange),
             environments: Environments::new(
                 column_map,
                 settings.max_episode_steps,
@@ -241,6 +239,15 @@ impl<S: HalfSample> Collector<S> {
             stage_version: 0,
             cursor: None,
         }
+    }
+
+    /// Who acts together from the next rollout on; at first all of a half, in lockstep.
+    ///
+    /// # Panics
+    /// If a rollout is in progress.
+    pub fn go_at(&mut self, pace: Pace) {
+        assert!(self.cursor.is_none(), "a rollout goes on as it began");
+        self.lanes.go_at(pace);
     }
 
     /// Begins a rollout under the announcement with this version.

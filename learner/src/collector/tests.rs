@@ -84,18 +84,19 @@ struct Run {
     cut: Option<usize>,
     budget: u64,
     recorded: bool,
-    pace: Pace,
+    /// Of rollouts with even and with odd numbers.
+    paces: [Pace; 2],
 }
 
 impl Run {
     fn settings(self, learner_incarnation: u32) -> Settings {
-        let Self { column_map, recorded, pace, .. } = self;
-        Settings { recorded, pace, ..settings(column_map, learner_incarnation) }
+        let Self { column_map, recorded, .. } = self;
+        Settings { recorded, ..settings(column_map, learner_incarnation) }
     }
 
     /// The same, in lockstep and without a recorder.
     fn plain(self) -> Self {
-        Self { pace: Pace::Lockstep, recorded: false, ..self }
+        Self { paces: [Pace::Lockstep; 2], recorded: false, ..self }
     }
 }
 
@@ -203,7 +204,9 @@ impl World {
             let shape = RolloutShape::next(self.run.budget - self.frames, self.run.rollout_steps, column_map.columns());
             self.before = self.brain.clone();
             let reward = Reward { kind: RewardKind::DisturbanceFree, disturbance_weight: 15.0 };
-            self.collector.begin(shape, reward, 1 + self.record.rollouts.len() as u64);
+            let number = self.record.rollouts.len();
+            self.collector.go_at(self.run.paces[number % 2]);
+            self.collector.begin(shape, reward, 1 + number as u64);
             self.in_progress =
                 Some(RolloutRecord { shape, actions: vec![], outcomes: vec![], metrics: vec![], bootstrap: vec![] });
         }
@@ -344,7 +347,6 @@ fn settings(column_map: ColumnMap, learner_incarnation: u32) -> Settings {
         gamma: 0.99,
         learner_incarnation,
         recorded: false,
-        pace: Pace::Lockstep,
     }
 }
 
@@ -375,15 +377,15 @@ fn random_order(seed: u64) -> impl FnMut() -> usize {
 }
 
 fn any_run() -> impl Strategy<Value = Run> {
-    let pace = prop_oneof![Just(Pace::Lockstep), Just(Pace::Ready)];
-    (1u32..4, 1u32..5, 1usize..9, 1u64..120, any::<bool>(), pace).prop_map(
-        |(actors, environments, rollout_steps, budget, recorded, pace)| Run {
+    let pace = || prop_oneof![Just(Pace::Lockstep), Just(Pace::Ready)];
+    (1u32..4, 1u32..5, 1usize..9, 1u64..120, any::<bool>(), [pace(), pace()]).prop_map(
+        |(actors, environments, rollout_steps, budget, recorded, paces)| Run {
             column_map: ColumnMap::new(0, actors, environments),
             rollout_steps,
             cut: None,
             budget,
             recorded,
-            pace,
+            paces,
         },
     )
 }
@@ -417,7 +419,7 @@ proptest! {
         run in any_run(), cut in 1usize..9, order in any::<u64>(), faults in prop::collection::vec(any_fault(), 0..3),
     ) {
         // Who has run ahead cannot be cut.
-        let run = Run { pace: Pace::Lockstep, ..run };
+        let run = Run { paces: [Pace::Lockstep; 2], ..run };
         let short = Run { rollout_steps: cut.min(run.rollout_steps), ..run };
         let cut = Run { cut: Some(cut), ..run };
         prop_assert_eq!(World::new(cut).run(random_order(order), &faults), World::new(short).run(round_robin(), &[]));
@@ -450,14 +452,14 @@ proptest! {
 #[test]
 fn a_crash_at_each_turn() {
     let column_map = ColumnMap::new(0, 2, 3);
-    for pace in [Pace::Lockstep, Pace::Ready] {
-        let run = Run { column_map, rollout_steps: 3, cut: None, budget: 40, recorded: true, pace };
+    for paces in [[Pace::Lockstep; 2], [Pace::Ready; 2], [Pace::Lockstep, Pace::Ready]] {
+        let run = Run { column_map, rollout_steps: 3, cut: None, budget: 40, recorded: true, paces };
         let undisturbed = World::new(run.plain()).run(round_robin(), &[]);
         assert!(undisturbed.rollouts.iter().flat_map(|rollout| &rollout.outcomes).any(|outcome| outcome.3), "some end");
         for turn in 0..200 {
             for fault in [Fault::Actor(0), Fault::Actor(1), Fault::Learner] {
                 let disturbed = World::new(run).run(round_robin(), &[(turn, fault)]);
-                assert_eq!(disturbed, undisturbed, "{fault:?} at {turn}, {pace:?}");
+                assert_eq!(disturbed, undisturbed, "{fault:?} at {turn}, {paces:?}");
             }
         }
     }

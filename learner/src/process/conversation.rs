@@ -6,7 +6,7 @@ use super::control::Control;
 use super::link::{Ports, Sample};
 use super::patience::{Patience, Waited};
 use super::stop::{OrchestratorGone, Stop};
-use crate::collector::{Boundary, Collector, ColumnMap, Lane, Missing, Pace, Received, Settings};
+use crate::collector::{Boundary, Collector, ColumnMap, Lane, Missing, Received, Settings};
 use crate::shards::Shards;
 use anyhow::Result;
 use proto::config::Config;
@@ -38,8 +38,6 @@ pub struct Speaker<'a> {
     pub ports: &'a Ports,
     /// Set when the orchestrator is gone.
     pub gone: &'a OrchestratorGone,
-    /// Who acts together.
-    pub pace: Pace,
 }
 
 /// A learner's conversation with actors and orchestrator.
@@ -65,7 +63,7 @@ pub struct Conversation<'a, W> {
 impl<'a, W: Write> Conversation<'a, W> {
     /// The environments, divided into `shards`, go on from `boundary`; events are written to `output`.
     pub fn open(speaker: Speaker<'a>, config: &Config, shards: &Shards, boundary: Boundary, output: W) -> Self {
-        let Speaker { rank, incarnation, ports, gone, pace } = speaker;
+        let Speaker { rank, incarnation, ports, gone } = speaker;
         let settings = Settings {
             column_map: ColumnMap::of(rank, config),
             seed: config.seed,
@@ -75,7 +73,6 @@ impl<'a, W: Write> Conversation<'a, W> {
             gamma: config.ppo.gamma,
             learner_incarnation: incarnation,
             recorded: ports.recorded(),
-            pace,
         };
         let actors = config.shares().actors_of(rank);
         gone.wakes(ports.own_bell());

@@ -9,7 +9,7 @@ use super::output::claim_stdout;
 use super::stop::{OrchestratorGone, Stop};
 use super::weights::{self, Trained};
 use crate::agent::Agent;
-use crate::collector::{Boundary, ColumnMap, Lane, Pace, Reward, Task};
+use crate::collector::{Boundary, ColumnMap, Lane, Reward, Task};
 use crate::device;
 use crate::evaluation::Examination;
 use anyhow::{Result, bail};
@@ -68,7 +68,7 @@ pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
     let policy_actions = config.episode.action_space.actions().len();
     let examination = Examination::new(plan, column_map, config.reward.lambda_disturb, seed, policy_actions);
     let ports = Ports::open(&wire, WireShape::of(&config), RANK, config.recording.enabled)?;
-    let speaker = Speaker { rank: RANK, incarnation, ports: &ports, gone: &gone, pace: Pace::Lockstep };
+    let speaker = Speaker { rank: RANK, incarnation, ports: &ports, gone: &gone };
     let boundary = Boundary::start(column_map.columns());
     let mut conversation = Conversation::open(speaker, &config, agent.shards(), boundary, output);
     conversation.tell(&LearnerEvent::Ready {

@@ -16,6 +16,7 @@ mod link;
 mod lock;
 mod machine;
 mod output;
+mod pacing;
 mod patience;
 mod resume;
 mod ringers;
@@ -41,6 +42,7 @@ use conversation::{Conversation, Speaker};
 use link::Ports;
 use lock::Lock;
 use output::claim_stdout;
+use pacing::Pacing;
 use proto::bounded;
 use proto::config::Config;
 use proto::event::LearnerEvent;
@@ -53,6 +55,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 use stop::OrchestratorGone;
 use training::Training;
+use wire::message::Halves;
 use wire::{WireAddress, WireShape};
 
 /// What a learner is started with.
@@ -129,8 +132,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     // 0 = none was found, which is not the checkpoint of rollout 0.
     agent.peers().agree("the rollouts of their checkpoints", checkpoint.as_ref().map_or(0, |_| rollout + 1))?;
     let ports = Ports::open(&wire, WireShape::of(&config), rank, config.recording.enabled)?;
-    let pace = if agent.takes_who_is_ready() { Pace::Ready } else { Pace::Lockstep };
-    let speaker = Speaker { rank, incarnation, ports: &ports, gone: &gone, pace };
+    let speaker = Speaker { rank, incarnation, ports: &ports, gone: &gone };
     let mut conversation = Conversation::open(speaker, &config, agent.shards(), boundary, output);
     conversation.tell(&LearnerEvent::Ready {
         rank,
@@ -142,12 +144,19 @@ pub fn run(arguments: Arguments) -> Result<()> {
     });
     let saved = checkpoint.map(|_| rollout);
     let (orchestrator, in_update) = (wire.incarnation(), None);
+    let pacing = match Halves::of(config.actors.environments_per_actor).count() {
+        _ if !agent.takes_who_is_ready() => Pacing::fixed(Pace::Lockstep),
+        // Nothing is simulated while a single half is inferred: there the GPU has time.
+        1 => Pacing::faster_than(Pace::Ready),
+        _ => Pacing::faster_than(Pace::Lockstep),
+    };
     let training = Training {
         config,
         run,
         store,
         agent,
         conversation,
+        pacing,
         rollout,
         frames,
         in_update,

@@ -9,6 +9,7 @@ use super::announcements::Permission;
 use super::conversation::{Conversation, Silent};
 use super::ends::{CutShort, joint_end, reasons};
 use super::failure::{NonFinite, Unsaved, is_non_finite, is_unsaved};
+use super::pacing::Pacing;
 use super::stop::Stop;
 use super::writing::Unrecorded;
 use crate::agent::{Agent, AgentError};
@@ -44,6 +45,8 @@ pub struct Training<'a, W> {
     pub agent: Agent,
     /// With actors and orchestrator.
     pub conversation: Conversation<'a, W>,
+    /// Who acts together.
+    pub pacing: Pacing,
     /// The next rollout to be trained on.
     pub rollout: u64,
     /// Frames trained on.
@@ -91,6 +94,8 @@ struct Loop {
     /// When the timing's rollout began: when the one before was through.
     began: Instant,
     timing: Timing,
+    /// When the last rollout began to be collected.
+    collecting_since: Option<Instant>,
     /// This learner ended the rollout in progress, or the last one, early, because the others had finished.
     preempted: bool,
     /// The next checkpoint is to be evaluated.
@@ -386,6 +391,8 @@ impl<W: Write> Training<'_, W> {
         let shape = RolloutShape::next(position.frames_left, steps, self.config.environments());
         let shape = shape.part(self.agent.columns());
         self.agent.begin_rollout(shape);
+        let took = state.collecting_since.replace(Instant::now()).map(|since| since.elapsed());
+        self.conversation.collector.go_at(self.pacing.next(took));
         self.conversation.collector.begin(shape, reward, version);
         match self.collect(state) {
             Ok(stop) => Ok(stop.map(CutShort::Stop)),
@@ -546,6 +553,7 @@ impl Loop {
             last_save: now,
             began: now,
             timing: Timing::default(),
+            collecting_since: None,
             preempted: false,
             evaluated: false,
             actor_starts: 0,

@@ -1,7 +1,7 @@
 //! The same seed ends in the same weights on GPUs, too, whatever happens on the way. These tests need CUDA devices, as
 //! many as a run has learners: `cargo nextest run --release --workspace --run-ignored only same_weights_on`.
 
-use system_tests::{Workshop, complete, finish, kill, kill_child, start};
+use system_tests::{Workshop, complete, finish, kill_child, start};
 
 /// What is run.
 #[derive(Clone, Copy)]
@@ -41,7 +41,7 @@ fn up(workshop: &Workshop, name: &str, shape: Shape) -> std::process::Command {
     given(workshop, &["up", "--run", name], shape)
 }
 
-/// One run as it is, one whose learner and an actor are killed, one whose orchestrator is killed: one result.
+/// One run as it is, one of which a learner and an actor are killed, one whose orchestrator is killed: one result.
 fn killed_or_not(shape: Shape) {
     let workshop = Workshop::new();
     let undisturbed = complete(up(&workshop, "undisturbed", shape)).result();
@@ -50,7 +50,7 @@ fn killed_or_not(shape: Shape) {
     let child = start(up(&workshop, "learner", shape));
     let run = workshop.run("learner");
     run.wait_for_rollouts(5);
-    kill(run.learner());
+    run.kill_one("--rank");
     run.wait_for_rollouts(8);
     run.kill_one("--actor ");
     let printed = finish(child);

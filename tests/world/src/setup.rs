@@ -43,8 +43,8 @@ pub enum Mutation {
 pub struct Setup {
     /// Configuration.
     pub config: Config,
-    /// Who acts together.
-    pub pace: Pace,
+    /// Who acts together, in rollouts with even and with odd numbers.
+    pub paces: [Pace; 2],
     /// What is wrong on purpose.
     pub mutation: Option<Mutation>,
 }
@@ -80,8 +80,9 @@ impl Setup {
             stage("I", RewardKind::Task, dice.between(1, 14 * environments)),
             stage("II", RewardKind::DisturbanceFree, dice.between(1, 16 * environments)),
         ];
-        let pace = if (seed / 3).is_multiple_of(2) { Pace::Lockstep } else { Pace::Ready };
-        Self { config, pace, mutation: None }
+        let pace = |number: u64| if number.is_multiple_of(2) { Pace::Lockstep } else { Pace::Ready };
+        let paces = [pace(seed / 3), pace(seed / 6)];
+        Self { config, paces, mutation: None }
     }
 
     /// Whether this is wrong on purpose.

@@ -292,7 +292,6 @@ impl Learner {
             gamma: config.ppo.gamma,
             learner_incarnation: self.incarnation,
             recorded: !world.setup.has(Mutation::IgnoresReceipts),
-            pace: world.setup.pace,
         };
         let shards = Shards::one(settings.column_map.columns());
         self.collector = Some(Collector::new(settings, &shards, boundary));

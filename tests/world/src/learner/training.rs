@@ -59,6 +59,8 @@ impl Learner {
                 let shape = shape.part(self.columns.clone());
                 let deadline_s = config.learner.actor_deadline_s;
                 self.digests.fill(0);
+                let pace = world.setup.paces[(rollout % 2) as usize];
+                self.collector().go_at(pace);
                 self.collector().begin(shape, reward, version);
                 self.phase = Phase::Collecting { patience: Patience::new(deadline_s), began: world.now };
                 Next::After(10)
