@@ -136,9 +136,10 @@ impl Supervisor {
         std::mem::take(&mut self.actions)
     }
 
-    /// Whether a stop or an end is being carried out.
-    pub(super) fn is_stopping(&self) -> bool {
-        self.phase != Phase::Running
+    /// The first rollout that has not been announced, and so can have another number of actors. None while a stop or an
+    /// end is carried out; a save that fails and is made once more leads back from there.
+    pub(super) fn open_rollout(&self) -> Option<u64> {
+        (self.phase == Phase::Running).then(|| self.stages.next_rollout())
     }
 
     /// Whether there is nothing to train and nothing to save.

@@ -25,7 +25,6 @@ use std::time::{Duration, Instant};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::mpsc;
 use tokio::time::{Interval, MissedTickBehavior};
-use wire::message::directive;
 use wire::{Announcer, WireHost, fault};
 
 /// Interval of checking deadlines, of repeating the announcement for late subscribers, and of showing progress.
@@ -169,9 +168,8 @@ impl Shell<'_> {
             recording_failed: false,
             asked_to_stop: false,
             requeue: false,
-            next_rollout: 0,
+            open_rollout: machine.open_rollout(),
             scales_to: None,
-            course: Course::GoesOn,
         };
         let mut actions = machine.start(Duration::ZERO);
         fault::reach("orchestrator.before_spawn");
@@ -185,9 +183,7 @@ impl Shell<'_> {
             let now = supervision.now();
             supervision.take_note(now, &event);
             actions = machine.on_event(now, event);
-            if machine.is_stopping() {
-                supervision.course = Course::Ends;
-            }
+            supervision.open_rollout = machine.open_rollout();
         }
     }
 }
@@ -214,20 +210,10 @@ struct Supervision<'a, A> {
     asked_to_stop: bool,
     /// The stop is a scheduler's.
     requeue: bool,
-    /// The first rollout that has not been announced.
-    next_rollout: u64,
+    /// The first rollout that can have another number of actors; none while a stop or an end is carried out.
+    open_rollout: Option<u64>,
     /// The number of actors with which the run goes on.
     scales_to: Option<u32>,
-    course: Course,
-}
-
-/// What becomes of this start.
-#[derive(PartialEq, Eq)]
-enum Course {
-    /// It goes on.
-    GoesOn,
-    /// It is being ended, for whatever reason.
-    Ends,
 }
 
 impl<A: Audience> Supervision<'_, A> {
@@ -257,9 +243,6 @@ impl<A: Audience> Supervision<'_, A> {
             },
             Action::Announce(announcement) => {
                 fault::reach("orchestrator.before_announce");
-                if announcement.directive == directive::TRAIN {
-                    self.next_rollout = announcement.rollout + 1;
-                }
                 if let Some(company) = &self.shell.company {
                     company.order_all(&Order::Announce(announcement.into()));
                 }
@@ -410,10 +393,10 @@ impl<A: Audience> Supervision<'_, A> {
     /// Takes what `orchestrator scale` asks for.
     fn look_for_scale(&mut self) {
         let Some((folder, incarnation)) = self.shell.scaled else { return };
-        let next = (self.course == Course::GoesOn).then_some(self.next_rollout);
-        let Some(request) = ScaleRequest::take(folder, incarnation, self.shell.config, next) else { return };
+        let open = self.open_rollout;
+        let Some(request) = ScaleRequest::take(folder, incarnation, self.shell.config, open) else { return };
         let ScaleRequest { actors, at_rollout, .. } = request;
-        let at = at_rollout.unwrap_or(self.next_rollout);
+        let Some(at) = at_rollout.or(open) else { return };
         let instead = self.scales_to.replace(actors).map_or(String::new(), |other| format!(", not with {other}"));
         tracing::info!(
             "asked for {actors} actors: the run is saved before rollout {at} and goes on with them{instead}"

@@ -40,6 +40,11 @@ impl Supervisor {
     pub fn is_over(&self) -> bool {
         self.phase == Phase::Over
     }
+
+    /// Whether a stop or an end is being carried out.
+    fn is_stopping(&self) -> bool {
+        self.phase != Phase::Running
+    }
 }
 
 /// Everything outside the supervisor: processes that live and die, and learners that keep to the protocol.

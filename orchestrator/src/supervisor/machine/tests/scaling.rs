@@ -129,6 +129,18 @@ fn learners_that_die_or_hang_while_they_save_for_it_save_once_more() {
     assert!(matches!(&end, SessionEnd::Failed(reason) if reason.contains("while the run got no further")), "{end:?}");
 }
 
+/// A save that fails leads back to a run that goes on, which can be asked for another number again.
+#[test]
+fn after_a_save_that_failed_another_number_can_be_asked_for() {
+    let mut world = saving(1);
+    assert_eq!(world.supervisor.open_rollout(), None, "it is being saved");
+    world.exit(LEARNER, Exit::Signal(9));
+    assert_eq!(world.supervisor.open_rollout(), Some(4));
+    world.feed(Event::Scale { before: Some(6) });
+    let (at, outcome) = end_of(world, u32::MAX, None, false);
+    assert_eq!((at, outcome.end), (6, SessionEnd::Stopped));
+}
+
 #[test]
 fn an_actor_that_died_while_they_saved_is_there_again_with_them() {
     let mut world = saving(1);
