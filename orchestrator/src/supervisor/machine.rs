@@ -378,7 +378,10 @@ impl Supervisor {
                     self.progress();
                 }
             }
-            LearnerEvent::CheckpointBegun { .. } => self.gang.goes_on(now, Work::Save),
+            LearnerEvent::CheckpointBegun { .. } => {
+                self.gang.goes_on(now, Work::Save);
+                self.save_begins(now);
+            }
             LearnerEvent::CheckpointWritten { .. } => self.gang.goes_on(now, Work::Collect),
             LearnerEvent::WaitingForActor { actor, waited_s, .. } => {
                 self.gang.waits(now);

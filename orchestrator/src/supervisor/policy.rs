@@ -5,6 +5,7 @@ use super::restart::RestartPolicy;
 use proto::config::Config;
 use proto::kitchen::Kitchens;
 use std::time::Duration;
+use wire::Standstill;
 
 /// Learners hang when they take this many times the longest of the last times. Beside an evaluation, a build or a busy
 /// disk they may well take three times as long.
@@ -34,8 +35,12 @@ pub struct Policy {
     pub silence: Duration,
     /// No learner is taken to hang before this, however quick it was.
     pub floor: Duration,
-    /// The longest that a checkpoint may take, while it is not known how long it takes.
+    /// The longest that a checkpoint may take, while it is not known how long it takes. It counts where one has not
+    /// begun yet.
     pub first_save: Duration,
+    /// No learner that writes a checkpoint is taken to hang before this: it waits for the disk, as it does for a recorder
+    /// that stands still, and whoever were started in its place would wait, too.
+    pub disk: Duration,
     /// An actor that the learner has waited for this long, and that has run this long, is taken to hang, while it is
     /// not known how long a rollout takes.
     pub actor_silence: Duration,
@@ -63,6 +68,7 @@ impl Policy {
             silence: Duration::from_secs_f64(config.longest_update_s()) + actor_deadline,
             floor: Duration::from_secs_f64(config.learner.progress_deadline_s.min(1e6)),
             first_save: Duration::from_mins(3),
+            disk: Standstill::DEADLINE,
             actor_silence: actor_deadline / 2,
             learner_leaves: Duration::from_secs(30),
             actor_leaves: Duration::from_secs(2),
@@ -75,7 +81,7 @@ impl Policy {
     /// they were started. A checkpoint that fails is followed by a rollout without a word.
     pub fn patience(&self, work: Work, pace: &Pace, first: bool) -> Duration {
         match work {
-            Work::Save => self.longest(work, pace, first) + self.longest(Work::Collect, pace, false),
+            Work::Save => self.save(pace, first) + self.longest(Work::Collect, pace, false),
             Work::Collect | Work::Update | Work::Play => self.longest(work, pace, first),
         }
     }
@@ -87,6 +93,11 @@ impl Policy {
             Work::Collect | Work::Update if self.overlap => pace.longest(Work::Collect).max(pace.longest(Work::Update)),
             Work::Collect | Work::Update | Work::Save | Work::Play => pace.longest(work),
         }
+    }
+
+    /// How long a checkpoint that is being written may take.
+    fn save(&self, pace: &Pace, first: bool) -> Duration {
+        self.longest(Work::Save, pace, first).max(self.disk)
     }
 
     fn longest(&self, work: Work, pace: &Pace, first: bool) -> Duration {
@@ -110,10 +121,11 @@ impl Policy {
     }
 
     /// How long a stop may take that begins in the middle of this work: it ends or is abandoned, and a checkpoint is
-    /// written.
+    /// written. One that has begun is given its own time.
     pub fn stop(&self, work: Work, pace: &Pace, first: bool) -> Duration {
         match work {
-            Work::Save | Work::Play => self.longest(work, pace, first),
+            Work::Save => self.save(pace, first),
+            Work::Play => self.longest(work, pace, first),
             Work::Collect | Work::Update => self.longest(work, pace, first) + self.longest(Work::Save, pace, false),
         }
     }
@@ -139,8 +151,8 @@ mod tests {
         let mut pace = Pace::default();
         let patience = |pace: &Pace, first| policy.patience(Work::Update, pace, first);
         assert_eq!((patience(&pace, true), policy.warning(Work::Update, &pace, true)), (policy.silence, seconds(60.0)));
-        assert_eq!(policy.stop(Work::Save, &pace, true), seconds(180.0));
-        assert_eq!(policy.patience(Work::Save, &pace, true), seconds(180.0) + policy.silence);
+        assert_eq!(policy.stop(Work::Save, &pace, true), seconds(600.0));
+        assert_eq!(policy.patience(Work::Save, &pace, true), seconds(600.0) + policy.silence);
         assert_eq!(policy.actor_patience(&pace), seconds(60.0));
         pace.took(Work::Update, seconds(0.5));
         assert_eq!((patience(&pace, false), patience(&pace, true)), (seconds(60.0), seconds(120.0)));

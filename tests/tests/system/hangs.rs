@@ -24,6 +24,16 @@ fn undisturbed() -> &'static (String, u64) {
     RESULT.get_or_init(|| complete(workshop().up("undisturbed", ACTORS, ENVIRONMENTS, FRAMES)).result())
 }
 
+/// A run that is begun, and its learner, which hangs in the middle of a rollout: in a checkpoint it is given minutes.
+fn hung(workshop: &Workshop, name: &str) -> (std::process::Child, Run, u32) {
+    let mut command = workshop.up(name, ACTORS, ENVIRONMENTS, FRAMES);
+    command.env("STILLROOM_FAULT", "hold=learner.mid_rollout:45@learner");
+    let child = start(command);
+    let run = workshop.run(name);
+    let learner = run.wait_until_held("--rank 0 ");
+    (child, run, learner)
+}
+
 /// The log of the orchestrator so far.
 fn log(run: &Run) -> String {
     std::fs::read_to_string(run.folder.log("orchestrator")).unwrap_or_default()
@@ -32,11 +42,7 @@ fn log(run: &Run) -> String {
 #[test]
 fn a_learner_that_hangs_is_told_of_and_started_again() {
     let workshop = workshop();
-    let child = start(workshop.up("learner", ACTORS, ENVIRONMENTS, FRAMES));
-    let run = workshop.run("learner");
-    run.wait_for_rollouts(5);
-    let learner = run.learner();
-    signal(learner, Signal::STOP);
+    let (child, run, learner) = hung(&workshop, "learner");
     let begun = Instant::now();
     while !log(&run).contains("shown no progress for") {
         assert!(begun.elapsed() < DEADLINE, "{}", log(&run));
@@ -116,10 +122,7 @@ fn a_recorder_that_stands_still_is_told_of_and_nobody_is_killed_for_it() {
 #[test]
 fn a_stop_of_a_learner_that_hangs_says_what_it_waits_for_and_ends() {
     let workshop = workshop();
-    let child = start(workshop.up("stop", ACTORS, ENVIRONMENTS, FRAMES));
-    let run = workshop.run("stop");
-    run.wait_for_rollouts(5);
-    signal(run.learner(), Signal::STOP);
+    let (child, run, _) = hung(&workshop, "stop");
     let begun = Instant::now();
     let stop = complete(workshop.orchestrator(&["stop", "stop"]));
     assert!(!stop.success && begun.elapsed() < Duration::from_mins(1), "{:?} {stop:#?}", begun.elapsed());

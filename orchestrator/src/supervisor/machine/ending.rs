@@ -124,6 +124,15 @@ impl Supervisor {
         }
     }
 
+    /// The checkpoint of a stop has begun: from now on the stop waits for a disk.
+    pub(super) fn save_begins(&mut self, now: Duration) {
+        let (work, first) = self.gang.work();
+        let left = self.policy.stop(work, self.gang.pace(), first);
+        if let Phase::Saving { since, patience, .. } = &mut self.phase {
+            (*since, *patience) = (now, left);
+        }
+    }
+
     pub(super) fn leave(&mut self, now: Duration, end: SessionEnd, saved: Option<Saved>) {
         self.phase = Phase::Leaving { since: now };
         self.outcome = Some(Outcome { end, saved });

@@ -304,6 +304,34 @@ fn a_stop_of_a_hanging_learner_ends_in_bounded_time() {
     assert_eq!(reason, "learner-0 has not saved within 240 s");
 }
 
+/// A checkpoint waits for the disk of the recordings, and whoever were killed for it, the next would wait, too.
+#[test]
+fn a_disk_that_hangs_in_a_checkpoint_is_waited_for_as_long_as_one_that_hangs_the_recorder() {
+    let quick = || {
+        let mut world = World::new();
+        for _ in 0..14 {
+            world.pass(Duration::from_secs(2));
+            world.step(true);
+        }
+        world
+    };
+    let mut world = quick();
+    world.learner(LearnerEvent::CheckpointBegun { rank: 0 });
+    // One that fails is followed by a rollout without a word.
+    assert_eq!(seconds_until_a_kill(&mut world), 600 + 60 + 1);
+    let warned = |text: &String| text.contains("no checkpoint is finished");
+    assert!(world.reports.iter().any(warned), "{:#?}", world.reports);
+
+    let mut world = quick();
+    world.feed(Event::Stop);
+    world.pass(Duration::from_secs(50));
+    world.learner(LearnerEvent::CheckpointBegun { rank: 0 });
+    world.pass(Duration::from_secs(599));
+    assert!(world.killed.is_empty(), "{:#?}", world.reports);
+    world.pass(Duration::from_secs(1));
+    assert_eq!(world.killed.len(), 1, "{:#?}", world.reports);
+}
+
 #[test]
 fn a_learner_that_never_gets_ready_is_started_again_once() {
     let mut world = World::new();
