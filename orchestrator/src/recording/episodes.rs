@@ -35,7 +35,7 @@ pub struct Recorded {
     /// Every configuration of the files, TOML; the first one first.
     pub configs: Vec<String>,
     /// Episodes recorded from their first step, by kitchen (where environments stay in theirs), environment and number;
-    /// the last of an environment may be unfinished.
+    /// the last of an environment may be unfinished. Those that a learner had played before it went back are not there.
     pub episodes: Vec<RecordedEpisode>,
     /// For each of them the number of its configuration.
     pub config_of: Vec<usize>,
@@ -109,10 +109,15 @@ impl Setting {
 
     /// What an environment is called where its kitchen does not matter.
     fn home(&self, place: EnvironmentId) -> EnvironmentId {
-        match self.kitchens {
-            Kitchens::Procedural(_) => EnvironmentId::among(self.kitchens, place.number, 0, 1),
-            Kitchens::Split(_) | Kitchens::One(_) | Kitchens::Scenes(_) => place,
-        }
+        home(self.kitchens, place)
+    }
+}
+
+/// What an environment is called where its kitchen does not matter: its episodes follow each other in whichever it is.
+pub(super) fn home(kitchens: Kitchens, place: EnvironmentId) -> EnvironmentId {
+    match kitchens {
+        Kitchens::Procedural(_) => EnvironmentId::among(kitchens, place.number, 0, 1),
+        Kitchens::Split(_) | Kitchens::One(_) | Kitchens::Scenes(_) => place,
     }
 }
 
@@ -387,11 +392,10 @@ impl Collection {
                 let in_kitchen = setting.place((kitchen, number, episode)).kitchen;
                 format!("kitchen {in_kitchen}, environment {number}, episode {episode}")
             };
-            let last = self.newest.get(&(kitchen, number)).map_or(episode, |(_, last)| *last);
+            let last = self.last_of((kitchen, number, episode));
             let follows = before.filter(|before| (before.0, before.1) == (kitchen, number)).map(|before| before.2);
             before = Some((kitchen, number, episode));
-            if episode > last {
-                // Void: the learner went back to before it.
+            if self.is_void((kitchen, number, episode)) {
                 continue;
             }
             // Numbers begin with 0.
@@ -415,6 +419,16 @@ impl Collection {
         }
     }
 
+    /// The last episode of this one's environment that counts.
+    fn last_of(&self, (kitchen, number, episode): Key) -> u32 {
+        self.newest.get(&(kitchen, number)).map_or(episode, |(_, last)| *last)
+    }
+
+    /// Whether the learner went back to before this episode.
+    fn is_void(&self, key: Key) -> bool {
+        key.2 > self.last_of(key)
+    }
+
     fn into_recorded(mut self, files: &[PathBuf], from_the_start: bool) -> Result<Recorded, RecordingError> {
         let Some(&Setting { failures_only, .. }) = self.settings.first() else {
             let path = files.first().cloned().unwrap_or_default();
@@ -432,15 +446,19 @@ impl Collection {
             config_of: Vec::new(),
             headless: 0,
             broken: 0,
-            known: self.known,
+            known: std::mem::take(&mut self.known),
             steps: self.steps,
-            complaints: self.complaints,
+            complaints: std::mem::take(&mut self.complaints),
             damaged_files: self.damaged_files,
-            faults: self.faults,
+            faults: std::mem::take(&mut self.faults),
             from_the_start,
             failures_only,
         };
-        for (key, assembly) in self.episodes {
+        let episodes = std::mem::take(&mut self.episodes);
+        for (key, assembly) in episodes {
+            if self.is_void(key) {
+                continue;
+            }
             if assembly.actions.is_empty() {
                 // A start without a step is an episode that had just begun; steps without the first are headless.
                 recorded.headless += u64::from(assembly.gap.is_some());

@@ -6,6 +6,7 @@
 //! file grows; in a file at rest it is damage, which `orchestrator recover` repairs, and the file is read up to it.
 
 use super::assembly::{Assembly, Generation, Taken};
+use super::episodes::home;
 use super::origin::Origin;
 use super::reader::RecordingError;
 use crate::recording::schema::stillroom::{EpisodeEnd, EpisodeStart, Step};
@@ -16,7 +17,7 @@ use prost::Message;
 use proto::bounded;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
-use proto::kitchen::KitchenId;
+use proto::kitchen::{KitchenId, Kitchens};
 use proto::replay::RecordedEpisode;
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::fs::{File, TryLockError};
@@ -36,6 +37,9 @@ const ENDED_KEPT: usize = 100;
 
 /// Kitchen, environment, episode.
 pub type Key = (u32, u32, u32);
+
+/// Kitchen and number of an environment, of which only the number counts where it goes from kitchen to kitchen.
+type Home = (u32, u32);
 
 /// What is known of an episode.
 #[derive(Debug, Clone, Default)]
@@ -107,8 +111,8 @@ struct Volume {
     offset: u64,
     length: u64,
     channels: HashMap<u16, Carries>,
-    /// The configuration that it was recorded under, once it was read.
-    config: Option<String>,
+    /// The configuration that it was recorded under, and its kitchens, once they were read.
+    config: Option<(String, Kitchens)>,
     /// Nothing more is read of it.
     given_up: bool,
     /// All of its data was read, as long as its length stays.
@@ -127,8 +131,10 @@ pub struct Shelf {
     folder: PathBuf,
     volumes: Vec<Volume>,
     episodes: BTreeMap<Key, Shelved>,
-    /// Of every environment the newest learner, and the last episode that it began.
-    newest: HashMap<(u32, u32), (Generation, u32)>,
+    /// Of every environment the newest learner, and the last episode that it began, whichever kitchen that is in.
+    newest: HashMap<Home, (Generation, u32)>,
+    /// What the environments are called where their kitchen does not matter.
+    homes: HashMap<(u32, u32), Home>,
     /// Episodes taken in.
     met: u64,
     /// There were more episodes than are kept.
@@ -159,6 +165,7 @@ impl Shelf {
             volumes: Vec::new(),
             episodes: BTreeMap::new(),
             newest: HashMap::new(),
+            homes: HashMap::new(),
             met: 0,
             is_full: false,
             ended: HashMap::new(),
@@ -194,30 +201,34 @@ impl Shelf {
 
     /// All episodes that count: not those that a learner had played before it went back.
     pub fn episodes(&self) -> impl Iterator<Item = (Key, &Shelved)> {
-        self.episodes
-            .iter()
-            .filter(|((kitchen, environment, episode), _)| {
-                self.newest.get(&(*kitchen, *environment)).is_none_or(|(_, last)| episode <= last)
-            })
-            .map(|(key, shelved)| (*key, shelved))
+        self.episodes.iter().filter(|(key, _)| self.counts(key)).map(|(key, shelved)| (*key, shelved))
     }
 
-    /// The last episode of an environment.
+    /// The last episode of an environment that counts, in whichever kitchen.
+    fn newest(&self, environment: (u32, u32)) -> Option<u32> {
+        self.newest.get(self.homes.get(&environment)?).map(|(_, last)| *last)
+    }
+
+    fn counts(&self, (kitchen, environment, episode): &Key) -> bool {
+        self.newest((*kitchen, *environment)).is_none_or(|last| *episode <= last)
+    }
+
+    /// The last episode of an environment in a kitchen.
     pub fn last_of(&self, kitchen: u32, environment: u32) -> Option<Key> {
-        let (_, last) = self.newest.get(&(kitchen, environment))?;
-        let range = (kitchen, environment, 0)..=(kitchen, environment, *last);
+        let last = self.newest((kitchen, environment))?;
+        let range = (kitchen, environment, 0)..=(kitchen, environment, last);
         self.episodes.range(range).rev().find(|(_, shelved)| shelved.is_playable()).map(|(key, _)| *key)
     }
 
     /// The episodes of a kitchen that ended last, at most so many.
     pub fn newest_of(&self, kitchen: u32, count: usize) -> impl Iterator<Item = &Shelved> {
         let ended = self.ended.get(&kitchen).into_iter().flatten().rev();
-        ended.filter_map(|key| self.episodes.get(key)).take(count)
+        ended.filter(|key| self.counts(key)).filter_map(|key| self.episodes.get(key)).take(count)
     }
 
     /// The environments of which something was recorded.
     pub fn environments(&self) -> impl Iterator<Item = (u32, u32)> {
-        self.newest.keys().copied()
+        self.homes.keys().copied()
     }
 
     /// Takes an episode out: the configuration of its file, and what was recorded of it. None if it is not there.
@@ -229,7 +240,7 @@ impl Shelf {
         for &(number, first, last) in &shelved.places {
             let volume = &self.volumes[number];
             let unreadable = |cause| RecordingError::Unreadable { path: volume.path.clone(), cause };
-            config = config.or_else(|| volume.config.clone());
+            config = config.or_else(|| volume.config.as_ref().map(|(text, _)| text.clone()));
             let file = bounded::open(&volume.path).map_err(unreadable)?;
             let mut offset = first;
             while offset <= last {
@@ -385,7 +396,12 @@ impl Shelf {
         step: u32,
         (number, at): (usize, u64),
     ) -> Option<&mut Shelved> {
-        let newest = self.newest.entry((kitchen, environment)).or_insert((generation, episode));
+        // One that is no kitchen has no episode that could be simulated.
+        let place = EnvironmentId { kitchen: KitchenId::new(kitchen).ok()?, number: environment };
+        let home = home(self.volumes[number].config.as_ref()?.1, place);
+        let home = (home.kitchen.number(), home.number);
+        self.homes.insert((kitchen, environment), home);
+        let newest = self.newest.entry(home).or_insert((generation, episode));
         if generation > newest.0 {
             *newest = (generation, episode);
         } else if generation == newest.0 {
@@ -482,13 +498,13 @@ pub(super) fn each_record(body: &[u8], mut take: impl FnMut(Record)) -> Option<(
     Some(())
 }
 
-/// The configuration of a file.
-fn config_of(path: &Path) -> Result<String, RecordingError> {
+/// The configuration of a file, and its kitchens.
+fn config_of(path: &Path) -> Result<(String, Kitchens), RecordingError> {
     let text = Origin::of(path)?.configuration(path, std::iter::empty())?;
     let problem =
         |cause: toml::de::Error| RecordingError::Foreign { path: path.to_path_buf(), problem: cause.to_string() };
-    toml::from_str::<Config>(&text).map_err(problem)?;
-    Ok(text)
+    let kitchens = toml::from_str::<Config>(&text).map_err(problem)?.kitchens();
+    Ok((text, kitchens))
 }
 
 /// Whether a recorder writes it at this moment.

@@ -4,7 +4,8 @@ use super::{Said, Shelf, episodes, same, step};
 use crate::recording::episodes::gather;
 use crate::recording::shelf;
 use crate::recording::wanted::Wanted;
-use proto::config::Config;
+use proto::config::{Config, KitchenSource};
+use proto::episode::EnvironmentId;
 use proto::replay::RecordedEpisode;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -71,6 +72,34 @@ fn what_a_newer_learner_went_back_behind_is_void() {
     assert_eq!(told, [(0, 3, 0), (1, 2, 2)], "episodes 2 and 3 are void, and step 2 of episode 1");
     let taken = shelf.take_out((1, 0, 1)).unwrap().unwrap().1;
     assert_eq!(taken, gathered(&[file]).remove(1));
+}
+
+/// Void episodes were known by the kitchen, and those in kitchens to which the environment had not come back counted.
+#[test]
+fn episodes_are_void_in_whichever_kitchen_they_were() {
+    let mut config = Config::default();
+    (config.kitchens.source, config.kitchens.episodes_each) = (KitchenSource::Procedural, 1);
+    let home = EnvironmentId::among(config.kitchens(), 0, 0, 1);
+    let kitchen = |episode| config.rota().place(home, episode).kitchen.number();
+    let mut said = episodes(1);
+    said.extend(episodes(2).into_iter().filter(step(1, 1)));
+    for said in &mut said {
+        match said {
+            Said::Start(of) => of.kitchen = kitchen(of.episode),
+            Said::Step(of) => of.kitchen = kitchen(of.episode),
+            Said::End(of) => of.kitchen = kitchen(of.episode),
+        }
+    }
+    let folder = Shelf::new();
+    let file = folder.segment(0, &config, &said, same);
+    let mut shelf = shelf::Shelf::of(folder.0.path().to_path_buf());
+    assert!(shelf.advance(PATIENCE));
+    let mut counted: Vec<_> = shelf.episodes().map(|((_, _, episode), _)| episode).collect();
+    counted.sort_unstable();
+    assert_eq!(counted, [0, 1], "episodes 2 and 3 are void");
+    assert_eq!(gathered(&[file]).len(), 2);
+    assert_eq!(shelf.newest_of(kitchen(2), 1).count(), 0);
+    assert_eq!((shelf.last_of(kitchen(1), 0), shelf.last_of(kitchen(3), 0)), (Some((kitchen(1), 0, 1)), None));
 }
 
 #[test]
