@@ -140,7 +140,7 @@ impl Assembly {
     }
 
     /// Whether its last step or a message says that it has ended.
-    fn has_ended(&self) -> bool {
+    pub fn has_ended(&self) -> bool {
         self.end.is_some() || self.last.is_some_and(|last| last.flags & transition_flag::ENDED != 0)
     }
 

@@ -413,7 +413,8 @@ impl Collection {
             }
             // One without its first step is counted apart.
             let headless = assembly.actions.is_empty() && (assembly.gap.is_some() || assembly.start.is_none());
-            if !headless && let Some(fault) = assembly.fault(episode < last) {
+            let left = failures_only && self.is_left((kitchen, number, episode), assembly);
+            if !headless && !left && let Some(fault) = assembly.fault(episode < last) {
                 self.faults.push(format!("{}: {fault}", place(episode)));
             }
         }
@@ -427,6 +428,14 @@ impl Collection {
     /// Whether the learner went back to before this episode.
     fn is_void(&self, key: Key) -> bool {
         key.2 > self.last_of(key)
+    }
+
+    /// Where only failures are recorded: an episode that ran when a start ended, and that a later start has not failed in.
+    /// Its beginning alone was written.
+    fn is_left(&self, (kitchen, number, episode): Key, assembly: &Assembly) -> bool {
+        let newest = self.newest.get(&(kitchen, number));
+        let later = newest.is_some_and(|((start, _), last)| episode < *last && assembly.generation.0 < *start);
+        later && !assembly.has_ended() && assembly.gap.is_none()
     }
 
     fn into_recorded(mut self, files: &[PathBuf], from_the_start: bool) -> Result<Recorded, RecordingError> {
@@ -456,7 +465,7 @@ impl Collection {
         };
         let episodes = std::mem::take(&mut self.episodes);
         for (key, assembly) in episodes {
-            if self.is_void(key) {
+            if self.is_void(key) || failures_only && self.is_left(key, &assembly) {
                 continue;
             }
             if assembly.actions.is_empty() {

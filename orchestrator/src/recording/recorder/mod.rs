@@ -8,6 +8,7 @@
 
 pub mod camera;
 mod handle;
+mod held;
 mod index;
 mod ledger;
 mod live;

@@ -1,6 +1,7 @@
 //! Turns observations into messages: the messages of each step and their topics.
 
 use crate::recording::recorder::camera::{self, FrameNames};
+use crate::recording::recorder::held::{self, Held};
 use crate::recording::recorder::segment::{SegmentError, Segments, Topic};
 use crate::recording::schema::foxglove::{FrameTransforms, Log, RawImage, log};
 use crate::recording::schema::stillroom::step::Goal;
@@ -103,14 +104,7 @@ struct Environment {
     taken: Option<(u32, u32, u32)>,
     returns: Option<Returns>,
     /// What is held back of the episode in progress, where only failures are wanted.
-    held: Vec<Held>,
-}
-
-/// A message that waits for its episode's end.
-struct Held {
-    topic: Topic,
-    time_ns: u64,
-    data: Vec<u8>,
+    held: Held,
 }
 
 /// Returns of an episode so far; only for one seen from its first step without a gap.
@@ -158,7 +152,7 @@ impl Scribe {
                     goal: None,
                     taken: None,
                     returns: None,
-                    held: Vec::new(),
+                    held: Held::default(),
                 }
             })
             .collect();
@@ -297,6 +291,17 @@ impl Scribe {
         &mut self.segments
     }
 
+    /// The recording ends. What is held of episodes that run is written: the next start goes on with them. An evaluation
+    /// has none.
+    pub fn finish(&mut self) -> Result<(), SegmentError> {
+        if self.plan.is_none() {
+            for environment in 0..self.environments.len() {
+                self.release(environment, true)?;
+            }
+        }
+        self.segments.finish()
+    }
+
     /// The segments, for good.
     pub fn into_segments(self) -> Segments {
         self.segments
@@ -359,7 +364,8 @@ impl Scribe {
             fixed_episode: fixed(self.plan.as_ref(), home, transition.episode),
             goal,
         };
-        self.write_of(environment, self.topics.step, time_ns, &message)
+        let place = (message.episode, message.step + 1);
+        self.write_of(environment, place, (self.topics.step, time_ns), &message)
     }
 
     fn episode_start(
@@ -383,9 +389,7 @@ impl Scribe {
             object_goal_m: length_m(current.object_to_goal_m),
             fixed_episode: fixed(self.plan.as_ref(), home, current.episode),
         };
-        // What is still held is of an episode that will never end: a learner or an actor has come back.
-        self.environments[environment].held.clear();
-        self.write_of(environment, self.topics.episode_start, time_ns, &message)
+        self.write_of(environment, (message.episode, 0), (self.topics.episode_start, time_ns), &message)
     }
 
     fn episode_end(
@@ -421,8 +425,9 @@ impl Scribe {
             return_r_prime: returns.as_ref().map(|returns| returns.r_prime),
             fixed_episode: fixed(self.plan.as_ref(), home, transition.episode),
         };
-        self.write_of(environment, self.topics.episode_end, time_ns, &message)?;
-        self.release(environment, message.success)
+        let place = (message.episode, message.length + 1);
+        self.write_of(environment, place, (self.topics.episode_end, time_ns), &message)?;
+        self.release(environment, !message.success)
     }
 
     fn depth(&mut self, time_ns: u64, environment: usize, observation: &Observation) -> Result<(), SegmentError> {
@@ -444,29 +449,27 @@ impl Scribe {
         Ok(())
     }
 
-    /// Writes a message about an environment, or holds it back.
+    /// Writes a message about an environment's episode, or holds it back at its place there.
     fn write_of(
         &mut self,
         environment: usize,
-        topic: Topic,
-        time_ns: u64,
+        (episode, place): (u32, u32),
+        (topic, time_ns): (Topic, u64),
         message: &impl Message,
     ) -> Result<(), SegmentError> {
         if self.failures_only {
-            self.environments[environment].held.push(Held { topic, time_ns, data: message.encode_to_vec() });
+            let message = held::Message { topic, time_ns, data: message.encode_to_vec() };
+            self.environments[environment].held.hold(episode, place, message);
             return Ok(());
         }
         self.count(topic);
         self.write(topic, time_ns, message)
     }
 
-    /// The episode has ended: its held-back messages are written, or dropped after a success.
-    fn release(&mut self, environment: usize, success: bool) -> Result<(), SegmentError> {
-        let held = std::mem::take(&mut self.environments[environment].held);
-        if success {
-            return Ok(());
-        }
-        for Held { topic, time_ns, data } in held {
+    /// Writes what is held of an environment's episode, or drops it.
+    fn release(&mut self, environment: usize, wanted: bool) -> Result<(), SegmentError> {
+        let held = self.environments[environment].held.take();
+        for held::Message { topic, time_ns, data } in held.filter(|_| wanted) {
             self.count(topic);
             self.segments.write(topic, time_ns, &data)?;
         }

@@ -269,7 +269,7 @@ impl<'a> Desk<'a> {
     }
 
     fn finish(mut self) -> Result<RecordingSummary, RecorderError> {
-        self.attempt(|scribe| scribe.segments().finish());
+        self.attempt(Scribe::finish);
         let Some(scribe) = self.scribe else {
             return Err(RecorderError::Failed(self.failure.get().cloned().unwrap_or_default()));
         };

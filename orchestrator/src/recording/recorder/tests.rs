@@ -1,5 +1,6 @@
 //! The recorder against real shared memory, read back by the code that replays.
 
+mod failures;
 mod live;
 mod receipts;
 mod throughput;
@@ -48,6 +49,10 @@ impl Bench {
     }
 
     fn start(&self) -> Recorder {
+        self.start_as(1)
+    }
+
+    fn start_as(&self, incarnation: u32) -> Recorder {
         Recorder::start(RecorderSetup {
             address: self.address.clone(),
             shape: shape(),
@@ -55,7 +60,7 @@ impl Bench {
             host: 0,
             ranks: 0..2,
             folder: RunFolder::new(self.folder.path()),
-            incarnation: 1,
+            incarnation,
             config: self.config.clone(),
         })
         .unwrap()
@@ -248,28 +253,6 @@ fn an_evaluations_episodes_have_the_numbers_of_its_table() {
     let wrong = Wanted { episodes: vec![last + 1], ..Wanted::default() };
     let refused = wrong.check(&gather(&files, wrong.clone()).unwrap().known).unwrap_err().to_string();
     assert!(refused.ends_with(&format!("the last is {last}")), "{refused}");
-}
-
-#[test]
-fn only_failures_are_kept_where_that_is_asked() {
-    let mut bench = Bench::new("failures");
-    bench.config.recording.failures_only = true;
-    bench.config.recording.depth_share = 0.0;
-    let recorder = bench.start();
-    let [actor, _] = bench.actors();
-    // Environment 2 alone is in half 1. Its episodes 0 and 2 succeed, 1 fails, 3 does not end.
-    for step in 0..=3 * u64::from(EPISODE_STEPS) + 2 {
-        actor.send(1, 1, step, |observation| {
-            if observation.transition.episode == 1 {
-                observation.transition.flags &= !transition_flag::SUCCESS;
-            }
-        });
-    }
-    let summary = recorder.finish().unwrap();
-    assert_eq!((summary.steps, summary.episodes), (u64::from(EPISODE_STEPS), 1));
-    let recorded = gather(&summary.files, Wanted::default()).unwrap();
-    let kept: Vec<_> = recorded.episodes.iter().map(|episode| (episode.episode, episode.actions.len())).collect();
-    assert_eq!((kept, recorded.headless, recorded.broken), (vec![(1, 5)], 0, 0));
 }
 
 #[test]
