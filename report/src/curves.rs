@@ -1,9 +1,14 @@
 //! Training as curves: each run's rollouts in bins of equal frames, then the mean over the runs of a group.
 
 use crate::study::{Group, Rollout, Run, Validated};
+use proto::config::StageConfig;
 use proto::metric;
-use proto::stage::total_frames;
+use proto::stage::{position_at, total_frames};
 use serde::Serialize;
+
+/// A bin of rollouts: its number in frames, and the stage that its rollouts belong to. A stage ends within a bin as a
+/// rule, and what comes after it in the bin is another task.
+type Bin = (u64, usize);
 
 /// Bins over a run's budget.
 const BINS: u64 = 80;
@@ -43,7 +48,7 @@ impl Curve {
     pub(crate) fn of_training(group: &Group<'_>, name: &str) -> Option<Self> {
         let budget = group.runs.iter().map(|run| total_frames(&run.config.stages)).max()?;
         let width = (budget as f64 / BINS as f64).max(1.0);
-        let seeds: Vec<Vec<(u64, f64, f64)>> = group.runs.iter().map(|run| bins(&run.rollouts, name, width)).collect();
+        let seeds: Vec<Vec<(Bin, f64, f64)>> = group.runs.iter().map(|run| bins(run, name, width)).collect();
         Self::over(name, &seeds)
     }
 
@@ -51,8 +56,8 @@ impl Curve {
     /// evaluated has a point: a run skips an evaluation when the next one is due, and a mean over other seeds is
     /// another mean.
     pub(crate) fn of_validation(group: &Group<'_>, name: &str, figure: impl Fn(&Validated) -> f64) -> Option<Self> {
-        let point = |point: &Validated| (point.frames, point.frames as f64, figure(point));
-        let seeds: Vec<Vec<(u64, f64, f64)>> =
+        let point = |point: &Validated| ((point.frames, 0), point.frames as f64, figure(point));
+        let seeds: Vec<Vec<(Bin, f64, f64)>> =
             group.runs.iter().map(|run| run.validation.iter().map(point).collect()).collect();
         let evaluated = seeds.iter().filter(|seed| !seed.is_empty()).count();
         let mut curve = Self::over(name, &seeds)?;
@@ -61,11 +66,11 @@ impl Curve {
     }
 
     /// Over the seeds' (bin, frames, value).
-    fn over(name: &str, seeds: &[Vec<(u64, f64, f64)>]) -> Option<Self> {
-        let mut bins: Vec<u64> = seeds.iter().flatten().map(|&(bin, _, _)| bin).collect();
+    fn over(name: &str, seeds: &[Vec<(Bin, f64, f64)>]) -> Option<Self> {
+        let mut bins: Vec<Bin> = seeds.iter().flatten().map(|&(bin, _, _)| bin).collect();
         bins.sort_unstable();
         bins.dedup();
-        let point = |bin: u64| {
+        let point = |bin: Bin| {
             let here: Vec<(f64, f64)> = seeds
                 .iter()
                 .filter_map(|seed| seed.iter().find(|&&(b, _, _)| b == bin).map(|&(_, frames, value)| (frames, value)))
@@ -86,7 +91,7 @@ impl Curve {
 /// A run's own metric over training, in bins finer than those of a group's curve: drawn behind the smoothed one.
 pub(crate) fn of_run(run: &Run, name: &str) -> Vec<(f64, f64)> {
     let width = (total_frames(&run.config.stages) as f64 / FINE_BINS as f64).max(1.0);
-    bins(&run.rollouts, name, width).into_iter().map(|(_, frames, value)| (frames, value)).collect()
+    bins(run, name, width).into_iter().map(|(_, frames, value)| (frames, value)).collect()
 }
 
 /// The running mean of a curve over its neighbours, which weigh less the farther they are. Points beyond one of the
@@ -112,16 +117,16 @@ pub(crate) fn smoothed(points: &[(f64, f64)], breaks: &[f64]) -> Vec<(f64, f64)>
 }
 
 /// (bin, mean frames, mean) of each bin that has any.
-fn bins(rollouts: &[Rollout], name: &str, width: f64) -> Vec<(u64, f64, f64)> {
-    let per_episode = name.starts_with("episode/");
-    let mut bins: Vec<(u64, f64, f64, f64)> = Vec::new();
-    for rollout in rollouts {
+fn bins(run: &Run, name: &str, width: f64) -> Vec<(Bin, f64, f64)> {
+    let per_episode = name.starts_with("episode/") && name != metric::EPISODES;
+    let mut bins: Vec<(Bin, f64, f64, f64)> = Vec::new();
+    for rollout in &run.rollouts {
         let Some(&value) = rollout.metrics.get(name).filter(|value| value.is_finite()) else { continue };
         let weight = if per_episode { rollout.metrics.get(metric::EPISODES).copied().unwrap_or(0.0) } else { 1.0 };
         if weight <= 0.0 {
             continue;
         }
-        let bin = (rollout.frames as f64 / width).ceil() as u64;
+        let bin = ((rollout.frames as f64 / width).ceil() as u64, stage_of(&run.config.stages, rollout));
         let (frames, value) = (rollout.frames as f64 * weight, value * weight);
         match bins.last_mut().filter(|last| last.0 == bin) {
             Some(last) => *last = (bin, last.1 + frames, last.2 + value, last.3 + weight),
@@ -129,6 +134,11 @@ fn bins(rollouts: &[Rollout], name: &str, width: f64) -> Vec<(u64, f64, f64)> {
         }
     }
     bins.into_iter().map(|(bin, frames, value, weight)| (bin, frames / weight, value / weight)).collect()
+}
+
+/// The stage that a rollout belongs to: that of its last frame. None crosses a stage's end.
+fn stage_of(stages: &[StageConfig], rollout: &Rollout) -> usize {
+    position_at(stages, rollout.frames.saturating_sub(1)).map_or(stages.len(), |position| position.stage)
 }
 
 #[cfg(test)]
@@ -152,12 +162,32 @@ mod tests {
 
     #[test]
     fn bins_weigh_episodes_where_the_figure_is_one_of_episodes() {
-        let rollouts = rollouts(4, 10, |index| index as f64);
+        let mut run = run("a", "demo", 1);
+        run.rollouts = rollouts(4, 10, |index| index as f64);
         // Bins of 20 frames: rollouts 0 and 1, 2 and 3.
-        let returns = bins(&rollouts, metric::RETURN, 20.0);
-        assert_eq!(returns, [(1, (10.0 + 3.0 * 20.0) / 4.0, 3.0 / 4.0), (2, (30.0 + 3.0 * 40.0) / 4.0, 11.0 / 4.0)]);
-        assert_eq!(bins(&rollouts, metric::ENTROPY, 20.0), [(1, 15.0, 0.5), (2, 35.0, 2.5)]);
-        assert!(bins(&rollouts, metric::SUCCESS, 20.0).is_empty());
+        let returns = bins(&run, metric::RETURN, 20.0);
+        let expected =
+            [((1, 0), (10.0 + 3.0 * 20.0) / 4.0, 3.0 / 4.0), ((2, 0), (30.0 + 3.0 * 40.0) / 4.0, 11.0 / 4.0)];
+        assert_eq!(returns, expected);
+        assert_eq!(bins(&run, metric::ENTROPY, 20.0), [((1, 0), 15.0, 0.5), ((2, 0), 35.0, 2.5)]);
+        assert!(bins(&run, metric::SUCCESS, 20.0).is_empty());
+        // How many end is no mean over those that do.
+        assert_eq!(bins(&run, metric::EPISODES, 20.0), [((1, 0), 15.0, 2.0), ((2, 0), 35.0, 2.0)]);
+    }
+
+    /// Stage I ended in the middle of a bin, and its curve seemed to fall there.
+    #[test]
+    fn a_bin_in_which_the_stage_changes_is_two() {
+        let mut runs = [run("a", "demo", 1)];
+        runs[0].config.stages[0].frames = 20_000;
+        runs[0].config.stages[1].frames = 60_000 - 20_000;
+        runs[0].rollouts = rollouts(240, 250, |index| if index < 80 { 5.0 } else { 1.0 });
+        let groups = groups(&runs).unwrap();
+        let curve = Curve::of_training(&groups[0], metric::ENTROPY).unwrap();
+        assert!(curve.points.iter().all(|point| point.mean == if point.frames <= 20_000.0 { 5.0 } else { 1.0 }));
+        assert!(curve.points.is_sorted_by(|a, b| a.frames < b.frames));
+        let raw = of_run(&runs[0], metric::ENTROPY);
+        assert!(raw.iter().all(|&(frames, value)| value == if frames <= 20_000.0 { 5.0 } else { 1.0 }), "{raw:?}");
     }
 
     #[test]
