@@ -7,12 +7,12 @@ use super::link::{Mouth, send, send_bytes, serve};
 use super::membership::Membership;
 use super::token::Token;
 use crate::run::identity::host_name;
+use crate::run::scenes;
 use crate::supervisor::company::{Company, Heard, Obeys, Order, Other, Word};
 use crate::supervisor::process::LearnersNetwork;
 use crate::supervisor::session::Together;
 use crate::supervisor::shell::QUEUE;
 use anyhow::{Context, Result, bail};
-use proto::bounded;
 use proto::config::Config;
 use proto::hosts::Hosts;
 use proto::run_folder::RunFolder;
@@ -21,7 +21,6 @@ use std::cell::Cell;
 use std::collections::{BTreeMap, VecDeque};
 use std::io::ErrorKind;
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
 use std::time::{Duration, Instant};
@@ -328,32 +327,10 @@ fn is_there(stream: &TcpStream) -> bool {
     stream.set_nonblocking(false).is_ok() && there
 }
 
-/// As much as a scene's file may have.
-const SCENE_FILE_BYTES_MOST: u64 = 512 << 20;
-
 /// The files of a run folder that processes of all hosts read: its scenes.
 fn files_of(folder: &RunFolder) -> Result<Vec<(String, Vec<u8>)>> {
-    fn collect(root: &Path, folder: &Path, files: &mut Vec<(String, Vec<u8>)>) -> Result<()> {
-        let mut paths: Vec<PathBuf> = match std::fs::read_dir(folder) {
-            Ok(entries) => entries.map(|entry| Ok(entry?.path())).collect::<std::io::Result<_>>()?,
-            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
-            Err(error) => return Err(error.into()),
-        };
-        paths.sort();
-        for path in paths {
-            if path.is_dir() {
-                collect(root, &path, files)?;
-            } else {
-                let name = path.strip_prefix(root)?.to_str().context("a name that is not text")?.to_owned();
-                files.push((name, bounded::read(&path, SCENE_FILE_BYTES_MOST)?));
-            }
-        }
-        Ok(())
-    }
-    let mut files = Vec::new();
-    collect(folder.root(), &folder.scenes(), &mut files)
-        .with_context(|| format!("cannot read {}", folder.scenes().display()))?;
-    Ok(files)
+    scenes::files_below(folder.root(), &folder.scenes())
+        .with_context(|| format!("cannot read {}", folder.scenes().display()))
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use crate::run::identity::Identity;
 use crate::run::lock::{Held, holder};
+use crate::run::scenes::config_by_content;
 use crate::run::state::state_of;
 use crate::showing::format::counted;
 use crate::training::metrics::Figures;
@@ -160,7 +161,7 @@ fn run(path: &Path, notes: &mut Vec<String>) -> Result<Run> {
     Ok(Run {
         name: path.display().to_string(),
         origin: Origin::Run(state_of(&identity, &held, complete)),
-        config: Config::of_run(&folder)?,
+        config: config_by_content(&folder)?,
         rollouts: rollouts(&history),
         evaluations: evaluations_of(&folder, notes)?,
         validation: validation_of(&scores),
@@ -255,7 +256,7 @@ fn read_outside(folder: &Path, place: &Path) -> Result<Outside> {
     Ok(Outside {
         place: place.to_path_buf(),
         folder: folder.to_path_buf(),
-        config: Config::of_run(&RunFolder::new(folder))?,
+        config: config_by_content(&RunFolder::new(folder))?,
         evaluated: evaluation(folder)?,
     })
 }
@@ -265,7 +266,7 @@ impl Outside {
     fn alone(self) -> Run {
         let subject = &self.evaluated.result.subject;
         // Only its run's folder contains how the weights were trained, if that folder still exists.
-        let trained = subject.run.as_ref().and_then(|run| Config::of_run(&RunFolder::new(run)).ok());
+        let trained = subject.run.as_ref().and_then(|run| config_by_content(&RunFolder::new(run)).ok());
         let trained = trained.filter(|trained| {
             trained.evaluation.is_none() && (&trained.preset, trained.seed) == (&subject.preset, subject.seed)
         });
@@ -462,6 +463,24 @@ mod tests {
         // Given, it is the run's.
         let gathered = gather(&[at("plain"), at("of/plain")]).unwrap();
         assert_eq!((gathered.runs.len(), gathered.runs[0].evaluations.len()), (1, 1));
+    }
+
+    /// In every run folder the copies of scenes have the same names.
+    #[test]
+    fn runs_in_different_scenes_are_different_experiments() {
+        let temporary = tempfile::tempdir().unwrap();
+        let at = |name: &str| temporary.path().join(name);
+        for (name, seed, text) in [("bath-3", 3, "a bath"), ("hall-3", 3, "a hall"), ("hall-4", 4, "a hall")] {
+            begin(&at(name), |config| (config.seed, config.scenes) = (seed, vec!["scenes/000/scene.toml".into()]));
+            let scene = RunFolder::new(at(name)).scene(0);
+            std::fs::create_dir_all(&scene).unwrap();
+            std::fs::write(scene.join("scene.toml"), text).unwrap();
+        }
+        let gathered = gather(&["bath-3", "hall-3", "hall-4"].map(at)).unwrap();
+        let groups = groups(&gathered.runs).unwrap();
+        let seeds: Vec<_> = groups.iter().map(|group| (group.label.as_str(), group.runs.len())).collect();
+        assert_eq!(seeds, [("bath*", 1), ("hall*", 2)]);
+        assert_ne!(groups[0].differences, groups[1].differences, "what tells them apart is said");
     }
 
     #[test]

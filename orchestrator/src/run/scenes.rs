@@ -9,12 +9,14 @@ use crate::showing::format::counted;
 use crate::showing::log_line::error_in;
 use crate::showing::terminal;
 use anyhow::{Context, Result, bail};
+use proto::bounded;
 use proto::config::Config;
+use proto::digest::Digest256;
 use proto::kitchen::TargetCategory;
 use proto::run_folder::RunFolder;
 use std::ffi::OsStr;
-use std::io::Read;
-use std::path::Path;
+use std::io::{ErrorKind, Read};
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -69,6 +71,70 @@ pub fn targets(config: &Config) -> Result<Vec<Vec<TargetCategory>>> {
         Ok(said.lines().filter_map(named).collect())
     };
     config.scenes.iter().map(of).collect()
+}
+
+/// As much as a scene's file may have.
+const FILE_BYTES_MOST: u64 = 512 << 20;
+
+/// All files in and below a folder, by their names below `root`; none where there is no such folder.
+pub fn files_below(root: &Path, folder: &Path) -> Result<Vec<(String, Vec<u8>)>> {
+    let mut paths: Vec<PathBuf> = match std::fs::read_dir(folder) {
+        Ok(entries) => entries.map(|entry| Ok(entry?.path())).collect::<std::io::Result<_>>()?,
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(error) => return Err(error.into()),
+    };
+    paths.sort();
+    let mut files = Vec::new();
+    for path in paths {
+        if path.is_dir() {
+            files.extend(files_below(root, &path)?);
+        } else {
+            let name = path.strip_prefix(root)?.to_str().context("a name that is not text")?.to_owned();
+            files.push((name, bounded::read(&path, FILE_BYTES_MOST)?));
+        }
+    }
+    Ok(files)
+}
+
+/// The configuration in a run's folder, with its scenes named by what they hold, too: in every run folder they have the
+/// same names.
+pub fn config_by_content(folder: &RunFolder) -> Result<Config> {
+    let mut config = Config::of_run(folder)?;
+    for (index, scene) in config.scenes.iter_mut().enumerate() {
+        let files = files_below(&folder.scene(index), &folder.scene(index)).with_context(|| scene.clone())?;
+        // Where the copies are gone the name is all that there is.
+        if !files.is_empty() {
+            let mut digest = Digest256::default();
+            for (name, bytes) in files {
+                digest.add(format!("{name} {} ", bytes.len()).as_bytes());
+                digest.add(&bytes);
+            }
+            *scene = format!("{scene} (sha256 {})", &digest.finish()[..16]);
+        }
+    }
+    Ok(config)
+}
+
+/// What of a configuration's scenes is not as the run in this folder has copied it. An original that is gone says
+/// nothing.
+pub fn changes(config: &Config, begun: &Config, folder: &RunFolder) -> Result<Vec<String>> {
+    if config.scenes.len() != begun.scenes.len() {
+        return Ok(vec![counted(begun.scenes.len() as u64, "scene")]);
+    }
+    let mut changes = Vec::new();
+    for (index, scene) in config.scenes.iter().enumerate() {
+        if !Path::new(scene).exists() {
+            continue;
+        }
+        let beside = Path::new(scene).parent().unwrap_or(Path::new(""));
+        for (name, copied) in files_below(&folder.scene(index), &folder.scene(index)).with_context(|| scene.clone())? {
+            let original = beside.join(name);
+            if bounded::read(&original, FILE_BYTES_MOST).ok().as_ref() != Some(&copied) {
+                changes.push(format!("another {}", original.display()));
+            }
+        }
+    }
+    Ok(changes)
 }
 
 /// A sound scene is judged in seconds, a large one with meshes to decompose in some more.

@@ -14,6 +14,7 @@
 use super::file::{Asked, AskedCheckpoint, Suite, SuiteEntry};
 use crate::reporting::files::PAGE;
 use crate::run::lock::{Held, holder};
+use crate::run::scenes;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::evaluation::RESULT_FILE;
@@ -149,10 +150,11 @@ impl SuiteFolder {
                 continue;
             }
             let begun = Config::of_run(&run)?;
-            // What `up` writes of its own is compared by itself, or cannot change.
+            // What `up` writes of its own is compared by itself.
             let written = |config: &Config| Config { scenes: Vec::new(), from: None, ..config.clone() };
             let mut changed = differences_between(&written(&entry.config), &written(&begun));
             changed.extend(self.other_source(suite, entry, &begun));
+            changed.extend(scenes::changes(&entry.config, &begun, &run)?);
             if !changed.is_empty() || begun.seed != entry.config.seed {
                 bail!(
                     "{} was begun with another configuration ({}): give the changed run another `name`, or the suite \
@@ -352,6 +354,37 @@ mod tests {
         assert!(problem.contains("another configuration (ppo.epochs = 4)"), "{problem}");
         let foreign = SuiteFolder::new(temporary.path());
         assert!(foreign.check(&suite).unwrap_err().to_string().contains("no suite"));
+    }
+
+    #[test]
+    fn scenes_that_changed_since_a_run_began_are_another_configuration() {
+        let temporary = tempfile::tempdir().unwrap();
+        let studio = temporary.path().join("studio");
+        std::fs::create_dir_all(studio.join("parts")).unwrap();
+        let parts = studio.join("parts/a.glb");
+        std::fs::write(studio.join("scene.toml"), "gltf = \"parts/a.glb\"").unwrap();
+        std::fs::write(&parts, "a room").unwrap();
+        let text = format!("{TEXT}config.scenes = [\"{}\"]\n", studio.join("scene.toml").display());
+        let suite = Suite::parse(&text).unwrap();
+        let folder = SuiteFolder::new(temporary.path().join("suite"));
+        let _lock = folder.open(&suite, &text).unwrap();
+        let run = folder.run(&suite.entries[0]);
+        std::fs::create_dir_all(run.scene(0).join("parts")).unwrap();
+        for name in ["scene.toml", "parts/a.glb"] {
+            std::fs::copy(studio.join(name), run.scene(0).join(name)).unwrap();
+        }
+        let begun = Config { scenes: vec!["scenes/000/scene.toml".into()], ..suite.entries[0].config.clone() };
+        std::fs::write(run.config(), begun.to_toml()).unwrap();
+        Identity::new().unwrap().write(&run).unwrap();
+        folder.check(&suite).unwrap();
+        std::fs::write(&parts, "a hall").unwrap();
+        let problem = folder.check(&suite).unwrap_err().to_string();
+        assert!(problem.contains(&format!("another configuration (another {})", parts.display())), "{problem}");
+        // A run does not need the originals.
+        std::fs::remove_dir_all(&studio).unwrap();
+        folder.check(&suite).unwrap();
+        let without = Suite::parse(TEXT).unwrap();
+        assert!(folder.check(&without).unwrap_err().to_string().contains("another configuration (1 scene)"));
     }
 
     #[test]
