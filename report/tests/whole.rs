@@ -2,8 +2,9 @@
 
 mod study;
 
+use proto::config::FromConfig;
 use proto::evaluation::Distribution;
-use proto::kitchen::Split;
+use proto::kitchen::{KitchenRange, Split};
 use report::study::{Run, pair_of};
 use report::{Frame, Made, Options, ShownPair, ShownStrip};
 use study::{run, study};
@@ -241,6 +242,37 @@ fn the_pair_is_of_the_same_episodes_and_of_weights_from_both_sides_of_the_stage(
     assert_eq!(names(&with([260_000, 100_000, 440_000])), None, "the third is of other kitchens");
     let runs = with([260_000, 440_000, 440_000]);
     assert!(pair_of(&runs[0], &runs, |one| one.name.ends_with("seen")).is_none(), "what was not recorded is no use");
+    // Drawn episodes depend on no seed either.
+    let mut runs = vec![drawn(runs[0].clone())];
+    runs[0].evaluations[1].result.conditions.seed += 1;
+    assert!(names(&runs).is_some());
+    // Kitchens without end do, and another run's scenes may be others under the same names.
+    let mut before = runs[0].clone();
+    before.evaluations.truncate(1);
+    let from = &before.evaluations[0].result.subject;
+    let (frames, weights) = (from.frames, from.weights.clone());
+    runs[0].config.from = Some(FromConfig { checkpoint: "a.json".into(), frames, weights });
+    runs[0].evaluations = vec![runs[0].evaluations.remove(1)];
+    runs[0].evaluations[0].result.subject.weights = "f".repeat(64);
+    runs.push(before);
+    assert!(names(&runs).is_some());
+    runs[1].config.kitchens.seed = 9;
+    assert!(names(&runs).is_some(), "they are the built-in kitchens");
+    for run in &mut runs {
+        let conditions = &mut run.evaluations[0].result.conditions;
+        (conditions.split, conditions.procedural) = (Split::Train, KitchenRange::new(5000, 5100));
+    }
+    assert_eq!(names(&runs), None);
+    runs[1].config.kitchens.seed = 0;
+    assert!(names(&runs).is_some());
+    for run in &mut runs {
+        let conditions = &mut run.evaluations[0].result.conditions;
+        (conditions.scenes, conditions.procedural) = (vec!["scenes/000/scene.toml".into()], None);
+        run.config.scenes = conditions.scenes.clone();
+    }
+    assert!(names(&runs).is_some());
+    runs[1].config.scenes = vec!["scenes/000/scene.toml (sha256 0123456789abcdef)".into()];
+    assert_eq!(names(&runs), None);
 
     let mut runs = with([260_000, 440_000, 440_000]);
     let [number, other] = [3, 5].map(|at| runs[0].evaluations[0].episodes[at].episode);

@@ -33,8 +33,8 @@ pub fn pair_of<'a>(run: &'a Run, all: &'a [Run], usable: impl Fn(&Evaluated) -> 
         None => (1..=boundary).contains(&evaluated.result.subject.frames),
     };
     let before = all.iter().filter(|other| run.config.from.is_some() || std::ptr::eq(*other, run));
-    let before: Vec<&Evaluated> =
-        before.flat_map(|other| &other.evaluations).filter(|one| usable(one)).filter(earlier).collect();
+    let before = before.flat_map(|other| other.evaluations.iter().filter(|one| same_kitchens(other, run, one)));
+    let before: Vec<&Evaluated> = before.filter(|one| usable(one)).filter(earlier).collect();
     let mut pairs: Vec<EvaluatedPair<'a>> = Vec::new();
     let after = run.evaluations.iter().filter(|one| usable(one) && one.result.subject.frames > boundary);
     for after in after {
@@ -50,16 +50,22 @@ pub fn pair_of<'a>(run: &'a Run, all: &'a [Run], usable: impl Fn(&Evaluated) -> 
     pairs.into_iter().max_by_key(|pair| (rank(pair.after), rank(pair.before)))
 }
 
-/// Whether an episode's number means the same episode in both.
+/// Whether the kitchens that one run was evaluated in are another's, too: conditions number those that are a run's own.
+fn same_kitchens(one: &Run, other: &Run, evaluated: &Evaluated) -> bool {
+    let conditions = &evaluated.result.conditions;
+    (conditions.scenes.is_empty() || one.config.scenes == other.config.scenes)
+        && (conditions.procedural.is_none() || one.config.kitchens.seed == other.config.kitchens.seed)
+}
+
+/// Whether an episode's number means the same episode in both. It does whatever the seeds: fixed episodes are a file, and
+/// drawn ones follow from the kitchen, their number and the distances.
 fn alike(a: &Evaluated, b: &Evaluated) -> bool {
     let [a, b] = [a, b].map(|one| &one.result.conditions);
     let which = |conditions: &'_ proto::evaluation::Conditions| {
         let distances = [conditions.start_distance_max_m, conditions.goal_distance_max_m].map(f32::to_bits);
         (conditions.split, conditions.distribution, conditions.procedural, conditions.scenes.clone(), distances)
     };
-    // Fixed episodes are the same whatever the seed, drawn ones are not.
-    let is_fixed = a.distribution == proto::evaluation::Distribution::Fixed;
-    which(a) == which(b) && (is_fixed || a.seed == b.seed)
+    which(a) == which(b)
 }
 
 fn in_common<'a>(before: &'a Evaluated, after: &'a Evaluated) -> Vec<[&'a EpisodeRecord; 2]> {
