@@ -5,6 +5,7 @@
 //! a line ([`json_lines`]), and a folder that was never made to its end ([`unfinished`]).
 
 pub mod create;
+pub mod cut_off;
 pub mod identity;
 pub mod json_lines;
 pub mod lifeline;

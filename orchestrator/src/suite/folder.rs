@@ -13,8 +13,11 @@
 
 use super::file::{Asked, AskedCheckpoint, Suite, SuiteEntry};
 use crate::reporting::files::PAGE;
+use crate::run::cut_off::remove_evaluation;
+use crate::run::identity::is_evaluation;
 use crate::run::lock::{Held, holder};
 use crate::run::scenes;
+use crate::run::unfinished::is_cut_off;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::evaluation::RESULT_FILE;
@@ -128,7 +131,8 @@ impl SuiteFolder {
         self.root.join("logs").join(format!("{}.log", entry.name))
     }
 
-    /// Refuses a folder that is no suite's, and runs that were begun with another configuration.
+    /// Refuses a folder that is no suite's, runs that were begun with another configuration, and folders in the places of
+    /// runs and evaluations that are not known for such.
     pub fn check(&self, suite: &Suite) -> Result<()> {
         let root = self.root.display();
         let mut foreign = false;
@@ -146,6 +150,13 @@ impl SuiteFolder {
         }
         for entry in &suite.entries {
             let run = self.run(entry);
+            refuse_unknown(&run)?;
+            for asked in &suite.evaluations {
+                let evaluation = self.evaluation(entry, asked);
+                if !evaluation.join(RESULT_FILE).exists() {
+                    refuse_unknown(&RunFolder::new(evaluation))?;
+                }
+            }
             if !run.config().exists() {
                 continue;
             }
@@ -239,14 +250,30 @@ impl SuiteFolder {
         Ok(Next::Done)
     }
 
-    /// Removes what an earlier try of a step left half made, and nobody could go on with.
+    /// Removes an evaluation that an earlier try left half made: nobody could go on with it. Folders without a `run.toml`
+    /// stay. `up` and `eval` themselves take those that they were cut off in, and refuse all others.
     pub fn clear(&self, suite: &Suite, entry: &SuiteEntry, step: &Step) -> Result<()> {
-        match step {
-            Step::Begin => remove(self.run(entry).root()),
-            Step::Resume => Ok(()),
-            Step::Evaluate(index) => remove(&self.evaluation(entry, &suite.evaluations[*index])),
-        }
+        let Step::Evaluate(index) = step else { return Ok(()) };
+        let folder = RunFolder::new(self.evaluation(entry, &suite.evaluations[*index]));
+        let ours = folder.identity().exists() && is_evaluation(&folder);
+        if ours { remove_evaluation(folder.root()) } else { Ok(()) }
     }
+}
+
+/// Refuses a folder that holds something, and that is neither a run nor one that is being made.
+fn refuse_unknown(folder: &RunFolder) -> Result<()> {
+    let root = folder.root().display();
+    let holds = match std::fs::read_dir(folder.root()) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => false,
+        entries => entries.with_context(|| format!("cannot read {root}"))?.next().is_some(),
+    };
+    if holds && !folder.identity().exists() && !is_cut_off(folder).with_context(|| format!("cannot read {root}"))? {
+        bail!(
+            "{root} holds files, but no run.toml, by which a run is known. Nothing of it is removed: put that file back, \
+             or move the folder away"
+        );
+    }
+    Ok(())
 }
 
 /// Who works in a folder.
@@ -258,21 +285,16 @@ fn held(folder: &RunFolder) -> Result<Option<String>> {
     })
 }
 
-fn remove(path: &Path) -> Result<()> {
-    match std::fs::remove_dir_all(path) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-            Err(error).with_context(|| format!("cannot remove {}", path.display()))
-        }
-        _ => Ok(()),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::run::identity::Identity;
     use crate::run::lock::RunLock;
+    use crate::run::remains;
     use proto::config::FromConfig;
+    use proto::evaluation::{EvaluationConfig, ObjectSet};
+    use proto::kitchen::Split;
+    use std::time::Duration;
 
     const TEXT: &str = "seeds = [1]\n[[evaluations]]\nsplit = \"test\"\nobjects = \"novel\"\n\
                         [[evaluations]]\nsplit = \"valid\"\nobjects = \"novel\"\n[[runs]]\npreset = \"demo\"\n";
@@ -298,11 +320,10 @@ mod tests {
         let run = folder.run(entry);
         std::fs::create_dir_all(run.checkpoints()).unwrap();
         assert_eq!(next(), Next::Step(Step::Begin));
-        assert!(run.root().exists(), "asking changes nothing");
+        folder.check(&suite).unwrap();
         folder.clear(&suite, entry, &Step::Begin).unwrap();
-        assert!(!run.root().exists());
+        assert!(run.root().exists(), "`up` takes it");
 
-        std::fs::create_dir_all(run.root()).unwrap();
         refuse(run.root()).unwrap();
         Identity::new().unwrap().write(&run).unwrap();
         std::fs::write(run.config(), entry.config.to_toml()).unwrap();
@@ -316,11 +337,7 @@ mod tests {
         let first = folder.evaluation(entry, &suite.evaluations[0]);
         std::fs::create_dir_all(first.join("logs")).unwrap();
         assert_eq!(next(), Next::Step(Step::Evaluate(0)), "one that was cut off is done again");
-        assert!(first.exists(), "its logs say why, until it is tried again");
-        folder.clear(&suite, entry, &Step::Resume).unwrap();
-        assert!(first.exists());
-        folder.clear(&suite, entry, &Step::Evaluate(0)).unwrap();
-        assert!(!first.exists() && run.identity().exists());
+        folder.check(&suite).unwrap();
         for (index, expected) in [Next::Step(Step::Evaluate(1)), Next::Done].into_iter().enumerate() {
             let done = folder.evaluation(entry, &suite.evaluations[index]);
             std::fs::create_dir_all(&done).unwrap();
@@ -339,6 +356,7 @@ mod tests {
         // Begun from scratch, it is not what the file asks for.
         let begun = folder.run(follower);
         std::fs::create_dir_all(begun.root()).unwrap();
+        Identity::new().unwrap().write(&begun).unwrap();
         std::fs::write(begun.config(), follower.config.to_toml()).unwrap();
         let problem = folder.check(&both).unwrap_err().to_string();
         assert!(problem.contains("another configuration (from scratch)"), "{problem}");
@@ -354,6 +372,54 @@ mod tests {
         assert!(problem.contains("another configuration (ppo.epochs = 4)"), "{problem}");
         let foreign = SuiteFolder::new(temporary.path());
         assert!(foreign.check(&suite).unwrap_err().to_string().contains("no suite"));
+    }
+
+    #[test]
+    fn an_evaluation_that_was_cut_off_is_removed_with_what_it_left_in_shared_memory() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = SuiteFolder::new(temporary.path().join("suite"));
+        let suite = Suite::parse(TEXT).unwrap();
+        let _lock = folder.open(&suite, TEXT).unwrap();
+        let entry = &suite.entries[0];
+        let evaluation = RunFolder::new(folder.evaluation(entry, &suite.evaluations[0]));
+        std::fs::create_dir_all(evaluation.logs()).unwrap();
+        let asked = EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 1);
+        let config = Config { evaluation: Some(asked), ..entry.config.clone() };
+        std::fs::write(evaluation.config(), config.to_toml()).unwrap();
+        let mut identity = Identity::new().unwrap();
+        identity.begin_incarnation();
+        identity.write(&evaluation).unwrap();
+        let address = identity.address(&identity.incarnations[0]);
+        drop(remains::claim(&address, evaluation.root()).unwrap());
+        folder.clear(&suite, entry, &Step::Resume).unwrap();
+        assert!(evaluation.root().exists(), "its logs say why, until it is tried again");
+        folder.clear(&suite, entry, &Step::Evaluate(0)).unwrap();
+        assert!(!evaluation.root().exists());
+        drop(remains::claim(&address, evaluation.root()).expect("nothing of it is left in shared memory"));
+        remains::sweep(&address, Duration::ZERO).unwrap();
+    }
+
+    /// A run whose run.toml was lost was deleted, and begun anew.
+    #[test]
+    fn a_folder_that_is_not_known_for_a_run_is_refused_and_never_removed() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = SuiteFolder::new(temporary.path().join("suite"));
+        let suite = Suite::parse(TEXT).unwrap();
+        let _lock = folder.open(&suite, TEXT).unwrap();
+        let entry = &suite.entries[0];
+        let (run, evaluation) = (folder.run(entry), folder.evaluation(entry, &suite.evaluations[0]));
+        for precious in [run.checkpoint_manifest(7), evaluation.join("figures.txt")] {
+            std::fs::create_dir_all(precious.parent().unwrap()).unwrap();
+            std::fs::write(&precious, "precious").unwrap();
+            let problem = folder.check(&suite).unwrap_err().to_string();
+            assert!(problem.contains("holds files, but no run.toml"), "{problem}");
+            for step in [Step::Begin, Step::Evaluate(0)] {
+                folder.clear(&suite, entry, &step).unwrap();
+            }
+            assert_eq!(std::fs::read_to_string(&precious).unwrap(), "precious");
+            // A run again: what is below it is looked at, too.
+            Identity::new().unwrap().write(&run).unwrap();
+        }
     }
 
     #[test]

@@ -54,6 +54,8 @@ struct Worker {
     step: Step,
     place: usize,
     child: Child,
+    /// Where its own words begin in the log, which has those of earlier tries, too.
+    log_begin: u64,
 }
 
 /// The work of one call.
@@ -175,7 +177,7 @@ impl Scheduler<'_> {
         } else if self.stops > 0 || exit.success() {
             Status::Stopped
         } else {
-            Status::Failed { reason: last_words(&self.folder.log(entry), exit) }
+            Status::Failed { reason: last_words(&self.folder.log(entry), worker.log_begin, exit) }
         };
         if status != Status::Waiting || self.stops > 0 {
             self.settled[worker.entry] = true;
@@ -254,8 +256,9 @@ impl Scheduler<'_> {
         self.write()?;
         self.folder.clear(self.suite, entry, &step)?;
         fault::reach("suite.before_process");
+        let log_begin = std::fs::metadata(self.folder.log(entry)).map_or(0, |log| log.len());
         let child = self.command(entry, &step, place)?.spawn().context("cannot start a process")?;
-        self.workers.push(Worker { entry: index, step, place, child });
+        self.workers.push(Worker { entry: index, step, place, child, log_begin });
         fault::reach("suite.after_process");
         Ok(())
     }
@@ -334,12 +337,12 @@ impl Scheduler<'_> {
     }
 }
 
-/// The last error in a log, else how the process ended.
-fn last_words(log: &Path, exit: ExitStatus) -> String {
+/// The last error in a log from this place on, else how the process ended.
+fn last_words(log: &Path, begin: u64, exit: ExitStatus) -> String {
     let mut end = Vec::new();
     let read = bounded::open(log).and_then(|mut file| {
         let length = file.metadata()?.len();
-        file.seek(SeekFrom::Start(length.saturating_sub(LAST_WORDS_BYTES)))?;
+        file.seek(SeekFrom::Start(length.saturating_sub(LAST_WORDS_BYTES).max(begin)))?;
         file.read_to_end(&mut end)
     });
     let text = String::from_utf8_lossy(&end);
@@ -374,4 +377,22 @@ pub fn standings(suite: &Suite, folder: &SuiteFolder) -> Result<Vec<Standing>> {
         status: state.runs.remove(&entry.name).unwrap_or_default(),
     };
     Ok(suite.entries.iter().map(standing).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::process::ExitStatusExt;
+
+    #[test]
+    fn a_try_that_says_nothing_has_not_the_reason_of_the_one_before() {
+        let log = tempfile::NamedTempFile::new().unwrap();
+        let before = "error: the disk is full\n";
+        std::fs::write(log.path(), before).unwrap();
+        let killed = ExitStatus::from_raw(9);
+        assert_eq!(last_words(log.path(), 0, killed), "the disk is full");
+        assert_eq!(last_words(log.path(), before.len() as u64, killed), killed.to_string());
+        std::fs::write(log.path(), format!("{before}error: no such device\n")).unwrap();
+        assert_eq!(last_words(log.path(), before.len() as u64, killed), "no such device");
+    }
 }

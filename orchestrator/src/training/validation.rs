@@ -13,10 +13,9 @@ use crate::evaluation::subject::read_manifest;
 use crate::process_end::wait_for_child;
 use crate::recording::recorder::Recorder;
 use crate::recording::schema::stillroom;
-use crate::run::identity::Identity;
 use crate::run::json_lines::{Writer, set_content};
 use crate::run::lifeline::this_program;
-use crate::run::remains;
+use crate::run::cut_off::remove_evaluation;
 use crate::training::events;
 use crate::training::scores::{Score, Scores, best, read_result, result_folder};
 use anyhow::{Context, Result};
@@ -213,7 +212,7 @@ impl Validation {
             let _ = child.kill();
             let _ = child.wait();
         }
-        if let Err(error) = clear(&self.result(rollout)) {
+        if let Err(error) = remove_evaluation(&self.result(rollout)) {
             tracing::warn!("{error:#}");
         }
     }
@@ -235,7 +234,7 @@ impl Validation {
     /// Starts the evaluation of a pinned checkpoint.
     fn start(&mut self, rollout: u64) -> Result<()> {
         let result = self.result(rollout);
-        clear(&result)?;
+        remove_evaluation(&result)?;
         let log_path = self.log();
         let log = open_plain(&log_path, OpenOptions::new().create(true).append(true));
         let log = log.with_context(|| format!("cannot open {}", log_path.display()))?;
@@ -355,19 +354,6 @@ impl Validation {
     fn log(&self) -> PathBuf {
         self.folder.log("validation")
     }
-}
-
-/// Removes an evaluation that was cut off, and what it left in shared memory.
-fn clear(result: &Path) -> Result<()> {
-    if !result.exists() {
-        return Ok(());
-    }
-    if let Ok(identity) = Identity::read(&RunFolder::new(result)) {
-        for incarnation in identity.incarnations.iter().filter(|incarnation| incarnation.ended.is_none()) {
-            remains::sweep(&identity.address(incarnation), Duration::from_secs(2))?;
-        }
-    }
-    std::fs::remove_dir_all(result).with_context(|| format!("cannot remove {}", result.display()))
 }
 
 #[cfg(test)]
@@ -498,21 +484,6 @@ pub mod tests {
         std::fs::write(&path, text.replace("500", "501")).unwrap();
         let again = Validation::open(&folder, &config).unwrap().unwrap();
         assert_eq!((again.pinned().unwrap(), again.waiting, again.reached), (vec![3], VecDeque::from([3]), 300));
-    }
-
-    #[test]
-    fn an_evaluation_that_was_cut_off_names_no_folder_that_is_deleted() {
-        let temporary = tempfile::tempdir().unwrap();
-        let (result, precious) = (temporary.path().join("result"), temporary.path().join("precious"));
-        for folder in [&result, &precious] {
-            std::fs::create_dir(folder).unwrap();
-        }
-        let mut identity = Identity::new().unwrap();
-        identity.begin_incarnation();
-        identity.incarnations[0].wire = format!("stillroom_@{}", precious.display());
-        identity.write(&RunFolder::new(&result)).unwrap();
-        clear(&result).unwrap();
-        assert!(precious.is_dir() && !result.exists());
     }
 
     #[test]
