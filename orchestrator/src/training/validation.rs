@@ -101,8 +101,8 @@ impl Validation {
                 }
             };
             validation.reached = validation.reached.max(frames);
-            // Ascending, as without a crash.
-            validation.enqueue(rollout);
+            // Ascending, as without a crash. However many: the one that ran, and any that failed, waited beside the rest.
+            validation.waiting.push_back(rollout);
         }
         validation.crown()?;
         Ok(Some(validation))
@@ -187,10 +187,11 @@ impl Validation {
             tracing::warn!("the validation after rollout {rollout} failed and is made again: {error:#}");
             self.waiting.push_front(rollout);
         } else {
+            // A run that is complete has no next start, but for one with more frames.
             tracing::warn!(
-                "the validation after rollout {rollout} failed {TRIES} times and is left to the next start; its \
-                 checkpoint is kept in {}: {error:#}",
-                self.folder.validation(rollout).display()
+                "the validation after rollout {rollout} failed {TRIES} times and is left to the next start, if the run \
+                 has one; `orchestrator eval {} --split valid` makes it by hand: {error:#}",
+                self.manifest(rollout).display()
             );
         }
     }
@@ -420,6 +421,27 @@ pub mod tests {
         }
         assert_eq!(validation.waiting, &rollouts[2..]);
         assert_eq!(validation.pinned().unwrap(), rollouts[2..]);
+    }
+
+    /// One runs and eight wait when a run ends: at the next start nine wait, and none of them is too many.
+    #[test]
+    fn one_that_ran_when_the_run_ended_is_not_pushed_out_by_those_that_waited() {
+        let rollouts: Vec<u64> = (1..=10).map(|number| number * 3).collect();
+        let (_temporary, folder, config) = run(&rollouts);
+        let mut validation = Validation::open(&folder, &config).unwrap().unwrap();
+        validation.checkpoint(3, 300);
+        let first = validation.waiting.pop_front().unwrap();
+        let child = Command::new("sleep").arg("60").spawn().unwrap();
+        validation.running = Some(Running { rollout: first, child });
+        for &rollout in &rollouts[1..9] {
+            validation.checkpoint(rollout, rollout * 100);
+        }
+        validation.stop();
+        let mut again = Validation::open(&folder, &config).unwrap().unwrap();
+        assert_eq!(again.waiting, &rollouts[..9]);
+        // From here on a new one pushes one out, as ever.
+        again.checkpoint(30, 3000);
+        assert_eq!(again.waiting, &rollouts[1..]);
     }
 
     #[test]
