@@ -414,7 +414,10 @@ impl Collection {
             // One without its first step is counted apart.
             let headless = assembly.actions.is_empty() && (assembly.gap.is_some() || assembly.start.is_none());
             let left = failures_only && self.is_left((kitchen, number, episode), assembly);
-            if !headless && !left && let Some(fault) = assembly.fault(episode < last) {
+            if !headless
+                && !left
+                && let Some(fault) = assembly.fault(episode < last)
+            {
                 self.faults.push(format!("{}: {fault}", place(episode)));
             }
         }
