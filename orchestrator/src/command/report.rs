@@ -24,7 +24,8 @@ pub struct ReportArgs {
     /// Run folders, evaluation folders, or folders that hold such
     #[arg(value_name = "RUN", required = true)]
     runs: Vec<PathBuf>,
-    /// Folder of the report, new, empty, or with an older report [default: RUN/report of one folder, else report]
+    /// Folder of the report, new, empty, or with an older report [default: RUN/report of one folder, else
+    /// runs/report]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Threshold of the curve of success over the allowed displacement, metres; repeat it for each point [default: 16
@@ -38,10 +39,7 @@ pub struct ReportArgs {
 
 /// Runs the command.
 pub fn run(args: &ReportArgs) -> Result<()> {
-    let out = args.out.clone().unwrap_or_else(|| match args.runs.as_slice() {
-        [one] => one.join("report"),
-        _ => Path::new("report").to_path_buf(),
-    });
+    let out = args.out.clone().unwrap_or_else(|| default_folder(&args.runs));
     check_free(&out)?;
     let gathered = gather(&args.runs)?;
     let runs = gathered.runs.len();
@@ -60,6 +58,14 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     terminal::out(&format!("numbers: {}", out.join(NUMBERS).display()));
     terminal::out(&format!("page: {}", out.join(PAGE).display()));
     Ok(())
+}
+
+/// Where the report goes that names no folder: where runs are, because a checkout has a folder `report` of its own.
+fn default_folder(runs: &[PathBuf]) -> PathBuf {
+    match runs {
+        [one] => one.join("report"),
+        _ => Path::new("runs").join("report"),
+    }
 }
 
 fn options(thresholds_m: &[f32]) -> Result<Options> {
@@ -81,6 +87,14 @@ fn options(thresholds_m: &[f32]) -> Result<Options> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_report_that_names_no_folder_has_one_in_a_checkout() {
+        let checkout = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+        let several = default_folder(&["runs/a".into(), "runs/b".into()]);
+        check_free(&checkout.join(several)).unwrap();
+        assert_eq!(default_folder(&["runs/a".into()]), Path::new("runs/a/report"));
+    }
 
     #[test]
     fn thresholds_are_positive_and_in_order() {

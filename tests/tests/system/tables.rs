@@ -94,7 +94,7 @@ fn logs_are_followed_and_runs_are_compared() {
 
     assert_eq!(json(&workshop, &["list", ".", "--json"]).as_array().map(Vec::len), Some(2));
     let report = json(&workshop, &["report", "one", "two", "--json"]);
-    let file = std::fs::read_to_string(workshop.path("report/report.json")).expect("the numbers");
+    let file = std::fs::read_to_string(workshop.path("runs/report/report.json")).expect("the numbers");
     assert_eq!(report, serde_json::from_str::<Value>(&file).expect("JSON"));
 }
 
