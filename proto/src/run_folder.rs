@@ -30,6 +30,12 @@ use crate::fault;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
+/// The same path, as `./-x` where it begins with a dash: no program that is given it takes it for a flag.
+pub fn unlike_a_flag(path: impl Into<PathBuf>) -> PathBuf {
+    let path = path.into();
+    if path.as_os_str().as_encoded_bytes().starts_with(b"-") { Path::new(".").join(path) } else { path }
+}
+
 /// A run folder, existing or about to be created.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RunFolder {
@@ -39,7 +45,7 @@ pub struct RunFolder {
 impl RunFolder {
     /// The folder at `root`.
     pub fn new(root: impl Into<PathBuf>) -> Self {
-        Self { root: root.into() }
+        Self { root: unlike_a_flag(root) }
     }
 
     /// The folder itself.
@@ -310,6 +316,13 @@ mod tests {
         let run = RunFolder::new("runs/a");
         assert_eq!(RunFolder::of_recording(&run.recording(1, 0)), Some(run));
         assert_eq!(RunFolder::of_recording(Path::new("somewhere/b.mcap")), None);
+    }
+
+    #[test]
+    fn no_run_is_called_like_a_flag() {
+        for (asked, called) in [("-x", "./-x"), ("--run", "./--run"), ("a/-x", "a/-x"), ("./-x", "./-x"), ("", "")] {
+            assert_eq!(RunFolder::new(asked).root().as_os_str(), called);
+        }
     }
 
     #[test]

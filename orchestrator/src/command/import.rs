@@ -9,7 +9,7 @@ use crate::showing::log_line::error_in;
 use crate::showing::terminal;
 use anyhow::{Context, Result, anyhow, bail};
 use proto::config::{Config, presets};
-use proto::run_folder::RunFolder;
+use proto::run_folder::{RunFolder, unlike_a_flag};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -113,7 +113,7 @@ fn take_weights(from: &Path, folder: &RunFolder, id: &str, tools: &Tools) -> Res
     let output = Command::new(learner)
         .envs(tools.programs.learner_environment.iter().map(|(name, value)| (name, value)))
         .arg("import")
-        .args([Path::new("--from"), from, Path::new("--run"), folder.root()])
+        .args([Path::new("--from"), &unlike_a_flag(from), Path::new("--run"), folder.root()])
         .args(["--run-id", id])
         .output()
         .with_context(|| format!("cannot start {}", learner.display()))?;

@@ -6,6 +6,7 @@
 use crate::preflight::programs;
 use anyhow::{Context, Result, bail, ensure};
 use proto::kitchen::{KitchenChoice, KitchenId, KitchenRange};
+use proto::run_folder::unlike_a_flag;
 use std::path::PathBuf;
 use std::process::Command;
 
@@ -65,11 +66,11 @@ pub fn run(args: &KitchensArgs) -> Result<()> {
             format!("kitchen-{kitchen}.glb")
         }
         (Some(scene), Some(None)) => {
-            command.args(["gltf", "--of-scene"]).arg(scene);
+            command.args(["gltf", "--of-scene"]).arg(unlike_a_flag(scene));
             "scene-settled.glb".to_owned()
         }
         (Some(scene), None) => {
-            command.arg("sheet").arg("--scene").arg(scene).args(["--width", &width]);
+            command.arg("sheet").arg("--scene").arg(unlike_a_flag(scene)).args(["--width", &width]);
             "scene.png".to_owned()
         }
         (None, None) => {
@@ -78,7 +79,8 @@ pub fn run(args: &KitchensArgs) -> Result<()> {
             "kitchens.png".to_owned()
         }
     };
-    command.arg("--out").arg(args.out.as_ref().map_or_else(|| PathBuf::from(default_name), Clone::clone));
+    let out = args.out.clone().unwrap_or_else(|| default_name.into());
+    command.arg("--out").arg(unlike_a_flag(out));
     let status = command.status().with_context(|| format!("cannot start {}", program.display()))?;
     ensure!(status.success(), "the actor that was to draw ended with {status}; its last messages are above");
     Ok(())

@@ -13,7 +13,7 @@ use proto::bounded;
 use proto::config::Config;
 use proto::digest::Digest256;
 use proto::kitchen::TargetCategory;
-use proto::run_folder::RunFolder;
+use proto::run_folder::{RunFolder, unlike_a_flag};
 use std::ffi::OsStr;
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
@@ -149,7 +149,7 @@ fn ask(program: &Path, scene: &Path, further: &[&OsStr]) -> Result<String> {
 fn ask_within(program: &Path, scene: &Path, further: &[&OsStr], patience: Duration) -> Result<String> {
     let mut child = Command::new(program)
         .args(["check", "--scene"])
-        .arg(scene)
+        .arg(unlike_a_flag(scene))
         .args(further)
         .stdin(Stdio::null())
         .stdout(Stdio::piped())

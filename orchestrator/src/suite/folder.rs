@@ -22,7 +22,7 @@ use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::evaluation::RESULT_FILE;
 use proto::plain_file::open_plain;
-use proto::run_folder::{RunFolder, write_atomically};
+use proto::run_folder::{RunFolder, unlike_a_flag, write_atomically};
 use report::study::differences_between;
 use std::ffi::OsStr;
 use std::fs::{File, OpenOptions, TryLockError};
@@ -79,7 +79,7 @@ pub enum Next {
 impl SuiteFolder {
     /// The folder at `root`.
     pub fn new(root: impl Into<PathBuf>) -> Self {
-        Self { root: root.into() }
+        Self { root: unlike_a_flag(root) }
     }
 
     /// The suite's file as it was at the last call: where it is, the folder is a suite's.

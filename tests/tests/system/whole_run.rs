@@ -57,25 +57,27 @@ fn a_run_trains_on_from_imported_weights() {
         let stage = format!("{TINY}\n[[stages]]\nname = \"{name}\"\nreward = \"{reward}\"\nframes = 60\n");
         std::fs::write(workshop.path(&format!("{name}.toml")), stage).unwrap();
     }
-    let options = |name: &'static str, config: &'static str| {
-        ["--preset", "demo", "--config", config, "--run", name, "--seed", "5", "--actors", "1", "--envs-per-actor", "2"]
+    // Run folders whose names begin with a dash, which no process may take for a flag.
+    let options = |run: &'static str, config: &'static str| {
+        ["--preset", "demo", "--config", config, run, "--seed", "5", "--actors", "1", "--envs-per-actor", "2"]
     };
-    let first = complete(workshop.orchestrator(&[&["up"][..], &options("one", "one.toml")].concat())).result();
-    let checkpoints = walk(&workshop.path("one/checkpoints"));
+    let first = complete(workshop.orchestrator(&[&["up"][..], &options("--run=-one", "one.toml")].concat())).result();
+    let checkpoints = walk(&workshop.path("-one/checkpoints"));
     let newest = checkpoints.iter().filter(|path| path.extension().is_some_and(|end| end == "safetensors")).max();
     let newest = newest.expect("a complete run has a checkpoint").to_str().unwrap();
 
-    let imported = complete(workshop.orchestrator(&[&["import", newest][..], &options("two", "two.toml")].concat()));
+    let imported =
+        complete(workshop.orchestrator(&[&["import", newest][..], &options("--run=-two", "two.toml")].concat()));
     assert!(imported.success && imported.stdout.ends_with(&format!("weights: {}\n", first.0)), "{imported:#?}");
-    let second = complete(workshop.resume("two")).result();
+    let second = complete(workshop.resume("./-two")).result();
     assert_eq!(second.1, 60);
     assert_ne!(second.0, first.0);
-    workshop.run("two").assert_nothing_left();
+    workshop.run("-two").assert_nothing_left();
 
-    let options = [&["import", "one.toml"][..], &options("three", "two.toml")].concat();
+    let options = [&["import", "one.toml"][..], &options("--run=-three", "two.toml")].concat();
     let refused = complete(workshop.orchestrator(&options));
     assert!(!refused.success && refused.stderr.contains("one.toml"), "{refused:#?}");
-    assert!(!workshop.path("three").exists(), "nothing is left of a run that never began");
+    assert!(!workshop.path("-three").exists(), "nothing is left of a run that never began");
 }
 
 fn walk(folder: &std::path::Path) -> Vec<std::path::PathBuf> {
