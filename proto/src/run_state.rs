@@ -35,7 +35,9 @@ pub enum RunState {
     Running,
     /// Its last session ended so.
     Ended(Ending),
-    /// Its last session noted no end: it crashed, or was killed. Also a run that was never started.
+    /// No session has begun on it, as after `orchestrator import`.
+    NotStarted,
+    /// Its last session noted no end: it crashed, or was killed.
     CutOff,
 }
 
@@ -44,6 +46,7 @@ impl Display for RunState {
         match self {
             Self::Running => f.write_str("running"),
             Self::Ended(ending) => ending.fmt(f),
+            Self::NotStarted => f.write_str("not started"),
             Self::CutOff => f.write_str("cut off"),
         }
     }

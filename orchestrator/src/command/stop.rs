@@ -97,7 +97,10 @@ pub fn run(args: &StopArgs) -> Result<()> {
         terminal::note(&format!("{root} does not run"));
     }
     let identity = Identity::read(&folder)?;
-    let Some(ended) = identity.incarnations.last().and_then(|last| last.ended.as_ref()) else {
+    let Some(last) = identity.incarnations.last() else {
+        bail!("{root} has not been started yet: `orchestrator resume {root}` does that");
+    };
+    let Some(ended) = &last.ended else {
         if is_evaluation(&folder) {
             bail!("{root} was cut off: the evaluation has no result");
         }
@@ -181,11 +184,15 @@ mod tests {
     fn a_process_that_a_lock_names_falsely_is_not_signalled() {
         let temporary = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(temporary.path());
-        Identity::new().unwrap().write(&folder).unwrap();
+        let mut identity = Identity::new().unwrap();
+        identity.write(&folder).unwrap();
+        let args = StopArgs { run: temporary.path().to_path_buf(), timeout: 5 };
+        assert!(run(&args).unwrap_err().to_string().contains("has not been started yet"));
+        identity.begin_incarnation();
+        identity.write(&folder).unwrap();
         let mut victim = Command::new("sleep").arg("60").spawn().unwrap();
         let planted = Holder { pid: victim.id(), host: host_name(), incarnation: 1 };
         std::fs::write(folder.orchestrator_lock(), toml::to_string(&planted).unwrap()).unwrap();
-        let args = StopArgs { run: temporary.path().to_path_buf(), timeout: 5 };
         // Free, the lock names nobody.
         assert!(run(&args).unwrap_err().to_string().contains("cut off"));
         let held = std::fs::File::open(folder.orchestrator_lock()).unwrap();

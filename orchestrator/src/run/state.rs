@@ -6,11 +6,11 @@ use proto::run_state::{Ending, RunState};
 
 /// The state of a run with this lock. `complete`: its result is there, whatever its last session noted.
 pub fn state_of(identity: &Identity, held: &Held, complete: bool) -> RunState {
-    match (held, identity.incarnations.last().and_then(|last| last.ended.as_ref())) {
+    match (held, identity.incarnations.last()) {
         (Held::By(_) | Held::Unsigned, _) => RunState::Running,
         (Held::Free, _) if complete => RunState::Ended(Ending::Complete),
-        (Held::Free, Some(ended)) => RunState::Ended(ended.how),
-        (Held::Free, None) => RunState::CutOff,
+        (Held::Free, None) => RunState::NotStarted,
+        (Held::Free, Some(last)) => last.ended.as_ref().map_or(RunState::CutOff, |ended| RunState::Ended(ended.how)),
     }
 }
 
@@ -23,7 +23,7 @@ mod tests {
     fn who_holds_a_run_comes_first_then_its_result_then_its_last_word() {
         let mut identity = Identity::new().unwrap();
         let state = |identity: &Identity, held, complete| state_of(identity, &held, complete).to_string();
-        assert_eq!(state(&identity, Held::Free, false), "cut off");
+        assert_eq!(state(&identity, Held::Free, false), "not started");
         identity.begin_incarnation();
         assert_eq!(state(&identity, Held::Unsigned, false), "running");
         assert_eq!(state(&identity, Held::Free, false), "cut off");
