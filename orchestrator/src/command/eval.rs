@@ -11,6 +11,7 @@ use crate::run::identity::unix_now;
 use crate::run::{lifeline, scenes};
 use crate::showing::{format, terminal};
 use anyhow::{Result, ensure};
+use proto::checkpoint::Manifest;
 use proto::config::{Config, DeviceChoice, Setting, ValidationConfig};
 use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet, Plan};
 use proto::kitchen::{KitchenId, KitchenRange, Split, TargetCategory};
@@ -214,24 +215,26 @@ fn subject(args: &EvalArgs) -> Result<(Config, Provenance, Option<String>)> {
         None => anyhow::bail!("{} has a name that is not text", path.display()),
     };
     if let Some(path) = &args.subject {
-        let (config, run, weights) = match find(path)? {
+        let (config, run, run_id, weights) = match find(path)? {
             Source::Checkpoint(found) => {
                 let Found { manifest, run, mut config } = *found;
                 for scene in &mut config.scenes {
                     // The run's own copy, whatever the working directory is.
                     *scene = text(&run.join(scene.as_str()))?;
                 }
-                (config, Some(text(&run)?), manifest)
+                // The learner refuses a manifest that cannot be read.
+                let run_id = Manifest::read(&manifest).ok().map(|read| read.run).filter(|id| !id.is_empty());
+                (config, Some(text(&run)?), run_id, manifest)
             }
-            Source::File { path, policy } => (policy.config, None, path),
+            Source::File { path, policy } => (policy.config, None, None, path),
         };
-        let provenance = Provenance { preset: config.preset.clone(), seed: config.seed, run };
+        let provenance = Provenance { preset: config.preset.clone(), seed: config.seed, run, run_id };
         return Ok((config, provenance, Some(text(&weights)?)));
     }
     let preset = args.preset.as_deref().unwrap_or("demo");
     let config = Config::resolve_set(preset, args.config.as_deref(), &args.set)?;
     let seed = args.seed.unwrap_or(config.seed);
-    Ok((config, Provenance { preset: preset.to_owned(), seed, run: None }, None))
+    Ok((config, Provenance { preset: preset.to_owned(), seed, run: None, run_id: None }, None))
 }
 
 /// What is asked about a run. Its configuration names scenes only if the evaluation is in them.
@@ -448,8 +451,10 @@ mod tests {
 
     #[test]
     fn a_result_is_called_after_the_run_the_file_or_the_preset() {
-        let provenance =
-            |run: Option<&str>| Provenance { preset: "demo".to_owned(), seed: 1, run: run.map(str::to_owned) };
+        let provenance = |run: Option<&str>| {
+            let run = run.map(str::to_owned);
+            Provenance { preset: "demo".to_owned(), seed: 1, run, run_id: None }
+        };
         let name = |run, checkpoint: Option<&str>| {
             let asked = EvaluationConfig {
                 checkpoint: checkpoint.map(str::to_owned),

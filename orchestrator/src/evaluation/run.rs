@@ -116,6 +116,7 @@ impl EvaluationRun {
             preset: self.subject.preset.clone(),
             seed: self.subject.seed,
             run: self.subject.run.clone(),
+            run_id: self.subject.run_id.clone(),
             checkpoint: self.asked.checkpoint.clone(),
             frames: audience.frames(),
             weights: saved.weights.clone(),

@@ -20,6 +20,8 @@ pub struct Provenance {
     pub seed: u64,
     /// Absolute path of the run folder; none for weights that no run has trained.
     pub run: Option<String>,
+    /// Its id, as its checkpoint names it. None as above, and in a checkpoint of an older version.
+    pub run_id: Option<String>,
 }
 
 /// A checkpoint and the run it belongs to.

@@ -12,7 +12,7 @@ use anyhow::{Context, Result, bail};
 use proto::SCHEMA_VERSION;
 use proto::bounded;
 use proto::config::Config;
-use proto::evaluation::{Evaluation, RESULT_FILE, TABLE_FILE, read_table};
+use proto::evaluation::{Evaluation, RESULT_FILE, Subject, TABLE_FILE, read_table};
 use proto::run_folder::RunFolder;
 use proto::trained::{History, Trained};
 use report::study::{ELAPSED_S, Evaluated, FRAMES_PER_S, Origin, Rollout, Run, Validated, differences_between};
@@ -31,6 +31,34 @@ pub struct Gathered {
     pub notes: Vec<String>,
 }
 
+/// A run that was given.
+struct Given {
+    /// Its path, without links.
+    place: PathBuf,
+    /// Its id.
+    id: String,
+    run: Run,
+}
+
+impl Given {
+    /// Whether weights that were evaluated are this run's: by its id, whatever folder it was in then. An evaluation of
+    /// an older version names no id, so the folder must be the same, and what was trained in it.
+    fn trained(&self, subject: &Subject) -> bool {
+        match &subject.run_id {
+            Some(id) => *id == self.id,
+            None => {
+                let place = subject.run.as_ref().and_then(|run| std::fs::canonicalize(run).ok());
+                place.as_deref() == Some(&self.place) && is_of(subject, &self.run.config)
+            }
+        }
+    }
+}
+
+/// Whether a run with this configuration can have trained what was evaluated.
+fn is_of(subject: &Subject, config: &Config) -> bool {
+    config.evaluation.is_none() && (&config.preset, config.seed) == (&subject.preset, subject.seed)
+}
+
 /// An evaluation's folder outside of any run's.
 struct Outside {
     /// Its path, without links.
@@ -45,24 +73,24 @@ struct Outside {
 /// are attached to it. Other evaluations are grouped by their run, or by their weights if these are untrained. A named
 /// folder must be readable; an unreadable folder below it becomes a note.
 pub fn gather(paths: &[PathBuf]) -> Result<Gathered> {
-    let mut runs: Vec<(PathBuf, Run)> = Vec::new();
+    let mut runs: Vec<Given> = Vec::new();
     let mut outside: Vec<Outside> = Vec::new();
     let mut notes = Vec::new();
     for path in paths {
         let (mut found, before) = (Vec::new(), notes.len());
         look(path, DEPTH, &mut found, &mut notes).with_context(|| path.display().to_string())?;
         if found.is_empty() && notes.len() == before {
-            bail!("{} is no run and holds none (a run has a run.toml)", path.display());
+            bail!("{} {}", path.display(), no_run(path)?);
         }
         for folder in found {
             let place = std::fs::canonicalize(&folder).with_context(|| folder.display().to_string())?;
-            if runs.iter().any(|(known, _)| *known == place) || outside.iter().any(|known| known.place == place) {
+            if runs.iter().any(|known| known.place == place) || outside.iter().any(|known| known.place == place) {
                 continue;
             }
             let read = if folder.join(RESULT_FILE).exists() {
                 read_outside(&folder, &place).map(|read| outside.push(read))
             } else {
-                run(&folder, &mut notes).map(|read| runs.push((place, read)))
+                run(&folder, &mut notes).map(|(id, run)| runs.push(Given { place, id, run }))
             };
             match read {
                 Err(error) if folder != *path => notes.push(left_out(&folder, &error)),
@@ -75,11 +103,10 @@ pub fn gather(paths: &[PathBuf]) -> Result<Gathered> {
     }
     let mut alone: Vec<Run> = Vec::new();
     for one in outside {
-        let of = one.evaluated.result.subject.run.as_ref().and_then(|run| std::fs::canonicalize(run).ok());
-        if let Some((known, run)) = runs.iter_mut().find(|(known, _)| Some(known) == of.as_ref()) {
+        if let Some(known) = runs.iter_mut().find(|known| known.trained(&one.evaluated.result.subject)) {
             // Its own evaluations are known already.
-            if !one.place.starts_with(&*known) {
-                run.evaluations.push(one.evaluated);
+            if !one.place.starts_with(&known.place) {
+                known.run.evaluations.push(one.evaluated);
             }
             continue;
         }
@@ -95,13 +122,16 @@ pub fn gather(paths: &[PathBuf]) -> Result<Gathered> {
             None => alone.push(one),
         }
     }
-    Ok(Gathered { runs: runs.into_iter().map(|(_, run)| run).chain(alone).collect(), notes })
+    Ok(Gathered { runs: runs.into_iter().map(|known| known.run).chain(alone).collect(), notes })
 }
 
 /// Whether evaluations without their run are of one: of checkpoints of the same run, or of the same fresh weights.
 fn same_run(known: &Run, other: &Run) -> bool {
     let subject = |run: &Run| run.evaluations.first().map(|evaluated| evaluated.result.subject.clone());
     let (Some(known_subject), Some(other_subject)) = (subject(known), subject(other)) else { return false };
+    if let (Some(id), Some(other_id)) = (&known_subject.run_id, &other_subject.run_id) {
+        return id == other_id;
+    }
     match (&known_subject.run, &other_subject.run) {
         (None, None) => known_subject.weights == other_subject.weights,
         // By what it learned, too: another run may have taken the place of one that was removed.
@@ -112,6 +142,17 @@ fn same_run(known: &Run, other: &Run) -> bool {
         }
         _ => false,
     }
+}
+
+/// Why a folder in which nothing was found is of no use here.
+fn no_run(folder: &Path) -> Result<&'static str> {
+    let folder = RunFolder::new(folder);
+    let evaluates = folder.identity().exists() && Config::of_run(&folder)?.evaluation.is_some();
+    Ok(if evaluates {
+        "is an evaluation without a result: it goes on still, or was stopped before its end (`orchestrator status` tells)"
+    } else {
+        "is no run and holds none (a run has a run.toml)"
+    })
 }
 
 fn left_out(folder: &Path, error: &anyhow::Error) -> String {
@@ -149,7 +190,8 @@ fn look(folder: &Path, depth: usize, found: &mut Vec<PathBuf>, notes: &mut Vec<S
     Ok(())
 }
 
-fn run(path: &Path, notes: &mut Vec<String>) -> Result<Run> {
+/// A run with its id.
+fn run(path: &Path, notes: &mut Vec<String>) -> Result<(String, Run)> {
     let folder = RunFolder::new(path);
     let identity = Identity::read(&folder)?;
     let complete = Summary::read(&folder)?.is_some();
@@ -158,14 +200,15 @@ fn run(path: &Path, notes: &mut Vec<String>) -> Result<Run> {
     let Figures { history, notes: about_figures } = Figures::read(&folder, at_rest)?;
     let Scores { scores, notes: about_scores } = Scores::read(&folder, at_rest)?;
     notes.extend(about_figures.into_iter().chain(about_scores).map(|note| format!("{}: {note}.", path.display())));
-    Ok(Run {
+    let run = Run {
         name: path.display().to_string(),
         origin: Origin::Run(state_of(&identity, &held, complete)),
         config: config_by_content(&folder)?,
         rollouts: rollouts(&history),
         evaluations: evaluations_of(&folder, notes)?,
         validation: validation_of(&scores),
-    })
+    };
+    Ok((identity.id, run))
 }
 
 /// What was trained, with how fast it was and how long it took until then.
@@ -266,10 +309,11 @@ impl Outside {
     fn alone(self) -> Run {
         let subject = &self.evaluated.result.subject;
         // Only its run's folder contains how the weights were trained, if that folder still exists.
-        let trained = subject.run.as_ref().and_then(|run| config_by_content(&RunFolder::new(run)).ok());
-        let trained = trained.filter(|trained| {
-            trained.evaluation.is_none() && (&trained.preset, trained.seed) == (&subject.preset, subject.seed)
-        });
+        let folder = subject.run.as_ref().map(RunFolder::new);
+        // Another run may have taken its place.
+        let folder = folder.filter(|folder| subject.run_id.is_none() || folder.id() == subject.run_id);
+        let trained = folder.and_then(|folder| config_by_content(&folder).ok());
+        let trained = trained.filter(|trained| is_of(subject, trained));
         let (origin, config) = match (&subject.run, trained) {
             (Some(_), Some(trained)) => (Origin::NotGiven, trained),
             (run, _) => {
@@ -301,10 +345,11 @@ mod tests {
     use crate::evaluation::testing::uneventful;
     use proto::config::FromConfig;
     use proto::evaluation::{
-        Conditions, Cost, Distribution, EpisodeRecord, EvaluationConfig, ObjectSet, Subject, category_of, write_table,
+        Conditions, Cost, Distribution, EpisodeRecord, EvaluationConfig, ObjectSet, category_of, write_table,
     };
     use proto::event::Timing;
     use proto::kitchen::{KitchenId, Split};
+    use proto::run_state::RunState;
     use report::study::groups;
     use report::{Made, Options};
 
@@ -320,6 +365,7 @@ mod tests {
             preset: config.preset.clone(),
             seed: 3,
             run: run.map(|run| run.display().to_string()),
+            run_id: None,
             checkpoint: None,
             frames: 9,
             weights: weights.repeat(64),
@@ -402,6 +448,29 @@ mod tests {
         let mut other = gather(&[at("of/a-old")]).unwrap();
         other.runs.extend(gathered.runs);
         assert!(!same_run(&other.runs[0], &other.runs[1]));
+    }
+
+    #[test]
+    fn an_evaluation_is_of_the_run_whose_id_it_names_not_of_the_folder() {
+        let temporary = tempfile::tempdir().unwrap();
+        let at = |name: &str| temporary.path().join(name);
+        begin(&at("run"), |_| {});
+        evaluate(&at("of"), Split::Test, Some(&at("run")), "a");
+        let path = at("of").join(RESULT_FILE);
+        let mut result: Evaluation = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
+        result.subject.run_id = RunFolder::new(at("run")).id();
+        std::fs::write(path, serde_json::to_string(&result).unwrap()).unwrap();
+        let found = |run: &str| -> Vec<(Origin, usize)> {
+            let gathered = gather(&[at(run), at("of")]).unwrap();
+            gathered.runs.into_iter().map(|run| (run.origin, run.evaluations.len())).collect()
+        };
+        let given = Origin::Run(RunState::NotStarted);
+        assert_eq!(found("run"), [(given.clone(), 1)]);
+        std::fs::rename(at("run"), at("moved")).unwrap();
+        assert_eq!(found("moved"), [(given.clone(), 1)]);
+        // The same preset and seed, and yet another run.
+        begin(&at("run"), |_| {});
+        assert_eq!(found("run"), [(given, 0), (Origin::Unknown, 1)]);
     }
 
     /// A run's folder without anything trained.
@@ -536,6 +605,10 @@ mod tests {
         for name in ["all/older", "all/torn"] {
             assert!(gather(&[at("all/good"), at(name)]).is_err(), "{name}");
         }
+        let asked = EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 1);
+        begin(&at("stopped"), |config| config.evaluation = Some(asked));
+        let problem = gather(&[at("stopped")]).unwrap_err().to_string();
+        assert!(problem.contains("is an evaluation without a result"), "{problem}");
         std::fs::remove_dir_all(at("all/good")).unwrap();
         let problem = gather(&[at("all")]).unwrap_err().to_string();
         assert!(problem.contains("nothing to report on") && problem.contains("older"), "{problem}");

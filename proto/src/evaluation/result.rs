@@ -23,6 +23,9 @@ pub struct Subject {
     pub seed: u64,
     /// The run folder; none for weights that no run has trained.
     pub run: Option<String>,
+    /// Id of that run, whatever folder it lies in. None as above, and where an older version evaluated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub run_id: Option<String>,
     /// Manifest of the checkpoint; none for weights that no run has trained.
     pub checkpoint: Option<String>,
     /// Frames trained on.

@@ -69,6 +69,7 @@ fn evaluated(config: &Config, split: Split, objects: ObjectSet, skill: f64, care
         preset: config.preset.clone(),
         seed: config.seed,
         run: Some("runs/x".into()),
+        run_id: None,
         checkpoint: Some("checkpoints/rollout-00000120.json".into()),
         frames: config.stages.iter().map(|stage| stage.frames).sum(),
         weights: format!("{:064x}", config.seed),
