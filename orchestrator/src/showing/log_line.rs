@@ -2,12 +2,13 @@
 
 use tracing::Level;
 
-/// A line of a child's standard error, as `wire::logging` writes it: `2026-11-21T02:04:23.1Z  WARN text`.
+/// A line of a child's standard error, as `wire::logging` writes it: `2026-11-21T02:04:23.1Z  WARN text`; or of the
+/// orchestrator's log, which has the place in the program before the text.
 #[derive(Debug, PartialEq, Eq)]
 pub struct LogLine<'a> {
     /// None of what is not a log line.
     pub level: Option<Level>,
-    /// The message.
+    /// The message, without the place: that is for those who read the file.
     pub text: &'a str,
 }
 
@@ -29,6 +30,10 @@ impl<'a> LogLine<'a> {
             "ERROR" => Level::ERROR,
             _ => return plain,
         };
+        let text = match text.split_once(": ") {
+            Some((place, rest)) if place.contains("::") && !place.contains(' ') => rest,
+            _ => text,
+        };
         Self { level: Some(level), text }
     }
 }
@@ -49,6 +54,9 @@ mod tests {
             LogLine::parse("2026-11-21T02:04:23.123456Z  WARN it is late"),
             LogLine { level: Some(Level::WARN), text: "it is late" }
         );
+        let at_a_place =
+            LogLine::parse("2026-11-21T02:04:23.1Z  INFO orchestrator::supervisor::shell: actor-01: ready");
+        assert_eq!(at_a_place, LogLine { level: Some(Level::INFO), text: "actor-01: ready" });
         let panic = "thread 'main' panicked at src/main.rs:3:5:";
         assert_eq!(LogLine::parse(panic), LogLine { level: None, text: panic });
         assert_eq!(LogLine::parse(""), LogLine { level: None, text: "" });

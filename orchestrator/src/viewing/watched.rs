@@ -80,11 +80,6 @@ impl Log {
             }
             let Parsed { level, text } = Parsed::parse(&line);
             let at = line.split_once(' ').filter(|_| level.is_some()).map_or("", |(at, _)| at);
-            // The place in the program is for those who read the file.
-            let text = match text.split_once(": ") {
-                Some((place, rest)) if place.contains("::") && !place.contains(' ') => rest,
-                _ => text,
-            };
             let text = text.chars().take(TEXT_MAX).collect();
             let shown = LogLine { at: at.to_owned(), level: level.map_or("", |level| level.as_str()).to_owned(), text };
             // An error is the least verbose of levels.

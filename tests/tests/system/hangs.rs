@@ -129,6 +129,7 @@ fn a_stop_of_a_learner_that_hangs_says_what_it_waits_for_and_ends() {
     for part in ["stopping: the learner saves", "the stop waits for learner-0", "learner-0 has not saved within"] {
         assert!(stop.stderr.contains(part), "{part}: {stop:#?}");
     }
+    assert!(!stop.stderr.contains("::"), "no places in the program: {stop:#?}");
     assert!(!finish(child).success);
     run.assert_nothing_left();
     assert_eq!(&complete(workshop.resume("stop")).result(), undisturbed());
