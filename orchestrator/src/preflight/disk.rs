@@ -55,8 +55,8 @@ fn check_against(config: &Config, folder: &Path, free: u64) -> Finding {
     );
     if free < checkpoints + LEAST {
         Finding::Problem(format!(
-            "the disk is too full to begin: {figures}, and {} must stay free beside the checkpoints. Free some space or \
-             choose another place with --run",
+            "the disk is too full to begin: {figures}, and {} must stay free beside the checkpoints. Free some space, \
+             or put the run on another disk",
             bytes(LEAST)
         ))
     } else if free < checkpoints + recordings + LEAST {

@@ -39,7 +39,7 @@ pub fn check_free(folder: &RunFolder) -> Result<()> {
     if folder.identity().exists() {
         bail!("run folder {root} is already in use: it holds a run, and `orchestrator resume {root}` goes on with it");
     }
-    bail!("run folder {root} is not empty, and it is no run: choose another with --run")
+    bail!("run folder {root} is not empty, and it is no run: choose another folder")
 }
 
 /// Makes the folder and everything that is in it before the first process starts: these folders, and one for logs.
