@@ -2,15 +2,19 @@
 
 use super::overrides::{Overrides, default_preset};
 use crate::preflight::tools::Tools;
-use crate::preflight::{Finding, cores, descriptors, device, disk, memory, processor, programs, shared_memory};
+use crate::preflight::{
+    Finding, cores, descriptors, device, disk, memory, processor, programs, shared_memory, temporary,
+};
+use crate::run::create::check_free;
 use crate::run::remains::survey;
 use crate::run::scenes;
 use crate::showing::{format, terminal};
 use crate::supervisor::session::shape;
 use anyhow::Result;
 use proto::device::Torch;
+use proto::run_folder::RunFolder;
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Check everything that `up` would check, and show what is found
@@ -27,9 +31,9 @@ pub struct DoctorArgs {
     preset: Option<String>,
     #[command(flatten)]
     overrides: Overrides,
-    /// Run folder to check for
-    #[arg(long, value_name = "DIR", default_value = "runs")]
-    run: PathBuf,
+    /// Run folder to check for [default: a new one in runs]
+    #[arg(long, value_name = "DIR")]
+    run: Option<PathBuf>,
     /// Print one JSON object: `good`, and `checks` with `name`, `status` (ok, warning, problem) and `text`
     #[arg(long)]
     json: bool,
@@ -82,20 +86,32 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
             }
             table.row("shared memory", shared_memory::check(&config));
             table.row("open files", descriptors::check(&config));
-            table.row("disk", disk::check(&config, &args.run));
+            table.row("disk", disk::check(&config, args.run.as_deref().unwrap_or(Path::new("runs"))));
         }
     }
-    let dead: Vec<_> = survey()?.into_iter().filter(|remains| !remains.alive).collect();
-    if dead.is_empty() {
-        table.row("remains", Finding::Good("none of dead runs".to_owned()));
-    } else {
-        let bytes = format::bytes(dead.iter().map(|remains| remains.bytes).sum());
-        let runs = format::counted(dead.len() as u64, "dead run");
-        let text = format!("{bytes} in /dev/shm from {runs}; `orchestrator clean` frees it");
-        table.row("remains", Finding::Warning(text));
+    if let Some(run) = &args.run {
+        let free = check_free(&RunFolder::new(run)).map(|()| format!("{} is free", run.display()));
+        table.row("run folder", finding(free.as_ref().map(String::clone)));
+    }
+    let temporary = temporary::check();
+    let has_temporary = !matches!(temporary, Finding::Problem(_));
+    table.row("temporary", temporary);
+    if has_temporary {
+        table.row("remains", remains()?);
     }
     table.end()?;
     Ok(if table.is_good() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// What dead runs have left.
+fn remains() -> Result<Finding> {
+    let dead: Vec<_> = survey()?.into_iter().filter(|remains| !remains.alive).collect();
+    if dead.is_empty() {
+        return Ok(Finding::Good("none of dead runs".to_owned()));
+    }
+    let bytes = format::bytes(dead.iter().map(|remains| remains.bytes).sum());
+    let runs = format::counted(dead.len() as u64, "dead run");
+    Ok(Finding::Warning(format!("{bytes} in /dev/shm from {runs}; `orchestrator clean` frees it")))
 }
 
 fn finding(result: std::result::Result<String, &anyhow::Error>) -> Finding {

@@ -1,7 +1,7 @@
 //! Every check of one configuration, for a run that is to begin.
 
 use super::tools::Tools;
-use super::{cores, descriptors, device, disk, memory, processor, shared_memory};
+use super::{cores, descriptors, device, disk, memory, processor, shared_memory, temporary};
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::run_folder::RunFolder;
@@ -14,6 +14,7 @@ pub fn demand_all(config: &Config, folder: &RunFolder, tools: &Tools) -> Result<
     let on_gpu = device::is_cuda(config, &tools.torch);
     memory::check(config, on_gpu, memory::available().context("/proc/meminfo")?).demand()?;
     shared_memory::check(config).demand()?;
+    temporary::check().demand()?;
     descriptors::check(config).demand()?;
     disk::check(config, folder.root()).demand()
 }

@@ -4,6 +4,7 @@ use super::Finding;
 use crate::showing::format::bytes;
 use proto::config::Config;
 use proto::stage::total_frames;
+use rustix::fs::{Access, access, statvfs};
 use std::path::Path;
 use wire::message::EnvironmentState;
 
@@ -34,13 +35,19 @@ pub fn need(config: &Config) -> (u64, u64) {
     (checkpoint * kept + kitchens, recordings)
 }
 
-/// Checks the file system that will hold `folder`.
+/// Checks the place that will hold `folder`: it can be written to, and has room.
 pub fn check(config: &Config, folder: &Path) -> Finding {
     let existing = folder.ancestors().find(|folder| folder.exists()).unwrap_or(Path::new("."));
     let existing = if existing.as_os_str().is_empty() { Path::new(".") } else { existing };
-    match rustix::fs::statvfs(existing) {
+    // The slash: a file is no place for a folder.
+    let writable = access(existing.join(""), Access::WRITE_OK | Access::EXEC_OK);
+    match writable.and_then(|()| statvfs(existing)) {
         Ok(status) => check_against(config, existing, status.f_bavail * status.f_frsize),
-        Err(error) => Finding::Problem(format!("{}: {error}", existing.display())),
+        Err(error) => Finding::Problem(format!(
+            "{} cannot be made: {} cannot be written to ({error}). Choose another folder",
+            folder.display(),
+            existing.display()
+        )),
     }
 }
 
@@ -86,6 +93,16 @@ mod tests {
         let mut quiet = paper.clone();
         quiet.recording.enabled = false;
         assert!(matches!(check_against(&quiet, folder, 2 << 30), Finding::Good(_)));
+    }
+
+    #[test]
+    fn a_place_that_cannot_be_written_to_is_a_problem() {
+        let temporary = tempfile::tempdir().unwrap();
+        let file = temporary.path().join("file");
+        std::fs::write(&file, "").unwrap();
+        let demo = Config::resolve("demo", None).unwrap();
+        let Finding::Problem(text) = check(&demo, &file.join("run")) else { panic!("a file holds no folder") };
+        assert!(text.contains("file cannot be written to (Not a directory"), "{text}");
     }
 
     #[test]

@@ -13,6 +13,7 @@ pub mod placement;
 pub mod processor;
 pub mod programs;
 pub mod shared_memory;
+pub mod temporary;
 pub mod tools;
 
 /// What a check found.

@@ -7,6 +7,7 @@
 //! Anybody can write to /dev/shm, and a run folder can come from anybody. So no file names what is deleted: an address
 //! is made from the run's id and the number of the start alone.
 
+use crate::preflight::temporary;
 use crate::process_end::sleep_until_end;
 use anyhow::{Context, Result, bail};
 use proto::plain_file::open_plain;
@@ -86,6 +87,7 @@ pub struct Remains {
 
 /// Everything of this user's runs in /dev/shm or the temporary folder, living and dead.
 pub fn survey() -> Result<Vec<Remains>> {
+    temporary::check().demand()?;
     let me = geteuid().as_raw();
     let mut found: BTreeMap<String, Names> = BTreeMap::new();
     for entry in std::fs::read_dir(SHARED_MEMORY).context(SHARED_MEMORY)? {
@@ -99,7 +101,8 @@ pub fn survey() -> Result<Vec<Remains>> {
             names.changed = names.changed.max(metadata.modified().unwrap_or(SystemTime::UNIX_EPOCH));
         }
     }
-    for entry in std::fs::read_dir(std::env::temp_dir())?.flatten() {
+    let temporary = std::env::temp_dir();
+    for entry in std::fs::read_dir(&temporary).with_context(|| temporary.display().to_string())?.flatten() {
         let name = format!("{}_", entry.file_name().to_string_lossy());
         if let (Some(address), Ok(metadata)) = (WireAddress::of_name(&name), entry.metadata())
             && address.prefix() == name

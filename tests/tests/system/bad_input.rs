@@ -164,6 +164,43 @@ fn a_temporary_folder_with_too_long_a_name() {
 }
 
 #[test]
+fn a_temporary_folder_that_is_not_there_is_named_before_anything_is_made() {
+    let workshop = Workshop::new();
+    let doctor = ["doctor", "--preset", "demo"];
+    for mut command in
+        [workshop.up("far", 1, 1, 100), workshop.orchestrator(&["clean"]), workshop.orchestrator(&doctor)]
+    {
+        command.env("TMPDIR", workshop.path("gone"));
+        let Printed { success, stdout, stderr, .. } = complete(command);
+        let told = stdout + &stderr;
+        let why = "gone cannot be used: No such file or directory (os error 2). Set TMPDIR to a folder";
+        assert!(!success && told.matches(why).count() == 1, "{told}");
+    }
+    assert!(!workshop.path("far").exists(), "nothing is left of a run that never began");
+}
+
+#[test]
+fn the_doctor_finds_what_is_wrong_with_a_run_folder() {
+    let workshop = Workshop::new();
+    std::fs::write(workshop.path("file"), "").unwrap();
+    std::fs::create_dir(workshop.path("full")).unwrap();
+    std::fs::write(workshop.path("full/file"), "").unwrap();
+    for (run, problem) in [("full", Some("is not empty, and it is no run")), ("file/run", Some("file")), ("new", None)]
+    {
+        let printed = complete(workshop.orchestrator(&["doctor", "--preset", "demo", "--run", run]));
+        let found: Vec<&str> = printed.stdout.lines().filter(|line| line.contains("PROBLEM")).collect();
+        match problem {
+            Some(problem) => assert!(!printed.success && found.concat().contains(problem), "{printed:#?}"),
+            None => assert!(printed.success && printed.stdout.contains("new is free"), "{printed:#?}"),
+        }
+        // `up` is of the same opinion.
+        if let Some(problem) = problem {
+            refused(&complete(workshop.orchestrator(&["up", "--preset", "demo", "--run", run])), problem);
+        }
+    }
+}
+
+#[test]
 fn more_actors_than_memory_allows() {
     let workshop = Workshop::new();
     refused(&complete(workshop.up("crowd", 512, 256, 1_000_000)), "memory");

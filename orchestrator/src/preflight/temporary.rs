@@ -1,0 +1,47 @@
+//! Whether the temporary folder can be used: every run has sockets and small files in it.
+
+use super::Finding;
+use rustix::fs::Access;
+use std::io::{Error, ErrorKind};
+use std::path::Path;
+
+/// Checks the folder that `TMPDIR` names, /tmp without it.
+pub fn check() -> Finding {
+    check_folder(&std::env::temp_dir())
+}
+
+fn check_folder(folder: &Path) -> Finding {
+    match usable(folder) {
+        Ok(()) => Finding::Good(folder.display().to_string()),
+        Err(error) => Finding::Problem(format!(
+            "the temporary folder {} cannot be used: {error}. Set TMPDIR to a folder that is there and can be written to, \
+             or unset it to use /tmp",
+            folder.display()
+        )),
+    }
+}
+
+fn usable(folder: &Path) -> Result<(), Error> {
+    if !std::fs::metadata(folder)?.is_dir() {
+        return Err(ErrorKind::NotADirectory.into());
+    }
+    Ok(rustix::fs::access(folder, Access::READ_OK | Access::WRITE_OK | Access::EXEC_OK)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_temporary_folder_that_is_none_is_named_with_its_variable() {
+        let temporary = tempfile::tempdir().unwrap();
+        assert!(matches!(check_folder(temporary.path()), Finding::Good(_)));
+        let file = temporary.path().join("file");
+        std::fs::write(&file, "").unwrap();
+        for (none, why) in [(file, "not a directory"), (temporary.path().join("gone"), "No such file or directory")] {
+            let Finding::Problem(text) = check_folder(&none) else { panic!("{}", none.display()) };
+            assert!(text.contains(why) && text.contains("Set TMPDIR to a folder that is there"), "{text}");
+            assert!(text.contains(&none.display().to_string()), "{text}");
+        }
+    }
+}
