@@ -7,7 +7,7 @@ use toml::Value;
 
 /// The settings that are not the same in all, by their names. A table that some do not have is one setting.
 pub fn differences(configs: &[Config]) -> Vec<Row> {
-    let values: Vec<Value> = configs.iter().filter_map(|config| Value::try_from(config).ok()).collect();
+    let values: Vec<Value> = configs.iter().map(|config| Value::Table(config.to_table())).collect();
     let Some((first, others)) = values.split_first() else { return Vec::new() };
     let paths: BTreeSet<String> = others
         .iter()
@@ -53,18 +53,21 @@ mod tests {
         let mut two = one.clone();
         two.seed = 9;
         two.stages[1].frames = 77;
+        two.reward.lambda_disturb = 0.1;
         let mut three = one.clone();
         three.seed = 9;
         three.scenes = vec!["a.toml".into()];
         let rows = differences(&[one.clone(), two, three]);
         let names: Vec<&str> = rows.iter().map(|row| row.name.as_str()).collect();
-        assert_eq!(names, ["scenes", "seed", "stages.1.frames"]);
-        assert_eq!(rows[1].values, [json!(1), json!(9), json!(9)]);
+        assert_eq!(names, ["reward.lambda_disturb", "scenes", "seed", "stages.1.frames"]);
+        // A number of 32 bits, as it was given.
+        assert_eq!((&rows[0].values[1], rows[0].shown[1].as_str()), (&json!(0.1), "0.1"));
+        assert_eq!(rows[2].values, [json!(1), json!(9), json!(9)]);
         assert_eq!(
-            rows[2].shown,
+            rows[3].shown,
             [one.stages[1].frames.to_string(), "77".to_owned(), one.stages[1].frames.to_string()]
         );
-        assert_eq!(rows[0].values[2], json!(["a.toml"]));
+        assert_eq!(rows[1].values[2], json!(["a.toml"]));
         assert_eq!(differences(&[one.clone(), one.clone()]), []);
         let mut longer = one.clone();
         longer.stages.push(one.stages[0].clone());

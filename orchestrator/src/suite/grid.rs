@@ -152,7 +152,10 @@ mod tests {
     fn mistakes_name_the_key() {
         let unknown = problem("\"ppo.lerning_rate\" = [1e-3]");
         assert_eq!(unknown, "grid.ppo.lerning_rate: unknown key `lerning_rate` (did you mean `learning_rate`?)");
-        assert!(problem("ppo.epochs = [2, \"four\"]").starts_with("grid.ppo.epochs: invalid type: string \"four\""));
+        assert!(
+            problem("ppo.epochs = [2, \"four\"]")
+                .starts_with("grid.ppo.epochs: expected a whole number from 0 to 4294967295, found \"four\"")
+        );
         assert_eq!(problem("ppo.epochs = []"), "grid.ppo.epochs: the list is empty");
         assert_eq!(problem("ppo.clip = [0.2, 0.20]"), "grid.ppo.clip: 0.2 is given twice");
         let alone = problem("ppo.clip = 0.2");

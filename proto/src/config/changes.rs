@@ -1,7 +1,7 @@
 //! In what two configurations differ.
 
 use super::Config;
-use toml::Value;
+use toml::{Table, Value};
 
 /// A value that is not the same in two configurations.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,12 +32,15 @@ pub fn differences<'a>(then: &'a Value, now: &'a Value, lists: Lists) -> Vec<Dif
 }
 
 impl Config {
+    /// As plain data. It goes by way of the text, so that a number of 32 bits keeps the digits that it was given.
+    pub fn to_table(&self) -> Table {
+        toml::from_str(&self.to_toml()).expect("what we write as TOML can be read")
+    }
+
     /// What has changed since `older`, each as `ppo.clip = 0.2 instead of 0.1`; empty when nothing has.
     pub fn changes_since(&self, older: &Self) -> Vec<String> {
-        let value =
-            |config: &Self| Value::try_from(config).expect("plain numbers, strings and tables always serialise");
         let text = |value: Option<&Value>| value.map_or_else(|| "unset".to_owned(), Value::to_string);
-        let (then, now) = (value(older), value(self));
+        let (then, now) = (Value::Table(older.to_table()), Value::Table(self.to_table()));
         let found = differences(&then, &now, Lists::ByElement).into_iter();
         found
             .map(|Difference { path, then, now }| format!("{path} = {} instead of {}", text(now), text(then)))
@@ -94,11 +97,13 @@ mod tests {
         newer.ppo.epochs += 1;
         newer.stages[1].frames = 77;
         newer.scenes = vec!["a.toml".into()];
+        newer.reward.lambda_disturb = 0.1;
         let epochs = older.ppo.epochs;
         let mut changes = newer.changes_since(&older);
         changes.sort();
         let expected = [
             format!("ppo.epochs = {} instead of {epochs}", epochs + 1),
+            format!("reward.lambda_disturb = 0.1 instead of {:?}", older.reward.lambda_disturb),
             "scenes = [\"a.toml\"] instead of []".to_owned(),
             "seed = 9 instead of 1".to_owned(),
             format!("stages.1.frames = 77 instead of {}", older.stages[1].frames),
@@ -106,7 +111,7 @@ mod tests {
         assert_eq!(changes, expected);
         newer.stages.pop();
         assert!(newer.changes_since(&older).iter().any(|change| change.starts_with("stages.1 = unset instead of {")));
-        let values = [&older, &newer].map(|config| Value::try_from(config).unwrap());
+        let values = [&older, &newer].map(|config| Value::Table(config.to_table()));
         let whole = differences(&values[0], &values[1], Lists::Whole);
         assert!(whole.iter().any(|difference| difference.path == "stages"), "a list as one value: {whole:?}");
     }

@@ -79,9 +79,36 @@ pub fn parse<T: DeserializeOwned>(text: &str, origin: &str) -> Result<T, ConfigE
                 let nearest = nearest(&key, valid.iter().map(String::as_str));
                 ConfigError::UnknownKey { origin, line, key, nearest }
             }
-            None => ConfigError::Invalid { origin, line, problem: error.message().to_owned() },
+            None => ConfigError::Invalid { origin, line, problem: in_plain_words(error.message()) },
         }
     })
+}
+
+/// A message of serde without the names of Rust's types.
+fn in_plain_words(message: &str) -> String {
+    let wrong = message.strip_prefix("invalid type: ").or_else(|| message.strip_prefix("invalid value: "));
+    let Some((found, expected)) = wrong.and_then(|wrong| wrong.split_once(", expected ")) else {
+        return message.replacen("unknown variant ", "unknown value ", 1);
+    };
+    let expected = match expected {
+        "f32" | "f64" => "a number",
+        "u32" => "a whole number from 0 to 4294967295",
+        "u8" => "a whole number from 0 to 255",
+        "u64" | "usize" => "a whole number, 0 or greater",
+        "a boolean" => "true or false",
+        "a sequence" => "a list",
+        other if other.starts_with("struct ") => "a table",
+        other => other,
+    };
+    let found = match found {
+        "sequence" => "a list",
+        "map" => "a table",
+        other => ["string ", "integer ", "floating point ", "boolean "]
+            .iter()
+            .find_map(|kind| other.strip_prefix(kind))
+            .unwrap_or(other),
+    };
+    format!("expected {expected}, found {found}")
 }
 
 /// Takes serde's "unknown field `a`, expected one of `b`, `c`" apart.

@@ -10,7 +10,7 @@ const INCIDENTAL: [&str; 7] = ["preset", "seed", "learner", "checkpoint", "recor
 
 /// What must be equal in all runs of a group. One experiment may go by the names of two presets.
 pub(super) fn settings_of(config: &Config) -> Table {
-    let mut table = table_of(config);
+    let mut table = config.to_table();
     for key in INCIDENTAL {
         table.remove(key);
     }
@@ -19,10 +19,6 @@ pub(super) fn settings_of(config: &Config) -> Table {
         from.retain(|key, _| key == "frames");
     }
     table
-}
-
-fn table_of(config: &Config) -> Table {
-    Table::try_from(config).expect("a configuration is plain numbers, strings and tables")
 }
 
 /// Settings that the configuration's preset does not have, as `key = value`.
