@@ -27,6 +27,7 @@ pub use supervisor::event::{Action, Event, Exit, Outcome, Process, Saved, Sessio
 pub use supervisor::machine::Supervisor;
 pub use supervisor::policy::Policy;
 
+use anyhow::Context;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use rustix::process::Signal;
 use std::process::ExitCode;
@@ -90,7 +91,7 @@ pub fn main(version: &'static str) -> ExitCode {
     wire::descriptors::raise_limit();
     let done = |()| ExitCode::SUCCESS;
     let followed = line.parent.map_or(Ok(()), |parent| run::lifeline::follow(parent, Signal::INT));
-    let result = followed.and_then(|()| match &line.command {
+    let result = followed.and_then(|()| demand_place()).and_then(|()| match &line.command {
         Command::Up(args) => command::up::run(args),
         Command::Resume(args) => command::resume::run(args),
         Command::Scale(args) => command::scale::run(args).map(done),
@@ -117,10 +118,16 @@ pub fn main(version: &'static str) -> ExitCode {
         Command::Completions(args) => command::completions::run(args, CommandLine::command()).map(done),
         Command::Man(args) => command::man::run(args, CommandLine::command()).map(done),
     });
+    let result = result.and_then(|code| showing::terminal::demand_written().map(|()| code));
     result.unwrap_or_else(|error| {
         showing::terminal::note(&format!("error: {error:#}"));
         ExitCode::FAILURE
     })
+}
+
+/// Refuses a current folder that was removed: libraries and children would fail in it for reasons that hide this one.
+fn demand_place() -> anyhow::Result<()> {
+    std::env::current_dir().map(drop).context("the current folder cannot be used: change to another one")
 }
 
 #[cfg(test)]

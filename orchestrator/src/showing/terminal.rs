@@ -1,7 +1,8 @@
 //! The one way to the terminal: results on standard output, logs and live progress on standard error.
 //!
 //! A progress line stays below the log: every log line first clears it and then draws it again. Nothing here fails:
-//! when the reader of a pipe has gone or the terminal was closed, a run goes on without being watched.
+//! when the reader of a pipe has gone or the terminal was closed, a run goes on without being watched. Only at the end a
+//! program says that results are lost, as on a full disk: [`demand_written`].
 
 use proto::printable::printable;
 use serde::Serialize;
@@ -24,9 +25,11 @@ struct State {
     file: Option<File>,
     /// Something else draws on the terminal.
     muted: bool,
+    /// Why a result did not reach standard output, if its reader has not just gone.
+    unwritten: Option<std::io::Error>,
 }
 
-static STATE: Mutex<State> = Mutex::new(State { drawn: Vec::new(), file: None, muted: false });
+static STATE: Mutex<State> = Mutex::new(State { drawn: Vec::new(), file: None, muted: false, unwritten: None });
 
 fn state() -> MutexGuard<'static, State> {
     // A panic while printing leaves nothing that could be inconsistent.
@@ -69,7 +72,19 @@ pub fn mute(muted: bool) {
 
 /// Writes a line to standard output.
 pub fn out(line: &str) {
-    let _ = offer(line);
+    if let Err(error) = offer(line)
+        && error.kind() != std::io::ErrorKind::BrokenPipe
+    {
+        state().unwritten.get_or_insert(error);
+    }
+}
+
+/// Fails if a line did not reach standard output, other than for want of a reader.
+pub fn demand_written() -> anyhow::Result<()> {
+    match state().unwritten.take() {
+        Some(error) => Err(anyhow::Error::new(error).context("cannot write to standard output")),
+        None => Ok(()),
+    }
 }
 
 /// The same for what is of no use without a reader: fails when there is none any more.

@@ -144,6 +144,26 @@ fn pipes_and_devices_in_a_run_folder_are_not_read() {
 }
 
 #[test]
+fn a_result_that_cannot_be_written_is_a_failure() {
+    let workshop = Workshop::new();
+    let full = std::fs::OpenOptions::new().write(true).open("/dev/full").expect("Linux has it");
+    let mut command = workshop.orchestrator(&["presets"]);
+    command.stdout(full);
+    refused(&complete(command), "cannot write to standard output: No space left on device");
+}
+
+#[test]
+fn a_current_folder_that_was_removed_is_named() {
+    let workshop = Workshop::new();
+    let list = workshop.orchestrator(&["list", "/tmp"]);
+    let mut command = Command::new("sh");
+    command.args(["-c", "mkdir gone && cd gone && rmdir ../gone && exec \"$0\" \"$@\""]);
+    command.arg(list.get_program()).args(list.get_args()).current_dir(workshop.path(""));
+    command.stdout(Stdio::piped()).stderr(Stdio::piped());
+    refused(&complete(command), "the current folder cannot be used: change to another one: No such file");
+}
+
+#[test]
 fn a_terminal_is_given_no_orders_by_a_file() {
     let workshop = Workshop::new();
     std::fs::write(workshop.path("loud.toml"), "\"a\\u001b]0;mine\\u0007\\u001b[2J\" = 1\n").unwrap();
