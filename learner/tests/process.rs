@@ -239,8 +239,18 @@ fn a_run_goes_on_from_the_weights_it_was_given() {
     wider.network.hidden = 24;
     let rig = Rig::new("wider", wider);
     let (good, _, complaint) = import(&rig, &from);
+    assert!(!good && complaint.contains("network.hidden = 24 instead of 16"), "{complaint}");
+    // Without its manifest only the shapes tell.
+    let alone = rig.run_folder().root().join("alone.safetensors");
+    std::fs::copy(&from, &alone).expect("it is copied");
+    let (good, _, complaint) = import(&rig, &alone);
     assert!(!good && complaint.contains("`model.actor.weight` (here `actor.weight`) is Float [21, 16]"), "{complaint}");
     assert!(!rig.run_folder().checkpoint_manifest(0).exists());
+    let mut bytes = std::fs::read(&from).expect("it is there");
+    *bytes.last_mut().expect("it has bytes") ^= 1;
+    std::fs::write(&from, bytes).expect("it is written");
+    let (good, _, complaint) = import(&rig, &from);
+    assert!(!good && complaint.contains("is damaged: its SHA-256"), "{complaint}");
 }
 
 #[test]

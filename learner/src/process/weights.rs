@@ -3,10 +3,10 @@
 use crate::agent::Agent;
 use crate::checkpoint::{self, decode_tensors};
 use crate::import;
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use proto::action::ActionSpace;
 use proto::checkpoint::Manifest;
-use proto::policy_file::{BYTES_MOST, PolicyFacts};
+use proto::policy_file::{BYTES_MOST, PolicyFacts, PolicyFileError};
 use safetensors::SafeTensors;
 use std::path::Path;
 
@@ -30,8 +30,7 @@ pub fn load_any(agent: &mut Agent, from: &Path, space: ActionSpace) -> Result<Tr
 
 /// Loads the weights of the checkpoint with this manifest, and nothing else of it.
 pub fn load(agent: &mut Agent, manifest: &Path) -> Result<Manifest> {
-    let (snapshot, manifest) =
-        checkpoint::read(manifest).map_err(|rejected| anyhow::anyhow!("checkpoint {rejected}"))?;
+    let (snapshot, manifest) = checkpoint::read(manifest).map_err(|rejected| anyhow!("checkpoint {rejected}"))?;
     agent.load_weights(&snapshot.agent).context("the checkpoint is of another network")?;
     let weights = agent.weights_digest();
     if weights != manifest.weights {
@@ -40,15 +39,25 @@ pub fn load(agent: &mut Agent, manifest: &Path) -> Result<Manifest> {
     Ok(manifest)
 }
 
+/// What a policy file says of its weights, which are those that were written; nothing where these are weights alone.
+pub fn facts_of(bytes: &[u8]) -> Result<Option<PolicyFacts>> {
+    let of_file = |problem: PolicyFileError| anyhow!("the policy file {problem}");
+    let (_, header) = SafeTensors::read_metadata(bytes)?;
+    let metadata = header.metadata().as_ref().map(|entries| entries.clone().into_iter().collect());
+    let facts = match PolicyFacts::read(metadata.as_ref(), "its configuration") {
+        Err(PolicyFileError::Nameless) => return Ok(None),
+        facts => facts.map_err(of_file)?,
+    };
+    let mut tensors = SafeTensors::deserialize(bytes)?.tensors();
+    tensors.sort_unstable_by(|(a, _), (b, _)| a.cmp(b));
+    facts.verify(tensors.iter().map(|(name, view)| (name.as_str(), view.data()))).map_err(of_file)?;
+    Ok(Some(facts))
+}
+
 /// Its weights have 16 or 32 bits; the network computes with 32.
 fn load_policy(agent: &mut Agent, file: &Path, space: ActionSpace) -> Result<Trained> {
     let bytes = proto::bounded::read(file, BYTES_MOST)?;
-    let (_, header) = SafeTensors::read_metadata(&bytes)?;
-    let metadata = header.metadata().as_ref().map(|entries| entries.clone().into_iter().collect());
-    let facts = PolicyFacts::read(metadata.as_ref(), "its configuration")?;
-    let mut tensors = SafeTensors::deserialize(&bytes)?.tensors();
-    tensors.sort_unstable_by(|(a, _), (b, _)| a.cmp(b));
-    facts.verify(tensors.iter().map(|(name, view)| (name.as_str(), view.data())))?;
+    let facts = facts_of(&bytes)?.ok_or(PolicyFileError::Nameless)?;
     let mut state = agent.state();
     state.carried_goal = facts.origin.carried_goal;
     let imported = import::import(&decode_tensors(&bytes)?, space, &mut state)?;

@@ -8,19 +8,22 @@ use crate::run::scenes;
 use crate::showing::log_line::error_in;
 use crate::showing::terminal;
 use anyhow::{Context, Result, anyhow, bail};
+use export::PolicyError;
 use proto::config::{Config, presets};
+use proto::policy_file::PolicyFileError;
 use proto::run_folder::{RunFolder, unlike_a_flag};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// The preset whose network the weights are taken for, unless the user names one.
+/// The preset whose network weights are taken for that name none, unless the user names one.
 const DEFAULT_PRESET: &str = "paper";
 
 /// Make a run that begins with the weights in a file: an AllenAct state dict, or weights by our own names
 ///
 /// The run folder is made as by `up`, at 0 frames: `orchestrator resume RUN` trains on from there, `eval RUN` evaluates
 /// it. AllenAct's names are translated (ARCHITECTURE.md has the table); weights of an auxiliary task that the
-/// configuration does not train are left out, and those of one that the file lacks start from the seed.
+/// configuration does not train are left out, and those of one that the file lacks start from the seed. A policy file and
+/// a checkpoint name their network and the sign of their goal: the configuration must have the same.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   python3 -c \"import torch, safetensors.torch as s; w = torch.load('exp.pt', map_location='cpu'); \
@@ -33,7 +36,8 @@ pub struct ImportArgs {
     /// The weights (.safetensors)
     #[arg(value_name = "FILE")]
     from: PathBuf,
-    /// Named configuration (`orchestrator presets`): its network must be the weights' [default: paper]
+    /// Named configuration (`orchestrator presets`): its network must be the weights' [default: that of a
+    /// policy file, else paper]
     #[arg(long, value_name = "P")]
     preset: Option<String>,
     #[command(flatten)]
@@ -47,10 +51,11 @@ pub struct ImportArgs {
 pub fn run(args: &ImportArgs) -> Result<()> {
     let folder = RunFolder::new(&args.run);
     check_free(&folder)?;
+    let named = named_preset(&args.from)?;
     let mut defaulted = false;
     let default = || {
-        defaulted = true;
-        Ok(DEFAULT_PRESET)
+        defaulted = named.is_none();
+        Ok(named.as_deref().unwrap_or(DEFAULT_PRESET))
     };
     let mut config = args.overrides.resolve(&args.overrides.preset(args.preset.as_deref(), default)?)?;
     let tools = Tools::find()?;
@@ -68,6 +73,15 @@ pub fn run(args: &ImportArgs) -> Result<()> {
     imported.map_err(|error| if defaulted { anyhow!("{error:#}. {}", other_presets(&config)) } else { error })?;
     terminal::note(&format!("`orchestrator resume {}` trains on from these weights", folder.root().display()));
     Ok(())
+}
+
+/// The preset that a policy file names; none for other weights, which the learner judges. A damaged one is refused.
+fn named_preset(from: &Path) -> Result<Option<String>> {
+    match export::open(from) {
+        Ok(policy) => Ok(Some(policy.config.preset)),
+        Err(error @ PolicyError::NoPolicy { problem: PolicyFileError::Damaged, .. }) => Err(error.into()),
+        Err(_) => Ok(None),
+    }
 }
 
 /// Removes a folder that was made, or was empty before, so that all in it is ours. One that was there is the user's own
@@ -130,6 +144,24 @@ fn take_weights(from: &Path, folder: &RunFolder, id: &str, tools: &Tools) -> Res
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_policy_file_names_its_preset_and_a_damaged_one_is_refused() {
+        let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/fetch.safetensors");
+        let named = named_preset(&models).unwrap().expect("a policy file names one");
+        let network = export::open(&models).unwrap().config.network;
+        assert_eq!(Config::resolve(&named, None).unwrap().network, network);
+        assert_ne!(Config::resolve(DEFAULT_PRESET, None).unwrap().network, network);
+        let temporary = tempfile::tempdir().unwrap();
+        let other = temporary.path().join("other.safetensors");
+        let mut bytes = std::fs::read(models).unwrap();
+        *bytes.last_mut().unwrap() ^= 1;
+        std::fs::write(&other, bytes).unwrap();
+        let refused = named_preset(&other).unwrap_err().to_string();
+        assert!(refused.starts_with(&format!("{} is damaged", other.display())), "{refused}");
+        std::fs::write(&other, "weights of somebody else's").unwrap();
+        assert_eq!(named_preset(&other).unwrap(), None);
+    }
 
     #[test]
     fn a_folder_of_the_users_own_stays_when_an_import_fails() {

@@ -61,7 +61,7 @@ impl Overrides {
 
     /// The preset to take: the one `asked` for, else the one that the user's file names, else `default`, which is
     /// only computed then.
-    pub fn preset(&self, asked: Option<&str>, default: impl FnOnce() -> Result<&'static str>) -> Result<String> {
+    pub fn preset<'a>(&self, asked: Option<&str>, default: impl FnOnce() -> Result<&'a str>) -> Result<String> {
         if let Some(asked) = asked {
             return Ok(asked.to_owned());
         }
