@@ -44,13 +44,11 @@ impl Given {
     /// Whether weights that were evaluated are this run's: by its id, whatever folder it was in then. An evaluation of
     /// an older version names no id, so the folder must be the same, and what was trained in it.
     fn trained(&self, subject: &Subject) -> bool {
-        match &subject.run_id {
-            Some(id) => *id == self.id,
-            None => {
-                let place = subject.run.as_ref().and_then(|run| std::fs::canonicalize(run).ok());
-                place.as_deref() == Some(&self.place) && is_of(subject, &self.run.config)
-            }
+        if let Some(id) = &subject.run_id {
+            return *id == self.id;
         }
+        let place = subject.run.as_ref().and_then(|run| std::fs::canonicalize(run).ok());
+        place.as_deref() == Some(&self.place) && is_of(subject, &self.run.config)
     }
 }
 
