@@ -56,17 +56,32 @@ def test_the_newest_whole_checkpoint_of_a_run_is_read(tmp_path: Path) -> None:
 
 def test_a_policy_file_says_itself_what_it_is(tmp_path: Path) -> None:
     config = '[network]\ngoal = "cartesian"\ncarried_goal = "object_to_goal"\n[episode]\nmax_steps = 77\n'
-    facts = {"config": config, "frames": "4000", "rollout": "12", "run": "0123"}
+    ones = np.ones((2, 3), np.float16)
+    digest = hashlib.sha256(b"actor.weight" + (12).to_bytes(8, "little") + ones.tobytes()).hexdigest()
+    facts = {"config": config, "frames": "4000", "rollout": "12", "run": "0123", "tensors_sha256": digest}
     path = tmp_path / "policy.safetensors"
-    save_file({"actor.weight": np.ones((2, 3), np.float16)}, path, {"stillroom": json.dumps(facts)})
+    save_file({"actor.weight": ones}, path, {"stillroom": json.dumps(facts)})
     policy = stillroom.load(path)
     assert (policy.frames, policy.goal, policy.carried_goal) == (4000, "cartesian", "object_to_goal")
     assert policy.weights["actor.weight"].dtype == np.float32
     assert policy.environment() == {"carried_goal": "object_to_goal", "max_steps": 77}
     for wrong in ("nonsense", "[]", json.dumps({**facts, "frames": "many"}), json.dumps({**facts, "config": "="})):
-        save_file({"actor.weight": np.ones((2, 3), np.float16)}, path, {"stillroom": wrong})
+        save_file({"actor.weight": ones}, path, {"stillroom": wrong})
         with pytest.raises(CheckpointError, match="metadata that cannot be read"):
             stillroom.load(path)
+
+
+def test_a_damaged_policy_file_is_refused(tmp_path: Path) -> None:
+    whole = REPOSITORY / "models/fetch.safetensors"
+    assert stillroom.load(whole).frames == 45_000_000
+    content = bytearray(whole.read_bytes())
+    # The lowest bit of a weight: it stays a finite number.
+    content[-2] ^= 1
+    damaged = tmp_path / "damaged.safetensors"
+    damaged.write_bytes(content)
+    with pytest.raises(CheckpointError, match="damaged: the SHA-256 of its weights"):
+        stillroom.load(damaged)
+    assert stillroom.load(damaged, verify=False).frames == 45_000_000
 
 
 def test_what_holds_no_checkpoint_is_refused(tmp_path: Path) -> None:

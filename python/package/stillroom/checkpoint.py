@@ -86,7 +86,7 @@ def load(path: str | PathLike[str], *, rollout: int | None = None, verify: bool 
             checkpoint's files, a policy file (`orchestrator export --format safetensors`), or a safetensors file with
             weights alone.
         rollout: of a folder, the checkpoint with this number instead of the newest.
-        verify: compare the SHA-256 that the manifest names.
+        verify: compare the SHA-256 that the manifest, or a policy file, names.
     """
     path = Path(path)
     if path.is_dir():
@@ -105,23 +105,37 @@ def load(path: str | PathLike[str], *, rollout: int | None = None, verify: bool 
         raise CheckpointError(f"{path} cannot be read: {error}") from error
     tensors = _tensors(path, content)
     weights = {name.removeprefix(PREFIX): tensor for name, tensor in tensors.items() if name.startswith(PREFIX)}
-    config, manifest = _facts(path, content)
+    config, manifest = _facts(path, content, verify)
     sign = config.get("network", {}).get("carried_goal", "goal_to_object")
     return Checkpoint(path, weights or tensors, sign, config, manifest)
 
 
-def _facts(path: Path, content: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
+def _facts(path: Path, content: bytes, verify: bool) -> tuple[dict[str, Any], dict[str, Any]]:
     """Configuration and origin out of the metadata of a policy file; nothing where there are none."""
-    length = int.from_bytes(content[:8], "little")
-    entry = json.loads(content[8 : 8 + length]).get("__metadata__", {}).get(ENTRY)
+    begin = 8 + int.from_bytes(content[:8], "little")
+    header = json.loads(content[8:begin])
+    entry = header.pop("__metadata__", {}).get(ENTRY)
     if entry is None:
         return {}, {}
     try:
         facts = json.loads(entry)
         config = tomllib.loads(facts.get("config", ""))
-        return config, {"frames": int(facts["frames"]), "rollout": int(facts["rollout"]), "run": facts["run"]}
+        manifest = {"frames": int(facts["frames"]), "rollout": int(facts["rollout"]), "run": facts["run"]}
+        digest = facts["tensors_sha256"]
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise CheckpointError(f"{path} has metadata that cannot be read: {error}") from error
+    if verify and _tensors_sha256(header, content[begin:]) != digest:
+        raise CheckpointError(f"{path} is damaged: the SHA-256 of its weights is not the one that its metadata name")
+    return config, manifest
+
+
+def _tensors_sha256(header: dict[str, Any], data: bytes) -> str:
+    """What a policy file is known by: name, length and bytes of each tensor, by name."""
+    digest = hashlib.sha256()
+    for name, entry in sorted(header.items()):
+        begin, end = entry["data_offsets"]
+        digest.update(name.encode() + (end - begin).to_bytes(8, "little") + data[begin:end])
+    return digest.hexdigest()
 
 
 def _newest(folder: Path, rollout: int | None, verify: bool) -> Checkpoint:
