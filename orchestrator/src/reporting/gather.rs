@@ -1,21 +1,20 @@
 //! Reads run folders and evaluation folders for a report.
 
+use super::evaluated::evaluation;
+use super::outside::{Outside, is_of, same_run};
 use crate::run::identity::Identity;
 use crate::run::lock::{Held, holder};
 use crate::run::scenes::config_by_content;
 use crate::run::state::state_of;
-use crate::showing::format::counted;
 use crate::training::metrics::Figures;
 use crate::training::scores::{Score, Scores};
 use crate::training::summary::Summary;
 use anyhow::{Context, Result, bail};
-use proto::SCHEMA_VERSION;
-use proto::bounded;
 use proto::config::Config;
-use proto::evaluation::{Evaluation, RESULT_FILE, Subject, TABLE_FILE, read_table};
+use proto::evaluation::{RESULT_FILE, Subject};
 use proto::run_folder::RunFolder;
 use proto::trained::{History, Trained};
-use report::study::{ELAPSED_S, Evaluated, FRAMES_PER_S, Origin, Rollout, Run, Validated, differences_between};
+use report::study::{ELAPSED_S, Evaluated, FRAMES_PER_S, Origin, Rollout, Run, Validated};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -52,21 +51,6 @@ impl Given {
     }
 }
 
-/// Whether a run with this configuration can have trained what was evaluated.
-fn is_of(subject: &Subject, config: &Config) -> bool {
-    config.evaluation.is_none() && (&config.preset, config.seed) == (&subject.preset, subject.seed)
-}
-
-/// An evaluation's folder outside of any run's.
-struct Outside {
-    /// Its path, without links.
-    place: PathBuf,
-    /// As the user calls it.
-    folder: PathBuf,
-    config: Config,
-    evaluated: Evaluated,
-}
-
 /// The runs meant by `paths`: run folders, evaluation folders, or folders that hold runs. Evaluations of a given run
 /// are attached to it. Other evaluations are grouped by their run, or by their weights if these are untrained. A named
 /// folder must be readable; an unreadable folder below it becomes a note.
@@ -86,7 +70,7 @@ pub fn gather(paths: &[PathBuf]) -> Result<Gathered> {
                 continue;
             }
             let read = if folder.join(RESULT_FILE).exists() {
-                read_outside(&folder, &place).map(|read| outside.push(read))
+                Outside::read(&folder, place).map(|read| outside.push(read))
             } else {
                 run(&folder, &mut notes).map(|(id, run)| runs.push(Given { place, id, run }))
             };
@@ -121,25 +105,6 @@ pub fn gather(paths: &[PathBuf]) -> Result<Gathered> {
         }
     }
     Ok(Gathered { runs: runs.into_iter().map(|known| known.run).chain(alone).collect(), notes })
-}
-
-/// Whether evaluations without their run are of one: of checkpoints of the same run, or of the same fresh weights.
-fn same_run(known: &Run, other: &Run) -> bool {
-    let subject = |run: &Run| run.evaluations.first().map(|evaluated| evaluated.result.subject.clone());
-    let (Some(known_subject), Some(other_subject)) = (subject(known), subject(other)) else { return false };
-    if let (Some(id), Some(other_id)) = (&known_subject.run_id, &other_subject.run_id) {
-        return id == other_id;
-    }
-    match (&known_subject.run, &other_subject.run) {
-        (None, None) => known_subject.weights == other_subject.weights,
-        // By what it learned, too: another run may have taken the place of one that was removed.
-        (Some(place), Some(other_place)) => {
-            place == other_place
-                && (known.config.seed, &known.origin) == (other.config.seed, &other.origin)
-                && differences_between(&known.config, &other.config).is_empty()
-        }
-        _ => false,
-    }
 }
 
 /// Why a folder in which nothing was found is of no use here.
@@ -262,88 +227,15 @@ fn evaluations_of(folder: &RunFolder, notes: &mut Vec<String>) -> Result<Vec<Eva
     Ok(evaluations)
 }
 
-fn evaluation(folder: &Path) -> Result<Evaluated> {
-    let read = |name: &str| {
-        let path = folder.join(name);
-        bounded::read_figures_text(&path).with_context(|| format!("cannot read {}", path.display()))
-    };
-    let text = read(RESULT_FILE)?;
-    let damaged = || format!("{} is damaged", folder.join(RESULT_FILE).display());
-    // The version first: what a later one holds cannot be read by this one's rules.
-    let value: serde_json::Value = serde_json::from_str(&text).with_context(damaged)?;
-    let version = value["schema_version"].as_u64();
-    if version != Some(u64::from(SCHEMA_VERSION)) {
-        bail!(
-            "{} is of schema {}; this program reads schema {SCHEMA_VERSION}: evaluate again",
-            folder.join(RESULT_FILE).display(),
-            version.map_or_else(|| "unknown".to_owned(), |version| version.to_string())
-        );
-    }
-    let result: Evaluation = serde_json::from_value(value).with_context(damaged)?;
-    let episodes = read_table(&read(TABLE_FILE)?).with_context(|| format!("{}", folder.join(TABLE_FILE).display()))?;
-    if result.overall.episodes != episodes.len() as u64 {
-        bail!(
-            "{}: the table has {}, the result file {}",
-            folder.display(),
-            counted(episodes.len() as u64, "episode"),
-            result.overall.episodes
-        );
-    }
-    let name = folder.file_name().map_or_else(|| folder.display().to_string(), |name| name.to_string_lossy().into());
-    Ok(Evaluated { name, folder: folder.to_path_buf(), result, episodes })
-}
-
-fn read_outside(folder: &Path, place: &Path) -> Result<Outside> {
-    Ok(Outside {
-        place: place.to_path_buf(),
-        folder: folder.to_path_buf(),
-        config: config_by_content(&RunFolder::new(folder))?,
-        evaluated: evaluation(folder)?,
-    })
-}
-
-impl Outside {
-    /// As a run of its own: its run was not given, or it has none.
-    fn alone(self) -> Run {
-        let subject = &self.evaluated.result.subject;
-        // Only its run's folder contains how the weights were trained, if that folder still exists.
-        let folder = subject.run.as_ref().map(RunFolder::new);
-        // Another run may have taken its place.
-        let folder = folder.filter(|folder| subject.run_id.is_none() || folder.id() == subject.run_id);
-        let trained = folder.and_then(|folder| config_by_content(&folder).ok());
-        let trained = trained.filter(|trained| is_of(subject, trained));
-        let (origin, config) = match (&subject.run, trained) {
-            (Some(_), Some(trained)) => (Origin::NotGiven, trained),
-            (run, _) => {
-                // Those of a policy file some run has trained.
-                let fresh = run.is_none() && subject.checkpoint.is_none();
-                let origin = if fresh { Origin::Untrained } else { Origin::Unknown };
-                // The configuration is the evaluation's: its own seed, its own number of actors.
-                let mut config = Config { seed: subject.seed, evaluation: None, ..self.config };
-                if let Ok(preset) = Config::resolve(&config.preset, None) {
-                    config.actors = preset.actors;
-                }
-                (origin, config)
-            }
-        };
-        Run {
-            name: self.folder.display().to_string(),
-            origin,
-            config,
-            rollouts: Vec::new(),
-            evaluations: vec![self.evaluated],
-            validation: Vec::new(),
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::evaluation::testing::uneventful;
+    use proto::SCHEMA_VERSION;
     use proto::config::FromConfig;
     use proto::evaluation::{
-        Conditions, Cost, Distribution, EpisodeRecord, EvaluationConfig, ObjectSet, category_of, write_table,
+        Conditions, Cost, Distribution, EpisodeRecord, Evaluation, EvaluationConfig, ObjectSet, TABLE_FILE,
+        category_of, write_table,
     };
     use proto::event::Timing;
     use proto::kitchen::{KitchenId, Split};

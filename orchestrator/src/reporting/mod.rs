@@ -1,6 +1,8 @@
-//! A report on runs: their folders are read ([`gather`]) and the page's files written ([`files`]), with episodes in
-//! pictures ([`strips`]). The crate `report` does what is between.
+//! A report on runs: their folders are read ([`gather`], [`outside`], [`evaluated`]) and the page's files written
+//! ([`files`]), with episodes in pictures ([`strips`]). The crate `report` does what is between.
 
+mod evaluated;
 pub mod files;
 pub mod gather;
+mod outside;
 mod strips;
