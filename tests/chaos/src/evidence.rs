@@ -52,7 +52,7 @@ pub fn result(path: &Path) -> Result<Value> {
         cost.retain(|key, _| key == "steps");
     }
     if let Some(subject) = value["subject"].as_object_mut() {
-        subject.retain(|key, _| !["run", "checkpoint"].contains(&key.as_str()));
+        subject.retain(|key, _| !["run", "run_id", "checkpoint"].contains(&key.as_str()));
     }
     Ok(value)
 }
