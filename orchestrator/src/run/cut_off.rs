@@ -3,9 +3,12 @@
 use super::identity::Identity;
 use super::remains;
 use anyhow::{Context, Result};
+use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
+use std::fs::OpenOptions;
 use std::path::Path;
 use std::time::Duration;
+use wire::fault;
 
 /// How long its processes are given to notice that their orchestrator is gone.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -20,7 +23,33 @@ pub fn remove_evaluation(result: &Path) -> Result<()> {
             remains::sweep(&identity.address(incarnation), PATIENCE)?;
         }
     }
-    std::fs::remove_dir_all(result).with_context(|| format!("cannot remove {}", result.display()))
+    remove(&RunFolder::new(result)).with_context(|| format!("cannot remove {}", result.display()))
+}
+
+/// Removes a folder in such an order that a kill at any moment leaves an evaluation that was cut off, or one that had
+/// only begun to be made (`unfinished.rs`): both are taken by whoever comes next. With its `run.toml` gone before the
+/// rest, it would be a folder that nobody knows, and that is never removed.
+fn remove(folder: &RunFolder) -> std::io::Result<()> {
+    let root = folder.root();
+    if root.is_symlink() {
+        return std::fs::remove_file(root);
+    }
+    // By its lock an evaluation that lost its identity is known: `run.toml` first, then the configuration, then the lock.
+    let last = [folder.identity(), folder.config(), folder.orchestrator_lock()];
+    open_plain(&last[2], OpenOptions::new().create(true).truncate(false).write(true))?;
+    let entries = std::fs::read_dir(root)?.map(|entry| Ok(entry?.path())).collect::<std::io::Result<Vec<_>>>()?;
+    for path in entries.iter().filter(|path| !last.contains(path)).chain(&last) {
+        let removed = if path.is_dir() && !path.is_symlink() {
+            std::fs::remove_dir_all(path)
+        } else {
+            std::fs::remove_file(path)
+        };
+        match removed {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error),
+            _ => fault::reach("cut_off.after_entry"),
+        }
+    }
+    std::fs::remove_dir(root)
 }
 
 #[cfg(test)]
@@ -40,5 +69,16 @@ mod tests {
         identity.write(&RunFolder::new(&result)).unwrap();
         remove_evaluation(&result).unwrap();
         assert!(precious.is_dir() && !result.exists());
+    }
+
+    #[test]
+    fn a_link_in_the_place_of_an_evaluation_is_removed_and_not_what_it_leads_to() {
+        let temporary = tempfile::tempdir().unwrap();
+        let (result, precious) = (temporary.path().join("result"), temporary.path().join("precious"));
+        std::fs::create_dir(&precious).unwrap();
+        std::fs::write(precious.join("file"), "precious").unwrap();
+        std::os::unix::fs::symlink(&precious, &result).unwrap();
+        remove_evaluation(&result).unwrap();
+        assert!(precious.join("file").is_file() && !result.is_symlink());
     }
 }

@@ -288,12 +288,15 @@ fn held(folder: &RunFolder) -> Result<Option<String>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::run::create::{check_free, create};
     use crate::run::identity::Identity;
     use crate::run::lock::RunLock;
     use crate::run::remains;
     use proto::config::FromConfig;
     use proto::evaluation::{EvaluationConfig, ObjectSet};
     use proto::kitchen::Split;
+    use std::os::unix::process::ExitStatusExt;
+    use std::process::Command;
     use std::time::Duration;
 
     const TEXT: &str = "seeds = [1]\n[[evaluations]]\nsplit = \"test\"\nobjects = \"novel\"\n\
@@ -397,6 +400,50 @@ mod tests {
         assert!(!evaluation.root().exists());
         drop(remains::claim(&address, evaluation.root()).expect("nothing of it is left in shared memory"));
         remains::sweep(&address, Duration::ZERO).unwrap();
+    }
+
+    /// A kill while an evaluation was cleared could leave its logs without its run.toml: a folder that the suite refused
+    /// from then on. The test starts itself as the process that is killed, after one entry, two, and so on.
+    #[test]
+    fn a_kill_while_an_evaluation_is_cleared_stops_no_suite() {
+        const CHILD: &str = "STILLROOM_CLEAR_TEST";
+        let suite = Suite::parse(TEXT).unwrap();
+        let entry = &suite.entries[0];
+        let step = Step::Evaluate(0);
+        if let Some(root) = std::env::var_os(CHILD) {
+            return SuiteFolder::new(root).clear(&suite, entry, &step).unwrap();
+        }
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = SuiteFolder::new(temporary.path().join("suite"));
+        let _lock = folder.open(&suite, TEXT).unwrap();
+        std::fs::create_dir_all(folder.run(entry).root()).unwrap();
+        Identity::new().unwrap().write(&folder.run(entry)).unwrap();
+        std::fs::write(folder.run(entry).summary(), "{}").unwrap();
+        let evaluation = RunFolder::new(folder.evaluation(entry, &suite.evaluations[0]));
+        let (_, module) = module_path!().split_once("::").unwrap();
+        let name = format!("{module}::a_kill_while_an_evaluation_is_cleared_stops_no_suite");
+        for kill in 1.. {
+            let asked = EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 1);
+            let mut config = Config { evaluation: Some(asked), ..entry.config.clone() };
+            drop(create(&evaluation, &mut config, &[evaluation.checkpoints()]).unwrap());
+            for name in ["a.log", "learner-0.lock", "z.jsonl", "logs/actor.log"] {
+                std::fs::write(evaluation.root().join(name), "of the evaluation").unwrap();
+            }
+            let mut child = Command::new(std::env::current_exe().unwrap());
+            child.args(["--exact", &name]).env(CHILD, &folder.root);
+            child.env(fault::VARIABLE, format!("cut_off.after_entry:{kill}"));
+            let ended = child.output().unwrap().status;
+
+            folder.check(&suite).unwrap();
+            assert_eq!(folder.next(&suite, entry).unwrap(), Next::Step(step.clone()), "after {kill}");
+            folder.clear(&suite, entry, &step).unwrap();
+            check_free(&evaluation).unwrap();
+            if ended.success() {
+                assert!(!evaluation.root().exists() && kill > 8, "every entry had its kill: {kill}");
+                return;
+            }
+            assert_eq!(ended.signal(), Some(9));
+        }
     }
 
     /// A run whose run.toml was lost was deleted, and begun anew.
