@@ -5,6 +5,7 @@ use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{Winsize, tcgetattr, tcsetwinsize};
 use std::fs::File;
 use std::io::{Read, Write};
+use std::os::unix::fs::OpenOptionsExt;
 use std::process::Command;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -24,11 +25,8 @@ impl Terminal {
     /// # Panics
     /// If the system has none.
     pub fn open(columns: u16, lines: u16) -> Self {
-        let desk = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("a terminal");
-        grantpt(&desk).and_then(|()| unlockpt(&desk)).expect("a terminal of ours");
-        let name = ptsname(&desk, Vec::new()).expect("its name").into_string().expect("text");
-        let line = File::options().read(true).write(true).open(name).expect("its other side");
-        let (desk, written) = (File::from(desk), Arc::new(Mutex::new(Vec::new())));
+        let (desk, line) = sides();
+        let written = Arc::new(Mutex::new(Vec::new()));
         let (mut reader, store) = (desk.try_clone().expect("a descriptor"), Arc::clone(&written));
         std::thread::spawn(move || {
             let mut block = [0; 4096];
@@ -40,6 +38,14 @@ impl Terminal {
         let terminal = Self { desk, line, written };
         terminal.resize(columns, lines);
         terminal
+    }
+
+    /// The programs' side of one that was closed: whoever still writes to it gets EIO.
+    ///
+    /// # Panics
+    /// If the system has none.
+    pub fn closed() -> File {
+        sides().1
     }
 
     /// Gives it another size.
@@ -122,4 +128,15 @@ impl Terminal {
     pub fn modes(&self) -> String {
         format!("{:?}", tcgetattr(&self.line).expect("a terminal"))
     }
+}
+
+/// Both sides of a new terminal: ours, and that of the programs.
+fn sides() -> (File, File) {
+    let desk = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("a terminal");
+    grantpt(&desk).and_then(|()| unlockpt(&desk)).expect("a terminal of ours");
+    let name = ptsname(&desk, Vec::new()).expect("its name").into_string().expect("text");
+    // Without O_NOCTTY a test that leads a session of its own would have it as its terminal.
+    let flags = i32::try_from(OpenptFlags::NOCTTY.bits()).expect("a flag");
+    let line = File::options().read(true).write(true).custom_flags(flags).open(name).expect("its other side");
+    (File::from(desk), line)
 }

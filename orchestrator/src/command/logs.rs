@@ -7,7 +7,6 @@ use crate::suite;
 use crate::viewing::logbook::{Entry, Logbook, logs_of};
 use anyhow::{Context, Result, bail, ensure};
 use proto::run_folder::RunFolder;
-use std::io::ErrorKind;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -77,7 +76,7 @@ fn show(entries: &[Entry], of_many: bool) -> Result<bool> {
         let line = if of_many { format!("{process:12}  {line}") } else { line.clone() };
         match terminal::offer(&line) {
             Ok(()) => {}
-            Err(error) if error.kind() == ErrorKind::BrokenPipe => return Ok(false),
+            Err(error) if terminal::is_unread(&error) => return Ok(false),
             Err(error) => return Err(error).context("standard output"),
         }
     }

@@ -73,10 +73,23 @@ pub fn mute(muted: bool) {
 /// Writes a line to standard output.
 pub fn out(line: &str) {
     if let Err(error) = offer(line)
-        && error.kind() != std::io::ErrorKind::BrokenPipe
+        && !is_unread(&error)
     {
         state().unwritten.get_or_insert(error);
     }
+}
+
+/// Whether writing to standard output failed with this only because nobody reads it any more: the reader of a pipe has
+/// gone, or the terminal was closed.
+pub fn is_unread(error: &std::io::Error) -> bool {
+    // A terminal that was closed does not answer as one (`isatty`). It is still a character device, and a file on a
+    // broken disk, which gives the same error, is none.
+    let is_device = || {
+        let stat = rustix::fs::fstat(std::io::stdout());
+        stat.is_ok_and(|stat| rustix::fs::FileType::from_raw_mode(stat.st_mode).is_char_device())
+    };
+    error.kind() == std::io::ErrorKind::BrokenPipe
+        || (error.raw_os_error() == Some(rustix::io::Errno::IO.raw_os_error()) && is_device())
 }
 
 /// Fails if a line did not reach standard output, other than for want of a reader.

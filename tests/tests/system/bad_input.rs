@@ -2,7 +2,7 @@
 
 use std::path::Path;
 use std::process::{Command, Stdio};
-use system_tests::{Printed, Workshop, complete, finish, start, tell};
+use system_tests::{Printed, Terminal, Workshop, complete, finish, start, tell};
 
 /// Fails, says `expected` on standard error, and does not panic.
 fn refused(printed: &Printed, expected: &str) {
@@ -150,6 +150,18 @@ fn a_result_that_cannot_be_written_is_a_failure() {
     let mut command = workshop.orchestrator(&["presets"]);
     command.stdout(full);
     refused(&complete(command), "cannot write to standard output: No space left on device");
+}
+
+/// It gives EIO, where a pipe without a reader gives EPIPE. Nobody is left who could miss the result.
+#[test]
+fn a_terminal_that_was_closed_makes_no_command_fail() {
+    let workshop = Workshop::new();
+    for command in [&["presets"][..], &["config", "--preset", "demo"]] {
+        let mut command = workshop.orchestrator(command);
+        command.stdout(Terminal::closed());
+        let printed = complete(command);
+        assert!(printed.success && printed.stderr.is_empty(), "{printed:#?}");
+    }
 }
 
 #[test]
