@@ -169,6 +169,34 @@ mod tests {
         assert_eq!(policy.actor_patience(&pace), policy.actor_silence, "never longer than the learner itself waits");
     }
 
+    /// The files of `deploy/` gave a run less time than it takes itself, and had it killed while it saved.
+    #[test]
+    fn whoever_stops_a_run_by_a_file_of_ours_gives_it_the_time_that_a_hanging_disk_gets() {
+        let policy = Policy::of(&Config::default());
+        let mut pace = Pace::default();
+        pace.took(Work::Update, seconds(15.0));
+        // The first update, then the first checkpoint, which hangs as long as it may; then learners that do not leave.
+        let stop = policy.stop(Work::Update, &pace, true) + policy.save(&pace, true);
+        let bound = stop + policy.learner_leaves + policy.killed;
+        let given = |text: &str, before: &str, unit: u64| {
+            let (_, rest) = text.split_once(before).unwrap();
+            let digits: String = rest.chars().take_while(char::is_ascii_digit).collect();
+            Duration::from_secs(digits.parse::<u64>().unwrap() * unit)
+        };
+        let service = include_str!("../../../deploy/systemd/stillroom@.service");
+        assert!(given(service, "TimeoutStopSec=", 60) > bound, "{bound:?}");
+        for pods in [
+            include_str!("../../../deploy/kubernetes/jobset.yaml"),
+            include_str!("../../../deploy/kubernetes/runtime.yaml"),
+        ] {
+            assert!(given(pods, "terminationGracePeriodSeconds: ", 1) > bound, "{bound:?}");
+        }
+        let checked = include_str!("../../../deploy/check_manifests.py");
+        assert!(given(checked, "GRACE_S = ", 1) > bound, "{bound:?}");
+        let container = include_str!("../../../docs/cluster.md");
+        assert!(given(container, "--stop-timeout ", 1) > bound, "{bound:?}");
+    }
+
     /// With overlap it is usually a moment from the end of an update to that of the rollout collected beside it. At the
     /// begin of a stage it is a whole rollout.
     #[test]
