@@ -25,6 +25,7 @@ use proto::plain_file::open_plain;
 use proto::run_folder::{RolloutName, RunFolder};
 use proto::stage::total_frames;
 use std::collections::{BTreeMap, VecDeque};
+use std::ffi::OsString;
 use std::fs::OpenOptions;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
@@ -187,13 +188,32 @@ impl Validation {
             tracing::warn!("the validation after rollout {rollout} failed and is made again: {error:#}");
             self.waiting.push_front(rollout);
         } else {
-            // A run that is complete has no next start, but for one with more frames.
-            tracing::warn!(
-                "the validation after rollout {rollout} failed {TRIES} times and is left to the next start, if the run \
-                 has one; `orchestrator eval {} --split valid` makes it by hand: {error:#}",
-                self.manifest(rollout).display()
-            );
+            tracing::warn!("{}: {error:#}", self.given_up(rollout));
         }
+    }
+
+    /// What is said of an evaluation that failed too often. A run that is complete has no next start, but for one with
+    /// more frames.
+    fn given_up(&self, rollout: u64) -> String {
+        let words: Vec<_> = self.evaluation(rollout).iter().map(|word| word.to_string_lossy().into_owned()).collect();
+        format!(
+            "the validation after rollout {rollout} failed {TRIES} times and is left to the next start, if the run has \
+             one; `orchestrator {}` plays the same episodes by hand, and its result stands by itself: it has no line in \
+             validation.jsonl, and is not compared for the best",
+            words.join(" ")
+        )
+    }
+
+    /// The words after `orchestrator` that have a pinned checkpoint evaluated.
+    fn evaluation(&self, rollout: u64) -> Vec<OsString> {
+        let validation = self.config.validation;
+        let mut words = vec!["eval".into(), self.manifest(rollout).into_os_string()];
+        let (objects, actors) = (validation.objects.name(), validation.actors.to_string());
+        words.extend(["--split", "valid", "--objects", objects, "--actors", &actors].map(OsString::from));
+        if validation.episodes > 0 {
+            words.extend(["--episodes".into(), validation.episodes.to_string().into()]);
+        }
+        words
     }
 
     /// Whether an evaluation runs or waits.
@@ -239,14 +259,8 @@ impl Validation {
         let log_path = self.log();
         let log = open_plain(&log_path, OpenOptions::new().create(true).append(true));
         let log = log.with_context(|| format!("cannot open {}", log_path.display()))?;
-        let validation = self.config.validation;
         let mut command = this_program();
-        command.arg("eval").arg(self.manifest(rollout)).args(["--split", "valid"]);
-        command.args(["--beside", &std::process::id().to_string()]);
-        command.args(["--objects", validation.objects.name(), "--actors", &validation.actors.to_string()]);
-        if validation.episodes > 0 {
-            command.args(["--episodes", &validation.episodes.to_string()]);
-        }
+        command.args(self.evaluation(rollout)).args(["--beside", &std::process::id().to_string()]);
         command.arg("--out").arg(&result).env_remove(wire::fault::VARIABLE);
         // A group of its own: Ctrl-C reaches the run alone, which decides.
         command.stdin(Stdio::null()).stdout(log.try_clone()?).stderr(log).process_group(0);
@@ -362,6 +376,7 @@ pub mod tests {
     use super::*;
     use crate::evaluation::subject::tests::manifest;
     use crate::training::scores::tests::validated;
+    use proto::evaluation::ObjectSet;
     use std::io::Write;
     use std::os::unix::process::ExitStatusExt;
     use std::process::Command;
@@ -465,6 +480,24 @@ pub mod tests {
         assert_eq!(validation.pinned().unwrap(), [3, 5], "its checkpoint is kept");
         let again = Validation::open(&folder, &config).unwrap().unwrap();
         assert_eq!(again.waiting, [3, 5]);
+    }
+
+    /// It named a command that played other episodes.
+    #[test]
+    fn a_validation_that_is_given_up_names_the_command_that_plays_its_episodes() {
+        let (_temporary, folder, mut config) = run(&[3]);
+        config.validation.objects = ObjectSet::Seen;
+        let told = |config: &Config| {
+            let validation = Validation::open(&folder, config).unwrap().unwrap();
+            (validation.given_up(3), validation.manifest(3).display().to_string())
+        };
+        let (text, manifest) = told(&config);
+        let options = "--split valid --objects seen --actors 5";
+        assert!(text.contains(&format!("`orchestrator eval {manifest} {options} --episodes 60` plays")), "{text}");
+        assert!(text.contains("no line in validation.jsonl"), "{text}");
+        config.validation.episodes = 0;
+        let (text, manifest) = told(&config);
+        assert!(text.contains(&format!("`orchestrator eval {manifest} {options}` plays")), "{text}");
     }
 
     #[test]
