@@ -23,14 +23,17 @@ use tch::{Kind, Tensor};
 #[derive(Debug)]
 pub(super) struct Fused {
     kernels: Kernels,
-    rounded: RefCell<Option<Rounded>>,
+    copies: Copies,
 }
 
-/// Weights as this pass uses them.
+/// The weights as this pass uses them, once they are made.
+#[derive(Debug, Default)]
+struct Copies(RefCell<Option<Rounded>>);
+
 #[derive(Debug)]
 struct Rounded {
-    /// Version of the weights that these are copies of.
-    version: i64,
+    /// Version of the weights that these are copies of; none where nobody knows.
+    version: Option<i64>,
     stem: Tensor,
     blocks: Vec<BlockWeights>,
     compression: Tensor,
@@ -93,7 +96,7 @@ pub(super) struct Tape {
 impl Fused {
     /// Compiles the kernels for frames of this side. libtorch must have made a tensor on the device before.
     pub(super) fn new(side: i64) -> Result<Self, CudaError> {
-        Ok(Self { kernels: Kernels::compile(side)?, rounded: RefCell::new(None) })
+        Ok(Self { kernels: Kernels::compile(side)?, copies: Copies::default() })
     }
 
     /// The kernels.
@@ -101,20 +104,19 @@ impl Fused {
         &self.kernels
     }
 
-    /// Rounds the weights anew if they have changed. The copies stay in their places, which recorded graphs know.
+    /// See [`Copies::refresh`].
     pub(super) fn refresh(&self, resnet: &Resnet, parameters: &Parameters) {
-        let is_new = self.rounded.borrow().as_ref().is_some_and(|weights| weights.version == parameters.version());
-        if !is_new {
-            self.renew(resnet, parameters);
-        }
+        self.copies.refresh(resnet, parameters);
     }
 
-    /// The same in any case: a recorded pass does it each time.
+    /// See [`Copies::renew`].
     pub(super) fn renew(&self, resnet: &Resnet, parameters: &Parameters) {
-        match &mut *self.rounded.borrow_mut() {
-            Some(weights) => weights.take(Rounded::new(resnet, parameters)),
-            none => *none = Some(Rounded::new(resnet, parameters)),
-        }
+        self.copies.renew(resnet, parameters);
+    }
+
+    /// See [`Copies::while_recorded`].
+    pub(super) fn while_recorded<T, E>(&self, record: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
+        self.copies.while_recorded(record)
     }
 
     /// Kept frames \[rows, side, side\] → visual embedding \[rows, 512\], f32 and outside autograd. The network sees
@@ -128,8 +130,8 @@ impl Fused {
     ) -> (Tensor, Tape) {
         let _no_grad = tch::no_grad_guard();
         self.refresh(resnet, parameters);
-        let rounded = self.rounded.borrow();
-        let weights = rounded.as_ref().expect("just made");
+        let copies = self.copies.0.borrow();
+        let weights = copies.as_ref().expect("just made");
         let kernels = &self.kernels;
         let affine = |norm: &GroupNorm| affine(parameters, norm);
 
@@ -184,9 +186,9 @@ impl Fused {
         scale_offset: [f32; 2],
     ) -> Gradients {
         let _no_grad = tch::no_grad_guard();
-        let rounded = self.rounded.borrow();
-        let weights = rounded.as_ref().expect("a forward pass rounds the weights");
-        assert_eq!(weights.version, parameters.version(), "the weights are those of the forward pass");
+        let copies = self.copies.0.borrow();
+        let weights = copies.as_ref().expect("a forward pass rounds the weights");
+        assert_eq!(weights.version, Some(parameters.version()), "the weights are those of the forward pass");
         let kernels = &self.kernels;
         let affine = |norm: &GroupNorm| affine(parameters, norm);
         let mut gradients: Gradients = Vec::new();
@@ -287,6 +289,36 @@ impl Fused {
     }
 }
 
+impl Copies {
+    /// Rounds the weights anew if they have changed. The copies stay in their places, which recorded graphs know.
+    fn refresh(&self, resnet: &Resnet, parameters: &Parameters) {
+        let is_new = self.0.borrow().as_ref().is_some_and(|weights| weights.version == Some(parameters.version()));
+        if !is_new {
+            self.renew(resnet, parameters);
+        }
+    }
+
+    /// The same in any case: a recorded pass does it each time.
+    fn renew(&self, resnet: &Resnet, parameters: &Parameters) {
+        match &mut *self.0.borrow_mut() {
+            Some(weights) => weights.take(Rounded::new(resnet, parameters)),
+            none => *none = Some(Rounded::new(resnet, parameters)),
+        }
+    }
+
+    /// Records something that renews the copies. A recording notes the version and copies nothing: a launch does. If it
+    /// fails there is none, so the next [`Copies::refresh`] is to copy whatever was noted.
+    fn while_recorded<T, E>(&self, record: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
+        let recorded = record();
+        if recorded.is_err()
+            && let Some(weights) = &mut *self.0.borrow_mut()
+        {
+            weights.version = None;
+        }
+        recorded
+    }
+}
+
 impl Rounded {
     fn new(resnet: &Resnet, parameters: &Parameters) -> Self {
         let round = |part: &Convolution| channels_last(parameters[part.weight].detach().to_kind(Kind::BFloat16));
@@ -298,7 +330,7 @@ impl Rounded {
         let linear = |id| parameters[id].detach().to_kind(Kind::BFloat16);
         let _no_grad = tch::no_grad_guard();
         Self {
-            version: parameters.version(),
+            version: Some(parameters.version()),
             stem: channels_last(to_stem_weight(&parameters[resnet.stem.0.weight].detach()).to_kind(Kind::BFloat16)),
             blocks: resnet.blocks.iter().map(block).collect(),
             compression: round(&resnet.compression.0),
@@ -399,7 +431,9 @@ fn from_stem_weight(gradient: &Tensor) -> Tensor {
 
 #[cfg(test)]
 mod tests {
+    use super::super::PATH;
     use super::*;
+    use crate::network::parameters::Layout;
     use tch::Device;
 
     /// The computation of `fill_band` with libtorch's operations and without rounding.
@@ -434,5 +468,39 @@ mod tests {
         let there = to_pixel_order(&weight);
         assert_eq!(there.double_value(&[0, 1]), 4.0);
         assert_eq!(from_pixel_order(&there), weight);
+    }
+    /// Their numbers, and where they lie.
+    fn numbers(copies: &Copies) -> Vec<(Tensor, usize)> {
+        let mut weights = copies.0.borrow_mut();
+        let tensors = weights.as_mut().unwrap().tensors();
+        tensors.map(|tensor| (tensor.copy(), tensor.data_ptr() as usize)).collect()
+    }
+
+    #[test]
+    fn a_recording_that_fails_leaves_no_copies_of_older_weights() {
+        let mut layout = Layout::default();
+        let resnet = Resnet::new(&mut layout, PATH, 32);
+        let parameters = Parameters::new(layout, 3, Device::Cpu);
+        let copies = Copies::default();
+        copies.refresh(&resnet, &parameters);
+        let before = numbers(&copies);
+        tch::no_grad(|| {
+            let _ = parameters.flat().g_add_scalar_(1.0);
+        });
+        let failed = copies.while_recorded(|| {
+            copies.renew(&resnet, &parameters);
+            // The copying is in the recording, and was not done.
+            for (place, (old, _)) in copies.0.borrow_mut().as_mut().unwrap().tensors().zip(&before) {
+                place.copy_(old);
+            }
+            Err::<(), &str>("out of memory")
+        });
+        assert_eq!(failed, Err("out of memory"));
+        copies.refresh(&resnet, &parameters);
+        let mut expected = Rounded::new(&resnet, &parameters);
+        for ((found, at), (expected, (old, place))) in numbers(&copies).iter().zip(expected.tensors().zip(&before)) {
+            assert!(found.equal(expected) && !found.equal(old), "the weights of now");
+            assert_eq!(at, place, "in the places that graphs know");
+        }
     }
 }
