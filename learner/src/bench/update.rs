@@ -11,8 +11,10 @@ use proto::stage::RolloutShape;
 use std::time::Instant;
 use tch::Device;
 
-/// Updates that are measured, after one that is not.
+/// Updates that are measured.
 const UPDATES: u64 = 3;
+/// Updates before: in the first one libraries warm up, in the second one passes are recorded for all that follow.
+const WARM_UPS: u64 = 2;
 
 /// What was measured with rollouts of some steps.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,15 +67,16 @@ fn shape(config: &Config) -> RolloutShape {
 fn seconds(config: &Config, device: Device, observations: &Frames) -> Result<f64> {
     let mut agent = Agent::new(config, device)?;
     let mut times = vec![];
-    for number in 0..=UPDATES {
+    for number in 0..WARM_UPS + UPDATES {
         fill(&mut agent, config, observations)?;
         synchronise(device);
         let began = Instant::now();
         agent.update(0.0, number)?;
         synchronise(device);
-        times.push(began.elapsed().as_secs_f64());
+        if number >= WARM_UPS {
+            times.push(began.elapsed().as_secs_f64());
+        }
     }
-    times.remove(0);
     times.sort_by(f64::total_cmp);
     Ok(percentile(&times, 0.5))
 }

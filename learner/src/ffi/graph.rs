@@ -70,7 +70,8 @@ pub enum Memory {
     Apart,
     /// All graphs of a recorder have the same, as if their work were done in the order in which they were recorded: what
     /// one of them computed and nobody holds any more may be overwritten by the next. They are to be launched one after
-    /// the other.
+    /// the other. One may be dropped, and what it had of the memory is used again, but not the last one before another is
+    /// recorded: libtorch takes up no memory that no graph uses.
     Shared,
 }
 
@@ -85,6 +86,7 @@ pub struct Recorder {
     pool: u64,
     /// A stream of our own, because nothing can be recorded on the default stream.
     stream: Handle,
+    streams: Streams,
 }
 
 /// A recorded graph of the first CUDA device.
@@ -107,7 +109,8 @@ impl Recorder {
             Memory::Apart => 0,
             Memory::Shared => POOLS.fetch_add(1, Ordering::Relaxed),
         };
-        Ok(Self { functions: functions()?, pool, stream: Streams::open()?.make(priority)?.handle() })
+        let streams = Streams::open()?;
+        Ok(Self { functions: functions()?, pool, stream: streams.make(priority)?.handle(), streams })
     }
 
     /// Runs `body` a few times, because libraries choose their algorithms and allocate their room at first use, which a
@@ -144,6 +147,11 @@ impl Recorder {
         exchange(before)?;
         Cuda::synchronize(0);
         recorded
+    }
+
+    /// Waits until all graphs that this thread has launched are through: one that may still run is not to be dropped.
+    pub fn wait(&self) -> Result<(), GraphError> {
+        Ok(self.streams.wait()?)
     }
 }
 

@@ -168,10 +168,11 @@ impl Network {
     }
 
     /// The same, for [`Network::gradient_of`] a loss that is made of it. One such pass is to be over before the next one
-    /// begins.
-    pub(crate) fn embed_to_train(&self, observations: &Observations) -> Embedded<'_> {
-        let scale_offset = FramePreparation::SCALE_OFFSET;
-        self.embedded(observations, self.encoder.forward_to_train(&self.parameters, &observations.frames, scale_offset))
+    /// begins. `update` is the number of the update that it is part of, see [`VisualEncoder::forward_to_train`].
+    pub(crate) fn embed_to_train(&self, observations: &Observations, update: u64) -> Embedded<'_> {
+        let (parameters, frames) = (&self.parameters, &observations.frames);
+        let visual = self.encoder.forward_to_train(parameters, frames, FramePreparation::SCALE_OFFSET, update);
+        self.embedded(observations, visual)
     }
 
     /// With what the encoder made of the frames by itself, if it did.
@@ -315,7 +316,7 @@ mod tests {
         };
         let towards = Tensor::randn([64, OBSERVATION + embedding::PREVIOUS_ACTION], float);
         let pass = |network: &Network| {
-            let embedded = network.embed_to_train(&observations);
+            let embedded = network.embed_to_train(&observations, 0);
             let rows = embedded.rows.detach();
             let loss = (&embedded.rows * &towards).sum(Kind::Float);
             (rows, network.gradient_of(&loss, embedded))

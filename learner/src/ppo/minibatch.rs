@@ -130,11 +130,11 @@ impl Chunk {
             .collect()
     }
 
-    /// Embeds its observations, to train: \[rows, 512 + 32 + 16\].
-    pub(crate) fn embed<'a>(&self, network: &'a Network, rollout: &Rollout) -> Embedded<'a> {
+    /// Embeds its observations, to train with them in the update of this number: \[rows, 512 + 32 + 16\].
+    pub(crate) fn embed<'a>(&self, network: &'a Network, rollout: &Rollout, update: u64) -> Embedded<'a> {
         match &self.observations {
-            Some(observations) => network.embed_to_train(observations),
-            None => network.embed_to_train(&rollout.observations(&self.packing)),
+            Some(observations) => network.embed_to_train(observations, update),
+            None => network.embed_to_train(&rollout.observations(&self.packing), update),
         }
     }
 }

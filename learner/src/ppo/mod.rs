@@ -234,7 +234,7 @@ impl<'a> Update<'a> {
         let Chunk { shard, packing, experience, .. } = chunk;
 
         // Forward: embeddings [B, 512 + 32 + 16] → beliefs [B, H] → log-probabilities [B, A] and values [B].
-        let embedded = chunk.embed(network, rollout);
+        let embedded = chunk.embed(network, rollout, self.rollout_number);
         let beliefs = network.belief.unroll(&network.parameters, &embedded.rows, packing, rollout.beliefs_at_start());
         let output = network.actor_critic(&beliefs);
 

@@ -65,12 +65,13 @@ pub(crate) trait VisualEncoder: fmt::Debug + Send {
     }
 
     /// The same, to the same bits, where it is trained: a pass may be recorded and launched again, and then it holds until
-    /// the next one begins.
+    /// the next one begins. `update` tells updates apart: what comes in several is worth a recording.
     fn forward_to_train<'a>(
         &'a self,
         parameters: &'a Parameters,
         kept: &Tensor,
         scale_offset: [f32; 2],
+        _update: u64,
     ) -> Option<(Tensor, Backward<'a>)> {
         self.forward_fused(parameters, kept, scale_offset)
     }

@@ -5,6 +5,7 @@
 mod fused;
 mod plain;
 mod recorded;
+mod sizes;
 
 use super::visual::{Backward, EncoderEntry, PATH, VisualEncoder};
 use crate::ffi::cuda::CudaError;
@@ -40,7 +41,7 @@ struct ResnetEncoder {
     side: i64,
     /// The kernels, once they are compiled.
     fused: Option<Fused>,
-    /// Passes of training, once they have come often enough.
+    /// Passes of training, once they have come in two updates.
     recordings: RefCell<Recordings>,
 }
 
@@ -85,8 +86,10 @@ impl VisualEncoder for ResnetEncoder {
         parameters: &'a Parameters,
         kept: &Tensor,
         scale_offset: [f32; 2],
+        update: u64,
     ) -> Option<(Tensor, Backward<'a>)> {
-        let pass = recorded::Pass { fused: self.fused.as_ref()?, resnet: &self.resnet, parameters, scale_offset };
+        let fused = self.fused.as_ref()?;
+        let pass = recorded::Pass { fused, resnet: &self.resnet, parameters, scale_offset, update };
         match self.recordings.borrow_mut().forward(&pass, kept) {
             Some((visual, begun)) => {
                 Some((visual, Box::new(move |gradient: &Tensor| self.recordings.borrow().backward(begun, gradient))))

@@ -9,17 +9,12 @@
 use super::super::visual::Gradients;
 use super::fused::Fused;
 use super::plain::Resnet;
+use super::sizes::{Due, Sizes};
 use crate::ffi::graph::{Graph, GraphError, Memory, Recorder};
 use crate::ffi::stream::Priority;
 use crate::network::parameters::Parameters;
 use std::collections::BTreeMap;
 use tch::Tensor;
-
-/// Passes over as many frames before they are recorded. They warm libraries up, which choose algorithms and allocate at
-/// first use; and sizes that hardly come again, as at the end of a stage, are not worth it.
-const RECORDED_AFTER: u32 = 3;
-/// Sizes that are recorded; others go kernel by kernel. Minibatches of one shard have one of two.
-const MOST_RECORDED: usize = 4;
 
 /// What a pass computes with.
 #[derive(Debug, Clone, Copy)]
@@ -29,6 +24,8 @@ pub(super) struct Pass<'a> {
     pub parameters: &'a Parameters,
     /// See [`Fused::forward`].
     pub scale_offset: [f32; 2],
+    /// Tells updates apart.
+    pub update: u64,
 }
 
 /// The recorded passes, by number of frames.
@@ -36,8 +33,9 @@ pub(super) struct Pass<'a> {
 pub(super) struct Recordings {
     recorder: Option<Recorder>,
     recorded: BTreeMap<i64, Recorded>,
-    /// How often passes over as many frames have come.
-    times: BTreeMap<i64, u32>,
+    /// Which are to be. A size is recorded after it has come kernel by kernel: libraries choose algorithms and allocate at
+    /// first use, which a recording does not allow.
+    sizes: Sizes,
     /// Forward passes launched.
     launched: u64,
     /// Something could not be recorded.
@@ -71,8 +69,10 @@ impl Recordings {
     /// recorded.
     pub(super) fn forward(&mut self, pass: &Pass, kept: &Tensor) -> Option<(Tensor, Begun)> {
         let frames = kept.size()[0];
-        if !self.refused && !self.recorded.contains_key(&frames) && self.is_due(frames) {
-            match pass.fused.while_recorded(|| self.record(pass, kept)) {
+        if !self.refused
+            && let Some(due) = self.sizes.count(frames, pass.update)
+        {
+            match pass.fused.while_recorded(|| self.record(pass, kept, due)) {
                 Ok(recorded) => {
                     self.recorded.insert(frames, recorded);
                 }
@@ -101,20 +101,18 @@ impl Recordings {
         gradients.iter().map(|(id, gradient)| (*id, gradient.shallow_clone())).collect()
     }
 
-    /// Counts a pass. True where passes of this size are to be recorded.
-    fn is_due(&mut self, frames: i64) -> bool {
-        let times = self.times.entry(frames).or_default();
-        *times += 1;
-        *times > RECORDED_AFTER && self.recorded.len() < MOST_RECORDED
-    }
-
-    fn record(&mut self, pass: &Pass, kept: &Tensor) -> Result<Recorded, GraphError> {
-        let Pass { fused, resnet, parameters, scale_offset } = *pass;
+    fn record(&mut self, pass: &Pass, kept: &Tensor, due: Due) -> Result<Recorded, GraphError> {
+        let Pass { fused, resnet, parameters, scale_offset, update: _ } = *pass;
         // A graph's kernels have the priority of the stream that they were recorded on: acting goes first.
         let recorder = match &mut self.recorder {
             Some(recorder) => recorder,
             none => none.insert(Recorder::open(Priority::Low, Memory::Shared)?),
         };
+        if let Some(dropped) = due.in_place_of {
+            // Its last launch may still run. What it has of the shared memory is free for the new recording.
+            recorder.wait()?;
+            self.recorded.remove(&dropped);
+        }
         let kept = kept.copy();
         let (forward, (visual, tape)) = recorder.record(0, || {
             fused.renew(resnet, parameters);
@@ -161,36 +159,55 @@ mod tests {
         (encoder, parameters)
     }
 
-    /// Bit for bit what goes kernel by kernel, for sizes in turns and under weights that change between two passes.
-    #[test]
-    #[ignore = "needs a CUDA device"]
-    fn a_recorded_pass_is_the_pass() {
+    /// Makes each pass as it is made in training and kernel by kernel, under weights that change between two passes, and
+    /// compares them bit for bit. `updates`: the sizes of each update's passes. Returns how many passes were recorded
+    /// ones, and which sizes are recorded at the end.
+    fn compare(updates: &[&[i64]]) -> (usize, Vec<i64>) {
         let (encoder, parameters) = encoder();
         tch::manual_seed(7);
         let float = (Kind::Float, Device::Cuda(0));
-        let mut compared = 0;
-        for _ in 0..RECORDED_AFTER + 3 {
-            for frames in [38, 19] {
-                let kept = Tensor::rand([frames, SIDE, SIDE], float) * 4000.0;
-                let gradient = Tensor::randn([frames, 512], float);
-                let pass = |(visual, backward): (Tensor, Backward)| (visual.copy(), backward(&gradient));
-                let scale_offset = [0.001, -1.0];
-                let (visual, gradients) = pass(encoder.forward_to_train(&parameters, &kept, scale_offset).unwrap());
-                let (expected, all_expected) = pass(encoder.forward_fused(&parameters, &kept, scale_offset).unwrap());
-                assert!(visual.equal(&expected), "the embedding of {frames} frames");
-                assert_eq!(gradients.len(), all_expected.len());
-                for ((id, gradient), (expected_id, expected)) in gradients.iter().zip(&all_expected) {
-                    assert!(id == expected_id && gradient.equal(expected), "{id:?} of {frames} frames");
-                    assert!(to_vec(gradient).iter().any(|&number| number != 0.0), "{id:?} has a gradient");
-                }
-                compared += usize::from(encoder.recordings.borrow().recorded.contains_key(&frames));
-                tch::no_grad(|| {
-                    let _ = parameters.flat().g_mul_scalar_(1.01);
-                });
+        let mut launched = 0;
+        let passes = (0..).zip(updates).flat_map(|(update, sizes)| sizes.iter().map(move |&frames| (update, frames)));
+        for (update, frames) in passes {
+            let kept = Tensor::rand([frames, SIDE, SIDE], float) * 4000.0;
+            let gradient = Tensor::randn([frames, 512], float);
+            let pass = |(visual, backward): (Tensor, Backward)| (visual.copy(), backward(&gradient));
+            let scale_offset = [0.001, -1.0];
+            let (visual, gradients) = pass(encoder.forward_to_train(&parameters, &kept, scale_offset, update).unwrap());
+            let (expected, all_expected) = pass(encoder.forward_fused(&parameters, &kept, scale_offset).unwrap());
+            assert!(visual.equal(&expected), "the embedding of {frames} frames in update {update}");
+            assert_eq!(gradients.len(), all_expected.len());
+            for ((id, gradient), (expected_id, expected)) in gradients.iter().zip(&all_expected) {
+                assert!(id == expected_id && gradient.equal(expected), "{id:?} of {frames} frames in update {update}");
+                assert!(to_vec(gradient).iter().any(|&number| number != 0.0), "{id:?} has a gradient");
             }
+            launched += usize::from(encoder.recordings.borrow().recorded.contains_key(&frames));
+            tch::no_grad(|| {
+                let _ = parameters.flat().g_mul_scalar_(1.01);
+            });
         }
-        assert_eq!(compared, 6, "three recorded passes of each size");
+        let recordings = encoder.recordings.borrow();
+        assert_eq!(recordings.launched, launched as u64, "what is recorded is launched");
+        (launched, recordings.recorded.keys().copied().collect())
     }
+
+    #[test]
+    #[ignore = "needs a CUDA device"]
+    fn a_recorded_pass_is_the_pass() {
+        assert_eq!(compare(&[&[38, 19, 38, 19]]), (0, vec![]), "one update, whatever it has of epochs");
+        assert_eq!(compare(&[&[38, 19][..]; 4]), (6, vec![19, 38]), "from the second update on");
+    }
+
+    /// Also while others share the memory that a dropped one had.
+    #[test]
+    #[ignore = "needs a CUDA device"]
+    fn a_pass_recorded_in_place_of_another_is_the_pass() {
+        let (all, new) = ([38, 19, 20, 21], [38, 24, 19]);
+        // 24 comes in place of 20, as 38 and 19 are in use; then 20 in place of 21.
+        let (launched, recorded) = compare(&[&all, &all, &new, &new, &new, &[20, 38, 24, 19], &new]);
+        assert_eq!((launched, recorded), (19, vec![19, 20, 24, 38]));
+    }
+
     /// What renews the rounded weights was recorded, and is never launched.
     #[test]
     #[ignore = "needs a CUDA device"]
