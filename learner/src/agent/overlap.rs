@@ -14,11 +14,17 @@
 //! libtorch gives freed memory out again on the stream that it was made on, without asking whether another one still
 //! uses it. That is safe here. Whoever hands something over first waits for its own stream, and what one thread has made
 //! the other frees only when nothing runs that uses it: an update borrows its rollout, which is dropped by the thread
-//! that acts. Graphs are recorded during the first rollout, beside which no update runs.
+//! that acts.
+//!
+//! Both threads record graphs. That of acting is recorded at the first step of a size, which today is in the first
+//! rollout, beside which no update runs; those of training are recorded in an update, beside which acting goes on. A
+//! recording is of its own thread and stream. It bears whatever the other thread does but a wait for the whole device,
+//! and so another recording, which has one: `ffi/graph.rs` lets one thread at a time do either.
 
 use super::error::AgentError;
 use super::trainer::{Done, HERE, Job, Trainer, build};
 use crate::device::log_warnings;
+use crate::ffi::graph::wait_for_device;
 use crate::ffi::stream::{Priority, StreamError, Streams};
 use crate::network::Network;
 use proto::config::Config;
@@ -47,7 +53,7 @@ impl Overlap {
     pub fn start(config: &Config, device: Device) -> Result<Self, AgentError> {
         let (policy, _) = build(config, device)?;
         let (streams, stream) = if device.is_cuda() {
-            tch::Cuda::synchronize(0);
+            wait_for_device(0);
             let streams = Streams::open().map_err(StreamError::from)?;
             let make = |priority| streams.make(priority).map_err(StreamError::from);
             make(Priority::High)?.take()?;

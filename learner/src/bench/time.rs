@@ -1,11 +1,12 @@
 //! What measurements have in common.
 
-use tch::{Cuda, Device};
+use crate::ffi::graph::wait_for_device;
+use tch::Device;
 
 /// Waits until a device has done all that it was given.
 pub fn synchronise(device: Device) {
     if let Device::Cuda(index) = device {
-        Cuda::synchronize(index as i64);
+        wait_for_device(index);
     }
 }
 

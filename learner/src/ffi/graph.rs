@@ -8,6 +8,7 @@ use std::ffi::{c_char, c_int};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr::null_mut;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use tch::{Cuda, TchError};
 
 /// Why nothing was recorded.
@@ -78,6 +79,28 @@ pub enum Memory {
 /// Pools of memory that graphs share. libtorch counts its own from 1, process by process.
 static POOLS: AtomicU64 = AtomicU64::new(1 << 32);
 
+/// Held by the thread that records, or that waits for the device.
+static RECORDING: Mutex<()> = Mutex::new(());
+
+/// Until the guard is dropped no other thread records, or waits for the device: while one thread records, another one
+/// that waits for the device gets CUDA error 900, and the recording ends with 901 (seen on an H100). Waiting for a stream
+/// or an event, launches and allocations do no harm.
+fn alone() -> MutexGuard<'static, ()> {
+    // Nothing lies behind the lock that a panic could leave half done.
+    RECORDING.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Waits until a device has done all that it was given, by all threads. The one way to do so outside of this file.
+pub fn wait_for_device(index: usize) {
+    let _alone = alone();
+    synchronize(index);
+}
+
+#[expect(clippy::disallowed_methods, reason = "no other thread records, as the callers see to")]
+fn synchronize(index: usize) {
+    Cuda::synchronize(index as i64);
+}
+
 /// Records graphs.
 #[derive(Debug)]
 pub struct Recorder {
@@ -116,18 +139,21 @@ impl Recorder {
     /// Runs `body` a few times, because libraries choose their algorithms and allocate their room at first use, which a
     /// recording does not allow; then records what it launches, which must be the same every time. Its results are in
     /// the memory that it writes, which must live as long as the graph.
+    ///
+    /// Waits for other threads that record. `body` must not wait for the device, nor record.
     pub fn record<T>(
         &self,
         warm_ups: usize,
         mut body: impl FnMut() -> Result<T, GraphError>,
     ) -> Result<(Graph, T), GraphError> {
-        Cuda::synchronize(0);
+        let _alone = alone();
+        synchronize(0);
         let before = exchange(self.stream as i64)?;
         let recorded = cuda::on_stream(self.stream, || {
             let mut try_body = || catch_unwind(AssertUnwindSafe(&mut body)).unwrap_or(Err(GraphError::Operation));
             for _ in 0..warm_ups {
                 try_body()?;
-                Cuda::synchronize(0);
+                synchronize(0);
             }
             let mut graph = Graph { functions: self.functions, graph: null_mut() };
             // SAFETY: the functions are libtorch's; the out-pointer is ours.
@@ -145,7 +171,7 @@ impl Recorder {
             Ok((graph, result))
         });
         exchange(before)?;
-        Cuda::synchronize(0);
+        synchronize(0);
         recorded
     }
 
@@ -191,4 +217,28 @@ fn functions() -> Result<Functions, CudaError> {
         end: function!(library, c"_ZN2at4cuda9CUDAGraph11capture_endEv" as Member),
         replay: function!(library, c"_ZN2at4cuda9CUDAGraph6replayEv" as Member),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::AtomicU32;
+    use std::time::Duration;
+
+    #[test]
+    fn two_threads_never_record_at_a_time_and_a_panic_locks_nobody_out() {
+        let (inside, most) = (AtomicU32::new(0), AtomicU32::new(0));
+        let record = || {
+            let _alone = alone();
+            most.fetch_max(inside.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
+            std::thread::sleep(Duration::from_millis(2));
+            inside.fetch_sub(1, Ordering::SeqCst);
+            panic!("libtorch refuses");
+        };
+        std::thread::scope(|scope| {
+            let threads: Vec<_> = (0..8).map(|_| scope.spawn(record)).collect();
+            assert!(threads.into_iter().all(|thread| thread.join().is_err()), "each came in, and panicked there");
+        });
+        assert_eq!(most.into_inner(), 1);
+    }
 }
