@@ -2,8 +2,8 @@
 //!
 //! A pace changes no bit of a run, only its time, and which one is the faster depends on the machine, the kitchens and
 //! the policy (BENCHMARKS.md, Whoever is ready): where actors set the pace it is better that the fast run ahead, where
-//! the GPU does it is better that all go together. So both are timed, now and then, and the faster one is kept. Each
-//! learner decides for itself; they wait for each other, so they time the same.
+//! the GPU does it is better that all go together. So both are timed, now and then, and the faster one is kept. Learners
+//! wait for each other, so all are given the mean of their times, and decide alike.
 
 use crate::collector::Pace;
 use std::time::Duration;

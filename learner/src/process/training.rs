@@ -94,8 +94,10 @@ struct Loop {
     /// When the timing's rollout began: when the one before was through.
     began: Instant,
     timing: Timing,
-    /// When the last rollout began to be collected.
-    collecting_since: Option<Instant>,
+    /// When the learners agreed last.
+    agreed: Option<Instant>,
+    /// From the agreement before to that one, the mean of all learners; none before the second.
+    took: Option<Duration>,
     /// This learner ended the rollout in progress, or the last one, early, because the others had finished.
     preempted: bool,
     /// The next checkpoint is to be evaluated.
@@ -129,7 +131,7 @@ impl<W: Write> Training<'_, W> {
             // With `ppo.overlap`: of the rollout before this one. From here to the next update the learners speak to
             // each other, and this is the rollout of which they speak.
             self.finish_update(&mut state)?;
-            let Agreement { collected, here, preempted, end } = self.agree(&state, cut_short)?;
+            let Agreement { collected, here, preempted, end } = self.agree(&mut state, cut_short)?;
             if let Some(end) = end {
                 return self.break_off(&mut state, end);
             }
@@ -391,8 +393,7 @@ impl<W: Write> Training<'_, W> {
         let shape = RolloutShape::next(position.frames_left, steps, self.config.environments());
         let shape = shape.part(self.agent.columns());
         self.agent.begin_rollout(shape);
-        let took = state.collecting_since.replace(Instant::now()).map(|since| since.elapsed());
-        self.conversation.collector.go_at(self.pacing.next(took));
+        self.conversation.collector.go_at(self.pacing.next(state.took));
         self.conversation.collector.begin(shape, reward, version);
         match self.collect(state) {
             Ok(stop) => Ok(stop.map(CutShort::Stop)),
@@ -404,17 +405,21 @@ impl<W: Write> Training<'_, W> {
     /// Agrees with the other learners at the end of a rollout on the number of frames collected and on whether all
     /// continue. Every learner calls this once in each rollout, whatever happened to its own part. If one is dead, this
     /// fails.
-    fn agree(&mut self, state: &Loop, own: Option<CutShort>) -> Result<Agreement> {
+    fn agree(&mut self, state: &mut Loop, own: Option<CutShort>) -> Result<Agreement> {
         let flag = |condition: bool| f64::from(u8::from(condition));
         let host = self.hosts.of_learner(self.conversation.rank) as usize;
         let mut sums = vec![flag(state.preempted)];
         sums.extend(reasons(own.as_ref()));
+        let took = state.agreed.replace(Instant::now()).map(|before| before.elapsed());
+        sums.push(took.map_or(0.0, |took| took.as_secs_f64()));
         // Of each host its own, after that.
         let collected = sums.len();
         sums.resize(collected + self.hosts.count() as usize, 0.0);
         sums[collected + host] = self.conversation.collector.collected() as f64;
         self.agent.peers().sum(&mut sums)?;
-        let [preempted, announced, gone, faults] = [sums[0], sums[1], sums[2], sums[3]];
+        let [preempted, announced, gone, faults, all_took] = [sums[0], sums[1], sums[2], sums[3], sums[4]];
+        // All have the same number, so all decide alike on what depends on it.
+        state.took = took.map(|_| Duration::from_secs_f64(all_took / f64::from(self.agent.peers().count())));
         let of_hosts: Vec<u64> = sums[collected..].iter().map(|&frames| frames as u64).collect();
         Ok(Agreement {
             collected: of_hosts.iter().sum(),
@@ -553,7 +558,8 @@ impl Loop {
             last_save: now,
             began: now,
             timing: Timing::default(),
-            collecting_since: None,
+            agreed: None,
+            took: None,
             preempted: false,
             evaluated: false,
             actor_starts: 0,
