@@ -118,8 +118,8 @@ impl Learners {
         Self { shape: setup.shape, first: setup.ranks.start, told: vec![Told::default(); bells.len()], bells }
     }
 
-    /// Rings for each learner that now has the receipts of all its actors for the next exchange of a half. Where actors
-    /// have one half, the learner may go on with any of them: there it is rung, counted, for other receipts, too.
+    /// Rings for each learner that now has the receipts of all its actors for the next exchange of a half; for other
+    /// receipts, with which a learner may go on where those act who are ready, it is rung, counted.
     fn tell(&mut self, ledger: &Ledger) {
         for ((rank, bell), told) in (self.first..).zip(&self.bells).zip(&mut self.told) {
             let actors = self.shape.shares.actors_of(rank);
@@ -127,7 +127,7 @@ impl Learners {
                 Told { complete: [0, 1].map(|half| ledger.complete(actors.clone(), half)), news: ledger.news(actors) };
             if now.complete != told.complete {
                 bell.ring();
-            } else if now.news != told.news && Halves::of(self.shape.environments_per_actor).count() == 1 {
+            } else if now.news != told.news {
                 bell.ring_counted();
             }
             *told = now;
