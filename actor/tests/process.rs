@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used)]
 
 use proto::action::{ACTION_COUNT, Action, HOLD};
+use proto::camera::{SUMS_PIXELS, sum_windows};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::random::{Key, Purpose};
@@ -12,7 +13,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
-use wire::message::{ActionHeader, EnvironmentState, Halves, Observation, RestoreHeader, observation_kind};
+use wire::message::{ActionHeader, EnvironmentState, Halves, Observation, RestoreHeader, frame_part, observation_kind};
 use wire::{
     ActionPublisher, Bell, ObservationSubscriber, ReceiptBook, RestorePublisher, Sleeper, UpdateConnections, Wakeup,
     Wire, WireAddress, WireHost, WireShape,
@@ -229,10 +230,19 @@ fn chosen(environment: u32, state: &EnvironmentState) -> u8 {
     Action::ALL[key.stream().below(ACTION_COUNT as u32) as usize].index()
 }
 
+/// All that it says: what it has not is whatever lay there.
 fn bytes(observation: &Observation) -> Vec<u8> {
-    // SAFETY: the actor writes every byte of an Observation, its padding too; there are no pointers in it.
-    unsafe { std::slice::from_raw_parts(std::ptr::from_ref(observation).cast::<u8>(), size_of::<Observation>()) }
-        .to_vec()
+    let mut said = Box::new(*observation);
+    assert_eq!(said.parts & frame_part::SUMS, frame_part::SUMS, "the paper's network averages");
+    let recorded = said.current.flags & current_flag::RECORD_DEPTH != 0;
+    assert_eq!(said.parts & frame_part::WHOLE != 0, recorded, "and needs no more than the sums");
+    if recorded {
+        let mut sums_mm: Box<[u16; SUMS_PIXELS]> = vec![0; SUMS_PIXELS].try_into().unwrap();
+        assert!(sum_windows(&said.depth_mm, &mut sums_mm) && *sums_mm == said.sums_mm, "both are one frame");
+    } else {
+        said.depth_mm.fill(0);
+    }
+    bytemuck::bytes_of(&*said).to_vec()
 }
 
 fn assert_same(a: &BTreeMap<(u64, u32), Vec<u8>>, b: &BTreeMap<(u64, u32), Vec<u8>>, steps: std::ops::Range<u64>) {

@@ -20,19 +20,22 @@ pub const HEIGHT_M: f64 = 1.58;
 // The simulator computes with 32 bits: no bit depends on which of the two a number was first written in.
 const _: () = assert!(HEIGHT_M as f32 == 1.58);
 
-/// A depth frame as its renderer left it.
+/// A depth frame as a network gets it, row-major from the top left.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DepthFrame<'a> {
-    /// Millimetres, row-major from the top left; 0 where nothing was hit.
-    pub depth_mm: &'a [u16; FRAME_PIXELS],
-    /// What [`sum_windows`] made of it, if it did.
-    pub sums_mm: Option<&'a [u16; SUMS_PIXELS]>,
+pub enum DepthFrame<'a> {
+    /// Every pixel, millimetres; 0 where nothing was hit.
+    Whole(&'a [u16; FRAME_PIXELS]),
+    /// What [`sum_windows`] makes of it, for a network that averages over such windows.
+    Sums(&'a [u16; SUMS_PIXELS]),
 }
 
 impl<'a> DepthFrame<'a> {
-    /// A frame without its sums.
-    pub fn of(depth_mm: &'a [u16; FRAME_PIXELS]) -> Self {
-        Self { depth_mm, sums_mm: None }
+    /// The numbers of either.
+    pub fn numbers(self) -> &'a [u16] {
+        match self {
+            Self::Whole(depth_mm) => depth_mm,
+            Self::Sums(sums_mm) => sums_mm,
+        }
     }
 }
 

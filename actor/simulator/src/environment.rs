@@ -9,13 +9,13 @@ use crate::robot::configuration::Configuration;
 use crate::robot::links::world_from_camera;
 use crate::simulation::{Settling, Simulation, Substep};
 use proto::action::{Action, NO_ACTION};
+use proto::camera::SUMS_PIXELS;
 use proto::config::{Config, EpisodeConfig};
 use proto::episode::EnvironmentId;
 use proto::random::{Key, Purpose};
 use proto::reward::{OBJECT_DISPLACEMENT_CAP_M, RewardParts};
 use proto::step::{Current, Transition, current_flag, transition_flag};
 use rapier3d::math::{Pose3, Vec3};
-use std::mem::MaybeUninit;
 use std::sync::Arc;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -373,21 +373,17 @@ impl Environment {
     /// If the frame has another size, or the camera was made for another number of bodies.
     pub fn look(&mut self, camera: &mut DepthCamera, side: usize, depth_mm: &mut [u16]) {
         let world_from_camera = self.place_bodies();
-        camera.render_over_written(&mut self.backdrop, &self.world_from_bodies, world_from_camera, side, depth_mm);
+        camera.render_over(&mut self.backdrop, &self.world_from_bodies, world_from_camera, side, depth_mm);
     }
 
-    /// The same into memory that need not be initialised; returns it initialised.
+    /// The sums of the windows of that frame at its full size ([`proto::camera::sum_windows`]), without the frame.
+    /// Returns false if they may not fit into 16 bits: then `sums_mm` holds anything.
     ///
     /// # Panics
-    /// If the frame has another size, or the camera was made for another number of bodies.
-    pub fn look_into<'a>(
-        &mut self,
-        camera: &mut DepthCamera,
-        side: usize,
-        depth_mm: &'a mut [MaybeUninit<u16>],
-    ) -> &'a [u16] {
+    /// If the camera was made for another number of bodies.
+    pub fn look_for_sums(&mut self, camera: &mut DepthCamera, sums_mm: &mut [u16; SUMS_PIXELS]) -> bool {
         let world_from_camera = self.place_bodies();
-        camera.render_over(&mut self.backdrop, &self.world_from_bodies, world_from_camera, side, depth_mm)
+        camera.render_sums_over(&mut self.backdrop, &self.world_from_bodies, world_from_camera, sums_mm)
     }
 
     /// Notes where all bodies stand now, for the camera whose pose this returns.

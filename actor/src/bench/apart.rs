@@ -15,7 +15,6 @@ use simulator::depth::{DepthCamera, Scenery};
 use simulator::kitchen::Kitchen;
 use simulator::source;
 use std::io::Write;
-use std::mem::MaybeUninit;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -99,7 +98,7 @@ fn whole_step_s(kitchens: &[Arc<Kitchen>], policy: PolicyKind, config: &Config, 
         }
     }
     let mut camera = DepthCamera::new(&[]);
-    let mut frame = vec![MaybeUninit::uninit(); FRAME_PIXELS];
+    let mut frame = vec![0; FRAME_PIXELS];
     let mut turn = 0;
     Ok(seconds_per_call(Duration::from_secs_f64(seconds), || {
         turn = (turn + 1) % players.len();
@@ -115,7 +114,7 @@ fn whole_step_s(kitchens: &[Arc<Kitchen>], policy: PolicyKind, config: &Config, 
 pub fn print_memory(kitchens: &[KitchenId], folder: &Path) -> Result<()> {
     ensure!(kitchens.len() > BEFORE, "more than {BEFORE} kitchens are needed to measure memory");
     let config = Config::default();
-    let mut frame = vec![MaybeUninit::uninit(); FRAME_PIXELS];
+    let mut frame = vec![0; FRAME_PIXELS];
     let mut environments = Vec::new();
     let mut camera = DepthCamera::new(&[]);
     let mut before = 0;

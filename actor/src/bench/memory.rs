@@ -9,7 +9,6 @@ use proto::episode::EnvironmentId;
 use proto::kitchen::{KitchenChoice, KitchenId};
 use simulator::depth::DepthCamera;
 use simulator::kitchen::Kitchen;
-use std::mem::MaybeUninit;
 use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
@@ -48,7 +47,7 @@ pub fn run(kitchen: KitchenId) -> Result<()> {
     let config = Config::default();
     let built = Arc::new(Kitchen::build(kitchen, &config.simulation)?);
     let mut camera = DepthCamera::new(built.bodies());
-    let mut frame = vec![MaybeUninit::uninit(); FRAME_PIXELS];
+    let mut frame = vec![0; FRAME_PIXELS];
     let mut players: Vec<Player> = Vec::new();
     let mut resident = Vec::new();
     for count in COUNTS {

@@ -28,7 +28,6 @@ use simulator::kitchen::Kitchen;
 use simulator::scene_file;
 use std::hint::black_box;
 use std::io::Write;
-use std::mem::MaybeUninit;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -140,11 +139,11 @@ fn measure(
         black_box(&frame);
     });
 
-    let mut unwritten = vec![MaybeUninit::uninit(); FRAME_PIXELS];
+    let mut depth_mm = vec![0; FRAME_PIXELS];
     let whole_step_s = seconds_per_call(span, || {
         let player = &mut players[next()];
         player.step();
-        player.look(&mut camera, &mut unwritten);
+        player.look(&mut camera, &mut depth_mm);
     });
     Ok(Measurement {
         kitchen: kitchen.id(),

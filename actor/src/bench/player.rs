@@ -11,7 +11,6 @@ use simulator::depth::DepthCamera;
 use simulator::environment::{Environment, EnvironmentError};
 use simulator::kitchen::Kitchen;
 use std::hint::black_box;
-use std::mem::MaybeUninit;
 use std::sync::Arc;
 
 /// One environment, from one episode into the next, and after the last into the first again.
@@ -78,10 +77,11 @@ impl Player {
         self.script[self.episode].len()
     }
 
-    /// Observes as a rollout does, and draws the frame over what stood still since the last one.
-    pub fn look(&mut self, camera: &mut DepthCamera, depth_mm: &mut [MaybeUninit<u16>]) {
+    /// Observes as a rollout does with whole frames, and draws the frame over what stood still since the last one.
+    pub fn look(&mut self, camera: &mut DepthCamera, depth_mm: &mut [u16]) {
         black_box(self.environment.current());
-        black_box(self.environment.look_into(camera, FRAME_SIDE, depth_mm));
+        self.environment.look(camera, FRAME_SIDE, depth_mm);
+        black_box(depth_mm);
     }
 
     /// What the camera sees now.

@@ -1,7 +1,7 @@
 //! The environments of one actor: stepping them, rebuilding them, and showing what they see.
 
 use super::larder::{Larder, Opened, Order};
-use super::{shm, whereabouts};
+use super::whereabouts;
 use anyhow::{Context, Result, bail, ensure};
 use proto::action::{Action, HOLD};
 use proto::camera::{FRAME_SIDE, WINDOW};
@@ -9,15 +9,14 @@ use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::rota::Rota;
-use proto::step::{Transition, transition_flag};
+use proto::step::{Transition, current_flag, transition_flag};
 use simulator::depth::{DepthCamera, Scenery};
 use simulator::environment::Environment;
 use simulator::episodes::Programme;
 use simulator::kitchen::Body;
 use std::collections::VecDeque;
-use std::mem::MaybeUninit;
 use std::ops::Range;
-use wire::message::{EnvironmentState, Observation};
+use wire::message::{EnvironmentState, Observation, frame_part};
 
 /// The kitchen that an environment goes to next is opened when so many episodes before that one are left: early enough
 /// that they take longer than opening it, late enough that few such kitchens wait.
@@ -30,7 +29,7 @@ pub struct Environments {
     /// its own scenery for it.
     camera: DepthCamera,
     sceneries: Vec<Scenery>,
-    /// Whether frames have their sums with them: where the network averages its input over such windows.
+    /// Whether frames are sent as their sums: where the network averages its input over such windows.
     sums: bool,
     course: Course,
     /// Environments whose next episode's start may be prepared further, first to last.
@@ -245,23 +244,29 @@ impl Environments {
         Ok(())
     }
 
-    /// Writes the observation of environment `index`; its frame is rendered in place.
-    pub fn observe<'a>(&mut self, index: usize, slot: &'a mut MaybeUninit<Observation>) -> &'a Observation {
+    /// Writes the observation of environment `index`. Of its frame that is rendered in place which is read: where the
+    /// network averages over windows their sums alone, but the whole frame if it is recorded.
+    pub fn observe(&mut self, index: usize, observation: &mut Observation) {
         let Self { running, camera, sceneries, sums, .. } = self;
         let (running, mut own) = (&mut running[index], sceneries.get_mut(index));
         whereabouts::enter(running.id, running.episode);
         if let Some(scenery) = own.as_deref_mut() {
             camera.exchange(scenery);
         }
-        let current = running.environment.current();
-        let sums = *sums;
-        let observation = shm::write_observation(slot, index as u32, running.transition, current, sums, |frame| {
-            running.environment.look_into(camera, FRAME_SIDE, frame)
-        });
+        let environment = &mut running.environment;
+        let Observation { transition, current, environment: number, parts, reserved, depth_mm, sums_mm } = observation;
+        (*transition, *current, *number) = (running.transition, environment.current(), index as u32);
+        (*parts, *reserved) = (0, [0; _]);
+        if *sums && environment.look_for_sums(camera, sums_mm) {
+            *parts |= frame_part::SUMS;
+        }
+        if *parts == 0 || current.flags & current_flag::RECORD_DEPTH != 0 {
+            environment.look(camera, FRAME_SIDE, depth_mm);
+            *parts |= frame_part::WHOLE;
+        }
         if let Some(scenery) = own {
             camera.exchange(scenery);
         }
-        observation
     }
 }
 

@@ -2,7 +2,6 @@
 
 use super::shm;
 use anyhow::{Context, Result};
-use std::mem::MaybeUninit;
 use std::time::Duration;
 use wire::fault;
 use wire::message::{ActionHeader, EnvironmentState, Observation, ObservationHeader, RestoreHeader};
@@ -84,20 +83,20 @@ impl Link {
 
     /// Sends a HELLO: one zeroed observation.
     pub fn send_hello(&self, header: ObservationHeader) -> Result<()> {
-        self.send_observations(header, 1, |_, slot| shm::write_zeros(slot))?;
+        self.send_observations(header, 1, |_, observation| bytemuck::bytes_of_mut(observation).fill(0))?;
         // Whoever waits for observations of many does not wait for this.
         self.bell.ring();
         Ok(())
     }
 
-    /// Sends `count` observations, each written in place by `write`, which is given its index and its slot, and
-    /// returns what it wrote there. Blocks while a subscriber is full. Returns whether all subscribers got them: a new
-    /// subscriber that has not yet connected to this publisher can miss a sample.
+    /// Sends `count` observations, each written in place by `write`, which is given its index and what lay there before.
+    /// Blocks while a subscriber is full. Returns whether all subscribers got them: a new subscriber that has not yet
+    /// connected to this publisher can miss a sample.
     pub fn send_observations(
         &self,
         header: ObservationHeader,
         count: usize,
-        write: impl for<'a> FnMut(usize, &'a mut MaybeUninit<Observation>) -> &'a Observation,
+        write: impl FnMut(usize, &mut Observation),
     ) -> Result<bool> {
         // A subscriber that came after the last send is found here, and only here.
         self.observations.update_connections().context("cannot connect to the learner")?;

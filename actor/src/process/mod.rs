@@ -100,9 +100,10 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
             Todo::Send { half } => {
                 let range = protocol.halves().range(half);
                 fault::reach("actor.before_send");
-                let everyone = link.send_observations(protocol.observation_header(half), range.len(), |i, slot| {
-                    environments.observe(range.start + i, slot)
-                })?;
+                let everyone =
+                    link.send_observations(protocol.observation_header(half), range.len(), |i, observation| {
+                        environments.observe(range.start + i, observation);
+                    })?;
                 fault::reach("actor.after_send");
                 protocol.sent(half, everyone, started.elapsed());
             }

@@ -10,7 +10,7 @@ use crate::ffi::graph::{Graph, GraphError, Memory, Recorder};
 use crate::ffi::host_memory::HostMemory;
 use crate::ffi::kernels::{CHOSEN_WORDS, Chosen, Kernels, Source, Undecided};
 use crate::ffi::stream::{Priority, Streams};
-use crate::network::{Network, RawFrame, Staging};
+use crate::network::{Network, Staging};
 use crate::rollout::Step;
 use proto::camera::DepthFrame;
 use std::ops::Range;
@@ -167,9 +167,8 @@ impl Acting {
         if sources.iter().all(&mut readable) {
             return sources.into_iter().map(Source::word).collect();
         }
-        let raw: Vec<&RawFrame> = frames.iter().map(|frame| frame.depth_mm).collect();
-        let gathered = self.staging.gather(&raw, self.device).cast::<RawFrame>();
-        (0..frames.len()).map(|row| gathered.wrapping_add(row) as i64).collect()
+        let gathered = self.staging.gather(frames, self.device);
+        gathered.iter().map(|frame| kernels.acting.source(frame).word()).collect()
     }
 
     // Many arguments: all that `step` was given.
@@ -287,7 +286,7 @@ mod tests {
         for [actors, environments] in [[1, 20], [19, 16], [19, 32]] {
             (config.actors.count, config.actors.environments_per_actor) = (actors, environments);
             let frames = Frames::new(&config).unwrap();
-            assert!(frames.batch(0, 0, vec![]).input().frames.iter().all(|frame| frame.sums_mm.is_some()));
+            assert!(frames.batch(0, 0, vec![]).input().frames.iter().all(|frame| matches!(frame, DepthFrame::Sums(_))));
             let [mut graph, mut plain] = [(); 2].map(|()| Agent::new(&config, Device::Cuda(0)).unwrap());
             plain.acting = None;
             for agent in [&mut graph, &mut plain] {

@@ -6,7 +6,7 @@ use super::padding::padded;
 use super::step::{Inference, column_indices, pick, sample};
 use super::{Agent, AgentError, NO_GRAPH, StepInput, StepOutput};
 use crate::ffi::kernels::Chosen;
-use crate::network::{FramePreparation, Observations, RawFrame, goal_coordinates, table_row, to_vec};
+use crate::network::{FramePreparation, Observations, goal_coordinates, table_row, to_vec};
 use crate::rollout::Step;
 use tch::Tensor;
 
@@ -164,11 +164,10 @@ impl Agent {
         let previous_actions: Vec<i64> = steps.iter().map(|step| step.previous_action).collect();
         let carried: Vec<f32> = episode_start.iter().map(|&start| if start { 0.0 } else { 1.0 }).collect();
         let to_device = |tensor: Tensor| tensor.to_device(self.device);
-        let raw: Vec<&RawFrame> = frames.iter().map(|frame| frame.depth_mm).collect();
 
         let _no_grad = tch::no_grad_guard();
         let observations = Observations {
-            frames: preparation.keep(&raw, &mut self.staging),
+            frames: preparation.keep(frames, &mut self.staging),
             goals: to_device(Tensor::from_slice(&goals).view([-1, 3])),
             previous_actions: to_device(Tensor::from_slice(&previous_actions)),
         };

@@ -89,7 +89,7 @@ mod tests {
         let numbers: Vec<f32> = (0..6u8).map(f32::from).collect();
         let input = StepInput {
             columns: &columns,
-            frames: &vec![DepthFrame::of(frame); rows],
+            frames: &vec![DepthFrame::Whole(frame); rows],
             goal_m: &[[1.0; 3], [4.0; 3], [5.0; 3]],
             previous_action: &[1, 4, 5],
             episode_start: &[true, false, true],

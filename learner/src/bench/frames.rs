@@ -10,7 +10,7 @@ use proto::config::Config;
 use proto::shares::Shares;
 use proto::step::{Current, Transition};
 use std::sync::atomic::{AtomicU32, Ordering};
-use wire::message::{Halves, Observation, ObservationHeader};
+use wire::message::{Halves, Observation, ObservationHeader, frame_part};
 use wire::{Ipc, ObservationPublisher, ObservationSubscriber, SHARED_MEMORY, WireAddress, WireHost, WireShape};
 
 /// Length of an episode; columns are in different phases of theirs.
@@ -112,7 +112,8 @@ impl Frames {
     pub fn batch(&self, half: u32, step: usize, noise: Vec<f32>) -> Batch<'_> {
         let columns: Vec<usize> = self.map.batch(half).collect();
         let samples = self.halves[half as usize].iter();
-        let frames = samples.flat_map(|sample| sample.payload().iter().map(Observation::frame)).collect();
+        // There are sums only where the network takes them.
+        let frames = samples.flat_map(|sample| sample.payload().iter().map(|seen| seen.frame(true))).collect();
         let starts: Vec<bool> = columns.iter().map(|&column| episode_step(column, step) == 0).collect();
         Batch {
             at: vec![step; columns.len()],
@@ -143,7 +144,7 @@ fn observation(column: usize, sums: bool) -> Observation {
         transition: Transition::default(),
         current: Current::default(),
         environment: 0,
-        has_sums: 0,
+        parts: frame_part::WHOLE,
         reserved: [0; 12],
         depth_mm: [0; FRAME_PIXELS],
         sums_mm: [0; SUMS_PIXELS],
@@ -152,8 +153,8 @@ fn observation(column: usize, sums: bool) -> Observation {
         let (row, at) = (pixel / FRAME_SIDE / 8, pixel % FRAME_SIDE / 8);
         *depth_mm = 300 + ((row * 389 + at * 131 + column * 1009) % 4000) as u16;
     }
-    if sums {
-        observation.has_sums = u32::from(sum_windows(&observation.depth_mm, &mut observation.sums_mm));
+    if sums && sum_windows(&observation.depth_mm, &mut observation.sums_mm) {
+        observation.parts |= frame_part::SUMS;
     }
     observation
 }
@@ -161,6 +162,7 @@ fn observation(column: usize, sums: bool) -> Observation {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proto::camera::DepthFrame;
 
     #[test]
     fn a_batch_is_a_half_of_allowed_actors() {
@@ -200,8 +202,8 @@ mod tests {
             let batch = frames.batch(half, 0, frames.noise(half, 0));
             assert_eq!(batch.columns, columns);
             for (&column, frame) in columns.iter().zip(&batch.frames) {
-                assert_eq!(*frame, observation(column, sums).frame());
-                assert_eq!(frame.sums_mm.is_some(), sums);
+                assert_eq!(*frame, observation(column, sums).frame(sums));
+                assert_eq!(matches!(frame, DepthFrame::Sums(_)), sums);
             }
             assert_eq!(batch.gumbel.len(), columns.len() * frames.actions);
         }

@@ -76,11 +76,10 @@ fn copy(frames: &Frames, config: &Config) -> f64 {
     let preparation = FramePreparation::new(config.network.input_pool, Device::Cpu);
     let mut staging = Staging::default();
     let batches = [0, 1].map(|half| frames.batch(half, 0, vec![]));
-    let raw = batches.each_ref().map(|batch| batch.frames.iter().map(|frame| frame.depth_mm).collect::<Vec<_>>());
     let mut times: Vec<f64> = (0..2 * FEWEST)
         .map(|turn| {
             let began = Instant::now();
-            let kept = preparation.keep(&raw[turn % 2], &mut staging);
+            let kept = preparation.keep(&batches[turn % 2].frames, &mut staging);
             drop(kept);
             began.elapsed().as_secs_f64()
         })

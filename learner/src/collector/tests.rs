@@ -39,7 +39,7 @@ impl HalfSample for FakeSample {
         &self.0[i].2
     }
     fn frame(&self, _i: usize) -> DepthFrame<'_> {
-        DepthFrame::of(&FRAME)
+        DepthFrame::Whole(&FRAME)
     }
 }
 

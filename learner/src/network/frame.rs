@@ -5,7 +5,7 @@
 //! 16-bit numbers over 1, 4 or 16 pixels is exact in f32, so the CPU's and the GPU's way give the same bits.
 
 use crate::ffi::{self, FrameRoom};
-use proto::camera::{FRAME_PIXELS, FRAME_SIDE};
+use proto::camera::{DepthFrame, FRAME_PIXELS, FRAME_SIDE, WINDOW};
 use tch::{Device, Kind, Tensor};
 
 /// Subtracted from a depth in metres before the division (`docs/method.md`, Observation).
@@ -16,6 +16,9 @@ const DEVIATION_M: f64 = 0.25;
 /// Millimetres · scale + offset = the network's input.
 const SCALE: f64 = 1.0 / (1000.0 * DEVIATION_M);
 const OFFSET: f64 = -MEAN_M / DEVIATION_M;
+
+/// Share of a pixel in the mean of a window of which there is a sum.
+const WINDOW_SHARE: f32 = 1.0 / (WINDOW * WINDOW) as f32;
 
 /// Threads that copy frames, and the fewest frames (2.4 MB) that are worth one.
 const COPY_THREADS: usize = 4;
@@ -57,25 +60,40 @@ impl FramePreparation {
         Tensor::zeros([rows, self.side(), self.side()], (kind, self.device))
     }
 
-    /// Raw frames → kept frames \[rows, side, side\], millimetres, on the device.
+    /// Frames → kept frames \[rows, side, side\], millimetres, on the device.
     ///
     /// On a GPU the work may go on after the call: `staging` must not be given to another call before something has
     /// been read back from the device.
-    pub fn keep(self, frames: &[&RawFrame], staging: &mut Staging) -> Tensor {
-        if self.pool > 1 && self.device == Device::Cpu {
-            let side = self.side();
-            return ffi::floats(&[frames.len() as i64, side, side], |kept| {
-                for (frame, pooled) in frames.iter().zip(kept.chunks_exact_mut((side * side) as usize)) {
-                    pool_frame(frame, self.pool, pooled);
-                }
-            });
-        }
-        let raw = staging.upload(frames, self.device);
+    ///
+    /// # Panics
+    /// If there are sums of other windows than are averaged over.
+    pub fn keep(self, frames: &[DepthFrame], staging: &mut Staging) -> Tensor {
+        let whole: Option<Vec<&RawFrame>> = frames.iter().map(whole).collect();
+        let Some(whole) = whole.filter(|_| self.pool == 1 || self.device.is_cuda()) else {
+            return self.average(frames).to_device(self.device);
+        };
+        let raw = staging.upload(&whole, self.device);
         if self.pool == 1 {
             return raw;
         }
         let pool = [self.pool as i64; 2];
         raw.to_kind(Kind::Float).unsqueeze(1).avg_pool2d(pool, pool, [0, 0], false, true, None).squeeze_dim(1)
+    }
+
+    /// The means of windows, on the CPU.
+    fn average(self, frames: &[DepthFrame]) -> Tensor {
+        let side = self.side();
+        ffi::floats(&[frames.len() as i64, side, side], |kept| {
+            for (frame, means) in frames.iter().zip(kept.chunks_exact_mut((side * side) as usize)) {
+                match frame {
+                    DepthFrame::Whole(depth_mm) => pool_frame(depth_mm, self.pool, means),
+                    DepthFrame::Sums(sums_mm) => {
+                        assert_eq!(self.pool, WINDOW, "sums are of the windows that are averaged over");
+                        means.iter_mut().zip(*sums_mm).for_each(|(mean, &sum)| *mean = f32::from(sum) * WINDOW_SHARE);
+                    }
+                }
+            }
+        })
     }
 
     /// Kept frames \[rows, side, side\] → the network's input \[rows, 1, side, side\].
@@ -94,7 +112,8 @@ impl Staging {
     /// 32.767 m, where both kinds agree.
     fn upload(&mut self, frames: &[&RawFrame], device: Device) -> Tensor {
         let mut room = self.room(frames.len(), device);
-        copy_frames(&mut room.frames_mut()[..frames.len()], frames);
+        let whole: Vec<_> = frames.iter().map(|frame| DepthFrame::Whole(frame)).collect();
+        copy_frames(&mut room.frames_mut()[..frames.len()], &whole);
         if !device.is_cuda() {
             return room.into_tensor();
         }
@@ -103,14 +122,17 @@ impl Staging {
         raw
     }
 
-    /// Frames → the address of the first of them, one after the other, for a GPU to read.
-    pub(crate) fn gather(&mut self, frames: &[&RawFrame], device: Device) -> *const RawFrame {
+    /// Frames → where they are copied to, each at the beginning of the room for a whole one, for a GPU to read. They lie
+    /// there until the next call.
+    pub(crate) fn gather<'a>(&'a mut self, frames: &[DepthFrame], device: Device) -> Vec<DepthFrame<'a>> {
         let mut room = self.room(frames.len(), device);
-        let places = room.frames_mut();
-        copy_frames(&mut places[..frames.len()], frames);
-        let first = places.as_ptr();
-        self.0 = Some(room);
-        first
+        copy_frames(&mut room.frames_mut()[..frames.len()], frames);
+        let places = self.0.insert(room).frames_mut().iter();
+        let gathered = places.zip(frames).map(|(place, frame)| match frame {
+            DepthFrame::Whole(_) => DepthFrame::Whole(place),
+            DepthFrame::Sums(_) => DepthFrame::Sums(place.first_chunk().expect("sums are fewer than pixels")),
+        });
+        gathered.collect()
     }
 
     /// Takes out the room, if there is enough, or makes it.
@@ -123,11 +145,12 @@ impl Staging {
 
 /// Copies frames, with several threads if there are many: one core uses only a part of the memory bandwidth, and GPU
 /// and actors wait for the copy.
-fn copy_frames(to: &mut [RawFrame], from: &[&RawFrame]) {
+fn copy_frames(to: &mut [RawFrame], from: &[DepthFrame]) {
     let share = from.len().div_ceil(COPY_THREADS).max(COPY_SHARE);
-    let copy = |(to, from): (&mut [RawFrame], &[&RawFrame])| {
+    let copy = |(to, from): (&mut [RawFrame], &[DepthFrame])| {
         for (to, from) in to.iter_mut().zip(from) {
-            to.copy_from_slice(*from);
+            let numbers = from.numbers();
+            to[..numbers.len()].copy_from_slice(numbers);
         }
     };
     std::thread::scope(|scope| {
@@ -138,6 +161,14 @@ fn copy_frames(to: &mut [RawFrame], from: &[&RawFrame]) {
         }
         own.map(copy);
     });
+}
+
+/// Every pixel of it, if that is there.
+fn whole<'a>(frame: &DepthFrame<'a>) -> Option<&'a RawFrame> {
+    match *frame {
+        DepthFrame::Whole(depth_mm) => Some(depth_mm),
+        DepthFrame::Sums(_) => None,
+    }
 }
 
 /// Averages `pool` × `pool` windows.
@@ -162,6 +193,7 @@ fn pool_frame(frame: &RawFrame, pool: usize, pooled: &mut [f32]) {
 mod tests {
     use super::super::parameters::to_vec;
     use super::*;
+    use proto::camera::{SUMS_PIXELS, sum_windows};
 
     fn frame(seed: u32) -> Box<RawFrame> {
         let mut state = seed;
@@ -176,7 +208,7 @@ mod tests {
     #[test]
     fn own_pooling_equals_torchs_bit_for_bit() {
         let frames = [frame(1), frame(2)];
-        let views: Vec<&RawFrame> = frames.iter().map(|frame| &**frame).collect();
+        let views: Vec<_> = frames.iter().map(|frame| DepthFrame::Whole(frame)).collect();
         let raw = FramePreparation::new(1, Device::Cpu).keep(&views, &mut Staging::default());
         for pool in [2u32, 4] {
             let kept = FramePreparation::new(pool, Device::Cpu).keep(&views, &mut Staging::default());
@@ -187,12 +219,34 @@ mod tests {
     }
 
     #[test]
+    fn sums_give_the_bits_of_whole_frames_beside_them_or_alone() {
+        let frames = [frame(1), frame(2)].map(|mut frame| {
+            frame.iter_mut().for_each(|depth_mm| *depth_mm /= 2);
+            frame
+        });
+        let sums = frames.each_ref().map(|frame| {
+            let mut sums_mm: Box<[u16; SUMS_PIXELS]> = vec![0; SUMS_PIXELS].try_into().unwrap();
+            assert!(sum_windows(frame, &mut sums_mm));
+            sums_mm
+        });
+        let preparation = FramePreparation::new(2, Device::Cpu);
+        let kept = |frames: [DepthFrame; 2]| to_vec(&preparation.keep(&frames, &mut Staging::default()));
+        let expected = kept(frames.each_ref().map(|frame| DepthFrame::Whole(frame)));
+        assert_eq!(kept(sums.each_ref().map(|sums_mm| DepthFrame::Sums(sums_mm))), expected);
+        assert_eq!(kept([DepthFrame::Whole(&frames[0]), DepthFrame::Sums(&sums[1])]), expected);
+        // What a GPU would read where it cannot reach the frames.
+        let mut staging = Staging::default();
+        let mixed = [DepthFrame::Sums(&sums[0]), DepthFrame::Whole(&frames[1])];
+        assert_eq!(staging.gather(&mixed, Device::Cpu), mixed);
+    }
+
+    #[test]
     fn depth_is_normalised_in_metres() {
         let mut raw = frame(1);
         raw[0] = 750;
         raw[1] = 0;
         let preparation = FramePreparation::new(1, Device::Cpu);
-        let input = to_vec(&preparation.input(&preparation.keep(&[&raw], &mut Staging::default())));
+        let input = to_vec(&preparation.input(&preparation.keep(&[DepthFrame::Whole(&raw)], &mut Staging::default())));
         assert!((input[0] - 1.0).abs() < 1e-6 && (input[1] + 2.0).abs() < 1e-6);
     }
 }

@@ -2,9 +2,9 @@
 
 use crate::agent::{ACTING, MODEL};
 use crate::checkpoint::TensorsError;
-use crate::network::{Network, RawFrame, Staging, all_finite, goal_coordinates, to_vec};
+use crate::network::{Network, Staging, all_finite, goal_coordinates, to_vec};
 use crate::rollout::{Outcome, Rollout, Step};
-use proto::camera::FRAME_SIDE;
+use proto::camera::{DepthFrame, FRAME_SIDE};
 use proto::config::{Config, nearest};
 use proto::stage::RolloutShape;
 use std::collections::BTreeMap;
@@ -276,7 +276,7 @@ fn kept_frames(file: &Tensors, [steps, columns]: [i64; 2], network: &Network) ->
     whole.copy_data(&mut pixels, count);
     let depths_mm: Vec<u16> = pixels.into_iter().map(i16::cast_unsigned).collect();
     let (frames, _) = depths_mm.as_chunks::<{ FRAME_SIDE * FRAME_SIDE }>();
-    let frames: Vec<&RawFrame> = frames.iter().collect();
+    let frames: Vec<_> = frames.iter().map(DepthFrame::Whole).collect();
     Ok(network.preparation.keep(&frames, &mut Staging::default()))
 }
 

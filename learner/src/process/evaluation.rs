@@ -21,7 +21,7 @@ use proto::stage::RolloutShape;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-use wire::{WireAddress, WireShape, fault};
+use wire::{WireAddress, fault};
 
 /// Time to end once the orchestrator is gone: there is nothing to save.
 const LAST: Duration = Duration::from_mins(1);
@@ -67,7 +67,7 @@ pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
     let seed = (!asked.deterministic).then_some(config.seed);
     let policy_actions = config.episode.action_space.actions().len();
     let examination = Examination::new(plan, column_map, config.reward.lambda_disturb, seed, policy_actions);
-    let ports = Ports::open(&wire, WireShape::of(&config), RANK, config.recording.enabled)?;
+    let ports = Ports::open(&wire, &config, RANK)?;
     let speaker = Speaker { rank: RANK, incarnation, ports: &ports, gone: &gone };
     let boundary = Boundary::start(column_map.columns());
     let mut conversation = Conversation::open(speaker, &config, agent.shards(), boundary, output);

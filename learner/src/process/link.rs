@@ -5,7 +5,8 @@ use crate::collector::{ActionBatch, HalfSample};
 use anyhow::{Context, Result};
 use iceoryx2::port::ReceiveError;
 use iceoryx2::sample::Sample as IoxSample;
-use proto::camera::DepthFrame;
+use proto::camera::{DepthFrame, WINDOW};
+use proto::config::Config;
 use proto::step::{Current, Transition};
 use std::time::Duration;
 use wire::fault;
@@ -18,10 +19,12 @@ use wire::{
 /// A received sample: borrowed from shared memory until it is dropped. A subscriber may hold two of each actor.
 #[derive(Debug)]
 pub struct Sample {
-    sample: IoxSample<Ipc, [Observation], ObservationHeader>,
+    borrowed: IoxSample<Ipc, [Observation], ObservationHeader>,
     /// All but the frames, copied before anything is checked: what lies in shared memory can change between the check
     /// and the use. Every value of a pixel is sound, so the frames stay where they are.
     reports: Vec<Report>,
+    /// Whether the network averages over the windows that sums are of.
+    averages: bool,
 }
 
 /// What one observation says besides its frame.
@@ -33,14 +36,14 @@ struct Report {
 }
 
 impl Sample {
-    fn of(sample: IoxSample<Ipc, [Observation], ObservationHeader>) -> Self {
+    fn of(borrowed: IoxSample<Ipc, [Observation], ObservationHeader>, averages: bool) -> Self {
         let report = |observation: &Observation| Report {
             environment: observation.environment,
             transition: observation.transition,
             current: observation.current,
         };
-        let reports = sample.payload().iter().map(report).collect();
-        Self { sample, reports }
+        let reports = borrowed.payload().iter().map(report).collect();
+        Self { borrowed, reports, averages }
     }
 }
 
@@ -58,7 +61,7 @@ impl HalfSample for Sample {
         &self.reports[i].current
     }
     fn frame(&self, i: usize) -> DepthFrame<'_> {
-        self.sample.payload()[i].frame()
+        self.borrowed.payload()[i].frame(self.averages)
     }
 }
 
@@ -80,13 +83,16 @@ pub struct Ports {
     /// The run's number of the first of [`Self::actors`].
     first_actor: u32,
     actors: Vec<ActorPorts>,
+    averages: bool,
     rank: u32,
     wire: Wire,
 }
 
 impl Ports {
-    /// Joins the services of an orchestrator incarnation. `recorder`: whether it has one.
-    pub fn open(address: &WireAddress, shape: WireShape, rank: u32, recorder: bool) -> Result<Self> {
+    /// Joins the services of an orchestrator incarnation: for the learner `rank` of a run with this configuration.
+    pub fn open(address: &WireAddress, config: &Config, rank: u32) -> Result<Self> {
+        let (shape, recorder) = (WireShape::of(config), config.recording.enabled);
+        let averages = config.network.input_pool as usize == WINDOW;
         let wire = Wire::join(address, shape, &format!("learner-{rank}"))?;
         let observations = wire.observation_subscriber(rank)?;
         let stage = wire.stage_subscriber()?;
@@ -101,13 +107,13 @@ impl Ports {
         let first_actor = shape.shares.actors_of(rank).start;
         let wakeup = wire.bells().wakeup(Sleeper::Learner(rank));
         let ringers = Ringers::start(wire.bells(), shape.shares.actors_of(rank))?;
-        Ok(Self { ringers, observations, stage, receipts, wakeup, first_actor, actors, rank, wire })
+        Ok(Self { ringers, observations, stage, receipts, wakeup, first_actor, actors, averages, rank, wire })
     }
 
     /// The next observation sample, if one is waiting.
     pub fn receive(&self) -> Result<Option<(ObservationHeader, Sample)>> {
         match self.observations.receive() {
-            Ok(sample) => Ok(sample.map(|sample| (*sample.user_header(), Sample::of(sample)))),
+            Ok(sample) => Ok(sample.map(|sample| (*sample.user_header(), Sample::of(sample, self.averages)))),
             // All that is left comes from actors of which two samples are held: it can only be something that was
             // sent twice, and waits until one of those is let go.
             Err(ReceiveError::ExceedsMaxBorrows) => Ok(None),
@@ -205,19 +211,22 @@ impl Ports {
 mod tests {
     use super::*;
     use proto::camera::{FRAME_PIXELS, SUMS_PIXELS};
-    use proto::shares::Shares;
     use std::ptr::{addr_of_mut, write_volatile};
     use wire::WireHost;
+    use wire::message::frame_part;
 
     /// An actor that goes on writing into a sample that it has sent: what was checked is what is used.
     #[test]
     #[expect(clippy::large_stack_arrays, reason = "one frame")]
     fn what_was_received_stays_as_it_was_whatever_its_sender_writes() {
-        let shape = WireShape { shares: Shares::of_one(1), environments_per_actor: 2 };
+        let mut config = Config::default();
+        (config.actors.count, config.actors.environments_per_actor) = (1, 2);
+        config.recording.enabled = false;
+        let shape = WireShape::of(&config);
         let address = WireAddress::new(&format!("testlink{}", std::process::id()), 1);
         let host = WireHost::create(&address, shape).unwrap();
         {
-            let ports = Ports::open(&address, shape, 0, false).unwrap();
+            let ports = Ports::open(&address, &config, 0).unwrap();
             let actor = Wire::join(&address, shape, "actor-0").unwrap();
             let publisher = actor.observation_publisher(0).unwrap();
             let mut loan = publisher.loan_slice_uninit(1).unwrap();
@@ -227,7 +236,7 @@ mod tests {
                 transition: Transition { disturbance_m: 0.5, ..Default::default() },
                 current: Current { target: 3, ..Default::default() },
                 environment: 1,
-                has_sums: 0,
+                parts: frame_part::WHOLE,
                 reserved: [0; 12],
                 depth_mm: [1234; FRAME_PIXELS],
                 sums_mm: [0; SUMS_PIXELS],
@@ -245,11 +254,11 @@ mod tests {
                 write_volatile(addr_of_mut!((*observation).current.target), 99);
                 write_volatile(addr_of_mut!((*observation).depth_mm[7]), 4321);
             }
-            assert_eq!(sample.sample.user_header().half, 7, "the sender reaches what the learner reads");
+            assert_eq!(sample.borrowed.user_header().half, 7, "the sender reaches what the learner reads");
             assert_eq!(received.half, 1);
             assert_eq!((sample.len(), sample.environment(0)), (1, 1));
             assert_eq!((sample.transition(0).disturbance_m, sample.current(0).target), (0.5, 3));
-            assert_eq!(sample.frame(0).depth_mm[7], 4321, "frames are not copied");
+            assert_eq!(sample.frame(0).numbers()[7], 4321, "frames are not copied");
         }
         drop(host);
         address.sweep().unwrap();

@@ -55,8 +55,8 @@ use std::path::PathBuf;
 use std::time::Duration;
 use stop::OrchestratorGone;
 use training::Training;
+use wire::WireAddress;
 use wire::message::Halves;
-use wire::{WireAddress, WireShape};
 
 /// What a learner is started with.
 #[derive(Debug, Clone)]
@@ -131,7 +131,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let Resumed { rollout, frames, boundary, resting, figures, checkpoint } = resumed;
     // 0 = none was found, which is not the checkpoint of rollout 0.
     agent.peers().agree("the rollouts of their checkpoints", checkpoint.as_ref().map_or(0, |_| rollout + 1))?;
-    let ports = Ports::open(&wire, WireShape::of(&config), rank, config.recording.enabled)?;
+    let ports = Ports::open(&wire, &config, rank)?;
     let speaker = Speaker { rank, incarnation, ports: &ports, gone: &gone };
     let mut conversation = Conversation::open(speaker, &config, agent.shards(), boundary, output);
     conversation.tell(&LearnerEvent::Ready {

@@ -6,6 +6,7 @@ use learner::auxiliary::{Disturb, Sizes};
 use learner::import::import;
 use learner::network::{ActorCriticOutput, Network, Observations, Staging, goal_coordinates};
 use proto::action::ActionSpace;
+use proto::camera::DepthFrame;
 use proto::config::{AuxiliaryTask, Config, Encoder, GoalCoordinates};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -64,8 +65,9 @@ fn an_imported_network_says_what_allenacts_says() {
             let frames = [depth_mm(t as usize, 0), depth_mm(t as usize, 1)];
             let goals: Vec<f32> =
                 (0..2).flat_map(|n| goal_coordinates(config.network.goal, goal_m(t as usize, n))).collect();
+            let seen = [0, 1].map(|n| DepthFrame::Whole(&frames[n]));
             let observations = Observations {
-                frames: network.preparation.keep(&[&frames[0], &frames[1]], &mut Staging::default()),
+                frames: network.preparation.keep(&seen, &mut Staging::default()),
                 goals: Tensor::from_slice(&goals).view([2, 3]),
                 // In the second column an episode begins: nothing came before.
                 previous_actions: Tensor::from_slice(&[1 + 3 + t, 0]),

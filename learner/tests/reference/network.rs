@@ -4,6 +4,7 @@ use crate::shared::{assert_close, assert_probes, depth_mm, fixture, goal_m, nois
 use learner::auxiliary::{Disturb, Sizes};
 use learner::network::{ActorCriticOutput, Network, Observations, Packing, RawFrame, Staging, goal_coordinates};
 use proto::action::ActionSpace;
+use proto::camera::DepthFrame;
 use proto::config::{Config, Encoder, GoalCoordinates};
 use tch::{Device, Kind, Tensor};
 
@@ -22,7 +23,7 @@ fn network_matches(name: &str, config: &Config) {
     let at_start = noise_tensor("belief", &[3, hidden]);
     let observe = |rows: &[(usize, usize)]| {
         let frames: Vec<Box<RawFrame>> = rows.iter().map(|&(t, n)| depth_mm(t, n)).collect();
-        let frames: Vec<&RawFrame> = frames.iter().map(|frame| &**frame).collect();
+        let frames: Vec<_> = frames.iter().map(|frame| DepthFrame::Whole(frame)).collect();
         let goals: Vec<f32> =
             rows.iter().flat_map(|&(t, n)| goal_coordinates(config.network.goal, goal_m(t, n))).collect();
         let previous: Vec<i64> = rows.iter().map(|&(t, n)| (5 * t + 3 * n) as i64 % (actions + 1)).collect();

@@ -138,7 +138,7 @@ impl World {
         act: impl FnOnce(&mut Agent, &StepInput) -> T,
     ) -> T {
         let frames: Vec<Box<RawFrame>> = columns.iter().map(|&n| depth_mm(now, n)).collect();
-        let frames: Vec<DepthFrame> = frames.iter().map(|frame| DepthFrame::of(frame)).collect();
+        let frames: Vec<DepthFrame> = frames.iter().map(|frame| DepthFrame::Whole(frame)).collect();
         let goal_m: Vec<[f32; 3]> = columns.iter().map(|&n| goal_m(now, n)).collect();
         let previous_action: Vec<u8> = columns.iter().map(|&n| self.previous[n]).collect();
         let episode_start: Vec<bool> = previous_action.iter().map(|&action| action == NO_ACTION).collect();

@@ -1,7 +1,7 @@
 //! Payloads in shared memory. All are `repr(C)` and have their sizes asserted at compile time.
 //!
 //! All are [`Pod`], too: the compiler thereby proves that they hold no pointers and no hidden padding. Equal messages
-//! have equal bytes.
+//! have equal bytes, but for what an [`Observation`] does not have of its frame.
 
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
@@ -9,7 +9,7 @@ use proto::camera::{DepthFrame, FRAME_PIXELS, SUMS_PIXELS};
 use proto::episode::MAX_EPISODE_STEPS;
 use proto::step::{Current, Transition};
 
-/// One environment's answer to one action: what the action did, what is seen now, and the depth frame with its sums.
+/// One environment's answer to one action: what the action did, what is seen now, and the depth frame, its sums, or both.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 #[repr(align(64))]
@@ -20,20 +20,25 @@ pub struct Observation {
     pub current: Current,
     /// Environment index within the actor.
     pub environment: u32,
-    /// 1 if `sums_mm` holds the frame's sums, else 0.
-    pub has_sums: u32,
+    /// What is there of the frame: bits of [`frame_part`].
+    pub parts: u32,
     /// Padding up to the frame, which begins on a cache line, always 0.
     pub reserved: [u32; 12],
-    /// Depth along the camera's axis, millimetres, row-major from the top left; 0 where nothing was hit.
+    /// Depth along the camera's axis, millimetres, row-major from the top left; 0 where nothing was hit. Anything, unless
+    /// it is one of the parts.
     pub depth_mm: [u16; FRAME_PIXELS],
-    /// What [`proto::camera::sum_windows`] makes of the frame, where the network averages over such windows.
+    /// What [`proto::camera::sum_windows`] makes of the frame. Anything, unless it is one of the parts.
     pub sums_mm: [u16; SUMS_PIXELS],
 }
 
 impl Observation {
-    /// The frame, where it lies.
-    pub fn frame(&self) -> DepthFrame<'_> {
-        DepthFrame { depth_mm: &self.depth_mm, sums_mm: (self.has_sums == 1).then_some(&self.sums_mm) }
+    /// The frame for a network, where it lies; its sums only if the network `averages` over such windows.
+    pub fn frame(&self, averages: bool) -> DepthFrame<'_> {
+        if averages && self.parts & frame_part::SUMS != 0 {
+            DepthFrame::Sums(&self.sums_mm)
+        } else {
+            DepthFrame::Whole(&self.depth_mm)
+        }
     }
 }
 
@@ -41,8 +46,16 @@ impl Observation {
 // every field, and two of them are types of `proto`, which has no transport.)
 unsafe impl ZeroCopySend for Observation {
     unsafe fn type_name() -> &'static str {
-        "stillroom/Observation/4"
+        "stillroom/Observation/5"
     }
+}
+
+/// Parts of a frame in an [`Observation`].
+pub mod frame_part {
+    /// `depth_mm`: for a network that reads it, and for whoever records it.
+    pub const WHOLE: u32 = 1;
+    /// `sums_mm`: there only if the network averages over such windows, and then all that it reads.
+    pub const SUMS: u32 = 2;
 }
 
 /// Byte offset of the depth frame in an [`Observation`].

@@ -8,13 +8,16 @@ use super::placed_bodies::pose_bits;
 use crate::kitchen::{Body, BodyRole};
 use rapier3d::math::Pose3;
 
-/// The unmoving part of one environment's picture: about 0.1 MB at 224 × 224, nothing until the first.
+/// The unmoving part of one environment's picture: about 0.1 MB at 224 × 224, a quarter more with its sums, nothing until
+/// the first.
 #[derive(Debug, Clone, Default)]
 pub struct Backdrop {
     /// The camera's pose, and the image's side, that it was drawn for.
     drawn_for: Option<([u32; 7], usize)>,
     /// What belongs to it, millimetres.
     pub(super) frame_mm: Vec<u16>,
+    /// The sums of its windows, and whether all fit into 16 bits; none before they are asked for.
+    pub(super) sums: Option<(Vec<u16>, bool)>,
     /// Triangles of the bodies in it that are in view.
     pub(super) view_set_triangles: usize,
     bodies: Vec<Standing>,

@@ -10,8 +10,8 @@ use super::round::{RoundBrush, sphere};
 use super::simd::{LANES, Lanes};
 use super::view::{Lens, NEAR_M, View, meets_view};
 use crate::kitchen::{Body, BodyRole};
+use proto::camera::{FRAME_SIDE, SUMS_PIXELS, sum_windows};
 use rapier3d::math::Pose3;
-use std::mem::MaybeUninit;
 
 /// What a camera draws: the bodies of one kitchen.
 #[derive(Debug, Clone)]
@@ -46,7 +46,7 @@ impl DepthCamera {
     pub fn new(bodies: &[Body]) -> Self {
         Self {
             scenery: Scenery::of(bodies),
-            buffer: DepthBuffer::new(proto::camera::FRAME_SIDE),
+            buffer: DepthBuffer::new(FRAME_SIDE),
             outline: Outline::default(),
             polyhedra: PolyhedronBrush::new(),
             rounds: RoundBrush::new(),
@@ -82,29 +82,13 @@ impl DepthCamera {
         self.buffer.finish(depth_mm);
     }
 
-    /// Renders the same frame as [`Self::render`], bit for bit, into memory that need not be initialised, and returns
-    /// it initialised. `backdrop` keeps what is likely to be the same in the next frame. One backdrop belongs to one
-    /// environment; what it keeps is checked, so that a wrong one costs time and nothing else.
+    /// Renders the same frame as [`Self::render`], bit for bit. `backdrop` keeps what is likely to be the same in the next
+    /// frame. One backdrop belongs to one environment; what it keeps is checked, so that a wrong one costs time and
+    /// nothing else.
     ///
     /// # Panics
     /// If there is not one pose a body, or the frame has another size.
-    pub(crate) fn render_over<'a>(
-        &mut self,
-        backdrop: &mut Backdrop,
-        world_from_bodies: &[Pose3],
-        world_from_camera: Pose3,
-        side: usize,
-        depth_mm: &'a mut [MaybeUninit<u16>],
-    ) -> &'a [u16] {
-        self.draw_over(backdrop, world_from_bodies, world_from_camera, side);
-        self.buffer.finish_over(&backdrop.frame_mm, depth_mm)
-    }
-
-    /// The same into memory that is initialised.
-    ///
-    /// # Panics
-    /// If there is not one pose a body, or the frame has another size.
-    pub(crate) fn render_over_written(
+    pub(crate) fn render_over(
         &mut self,
         backdrop: &mut Backdrop,
         world_from_bodies: &[Pose3],
@@ -115,6 +99,28 @@ impl DepthCamera {
         self.draw_over(backdrop, world_from_bodies, world_from_camera, side);
         depth_mm.copy_from_slice(&backdrop.frame_mm);
         self.buffer.put_before(depth_mm);
+    }
+
+    /// The sums of the windows of that frame, as [`proto::camera::sum_windows`] gives them, in a quarter of the memory.
+    /// Returns false if they do not fit into 16 bits, or may not: then nothing is said.
+    ///
+    /// # Panics
+    /// If there is not one pose a body.
+    pub(crate) fn render_sums_over(
+        &mut self,
+        backdrop: &mut Backdrop,
+        world_from_bodies: &[Pose3],
+        world_from_camera: Pose3,
+        sums_mm: &mut [u16; SUMS_PIXELS],
+    ) -> bool {
+        self.draw_over(backdrop, world_from_bodies, world_from_camera, FRAME_SIDE);
+        let Backdrop { frame_mm, sums, .. } = backdrop;
+        let (behind_mm, fit) = sums.get_or_insert_with(|| {
+            let fit = sum_windows(frame_mm.as_slice().try_into().expect("drawn above, of this side"), sums_mm);
+            (sums_mm.to_vec(), fit)
+        });
+        sums_mm.copy_from_slice(behind_mm);
+        self.buffer.put_before_sums(frame_mm, sums_mm) && *fit
     }
 
     /// Draws what stands before the backdrop, and before that the backdrop where it has changed.
@@ -129,6 +135,7 @@ impl DepthCamera {
         if backdrop.prepare(&self.scenery.roles, world_from_bodies, &world_from_camera, side) == Redraw::Everything {
             backdrop.view_set_triangles = self.draw(&view, |body| backdrop.holds(body));
             self.buffer.finish(&mut backdrop.frame_mm);
+            backdrop.sums = None;
         }
         let before = self.draw(&view, |body| !backdrop.holds(body));
         self.view_set_triangles = backdrop.view_set_triangles + before;

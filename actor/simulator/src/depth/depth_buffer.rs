@@ -7,7 +7,7 @@
 use super::centres::{first_centre, first_centres, least, most};
 use super::simd::{LANES, Lanes};
 use super::surface::{Plane, Planes, Surface};
-use std::mem::MaybeUninit;
+use proto::camera::WINDOW;
 
 /// Largest depth a pixel can hold, millimetres: signed and unsigned 16-bit readers agree on it.
 pub const DEPTH_MAX_MM: u16 = 32_766;
@@ -160,15 +160,6 @@ impl DepthBuffer {
         self.drawn = NO_ROWS;
     }
 
-    /// Puts the image before another one in millimetres, into memory that need not be initialised, and clears it for
-    /// the next one.
-    pub fn finish_over<'a>(&mut self, behind_mm: &[u16], depth_mm: &'a mut [MaybeUninit<u16>]) -> &'a mut [u16] {
-        assert_eq!(depth_mm.len(), behind_mm.len(), "the frame is a square of this side");
-        let depth_mm = depth_mm.write_copy_of_slice(behind_mm);
-        self.put_before(depth_mm);
-        depth_mm
-    }
-
     /// Puts the image before another one in millimetres, and clears it for the next one.
     pub fn put_before(&mut self, depth_mm: &mut [u16]) {
         assert_eq!(depth_mm.len(), self.side * self.side, "the frame is a square of this side");
@@ -188,6 +179,50 @@ impl DepthBuffer {
             }
         }
         self.drawn = NO_ROWS;
+    }
+
+    /// Puts the image before another one of which the sums of windows of 2 × 2 pixels are known, and clears it for the
+    /// next one: `behind_mm` is the other one, `sums_mm` has its sums, and those of both together afterwards. Returns
+    /// whether the new ones fit into 16 bits.
+    pub fn put_before_sums(&mut self, behind_mm: &[u16], sums_mm: &mut [u16]) -> bool {
+        const WINDOWS: usize = LANES / WINDOW;
+        let side = self.side;
+        assert!(side.is_multiple_of(LANES) && side.is_multiple_of(WINDOW), "groups of pixels are whole windows");
+        assert!(
+            behind_mm.len() == side * side && sums_mm.len() * WINDOW * WINDOW == side * side,
+            "both are of this side"
+        );
+        let zero = Lanes::splat(0.0);
+        let mut bits = 0;
+        let [top, bottom] = self.drawn;
+        let bands = self.inverse_m.chunks_exact_mut(WINDOW * self.groups).zip(behind_mm.chunks_exact(WINDOW * side));
+        let bands = bands.zip(sums_mm.chunks_exact_mut(side / WINDOW));
+        for ((band, behind_mm), sums_mm) in bands.take(bottom.div_ceil(WINDOW)).skip(top / WINDOW) {
+            let (upper, lower) = band.split_at_mut(self.groups);
+            let (upper_mm, lower_mm) = behind_mm.split_at(side);
+            let groups = upper.iter_mut().zip(lower).zip(sums_mm.as_chunks_mut::<WINDOWS>().0);
+            let behind = upper_mm.as_chunks::<LANES>().0.iter().zip(lower_mm.as_chunks::<LANES>().0);
+            for (((upper, lower), sums_mm), (upper_mm, lower_mm)) in groups.zip(behind) {
+                let inverse_m = [Lanes::load(upper), Lanes::load(lower)];
+                if inverse_m.iter().all(|&row| zero.less(row).bits() == 0) {
+                    continue;
+                }
+                zero.store(upper);
+                zero.store(lower);
+                let [above, below] = inverse_m.map(millimetres);
+                for (window, sum_mm) in sums_mm.iter_mut().enumerate() {
+                    let mut sum = 0;
+                    for pixel in WINDOW * window..WINDOW * (window + 1) {
+                        sum += u32::from(nearer(upper_mm[pixel], above[pixel]));
+                        sum += u32::from(nearer(lower_mm[pixel], below[pixel]));
+                    }
+                    bits |= sum;
+                    *sum_mm = sum as u16;
+                }
+            }
+        }
+        self.drawn = NO_ROWS;
+        u16::try_from(bits).is_ok()
     }
 }
 

@@ -7,6 +7,7 @@ use crate::kitchen::{Body, BodyRole};
 use crate::mesh::triangles_of;
 use crate::physics::geometry::rotation_x;
 use crate::shape::{Concave, Part, Primitive, Shape};
+use proto::camera::{FRAME_SIDE, SUMS_PIXELS, sum_windows};
 use proto::random::{Key, Purpose, Random};
 use rapier3d::math::{Pose3, Vec3};
 use rapier3d::parry::query::{Ray, RayCast};
@@ -230,7 +231,9 @@ fn a_frame_over_a_backdrop_has_the_same_bits_as_a_full_redraw() {
     let (mut camera, mut reference) = (DepthCamera::new(&bodies), DepthCamera::new(&bodies));
     // Two environments with one camera, in turn.
     let mut environments: Vec<_> = (0..2).map(|_| (Backdrop::default(), settled.clone(), Pose3::identity())).collect();
-    let mut expected = vec![0; 224 * 224];
+    let (mut frame, mut expected) = (vec![], vec![0; 224 * 224]);
+    let room = || -> Box<[u16; SUMS_PIXELS]> { vec![0; SUMS_PIXELS].try_into().unwrap() };
+    let (mut sums, mut expected_sums, mut summed) = (room(), room(), 0);
     for step in 0..300 {
         let mut random = random(5000 + step);
         let (backdrop, poses, world_from_camera) = &mut environments[step as usize % 2];
@@ -253,13 +256,23 @@ fn a_frame_over_a_backdrop_has_the_same_bits_as_a_full_redraw() {
             _ => robot.clone().for_each(|part| nudge(&mut random, &mut poses[part])),
         }
         let side = if step % 50 < 40 { 224 } else { 60 };
-        let mut frame = vec![std::mem::MaybeUninit::uninit(); side * side];
-        let frame = camera.render_over(backdrop, poses, *world_from_camera, side, &mut frame);
+        frame.resize(side * side, 0);
         expected.resize(side * side, 0);
         reference.render(poses, *world_from_camera, side, &mut expected);
-        assert!(*frame == expected[..], "step {step}");
+        // Each way alone, and one after the other.
+        if side == FRAME_SIDE && step % 3 != 0 {
+            let fit = sum_windows(expected.as_slice().try_into().unwrap(), &mut expected_sums);
+            let given = camera.render_sums_over(backdrop, poses, *world_from_camera, &mut sums);
+            assert!(!given || fit && sums == expected_sums, "sums of step {step}");
+            summed += usize::from(given);
+        }
+        if side != FRAME_SIDE || step % 3 != 1 {
+            camera.render_over(backdrop, poses, *world_from_camera, side, &mut frame);
+            assert!(frame == expected, "step {step}");
+        }
         assert_eq!(camera.view_set_triangles(), reference.view_set_triangles(), "step {step}");
     }
+    assert!(summed > 100, "{summed}");
 }
 
 #[test]

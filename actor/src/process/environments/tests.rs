@@ -36,10 +36,10 @@ fn played(environments: &mut Environments, before: impl Fn(&mut Environments)) -
             .collect();
         environments.act(0..actions.len(), &actions).unwrap();
         for index in 0..actions.len() {
-            let mut slot = Box::new(MaybeUninit::uninit());
-            let observation = environments.observe(index, &mut slot);
+            let mut observation = bytemuck::zeroed_box();
+            environments.observe(index, &mut observation);
             assert_eq!(observation.current.episode, environments.running[index].episode);
-            seen.push((observation.transition, xxhash_rust::xxh3::xxh3_64(bytemuck::bytes_of(observation))));
+            seen.push((observation.transition, xxhash_rust::xxh3::xxh3_64(bytemuck::bytes_of(&*observation))));
         }
     }
     seen

@@ -99,14 +99,15 @@ impl Source {
 }
 
 impl ActingKernels {
-    /// What is read of a frame: its sums where those are what is kept, else all of it.
+    /// What is read of a frame: all that is there.
+    ///
+    /// # Panics
+    /// If there are sums of other windows than what is kept.
     pub fn source(&self, frame: &DepthFrame) -> Source {
-        match frame.sums_mm.filter(|_| self.side == SUMS_SIDE as i64) {
-            Some(sums_mm) => Source { address: sums_mm.as_ptr() as usize, bytes: size_of_val(sums_mm), sums: true },
-            None => {
-                Source { address: frame.depth_mm.as_ptr() as usize, bytes: size_of_val(frame.depth_mm), sums: false }
-            }
-        }
+        let sums = matches!(frame, DepthFrame::Sums(_));
+        assert!(!sums || self.side == SUMS_SIDE as i64, "sums are of the windows that are averaged over");
+        let numbers = frame.numbers();
+        Source { address: numbers.as_ptr() as usize, bytes: size_of_val(numbers), sums }
     }
 
     /// Reads frames where `frames` (i64 \[rows\], [`Source::word`]) says, pools them, and writes them to `kept` f32

@@ -257,7 +257,7 @@ fn kernel_of_observing_frames_and_sums() {
     // SAFETY: pinned memory of these sizes, which outlives the frames.
     let frames = unsafe {
         let depth_mm = &*whole.data_ptr().cast::<[u16; FRAME_PIXELS]>();
-        [DepthFrame::of(depth_mm), DepthFrame { depth_mm, sums_mm: Some(&*part.data_ptr().cast()) }]
+        [DepthFrame::Whole(depth_mm), DepthFrame::Sums(&*part.data_ptr().cast())]
     };
     let words = frames.each_ref().map(|frame| kernels.acting.source(frame).word());
     assert_ne!(words[0], words[1], "one is read whole");

@@ -23,7 +23,7 @@ use proto::rota::Rota;
 use proto::step::{Current, Transition, current_flag, transition_flag};
 use std::collections::BTreeMap;
 use wire::WireShape;
-use wire::message::{Halves, Observation, ObservationHeader};
+use wire::message::{Halves, Observation, ObservationHeader, frame_part};
 
 #[cfg(target_endian = "big")]
 compile_error!("16UC1 images are little-endian and are copied as they lie in memory");
@@ -217,7 +217,9 @@ impl Scribe {
             if current.flags & current_flag::EPISODE_START != 0 {
                 self.episode_start(time_ns, header, environment, current)?;
             }
-            if current.flags & current_flag::RECORD_DEPTH != 0 {
+            // Both come of one draw in the actor; what is not there is not recorded.
+            let is_there = observation.parts & frame_part::WHOLE != 0;
+            if is_there && current.flags & current_flag::RECORD_DEPTH != 0 {
                 self.depth(time_ns, environment, observation)?;
             }
         }

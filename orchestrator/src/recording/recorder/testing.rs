@@ -5,7 +5,7 @@ use proto::camera::FRAME_SIDE;
 use proto::reward::RewardParts;
 use proto::step::{Current, Transition, current_flag, transition_flag};
 use std::time::{Duration, Instant};
-use wire::message::{Halves, Observation, ObservationHeader, observation_kind};
+use wire::message::{Halves, Observation, ObservationHeader, frame_part, observation_kind};
 use wire::{Bell, ObservationPublisher, Sleeper, Wire, WireAddress, WireShape};
 
 /// Length of every test episode, steps.
@@ -83,7 +83,7 @@ pub fn described(exchange: u64, flags: u32) -> (Transition, Current) {
 pub fn observation(environment: u32, exchange: u64, flags: u32) -> Observation {
     let (transition, current) = described(exchange, flags);
     let depth_mm = std::array::from_fn(|index| (index % FRAME_SIDE) as u16 + exchange as u16);
-    Observation { transition, current, environment, depth_mm, ..Observation::zeroed() }
+    Observation { transition, current, environment, parts: frame_part::WHOLE, depth_mm, ..Observation::zeroed() }
 }
 
 fn position(exchange: u64) -> (u32, u32) {

@@ -26,6 +26,6 @@ impl HalfSample for Sample {
         &self.0.value.1[i].2
     }
     fn frame(&self, _i: usize) -> DepthFrame<'_> {
-        DepthFrame::of(&FRAME)
+        DepthFrame::Whole(&FRAME)
     }
 }
