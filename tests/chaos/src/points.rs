@@ -139,8 +139,10 @@ mod tests {
     use std::collections::BTreeSet;
     use std::path::Path;
 
-    /// Points that only the change of a complete run's budget passes; a system test of its own arms them.
-    const ELSEWHERE: [&str; 3] = ["resume.before_budget", "resume.amid_budget", "resume.after_budget"];
+    /// Points that tests of their own arm: they are passed only where a complete run's budget changes, and where a suite
+    /// clears an evaluation that was cut off.
+    const ELSEWHERE: [&str; 4] =
+        ["resume.before_budget", "resume.amid_budget", "resume.after_budget", "cut_off.after_entry"];
 
     fn points_under(folder: &Path, found: &mut BTreeSet<String>) {
         for entry in std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {

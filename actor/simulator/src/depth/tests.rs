@@ -276,6 +276,26 @@ fn a_frame_over_a_backdrop_has_the_same_bits_as_a_full_redraw() {
 }
 
 #[test]
+fn sums_that_16_bits_do_not_hold_are_refused() {
+    let mut sums: Box<[u16; SUMS_PIXELS]> = vec![0; SUMS_PIXELS].try_into().unwrap();
+    // In the backdrop, and before it.
+    for role in [BodyRole::Movable, BodyRole::Robot] {
+        let shape = Shape::of(Primitive::Cuboid { half_extents_m: Vec3::new(50.0, 50.0, 0.5) });
+        let mut camera = DepthCamera::new(&[Body { role, ..body(shape) }]);
+        let mut backdrop = Backdrop::default();
+        for (depth_m, fit) in [(16.383, true), (16.384, false), (2.0, true)] {
+            let wall = Pose3::translation(0.0, 0.0, depth_m + 0.5);
+            // Twice: whatever moves is no part of the backdrop.
+            for _ in 0..2 {
+                let given = camera.render_sums_over(&mut backdrop, &[wall], Pose3::identity(), &mut sums);
+                assert_eq!(given, fit, "{depth_m} m");
+                assert!(!fit || sums.iter().all(|&sum| u32::from(sum) == (4000.0 * depth_m).round() as u32));
+            }
+        }
+    }
+}
+
+#[test]
 fn the_view_set_is_what_is_ahead() {
     let cube = || body(Shape::of(Primitive::Cuboid { half_extents_m: Vec3::splat(0.1) }));
     let ball = body(Shape::of(Primitive::Sphere { radius_m: 0.1 }));
