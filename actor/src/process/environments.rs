@@ -244,8 +244,8 @@ impl Environments {
         Ok(())
     }
 
-    /// Writes the observation of environment `index`. Of its frame that is rendered in place which is read: where the
-    /// network averages over windows their sums alone, but the whole frame if it is recorded.
+    /// Writes the observation of environment `index`, its frame in place. Where the network averages over windows only
+    /// their sums are written, and the whole frame as well if it is recorded.
     pub fn observe(&mut self, index: usize, observation: &mut Observation) {
         let Self { running, camera, sceneries, sums, .. } = self;
         let (running, mut own) = (&mut running[index], sceneries.get_mut(index));

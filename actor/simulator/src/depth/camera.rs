@@ -102,7 +102,7 @@ impl DepthCamera {
     }
 
     /// The sums of the windows of that frame, as [`proto::camera::sum_windows`] gives them, in a quarter of the memory.
-    /// Returns false if they do not fit into 16 bits, or may not: then nothing is said.
+    /// Returns false if they may not fit into 16 bits: then `sums_mm` holds anything.
     ///
     /// # Panics
     /// If there is not one pose a body.
