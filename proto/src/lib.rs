@@ -6,8 +6,8 @@
 //! tensors, and no transport: what crosses shared memory, and how, is the crate `wire`.
 //!
 //! Beside the contract stand the few functions by which every process writes files that must survive ([`disk`],
-//! [`run_folder`], [`pin`]), opens files that others may have put there ([`plain_file`]), and passes the places where a
-//! test kills it ([`fault`]).
+//! [`run_folder`], [`pin`]), opens files that others may have put there ([`plain_file`]), prints commands to paste
+//! ([`shell`]), and passes the places where a test kills it ([`fault`]).
 //!
 //! # Axes and units
 //! World and robot frames follow AI2-THOR: **x right, y up, z ahead**, metres, radians. Yaw turns about +y; yaw 0
@@ -45,6 +45,7 @@ pub mod rota;
 pub mod run_folder;
 pub mod run_state;
 pub mod shares;
+pub mod shell;
 pub mod show;
 pub mod stage;
 pub mod step;

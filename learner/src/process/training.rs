@@ -23,6 +23,7 @@ use proto::learning_rate::learning_rate_progress;
 use proto::metric;
 use proto::reward::RewardKind;
 use proto::run_folder::RunFolder;
+use proto::shell::quoted;
 use proto::stage::{RolloutShape, StagePosition, position_at};
 use proto::trained::{History, Trained};
 use std::collections::BTreeMap;
@@ -470,7 +471,7 @@ impl<W: Write> Training<'_, W> {
                         "the orchestrator does not answer: rollout {rollout} was not announced within {} s. The run is \
                          saved: end the orchestrator if it still runs, then `orchestrator resume {}`",
                         ANNOUNCEMENT_DEADLINE.as_secs(),
-                        self.run.root().display()
+                        quoted(self.run.root())
                     ))));
                 }
                 Permission::Wait => self.conversation.wait(left),

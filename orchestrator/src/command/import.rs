@@ -12,6 +12,7 @@ use export::PolicyError;
 use proto::config::{Config, presets};
 use proto::policy_file::PolicyFileError;
 use proto::run_folder::{RunFolder, unlike_a_flag};
+use proto::shell::quoted;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -71,7 +72,7 @@ pub fn run(args: &ImportArgs) -> Result<()> {
         remove(root, was_there).with_context(|| format!("cannot remove {}", root.display()))?;
     }
     imported.map_err(|error| if defaulted { anyhow!("{error:#}. {}", other_presets(&config)) } else { error })?;
-    terminal::note(&format!("`orchestrator resume {}` trains on from these weights", folder.root().display()));
+    terminal::note(&format!("`orchestrator resume {}` trains on from these weights", quoted(folder.root())));
     Ok(())
 }
 

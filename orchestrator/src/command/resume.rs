@@ -23,6 +23,7 @@ use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
+use proto::shell::quoted;
 use std::fs::OpenOptions;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -146,7 +147,7 @@ fn demand_checkpoint(folder: &RunFolder) -> Result<()> {
             "this run has trained, but there is no checkpoint of it in {}, and without one all that it has learned is \
              gone: put that folder back from a copy, or begin anew with `orchestrator up --config {}` and another folder",
             checkpoints.display(),
-            folder.config().display()
+            quoted(folder.config())
         );
     }
     Ok(())

@@ -10,6 +10,7 @@ use crate::suite;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::run_folder::RunFolder;
+use proto::shell::quoted;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -98,7 +99,8 @@ fn signed(folder: &RunFolder, actors: u32) -> Result<Holder> {
             Held::By(holder) if holder.host != host_name() => bail!("{root} is run on {}: scale it there", holder.host),
             Held::By(holder) => return Ok(holder),
             Held::Free => {
-                bail!("{root} does not run: `orchestrator resume {root} --actors {actors}` goes on with that number")
+                let run = quoted(folder.root());
+                bail!("{root} does not run: `orchestrator resume {run} --actors {actors}` goes on with that number")
             }
             Held::Unsigned if begin.elapsed() > Duration::from_mins(1) => {
                 bail!("{root} is about to start for a minute already: try again when it trains")

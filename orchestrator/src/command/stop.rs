@@ -12,6 +12,7 @@ use anyhow::{Result, bail};
 use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
 use proto::run_state::Ending;
+use proto::shell::quoted;
 use std::fs::OpenOptions;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::PathBuf;
@@ -97,14 +98,15 @@ pub fn run(args: &StopArgs) -> Result<()> {
         terminal::note(&format!("{root} does not run"));
     }
     let identity = Identity::read(&folder)?;
+    let run = quoted(folder.root());
     let Some(last) = identity.incarnations.last() else {
-        bail!("{root} has not been started yet: `orchestrator resume {root}` does that");
+        bail!("{root} has not been started yet: `orchestrator resume {run}` does that");
     };
     let Some(ended) = &last.ended else {
         if is_evaluation(&folder) {
             bail!("{root} was cut off: the evaluation has no result");
         }
-        bail!("{root} was cut off; `orchestrator resume {root}` goes on from its last checkpoint");
+        bail!("{root} was cut off; `orchestrator resume {run}` goes on from its last checkpoint");
     };
     if ended.how == Ending::Failed {
         bail!("{what} {} failed: {}", identity.id, ended.reason.as_deref().unwrap_or("no reason is recorded"));

@@ -8,9 +8,10 @@ use crate::showing::table::aligned;
 use crate::showing::terminal;
 use crate::suite::{Asked, Standing, Suite, SuiteEntry, SuiteFolder, SuiteOutcome, run as work, standings};
 use crate::supervisor::session::EXIT_INTERRUPTED;
-use crate::training::next_steps::{program, quoted};
+use crate::training::next_steps::program;
 use anyhow::{Context, Result, ensure};
 use proto::device::VISIBLE_DEVICES;
+use proto::shell::quoted;
 use report::Options;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -179,13 +180,12 @@ fn announce(suite: &Suite, folder: &SuiteFolder, as_json: bool) -> serde_json::R
 
 /// The same call.
 fn again(args: &SuiteArgs) -> String {
-    let path = |path: &Path| quoted(&path.display().to_string());
-    let mut call = vec![program(), "suite".to_owned(), path(&args.file)];
+    let mut call = vec![program(), "suite".to_owned(), quoted(&args.file)];
     if let Some(out) = &args.out {
-        call.extend(["--out".to_owned(), path(out)]);
+        call.extend(["--out".to_owned(), quoted(out)]);
     }
     if !args.gpus.is_empty() {
-        call.extend(["--gpus".to_owned(), quoted(&args.gpus.join(","))]);
+        call.extend(["--gpus".to_owned(), quoted(args.gpus.join(","))]);
     }
     if !args.seed.is_empty() {
         let seeds: Vec<String> = args.seed.iter().map(u64::to_string).collect();

@@ -7,12 +7,13 @@ use crate::run::identity::unix_now;
 use crate::showing::format;
 use crate::showing::terminal;
 use crate::supervisor::session::EXIT_INTERRUPTED;
-use crate::training::next_steps::{program, quoted};
+use crate::training::next_steps::program;
 use crate::tuning::search::{Choice, Search, Speed, Tried};
 use crate::tuning::trial::{self, Interrupts, Outcome, Patience, Workshop};
 use anyhow::{Context, Result, bail};
 use proto::config::{Config, MachineConfig, Pin, presets};
 use proto::run_folder::RunFolder;
+use proto::shell::quoted;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -90,7 +91,7 @@ pub fn run(args: &TuneArgs) -> Result<ExitCode> {
     } else {
         terminal::out(text.trim_end());
     }
-    let file = args.out.as_ref().map_or_else(|| "FILE".to_owned(), |path| quoted(&path.display().to_string()));
+    let file = args.out.as_ref().map_or_else(|| "FILE".to_owned(), quoted);
     let own = [("--config", args.overrides.config.is_some()), ("--set", !args.overrides.set.is_empty())];
     let own: Vec<&str> = own.into_iter().filter(|(_, given)| *given).map(|(flag, _)| flag).collect();
     let beside =

@@ -18,6 +18,7 @@ use anyhow::{Context, Result, bail};
 use proto::checkpoint::Manifest;
 use proto::config::{Config, FromConfig};
 use proto::run_folder::RunFolder;
+use proto::shell::quoted;
 use proto::stage::total_frames;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -142,7 +143,7 @@ fn show(folder: &RunFolder) {
         command.stdin(std::process::Stdio::null()).stdout(std::io::stderr()).spawn()
     });
     if let Err(error) = started {
-        terminal::note(&format!("cannot start a viewer ({error}): `orchestrator view {}`", folder.root().display()));
+        terminal::note(&format!("cannot start a viewer ({error}): `orchestrator view {}`", quoted(folder.root())));
     }
 }
 

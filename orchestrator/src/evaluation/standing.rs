@@ -1,6 +1,7 @@
 //! Progress of an evaluation: from its events while it runs, or from its folder alone.
 
 use super::journal;
+use crate::run::damaged::damaged;
 use crate::showing::format;
 use anyhow::{Context, Result};
 use proto::bounded;
@@ -51,8 +52,8 @@ impl Standing {
         let path = folder.root().join(RESULT_FILE);
         match bounded::read_figures_text(&path) {
             Ok(text) => {
-                let evaluation: Evaluation =
-                    serde_json::from_str(&text).with_context(|| format!("{} is damaged", path.display()))?;
+                let evaluation: Evaluation = serde_json::from_str(&text)
+                    .with_context(|| damaged(&path, "delete its folder, and evaluate again"))?;
                 Ok(Some(Self { result: Some(path), ..Self::at(asked, &evaluation.overall) }))
             }
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {

@@ -9,6 +9,7 @@ use export::Policy;
 use proto::checkpoint::Manifest;
 use proto::config::Config;
 use proto::run_folder::{RolloutName, RunFolder};
+use proto::shell::quoted;
 use std::path::{Path, PathBuf};
 
 /// Where weights come from.
@@ -55,9 +56,10 @@ impl Source {
         match self {
             Self::Checkpoint(found) => Ok(*found),
             Self::File { path, .. } => bail!(
-                "{0} is a policy file, not a checkpoint: `orchestrator import {0} --run DIR --preset P` makes a run that \
+                "{} is a policy file, not a checkpoint: `orchestrator import {} --run DIR --preset P` makes a run that \
                  begins with its weights",
-                path.display()
+                path.display(),
+                quoted(&path)
             ),
         }
     }

@@ -2,6 +2,7 @@
 
 use mcap::records::Record;
 use proto::bounded;
+use proto::shell::quoted;
 use salvage::{Account, FileSource, Limits, ReadError, Trust};
 use std::fs::TryLockError;
 use std::path::{Path, PathBuf};
@@ -73,7 +74,7 @@ impl Extent {
 
     /// The warnings for the user about the file at `path`; none when it is complete.
     pub fn complaints(&self, path: &Path) -> Vec<String> {
-        let (path, account) = (path.display(), &self.account);
+        let (file, path, account) = (quoted(path), path.display(), &self.account);
         if self.live {
             return vec![format!("{path} is being written: read up to message {}", self.messages)];
         }
@@ -86,7 +87,7 @@ impl Extent {
             let how = if self.end == FileEnd::Cut { "was cut off" } else { "is damaged" };
             let (messages, outcome) = (self.messages, account.outcome());
             lines.push(format!(
-                "{path} {how}: {messages} messages are readable, {outcome}; `orchestrator recover {path}` repairs it"
+                "{path} {how}: {messages} messages are readable, {outcome}; `orchestrator recover {file}` repairs it"
             ));
             lines.extend(account.lines().into_iter().map(|line| format!("  {line}")));
         }

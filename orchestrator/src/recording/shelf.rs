@@ -19,6 +19,7 @@ use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::{KitchenId, Kitchens};
 use proto::replay::RecordedEpisode;
+use proto::shell::quoted;
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::fs::{File, TryLockError};
 use std::os::unix::fs::FileExt;
@@ -321,11 +322,12 @@ impl Shelf {
             // A flush that is seen half is whole a moment later.
             if !is_growing(&volume.path) {
                 volume.given_up = true;
-                let path = volume.path.display();
                 self.notes.push(format!(
-                    "{path} is damaged after {} bytes: the table has what comes before, `orchestrator recover {path}` \
-                     saves the rest",
-                    volume.offset
+                    "{} is damaged after {} bytes: the table has what comes before, `orchestrator recover {}` saves the \
+                     rest",
+                    volume.path.display(),
+                    volume.offset,
+                    quoted(&volume.path)
                 ));
             }
             return false;

@@ -1,5 +1,6 @@
 //! Reads the folder of an evaluation.
 
+use crate::run::damaged::damaged;
 use crate::showing::format::counted;
 use anyhow::{Context, Result, bail};
 use proto::SCHEMA_VERSION;
@@ -15,7 +16,7 @@ pub(super) fn evaluation(folder: &Path) -> Result<Evaluated> {
         bounded::read_figures_text(&path).with_context(|| format!("cannot read {}", path.display()))
     };
     let text = read(RESULT_FILE)?;
-    let damaged = || format!("{} is damaged", folder.join(RESULT_FILE).display());
+    let damaged = || damaged(&folder.join(RESULT_FILE), "delete its folder, and evaluate again");
     // The version first: what a later one holds cannot be read by this one's rules.
     let value: serde_json::Value = serde_json::from_str(&text).with_context(damaged)?;
     let version = value["schema_version"].as_u64();

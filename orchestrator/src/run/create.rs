@@ -7,6 +7,7 @@ use super::unfinished::{clear, is_cut_off};
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
+use proto::shell::quoted;
 use std::path::PathBuf;
 use wire::{WireAddress, fault};
 
@@ -37,7 +38,8 @@ pub fn check_free(folder: &RunFolder) -> Result<()> {
         bail!("folder {root} is already in use: it holds an evaluation");
     }
     if folder.identity().exists() {
-        bail!("run folder {root} is already in use: it holds a run, and `orchestrator resume {root}` goes on with it");
+        let run = quoted(folder.root());
+        bail!("run folder {root} is already in use: it holds a run, and `orchestrator resume {run}` goes on with it");
     }
     bail!("run folder {root} is not empty, and it is no run: choose another folder")
 }

@@ -1,5 +1,6 @@
 //! Who a run is: `run.toml`.
 
+use super::damaged::damaged;
 use super::unfinished::is_cut_off;
 use crate::showing::format::{self, counted};
 use anyhow::{Context, Result, bail};
@@ -8,6 +9,7 @@ use proto::bounded;
 use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
 use proto::run_state::Ending;
+use proto::shell::quoted;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -129,14 +131,19 @@ impl Identity {
                 if is_cut_off(folder).unwrap_or(false) {
                     bail!(
                         "{root} is not a run yet: `orchestrator` was cut off while it made the folder. Nothing is \
-                         trained there: the same command takes the folder again (`orchestrator up --run {root}`)"
+                         trained there: the same command takes the folder again (`orchestrator up --run {}`)",
+                        quoted(folder.root())
                     );
                 }
                 bail!("{root} is not a run folder: it has no run.toml")
             }
             Err(error) => return Err(error).with_context(|| path.display().to_string()),
         };
-        let identity: Self = toml::from_str(&text).with_context(|| format!("{} is damaged", path.display()))?;
+        let lost = || {
+            let run = quoted(folder.root());
+            damaged(&path, &format!("`orchestrator up --from {run}` begins a new run with the weights of this one"))
+        };
+        let identity: Self = toml::from_str(&text).with_context(lost)?;
         if identity.schema_version != SCHEMA_VERSION {
             bail!(
                 "{root} was written by version {} with schema {}; this program reads schema {SCHEMA_VERSION}",
@@ -145,7 +152,7 @@ impl Identity {
             );
         }
         if !is_run_id(&identity.id) {
-            bail!("{} is damaged: an id has letters and digits only, not `{}`", path.display(), identity.id);
+            bail!("{}: an id has letters and digits only, not `{}`", lost(), identity.id);
         }
         Ok(identity)
     }

@@ -2,10 +2,12 @@
 //! ([`identity`]), who works on it ([`lock`]) and how it stands ([`state`]); its parent
 //! ([`lifeline`]), its own scenes ([`scenes`]), what a dead one leaves in shared memory ([`remains`]), a signal to its
 //! orchestrator or learner ([`signal`]) and whether one of them is stopped ([`process_state`]), files of one JSON object
-//! a line ([`json_lines`]), and a folder that was never made to its end ([`unfinished`]).
+//! a line ([`json_lines`]), a file that cannot be understood ([`damaged`]), and a folder that was never made to its end
+//! ([`unfinished`]).
 
 pub mod create;
 pub mod cut_off;
+pub mod damaged;
 pub mod identity;
 pub mod json_lines;
 pub mod lifeline;

@@ -1,5 +1,6 @@
 //! What `orchestrator scale` asks of the orchestrator that runs: a file of the run folder, which that one looks for.
 
+use super::damaged::damaged;
 use crate::showing::format::counted;
 use anyhow::{Context, Result, bail};
 use proto::bounded;
@@ -36,7 +37,9 @@ impl ScaleRequest {
     pub fn read(folder: &RunFolder) -> Result<Option<Self>> {
         let path = folder.scale_request();
         match bounded::read_text(&path) {
-            Ok(text) => Ok(Some(toml::from_str(&text).with_context(|| format!("{} is damaged", path.display()))?)),
+            Ok(text) => {
+                Ok(Some(toml::from_str(&text).with_context(|| damaged(&path, "delete it, and ask again if need be"))?))
+            }
             Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
             Err(error) => Err(error).with_context(|| path.display().to_string()),
         }

@@ -23,6 +23,7 @@ use proto::config::Config;
 use proto::evaluation::RESULT_FILE;
 use proto::plain_file::open_plain;
 use proto::run_folder::{RunFolder, unlike_a_flag, write_atomically};
+use proto::shell::quoted;
 use report::study::differences_between;
 use std::ffi::OsStr;
 use std::fs::{File, OpenOptions, TryLockError};
@@ -37,10 +38,10 @@ const FILE: &str = "suite.toml";
 /// Refuses a suite's folder where a run's is asked for.
 pub fn refuse(folder: &Path) -> Result<()> {
     if folder.join(FILE).exists() && !RunFolder::new(folder).identity().exists() {
-        let root = folder.display();
+        let (root, file, out) = (folder.display(), quoted(folder.join(FILE)), quoted(folder));
         bail!(
-            "{root} is the folder of a suite, not of a run: `orchestrator suite {root}/{FILE} --out {root}` goes on with \
-             it, Ctrl-C there stops it, {root}/suite.json tells how it stands, and its runs are in {root}/runs"
+            "{root} is the folder of a suite, not of a run: `orchestrator suite {file} --out {out}` goes on with it, \
+             Ctrl-C there stops it, {root}/suite.json tells how it stands, and its runs are in {root}/runs"
         );
     }
     Ok(())

@@ -1,6 +1,7 @@
 //! State of a suite: `suite.json`, for people, scripts and the next call. Progress is read from the run folders; this
 //! file adds what they do not contain: the number of tries and the reason of a failure.
 
+use crate::run::damaged::damaged;
 use anyhow::{Context, Result};
 use proto::SCHEMA_VERSION;
 use proto::bounded;
@@ -72,8 +73,8 @@ impl State {
     pub fn read<'a>(path: &Path, names: impl Iterator<Item = &'a str>) -> Result<Self> {
         let mut known: BTreeMap<String, RunStatus> = match bounded::read_text(path) {
             Ok(text) => {
-                let state: Self =
-                    serde_json::from_str(&text).with_context(|| format!("{} is damaged", path.display()))?;
+                let state: Self = serde_json::from_str(&text)
+                    .with_context(|| damaged(path, "delete it: what is trained and evaluated stands in other files"))?;
                 state.runs
             }
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => BTreeMap::new(),

@@ -1,26 +1,18 @@
 //! What can be done next with a run, as commands to paste: they name the program as it was called, and the run folder.
 
 use proto::run_folder::RunFolder;
+use proto::shell::quoted;
 use std::path::Path;
-
-/// A word as a shell reads it: quoted where it has to be.
-pub fn quoted(word: &str) -> String {
-    let plain = |letter: char| letter.is_ascii_alphanumeric() || "_-./=+:,@%".contains(letter);
-    if !word.is_empty() && word.chars().all(plain) {
-        return word.to_owned();
-    }
-    format!("'{}'", word.replace('\'', r"'\''"))
-}
 
 /// This program as a shell finds it: `orchestrator` where it was found by its name, else the path it was called by.
 pub fn program() -> String {
     let called = std::env::args().next().filter(|called| called.contains('/'));
-    called.map_or_else(|| "orchestrator".to_owned(), |called| quoted(&called))
+    called.map_or_else(|| "orchestrator".to_owned(), quoted)
 }
 
 /// The command that goes on with a run.
 pub fn resume(program: &str, run: &Path) -> String {
-    format!("{program} resume {}", quoted(&run.display().to_string()))
+    format!("{program} resume {}", quoted(run))
 }
 
 /// What goes on with a run of so many hosts. With several, each is started as it was, by whatever started it.
@@ -43,10 +35,10 @@ pub fn unfinished(program: &str, folder: &RunFolder, hosts: u32) -> Vec<String> 
 
 /// One line a command after a run that is complete. `recorded`: whether there is a recording to look at.
 pub fn complete(program: &str, folder: &RunFolder, preset: &str, recorded: bool) -> Vec<String> {
-    let run = quoted(&folder.root().display().to_string());
+    let run = quoted(folder.root());
     let mut lines = Vec::new();
     if recorded {
-        let images = quoted(&folder.root().join("images").display().to_string());
+        let images = quoted(folder.root().join("images"));
         lines.push(line("look", &format!("{program} replay {run} --images {images} --format video --limit 3")));
     }
     lines.push(line("evaluate", &format!("{program} eval {run}")));
@@ -82,16 +74,5 @@ mod tests {
         let lines = |hosts| unfinished("orchestrator", &RunFolder::new("runs/a"), hosts);
         assert_eq!(lines(1), ["go on with  orchestrator resume runs/a"]);
         assert_eq!(lines(2), ["go on with  the same command again, on each of the 2 hosts"]);
-    }
-
-    #[test]
-    fn a_shell_reads_quoted_words_as_they_were() {
-        let words = ["runs/a-1_b.c", "two words", "it's", "", "$HOME", "läuft"];
-        for word in words {
-            let printed =
-                std::process::Command::new("sh").args(["-c", &format!("printf %s {}", quoted(word))]).output();
-            assert_eq!(String::from_utf8(printed.unwrap().stdout).unwrap(), word);
-        }
-        assert_eq!(quoted("runs/a-1_b.c"), "runs/a-1_b.c");
     }
 }

@@ -2,10 +2,12 @@
 //! digits, `frames: ` and a count; a run that failed has neither.
 
 use crate::recording::files_at;
+use crate::run::damaged::damaged;
 use crate::run::identity::Identity;
 use crate::showing::format;
 use crate::supervisor::event::SessionEnd;
 use crate::training::means::{EpisodeMeans, StageMeans, by_stage};
+use crate::training::next_steps;
 use crate::training::wall::Wall;
 use anyhow::{Context, Result};
 use proto::SCHEMA_VERSION;
@@ -102,7 +104,10 @@ impl Summary {
     pub fn read(folder: &RunFolder) -> Result<Option<Self>> {
         let path = folder.summary();
         match bounded::read_text(&path) {
-            Ok(text) => serde_json::from_str(&text).map(Some).with_context(|| format!("{} is damaged", path.display())),
+            Ok(text) => serde_json::from_str(&text).map(Some).with_context(|| {
+                let resume = next_steps::resume(&next_steps::program(), folder.root());
+                damaged(&path, &format!("delete it, and `{resume}` writes it anew"))
+            }),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
             Err(error) => Err(error).with_context(|| path.display().to_string()),
         }

@@ -23,6 +23,7 @@ use proto::config::Config;
 use proto::pin::{pin, unpin};
 use proto::plain_file::open_plain;
 use proto::run_folder::{RolloutName, RunFolder};
+use proto::shell::quoted;
 use proto::stage::total_frames;
 use std::collections::{BTreeMap, VecDeque};
 use std::ffi::OsString;
@@ -195,7 +196,7 @@ impl Validation {
     /// What is said of an evaluation that failed too often. A run that is complete has no next start, but for one with
     /// more frames.
     fn given_up(&self, rollout: u64) -> String {
-        let words: Vec<_> = self.evaluation(rollout).iter().map(|word| word.to_string_lossy().into_owned()).collect();
+        let words: Vec<_> = self.evaluation(rollout).iter().map(quoted).collect();
         format!(
             "the validation after rollout {rollout} failed {TRIES} times and is left to the next start, if the run has \
              one; `orchestrator {}` plays the same episodes by hand, and its result stands by itself: it has no line in \
@@ -384,7 +385,8 @@ pub mod tests {
     /// A run with checkpoints on disk, each of 100 frames more, to be validated after each 250.
     pub fn run(rollouts: &[u64]) -> (tempfile::TempDir, RunFolder, Config) {
         let temporary = tempfile::tempdir().unwrap();
-        let folder = RunFolder::new(temporary.path());
+        // With a space, which a shell must not see.
+        let folder = RunFolder::new(temporary.path().join("my run"));
         std::fs::create_dir_all(folder.checkpoints()).unwrap();
         for &rollout in rollouts {
             std::fs::write(folder.checkpoint_tensors(rollout), format!("tensors {rollout}")).unwrap();
@@ -489,7 +491,7 @@ pub mod tests {
         config.validation.objects = ObjectSet::Seen;
         let told = |config: &Config| {
             let validation = Validation::open(&folder, config).unwrap().unwrap();
-            (validation.given_up(3), validation.manifest(3).display().to_string())
+            (validation.given_up(3), format!("'{}'", validation.manifest(3).display()))
         };
         let (text, manifest) = told(&config);
         let options = "--split valid --objects seen --actors 5";

@@ -4,6 +4,7 @@ mod bad_input;
 mod before_and_after;
 mod book;
 mod budget;
+mod damaged;
 mod evaluation;
 mod figures;
 mod gpu;

@@ -74,6 +74,12 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     kill_child(child);
     assert!(!evaluation.join("evaluation.json").exists(), "the evaluation was killed in its middle");
 
+    // Something damages its file of states: the message says what to do, and that is right.
+    let states = workshop.path("all/suite.json");
+    std::fs::write(&states, "{").expect("a writable file");
+    refused(&complete(call(&workshop)), "suite.json is damaged (delete it");
+    std::fs::remove_file(&states).expect("a damaged file to delete");
+
     // Stopped in an orderly way while the second trains: before the first is evaluated, if the processes of the killed
     // evaluation still leave, which holds up nobody; after it otherwise.
     let child = start(call(&workshop));

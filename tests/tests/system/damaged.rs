@@ -1,0 +1,75 @@
+//! A file of a run that something damaged is named, with what to do; and that works.
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+use system_tests::{Printed, Workshop, complete};
+
+/// Refused with one error that names the file; the command in it, if it has one.
+fn refused<'a>(printed: &'a Printed, file: &Path, remedy: &str) -> Option<&'a str> {
+    let errors: Vec<&str> = printed.stderr.lines().filter(|line| line.starts_with("error: ")).collect();
+    let [error] = errors[..] else { panic!("one error was expected: {printed:#?}") };
+    let name = file.file_name().and_then(|name| name.to_str()).expect("a file with a name");
+    assert!(!printed.success && error.contains(&format!("{name} is damaged (")), "{printed:#?}");
+    assert!(error.contains(remedy), "`{remedy}` was expected in {error}");
+    error.split('`').nth(1)
+}
+
+/// As after a disk that lost a part of it.
+fn cut(file: &Path) {
+    let whole = std::fs::read(file).expect("the file to damage");
+    std::fs::write(file, &whole[..whole.len() / 2]).expect("a writable file");
+}
+
+/// As a person pastes it.
+fn pasted(workshop: &Workshop, line: &str) -> Printed {
+    let mut shell = Command::new("sh");
+    shell.args(["-c", line]).current_dir(workshop.path(""));
+    shell.env_remove("STILLROOM_LOG").env_remove("STILLROOM_FAULT");
+    shell.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    complete(shell)
+}
+
+#[test]
+fn what_is_said_of_a_damaged_file_helps() {
+    let workshop = Workshop::new();
+    // With a space, which a shell must not see.
+    let result = complete(workshop.up("my run", 1, 3, 300)).result();
+    let folder = workshop.run("my run").folder;
+
+    let summary = folder.summary();
+    cut(&summary);
+    refused(&complete(workshop.orchestrator(&["status", "my run"])), &summary, "delete it");
+    let printed = complete(workshop.resume("my run"));
+    let line = refused(&printed, &summary, "writes it anew").expect("a command");
+    std::fs::remove_file(&summary).expect("a damaged file to delete");
+    assert_eq!(pasted(&workshop, line).result(), result, "{line}");
+    assert!(complete(workshop.orchestrator(&["status", "my run"])).success);
+
+    let evaluate = ["eval", "my run", "--split", "valid", "--objects", "novel", "--episodes", "6"];
+    let evaluated = || assert!(complete(workshop.orchestrator(&evaluate)).success);
+    let report = || complete(workshop.orchestrator(&["report", "my run"]));
+    evaluated();
+    let evaluations = folder.root().join("evaluations");
+    let [evaluation] = &std::fs::read_dir(&evaluations).expect("evaluations").collect::<Vec<_>>()[..] else {
+        panic!("one evaluation was expected");
+    };
+    let evaluation = evaluation.as_ref().expect("a readable folder").path();
+    cut(&evaluation.join("evaluation.json"));
+    let without = report();
+    let note = "evaluation.json is damaged (delete its folder, and evaluate again)";
+    assert!(without.success && without.stderr.contains(note), "{without:#?}");
+    std::fs::remove_dir_all(&evaluation).expect("a folder to delete");
+    evaluated();
+    let with = report();
+    assert!(with.success && !with.stderr.contains("damaged"), "{with:#?}");
+
+    let identity = folder.identity();
+    cut(&identity);
+    let printed = complete(workshop.resume("my run"));
+    let line = refused(&printed, &identity, "begins a new run with the weights of this one").expect("a command");
+    let words = line.strip_prefix("orchestrator up ").expect("the command that begins a run");
+    assert_eq!(words, "--from 'my run'");
+    let mut next = workshop.up("next", 1, 3, 300);
+    next.args(["--from", "my run"]);
+    assert_ne!(complete(next).result().0, result.0, "it trained on from other weights than before");
+}
