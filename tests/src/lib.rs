@@ -14,7 +14,7 @@ mod viewer;
 pub use browser::Browser;
 pub use foxglove::{Channel, Foxglove};
 pub use network::{Network, Quality};
-pub use recorded::RecordedSteps;
+pub use recorded::{RecordedSteps, recorded_depth};
 pub use terminal::Terminal;
 pub use viewer::{Answer, Viewer};
 

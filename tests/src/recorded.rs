@@ -21,6 +21,33 @@ struct Step {
     ended: bool,
 }
 
+/// What is needed of a `foxglove.RawImage`.
+#[derive(Clone, PartialEq, Message)]
+struct Image {
+    #[prost(bytes, tag = "6")]
+    data: Vec<u8>,
+}
+
+/// The recorded depth frames of a run, by topic, in the order in which they were written.
+///
+/// # Panics
+/// If a recording cannot be read.
+pub fn recorded_depth(run: &Run) -> BTreeMap<String, Vec<Vec<u8>>> {
+    let mut frames: BTreeMap<String, Vec<Vec<u8>>> = BTreeMap::new();
+    for path in run.recordings() {
+        let bytes = std::fs::read(&path).expect("a readable recording");
+        for message in mcap::MessageStream::new(&bytes).expect("an MCAP file") {
+            let message = message.expect("a whole message");
+            let topic = &message.channel.topic;
+            if topic.starts_with("/depth/") && topic.ends_with("/image") {
+                let image = Image::decode(&*message.data).expect("an image");
+                frames.entry(topic.clone()).or_default().push(image.data);
+            }
+        }
+    }
+    frames
+}
+
 /// The recorded steps of a run, each counted once however often it was recorded.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct RecordedSteps {

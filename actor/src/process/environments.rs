@@ -245,7 +245,8 @@ impl Environments {
     }
 
     /// Writes the observation of environment `index`, its frame in place. Where the network averages over windows only
-    /// their sums are written, and the whole frame as well if it is recorded.
+    /// their sums are written, and the whole frame as well if it is recorded; the whole frame alone where a sum exceeds 16
+    /// bits.
     pub fn observe(&mut self, index: usize, observation: &mut Observation) {
         let Self { running, camera, sceneries, sums, .. } = self;
         let (running, mut own) = (&mut running[index], sceneries.get_mut(index));

@@ -10,7 +10,7 @@ use proto::config::Config;
 use proto::shares::Shares;
 use proto::step::{Current, Transition};
 use std::sync::atomic::{AtomicU32, Ordering};
-use wire::message::{Halves, Observation, ObservationHeader, frame_part};
+use wire::message::{FramePart, Halves, Observation, ObservationHeader, frame_part};
 use wire::{Ipc, ObservationPublisher, ObservationSubscriber, SHARED_MEMORY, WireAddress, WireHost, WireShape};
 
 /// Length of an episode; columns are in different phases of theirs.
@@ -113,7 +113,9 @@ impl Frames {
         let columns: Vec<usize> = self.map.batch(half).collect();
         let samples = self.halves[half as usize].iter();
         // There are sums only where the network takes them.
-        let frames = samples.flat_map(|sample| sample.payload().iter().map(|seen| seen.frame(true))).collect();
+        let part =
+            |seen: &Observation| if seen.parts & frame_part::SUMS == 0 { FramePart::Whole } else { FramePart::Sums };
+        let frames = samples.flat_map(|sample| sample.payload().iter().map(|seen| seen.frame(part(seen)))).collect();
         let starts: Vec<bool> = columns.iter().map(|&column| episode_step(column, step) == 0).collect();
         Batch {
             at: vec![step; columns.len()],
@@ -202,7 +204,8 @@ mod tests {
             let batch = frames.batch(half, 0, frames.noise(half, 0));
             assert_eq!(batch.columns, columns);
             for (&column, frame) in columns.iter().zip(&batch.frames) {
-                assert_eq!(*frame, observation(column, sums).frame(sums));
+                let part = if sums { FramePart::Sums } else { FramePart::Whole };
+                assert_eq!(*frame, observation(column, sums).frame(part));
                 assert_eq!(matches!(frame, DepthFrame::Sums(_)), sums);
             }
             assert_eq!(batch.gumbel.len(), columns.len() * frames.actions);

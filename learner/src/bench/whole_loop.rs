@@ -11,7 +11,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 /// Rollouts of the run if nothing else is asked for.
-const ROLLOUTS: u64 = 5;
+const ROLLOUTS: u64 = 6;
+/// Rollouts that do not count: in the first processes start, after the second a GPU's graphs are recorded.
+const WARM_UP: usize = 2;
 
 /// What the run took.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,8 +75,8 @@ pub fn measure(config: &Config, frames: Option<u64>, monitor: &Monitor) -> Resul
     Ok(WholeLoop { frames, timing, gpu })
 }
 
-/// Frames and times of all rollouts in a run's metrics but the first, in which processes start. With overlap the last
-/// one does not count either: no other is collected beside its update.
+/// Frames and times of all rollouts in a run's metrics but the first [`WARM_UP`]. With overlap the last one does not count
+/// either: no other is collected beside its update.
 fn read(path: &Path, overlap: bool) -> Result<(u64, Timing)> {
     let (history, _) = History::decode(&std::fs::read(path).with_context(|| path.display().to_string())?);
     let mut rollouts: Vec<_> = history.iter().collect();
@@ -82,15 +84,15 @@ fn read(path: &Path, overlap: bool) -> Result<(u64, Timing)> {
         rollouts.pop();
     }
     let mut sum = Timing::default();
-    rollouts.iter().skip(1).for_each(|trained| sum += trained.timing);
-    let frames = match &rollouts[..] {
-        [first, .., last] => last.frames - first.frames,
+    rollouts.iter().skip(WARM_UP).for_each(|trained| sum += trained.timing);
+    let frames = match (rollouts.get(WARM_UP - 1), rollouts.last()) {
+        (Some(warm), Some(last)) => last.frames - warm.frames,
         _ => 0,
     };
     ensure!(
         frames > 0,
-        "the run has no rollout that counts, which the first{} does not: give it more --loop-frames",
-        if overlap { " or last" } else { "" }
+        "the run has no rollout that counts, which the first {WARM_UP}{} do not: give it more --loop-frames",
+        if overlap { " and the last" } else { "" }
     );
     Ok((frames, sum))
 }
@@ -101,7 +103,7 @@ mod tests {
     use proto::trained::Trained;
 
     #[test]
-    fn the_first_rollout_does_not_count() {
+    fn the_first_rollouts_do_not_count() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("metrics.jsonl");
         let write = |rollouts: &[(u64, f64)]| {
@@ -113,9 +115,11 @@ mod tests {
             }
             std::fs::write(&path, history.encode()).unwrap();
         };
-        write(&[(100, 9.0)]);
-        assert!(read(&path, false).unwrap_err().to_string().contains("--loop-frames"));
-        write(&[(100, 9.0), (200, 1.0), (250, 2.0)]);
+        for few in [&[][..], &[(50, 9.0)], &[(50, 9.0), (100, 8.0)]] {
+            write(few);
+            assert!(read(&path, false).unwrap_err().to_string().contains("--loop-frames"));
+        }
+        write(&[(50, 9.0), (100, 8.0), (200, 1.0), (250, 2.0)]);
         let (frames, timing) = read(&path, false).unwrap();
         assert_eq!(frames, 150);
         let whole = WholeLoop { frames, timing, gpu: None };
@@ -123,7 +127,7 @@ mod tests {
         // The last update of an overlapping run has no rollout beside it.
         let (frames, timing) = read(&path, true).unwrap();
         assert_eq!((frames, timing.update_s), (100, 1.0));
-        write(&[(100, 9.0), (200, 1.0)]);
-        assert!(read(&path, true).unwrap_err().to_string().contains("first or last"));
+        write(&[(50, 9.0), (100, 8.0), (200, 1.0)]);
+        assert!(read(&path, true).unwrap_err().to_string().contains("the first 2 and the last do not"));
     }
 }

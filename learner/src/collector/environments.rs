@@ -136,6 +136,13 @@ impl Environments {
         self.in_flight[column] = Some(action);
     }
 
+    /// What contradicts the record of a column.
+    pub(super) fn mismatch(&self, column: usize, problem: String) -> Mismatch {
+        let (actor, environment) = self.column_map.place(column);
+        let kitchen = self.column_map.environment(column).kitchen.number();
+        Mismatch { actor, kitchen, environment, problem, non_finite: false }
+    }
+
     /// Checks an actor's report for a column against the learner's record.
     pub fn check(
         &self,
@@ -144,14 +151,8 @@ impl Environments {
         transition: &Transition,
         current: &Current,
     ) -> Result<(), Mismatch> {
-        let (actor, index) = self.column_map.place(column);
-        let mismatch = |problem: String| Mismatch {
-            actor,
-            kitchen: self.column_map.environment(column).kitchen.number(),
-            environment: index,
-            problem,
-            non_finite: false,
-        };
+        let (_, index) = self.column_map.place(column);
+        let mismatch = |problem| self.mismatch(column, problem);
         if environment != index {
             return Err(mismatch(format!("its place in the sample holds environment {environment}")));
         }

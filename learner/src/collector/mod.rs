@@ -63,7 +63,9 @@ pub trait HalfSample {
     fn transition(&self, i: usize) -> &Transition;
     /// What is seen now.
     fn current(&self, i: usize) -> &Current;
-    /// Depth frame.
+    /// Whether the part of its depth frame that the network reads is there.
+    fn has_frame(&self, i: usize) -> bool;
+    /// Depth frame, if it is there.
     fn frame(&self, i: usize) -> DepthFrame<'_>;
 }
 
@@ -313,6 +315,10 @@ impl<S: HalfSample> Collector<S> {
         }
         for (i, column) in columns.clone().enumerate() {
             self.environments.check(column, sample.environment(i), sample.transition(i), sample.current(i))?;
+            if !sample.has_frame(i) {
+                let problem = "its depth frame, or the part of it that is needed, is not there".to_owned();
+                return Err(self.environments.mismatch(column, problem).into());
+            }
         }
         // Here, because others are still awaited: once enough are there, those wait for their actions.
         for (i, column) in columns.enumerate() {

@@ -22,6 +22,9 @@ const MAX_STEPS: u32 = 7;
 const POLICY_ACTIONS: usize = 21;
 static FRAME: [u16; FRAME_PIXELS] = [0; FRAME_PIXELS];
 
+/// Bit in the number of an environment whose depth frame is not there.
+const UNSEEN: u32 = 1 << 31;
+
 #[derive(Debug, Clone)]
 struct FakeSample(Vec<(u32, Transition, Current)>);
 
@@ -30,13 +33,16 @@ impl HalfSample for FakeSample {
         self.0.len()
     }
     fn environment(&self, i: usize) -> u32 {
-        self.0[i].0
+        self.0[i].0 & !UNSEEN
     }
     fn transition(&self, i: usize) -> &Transition {
         &self.0[i].1
     }
     fn current(&self, i: usize) -> &Current {
         &self.0[i].2
+    }
+    fn has_frame(&self, i: usize) -> bool {
+        self.0[i].0 & UNSEEN == 0
     }
     fn frame(&self, _i: usize) -> DepthFrame<'_> {
         DepthFrame::Whole(&FRAME)
@@ -495,6 +501,8 @@ fn an_actor_that_disagrees_is_named() {
     assert!(no_start.contains("episode-start flag"), "{no_start}");
     let swapped = text(broken(&|_, sample| sample.0[0].0 = 0));
     assert!(swapped.contains("holds environment 0"), "{swapped}");
+    let unseen = text(broken(&|_, sample| sample.0[0].0 |= UNSEEN));
+    assert!(unseen.contains("actor 1, kitchen 3, environment 1: its depth frame"), "{unseen}");
     let short = text(broken(&|_, sample| sample.0.clear()));
     assert!(short.contains("actor 1 sent 0 observations for half 1, which has 1"), "{short}");
     let ahead = text(broken(&|header, _| header.step = 1));

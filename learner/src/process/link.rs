@@ -10,7 +10,7 @@ use proto::config::Config;
 use proto::step::{Current, Transition};
 use std::time::Duration;
 use wire::fault;
-use wire::message::{EnvironmentState, Observation, ObservationHeader, RestoreHeader, StageAnnouncement};
+use wire::message::{EnvironmentState, FramePart, Observation, ObservationHeader, RestoreHeader, StageAnnouncement};
 use wire::{
     ActionPublisher, Bell, Ipc, ObservationSubscriber, Receipt, Receipts, RestorePublisher, Sleeper, StageSubscriber,
     Standstill, Wakeup, Wire, WireAddress, WireShape, Written,
@@ -23,8 +23,6 @@ pub struct Sample {
     /// All but the frames, copied before anything is checked: what lies in shared memory can change between the check
     /// and the use. Every value of a pixel is sound, so the frames stay where they are.
     reports: Vec<Report>,
-    /// Whether the network averages over the windows that sums are of.
-    averages: bool,
 }
 
 /// What one observation says besides its frame.
@@ -33,17 +31,19 @@ struct Report {
     environment: u32,
     transition: Transition,
     current: Current,
+    /// What the network reads of the frame; none if that is not there.
+    part: Option<FramePart>,
 }
 
 impl Sample {
     fn of(borrowed: IoxSample<Ipc, [Observation], ObservationHeader>, averages: bool) -> Self {
-        let report = |observation: &Observation| Report {
-            environment: observation.environment,
-            transition: observation.transition,
-            current: observation.current,
+        let report = |observation: &Observation| {
+            let current = observation.current;
+            let part = FramePart::read(observation.parts, &current, averages);
+            Report { environment: observation.environment, transition: observation.transition, current, part }
         };
         let reports = borrowed.payload().iter().map(report).collect();
-        Self { borrowed, reports, averages }
+        Self { borrowed, reports }
     }
 }
 
@@ -60,8 +60,12 @@ impl HalfSample for Sample {
     fn current(&self, i: usize) -> &Current {
         &self.reports[i].current
     }
+    fn has_frame(&self, i: usize) -> bool {
+        self.reports[i].part.is_some()
+    }
     fn frame(&self, i: usize) -> DepthFrame<'_> {
-        self.borrowed.payload()[i].frame(self.averages)
+        // Nobody asks for one that is not there; any pixels are sound.
+        self.borrowed.payload()[i].frame(self.reports[i].part.unwrap_or(FramePart::Whole))
     }
 }
 
@@ -83,6 +87,7 @@ pub struct Ports {
     /// The run's number of the first of [`Self::actors`].
     first_actor: u32,
     actors: Vec<ActorPorts>,
+    /// Whether the network averages over the windows that sums are of.
     averages: bool,
     rank: u32,
     wire: Wire,
@@ -211,6 +216,7 @@ impl Ports {
 mod tests {
     use super::*;
     use proto::camera::{FRAME_PIXELS, SUMS_PIXELS};
+    use proto::step::current_flag;
     use std::ptr::{addr_of_mut, write_volatile};
     use wire::WireHost;
     use wire::message::frame_part;
@@ -252,15 +258,39 @@ mod tests {
                 write_volatile(addr_of_mut!((*observation).environment), 99);
                 write_volatile(addr_of_mut!((*observation).transition.disturbance_m), f32::NAN);
                 write_volatile(addr_of_mut!((*observation).current.target), 99);
+                write_volatile(addr_of_mut!((*observation).parts), 0);
                 write_volatile(addr_of_mut!((*observation).depth_mm[7]), 4321);
             }
             assert_eq!(sample.borrowed.user_header().half, 7, "the sender reaches what the learner reads");
             assert_eq!(received.half, 1);
             assert_eq!((sample.len(), sample.environment(0)), (1, 1));
             assert_eq!((sample.transition(0).disturbance_m, sample.current(0).target), (0.5, 3));
+            assert!(sample.has_frame(0));
             assert_eq!(sample.frame(0).numbers()[7], 4321, "frames are not copied");
         }
         drop(host);
         address.sweep().unwrap();
+    }
+
+    /// Of the part that is not there the sample has what an earlier one left.
+    #[test]
+    fn only_what_is_there_of_a_frame_is_read() {
+        let (seen, recorded) =
+            (Current::default(), Current { flags: current_flag::RECORD_DEPTH, ..Default::default() });
+        let read = |parts: &[u32], current: &Current, averages| {
+            FramePart::read(parts.iter().fold(0, |all, part| all | part), current, averages)
+        };
+        let (whole, sums) = (frame_part::WHOLE, frame_part::SUMS);
+        for current in [&seen, &recorded] {
+            assert_eq!(read(&[], current, true), None);
+            assert_eq!(read(&[], current, false), None);
+            assert_eq!(read(&[whole], current, true), Some(FramePart::Whole), "a sum exceeded 16 bits");
+            assert_eq!(read(&[whole], current, false), Some(FramePart::Whole));
+            assert_eq!(read(&[whole, sums], current, true), Some(FramePart::Sums));
+            assert_eq!(read(&[whole, sums], current, false), Some(FramePart::Whole));
+            assert_eq!(read(&[sums], current, false), None, "this network reads no sums");
+        }
+        assert_eq!(read(&[sums], &seen, true), Some(FramePart::Sums));
+        assert_eq!(read(&[sums], &recorded, true), None, "the recorder has nothing to record");
     }
 }

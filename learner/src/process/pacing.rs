@@ -39,7 +39,8 @@ impl Pacing {
         Self { other: Some(first.other()), ..Self::fixed(first) }
     }
 
-    /// The pace of the next rollout. `took`: what the one before took as a whole; none before the first.
+    /// The pace of the next rollout. `took`: what the one before took as a whole; none before there was one, and none of
+    /// the first.
     pub(super) fn next(&mut self, took: Option<Duration>) -> Pace {
         let Some(other) = self.other else { return self.present };
         self.took.extend(took);

@@ -25,5 +25,6 @@ pub fn run(args: &CompletionsArgs, mut line: clap::Command) -> Result<()> {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut line, name, &mut script);
     let script = String::from_utf8(script).context("the completions are no text")?;
-    terminal::offer(script.trim_end()).context("standard output")
+    terminal::out(script.trim_end());
+    Ok(())
 }

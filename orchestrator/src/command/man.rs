@@ -23,7 +23,8 @@ pub fn run(args: &ManArgs, line: clap::Command) -> Result<()> {
         let mut page = Vec::new();
         clap_mangen::Man::new(line).render(&mut page).context("the manual page")?;
         let page = String::from_utf8(page).context("the manual page is no text")?;
-        return terminal::offer(page.trim_end()).context("standard output");
+        terminal::out(page.trim_end());
+        return Ok(());
     };
     let pages = line.get_subcommands().filter(|command| !command.is_hide_set()).count() + 1;
     std::fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;

@@ -140,8 +140,17 @@ impl Identity {
             Err(error) => return Err(error).with_context(|| path.display().to_string()),
         };
         let lost = || {
-            let run = quoted(folder.root());
-            damaged(&path, &format!("`orchestrator up --from {run}` begins a new run with the weights of this one"))
+            let [run, config] = [folder.root().to_owned(), folder.config()].map(quoted);
+            damaged(
+                &path,
+                &if is_evaluation(folder) {
+                    "delete its folder, and evaluate again".to_owned()
+                } else {
+                    format!(
+                        "`orchestrator up --config {config} --from {run}` begins another run like it with its weights"
+                    )
+                },
+            )
         };
         let identity: Self = toml::from_str(&text).with_context(lost)?;
         if identity.schema_version != SCHEMA_VERSION {

@@ -174,9 +174,10 @@ mod tests {
     fn whoever_stops_a_run_by_a_file_of_ours_gives_it_the_time_that_a_hanging_disk_gets() {
         let policy = Policy::of(&Config::default());
         let mut pace = Pace::default();
-        pace.took(Work::Update, seconds(15.0));
-        // The first update, then the first checkpoint, which hangs as long as it may; then learners that do not leave.
-        let stop = policy.stop(Work::Update, &pace, true) + policy.save(&pace, true);
+        // What the files say.
+        pace.took(Work::Update, seconds(30.0));
+        // An update, then the first checkpoint, which hangs as long as it may; then learners that do not leave.
+        let stop = policy.stop(Work::Update, &pace, false) + policy.save(&pace, true);
         let bound = stop + policy.learner_leaves + policy.killed;
         let given = |text: &str, before: &str, unit: u64| {
             let (_, rest) = text.split_once(before).unwrap();

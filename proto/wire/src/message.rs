@@ -7,7 +7,7 @@ use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 use proto::camera::{DepthFrame, FRAME_PIXELS, SUMS_PIXELS};
 use proto::episode::MAX_EPISODE_STEPS;
-use proto::step::{Current, Transition};
+use proto::step::{Current, Transition, current_flag};
 
 /// One environment's answer to one action: what the action did, what is seen now, and the depth frame, its sums, or both.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -32,13 +32,33 @@ pub struct Observation {
 }
 
 impl Observation {
-    /// The frame for a network, where it lies; its sums only if the network `averages` over such windows.
-    pub fn frame(&self, averages: bool) -> DepthFrame<'_> {
-        if averages && self.parts & frame_part::SUMS != 0 {
-            DepthFrame::Sums(&self.sums_mm)
-        } else {
-            DepthFrame::Whole(&self.depth_mm)
+    /// This part of the frame, where it lies.
+    pub fn frame(&self, part: FramePart) -> DepthFrame<'_> {
+        match part {
+            FramePart::Whole => DepthFrame::Whole(&self.depth_mm),
+            FramePart::Sums => DepthFrame::Sums(&self.sums_mm),
         }
+    }
+}
+
+/// What a network reads of a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FramePart {
+    /// All pixels.
+    Whole,
+    /// The sums of windows.
+    Sums,
+}
+
+impl FramePart {
+    /// Of an observation that has these `parts`: the sums only if the network `averages` over such windows. None if what
+    /// it would read is not there, or if the whole frame is to be recorded and is not there.
+    pub fn read(parts: u32, current: &Current, averages: bool) -> Option<Self> {
+        let has_whole = parts & frame_part::WHOLE != 0;
+        if current.flags & current_flag::RECORD_DEPTH != 0 && !has_whole {
+            return None;
+        }
+        if averages && parts & frame_part::SUMS != 0 { Some(Self::Sums) } else { has_whole.then_some(Self::Whole) }
     }
 }
 

@@ -156,7 +156,7 @@ fn a_result_that_cannot_be_written_is_a_failure() {
 #[test]
 fn a_terminal_that_was_closed_makes_no_command_fail() {
     let workshop = Workshop::new();
-    for command in [&["presets"][..], &["config", "--preset", "demo"]] {
+    for command in [&["presets"][..], &["config", "--preset", "demo"], &["completions", "bash"], &["man"]] {
         let mut command = workshop.orchestrator(command);
         command.stdout(Terminal::closed());
         let printed = complete(command);

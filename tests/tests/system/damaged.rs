@@ -2,7 +2,7 @@
 
 use std::path::Path;
 use std::process::{Command, Stdio};
-use system_tests::{Printed, Workshop, complete};
+use system_tests::{Printed, Workshop, binary, complete};
 
 /// Refused with one error that names the file; the command in it, if it has one.
 fn refused<'a>(printed: &'a Printed, file: &Path, remedy: &str) -> Option<&'a str> {
@@ -66,10 +66,16 @@ fn what_is_said_of_a_damaged_file_helps() {
     let identity = folder.identity();
     cut(&identity);
     let printed = complete(workshop.resume("my run"));
-    let line = refused(&printed, &identity, "begins a new run with the weights of this one").expect("a command");
-    let words = line.strip_prefix("orchestrator up ").expect("the command that begins a run");
-    assert_eq!(words, "--from 'my run'");
-    let mut next = workshop.up("next", 1, 3, 300);
-    next.args(["--from", "my run"]);
-    assert_ne!(complete(next).result().0, result.0, "it trained on from other weights than before");
+    let line = refused(&printed, &identity, "begins another run like it with its weights").expect("a command");
+    let line = line.replacen("orchestrator", &binary("orchestrator").display().to_string(), 1);
+    let next = pasted(&workshop, &format!("{line} --run next"));
+    assert_eq!(next.result().1, result.1, "{line}: it has the same budget");
+    assert_ne!(next.result().0, result.0, "{line}: it trained on from other weights than before");
+
+    // An evaluation has no weights to begin with.
+    let evaluation =
+        std::fs::read_dir(&evaluations).expect("evaluations").next().expect("one").expect("readable").path();
+    cut(&evaluation.join("run.toml"));
+    let printed = complete(workshop.orchestrator(&["status", &evaluation.display().to_string()]));
+    assert_eq!(refused(&printed, &evaluation.join("run.toml"), "delete its folder, and evaluate again"), None);
 }

@@ -217,7 +217,7 @@ impl Scribe {
             if current.flags & current_flag::EPISODE_START != 0 {
                 self.episode_start(time_ns, header, environment, current)?;
             }
-            // Both come of one draw in the actor; what is not there is not recorded.
+            // Both come of one draw in the actor. What is not there is not recorded: the learner refuses it.
             let is_there = observation.parts & frame_part::WHOLE != 0;
             if is_there && current.flags & current_flag::RECORD_DEPTH != 0 {
                 self.depth(time_ns, environment, observation)?;

@@ -305,10 +305,15 @@ mod tests {
 
     #[test]
     fn a_learner_is_rung_for_every_receipt_and_at_once_for_the_last_of_a_half() {
+        // One half and two.
+        [1, 2].into_iter().for_each(assert_rung);
+    }
+
+    fn assert_rung(environments_per_actor: u32) {
         const LONG: Duration = Duration::from_secs(20);
         const SHORT: Duration = Duration::from_millis(30);
-        let shape = WireShape { shares: Shares::of_one(2), environments_per_actor: 1 };
-        let address = WireAddress::new(&format!("rtell{}", std::process::id()), 1);
+        let shape = WireShape { shares: Shares::of_one(2), environments_per_actor };
+        let address = WireAddress::new(&format!("rtell{}", std::process::id()), environments_per_actor);
         let host = WireHost::create(&address, shape).unwrap();
         {
             let bells = Bells::open(&address, shape).unwrap();

@@ -27,6 +27,7 @@ use proto::step::{current_flag, transition_flag};
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use wire::message::frame_part;
 use wire::{WireAddress, WireHost, WireShape};
 
 /// Two actors of a learner each.
@@ -183,6 +184,22 @@ fn a_hold_is_not_recorded() {
     let summary = recorder.finish().unwrap();
     assert_eq!((summary.steps, summary.depth_frames), (0, 3));
     assert_eq!(messages(&summary.files[0])["/episode/start"].len(), 3);
+}
+
+/// Of a frame of which an actor wrote the sums alone, shared memory holds what an earlier one left.
+#[test]
+fn a_frame_that_is_not_there_is_not_recorded() {
+    let bench = Bench::new("sums");
+    let recorder = bench.start();
+    let actors = bench.actors();
+    for (step, parts) in (0..).zip([frame_part::SUMS, frame_part::SUMS | frame_part::WHOLE, 0, frame_part::WHOLE]) {
+        actors[0].send(1, 1, step, |observation| {
+            observation.current.flags |= current_flag::RECORD_DEPTH;
+            observation.parts = parts;
+        });
+    }
+    let summary = recorder.finish().unwrap();
+    assert_eq!((summary.steps, summary.depth_frames), (3, 2));
 }
 
 #[test]

@@ -25,6 +25,9 @@ impl HalfSample for Sample {
     fn current(&self, i: usize) -> &Current {
         &self.0.value.1[i].2
     }
+    fn has_frame(&self, _i: usize) -> bool {
+        true
+    }
     fn frame(&self, _i: usize) -> DepthFrame<'_> {
         DepthFrame::Whole(&FRAME)
     }
