@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -54,6 +55,22 @@ def test_metrics_are_those_that_count(tmp_path: Path) -> None:
     for frame in (run.validation, run.episodes, run.evaluations, run.stages):
         assert len(frame) == 0
     assert run.summary == {}
+
+
+def test_rollouts_that_the_file_has_lost_are_those_of_the_checkpoint(tmp_path: Path) -> None:
+    kept = "\n".join([line(0, 100), line(1, 200, **{"loss/value": 2}), line(2, 300)]) + "\n"
+    manifest = {"run": "abc", "figures_sha256": hashlib.sha256(kept.encode()).hexdigest()}
+    files = {
+        "run.toml": 'id = "abc"\n',
+        "checkpoints/rollout-00000003.json": json.dumps(manifest),
+        "checkpoints/rollout-00000003.jsonl": kept,
+        "metrics.jsonl": "\n".join([line(1, 200, **{"loss/value": 7}), line(3, 400), ""]),
+    }
+    run = stillroom.read_run(folder(tmp_path / "a", **files))
+    assert list(run.metrics.index) == [0, 1, 2, 3] and run.metrics["loss/value"][1] == 7.0
+    assert list(stillroom.read_run(folder(tmp_path / "b", **{**files, "metrics.jsonl": ""})).metrics.index) == [0, 1, 2]
+    for other in ({"run.toml": 'id = "other"\n'}, {"checkpoints/rollout-00000003.jsonl": kept + " "}):
+        assert list(stillroom.read_run(folder(tmp_path / "c", **{**files, **other})).metrics.index) == [1, 3]
 
 
 def test_episodes_have_types(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ use actor::{categories, figures, kitchen_export};
 use anyhow::{Context, Result};
 use proto::kitchen::{KitchenChoice, KitchenId};
 use std::path::PathBuf;
+use wire::lifeline;
 
 /// What to make of kitchens.
 #[derive(Debug, clap::Subcommand)]
@@ -23,6 +24,9 @@ pub enum KitchensCommand {
         /// The PNG file.
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
+        /// End when standard input does, as `orchestrator kitchens` wants it.
+        #[arg(long, hide = true)]
+        lifeline: bool,
     },
     /// Write a kitchen as a binary glTF scene.
     Gltf {
@@ -38,6 +42,9 @@ pub enum KitchensCommand {
         /// Write the scene file, too, with which it can be loaded again.
         #[arg(long, value_name = "FILE.toml")]
         scene: Option<PathBuf>,
+        /// End when standard input does, as `orchestrator kitchens` wants it.
+        #[arg(long, hide = true)]
+        lifeline: bool,
     },
     /// List the categories of movable things: size, mass, whether it can be a target, where it stands.
     Categories {
@@ -56,13 +63,15 @@ pub enum KitchensCommand {
 /// Runs the command.
 pub fn run(command: &KitchensCommand) -> Result<()> {
     match command {
-        KitchensCommand::Sheet { kitchens, scene, width, out } => {
+        KitchensCommand::Sheet { kitchens, scene, width, out, lifeline } => {
+            hold(*lifeline)?;
             let built_in = || kitchens.0.iter().map(|&id| Subject::BuiltIn(id)).collect();
             let scenes = || scene.iter().cloned().map(Subject::Scene).collect();
             let subjects = if scene.is_empty() { built_in() } else { scenes() };
             sheet(&SheetOptions { subjects, width: *width, out: out.clone() })
         }
-        KitchensCommand::Gltf { kitchen, of_scene, out, scene } => {
+        KitchensCommand::Gltf { kitchen, of_scene, out, scene, lifeline } => {
+            hold(*lifeline)?;
             let subject = match of_scene {
                 Some(path) => Subject::Scene(path.clone()),
                 None => Subject::BuiltIn(kitchen.context("--kitchen is missing")?),
@@ -72,4 +81,11 @@ pub fn run(command: &KitchensCommand) -> Result<()> {
         KitchensCommand::Categories { json } => categories::run(*json, std::io::stdout().lock()),
         KitchensCommand::Report { kitchens } => figures::run(&kitchens.0, std::io::stdout().lock()),
     }
+}
+
+fn hold(asked: bool) -> Result<()> {
+    if asked {
+        lifeline::hold(|| std::process::exit(1)).context("cannot watch standard input")?;
+    }
+    Ok(())
 }

@@ -10,8 +10,9 @@ mod soak;
 pub use rollout::RolloutArgs;
 
 use actor::{episodes, harvest, oracle_table, replay, show};
-use anyhow::Result;
+use anyhow::{Context, Result};
 use std::io::BufReader;
+use wire::lifeline;
 
 /// What else the program can do.
 #[derive(Debug, clap::Subcommand)]
@@ -50,7 +51,10 @@ pub enum Command {
 /// Runs a subcommand.
 pub fn run(command: &Command) -> Result<()> {
     match command {
-        Command::Replay => replay::run(std::io::stdin().lock(), std::io::stdout().lock()),
+        Command::Replay => {
+            lifeline::hold_output(|| std::process::exit(1)).context("cannot watch standard output")?;
+            replay::run(std::io::stdin().lock(), std::io::stdout().lock())
+        }
         Command::Dataset => harvest::run(BufReader::new(std::io::stdin()), std::io::stdout().lock()),
         Command::Show => show::run(std::io::stdin().lock(), std::io::stdout().lock()),
         Command::Kitchens(command) => kitchens::run(command),

@@ -38,7 +38,7 @@ impl NonFinite {
 #[derive(Debug, thiserror::Error)]
 pub enum Unsaved {
     /// By this learner.
-    #[error("{0}")]
+    #[error(transparent)]
     Here(#[from] CheckpointError),
     /// By the first learner, which writes for all and reports the reason.
     #[error("the first learner could not write the checkpoint")]

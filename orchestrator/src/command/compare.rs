@@ -2,7 +2,7 @@
 
 use crate::comparing::Comparison;
 use crate::showing::terminal;
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use std::path::PathBuf;
 
 /// Show in what runs or evaluations differ, and what they came to, a column each
@@ -26,6 +26,9 @@ pub struct CompareArgs {
 
 /// Runs the command.
 pub fn run(args: &CompareArgs) -> Result<()> {
+    if let Some(gone) = args.runs.iter().find(|run| !run.exists()) {
+        bail!("{} does not exist", gone.display());
+    }
     ensure!(args.runs.len() > 1, "there is nothing to compare {} with: give two runs or more", args.runs[0].display());
     let comparison = Comparison::read(&args.runs)?;
     if args.json {

@@ -93,10 +93,8 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
         let free = check_free(&RunFolder::new(run)).map(|()| format!("{} is free", run.display()));
         table.row("run folder", finding(free.as_ref().map(String::clone)));
     }
-    let temporary = temporary::check();
-    let has_temporary = !matches!(temporary, Finding::Problem(_));
-    table.row("temporary", temporary);
-    if has_temporary {
+    table.row("temporary", temporary::check_for_run());
+    if !matches!(temporary::check(), Finding::Problem(_)) {
         table.row("remains", remains()?);
     }
     table.end()?;

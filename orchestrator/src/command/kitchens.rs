@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail, ensure};
 use proto::kitchen::{KitchenChoice, KitchenId, KitchenRange};
 use proto::run_folder::unlike_a_flag;
 use std::path::PathBuf;
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 /// Draw the kitchens or a scene of your own on one sheet, or write one as a glTF scene
 ///
@@ -81,7 +81,12 @@ pub fn run(args: &KitchensArgs) -> Result<()> {
     };
     let out = args.out.clone().unwrap_or_else(|| default_name.into());
     command.arg("--out").arg(unlike_a_flag(out));
-    let status = command.status().with_context(|| format!("cannot start {}", program.display()))?;
+    // It ends with us, however we end: the pipe is its lifeline.
+    let actor = command.arg("--lifeline").stdin(Stdio::piped()).spawn();
+    let mut actor = actor.with_context(|| format!("cannot start {}", program.display()))?;
+    let lifeline = actor.stdin.take();
+    let status = actor.wait().with_context(|| format!("cannot wait for {}", program.display()))?;
+    drop(lifeline);
     ensure!(status.success(), "the actor that was to draw ended with {status}; its last messages are above");
     Ok(())
 }

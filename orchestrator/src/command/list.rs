@@ -44,7 +44,9 @@ pub fn run(args: &ListArgs) -> Result<()> {
 
 fn cells(card: &Card) -> Vec<String> {
     if let Some(problem) = &card.problem {
-        return vec![card.folder.clone(), "unreadable".to_owned(), problem.clone()];
+        // A parser's message shows the place in further lines.
+        let first = problem.lines().next().unwrap_or_default().to_owned();
+        return vec![card.folder.clone(), "unreadable".to_owned(), first];
     }
     let what = if card.evaluation { "episodes" } else { "frames" };
     let done = format!("{} / {} {what}", format::count(card.done), format::count(card.budget));

@@ -1,6 +1,6 @@
 //! `orchestrator resume`: goes on with a run from its last checkpoint.
 
-use crate::evaluation::subject::newest;
+use crate::evaluation::subject::newest_whole;
 use crate::preflight::all::demand_all;
 use crate::preflight::tools::Tools;
 use crate::run::identity::{Identity, host_name, is_evaluation};
@@ -100,13 +100,13 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
         }
         return Ok(show(summary, &folder));
     }
-    demand_checkpoint(&folder)?;
     let mut config = Config::of_run(&folder)?;
     let tools = Tools::find()?;
     let patience = Policy::of(&config).silence;
     settle(&folder, &identity, config.learner.count.max(args.learners.unwrap_or(0)), patience)?;
-    let reshaped = reshape(&mut config, &mut identity, [args.actors, args.learners])?;
     // Only now nobody trains any more.
+    demand_checkpoint(&folder)?;
+    let reshaped = reshape(&mut config, &mut identity, [args.actors, args.learners])?;
     let budget = args.frames.map(|frames| Budget::of(&folder, &config, frames)).transpose()?;
     let budget = budget.filter(|budget| !budget.is_old());
     if let (None, Some(summary)) = (&budget, &summary) {
@@ -137,20 +137,18 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     TrainingRun { folder, config, identity, lock, tools, started: Started::default() }.run()
 }
 
-/// Refuses a run that has trained and has no checkpoint: it would begin anew, over its own figures. A run saves before its
-/// first rollout, so there was one.
+/// Refuses a run that has trained and has no checkpoint that is whole: it would begin anew, over its own figures, or have
+/// a learner fail. A run saves before its first rollout, so there was one.
 fn demand_checkpoint(folder: &RunFolder) -> Result<()> {
     let has_trained = std::fs::metadata(folder.metrics()).is_ok_and(|metrics| metrics.len() > 0);
-    let checkpoints = folder.checkpoints();
-    if has_trained && (!checkpoints.exists() || newest(&checkpoints, folder.id().as_deref())?.is_none()) {
-        bail!(
-            "this run has trained, but there is no checkpoint of it in {}, and without one all that it has learned is \
-             gone: put that folder back from a copy, or begin anew with `orchestrator up --config {}` and another folder",
-            checkpoints.display(),
+    match newest_whole(&folder.checkpoints(), folder.id().as_deref()) {
+        Err(error) if has_trained => bail!(
+            "this run has trained, but {error:#}, and without one all that it has learned is gone: put that folder back \
+             from a copy, or begin anew with `orchestrator up --config {}` and another folder",
             quoted(folder.config())
-        );
+        ),
+        _ => Ok(()),
     }
-    Ok(())
 }
 
 /// Gives a run these numbers of actors and learners, where they are asked for; whether one is another than before.
@@ -199,9 +197,10 @@ pub fn go_on(folder: RunFolder, asked: Config, started: Started, patience: Durat
         }
         return Ok(show(&summary, &folder));
     }
-    demand_checkpoint(&folder)?;
     let tools = Tools::find()?;
     settle(&folder, &identity, config.learner.count.max(learners), Policy::of(&config).silence)?;
+    // Only now nobody trains any more.
+    demand_checkpoint(&folder)?;
     let actors = identity.actors_for(asked_actors, config.actors.count);
     if actors != asked_actors {
         terminal::note(&format!(

@@ -1,15 +1,17 @@
 //! Whose weights: what a user's path means.
 //!
-//! A run folder means its newest checkpoint; a manifest (or the tensors beside it) that checkpoint; `RUN/best` the best
-//! one. The configuration is the one beside the checkpoint, or that of the run folder it lies in (`RUN/checkpoints/`,
+//! A run folder means its newest checkpoint that is whole; a manifest (or the tensors beside it) that checkpoint;
+//! `RUN/best` the best one. The configuration is the one beside the checkpoint, or that of the run folder it lies in (`RUN/checkpoints/`,
 //! `RUN/validation/rollout-K/`, `RUN/best/`). A policy file, which `orchestrator export` writes, holds all of it itself.
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use export::Policy;
 use proto::checkpoint::Manifest;
 use proto::config::Config;
+use proto::digest::sha256;
 use proto::run_folder::{RolloutName, RunFolder};
 use proto::shell::quoted;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Where weights come from.
@@ -120,8 +122,11 @@ fn find_checkpoint(path: &Path) -> Result<Found> {
     let manifest = if path.is_dir() {
         let checkpoints = path.join("checkpoints");
         let folder = if checkpoints.is_dir() { checkpoints.as_path() } else { path };
-        newest(folder, RunFolder::new(path).id().as_deref())?
-            .with_context(|| format!("there is no checkpoint in {}", folder.display()))?
+        let (manifest, damaged) = newest_whole(folder, RunFolder::new(path).id().as_deref())?;
+        for error in damaged {
+            tracing::warn!("{error:#}: {} is taken", manifest.display());
+        }
+        manifest
     } else {
         path.with_extension("json")
     };
@@ -141,22 +146,55 @@ fn find_checkpoint(path: &Path) -> Result<Found> {
     Ok(Found { run: run.to_path_buf(), manifest, config })
 }
 
-/// The manifest with the highest rollout in a folder; in that of a run, of those that are the run's.
-pub fn newest(folder: &Path, run: Option<&str>) -> Result<Option<PathBuf>> {
-    let entries = std::fs::read_dir(folder).with_context(|| folder.display().to_string())?;
+/// The manifest of the newest checkpoint in a folder that is whole, and what is wrong with newer ones: as a learner that
+/// goes on chooses. In the folder of a run only its own count.
+pub fn newest_whole(folder: &Path, run: Option<&str>) -> Result<(PathBuf, Vec<anyhow::Error>)> {
+    let mut damaged = Vec::new();
+    for manifest in manifests(folder, run)? {
+        match check(&manifest) {
+            Ok(()) => return Ok((manifest, damaged)),
+            Err(error) => damaged.push(error),
+        }
+    }
+    let error = damaged.into_iter().next();
+    Err(match error {
+        Some(error) => error.context(format!("no checkpoint in {} is whole", folder.display())),
+        None => anyhow!("there is no checkpoint in {}", folder.display()),
+    })
+}
+
+/// Whether a checkpoint is as its manifest says.
+fn check(manifest: &Path) -> Result<()> {
+    let Manifest { tensors, tensors_sha256, .. } = read_manifest(manifest)?;
+    let path = manifest.with_file_name(tensors);
+    let bytes = std::fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+    ensure!(
+        sha256(&bytes) == tensors_sha256,
+        "{} is damaged: its SHA-256 is not the one that its manifest names",
+        path.display()
+    );
+    Ok(())
+}
+
+/// The manifests in a folder, the highest rollout first; in that of a run, those that are the run's.
+fn manifests(folder: &Path, run: Option<&str>) -> Result<Vec<PathBuf>> {
+    let entries = match std::fs::read_dir(folder) {
+        Ok(entries) => entries,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(error) => return Err(error).with_context(|| folder.display().to_string()),
+    };
     let foreign =
         |path: &Path| run.is_some_and(|run| Manifest::read(path).is_ok_and(|manifest| manifest.is_of_another(run)));
-    let mut newest: Option<(u64, PathBuf)> = None;
+    let mut found = BTreeMap::new();
     for entry in entries {
         let path = entry.with_context(|| folder.display().to_string())?.path();
         if let Some(rollout) = RolloutName::Manifest.rollout_of(&path)
-            && newest.as_ref().is_none_or(|(highest, _)| *highest < rollout)
             && !foreign(&path)
         {
-            newest = Some((rollout, path));
+            found.insert(rollout, path);
         }
     }
-    Ok(newest.map(|(_, path)| path))
+    Ok(found.into_values().rev().collect())
 }
 
 #[cfg(test)]
@@ -188,7 +226,7 @@ pub mod tests {
             carried_goal: CarriedGoal::GoalToObject,
             tensors: RolloutName::Tensors.of(rollout),
             tensors_bytes: 0,
-            tensors_sha256: String::new(),
+            tensors_sha256: sha256(format!("tensors {rollout}").as_bytes()),
             figures_sha256: String::new(),
             config_sha256: String::new(),
             config: String::new(),
@@ -240,8 +278,9 @@ pub mod tests {
         std::fs::create_dir_all(&checkpoints).unwrap();
         assert!(find(&run).unwrap_err().to_string().contains("no checkpoint in"));
         for rollout in [3, 12] {
-            std::fs::write(checkpoints.join(format!("rollout-{rollout:08}.json")), "{}").unwrap();
-            std::fs::write(checkpoints.join(format!("rollout-{rollout:08}.safetensors")), "").unwrap();
+            std::fs::write(checkpoints.join(format!("rollout-{rollout:08}.json")), manifest(rollout, 0)).unwrap();
+            let tensors = checkpoints.join(format!("rollout-{rollout:08}.safetensors"));
+            std::fs::write(tensors, format!("tensors {rollout}")).unwrap();
         }
         assert!(find(&run).unwrap_err().to_string().contains("config.toml"));
         let config = Config::resolve("demo", None).unwrap();
@@ -253,6 +292,14 @@ pub mod tests {
         for name in ["rollout-00000003.json", "rollout-00000003.safetensors"] {
             assert_eq!(find(&checkpoints.join(name)).unwrap().manifest, checkpoints.join("rollout-00000003.json"));
         }
+        // A damaged one is passed over, and taken where it is asked for: whoever reads it names it.
+        std::fs::write(checkpoints.join("rollout-00000012.safetensors"), "tensors").unwrap();
+        assert_eq!(find(&run).unwrap().manifest, checkpoints.join("rollout-00000003.json"));
+        let asked = checkpoints.join("rollout-00000012.json");
+        assert_eq!(find(&asked).unwrap().manifest, asked);
+        std::fs::remove_file(checkpoints.join("rollout-00000003.safetensors")).unwrap();
+        let none = format!("{:#}", find(&run).unwrap_err());
+        assert!(none.contains("is whole: ") && none.contains("rollout-00000012.safetensors is damaged"), "{none}");
         assert!(find(&run.join("config.toml")).unwrap_err().to_string().contains("is no checkpoint"));
         assert!(find(&run.join("nothing")).unwrap_err().to_string().contains("does not exist"));
         // Tensors without a manifest beside them are a policy file, or nothing.

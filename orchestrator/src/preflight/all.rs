@@ -14,7 +14,7 @@ pub fn demand_all(config: &Config, folder: &RunFolder, tools: &Tools) -> Result<
     let on_gpu = device::is_cuda(config, &tools.torch);
     memory::check(config, on_gpu, memory::available().context("/proc/meminfo")?).demand()?;
     shared_memory::check(config).demand()?;
-    temporary::check().demand()?;
+    temporary::check_for_run().demand()?;
     descriptors::check(config).demand()?;
     disk::check(config, folder.root()).demand()
 }

@@ -4,10 +4,28 @@ use super::Finding;
 use rustix::fs::Access;
 use std::io::{Error, ErrorKind};
 use std::path::Path;
+use wire::{WireAddress, WireError};
 
 /// Checks the folder that `TMPDIR` names, /tmp without it.
 pub fn check() -> Finding {
     check_folder(&std::env::temp_dir())
+}
+
+/// The same for somebody who starts a run there.
+pub fn check_for_run() -> Finding {
+    match check_length(&"0".repeat(ID)) {
+        Err(error) => Finding::Problem(error.to_string()),
+        Ok(()) => check(),
+    }
+}
+
+/// Length of the id of a run.
+const ID: usize = 12;
+
+/// Whether a run with this id finds room for its names: they begin with that of the folder.
+pub fn check_length(id: &str) -> Result<(), WireError> {
+    // Another host adds its number, and a later start has a longer one.
+    WireAddress::new(&format!("{id}h999"), 99_999).check_length()
 }
 
 fn check_folder(folder: &Path) -> Finding {

@@ -65,10 +65,22 @@ type Key = (u32, u32, u32);
 
 /// Reads the files, given in any order, and puts the wanted episodes together.
 pub fn gather(files: &[PathBuf], wanted: Wanted) -> Result<Recorded, RecordingError> {
-    let mut in_time =
-        files.iter().map(|path| Ok((Origin::of(path)?, path))).collect::<Result<Vec<_>, RecordingError>>()?;
-    in_time.sort_by_key(|(origin, _)| origin.place);
+    let (mut in_time, mut passed_over) = (Vec::new(), Vec::new());
+    for path in files {
+        match Origin::of(path) {
+            Ok(origin) => in_time.push((origin, path)),
+            // Not a word of it can be read: the others can.
+            Err(error @ (RecordingError::Empty(_) | RecordingError::NotMcap(_))) => passed_over.push(error),
+            Err(error) => return Err(error),
+        }
+    }
     let mut collection = Collection { wanted, ..Collection::default() };
+    collection.complaints.extend(passed_over.iter().map(|error| format!("{error}: it is passed over")));
+    collection.damaged_files += passed_over.len() as u64;
+    if let Some(error) = passed_over.into_iter().next().filter(|_| in_time.is_empty()) {
+        return Err(error);
+    }
+    in_time.sort_by_key(|(origin, _)| origin.place);
     for at in 0..in_time.len() {
         let (origin, path) = &in_time[at];
         let others = in_time.iter().map(|(other, _)| other);

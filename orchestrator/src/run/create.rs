@@ -4,12 +4,13 @@ use super::identity::{Identity, is_evaluation};
 use super::lock::{Held, RunLock, holder};
 use super::scenes;
 use super::unfinished::{clear, is_cut_off};
+use crate::preflight::temporary;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
 use proto::shell::quoted;
 use std::path::PathBuf;
-use wire::{WireAddress, fault};
+use wire::fault;
 
 /// Refuses a folder that holds anything. Where the making of a run was cut off there is nothing to lose: such a folder is
 /// as good as empty.
@@ -57,8 +58,8 @@ pub fn create(folder: &RunFolder, config: &mut Config, folders: &[PathBuf]) -> R
 /// Makes the folder, these folders in it, and everything else but the identity, which makes it a run.
 pub fn prepare(folder: &RunFolder, config: &mut Config, folders: &[PathBuf]) -> Result<RunLock> {
     check_free(folder)?;
-    // All ids are of one length. Another host adds its number, and a later start has a longer one.
-    WireAddress::new(&format!("{}h999", Identity::new()?.id), 99_999).check_length()?;
+    // All ids are of one length.
+    temporary::check_length(&Identity::new()?.id)?;
     for path in [folder.root().to_path_buf(), folder.logs()].iter().chain(folders) {
         std::fs::create_dir_all(path).with_context(|| format!("cannot create {}", path.display()))?;
         fault::reach("create.after_folder");

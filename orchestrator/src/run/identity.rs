@@ -135,6 +135,9 @@ impl Identity {
                         quoted(folder.root())
                     );
                 }
+                if !folder.root().exists() {
+                    bail!("{root} does not exist: no run began there")
+                }
                 bail!("{root} is not a run folder: it has no run.toml")
             }
             Err(error) => return Err(error).with_context(|| path.display().to_string()),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import warnings
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
@@ -146,9 +147,13 @@ def _newest(folder: Path, rollout: int | None, verify: bool) -> Checkpoint:
     problem: CheckpointError | None = None
     for manifest in manifests:
         try:
-            return _checkpoint(manifest, verify)
+            checkpoint = _checkpoint(manifest, verify)
         except CheckpointError as error:
             problem = problem or error
+        else:
+            if problem is not None:
+                warnings.warn(f"{problem}: {checkpoint.path.name} is taken", stacklevel=3)
+            return checkpoint
     what = "no checkpoint" if rollout is None else f"no checkpoint of rollout {rollout}"
     raise problem or CheckpointError(f"{folder} holds {what}: a run folder has them in checkpoints/")
 
@@ -176,7 +181,8 @@ def _checkpoint(path: Path, verify: bool) -> Checkpoint:
 
 def _tensors(path: Path, content: bytes) -> dict[str, NDArray[Any]]:
     try:
-        tensors = {name: np.asarray(tensor) for name, tensor in decode(content).items()}
+        # Sorted: the library gives them in any order.
+        tensors = {name: np.asarray(tensor) for name, tensor in sorted(decode(content).items())}
     except SafetensorError as error:
         raise CheckpointError(f"{path} is no safetensors file: {error}") from error
     return {name: array.astype(np.float32) if array.dtype == np.float16 else array for name, array in tensors.items()}

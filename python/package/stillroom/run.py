@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 import os
 from dataclasses import dataclass
@@ -167,7 +168,7 @@ def read_run(path: str | PathLike[str]) -> Run:
     return Run(
         path=path,
         kind="run",
-        metrics=_metrics(path / "metrics.jsonl"),
+        metrics=_metrics(path),
         validation=_validation(path / "validation.jsonl"),
         episodes=_all_episodes(folders),
         evaluations=_results(folders),
@@ -182,7 +183,7 @@ def _evaluation(path: Path, config: dict[str, Any]) -> Run:
     return Run(
         path=path,
         kind="evaluation",
-        metrics=_metrics(path / "metrics.jsonl"),
+        metrics=_metrics(path),
         validation=_validation(path / "validation.jsonl"),
         episodes=_episodes(path / "episodes.csv"),
         evaluations=_results(folders),
@@ -241,9 +242,28 @@ def _lines(path: Path, voids: bool) -> list[dict[str, Any]]:
     return [kept[rollout] for rollout in sorted(kept)]
 
 
-def _metrics(path: Path) -> pd.DataFrame:
+def _of_checkpoint(folder: Path) -> list[dict[str, Any]]:
+    """The lines of all rollouts before the newest checkpoint, which keeps them; none where it has none."""
+    try:
+        run = tomllib.loads(_read(folder / "run.toml") or "").get("id")
+    except tomllib.TOMLDecodeError:
+        run = None
+    for path in sorted(folder.glob("checkpoints/rollout-*.json"), reverse=True):
+        try:
+            manifest = json.loads(path.read_bytes())
+            of_another = manifest.get("run") and run and manifest["run"] != run
+            content = path.with_suffix(".jsonl").read_bytes()
+            if not of_another and hashlib.sha256(content).hexdigest() == manifest["figures_sha256"]:
+                return [json.loads(line) for line in content.splitlines()]
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            continue
+    return []
+
+
+def _metrics(folder: Path) -> pd.DataFrame:
+    lines = {line["rollout"]: line for line in [*_of_checkpoint(folder), *_lines(folder / "metrics.jsonl", voids=True)]}
     rows = []
-    for line in _lines(path, voids=True):
+    for line in (lines[rollout] for rollout in sorted(lines)):
         row = {name: line.get(name) for name in ("rollout", "frames", "stage", "at_unix_s", "incarnation")}
         row.update({f"timing/{name}": value for name, value in line.get("timing", {}).items()})
         row.update(line.get("metrics", {}))

@@ -30,7 +30,7 @@ fn a_run_whose_checkpoints_are_gone_is_not_gone_on_with() {
     std::fs::remove_dir_all(run.folder.checkpoints()).unwrap();
     for _ in ["gone", "empty"] {
         for again in [workshop.resume("run"), command(&workshop)] {
-            refused(&complete(again), "there is no checkpoint of it in");
+            refused(&complete(again), "this run has trained, but there is no checkpoint in");
         }
         std::fs::create_dir_all(run.folder.checkpoints()).unwrap();
     }
@@ -54,7 +54,7 @@ fn mistakes_on_the_command_line() {
         refused(&complete(workshop.orchestrator(&command)), "must be at most 9223372036854775807");
     }
     refused(&complete(workshop.orchestrator(&["resume", "nowhere"])), "nowhere");
-    refused(&complete(workshop.orchestrator(&["stop", "nowhere"])), "nowhere");
+    refused(&complete(workshop.orchestrator(&["stop", "nowhere"])), "nowhere does not exist");
     refused(&complete(workshop.orchestrator(&["replay", "nothing.mcap"])), "nothing.mcap");
 }
 
@@ -193,6 +193,10 @@ fn a_temporary_folder_with_too_long_a_name() {
     command.env("TMPDIR", &long);
     refused(&complete(command), "set TMPDIR to a shorter one");
     assert!(!workshop.path("far").exists(), "nothing is left of a run that never began");
+    let mut doctor = workshop.orchestrator(&["doctor", "--preset", "demo"]);
+    doctor.env("TMPDIR", &long);
+    let Printed { success, stdout, .. } = complete(doctor);
+    assert!(!success && stdout.contains("set TMPDIR to a shorter one"), "{stdout}");
 }
 
 #[test]
@@ -342,7 +346,10 @@ fn corrupt_checkpoints() {
             std::fs::write(&path, "garbage").unwrap();
         }
     }
-    refused(&complete(workshop.resume("all-torn")), "checkpoint");
+    let identity = || std::fs::read(run.folder.identity()).unwrap();
+    let before = identity();
+    refused(&complete(workshop.resume("all-torn")), "this run has trained, but no checkpoint in");
+    assert_eq!(identity(), before, "no start is on record that could not be");
 }
 
 #[test]

@@ -45,6 +45,33 @@ fn what_is_said_of_a_damaged_file_helps() {
     assert_eq!(pasted(&workshop, line).result(), result, "{line}");
     assert!(complete(workshop.orchestrator(&["status", "my run"])).success);
 
+    // There is a second recording now, of that start. Not a word of it can be read, the first is compared all the same.
+    let recordings = workshop.run("my run").recordings();
+    assert_eq!(recordings.len(), 2);
+    std::fs::write(&recordings[1], [0; 5000]).expect("a writable file");
+    let replay = complete(workshop.orchestrator(&["replay", "my run"]));
+    assert_eq!(replay.status, Some(6), "{replay:#?}");
+    assert!(replay.stderr.contains("does not begin with MCAP's magic bytes): it is passed over"), "{replay:#?}");
+    std::fs::write(&recordings[0], [0; 5000]).expect("a writable file");
+    let neither = complete(workshop.orchestrator(&["replay", "my run"]));
+    assert!(neither.status == Some(1) && neither.stderr.contains("is not an MCAP recording"), "{neither:#?}");
+
+    // Two checkpoints are kept: where the newest is damaged, everybody takes the one before.
+    let mut tensors: Vec<_> = std::fs::read_dir(folder.checkpoints())
+        .expect("checkpoints")
+        .map(|entry| entry.expect("readable").path())
+        .filter(|path| path.extension().is_some_and(|kind| kind == "safetensors"))
+        .collect();
+    tensors.sort();
+    let [.., before, newest] = &tensors[..] else { panic!("two checkpoints were expected: {tensors:?}") };
+    let whole = std::fs::read(newest).expect("a checkpoint");
+    cut(newest);
+    let out = workshop.path("policy.onnx").display().to_string();
+    let export = complete(workshop.orchestrator(&["export", "my run", "--out", &out]));
+    let name = |path: &Path| path.file_stem().and_then(|name| name.to_str()).expect("text").to_owned();
+    assert!(export.success && export.stderr.contains(&format!("{}.json is taken", name(before))), "{export:#?}");
+    std::fs::write(newest, whole).expect("a writable file");
+
     let evaluate = ["eval", "my run", "--split", "valid", "--objects", "novel", "--episodes", "6"];
     let evaluated = || assert!(complete(workshop.orchestrator(&evaluate)).success);
     let report = || complete(workshop.orchestrator(&["report", "my run"]));

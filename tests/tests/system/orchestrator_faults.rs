@@ -1,7 +1,7 @@
 //! The orchestrator is killed at every named point of its protocol; `resume` ends in the weights of a run that was
 //! left alone.
 
-use system_tests::{TINY, Workshop, complete, kill_child, start};
+use system_tests::{TINY, Workshop, complete, kill_child, start, wait_until};
 
 const ACTORS: u32 = 1;
 const ENVIRONMENTS: u32 = 3;
@@ -88,4 +88,26 @@ fn killed_while_it_makes_the_folder() {
         assert!(!refused.success && refused.stderr.contains(why), "killed at {point}: {refused:#?}");
         workshop.run(&name).assert_nothing_left();
     }
+}
+
+/// Kitchens take a minute to draw. Nobody waits for that any more.
+#[test]
+fn whoever_draws_ends_with_who_asked_for_it() {
+    let workshop = Workshop::new();
+    complete(workshop.up("run", 2, 3, 4000)).result();
+    for command in
+        [&["kitchens", "--out", "all.png"][..], &["replay", "run", "--images", "images", "--format", "video"]]
+    {
+        let child = start(workshop.orchestrator(command));
+        let parent = child.id();
+        let actors = || {
+            let children = std::fs::read_to_string(format!("/proc/{parent}/task/{parent}/children"));
+            children.is_ok_and(|children| !children.is_empty())
+        };
+        wait_until("it has an actor", actors);
+        // The actors have its standard error, too: their end is waited for.
+        let printed = kill_child(child);
+        assert!(printed.killed && !printed.stderr.contains("ERROR"), "{printed:#?}");
+    }
+    assert!(!workshop.path("all.png").exists(), "it worked on to the end");
 }
