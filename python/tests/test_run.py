@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +72,12 @@ def test_rollouts_that_the_file_has_lost_are_those_of_the_checkpoint(tmp_path: P
     assert list(stillroom.read_run(folder(tmp_path / "b", **{**files, "metrics.jsonl": ""})).metrics.index) == [0, 1, 2]
     for other in ({"run.toml": 'id = "other"\n'}, {"checkpoints/rollout-00000003.jsonl": kept + " "}):
         assert list(stillroom.read_run(folder(tmp_path / "c", **{**files, **other})).metrics.index) == [1, 3]
+    # A pipe in the place of one would be waited for.
+    for name in ("checkpoints/rollout-00000003.json", "checkpoints/rollout-00000003.jsonl"):
+        piped = folder(tmp_path / f"pipe{name[-1]}", **files)
+        (piped / name).unlink()
+        os.mkfifo(piped / name)
+        assert list(stillroom.read_run(piped).metrics.index) == [1, 3]
 
 
 def test_episodes_have_types(tmp_path: Path) -> None:

@@ -1,11 +1,13 @@
 //! Whose weights: what a user's path means.
 //!
 //! A run folder means its newest checkpoint that is whole; a manifest (or the tensors beside it) that checkpoint;
-//! `RUN/best` the best one. The configuration is the one beside the checkpoint, or that of the run folder it lies in (`RUN/checkpoints/`,
-//! `RUN/validation/rollout-K/`, `RUN/best/`). A policy file, which `orchestrator export` writes, holds all of it itself.
+//! `RUN/best` the best one. The configuration is the one beside the checkpoint, or that of the run folder it lies in
+//! (`RUN/checkpoints/`, `RUN/validation/rollout-K/`, `RUN/best/`). A policy file, which `orchestrator export` writes, holds
+//! all of it itself.
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use export::Policy;
+use proto::bounded;
 use proto::checkpoint::Manifest;
 use proto::config::Config;
 use proto::digest::sha256;
@@ -67,7 +69,7 @@ impl Source {
     }
 }
 
-/// Reads a manifest. Whether the tensors are whole is for the learner to find.
+/// Reads a manifest, without its tensors.
 pub fn read_manifest(path: &Path) -> Result<Manifest> {
     Manifest::read(path).map_err(|error| anyhow!("{} {error}", path.display()))
 }
@@ -163,11 +165,18 @@ pub fn newest_whole(folder: &Path, run: Option<&str>) -> Result<(PathBuf, Vec<an
     })
 }
 
+/// No network's checkpoint is as long.
+const TENSORS_MOST: u64 = 1 << 40;
+
 /// Whether a checkpoint is as its manifest says.
 fn check(manifest: &Path) -> Result<()> {
-    let Manifest { tensors, tensors_sha256, .. } = read_manifest(manifest)?;
+    let Manifest { tensors, tensors_bytes, tensors_sha256, .. } = read_manifest(manifest)?;
+    let is_beside = Path::new(&tensors).file_name() == Some(tensors.as_ref());
+    ensure!(is_beside, "{} names tensors that are not beside it: {tensors}", manifest.display());
     let path = manifest.with_file_name(tensors);
-    let bytes = std::fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+    // The folder can be somebody else's, with a pipe in the place of a file.
+    let bytes = bounded::read(&path, tensors_bytes.min(TENSORS_MOST))
+        .with_context(|| format!("cannot read {}", path.display()))?;
     ensure!(
         sha256(&bytes) == tensors_sha256,
         "{} is damaged: its SHA-256 is not the one that its manifest names",
@@ -203,7 +212,7 @@ pub mod tests {
     use proto::checkpoint::Machine;
     use proto::config::{CarriedGoal, GoalCoordinates};
 
-    /// The manifest of a checkpoint whose tensors nobody reads.
+    /// The manifest of a checkpoint whose tensors are the text `tensors K`.
     pub fn manifest(rollout: u64, frames: u64) -> Vec<u8> {
         let machine = Machine {
             torch: "2.11.0".into(),
@@ -225,7 +234,7 @@ pub mod tests {
             multiplier: 0.0,
             carried_goal: CarriedGoal::GoalToObject,
             tensors: RolloutName::Tensors.of(rollout),
-            tensors_bytes: 0,
+            tensors_bytes: format!("tensors {rollout}").len() as u64,
             tensors_sha256: sha256(format!("tensors {rollout}").as_bytes()),
             figures_sha256: String::new(),
             config_sha256: String::new(),
@@ -295,6 +304,11 @@ pub mod tests {
         // A damaged one is passed over, and taken where it is asked for: whoever reads it names it.
         std::fs::write(checkpoints.join("rollout-00000012.safetensors"), "tensors").unwrap();
         assert_eq!(find(&run).unwrap().manifest, checkpoints.join("rollout-00000003.json"));
+        std::fs::remove_file(checkpoints.join("rollout-00000012.safetensors")).unwrap();
+        std::os::unix::fs::symlink("/dev/zero", checkpoints.join("rollout-00000012.safetensors")).unwrap();
+        assert_eq!(find(&run).unwrap().manifest, checkpoints.join("rollout-00000003.json"), "a device is not read");
+        std::fs::remove_file(checkpoints.join("rollout-00000012.safetensors")).unwrap();
+        std::fs::write(checkpoints.join("rollout-00000012.safetensors"), "tensors").unwrap();
         let asked = checkpoints.join("rollout-00000012.json");
         assert_eq!(find(&asked).unwrap().manifest, asked);
         std::fs::remove_file(checkpoints.join("rollout-00000003.safetensors")).unwrap();

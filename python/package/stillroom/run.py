@@ -250,12 +250,12 @@ def _of_checkpoint(folder: Path) -> list[dict[str, Any]]:
         run = None
     for path in sorted(folder.glob("checkpoints/rollout-*.json"), reverse=True):
         try:
-            manifest = json.loads(path.read_bytes())
+            manifest = _json(path) or {}
             of_another = manifest.get("run") and run and manifest["run"] != run
-            content = path.with_suffix(".jsonl").read_bytes()
-            if not of_another and hashlib.sha256(content).hexdigest() == manifest["figures_sha256"]:
-                return [json.loads(line) for line in content.splitlines()]
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            text = _read(path.with_suffix(".jsonl")) or ""
+            if not of_another and hashlib.sha256(text.encode()).hexdigest() == manifest.get("figures_sha256"):
+                return [json.loads(line) for line in text.splitlines()]
+        except (RunError, ValueError):
             continue
     return []
 
