@@ -1,7 +1,7 @@
 # Set-up, build and run in one command; for everything else there is plain cargo, which works after `make setup`.
 .DEFAULT_GOAL := help
 .PHONY: help setup build install uninstall up play policy test schemas chaos soak lint check-deploy doc book examples deny fuzz \
-	sanitize bench-peers bench-learner bench-wire bench-view bench-hosts check-determinism \
+	sanitize bench-peers bench-learner bench-kernels bench-wire bench-view bench-hosts check-determinism \
 	python python-aarch64 test-python bench-python dist
 # Cargo uses all cores by itself; targets run one after the other also under -j.
 .NOTPARALLEL:
@@ -54,6 +54,9 @@ help:
 	@echo 'make bench-learner'
 	@echo '             the learner beside PyTorch, eager and compiled; PYTHON=/path/to/python must have torch 2.11 (with'
 	@echo '             CUDA on a GPU machine), nothing is installed; ARGS="--batches 152 --steps 32" measures less'
+	@echo 'make bench-kernels'
+	@echo '             the share of memory bandwidth and of the tensor cores that each kernel of a GPU reaches, by Nsight'
+	@echo '             Compute; ARGS="--ncu /path/to/ncu --what update" measures less'
 	@echo 'make bench-wire'
 	@echo '             shared memory beside raw POSIX shared memory, Unix sockets, ZeroMQ and gRPC; needs a C++ compiler'
 	@echo 'make bench-view'
@@ -191,6 +194,9 @@ bench-peers:
 bench-learner:
 	cargo build --release --locked --workspace --bin learner
 	@cd bench && "$(or $(PYTHON),python3)" -m peers.learner --learner ../target/release/learner $(ARGS)
+
+bench-kernels: build
+	@python3 bench/kernels.py --learner target/release/learner $(ARGS)
 
 # A package of its own with a lock file of its own: its dependencies are none of the product's.
 bench-wire:

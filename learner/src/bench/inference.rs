@@ -5,6 +5,7 @@ use super::frames::{Frames, shape};
 use super::gpu::{Monitor, Use};
 use super::time::percentile;
 use crate::agent::Agent;
+use crate::ffi::profiler::profiled;
 use crate::network::{FramePreparation, Staging};
 use anyhow::Result;
 use proto::config::Config;
@@ -33,8 +34,15 @@ pub struct Inference {
     pub gpu: Option<Use>,
 }
 
-/// Measures for `span` at least.
-pub fn measure(config: &Config, device: Device, batch: u32, span: Duration, monitor: &Monitor) -> Result<Inference> {
+/// Measures for `span` at least. With `mark` a profiler is shown one more step.
+pub fn measure(
+    config: &Config,
+    device: Device,
+    batch: u32,
+    span: Duration,
+    monitor: &Monitor,
+    mark: bool,
+) -> Result<Inference> {
     let mut config = config.clone();
     shape(&mut config, batch);
     config.ppo.rollout_steps = STEPS as u32;
@@ -51,6 +59,10 @@ pub fn measure(config: &Config, device: Device, batch: u32, span: Duration, moni
         Ok(())
     });
     done?;
+    if mark {
+        agent.begin_rollout(RolloutShape::next(u64::MAX, STEPS, config.environments()));
+        profiled(|| agent.step(0, &frames.batch(0, 0, frames.noise(0, 0)).input()))??;
+    }
     times.sort_by(f64::total_cmp);
     let copy_s = (device == Device::Cpu).then(|| copy(&frames, &config));
     Ok(Inference { batch, p50_s: percentile(&times, 0.5), p99_s: percentile(&times, 0.99), copy_s, gpu })

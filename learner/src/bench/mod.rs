@@ -76,9 +76,21 @@ pub struct Arguments {
     /// Frames of the run that shows the whole loop; 0 = none [default: six rollouts]
     #[arg(long, value_name = "F")]
     loop_frames: Option<u64>,
+    /// Show a profiler one more step, or one more update of a single epoch (`ncu --profile-from-start off`)
+    #[arg(long, value_name = "WHAT", value_enum)]
+    mark: Option<Mark>,
     /// Print JSON in place of the table
     #[arg(long)]
     json: bool,
+}
+
+/// What a profiler is shown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Mark {
+    /// A step of each of `--batches`.
+    Inference,
+    /// An update of each of `--steps`.
+    Update,
 }
 
 /// Measures and prints.
@@ -95,6 +107,8 @@ pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<()> {
     // Whatever the configuration is of, this process is one learner.
     config.learner.count = 1;
     let device = device::choose(&config.learner)?;
+    ensure!(arguments.mark.is_none() || device.is_cuda(), "--mark shows a profiler what a GPU does, and this is a CPU");
+    let mark = |what| arguments.mark == Some(what);
     let monitor = Monitor::of(device);
     let agent = Agent::new(&config, device)?;
     let (place, parameters) = (agent.device(), agent.parameter_count());
@@ -116,13 +130,14 @@ pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<()> {
             batch,
             Duration::from_secs_f64(arguments.seconds),
             &monitor,
+            mark(Mark::Inference),
         )?);
         tracing::info!("inference of {batch} measured");
     }
     let mut updates = vec![];
     for steps in given(&arguments.steps, defaults.1) {
         let frames = arguments.rollout_frames.unwrap_or(defaults.2);
-        updates.push(update::measure(&config, device, steps, frames, &monitor)?);
+        updates.push(update::measure(&config, device, steps, frames, &monitor, mark(Mark::Update))?);
         tracing::info!("updates of {steps} steps measured");
     }
     let encoder = match config.network.encoder {

@@ -4,6 +4,7 @@ use super::frames::{self, Frames};
 use super::gpu::{Monitor, Use};
 use super::time::{percentile, synchronise};
 use crate::agent::Agent;
+use crate::ffi::profiler::profiled;
 use crate::rollout::Outcome;
 use anyhow::Result;
 use proto::config::Config;
@@ -35,8 +36,16 @@ pub struct Updates {
     pub gpu: Option<Use>,
 }
 
-/// Measures updates of rollouts of `steps` steps and about `frames` frames.
-pub fn measure(config: &Config, device: Device, steps: u32, frames: u32, monitor: &Monitor) -> Result<Updates> {
+/// Measures updates of rollouts of `steps` steps and about `frames` frames. With `mark` a profiler is shown one more, of
+/// a single epoch.
+pub fn measure(
+    config: &Config,
+    device: Device,
+    steps: u32,
+    frames: u32,
+    monitor: &Monitor,
+    mark: bool,
+) -> Result<Updates> {
     let mut config = config.clone();
     config.ppo.rollout_steps = steps;
     frames::shape(&mut config, (frames / steps / 2).max(1));
@@ -44,9 +53,9 @@ pub fn measure(config: &Config, device: Device, steps: u32, frames: u32, monitor
     config.ppo.epochs = config.ppo.epochs.max(2);
     let epochs = config.ppo.epochs;
     let observations = Frames::new(&config)?;
-    let (whole, gpu) = monitor.during(|| seconds(&config, device, &observations));
+    let (whole, gpu) = monitor.during(|| seconds(&config, device, &observations, false));
     config.ppo.epochs = 1;
-    let (whole, one) = (whole?, seconds(&config, device, &observations)?);
+    let (whole, one) = (whole?, seconds(&config, device, &observations, mark)?);
     let shape = shape(&config);
     Ok(Updates {
         steps,
@@ -63,8 +72,8 @@ fn shape(config: &Config) -> RolloutShape {
     RolloutShape::next(u64::MAX, config.ppo.rollout_steps as usize, config.environments())
 }
 
-/// The median time of an update.
-fn seconds(config: &Config, device: Device, observations: &Frames) -> Result<f64> {
+/// The median time of an update; with `mark` a profiler is shown one more.
+fn seconds(config: &Config, device: Device, observations: &Frames, mark: bool) -> Result<f64> {
     let mut agent = Agent::new(config, device)?;
     let mut times = vec![];
     for number in 0..WARM_UPS + UPDATES {
@@ -76,6 +85,11 @@ fn seconds(config: &Config, device: Device, observations: &Frames) -> Result<f64
         if number >= WARM_UPS {
             times.push(began.elapsed().as_secs_f64());
         }
+    }
+    if mark {
+        fill(&mut agent, config, observations)?;
+        synchronise(device);
+        profiled(|| agent.update(0.0, WARM_UPS + UPDATES).map(|_| synchronise(device)))??;
     }
     times.sort_by(f64::total_cmp);
     Ok(percentile(&times, 0.5))

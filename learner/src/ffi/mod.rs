@@ -13,6 +13,7 @@ pub mod host_memory;
 pub mod kernels;
 pub mod library;
 pub mod nccl;
+pub mod profiler;
 pub mod stopwatch;
 pub mod stream;
 pub mod warnings;
