@@ -139,7 +139,7 @@ def table(what: str, found: list[Launch], lines: int) -> str:
     """Kernels by their time."""
     groups: dict[tuple[str, str], Kernel] = {}
     for launch in found:
-        name = launch.kernel.split("(")[0].split("<")[0].removeprefix("void ")
+        name = launch.kernel.replace("<unnamed>::", "").split("(")[0].split("<")[0].removeprefix("void ")
         groups.setdefault((name, launch.grid), Kernel(name, launch.grid, [])).launches.append(launch)
     ordered = sorted(groups.values(), key=lambda kernel: -kernel.time_us)
     total_us = sum(kernel.time_us for kernel in ordered)

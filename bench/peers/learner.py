@@ -1,9 +1,9 @@
 """Our learner beside PyTorch: the same network and batch, in the same run on the same device.
 
 Inference is a whole step, from frames on the host to actions on the host. Ours takes the frames from the shared memory
-in which actors wrote them: on a CPU it copies them, a GPU reads them there. Theirs have them in pinned memory already. An
-epoch is forward and backward pass of a rollout with
-the optimiser's step. In ours episodes begin and end inside of it; in theirs none does, so that their GRU is one call.
+in which actors wrote them: on a CPU it copies them, a GPU reads them there. Theirs have them in pinned memory already.
+An epoch is forward and backward pass of a rollout with the optimiser's step. In ours episodes begin and end inside of
+it; in theirs none does, so that their GRU is one call.
 """
 
 from __future__ import annotations
@@ -62,7 +62,8 @@ class Measured:
 def ours(options: argparse.Namespace, cuda_library: Path | None) -> dict:
     """What `learner bench` measures."""
     device = "cuda" if cuda_library else "cpu"
-    settings = [f"network.encoder={options.encoder}", f"network.hidden={options.hidden}"]
+    # One step of the optimiser an epoch, of all frames, as theirs takes it.
+    settings = [f"network.encoder={options.encoder}", f"network.hidden={options.hidden}", "ppo.minibatches=1"]
     command = [options.learner, "bench", "--device", device, "--preset", PRESET, "--loop-frames", "0", "--json"]
     command += [word for setting in settings for word in ("--set", setting)]
     command += ["--seconds", str(options.seconds), "--rollout-frames", str(options.rollout_frames)]

@@ -15,6 +15,16 @@ pub fn load_cuda() {
     let _ = library::open(&[c"libtorch_cuda.so"]);
 }
 
+/// For tests that need a CUDA device: until the guard is dropped no other test of this process uses it. Where one records a
+/// graph, libtorch's generator of random numbers serves nobody else.
+#[cfg(test)]
+pub(crate) fn cuda_alone() -> std::sync::MutexGuard<'static, ()> {
+    static DEVICE: std::sync::Mutex<()> = std::sync::Mutex::new(());
+    load_cuda();
+    // Nothing lies behind the lock that a test which failed could leave half done.
+    DEVICE.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+}
+
 /// Turns libtorch's warnings into log lines of level debug. They address authors of PyTorch programs ("call
 /// `flatten_parameters()`"), and some come with every call.
 pub fn log_warnings() {

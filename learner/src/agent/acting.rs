@@ -281,7 +281,7 @@ mod tests {
     #[test]
     #[ignore = "needs a CUDA device"]
     fn a_graph_does_what_the_agent_does_step_by_step() {
-        crate::device::load_cuda();
+        let _alone = crate::device::cuda_alone();
         let mut config = Config::resolve("recipe", None).unwrap();
         for [actors, environments] in [[1, 20], [19, 16], [19, 32]] {
             (config.actors.count, config.actors.environments_per_actor) = (actors, environments);

@@ -230,7 +230,7 @@ mod tests {
     #[ignore = "needs a CUDA device"]
     fn what_the_network_makes_of_a_row_does_not_depend_on_the_others() {
         const STEPS: usize = 3;
-        crate::device::load_cuda();
+        let _alone = crate::device::cuda_alone();
         let mut config = Config::resolve("recipe", None).unwrap();
         for ([actors, environments], shards, groups) in [
             ([38, 1], 0, 5),

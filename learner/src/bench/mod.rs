@@ -40,9 +40,9 @@ use tch::Cuda;
 A batch is one half of the environments: 19 actors of 16 environments make batches of 152. Its time goes from frames in
 shared memory to sampled actions, so it includes the way of the frames to the device. On a CPU the column `copy` gives
 that alone; a GPU reads the frames itself. An epoch is forward and backward pass of all frames with its optimiser step. The
-whole loop is a run of --loop-frames by `orchestrator up`, which must lie beside this program; its first two rollouts,
-with the start of processes and the recording of a GPU's graphs, are left out, and with ppo.overlap the last one, whose
-update has no other rollout beside it.
+whole loop is a run of --loop-frames by `orchestrator up`, of the first stage alone, and `orchestrator` must lie beside this
+program; its first two rollouts, with the start of processes and the recording of a GPU's graphs, are left out, and the
+last one, which ends with a checkpoint and whose update has no other rollout beside it.
 
 Examples:
   learner bench
@@ -73,7 +73,7 @@ pub struct Arguments {
     /// Least time for each figure of inference, seconds
     #[arg(long, value_name = "S", default_value_t = 1.0)]
     seconds: f64,
-    /// Frames of the run that shows the whole loop; 0 = none [default: six rollouts]
+    /// Frames of the run that shows the whole loop; 0 = none [default: eight rollouts]
     #[arg(long, value_name = "F")]
     loop_frames: Option<u64>,
     /// Show a profiler one more step, or one more update of a single epoch (`ncu --profile-from-start off`)

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 /// Rollouts of the run if nothing else is asked for.
-const ROLLOUTS: u64 = 6;
+const ROLLOUTS: u64 = 8;
 /// Rollouts that do not count: in the first processes start, after the second a GPU's graphs are recorded.
 const WARM_UP: usize = 2;
 
@@ -56,6 +56,8 @@ pub fn measure(config: &Config, frames: Option<u64>, monitor: &Monitor) -> Resul
     let [run, errors, file] = ["run", "errors", "config.toml"].map(|name| folder.0.join(name));
     let mut config = config.clone();
     config.validation.every_frames = 0;
+    // A boundary between stages is a checkpoint and a shorter rollout, which a long run has once.
+    config.stages.truncate(1);
     std::fs::write(&file, config.to_toml()).with_context(|| file.display().to_string())?;
     let mut command = Command::new(&program);
     // It ends with this process.
@@ -71,18 +73,16 @@ pub fn measure(config: &Config, frames: Option<u64>, monitor: &Monitor) -> Resul
             text.trim_end().lines().last().unwrap_or("no reason given")
         );
     }
-    let (frames, timing) = read(&RunFolder::new(&run).metrics(), config.ppo.overlap)?;
+    let (frames, timing) = read(&RunFolder::new(&run).metrics())?;
     Ok(WholeLoop { frames, timing, gpu })
 }
 
-/// Frames and times of all rollouts in a run's metrics but the first [`WARM_UP`]. With overlap the last one does not count
-/// either: no other is collected beside its update.
-fn read(path: &Path, overlap: bool) -> Result<(u64, Timing)> {
+/// Frames and times of all rollouts in a run's metrics but the first [`WARM_UP`] and the last one: no other is collected
+/// beside its update, and it ends with a checkpoint.
+fn read(path: &Path) -> Result<(u64, Timing)> {
     let (history, _) = History::decode(&std::fs::read(path).with_context(|| path.display().to_string())?);
     let mut rollouts: Vec<_> = history.iter().collect();
-    if overlap {
-        rollouts.pop();
-    }
+    rollouts.pop();
     let mut sum = Timing::default();
     rollouts.iter().skip(WARM_UP).for_each(|trained| sum += trained.timing);
     let frames = match (rollouts.get(WARM_UP - 1), rollouts.last()) {
@@ -91,8 +91,7 @@ fn read(path: &Path, overlap: bool) -> Result<(u64, Timing)> {
     };
     ensure!(
         frames > 0,
-        "the run has no rollout that counts, which the first {WARM_UP}{} do not: give it more --loop-frames",
-        if overlap { " and the last" } else { "" }
+        "the run has no rollout that counts, which the first {WARM_UP} and the last do not: give it more --loop-frames"
     );
     Ok((frames, sum))
 }
@@ -103,7 +102,7 @@ mod tests {
     use proto::trained::Trained;
 
     #[test]
-    fn the_first_rollouts_do_not_count() {
+    fn the_first_rollouts_and_the_last_do_not_count() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("metrics.jsonl");
         let write = |rollouts: &[(u64, f64)]| {
@@ -115,19 +114,14 @@ mod tests {
             }
             std::fs::write(&path, history.encode()).unwrap();
         };
-        for few in [&[][..], &[(50, 9.0)], &[(50, 9.0), (100, 8.0)]] {
+        for few in [&[][..], &[(50, 9.0)], &[(50, 9.0), (100, 8.0)], &[(50, 9.0), (100, 8.0), (200, 1.0)]] {
             write(few);
-            assert!(read(&path, false).unwrap_err().to_string().contains("--loop-frames"));
+            assert!(read(&path).unwrap_err().to_string().contains("--loop-frames"));
         }
-        write(&[(50, 9.0), (100, 8.0), (200, 1.0), (250, 2.0)]);
-        let (frames, timing) = read(&path, false).unwrap();
+        write(&[(50, 9.0), (100, 8.0), (200, 1.0), (250, 2.0), (300, 7.0)]);
+        let (frames, timing) = read(&path).unwrap();
         assert_eq!(frames, 150);
         let whole = WholeLoop { frames, timing, gpu: None };
         assert_eq!((timing.update_s, whole.seconds()), (3.0, 10.0));
-        // The last update of an overlapping run has no rollout beside it.
-        let (frames, timing) = read(&path, true).unwrap();
-        assert_eq!((frames, timing.update_s), (100, 1.0));
-        write(&[(50, 9.0), (100, 8.0), (200, 1.0)]);
-        assert!(read(&path, true).unwrap_err().to_string().contains("the first 2 and the last do not"));
     }
 }

@@ -300,7 +300,7 @@ mod tests {
     #[test]
     #[ignore = "needs a CUDA device"]
     fn kernels_make_the_network_that_autograd_makes() {
-        crate::device::load_cuda();
+        let _alone = crate::device::cuda_alone();
         let device = Device::Cuda(0);
         let build = || Network::new(&Config::default(), device, |_, _| ()).0;
         let (plain, mut fused) = (build(), build());

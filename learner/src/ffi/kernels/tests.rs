@@ -12,7 +12,6 @@ const CHANNELS: i64 = 32;
 const GROUPS: i64 = 16;
 
 fn kernels(side: i64) -> Kernels {
-    crate::device::load_cuda();
     tch::manual_seed(1);
     let _context = Tensor::zeros([1], (Kind::Float, DEVICE));
     Kernels::compile(side).unwrap()
@@ -36,6 +35,7 @@ fn assert_close(ours: &Tensor, theirs: &Tensor, tolerance: f64) {
 #[test]
 #[ignore = "needs a CUDA device"]
 fn kernels_of_the_norms() {
+    let _alone = crate::device::cuda_alone();
     let kernels = kernels(112);
     // Groups of 2, 4, 8 and 16 channels and of all; then maps too large for shared memory, in part and always.
     let sizes = [(32, 28, 16), (64, 14, 16), (128, 7, 16), (256, 4, 16), (128, 4, 1)];
@@ -96,6 +96,7 @@ fn parts(kept: &Tensor, [scale, offset]: [f32; 2]) -> Tensor {
 #[test]
 #[ignore = "needs a CUDA device"]
 fn kernels_of_the_stem() {
+    let _alone = crate::device::cuda_alone();
     for side in [56, 112, 224] {
         let kernels = kernels(side);
         let float = (Kind::Float, DEVICE);
@@ -136,6 +137,7 @@ fn kernels_of_the_stem() {
 #[test]
 #[ignore = "needs a CUDA device of compute capability 9.0"]
 fn kernels_of_whole_blocks() {
+    let _alone = crate::device::cuda_alone();
     let blocks = kernels(112).block.expect("a GPU with the shared memory of an H100");
     // More maps than blocks of threads, and fewer.
     for rows in [300, 5] {
@@ -179,6 +181,7 @@ fn kernels_of_whole_blocks() {
 #[test]
 #[ignore = "needs a CUDA device"]
 fn kernel_of_decisions() {
+    let _alone = crate::device::cuda_alone();
     let kernels = kernels(112);
     let float = (Kind::Float, DEVICE);
     for (rows, hidden, actions) in [(1, 8, 13), (152, 512, 21), (5, 4096, 32)] {
@@ -245,6 +248,7 @@ fn kernel_of_decisions() {
 #[ignore = "needs a CUDA device"]
 fn kernel_of_observing_frames_and_sums() {
     use proto::camera::{DepthFrame, FRAME_PIXELS, SUMS_PIXELS, sum_windows};
+    let _alone = crate::device::cuda_alone();
     let kernels = kernels(112);
     let pinned = |numbers: &[i16]| Tensor::from_slice(numbers).pin_memory(DEVICE);
     let depth_mm: Vec<i16> = (0..FRAME_PIXELS).map(|pixel| (pixel * 7919 % 16_000) as i16).collect();

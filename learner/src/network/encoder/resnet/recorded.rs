@@ -146,7 +146,6 @@ mod tests {
 
     /// An encoder with kernels, and weights for it.
     fn encoder() -> (ResnetEncoder, Parameters) {
-        crate::device::load_cuda();
         let mut layout = Layout::default();
         let mut encoder = ResnetEncoder {
             resnet: Resnet::new(&mut layout, PATH, SIDE),
@@ -194,6 +193,7 @@ mod tests {
     #[test]
     #[ignore = "needs a CUDA device"]
     fn a_recorded_pass_is_the_pass() {
+        let _alone = crate::device::cuda_alone();
         assert_eq!(compare(&[&[38, 19, 38, 19]]), (0, vec![]), "one update, whatever it has of epochs");
         assert_eq!(compare(&[&[38, 19][..]; 4]), (6, vec![19, 38]), "from the second update on");
     }
@@ -202,6 +202,7 @@ mod tests {
     #[test]
     #[ignore = "needs a CUDA device"]
     fn a_pass_recorded_in_place_of_another_is_the_pass() {
+        let _alone = crate::device::cuda_alone();
         let (all, new) = ([38, 19, 20, 21], [38, 24, 19]);
         // 24 comes in place of 20, as 38 and 19 are in use; then 20 in place of 21.
         let (launched, recorded) = compare(&[&all, &all, &new, &new, &new, &[20, 38, 24, 19], &new]);
@@ -212,6 +213,7 @@ mod tests {
     #[test]
     #[ignore = "needs a CUDA device"]
     fn after_a_recording_that_failed_a_pass_has_the_weights_of_now() {
+        let _alone = crate::device::cuda_alone();
         let (encoder, parameters) = encoder();
         let kept = Tensor::rand([19, SIDE, SIDE], (Kind::Float, Device::Cuda(0))) * 4000.0;
         let pass = |encoder: &ResnetEncoder| encoder.forward_fused(&parameters, &kept, [0.001, -1.0]).unwrap().0.copy();
