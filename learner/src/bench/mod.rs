@@ -42,7 +42,7 @@ shared memory to sampled actions, so it includes the way of the frames to the de
 that alone; a GPU reads the frames itself. An epoch is forward and backward pass of all frames with its optimiser step. The
 whole loop is a run of --loop-frames by `orchestrator up`, of the first stage alone, and `orchestrator` must lie beside this
 program; its first two rollouts, with the start of processes and the recording of a GPU's graphs, are left out, and the
-last one, which ends with a checkpoint and whose update has no other rollout beside it.
+last one, which may be shorter and whose update has no other rollout beside it.
 
 Examples:
   learner bench

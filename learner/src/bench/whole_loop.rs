@@ -77,8 +77,8 @@ pub fn measure(config: &Config, frames: Option<u64>, monitor: &Monitor) -> Resul
     Ok(WholeLoop { frames, timing, gpu })
 }
 
-/// Frames and times of all rollouts in a run's metrics but the first [`WARM_UP`] and the last one: no other is collected
-/// beside its update, and it ends with a checkpoint.
+/// Frames and times of all rollouts in a run's metrics but the first [`WARM_UP`] and the last one: with overlap no other is
+/// collected beside its update, and it may be shorter.
 fn read(path: &Path) -> Result<(u64, Timing)> {
     let (history, _) = History::decode(&std::fs::read(path).with_context(|| path.display().to_string())?);
     let mut rollouts: Vec<_> = history.iter().collect();

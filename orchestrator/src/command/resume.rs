@@ -1,8 +1,8 @@
 //! `orchestrator resume`: goes on with a run from its last checkpoint.
 
-use crate::evaluation::subject::newest_whole;
 use crate::preflight::all::demand_all;
 use crate::preflight::tools::Tools;
+use crate::run::checkpoints::{newest_whole, read_manifest};
 use crate::run::identity::{Identity, host_name, is_evaluation};
 use crate::run::lock::{RunLock, wait_for_learners};
 use crate::run::process_state::stopped;
@@ -105,9 +105,9 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     let patience = Policy::of(&config).silence;
     settle(&folder, &identity, config.learner.count.max(args.learners.unwrap_or(0)), patience)?;
     // Only now nobody trains any more.
-    demand_checkpoint(&folder)?;
+    let trained = frames_of_checkpoint(&folder)?;
     let reshaped = reshape(&mut config, &mut identity, [args.actors, args.learners])?;
-    let budget = args.frames.map(|frames| Budget::of(&folder, &config, frames)).transpose()?;
+    let budget = args.frames.map(|frames| Budget::of(&config, trained, frames)).transpose()?;
     let budget = budget.filter(|budget| !budget.is_old());
     if let (None, Some(summary)) = (&budget, &summary) {
         if reshaped {
@@ -137,9 +137,10 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     TrainingRun { folder, config, identity, lock, tools, started: Started::default() }.run()
 }
 
-/// Refuses a run that has trained and has no checkpoint that is whole: it would begin anew, over its own figures, or have
-/// a learner fail. A run saves before its first rollout, so there was one.
-fn demand_checkpoint(folder: &RunFolder) -> Result<()> {
+/// The frames of the checkpoint that the run goes on from, its newest that is whole; 0 where it begins. Refuses a run that
+/// has trained and has none: it would begin anew, over its own figures, or have a learner fail. A run saves before its first
+/// rollout, so there was one.
+fn frames_of_checkpoint(folder: &RunFolder) -> Result<u64> {
     let has_trained = std::fs::metadata(folder.metrics()).is_ok_and(|metrics| metrics.len() > 0);
     match newest_whole(&folder.checkpoints(), folder.id().as_deref()) {
         Err(error) if has_trained => bail!(
@@ -147,7 +148,8 @@ fn demand_checkpoint(folder: &RunFolder) -> Result<()> {
              from a copy, or begin anew with `orchestrator up --config {}` and another folder",
             quoted(folder.config())
         ),
-        _ => Ok(()),
+        Err(_) => Ok(0),
+        Ok((manifest, _)) => Ok(read_manifest(&manifest)?.frames),
     }
 }
 
@@ -200,7 +202,7 @@ pub fn go_on(folder: RunFolder, asked: Config, started: Started, patience: Durat
     let tools = Tools::find()?;
     settle(&folder, &identity, config.learner.count.max(learners), Policy::of(&config).silence)?;
     // Only now nobody trains any more.
-    demand_checkpoint(&folder)?;
+    frames_of_checkpoint(&folder)?;
     let actors = identity.actors_for(asked_actors, config.actors.count);
     if actors != asked_actors {
         terminal::note(&format!(

@@ -3,10 +3,11 @@
 use super::host_flags::HostFlags;
 use super::overrides::{Overrides, default_preset};
 use super::resume::go_on;
-use crate::evaluation::subject::{Found, find, network_differences, read_manifest};
+use crate::evaluation::subject::{Found, find, network_differences};
 use crate::hosts::membership::Membership;
 use crate::preflight::all::demand_all;
 use crate::preflight::tools::Tools;
+use crate::run::checkpoints::read_manifest;
 use crate::run::create::{check_free, create};
 use crate::run::identity::unix_now;
 use crate::run::scenes;

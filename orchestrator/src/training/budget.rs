@@ -6,10 +6,9 @@
 
 use crate::showing::{format, terminal};
 use anyhow::{Context, Result};
-use proto::checkpoint::Manifest;
 use proto::config::{Config, StageConfig};
 use proto::learning_rate::{learning_rate, learning_rate_progress};
-use proto::run_folder::{RolloutName, RunFolder, write_atomically};
+use proto::run_folder::{RunFolder, write_atomically};
 use proto::stage::{position_at, rebudget, total_frames};
 use std::fs::File;
 use wire::fault;
@@ -23,9 +22,8 @@ pub struct Budget {
 }
 
 impl Budget {
-    /// Judges `total` frames for the run in this folder, which no process works on.
-    pub fn of(folder: &RunFolder, config: &Config, total: u64) -> Result<Self> {
-        let (_, trained) = newest(folder)?;
+    /// Judges `total` frames for a run that goes on from `trained`, on which no process works.
+    pub fn of(config: &Config, trained: u64, total: u64) -> Result<Self> {
         let new = rebudget(&config.stages, trained, total)?;
         Config { stages: new.clone(), ..config.clone() }.validate()?;
         Ok(Self { old: config.stages.clone(), new, trained })
@@ -104,54 +102,24 @@ impl Budget {
     }
 }
 
-/// Rollout and frames of the newest checkpoint that can be read. (A checkpoint with damaged tensors is skipped on resume;
-/// the run then has fewer trained frames than this.)
-pub fn newest(folder: &RunFolder) -> Result<(u64, u64)> {
-    let path = folder.checkpoints();
-    let entries = match std::fs::read_dir(&path) {
-        Ok(entries) => entries,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok((0, 0)),
-        Err(error) => return Err(error).with_context(|| path.display().to_string()),
-    };
-    let id = folder.id().unwrap_or_default();
-    let mut newest = (0, 0);
-    for entry in entries {
-        let path = entry.with_context(|| path.display().to_string())?.path();
-        if RolloutName::Manifest.rollout_of(&path).is_some()
-            && let Ok(manifest) = Manifest::read(&path)
-            && !manifest.is_of_another(&id)
-        {
-            newest = newest.max((manifest.rollout, manifest.frames));
-        }
-    }
-    Ok(newest)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluation::subject::tests::manifest;
     use crate::training::means::tests::stages;
 
-    /// A run of 1000 and 500 frames that has trained so many.
-    fn run(trained: u64) -> (tempfile::TempDir, RunFolder, Config) {
-        let temporary = tempfile::tempdir().unwrap();
-        let folder = RunFolder::new(temporary.path());
-        let config = Config { stages: stages(), ..Config::default() };
-        std::fs::write(folder.config(), config.to_toml()).unwrap();
-        std::fs::create_dir_all(folder.checkpoints()).unwrap();
-        std::fs::write(folder.checkpoint_manifest(1), manifest(1, trained / 2)).unwrap();
-        std::fs::write(folder.checkpoint_manifest(2), manifest(2, trained)).unwrap();
-        std::fs::write(folder.checkpoint_manifest(3), "torn").unwrap();
-        (temporary, folder, config)
+    /// Of 1000 and 500 frames.
+    fn configured() -> Config {
+        Config { stages: stages(), ..Config::default() }
     }
 
     #[test]
     fn the_summary_goes_and_the_configuration_is_replaced() {
-        let (_temporary, folder, config) = run(1500);
+        let temporary = tempfile::tempdir().unwrap();
+        let (folder, config) = (RunFolder::new(temporary.path()), configured());
+        std::fs::write(folder.config(), config.to_toml()).unwrap();
         std::fs::write(folder.summary(), "{}").unwrap();
-        let budget = Budget::of(&folder, &config, 2500).unwrap();
-        assert!(!budget.is_old() && Budget::of(&folder, &config, 1500).unwrap().is_old());
+        let budget = Budget::of(&config, 1500, 2500).unwrap();
+        assert!(!budget.is_old() && Budget::of(&config, 1500, 1500).unwrap().is_old());
         budget.write(&folder, &config).unwrap();
         assert!(!folder.summary().exists());
         let written = Config::of_run(&folder).unwrap();
@@ -159,18 +127,18 @@ mod tests {
         let frames: Vec<u64> = written.stages.iter().map(|stage| stage.frames).collect();
         assert_eq!(frames, [1000, 1500]);
         // A run that is not complete has no summary.
-        Budget::of(&folder, &written, 3000).unwrap().write(&folder, &written).unwrap();
+        Budget::of(&written, 1500, 3000).unwrap().write(&folder, &written).unwrap();
         assert_eq!(total_frames(&Config::of_run(&folder).unwrap().stages), 3000);
-        let refused = Budget::of(&folder, &written, 1499).unwrap_err().to_string();
+        let refused = Budget::of(&written, 1500, 1499).unwrap_err().to_string();
         assert!(refused.contains("--frames 1499: the run has trained 1500 frames already"), "{refused}");
     }
 
     #[test]
     fn what_it_means_is_said() {
         let lines_of = |trained, total, learning_rate_frames| {
-            let (_temporary, folder, mut config) = run(trained);
+            let mut config = configured();
             config.ppo.learning_rate_frames = learning_rate_frames;
-            Budget::of(&folder, &config, total).unwrap().lines(&config)
+            Budget::of(&config, trained, total).unwrap().lines(&config)
         };
         // The rate falls over each stage.
         let lines = |trained, total| lines_of(trained, total, 0);
@@ -183,9 +151,9 @@ mod tests {
         assert_eq!(lines(500, 3000).len(), 2);
         assert_eq!(lines(1200, 1200).len(), 1, "there is no next update");
         assert_eq!(lines_of(1500, 2500, 30_000_000).len(), 1, "a rate that falls over so many frames of any stage");
-        let (_temporary, folder, mut config) = run(1500);
+        let mut config = configured();
         config.ppo.learning_rate_frames = 0;
         config.ppo.learning_rate_end = 1.0;
-        assert_eq!(Budget::of(&folder, &config, 2500).unwrap().lines(&config).len(), 1, "a rate that does not fall");
+        assert_eq!(Budget::of(&config, 1500, 2500).unwrap().lines(&config).len(), 1, "a rate that does not fall");
     }
 }

@@ -5,13 +5,14 @@
 //! it, so whenever a learner begins, the file is made to say what its checkpoint says: missing lines are added, and
 //! those behind it removed, because these rollouts are trained again.
 
+use crate::run::checkpoints::newest_readable;
 use crate::run::json_lines::{Writer, is_content};
 use crate::showing::format::counted;
 use anyhow::{Context, Result};
 use proto::bounded;
 use proto::checkpoint::Manifest;
 use proto::disk::LocalDisk;
-use proto::run_folder::{RolloutName, RunFolder, write_pieces_atomically_on};
+use proto::run_folder::{RunFolder, write_pieces_atomically_on};
 use proto::trained::{History, Trained};
 use std::io::ErrorKind;
 use std::ops::RangeInclusive;
@@ -43,7 +44,7 @@ impl Figures {
     /// Reads a run's folder. `at_rest`: nobody works on the run, so the file should have all that the checkpoint has.
     pub fn read(folder: &RunFolder, at_rest: bool) -> Result<Self> {
         let file = read_file(folder)?;
-        let newest = newest_checkpoint(folder);
+        let newest = newest_readable(folder)?;
         let trained = newest.as_ref().map_or(0, |manifest| manifest.rollout);
         let mut notes = Vec::new();
         let is_missing = file.is_none() && trained > 0;
@@ -82,16 +83,6 @@ fn lost(gaps: &[RangeInclusive<u64>]) -> Option<String> {
     let named: Vec<String> = gaps.iter().map(named).collect();
     let are = "are lost: neither metrics.jsonl nor the checkpoint has them, and all means are without them";
     (!named.is_empty()).then(|| format!("the figures of rollouts {} {are}", named.join(", ")))
-}
-
-/// The manifest of the run's newest checkpoint that can be read.
-fn newest_checkpoint(folder: &RunFolder) -> Option<Manifest> {
-    let id = folder.id().unwrap_or_default();
-    let paths = std::fs::read_dir(folder.checkpoints()).ok()?.flatten().map(|entry| entry.path());
-    let mut paths: Vec<_> = paths.filter_map(|path| Some((RolloutName::Manifest.rollout_of(&path)?, path))).collect();
-    paths.sort();
-    let manifests = paths.into_iter().rev().filter_map(|(_, path)| Manifest::read(&path).ok());
-    manifests.into_iter().find(|manifest| !manifest.is_of_another(&id))
 }
 
 /// Writes the file.
@@ -181,7 +172,7 @@ impl Journal {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluation::subject::tests::manifest;
+    use crate::run::checkpoints::tests::manifest;
     use crate::training::means::tests::history;
     use proto::digest::sha256;
 

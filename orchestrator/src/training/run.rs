@@ -4,6 +4,7 @@ use super::audience::TrainingAudience;
 use crate::hosts::rendezvous::{Incomplete, Rendezvous};
 use crate::preflight::all::demand_all;
 use crate::preflight::tools::Tools;
+use crate::run::checkpoints::newest_readable;
 use crate::run::identity::{Ended, Identity, Shape, unix_now};
 use crate::run::lock::RunLock;
 use crate::run::scale::with_actors;
@@ -14,7 +15,6 @@ use crate::supervisor::company::Order;
 use crate::supervisor::event::{Outcome, Saved, SessionEnd};
 use crate::supervisor::session::{EXIT_INTERRUPTED, Session, Together, begin_log, part_of, shape};
 use crate::supervisor::shell::Signals;
-use crate::training::budget::newest;
 use crate::training::summary::Summary;
 use crate::training::wall::{Last, Wall};
 use crate::training::{events, next_steps};
@@ -168,7 +168,8 @@ impl TrainingRun {
 
     /// The processes of the start that begins.
     fn shape(&self) -> Result<Shape> {
-        let (rollout, frames) = newest(&self.folder)?;
+        let newest = newest_readable(&self.folder)?;
+        let (rollout, frames) = newest.map_or((0, 0), |manifest| (manifest.rollout, manifest.frames));
         let hosts = self.hosts();
         let (learners, actors) = (self.config.learner.count, self.config.actors.count);
         Ok(Shape { hosts, learners, actors, rollout, frames })

@@ -9,10 +9,10 @@
 //! that fails is made again. One that fails again and again is left to the next start; the run continues, and its
 //! checkpoint stays pinned. So the lines, and which checkpoint is the best, do not depend on what was killed.
 
-use crate::evaluation::subject::read_manifest;
 use crate::process_end::wait_for_child;
 use crate::recording::recorder::Recorder;
 use crate::recording::schema::stillroom;
+use crate::run::checkpoints::read_manifest;
 use crate::run::cut_off::remove_evaluation;
 use crate::run::json_lines::{Writer, set_content};
 use crate::run::lifeline::this_program;
@@ -375,7 +375,7 @@ impl Validation {
 #[cfg(test)]
 pub mod tests {
     use super::*;
-    use crate::evaluation::subject::tests::manifest;
+    use crate::run::checkpoints::tests::manifest;
     use crate::training::scores::tests::validated;
     use proto::evaluation::ObjectSet;
     use std::io::Write;

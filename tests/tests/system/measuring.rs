@@ -101,6 +101,18 @@ fn the_learner_measures_itself_and_a_whole_run() {
     positive(&report["whole_loop"]["timing"]["update_s"]);
 }
 
+/// Before anything is measured.
+#[test]
+fn a_profiler_is_shown_nothing_of_a_cpu() {
+    let workshop = Workshop::new();
+    let mut command = Command::new(binary("learner"));
+    command.current_dir(workshop.path("")).args(["bench", "--device", "cpu", "--mark", "update"]);
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let printed = complete(command);
+    assert!(!printed.success && printed.stdout.is_empty(), "{printed:#?}");
+    assert!(printed.stderr.contains("--mark shows a profiler what a GPU does, and this is a CPU"), "{printed:#?}");
+}
+
 #[test]
 fn learners_measure_their_exchange() {
     let workshop = Workshop::new();
