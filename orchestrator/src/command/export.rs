@@ -129,6 +129,9 @@ fn export_policy(args: &ExportArgs, format: Format) -> Result<()> {
     let out = &args.out;
     let page = out.with_extension("md");
     free(out)?;
+    if let Some(folder) = out.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
+        bail!("--out {}: there is no folder {}: make it first", out.display(), folder.display());
+    }
     let policy = match find(subject)? {
         Source::Checkpoint(found) => Policy::read(&found.manifest, found.config)?,
         Source::File { policy, .. } => *policy,

@@ -72,6 +72,8 @@ fn a_policy_file_is_evaluated_without_its_run() {
     }
     let bytes = |name: &str| std::fs::read(workshop.path(name)).expect("a file");
     assert_eq!(bytes("again.safetensors"), bytes(FILE));
+    let nowhere = complete(workshop.orchestrator(&["export", FILE, "--out", "nowhere/again.onnx"]));
+    assert!(!nowhere.success && nowhere.stderr.contains("there is no folder nowhere: make it first"), "{nowhere:?}");
     // It has weights alone: a run goes on from a checkpoint.
     let from = complete(workshop.orchestrator(&["up", "--preset", "demo", "--config", "tiny.toml", "--from", FILE]));
     assert!(!from.success && from.stderr.contains("orchestrator import"), "{}", from.stderr);
