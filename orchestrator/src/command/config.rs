@@ -2,18 +2,23 @@
 
 use super::overrides::{Overrides, default_preset};
 use crate::preflight::tools::Tools;
+use crate::run::checkpoints::newest_readable;
 use crate::showing::terminal;
-use anyhow::Result;
+use anyhow::{Context, Result, ensure};
+use proto::config::Config;
+use proto::run_folder::{RolloutName, RunFolder};
+use std::path::{Path, PathBuf};
 
 /// Print the effective configuration as TOML, every default included
 ///
 /// The output is itself a valid configuration file. It is, later over earlier: the preset, --config, --set, the other
-/// flags.
+/// flags. With --of it is what a run was saved under.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator config paper
   orchestrator config demo --config mine.toml --frames 20000 > effective.toml
-  orchestrator config demo --set ppo.epochs=2 --json | jq .ppo")]
+  orchestrator config demo --set ppo.epochs=2 --json | jq .ppo
+  orchestrator config --of runs/a > runs/a/config.toml       that file is gone, or nobody understands it any more")]
 pub struct ConfigArgs {
     /// Preset [default: the one that `up` would take]
     #[arg(value_name = "PRESET")]
@@ -23,6 +28,9 @@ pub struct ConfigArgs {
     named: Option<String>,
     #[command(flatten)]
     overrides: Overrides,
+    /// The configuration that the newest checkpoint of this run was saved under
+    #[arg(long, value_name = "RUN", conflicts_with_all = ["preset", "named", "Overrides"])]
+    of: Option<PathBuf>,
     /// Print one JSON object instead
     #[arg(long)]
     json: bool,
@@ -30,11 +38,27 @@ pub struct ConfigArgs {
 
 /// Runs the command.
 pub fn run(args: &ConfigArgs) -> Result<()> {
-    // Without a learner that starts there is no CUDA either.
-    let default = || Ok(Tools::find().map_or("demo", |tools| default_preset(&tools.torch)));
-    let preset = args.overrides.preset(args.preset.as_deref().or(args.named.as_deref()), default)?;
-    let config = args.overrides.resolve(&preset)?;
+    let config = match &args.of {
+        Some(run) => saved_under(run)?,
+        None => configured(args)?,
+    };
     let text = if args.json { serde_json::to_string(&config)? } else { config.to_toml() };
     terminal::out(text.trim_end());
     Ok(())
+}
+
+fn configured(args: &ConfigArgs) -> Result<Config> {
+    // Without a learner that starts there is no CUDA either.
+    let default = || Ok(Tools::find().map_or("demo", |tools| default_preset(&tools.torch)));
+    let preset = args.overrides.preset(args.preset.as_deref().or(args.named.as_deref()), default)?;
+    args.overrides.resolve(&preset)
+}
+
+fn saved_under(run: &Path) -> Result<Config> {
+    let checkpoints = RunFolder::new(run).checkpoints();
+    let newest = newest_readable(&RunFolder::new(run))?;
+    let newest = newest.with_context(|| format!("there is no checkpoint in {}", checkpoints.display()))?;
+    let name = checkpoints.join(RolloutName::Manifest.of(newest.rollout));
+    ensure!(!newest.config.is_empty(), "{} was saved by a version that did not note it", name.display());
+    Ok(Config::from_toml(&newest.config, &name.display().to_string())?)
 }

@@ -41,6 +41,15 @@ pub fn check_free(out: &Path) -> Result<()> {
     Ok(())
 }
 
+fn make_folder(folder: &Path) -> Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| refused("create", folder))
+}
+
+/// A run may lie where nobody can write.
+fn refused(what: &str, path: &Path) -> String {
+    format!("cannot {what} {} (--out puts the report somewhere else)", path.display())
+}
+
 /// Makes the report on what was gathered and writes it to `out`: the numbers first, by which the folder is known for a
 /// report, the page last. An older report there is replaced.
 pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<Made> {
@@ -50,16 +59,16 @@ pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<Made> 
     let (pairs, undrawn) = strips(&runs);
     let made = made.with_episodes(pairs, undrawn);
     let figures = out.join(FIGURES);
-    std::fs::create_dir_all(out).with_context(|| format!("cannot create {}", out.display()))?;
+    make_folder(out)?;
     let mut written = BTreeSet::new();
     let mut put = |path: &Path, content: &[u8]| {
         written.insert(path.to_path_buf());
-        write_atomically(path, content).with_context(|| format!("cannot write {}", path.display()))
+        write_atomically(path, content).with_context(|| refused("write", path))
     };
     let mut numbers = serde_json::to_string_pretty(&made.report).context(NUMBERS)?;
     numbers.push('\n');
     put(&out.join(NUMBERS), numbers.as_bytes())?;
-    std::fs::create_dir_all(&figures).with_context(|| format!("cannot create {}", figures.display()))?;
+    make_folder(&figures)?;
     for figure in made.figures.all() {
         put(&figures.join(format!("{}.svg", figure.name)), figure.svg().as_bytes())?;
         put(&figures.join(format!("{}.png", figure.name)), &figure.png()?)?;
@@ -110,6 +119,9 @@ mod tests {
         ] {
             with(ours).unwrap();
         }
+        let file = temporary.path().join("file");
+        std::fs::write(&file, "").unwrap();
+        assert!(make_folder(&file.join("report")).unwrap_err().to_string().contains("--out puts the report"));
         // Figures alone may be anybody's, and older ones are removed.
         for foreign in [&["figures"][..], &["report.json", "thesis.tex"], &["run.toml"]] {
             assert!(with(foreign).unwrap_err().to_string().contains("no report"), "{foreign:?}");

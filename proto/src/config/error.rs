@@ -1,5 +1,6 @@
 //! Configuration errors with file, line and a suggestion.
 
+use crate::shell::quoted;
 use serde::de::DeserializeOwned;
 use std::path::PathBuf;
 
@@ -21,6 +22,16 @@ pub enum ConfigError {
         path: PathBuf,
         /// Why.
         cause: std::io::Error,
+    },
+    /// The configuration of a run that has checkpoints, which hold the one that they were saved under.
+    #[error("{cause} (mend it, or: `orchestrator config --of {run} > {file}`)", run = quoted(.run), file = quoted(.file))]
+    OfRun {
+        /// What is wrong with it.
+        cause: Box<ConfigError>,
+        /// The run's folder.
+        run: PathBuf,
+        /// The file.
+        file: PathBuf,
     },
     /// A key that means nothing.
     #[error("{origin}:{line}: unknown key `{key}`{}", suggestion(.nearest.as_deref()))]

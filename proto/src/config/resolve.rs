@@ -58,10 +58,17 @@ impl Config {
     /// The configuration of a run, or of an evaluation, from its folder.
     pub fn of_run(run: &RunFolder) -> Result<Self, ConfigError> {
         let path = run.config();
-        match bounded::read_text(&path) {
+        let read = match bounded::read_text(&path) {
             Ok(text) => Self::from_toml(&text, &path.display().to_string()),
             Err(cause) => Err(ConfigError::Unreadable { path, cause }),
-        }
+        };
+        read.map_err(|cause| {
+            if run.checkpoints().is_dir() {
+                ConfigError::OfRun { cause: Box::new(cause), run: run.root().to_owned(), file: run.config() }
+            } else {
+                cause
+            }
+        })
     }
 
     /// Reads a configuration that [`Config::to_toml`] wrote, whenever that was.

@@ -29,6 +29,34 @@ fn pasted(workshop: &Workshop, line: &str) -> Printed {
     complete(shell)
 }
 
+/// A command that names the program alone, with its path.
+fn with_program(line: &str) -> String {
+    line.replacen("orchestrator", &binary("orchestrator").display().to_string(), 1)
+}
+
+#[test]
+fn a_run_is_given_its_configuration_again() {
+    let workshop = Workshop::new();
+    complete(workshop.up("my run", 1, 3, 150)).result();
+    let folder = workshop.run("my run").folder;
+    // Every checkpoint holds what it was saved under.
+    let config = folder.config();
+    let configured = std::fs::read(&config).expect("a configuration");
+    for damage in [
+        |file: &Path| std::fs::write(file, "seed").expect("a writable file"),
+        |file: &Path| {
+            std::fs::remove_file(file).expect("a file to remove");
+        },
+    ] {
+        damage(&config);
+        let printed = complete(workshop.orchestrator(&["status", "my run"]));
+        let line = printed.stderr.split('`').nth_back(1).unwrap_or_else(|| panic!("a command: {printed:#?}"));
+        assert!(!printed.success && line.starts_with("orchestrator config --of "), "{printed:#?}");
+        assert!(pasted(&workshop, &with_program(line)).success, "{line}");
+        assert_eq!(std::fs::read(&config).expect("it is there again"), configured, "{line}");
+    }
+}
+
 #[test]
 fn what_is_said_of_a_damaged_file_helps() {
     let workshop = Workshop::new();
@@ -94,8 +122,7 @@ fn what_is_said_of_a_damaged_file_helps() {
     cut(&identity);
     let printed = complete(workshop.resume("my run"));
     let line = refused(&printed, &identity, "begins another run like it with its weights").expect("a command");
-    let line = line.replacen("orchestrator", &binary("orchestrator").display().to_string(), 1);
-    let next = pasted(&workshop, &format!("{line} --run next"));
+    let next = pasted(&workshop, &format!("{} --run next", with_program(line)));
     assert_eq!(next.result().1, result.1, "{line}: it has the same budget");
     assert_ne!(next.result().0, result.0, "{line}: it trained on from other weights than before");
 
