@@ -163,9 +163,14 @@ def profile(options: argparse.Namespace, what: str, tensor: str) -> list[Launch]
     return launches(finished.stdout.splitlines(), tensor)
 
 
+def bare(kernel: str) -> str:
+    """Its name without types and arguments, which have names of other things in them."""
+    return kernel.replace("<unnamed>::", "").split("(", maxsplit=1)[0].split("<", maxsplit=1)[0].removeprefix("void ")
+
+
 def family(kernel: str) -> str:
-    """What it is for. Types in its brackets have names of other things."""
-    name = kernel.split("(", maxsplit=1)[0].split("<", maxsplit=1)[0]
+    """What it is for."""
+    name = bare(kernel)
     return next(
         (family for family, parts in FAMILIES.items() if any(part in name for part in parts)), "everything else"
     )
@@ -181,11 +186,6 @@ def groups(found: list[Launch], key: Callable[[Launch], tuple[str, str]]) -> lis
 
 def table(what: str, found: list[Launch], lines: int) -> str:
     """What kernels are for, then each kernel with one number of blocks."""
-
-    def kernel(launch: Launch) -> tuple[str, str]:
-        name = launch.kernel.replace("<unnamed>::", "").split("(")[0].split("<")[0].removeprefix("void ")
-        return (name, launch.grid)
-
     form = "{:<46} {:<15} {:>8} {:>7} {:>9} {:>9} {:>7} {:>7}"
     total_us = sum(launch.time_us for launch in found)
 
@@ -195,7 +195,7 @@ def table(what: str, found: list[Launch], lines: int) -> str:
         cells = [group.name[:46], group.grid, count, f"{share:.1%}", f"{time_us:.1f}", f"{megabytes:.1f}"]
         return form.format(*cells, *(f"{group.share(of):.0f}%" for of in ("memory", "tensor")))
 
-    kernels = groups(found, kernel)
+    kernels = groups(found, lambda launch: (bare(launch.kernel), launch.grid))
     text = [f"{what}: {len(found)} launches, {total_us / 1e3:.3f} ms one after the other"]
     text += [form.format("for", "", "launches", "time", "µs each", "MB each", "memory", "tensor")]
     text += [line(group) for group in groups(found, lambda launch: (family(launch.kernel), ""))]
