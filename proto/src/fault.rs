@@ -8,7 +8,7 @@
 //!
 //! `STILLROOM_FAULT=hold=POINT` stops the process there (SIGSTOP) until it gets SIGCONT: a test then does something to
 //! the others at a moment that it has chosen. `stall=SECONDS=POINT` holds only the thread that comes there, as a disk
-//! does that hangs.
+//! does that hangs. `fail=POINT` makes something fail that fails by itself on no machine of ours: [`fails`] asks for it.
 
 use rustix::process::{Signal, getpid, kill_process};
 use std::ffi::OsStr;
@@ -34,21 +34,34 @@ enum Fault {
     Signal(Signal),
     /// The thread sleeps.
     Stall(Duration),
+    /// Whoever asks is told to fail.
+    Fail,
 }
 
 static ARMED: OnceLock<Vec<Armed>> = OnceLock::new();
 
 /// Marks a fault point: kills or holds this process, or stalls the thread, if [`VARIABLE`] names the point.
 pub fn reach(point: &str) {
-    for armed in ARMED.get_or_init(armed_here) {
-        if armed.point == point && armed.countdown.fetch_sub(1, Ordering::Relaxed) == 1 {
-            match armed.then {
-                // A crash, not an exit: no destructor may run, as when the kernel kills the process.
-                Fault::Signal(signal) => drop(kill_process(getpid(), signal)),
-                Fault::Stall(long) => std::thread::sleep(long),
-            }
+    for fault in due(point) {
+        match fault {
+            // A crash, not an exit: no destructor may run, as when the kernel kills the process.
+            Fault::Signal(signal) => drop(kill_process(getpid(), signal)),
+            Fault::Stall(long) => std::thread::sleep(long),
+            Fault::Fail => {}
         }
     }
+}
+
+/// Whether what is done at this point is to fail now, because [`VARIABLE`] says so (`fail=POINT:N`, the N-th time).
+pub fn fails(point: &str) -> bool {
+    // All of them: each counts for itself.
+    due(point).filter(|fault| *fault == Fault::Fail).count() > 0
+}
+
+/// What is armed for this passing of a point. To be taken to its end, as each entry is counted when it is looked at.
+fn due(point: &str) -> impl Iterator<Item = Fault> {
+    let armed = ARMED.get_or_init(armed_here).iter().filter(move |armed| armed.point == point);
+    armed.filter(|armed| armed.countdown.fetch_sub(1, Ordering::Relaxed) == 1).map(|armed| armed.then)
 }
 
 /// What the variable arms in this program.
@@ -74,6 +87,8 @@ fn parse(text: &str, program: &str) -> Option<Armed> {
     } else if let Some(stalled) = text.strip_prefix("stall=") {
         let (seconds, point) = stalled.split_once('=').unwrap_or((stalled, ""));
         (point, Fault::Stall(Duration::from_secs(number(seconds))))
+    } else if let Some(failing) = text.strip_prefix("fail=") {
+        (failing, Fault::Fail)
     } else {
         (text, Fault::Signal(Signal::KILL))
     };
@@ -107,34 +122,39 @@ mod tests {
             ("recorder.after_receive", Fault::Stall(Duration::from_secs(8)))
         );
         assert_eq!(stalled.countdown.load(Ordering::Relaxed), 40);
+        let failing = parse("fail=learner.recording:2@learner", "learner").unwrap();
+        assert_eq!((failing.point.as_str(), failing.then), ("learner.recording", Fault::Fail));
         assert!(
             std::panic::catch_unwind(|| parse("stall=recorder.after_receive", "orchestrator")).is_err(),
             "how long?"
         );
     }
 
-    /// The test starts itself as a child that passes one point twice.
+    /// The test starts itself as a child that passes one point twice, and asks four times whether to fail at another.
     #[test]
     fn a_point_kills_where_it_is_armed_and_does_nothing_elsewhere() {
         const CHILD: &str = "STILLROOM_FAULT_TEST";
-        if std::env::var_os(CHILD).is_some() {
+        if let Some(expected) = std::env::var_os(CHILD) {
             reach("proto.test");
             reach("proto.test");
+            let failed: String = (0..4).map(|_| if fails("proto.failing") { 'x' } else { '.' }).collect();
+            assert_eq!(failed.as_str(), expected);
             return;
         }
         let (_, module) = module_path!().split_once("::").unwrap();
         let name = format!("{module}::a_point_kills_where_it_is_armed_and_does_nothing_elsewhere");
-        let end = |fault: Option<&str>| {
+        let end_of = |fault: Option<&str>, failed: &str| {
             let mut child = Command::new(std::env::current_exe().unwrap());
             child
                 .args(["--exact", &name])
-                .env(CHILD, "yes")
+                .env(CHILD, failed)
                 .env_remove(VARIABLE)
                 .envs(fault.map(|fault| (VARIABLE, fault)));
             let output = child.output().unwrap();
             let ran = String::from_utf8_lossy(&output.stdout).contains("running 1 test");
             (ran, output.status.success(), output.status.signal())
         };
+        let end = |fault| end_of(fault, "....");
         let [passed, killed] = [(true, true, None), (true, false, Some(9))];
         assert_eq!(end(None), passed);
         assert_eq!(end(Some("proto.other")), passed);
@@ -143,5 +163,9 @@ mod tests {
         assert_eq!(end(Some("proto.test")), killed);
         assert_eq!(end(Some("proto.test:3,proto.other")), passed);
         assert_eq!(end(Some("proto.other,proto.test:2")), killed);
+        assert_eq!(end(Some("fail=proto.test")), passed, "nobody asks there");
+        assert_eq!(end(Some("proto.failing")), passed, "it is not reached, but asked for");
+        assert_eq!(end_of(Some("fail=proto.failing,fail=proto.failing:3"), "x.x."), passed);
+        assert_eq!(end_of(Some("fail=proto.failing"), "...."), (true, false, None), "the child compares");
     }
 }

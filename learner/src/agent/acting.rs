@@ -1,5 +1,6 @@
 //! A step of the policy on a GPU as one CUDA graph for each size of batch: from frames in the actors' shared memory,
 //! which the GPU reads itself, to sampled actions in the host's. Recorded when a size is first met.
+//! Where that fails the same kernels are launched one by one, to the same bits.
 //!
 //! The graph also keeps what the step leaves: frames in the rollout's store, beliefs in their table. Store and table
 //! have one row more than are used; what is not to be kept goes there.
@@ -33,8 +34,21 @@ pub(super) struct Acting {
     memory: HostMemory,
     /// Frames that the GPU cannot read where they are.
     staging: Staging,
-    recorded: Vec<Recorded>,
+    prepared: Vec<Prepared>,
+    /// Something could not be recorded.
+    refused: bool,
     device: Device,
+}
+
+/// What acts, and what it leaves its work in.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Policy<'a> {
+    pub network: &'a Network,
+    pub kernels: &'a Kernels,
+    /// The table \[columns + 1, hidden\].
+    pub beliefs: &'a Tensor,
+    /// The rollout's frames, \[frames + 1, side, side\].
+    pub store: &'a Tensor,
 }
 
 /// One step for all rows of a batch.
@@ -52,13 +66,14 @@ pub(super) struct Rows<'a> {
     pub noise: &'a [f32],
 }
 
-/// What a graph reads and writes besides network and beliefs.
+/// What a step of so many rows reads and writes besides network and beliefs.
 #[derive(Debug)]
-struct Recorded {
+struct Prepared {
     layout: InputBytes,
     /// Address of the store that it writes to.
     store: usize,
-    graph: Graph,
+    /// None where it could not be recorded.
+    graph: Option<Graph>,
     /// The inputs, in pinned memory.
     inputs: Tensor,
     /// \[rows, [`CHOSEN_WORDS`]\], in pinned memory.
@@ -114,7 +129,8 @@ impl Acting {
             branches: Branches::open(MOST_PARTS)?,
             memory: HostMemory::open()?,
             staging: Staging::default(),
-            recorded: vec![],
+            prepared: vec![],
+            refused: false,
             device,
         })
     }
@@ -124,36 +140,33 @@ impl Acting {
         self.memory.recheck();
     }
 
-    /// Takes a step. `beliefs` is the table \[columns + 1, hidden\], `store` the rollout's \[frames + 1, side, side\].
-    pub fn step(
-        &mut self,
-        network: &Network,
-        kernels: &Kernels,
-        beliefs: &Tensor,
-        store: &Tensor,
-        rows: Rows,
-    ) -> Result<Vec<Chosen>, GraphError> {
+    /// Takes a step.
+    pub fn step(&mut self, policy: Policy, rows: Rows) -> Result<Vec<Chosen>, GraphError> {
         let layout = InputBytes::new(rows.steps.len(), rows.noise.len() / rows.steps.len());
-        let store_address = store.data_ptr() as usize;
+        let store = policy.store.data_ptr() as usize;
         // After a change of weights.
-        network.refresh();
-        let frames = self.addresses(kernels, rows.frames);
-        let at = self.recorded.iter().position(|graph| graph.layout == layout && graph.store == store_address);
+        policy.network.refresh();
+        let frames = self.addresses(policy.kernels, rows.frames);
+        let at = self.prepared.iter().position(|prepared| prepared.layout == layout && prepared.store == store);
         let at = if let Some(at) = at {
             at
         } else {
-            self.recorded.retain(|graph| graph.store == store_address);
-            let recorded = self.record(network, kernels, beliefs, store, layout, &frames, rows)?;
-            self.recorded.push(recorded);
-            self.recorded.len() - 1
+            self.prepared.retain(|prepared| prepared.store == store);
+            let prepared = self.prepare(policy, layout, &frames, rows);
+            self.prepared.push(prepared);
+            self.prepared.len() - 1
         };
-        let recorded = &mut self.recorded[at];
-        fill(&mut recorded.inputs, &recorded.layout, &frames, rows);
-        recorded.graph.replay()?;
+        let Prepared { layout, inputs, .. } = &mut self.prepared[at];
+        fill(inputs, layout, &frames, rows);
+        let prepared = &self.prepared[at];
+        match &prepared.graph {
+            Some(graph) => graph.replay()?,
+            None => self.launch(policy, prepared)?,
+        }
         // Not for the device: another thread may keep it busy.
         self.streams.wait()?;
         // SAFETY: the GPU has written them, as the line above has waited for; no other tensor shares this memory.
-        let words = unsafe { ffi::floats_mut(&mut recorded.choices) };
+        let words = unsafe { ffi::floats_mut(&mut self.prepared[at].choices) };
         Ok(words.chunks_exact(CHOSEN_WORDS).map(Chosen::from_words).collect())
     }
 
@@ -171,64 +184,80 @@ impl Acting {
         gathered.iter().map(|frame| kernels.acting.source(frame).word()).collect()
     }
 
-    // Many arguments: all that `step` was given.
-    #[allow(clippy::too_many_arguments)]
-    fn record(
-        &self,
-        network: &Network,
-        kernels: &Kernels,
-        beliefs: &Tensor,
-        store: &Tensor,
-        layout: InputBytes,
-        frames: &[i64],
-        rows: Rows,
-    ) -> Result<Recorded, GraphError> {
-        let device = self.device;
-        let pinned = |size: &[i64], kind| Tensor::zeros(size, (kind, Device::Cpu)).pin_memory(device);
-        let mut inputs = pinned(&[layout.bytes() as i64], Kind::Uint8);
+    /// Room for steps of so many rows, and the graph of one unless something could not be recorded.
+    fn prepare(&mut self, policy: Policy, layout: InputBytes, frames: &[i64], rows: Rows) -> Prepared {
+        let Policy { beliefs, store, .. } = policy;
+        let pinned = |size: &[i64], kind| Tensor::zeros(size, (kind, Device::Cpu)).pin_memory(self.device);
+        let inputs = pinned(&[layout.bytes() as i64], Kind::Uint8);
         let choices = pinned(&[layout.rows as i64, CHOSEN_WORDS as i64], Kind::Float);
+        let mut prepared = Prepared { store: store.data_ptr() as usize, graph: None, inputs, choices, layout };
+        if self.refused {
+            return prepared;
+        }
         // The runs that warm up keep nothing.
-        let beyond = |tensor: &Tensor| vec![tensor.size()[0] - 1; layout.rows];
+        let beyond = |tensor: &Tensor| vec![tensor.size()[0] - 1; rows.steps.len()];
         let (places, beliefs_to) = (beyond(store), beyond(beliefs));
-        fill(&mut inputs, &layout, frames, Rows { places: &places, beliefs_to: &beliefs_to, ..rows });
+        let rows = Rows { places: &places, beliefs_to: &beliefs_to, ..rows };
+        fill(&mut prepared.inputs, &prepared.layout, frames, rows);
+        match self.recorder.record(WARM_UPS, || self.launch(policy, &prepared)) {
+            Ok((graph, ())) => prepared.graph = Some(graph),
+            Err(error) => {
+                tracing::warn!("acting launches its kernels one by one, which takes longer: {error}");
+                self.refused = true;
+            }
+        }
+        prepared
+    }
 
-        let (graph, ()) = self.recorder.record(WARM_UPS, || {
-            let _no_grad = tch::no_grad_guard();
-            let inputs = inputs.to_device_(device, Kind::Uint8, true, false);
-            let part =
-                |range: &Range<usize>, kind| inputs.narrow(0, range.start as i64, range.len() as i64).view_dtype(kind);
-            let side = store.size()[1];
-            let kept = Tensor::empty([layout.rows as i64, side, side], (Kind::Float, device));
-            let (frames, places) = (part(&layout.frames, Kind::Int64), part(&layout.places, Kind::Int64));
+    /// Launches a step's kernels on this thread's stream.
+    fn launch(&self, policy: Policy, prepared: &Prepared) -> Result<(), GraphError> {
+        let Policy { network, kernels, beliefs, store } = policy;
+        let Prepared { layout, inputs, choices, .. } = prepared;
+        let device = self.device;
+        let _no_grad = tch::no_grad_guard();
+        let inputs = inputs.to_device_(device, Kind::Uint8, true, false);
+        let part =
+            |range: &Range<usize>, kind| inputs.narrow(0, range.start as i64, range.len() as i64).view_dtype(kind);
+        let side = store.size()[1];
+        let kept = Tensor::empty([layout.rows as i64, side, side], (Kind::Float, device));
+        let (frames, places) = (part(&layout.frames, Kind::Int64), part(&layout.places, Kind::Int64));
+        let gru = network.belief.gru();
+        let (seen, told, before, from_before) = self.branches.joined(|branches| {
             let mut seen = vec![];
             let parts = parts(layout.rows);
             let alone = parts.len() == 1;
             // The encoder sees the first frames while others are on their way.
-            for (branch, rows) in parts.into_iter().enumerate() {
+            for rows in parts {
                 let of = |tensor: &Tensor| tensor.narrow(0, rows.start as i64, rows.len() as i64);
                 let kept = of(&kept);
-                // SAFETY: `fill` puts there the addresses of `addresses` and rows of this store, before each replay.
+                // SAFETY: `fill` puts there the addresses of `addresses` and rows of this store, before each launch.
                 unsafe { kernels.acting.observe(&of(&frames), &of(&places), &kept, store, alone) };
-                seen.push(self.branches.fork(branch, || network.seen(&kept))?);
+                seen.push(branches.fork(|| network.seen(&kept))?);
             }
+            // Beside the encoder, too.
             let goals = part(&layout.goals, Kind::Float).view([-1, 3]);
             let told = network.told(&goals, &part(&layout.previous_actions, Kind::Int64));
             let before = beliefs.index_select(0, &part(&layout.columns, Kind::Int64))
                 * part(&layout.carried, Kind::Float).unsqueeze(1);
-            // Beside the encoder, too.
-            let gru = network.belief.gru();
             let from_before = gru.state_gates(&network.parameters, &before);
-            self.branches.join(seen.len())?;
-            let embedded = Tensor::cat(&[Tensor::cat(&seen, 0), told], 1);
-            let from_input = gru.input_gates(&network.parameters, &embedded);
-            let noise = part(&layout.noise, Kind::Float).view([layout.rows as i64, -1]);
-            let row = Undecided { from_input: &from_input, from_before: &from_before, before: &before, noise: &noise };
-            let to = part(&layout.beliefs_to, Kind::Int64);
-            // SAFETY: `fill` puts rows of the table there.
-            unsafe { kernels.acting.decide(&network.heads(), &row, &to, beliefs, &choices) };
-            Ok(())
+            Ok::<_, GraphError>((seen, told, before, from_before))
         })?;
-        Ok(Recorded { layout, store: store.data_ptr() as usize, graph, inputs, choices })
+        let embedded = Tensor::cat(&[Tensor::cat(&seen, 0), told], 1);
+        let from_input = gru.input_gates(&network.parameters, &embedded);
+        let noise = part(&layout.noise, Kind::Float).view([layout.rows as i64, -1]);
+        let row = Undecided { from_input: &from_input, from_before: &from_before, before: &before, noise: &noise };
+        let to = part(&layout.beliefs_to, Kind::Int64);
+        // SAFETY: `fill` puts rows of the table there.
+        unsafe { kernels.acting.decide(&network.heads(), &row, &to, beliefs, choices) };
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+impl Acting {
+    /// Whether steps were taken, each by a graph.
+    pub(super) fn is_recorded(&self) -> bool {
+        !self.prepared.is_empty() && self.prepared.iter().all(|prepared| prepared.graph.is_some())
     }
 }
 
@@ -252,7 +281,7 @@ fn fill(inputs: &mut Tensor, layout: &InputBytes, frames: &[i64], rows: Rows) {
             to.copy_from_slice(&number);
         }
     }
-    // SAFETY: the GPU reads them in warm-up runs and replays alone, and each of those was waited for; no other tensor
+    // SAFETY: the GPU reads them in steps alone, and each of those was waited for; no other tensor
     // shares this memory.
     let bytes = unsafe { ffi::bytes_mut(inputs) };
     let integers = |to: &mut [u8], numbers: &[i64]| put(to, numbers.iter().map(|number| number.to_ne_bytes()));
@@ -300,13 +329,44 @@ mod tests {
                 let close = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 0.02);
                 assert!(close(&done.values, &expected.values), "{:?} {:?}", done.values, expected.values);
             }
-            assert!(graph.acting.is_some(), "it was recorded");
+            assert!(graph.acting.as_ref().is_some_and(Acting::is_recorded));
             let stored = |agent: &Agent| {
                 let rollout = agent.rollout.as_ref().unwrap();
                 rollout.frames().narrow(0, 0, 4 * config.environments() as i64)
             };
             assert!(stored(&graph).equal(&stored(&plain)), "the store has all frames");
             assert!(graph.beliefs.allclose(&plain.beliefs, 0.0, 0.02, false), "and the table the beliefs");
+        }
+    }
+
+    /// To the last bit, in parts and whole.
+    #[test]
+    #[ignore = "needs a CUDA device"]
+    fn a_step_that_could_not_be_recorded_is_the_same_step() {
+        let _alone = crate::device::cuda_alone();
+        let mut config = Config::resolve("recipe", None).unwrap();
+        for [actors, environments] in [[1, 20], [19, 16]] {
+            (config.actors.count, config.actors.environments_per_actor) = (actors, environments);
+            let frames = Frames::new(&config).unwrap();
+            let [mut recorded, mut refused] = [(); 2].map(|()| Agent::new(&config, Device::Cuda(0)).unwrap());
+            refused.acting.as_mut().unwrap().refused = true;
+            for agent in [&mut recorded, &mut refused] {
+                agent.begin_rollout(RolloutShape::next(u64::MAX, 4, config.environments()));
+            }
+            for (t, half) in (0..=4).flat_map(|t| [(t, 0), (t, 1)]) {
+                let batch = frames.batch(half, t, frames.noise(half, t));
+                let [done, expected] =
+                    [&mut refused, &mut recorded].map(|agent| agent.step(t, &batch.input()).unwrap());
+                assert_eq!(done.actions, expected.actions);
+                let bits = |numbers: &[f32]| numbers.iter().map(|number| number.to_bits()).collect::<Vec<_>>();
+                assert_eq!(bits(&done.values), bits(&expected.values), "step {t} of half {half}");
+                assert_eq!(bits(&done.log_probs), bits(&expected.log_probs), "step {t} of half {half}");
+            }
+            assert!(recorded.acting.as_ref().is_some_and(Acting::is_recorded));
+            assert!(refused.acting.as_ref().is_some_and(|acting| !acting.is_recorded()));
+            assert!(recorded.beliefs.equal(&refused.beliefs), "beliefs");
+            let (one, other) = (recorded.rollout_tensors(), refused.rollout_tensors());
+            assert!(one["rollout.frames"].equal(&other["rollout.frames"]), "the store");
         }
     }
 

@@ -1,10 +1,10 @@
-//! One step of the policy for columns that are inferred together: by a CUDA graph where there is one.
+//! One step of the policy for columns that are inferred together: by kernels of a GPU where there are any.
 
-use super::acting::Rows;
+use super::acting::{Policy, Rows};
 use super::overlap::policy;
 use super::padding::padded;
 use super::step::{Inference, column_indices, pick, sample};
-use super::{Agent, AgentError, NO_GRAPH, StepInput, StepOutput};
+use super::{Agent, AgentError, StepInput, StepOutput};
 use crate::ffi::kernels::Chosen;
 use crate::network::{FramePreparation, Observations, goal_coordinates, table_row, to_vec};
 use crate::rollout::Step;
@@ -32,9 +32,9 @@ impl Agent {
     /// what was chosen is not yet.
     fn choose(&mut self, rows: &[usize], input: &StepInput) -> Result<Vec<(Step, Chosen)>, AgentError> {
         let steps = self.seen(input)?;
-        let choices = match self.replay(rows, input, &steps) {
+        let choices = match self.choose_on_gpu(rows, input, &steps)? {
             Some(choices) => choices,
-            None => self.choose_without_graph(rows, input, &steps)?,
+            None => self.choose_by_operations(rows, input, &steps)?,
         };
         match choices.iter().zip(input.columns).take(rows.len()).find(|(choice, _)| !choice.finite) {
             Some((_, column)) => Err(AgentError::NonFinite { what: format!("column {column}: policy or value") }),
@@ -42,8 +42,8 @@ impl Agent {
         }
     }
 
-    /// The same as [`Agent::replay`], operation by operation.
-    fn choose_without_graph(
+    /// The same as [`Agent::choose_on_gpu`], by libtorch's operations.
+    fn choose_by_operations(
         &mut self,
         rows: &[usize],
         input: &StepInput,
@@ -96,13 +96,18 @@ impl Agent {
         Ok(steps)
     }
 
-    /// What the policy makes of a batch, by a CUDA graph. `None` where there is none. Frames and beliefs of the first
+    /// What the policy makes of a batch, by kernels of a GPU. `None` where there are none. Frames and beliefs of the first
     /// `rows.len()` rows are stored; what was chosen is not.
-    fn replay(&mut self, rows: &[usize], input: &StepInput, steps: &[Step]) -> Option<Vec<Chosen>> {
+    fn choose_on_gpu(
+        &mut self,
+        rows: &[usize],
+        input: &StepInput,
+        steps: &[Step],
+    ) -> Result<Option<Vec<Chosen>>, AgentError> {
         let network = policy(self.overlap.as_ref(), self.trainer.as_deref());
         let (Some(acting), Some(kernels), Some(rollout)) = (&mut self.acting, network.kernels(), self.rollout.as_ref())
         else {
-            return None;
+            return Ok(None);
         };
         let (unused_belief, unused_place) = (self.table.size()[0] - 1, rollout.unused_place());
         let columns: Vec<i64> = input.columns.iter().map(|&column| column as i64).collect();
@@ -124,14 +129,8 @@ impl Agent {
             steps,
             noise: input.gumbel,
         };
-        match acting.step(network, kernels, &self.table, rollout.frames(), batch) {
-            Ok(choices) => Some(choices),
-            Err(error) => {
-                tracing::warn!("{NO_GRAPH}: {error}");
-                self.acting = None;
-                None
-            }
-        }
+        let policy = Policy { network, kernels, beliefs: &self.table, store: rollout.frames() };
+        Ok(Some(acting.step(policy, batch)?))
     }
 
     /// Notes what was chosen for each column at its row, or its value after the last.
@@ -197,6 +196,7 @@ impl Agent {
 mod tests {
     use super::*;
     use crate::agent::Batch;
+    use crate::agent::acting::Acting;
     use crate::bench::Frames;
     use proto::config::Config;
     use proto::stage::RolloutShape;
@@ -224,7 +224,7 @@ mod tests {
         }
     }
 
-    /// To the last bit, with a graph and without: some go through all of a rollout before others begin, and halves stand
+    /// To the last bit, by kernels and by operations: some go through all of a rollout before others begin, and halves stand
     /// beside one another in other places than in lockstep.
     #[test]
     #[ignore = "needs a CUDA device"]
@@ -249,11 +249,11 @@ mod tests {
             [config.actors.count, config.actors.environments_per_actor] = [actors, environments];
             config.learner.shards = shards;
             let lanes = |column: usize| column / (environments as usize).div_ceil(2);
-            for with_graph in [true, false] {
+            for by_kernels in [true, false] {
                 let [mut lockstep, mut ready] = [(); 2].map(|()| Agent::new(&config, Device::Cuda(0)).unwrap());
                 let mut outputs = [BTreeMap::new(), BTreeMap::new()];
                 for agent in [&mut lockstep, &mut ready] {
-                    agent.acting = agent.acting.take().filter(|_| with_graph);
+                    agent.acting = agent.acting.take().filter(|_| by_kernels);
                     agent.begin_rollout(RolloutShape::next(u64::MAX, STEPS, config.environments()));
                 }
                 let mut step = |agent: &mut Agent, which: usize, batch: &Batch| {
@@ -285,10 +285,10 @@ mod tests {
                         }
                     }
                 }
-                assert_eq!(ready.acting.is_some(), with_graph);
+                assert_eq!(ready.acting.as_ref().is_some_and(Acting::is_recorded), by_kernels);
                 let [first, second] = outputs;
                 assert_eq!(first.len(), (STEPS + 1) * config.environments());
-                assert!(first == second, "{actors} x {environments}, graph: {with_graph}");
+                assert!(first == second, "{actors} x {environments}, kernels: {by_kernels}");
                 assert!(lockstep.beliefs.equal(&ready.beliefs), "beliefs");
                 let stored = |agent: &Agent| agent.rollout_tensors();
                 let (one, other) = (stored(&lockstep), stored(&ready));

@@ -1,5 +1,6 @@
 //! What can go wrong in the agent.
 
+use crate::ffi::graph::GraphError;
 use crate::ffi::stream::StreamError;
 use crate::network::{PrecisionError, Unfit};
 use crate::peers::PeerError;
@@ -25,6 +26,9 @@ pub enum AgentError {
     /// The encoder cannot compute in bfloat16 here.
     #[error(transparent)]
     Precision(#[from] PrecisionError),
+    /// A GPU, or its driver, does not take a step of the policy.
+    #[error("acting: {0}")]
+    Acting(#[from] GraphError),
     /// A GPU has no stream for acting beside updates.
     #[error("ppo.overlap needs streams of the GPU: {0}. Without it the run goes on: ppo.overlap = false")]
     Stream(#[from] StreamError),

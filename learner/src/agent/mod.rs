@@ -74,7 +74,7 @@ pub struct Agent {
     /// Room for a rollout's frames while no rollout holds it.
     frames: Option<Tensor>,
     staging: Staging,
-    /// The step as a CUDA graph, where that is possible.
+    /// The step by kernels of a GPU, where there are any.
     acting: Option<Acting>,
 }
 
@@ -94,7 +94,7 @@ impl Agent {
         let acting = network.kernels().and_then(|_| match Acting::new(device) {
             Ok(acting) => Some(acting),
             Err(error) => {
-                tracing::warn!("{NO_GRAPH}: {error}");
+                tracing::warn!("acting goes through libtorch operation by operation, which takes longer: {error}");
                 None
             }
         });
@@ -433,6 +433,3 @@ impl Agent {
         }
     }
 }
-
-/// What is said where a step is no CUDA graph.
-const NO_GRAPH: &str = "acting launches its kernels one by one, which takes longer, because they cannot be recorded";

@@ -4,6 +4,7 @@ use super::cuda::{self, CudaError};
 use super::guarded;
 use super::library::{Handle, function, open};
 use super::stream::{Priority, StreamError, Streams, exchange};
+use proto::fault;
 use std::ffi::{c_char, c_int};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr::null_mut;
@@ -155,20 +156,26 @@ impl Recorder {
                 try_body()?;
                 synchronize(0);
             }
-            let mut graph = Graph { functions: self.functions, graph: null_mut() };
+            let functions = self.functions;
+            let mut graph = null_mut();
             // SAFETY: the functions are libtorch's; the out-pointer is ours.
             guarded(|message, capacity| unsafe {
-                stillroom_graph_begin(&raw const graph.functions, self.pool, &raw mut graph.graph, message, capacity)
+                stillroom_graph_begin(&raw const functions, self.pool, &raw mut graph, message, capacity)
             })?;
+            if fault::fails("learner.recording") {
+                // What no recording allows: it is void from here on, as after any operation that cannot be recorded.
+                let _ = self.streams.wait();
+            }
             let result = try_body();
             // In any case, or the stream would stay in the state of recording.
             // SAFETY: begun above.
             let ended = guarded(|message, capacity| unsafe {
-                stillroom_graph_end(&raw const graph.functions, graph.graph, message, capacity)
+                stillroom_graph_end(&raw const functions, graph, message, capacity)
             });
+            // A graph that did not end is never freed: libtorch's allocator goes on asking it which streams it records.
+            let graph = ended.map(|()| Graph { functions, graph });
             let result = result?;
-            ended?;
-            Ok((graph, result))
+            Ok((graph?, result))
         });
         exchange(before)?;
         synchronize(0);
@@ -193,9 +200,6 @@ impl Graph {
 
 impl Drop for Graph {
     fn drop(&mut self) {
-        if self.graph.is_null() {
-            return;
-        }
         // SAFETY: made by libtorch, and not used afterwards.
         let destroyed = guarded(|message, capacity| unsafe {
             stillroom_graph_destroy(&raw const self.functions, self.graph, message, capacity)

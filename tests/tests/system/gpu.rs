@@ -105,3 +105,24 @@ fn same_weights_on_two_gpus_with_overlap() {
 fn same_weights_on_one_gpu_whoever_is_ready() {
     killed_or_not(Shape { overlap: true, environments: 1, frames: 20_000, ..ONE_LEARNER });
 }
+
+/// The driver may refuse to record what is launched: then every kernel is launched by itself, here in acting from the first
+/// step on and in training from the first recording.
+#[test]
+#[ignore = "needs a CUDA device"]
+fn same_weights_on_one_gpu_where_nothing_can_be_recorded() {
+    let workshop = Workshop::new();
+    let shape = Shape { frames: 100_000, ..ONE_LEARNER };
+    let recorded = complete(up(&workshop, "recorded", shape));
+    let refusals = ["fail=learner.recording:1@learner", "fail=learner.recording:2@learner"].join(",");
+    let mut command = up(&workshop, "refused", shape);
+    command.env("STILLROOM_FAULT", refusals);
+    let refused = complete(command);
+    assert_eq!(refused.result(), recorded.result());
+    for what in ["acting", "training"] {
+        let line = format!("{what} launches its kernels one by one, which takes longer: ");
+        assert_eq!(refused.stderr.matches(&line).count(), 1, "{refused:#?}");
+        assert!(!recorded.stderr.contains(&line), "{recorded:#?}");
+    }
+    assert!(refused.deaths().is_empty(), "{refused:#?}");
+}
