@@ -6,7 +6,7 @@ use crate::run::checkpoints::newest_readable;
 use crate::showing::terminal;
 use anyhow::{Context, Result, ensure};
 use proto::config::Config;
-use proto::run_folder::{RolloutName, RunFolder};
+use proto::run_folder::{RolloutName, RunFolder, write_atomically};
 use std::path::{Path, PathBuf};
 
 /// Print the effective configuration as TOML, every default included
@@ -16,9 +16,9 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator config paper
-  orchestrator config demo --config mine.toml --frames 20000 > effective.toml
+  orchestrator config demo --config mine.toml --frames 20000 --out effective.toml
   orchestrator config demo --set ppo.epochs=2 --json | jq .ppo
-  orchestrator config --of runs/a > runs/a/config.toml       that file is gone, or nobody understands it any more")]
+  orchestrator config --of runs/a --out runs/a/config.toml       that file is gone, or nobody understands it any more")]
 pub struct ConfigArgs {
     /// Preset [default: the one that `up` would take]
     #[arg(value_name = "PRESET")]
@@ -31,6 +31,9 @@ pub struct ConfigArgs {
     /// The configuration that the newest checkpoint of this run was saved under
     #[arg(long, value_name = "RUN", conflicts_with_all = ["preset", "named", "Overrides"])]
     of: Option<PathBuf>,
+    /// Write it to this file instead, whole or not at all; a file that is there is replaced
+    #[arg(long, value_name = "FILE", conflicts_with = "json")]
+    out: Option<PathBuf>,
     /// Print one JSON object instead
     #[arg(long)]
     json: bool,
@@ -42,8 +45,12 @@ pub fn run(args: &ConfigArgs) -> Result<()> {
         Some(run) => saved_under(run)?,
         None => configured(args)?,
     };
-    let text = if args.json { serde_json::to_string(&config)? } else { config.to_toml() };
-    terminal::out(text.trim_end());
+    match &args.out {
+        Some(file) => write_atomically(file, config.to_toml().as_bytes())
+            .with_context(|| format!("cannot write {}", file.display()))?,
+        None if args.json => terminal::out(&serde_json::to_string(&config)?),
+        None => terminal::out(config.to_toml().trim_end()),
+    }
     Ok(())
 }
 

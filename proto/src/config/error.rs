@@ -24,7 +24,7 @@ pub enum ConfigError {
         cause: std::io::Error,
     },
     /// The configuration of a run that has checkpoints, which hold the one that they were saved under.
-    #[error("{cause} (mend it, or: `orchestrator config --of {run} > {file}`)", run = quoted(.run), file = quoted(.file))]
+    #[error("{cause} (mend it, or: `orchestrator config --of {run} --out {file}`)", run = quoted(.run), file = quoted(.file))]
     OfRun {
         /// What is wrong with it.
         cause: Box<ConfigError>,

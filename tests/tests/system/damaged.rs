@@ -55,6 +55,21 @@ fn a_run_is_given_its_configuration_again() {
         assert!(pasted(&workshop, &with_program(line)).success, "{line}");
         assert_eq!(std::fs::read(&config).expect("it is there again"), configured, "{line}");
     }
+
+    // Without a checkpoint that can be read the command has nothing to write, and leaves what is there.
+    std::fs::write(&config, "seed").expect("a writable file");
+    let checkpoints = std::fs::read_dir(folder.checkpoints()).expect("checkpoints");
+    let manifests = checkpoints.map(|entry| entry.expect("an entry").path());
+    let manifests: Vec<_> = manifests.filter(|path| path.extension().is_some_and(|end| end == "json")).collect();
+    assert!(!manifests.is_empty());
+    for manifest in &manifests {
+        cut(manifest);
+    }
+    let printed = complete(workshop.orchestrator(&["status", "my run"]));
+    let line = printed.stderr.split('`').nth_back(1).unwrap_or_else(|| panic!("a command: {printed:#?}"));
+    let printed = pasted(&workshop, &with_program(line));
+    assert!(!printed.success && printed.stderr.starts_with("error: "), "{printed:#?}");
+    assert_eq!(std::fs::read(&config).expect("it is there still"), b"seed");
 }
 
 #[test]
