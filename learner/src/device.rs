@@ -1,6 +1,6 @@
 //! Where libtorch computes.
 
-use crate::ffi::{arithmetic, determinism, library, warnings};
+use crate::ffi::{arithmetic, determinism, library, refusal, warnings};
 use proto::config::{CpuArithmetic, DeviceChoice, LearnerConfig};
 use proto::device::{VISIBLE_DEVICES, device_name};
 use tch::kind::Element;
@@ -29,6 +29,12 @@ pub(crate) fn cuda_alone() -> std::sync::MutexGuard<'static, ()> {
 /// `flatten_parameters()`"), and some come with every call.
 pub fn log_warnings() {
     warnings::hear(|text| tracing::debug!("libtorch: {text}"));
+}
+
+/// Makes what libtorch refuses, where nothing goes on without it, one line of the log: tch panics there, with the call stack
+/// of the C++. To be called once, after logging is set up.
+pub fn log_refusals() {
+    refusal::say_in_a_line();
 }
 
 /// A device that was asked for but is not there.

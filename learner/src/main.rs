@@ -100,6 +100,7 @@ fn main() -> ExitCode {
     // One that was not started by the orchestrator has inherited no raised limit.
     wire::descriptors::raise_limit();
     learner::device::log_warnings();
+    learner::device::log_refusals();
     let line = CommandLine::parse();
     let result = match line {
         CommandLine { command: Some(Command::Check), .. } => process::check(std::io::stdout()),

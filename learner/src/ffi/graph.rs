@@ -3,10 +3,10 @@
 use super::cuda::{self, CudaError};
 use super::guarded;
 use super::library::{Handle, function, open};
+use super::refusal;
 use super::stream::{Priority, StreamError, Streams, exchange};
 use proto::fault;
 use std::ffi::{c_char, c_int};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr::null_mut;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -24,9 +24,9 @@ pub enum GraphError {
     /// Work cannot be given to another stream.
     #[error(transparent)]
     Stream(#[from] StreamError),
-    /// An operation cannot be recorded. libtorch's reason is on standard error.
-    #[error("an operation cannot be recorded")]
-    Operation,
+    /// An operation cannot be recorded. This is libtorch's reason.
+    #[error("an operation cannot be recorded: {0}")]
+    Operation(String),
 }
 
 /// Members of `at::cuda::CUDAGraph`, in the order of `GraphFunctions` in graph.cpp.
@@ -151,7 +151,8 @@ impl Recorder {
         synchronize(0);
         let before = exchange(self.stream as i64)?;
         let recorded = cuda::on_stream(self.stream, || {
-            let mut try_body = || catch_unwind(AssertUnwindSafe(&mut body)).unwrap_or(Err(GraphError::Operation));
+            let mut try_body =
+                || refusal::caught(&mut body).unwrap_or_else(|reason| Err(GraphError::Operation(reason)));
             for _ in 0..warm_ups {
                 try_body()?;
                 synchronize(0);

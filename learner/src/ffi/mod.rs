@@ -14,6 +14,7 @@ pub mod kernels;
 pub mod library;
 pub mod nccl;
 pub mod profiler;
+pub mod refusal;
 pub mod stopwatch;
 pub mod stream;
 pub mod warnings;

@@ -226,7 +226,7 @@ mod tests {
         let failed = fused.while_recorded(|| {
             recorder.record(0, || {
                 fused.renew(&encoder.resnet, &parameters);
-                Err::<(), GraphError>(GraphError::Operation)
+                Err::<(), GraphError>(GraphError::Operation("it was asked to".to_owned()))
             })
         });
         assert!(failed.is_err());
