@@ -296,13 +296,15 @@ pub fn write_pieces_atomically_on<D: Disk, B: AsRef<[u8]>>(
         fault::reach("file.before_fsync");
         disk.sync(&file)
     });
-    if let Err(error) = written {
-        // A full disk leaves nothing behind but the error.
+    let renamed = written.and_then(|()| {
+        fault::reach("file.before_rename");
+        disk.rename(&temporary, path)
+    });
+    if let Err(error) = renamed {
+        // A full disk leaves nothing behind but the error, nor does a folder in the file's place.
         let _ = disk.remove(&temporary);
         return Err(error);
     }
-    fault::reach("file.before_rename");
-    disk.rename(&temporary, path)?;
     fault::reach("file.after_rename");
     disk.sync_folder(folder)
 }
@@ -351,7 +353,10 @@ mod tests {
         write_atomically(&path, b"one").unwrap();
         write_atomically(&path, b"two").unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"two");
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+        let other = folder.path().join("folder");
+        std::fs::create_dir(&other).unwrap();
+        assert!(write_atomically(&other, b"one").is_err());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
     }
 
     #[test]

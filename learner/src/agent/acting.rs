@@ -159,12 +159,13 @@ impl Acting {
         let Prepared { layout, inputs, .. } = &mut self.prepared[at];
         fill(inputs, layout, &frames, rows);
         let prepared = &self.prepared[at];
-        match &prepared.graph {
-            Some(graph) => graph.replay()?,
-            None => self.launch(policy, prepared)?,
-        }
+        let launched = match &prepared.graph {
+            Some(graph) => graph.replay(),
+            None => self.launch(policy, prepared),
+        };
         // Not for the device: another thread may keep it busy.
         self.streams.wait()?;
+        launched?;
         // SAFETY: the GPU has written them, as the line above has waited for; no other tensor shares this memory.
         let words = unsafe { ffi::floats_mut(&mut self.prepared[at].choices) };
         Ok(words.chunks_exact(CHOSEN_WORDS).map(Chosen::from_words).collect())

@@ -82,9 +82,10 @@ impl Forks<'_> {
         let before = exchange(stream.handle() as i64)?;
         // libtorch panics where it refuses: a recording ends on the stream on which it began.
         let done = cuda::on_stream(stream.handle(), || catch_unwind(AssertUnwindSafe(work)));
-        exchange(before)?;
+        let restored = exchange(before);
         let ended = events.record(ends, stream.handle());
         let done = done.unwrap_or_else(|panic| resume_unwind(panic));
+        restored?;
         ended?;
         Ok(done)
     }

@@ -173,7 +173,9 @@ impl Recorder {
             let ended = guarded(|message, capacity| unsafe {
                 stillroom_graph_end(&raw const functions, graph, message, capacity)
             });
-            // A graph that did not end is never freed: libtorch's allocator goes on asking it which streams it records.
+            // A graph that did not end is never freed: libtorch's allocator goes on asking it which streams it records. So
+            // what such a recording took of the device's memory is not given back, nor are cached blocks where memory runs
+            // out: both stay until the process ends.
             let graph = ended.map(|()| Graph { functions, graph });
             let result = result?;
             Ok((graph?, result))

@@ -4,21 +4,24 @@
 use std::any::Any;
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind, set_hook, take_hook};
+use tracing::Level;
 
 thread_local! {
     /// Whoever called [`caught`] tells what was refused.
     static CAUGHT: Cell<bool> = const { Cell::new(false) };
 }
 
-/// From now on a panic with libtorch's text is one line of the log, or none where it is [`caught`]. All of it is printed as
-/// usual where `RUST_BACKTRACE` is set, as is every other panic. To be called once, after logging is set up.
+/// From now on a panic with libtorch's text is one line of the log, and one that is [`caught`] is no more than a line for
+/// those who debug. Every other panic is printed as usual, and that with libtorch's text where `RUST_BACKTRACE` is set or
+/// where the log has no errors. To be called once, after logging is set up.
 pub fn say_in_a_line() {
     let usual = take_hook();
     set_hook(Box::new(move |panic| match reason(panic.payload()) {
-        Some(_) if CAUGHT.get() => {}
+        _ if CAUGHT.get() => tracing::debug!("{panic}"),
         Some(reason) => {
             log(&reason, panic);
-            if std::env::var_os("RUST_BACKTRACE").is_some_and(|wanted| wanted != "0") {
+            let wanted = std::env::var_os("RUST_BACKTRACE").is_some_and(|wanted| wanted != "0");
+            if wanted || !tracing::enabled!(Level::ERROR) {
                 usual(panic);
             }
         }
@@ -31,31 +34,48 @@ fn log(reason: &str, panic: &PanicHookInfo) {
     tracing::error!("libtorch refuses: {reason} (panicked at {place}; RUST_BACKTRACE=1 prints from where)");
 }
 
-/// Does something that libtorch may refuse. Returns its reason.
+/// Does something that libtorch may refuse, or a kernel of ours. Returns the reason.
 pub fn caught<T>(body: impl FnOnce() -> T) -> Result<T, String> {
     let outside = CAUGHT.replace(true);
     let done = catch_unwind(AssertUnwindSafe(body));
     CAUGHT.set(outside);
-    done.map_err(|payload| reason(&*payload).unwrap_or_else(|| "a panic".to_owned()))
+    done.map_err(|payload| {
+        let ours = || text(&*payload).and_then(|text| text.lines().next()).map(str::to_owned);
+        reason(&*payload).or_else(ours).unwrap_or_else(|| "a panic".to_owned())
+    })
 }
 
-/// The first line of what libtorch says, if it is libtorch that speaks.
+fn text(payload: &dyn Any) -> Option<&str> {
+    payload.downcast_ref::<String>().map(String::as_str).or_else(|| payload.downcast_ref::<&str>().copied())
+}
+
+/// The first line of what libtorch says, if it is libtorch that speaks: out of tch, or out of an error that we panic with.
 fn reason(payload: &dyn Any) -> Option<String> {
-    let text = payload.downcast_ref::<String>()?;
-    let (_, quoted) = text.split_once("an `Err` value: Torch(\"")?;
-    let mut reason = String::new();
+    let text = text(payload)?;
+    let reason = match text.split_once("an `Err` value: Torch(\"") {
+        Some((_, quoted)) => unquoted_line(quoted),
+        None => text.strip_prefix("Internal torch error: ")?.trim_start().lines().next()?.to_owned(),
+    };
+    Some(reason.trim_end_matches([' ', '.']).to_owned())
+}
+
+/// The first line that is not empty of a text that Rust has quoted, whose first quotation mark is gone.
+fn unquoted_line(quoted: &str) -> String {
+    let mut line = String::new();
     let mut letters = quoted.chars();
     while let Some(letter) = letters.next() {
         match letter {
             '"' => break,
             '\\' => match letters.next() {
+                Some('n') if line.is_empty() => {}
                 Some('n') | None => break,
-                Some(escaped) => reason.push(escaped),
+                Some('t' | 'r') => line.push(' '),
+                Some(escaped) => line.push(escaped),
             },
-            _ => reason.push(letter),
+            _ => line.push(letter),
         }
     }
-    Some(reason.trim_end_matches([' ', '.']).to_owned())
+    line
 }
 
 #[cfg(test)]
@@ -74,7 +94,8 @@ mod tests {
     fn what_libtorch_says_is_caught() {
         assert_eq!(caught(|| 3), Ok(3));
         assert_eq!(caught(refused), Err(SHAPE.to_owned()));
-        assert_eq!(caught(|| panic!("ours")), Err::<(), _>("a panic".to_owned()));
+        assert_eq!(caught(|| panic!("ours\nand more")), Err::<(), _>("ours".to_owned()));
+        assert_eq!(caught(|| std::panic::panic_any(3)), Err::<(), _>("a panic".to_owned()));
         assert!(!CAUGHT.get());
     }
 
@@ -83,8 +104,11 @@ mod tests {
         let of = |text: &str| reason(&format!("called `Result::unwrap()` on an `Err` value: {text}"));
         let cuda = r#"Torch("CUDA error: an \"illegal\" access\nSearch for `cudaErrorIllegalAddress'. \n")"#;
         assert_eq!(of(cuda).as_deref(), Some("CUDA error: an \"illegal\" access"));
-        assert_eq!(of(r#"Torch("expected a scalar. ")"#).as_deref(), Some("expected a scalar"));
+        assert_eq!(of(r#"Torch("\n\texpected a scalar. ")"#).as_deref(), Some(" expected a scalar"));
         assert_eq!(of("Io(NotFound)"), None);
+        let ours = tch::TchError::Torch("CUDA out of memory.\nException raised".to_owned());
+        assert_eq!(reason(&ours.to_string()).as_deref(), Some("CUDA out of memory"));
+        assert_eq!(reason(&"ours"), None);
     }
 
     /// The test starts itself as a child.
@@ -100,24 +124,27 @@ mod tests {
         }
         let (_, module) = module_path!().split_once("::").unwrap();
         let name = format!("{module}::nobody_reads_the_call_stack_of_the_c_plus_plus");
-        let printed = |what: &str, trace: &str| {
+        let printed = |what: &str, trace: &str, log: &str| {
             let mut child = Command::new(std::env::current_exe().unwrap());
-            child.args(["--exact", &name, "--nocapture"]).env(CHILD, what).env("RUST_BACKTRACE", trace);
+            child.args(["--exact", &name, "--nocapture"]).env(CHILD, what);
+            child.env("RUST_BACKTRACE", trace).env("STILLROOM_LOG", log);
             let output = child.output().unwrap();
             assert!(!output.status.success());
             let text = String::from_utf8(output.stderr).unwrap();
             (text.matches(SHAPE).count(), text.matches("panicked at").count(), text)
         };
-        let (reasons, panics, text) = printed("theirs", "0");
+        let (reasons, panics, text) = printed("theirs", "0", "info");
         assert_eq!((reasons, panics, text.lines().count()), (1, 1, 1), "{text}");
         assert!(
             text.contains(" ERROR ") && text.contains(&format!("libtorch refuses: {SHAPE} (panicked at ")),
             "{text}"
         );
-        let (reasons, panics, text) = printed("theirs", "1");
+        let (reasons, panics, text) = printed("theirs", "1", "info");
         assert_eq!((reasons, panics), (2, 2), "{text}");
-        let (reasons, panics, text) = printed("ours", "0");
+        let (reasons, panics, text) = printed("ours", "0", "info");
         assert_eq!((reasons, panics), (0, 1), "{text}");
         assert!(text.contains("ours"), "{text}");
+        let (reasons, panics, text) = printed("theirs", "0", "off");
+        assert_eq!((reasons, panics), (1, 1), "it never goes without a word: {text}");
     }
 }

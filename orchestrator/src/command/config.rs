@@ -46,12 +46,18 @@ pub fn run(args: &ConfigArgs) -> Result<()> {
         None => configured(args)?,
     };
     match &args.out {
-        Some(file) => write_atomically(file, config.to_toml().as_bytes())
-            .with_context(|| format!("cannot write {}", file.display()))?,
+        Some(file) => write(file, &config)?,
         None if args.json => terminal::out(&serde_json::to_string(&config)?),
         None => terminal::out(config.to_toml().trim_end()),
     }
     Ok(())
+}
+
+fn write(file: &Path, config: &Config) -> Result<()> {
+    // What is written whole takes the place of what was there: not that of a folder, or of /dev/stdout.
+    let other = std::fs::metadata(file).is_ok_and(|found| !found.is_file());
+    ensure!(!other, "{} is no file: name another one with --out", file.display());
+    write_atomically(file, config.to_toml().as_bytes()).with_context(|| format!("cannot write {}", file.display()))
 }
 
 fn configured(args: &ConfigArgs) -> Result<Config> {

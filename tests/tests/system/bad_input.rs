@@ -53,6 +53,12 @@ fn mistakes_on_the_command_line() {
         let command = [command, &["--seed", "9223372036854775808"]].concat();
         refused(&complete(workshop.orchestrator(&command)), "must be at most 9223372036854775807");
     }
+    // No device: where this is broken it would be gone.
+    assert!(Command::new("mkfifo").arg(workshop.path("pipe")).status().unwrap().success());
+    for other in ["pipe", "."] {
+        let printed = complete(workshop.orchestrator(&["config", "demo", "--out", other]));
+        refused(&printed, &format!("{other} is no file: name another one with --out"));
+    }
     refused(&complete(workshop.orchestrator(&["resume", "nowhere"])), "nowhere");
     refused(&complete(workshop.orchestrator(&["stop", "nowhere"])), "nowhere does not exist");
     refused(&complete(workshop.orchestrator(&["replay", "nothing.mcap"])), "nothing.mcap");
