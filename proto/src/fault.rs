@@ -3,8 +3,9 @@
 //! `STILLROOM_FAULT=POINT` or `STILLROOM_FAULT=POINT:N` makes the process kill itself with SIGKILL, without unwinding
 //! or flushing, when it reaches the point for the N-th time (default: the first). Crash tests set the variable for one
 //! child; without it [`reach`] is one load and one branch. Points are named `CRATE.MOMENT`, for example
-//! `actor.before_send`; `grep 'fault::reach'` lists them, and `grep 'fault::fails'` those that can fail. Several programs pass the points `file.MOMENT`, and children
-//! inherit the variable: `POINT:N@PROGRAM` arms only the program of that name. Commas divide several points.
+//! `actor.before_send`; `grep 'fault::reach'` lists them, and `grep 'fault::fails'` those that can fail. Several
+//! programs pass the points `file.MOMENT`, and children inherit the variable: `POINT:N@PROGRAM` arms only the program
+//! of that name. Commas divide several points.
 //!
 //! `STILLROOM_FAULT=hold=POINT` stops the process there (SIGSTOP) until it gets SIGCONT: a test then does something to
 //! the others at a moment that it has chosen. `stall=SECONDS=POINT` holds only the thread that comes there, as a disk

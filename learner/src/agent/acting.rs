@@ -1,6 +1,6 @@
 //! A step of the policy on a GPU as one CUDA graph for each size of batch: from frames in the actors' shared memory,
-//! which the GPU reads itself, to sampled actions in the host's. Recorded when a size is first met.
-//! Where that fails the same kernels are launched one by one, to the same bits.
+//! which the GPU reads itself, to sampled actions in the host's. Recorded when a size is first met; where that fails the
+//! same kernels are launched one by one, to the same bits.
 //!
 //! The graph also keeps what the step leaves: frames in the rollout's store, beliefs in their table. Store and table
 //! have one row more than are used; what is not to be kept goes there.
@@ -282,8 +282,7 @@ fn fill(inputs: &mut Tensor, layout: &InputBytes, frames: &[i64], rows: Rows) {
             to.copy_from_slice(&number);
         }
     }
-    // SAFETY: the GPU reads them in steps alone, and each of those was waited for; no other tensor
-    // shares this memory.
+    // SAFETY: the GPU reads them in steps alone, and each of those was waited for; no other tensor shares this memory.
     let bytes = unsafe { ffi::bytes_mut(inputs) };
     let integers = |to: &mut [u8], numbers: &[i64]| put(to, numbers.iter().map(|number| number.to_ne_bytes()));
     integers(&mut bytes[layout.frames.clone()], frames);
