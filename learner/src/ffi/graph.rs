@@ -4,7 +4,7 @@ use super::cuda::{self, CudaError};
 use super::guarded;
 use super::library::{Handle, function, open};
 use super::refusal;
-use super::stream::{Priority, StreamError, Streams, exchange};
+use super::stream::{Priority, Stream, StreamError, Streams, exchange};
 use proto::fault;
 use std::ffi::{c_char, c_int};
 use std::ptr::null_mut;
@@ -109,7 +109,7 @@ pub struct Recorder {
     /// libtorch's number of the memory that all graphs share; 0 where each has its own.
     pool: u64,
     /// A stream of our own, because nothing can be recorded on the default stream.
-    stream: Handle,
+    stream: Stream,
     streams: Streams,
 }
 
@@ -134,7 +134,7 @@ impl Recorder {
             Memory::Shared => POOLS.fetch_add(1, Ordering::Relaxed),
         };
         let streams = Streams::open()?;
-        Ok(Self { functions: functions()?, pool, stream: streams.make(priority)?.handle(), streams })
+        Ok(Self { functions: functions()?, pool, stream: streams.make(priority)?, streams })
     }
 
     /// Runs `body` a few times, because libraries choose their algorithms and allocate their room at first use, which a
@@ -149,8 +149,8 @@ impl Recorder {
     ) -> Result<(Graph, T), GraphError> {
         let _alone = alone();
         synchronize(0);
-        let before = exchange(self.stream as i64)?;
-        let recorded = cuda::on_stream(self.stream, || {
+        let before = exchange(self.stream.handle() as i64)?;
+        let recorded = cuda::on_stream(self.stream.handle(), || {
             let mut try_body =
                 || refusal::caught(&mut body).unwrap_or_else(|reason| Err(GraphError::Operation(reason)));
             for _ in 0..warm_ups {
@@ -158,10 +158,10 @@ impl Recorder {
                 synchronize(0);
             }
             let functions = self.functions;
-            let mut graph = null_mut();
+            let mut recording = null_mut();
             // SAFETY: the functions are libtorch's; the out-pointer is ours.
             guarded(|message, capacity| unsafe {
-                stillroom_graph_begin(&raw const functions, self.pool, &raw mut graph, message, capacity)
+                stillroom_graph_begin(&raw const functions, self.pool, &raw mut recording, message, capacity)
             })?;
             if fault::fails("learner.recording") {
                 // What no recording allows: it is void from here on, as after any operation that cannot be recorded.
@@ -169,20 +169,36 @@ impl Recorder {
             }
             let result = try_body();
             // In any case, or the stream would stay in the state of recording.
-            // SAFETY: begun above.
-            let ended = guarded(|message, capacity| unsafe {
-                stillroom_graph_end(&raw const functions, graph, message, capacity)
-            });
-            // A graph that did not end is never freed: libtorch's allocator goes on asking it which streams it records. So
-            // what such a recording took of the device's memory is not given back, nor are cached blocks where memory runs
-            // out: both stay until the process ends.
-            let graph = ended.map(|()| Graph { functions, graph });
+            let graph = self.end(recording).inspect_err(|_| self.give_up(recording));
             let result = result?;
             Ok((graph?, result))
         });
         exchange(before)?;
         synchronize(0);
         recorded
+    }
+
+    /// Ends what was begun on this thread's stream.
+    fn end(&self, recording: Handle) -> Result<Graph, GraphError> {
+        let functions = self.functions;
+        // SAFETY: the caller has begun it.
+        guarded(|message, capacity| unsafe {
+            stillroom_graph_end(&raw const functions, recording, message, capacity)
+        })?;
+        Ok(Graph { functions, graph: recording })
+    }
+
+    /// Gives back what a recording that the driver voided took of the device's memory. libtorch's function stops where the
+    /// driver refuses, and its allocator goes on as if all that were being recorded: it keeps that memory, and frees no
+    /// cached block of any other where memory runs out. So the same function ends an empty recording.
+    ///
+    /// Where that fails, too, the recording is never freed, because the allocator goes on asking it which streams it records.
+    fn give_up(&self, recording: Handle) {
+        let begun = self.streams.begin_capture(self.stream).map_err(GraphError::from);
+        match begun.and_then(|()| self.end(recording)) {
+            Ok(empty) => drop(empty),
+            Err(error) => tracing::debug!("the memory of a recording that failed is lost: {error}"),
+        }
     }
 
     /// Waits until all graphs that this thread has launched are through: one that may still run is not to be dropped.
@@ -231,6 +247,32 @@ mod tests {
     use super::*;
     use std::sync::atomic::AtomicU32;
     use std::time::Duration;
+    use tch::{Device, Kind, Tensor};
+
+    #[test]
+    #[ignore = "needs a CUDA device"]
+    fn a_recording_that_failed_gives_its_memory_back() {
+        let _alone = crate::device::cuda_alone();
+        let room = |gib: i64| Tensor::f_empty([gib << 30], (Kind::Uint8, Device::Cuda(0)));
+        assert!(room(1 << 20).is_err(), "libtorch has freed what it had cached, in vain");
+        for memory in [Memory::Apart, Memory::Shared] {
+            let recorder = Recorder::open(Priority::Low, memory).unwrap();
+            let mut most = 0;
+            let void = recorder.record(0, || {
+                // Of one so large there is no second one.
+                most = (0..10).rev().map(|power| 1 << power).find(|&gib| room(gib).is_ok()).unwrap();
+                recorder.wait()
+            });
+            assert!(void.is_err() && most > 0, "{void:?}, {most} GiB");
+            let again = room(most);
+            assert!(again.is_ok(), "{most} GiB: {again:?}");
+            let (graph, ones) = recorder.record(0, || Ok(Tensor::ones([2], (Kind::Float, Device::Cuda(0))))).unwrap();
+            graph.replay().unwrap();
+            assert_eq!(Vec::<f32>::try_from(ones).unwrap(), [1.0, 1.0]);
+            drop(again);
+            assert!(room(1 << 20).is_err(), "as above");
+        }
+    }
 
     #[test]
     fn two_threads_never_record_at_a_time_and_a_panic_locks_nobody_out() {

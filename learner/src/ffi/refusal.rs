@@ -56,7 +56,7 @@ fn reason(payload: &dyn Any) -> Option<String> {
         Some((_, quoted)) => unquoted_line(quoted),
         None => text.strip_prefix("Internal torch error: ")?.trim_start().lines().next()?.to_owned(),
     };
-    Some(reason.trim_end_matches([' ', '.']).to_owned())
+    Some(reason.trim_start().trim_end_matches([' ', '.']).to_owned())
 }
 
 /// The first line that is not empty of a text that Rust has quoted, whose first quotation mark is gone.
@@ -104,7 +104,7 @@ mod tests {
         let of = |text: &str| reason(&format!("called `Result::unwrap()` on an `Err` value: {text}"));
         let cuda = r#"Torch("CUDA error: an \"illegal\" access\nSearch for `cudaErrorIllegalAddress'. \n")"#;
         assert_eq!(of(cuda).as_deref(), Some("CUDA error: an \"illegal\" access"));
-        assert_eq!(of(r#"Torch("\n\texpected a scalar. ")"#).as_deref(), Some(" expected a scalar"));
+        assert_eq!(of(r#"Torch("\n\texpected a scalar. ")"#).as_deref(), Some("expected a scalar"));
         assert_eq!(of("Io(NotFound)"), None);
         let ours = tch::TchError::Torch("CUDA out of memory.\nException raised".to_owned());
         assert_eq!(reason(&ours.to_string()).as_deref(), Some("CUDA out of memory"));

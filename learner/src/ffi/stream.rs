@@ -9,9 +9,12 @@ use tch::TchError;
 
 /// `CU_STREAM_NON_BLOCKING`: not ordered with the default stream.
 const NON_BLOCKING: c_uint = 1;
+/// `CU_STREAM_CAPTURE_MODE_THREAD_LOCAL`: what other threads do meanwhile is their own.
+const CAPTURE_THIS_THREAD: c_int = 1;
 
 type CreateWithPriority = unsafe extern "C" fn(*mut Handle, c_uint, c_int) -> c_int;
 type PriorityRange = unsafe extern "C" fn(*mut c_int, *mut c_int) -> c_int;
+type BeginCapture = unsafe extern "C" fn(Handle, c_int) -> c_int;
 type Synchronize = unsafe extern "C" fn(Handle) -> c_int;
 
 unsafe extern "C" {
@@ -32,6 +35,7 @@ pub enum Priority {
 pub struct Streams {
     create: CreateWithPriority,
     range: PriorityRange,
+    begin_capture: BeginCapture,
     synchronize: Synchronize,
 }
 
@@ -60,6 +64,7 @@ impl Streams {
         Ok(Self {
             create: function!(library, c"cuStreamCreateWithPriority" as CreateWithPriority),
             range: function!(library, c"cuCtxGetStreamPriorityRange" as PriorityRange),
+            begin_capture: function!(library, c"cuStreamBeginCapture_v2" as BeginCapture),
             synchronize: function!(library, c"cuStreamSynchronize" as Synchronize),
         })
     }
@@ -75,6 +80,12 @@ impl Streams {
         let code = unsafe { (self.create)(&raw mut stream, NON_BLOCKING, priority) };
         succeed("cuStreamCreateWithPriority", code)?;
         Ok(Stream(stream))
+    }
+
+    /// From now on what the stream is given is recorded and not done.
+    pub(super) fn begin_capture(self, stream: Stream) -> Result<(), CudaError> {
+        // SAFETY: the stream lives as long as the process.
+        succeed("cuStreamBeginCapture", unsafe { (self.begin_capture)(stream.0, CAPTURE_THIS_THREAD) })
     }
 
     /// Waits until this thread's stream has done all that it was given.

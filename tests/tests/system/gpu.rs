@@ -1,7 +1,7 @@
 //! The same seed ends in the same weights on GPUs, too, whatever happens on the way. These tests need CUDA devices, as
 //! many as a run has learners: `cargo nextest run --release --workspace --run-ignored only same_weights_on`.
 
-use system_tests::{Workshop, complete, finish, kill_child, start};
+use system_tests::{Printed, Workshop, complete, finish, kill_child, start};
 
 /// What is run.
 #[derive(Clone, Copy)]
@@ -107,22 +107,30 @@ fn same_weights_on_one_gpu_whoever_is_ready() {
 }
 
 /// The driver may refuse to record what is launched: then every kernel is launched by itself, here in acting from the first
-/// step on and in training from the first recording.
+/// step on and in training from the first recording, or in acting alone.
 #[test]
 #[ignore = "needs a CUDA device"]
 fn same_weights_on_one_gpu_where_nothing_can_be_recorded() {
     let workshop = Workshop::new();
     let shape = Shape { frames: 100_000, ..ONE_LEARNER };
     let recorded = complete(up(&workshop, "recorded", shape));
-    let refusals = ["fail=learner.recording:1@learner", "fail=learner.recording:2@learner"].join(",");
-    let mut command = up(&workshop, "refused", shape);
-    command.env("STILLROOM_FAULT", refusals);
-    let refused = complete(command);
-    assert_eq!(refused.result(), recorded.result());
-    for what in ["acting", "training"] {
-        let line = format!("{what} launches its kernels one by one, which takes longer: ");
-        assert_eq!(refused.stderr.matches(&line).count(), 1, "{refused:#?}");
-        assert!(!recorded.stderr.contains(&line), "{recorded:#?}");
+    let first = "fail=learner.recording:1@learner";
+    let both = format!("{first},fail=learner.recording:2@learner");
+    let refused = [("acting", first), ("both", &both)].map(|(name, refusals)| {
+        let mut command = up(&workshop, name, shape);
+        command.env("STILLROOM_FAULT", refusals);
+        complete(command)
+    });
+    let told = |printed: &Printed| {
+        ["acting", "training"].map(|what| {
+            let line = format!("{what} launches its kernels one by one, which takes longer: ");
+            printed.stderr.matches(&line).count()
+        })
+    };
+    assert_eq!(told(&recorded), [0, 0], "{recorded:#?}");
+    for (refused, lines) in refused.iter().zip([[1, 0], [1, 1]]) {
+        assert_eq!(refused.result(), recorded.result());
+        assert_eq!(told(refused), lines, "{refused:#?}");
+        assert!(refused.deaths().is_empty() && !refused.stderr.contains("panicked"), "{refused:#?}");
     }
-    assert!(refused.deaths().is_empty() && !refused.stderr.contains("panicked"), "{refused:#?}");
 }
