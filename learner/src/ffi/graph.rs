@@ -189,8 +189,9 @@ impl Recorder {
     }
 
     /// Gives back what a recording that the driver voided took of the device's memory. libtorch's function stops where the
-    /// driver refuses, and its allocator goes on as if all that were being recorded: it keeps that memory, and frees no
-    /// cached block of any other where memory runs out. So the same function ends an empty recording.
+    /// driver refuses, and its allocator and its generator of random numbers go on as if something were being recorded: that
+    /// memory stays taken, no cached block is freed where memory runs out, and no random number is drawn. So the same function
+    /// ends an empty recording.
     ///
     /// Where that fails, too, the recording is never freed, because the allocator goes on asking it which streams it records.
     fn give_up(&self, recording: Handle) {
