@@ -141,7 +141,8 @@ impl Recorder {
     /// recording does not allow; then records what it launches, which must be the same every time. Its results are in
     /// the memory that it writes, which must live as long as the graph.
     ///
-    /// Waits for other threads that record. `body` must not wait for the device, nor record.
+    /// Waits for other threads that record. `body` must not wait for the device, nor record. After an error a recorder whose
+    /// graphs share their memory has to have one of them left to record again: see [`Memory::Shared`].
     pub fn record<T>(
         &self,
         warm_ups: usize,
@@ -193,7 +194,8 @@ impl Recorder {
     /// memory stays taken, no cached block is freed where memory runs out, and no random number is drawn. So the same function
     /// ends an empty recording.
     ///
-    /// Where that fails, too, the recording is never freed, because the allocator goes on asking it which streams it records.
+    /// Where that fails, too, the recording is never freed: the allocator may go on asking it which streams it records. That
+    /// costs memory where libtorch had ended the recording and could make no graph of it, which it does not tell apart.
     fn give_up(&self, recording: Handle) {
         let begun = self.streams.begin_capture(self.stream).map_err(GraphError::from);
         match begun.and_then(|()| self.end(recording)) {
