@@ -141,8 +141,8 @@ impl Recorder {
     /// recording does not allow; then records what it launches, which must be the same every time. Its results are in
     /// the memory that it writes, which must live as long as the graph.
     ///
-    /// Waits for other threads that record. `body` must not wait for the device, nor record. After an error a recorder whose
-    /// graphs share their memory has to have one of them left to record again: see [`Memory::Shared`].
+    /// Waits for other threads that record. `body` must not wait for the device, nor record. After an error, a recorder whose
+    /// graphs share memory records again only while one of its graphs is left, see [`Memory::Shared`].
     pub fn record<T>(
         &self,
         warm_ups: usize,
@@ -194,8 +194,9 @@ impl Recorder {
     /// memory stays taken, no cached block is freed where memory runs out, and no random number is drawn. So the same function
     /// ends an empty recording.
     ///
-    /// Where that fails, too, the recording is never freed: the allocator may go on asking it which streams it records. That
-    /// costs memory where libtorch had ended the recording and could make no graph of it, which it does not tell apart.
+    /// Where that fails, too, the recording is never freed, because the allocator may still ask it which streams it records.
+    /// Where libtorch had ended the recording and only could not make a graph of it, the memory is lost for nothing: the two
+    /// are not told apart here.
     fn give_up(&self, recording: Handle) {
         let begun = self.streams.begin_capture(self.stream).map_err(GraphError::from);
         match begun.and_then(|()| self.end(recording)) {
@@ -252,7 +253,7 @@ mod tests {
     use std::time::Duration;
     use tch::{Device, Kind, Tensor};
 
-    /// Neither it nor libtorch's generator of random numbers goes on as if something were being recorded.
+    /// After it libtorch's allocator frees memory, its generator draws random numbers, and others record.
     #[test]
     #[ignore = "needs a CUDA device"]
     fn a_recording_that_failed_gives_its_memory_back() {
@@ -264,7 +265,7 @@ mod tests {
             let recorder = Recorder::open(Priority::Low, memory).unwrap();
             let mut most = 0;
             let void = recorder.record(0, || {
-                // Of one so large there is no second one.
+                // So large that no second one fits.
                 most = (0..10).rev().map(|power| 1 << power).find(|&gib| room(gib).is_ok()).unwrap();
                 recorder.wait()
             });
