@@ -29,6 +29,7 @@ extern "C" struct GraphFunctions {
     void (*destroy)(void *);
     void (*begin)(void *, Pool, int);
     void (*end)(void *);
+    Pool (*pool)(void *);
     void (*replay)(void *);
 };
 
@@ -51,6 +52,11 @@ extern "C" int stillroom_graph_begin(const GraphFunctions *functions, uint64_t p
 
 extern "C" int stillroom_graph_end(const GraphFunctions *functions, void *graph, char *message, size_t capacity) {
     return guarded(message, capacity, [&] { functions->end(graph); });
+}
+
+// Fails where the recording is not over: that is when libtorch names no pool.
+extern "C" int stillroom_graph_ended(const GraphFunctions *functions, void *graph, char *message, size_t capacity) {
+    return guarded(message, capacity, [&] { functions->pool(graph); });
 }
 
 extern "C" int stillroom_graph_replay(const GraphFunctions *functions, void *graph, char *message, size_t capacity) {

@@ -6,10 +6,12 @@ use super::library::{Handle, function, open};
 use super::refusal;
 use super::stream::{Priority, Stream, StreamError, Streams, exchange};
 use proto::fault;
+use std::cell::RefCell;
 use std::ffi::{c_char, c_int};
+use std::mem::ManuallyDrop;
 use std::ptr::null_mut;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use tch::{Cuda, TchError};
 
 /// Why nothing was recorded.
@@ -37,6 +39,7 @@ struct Functions {
     destroy: Member,
     begin: Member,
     end: Member,
+    pool: Member,
     replay: Member,
 }
 
@@ -51,6 +54,12 @@ unsafe extern "C" {
         capacity: usize,
     ) -> c_int;
     fn stillroom_graph_end(functions: *const Functions, graph: Handle, message: *mut c_char, capacity: usize) -> c_int;
+    fn stillroom_graph_ended(
+        functions: *const Functions,
+        graph: Handle,
+        message: *mut c_char,
+        capacity: usize,
+    ) -> c_int;
     fn stillroom_graph_replay(
         functions: *const Functions,
         graph: Handle,
@@ -72,13 +81,22 @@ pub enum Memory {
     Apart,
     /// All graphs of a recorder have the same, as if their work were done in the order in which they were recorded: what
     /// one of them computed and nobody holds any more may be overwritten by the next. They are to be launched one after
-    /// the other. One may be dropped, and what it had of the memory is used again, but not the last one before another is
-    /// recorded: libtorch takes up no memory that no graph uses.
+    /// the other. One may be dropped, and what it had of the memory is used again by those recorded later.
     Shared,
 }
 
-/// Pools of memory that graphs share. libtorch counts its own from 1, process by process.
-static POOLS: AtomicU64 = AtomicU64::new(1 << 32);
+/// Memory that graphs share, by libtorch's number for it. Each of them holds it, because libtorch does not take up again a
+/// number that no graph uses any more.
+#[derive(Debug)]
+struct Pool(u64);
+
+impl Pool {
+    fn new() -> Self {
+        // libtorch counts its own from 1, process by process.
+        static NEXT: AtomicU64 = AtomicU64::new(1 << 32);
+        Self(NEXT.fetch_add(1, Ordering::Relaxed))
+    }
+}
 
 /// Held by the thread that records, or that waits for the device.
 static RECORDING: Mutex<()> = Mutex::new(());
@@ -106,8 +124,8 @@ fn synchronize(index: usize) {
 #[derive(Debug)]
 pub struct Recorder {
     functions: Functions,
-    /// libtorch's number of the memory that all graphs share; 0 where each has its own.
-    pool: u64,
+    /// What the graphs share, as long as there are some; none where each has its own.
+    pool: Option<RefCell<Weak<Pool>>>,
     /// A stream of our own, because nothing can be recorded on the default stream.
     stream: Stream,
     streams: Streams,
@@ -117,7 +135,8 @@ pub struct Recorder {
 #[derive(Debug)]
 pub struct Graph {
     functions: Functions,
-    graph: Handle,
+    handle: Handle,
+    _pool: Option<Arc<Pool>>,
 }
 
 // SAFETY: the driver's functions take a stream from any thread; libtorch's are stateless.
@@ -129,10 +148,7 @@ impl Recorder {
     /// Finds libtorch's functions and makes a stream, whose priority the kernels of its graphs keep. libtorch must have
     /// made a tensor on the device before.
     pub fn open(priority: Priority, memory: Memory) -> Result<Self, GraphError> {
-        let pool = match memory {
-            Memory::Apart => 0,
-            Memory::Shared => POOLS.fetch_add(1, Ordering::Relaxed),
-        };
+        let pool = (memory == Memory::Shared).then(RefCell::default);
         let streams = Streams::open()?;
         Ok(Self { functions: functions()?, pool, stream: streams.make(priority)?, streams })
     }
@@ -141,8 +157,7 @@ impl Recorder {
     /// recording does not allow; then records what it launches, which must be the same every time. Its results are in
     /// the memory that it writes, which must live as long as the graph.
     ///
-    /// Waits for other threads that record. `body` must not wait for the device, nor record. After an error, a recorder whose
-    /// graphs share memory records again only while one of its graphs is left, see [`Memory::Shared`].
+    /// Waits for other threads that record. `body` must not wait for the device, nor record.
     pub fn record<T>(
         &self,
         warm_ups: usize,
@@ -158,49 +173,68 @@ impl Recorder {
                 try_body()?;
                 synchronize(0);
             }
-            let functions = self.functions;
-            let mut recording = null_mut();
-            // SAFETY: the functions are libtorch's; the out-pointer is ours.
-            guarded(|message, capacity| unsafe {
-                stillroom_graph_begin(&raw const functions, self.pool, &raw mut recording, message, capacity)
-            })?;
+            let graph = self.begin()?;
             if fault::fails("learner.recording") {
                 // What no recording allows: it is void from here on, as after any operation that cannot be recorded.
                 let _ = self.streams.wait();
             }
             let result = try_body();
             // In any case, or the stream would stay in the state of recording.
-            let graph = self.end(recording).inspect_err(|_| self.give_up(recording));
-            let result = result?;
-            Ok((graph?, result))
+            let ended = self.end(&graph);
+            if let Err(error) = ended {
+                self.give_up(graph);
+                return Err(result.err().unwrap_or(error));
+            }
+            let graph = ManuallyDrop::into_inner(graph);
+            Ok((graph, result?))
         });
         exchange(before)?;
         synchronize(0);
         recorded
     }
 
-    /// Ends what was begun on this thread's stream.
-    fn end(&self, recording: Handle) -> Result<Graph, GraphError> {
+    /// From now on what goes to this thread's stream is recorded. A graph that is not ended must not be dropped.
+    fn begin(&self) -> Result<ManuallyDrop<Graph>, GraphError> {
         let functions = self.functions;
-        // SAFETY: the caller has begun it.
+        let pool = self.pool.as_ref().map(|pool| {
+            let mut used = pool.borrow_mut();
+            used.upgrade().unwrap_or_else(|| {
+                let pool = Arc::new(Pool::new());
+                *used = Arc::downgrade(&pool);
+                pool
+            })
+        });
+        let number = pool.as_ref().map_or(0, |pool| pool.0);
+        let mut handle = null_mut();
+        // SAFETY: the functions are libtorch's; the out-pointer is ours.
         guarded(|message, capacity| unsafe {
-            stillroom_graph_end(&raw const functions, recording, message, capacity)
+            stillroom_graph_begin(&raw const functions, number, &raw mut handle, message, capacity)
         })?;
-        Ok(Graph { functions, graph: recording })
+        Ok(ManuallyDrop::new(Graph { functions, handle, _pool: pool }))
     }
 
-    /// Gives back what a recording that the driver voided took of the device's memory. libtorch's function stops where the
-    /// driver refuses, and its allocator and its generator of random numbers go on as if something were being recorded: that
-    /// memory stays taken, no cached block is freed where memory runs out, and no random number is drawn. So the same function
-    /// ends an empty recording.
+    /// Ends what was begun on this thread's stream.
+    fn end(&self, graph: &Graph) -> Result<(), GraphError> {
+        // SAFETY: the caller has begun it.
+        Ok(guarded(|message, capacity| unsafe {
+            stillroom_graph_end(&raw const self.functions, graph.handle, message, capacity)
+        })?)
+    }
+
+    /// Gives back what a recording that came to nothing took of the device's memory.
     ///
-    /// Where that fails, too, the recording is never freed, because the allocator may still ask it which streams it records.
-    /// Where libtorch had ended the recording and only could not make a graph of it, the memory is lost for nothing: the two
-    /// are not told apart here.
-    fn give_up(&self, recording: Handle) {
-        let begun = self.streams.begin_capture(self.stream).map_err(GraphError::from);
-        match begun.and_then(|()| self.end(recording)) {
-            Ok(empty) => drop(empty),
+    /// Where the driver voided the recording, libtorch's function has stopped there, and its allocator and its generator of
+    /// random numbers go on as if something were being recorded: that memory stays taken, no cached block is freed where
+    /// memory runs out, and no random number is drawn. So the same function ends an empty recording. Where that fails, too,
+    /// the graph is never freed, because the allocator may still ask it which streams it records.
+    fn give_up(&self, graph: ManuallyDrop<Graph>) {
+        let end_empty = || {
+            self.streams.begin_capture(self.stream)?;
+            self.end(&graph)
+        };
+        let ended = if graph.is_ended() { Ok(()) } else { end_empty() };
+        match ended {
+            Ok(()) => drop(ManuallyDrop::into_inner(graph)),
             Err(error) => tracing::debug!("the memory of a recording that failed is lost: {error}"),
         }
     }
@@ -216,8 +250,17 @@ impl Graph {
     pub fn replay(&self) -> Result<(), GraphError> {
         // SAFETY: a graph that was recorded to its end.
         Ok(guarded(|message, capacity| unsafe {
-            stillroom_graph_replay(&raw const self.functions, self.graph, message, capacity)
+            stillroom_graph_replay(&raw const self.functions, self.handle, message, capacity)
         })?)
+    }
+
+    /// Whether the recording is over, even if the driver could not make of it what can be launched.
+    fn is_ended(&self) -> bool {
+        // SAFETY: a graph that was begun.
+        let ended = guarded(|message, capacity| unsafe {
+            stillroom_graph_ended(&raw const self.functions, self.handle, message, capacity)
+        });
+        ended.is_ok()
     }
 }
 
@@ -225,7 +268,7 @@ impl Drop for Graph {
     fn drop(&mut self) {
         // SAFETY: made by libtorch, and not used afterwards.
         let destroyed = guarded(|message, capacity| unsafe {
-            stillroom_graph_destroy(&raw const self.functions, self.graph, message, capacity)
+            stillroom_graph_destroy(&raw const self.functions, self.handle, message, capacity)
         });
         if let Err(error) = destroyed {
             tracing::debug!("a CUDA graph is not freed: {error}");
@@ -242,6 +285,7 @@ fn functions() -> Result<Functions, CudaError> {
         destroy: function!(library, c"_ZN2at4cuda9CUDAGraphD1Ev" as Member),
         begin: function!(library, c"_ZN2at4cuda9CUDAGraph13capture_beginESt4pairIyyE21cudaStreamCaptureMode" as Member),
         end: function!(library, c"_ZN2at4cuda9CUDAGraph11capture_endEv" as Member),
+        pool: function!(library, c"_ZN2at4cuda9CUDAGraph4poolEv" as Member),
         replay: function!(library, c"_ZN2at4cuda9CUDAGraph6replayEv" as Member),
     })
 }
@@ -253,31 +297,106 @@ mod tests {
     use std::time::Duration;
     use tch::{Device, Kind, Tensor};
 
-    /// After it libtorch's allocator frees memory, its generator draws random numbers, and others record.
+    const BYTES: (Kind, Device) = (Kind::Uint8, Device::Cuda(0));
+
+    fn room(gib: i64) -> Result<Tensor, TchError> {
+        Tensor::f_empty([gib << 30], BYTES)
+    }
+
+    /// While something is recorded libtorch does not do it.
+    fn free_cached() {
+        assert!(room(1 << 20).is_err(), "in vain, but libtorch has freed what it had cached");
+    }
+
+    /// Allocates so much that no second one fits.
+    fn most_room() -> (i64, Tensor) {
+        (0..10).rev().find_map(|power| Some((1 << power, room(1 << power).ok()?))).unwrap()
+    }
+
+    /// Records a graph that writes ones, and launches it.
+    fn ones(recorder: &Recorder) -> (Graph, Tensor) {
+        let (graph, mut ones) = recorder.record(0, || Ok(Tensor::ones([2], BYTES))).unwrap();
+        replay(&graph, &mut ones);
+        (graph, ones)
+    }
+
+    fn replay(graph: &Graph, ones: &mut Tensor) {
+        let _ = ones.zero_();
+        graph.replay().unwrap();
+        assert_eq!(Vec::<u8>::try_from(&*ones).unwrap(), [1, 1]);
+    }
+
+    /// libtorch's allocator frees memory, its generator draws random numbers, and this recorder and others record.
+    fn all_goes_on(recorder: &Recorder, memory: Memory, most: i64) {
+        let again = room(most);
+        assert!(again.is_ok(), "{most} GiB: {again:?}");
+        let random = Tensor::f_rand([2], (Kind::Float, Device::Cuda(0)));
+        assert!(random.is_ok(), "{random:?}");
+        for recorder in [&Recorder::open(Priority::Low, memory).unwrap(), recorder, recorder] {
+            // Each time none of its graphs is left.
+            drop(ones(recorder));
+        }
+    }
+
     #[test]
     #[ignore = "needs a CUDA device"]
     fn a_recording_that_failed_gives_its_memory_back() {
         let _alone = crate::device::cuda_alone();
-        let on_device = (Kind::Uint8, Device::Cuda(0));
-        let room = |gib: i64| Tensor::f_empty([gib << 30], on_device);
         for memory in [Memory::Apart, Memory::Shared] {
-            assert!(room(1 << 20).is_err(), "in vain, but libtorch has freed what it had cached");
+            for earlier_graph in [false, true] {
+                free_cached();
+                let recorder = Recorder::open(Priority::Low, memory).unwrap();
+                let mut earlier = earlier_graph.then(|| ones(&recorder));
+
+                let mut most = 0;
+                let void = recorder.record(0, || {
+                    most = most_room().0;
+                    recorder.wait()
+                });
+                let refused =
+                    |error: &CudaError| matches!(error, CudaError::Driver { call: "cuStreamSynchronize", .. });
+                assert!(matches!(&void, Err(GraphError::Cuda(error)) if refused(error)), "the first error: {void:?}");
+
+                free_cached();
+                // Only the end of the recording tells, and what was computed in it is still held then.
+                let void = recorder.record(0, || {
+                    let (gib, tensor) = most_room();
+                    assert_eq!(gib, most);
+                    let _ = recorder.wait();
+                    Ok(tensor)
+                });
+                assert!(matches!(void, Err(GraphError::Torch(_))), "{void:?}");
+
+                if let Some((graph, ones)) = &mut earlier {
+                    replay(graph, ones);
+                }
+                drop(earlier);
+                all_goes_on(&recorder, memory, most);
+            }
+        }
+    }
+
+    /// As where libtorch has ended a recording and the driver has no room for what is to be launched.
+    #[test]
+    #[ignore = "needs a CUDA device"]
+    fn a_recording_that_was_ended_and_given_up_gives_its_memory_back() {
+        let _alone = crate::device::cuda_alone();
+        for memory in [Memory::Apart, Memory::Shared] {
+            free_cached();
             let recorder = Recorder::open(Priority::Low, memory).unwrap();
             let mut most = 0;
-            let void = recorder.record(0, || {
-                // So large that no second one fits.
-                most = (0..10).rev().map(|power| 1 << power).find(|&gib| room(gib).is_ok()).unwrap();
-                recorder.wait()
-            });
-            assert!(void.is_err() && most > 0, "{void:?}, {most} GiB");
-            let again = room(most);
-            assert!(again.is_ok(), "{most} GiB: {again:?}");
-            let random = Tensor::f_rand([2], (Kind::Float, Device::Cuda(0)));
-            assert!(random.is_ok(), "{random:?}");
-            let other = Recorder::open(Priority::Low, memory).unwrap();
-            let (graph, ones) = other.record(0, || Ok(Tensor::ones([2], on_device))).unwrap();
-            graph.replay().unwrap();
-            assert_eq!(Vec::<u8>::try_from(ones).unwrap(), [1, 1]);
+            let (graph, ()) = recorder
+                .record(0, || {
+                    let (gib, tensor) = most_room();
+                    most = gib;
+                    let _ = tensor.narrow(0, 0, 1).zero_();
+                    Ok(())
+                })
+                .unwrap();
+            assert!(graph.is_ended());
+            assert!(room(most).is_err(), "the graph has the memory");
+            recorder.give_up(ManuallyDrop::new(graph));
+            all_goes_on(&recorder, memory, most);
         }
     }
 
