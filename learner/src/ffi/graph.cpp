@@ -54,7 +54,7 @@ extern "C" int stillroom_graph_end(const GraphFunctions *functions, void *graph,
     return guarded(message, capacity, [&] { functions->end(graph); });
 }
 
-// Fails where the recording is not over: that is when libtorch names no pool.
+// Fails where the recording is not over: until then libtorch names no pool.
 extern "C" int stillroom_graph_ended(const GraphFunctions *functions, void *graph, char *message, size_t capacity) {
     return guarded(message, capacity, [&] { functions->pool(graph); });
 }

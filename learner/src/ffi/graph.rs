@@ -81,7 +81,8 @@ pub enum Memory {
     Apart,
     /// All graphs of a recorder have the same, as if their work were done in the order in which they were recorded: what
     /// one of them computed and nobody holds any more may be overwritten by the next. They are to be launched one after
-    /// the other. One may be dropped, and what it had of the memory is used again by those recorded later.
+    /// the other. One may be dropped, and what it had of the memory is used again by those recorded later. After the last one
+    /// the next has new memory, and libtorch frees the old when memory runs out, though not during a recording.
     Shared,
 }
 
@@ -92,7 +93,7 @@ struct Pool(u64);
 
 impl Pool {
     fn new() -> Self {
-        // libtorch counts its own from 1, process by process.
+        // libtorch counts its own from 1, process by process: ours never meet them.
         static NEXT: AtomicU64 = AtomicU64::new(1 << 32);
         Self(NEXT.fetch_add(1, Ordering::Relaxed))
     }
@@ -206,6 +207,7 @@ impl Recorder {
         });
         let number = pool.as_ref().map_or(0, |pool| pool.0);
         let mut handle = null_mut();
+        // Where it fails, the graph stays: libtorch's destructor ends the process if the generator has not met the graph.
         // SAFETY: the functions are libtorch's; the out-pointer is ours.
         guarded(|message, capacity| unsafe {
             stillroom_graph_begin(&raw const functions, number, &raw mut handle, message, capacity)
@@ -234,8 +236,14 @@ impl Recorder {
         };
         let ended = if graph.is_ended() { Ok(()) } else { end_empty() };
         match ended {
-            Ok(()) => drop(ManuallyDrop::into_inner(graph)),
-            Err(error) => tracing::debug!("the memory of a recording that failed is lost: {error}"),
+            Err(error) if !graph.is_ended() => {
+                tracing::debug!("the memory of a recording that failed is lost: {error}");
+                // libtorch holds that something is being recorded into it.
+                if let Some(pool) = &self.pool {
+                    pool.replace(Weak::new());
+                }
+            }
+            _ => drop(ManuallyDrop::into_inner(graph)),
         }
     }
 
@@ -254,7 +262,7 @@ impl Graph {
         })?)
     }
 
-    /// Whether the recording is over, even if the driver could not make of it what can be launched.
+    /// Whether the recording is over, even if the driver could not instantiate the graph.
     fn is_ended(&self) -> bool {
         // SAFETY: a graph that was begun.
         let ended = guarded(|message, capacity| unsafe {
@@ -303,14 +311,16 @@ mod tests {
         Tensor::f_empty([gib << 30], BYTES)
     }
 
-    /// While something is recorded libtorch does not do it.
+    /// Makes libtorch free what it has cached, which it does not do during a recording.
     fn free_cached() {
         assert!(room(1 << 20).is_err(), "in vain, but libtorch has freed what it had cached");
     }
 
-    /// Allocates so much that no second one fits.
-    fn most_room() -> (i64, Tensor) {
-        (0..10).rev().find_map(|power| Some((1 << power, room(1 << power).ok()?))).unwrap()
+    /// GiB of which there is room for no second tensor. Nothing is cached afterwards.
+    fn most_room() -> i64 {
+        let most = (0..10).rev().map(|power| 1 << power).find(|&gib| room(gib).is_ok()).unwrap();
+        free_cached();
+        most
     }
 
     /// Records a graph that writes ones, and launches it.
@@ -342,15 +352,15 @@ mod tests {
     #[ignore = "needs a CUDA device"]
     fn a_recording_that_failed_gives_its_memory_back() {
         let _alone = crate::device::cuda_alone();
+        let most = most_room();
         for memory in [Memory::Apart, Memory::Shared] {
             for earlier_graph in [false, true] {
                 free_cached();
                 let recorder = Recorder::open(Priority::Low, memory).unwrap();
                 let mut earlier = earlier_graph.then(|| ones(&recorder));
 
-                let mut most = 0;
                 let void = recorder.record(0, || {
-                    most = most_room().0;
+                    drop(room(most)?);
                     recorder.wait()
                 });
                 let refused =
@@ -360,8 +370,7 @@ mod tests {
                 free_cached();
                 // Only the end of the recording tells, and what was computed in it is still held then.
                 let void = recorder.record(0, || {
-                    let (gib, tensor) = most_room();
-                    assert_eq!(gib, most);
+                    let tensor = room(most)?;
                     let _ = recorder.wait();
                     Ok(tensor)
                 });
@@ -376,23 +385,20 @@ mod tests {
         }
     }
 
-    /// As where libtorch has ended a recording and the driver has no room for what is to be launched.
+    /// A good graph stands for one that libtorch has ended and the driver has no room to instantiate.
     #[test]
     #[ignore = "needs a CUDA device"]
     fn a_recording_that_was_ended_and_given_up_gives_its_memory_back() {
         let _alone = crate::device::cuda_alone();
+        let most = most_room();
         for memory in [Memory::Apart, Memory::Shared] {
             free_cached();
             let recorder = Recorder::open(Priority::Low, memory).unwrap();
-            let mut most = 0;
-            let (graph, ()) = recorder
-                .record(0, || {
-                    let (gib, tensor) = most_room();
-                    most = gib;
-                    let _ = tensor.narrow(0, 0, 1).zero_();
-                    Ok(())
-                })
-                .unwrap();
+            let written = recorder.record(0, || {
+                let _ = room(most)?.narrow(0, 0, 1).zero_();
+                Ok(())
+            });
+            let (graph, ()) = written.unwrap();
             assert!(graph.is_ended());
             assert!(room(most).is_err(), "the graph has the memory");
             recorder.give_up(ManuallyDrop::new(graph));
