@@ -34,6 +34,8 @@ pub(super) struct Acting {
     memory: HostMemory,
     /// Frames that the GPU cannot read where they are.
     staging: Staging,
+    /// There were such frames.
+    copied: bool,
     prepared: Vec<Prepared>,
     /// Something could not be recorded.
     refused: bool,
@@ -129,6 +131,7 @@ impl Acting {
             branches: Branches::open(MOST_PARTS)?,
             memory: HostMemory::open()?,
             staging: Staging::default(),
+            copied: false,
             prepared: vec![],
             refused: false,
             device,
@@ -174,12 +177,15 @@ impl Acting {
     /// Where the GPU finds the frames: where they are if it can read them there, or in pinned memory.
     fn addresses(&mut self, kernels: &Kernels, frames: &[DepthFrame]) -> Vec<i64> {
         let sources: Vec<Source> = frames.iter().map(|frame| kernels.acting.source(frame)).collect();
-        let mut readable = |source: &Source| {
+        let mut admit = |source: &Source| {
             let (address, bytes) = source.bytes();
-            address.is_multiple_of(16) && self.memory.covers(address, bytes)
+            self.memory.admit(address, bytes)
         };
-        if sources.iter().all(&mut readable) {
+        let Err(why) = sources.iter().try_for_each(&mut admit) else {
             return sources.into_iter().map(Source::word).collect();
+        };
+        if !std::mem::replace(&mut self.copied, true) {
+            tracing::warn!("acting copies frames that the GPU cannot read where they are, which takes longer: {why}");
         }
         let gathered = self.staging.gather(frames, self.device);
         gathered.iter().map(|frame| kernels.acting.source(frame).word()).collect()
@@ -260,6 +266,11 @@ impl Acting {
     pub(super) fn is_recorded(&self) -> bool {
         !self.prepared.is_empty() && self.prepared.iter().all(|prepared| prepared.graph.is_some())
     }
+
+    /// Whether steps were taken, each with frames where actors wrote them.
+    pub(super) fn has_copied_nothing(&self) -> bool {
+        !self.prepared.is_empty() && !self.copied
+    }
 }
 
 /// Rows of a batch that go through the encoder together.
@@ -330,6 +341,7 @@ mod tests {
                 assert!(close(&done.values, &expected.values), "{:?} {:?}", done.values, expected.values);
             }
             assert!(graph.acting.as_ref().is_some_and(Acting::is_recorded));
+            assert!(graph.acting.as_ref().is_some_and(Acting::has_copied_nothing));
             let stored = |agent: &Agent| {
                 let rollout = agent.rollout.as_ref().unwrap();
                 rollout.frames().narrow(0, 0, 4 * config.environments() as i64)
@@ -339,10 +351,10 @@ mod tests {
         }
     }
 
-    /// To the last bit, in parts and whole.
+    /// To the last bit, in parts and whole. One of the agents copies frames besides, as the other has registered them.
     #[test]
     #[ignore = "needs a CUDA device"]
-    fn a_step_that_could_not_be_recorded_is_the_same_step() {
+    fn a_step_that_could_not_be_recorded_or_read_in_place_is_the_same_step() {
         let _alone = crate::device::cuda_alone();
         let mut config = Config::resolve("recipe", None).unwrap();
         for [actors, environments] in [[1, 20], [19, 16]] {
@@ -364,6 +376,8 @@ mod tests {
             }
             assert!(recorded.acting.as_ref().is_some_and(Acting::is_recorded));
             assert!(refused.acting.as_ref().is_some_and(|acting| !acting.is_recorded()));
+            let copied = [&recorded, &refused].map(|agent| agent.acting.as_ref().is_some_and(|acting| acting.copied));
+            assert_eq!(copied, [true, false]);
             assert!(recorded.beliefs.equal(&refused.beliefs), "beliefs");
             let (one, other) = (recorded.rollout_tensors(), refused.rollout_tensors());
             assert!(one["rollout.frames"].equal(&other["rollout.frames"]), "the store");

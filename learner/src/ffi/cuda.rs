@@ -40,7 +40,7 @@ pub(super) fn set_stream(stream: Handle) {
 }
 
 /// Why there are no kernels.
-#[derive(Debug, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum CudaError {
     /// A library cannot be used.
     #[error(transparent)]

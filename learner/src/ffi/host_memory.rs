@@ -4,11 +4,16 @@
 //! base address, so the mapping is looked up in the kernel's list. A mapping that is gone stays registered until
 //! [`HostMemory::recheck`]: it must be called before frames of an actor that has started again are read, because their
 //! segment may lie where another one lay.
+//!
+//! The driver registers memory once in a process: where two of these are alive, it refuses the second one's what the first
+//! one has.
 
 use super::cuda::{CudaError, succeed};
 use super::library::{Handle, function, open};
+use proto::fault;
 use std::ffi::{c_int, c_uint};
 use std::ops::Range;
+use std::path::Path;
 use wire::SHARED_MEMORY;
 
 /// `CU_MEMHOSTREGISTER_DEVICEMAP` and `CU_MEMHOSTREGISTER_READ_ONLY`: a subscriber's mapping cannot be written.
@@ -18,12 +23,45 @@ type Register = unsafe extern "C" fn(Handle, usize, c_uint) -> c_int;
 type Unregister = unsafe extern "C" fn(Handle) -> c_int;
 type DevicePointer = unsafe extern "C" fn(*mut u64, Handle, c_uint) -> c_int;
 
+/// Why the device cannot read memory itself.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Unreadable {
+    /// It is not shared memory.
+    #[error("they do not lie in {SHARED_MEMORY}")]
+    NotShared,
+    /// The driver does not register the mapping.
+    #[error("{file}: {error}")]
+    Refused {
+        /// The mapping's file.
+        file: String,
+        /// What the driver says.
+        error: CudaError,
+    },
+    /// The device has the memory elsewhere.
+    #[error("{file} lies at {on_device:#x} for the GPU, at {here:#x} for this process")]
+    Elsewhere {
+        /// The mapping's file.
+        file: String,
+        /// The mapping's address on the device.
+        on_device: u64,
+        /// The mapping's address.
+        here: u64,
+    },
+}
+
 /// A mapping as the kernel lists it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Mapping {
     addresses: Range<usize>,
-    /// Device, inode and path of the file.
+    /// Device and inode of the file.
+    inode: String,
     file: String,
+}
+
+impl Mapping {
+    fn covers(&self, address: usize, bytes: usize) -> bool {
+        self.addresses.start <= address && address + bytes <= self.addresses.end
+    }
 }
 
 /// What is registered.
@@ -33,8 +71,8 @@ pub struct HostMemory {
     unregister: Unregister,
     device_pointer: DevicePointer,
     registered: Vec<Mapping>,
-    /// Mappings that the driver refused, so that they are not tried again.
-    refused: Vec<Mapping>,
+    /// Mappings that cannot be registered, so that they are not tried again.
+    refused: Vec<(Mapping, Unreadable)>,
 }
 
 impl HostMemory {
@@ -51,39 +89,44 @@ impl HostMemory {
     }
 
     /// Whether the device may read these bytes; their mapping is registered if necessary.
-    pub fn covers(&mut self, address: usize, bytes: usize) -> bool {
-        let within = |mapping: &Mapping| mapping.addresses.start <= address && address + bytes <= mapping.addresses.end;
-        if self.registered.iter().any(within) {
-            return true;
+    pub fn admit(&mut self, address: usize, bytes: usize) -> Result<(), Unreadable> {
+        if self.registered.iter().any(|mapping| mapping.covers(address, bytes)) {
+            return Ok(());
         }
-        if self.refused.iter().any(within) {
-            return false;
+        if let Some((_, why)) = self.refused.iter().find(|(mapping, _)| mapping.covers(address, bytes)) {
+            return Err(why.clone());
         }
-        let Some(mapping) = mappings().into_iter().find(within) else { return false };
-        let admitted = mapping.file.contains(&format!("{SHARED_MEMORY}/")) && self.admit(&mapping);
-        if admitted { &mut self.registered } else { &mut self.refused }.push(mapping);
-        admitted
+        let mapping = shared_mapping(address, bytes)?;
+        let registered = self.register(&mapping);
+        match &registered {
+            Ok(()) => self.registered.push(mapping),
+            Err(why) => self.refused.push((mapping, why.clone())),
+        }
+        registered
     }
 
-    fn admit(&self, mapping: &Mapping) -> bool {
-        let start = mapping.addresses.start as Handle;
+    fn register(&self, Mapping { addresses, file, .. }: &Mapping) -> Result<(), Unreadable> {
+        let start = addresses.start as Handle;
+        // The driver refuses to register nothing.
+        let bytes = if fault::fails("learner.host_memory") { 0 } else { addresses.len() };
         // SAFETY: a mapping of this process; the driver checks it. It is unregistered when it is gone, or with the
         // process.
-        let code = unsafe { (self.register)(start, mapping.addresses.len(), READ_BY_DEVICE) };
-        if let Err(error) = succeed("cuMemHostRegister", code) {
-            tracing::debug!("{} cannot be read by the GPU itself: {error}", mapping.file);
-            return false;
-        }
+        let code = unsafe { (self.register)(start, bytes, READ_BY_DEVICE) };
+        let refused = |error| Unreadable::Refused { file: file.clone(), error };
+        succeed("cuMemHostRegister", code).map_err(refused)?;
         let mut on_device = 0;
         // SAFETY: registered above; the out-pointer is ours.
         let code = unsafe { (self.device_pointer)(&raw mut on_device, start, 0) };
-        let same = code == 0 && on_device == mapping.addresses.start as u64;
-        if !same {
-            tracing::debug!("{} has another address on the GPU, or none (CUDA error {code})", mapping.file);
+        let here = addresses.start as u64;
+        let found = succeed("cuMemHostGetDevicePointer", code).map_err(refused).and_then(|()| {
+            let same = on_device == here;
+            same.then_some(()).ok_or_else(|| Unreadable::Elsewhere { file: file.clone(), on_device, here })
+        });
+        if found.is_err() {
             // SAFETY: registered above.
             let _ = unsafe { (self.unregister)(start) };
         }
-        same
+        found
     }
 
     /// Forgets mappings that are not there any more, or are of another file now.
@@ -112,6 +155,13 @@ impl Drop for HostMemory {
     }
 }
 
+/// The mapping of shared memory in which these bytes lie.
+fn shared_mapping(address: usize, bytes: usize) -> Result<Mapping, Unreadable> {
+    let shared = |mapping: &Mapping| Path::new(&mapping.file).starts_with(SHARED_MEMORY);
+    let found = mappings().into_iter().find(|mapping| mapping.covers(address, bytes));
+    found.filter(shared).ok_or(Unreadable::NotShared)
+}
+
 /// This process's mappings of files.
 fn mappings() -> Vec<Mapping> {
     let list = std::fs::read_to_string("/proc/self/maps").unwrap_or_default();
@@ -120,30 +170,57 @@ fn mappings() -> Vec<Mapping> {
 
 /// A line: `START-END permissions offset device inode path`, numbers in hexadecimal.
 fn parse(line: &str) -> Option<Mapping> {
-    let (addresses, rest) = line.split_once(' ')?;
-    let (start, end) = addresses.split_once('-')?;
+    let (columns, path) = line.split_once('/')?;
+    let mut columns = columns.split_whitespace();
+    let (start, end) = columns.next()?.split_once('-')?;
     let address = |text| usize::from_str_radix(text, 16).ok();
-    let file = rest.split_whitespace().skip(2).collect::<Vec<_>>().join(" ");
-    file.contains('/').then_some(Mapping { addresses: address(start)?..address(end)?, file })
+    let inode = columns.skip(2).collect::<Vec<_>>().join(" ");
+    Some(Mapping { addresses: address(start)?..address(end)?, inode, file: format!("/{path}") })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bench::Frames;
+    use proto::camera::DepthFrame;
+    use proto::config::Config;
 
     #[test]
     fn a_line_of_the_kernels_list() {
         let mapping =
-            parse("7f5e9c000000-7f5e9c021000 r--s 00001000 00:19 4242   /dev/shm/some thing (deleted)").unwrap();
+            parse("7f5e9c000000-7f5e9c021000 r--s 00001000 00:19 4242   /dev/shm/some  thing (deleted)").unwrap();
         assert_eq!(mapping.addresses, 0x7f5e_9c00_0000..0x7f5e_9c02_1000);
-        assert_eq!(mapping.file, "00:19 4242 /dev/shm/some thing (deleted)");
+        assert_eq!([mapping.inode, mapping.file], ["00:19 4242", "/dev/shm/some  thing (deleted)"]);
         assert_eq!(parse("7ffd0000-7ffd1000 rw-p 00000000 00:00 0"), None);
         assert_eq!(parse("nonsense"), None);
     }
 
     #[test]
-    fn this_program_is_mapped() {
+    fn this_program_is_mapped_and_is_no_shared_memory() {
         let address = parse as *const () as usize;
-        assert!(mappings().iter().any(|mapping| mapping.addresses.contains(&address)));
+        assert!(mappings().iter().any(|mapping| mapping.covers(address, 1)));
+        assert_eq!(shared_mapping(address, 1), Err(Unreadable::NotShared));
+        let stack = [0u8; 16];
+        assert_eq!(shared_mapping(stack.as_ptr() as usize, stack.len()), Err(Unreadable::NotShared));
+    }
+
+    #[test]
+    fn frames_lie_in_a_mapping_of_shared_memory_for_each_actor() {
+        let mut config = Config::resolve("recipe", None).unwrap();
+        (config.actors.count, config.actors.environments_per_actor) = (2, 4);
+        let frames = Frames::new(&config).unwrap();
+        let mut found = vec![];
+        for half in [0, 1] {
+            let batch = frames.batch(half, 0, vec![]);
+            let bytes = |frame: &DepthFrame| {
+                let numbers = frame.numbers();
+                (numbers.as_ptr() as usize, size_of_val(numbers))
+            };
+            found.extend(batch.input().frames.iter().map(bytes).map(|(at, size)| shared_mapping(at, size).unwrap()));
+        }
+        assert_eq!(found.len(), 8);
+        found.sort_by_key(|mapping| mapping.addresses.start);
+        found.dedup();
+        assert_eq!(found.len(), 2, "{found:#?}");
     }
 }

@@ -6,7 +6,7 @@ use std::ffi::{CStr, c_void};
 pub type Handle = *mut c_void;
 
 /// Why a library cannot be used.
-#[derive(Debug, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum LibraryError {
     /// It could not be loaded.
     #[error("{library} cannot be loaded: {reason}")]

@@ -5,6 +5,8 @@ use crate::ffi::cuda::{Argument, CudaError, Kernel, Module};
 use proto::camera::{DepthFrame, FRAME_SIDE, SUMS_SIDE};
 use tch::{Kind, Tensor};
 
+/// Of a frame, bytes: it is read by `uint4`.
+const ALIGNMENT: usize = 16;
 /// As in `act.cu`.
 const BANDS: i64 = 4;
 const SUMS: i64 = 1;
@@ -102,11 +104,13 @@ impl ActingKernels {
     /// What is read of a frame: all that is there.
     ///
     /// # Panics
-    /// If there are sums of other windows than what is kept.
+    /// If there are sums of other windows than what is kept, or the frame does not begin on 16 bytes, as it does in an
+    /// observation.
     pub fn source(&self, frame: &DepthFrame) -> Source {
         let sums = matches!(frame, DepthFrame::Sums(_));
         assert!(!sums || self.side == SUMS_SIDE as i64, "sums are of the windows that are averaged over");
         let numbers = frame.numbers();
+        assert!((numbers.as_ptr() as usize).is_multiple_of(ALIGNMENT), "frames are read by 16 bytes");
         Source { address: numbers.as_ptr() as usize, bytes: size_of_val(numbers), sums }
     }
 
@@ -115,8 +119,8 @@ impl ActingKernels {
     /// beside it.
     ///
     /// # Safety
-    /// When this runs, the addresses must be those of frames in memory that the device may read, on 16 bytes, and the
-    /// places rows of the store.
+    /// When this runs, the addresses must be those of frames in memory that the device may read, and the places rows of
+    /// the store.
     pub unsafe fn observe(&self, frames: &Tensor, places: &Tensor, kept: &Tensor, store: &Tensor, alone: bool) {
         let (rows, side, _) = kept.size3().expect("frames have three dimensions");
         let raw = side == FRAME_SIDE as i64;
