@@ -34,7 +34,7 @@ pub(super) struct Acting {
     memory: HostMemory,
     /// Frames that the GPU cannot read where they are.
     staging: Staging,
-    /// There were such frames.
+    /// Frames were copied, and a warning was given.
     copied: bool,
     prepared: Vec<Prepared>,
     /// Something could not be recorded.
@@ -185,7 +185,9 @@ impl Acting {
             return sources.into_iter().map(Source::word).collect();
         };
         if !std::mem::replace(&mut self.copied, true) {
-            tracing::warn!("acting copies frames that the GPU cannot read where they are, which takes longer: {why}");
+            tracing::warn!(
+                "acting copies frames for the GPU, which takes longer, as it cannot read them where they are: {why}"
+            );
         }
         let gathered = self.staging.gather(frames, self.device);
         gathered.iter().map(|frame| kernels.acting.source(frame).word()).collect()
@@ -376,8 +378,9 @@ mod tests {
             }
             assert!(recorded.acting.as_ref().is_some_and(Acting::is_recorded));
             assert!(refused.acting.as_ref().is_some_and(|acting| !acting.is_recorded()));
-            let copied = [&recorded, &refused].map(|agent| agent.acting.as_ref().is_some_and(|acting| acting.copied));
-            assert_eq!(copied, [true, false]);
+            let in_place =
+                [&recorded, &refused].map(|agent| agent.acting.as_ref().is_some_and(Acting::has_copied_nothing));
+            assert_eq!(in_place, [false, true]);
             assert!(recorded.beliefs.equal(&refused.beliefs), "beliefs");
             let (one, other) = (recorded.rollout_tensors(), refused.rollout_tensors());
             assert!(one["rollout.frames"].equal(&other["rollout.frames"]), "the store");

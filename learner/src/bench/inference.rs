@@ -28,7 +28,7 @@ pub struct Inference {
     /// Its 99th percentile.
     pub p99_s: f64,
     /// Median time from shared memory to kept frames, seconds: a part of the step. None on a GPU, which reads the frames
-    /// itself, unless a warning says that it cannot.
+    /// itself, or waits for their copy if a warning says so.
     pub copy_s: Option<f64>,
     /// What the GPU did.
     pub gpu: Option<Use>,

@@ -5,8 +5,9 @@
 //! [`HostMemory::recheck`]: it must be called before frames of an actor that has started again are read, because their
 //! segment may lie where another one lay.
 //!
-//! The driver registers memory once in a process: where two of these are alive, it refuses the second one's what the first
-//! one has.
+//! The driver refuses to register memory twice in one process: of two [`HostMemory`], the second cannot register what the
+//! first has registered (CUDA error 712). To register while another thread records a graph does no harm, because graphs are
+//! recorded of one thread (`graph.cpp`).
 
 use super::cuda::{CudaError, succeed};
 use super::library::{Handle, function, open};
@@ -26,9 +27,15 @@ type DevicePointer = unsafe extern "C" fn(*mut u64, Handle, c_uint) -> c_int;
 /// Why the device cannot read memory itself.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Unreadable {
-    /// It is not shared memory.
-    #[error("they do not lie in {SHARED_MEMORY}")]
-    NotShared,
+    /// The kernel's list has no file there.
+    #[error("no file is mapped there")]
+    NoFile,
+    /// It is no shared memory.
+    #[error("they lie in {file}, not in {SHARED_MEMORY}")]
+    NotShared {
+        /// The mapping's file.
+        file: String,
+    },
     /// The driver does not register the mapping.
     #[error("{file}: {error}")]
     Refused {
@@ -38,7 +45,7 @@ pub enum Unreadable {
         error: CudaError,
     },
     /// The device has the memory elsewhere.
-    #[error("{file} lies at {on_device:#x} for the GPU, at {here:#x} for this process")]
+    #[error("{file} has address {on_device:#x} on the GPU and {here:#x} in this process")]
     Elsewhere {
         /// The mapping's file.
         file: String,
@@ -53,8 +60,7 @@ pub enum Unreadable {
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Mapping {
     addresses: Range<usize>,
-    /// Device and inode of the file.
-    inode: String,
+    device_inode: String,
     file: String,
 }
 
@@ -88,7 +94,7 @@ impl HostMemory {
         })
     }
 
-    /// Whether the device may read these bytes; their mapping is registered if necessary.
+    /// Lets the device read these bytes, and registers their mapping if necessary. The error says why it cannot.
     pub fn admit(&mut self, address: usize, bytes: usize) -> Result<(), Unreadable> {
         if self.registered.iter().any(|mapping| mapping.covers(address, bytes)) {
             return Ok(());
@@ -96,18 +102,21 @@ impl HostMemory {
         if let Some((_, why)) = self.refused.iter().find(|(mapping, _)| mapping.covers(address, bytes)) {
             return Err(why.clone());
         }
-        let mapping = shared_mapping(address, bytes)?;
-        let registered = self.register(&mapping);
-        match &registered {
+        let mapping = mapping_of(address, bytes)?;
+        let admitted = shared(&mapping).and_then(|()| self.register(&mapping));
+        match &admitted {
             Ok(()) => self.registered.push(mapping),
-            Err(why) => self.refused.push((mapping, why.clone())),
+            Err(why) => {
+                tracing::debug!("the GPU cannot read frames where they are: {why}");
+                self.refused.push((mapping, why.clone()));
+            }
         }
-        registered
+        admitted
     }
 
     fn register(&self, Mapping { addresses, file, .. }: &Mapping) -> Result<(), Unreadable> {
         let start = addresses.start as Handle;
-        // The driver refuses to register nothing.
+        // With 0 bytes the driver refuses (CUDA error 1, as seen on an H100).
         let bytes = if fault::fails("learner.host_memory") { 0 } else { addresses.len() };
         // SAFETY: a mapping of this process; the driver checks it. It is unregistered when it is gone, or with the
         // process.
@@ -137,9 +146,11 @@ impl HostMemory {
         self.registered.retain(|mapping| {
             let kept = present.contains(mapping);
             if !kept {
-                // An error means that the driver has let it go by itself.
                 // SAFETY: registered once, and not used afterwards.
-                let _ = unsafe { unregister(mapping.addresses.start as Handle) };
+                let code = unsafe { unregister(mapping.addresses.start as Handle) };
+                if let Err(error) = succeed("cuMemHostUnregister", code) {
+                    tracing::debug!("{}: {error}", mapping.file);
+                }
             }
             kept
         });
@@ -155,11 +166,17 @@ impl Drop for HostMemory {
     }
 }
 
-/// The mapping of shared memory in which these bytes lie.
-fn shared_mapping(address: usize, bytes: usize) -> Result<Mapping, Unreadable> {
-    let shared = |mapping: &Mapping| Path::new(&mapping.file).starts_with(SHARED_MEMORY);
-    let found = mappings().into_iter().find(|mapping| mapping.covers(address, bytes));
-    found.filter(shared).ok_or(Unreadable::NotShared)
+/// The mapping in which these bytes lie.
+fn mapping_of(address: usize, bytes: usize) -> Result<Mapping, Unreadable> {
+    mappings().into_iter().find(|mapping| mapping.covers(address, bytes)).ok_or(Unreadable::NoFile)
+}
+
+fn shared(mapping: &Mapping) -> Result<(), Unreadable> {
+    // The kernel's list has paths without links.
+    let folder = std::fs::canonicalize(SHARED_MEMORY).unwrap_or_else(|_| SHARED_MEMORY.into());
+    let file = &mapping.file;
+    let shared = Path::new(file).starts_with(folder);
+    shared.then_some(()).ok_or_else(|| Unreadable::NotShared { file: file.clone() })
 }
 
 /// This process's mappings of files.
@@ -174,8 +191,8 @@ fn parse(line: &str) -> Option<Mapping> {
     let mut columns = columns.split_whitespace();
     let (start, end) = columns.next()?.split_once('-')?;
     let address = |text| usize::from_str_radix(text, 16).ok();
-    let inode = columns.skip(2).collect::<Vec<_>>().join(" ");
-    Some(Mapping { addresses: address(start)?..address(end)?, inode, file: format!("/{path}") })
+    let device_inode = columns.skip(2).collect::<Vec<_>>().join(" ");
+    Some(Mapping { addresses: address(start)?..address(end)?, device_inode, file: format!("/{path}") })
 }
 
 #[cfg(test)]
@@ -190,7 +207,7 @@ mod tests {
         let mapping =
             parse("7f5e9c000000-7f5e9c021000 r--s 00001000 00:19 4242   /dev/shm/some  thing (deleted)").unwrap();
         assert_eq!(mapping.addresses, 0x7f5e_9c00_0000..0x7f5e_9c02_1000);
-        assert_eq!([mapping.inode, mapping.file], ["00:19 4242", "/dev/shm/some  thing (deleted)"]);
+        assert_eq!([mapping.device_inode, mapping.file], ["00:19 4242", "/dev/shm/some  thing (deleted)"]);
         assert_eq!(parse("7ffd0000-7ffd1000 rw-p 00000000 00:00 0"), None);
         assert_eq!(parse("nonsense"), None);
     }
@@ -198,10 +215,10 @@ mod tests {
     #[test]
     fn this_program_is_mapped_and_is_no_shared_memory() {
         let address = parse as *const () as usize;
-        assert!(mappings().iter().any(|mapping| mapping.covers(address, 1)));
-        assert_eq!(shared_mapping(address, 1), Err(Unreadable::NotShared));
+        let mapping = mapping_of(address, 1).unwrap();
+        assert_eq!(shared(&mapping), Err(Unreadable::NotShared { file: mapping.file.clone() }));
         let stack = [0u8; 16];
-        assert_eq!(shared_mapping(stack.as_ptr() as usize, stack.len()), Err(Unreadable::NotShared));
+        assert_eq!(mapping_of(stack.as_ptr() as usize, stack.len()), Err(Unreadable::NoFile));
     }
 
     #[test]
@@ -216,8 +233,9 @@ mod tests {
                 let numbers = frame.numbers();
                 (numbers.as_ptr() as usize, size_of_val(numbers))
             };
-            found.extend(batch.input().frames.iter().map(bytes).map(|(at, size)| shared_mapping(at, size).unwrap()));
+            found.extend(batch.input().frames.iter().map(bytes).map(|(at, size)| mapping_of(at, size).unwrap()));
         }
+        assert!(found.iter().all(|mapping| shared(mapping).is_ok()), "{found:#?}");
         assert_eq!(found.len(), 8);
         found.sort_by_key(|mapping| mapping.addresses.start);
         found.dedup();

@@ -114,14 +114,14 @@ fn told(printed: &Printed) -> [usize; 3] {
     [
         "acting launches its kernels one by one, which takes longer: ",
         "training launches its kernels one by one, which takes longer: ",
-        "acting copies frames that the GPU cannot read where they are, which takes longer: ",
+        "acting copies frames for the GPU, which takes longer, as it cannot read them where they are: ",
     ]
     .map(|line| printed.stderr.matches(line).count())
 }
 
 /// The driver may refuse to record what is launched: then every kernel is launched by itself, here in acting from the first
 /// step on and in training from the first recording, or in acting alone. And it may refuse to register shared memory, here
-/// that of one actor.
+/// that of one actor: all frames that come with its are copied.
 #[test]
 #[ignore = "needs a CUDA device"]
 fn same_weights_on_one_gpu_where_the_driver_refuses() {
@@ -141,6 +141,7 @@ fn same_weights_on_one_gpu_where_the_driver_refuses() {
         let printed = complete(command);
         assert_eq!(printed.result(), usual.result());
         assert_eq!(told(&printed), lines, "{printed:#?}");
+        assert_eq!(printed.stderr.matches("cuMemHostRegister: CUDA error 1").count(), lines[2], "{printed:#?}");
         assert!(printed.deaths().is_empty() && !printed.stderr.contains("panicked"), "{printed:#?}");
     }
 }

@@ -5,7 +5,7 @@ use crate::ffi::cuda::{Argument, CudaError, Kernel, Module};
 use proto::camera::{DepthFrame, FRAME_SIDE, SUMS_SIDE};
 use tch::{Kind, Tensor};
 
-/// Of a frame, bytes: it is read by `uint4`.
+/// A frame's address is a multiple of this, bytes: the kernel reads it as `uint4`.
 const ALIGNMENT: usize = 16;
 /// As in `act.cu`.
 const BANDS: i64 = 4;
@@ -104,8 +104,8 @@ impl ActingKernels {
     /// What is read of a frame: all that is there.
     ///
     /// # Panics
-    /// If there are sums of other windows than what is kept, or the frame does not begin on 16 bytes, as it does in an
-    /// observation.
+    /// If there are sums of other windows than what is kept, or the frame's address is not a multiple of 16, as it
+    /// is in an observation.
     pub fn source(&self, frame: &DepthFrame) -> Source {
         let sums = matches!(frame, DepthFrame::Sums(_));
         assert!(!sums || self.side == SUMS_SIDE as i64, "sums are of the windows that are averaged over");
