@@ -37,12 +37,13 @@ use tch::Cuda;
 /// What `learner bench` is asked.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "\
-A batch is one half of the environments: 19 actors of 16 environments make batches of 152. Its time goes from frames in
-shared memory to sampled actions, so it includes the way of the frames to the device. On a CPU the column `copy` gives
-that alone; a GPU reads the frames itself. An epoch is forward and backward pass of all frames with its optimiser step. The
-whole loop is a run of --loop-frames by `orchestrator up`, of the first stage alone, and `orchestrator` must lie beside this
-program; its first two rollouts, with the start of processes and the recording of a GPU's graphs, are left out, and the
-last one, which may be shorter and whose update has no other rollout beside it.
+A batch is one half of the environments: 19 actors of 16 environments make batches of 152. Its time goes from frames
+in shared memory to sampled actions, so it includes the way of the frames to the device. On a CPU the column `copy`
+gives that alone; a GPU reads the frames itself, unless a warning says that they are copied. An epoch is forward and
+backward pass of all frames with its optimiser step. The whole loop is a run of --loop-frames by `orchestrator up`, of
+the first stage alone, and `orchestrator` must lie beside this program; its first two rollouts, with the start of
+processes and the recording of a GPU's graphs, are left out, and the last one, which may be shorter and whose update
+has no other rollout beside it.
 
 Examples:
   learner bench

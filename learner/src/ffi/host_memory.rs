@@ -6,8 +6,8 @@
 //! segment may lie where another one lay.
 //!
 //! The driver refuses to register memory twice in one process: of two [`HostMemory`], the second cannot register what the
-//! first has registered (CUDA error 712). To register while another thread records a graph does no harm, because graphs are
-//! recorded of one thread (`graph.cpp`).
+//! first has registered (CUDA error 712). Memory may be registered while another thread records a graph, because a
+//! recording is of its own thread alone (`graph.cpp`).
 
 use super::cuda::{CudaError, succeed};
 use super::library::{Handle, function, open};

@@ -121,7 +121,7 @@ fn told(printed: &Printed) -> [usize; 3] {
 
 /// The driver may refuse to record what is launched: then every kernel is launched by itself, here in acting from the first
 /// step on and in training from the first recording, or in acting alone. And it may refuse to register shared memory, here
-/// that of one actor: all frames that come with its are copied.
+/// that of one actor: then all frames of a batch are copied.
 #[test]
 #[ignore = "needs a CUDA device"]
 fn same_weights_on_one_gpu_where_the_driver_refuses() {
