@@ -12,7 +12,7 @@ use picture::{Moment, Scene, Standpoint, Task};
 use proto::action::{Action, NO_ACTION};
 use proto::camera::FRAME_SIDE;
 use proto::config::Config;
-use proto::dataset::{DatasetAnswer, DatasetFormat, DatasetRequest, DatasetSetup, Keep, PictureKind};
+use proto::dataset::{DatasetAnswer, DatasetRequest, DatasetSetup, Keep, PictureKind};
 use proto::replay::ReplayVerdict;
 use proto::step::Transition;
 use simulator::depth::DepthCamera;
@@ -40,7 +40,7 @@ pub fn run(input: impl BufRead + Send, mut output: impl Write) -> Result<()> {
     let actions = actions_of(&configs)?;
     let source =
         Source { actions: actions.iter().map(|action| action.name()).collect(), configs: setup.configs.clone() };
-    let mut writer = Writer::create(Path::new(&setup.out), setup.format, source)?;
+    let mut writer = Writer::create(Path::new(&setup.out), source)?;
     let threads = thread::available_parallelism().map_or(1, usize::from);
     let work = Work {
         configs: &configs,
@@ -238,7 +238,7 @@ impl Work<'_> {
             outcome: outcome.word(),
             seed: config.seed,
         };
-        let episode = telling.finish(about, stage.environment)?;
+        let episode = telling.finish(about, stage.environment);
         Ok(Told { verdict, unfinished, episode: Some(episode) })
     }
 }
@@ -257,8 +257,7 @@ struct Telling<'a> {
 
 impl<'a> Telling<'a> {
     fn new(work: &Work<'a>, config: &'a Config) -> Self {
-        let is_png = work.setup.format != DatasetFormat::Npz;
-        let depth = Frames::new("depth", FRAME_SIDE, true, is_png);
+        let depth = Frames { name: "depth", side: FRAME_SIDE, is_depth: true, frames: Vec::new() };
         let (actions, setup) = (work.actions, work.setup);
         Self { config, setup, actions, seen: Vec::new(), steps: Vec::new(), depth, moments: Vec::new() }
     }
@@ -283,7 +282,7 @@ impl<'a> Telling<'a> {
         self.seen.push(Seen { goal_m, previous_action, state_hash: current.state_hash });
         let mut depth_mm = vec![0; FRAME_SIDE * FRAME_SIDE];
         environment.look(camera, FRAME_SIDE, &mut depth_mm);
-        self.depth.push(depth_mm.into_iter().flat_map(u16::to_le_bytes).collect())?;
+        self.depth.frames.push(depth_mm.into_iter().flat_map(u16::to_le_bytes).collect());
         if !self.setup.pictures.is_empty() {
             self.moments.push(Moment::of(environment, transition.as_ref()));
         }
@@ -296,8 +295,7 @@ impl<'a> Telling<'a> {
         number.map(|number| number as u32).ok_or_else(|| anyhow!("action {index} is none of the run's"))
     }
 
-    fn finish(self, about: About, environment: &Environment) -> Result<Episode> {
-        let is_png = self.depth.is_png;
+    fn finish(self, about: About, environment: &Environment) -> Episode {
         let mut cameras = vec![self.depth];
         if let Some(first) = self.moments.first() {
             let (kitchen, episode) = (environment.kitchen(), environment.episode());
@@ -310,13 +308,11 @@ impl<'a> Telling<'a> {
                     PictureKind::Robot => Standpoint::Robot,
                     PictureKind::Outside => Standpoint::Outside(scene.best(&self.moments)),
                 };
-                let mut frames = Frames::new(kind.name(), side, false, is_png);
-                for moment in &self.moments {
-                    frames.push(scene.photograph(moment, &from, side).pixels.into_flattened())?;
-                }
-                cameras.push(frames);
+                let photograph = |moment| scene.photograph(moment, &from, side).pixels.into_flattened();
+                let frames = self.moments.iter().map(photograph).collect();
+                cameras.push(Frames { name: kind.name(), side, is_depth: false, frames });
             }
         }
-        Ok(Episode { about, seen: self.seen, steps: self.steps, cameras })
+        Episode { about, seen: self.seen, steps: self.steps, cameras }
     }
 }

@@ -4,7 +4,7 @@ use actor::harvest::run;
 use anyhow::Result;
 use proto::action::Action;
 use proto::config::Config;
-use proto::dataset::{DatasetAnswer, DatasetFormat, DatasetRequest, DatasetSetup, Keep};
+use proto::dataset::{DatasetAnswer, DatasetRequest, DatasetSetup, Keep};
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::replay::{Aspect, Difference, RecordedEpisode};
@@ -16,12 +16,11 @@ use std::sync::Arc;
 const WAY: [Action; 4] =
     [Action::RotateRightContinuous, Action::MoveAheadContinuous, Action::LookDown, Action::DoneMidLevel];
 
-fn setup(out: &Path, format: DatasetFormat, episodes: u64) -> DatasetSetup {
+fn setup(out: &Path, episodes: u64) -> DatasetSetup {
     DatasetSetup {
         configs: vec![Config::default().to_toml()],
         folder: None,
         out: out.to_str().expect("text").to_owned(),
-        format,
         pictures: Vec::new(),
         side_px: 224,
         keep: Keep::Ended,
@@ -71,7 +70,7 @@ fn episodes_are_written_in_their_order_and_as_many_as_wanted() {
     all[2].actions.truncate(2);
     all[2].hashes.truncate(2);
     let out = folder.path().join("all");
-    let (outcome, answers_of_all) = answers(&setup(&out, DatasetFormat::Npz, 7), &all);
+    let (outcome, answers_of_all) = answers(&setup(&out, 7), &all);
     outcome.unwrap();
     let played = answers_of_all.iter().filter_map(|answer| match answer {
         DatasetAnswer::Simulated { verdict, kept, unfinished } => Some((verdict.episode, *kept, *unfinished)),
@@ -82,12 +81,12 @@ fn episodes_are_written_in_their_order_and_as_many_as_wanted() {
     assert!(matches!(answers_of_all.last(), Some(DatasetAnswer::Written { episodes: 6, steps: 24, .. })));
     assert!(out.join("episode-000005.npz").exists() && !out.join("episode-000006.npz").exists());
 
-    let limited = DatasetSetup { limit: Some(3), ..setup(&folder.path().join("three"), DatasetFormat::Parquet, 7) };
+    let limited = DatasetSetup { limit: Some(3), ..setup(&folder.path().join("three"), 7) };
     let (outcome, three) = answers(&limited, &all);
     outcome.unwrap();
     assert!(matches!(three.last(), Some(DatasetAnswer::Written { episodes: 3, steps: 12, .. })));
 
-    let none = DatasetSetup { keep: Keep::Successes, ..setup(&folder.path().join("none"), DatasetFormat::LeRobot, 7) };
+    let none = DatasetSetup { keep: Keep::Successes, ..setup(&folder.path().join("none"), 7) };
     assert_eq!(answers(&none, &all).1.last(), Some(&DatasetAnswer::Nothing));
     assert!(!folder.path().join("none").exists() && !folder.path().join("none.partial").exists());
 }
@@ -98,20 +97,20 @@ fn nothing_is_written_of_what_the_simulator_does_not_give_nor_of_half_an_input()
     let out = folder.path().join("out");
     let mut altered = episodes(0..3);
     altered[1].actions.swap(0, 1);
-    let (outcome, told) = answers(&setup(&out, DatasetFormat::LeRobot, 3), &altered);
+    let (outcome, told) = answers(&setup(&out, 3), &altered);
     outcome.unwrap();
     let Some(DatasetAnswer::Simulated { verdict, kept: false, .. }) = told.last() else { panic!("{told:?}") };
     assert_eq!(verdict.episode, 1);
     assert_eq!(verdict.first_difference, Some(Difference { step: 1, aspect: Aspect::State }));
     assert!(is_empty(folder.path()));
 
-    let (outcome, _) = answers(&setup(&out, DatasetFormat::LeRobot, 3), &episodes(0..2));
+    let (outcome, _) = answers(&setup(&out, 3), &episodes(0..2));
     assert!(outcome.unwrap_err().to_string().contains("ended after 2 of 3 episodes"));
     assert!(is_empty(folder.path()));
 
     let mut impossible = episodes(0..2);
     impossible[1].actions[0] = 99;
-    let (outcome, _) = answers(&setup(&out, DatasetFormat::Npz, 2), &impossible);
+    let (outcome, _) = answers(&setup(&out, 2), &impossible);
     assert!(format!("{:#}", outcome.unwrap_err()).contains("no action 99"));
     assert!(is_empty(folder.path()));
 }

@@ -1,7 +1,7 @@
 //! Imported weights: a state dict of AllenAct's `ArmPointNavBaselineActorCritic` (its own, or the one of the
 //! disturbance-free project that the paper describes), or weights of another run of ours.
 //!
-//! The correspondence of names is [`correspondences`], which is the table in ARCHITECTURE.md. Three tensors differ
+//! The correspondence of names is [`correspondences`], which is the table in docs/probe.md. Three tensors differ
 //! in more than their names:
 //!
 //! * **Previous action.** Where AllenAct's table has a row an action and none for "no action yet", an episode's first
@@ -128,7 +128,7 @@ impl fmt::Display for Named {
 #[derive(Debug, thiserror::Error)]
 pub enum ImportError {
     /// A name that means nothing here.
-    #[error("`{0}` is no weight of a network of ours (ARCHITECTURE.md has the table of names)")]
+    #[error("`{0}` is no weight of a network of ours (docs/probe.md has the table of names)")]
     Unknown(String),
     /// Two names for the same weight.
     #[error("{0} is there twice: also as `{1}`")]

@@ -18,7 +18,6 @@ mod showing;
 mod suite;
 mod supervisor;
 mod training;
-mod tuning;
 mod viewing;
 
 pub use recording::recorder::{Gap, Ledger, Tally, Verdict};
@@ -68,7 +67,6 @@ enum Command {
     Eval(command::eval::EvalArgs),
     Report(command::report::ReportArgs),
     Suite(command::suite::SuiteArgs),
-    Tune(command::tune::TuneArgs),
     Config(command::config::ConfigArgs),
     Presets(command::presets::PresetsArgs),
     Import(command::import::ImportArgs),
@@ -105,7 +103,6 @@ pub fn main(version: &'static str) -> ExitCode {
         Command::Eval(args) => command::eval::run(args),
         Command::Report(args) => command::report::run(args).map(done),
         Command::Suite(args) => command::suite::run(args),
-        Command::Tune(args) => command::tune::run(args),
         Command::Config(args) => command::config::run(args).map(done),
         Command::Presets(args) => command::presets::run(args).map(done),
         Command::Import(args) => command::import::run(args).map(done),

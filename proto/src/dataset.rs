@@ -13,8 +13,6 @@ pub struct DatasetSetup {
     pub folder: Option<String>,
     /// Folder to be made. It does not exist.
     pub out: String,
-    /// What is made.
-    pub format: DatasetFormat,
     /// Pictures in colour, besides the robot's depth frames.
     pub pictures: Vec<PictureKind>,
     /// Width and height of these pictures.
@@ -25,18 +23,6 @@ pub struct DatasetSetup {
     pub limit: Option<u64>,
     /// How many episodes follow: an input that ends before makes no data set.
     pub episodes: u64,
-}
-
-/// What is made of episodes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum DatasetFormat {
-    /// A `LeRobotDataset` v3.
-    LeRobot,
-    /// Two Parquet tables: steps and episodes.
-    Parquet,
-    /// An archive of `NumPy` an episode.
-    Npz,
 }
 
 /// A picture in colour.

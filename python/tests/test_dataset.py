@@ -12,12 +12,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
 import stillroom
 from conftest import REPOSITORY
+from stillroom.dataset import _Files, to_lerobot, to_parquet
 
 # Of the libraries of others.
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -89,8 +91,14 @@ def depth_of(png: bytes) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(png))).astype(np.uint16)
 
 
+def arrays_of(program: Path, run: Path, out: Path, *words: object) -> Path:
+    """Exports episodes as archives."""
+    return export(program, run, out, "--format", "npz", *words)
+
+
 def test_tables_hold_what_the_environment_gives(orchestrator: Path, run: Path, tmp_path: Path) -> None:
-    out = export(orchestrator, run, tmp_path / "tables", "--format", "parquet", "--kitchen", 1, "--limit", 5)
+    out = tmp_path / "tables"
+    to_parquet(arrays_of(orchestrator, run, tmp_path / "arrays", "--kitchen", 1, "--limit", 5), out)
     steps = pd.read_parquet(out / "steps.parquet")
     episodes = pd.read_parquet(out / "episodes.parquet")
     actions = json.loads(pq.read_schema(out / "steps.parquet").metadata[b"actions"])
@@ -126,8 +134,8 @@ def test_tables_hold_what_the_environment_gives(orchestrator: Path, run: Path, t
 
 def test_arrays_hold_what_tables_hold(orchestrator: Path, run: Path, tmp_path: Path) -> None:
     words = ("--kitchen", 1, "--episode", "1,2", "--pictures", "robot,outside", "--side", 32)
-    arrays = export(orchestrator, run, tmp_path / "arrays", "--format", "npz", *words)
-    tables = export(orchestrator, run, tmp_path / "tables", "--format", "parquet", *words)
+    arrays, tables = arrays_of(orchestrator, run, tmp_path / "arrays", *words), tmp_path / "tables"
+    to_parquet(arrays, tables)
     steps = pd.read_parquet(tables / "steps.parquet")
     files = sorted(arrays.glob("*.npz"))
     assert [file.name for file in files] == [f"episode-{number:06}.npz" for number in range(2)]
@@ -152,7 +160,9 @@ def test_arrays_hold_what_tables_hold(orchestrator: Path, run: Path, tmp_path: P
 
 @pytest.fixture(scope="module")
 def lerobot(orchestrator: Path, run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return export(orchestrator, run, tmp_path_factory.mktemp("lerobot") / "a", "--format", "lerobot", "--limit", 6)
+    folder = tmp_path_factory.mktemp("lerobot")
+    to_lerobot(arrays_of(orchestrator, run, folder / "arrays", "--limit", 6), folder / "a")
+    return folder / "a"
 
 
 def test_lerobots_layout_is_whole(lerobot: Path) -> None:
@@ -194,6 +204,19 @@ def test_lerobots_layout_is_whole(lerobot: Path) -> None:
     assert (depth["min"], depth["max"]) == ([[[frames.min()]]], [[[frames.max()]]])
 
 
+def test_a_file_is_followed_by_the_next_before_it_is_too_large(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("stillroom.dataset.FILE_BYTES", 10_000)
+    files, places = _Files(tmp_path), []
+    for _ in range(4):
+        files.add(pa.table({"noise": [os.urandom(4_000)]}))
+        places.append(files.at)
+    files.close()
+    assert places == [(0, 0), (0, 0), (0, 1), (0, 1)]
+    assert all(path.stat().st_size < 10_000 for path in tmp_path.glob("*/*.parquet"))
+
+
 def test_lerobots_own_reader_takes_it(
     lerobot: Path, orchestrator: Path, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -203,7 +226,7 @@ def test_lerobots_own_reader_takes_it(
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
     dataset = LeRobotDataset("local/stillroom", root=lerobot)
-    arrays = export(orchestrator, run, tmp_path / "arrays", "--format", "npz", "--limit", 6)
+    arrays = arrays_of(orchestrator, run, tmp_path / "arrays", "--limit", 6)
     episodes = [np.load(file) for file in sorted(arrays.glob("*.npz"))]
     assert dataset.num_episodes == 6 and len(dataset) == sum(len(episode["action"]) for episode in episodes)
     at = 0

@@ -51,7 +51,7 @@ pub mod statistics;
 pub mod study;
 mod styled_group;
 
-pub use chart::{Figure, Frame, PngError};
+pub use chart::{Figure, Frame};
 pub use figures::{ShownPair, ShownStrip, Sweep, SweepPoint};
 pub use method::level_of;
 pub use report::{FigureSet, GroupReport, IntervalMethod, Made, Options, Report, RunReport};

@@ -21,14 +21,6 @@ pub enum DatasetError {
         /// What is wrong.
         source: io::Error,
     },
-    /// A table.
-    #[error("{} cannot be written", path.display())]
-    Table {
-        /// Its file.
-        path: PathBuf,
-        /// What is wrong.
-        source: parquet::errors::ParquetError,
-    },
     /// An archive.
     #[error("{} cannot be written", path.display())]
     Archive {
@@ -37,9 +29,6 @@ pub enum DatasetError {
         /// What is wrong.
         source: zip::result::ZipError,
     },
-    /// A picture.
-    #[error("a frame cannot be packed")]
-    Picture(#[source] png::EncodingError),
 }
 
 /// The disk's error at this path.

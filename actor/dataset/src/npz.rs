@@ -1,45 +1,27 @@
 //! An archive of `NumPy` an episode. Arrays of what was seen have one row more than there were actions.
 
-use crate::column::Values;
 use crate::episode::{Episode, Frames};
-use crate::error::DatasetError;
-use crate::error::disk;
-use crate::fields::FIELDS;
+use crate::error::{DatasetError, disk};
+use crate::fields::{FIELDS, Value};
 use std::fs::File;
 use std::io::{BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use zip::result::ZipResult;
 use zip::write::{SimpleFileOptions, ZipWriter};
 
-/// Archives that are written.
-pub struct Archives {
-    folder: PathBuf,
-    count: u64,
-}
-
-impl Archives {
-    /// In this folder.
-    pub fn new(folder: &Path) -> Self {
-        Self { folder: folder.to_path_buf(), count: 0 }
-    }
-
-    /// Adds an episode.
-    pub fn add(&mut self, episode: &Episode) -> Result<(), DatasetError> {
-        let path = self.folder.join(format!("episode-{:06}.npz", self.count));
-        let file = File::create_new(&path).map_err(|source| disk(&path, source))?;
-        let mut archive = Archive(ZipWriter::new(BufWriter::new(file)));
-        let written = archive.episode(episode).and_then(|()| archive.0.finish());
-        let mut file = written.map_err(|source| DatasetError::Archive { path: path.clone(), source })?;
-        file.flush().map_err(|source| disk(&path, source))?;
-        self.count += 1;
-        Ok(())
-    }
+/// Writes an episode. `actions`: names of the actions, in the order of their numbers.
+pub fn write_episode(path: &Path, episode: &Episode, actions: &[&str]) -> Result<(), DatasetError> {
+    let file = File::create_new(path).map_err(|source| disk(path, source))?;
+    let mut archive = Archive(ZipWriter::new(BufWriter::new(file)));
+    let written = archive.episode(episode, actions).and_then(|()| archive.0.finish());
+    let mut file = written.map_err(|source| DatasetError::Archive { path: path.to_path_buf(), source })?;
+    file.flush().map_err(|source| disk(path, source))
 }
 
 struct Archive(ZipWriter<BufWriter<File>>);
 
 impl Archive {
-    fn episode(&mut self, episode: &Episode) -> ZipResult<()> {
+    fn episode(&mut self, episode: &Episode, actions: &[&str]) -> ZipResult<()> {
         for frames in &episode.cameras {
             self.frames(frames)?;
         }
@@ -50,10 +32,11 @@ impl Archive {
         let previous: Vec<u8> =
             episode.seen.iter().flat_map(|seen| i64::from(seen.previous_action).to_le_bytes()).collect();
         self.array("previous_action", "<i8", &[episode.seen.len()], &previous)?;
-        // Hashes and previous actions are those of what was seen, and have a row more.
-        let of_steps = |name: &str| !["state_hash", "previous_action"].contains(&name);
-        for field in FIELDS.iter().filter(|field| of_steps(field.name)) {
-            let (kind, bytes) = bytes_of(&field.values(episode));
+        for field in &FIELDS {
+            let (mut kind, mut bytes) = ("<i8", Vec::new());
+            for step in &episode.steps {
+                kind = append((field.of)(step), &mut bytes);
+            }
             self.array(field.name, kind, &[episode.steps.len()], &bytes)?;
         }
         let about = &episode.about;
@@ -67,11 +50,17 @@ impl Archive {
             self.array(name, "<i8", &[], &number.to_le_bytes())?;
         }
         self.array("seed", "<u8", &[], &about.seed.to_le_bytes())?;
-        for (name, text) in [("target", about.target), ("outcome", about.outcome)] {
-            let letters: Vec<u8> = text.chars().flat_map(|letter| (letter as u32).to_le_bytes()).collect();
-            self.array(name, &format!("<U{}", text.chars().count()), &[], &letters)?;
-        }
-        Ok(())
+        self.texts("target", &[], &[about.target])?;
+        self.texts("outcome", &[], &[about.outcome])?;
+        self.texts("action_names", &[actions.len()], actions)
+    }
+
+    /// Texts of one width: zeros follow the shorter ones.
+    fn texts(&mut self, name: &str, shape: &[usize], texts: &[&str]) -> ZipResult<()> {
+        let width = texts.iter().map(|text| text.chars().count()).max().unwrap_or(0);
+        let padded = texts.iter().flat_map(|text| text.chars().map(u32::from).chain(std::iter::repeat(0)).take(width));
+        let letters: Vec<u8> = padded.flat_map(u32::to_le_bytes).collect();
+        self.array(name, &format!("<U{width}"), shape, &letters)
     }
 
     fn frames(&mut self, frames: &Frames) -> ZipResult<()> {
@@ -101,14 +90,16 @@ impl Archive {
     }
 }
 
-/// `NumPy`'s name of a type, and values in it.
-fn bytes_of(values: &Values) -> (&'static str, Vec<u8>) {
-    match values {
-        Values::Bool(values) => ("|b1", values.iter().map(|value| u8::from(*value)).collect()),
-        Values::Int(values) => ("<i8", values.iter().flat_map(|value| value.to_le_bytes()).collect()),
-        Values::Hash(values) => ("<u8", values.iter().flat_map(|value| value.to_le_bytes()).collect()),
-        Values::Real(values) => ("<f4", values.iter().flat_map(|value| value.to_le_bytes()).collect()),
-        Values::Double(values) => ("<f8", values.iter().flat_map(|value| value.to_le_bytes()).collect()),
-        Values::Bytes(_) | Values::Text(_) => unreachable!("no field of a step is text"),
+/// Appends a value; `NumPy`'s name of its type.
+fn append(value: Value, bytes: &mut Vec<u8>) -> &'static str {
+    match value {
+        Value::Bool(value) => bytes.push(u8::from(value)),
+        Value::Int(value) => bytes.extend(value.to_le_bytes()),
+        Value::Real(value) => bytes.extend(value.to_le_bytes()),
+    }
+    match value {
+        Value::Bool(_) => "|b1",
+        Value::Int(_) => "<i8",
+        Value::Real(_) => "<f4",
     }
 }

@@ -1,21 +1,31 @@
-//! Writes a data set in any format: into a folder that has its name only when it is whole.
+//! Writes a data set into a folder that has its name only when it is whole.
 
 use crate::episode::Episode;
 use crate::error::{DatasetError, disk, write};
-use crate::lerobot::LeRobot;
-use crate::npz::Archives;
+use crate::npz::write_episode;
 use crate::page;
-use crate::source::{Size, Source};
-use crate::tables::Tables;
-use proto::dataset::DatasetFormat;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-enum Form {
-    LeRobot(Box<LeRobot>),
-    Tables(Box<Tables>),
-    Archives(Archives),
+/// What a data set is of.
+#[derive(Debug, Clone)]
+pub struct Source {
+    /// Names of the actions, in the order of their numbers.
+    pub actions: Vec<&'static str>,
+    /// Configurations of the run, TOML.
+    pub configs: Vec<String>,
+}
+
+/// How large a data set is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Size {
+    /// Episodes.
+    pub episodes: u64,
+    /// Steps.
+    pub steps: u64,
+    /// Bytes of all files.
+    pub bytes: u64,
 }
 
 /// Writes a data set. It is there when [`Writer::finish`] has returned, or not at all.
@@ -24,15 +34,13 @@ pub struct Writer {
     /// Where it is until then. Removed with the writer.
     partial: PathBuf,
     source: Source,
-    format: DatasetFormat,
-    form: Form,
     size: Size,
     cameras: Vec<String>,
 }
 
 impl Writer {
     /// A data set that is to be `out`.
-    pub fn create(out: &Path, format: DatasetFormat, source: Source) -> Result<Self, DatasetError> {
+    pub fn create(out: &Path, source: Source) -> Result<Self, DatasetError> {
         if fs::symlink_metadata(out).is_ok() {
             return Err(DatasetError::Exists(out.to_path_buf()));
         }
@@ -46,13 +54,8 @@ impl Writer {
             io::ErrorKind::AlreadyExists => DatasetError::Partial(partial.clone()),
             _ => disk(&partial, source),
         })?;
-        let form = match format {
-            DatasetFormat::LeRobot => Form::LeRobot(Box::new(LeRobot::new(&partial))),
-            DatasetFormat::Parquet => Form::Tables(Box::new(Tables::new(&partial, &source))),
-            DatasetFormat::Npz => Form::Archives(Archives::new(&partial)),
-        };
         let out = out.to_path_buf();
-        Ok(Self { out, partial, source, format, form, size: Size::default(), cameras: Vec::new() })
+        Ok(Self { out, partial, source, size: Size::default(), cameras: Vec::new() })
     }
 
     /// Adds an episode.
@@ -60,11 +63,8 @@ impl Writer {
         if self.size.episodes == 0 {
             self.cameras = episode.cameras.iter().map(|frames| frames.name.to_owned()).collect();
         }
-        match &mut self.form {
-            Form::LeRobot(form) => form.add(episode)?,
-            Form::Tables(form) => form.add(episode)?,
-            Form::Archives(form) => form.add(episode)?,
-        }
+        let path = self.partial.join(format!("episode-{:06}.npz", self.size.episodes));
+        write_episode(&path, episode, &self.source.actions)?;
         self.size.episodes += 1;
         self.size.steps += episode.steps.len() as u64;
         Ok(())
@@ -72,16 +72,11 @@ impl Writer {
 
     /// Writes the rest, and gives the folder its name.
     pub fn finish(mut self) -> Result<Size, DatasetError> {
-        match &mut self.form {
-            Form::LeRobot(form) => form.finish(&self.source)?,
-            Form::Tables(form) => form.finish()?,
-            Form::Archives(_) => {}
-        }
         for (number, config) in self.source.configs.iter().enumerate() {
             let name = if number == 0 { "config.toml".to_owned() } else { format!("config-{number}.toml") };
             write(&self.partial.join(name), config.as_bytes())?;
         }
-        let page = page::page(self.format, &self.source, self.size, &self.cameras);
+        let page = page::page(&self.source, self.size, &self.cameras);
         write(&self.partial.join("README.md"), page.as_bytes())?;
         self.size.bytes = bytes_in(&self.partial).map_err(|source| disk(&self.partial, source))?;
         // A folder that has come meanwhile and is empty would be replaced, which does no harm.

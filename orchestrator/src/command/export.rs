@@ -8,12 +8,12 @@ use crate::showing::format::{bytes, counted};
 use crate::showing::terminal;
 use anyhow::{Context, Result, bail, ensure};
 use export::{Policy, Precision};
-use proto::dataset::{DatasetFormat, DatasetRequest, DatasetSetup, Keep, PictureKind};
+use proto::dataset::{DatasetRequest, DatasetSetup, Keep, PictureKind};
 use proto::exit::EXIT_INCOMPLETE;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Write a policy (an ONNX model, or weights alone) or recorded episodes (LeRobot, Parquet, NumPy) for other programs
+/// Write a policy (an ONNX model, or weights alone) or recorded episodes (archives of NumPy) for other programs
 ///
 /// A policy file has all that is needed to let it act. The model takes what environments give (depth in millimetres, goals in metres, the last action, the belief) and
 /// gives log-probabilities, values and beliefs. Episodes are simulated again from their recorded actions: so they have
@@ -26,8 +26,7 @@ use std::process::ExitCode;
   orchestrator export runs/a --out policy.onnx               its newest checkpoint; policy.md says how to use it
   orchestrator export runs/a/best --half --out policy.safetensors                            a policy file to hand on
   orchestrator export runs/a/checkpoints/rollout-00000120.json --out policy.onnx
-  orchestrator export runs/a --format lerobot --only success --out episodes    a LeRobotDataset v3 of its successes
-  orchestrator export EVALUATION --format parquet --kitchen 26 --out tables     steps.parquet and episodes.parquet
+  orchestrator export EVALUATION --format npz --only success --kitchen 26 --out arrays
   orchestrator export runs/a/recordings/incarnation-001.000.mcap --format npz --pictures robot,outside --limit 10 --out arrays
 
 Exit status: 0 if all is written, 1 if nothing is, 6 if episodes are written but the recordings are damaged or not complete.")]
@@ -37,9 +36,9 @@ pub struct ExportArgs {
     #[arg(required = true, value_name = "RUN|CHECKPOINT|FILE")]
     subjects: Vec<PathBuf>,
     /// onnx: a model for onnxruntime and others (operators of version 17); safetensors: a policy file, which `eval` and
-    /// `view --policy` take: weights under PyTorch's module paths, and the configuration; lerobot: a LeRobotDataset v3;
-    /// parquet: two tables, steps and episodes; npz: an archive of NumPy an episode [default: safetensors if --out ends
-    /// so, onnx otherwise]
+    /// `view --policy` take: weights under PyTorch's module paths, and the configuration; npz: an archive of NumPy an
+    /// episode, of which `python -m stillroom.dataset` makes a LeRobotDataset or Parquet tables [default: safetensors
+    /// if --out ends so, onnx otherwise]
     #[arg(long)]
     format: Option<Format>,
     /// With safetensors: the weights as float16 instead of float32, half the bytes
@@ -74,8 +73,6 @@ struct EpisodeArgs {
 enum Format {
     Onnx,
     Safetensors,
-    Lerobot,
-    Parquet,
     Npz,
 }
 
@@ -108,13 +105,10 @@ impl EpisodeArgs {
 pub fn run(args: &ExportArgs) -> Result<ExitCode> {
     let format = args.format.unwrap_or_else(|| Format::of(&args.out));
     ensure!(!args.half || format == Format::Safetensors, "--half is for --format safetensors");
-    let format = match format {
-        Format::Onnx | Format::Safetensors => return export_policy(args, format).map(|()| ExitCode::SUCCESS),
-        Format::Lerobot => DatasetFormat::LeRobot,
-        Format::Parquet => DatasetFormat::Parquet,
-        Format::Npz => DatasetFormat::Npz,
-    };
-    export_episodes(args, format)
+    match format {
+        Format::Onnx | Format::Safetensors => export_policy(args, format).map(|()| ExitCode::SUCCESS),
+        Format::Npz => export_episodes(args),
+    }
 }
 
 fn export_policy(args: &ExportArgs, format: Format) -> Result<()> {
@@ -123,8 +117,7 @@ fn export_policy(args: &ExportArgs, format: Format) -> Result<()> {
     };
     ensure!(
         args.episodes.is_empty(),
-        "--kitchen, --environment, --episode, --only, --limit and --pictures choose episodes: give --format lerobot, \
-         parquet or npz with them"
+        "--kitchen, --environment, --episode, --only, --limit and --pictures choose episodes: give --format npz with them"
     );
     let out = &args.out;
     let page = out.with_extension("md");
@@ -160,7 +153,7 @@ fn export_policy(args: &ExportArgs, format: Format) -> Result<()> {
     Ok(())
 }
 
-fn export_episodes(args: &ExportArgs, format: DatasetFormat) -> Result<ExitCode> {
+fn export_episodes(args: &ExportArgs) -> Result<ExitCode> {
     // Before recordings are read for minutes.
     free(&args.out)?;
     let EpisodeArgs { choice, only, limit, pictures, side } = &args.episodes;
@@ -181,7 +174,6 @@ fn export_episodes(args: &ExportArgs, format: DatasetFormat) -> Result<ExitCode>
         configs,
         folder,
         out: out.to_str().context("--out has a name that is not text")?.to_owned(),
-        format,
         pictures: kinds,
         side_px: side.unwrap_or(proto::camera::FRAME_SIDE as u32),
         keep: match only {

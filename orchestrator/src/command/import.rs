@@ -22,7 +22,7 @@ const DEFAULT_PRESET: &str = "paper";
 /// Make a run that begins with the weights in a file: an AllenAct state dict, or weights by our own names
 ///
 /// The run folder is made as by `up`, at 0 frames: `orchestrator resume RUN` trains on from there, `eval RUN` evaluates
-/// it. AllenAct's names are translated (ARCHITECTURE.md has the table); weights of an auxiliary task that the
+/// it. AllenAct's names are translated (docs/probe.md has the table); weights of an auxiliary task that the
 /// configuration does not train are left out, and those of one that the file lacks start from the seed. A policy file and
 /// a checkpoint name their network and the sign of their goal: the configuration must have the same.
 #[derive(Debug, clap::Args)]

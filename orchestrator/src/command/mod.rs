@@ -26,6 +26,5 @@ pub mod status;
 pub mod stop;
 pub mod suite;
 pub mod top;
-pub mod tune;
 pub mod up;
 pub mod view;

@@ -1,4 +1,4 @@
-//! Writing a report down: `report.html`, `report.json`, and `figures/` with each figure as SVG, PNG and CSV.
+//! Writing a report down: `report.html`, `report.json`, and `figures/` with each figure as SVG and CSV.
 
 use crate::reporting::gather::Gathered;
 use crate::reporting::strips::strips;
@@ -71,7 +71,6 @@ pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<Made> 
     make_folder(&figures)?;
     for figure in made.figures.all() {
         put(&figures.join(format!("{}.svg", figure.name)), figure.svg().as_bytes())?;
-        put(&figures.join(format!("{}.png", figure.name)), &figure.png()?)?;
         put(&figures.join(format!("{}.csv", figure.name)), figure.csv().as_bytes())?;
     }
     let by = format!(

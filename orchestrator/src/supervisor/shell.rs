@@ -52,7 +52,7 @@ pub struct Signals {
 impl Signals {
     /// From now on signals are events. To be called inside the runtime, before there is anything to clean up. `launched`:
     /// a scheduler or launcher started this program and may start it again, so its SIGTERM asks for that, too.
-    pub fn install(launched: bool) -> Result<Self> {
+    fn install(launched: bool) -> Result<Self> {
         // nohup: a closed terminal is no reason to stop.
         let ignores_hang_up = signal_is_ignored(SignalKind::hangup().as_raw_value());
         Ok(Self {

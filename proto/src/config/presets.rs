@@ -3,7 +3,7 @@
 
 use super::error::{ConfigError, nearest, parse};
 use super::experiment;
-use super::preset::{OPEN_STEPS, Preset, overlay};
+use super::preset::{Preset, overlay};
 use std::sync::LazyLock;
 
 /// Presets with a file of their own.
@@ -86,7 +86,6 @@ pub(super) fn merged(name: &str) -> Result<toml::Table, ConfigError> {
         .find(|preset| preset.name == name)
         .ok_or_else(|| ConfigError::UnknownPreset { name: name.to_owned(), nearest: nearest(name, names()) })?;
     let mut table: toml::Table = parse(&preset.text, &format!("preset {name}"))?;
-    table.remove(OPEN_STEPS);
     let Some(base) = table.remove("extends") else { return Ok(table) };
     let base = base.as_str().map(str::to_owned).unwrap_or_default();
     let mut result = merged(&base)?;
@@ -114,14 +113,6 @@ mod tests {
             assert_eq!(config.preset, preset.name);
             assert_eq!(Config::from_toml(&config.to_toml(), "round trip").unwrap(), config);
         }
-    }
-
-    #[test]
-    fn open_lengths_are_those_of_the_presets_file_and_no_key_of_a_configuration() {
-        let open = |name: &str| presets().iter().find(|preset| preset.name == name).map(Preset::open_rollout_steps);
-        assert_eq!(open("recipe"), Some(vec![32, 64, 128]));
-        assert_eq!([open("paper"), open("demo")], [Some(vec![]), Some(vec![])]);
-        assert!(!Config::resolve("recipe", None).unwrap().to_toml().contains(OPEN_STEPS));
     }
 
     #[test]

@@ -39,7 +39,7 @@ class Checkpoint:
     path: Path
     """The file that the weights were read from."""
     weights: dict[str, NDArray[Any]]
-    """Weights by name, float32, also those of a file of 16 bits; names are PyTorch's module paths (ARCHITECTURE.md)."""
+    """Weights by name, float32, also those of a file of 16 bits; names are PyTorch's module paths (docs/probe.md)."""
     carried_goal: str
     """Sign of the goal vector while the target is held: give it to the environment."""
     config: dict[str, Any] = field(default_factory=dict)

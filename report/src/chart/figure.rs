@@ -7,7 +7,6 @@ use super::interval_plot::IntervalPlot;
 use super::line_plot::LinePlot;
 use super::palette::Style;
 use super::place::{LABEL, Rect};
-use super::png::{self, PngError};
 use super::scale::Axis;
 use super::svg::{Anchor, Canvas};
 use super::text;
@@ -188,15 +187,6 @@ impl Figure {
         (WIDTH - 2.0 * MARGIN - (columns - 1.0) * GAP) / columns
     }
 
-    /// The figure as a PNG file of twice the size in pixels.
-    pub fn png(&self) -> Result<Vec<u8>, PngError> {
-        let pictures = self.placed().flat_map(|(panel, rect)| match &panel.content {
-            Content::Frames(strip) => strip.places(panel.below(rect)).collect::<Vec<_>>(),
-            Content::Lines(_) | Content::Intervals(_) | Content::Heat(_) => Vec::new(),
-        });
-        png::encode(&self.svg(), &pictures.collect::<Vec<_>>())
-    }
-
     /// A panel of the whole width that shows this strip, and its height.
     pub(crate) fn strip_panel(title: String, strip: FrameStrip) -> (Panel, f64) {
         let height = strip.height(WIDTH - 2.0 * MARGIN) + TITLE + 10.0;
@@ -257,13 +247,9 @@ mod tests {
     }
 
     #[test]
-    fn an_svg_is_a_document_that_reads_back_and_a_png_is_twice_its_size() {
+    fn texts_of_an_svg_are_escaped_and_its_numbers_finite() {
         let svg = figure().svg();
         assert!(svg.contains("a &lt;test&gt; &amp; more") && !svg.contains("NaN"), "{svg}");
-        let png = figure().png().unwrap();
-        assert_eq!(&png[1..4], b"PNG");
-        let width = u32::from_be_bytes([png[16], png[17], png[18], png[19]]);
-        assert_eq!(f64::from(width), 2.0 * WIDTH);
     }
 
     /// What is written beside the ticks of each panel.

@@ -40,7 +40,7 @@ impl FrameStrip {
     }
 
     /// Where its pictures are.
-    pub(super) fn places(&self, rect: Rect) -> impl Iterator<Item = (Rect, &[u8])> {
+    fn places(&self, rect: Rect) -> impl Iterator<Item = (Rect, &[u8])> {
         let (width, height) = self.frame_size(rect.width);
         self.frames.iter().enumerate().map(move |(index, frame)| {
             let left = rect.left + index as f64 * (width + GAP);

@@ -1,4 +1,4 @@
-//! Figures of one family: SVG, from which PNG is drawn. A [`Figure`] is a grid of panels under a shared legend; a panel
+//! Figures of one family, as SVG. A [`Figure`] is a grid of panels under a shared legend; a panel
 //! is a line plot, an interval plot, a heat map or a strip of pictures.
 //!
 //! By hand: a plotting crate has neither strokes across single curves nor ranges that panels share, and would bring
@@ -12,7 +12,6 @@ mod interval_plot;
 mod line_plot;
 mod palette;
 mod place;
-mod png;
 mod scale;
 mod svg;
 mod text;
@@ -26,6 +25,5 @@ pub(crate) use heat_map::HeatMap;
 pub(crate) use interval_plot::{IntervalPlot, IntervalRow};
 pub(crate) use line_plot::{LinePlot, Mark, Markers, Series};
 pub(crate) use palette::{MEASURES, STYLES};
-pub use png::PngError;
 pub(crate) use scale::{Axis, Unit};
 pub(crate) use theme::rules as theme_rules;

@@ -1,7 +1,6 @@
-//! The face of all figures: `DejaVu Sans`, which is in the program, so that a PNG looks the same on every machine.
+//! The face of all figures, `DejaVu Sans`: it is in the program to measure texts.
 
-use ab_glyph::{Font, FontRef, OutlineCurve, Point, ScaleFont};
-use std::fmt::Write;
+use ab_glyph::{Font, FontRef, ScaleFont};
 use std::sync::LazyLock;
 
 /// What a browser is asked for; the second and third have nearly the same widths.
@@ -16,43 +15,6 @@ pub fn width(text: &str, size: f64) -> f64 {
     // ab_glyph scales by the line's height, SVG by the em.
     let scaled = FONT.as_scaled(size as f32 * FONT.height_unscaled() / units);
     text.chars().map(|letter| f64::from(scaled.h_advance(scaled.glyph_id(letter)))).sum()
-}
-
-/// The letters of a line of text as the `d` of an SVG path. `origin` is told the width, and says where the line begins.
-pub fn outlines(text: &str, size: f64, origin: impl FnOnce(f64) -> (f64, f64)) -> String {
-    let pixel = size / f64::from(FONT.units_per_em().expect("a TrueType font has an em"));
-    let mut pen = 0.0;
-    let mut before = None;
-    let mut letters = vec![];
-    for letter in text.chars() {
-        let glyph = FONT.glyph_id(letter);
-        pen += before.map_or(0.0, |before| FONT.kern_unscaled(before, glyph));
-        letters.push((pen, glyph));
-        pen += FONT.h_advance_unscaled(glyph);
-        before = Some(glyph);
-    }
-    let (x, y) = origin(f64::from(pen) * pixel);
-    let mut path = String::new();
-    for (pen, glyph) in letters {
-        // The face's y grows upwards.
-        let place = |p: Point| format!("{:.3} {:.3}", x + f64::from(pen + p.x) * pixel, y - f64::from(p.y) * pixel);
-        let mut last = None;
-        for curve in FONT.outline(glyph).map(|outline| outline.curves).unwrap_or_default() {
-            let (from, to) = match curve {
-                OutlineCurve::Line(a, b) | OutlineCurve::Quad(a, _, b) | OutlineCurve::Cubic(a, _, _, b) => (a, b),
-            };
-            if last != Some(from) {
-                let _ = write!(path, "M{}", place(from));
-            }
-            let _ = match curve {
-                OutlineCurve::Line(_, b) => write!(path, "L{}", place(b)),
-                OutlineCurve::Quad(_, b, c) => write!(path, "Q{} {}", place(b), place(c)),
-                OutlineCurve::Cubic(_, b, c, d) => write!(path, "C{} {} {}", place(b), place(c), place(d)),
-            };
-            last = Some(to);
-        }
-    }
-    path
 }
 
 /// The text, cut with an ellipsis if it is wider than that.

@@ -1,71 +1,8 @@
-//! `orchestrator tune` and `learner bench`: they measure with real runs, and leave nothing behind.
+//! `learner bench` and `learner exchange`: they measure with real runs, and leave nothing behind.
 
-use proto::config::Config;
-use rustix::process::Signal;
 use serde_json::Value;
-use std::path::PathBuf;
 use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
-use system_tests::{Workshop, binary, complete, finish, signal, start};
-
-fn tune(workshop: &Workshop, more: &[&str]) -> Command {
-    let arguments = ["tune", "--preset", "demo", "--config", "tiny.toml", "--actors", "2", "--envs-per-actor", "2"];
-    workshop.orchestrator(&[&arguments, more].concat())
-}
-
-fn folder_of(pid: u32) -> PathBuf {
-    std::env::temp_dir().join(format!("stillroom-tune-{pid}"))
-}
-
-/// Whether a process that was started by process `pid` still runs.
-fn has_children(pid: u32) -> bool {
-    let wanted = format!("--parent\0{pid}\0");
-    let processes = std::fs::read_dir("/proc").expect("/proc").flatten();
-    let mut lines = processes.filter_map(|process| std::fs::read(process.path().join("cmdline")).ok());
-    lines.any(|line| String::from_utf8_lossy(&line).contains(&wanted))
-}
-
-#[test]
-fn tuning_prints_a_configuration_that_works_and_removes_what_it_made() {
-    let workshop = Workshop::new();
-    let child = start(tune(&workshop, &["--minutes", "0.5", "--steps", "5", "--out", "fast.toml"]));
-    let pid = child.id();
-    let printed = finish(child);
-    assert!(printed.success, "{printed:#?}");
-    assert!(printed.stderr.contains("2 × 2") && printed.stderr.contains("2 × 4"), "{printed:#?}");
-    let file = workshop.path("fast.toml");
-    assert_eq!(std::fs::read_to_string(&file).expect("--out").trim_end(), printed.stdout.trim_end());
-    let config = Config::resolve("demo", Some(&file)).expect("it is a configuration");
-    assert_eq!(config.actors.count, 2);
-    assert!([5, 10].contains(&config.ppo.rollout_steps), "T is the configuration's or the one given: {config:?}");
-    assert!(!folder_of(pid).exists() && !has_children(pid));
-}
-
-#[test]
-fn an_interrupted_tuning_stops_its_run_and_removes_it() {
-    let workshop = Workshop::new();
-    let child = start(tune(&workshop, &["--minutes", "60"]));
-    let pid = child.id();
-    let began = Instant::now();
-    while !folder_of(pid).join("run/config.toml").exists() {
-        assert!(began.elapsed() < Duration::from_mins(1), "no trial begins");
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    assert!(has_children(pid), "the trial is a process of its own");
-    signal(pid, Signal::INT);
-    let printed = finish(child);
-    assert!(!printed.success && printed.stdout.is_empty(), "{printed:#?}");
-    assert!(!folder_of(pid).exists() && !has_children(pid), "{printed:#?}");
-}
-
-#[test]
-fn what_cannot_run_here_is_said_once() {
-    let workshop = Workshop::new();
-    let printed = complete(tune(&workshop, &["--set", "machine.pin=[1023]"]));
-    assert!(!printed.success && printed.stderr.contains("core 1023"), "{printed:#?}");
-    let printed = complete(tune(&workshop, &["--minutes", "0"]));
-    assert!(!printed.success && printed.stderr.contains("--minutes 0: must be above 0"), "{printed:#?}");
-}
+use system_tests::{Workshop, binary, complete};
 
 #[test]
 fn the_learner_measures_itself_and_a_whole_run() {

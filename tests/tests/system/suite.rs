@@ -220,8 +220,7 @@ fn a_report_of_two_seeds_has_numbers_figures_and_says_what_is_missing() {
         .expect("figures")
         .map(|entry| entry.expect("an entry").path())
         .collect();
-    let png = |name: &str| std::fs::read(workshop.path("both/figures").join(name)).expect("a figure");
-    assert!(figures.iter().any(|path| path.ends_with("learning.svg")) && png("learning.png").starts_with(b"\x89PNG"));
+    assert!(figures.iter().any(|path| path.ends_with("learning.svg")), "{figures:?}");
 
     // One seed evaluated, as a folder of its own; the other not.
     let eval = ["eval", "seed-5", "--split", "test", "--objects", "all", "--episodes", "6", "--out", "elsewhere"];
