@@ -8,10 +8,12 @@ their geometric mean with a 95% interval. Nothing else may run meanwhile.
 from __future__ import annotations
 
 import argparse
+import http.client
 import json
 import math
 import os
 import platform
+import re
 import shutil
 import statistics
 import subprocess
@@ -62,23 +64,28 @@ class Page:
     """Somebody who looks at a run as long as it lasts."""
 
     address: str
+    token: str
     run: str
     asked: int = 0
     problem: str = ""
     over: threading.Event = field(default_factory=threading.Event)
 
+    def open(self, path: str) -> http.client.HTTPResponse:
+        """The answer at a path."""
+        headers = {"Authorization": f"Bearer {self.token}"}
+        return urllib.request.urlopen(urllib.request.Request(f"{self.address}{path}", headers=headers), timeout=60)
+
     def get(self, path: str) -> object:
         """JSON at a path."""
         self.asked += 1
-        with urllib.request.urlopen(f"{self.address}{path}", timeout=60) as answer:
+        with self.open(path) as answer:
             return json.loads(answer.read())
 
     def look(self) -> None:
         """What the script of a page asks for: the stream of events, new curves with each, a depth picture in between."""
         known, due = 0, 0.0
         try:
-            stream = urllib.request.urlopen(f"{self.address}/api/runs/{self.run}/live", timeout=60)
-            for line in stream:
+            for line in self.open(f"/api/runs/{self.run}/live"):
                 if self.over.is_set():
                     return
                 if not line.startswith(b"data:"):
@@ -106,8 +113,7 @@ class Page:
             return
         step = len(self.get(f"{run}/episodes/{key}")["moments"]) - 1
         self.asked += 1
-        address = f"{self.address}{run}/episodes/{key}/picture?view=depth&step={step}&width=224&of={step}"
-        urllib.request.urlopen(address, timeout=60).read()
+        self.open(f"{run}/episodes/{key}/picture?view=depth&step={step}&width=224&of={step}").read()
 
 
 def browse(address: str, profile: str) -> subprocess.Popen:
@@ -121,11 +127,11 @@ def browse(address: str, profile: str) -> subprocess.Popen:
 
 
 def opener(folder: Path) -> Path:
-    """Notes the address that a desktop would be asked to open."""
+    """Copies the page that a desktop would be asked to open, and that leads to the viewer's."""
     program = folder / "xdg-open"
-    program.write_text('#!/bin/sh\nprintf %s "$1" >"$0.new" && mv "$0.new" "$0.asked"\n')
+    program.write_text('#!/bin/sh\ncp "$1" "$0.new" && mv "$0.new" "$0.html"\n')
     program.chmod(0o755)
-    return folder / "xdg-open.asked"
+    return folder / "xdg-open.html"
 
 
 @dataclass
@@ -186,9 +192,9 @@ def train(options: argparse.Namespace, place: Path, with_viewer: bool) -> dict:
         if not asked.exists():
             child.kill()
             sys.exit(f"viewer.py: no viewer was started:\n{child.communicate()[1]}")
-        page = Page(asked.read_text().rstrip("/"), run.name)
+        page = Page(*re.search(r"(http://[^/]+)/#token=([\w-]+)", asked.read_text()).groups(), run.name)
         if options.page == "browser":
-            browser = browse(page.address, str(place / "profile"))
+            browser = browse(asked.as_uri(), str(place / "profile"))
         else:
             looking = threading.Thread(target=page.look, daemon=True)
             looking.start()

@@ -50,14 +50,15 @@ impl Foxglove {
     ///
     /// # Panics
     /// If the server does not answer, or not as RFC 6455 says.
-    pub fn connect(address: &str, path: &str, headers: &str) -> Result<Self, u16> {
+    pub fn connect(address: &str, path: &str, token: &str) -> Result<Self, u16> {
         let mut stream = TcpStream::connect(address).expect("the viewer listens");
         stream.set_read_timeout(Some(Duration::from_mins(2))).expect("a timeout");
+        let join = if path.contains('?') { '&' } else { '?' };
         // The example of RFC 6455.
         let request = format!(
-            "GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: keep-alive, Upgrade\r\nUpgrade: websocket\r\n\
+            "GET {path}{join}token={token} HTTP/1.1\r\nHost: {address}\r\nConnection: keep-alive, Upgrade\r\nUpgrade: websocket\r\n\
              Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\
-             Sec-WebSocket-Protocol: foxglove.sdk.v1, foxglove.websocket.v1\r\n{headers}\r\n"
+             Sec-WebSocket-Protocol: foxglove.sdk.v1, foxglove.websocket.v1\r\n\r\n"
         );
         stream.write_all(request.as_bytes()).expect("it reads");
         let mut head = Vec::new();

@@ -5,6 +5,8 @@ use rustix::process::Signal;
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
+use std::os::unix::fs::PermissionsExt;
+use std::path::PathBuf;
 use std::process::{Child, Command};
 use std::time::Duration;
 
@@ -14,6 +16,8 @@ pub struct Viewer {
     child: Option<Child>,
     /// Its address, e.g. `127.0.0.1:8765`.
     pub address: String,
+    /// What a request must show.
+    pub token: String,
 }
 
 /// What it answered.
@@ -36,6 +40,27 @@ impl Answer {
     }
 }
 
+impl Workshop {
+    /// Gives a command a home folder, `home`, and a desktop: it copies the file that it is asked to open to the path that
+    /// comes back, and runs until that file is removed.
+    ///
+    /// # Panics
+    /// If the workshop cannot be written.
+    pub fn with_desktop(&self, command: &mut Command) -> PathBuf {
+        let opener = self.path("bin/xdg-open");
+        let script = "#!/bin/sh\ncp \"$1\" \"$0.new\" && mv \"$0.new\" \"$0.html\"\n\
+                      while [ -e \"$1\" ]; do sleep 0.1; done\n";
+        for folder in ["bin", "home"] {
+            std::fs::create_dir(self.path(folder)).expect("a folder");
+        }
+        std::fs::write(&opener, script).expect("a program");
+        std::fs::set_permissions(&opener, std::fs::Permissions::from_mode(0o755)).expect("a file of ours");
+        let path = std::env::var("PATH").unwrap_or_default();
+        command.env("PATH", format!("{}:{path}", self.path("bin").display())).env("HOME", self.path("home"));
+        opener.with_extension("html")
+    }
+}
+
 impl Viewer {
     /// Starts one in a workshop, on any port.
     ///
@@ -53,8 +78,15 @@ impl Viewer {
         let mut child = start(command);
         let mut lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();
         let line = lines.next().expect("a line").expect("text");
-        let address = line.strip_prefix("view: http://").expect("an address").trim_end_matches('/').to_owned();
-        Self { child: Some(child), address }
+        let place = line.strip_prefix("view: http://").and_then(|place| place.split_once("/#token="));
+        let (address, token) =
+            place.map(|(address, token)| (address.to_owned(), token.to_owned())).expect("an address");
+        Self { child: Some(child), address, token }
+    }
+
+    /// The address that it printed.
+    pub fn page(&self) -> String {
+        format!("http://{}/#token={}", self.address, self.token)
     }
 
     /// Asks for a path.
@@ -62,9 +94,11 @@ impl Viewer {
     /// # Panics
     /// If nothing comes back.
     pub fn get(&self, path: &str) -> Answer {
+        let token = &self.token;
         let mut stream = TcpStream::connect(&self.address).expect("the viewer listens");
         stream.set_read_timeout(Some(Duration::from_mins(3))).expect("a timeout");
-        write!(stream, "GET {path} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n\r\n", self.address).expect("it reads");
+        let headers = format!("Host: {}\r\nAuthorization: Bearer {token}\r\nConnection: close\r\n", self.address);
+        write!(stream, "GET {path} HTTP/1.1\r\n{headers}\r\n").expect("it reads");
         let mut bytes = Vec::new();
         stream.read_to_end(&mut bytes).expect("an answer");
         let end = bytes.windows(4).position(|window| window == b"\r\n\r\n");

@@ -28,10 +28,27 @@ export function say(text) {
 
 export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
+let token = "";
+// Storage is of one origin: no other port of the machine reads it, as it would get a cookie.
+try { token = localStorage.getItem("token") ?? ""; } catch { /* This browser keeps nothing: the address holds the token. */ }
+
+/** Takes the token out of the address that `orchestrator view` printed; whether it was there. */
+export function takeToken() {
+  const shown = /^#token=([\w-]+)$/.exec(location.hash)?.[1];
+  if (!shown) return false;
+  token = shown;
+  history.replaceState(null, "", "/");
+  try { localStorage.setItem("token", token); } catch { /* As above. */ }
+  return true;
+}
+
+/** The events of a path. Their request can have no header. */
+export const follow = (path) => new EventSource(`${path}?token=${token}`);
+
 export async function ask(path, options) {
   let answer;
   try {
-    answer = await fetch(path, options);
+    answer = await fetch(path, { ...options, headers: { Authorization: `Bearer ${token}` } });
   } catch (error) {
     if (error.name === "AbortError") throw error;
     throw new Error("the viewer does not answer: is `orchestrator view` still there?");

@@ -1,6 +1,6 @@
 // Which page is shown: the part of the address after #.
 
-import { h, json, notice, replace, say } from "./dom.js";
+import { h, json, notice, replace, say, takeToken } from "./dom.js";
 import { showList } from "./list.js";
 import { showRun } from "./run.js";
 import { showEpisodes } from "./episodes.js";
@@ -26,6 +26,7 @@ async function show() {
   leaving.abort();
   leaving = new AbortController();
   const { signal } = leaving;
+  if (takeToken()) opening = null;
   const { parts, query } = place();
   const root = h("div", { class: "stack" });
   replace(content, root);

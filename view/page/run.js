@@ -1,6 +1,6 @@
 // One run, live; or several over each other. Figures come when they change (server-sent events), curves by what is new.
 
-import { every, h, json, notice, replace } from "./dom.js";
+import { every, follow, h, json, notice, replace } from "./dom.js";
 import { Cursor, LineChart, colour, smooth } from "./chart.js";
 import { bytes, count, date, duration, metres, number, percent, short } from "./format.js";
 import { progress, stateWord } from "./list.js";
@@ -285,13 +285,16 @@ export async function showRun(root, runs, signal) {
     }
   };
   take(await json(`/api/runs/${encoded}`, { signal }));
-  const events = new EventSource(`/api/runs/${encoded}/live`);
+  const events = follow(`/api/runs/${encoded}/live`);
   signal.addEventListener("abort", () => events.close());
   events.onmessage = ({ data }) => {
     const live = JSON.parse(data);
     if (live.error) replace(notes, notice(live.error, "error")); else take(live);
   };
-  events.onerror = () => { if (!signal.aborted) { shown.notes = null; replace(notes, notice("The viewer does not answer: waiting for it to come back.")); } };
+  // An event of an error says nothing of it; an ordinary request does.
+  events.onerror = () => json("/api/opening", { signal }).catch((error) => {
+    if (!signal.aborted) { shown.notes = null; replace(notes, notice(error.message, "error")); }
+  });
   // The others' curves, which no event tells of.
   if (runs.length > 1) every(5000, signal, () => curves.grow().catch(() => {}));
 }

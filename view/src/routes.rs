@@ -4,7 +4,7 @@ use crate::answer::{Refusal, json, text};
 use crate::assets::ASSETS;
 use crate::data::{EpisodeKey, EpisodeQuery, Problem, Runs};
 use crate::foxglove;
-use crate::guard::{self, Guard};
+use crate::guard;
 use crate::hub::Hub;
 use crate::metrics;
 use crate::readings::Readings;
@@ -49,8 +49,8 @@ pub struct Opening {
     pub version: &'static str,
 }
 
-/// All addresses.
-pub fn router(runs: Arc<dyn Runs>, theatre: Theatre, guard: Guard, opening: Opening) -> Router {
+/// All addresses; what holds anything of a run needs the token.
+pub fn router(runs: Arc<dyn Runs>, theatre: Theatre, token: Arc<str>, opening: Opening) -> Router {
     let server = Server {
         hub: Hub::new(Arc::clone(&runs)),
         readings: Readings::of(runs),
@@ -76,7 +76,7 @@ pub fn router(runs: Arc<dyn Runs>, theatre: Theatre, guard: Guard, opening: Open
         let answer = move || async move { ([(CONTENT_TYPE, asset.kind)], asset.content).into_response() };
         router = router.route(asset.path, get(answer));
     }
-    router.with_state(server).layer(middleware::from_fn_with_state(guard, guard::check))
+    router.with_state(server).layer(middleware::from_fn_with_state(token, guard::check))
 }
 
 impl Server {

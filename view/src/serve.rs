@@ -1,7 +1,6 @@
 //! Listens, and bounds what a connection may cost.
 
 use crate::data::Runs;
-use crate::guard::Guard;
 use crate::routes::{Opening, router};
 use crate::theatre::Theatre;
 use hyper_util::rt::{TokioIo, TokioTimer};
@@ -29,10 +28,8 @@ const HEAD_BYTES: usize = 32 << 10;
 pub struct Settings {
     /// The executable of the actor.
     pub actor: PathBuf,
-    /// What a request must show; none where only this machine can ask.
-    pub token: Option<String>,
-    /// This machine's name, which may be in addresses.
-    pub host_name: String,
+    /// What a request must show.
+    pub token: String,
     /// Runs that the page opens with.
     pub open: Vec<String>,
     /// Two runs are shown episode beside episode.
@@ -56,10 +53,9 @@ pub async fn serve(
     settings: Settings,
     end: impl Future<Output = ()>,
 ) -> Result<(), ServeError> {
-    let guard = Guard { token: settings.token.as_deref().map(Arc::from), host_name: settings.host_name.into() };
-    let Settings { actor, open, compare, play, .. } = settings;
+    let Settings { actor, token, open, compare, play } = settings;
     let opening = Opening { runs: open, compare, play, version: env!("CARGO_PKG_VERSION") };
-    let router = router(runs, Theatre::new(actor), guard, opening);
+    let router = router(runs, Theatre::new(actor), token.into(), opening);
     let room = Arc::new(Semaphore::new(CONNECTIONS));
     tokio::pin!(end);
     loop {

@@ -6,17 +6,23 @@ use crate::run::identity::host_name;
 use crate::showing::terminal;
 use crate::viewing::Gallery;
 use anyhow::{Context, Result, bail, ensure};
+use std::convert::Infallible;
+use std::io::{Read, Write};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 use std::sync::Arc;
+use std::time::Duration;
+use tempfile::TempPath;
 use view::data::Runs;
 use view::{Settings, serve};
 
 /// Show runs on a page: live, and any recorded episode from any camera
 ///
-/// Serves a page to browsers on this machine until Ctrl-C. It only reads run folders, from a process of its own: it can
-/// be started and ended at any time, and a run neither waits for it nor ends with it. Episodes are simulated again from
-/// their recorded actions and drawn as they are looked at; nothing needs to have been recorded as pictures.
+/// Serves a page to browsers on this machine until Ctrl-C. The address that it prints holds a token, without which
+/// nothing of a run is shown. It only reads run folders, from a process of its own: it can be started and ended at any
+/// time, and a run neither waits for it nor ends with it. Episodes are simulated again from their recorded actions and
+/// drawn as they are looked at; nothing needs to have been recorded as pictures.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator view                          all runs below runs/
@@ -24,10 +30,11 @@ use view::{Settings, serve};
   orchestrator view --policy models/fetch.safetensors      a policy at work in the test kitchens, without a run
   orchestrator view --policy runs/a/best --kitchen 7       in one kitchen
   orchestrator view --compare E1 E2          the same episodes of two evaluations side by side
-  ssh -L 8765:127.0.0.1:8765 HOST            then the page of a run on another machine is at http://127.0.0.1:8765
-  orchestrator view --address 0.0.0.0        for other machines, too: the address then holds a token
-  ws://127.0.0.1:8765/foxglove/RUN           a run live in Foxglove, with the layout deploy/foxglove/stillroom.json
-  curl http://127.0.0.1:8765/metrics         how all runs stand, for Prometheus")]
+  ssh -L 8765:127.0.0.1:8765 HOST            then the address that is printed there opens here, too
+  orchestrator view --address 0.0.0.0        for other machines, too
+  orchestrator view --token-file token       the token is the same at each start
+  ws://127.0.0.1:8765/foxglove/RUN?token=TOKEN   a run live in Foxglove, with the layout deploy/foxglove/stillroom.json
+  http://127.0.0.1:8765/metrics              how all runs stand, for Prometheus, with `Authorization: Bearer TOKEN`")]
 pub struct ViewArgs {
     /// Run folders, those of evaluations, or folders that hold runs [default: runs]
     #[arg(value_name = "RUN")]
@@ -35,7 +42,7 @@ pub struct ViewArgs {
     /// Port; another one is taken if it is in use and was not asked for [default: 8765]
     #[arg(long, value_name = "N")]
     port: Option<u16>,
-    /// Address to listen at; other than this machine's own it needs a token, which is made and printed
+    /// Address to listen at
     #[arg(long, value_name = "IP", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     address: IpAddr,
     /// Show episodes of two evaluations or runs side by side
@@ -46,7 +53,7 @@ pub struct ViewArgs {
     /// Open the page in a browser
     #[arg(long)]
     open: bool,
-    /// Keep the token in this file: the same one at each start, and what Prometheus is given; made if it is not there
+    /// Keep the token in this file: the same one at each start, e.g. for Prometheus; made if it is not there
     #[arg(long, value_name = "FILE")]
     token_file: Option<PathBuf>,
 }
@@ -57,6 +64,8 @@ const PORT: u16 = 8765;
 const PORTS: u16 = 20;
 /// A shorter token could be guessed.
 const TOKEN_LETTERS_MIN: usize = 16;
+/// How long a browser may take to start and to open the page.
+const OPENING: Duration = Duration::from_mins(1);
 /// The server gives way to whatever trains on the machine.
 const NICENESS: i32 = 10;
 
@@ -67,30 +76,26 @@ pub fn run(args: &ViewArgs) -> Result<()> {
     let listener = listen(args)?;
     let address = listener.local_addr().context("the listener has no address")?;
     let token = match &args.token_file {
-        Some(file) => Some(token_in(file)?),
-        None if args.address.is_loopback() => None,
-        None => Some(token()?),
+        Some(file) => token_in(file)?,
+        None => token()?,
     };
+    let place = link(address, &token);
     let settings = Settings {
         actor: programs::find("actor")?,
-        token: token.clone(),
-        host_name: host_name(),
+        token,
         open,
         compare: !args.compare.is_empty(),
         play: player.is_some(),
     };
     // Where it is refused the server is as important as others.
     let _ = rustix::process::setpriority_process(None, NICENESS);
-    let place = link(address, token.as_deref());
     terminal::out(&format!("view: {place}"));
     let runs = || crate::showing::format::counted(gallery.count() as u64, "run");
     let shows = || format!("shows {} until Ctrl-C; it only reads, and ends no run", runs());
     let plays = |player: &Player| format!("{} plays until Ctrl-C, on the CPU", player.policy().display());
     terminal::note(&player.as_ref().map_or_else(shows, plays));
-    if args.open {
-        open_browser(&place);
-    }
-    serve_until_interrupted(listener, Arc::new(gallery), settings, player)
+    let page = if args.open { open_browser(&place) } else { None };
+    serve_until_interrupted(listener, Arc::new(gallery), settings, player, page)
 }
 
 /// The runs that are shown, and those that the page opens with.
@@ -122,6 +127,7 @@ fn serve_until_interrupted(
     runs: Arc<dyn Runs>,
     settings: Settings,
     mut player: Option<Player>,
+    page: Option<TempPath>,
 ) -> Result<()> {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
     let served = runtime.block_on(async {
@@ -137,6 +143,7 @@ fn serve_until_interrupted(
         let served = tokio::select! {
             served = serve(listener, runs, settings, end) => served.map_err(Into::into),
             failed = played(player.as_mut()) => failed,
+            never = keep(page) => match never {},
         };
         let stopped = match &mut player {
             Some(player) => player.stop().await,
@@ -157,6 +164,13 @@ async fn played(player: Option<&mut Player>) -> Result<()> {
     }
 }
 
+/// Keeps the file that a browser was given until it has opened the page.
+async fn keep(page: Option<TempPath>) -> Infallible {
+    tokio::time::sleep(OPENING).await;
+    drop(page);
+    std::future::pending().await
+}
+
 fn listen(args: &ViewArgs) -> Result<TcpListener> {
     let ports = args.port.map_or(PORT..=PORT + PORTS, |port| port..=port);
     let (first, mut last_error) = (*ports.start(), None);
@@ -175,7 +189,6 @@ fn listen(args: &ViewArgs) -> Result<TcpListener> {
 
 /// What others cannot guess: 128 bits of the kernel's, as hex digits.
 fn token() -> Result<String> {
-    use std::io::Read;
     let mut bytes = [0u8; 16];
     std::fs::File::open("/dev/urandom").and_then(|mut file| file.read_exact(&mut bytes)).context("/dev/urandom")?;
     Ok(format!("{:032x}", u128::from_be_bytes(bytes)))
@@ -183,8 +196,7 @@ fn token() -> Result<String> {
 
 /// The token in a file, which is made if it is not there.
 fn token_in(path: &Path) -> Result<String> {
-    use std::io::Write;
-    use std::os::unix::fs::OpenOptionsExt;
+    use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
     let text = match proto::bounded::read_text(path) {
         Ok(text) => text,
         Err(_) if !path.exists() => {
@@ -197,6 +209,8 @@ fn token_in(path: &Path) -> Result<String> {
         }
         Err(error) => return Err(error).with_context(|| path.display().to_string()),
     };
+    let shown = std::fs::metadata(path).is_ok_and(|file| file.mode() & 0o007 != 0);
+    ensure!(!shown, "every user of this machine may use the token in {0}: chmod 600 {0}", path.display());
     let text = text.trim();
     let is_plain = text.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-_".contains(&byte));
     ensure!(
@@ -208,20 +222,35 @@ fn token_in(path: &Path) -> Result<String> {
 }
 
 /// The address that a browser opens.
-fn link(address: SocketAddr, token: Option<&str>) -> String {
+///
+/// Browsers do not send what stands behind `#`. So no log has the token, and the page takes it out of the address.
+fn link(address: SocketAddr, token: &str) -> String {
     let host =
         if address.ip().is_unspecified() { format!("{}:{}", host_name(), address.port()) } else { address.to_string() };
-    let token = token.map_or_else(String::new, |token| format!("?token={token}"));
-    format!("http://{host}/{token}")
+    format!("http://{host}/#token={token}")
 }
 
-/// A browser that is not there is no failure: the address was printed.
-fn open_browser(place: &str) {
-    let mut command = std::process::Command::new("xdg-open");
-    command.arg(place).stdin(std::process::Stdio::null()).stdout(std::process::Stdio::null());
-    if let Err(error) = command.stderr(std::process::Stdio::null()).spawn() {
-        terminal::note(&format!("cannot open a browser (xdg-open: {error}): open the address above"));
-    }
+/// Opens the page in a browser, by a file that leads there: command lines, which hold its name, can be read by every
+/// user. A browser that is not there is no failure: the address was printed.
+fn open_browser(place: &str) -> Option<TempPath> {
+    let opened = page_that_leads_to(place).and_then(|page| {
+        let mut command = Command::new("xdg-open");
+        command.arg(&page).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+        command.spawn().map(|_| page)
+    });
+    let said = |error| terminal::note(&format!("cannot open a browser by xdg-open ({error}): open the address above"));
+    opened.map_err(said).ok()
+}
+
+/// A file for this user alone, in the home folder: a browser in a sandbox (snap) sees neither /tmp nor hidden folders.
+fn page_that_leads_to(place: &str) -> std::io::Result<TempPath> {
+    let folder = std::env::home_dir().unwrap_or_else(std::env::temp_dir);
+    let mut page = tempfile::Builder::new().prefix("stillroom-view-").suffix(".html").tempfile_in(folder)?;
+    writeln!(
+        page,
+        "<!doctype html><meta http-equiv=\"refresh\" content=\"0; url={place}\"><a href=\"{place}\">Stillroom</a>"
+    )?;
+    Ok(page.into_temp_path())
 }
 
 #[cfg(test)]
@@ -231,9 +260,9 @@ mod tests {
     #[test]
     fn the_address_holds_the_token_and_a_name_that_can_be_opened() {
         let loopback: SocketAddr = "127.0.0.1:8765".parse().unwrap();
-        assert_eq!(link(loopback, None), "http://127.0.0.1:8765/");
+        assert_eq!(link(loopback, "ab"), "http://127.0.0.1:8765/#token=ab");
         let all: SocketAddr = "0.0.0.0:80".parse().unwrap();
-        assert_eq!(link(all, Some("ab")), format!("http://{}:80/?token=ab", host_name()));
+        assert_eq!(link(all, "ab"), format!("http://{}:80/#token=ab", host_name()));
         let (one, other) = (token().unwrap(), token().unwrap());
         assert!(one.len() == 32 && one != other);
     }
@@ -250,5 +279,8 @@ mod tests {
             std::fs::write(&path, weak).unwrap();
             assert!(token_in(&path).unwrap_err().to_string().contains("holds no token"), "{weak}");
         }
+        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o644)).unwrap();
+        let refused = token_in(&path).unwrap_err().to_string();
+        assert!(refused.contains("every user") && refused.contains("chmod 600"), "{refused}");
     }
 }

@@ -91,7 +91,7 @@ fn the_report_s_page_is_whole(workshop: &Workshop, browser: &mut Browser) {
 
 fn side_by_side(workshop: &Workshop, browser: &mut Browser) {
     let viewer = Viewer::start(workshop, &["--compare", "before", "after"]);
-    browser.open(&format!("http://{}/", viewer.address));
+    browser.open(&viewer.page());
     browser.wait_for("document.querySelectorAll('.twins canvas.orbit').length === 2");
     let last = browser.value("document.querySelector('input[type=range]').max");
     let last: u32 = last.as_str().and_then(|last| last.parse().ok()).expect("a number");

@@ -46,7 +46,7 @@ fn a_run_is_live_in_foxglove_with_the_topics_of_its_recordings() {
     let run = workshop.run("runs/live");
     let learner = run.wait_until_held("--rank 0 ");
     wait_until("it is in the list", || viewer.json("/api/runs").as_array().is_some_and(|runs| !runs.is_empty()));
-    let mut foxglove = Foxglove::connect(&viewer.address, "/foxglove/live", "").expect("a WebSocket");
+    let mut foxglove = Foxglove::connect(&viewer.address, "/foxglove/live", &viewer.token).expect("a WebSocket");
     let topics =
         ["/step", "/learner/metrics", "/watch/scene", "/watch/tf", "/watch/depth/image", "/watch/depth/points"];
     let kinds: BTreeMap<&str, MessageDescriptor> =
@@ -85,14 +85,14 @@ fn a_run_is_live_in_foxglove_with_the_topics_of_its_recordings() {
     assert!(RecordedSteps::of(&run).messages >= FRAMES);
     drop(foxglove);
 
-    // One that ended is shown, too; `/foxglove` means the newest. Pages of others are not answered.
-    let mut foxglove = Foxglove::connect(&viewer.address, "/foxglove?watch=1-1", "").expect("a WebSocket");
+    // One that ended is shown, too; `/foxglove` means the newest. Who has no token is not answered.
+    let mut foxglove = Foxglove::connect(&viewer.address, "/foxglove?watch=1-1", &viewer.token).expect("a WebSocket");
     let kind = descriptor(&mut foxglove, "/watch/scene");
     assert!(list_length(&decode(&kind, &foxglove.message().2), "entities") > 50);
-    let refused = |path: &str, headers: &str| Foxglove::connect(&viewer.address, path, headers).err();
-    assert_eq!(refused("/foxglove/none", ""), Some(404));
-    assert_eq!(refused("/foxglove?watch=kitchen", ""), Some(400));
-    assert_eq!(refused("/foxglove", "Origin: https://evil.example\r\n"), Some(403));
+    let refused = |path: &str, token: &str| Foxglove::connect(&viewer.address, path, token).err();
+    assert_eq!(refused("/foxglove/none", &viewer.token), Some(404));
+    assert_eq!(refused("/foxglove?watch=kitchen", &viewer.token), Some(400));
+    assert_eq!(refused("/foxglove", ""), Some(401));
     assert_eq!(viewer.get("/foxglove").status, 400, "no WebSocket was asked for");
 }
 

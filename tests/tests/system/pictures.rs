@@ -18,7 +18,7 @@ fn the_pictures_of_the_documents_are_made_where_they_are_asked_for() {
     let viewer = Viewer::start(&workshop, &[run.to_str().expect("a name that is text")]);
     browser.keep_downloads_in(&workshop.path(""));
     browser.resize(1280, 960);
-    browser.open(&format!("http://{}/", viewer.address));
+    browser.open(&viewer.page());
     browser.wait_for("Number(document.querySelector('[data-figure=\"episode/success\"]')?.dataset.points) > 1");
     browser.wait_for("document.querySelectorAll('.depths canvas[data-step]').length > 0");
     keep(&mut browser, &folder, "view.png");

@@ -99,7 +99,7 @@ fn a_policy_plays_on_the_page_and_leaves_nothing_behind() {
     assert!([&first, &second].iter().all(|frame| frame.status == 200 && frame.body.starts_with(b"\x89PNG")));
     wait_until("episodes are counted", || viewer.json(&format!("/api/runs/{run}"))["card"]["done"] != 0);
     if let Some(mut browser) = Browser::start() {
-        browser.open(&format!("http://{}/", viewer.address));
+        browser.open(&viewer.page());
         browser.wait_for("location.hash === '#/play' && document.querySelector('canvas.orbit')?.dataset.step > 1");
         browser.wait_for("document.querySelector('canvas.depth')?.dataset.step > 1");
         if let Some(folder) = std::env::var_os("STILLROOM_SCREENSHOTS") {

@@ -4,7 +4,6 @@
 use proto::run_folder::RunFolder;
 use std::io::{Read, Write};
 use std::net::TcpStream;
-use std::os::unix::fs::PermissionsExt;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::time::Duration;
 use system_tests::{Browser, Viewer, Workshop, complete, finish, start, wait_until};
@@ -17,24 +16,17 @@ const CLIENTS: usize = 100;
 #[test]
 fn a_run_opens_its_page_in_a_browser_and_the_viewer_ends_with_it() {
     let workshop = Workshop::new();
-    // What a desktop opens addresses with, which here notes the address.
-    let opener = workshop.path("bin/xdg-open");
-    std::fs::create_dir(workshop.path("bin")).expect("a folder");
-    std::fs::write(&opener, "#!/bin/sh\nprintf %s \"$1\" >\"$0.new\" && mv \"$0.new\" \"$0.asked\"\n")
-        .expect("a program");
-    std::fs::set_permissions(&opener, std::fs::Permissions::from_mode(0o755)).expect("a file of ours");
-    let path = std::env::var("PATH").unwrap_or_default();
     let mut command = workshop.up("runs/seen", ACTORS, ENVIRONMENTS, 1_000_000);
-    command.arg("--view").env("PATH", format!("{}:{path}", workshop.path("bin").display()));
+    let asked = workshop.with_desktop(command.arg("--view"));
     let child = start(command);
-    let asked = workshop.path("bin/xdg-open.asked");
     wait_until("a browser is asked to open the page", || asked.exists());
-    let address = std::fs::read_to_string(asked).expect("an address");
-    let host = address.trim_start_matches("http://").trim_end_matches('/').to_owned();
-    assert!(TcpStream::connect(&host).is_ok(), "{address}");
+    let page = std::fs::read_to_string(&asked).expect("a page that leads to the viewer's");
+    let host =
+        page.split_once("url=http://").and_then(|(_, place)| place.split_once("/#token=")).expect("an address").0;
+    assert!(TcpStream::connect(host).is_ok(), "{page}");
 
     if let Some(mut browser) = Browser::start() {
-        browser.open(&address);
+        browser.open(&format!("file://{}", asked.display()));
         browser.wait_for("document.querySelector('h1')?.textContent === 'seen'");
         browser.wait_for("document.querySelector('.state.running')");
         let points = "Number(document.querySelector('[data-figure=\"frames_per_s\"]')?.dataset.points ?? 0)";
@@ -52,11 +44,11 @@ fn a_run_opens_its_page_in_a_browser_and_the_viewer_ends_with_it() {
     let stopped = complete(workshop.orchestrator(&["stop", "runs/seen"]));
     assert!(stopped.success, "{}", stopped.stderr);
     assert!(finish(child).success, "the run was saved");
-    wait_until("the viewer has ended with its run", || TcpStream::connect(&host).is_err());
+    wait_until("the viewer has ended with its run", || TcpStream::connect(host).is_err());
 }
 
 /// Requests that are asked again and again: honest ones, wrong ones, large ones, hostile ones.
-fn requests() -> Vec<String> {
+fn requests(token: &str) -> Vec<String> {
     let long = "x".repeat(60_000);
     let mut paths: Vec<String> = [
         "/",
@@ -88,12 +80,14 @@ fn requests() -> Vec<String> {
     .into();
     paths.push(format!("/api/runs/watched/episodes?target={long}"));
     paths.push(format!("/{}", "a/".repeat(20_000)));
-    let get = |path: &String| format!("GET {path} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n");
+    let token = format!("Host: 127.0.0.1\r\nAuthorization: Bearer {token}\r\n");
+    let get = |path: &String| format!("GET {path} HTTP/1.1\r\n{token}Connection: close\r\n\r\n");
     let mut all: Vec<String> = paths.iter().map(get).collect();
+    all.push("GET /api/runs HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".to_owned());
     all.extend([
         "GET http://evil.example/api/runs HTTP/1.1\r\nHost: evil.example\r\n\r\n".to_owned(),
-        "POST /api/runs HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 999999999\r\n\r\n".to_owned(),
-        format!("POST / HTTP/1.1\r\nHost: 127.0.0.1\r\nTransfer-Encoding: chunked\r\n\r\nffffffff\r\n{long}"),
+        format!("POST /api/runs HTTP/1.1\r\n{token}Content-Length: 999999999\r\n\r\n"),
+        format!("POST / HTTP/1.1\r\n{token}Transfer-Encoding: chunked\r\n\r\nffffffff\r\n{long}"),
         "PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n".to_owned(),
         "\u{16}\u{3}\u{1} not a request".to_owned(),
     ]);
@@ -101,13 +95,13 @@ fn requests() -> Vec<String> {
 }
 
 /// Sends what a client of this number sends, in turns, until `over`: some read no answer, some are slow.
-fn pester(address: &str, number: usize, requests: &[String], over: &AtomicBool, answers: &AtomicU32) {
+fn pester(viewer: &Viewer, number: usize, requests: &[String], over: &AtomicBool, answers: &AtomicU32) {
     for turn in 0.. {
         if over.load(Ordering::SeqCst) {
             return;
         }
         let request = &requests[(number + 7 * turn) % requests.len()];
-        let Ok(mut stream) = TcpStream::connect(address) else {
+        let Ok(mut stream) = TcpStream::connect(&viewer.address) else {
             std::thread::sleep(Duration::from_millis(50));
             continue;
         };
@@ -124,7 +118,7 @@ fn pester(address: &str, number: usize, requests: &[String], over: &AtomicBool, 
             }
             // Follows the run, reads nothing, and hangs up after a while.
             1 => {
-                let follow = "GET /api/runs/watched/live HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n";
+                let follow = format!("GET /api/runs/watched/live?token={} HTTP/1.1\r\n\r\n", viewer.token);
                 let _ = stream.write_all(follow.as_bytes());
                 std::thread::sleep(Duration::from_millis(1500));
             }
@@ -150,11 +144,11 @@ fn a_hundred_clients_that_mean_no_good_neither_end_a_run_nor_change_it() {
     let child = start(workshop.up("runs/watched", ACTORS, ENVIRONMENTS, FRAMES));
     let identity = RunFolder::new(workshop.path("runs/watched")).identity();
     wait_until("the run has a folder", || identity.exists());
-    let (over, answers, requests) = (AtomicBool::new(false), AtomicU32::new(0), requests());
+    let (over, answers, requests) = (AtomicBool::new(false), AtomicU32::new(0), requests(&viewer.token));
     let printed = std::thread::scope(|scope| {
         for number in 0..CLIENTS {
-            let (address, requests, over, answers) = (&viewer.address, &requests, &over, &answers);
-            scope.spawn(move || pester(address, number, requests, over, answers));
+            let (viewer, requests, over, answers) = (&viewer, &requests, &over, &answers);
+            scope.spawn(move || pester(viewer, number, requests, over, answers));
         }
         let printed = finish(child);
         over.store(true, Ordering::SeqCst);

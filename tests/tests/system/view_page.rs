@@ -59,6 +59,17 @@ fn a_run_is_watched_and_an_episode_is_looked_at() {
     std::fs::create_dir(workshop.path("runs")).expect("a folder");
     let viewer = Viewer::start(&workshop, &[]);
     browser.open(&format!("http://{}/", viewer.address));
+    browser.wait_for("document.body.innerText.includes('run it again and open the one that it prints')");
+    assert!(
+        browser.complaints.drain(..).all(|complaint| complaint.contains("401")),
+        "the page is for who has the token"
+    );
+    // The address of a viewer is put in where a page of it is open; it is reloaded without the token.
+    for address in [viewer.page(), format!("http://{}/", viewer.address)] {
+        browser.open(&address);
+        browser.wait_for("document.body.innerText.includes('No run yet')");
+        assert_eq!(browser.value("location.href.includes('token') || document.cookie !== ''"), false);
+    }
     browser.wait_for("document.body.innerText.includes('No run yet')");
     let child = start(workshop.up("runs/watched", ACTORS, ENVIRONMENTS, FRAMES[0]));
     browser.wait_for("document.querySelector('a[href=\"#/run/watched\"]')");
