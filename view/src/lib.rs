@@ -9,7 +9,7 @@
 //! feed       what is new of a run, message by message
 //! foxglove   that, to Foxglove over a WebSocket
 //! serve      listens; bounds on connections, headers and time
-//! guard      who is answered: loopback and addresses, tokens, no foreign pages
+//! guard      who is answered: who has the token
 //! routes     addresses to answers
 //! readings   readings of runs, few at a time
 //! answer     answers as JSON, and refusals
