@@ -64,6 +64,9 @@ pub struct Card {
     pub disturbance_m: Option<f64>,
     /// Time left, seconds, of one that runs.
     pub left_s: Option<f64>,
+    /// What of it is not read, if something is not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
     /// Why it cannot be read, if it cannot.
     pub problem: Option<String>,
 }

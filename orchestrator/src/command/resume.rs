@@ -142,14 +142,14 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
 /// rollout, so there was one.
 fn frames_of_checkpoint(folder: &RunFolder) -> Result<u64> {
     let has_trained = std::fs::metadata(folder.metrics()).is_ok_and(|metrics| metrics.len() > 0);
-    match newest_whole(&folder.checkpoints(), folder.id().as_deref()) {
+    match newest_whole(folder, &folder.checkpoints()) {
         Err(error) if has_trained => bail!(
             "this run has trained, but {error:#}, and without one all that it has learned is gone: put that folder back \
              from a copy, or begin anew with `orchestrator up --config {}` and another folder",
             quoted(folder.config())
         ),
         Err(_) => Ok(0),
-        Ok((manifest, _)) => Ok(read_manifest(&manifest)?.frames),
+        Ok((manifest, _)) => Ok(read_manifest(folder, &manifest)?.frames),
     }
 }
 

@@ -108,7 +108,7 @@ pub enum Held {
 /// Who holds the run in `folder` now.
 pub fn holder(folder: &RunFolder) -> Result<Held> {
     let path = folder.orchestrator_lock();
-    let file = match open_plain(&path, OpenOptions::new().read(true)) {
+    let file = match folder.open(&path) {
         Ok(file) => file,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Held::Free),
         Err(error) => return Err(error).with_context(|| path.display().to_string()),
