@@ -17,7 +17,7 @@ pub const TABLE_BYTES_MOST: u64 = 256 << 20;
 /// The figures of a run, about a kilobyte a rollout: a million rollouts.
 pub const FIGURES_BYTES_MOST: u64 = 1 << 30;
 /// A line of any of them.
-pub const LINE_BYTES_MOST: u64 = 1 << 20;
+pub(crate) const LINE_BYTES_MOST: u64 = 1 << 20;
 /// What a folder holds: recordings, logs, checkpoints.
 pub(crate) const ENTRIES_MOST: usize = 100_000;
 

@@ -30,8 +30,8 @@ use std::path::PathBuf;
 /// Says also what keeps a run from going on: processes that are stopped, and how long ago the last rollout was trained
 /// if that is unusually long.
 ///
-/// Wall time is counted from the beginning of each start to its end, not in between; a start that was killed counts
-/// until the last rollout that it trained.
+/// Wall time is counted from the beginning of each start to its end, not in between, by a clock that nobody sets; a start
+/// that was killed counts until the last rollout that it trained.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator status runs/20261121-020423-demo-1

@@ -24,6 +24,7 @@ use crate::showing::format;
 use proto::run_folder::{Item, RunFolder};
 use reader::RecordingError;
 use serde::Serialize;
+use std::fs::TryLockError;
 use std::path::{Path, PathBuf};
 
 /// The recordings meant by `path`: a file itself; of a run folder or a folder of recordings, all segments in order. Of a
@@ -65,6 +66,11 @@ fn files_in(run: &RunFolder) -> Result<Vec<Item>, RecordingError> {
     Ok(files)
 }
 
+/// Whether a recorder writes this file of a run folder at this moment.
+fn is_growing(folder: &RunFolder, path: &Path) -> bool {
+    folder.open(path).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
+}
+
 /// The state of a run's recordings.
 #[derive(Debug, PartialEq, Eq, Serialize)]
 pub struct Recordings {
@@ -86,7 +92,7 @@ impl Recordings {
         let newest = files.iter().rfind(|file| file.path.starts_with(folder.recordings())).or(files.last())?;
         let newest = newest.path.clone();
         let bytes = files.iter().map(|file| file.bytes).sum();
-        let being_written = shelf::is_growing(folder, &newest);
+        let being_written = is_growing(folder, &newest);
         Some(Self { files: files.len(), bytes, newest, being_written })
     }
 

@@ -22,7 +22,7 @@ use proto::run_folder::{Item, RunFolder};
 use proto::shell::quoted;
 use salvage::FileSource;
 use std::collections::{BTreeMap, HashMap, VecDeque};
-use std::fs::{File, TryLockError};
+use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -321,7 +321,9 @@ impl Shelf {
         if volume.config.is_none() {
             match config_of(&self.folder, &volume.path) {
                 Ok(config) => volume.config = Some(config),
-                Err(_) if volume.offset >= volume.length || is_growing(&self.folder, &volume.path) => return false,
+                Err(_) if volume.offset >= volume.length || super::is_growing(&self.folder, &volume.path) => {
+                    return false;
+                }
                 Err(error) => {
                     volume.given_up = true;
                     self.note(error.to_string());
@@ -342,7 +344,7 @@ impl Shelf {
         };
         let Some(contents) = read else {
             // A flush that is seen half is whole a moment later.
-            if !is_growing(&self.folder, &volume.path) {
+            if !super::is_growing(&self.folder, &volume.path) {
                 volume.given_up = true;
                 let note = format!(
                     "{} is damaged after {} bytes: the table has what comes before, `orchestrator recover {}` saves the \
@@ -532,11 +534,6 @@ fn config_of(folder: &RunFolder, path: &Path) -> Result<(String, Kitchens), Reco
         |cause: toml::de::Error| RecordingError::Foreign { path: path.to_path_buf(), problem: cause.to_string() };
     let kitchens = toml::from_str::<Config>(&text).map_err(problem)?.kitchens();
     Ok((text, kitchens))
-}
-
-/// Whether a recorder writes it at this moment.
-pub(super) fn is_growing(folder: &RunFolder, path: &Path) -> bool {
-    folder.open(path).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }
 
 /// The record at this offset of a file of this length.

@@ -14,13 +14,18 @@ pub fn read_manifest(folder: &RunFolder, path: &Path) -> Result<Manifest> {
     Manifest::read_in(folder, path).map_err(|error| anyhow!("{} {error}", path.display()))
 }
 
-/// The newest checkpoint of a run whose manifest can be read. Its tensors may be damaged, which is not looked at: for a
-/// look at a run that somebody works on.
-pub fn newest_readable(folder: &RunFolder) -> Result<Option<Manifest>> {
-    let run = folder.id();
-    let read = |path: PathBuf| Manifest::read_in(folder, &path).ok();
-    let is_ours = |manifest: &Manifest| run.as_ref().is_none_or(|run| !manifest.is_of_another(run));
-    Ok(manifests(folder, &folder.checkpoints())?.into_iter().filter_map(read).find(is_ours))
+/// The newest checkpoint of a run whose manifest can be read, and what is wrong with newer ones. Its tensors may be
+/// damaged, which is not looked at: for a look at a run that somebody works on.
+pub fn newest_readable(folder: &RunFolder) -> Result<(Option<Manifest>, Vec<anyhow::Error>)> {
+    let (run, mut damaged) = (folder.id(), Vec::new());
+    for path in manifests(folder, &folder.checkpoints())? {
+        match read_manifest(folder, &path) {
+            Ok(manifest) if run.as_ref().is_some_and(|run| manifest.is_of_another(run)) => {}
+            Ok(manifest) => return Ok((Some(manifest), damaged)),
+            Err(error) => damaged.push(error),
+        }
+    }
+    Ok((None, damaged))
 }
 
 /// The manifest of the newest whole checkpoint at this place in a run folder, and what is wrong with newer ones: as a
@@ -140,15 +145,16 @@ pub mod tests {
     fn the_newest_that_can_be_read_need_not_be_whole() {
         let temporary = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(temporary.path());
-        assert!(newest_readable(&folder).unwrap().is_none(), "there is no such folder");
+        assert!(newest_readable(&folder).unwrap().0.is_none(), "there is no such folder");
         std::fs::create_dir(folder.checkpoints()).unwrap();
-        assert!(newest_readable(&folder).unwrap().is_none());
+        assert!(newest_readable(&folder).unwrap().0.is_none());
         for rollout in [1, 12] {
             std::fs::write(folder.checkpoint_manifest(rollout), manifest(rollout, 100 * rollout)).unwrap();
         }
         std::fs::write(folder.checkpoint_manifest(13), "torn").unwrap();
         std::fs::write(folder.checkpoints().join(RolloutName::Tensors.of(1)), "tensors 1").unwrap();
-        assert_eq!(newest_readable(&folder).unwrap().unwrap().frames, 1200);
+        let (newest, damaged) = newest_readable(&folder).unwrap();
+        assert_eq!((newest.unwrap().frames, damaged.len()), (1200, 1));
         let (whole, damaged) = newest_whole(&folder, &folder.checkpoints()).unwrap();
         assert_eq!((whole, damaged.len()), (folder.checkpoint_manifest(1), 2));
     }

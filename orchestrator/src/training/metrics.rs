@@ -47,10 +47,8 @@ impl Figures {
     /// file that cannot be read is left out, and named.
     pub fn read(folder: &RunFolder, at_rest: bool) -> Self {
         let mut notes = Vec::new();
-        let newest = newest_readable(folder).unwrap_or_else(|error| {
-            notes.push(format!("{error:#}"));
-            None
-        });
+        let (newest, damaged) = newest_readable(folder).unwrap_or_else(|error| (None, vec![error]));
+        notes.extend(damaged.first().map(|error| format!("{error:#}")));
         let trained = newest.as_ref().map_or(0, |manifest| manifest.rollout);
         let file = read_file(folder).unwrap_or_else(|error| {
             notes.push(left_out("metrics.jsonl", &error));

@@ -167,7 +167,7 @@ impl TrainingRun {
 
     /// The processes of the start that begins.
     fn shape(&self) -> Result<Shape> {
-        let newest = newest_readable(&self.folder)?;
+        let (newest, _) = newest_readable(&self.folder)?;
         let (rollout, frames) = newest.map_or((0, 0), |manifest| (manifest.rollout, manifest.frames));
         let hosts = self.hosts();
         let (learners, actors) = (self.config.learner.count, self.config.actors.count);

@@ -31,6 +31,8 @@ const LIST_EVERY: Duration = Duration::from_secs(2);
 const LISTERS: usize = 4;
 /// Who asks about a run waits for this long: its folder can be anybody's, and its disk can hang.
 const PATIENCE: Duration = Duration::from_secs(5);
+/// Of that for those who asked before.
+const TURN: Duration = Duration::from_secs(3);
 
 /// Runs in folders. Each is read on a thread of its own, so that none waits for another.
 pub struct Gallery {
@@ -87,7 +89,7 @@ impl Desk {
             Problem::Unreadable(format!("{folder} is still being read: it is large, or its disk is slow"))
         };
         let watched = self.watched.lock().unwrap_or_else(PoisonError::into_inner);
-        let free = self.free.wait_timeout_while(watched, left(), |watched| watched.is_none());
+        let free = self.free.wait_timeout_while(watched, left().min(TURN), |watched| watched.is_none());
         let watched = free.unwrap_or_else(PoisonError::into_inner).0.take().ok_or_else(slow)?;
         let mut reading = Reading { desk: Arc::clone(self), watched: Some(watched) };
         let (sender, answer) = sync_channel(1);
@@ -236,5 +238,36 @@ impl Runs for Gallery {
         let found = self.entries().into_iter().find(|entry| entry.id == run);
         let entry = found.ok_or_else(|| Problem::NotThere(format!("there is no run called {run}")))?;
         Ok(Box::new(live::Recordings::of(entry.folder)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_that_is_read_for_ever_holds_up_no_other_and_comes_back() {
+        let root = tempfile::tempdir().unwrap();
+        for name in ["a", "b"] {
+            std::fs::create_dir(root.path().join(name)).unwrap();
+            std::fs::write(root.path().join(name).join("run.toml"), "").unwrap();
+        }
+        let gallery = Gallery::of(vec![root.path().to_owned()]);
+        let (sender, gate) = sync_channel::<()>(0);
+        let desk = gallery.desk(gallery.entries().remove(0));
+        let soon = || Instant::now() + Duration::from_millis(50);
+        let hangs = desk.ask(soon(), move |_| Ok(gate.recv().is_ok()));
+        assert!(hangs.unwrap_err().to_string().contains("is still being read"));
+        let began = Instant::now();
+        assert_eq!(gallery.with("b", |_| Ok(1)), Ok(1));
+        let problems: Vec<bool> =
+            gallery.list().into_iter().map(|card| card.problem.unwrap().contains("is still being read")).collect();
+        assert_eq!(problems, [true, false], "an empty run.toml is read, and is none");
+        assert!(began.elapsed() < PATIENCE, "{:?}", began.elapsed());
+        sender.send(()).unwrap();
+        assert_eq!(gallery.with("a", |_| Ok(2)), Ok(2));
+        let panics = desk.ask(Instant::now() + PATIENCE, |_| -> anyhow::Result<()> { panic!("a planted fault") });
+        assert!(panics.is_err());
+        assert_eq!(gallery.with("a", |_| Ok(3)), Ok(3), "it is read anew after that");
     }
 }

@@ -25,7 +25,7 @@ const CALLS: [&[&str]; 11] = [
 ];
 
 /// Files and folders of sources that open something else, and what.
-const OTHERS: [(&str, &str); 38] = [
+const OTHERS: [(&str, &str); 39] = [
     ("orchestrator/src/preflight/", "the machine, and libtorch"),
     ("orchestrator/src/run/process_state.rs", "/proc"),
     ("orchestrator/src/run/signal.rs", "/proc"),
@@ -62,6 +62,7 @@ const OTHERS: [(&str, &str); 38] = [
     ("orchestrator/src/run/unfinished.rs", "a folder that is to be empty"),
     ("orchestrator/src/reporting/files.rs", "the folder that the report writes"),
     ("orchestrator/src/suite/", "a suite's folder, which the suite writes"),
+    ("learner/src/bench/", "a run of its own in the temporary folder"),
     ("orchestrator/src/tuning/trial.rs", "a run of its own in the temporary folder"),
     ("orchestrator/src/command/play.rs", "a run of its own in the temporary folder"),
 ];
