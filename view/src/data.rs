@@ -234,8 +234,8 @@ pub struct Curves {
     pub frames: Vec<u64>,
     /// Stage of each.
     pub stage: Vec<u32>,
-    /// When, seconds since 1970.
-    pub at: Vec<u64>,
+    /// Wall time of all starts until then, seconds.
+    pub elapsed_s: Vec<f64>,
     /// Figures by name; null where there is none.
     pub series: BTreeMap<String, Vec<Option<f32>>>,
     /// Name and first frame of each stage.

@@ -35,6 +35,19 @@ pub fn signs_of_life(history: &History) -> BTreeMap<u32, Sign> {
     seen
 }
 
+/// Wall time of all starts until each rollout, seconds. Where a line says none, its rollout's own time is added.
+pub fn elapsed_s(history: &History) -> impl Iterator<Item = f64> {
+    let (mut start, mut before_s, mut now_s) = (0, 0.0, 0.0_f64);
+    history.iter().map(move |trained| {
+        if std::mem::replace(&mut start, trained.incarnation) != trained.incarnation {
+            before_s = now_s;
+        }
+        let added = now_s + trained.timing.total_s();
+        now_s = trained.wall_s.map_or(added, |wall_s| now_s.max(before_s + wall_s));
+        now_s
+    })
+}
+
 /// For how long a start has run that runs now, seconds. `seen`: its last sign of life.
 fn running_s(start: &Incarnation, seen: Option<Sign>) -> f64 {
     let since = |unix_s: u64| unix_now().saturating_sub(unix_s) as f64;
@@ -169,6 +182,16 @@ mod tests {
         (last.rollout, last.wall_s, last.at_unix_s) = (5, None, 3);
         history.insert(last);
         assert_eq!(signs_of_life(&history), seen(&[(1, 8, Some(8.0))]));
+    }
+
+    #[test]
+    fn the_time_until_a_rollout_goes_on_from_start_to_start() {
+        let mut history = crate::training::means::tests::history(3);
+        for (rollout, wall_s) in [(3, Some(1.5)), (4, None)] {
+            let last = history.iter().next_back().unwrap().clone();
+            history.insert(proto::trained::Trained { rollout, wall_s, incarnation: 2, at_unix_s: 0, ..last });
+        }
+        assert_eq!(elapsed_s(&history).collect::<Vec<_>>(), [0.0, 2.0, 4.0, 5.5, 7.5]);
     }
 
     #[test]

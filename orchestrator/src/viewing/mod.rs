@@ -14,6 +14,7 @@ mod tail;
 mod watched;
 
 use proto::replay::{RecordedEpisode, ReplaySetup};
+use proto::run_folder::RunFolder;
 use roster::{Entry, Roster};
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -136,8 +137,10 @@ impl Gallery {
     /// Names of those of these folders that are runs, in their order.
     pub fn names_of(&self, folders: &[PathBuf]) -> Vec<String> {
         let entries = self.entries();
-        let name =
-            |folder: &PathBuf| entries.iter().find(|entry| entry.folder.root() == folder).map(|entry| entry.id.clone());
+        let name = |folder: &PathBuf| {
+            let folder = RunFolder::new(folder);
+            entries.iter().find(|entry| entry.folder == folder).map(|entry| entry.id.clone())
+        };
         folders.iter().filter_map(name).collect()
     }
 

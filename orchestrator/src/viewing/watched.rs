@@ -18,7 +18,7 @@ use crate::training::means::{by_stage, recent};
 use crate::training::metrics::left_out;
 use crate::training::scores::{Scores, result_folder};
 use crate::training::summary::Summary;
-use crate::training::wall::{Wall, signs_of_life};
+use crate::training::wall::{Wall, elapsed_s, signs_of_life};
 use anyhow::{Context, Result};
 use proto::bounded::{FIGURES_BYTES_MOST, TABLE_BYTES_MOST};
 use proto::config::Config;
@@ -280,6 +280,7 @@ impl Watched {
             from,
             stages: stages.collect(),
             paper: report::level_of(&config),
+            elapsed_s: elapsed_s(&self.history).skip(from).collect(),
             ..Curves::default()
         };
         let mut before = self.history.iter().take(from).last().map_or(0, |trained| trained.frames);
@@ -294,7 +295,6 @@ impl Watched {
         for trained in told {
             curves.frames.push(trained.frames);
             curves.stage.push(trained.stage);
-            curves.at.push(trained.at_unix_s);
             let total_s = trained.timing.total_s();
             let frames = trained.frames.saturating_sub(before) as f64;
             rates.push((total_s > 0.0).then_some((frames / total_s) as f32));
