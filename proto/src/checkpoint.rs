@@ -4,7 +4,6 @@
 use crate::bounded;
 use crate::config::CarriedGoal;
 use crate::digest::sha256;
-use crate::disk::Disk;
 use crate::run_folder::RunFolder;
 use crate::trained::History;
 use serde::{Deserialize, Serialize};
@@ -186,7 +185,12 @@ impl Manifest {
 
     /// Reads and verifies a file that [`Manifest::seal`] made. Whether the tensors are whole is another question.
     pub fn read(path: &Path) -> Result<Self, ManifestError> {
-        Self::open(&bounded::read(path, bounded::TEXT_BYTES_MOST)?)
+        Self::read_in(&RunFolder::new(path.parent().unwrap_or(Path::new(""))), path)
+    }
+
+    /// The same of one in a run folder.
+    pub fn read_in(run: &RunFolder, path: &Path) -> Result<Self, ManifestError> {
+        Self::open(&run.read(path, bounded::TEXT_BYTES_MOST)?)
     }
 
     /// Reads and verifies what [`Manifest::seal`] wrote.
@@ -207,14 +211,18 @@ impl Manifest {
         !self.run.is_empty() && self.run != run
     }
 
-    /// The figures of all rollouts before this checkpoint of a run; none where an older version wrote it.
-    pub fn figures<D: Disk>(&self, disk: &D, run: &RunFolder) -> Result<Option<History>, FiguresError> {
+    /// The figures of all rollouts before this checkpoint of a run, whose file `read` reads; none where an older version
+    /// wrote it.
+    pub fn figures(
+        &self,
+        run: &RunFolder,
+        read: impl FnOnce(&Path, u64) -> std::io::Result<Vec<u8>>,
+    ) -> Result<Option<History>, FiguresError> {
         if self.figures_sha256.is_empty() {
             return Ok(None);
         }
         let path = run.checkpoint_figures(self.rollout);
-        let bytes = disk
-            .read(&path)
+        let bytes = read(&path, bounded::FIGURES_BYTES_MOST)
             .map_err(|cause| FiguresError { path: path.clone(), problem: format!("cannot be read: {cause}") })?;
         if sha256(&bytes) != self.figures_sha256 {
             return Err(FiguresError { path, problem: "does not match the checksum in its manifest".to_owned() });

@@ -29,18 +29,18 @@ pub trait Disk: Debug {
     fn rename(&self, from: &Path, to: &Path) -> Result<()>;
     /// Removes a file.
     fn remove(&self, path: &Path) -> Result<()>;
-    /// A whole file.
-    fn read(&self, path: &Path) -> Result<Vec<u8>>;
+    /// A whole plain file that has `most` bytes at most.
+    fn read(&self, path: &Path, most: u64) -> Result<Vec<u8>>;
     /// Size of a file, bytes.
     fn size(&self, path: &Path) -> Result<u64>;
     /// What is in a folder, in any order.
     fn list(&self, folder: &Path) -> Result<Vec<PathBuf>>;
 }
 
-/// A file that is read as a whole, bytes: the tensors of the largest network with the most environments have a tenth.
-const FILE_BYTES_MOST: u64 = 64 << 30;
+/// The tensors of a checkpoint, bytes: those of the largest network with the most environments have a tenth.
+pub const TENSORS_BYTES_MOST: u64 = 64 << 30;
 
-/// The machine's file system. What it reads must be an ordinary file.
+/// The machine's file system.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct LocalDisk;
 
@@ -79,12 +79,12 @@ impl Disk for LocalDisk {
         std::fs::remove_file(path)
     }
 
-    fn read(&self, path: &Path) -> Result<Vec<u8>> {
-        bounded::read(path, FILE_BYTES_MOST)
+    fn read(&self, path: &Path, most: u64) -> Result<Vec<u8>> {
+        bounded::content(self.open(path)?, most)
     }
 
     fn size(&self, path: &Path) -> Result<u64> {
-        Ok(std::fs::metadata(path)?.len())
+        Ok(self.open(path)?.metadata()?.len())
     }
 
     fn list(&self, folder: &Path) -> Result<Vec<PathBuf>> {

@@ -1,5 +1,6 @@
 //! Figures by name, small in memory: many rollouts have the same names, and keep them once.
 
+use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -10,6 +11,9 @@ pub struct Figures {
     names: Names,
     values: Box<[f64]>,
 }
+
+/// A rollout has a few dozen.
+const NAMES_MOST: usize = 512;
 
 /// Names of figures, sorted.
 type Names = Arc<[String]>;
@@ -52,7 +56,9 @@ impl Serialize for Figures {
 
 impl<'de> Deserialize<'de> for Figures {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        BTreeMap::deserialize(deserializer).map(Self::from)
+        let map = BTreeMap::deserialize(deserializer)?;
+        let is_plausible = map.len() <= NAMES_MOST;
+        is_plausible.then(|| Self::from(map)).ok_or_else(|| Error::custom("no rollout has so many figures"))
     }
 }
 

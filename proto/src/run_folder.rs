@@ -27,7 +27,14 @@
 use crate::bounded;
 use crate::disk::{Disk, LocalDisk};
 use crate::fault;
+use crate::plain_file::{open_below, open_folder_below};
+use rustix::fs::{AtFlags, FileType};
 use serde::Deserialize;
+use std::cmp::Ordering;
+use std::ffi::OsStr;
+use std::fs::File;
+use std::io::{BufReader, Error, ErrorKind, Result, Take};
+use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 
 /// The same path, as `./-x` where it begins with a dash: no program that is given it takes it for a flag.
@@ -36,21 +43,97 @@ pub fn unlike_a_flag(path: impl Into<PathBuf>) -> PathBuf {
     if path.as_os_str().as_encoded_bytes().starts_with(b"-") { Path::new(".").join(path) } else { path }
 }
 
-/// A run folder, existing or about to be created.
+/// A run folder, existing or about to be created. It may be somebody else's: what is in it is read by its methods.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RunFolder {
     root: PathBuf,
+    /// What of the root the user named. On the way there links are followed, and none below it.
+    named: PathBuf,
+}
+
+/// A file or a folder in a run folder.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Item {
+    /// Its path, with the folder's.
+    pub path: PathBuf,
+    /// A folder, not a link to one.
+    pub is_folder: bool,
+    /// Size, if it is a file.
+    pub bytes: u64,
 }
 
 impl RunFolder {
     /// The folder at `root`.
     pub fn new(root: impl Into<PathBuf>) -> Self {
-        Self { root: unlike_a_flag(root) }
+        let root = unlike_a_flag(root);
+        Self { named: root.clone(), root }
     }
 
     /// The folder itself.
     pub fn root(&self) -> &Path {
         &self.root
+    }
+
+    /// A folder in it, in the same layout: an evaluation's, another host's.
+    #[must_use]
+    pub fn within(&self, below: impl AsRef<Path>) -> Self {
+        Self { root: self.root.join(below), named: self.named.clone() }
+    }
+
+    fn below<'a>(&self, path: &'a Path) -> Result<&'a Path> {
+        let outside = |_| Error::new(ErrorKind::InvalidInput, "it does not lie in the run folder");
+        path.strip_prefix(&self.named).map_err(outside)
+    }
+
+    /// Opens a plain file in it for reading. No link is followed.
+    pub fn open(&self, path: &Path) -> Result<File> {
+        open_below(&self.named, self.below(path)?)
+    }
+
+    /// Whether a plain file is there.
+    pub fn has(&self, path: &Path) -> bool {
+        self.open(path).is_ok()
+    }
+
+    /// The bytes of a file in it that has `most` at most.
+    pub fn read(&self, path: &Path, most: u64) -> Result<Vec<u8>> {
+        bounded::content(self.open(path)?, most)
+    }
+
+    /// The text of a file in it, of 4 MiB at most.
+    pub fn read_text(&self, path: &Path) -> Result<String> {
+        bounded::text(self.read(path, bounded::TEXT_BYTES_MOST)?)
+    }
+
+    /// A file in it that has `most` bytes at most, to be read piece by piece.
+    pub fn reader(&self, path: &Path, most: u64) -> Result<BufReader<Take<File>>> {
+        bounded::reader(self.open(path)?, most)
+    }
+
+    /// What is in a folder of it, 100,000 files at most, by number. A folder that is not there holds nothing. A link
+    /// counts as a file, which [`RunFolder::open`] refuses.
+    pub fn list(&self, folder: &Path) -> Result<Vec<Item>> {
+        let opened = match open_folder_below(&self.named, self.below(folder)?) {
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
+            opened => opened?,
+        };
+        let mut items = Vec::new();
+        for entry in rustix::fs::Dir::read_from(&opened)? {
+            let entry = entry?;
+            let name = OsStr::from_bytes(entry.file_name().to_bytes());
+            if name == "." || name == ".." {
+                continue;
+            }
+            // One that was removed meanwhile is not there.
+            let Ok(stat) = rustix::fs::statat(&opened, name, AtFlags::SYMLINK_NOFOLLOW) else { continue };
+            let is_folder = FileType::from_raw_mode(stat.st_mode) == FileType::Directory;
+            if items.len() == bounded::ENTRIES_MOST {
+                return Err(bounded::too_long(&format!("{} files", bounded::ENTRIES_MOST)));
+            }
+            items.push(Item { path: folder.join(name), is_folder, bytes: stat.st_size as u64 });
+        }
+        items.sort_by(|a, b| by_number(&a.path, &b.path));
+        Ok(items)
     }
 
     /// Identity of the run.
@@ -64,7 +147,7 @@ impl RunFolder {
         struct Named {
             id: String,
         }
-        let text = bounded::read_text(&self.identity()).ok()?;
+        let text = self.read_text(&self.identity()).ok()?;
         toml::from_str(&text).ok().map(|Named { id }| id)
     }
 
@@ -148,19 +231,17 @@ impl RunFolder {
     /// The folder of another host of the run: it holds what is made there, in the same layout.
     #[must_use]
     pub fn host(&self, host: u32) -> Self {
-        Self::new(self.hosts().join(format!("{host:03}")))
+        self.within(format!("hosts/{host:03}"))
     }
 
-    /// The folders of other hosts that are here, in order.
+    /// The folders of other hosts that are here, in order, [`HOSTS_MOST`] at most.
     pub fn host_folders(&self) -> Vec<Self> {
-        let entries = std::fs::read_dir(self.hosts()).into_iter().flatten().flatten().map(|entry| entry.path());
-        let is_hosts = |path: &PathBuf| {
-            let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
-            path.is_dir() && name.parse::<u32>().is_ok()
+        let is_hosts = |item: &Item| {
+            let name = item.path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+            item.is_folder && name.parse::<u32>().is_ok()
         };
-        let mut folders: Vec<PathBuf> = entries.filter(is_hosts).collect();
-        folders.sort();
-        folders.into_iter().map(Self::new).collect()
+        let folders = self.list(&self.hosts()).unwrap_or_default().into_iter().filter(is_hosts).take(HOSTS_MOST);
+        folders.map(|item| Self { root: item.path, named: self.named.clone() }).collect()
     }
 
     /// Folder of the other hosts' folders.
@@ -225,6 +306,24 @@ impl RunFolder {
     }
 }
 
+/// More hosts than a run can have.
+const HOSTS_MOST: usize = 1024;
+
+/// Orders paths by the numbers in them: the 999th recording comes before the 1000th.
+pub fn by_number(a: &Path, b: &Path) -> Ordering {
+    let parts = |path: &Path| -> Vec<(usize, Vec<u8>)> {
+        let bytes = path.as_os_str().as_encoded_bytes();
+        let parts = bytes.chunk_by(|a, b| a.is_ascii_digit() == b.is_ascii_digit());
+        // A number is the greater the more digits it has, zeros before it left out.
+        let part = |part: &[u8]| match part.iter().position(|&byte| byte != b'0') {
+            _ if !part[0].is_ascii_digit() => (0, part.to_vec()),
+            from => (1 + part.len() - from.unwrap_or(part.len()), part[from.unwrap_or(part.len())..].to_vec()),
+        };
+        parts.map(part).collect()
+    };
+    parts(a).cmp(&parts(b)).then_with(|| a.cmp(b))
+}
+
 /// A file named after a rollout, in any folder. Such names are made and read only here.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RolloutName {
@@ -271,7 +370,7 @@ pub const PARTIAL: &str = ".partial";
 
 /// Writes a file so that a reader finds either the old content or the new, whole: temporary file in the same folder,
 /// fsync, rename, fsync of the folder.
-pub fn write_atomically(path: &Path, content: &[u8]) -> std::io::Result<()> {
+pub fn write_atomically(path: &Path, content: &[u8]) -> Result<()> {
     write_pieces_atomically_on(&LocalDisk, path, std::iter::once(content))
 }
 
@@ -280,7 +379,7 @@ pub fn write_pieces_atomically_on<D: Disk, B: AsRef<[u8]>>(
     disk: &D,
     path: &Path,
     mut pieces: impl Iterator<Item = B>,
-) -> std::io::Result<()> {
+) -> Result<()> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut temporary = path.as_os_str().to_owned();
     temporary.push(PARTIAL);
@@ -288,7 +387,7 @@ pub fn write_pieces_atomically_on<D: Disk, B: AsRef<[u8]>>(
     fault::reach("file.before_write");
     // One that a crash left gives way. Made anew, it cannot be a link to a file elsewhere.
     match disk.remove(&temporary) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error),
+        Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
         _ => {}
     }
     let written = disk.create_new(&temporary).and_then(|mut file| {
@@ -318,6 +417,29 @@ mod tests {
         let run = RunFolder::new("runs/a");
         assert_eq!(RunFolder::of_recording(&run.recording(1, 0)), Some(run));
         assert_eq!(RunFolder::of_recording(Path::new("somewhere/b.mcap")), None);
+    }
+
+    #[test]
+    fn what_is_in_it_is_listed_by_number_and_no_link_is_followed() {
+        let temporary = tempfile::tempdir().unwrap();
+        let run = RunFolder::new(temporary.path());
+        assert_eq!(run.list(&run.recordings()).unwrap(), [], "there is no such folder");
+        std::fs::create_dir(run.recordings()).unwrap();
+        for (incarnation, segment) in [(1, 1000), (1, 999), (10, 0), (9, 10_000), (1000, 0), (999, 7)] {
+            std::fs::write(run.recording(incarnation, segment), "four").unwrap();
+        }
+        let listed: Vec<PathBuf> = run.list(&run.recordings()).unwrap().into_iter().map(|item| item.path).collect();
+        let sorted = [(1, 999), (1, 1000), (9, 10_000), (10, 0), (999, 7), (1000, 0)];
+        assert_eq!(listed, sorted.map(|(incarnation, segment)| run.recording(incarnation, segment)));
+        for number in [0, 7, 999, 1000, 80] {
+            std::fs::create_dir_all(run.host(number).root()).unwrap();
+        }
+        assert_eq!(run.host_folders(), [0, 7, 80, 999, 1000].map(|number| run.host(number)));
+        let (linked, elsewhere) = (run.logs(), tempfile::tempdir().unwrap());
+        std::fs::write(elsewhere.path().join("orchestrator.log"), "private").unwrap();
+        std::os::unix::fs::symlink(elsewhere.path(), &linked).unwrap();
+        assert!(run.list(&linked).is_err() && !run.has(&run.log("orchestrator")));
+        assert!(!run.has(&elsewhere.path().join("orchestrator.log")), "it does not lie in the folder");
     }
 
     #[test]

@@ -4,6 +4,7 @@
 //! A checkpoint holds the figures of all rollouts before it, so the file can be made from it: after a kill the
 //! orchestrator takes from the checkpoint what it never heard, and drops what lies behind it.
 
+use crate::bounded::Lines;
 use crate::event::Timing;
 use crate::figures::{Figures, KnownNames};
 use serde::{Deserialize, Serialize};
@@ -24,6 +25,10 @@ pub struct Trained {
     pub at_unix_s: u64,
     /// Incarnation of the orchestrator.
     pub incarnation: u32,
+    /// How long that had been running then, seconds by a clock that nobody sets. None in a checkpoint, and in lines of
+    /// older versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wall_s: Option<f64>,
     /// Where the time went.
     pub timing: Timing,
     /// Figures: see [`crate::metric`].
@@ -69,15 +74,14 @@ impl History {
     }
 
     /// The same from a file, line by line.
-    pub fn read(mut file: impl BufRead) -> std::io::Result<(Self, usize)> {
+    pub fn read(file: impl BufRead) -> std::io::Result<(Self, usize)> {
         let (mut history, mut damaged) = (Self::default(), 0);
-        let mut line = Vec::new();
-        while file.read_until(b'\n', &mut line)? > 0 {
-            match serde_json::from_slice(&line) {
+        let mut lines = Lines::of(file);
+        while let Some(line) = lines.read()? {
+            match serde_json::from_slice(line) {
                 Ok(trained) => history.insert(trained),
                 Err(_) => damaged += usize::from(line.ends_with(b"\n") && line != b"\n"),
             }
-            line.clear();
         }
         Ok((history, damaged))
     }
@@ -186,6 +190,7 @@ mod tests {
             stage: 0,
             at_unix_s: mark,
             incarnation: 1,
+            wall_s: None,
             timing: Timing::default(),
             metrics: BTreeMap::from([("a".to_owned(), 0.1 + 0.2 + rollout as f64 / 3.0)]).into(),
         }

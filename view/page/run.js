@@ -31,23 +31,23 @@ const remember = (key, value) => { try { localStorage.setItem(key, JSON.stringif
 
 /** The curves of one run: columns that grow. */
 class Columns {
-  constructor(run) { Object.assign(this, { run, edition: 0, frames: [], stage: [], at: [], series: {}, stages: [], paper: null }); }
+  constructor(run) { Object.assign(this, { run, edition: 0, frames: [], stage: [], elapsed_s: [], series: {}, stages: [], paper: null }); }
 
   /** Asks for what is new; whether there was anything. */
   async grow(signal) {
     const told = await json(`/api/runs/${encodeURIComponent(this.run)}/curves?edition=${this.edition}&known=${this.frames.length}`, { signal });
     const fresh = told.edition !== this.edition;
-    if (fresh || told.from === 0) Object.assign(this, { frames: [], stage: [], at: [], series: {} });
+    if (fresh || told.from === 0) Object.assign(this, { frames: [], stage: [], elapsed_s: [], series: {} });
     Object.assign(this, { edition: told.edition, stages: told.stages, paper: told.paper });
     if (!told.frames.length) return fresh;
     const before = this.frames.length;
-    for (const column of ["frames", "stage", "at"]) this[column].push(...told[column]);
+    for (const column of ["frames", "stage", "elapsed_s"]) this[column].push(...told[column]);
     for (const [name, values] of Object.entries(told.series)) (this.series[name] ??= new Array(before).fill(null)).push(...values);
     for (const values of Object.values(this.series)) while (values.length < this.frames.length) values.push(null);
     return true;
   }
 
-  x(axis) { return axis === "time" ? this.at.map((at) => (at - this.at[0]) / 3600) : this.frames; }
+  x(axis) { return axis === "time" ? this.elapsed_s.map((elapsed_s) => elapsed_s / 3600) : this.frames; }
 }
 
 class Curves {

@@ -64,6 +64,9 @@ pub struct Card {
     pub disturbance_m: Option<f64>,
     /// Time left, seconds, of one that runs.
     pub left_s: Option<f64>,
+    /// What of it is not read, if something is not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
     /// Why it cannot be read, if it cannot.
     pub problem: Option<String>,
 }
@@ -231,8 +234,8 @@ pub struct Curves {
     pub frames: Vec<u64>,
     /// Stage of each.
     pub stage: Vec<u32>,
-    /// When, seconds since 1970.
-    pub at: Vec<u64>,
+    /// Wall time of all starts until then, seconds.
+    pub elapsed_s: Vec<f64>,
     /// Figures by name; null where there is none.
     pub series: BTreeMap<String, Vec<Option<f32>>>,
     /// Name and first frame of each stage.

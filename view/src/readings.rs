@@ -6,8 +6,8 @@ use axum::http::StatusCode;
 use std::sync::Arc;
 use tokio::sync::Semaphore;
 
-/// Readings of runs at a time.
-const READERS: usize = 3;
+/// Readings of runs at a time. Those of one run go one after the other, and each answers in seconds.
+const READERS: usize = 8;
 /// Whoever must wait behind more readings than this is refused.
 const WAITING: usize = 256;
 

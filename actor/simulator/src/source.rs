@@ -4,7 +4,6 @@
 use crate::kitchen::preserve::{Preserve, PreserveError};
 use crate::kitchen::{Kitchen, KitchenError, Lot};
 use crate::scene_file::{self, SceneError};
-use proto::bounded;
 use proto::config::Config;
 use proto::kitchen::KitchenId;
 use proto::run_folder::RunFolder;
@@ -25,6 +24,14 @@ pub enum SourceError {
     /// The scene cannot be used.
     #[error(transparent)]
     Scene(#[from] SceneError),
+    /// The scene cannot be opened as a file of the run folder.
+    #[error("scene {path}: {cause}", path = .path.display())]
+    NotItsOwn {
+        /// Its file.
+        path: PathBuf,
+        /// Why.
+        cause: std::io::Error,
+    },
     /// The configuration names fewer scenes.
     #[error("kitchen {kitchen} is scene {index} of the run's list, which has {scenes}")]
     NoScene {
@@ -50,7 +57,14 @@ pub fn of_run(id: KitchenId, config: &Config, folder: &Path) -> Result<Kitchen, 
     let Some(index) = id.scene_index() else { return Ok(Kitchen::build(id, &config.simulation)?) };
     let missing = || SourceError::NoScene { kitchen: id, index, scenes: config.scenes.len() };
     let scene = config.scenes.get(index).ok_or_else(missing)?;
-    Ok(scene_file::load(&folder.join(scene), id, &config.simulation)?)
+    let path = folder.join(scene);
+    // A run folder can come from anybody: its scene is its own copy, no link to a file of ours, whose lines an error shows.
+    if !folder.as_os_str().is_empty()
+        && let Err(cause) = RunFolder::new(folder).open(&path)
+    {
+        return Err(SourceError::NotItsOwn { path, cause });
+    }
+    Ok(scene_file::load(&path, id, &config.simulation)?)
 }
 
 /// The same, and a procedural kitchen that had to be made is kept in the folder for the next time. Where it cannot be
@@ -80,7 +94,7 @@ pub fn keep_ready(id: KitchenId, config: &Config, folder: &Path) -> Result<bool,
 /// What the folder keeps of a kitchen; none where that is missing or cannot be used.
 fn kept(lot: Lot, config: &Config, folder: &Path) -> Option<Preserve> {
     let path = path_of(lot.id(), folder);
-    let bytes = bounded::read(&path, KITCHEN_BYTES_MOST).ok()?;
+    let bytes = RunFolder::new(folder).read(&path, KITCHEN_BYTES_MOST).ok()?;
     match Preserve::from_bytes(&bytes, lot, config.simulation) {
         Ok(preserve) => Some(preserve),
         Err(problem) => {

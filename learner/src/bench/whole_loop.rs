@@ -109,8 +109,8 @@ mod tests {
             let mut history = History::default();
             for (rollout, &(frames, update_s)) in (0..).zip(rollouts) {
                 let timing = Timing { simulate_s: 1.0, infer_s: 2.0, update_s, exchange_s: 0.0, other_s: 0.5 };
-                let (stage, at_unix_s, incarnation, metrics) = Default::default();
-                history.insert(Trained { rollout, frames, stage, at_unix_s, incarnation, timing, metrics });
+                let (stage, at_unix_s, incarnation, wall_s, metrics) = Default::default();
+                history.insert(Trained { rollout, frames, stage, at_unix_s, incarnation, wall_s, timing, metrics });
             }
             std::fs::write(&path, history.encode()).unwrap();
         };

@@ -3,11 +3,11 @@
 use super::Snapshot;
 use super::tensors::{self, TensorsError};
 use crate::agent::AgentState;
-use proto::bounded;
+use proto::bounded::FIGURES_BYTES_MOST;
 use proto::checkpoint::{Machine, Manifest, ManifestError};
 use proto::config::StageConfig;
 use proto::digest::{Digest256, sha256};
-use proto::disk::{Disk, LocalDisk};
+use proto::disk::{Disk, LocalDisk, TENSORS_BYTES_MOST};
 use proto::pin::pin;
 use proto::run_folder::{RolloutName, RunFolder, write_pieces_atomically_on};
 use proto::stage::position_at;
@@ -247,7 +247,7 @@ impl<D: Disk> Store<D> {
             match self.open(rollout, manifest) {
                 Ok((snapshot, manifest)) => {
                     let path = relative(&self.run, &manifest_path);
-                    let figures = match manifest.figures(&self.disk, &self.run) {
+                    let figures = match manifest.figures(&self.run, |path, most| self.disk.read(path, most)) {
                         Ok(Some(figures)) => Ok(figures),
                         Ok(None) => Err(format!("{path} is of an older version")),
                         Err(error) => Err(error.to_string()),
@@ -262,7 +262,8 @@ impl<D: Disk> Store<D> {
 
     /// The figures of the rollouts before this one in `metrics.jsonl`, as far as it has them.
     pub(crate) fn figures_of_file(&self, rollout: u64) -> History {
-        let (mut figures, _) = bounded::open_figures(&self.run.metrics()).and_then(History::read).unwrap_or_default();
+        let (mut figures, _) =
+            self.run.reader(&self.run.metrics(), FIGURES_BYTES_MOST).and_then(History::read).unwrap_or_default();
         figures.rewind_to(rollout);
         figures
     }
@@ -279,7 +280,8 @@ impl<D: Disk> Store<D> {
     }
 
     fn manifest(&self, rollout: u64) -> Result<Manifest, String> {
-        let bytes = self.disk.read(&self.run.checkpoint_manifest(rollout)).map_err(ManifestError::from);
+        let bytes =
+            self.disk.read(&self.run.checkpoint_manifest(rollout), TENSORS_BYTES_MOST).map_err(ManifestError::from);
         bytes.and_then(|bytes| Manifest::open(&bytes)).map_err(|cause| cause.to_string())
     }
 
@@ -386,7 +388,7 @@ pub fn read(manifest_path: &Path) -> Result<(Snapshot, Manifest), Rejected> {
 /// The state in the tensor file that belongs to a manifest.
 fn tensors_of<D: Disk>(disk: &D, manifest: &Manifest, path: &Path) -> Result<Snapshot, Rejected> {
     let at = |reason: String| Rejected { path: path.to_path_buf(), reason };
-    let bytes = disk.read(path).map_err(|cause| at(format!("cannot be read: {cause}")))?;
+    let bytes = disk.read(path, TENSORS_BYTES_MOST).map_err(|cause| at(format!("cannot be read: {cause}")))?;
     if bytes.len() as u64 != manifest.tensors_bytes {
         return Err(at(format!("is torn: it has {} bytes of {}", bytes.len(), manifest.tensors_bytes)));
     }

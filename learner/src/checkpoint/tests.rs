@@ -51,6 +51,7 @@ fn figures(rollout: u64) -> History {
             stage: 0,
             at_unix_s: 5,
             incarnation: 1,
+            wall_s: None,
             timing,
             metrics: metrics.into(),
         });

@@ -43,7 +43,6 @@ use link::Ports;
 use lock::Lock;
 use output::claim_stdout;
 use pacing::Pacing;
-use proto::bounded;
 use proto::config::Config;
 use proto::event::LearnerEvent;
 use proto::hosts::{Hosts, MEETING_KEY};
@@ -126,7 +125,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let store = Store::new((run.clone(), id), &config.stages, &config.to_toml(), machine, config.checkpoint.keep);
     store.check_run()?;
 
-    let file = bounded::read_text(&run.config()).with_context(|| run.config().display().to_string())?;
+    let file = run.read_text(&run.config()).with_context(|| run.config().display().to_string())?;
     let resumed = resume(&store, &mut agent, &config, &file, (rank, hosts))?;
     let Resumed { rollout, frames, boundary, resting, figures, checkpoint } = resumed;
     // 0 = none was found, which is not the checkpoint of rollout 0.

@@ -293,6 +293,7 @@ impl<W: Write> Training<'_, W> {
                 stage,
                 at_unix_s,
                 incarnation,
+                wall_s: None,
                 timing,
                 metrics: metrics.into(),
             });

@@ -4,7 +4,7 @@
 //! ```no_run
 //! let run = proto::run_folder::RunFolder::new("runs/a");
 //! let manifest = run.checkpoints().join("rollout-00000012.json");
-//! let policy = export::Policy::read(&manifest, proto::config::Config::of_run(&run)?)?;
+//! let policy = export::Policy::read(&run, &manifest, proto::config::Config::of_run(&run)?)?;
 //! std::fs::write("policy.onnx", export::onnx(&policy)?)?;
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```

@@ -4,7 +4,9 @@ use half::f16;
 use proto::checkpoint::{Manifest, ManifestError};
 use proto::config::{CarriedGoal, Config, GoalCoordinates};
 use proto::digest::sha256;
+use proto::disk::TENSORS_BYTES_MOST;
 use proto::policy_file::{Origin, PolicyFileError};
+use proto::run_folder::RunFolder;
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensorError, SafeTensors};
 use std::collections::BTreeMap;
@@ -94,14 +96,16 @@ pub struct Policy {
 }
 
 impl Policy {
-    /// Reads the checkpoint with this manifest, whose tensors lie beside it, of a run with this configuration.
-    pub fn read(manifest: &Path, config: Config) -> Result<Self, PolicyError> {
+    /// Reads the checkpoint with this manifest in a run folder, whose tensors lie beside it, of a run with this
+    /// configuration.
+    pub fn read(run: &RunFolder, manifest: &Path, config: Config) -> Result<Self, PolicyError> {
         let problem = |problem| PolicyError::Manifest { path: manifest.to_owned(), problem };
-        let read = Manifest::read(manifest).map_err(problem)?;
+        let read = Manifest::read_in(run, manifest).map_err(problem)?;
         // A name and no path: a manifest names nothing outside of its folder.
         let name = Path::new(&read.tensors).file_name().unwrap_or_default();
         let path = manifest.with_file_name(name);
-        let bytes = proto::bounded::read(&path, read.tensors_bytes)
+        let bytes = run
+            .read(&path, read.tensors_bytes.min(TENSORS_BYTES_MOST))
             .map_err(|problem| PolicyError::Unreadable { path: path.clone(), problem })?;
         if sha256(&bytes) != read.tensors_sha256 {
             return Err(PolicyError::Damaged { path });

@@ -8,7 +8,7 @@ use export::{Policy, PolicyError, Precision, guide, onnx, open, save};
 use proto::checkpoint::{Machine, Manifest};
 use proto::config::{CarriedGoal, Config, Encoder, GoalCoordinates};
 use proto::digest::sha256;
-use proto::run_folder::RolloutName;
+use proto::run_folder::{RolloutName, RunFolder};
 use safetensors::Dtype;
 use safetensors::tensor::TensorView;
 use std::collections::{BTreeMap, BTreeSet};
@@ -107,7 +107,7 @@ fn write(folder: &Path, tensors: &Tensors) -> PathBuf {
 
 fn read(tensors: &Tensors) -> Result<Policy, PolicyError> {
     let folder = tempfile::tempdir().unwrap();
-    Policy::read(&write(folder.path(), tensors), config())
+    Policy::read(&RunFolder::new(folder.path()), &write(folder.path(), tensors), config())
 }
 
 #[test]
@@ -167,13 +167,13 @@ fn what_is_damaged_or_does_not_fit_is_named() {
     let mut bytes = std::fs::read(&file).unwrap();
     *bytes.last_mut().unwrap() ^= 1;
     std::fs::write(&file, bytes).unwrap();
-    let damaged = Policy::read(&manifest, config()).unwrap_err().to_string();
+    let damaged = Policy::read(&RunFolder::new(folder.path()), &manifest, config()).unwrap_err().to_string();
     assert!(damaged.contains("rollout-00000012.safetensors is damaged"), "{damaged}");
     std::fs::remove_file(&file).unwrap();
-    let gone = Policy::read(&manifest, config()).unwrap_err().to_string();
+    let gone = Policy::read(&RunFolder::new(folder.path()), &manifest, config()).unwrap_err().to_string();
     assert!(gone.contains("rollout-00000012.safetensors cannot be read"), "{gone}");
     std::fs::write(&manifest, "{}").unwrap();
-    let torn = Policy::read(&manifest, config()).unwrap_err().to_string();
+    let torn = Policy::read(&RunFolder::new(folder.path()), &manifest, config()).unwrap_err().to_string();
     assert!(torn.contains("rollout-00000012.json is not a manifest"), "{torn}");
 }
 
@@ -182,7 +182,7 @@ fn a_policy_file_is_enough_to_build_the_policy_again() {
     let folder = tempfile::tempdir().unwrap();
     let mut other = config();
     other.network.carried_goal = CarriedGoal::GoalToObject;
-    let policy = Policy::read(&write(folder.path(), &tensors(&other)), other).unwrap();
+    let policy = Policy::read(&RunFolder::new(folder.path()), &write(folder.path(), &tensors(&other)), other).unwrap();
     let file = |name: &str| folder.path().join(name);
     save(&policy, &file("single.safetensors"), Precision::Single).unwrap();
     save(&policy, &file("half.safetensors"), Precision::Half).unwrap();

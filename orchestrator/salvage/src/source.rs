@@ -63,6 +63,12 @@ impl FileSource {
         Ok(Self { file, length, window: RefCell::default() })
     }
 
+    /// As if it had no more than so many bytes.
+    #[must_use]
+    pub fn up_to(self, most: u64) -> Self {
+        Self { length: self.length.min(most), ..self }
+    }
+
     /// Copies from the window, if all is in it.
     fn copy(&self, offset: u64, buffer: &mut [u8]) -> bool {
         let window = self.window.borrow();

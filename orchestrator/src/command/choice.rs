@@ -10,7 +10,7 @@ use anyhow::{Result, bail};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::run_folder::RunFolder;
+use proto::run_folder::{RunFolder, by_number};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -52,7 +52,7 @@ impl Choice {
         for path in paths {
             files.extend(recordings_at(path)?);
         }
-        files.sort();
+        files.sort_by(|a, b| by_number(a, b));
         files.dedup();
         let wanted = Wanted {
             kitchen: self.kitchen,

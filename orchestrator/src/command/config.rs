@@ -69,7 +69,7 @@ fn configured(args: &ConfigArgs) -> Result<Config> {
 
 fn saved_under(run: &Path) -> Result<Config> {
     let checkpoints = RunFolder::new(run).checkpoints();
-    let newest = newest_readable(&RunFolder::new(run))?;
+    let (newest, _) = newest_readable(&RunFolder::new(run))?;
     let newest = newest.with_context(|| format!("there is no checkpoint in {}", checkpoints.display()))?;
     let name = checkpoints.join(RolloutName::Manifest.of(newest.rollout));
     ensure!(!newest.config.is_empty(), "{} was saved by a version that did not note it", name.display());

@@ -217,13 +217,13 @@ fn subject(args: &EvalArgs) -> Result<(Config, Provenance, Option<String>)> {
     if let Some(path) = &args.subject {
         let (config, run, run_id, weights) = match find(path)? {
             Source::Checkpoint(found) => {
-                let Found { manifest, run, mut config } = *found;
+                let Found { manifest, named, run, mut config } = *found;
                 for scene in &mut config.scenes {
                     // The run's own copy, whatever the working directory is.
                     *scene = text(&run.join(scene.as_str()))?;
                 }
                 // The learner refuses a manifest that cannot be read.
-                let run_id = Manifest::read(&manifest).ok().map(|read| read.run).filter(|id| !id.is_empty());
+                let run_id = Manifest::read_in(&named, &manifest).ok().map(|read| read.run).filter(|id| !id.is_empty());
                 (config, Some(text(&run)?), run_id, manifest)
             }
             Source::File { path, policy } => (policy.config, None, None, path),

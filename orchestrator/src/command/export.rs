@@ -126,7 +126,7 @@ fn export_policy(args: &ExportArgs, format: Format) -> Result<()> {
         bail!("--out {}: there is no folder {}: make it first", out.display(), folder.display());
     }
     let policy = match find(subject)? {
-        Source::Checkpoint(found) => Policy::read(&found.manifest, found.config)?,
+        Source::Checkpoint(found) => Policy::read(&found.named, &found.manifest, found.config)?,
         Source::File { policy, .. } => *policy,
     };
     if format == Format::Safetensors {

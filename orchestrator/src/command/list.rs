@@ -27,7 +27,7 @@ pub fn run(args: &ListArgs) -> Result<()> {
     for folder in &args.folders {
         ensure!(folder.is_dir(), "{} is not a folder: give one that holds runs", folder.display());
     }
-    let cards = Gallery::of(args.folders.clone()).list();
+    let cards = Gallery::once(args.folders.clone()).list();
     if args.json {
         terminal::out_json(&cards)?;
         return Ok(());
@@ -38,6 +38,9 @@ pub fn run(args: &ListArgs) -> Result<()> {
     let rows: Vec<Vec<String>> = cards.iter().map(cells).collect();
     for line in aligned(&rows) {
         terminal::out(&line);
+    }
+    for (folder, note) in cards.iter().filter_map(|card| Some((&card.folder, card.note.as_ref()?))) {
+        terminal::note(&format!("{folder}: {note}"));
     }
     Ok(())
 }

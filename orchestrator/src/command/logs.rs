@@ -46,9 +46,9 @@ pub fn run(args: &LogsArgs) -> Result<()> {
     let mut book = Logbook::of(folder.clone(), args.process.clone());
     let running = || holder(&folder).map(|held| held != Held::Free);
     // A process that is yet to be started has no log yet.
-    let unknown = book.unknown();
+    let unknown = book.unknown()?;
     if !(unknown.is_empty() || args.follow && running()?) {
-        let known: Vec<String> = logs_of(&folder).into_iter().map(|(name, _)| name).collect();
+        let known: Vec<String> = logs_of(&folder)?.into_iter().map(|log| log.name).collect();
         ensure!(!known.is_empty(), "{} holds no log yet: it was never started", folder.root().display());
         bail!(
             "{} holds no log of {}: there are those of {}",
@@ -57,28 +57,46 @@ pub fn run(args: &LogsArgs) -> Result<()> {
             known.join(", ")
         );
     }
-    let mut skip_to = args.lines;
+    // They are read twice where only the last are wanted: so a few lines are in memory, however many there are.
+    let mut skipped = args.lines.map_or(0, |lines| count(&folder, args).saturating_sub(lines));
+    let mut told = false;
     loop {
         // First whether it runs: what is written until then is read after it.
         let goes_on = args.follow && running()?;
-        let entries = book.read().with_context(|| format!("the logs of {}", folder.root().display()))?;
-        let skipped = skip_to.take().map_or(0, |lines| entries.len().saturating_sub(lines));
-        if !show(&entries[skipped..], book.is_of_many())? || !goes_on {
+        let read = book.read(|entry, of_many| {
+            if skipped > 0 {
+                skipped -= 1;
+                return Ok(true);
+            }
+            show(entry, of_many)
+        });
+        if let Some(note) = book.note.as_ref().filter(|_| !std::mem::replace(&mut told, true)) {
+            terminal::note(note);
+        }
+        if !read.with_context(|| folder.root().display().to_string())? || !goes_on {
             return Ok(());
         }
         std::thread::sleep(LOOK_EVERY);
     }
 }
 
+/// How many lines there are.
+fn count(folder: &RunFolder, args: &LogsArgs) -> usize {
+    let mut lines = 0;
+    // What cannot be read is told when it is shown.
+    let _ = Logbook::of(folder.clone(), args.process.clone()).read(|_, _| {
+        lines += 1;
+        Ok(true)
+    });
+    lines
+}
+
 /// False if nobody reads any more.
-fn show(entries: &[Entry], of_many: bool) -> Result<bool> {
-    for Entry { process, line, .. } in entries {
-        let line = if of_many { format!("{process:12}  {line}") } else { line.clone() };
-        match terminal::offer(&line) {
-            Ok(()) => {}
-            Err(error) if terminal::is_unread(&error) => return Ok(false),
-            Err(error) => return Err(error).context("standard output"),
-        }
+fn show(Entry { process, line, .. }: &Entry, of_many: bool) -> Result<bool> {
+    let line = if of_many { format!("{process:12}  {line}") } else { line.clone() };
+    match terminal::offer(&line) {
+        Ok(()) => Ok(true),
+        Err(error) if terminal::is_unread(&error) => Ok(false),
+        Err(error) => Err(error).context("standard output"),
     }
-    Ok(true)
 }

@@ -21,10 +21,8 @@ use crate::training::run::{Started, TrainingRun, write_config};
 use crate::training::summary::Summary;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
-use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
 use proto::shell::quoted;
-use std::fs::OpenOptions;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -142,14 +140,14 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
 /// rollout, so there was one.
 fn frames_of_checkpoint(folder: &RunFolder) -> Result<u64> {
     let has_trained = std::fs::metadata(folder.metrics()).is_ok_and(|metrics| metrics.len() > 0);
-    match newest_whole(&folder.checkpoints(), folder.id().as_deref()) {
+    match newest_whole(folder, &folder.checkpoints()) {
         Err(error) if has_trained => bail!(
             "this run has trained, but {error:#}, and without one all that it has learned is gone: put that folder back \
              from a copy, or begin anew with `orchestrator up --config {}` and another folder",
             quoted(folder.config())
         ),
         Err(_) => Ok(0),
-        Ok((manifest, _)) => Ok(read_manifest(&manifest)?.frames),
+        Ok((manifest, _)) => Ok(read_manifest(folder, &manifest)?.frames),
     }
 }
 
@@ -295,7 +293,8 @@ fn wake_stopped_learners(folder: &RunFolder) {
     for rank in (0..).take_while(|&rank| folder.learner_lock(rank).exists()) {
         let lock = folder.learner_lock(rank);
         // An old lock names a process that is gone, or somebody else's: only its holder is woken.
-        let Some(pid) = learner_in(&lock).filter(|&pid| stopped(pid).iter().any(|process| process.pid == pid)) else {
+        let Some(pid) = learner_in(folder, &lock).filter(|&pid| stopped(pid).iter().any(|process| process.pid == pid))
+        else {
             continue;
         };
         if wake_learner(pid, &lock).is_ok() {
@@ -307,9 +306,9 @@ fn wake_stopped_learners(folder: &RunFolder) {
 }
 
 /// The process that signed a learner's lock.
-fn learner_in(lock: &Path) -> Option<u32> {
+fn learner_in(folder: &RunFolder, lock: &Path) -> Option<u32> {
     let mut text = String::new();
-    open_plain(lock, OpenOptions::new().read(true)).ok()?.take(32).read_to_string(&mut text).ok()?;
+    folder.open(lock).ok()?.take(32).read_to_string(&mut text).ok()?;
     text.trim().parse().ok()
 }
 

@@ -66,7 +66,7 @@ pub fn run(args: &ScaleArgs) -> Result<()> {
         terminal::note(&format!("{root} has {} already", counted(u64::from(actors), "actor")));
         return Ok(());
     }
-    let mut log = Log::at_end(folder.log("orchestrator"));
+    let mut log = Log::at_end(&folder);
     let request = ScaleRequest { incarnation: asked.incarnation, actors, at_rollout: args.at_rollout, refused: None };
     request.write(&folder)?;
     let begin = Instant::now();

@@ -3,7 +3,7 @@
 
 use crate::evaluation::standing::Standing;
 use crate::recording::Recordings;
-use crate::run::identity::{Identity, Incarnation, host_name, unix_now};
+use crate::run::identity::{Identity, Incarnation, host_name};
 use crate::run::lock::{Held, holder};
 use crate::run::process_state::{Stopped, stopped};
 use crate::run::state::state_of;
@@ -16,7 +16,7 @@ use crate::training::next_steps;
 use crate::training::progress::{figures_line, frames_line};
 use crate::training::scores::Scores;
 use crate::training::summary::{Summary, table};
-use crate::training::wall::{Last, Wall};
+use crate::training::wall::{Wall, signs_of_life, silent_s};
 use anyhow::Result;
 use proto::config::Config;
 use proto::run_folder::RunFolder;
@@ -30,8 +30,8 @@ use std::path::PathBuf;
 /// Says also what keeps a run from going on: processes that are stopped, and how long ago the last rollout was trained
 /// if that is unusually long.
 ///
-/// Wall time is counted from the beginning of each start to its end, not in between; a start that was killed counts
-/// until the last rollout that it trained.
+/// Wall time is counted from the beginning of each start to its end, not in between, by a clock that nobody sets; a start
+/// that was killed counts until the last rollout that it trained.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator status runs/20261121-020423-demo-1
@@ -89,15 +89,16 @@ impl Work {
             return Ok(Self::Evaluation { evaluation });
         }
         let at_rest = *held == Held::Free;
-        let Figures { history, mut notes } = Figures::read(folder, at_rest)?;
-        notes.extend(Scores::read(folder, at_rest)?.notes);
-        let silent_s = (!at_rest).then(|| silence(&history, identity)).flatten();
-        let last = if at_rest { Last::AsNoted } else { Last::Until(unix_now()) };
+        let Figures { history, mut notes } = Figures::read(folder, at_rest);
+        notes.extend(Scores::read(folder, at_rest).notes);
+        let seen = signs_of_life(&history);
+        let newest = identity.incarnations.last().filter(|_| !at_rest);
+        let silent_s = newest.map(|start| silent_s(start, seen.get(&start.number).copied()) as u64);
         Ok(Self::Training {
             recent: recent(&config.stages, &history),
             stages: by_stage(&config.stages, &history),
             weights: Summary::read(folder)?.map(|summary| summary.weights),
-            wall: Wall::read(folder, identity, last)?,
+            wall: Wall::of(identity, &seen, !at_rest),
             silent_s,
             usual_s: usual_s(&history),
             notes,
@@ -155,13 +156,6 @@ const USUAL: usize = 8;
 fn usual_s(history: &History) -> f64 {
     let last: Vec<f64> = history.iter().rev().take(USUAL).map(|trained| trained.timing.total_s()).collect();
     last.iter().sum::<f64>() / last.len().max(1) as f64
-}
-
-/// How long ago the newest rollout was trained, or the present start began, if that was later; seconds.
-fn silence(history: &History, identity: &Identity) -> Option<u64> {
-    let began = identity.incarnations.last()?.started_unix_s;
-    let newest = history.iter().next_back().map_or(0, |trained| trained.at_unix_s);
-    Some(unix_now().saturating_sub(began.max(newest)))
 }
 
 /// What is said of a stopped process. `holder`: the orchestrator.

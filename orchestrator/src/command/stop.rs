@@ -9,16 +9,16 @@ use crate::showing::log_line::LogLine;
 use crate::showing::terminal;
 use crate::suite;
 use anyhow::{Result, bail};
-use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
 use proto::run_state::Ending;
 use proto::shell::quoted;
-use std::fs::OpenOptions;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 use tracing::Level;
 
+/// Of a log so much is read at a time.
+const NEW_BYTES_MOST: u64 = 1 << 20;
 /// How often to look whether it has stopped.
 const LOOK: Duration = Duration::from_millis(50);
 
@@ -52,7 +52,7 @@ pub fn run(args: &StopArgs) -> Result<()> {
     let begin = Instant::now();
     let mut asked = None;
     let mut asleep = None;
-    let mut log = Log::at_end(folder.log("orchestrator"));
+    let mut log = Log::at_end(&folder);
     loop {
         log.show();
         match holder(&folder)? {
@@ -123,14 +123,16 @@ pub fn run(args: &StopArgs) -> Result<()> {
 
 /// What an orchestrator logs from now on.
 pub(super) struct Log {
+    folder: RunFolder,
     path: PathBuf,
     shown: u64,
 }
 
 impl Log {
-    pub(super) fn at_end(path: PathBuf) -> Self {
+    pub(super) fn at_end(folder: &RunFolder) -> Self {
+        let path = folder.log("orchestrator");
         let shown = std::fs::metadata(&path).map_or(0, |file| file.len());
-        Self { path, shown }
+        Self { folder: folder.clone(), path, shown }
     }
 
     /// Shows the lines that are new.
@@ -140,9 +142,9 @@ impl Log {
 
     fn new_lines(&mut self) -> Vec<String> {
         let mut text = Vec::new();
-        let read = open_plain(&self.path, OpenOptions::new().read(true)).and_then(|mut file| {
+        let read = self.folder.open(&self.path).and_then(|mut file| {
             file.seek(SeekFrom::Start(self.shown))?;
-            file.read_to_end(&mut text)
+            file.take(NEW_BYTES_MOST).read_to_end(&mut text)
         });
         // To the end of the last whole line. A log that cannot be read is no reason not to stop.
         let whole = text.iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1);
@@ -160,21 +162,24 @@ impl Log {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs::File;
     use std::io::Write;
     use std::process::Command;
 
     #[test]
     fn what_is_logged_from_now_on_is_shown_line_by_line() {
         let temporary = tempfile::tempdir().unwrap();
-        let path = temporary.path().join("orchestrator.log");
-        let mut log = Log::at_end(path.clone());
+        let folder = RunFolder::new(temporary.path());
+        let path = folder.log("orchestrator");
+        let mut log = Log::at_end(&folder);
         assert!(log.new_lines().is_empty(), "there is no log yet");
+        std::fs::create_dir(folder.logs()).unwrap();
         let write = |text: &str| {
-            let mut file = OpenOptions::new().append(true).create(true).open(&path).unwrap();
+            let mut file = File::options().append(true).create(true).open(&path).unwrap();
             file.write_all(text.as_bytes()).unwrap();
         };
         write("2026-11-21T02:04:23.1Z  INFO before\n");
-        let mut log = Log::at_end(path.clone());
+        let mut log = Log::at_end(&folder);
         write("2026-11-21T02:04:24.1Z  INFO stopping: the learner saves\n2026-11-21T02:04:24.2Z DEBUG x\n2026-");
         assert_eq!(log.new_lines(), ["stopping: the learner saves"]);
         write("11-21T02:04:25.1Z  WARN the stop waits\n  for learner-0\n");

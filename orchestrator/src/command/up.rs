@@ -162,7 +162,7 @@ fn begin_from(found: &Found, config: &Config) -> Result<FromConfig> {
     if !differences.is_empty() {
         bail!("{} holds another network: {}", found.manifest.display(), differences.join("; "));
     }
-    let Manifest { frames, weights, .. } = read_manifest(&found.manifest)?;
+    let Manifest { frames, weights, .. } = read_manifest(&found.named, &found.manifest)?;
     let checkpoint = found.manifest.to_str().context("the checkpoint has a name that is not text")?.to_owned();
     Ok(FromConfig { checkpoint, frames, weights })
 }

@@ -2,15 +2,15 @@
 
 use super::row::Row;
 use crate::evaluation::words::place;
-use crate::run::identity::{Identity, unix_now};
+use crate::run::identity::Identity;
 use crate::run::lock::{Held, holder};
 use crate::run::state::state_of;
-use crate::showing::format;
+use crate::showing::{format, terminal};
 use crate::training::means::{EpisodeMeans, StageMeans, by_stage};
 use crate::training::metrics::Figures;
-use crate::training::scores::{Scores, best, read_result};
+use crate::training::scores::{Scores, best, evaluations_below, read_result};
 use crate::training::summary::Summary;
-use crate::training::wall::{Last, Wall};
+use crate::training::wall::{Wall, signs_of_life};
 use anyhow::Result;
 use proto::config::Config;
 use proto::evaluation::{Distribution, Evaluation, RESULT_FILE};
@@ -59,11 +59,11 @@ pub fn of(folder: &RunFolder, config: &Config, identity: &Identity) -> Result<Ve
     let held = holder(folder)?;
     let is_evaluation = config.evaluation.is_some();
     let summary = if is_evaluation { None } else { Summary::read(folder)? };
-    let is_complete = summary.is_some() || is_evaluation && folder.root().join(RESULT_FILE).is_file();
+    let is_complete = summary.is_some() || is_evaluation && folder.has(&folder.root().join(RESULT_FILE));
     let state = state_of(identity, &held, is_complete).to_string();
     list.put("state", state.clone(), state);
     if !is_evaluation {
-        training(&mut list, folder, config, identity, &held)?;
+        training(&mut list, folder, config, identity, &held);
         if let Some(summary) = summary {
             list.put("weights", summary.weights.clone(), summary.weights.chars().take(DIGITS).collect());
         }
@@ -72,29 +72,33 @@ pub fn of(folder: &RunFolder, config: &Config, identity: &Identity) -> Result<Ve
     Ok(list.0)
 }
 
-fn training(list: &mut List, folder: &RunFolder, config: &Config, identity: &Identity, held: &Held) -> Result<()> {
+fn training(list: &mut List, folder: &RunFolder, config: &Config, identity: &Identity, held: &Held) {
     let at_rest = *held == Held::Free;
-    let Figures { history, .. } = Figures::read(folder, at_rest)?;
+    let Figures { history, notes } = Figures::read(folder, at_rest);
+    let Scores { scores, notes: more } = Scores::read(folder, at_rest);
+    tell(folder, notes.iter().chain(&more));
     list.count("frames", history.frames());
     list.count("of frames", total_frames(&config.stages));
     let training_s: f64 = history.iter().map(|trained| trained.timing.total_s()).sum();
     let rate = (training_s > 0.0).then(|| history.frames() as f64 / training_s);
     list.put("frames/s", json!(rate), rate.map_or_else(String::new, format::rate));
-    let last = if at_rest { Last::AsNoted } else { Last::Until(unix_now()) };
-    let wall_s = Wall::read(folder, identity, last)?.all_starts_s;
+    let wall_s = Wall::of(identity, &signs_of_life(&history), !at_rest).all_starts_s;
     let wall = Duration::try_from_secs_f64(wall_s).unwrap_or_default();
     list.put("wall time", wall_s, format::duration(wall));
     for stage in by_stage(&config.stages, &history) {
         of_stage(list, &stage);
     }
-    let scores = Scores::read(folder, at_rest)?.scores;
     if let Some(best) = best(&scores) {
         list.share("best validation: success", Some(best.success));
         list.share("best validation: SRwoD", Some(best.success_without_disturbance));
         list.number("best validation: disturbance (m)", Some(best.disturbance_m), 3);
         list.count("best validation: at frame", best.frames);
     }
-    Ok(())
+}
+
+/// What is wrong with a run's files goes beside the table.
+fn tell<'a>(folder: &RunFolder, notes: impl Iterator<Item = &'a String>) {
+    notes.for_each(|note| terminal::note(&format!("{}: {note}", folder.root().display())));
 }
 
 /// Of the last tenth, or of the whole stage before that is reached.
@@ -113,8 +117,11 @@ fn of_stage(list: &mut List, stage: &StageMeans) {
 
 /// The newest of each kind, of those in the folder and below it.
 fn evaluations(list: &mut List, folder: &RunFolder) {
-    let below = std::fs::read_dir(folder.root().join("evaluations")).into_iter().flatten().flatten();
-    let places = std::iter::once(folder.root().to_path_buf()).chain(below.map(|entry| entry.path()));
+    let below = evaluations_below(folder).unwrap_or_else(|error| {
+        tell(folder, [format!("{error:#}")].iter());
+        Vec::new()
+    });
+    let places = std::iter::once(folder.clone()).chain(below);
     let mut newest: BTreeMap<String, Evaluation> = BTreeMap::new();
     // One that was cut off, or is damaged, has no figures to compare.
     for evaluation in places.filter_map(|place| read_result(&place).ok()) {

@@ -2,7 +2,8 @@
 //! `status` can show the progress. It is removed when the result is written.
 
 use crate::run::json_lines::{self, Writer};
-use anyhow::Result;
+use anyhow::{Context, Result};
+use proto::bounded::TABLE_BYTES_MOST;
 use proto::evaluation::EpisodeRecord;
 use proto::run_folder::RunFolder;
 use std::path::PathBuf;
@@ -18,7 +19,9 @@ pub fn open(folder: &RunFolder) -> Result<Writer> {
 
 /// The records in it; none when there is no journal.
 pub fn read(folder: &RunFolder) -> Result<Vec<EpisodeRecord>> {
-    json_lines::read(&path(folder))
+    let path = path(folder);
+    let read = json_lines::read(folder, &path, TABLE_BYTES_MOST).with_context(|| path.display().to_string())?;
+    Ok(read.0)
 }
 
 /// Removes it. The result is there already: a journal that stays does no harm.

@@ -75,7 +75,7 @@ impl EvaluationRun {
             Ok((outcome, _)) => (outcome.end.ending(), outcome.end.reason().map(str::to_owned)),
             Err(error) => (Ending::Failed, Some(format!("{error:#}"))),
         };
-        let ended = Ended { how, at_unix_s: unix_now(), frames: None, weights: None, reason };
+        let ended = Ended { how, at_unix_s: unix_now(), wall_s: None, frames: None, weights: None, reason };
         self.identity.end_incarnation(ended);
         self.identity.write(&self.folder)?;
         reported.map(|(_, status)| status)

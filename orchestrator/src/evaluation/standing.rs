@@ -4,7 +4,7 @@ use super::journal;
 use crate::run::damaged::damaged;
 use crate::showing::format;
 use anyhow::{Context, Result};
-use proto::bounded;
+use proto::bounded::RESULT_BYTES_MOST;
 use proto::config::Config;
 use proto::evaluation::{EpisodeRecord, Evaluation, Figures, RESULT_FILE};
 use proto::run_folder::RunFolder;
@@ -50,9 +50,9 @@ impl Standing {
         let Some(plan) = config.evaluation_plan() else { return Ok(None) };
         let asked = plan.len() as u64;
         let path = folder.root().join(RESULT_FILE);
-        match bounded::read_figures_text(&path) {
-            Ok(text) => {
-                let evaluation: Evaluation = serde_json::from_str(&text)
+        match folder.reader(&path, RESULT_BYTES_MOST) {
+            Ok(file) => {
+                let evaluation: Evaluation = serde_json::from_reader(file)
                     .with_context(|| damaged(&path, "delete its folder, and evaluate again"))?;
                 Ok(Some(Self { result: Some(path), ..Self::at(asked, &evaluation.overall) }))
             }

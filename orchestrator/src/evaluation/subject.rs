@@ -31,6 +31,8 @@ pub struct Provenance {
 pub struct Found {
     /// Absolute path of its manifest.
     pub manifest: PathBuf,
+    /// The folder that the user named, or that the manifest lies in.
+    pub named: RunFolder,
     /// Absolute path of the folder that the configuration was found in.
     pub run: PathBuf,
     /// The run's configuration.
@@ -113,10 +115,11 @@ pub fn find(path: &Path) -> Result<Source> {
 }
 
 fn find_checkpoint(path: &Path) -> Result<Found> {
+    let named = RunFolder::new(if path.is_dir() { path } else { path.parent().unwrap_or(path) });
     let manifest = if path.is_dir() {
         let checkpoints = path.join("checkpoints");
-        let folder = if checkpoints.is_dir() { checkpoints.as_path() } else { path };
-        let (manifest, damaged) = newest_whole(folder, RunFolder::new(path).id().as_deref())?;
+        let place = if checkpoints.is_dir() { checkpoints.as_path() } else { path };
+        let (manifest, damaged) = newest_whole(&named, place)?;
         for error in damaged {
             tracing::warn!("{error:#}: {} is taken", manifest.display());
         }
@@ -125,7 +128,7 @@ fn find_checkpoint(path: &Path) -> Result<Found> {
         path.with_extension("json")
     };
     ensure!(
-        RolloutName::Manifest.rollout_of(&manifest).is_some() && manifest.is_file(),
+        RolloutName::Manifest.rollout_of(&manifest).is_some() && named.has(&manifest),
         "{} is no checkpoint (those are called rollout-00000012.json) and no policy file (.safetensors)",
         manifest.display()
     );
@@ -137,7 +140,7 @@ fn find_checkpoint(path: &Path) -> Result<Found> {
         );
     };
     let config = Config::of_run(&RunFolder::new(run))?;
-    Ok(Found { run: run.to_path_buf(), manifest, config })
+    Ok(Found { run: run.to_path_buf(), named, manifest, config })
 }
 
 #[cfg(test)]

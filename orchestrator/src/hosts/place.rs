@@ -8,7 +8,6 @@ use crate::run::lock::{RunLock, wait_for_learners};
 use crate::run::remains;
 use crate::supervisor::session::part_of;
 use anyhow::{Context, Result, bail, ensure};
-use proto::bounded;
 use proto::config::Config;
 use proto::hosts::Hosts;
 use proto::run_folder::{RunFolder, write_atomically};
@@ -61,7 +60,7 @@ pub fn prepare(run: &Path, host: u32, invitation: &Invitation, files: &[Vec<u8>]
 /// Refuses a folder with another run's recordings; notes whose it is.
 fn check_run(folder: &RunFolder, run_id: &str) -> Result<()> {
     let note = folder.root().join("run-id");
-    match bounded::read_text(&note) {
+    match folder.read_text(&note) {
         Ok(id) if id.trim() == run_id => Ok(()),
         Ok(id) => bail!(
             "{} holds a host's part of run {}, and this is run {run_id}: choose another folder with --run",

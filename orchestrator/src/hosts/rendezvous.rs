@@ -329,7 +329,7 @@ fn is_there(stream: &TcpStream) -> bool {
 
 /// The files of a run folder that processes of all hosts read: its scenes.
 fn files_of(folder: &RunFolder) -> Result<Vec<(String, Vec<u8>)>> {
-    scenes::files_below(folder.root(), &folder.scenes())
+    scenes::files_below(folder, folder.root(), &folder.scenes())
         .with_context(|| format!("cannot read {}", folder.scenes().display()))
 }
 

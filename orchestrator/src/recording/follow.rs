@@ -1,8 +1,9 @@
 //! A run's newest recording as it grows: every message that is new in it, as it was recorded.
 
-use super::shelf::{Next, each_record, is_growing, next};
+use super::is_growing;
+use super::shelf::{Next, each_record, next};
 use mcap::records::Record;
-use proto::bounded;
+use proto::run_folder::RunFolder;
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -13,7 +14,7 @@ use view::feed::{Recorded, Topic};
 /// Follows the recordings in a folder.
 #[derive(Debug)]
 pub struct Follower {
-    folder: PathBuf,
+    folder: RunFolder,
     /// The file that is read, and how far it was.
     file: Option<(PathBuf, u64)>,
     schemas: HashMap<u16, (String, String, Vec<u8>)>,
@@ -36,7 +37,7 @@ enum Read {
 
 impl Follower {
     /// Of a run's folder; nothing is read yet.
-    pub fn of(folder: PathBuf) -> Self {
+    pub fn of(folder: RunFolder) -> Self {
         Self {
             folder,
             file: None,
@@ -80,7 +81,8 @@ impl Follower {
 
     /// Reads the next record.
     fn record(&mut self) -> Read {
-        let Ok(mut files) = super::files_at(&self.folder) else { return Read::NotYet };
+        let Ok(files) = super::files_in(&self.folder) else { return Read::NotYet };
+        let mut files: Vec<PathBuf> = files.into_iter().map(|item| item.path).collect();
         // Each host writes a sequence of files of its own: one host's is followed, host 0's if it has any.
         let host = self.file.as_ref().map_or(&files[0], |(path, _)| path).parent().map(std::path::Path::to_owned);
         files.retain(|file| file.parent() == host.as_deref());
@@ -89,12 +91,11 @@ impl Follower {
             Some(known) => known,
             None => self.begin(last.clone()),
         };
-        let length = std::fs::metadata(&path).map_or(0, |metadata| metadata.len());
-        match bounded::open(&path).and_then(|file| next(&file, offset, length)) {
+        match self.folder.open(&path).and_then(|file| next(&file, offset, file.metadata()?.len())) {
             Ok(Next::Chunk(body, end)) => match self.messages(&body) {
                 Some(found) => self.go_on(path, end, found),
                 // A flush that is seen half is whole a moment later; a damaged chunk never is.
-                None if is_growing(&path) => Read::NotYet,
+                None if is_growing(&self.folder, &path) => Read::NotYet,
                 None => self.go_on(path, end, Vec::new()),
             },
             Ok(Next::Other(end)) => self.go_on(path, end, Vec::new()),

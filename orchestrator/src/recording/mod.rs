@@ -21,11 +21,10 @@ mod tests;
 pub mod wanted;
 
 use crate::showing::format;
-use proto::bounded;
-use proto::run_folder::RunFolder;
+use proto::run_folder::{Item, RunFolder};
 use reader::RecordingError;
 use serde::Serialize;
-use std::fs::{File, TryLockError};
+use std::fs::TryLockError;
 use std::path::{Path, PathBuf};
 
 /// The recordings meant by `path`: a file itself; of a run folder or a folder of recordings, all segments in order. Of a
@@ -33,37 +32,43 @@ use std::path::{Path, PathBuf};
 /// there is nothing else: a recorder that was killed before its first byte leaves one.
 pub fn files_at(path: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     let unreadable = |cause| RecordingError::Unreadable { path: path.to_path_buf(), cause };
-    if !std::fs::metadata(path).map_err(unreadable)?.is_dir() {
-        return Ok(vec![path.to_path_buf()]);
+    if std::fs::metadata(path).map_err(unreadable)?.is_dir() {
+        return Ok(files_in(&RunFolder::new(path))?.into_iter().map(|item| item.path).collect());
     }
-    let run = RunFolder::new(path);
-    let of_hosts = run.host_folders().into_iter().map(|host| host.recordings()).filter(|folder| folder.is_dir());
-    let mut folders: Vec<PathBuf> = Some(run.recordings()).into_iter().filter(|folder| folder.is_dir()).collect();
-    folders.extend(of_hosts);
-    if folders.is_empty() {
-        folders.push(path.to_path_buf());
-    }
-    let mut files = Vec::new();
-    for folder in folders {
-        let mut of_host = Vec::new();
-        for entry in std::fs::read_dir(&folder).map_err(unreadable)? {
-            let file = entry.map_err(unreadable)?.path();
-            if file.extension().is_some_and(|extension| extension == "mcap") {
-                of_host.push(file);
-            }
-        }
-        // Names hold incarnation and segment with leading zeros: their order is that of time.
-        of_host.sort();
-        files.append(&mut of_host);
+    // The user named the file, so it may be a link.
+    let resolved =
+        if path.is_symlink() { std::fs::canonicalize(path).map_err(unreadable)? } else { path.to_path_buf() };
+    Ok(vec![resolved])
+}
+
+/// The same of a folder.
+fn files_in(run: &RunFolder) -> Result<Vec<Item>, RecordingError> {
+    let recorded = |folder: &Path| {
+        let mut items =
+            run.list(folder).map_err(|cause| RecordingError::Unreadable { path: folder.to_path_buf(), cause })?;
+        // They come by incarnation and segment: their order is that of time.
+        items.retain(|item| !item.is_folder && item.path.extension().is_some_and(|extension| extension == "mcap"));
+        Ok(items)
+    };
+    let mut files = recorded(&run.recordings())?;
+    for host in run.host_folders() {
+        files.append(&mut recorded(&host.recordings())?);
     }
     if files.is_empty() {
-        return Err(RecordingError::NoRecordings(path.to_path_buf()));
+        files = recorded(run.root())?;
     }
-    let has_bytes = |file: &PathBuf| std::fs::metadata(file).is_ok_and(|file| file.len() > 0);
-    if files.iter().any(has_bytes) {
-        files.retain(has_bytes);
+    if files.is_empty() {
+        return Err(RecordingError::NoRecordings(run.root().to_path_buf()));
+    }
+    if files.iter().any(|file| file.bytes > 0) {
+        files.retain(|file| file.bytes > 0);
     }
     Ok(files)
+}
+
+/// Whether a recorder writes this file of a run folder at this moment.
+fn is_growing(folder: &RunFolder, path: &Path) -> bool {
+    folder.open(path).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }
 
 /// The state of a run's recordings.
@@ -82,12 +87,12 @@ pub struct Recordings {
 impl Recordings {
     /// Those of a run folder; none if there are none.
     pub fn of(folder: &RunFolder) -> Option<Self> {
-        let files = files_at(folder.root()).ok()?;
+        let files = files_in(folder).ok()?;
         // Host 0's, if it has any.
-        let newest = files.iter().rfind(|file| file.starts_with(folder.recordings())).or(files.last())?.clone();
-        let bytes = files.iter().filter_map(|file| Some(std::fs::metadata(file).ok()?.len())).sum();
-        let locked = |file: File| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock));
-        let being_written = bounded::open(&newest).is_ok_and(locked);
+        let newest = files.iter().rfind(|file| file.path.starts_with(folder.recordings())).or(files.last())?;
+        let newest = newest.path.clone();
+        let bytes = files.iter().map(|file| file.bytes).sum();
+        let being_written = is_growing(folder, &newest);
         Some(Self { files: files.len(), bytes, newest, being_written })
     }
 

@@ -1,12 +1,15 @@
 //! Where a recording comes from: what stands at its beginning.
 
-use super::reader::{RecordingError, read_with_trust};
+use super::reader::{RecordingError, open, read_source};
 use crate::recording::recorder::segment::{CONFIG_ATTACHMENT, IDENTITY_METADATA, identity};
 use mcap::records::{Metadata, Record};
 use proto::config::Config;
 use proto::run_folder::RunFolder;
-use salvage::Trust;
+use salvage::{FileSource, Trust};
 use std::path::Path;
+
+/// Identity, configuration and schemas lie before this, whatever a file holds after them.
+const BEGINNING_BYTES_MOST: u64 = 16 << 20;
 
 /// Incarnation of the orchestrator, host, and number of the segment.
 type Place = (u32, u32, u32);
@@ -26,6 +29,11 @@ pub struct Origin {
 impl Origin {
     /// Reads the beginning of a file.
     pub fn of(path: &Path) -> Result<Self, RecordingError> {
+        Self::read(path, open(path)?.0)
+    }
+
+    /// The same of one that is open.
+    pub fn read(path: &Path, source: FileSource) -> Result<Self, RecordingError> {
         /// Why reading ends before the end of the file.
         enum Enough {
             Seen,
@@ -37,7 +45,8 @@ impl Origin {
             }
         }
         let mut origin = Self::default();
-        let outcome = read_with_trust(path, |record, trust| match record {
+        let beginning = source.up_to(BEGINNING_BYTES_MOST);
+        let outcome = read_source(path, &beginning, false, |record, trust| match record {
             Record::Metadata(Metadata { name, metadata }) if name == IDENTITY_METADATA => {
                 let number = |key: &str| metadata.get(key)?.parse().ok();
                 let host = number(identity::HOST).unwrap_or(0);

@@ -1,10 +1,10 @@
 //! One MCAP file from its start to its end, or as much of it as can be read: [`salvage`] with our errors.
 
 use mcap::records::Record;
-use proto::bounded;
+use proto::plain_file::open_plain;
 use proto::shell::quoted;
 use salvage::{Account, FileSource, Limits, ReadError, Trust};
-use std::fs::TryLockError;
+use std::fs::{OpenOptions, TryLockError};
 use std::path::{Path, PathBuf};
 
 /// A file that cannot be read as a recording.
@@ -112,7 +112,7 @@ pub fn open(path: &Path) -> Result<(FileSource, bool), RecordingError> {
     if path.is_dir() {
         return Err(unreadable(std::io::ErrorKind::IsADirectory.into()));
     }
-    let file = bounded::open(path).map_err(unreadable)?;
+    let file = open_plain(path, OpenOptions::new().read(true)).map_err(unreadable)?;
     let live = matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock));
     Ok((FileSource::new(file).map_err(unreadable)?, live))
 }
@@ -126,7 +126,17 @@ pub fn read_with_trust<E: From<RecordingError>>(
     visit: impl FnMut(Record<'_>, Trust) -> Result<(), E>,
 ) -> Result<Extent, E> {
     let (source, live) = open(path)?;
-    match salvage::read(&source, &Limits::default(), visit) {
+    read_source(path, &source, live, visit)
+}
+
+/// The same of a file that is open.
+pub fn read_source<E: From<RecordingError>>(
+    path: &Path,
+    source: &FileSource,
+    live: bool,
+    visit: impl FnMut(Record<'_>, Trust) -> Result<(), E>,
+) -> Result<Extent, E> {
+    match salvage::read(source, &Limits::default(), visit) {
         Ok(account) => Ok(Extent::of(account, live)),
         Err(ReadError::Visit(error)) => Err(error),
         Err(ReadError::Empty) => Err(RecordingError::Empty(path.to_path_buf()).into()),

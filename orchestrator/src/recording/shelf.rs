@@ -14,14 +14,15 @@ use mcap::read::parse_record;
 use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use prost::Message;
-use proto::bounded;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::{KitchenId, Kitchens};
 use proto::replay::RecordedEpisode;
+use proto::run_folder::{Item, RunFolder};
 use proto::shell::quoted;
+use salvage::FileSource;
 use std::collections::{BTreeMap, HashMap, VecDeque};
-use std::fs::{File, TryLockError};
+use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -32,6 +33,9 @@ const RECORD_MAX: u64 = 256 << 20;
 const RECORD_HEAD: u64 = 9;
 /// Episodes that are kept.
 const EPISODES_MAX: usize = 1_000_000;
+
+/// Sentences about files that are kept.
+const NOTES_MOST: usize = 20;
 
 /// Episodes that are known to have ended last, in each kitchen.
 const ENDED_KEPT: usize = 100;
@@ -129,8 +133,10 @@ enum Found {
 /// The shelf of one run's recordings.
 #[derive(Debug)]
 pub struct Shelf {
-    folder: PathBuf,
+    folder: RunFolder,
     volumes: Vec<Volume>,
+    /// Places of the volumes by their paths.
+    numbers: HashMap<PathBuf, usize>,
     episodes: BTreeMap<Key, Shelved>,
     /// Of every environment the newest learner, and the last episode that it began, whichever kitchen that is in.
     newest: HashMap<Home, (Generation, u32)>,
@@ -160,10 +166,11 @@ pub(super) enum Next {
 
 impl Shelf {
     /// Of the recordings in this folder; nothing is read yet.
-    pub fn of(folder: PathBuf) -> Self {
+    pub fn of(folder: RunFolder) -> Self {
         Self {
             folder,
             volumes: Vec::new(),
+            numbers: HashMap::new(),
             episodes: BTreeMap::new(),
             newest: HashMap::new(),
             homes: HashMap::new(),
@@ -242,7 +249,7 @@ impl Shelf {
             let volume = &self.volumes[number];
             let unreadable = |cause| RecordingError::Unreadable { path: volume.path.clone(), cause };
             config = config.or_else(|| volume.config.as_ref().map(|(text, _)| text.clone()));
-            let file = bounded::open(&volume.path).map_err(unreadable)?;
+            let file = self.folder.open(&volume.path).map_err(unreadable)?;
             let mut offset = first;
             while offset <= last {
                 offset = match next(&file, offset, volume.length).map_err(unreadable)? {
@@ -277,19 +284,34 @@ impl Shelf {
 
     /// Takes in files that are new, and how long all are now.
     fn find_volumes(&mut self) {
-        // There is none yet, or its folder cannot be read at the moment.
-        let Ok(files) = super::files_at(&self.folder) else { return };
-        let found = files.into_iter().filter_map(|path| Some((path.clone(), std::fs::metadata(&path).ok()?.len())));
-        for (path, length) in found {
-            if let Some(volume) = self.volumes.iter_mut().find(|volume| volume.path == path) {
+        let files = match super::files_in(&self.folder) {
+            Ok(files) => files,
+            // There is none yet.
+            Err(RecordingError::NoRecordings(_)) => return,
+            Err(error) => {
+                self.note(error.to_string());
+                return;
+            }
+        };
+        for Item { path, bytes: length, .. } in files {
+            if let Some(&number) = self.numbers.get(&path) {
+                let volume = &mut self.volumes[number];
                 volume.caught_up &= volume.length == length;
                 volume.length = length;
                 continue;
             }
             let offset = mcap::MAGIC.len() as u64;
+            self.numbers.insert(path.clone(), self.volumes.len());
             let channels = HashMap::new();
             let (given_up, caught_up) = (false, false);
             self.volumes.push(Volume { path, offset, length, channels, config: None, given_up, caught_up });
+        }
+    }
+
+    /// Keeps a sentence once, and not endlessly many.
+    fn note(&mut self, note: String) {
+        if self.notes.len() < NOTES_MOST && !self.notes.contains(&note) {
+            self.notes.push(note);
         }
     }
 
@@ -297,17 +319,19 @@ impl Shelf {
     fn read_on(&mut self, number: usize) -> bool {
         let volume = &mut self.volumes[number];
         if volume.config.is_none() {
-            match config_of(&volume.path) {
+            match config_of(&self.folder, &volume.path) {
                 Ok(config) => volume.config = Some(config),
-                Err(_) if volume.offset >= volume.length || is_growing(&volume.path) => return false,
+                Err(_) if volume.offset >= volume.length || super::is_growing(&self.folder, &volume.path) => {
+                    return false;
+                }
                 Err(error) => {
                     volume.given_up = true;
-                    self.notes.push(error.to_string());
+                    self.note(error.to_string());
                     return false;
                 }
             }
         }
-        let record = bounded::open(&volume.path).and_then(|file| next(&file, volume.offset, volume.length));
+        let record = self.folder.open(&volume.path).and_then(|file| next(&file, volume.offset, volume.length));
         let (offset, read) = match record {
             Ok(Next::Chunk(body, end)) => (end, contents(&body)),
             Ok(Next::Other(end)) => (end, Some(Vec::new())),
@@ -320,15 +344,16 @@ impl Shelf {
         };
         let Some(contents) = read else {
             // A flush that is seen half is whole a moment later.
-            if !is_growing(&volume.path) {
+            if !super::is_growing(&self.folder, &volume.path) {
                 volume.given_up = true;
-                self.notes.push(format!(
+                let note = format!(
                     "{} is damaged after {} bytes: the table has what comes before, `orchestrator recover {}` saves the \
                      rest",
                     volume.path.display(),
                     volume.offset,
                     quoted(&volume.path)
-                ));
+                );
+                self.note(note);
             }
             return false;
         };
@@ -501,17 +526,14 @@ pub(super) fn each_record(body: &[u8], mut take: impl FnMut(Record)) -> Option<(
 }
 
 /// The configuration of a file, and its kitchens.
-fn config_of(path: &Path) -> Result<(String, Kitchens), RecordingError> {
-    let text = Origin::of(path)?.configuration(path, std::iter::empty())?;
+fn config_of(folder: &RunFolder, path: &Path) -> Result<(String, Kitchens), RecordingError> {
+    let source = folder.open(path).and_then(FileSource::new);
+    let source = source.map_err(|cause| RecordingError::Unreadable { path: path.to_path_buf(), cause })?;
+    let text = Origin::read(path, source)?.configuration(path, std::iter::empty())?;
     let problem =
         |cause: toml::de::Error| RecordingError::Foreign { path: path.to_path_buf(), problem: cause.to_string() };
     let kitchens = toml::from_str::<Config>(&text).map_err(problem)?.kitchens();
     Ok((text, kitchens))
-}
-
-/// Whether a recorder writes it at this moment.
-pub(super) fn is_growing(path: &Path) -> bool {
-    bounded::open(path).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }
 
 /// The record at this offset of a file of this length.

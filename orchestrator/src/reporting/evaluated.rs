@@ -4,21 +4,22 @@ use crate::run::damaged::damaged;
 use crate::showing::format::counted;
 use anyhow::{Context, Result, bail};
 use proto::SCHEMA_VERSION;
-use proto::bounded;
-use proto::evaluation::{Evaluation, RESULT_FILE, TABLE_FILE, read_table};
+use proto::bounded::{RESULT_BYTES_MOST, TABLE_BYTES_MOST};
+use proto::evaluation::{Evaluation, RESULT_FILE, TABLE_FILE, read_table_from};
+use proto::run_folder::RunFolder;
 use report::study::Evaluated;
-use std::path::Path;
 
 /// An evaluation with its episodes.
-pub(super) fn evaluation(folder: &Path) -> Result<Evaluated> {
-    let read = |name: &str| {
+pub(super) fn evaluation(run: &RunFolder) -> Result<Evaluated> {
+    let folder = run.root();
+    let read = |name: &str, most| {
         let path = folder.join(name);
-        bounded::read_figures_text(&path).with_context(|| format!("cannot read {}", path.display()))
+        run.reader(&path, most).with_context(|| format!("cannot read {}", path.display()))
     };
-    let text = read(RESULT_FILE)?;
     let damaged = || damaged(&folder.join(RESULT_FILE), "delete its folder, and evaluate again");
     // The version first: what a later one holds cannot be read by this one's rules.
-    let value: serde_json::Value = serde_json::from_str(&text).with_context(damaged)?;
+    let value: serde_json::Value =
+        serde_json::from_reader(read(RESULT_FILE, RESULT_BYTES_MOST)?).with_context(damaged)?;
     let version = value["schema_version"].as_u64();
     if version != Some(u64::from(SCHEMA_VERSION)) {
         bail!(
@@ -28,7 +29,8 @@ pub(super) fn evaluation(folder: &Path) -> Result<Evaluated> {
         );
     }
     let result: Evaluation = serde_json::from_value(value).with_context(damaged)?;
-    let episodes = read_table(&read(TABLE_FILE)?).with_context(|| format!("{}", folder.join(TABLE_FILE).display()))?;
+    let table = read(TABLE_FILE, TABLE_BYTES_MOST)?;
+    let episodes = read_table_from(table).with_context(|| format!("{}", folder.join(TABLE_FILE).display()))?;
     if result.overall.episodes != episodes.len() as u64 {
         bail!(
             "{}: the table has {}, the result file {}",

@@ -7,12 +7,12 @@ use crate::run::lock::{Held, holder};
 use crate::run::scenes::config_by_content;
 use crate::run::state::state_of;
 use crate::training::metrics::Figures;
-use crate::training::scores::{Score, Scores};
+use crate::training::scores::{Score, Scores, evaluations_below};
 use crate::training::summary::Summary;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::evaluation::{RESULT_FILE, Subject};
-use proto::run_folder::RunFolder;
+use proto::run_folder::{Item, RunFolder};
 use proto::trained::{History, Trained};
 use report::study::{ELAPSED_S, Evaluated, FRAMES_PER_S, Origin, Rollout, Run, Validated};
 use std::collections::BTreeMap;
@@ -60,22 +60,23 @@ pub fn gather(paths: &[PathBuf]) -> Result<Gathered> {
     let mut notes = Vec::new();
     for path in paths {
         let (mut found, before) = (Vec::new(), notes.len());
-        look(path, DEPTH, &mut found, &mut notes).with_context(|| path.display().to_string())?;
+        look(&RunFolder::new(path), DEPTH, &mut found, &mut notes).with_context(|| path.display().to_string())?;
         if found.is_empty() && notes.len() == before {
             bail!("{} {}", path.display(), no_run(path)?);
         }
         for folder in found {
-            let place = std::fs::canonicalize(&folder).with_context(|| folder.display().to_string())?;
+            let root = folder.root();
+            let place = std::fs::canonicalize(root).with_context(|| root.display().to_string())?;
             if runs.iter().any(|known| known.place == place) || outside.iter().any(|known| known.place == place) {
                 continue;
             }
-            let read = if folder.join(RESULT_FILE).exists() {
+            let read = if folder.has(&root.join(RESULT_FILE)) {
                 Outside::read(&folder, place).map(|read| outside.push(read))
             } else {
                 run(&folder, &mut notes).map(|(id, run)| runs.push(Given { place, id, run }))
             };
             match read {
-                Err(error) if folder != *path => notes.push(left_out(&folder, &error)),
+                Err(error) if root != *path => notes.push(left_out(root, &error)),
                 read => read?,
             }
         }
@@ -124,51 +125,46 @@ fn left_out(folder: &Path, error: &anyhow::Error) -> String {
 
 /// Run and evaluation folders at or below `folder`; folders inside a run are not searched. Unreadable folders become
 /// notes.
-fn look(folder: &Path, depth: usize, found: &mut Vec<PathBuf>, notes: &mut Vec<String>) -> Result<()> {
-    let has_result = folder.join(RESULT_FILE).exists();
-    let as_run = RunFolder::new(folder);
-    if has_result || as_run.identity().exists() {
+fn look(folder: &RunFolder, depth: usize, found: &mut Vec<RunFolder>, notes: &mut Vec<String>) -> Result<()> {
+    let items = folder.list(folder.root())?;
+    let has = |path: PathBuf| items.iter().any(|item| !item.is_folder && item.path == path);
+    let has_result = has(folder.root().join(RESULT_FILE));
+    if has_result || has(folder.identity()) {
         // A run.toml whose configuration holds an evaluation is one without a result.
-        if has_result || Config::of_run(&as_run)?.evaluation.is_none() {
-            found.push(folder.to_path_buf());
+        if has_result || Config::of_run(folder)?.evaluation.is_none() {
+            found.push(folder.clone());
         }
         return Ok(());
     }
-    if depth == 0 {
-        return Ok(());
-    }
-    let mut below = Vec::new();
-    for entry in std::fs::read_dir(folder)? {
-        let path = entry?.path();
-        if path.is_dir() {
-            below.push(path);
+    for Item { path, is_folder, .. } in items.iter().filter(|_| depth > 0) {
+        if !is_folder && path.is_dir() {
+            notes.push(format!("{} is left out: it is a link, name the folder itself.", path.display()));
         }
-    }
-    below.sort();
-    for path in below {
-        if let Err(error) = look(&path, depth - 1, found, notes) {
-            notes.push(left_out(&path, &error));
+        if let Some(name) = path.file_name().filter(|_| *is_folder)
+            && let Err(error) = look(&folder.within(name), depth - 1, found, notes)
+        {
+            notes.push(left_out(path, &error));
         }
     }
     Ok(())
 }
 
 /// A run with its id.
-fn run(path: &Path, notes: &mut Vec<String>) -> Result<(String, Run)> {
-    let folder = RunFolder::new(path);
-    let identity = Identity::read(&folder)?;
-    let complete = Summary::read(&folder)?.is_some();
-    let held = holder(&folder)?;
+fn run(folder: &RunFolder, notes: &mut Vec<String>) -> Result<(String, Run)> {
+    let path = folder.root();
+    let identity = Identity::read(folder)?;
+    let complete = Summary::read(folder)?.is_some();
+    let held = holder(folder)?;
     let at_rest = held == Held::Free;
-    let Figures { history, notes: about_figures } = Figures::read(&folder, at_rest)?;
-    let Scores { scores, notes: about_scores } = Scores::read(&folder, at_rest)?;
+    let Figures { history, notes: about_figures } = Figures::read(folder, at_rest);
+    let Scores { scores, notes: about_scores } = Scores::read(folder, at_rest);
     notes.extend(about_figures.into_iter().chain(about_scores).map(|note| format!("{}: {note}.", path.display())));
     let run = Run {
         name: path.display().to_string(),
         origin: Origin::Run(state_of(&identity, &held, complete)),
-        config: config_by_content(&folder)?,
+        config: config_by_content(folder)?,
         rollouts: rollouts(&history),
-        evaluations: evaluations_of(&folder, notes)?,
+        evaluations: evaluations_of(folder, notes)?,
         validation: validation_of(&scores),
     };
     Ok((identity.id, run))
@@ -205,23 +201,11 @@ fn validation_of(scores: &[Score]) -> Vec<Validated> {
 
 /// The evaluations in a run's own folder, oldest first. One that cannot be read becomes a note.
 fn evaluations_of(folder: &RunFolder, notes: &mut Vec<String>) -> Result<Vec<Evaluated>> {
-    let below = folder.root().join("evaluations");
-    let mut paths = Vec::new();
-    if below.is_dir() {
-        for entry in std::fs::read_dir(&below).with_context(|| below.display().to_string())? {
-            let path = entry?.path();
-            // One that was cut off has no result.
-            if path.join(RESULT_FILE).exists() {
-                paths.push(path);
-            }
-        }
-    }
-    paths.sort();
     let mut evaluations = Vec::new();
-    for path in paths {
-        match evaluation(&path) {
+    for one in evaluations_below(folder)? {
+        match evaluation(&one) {
             Ok(read) => evaluations.push(read),
-            Err(error) => notes.push(left_out(&path, &error)),
+            Err(error) => notes.push(left_out(one.root(), &error)),
         }
     }
     Ok(evaluations)
@@ -454,6 +438,7 @@ mod tests {
                 stage: 0,
                 at_unix_s: 0,
                 incarnation: 1,
+                wall_s: None,
                 timing,
                 metrics: metrics.into(),
             });

@@ -7,27 +7,22 @@ use proto::config::Config;
 use proto::evaluation::Subject;
 use proto::run_folder::RunFolder;
 use report::study::{Evaluated, Origin, Run, differences_between};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// An evaluation's folder outside of any run's.
 pub(super) struct Outside {
     /// Its path, without links.
     pub place: PathBuf,
     /// As the user calls it.
-    folder: PathBuf,
+    folder: RunFolder,
     config: Config,
     pub evaluated: Evaluated,
 }
 
 impl Outside {
     /// Reads an evaluation's folder; `place`: its path, without links.
-    pub fn read(folder: &Path, place: PathBuf) -> Result<Self> {
-        Ok(Self {
-            place,
-            folder: folder.to_path_buf(),
-            config: config_by_content(&RunFolder::new(folder))?,
-            evaluated: evaluation(folder)?,
-        })
+    pub fn read(folder: &RunFolder, place: PathBuf) -> Result<Self> {
+        Ok(Self { place, folder: folder.clone(), config: config_by_content(folder)?, evaluated: evaluation(folder)? })
     }
 
     /// As a run of its own: its run was not given, or it has none.
@@ -54,7 +49,7 @@ impl Outside {
             }
         };
         Run {
-            name: self.folder.display().to_string(),
+            name: self.folder.root().display().to_string(),
             origin,
             config,
             rollouts: Vec::new(),

@@ -106,7 +106,7 @@ impl Recorded {
     fn of(evaluated: &Evaluated) -> Result<Self> {
         let folder = std::path::absolute(&evaluated.folder)?;
         let text = folder.to_str().context("the evaluation's folder has a name that is not text")?.to_owned();
-        let mut shelf = Shelf::of(folder);
+        let mut shelf = Shelf::of(RunFolder::new(folder));
         shelf.advance(PATIENCE);
         Ok(Self { shelf, folder: text })
     }

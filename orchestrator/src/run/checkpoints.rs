@@ -1,81 +1,89 @@
 //! The checkpoints of a folder: which there are, which is the newest one, and whether it is whole.
 
 use anyhow::{Context, Result, anyhow, ensure};
-use proto::bounded;
 use proto::checkpoint::Manifest;
-use proto::digest::sha256;
-use proto::run_folder::{RolloutName, RunFolder};
+use proto::digest::Digest256;
+use proto::disk::TENSORS_BYTES_MOST;
+use proto::run_folder::{Item, RolloutName, RunFolder};
 use std::collections::BTreeMap;
+use std::io::BufRead;
 use std::path::{Path, PathBuf};
 
-/// Reads a manifest, without its tensors.
-pub fn read_manifest(path: &Path) -> Result<Manifest> {
-    Manifest::read(path).map_err(|error| anyhow!("{} {error}", path.display()))
+/// Reads a manifest in a run folder, without its tensors.
+pub fn read_manifest(folder: &RunFolder, path: &Path) -> Result<Manifest> {
+    Manifest::read_in(folder, path).map_err(|error| anyhow!("{} {error}", path.display()))
 }
 
-/// The newest checkpoint of a run whose manifest can be read. Its tensors may be damaged, which is not looked at: for a
-/// look at a run that somebody works on.
-pub fn newest_readable(folder: &RunFolder) -> Result<Option<Manifest>> {
-    let manifests = manifests(&folder.checkpoints(), folder.id().as_deref())?;
-    Ok(manifests.iter().find_map(|path| Manifest::read(path).ok()))
+/// The newest checkpoint of a run whose manifest can be read, and what is wrong with newer ones. Its tensors may be
+/// damaged, which is not looked at: for a look at a run that somebody works on.
+pub fn newest_readable(folder: &RunFolder) -> Result<(Option<Manifest>, Vec<anyhow::Error>)> {
+    let (run, mut damaged) = (folder.id(), Vec::new());
+    for path in manifests(folder, &folder.checkpoints())? {
+        match read_manifest(folder, &path) {
+            Ok(manifest) if run.as_ref().is_some_and(|run| manifest.is_of_another(run)) => {}
+            Ok(manifest) => return Ok((Some(manifest), damaged)),
+            Err(error) => damaged.push(error),
+        }
+    }
+    Ok((None, damaged))
 }
 
-/// The manifest of the newest checkpoint in a folder that is whole, and what is wrong with newer ones: as a learner that
-/// goes on chooses. In the folder of a run only its own count.
-pub fn newest_whole(folder: &Path, run: Option<&str>) -> Result<(PathBuf, Vec<anyhow::Error>)> {
-    let mut damaged = Vec::new();
-    for manifest in manifests(folder, run)? {
-        match check(&manifest) {
-            Ok(()) => return Ok((manifest, damaged)),
+/// The manifest of the newest whole checkpoint at this place in a run folder, and what is wrong with newer ones: as a
+/// learner that goes on chooses. In the folder of a run only its own count.
+pub fn newest_whole(folder: &RunFolder, place: &Path) -> Result<(PathBuf, Vec<anyhow::Error>)> {
+    let (run, mut damaged) = (folder.id(), Vec::new());
+    for path in manifests(folder, place)? {
+        match read_manifest(folder, &path) {
+            Ok(manifest) if run.as_ref().is_some_and(|run| manifest.is_of_another(run)) => {}
+            Ok(manifest) => match check(folder, &path, manifest) {
+                Ok(()) => return Ok((path, damaged)),
+                Err(error) => damaged.push(error),
+            },
             Err(error) => damaged.push(error),
         }
     }
     let error = damaged.into_iter().next();
     Err(match error {
-        Some(error) => error.context(format!("no checkpoint in {} is whole", folder.display())),
-        None => anyhow!("there is no checkpoint in {}", folder.display()),
+        Some(error) => error.context(format!("no checkpoint in {} is whole", place.display())),
+        None => anyhow!("there is no checkpoint in {}", place.display()),
     })
 }
 
-/// No network's checkpoint is as long.
-const TENSORS_MOST: u64 = 1 << 40;
+/// The newest checkpoints that are looked at.
+const CHECKPOINTS_MOST: usize = 100;
 
-/// Whether a checkpoint is as its manifest says.
-fn check(manifest: &Path) -> Result<()> {
-    let Manifest { tensors, tensors_bytes, tensors_sha256, .. } = read_manifest(manifest)?;
+/// Whether the tensors of a checkpoint are as its manifest says.
+fn check(folder: &RunFolder, path: &Path, manifest: Manifest) -> Result<()> {
+    let Manifest { tensors, tensors_bytes, tensors_sha256, .. } = manifest;
     let is_beside = Path::new(&tensors).file_name() == Some(tensors.as_ref());
-    ensure!(is_beside, "{} names tensors that are not beside it: {tensors}", manifest.display());
-    let path = manifest.with_file_name(tensors);
-    // The folder can be somebody else's, with a pipe in the place of a file.
-    let bytes = bounded::read(&path, tensors_bytes.min(TENSORS_MOST))
-        .with_context(|| format!("cannot read {}", path.display()))?;
+    ensure!(is_beside, "{} names tensors that are not beside it: {tensors}", path.display());
+    let path = path.with_file_name(tensors);
+    let cannot = || format!("cannot read {}", path.display());
+    let mut file = folder.reader(&path, tensors_bytes.min(TENSORS_BYTES_MOST)).with_context(cannot)?;
+    let mut digest = Digest256::default();
+    loop {
+        let bytes = file.fill_buf().with_context(cannot)?;
+        let count = bytes.len();
+        if count == 0 {
+            break;
+        }
+        digest.add(bytes);
+        file.consume(count);
+    }
     ensure!(
-        sha256(&bytes) == tensors_sha256,
+        digest.finish() == tensors_sha256,
         "{} is damaged: its SHA-256 is not the one that its manifest names",
         path.display()
     );
     Ok(())
 }
 
-/// The manifests in a folder, the highest rollout first; in that of a run, those that are the run's.
-fn manifests(folder: &Path, run: Option<&str>) -> Result<Vec<PathBuf>> {
-    let entries = match std::fs::read_dir(folder) {
-        Ok(entries) => entries,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(error) => return Err(error).with_context(|| folder.display().to_string()),
-    };
-    let foreign =
-        |path: &Path| run.is_some_and(|run| Manifest::read(path).is_ok_and(|manifest| manifest.is_of_another(run)));
-    let mut found = BTreeMap::new();
-    for entry in entries {
-        let path = entry.with_context(|| folder.display().to_string())?.path();
-        if let Some(rollout) = RolloutName::Manifest.rollout_of(&path)
-            && !foreign(&path)
-        {
-            found.insert(rollout, path);
-        }
-    }
-    Ok(found.into_values().rev().collect())
+/// The manifests in a folder of a run folder, the highest rollout first.
+fn manifests(folder: &RunFolder, place: &Path) -> Result<Vec<PathBuf>> {
+    let items = folder.list(place).with_context(|| place.display().to_string())?;
+    let named = |item: Item| Some((RolloutName::Manifest.rollout_of(&item.path)?, item.path));
+    let found: BTreeMap<u64, PathBuf> = items.into_iter().filter_map(named).collect();
+    Ok(found.into_values().rev().take(CHECKPOINTS_MOST).collect())
 }
 
 #[cfg(test)]
@@ -83,6 +91,7 @@ pub mod tests {
     use super::*;
     use proto::checkpoint::Machine;
     use proto::config::CarriedGoal;
+    use proto::digest::sha256;
 
     /// The manifest of a checkpoint whose tensors are the text `tensors K`.
     pub fn manifest(rollout: u64, frames: u64) -> Vec<u8> {
@@ -123,11 +132,11 @@ pub mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(RolloutName::Manifest.of(1));
         std::fs::write(&path, manifest(1, 500)).unwrap();
-        assert_eq!(read_manifest(&path).unwrap().frames, 500);
+        assert_eq!(read_manifest(&RunFolder::new(folder.path()), &path).unwrap().frames, 500);
         let changed = String::from_utf8(manifest(1, 500)).unwrap().replace("500", "600");
         for (content, reason) in [("torn", "is not a manifest"), (&changed, "does not match its own checksum")] {
             std::fs::write(&path, content).unwrap();
-            let error = read_manifest(&path).unwrap_err().to_string();
+            let error = read_manifest(&RunFolder::new(folder.path()), &path).unwrap_err().to_string();
             assert!(error.starts_with(&format!("{} {reason}", path.display())), "{error}");
         }
     }
@@ -136,16 +145,17 @@ pub mod tests {
     fn the_newest_that_can_be_read_need_not_be_whole() {
         let temporary = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(temporary.path());
-        assert!(newest_readable(&folder).unwrap().is_none(), "there is no such folder");
+        assert!(newest_readable(&folder).unwrap().0.is_none(), "there is no such folder");
         std::fs::create_dir(folder.checkpoints()).unwrap();
-        assert!(newest_readable(&folder).unwrap().is_none());
+        assert!(newest_readable(&folder).unwrap().0.is_none());
         for rollout in [1, 12] {
             std::fs::write(folder.checkpoint_manifest(rollout), manifest(rollout, 100 * rollout)).unwrap();
         }
         std::fs::write(folder.checkpoint_manifest(13), "torn").unwrap();
         std::fs::write(folder.checkpoints().join(RolloutName::Tensors.of(1)), "tensors 1").unwrap();
-        assert_eq!(newest_readable(&folder).unwrap().unwrap().frames, 1200);
-        let (whole, damaged) = newest_whole(&folder.checkpoints(), None).unwrap();
+        let (newest, damaged) = newest_readable(&folder).unwrap();
+        assert_eq!((newest.unwrap().frames, damaged.len()), (1200, 1));
+        let (whole, damaged) = newest_whole(&folder, &folder.checkpoints()).unwrap();
         assert_eq!((whole, damaged.len()), (folder.checkpoint_manifest(1), 2));
     }
 }

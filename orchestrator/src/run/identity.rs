@@ -5,7 +5,6 @@ use super::unfinished::is_cut_off;
 use crate::showing::format::{self, counted};
 use anyhow::{Context, Result, bail};
 use proto::SCHEMA_VERSION;
-use proto::bounded;
 use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
 use proto::run_state::Ending;
@@ -50,15 +49,39 @@ pub struct Incarnation {
     pub pid: u32,
     /// When it began, seconds since 1970.
     pub started_unix_s: u64,
+    /// When it began, by a clock that nobody sets. None in runs of older versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub started: Option<Moment>,
     /// When it was last known to live, seconds since 1970: noted by the next start, if it left no word.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seen_unix_s: Option<u64>,
+    /// For how long it was known to live, seconds: noted with it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seen_wall_s: Option<f64>,
     /// The processes that it has, and from where on.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shape: Option<Shape>,
     /// How it ended; absent while it runs and after a crash.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended: Option<Ended>,
+}
+
+impl Incarnation {
+    /// Begins now, in this process.
+    pub fn begin(number: u32, address: &WireAddress) -> Self {
+        Self {
+            number,
+            wire: address.to_string(),
+            host: host_name(),
+            pid: std::process::id(),
+            started_unix_s: unix_now(),
+            started: Some(Moment::now()),
+            seen_unix_s: None,
+            seen_wall_s: None,
+            shape: None,
+            ended: None,
+        }
+    }
 }
 
 /// The processes of an incarnation. Actors and learners are those of all hosts.
@@ -95,6 +118,9 @@ pub struct Ended {
     pub how: Ending,
     /// When, seconds since 1970.
     pub at_unix_s: u64,
+    /// How long it took, seconds by a clock that nobody sets. None in runs of older versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wall_s: Option<f64>,
     /// Frames trained on in the state that was saved last, if that is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames: Option<u64>,
@@ -125,7 +151,7 @@ impl Identity {
     pub fn read(folder: &RunFolder) -> Result<Self> {
         let path = folder.identity();
         let root = folder.root().display();
-        let text = match bounded::read_text(&path) {
+        let text = match folder.read_text(&path) {
             Ok(text) => text,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 if is_cut_off(folder).unwrap_or(false) {
@@ -180,16 +206,7 @@ impl Identity {
     pub fn begin_incarnation(&mut self) -> (u32, WireAddress) {
         let number = self.incarnations.last().map_or(0, |last| last.number) + 1;
         let address = WireAddress::new(&self.id, number);
-        self.incarnations.push(Incarnation {
-            number,
-            wire: address.to_string(),
-            host: host_name(),
-            pid: std::process::id(),
-            started_unix_s: unix_now(),
-            seen_unix_s: None,
-            shape: None,
-            ended: None,
-        });
+        self.incarnations.push(Incarnation::begin(number, &address));
         (number, address)
     }
 
@@ -236,17 +253,57 @@ impl Identity {
     }
 
     /// Notes when incarnations that left no word were last known to live, by their numbers.
-    pub fn note_signs_of_life(&mut self, seen: &BTreeMap<u32, u64>) {
+    pub fn note_signs_of_life(&mut self, seen: &BTreeMap<u32, Sign>) {
         for incarnation in self.incarnations.iter_mut().filter(|incarnation| incarnation.ended.is_none()) {
-            incarnation.seen_unix_s = incarnation.seen_unix_s.max(seen.get(&incarnation.number).copied());
+            if let Some(sign) = seen.get(&incarnation.number) {
+                incarnation.seen_unix_s = incarnation.seen_unix_s.max(Some(sign.at_unix_s));
+                incarnation.seen_wall_s = sign.wall_s.or(incarnation.seen_wall_s);
+            }
         }
     }
 
-    /// Notes how the last incarnation ended.
+    /// Notes how the last incarnation ended, just now.
     pub fn end_incarnation(&mut self, ended: Ended) {
         if let Some(last) = self.incarnations.last_mut() {
-            last.ended = Some(ended);
+            let wall_s = last.started.as_ref().and_then(Moment::elapsed_s);
+            last.ended = Some(Ended { wall_s, ..ended });
         }
+    }
+}
+
+/// That an incarnation was alive when it wrote of its last rollout.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sign {
+    /// Seconds since 1970.
+    pub at_unix_s: u64,
+    /// Seconds since it began, by a clock that nobody sets.
+    pub wall_s: Option<f64>,
+}
+
+/// A moment by the machine's monotonic clock, which counts from its boot.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Moment {
+    /// Which boot of which machine: the kernel's `boot_id`.
+    boot: String,
+    /// Seconds since then.
+    monotonic_s: f64,
+}
+
+impl Moment {
+    /// Now.
+    pub fn now() -> Self {
+        let now = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
+        // Where it cannot be read, times of one boot are taken for those of another, and the clock of the day counts.
+        let boot = std::fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default();
+        Self { boot: boot.trim().to_owned(), monotonic_s: now.tv_sec as f64 + now.tv_nsec as f64 / 1e9 }
+    }
+
+    /// The time since then, seconds; none where the machine was started anew, or is another one.
+    pub fn elapsed_s(&self) -> Option<f64> {
+        let now = Self::now();
+        let same = self.boot == now.boot && !now.boot.is_empty();
+        let elapsed_s = ((now.monotonic_s - self.monotonic_s) * 1e3).round() / 1e3;
+        (same && elapsed_s >= 0.0).then_some(elapsed_s)
     }
 }
 
@@ -290,6 +347,7 @@ mod tests {
         again.end_incarnation(Ended {
             how: Ending::Stopped,
             at_unix_s: 5,
+            wall_s: None,
             frames: Some(7),
             weights: None,
             reason: None,

@@ -2,9 +2,9 @@
 //! begins after it, and readers skip incomplete objects.
 
 use anyhow::{Context, Result};
-use proto::bounded;
+use proto::bounded::Lines;
 use proto::plain_file::open_plain;
-use proto::run_folder::write_atomically;
+use proto::run_folder::{RunFolder, write_atomically};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::fs::{File, Metadata, OpenOptions};
@@ -23,7 +23,7 @@ pub fn set_content(path: &Path, wanted: &[u8]) -> Result<()> {
 /// Whether a file holds these bytes and no others. No file holds none.
 pub fn is_content<B: AsRef<[u8]>>(path: &Path, wanted: impl IntoIterator<Item = B>) -> bool {
     let mut wanted = wanted.into_iter();
-    let Ok(mut file) = bounded::open(path).map(BufReader::new) else {
+    let Ok(mut file) = open_plain(path, OpenOptions::new().read(true)).map(BufReader::new) else {
         return wanted.all(|part| part.as_ref().is_empty());
     };
     let mut found = Vec::new();
@@ -34,29 +34,21 @@ pub fn is_content<B: AsRef<[u8]>>(path: &Path, wanted: impl IntoIterator<Item = 
     wanted.all(is_there) && file.fill_buf().is_ok_and(<[u8]>::is_empty)
 }
 
-/// The whole lines of a file, in order; none when there is no file.
-pub fn read<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>> {
-    Ok(read_counting(path)?.0)
-}
-
-/// The same, and how many other lines are damaged. The last line may be cut off.
-pub fn read_counting<T: DeserializeOwned>(path: &Path) -> Result<(Vec<T>, usize)> {
-    let file = match bounded::open(path) {
-        Ok(file) => file,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok((Vec::new(), 0)),
-        Err(error) => return Err(error).with_context(|| path.display().to_string()),
+/// The whole lines of a file in a run folder that has `most` bytes at most, in order, and how many others are damaged.
+/// The last line may be cut off; a file that is not there has none.
+pub fn read<T: DeserializeOwned>(folder: &RunFolder, path: &Path, most: u64) -> std::io::Result<(Vec<T>, usize)> {
+    let (mut read, mut damaged) = (Vec::new(), 0);
+    let mut lines = match folder.reader(path, most) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok((read, 0)),
+        file => Lines::of(file?),
     };
-    let (mut lines, mut damaged) = (Vec::new(), 0);
-    let mut reader = BufReader::new(file);
-    let mut line = Vec::new();
-    while reader.read_until(b'\n', &mut line).with_context(|| path.display().to_string())? > 0 {
-        match serde_json::from_slice::<T>(&line) {
-            Ok(read) => lines.push(read),
+    while let Some(line) = lines.read()? {
+        match serde_json::from_slice::<T>(line) {
+            Ok(one) => read.push(one),
             Err(_) => damaged += usize::from(line.ends_with(b"\n") && !line.trim_ascii().is_empty()),
         }
-        line.clear();
     }
-    Ok((lines, damaged))
+    Ok((read, damaged))
 }
 
 /// Appends to a file.
@@ -115,7 +107,8 @@ mod tests {
     fn a_line_that_was_cut_short_costs_itself_and_no_other() {
         let temporary = tempfile::tempdir().unwrap();
         let path = temporary.path().join("numbers.jsonl");
-        assert!(read::<Vec<u32>>(&path).unwrap().is_empty());
+        let read = || read::<Vec<u32>>(&RunFolder::new(temporary.path()), &path, 1000);
+        assert_eq!(read().unwrap(), (vec![], 0));
         Writer::open(&path).unwrap().append(&[1, 2]).unwrap();
         for torn in [&b"[3, "[..], b"[\"\xc3"] {
             OpenOptions::new().append(true).open(&path).unwrap().write_all(torn).unwrap();
@@ -123,12 +116,13 @@ mod tests {
             writer.append(&[4]).unwrap();
             writer.sync().unwrap();
         }
-        assert_eq!(read::<Vec<u32>>(&path).unwrap(), [vec![1, 2], vec![4], vec![4]]);
-        assert_eq!(read_counting::<Vec<u32>>(&path).unwrap().1, 2);
+        assert_eq!(read().unwrap(), (vec![vec![1, 2], vec![4], vec![4]], 2));
         let mut writer = Writer::open(&path).unwrap();
         writer.clear().unwrap();
         writer.append(&[5]).unwrap();
-        assert_eq!(read::<Vec<u32>>(&path).unwrap(), [vec![5]]);
+        assert_eq!(read().unwrap(), (vec![vec![5]], 0));
+        File::create(&path).unwrap().set_len(200 << 30).unwrap();
+        assert!(read().unwrap_err().to_string().contains("more than the 1000 bytes"));
 
         let link = temporary.path().join("link");
         std::os::unix::fs::symlink(&path, &link).unwrap();

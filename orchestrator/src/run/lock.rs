@@ -81,7 +81,7 @@ impl RunLock {
 fn refuse_links(folder: &RunFolder) -> Result<()> {
     let own = [folder.checkpoints(), folder.recordings(), folder.logs(), folder.scenes(), folder.validations()];
     let others = [folder.kitchens(), folder.tensorboard(), folder.hosts()];
-    let hosts = folder.host_folders().into_iter().map(|host| host.root().to_path_buf());
+    let hosts = folder.list(&folder.hosts()).unwrap_or_default().into_iter().map(|item| item.path);
     for path in own.into_iter().chain(others).chain(hosts) {
         if path.is_symlink() {
             bail!(
@@ -108,7 +108,7 @@ pub enum Held {
 /// Who holds the run in `folder` now.
 pub fn holder(folder: &RunFolder) -> Result<Held> {
     let path = folder.orchestrator_lock();
-    let file = match open_plain(&path, OpenOptions::new().read(true)) {
+    let file = match folder.open(&path) {
         Ok(file) => file,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Held::Free),
         Err(error) => return Err(error).with_context(|| path.display().to_string()),

@@ -3,7 +3,6 @@
 use super::damaged::damaged;
 use crate::showing::format::counted;
 use anyhow::{Context, Result, bail};
-use proto::bounded;
 use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
 use serde::{Deserialize, Serialize};
@@ -36,7 +35,7 @@ impl ScaleRequest {
     /// The one that lies there.
     pub fn read(folder: &RunFolder) -> Result<Option<Self>> {
         let path = folder.scale_request();
-        match bounded::read_text(&path) {
+        match folder.read_text(&path) {
             Ok(text) => {
                 Ok(Some(toml::from_str(&text).with_context(|| damaged(&path, "delete it, and ask again if need be"))?))
             }

@@ -8,15 +8,15 @@ use crate::process_end::wait_for_child;
 use crate::showing::format::counted;
 use crate::showing::log_line::error_in;
 use crate::showing::terminal;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use proto::bounded;
 use proto::config::Config;
 use proto::digest::Digest256;
 use proto::kitchen::TargetCategory;
-use proto::run_folder::{RunFolder, unlike_a_flag};
+use proto::run_folder::{Item, RunFolder, unlike_a_flag};
 use std::ffi::OsStr;
-use std::io::{ErrorKind, Read};
-use std::path::{Path, PathBuf};
+use std::io::Read;
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -75,25 +75,31 @@ pub fn targets(config: &Config) -> Result<Vec<Vec<TargetCategory>>> {
 
 /// As much as a scene's file may have.
 const FILE_BYTES_MOST: u64 = 512 << 20;
+/// More files than scenes have.
+const FILES_MOST: usize = 10_000;
 
-/// All files in and below a folder, by their names below `root`; none where there is no such folder.
-pub fn files_below(root: &Path, folder: &Path) -> Result<Vec<(String, Vec<u8>)>> {
-    let mut paths: Vec<PathBuf> = match std::fs::read_dir(folder) {
-        Ok(entries) => entries.map(|entry| Ok(entry?.path())).collect::<std::io::Result<_>>()?,
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(error) => return Err(error.into()),
-    };
-    paths.sort();
-    let mut files = Vec::new();
-    for path in paths {
-        if path.is_dir() {
-            files.extend(files_below(root, &path)?);
-        } else {
+/// As much as all scenes of a run may have.
+const ALL_BYTES_MOST: u64 = 2 << 30;
+
+/// All files in and below a folder of a run folder, by their names below `root`; none where there is no such folder.
+pub fn files_below(run: &RunFolder, root: &Path, folder: &Path) -> Result<Vec<(String, Vec<u8>)>> {
+    let (mut waiting, mut found, mut bytes) = (vec![folder.to_owned()], Vec::new(), 0);
+    while let Some(folder) = waiting.pop() {
+        for Item { path, is_folder, .. } in run.list(&folder)? {
+            if is_folder {
+                waiting.push(path);
+                continue;
+            }
             let name = path.strip_prefix(root)?.to_str().context("a name that is not text")?.to_owned();
-            files.push((name, bounded::read(&path, FILE_BYTES_MOST)?));
+            let content = run.read(&path, FILE_BYTES_MOST).with_context(|| name.clone())?;
+            bytes += content.len() as u64;
+            ensure!(bytes <= ALL_BYTES_MOST, "its files have more than {ALL_BYTES_MOST} bytes together");
+            found.push((path, name, content));
         }
+        ensure!(waiting.len() + found.len() <= FILES_MOST, "it has more than {FILES_MOST} files and folders");
     }
-    Ok(files)
+    found.sort_by(|(a, ..), (b, ..)| a.cmp(b));
+    Ok(found.into_iter().map(|(_, name, content)| (name, content)).collect())
 }
 
 /// The configuration in a run's folder, with its scenes named by what they hold, too: in every run folder they have the
@@ -101,7 +107,7 @@ pub fn files_below(root: &Path, folder: &Path) -> Result<Vec<(String, Vec<u8>)>>
 pub fn config_by_content(folder: &RunFolder) -> Result<Config> {
     let mut config = Config::of_run(folder)?;
     for (index, scene) in config.scenes.iter_mut().enumerate() {
-        let files = files_below(&folder.scene(index), &folder.scene(index)).with_context(|| scene.clone())?;
+        let files = files_below(folder, &folder.scene(index), &folder.scene(index)).with_context(|| scene.clone())?;
         // Where the copies are gone the name is all that there is.
         if !files.is_empty() {
             let mut digest = Digest256::default();
@@ -127,7 +133,9 @@ pub fn changes(config: &Config, begun: &Config, folder: &RunFolder) -> Result<Ve
             continue;
         }
         let beside = Path::new(scene).parent().unwrap_or(Path::new(""));
-        for (name, copied) in files_below(&folder.scene(index), &folder.scene(index)).with_context(|| scene.clone())? {
+        for (name, copied) in
+            files_below(folder, &folder.scene(index), &folder.scene(index)).with_context(|| scene.clone())?
+        {
             let original = beside.join(name);
             if bounded::read(&original, FILE_BYTES_MOST).ok().as_ref() != Some(&copied) {
                 changes.push(format!("another {}", original.display()));

@@ -33,7 +33,14 @@ mod tests {
             (Ending::Interrupted, "interrupted"),
             (Ending::Failed, "failed"),
         ] {
-            identity.end_incarnation(Ended { how, at_unix_s: 1, frames: None, weights: None, reason: None });
+            identity.end_incarnation(Ended {
+                how,
+                at_unix_s: 1,
+                wall_s: None,
+                frames: None,
+                weights: None,
+                reason: None,
+            });
             assert_eq!(state(&identity, Held::Free, false), word);
         }
         assert_eq!(state(&identity, Held::Free, true), "complete");

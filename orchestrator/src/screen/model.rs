@@ -64,12 +64,12 @@ impl Model {
             self.curves = new;
             return;
         }
-        let Curves { frames, stage, at, series, stages, paper, .. } = new;
+        let Curves { frames, stage, elapsed_s, series, stages, paper, .. } = new;
         let added = frames.len();
         let all = &mut self.curves;
         all.frames.extend(frames);
         all.stage.extend(stage);
-        all.at.extend(at);
+        all.elapsed_s.extend(elapsed_s);
         for (name, values) in series {
             // A figure that comes for the first time had no value before.
             let column = all.series.entry(name).or_default();

@@ -340,7 +340,7 @@ impl Scheduler<'_> {
 /// The last error in a log from this place on, else how the process ended.
 fn last_words(log: &Path, begin: u64, exit: ExitStatus) -> String {
     let mut end = Vec::new();
-    let read = bounded::open(log).and_then(|mut file| {
+    let read = open_plain(log, OpenOptions::new().read(true)).and_then(|mut file| {
         let length = file.metadata()?.len();
         file.seek(SeekFrom::Start(length.saturating_sub(LAST_WORDS_BYTES).max(begin)))?;
         file.read_to_end(&mut end)

@@ -1,7 +1,7 @@
 //! Files and display of a training run: `metrics.jsonl`, validation, and live progress.
 
 use crate::recording::recorder::Recorder;
-use crate::run::identity::unix_now;
+use crate::run::identity::{Incarnation, Moment, unix_now};
 use crate::supervisor::shell::Audience;
 use crate::training::events;
 use crate::training::metrics::Journal;
@@ -22,20 +22,20 @@ pub struct TrainingAudience {
     /// `metrics.jsonl`.
     pub journal: Journal,
     board: Option<Board>,
-    incarnation: u32,
+    start: Incarnation,
     stages: Vec<StageConfig>,
     progress: Progress,
     validation: Option<Validation>,
 }
 
 impl TrainingAudience {
-    /// Goes on with what the folder holds.
-    pub fn open(folder: &RunFolder, config: &Config, incarnation: u32) -> Result<Self> {
-        let board = || Board::of(folder, &config.stages, incarnation);
+    /// Goes on with what the folder holds, in this start.
+    pub fn open(folder: &RunFolder, config: &Config, start: &Incarnation) -> Result<Self> {
+        let board = || Board::of(folder, &config.stages, start.number);
         Ok(Self {
             journal: Journal::open(folder)?,
             board: config.recording.tensorboard.then(board),
-            incarnation,
+            start: start.clone(),
             stages: config.stages.clone(),
             progress: Progress::new(config.stages.clone(), config.ppo.overlap),
             validation: Validation::open(folder, config)?,
@@ -66,7 +66,8 @@ impl Audience for TrainingAudience {
                     frames: *frames,
                     stage: *stage,
                     at_unix_s: unix_now(),
-                    incarnation: self.incarnation,
+                    incarnation: self.start.number,
+                    wall_s: self.start.started.as_ref().and_then(Moment::elapsed_s),
                     timing: *timing,
                     metrics: metrics.clone().into(),
                 })?;
@@ -122,9 +123,13 @@ mod tests {
     use crate::training::validation::tests::run;
     use proto::stage::total_frames;
 
+    fn start(number: u32) -> Incarnation {
+        Incarnation::begin(number, &wire::WireAddress::new("0a1b", number))
+    }
+
     /// A learner goes on from this checkpoint; whether that is then to be evaluated.
     fn goes_on(folder: &RunFolder, config: &Config, rollout: u64, frames: u64) -> bool {
-        let mut audience = TrainingAudience::open(folder, config, 2).unwrap();
+        let mut audience = TrainingAudience::open(folder, config, &start(2)).unwrap();
         let device = "cpu".to_owned();
         let ready = LearnerEvent::Ready { rank: 0, rollout, frames, device, parameters: 1, checkpoint: None };
         audience.learner(Duration::ZERO, &ready).unwrap();
@@ -138,7 +143,7 @@ mod tests {
         assert!(!goes_on(&folder, &config, 2, 200));
         assert!(goes_on(&folder, &config, 3, 300));
         // That one still waits when the next orchestrator begins; one that comes again is not due again.
-        assert!(TrainingAudience::open(&folder, &config, 3).unwrap().is_busy());
+        assert!(TrainingAudience::open(&folder, &config, &start(3)).unwrap().is_busy());
         let (_temporary, folder, _) = run(&[0]);
         assert!(!goes_on(&folder, &config, 0, 0), "a run that begins");
         // The end is always evaluated.

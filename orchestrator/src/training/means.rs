@@ -197,6 +197,7 @@ pub mod tests {
                 stage: u32::from(frames > 1000),
                 at_unix_s: rollout * 2,
                 incarnation: 1,
+                wall_s: Some(rollout as f64 * 2.0),
                 timing: Timing { simulate_s: 0.8, infer_s: 0.4, update_s: 0.6, exchange_s: 0.0, other_s: 0.2 },
                 metrics: metrics.into(),
             });

@@ -9,26 +9,28 @@ use crate::run::checkpoints::newest_readable;
 use crate::run::json_lines::{Writer, is_content};
 use crate::showing::format::counted;
 use anyhow::{Context, Result};
-use proto::bounded;
+use proto::bounded::FIGURES_BYTES_MOST;
 use proto::checkpoint::Manifest;
 use proto::disk::LocalDisk;
 use proto::run_folder::{RunFolder, write_pieces_atomically_on};
 use proto::trained::{History, Trained};
 use std::io::ErrorKind;
 use std::ops::RangeInclusive;
+use std::path::Path;
 
 /// What the file says; none where there is no file.
-fn read_file(folder: &RunFolder) -> Result<Option<(History, usize)>> {
-    match bounded::open_figures(&folder.metrics()).and_then(History::read) {
+fn read_file(folder: &RunFolder) -> std::io::Result<Option<(History, usize)>> {
+    match folder.reader(&folder.metrics(), FIGURES_BYTES_MOST).and_then(History::read) {
         Ok(read) => Ok(Some(read)),
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
-        Err(error) => Err(error).with_context(|| folder.metrics().display().to_string()),
+        Err(error) => Err(error),
     }
 }
 
 /// The rollouts in the file, whatever the checkpoints say: for a look at a run that goes on.
 pub fn read_history(folder: &RunFolder) -> Result<History> {
-    Ok(read_file(folder)?.map(|(history, _)| history).unwrap_or_default())
+    let read = read_file(folder).with_context(|| folder.metrics().display().to_string())?;
+    Ok(read.map(|(history, _)| history).unwrap_or_default())
 }
 
 /// What is known of a run's rollouts, from the file and from the newest checkpoint.
@@ -41,12 +43,17 @@ pub struct Figures {
 }
 
 impl Figures {
-    /// Reads a run's folder. `at_rest`: nobody works on the run, so the file should have all that the checkpoint has.
-    pub fn read(folder: &RunFolder, at_rest: bool) -> Result<Self> {
-        let file = read_file(folder)?;
-        let newest = newest_readable(folder)?;
-        let trained = newest.as_ref().map_or(0, |manifest| manifest.rollout);
+    /// Reads a run's folder. `at_rest`: nobody works on the run, so the file should have all that the checkpoint has. A
+    /// file that cannot be read is left out, and named.
+    pub fn read(folder: &RunFolder, at_rest: bool) -> Self {
         let mut notes = Vec::new();
+        let (newest, damaged) = newest_readable(folder).unwrap_or_else(|error| (None, vec![error]));
+        notes.extend(damaged.first().map(|error| format!("{error:#}")));
+        let trained = newest.as_ref().map_or(0, |manifest| manifest.rollout);
+        let file = read_file(folder).unwrap_or_else(|error| {
+            notes.push(left_out("metrics.jsonl", &error));
+            Some((History::default(), 0))
+        });
         let is_missing = file.is_none() && trained > 0;
         if is_missing {
             notes.push("metrics.jsonl is missing".to_owned());
@@ -55,7 +62,8 @@ impl Figures {
         if damaged > 0 {
             notes.push(format!("metrics.jsonl has {}", counted(damaged as u64, "damaged line")));
         }
-        let of_checkpoint = newest.map_or(Ok(None), |manifest| manifest.figures(&LocalDisk, folder));
+        let read = |path: &Path, most: u64| folder.read(path, most);
+        let of_checkpoint = newest.map_or(Ok(None), |manifest| manifest.figures(folder, read));
         let added = match of_checkpoint {
             Ok(figures) => figures.map_or(0, |figures| history.fill(&figures)),
             Err(error) => {
@@ -70,8 +78,13 @@ impl Figures {
         let end = history.iter().next_back().map_or(0, |last| last.rollout + 1);
         let gaps = history.gaps(if at_rest { end.max(trained) } else { end });
         notes.extend(lost(&gaps));
-        Ok(Self { history, notes })
+        Self { history, notes }
     }
+}
+
+/// That a file of a run folder is passed over, as a sentence without an end.
+pub fn left_out(name: &str, error: &std::io::Error) -> String {
+    format!("{name} is left out: {error}")
 }
 
 /// That nothing is known of some rollouts.
@@ -97,7 +110,8 @@ pub struct Journal {
 impl Journal {
     /// Goes on with what the folder holds.
     pub fn open(folder: &RunFolder) -> Result<Self> {
-        let (history, damaged) = read_file(folder)?.unwrap_or_default();
+        let read = read_file(folder).with_context(|| folder.metrics().display().to_string())?;
+        let (history, damaged) = read.unwrap_or_default();
         if damaged > 0 {
             tracing::warn!("metrics.jsonl has {}", counted(damaged as u64, "damaged line"));
         }
@@ -108,10 +122,10 @@ impl Journal {
     pub fn begin(&mut self, rollout: u64, checkpoint: Option<&str>) -> Result<()> {
         self.history.rewind_to(rollout);
         if let Some(path) = checkpoint {
-            let manifest = Manifest::read(&self.folder.root().join(path));
+            let manifest = Manifest::read_in(&self.folder, &self.folder.root().join(path));
             match manifest
                 .map_err(anyhow::Error::from)
-                .and_then(|manifest| Ok(manifest.figures(&LocalDisk, &self.folder)?))
+                .and_then(|manifest| Ok(manifest.figures(&self.folder, |path, most| self.folder.read(path, most))?))
             {
                 Ok(figures) => {
                     let added = figures.map_or(0, |figures| self.history.correct(&figures));
@@ -236,7 +250,7 @@ mod tests {
     fn a_reader_takes_from_the_checkpoint_what_the_file_lacks_and_says_so() {
         let (_temporary, folder) = run();
         let read = |at_rest| {
-            let Figures { history, notes } = Figures::read(&folder, at_rest).unwrap();
+            let Figures { history, notes } = Figures::read(&folder, at_rest);
             (history.len(), notes.join(". "))
         };
         assert_eq!((read(false), read(true)), ((7, String::new()), (7, String::new())));

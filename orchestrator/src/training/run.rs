@@ -15,8 +15,9 @@ use crate::supervisor::company::Order;
 use crate::supervisor::event::{Outcome, Saved, SessionEnd};
 use crate::supervisor::session::{EXIT_INTERRUPTED, Session, Together, begin_log, part_of, shape};
 use crate::supervisor::shell::Signals;
+use crate::training::metrics::read_history;
 use crate::training::summary::Summary;
-use crate::training::wall::{Last, Wall};
+use crate::training::wall::{Wall, signs_of_life};
 use crate::training::{events, next_steps};
 use anyhow::{Context, Result};
 use proto::config::Config;
@@ -27,7 +28,6 @@ use proto::run_state::Ending;
 use proto::stage::total_frames;
 use proto::trained::History;
 use std::process::ExitCode;
-use std::time::{Duration, Instant};
 use wire::{WireAddress, fault};
 
 /// A run that trains, whose folder has been made.
@@ -111,9 +111,8 @@ impl TrainingRun {
 
     /// One start of it. `scaled`: what it had, if it is the first with another number of actors.
     fn start(&mut self, signals: &mut Option<Signals>, scaled: Option<Box<Before>>) -> Result<Next> {
-        let begin = Instant::now();
         // Before the lines are removed by which it is known how long a killed one lived.
-        self.identity.note_signs_of_life(&Wall::signs_of_life(&self.folder)?);
+        self.identity.note_signs_of_life(&signs_of_life(&read_history(&self.folder)?));
         let (incarnation, address) = self.identity.begin_incarnation();
         self.identity.note_shape(self.shape()?);
         self.identity.write(&self.folder)?;
@@ -126,7 +125,7 @@ impl TrainingRun {
                 Ok(Next::Start(before))
             }
             Ok((outcome, recording, history, together)) => {
-                let reported = self.report(&outcome, &recording, &history, begin.elapsed());
+                let reported = self.report(&outcome, &recording, &history);
                 let (status, text) = match &reported {
                     Ok(status) => (*status, farewell(&outcome.end, &recording)),
                     // Its figures cannot be written, for example.
@@ -168,7 +167,7 @@ impl TrainingRun {
 
     /// The processes of the start that begins.
     fn shape(&self) -> Result<Shape> {
-        let newest = newest_readable(&self.folder)?;
+        let (newest, _) = newest_readable(&self.folder)?;
         let (rollout, frames) = newest.map_or((0, 0), |manifest| (manifest.rollout, manifest.frames));
         let hosts = self.hosts();
         let (learners, actors) = (self.config.learner.count, self.config.actors.count);
@@ -229,18 +228,19 @@ impl TrainingRun {
         );
         events::started(folder, config, identity, incarnation);
         fault::reach("orchestrator.after_lock");
-        let mut audience = TrainingAudience::open(folder, config, incarnation)?;
+        let start = identity.incarnations.last().context("a start that was begun is noted")?;
+        let mut audience = TrainingAudience::open(folder, config, start)?;
         let gather = |door: &Rendezvous| door.gather(folder, &identity.id, incarnation, config);
         let mut together = started.rendezvous.as_ref().map(gather).transpose()?;
         let (outcome, recording) = session.run(lock, &mut audience, together.as_mut(), signals)?;
         Ok((outcome, recording, audience.journal.history, together))
     }
 
-    fn report(&mut self, outcome: &Outcome, recording: &Result<()>, history: &History, wall: Duration) -> Result<u8> {
+    fn report(&mut self, outcome: &Outcome, recording: &Result<()>, history: &History) -> Result<u8> {
         let how = outcome.end.ending();
         let reason = outcome.end.reason().map(str::to_owned);
         let saved = outcome.saved.as_ref().map(|saved| (saved.frames, saved.weights.as_str()));
-        let wall = Wall::read(&self.folder, &self.identity, Last::Took(wall))?;
+        let wall = Wall::of(&self.identity, &signs_of_life(history), true);
         let summary = saved.map(|saved| Summary {
             recording_complete: self.config.recording.enabled.then_some(recording.is_ok()),
             ..Summary::of(&self.folder, &self.config, history, &self.identity, wall, saved)
@@ -289,7 +289,7 @@ impl TrainingRun {
 
     fn note_end(&mut self, how: Ending, saved: Option<(u64, String)>, reason: Option<String>) {
         let (frames, weights) = saved.unzip();
-        self.identity.end_incarnation(Ended { how, at_unix_s: unix_now(), frames, weights, reason });
+        self.identity.end_incarnation(Ended { how, at_unix_s: unix_now(), wall_s: None, frames, weights, reason });
         if let Err(error) = self.identity.write(&self.folder) {
             tracing::warn!("{error:#}");
         }

@@ -5,13 +5,13 @@
 
 use crate::run::json_lines;
 use crate::showing::format::counted;
+use crate::training::metrics::left_out;
 use anyhow::{Context, Result};
-use proto::bounded;
+use proto::bounded::RESULT_BYTES_MOST;
 use proto::evaluation::{Distribution, Evaluation, RESULT_FILE};
 use proto::run_folder::{RolloutName, RunFolder};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
 
 /// One line of `validation.jsonl`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -89,17 +89,33 @@ pub fn best(scored: &[Score]) -> Option<&Score> {
     scored.iter().reduce(|best, one| if one.beats(best) { one } else { best })
 }
 
-/// Reads a result file.
-pub fn read_result(result: &Path) -> Result<Evaluation> {
-    let path = result.join(RESULT_FILE);
-    let text = bounded::read_figures_text(&path).with_context(|| path.display().to_string())?;
-    serde_json::from_str(&text).with_context(|| path.display().to_string())
+/// Reads the result file in an evaluation's folder.
+pub fn read_result(result: &RunFolder) -> Result<Evaluation> {
+    let path = result.root().join(RESULT_FILE);
+    let file = result.reader(&path, RESULT_BYTES_MOST).with_context(|| path.display().to_string())?;
+    serde_json::from_reader(file).with_context(|| path.display().to_string())
 }
 
 /// Folder of the result of an evaluation.
-pub fn result_folder(folder: &RunFolder, rollout: u64) -> PathBuf {
-    folder.validation(rollout).join("result")
+pub fn result_folder(folder: &RunFolder, rollout: u64) -> RunFolder {
+    folder.within(RunFolder::relative_validation(rollout)).within("result")
 }
+
+/// Evaluations of a run's folder that are read.
+const EVALUATIONS_MOST: usize = 1000;
+
+/// The evaluations in a run's folder that have a result; one that was cut off has none.
+pub fn evaluations_below(folder: &RunFolder) -> Result<Vec<RunFolder>> {
+    let place = folder.root().join("evaluations");
+    let items = folder.list(&place).with_context(|| place.display().to_string())?;
+    let names = items.iter().filter(|item| item.is_folder).filter_map(|item| item.path.file_name());
+    let folders = names.map(|name| folder.within("evaluations").within(name));
+    let has_result = |one: &RunFolder| one.has(&one.root().join(RESULT_FILE));
+    Ok(folders.filter(has_result).take(EVALUATIONS_MOST).collect())
+}
+
+/// The results without a line that are read, bytes: thousands. A crash leaves one or two.
+const RESULTS_BYTES_MOST: u64 = 64 << 20;
 
 /// The evaluations of a run, from its lines and results.
 #[derive(Debug)]
@@ -111,11 +127,15 @@ pub struct Scores {
 }
 
 impl Scores {
-    /// Reads a run's folder. `at_rest`: nobody works on the run, so every result should have its line.
-    pub fn read(folder: &RunFolder, at_rest: bool) -> Result<Self> {
+    /// Reads a run's folder. `at_rest`: nobody works on the run, so every result should have its line. A file that cannot
+    /// be read is left out, and named.
+    pub fn read(folder: &RunFolder, at_rest: bool) -> Self {
         let path = folder.validation_log();
-        let (lines, damaged) = json_lines::read_counting::<Score>(&path)?;
         let mut notes = Vec::new();
+        let (lines, damaged) = json_lines::read::<Score>(folder, &path, RESULT_BYTES_MOST).unwrap_or_else(|error| {
+            notes.push(left_out("validation.jsonl", &error));
+            (Vec::new(), 0)
+        });
         if damaged > 0 {
             notes.push(format!("validation.jsonl has {}", counted(damaged as u64, "damaged line")));
         }
@@ -123,10 +143,25 @@ impl Scores {
         // One that was evaluated twice, because a crash came between the result and its line, counts once.
         let mut scores: BTreeMap<u64, Score> = lines.into_iter().map(|score| (score.rollout, score)).collect();
         let mut added = 0;
-        for rollout in evaluated(folder)? {
+        let evaluated = evaluated(folder).unwrap_or_else(|error| {
+            notes.push(left_out("validation/", &error));
+            Vec::new()
+        });
+        let mut bytes = 0;
+        // The newest first.
+        for (rollout, length) in evaluated.into_iter().rev() {
             if scores.contains_key(&rollout) {
                 continue;
             }
+            if bytes > RESULTS_BYTES_MOST {
+                notes.push(format!(
+                    "validation/ has more than {RESULTS_BYTES_MOST} bytes of results without a line in                      validation.jsonl: those before rollout {} are left out",
+                    rollout + 1
+                ));
+                break;
+            }
+            // One that is refused costs little, and its sentence a little.
+            bytes += length.min(RESULT_BYTES_MOST / 4);
             match read_result(&result_folder(folder, rollout)) {
                 Ok(evaluation) => {
                     scores.insert(rollout, Score::of(rollout, &evaluation));
@@ -140,25 +175,19 @@ impl Scores {
             let lines = counted(added, "validation");
             notes.push(format!("{missing}{lines} without a line in it are taken from their results"));
         }
-        Ok(Self { scores: scores.into_values().collect(), notes })
+        Self { scores: scores.into_values().collect(), notes }
     }
 }
 
-/// Rollouts whose evaluations have left a result, ascending.
-fn evaluated(folder: &RunFolder) -> Result<Vec<u64>> {
-    let place = folder.validations();
-    let entries = match std::fs::read_dir(&place) {
-        Ok(entries) => entries,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(error) => return Err(error).with_context(|| place.display().to_string()),
+/// Rollouts whose evaluations have left a result, ascending, with the length of that.
+fn evaluated(folder: &RunFolder) -> std::io::Result<Vec<(u64, u64)>> {
+    let items = folder.list(&folder.validations())?;
+    let rollouts = items.iter().filter_map(|item| RolloutName::Folder.rollout_of(&item.path));
+    let with_length = |rollout: u64| {
+        let result = result_folder(folder, rollout);
+        Some((rollout, result.open(&result.root().join(RESULT_FILE)).ok()?.metadata().ok()?.len()))
     };
-    let mut rollouts = Vec::new();
-    for entry in entries {
-        let rollout = RolloutName::Folder.rollout_of(&entry.with_context(|| place.display().to_string())?.path());
-        rollouts.extend(rollout.filter(|&rollout| result_folder(folder, rollout).join(RESULT_FILE).is_file()));
-    }
-    rollouts.sort_unstable();
-    Ok(rollouts)
+    Ok(rollouts.filter_map(with_length).collect())
 }
 
 #[cfg(test)]
@@ -201,7 +230,7 @@ pub mod tests {
         let temporary = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(temporary.path());
         let read = || {
-            let Scores { scores, notes } = Scores::read(&folder, true).unwrap();
+            let Scores { scores, notes } = Scores::read(&folder, true);
             (scores.iter().map(|score| score.rollout).collect::<Vec<_>>(), notes.join(". "))
         };
         assert_eq!(read(), (vec![], String::new()));
@@ -212,8 +241,8 @@ pub mod tests {
         std::fs::write(folder.validation_log(), [line(5), "garbage".into(), line(3) + "\n"].join("\n")).unwrap();
         assert_eq!(read(), (vec![3, 5], "validation.jsonl has 1 damaged line".into()));
         let result = result_folder(&folder, 8);
-        std::fs::create_dir_all(&result).unwrap();
-        std::fs::write(result.join(RESULT_FILE), "{}").unwrap();
+        std::fs::create_dir_all(result.root()).unwrap();
+        std::fs::write(result.root().join(RESULT_FILE), "{}").unwrap();
         let (rollouts, notes) = read();
         assert!(
             rollouts == [3, 5] && notes.contains("cannot be used") && notes.contains("rollout-00000008"),

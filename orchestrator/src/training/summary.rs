@@ -11,7 +11,6 @@ use crate::training::next_steps;
 use crate::training::wall::Wall;
 use anyhow::{Context, Result};
 use proto::SCHEMA_VERSION;
-use proto::bounded;
 use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
 use proto::trained::History;
@@ -103,7 +102,7 @@ impl Summary {
     /// Reads `summary.json`; none when the run is not complete yet.
     pub fn read(folder: &RunFolder) -> Result<Option<Self>> {
         let path = folder.summary();
-        match bounded::read_text(&path) {
+        match folder.read_text(&path) {
             Ok(text) => serde_json::from_str(&text).map(Some).with_context(|| {
                 let resume = next_steps::resume(&next_steps::program(), folder.root());
                 damaged(&path, &format!("delete it, and `{resume}` writes it anew"))

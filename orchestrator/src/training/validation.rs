@@ -68,7 +68,7 @@ impl Validation {
         if config.validation.every_frames == 0 {
             return Ok(None);
         }
-        let Scores { scores, notes } = Scores::read(folder, true)?;
+        let Scores { scores, notes } = Scores::read(folder, true);
         for note in notes {
             tracing::warn!("{note}");
         }
@@ -89,7 +89,7 @@ impl Validation {
             if validation.is_scored(rollout) {
                 continue;
             }
-            let manifest = read_manifest(&validation.manifest(rollout)).and_then(|manifest| {
+            let manifest = read_manifest(folder, &validation.manifest(rollout)).and_then(|manifest| {
                 let foreign = manifest.is_of_another(&folder.id().unwrap_or_default());
                 anyhow::ensure!(!foreign, "its checkpoint is of run {}, not of this one", manifest.run);
                 Ok(manifest)
@@ -274,7 +274,7 @@ impl Validation {
 
     /// Takes in a result: a line, and the best is crowned.
     fn conclude(&mut self, rollout: u64, recorder: Option<&Recorder>) -> Result<()> {
-        let evaluation = read_result(&self.result(rollout))?;
+        let evaluation = read_result(&result_folder(&self.folder, rollout))?;
         let one = Score::of(rollout, &evaluation);
         fault::reach("validation.before_line");
         let mut log = Writer::open(&self.folder.validation_log())?;
@@ -364,7 +364,7 @@ impl Validation {
     }
 
     fn result(&self, rollout: u64) -> PathBuf {
-        result_folder(&self.folder, rollout)
+        result_folder(&self.folder, rollout).root().to_owned()
     }
 
     fn log(&self) -> PathBuf {

@@ -1,36 +1,71 @@
 //! The logs of a run's processes, on all of its hosts: which there are, and what is new in them, by time.
 
 use super::tail::Tail;
-use proto::run_folder::RunFolder;
-use std::collections::BTreeMap;
+use crate::showing::format::{bytes, counted};
+use anyhow::{Context, Result, bail};
+use proto::run_folder::{Item, RunFolder};
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BinaryHeap, VecDeque};
 use std::path::PathBuf;
 
-/// Logs by the names of their processes. What supervises another host is its `agent`.
-pub fn logs_of(folder: &RunFolder) -> Vec<(String, PathBuf)> {
-    let mut found = logs_in(&folder.logs());
+/// The logs of more processes than this are left out.
+const LOGS_MOST: usize = 2048;
+/// All logs together are read up to so many bytes; of longer ones the ends.
+const BYTES_MOST: u64 = 4 << 30;
+
+/// A log.
+#[derive(Debug, Clone)]
+pub struct Found {
+    /// Its process. What supervises another host is its `agent`.
+    pub name: String,
+    /// Its file.
+    pub path: PathBuf,
+    bytes: u64,
+}
+
+/// The logs of a run.
+pub fn logs_of(folder: &RunFolder) -> std::io::Result<Vec<Found>> {
+    let mut found = logs_in(folder)?;
     for host in folder.host_folders() {
         let number = host.root().file_name().and_then(|name| name.to_str()?.parse::<u32>().ok()).unwrap_or_default();
-        let named = |(name, path): (String, PathBuf)| match name.as_str() {
-            "orchestrator" => (format!("agent-{number}"), path),
-            _ => (name, path),
+        let named = |found: Found| match found.name.as_str() {
+            "orchestrator" => Found { name: format!("agent-{number}"), ..found },
+            _ => found,
         };
-        found.extend(logs_in(&host.logs()).into_iter().map(named));
+        found.extend(logs_in(&host)?.into_iter().map(named));
     }
-    found
+    found.truncate(LOGS_MOST);
+    Ok(found)
 }
 
-/// Logs in one folder by the names of their processes.
-fn logs_in(folder: &std::path::Path) -> Vec<(String, PathBuf)> {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    let named = |path: PathBuf| Some((path.file_stem()?.to_str()?.to_owned(), path));
-    let is_log = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "log");
-    let mut found: Vec<(String, PathBuf)> = entries.filter(is_log).filter_map(named).collect();
-    found.sort();
-    found
+fn logs_in(folder: &RunFolder) -> std::io::Result<Vec<Found>> {
+    let is_log = |item: &Item| !item.is_folder && item.path.extension().is_some_and(|extension| extension == "log");
+    let named = |item: Item| {
+        Some(Found { name: item.path.file_stem()?.to_str()?.to_owned(), path: item.path, bytes: item.bytes })
+    };
+    Ok(folder.list(&folder.logs())?.into_iter().filter(is_log).filter_map(named).collect())
 }
 
-/// A line of a log.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// Where reading each log begins, so that not more than `most` bytes of all are read; and what is said if that is not at
+/// its start.
+pub fn beginnings(logs: &[Found], most: u64) -> (Vec<u64>, Option<String>) {
+    let all: u64 = logs.iter().map(|log| log.bytes).fold(0, u64::saturating_add);
+    if all <= most {
+        return (vec![0; logs.len()], None);
+    }
+    let each = most / logs.len() as u64;
+    let begin = |log: &Found| log.bytes.saturating_sub(each);
+    let said = format!(
+        "{} {} together: of each only the last {} are read",
+        counted(logs.len() as u64, "log"),
+        if logs.len() == 1 { format!("has {}", bytes(all)) } else { format!("have {}", bytes(all)) },
+        bytes(each)
+    );
+    (logs.iter().map(begin).collect(), Some(said))
+}
+
+/// A line of a log. They sort by time.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Entry {
     /// When: what the line begins with, or the last line before it that has a time. Sorts by time.
     pub at: String,
@@ -46,6 +81,28 @@ struct Book {
     tail: Tail,
     /// Time of its last line that has one.
     at: String,
+    /// Lines that were read and not handed on yet.
+    waiting: VecDeque<Entry>,
+}
+
+impl Book {
+    /// Its next line; none where it ends.
+    fn next(&mut self, process: &str) -> std::io::Result<Option<Entry>> {
+        while self.waiting.is_empty() {
+            let new = self.tail.read()?;
+            for line in new.lines {
+                let line = String::from_utf8_lossy(&line).into_owned();
+                if let Some(at) = time_of(&line) {
+                    at.clone_into(&mut self.at);
+                }
+                self.waiting.push_back(Entry { at: self.at.clone(), process: process.to_owned(), line });
+            }
+            if !new.more {
+                break;
+            }
+        }
+        Ok(self.waiting.pop_front())
+    }
 }
 
 /// Logs that are read again and again.
@@ -55,46 +112,59 @@ pub struct Logbook {
     /// Names or groups of processes; all if there are none.
     wanted: Vec<String>,
     books: BTreeMap<String, Book>,
+    /// What is not read, as a sentence without an end.
+    pub note: Option<String>,
 }
 
 impl Logbook {
     /// Of these processes, or of such groups as `actor`; of all if none is named. Nothing is read yet.
     pub fn of(folder: RunFolder, wanted: Vec<String>) -> Self {
-        Self { folder, wanted, books: BTreeMap::new() }
+        Self { folder, wanted, books: BTreeMap::new(), note: None }
     }
 
     /// Those of the names that no log has.
-    pub fn unknown(&self) -> Vec<&str> {
-        let there = logs_of(&self.folder);
-        let has = |wanted: &&String| there.iter().any(|(name, _)| is_of(name, wanted));
-        self.wanted.iter().filter(|wanted| !has(wanted)).map(String::as_str).collect()
+    pub fn unknown(&self) -> std::io::Result<Vec<&str>> {
+        let there = logs_of(&self.folder)?;
+        let has = |wanted: &&String| there.iter().any(|found| is_of(&found.name, wanted));
+        Ok(self.wanted.iter().filter(|wanted| !has(wanted)).map(String::as_str).collect())
     }
 
-    /// The lines that are new, by time. A line without one, such as those of a panic, stays behind the line before it, or
-    /// comes first.
-    pub fn read(&mut self) -> std::io::Result<Vec<Entry>> {
-        let mut entries = Vec::new();
-        for (name, path) in logs_of(&self.folder) {
-            if !self.wanted.is_empty() && !self.wanted.iter().any(|wanted| is_of(&name, wanted)) {
-                continue;
+    /// Hands on the lines that are new, by time, until `take` returns false; whether it always returned true. `take` is
+    /// also told whether lines of more than one process can come. A line without a time, such as those of a panic, stays
+    /// behind the line before it, or comes first. A block of each log is in memory. The error names the logs that cannot
+    /// be read; those of the others have been handed on.
+    pub fn read(&mut self, mut take: impl FnMut(&Entry, bool) -> Result<bool>) -> Result<bool> {
+        let mut logs = logs_of(&self.folder).with_context(|| self.folder.logs().display().to_string())?;
+        logs.retain(|log| self.wanted.is_empty() || self.wanted.iter().any(|wanted| is_of(&log.name, wanted)));
+        let (beginnings, note) = beginnings(&logs, BYTES_MOST);
+        self.note = note.or(self.note.take());
+        for (Found { name, path, .. }, from) in logs.into_iter().zip(beginnings) {
+            let new = || Book {
+                tail: Tail::of(self.folder.clone(), path, from),
+                at: String::new(),
+                waiting: VecDeque::new(),
+            };
+            self.books.entry(name).or_insert_with(new);
+        }
+        let (of_many, mut problems) = (self.books.len() > 1, Vec::new());
+        let mut heads = BinaryHeap::new();
+        let mut advance =
+            |process: &str, book: &mut Book, heads: &mut BinaryHeap<Reverse<Entry>>| match book.next(process) {
+                Ok(entry) => heads.extend(entry.map(Reverse)),
+                Err(error) => problems.push(format!("{process}: {error}")),
+            };
+        for (process, book) in &mut self.books {
+            advance(process, book, &mut heads);
+        }
+        while let Some(Reverse(entry)) = heads.pop() {
+            if !take(&entry, of_many)? {
+                return Ok(false);
             }
-            let book =
-                self.books.entry(name.clone()).or_insert_with(|| Book { tail: Tail::of(path), at: String::new() });
-            for line in book.tail.read()?.lines {
-                let line = String::from_utf8_lossy(&line).into_owned();
-                if let Some(at) = time_of(&line) {
-                    at.clone_into(&mut book.at);
-                }
-                entries.push(Entry { at: book.at.clone(), process: name.clone(), line });
+            if let Some(book) = self.books.get_mut(&entry.process) {
+                advance(&entry.process, book, &mut heads);
             }
         }
-        entries.sort_by(|a, b| a.at.cmp(&b.at));
-        Ok(entries)
-    }
-
-    /// Whether lines of more than one process can come.
-    pub fn is_of_many(&self) -> bool {
-        self.books.len() > 1
+        if problems.is_empty() { Ok(true) } else { bail!("the log of {}", problems.join("; of ")) }
     }
 }
 
@@ -126,10 +196,13 @@ mod tests {
     }
 
     fn lines(book: &mut Logbook) -> Vec<String> {
-        let entries = book.read().unwrap().into_iter();
-        entries
-            .map(|Entry { process, line, .. }| format!("{process} {}", line.split(' ').next_back().unwrap()))
-            .collect()
+        let mut lines = Vec::new();
+        let all = book.read(|Entry { process, line, .. }, _| {
+            lines.push(format!("{process} {}", line.split(' ').next_back().unwrap()));
+            Ok(true)
+        });
+        assert!(all.unwrap());
+        lines
     }
 
     #[test]
@@ -157,7 +230,7 @@ mod tests {
                 "orchestrator end"
             ]
         );
-        assert!(book.is_of_many() && lines(&mut book).is_empty());
+        assert!(lines(&mut book).is_empty());
         let path = temporary.path().join("logs/learner-0.log");
         let mut file = std::fs::File::options().append(true).open(path).unwrap();
         std::io::Write::write_all(&mut file, b"more of the panic\n").unwrap();
@@ -175,9 +248,38 @@ mod tests {
         ]);
         let of = |wanted: &[&str]| {
             let mut book = Logbook::of(folder.clone(), wanted.iter().map(|&name| name.to_owned()).collect());
-            (lines(&mut book), book.unknown().join(","))
+            (lines(&mut book), book.unknown().unwrap().join(","))
         };
         assert_eq!(of(&["actor"]), (vec!["actor-01 x".to_owned(), "actor-10 x".to_owned()], String::new()));
         assert_eq!(of(&["actor-1", "learner-0"]), (vec!["learner-0 x".to_owned()], "actor-1".to_owned()));
+    }
+
+    #[test]
+    fn a_log_that_is_a_link_is_refused_and_the_others_are_read() {
+        let line = "2026-11-21T02:00:01.000000Z  INFO x\n";
+        let (temporary, folder) = run(&[("logs/learner-0.log", line), ("private", "secret\n")]);
+        std::os::unix::fs::symlink(temporary.path().join("private"), folder.log("orchestrator")).unwrap();
+        let (mut book, mut shown) = (Logbook::of(folder, vec![]), Vec::new());
+        let error = book.read(|entry, _| {
+            shown.push(entry.line.clone());
+            Ok(true)
+        });
+        assert!(error.unwrap_err().to_string().contains("the log of orchestrator: it is a link"));
+        assert_eq!(shown, [line.trim_end()]);
+    }
+
+    #[test]
+    fn of_logs_without_end_the_ends_are_read() {
+        let line = "2026-11-21T02:00:01.000000Z  INFO x\n";
+        let (_temporary, folder) = run(&[("logs/orchestrator.log", ""), ("logs/learner-0.log", line)]);
+        let mut file = std::fs::File::options().write(true).open(folder.log("orchestrator")).unwrap();
+        file.set_len(200 << 30).unwrap();
+        std::io::Seek::seek(&mut file, std::io::SeekFrom::End(0)).unwrap();
+        std::io::Write::write_all(&mut file, format!("\n{line}").as_bytes()).unwrap();
+        let logs = logs_of(&folder).unwrap();
+        let (from, said) = beginnings(&logs, 1 << 20);
+        assert_eq!(from, [0, (200 << 30) + 1 + line.len() as u64 - (1 << 19)]);
+        assert!(said.unwrap().starts_with("2 logs have "));
+        assert_eq!(beginnings(&logs[..1], 1 << 20), (vec![0], None));
     }
 }

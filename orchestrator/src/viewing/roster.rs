@@ -9,6 +9,8 @@ use view::data::Card;
 const DEPTH: usize = 3;
 /// More runs than this are not listed.
 const RUNS_MAX: usize = 2000;
+/// Nor are more folders looked at.
+const FOLDERS_MAX: usize = 20_000;
 
 /// A run or an evaluation.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -16,13 +18,13 @@ pub struct Entry {
     /// In addresses: letters, digits, `-`, `_` and `.`; never a path.
     pub id: String,
     /// Its folder, as the user called it.
-    pub folder: PathBuf,
+    pub folder: RunFolder,
 }
 
 impl Entry {
     /// All that is known of it without reading it.
     pub fn card(&self) -> Card {
-        Card { id: self.id.clone(), folder: self.folder.display().to_string(), ..Card::default() }
+        Card { id: self.id.clone(), folder: self.folder.root().display().to_string(), ..Card::default() }
     }
 }
 
@@ -43,13 +45,14 @@ impl Roster {
     /// Those that are there now.
     pub fn look(&mut self) -> Vec<Entry> {
         let mut found = Vec::new();
+        let mut left = FOLDERS_MAX;
         for path in &self.paths {
-            look(path, DEPTH, &mut found);
+            look(&RunFolder::new(path), DEPTH, &mut found, &mut left);
         }
         found.truncate(RUNS_MAX);
         let mut entries: Vec<Entry> = Vec::new();
         for folder in found {
-            let Ok(place) = std::fs::canonicalize(&folder) else { continue };
+            let Ok(place) = std::fs::canonicalize(folder.root()) else { continue };
             let entry = self.name(place, folder);
             if entries.iter().all(|known| known.id != entry.id) {
                 entries.push(entry);
@@ -58,7 +61,7 @@ impl Roster {
         entries
     }
 
-    fn name(&mut self, place: PathBuf, folder: PathBuf) -> Entry {
+    fn name(&mut self, place: PathBuf, folder: RunFolder) -> Entry {
         if let Some((_, known)) = self.named.iter().find(|(known, _)| *known == place) {
             return known.clone();
         }
@@ -89,31 +92,23 @@ fn address_of(place: &Path) -> String {
     if name.trim_matches('.').is_empty() { "run".to_owned() } else { name }
 }
 
-/// Runs and evaluations at or below a folder; of a run's folder only its evaluations are searched.
-fn look(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) {
-    if found.len() >= RUNS_MAX {
+/// Runs and evaluations at or below a folder; of a run's folder only its evaluations are searched. No link is followed.
+/// `left`: folders that may still be looked at.
+fn look(folder: &RunFolder, depth: usize, found: &mut Vec<RunFolder>, left: &mut usize) {
+    if found.len() >= RUNS_MAX || *left == 0 {
         return;
     }
-    let run = RunFolder::new(folder);
-    if run.identity().is_file() || folder.join(RESULT_FILE).is_file() {
-        found.push(folder.to_path_buf());
-        let evaluations = folder.join("evaluations");
-        if evaluations.is_dir() && depth > 0 {
-            below(&evaluations, depth - 1, found);
-        }
-    } else if depth > 0 {
-        below(folder, depth - 1, found);
+    *left -= 1;
+    let items = folder.list(folder.root()).unwrap_or_default();
+    let marks = [folder.identity(), folder.root().join(RESULT_FILE)];
+    let is_run = items.iter().any(|item| !item.is_folder && marks.contains(&item.path));
+    if is_run {
+        found.push(folder.clone());
     }
-}
-
-fn below(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    // A link could lead round in a circle.
-    let folders = entries.filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir()));
-    let mut folders: Vec<PathBuf> = folders.map(|entry| entry.path()).collect();
-    folders.sort();
-    for folder in folders {
-        look(&folder, depth, found);
+    let searched = if is_run { folder.within("evaluations") } else { folder.clone() };
+    let below = if is_run { searched.list(searched.root()).unwrap_or_default() } else { items };
+    for name in below.iter().filter(|item| item.is_folder && depth > 0).filter_map(|item| item.path.file_name()) {
+        look(&searched.within(name), depth - 1, found, left);
     }
 }
 

@@ -1,23 +1,28 @@
-//! A file of lines that grows: what is new in it since it was read last.
+//! A file of lines that grows: what is new in it since it was read last, a block at a time.
 
-use proto::bounded;
+use proto::run_folder::RunFolder;
 use std::os::unix::fs::{FileExt, MetadataExt};
 use std::path::PathBuf;
 
 /// Bytes that are read at a time.
-const BLOCK: usize = 4 << 20;
+const BLOCK: u64 = 64 << 10;
 /// A line longer than this is no line of ours.
-const LINE_MAX: usize = 16 << 20;
+const LINE_MAX: usize = 256 << 10;
 
 /// The file, and how much of it was read.
 #[derive(Debug)]
 pub struct Tail {
+    folder: RunFolder,
     path: PathBuf,
+    /// Bytes before this one are passed over.
+    from: u64,
     /// Number of the file that was read: another one with the same name is read from its start.
     inode: u64,
     offset: u64,
     /// The beginning of a line whose end was not there yet.
     begun: Vec<u8>,
+    /// Of that line something is missing.
+    is_cut: bool,
     /// The first bytes of the file: where they differ it was written anew.
     first: Vec<u8>,
 }
@@ -29,56 +34,77 @@ pub struct New {
     pub anew: bool,
     /// Whole lines, without their ends.
     pub lines: Vec<Vec<u8>>,
+    /// There is more.
+    pub more: bool,
 }
 
 impl Tail {
-    /// Nothing was read yet.
-    pub fn of(path: PathBuf) -> Self {
-        Self { path, inode: 0, offset: 0, begun: Vec::new(), first: Vec::new() }
+    /// Of a file in a run folder from this byte on. Nothing was read yet.
+    pub fn of(folder: RunFolder, path: PathBuf, from: u64) -> Self {
+        Self { folder, path, from, inode: 0, offset: 0, begun: Vec::new(), is_cut: false, first: Vec::new() }
     }
 
-    /// The lines that are new. A file that is not there has none.
+    /// Its length; an error if it has more than `most` bytes. A file that is not there has none.
+    pub fn length(&self, most: u64) -> std::io::Result<u64> {
+        match self.folder.reader(&self.path, most) {
+            Ok(file) => Ok(file.get_ref().get_ref().metadata()?.len()),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(0),
+            Err(error) => Err(error),
+        }
+    }
+
+    fn begin(&mut self, inode: u64, offset: u64) {
+        (self.inode, self.offset, self.is_cut) = (inode, offset, offset > 0);
+        self.begun.clear();
+        self.first.clear();
+    }
+
+    /// The new lines of the next block. A file that is not there has none.
     pub fn read(&mut self) -> std::io::Result<New> {
         let mut new = New::default();
-        let file = match bounded::open(&self.path) {
+        let file = match self.folder.open(&self.path) {
             Ok(file) => file,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 new.anew = self.offset > 0;
-                *self = Self::of(std::mem::take(&mut self.path));
+                self.begin(0, 0);
                 return Ok(new);
             }
             Err(error) => return Err(error),
         };
         let metadata = file.metadata()?;
+        let length = metadata.len();
         let mut first = vec![0; self.first.len()];
         let is_same = metadata.ino() == self.inode
-            && metadata.len() >= self.offset
+            && length >= self.offset
             && file.read_exact_at(&mut first, 0).is_ok()
             && first == self.first;
         if !is_same {
             new.anew = self.offset > 0;
-            *self = Self { inode: metadata.ino(), ..Self::of(std::mem::take(&mut self.path)) };
+            let from = if self.inode == 0 { self.from.min(length) } else { 0 };
+            self.begin(metadata.ino(), from);
         }
-        let mut block = vec![0; BLOCK.min(metadata.len().saturating_sub(self.offset) as usize + 1)];
-        loop {
-            let count = file.read_at(&mut block, self.offset)?;
-            if count == 0 {
-                return Ok(new);
-            }
-            if self.first.len() < 64 && self.offset < 64 {
-                self.first.extend_from_slice(&block[..count.min(64 - self.first.len())]);
-            }
-            self.offset += count as u64;
-            for piece in block[..count].split_inclusive(|&byte| byte == b'\n') {
-                self.begun.extend_from_slice(piece);
-                if self.begun.last() == Some(&b'\n') {
-                    self.begun.pop();
-                    new.lines.push(std::mem::take(&mut self.begun));
-                } else if self.begun.len() > LINE_MAX {
-                    self.begun.clear();
+        if self.first.len() < 64 {
+            self.first.resize(length.min(64) as usize, 0);
+            file.read_exact_at(&mut self.first, 0)?;
+        }
+        let mut block = vec![0; BLOCK.min(length - self.offset) as usize];
+        file.read_exact_at(&mut block, self.offset)?;
+        self.offset += block.len() as u64;
+        new.more = self.offset < length;
+        for piece in block.split_inclusive(|&byte| byte == b'\n') {
+            self.begun.extend_from_slice(piece);
+            if self.begun.last() == Some(&b'\n') {
+                self.begun.pop();
+                let line = std::mem::take(&mut self.begun);
+                if !std::mem::take(&mut self.is_cut) {
+                    new.lines.push(line);
                 }
+            } else if self.begun.len() > LINE_MAX {
+                self.begun.clear();
+                self.is_cut = true;
             }
         }
+        Ok(new)
     }
 }
 
@@ -92,9 +118,10 @@ mod tests {
     fn only_new_whole_lines_are_read_and_a_new_file_is_noticed() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("lines");
-        let mut tail = Tail::of(path.clone());
+        let mut tail = Tail::of(RunFolder::new(folder.path()), path.clone(), 0);
         let mut read = || {
-            let New { anew, lines } = tail.read().unwrap();
+            let New { anew, lines, more } = tail.read().unwrap();
+            assert!(!more);
             (anew, lines.into_iter().map(|line| String::from_utf8(line).unwrap()).collect::<Vec<_>>())
         };
         let lines = |lines: &[&str]| lines.iter().map(|&line| line.to_owned()).collect::<Vec<_>>();
@@ -113,5 +140,21 @@ mod tests {
         assert_eq!(read(), (true, lines(&["a"])));
         std::fs::remove_file(&path).unwrap();
         assert_eq!(read(), (true, vec![]));
+    }
+
+    #[test]
+    fn a_huge_file_is_read_a_block_at_a_time_from_where_it_is_to_begin() {
+        let temporary = tempfile::tempdir().unwrap();
+        let (folder, path) = (RunFolder::new(temporary.path()), temporary.path().join("lines"));
+        let mut file = File::create(&path).unwrap();
+        file.set_len(200 << 30).unwrap();
+        std::io::Seek::seek(&mut file, std::io::SeekFrom::End(0)).unwrap();
+        file.write_all(b"\nlast\n").unwrap();
+        let mut tail = Tail::of(folder.clone(), path.clone(), (200 << 30) - BLOCK);
+        let first = tail.read().unwrap();
+        assert!(first.lines.is_empty() && first.more);
+        assert_eq!(tail.read().unwrap().lines, [b"last"]);
+        assert_eq!(tail.read().unwrap(), New::default());
+        assert!(tail.length(1 << 30).is_err());
     }
 }

@@ -1,34 +1,35 @@
 //! One run or evaluation that is looked at: what was read of it, so that only what is new is read again.
 
-use super::logbook::logs_of;
+use super::logbook::{Found, beginnings, logs_of};
 use super::processes::{Process, Processes};
 use super::roster::Entry;
 use super::table;
-use super::tail::Tail;
+use super::tail::{New, Tail};
 use crate::evaluation::journal;
 use crate::evaluation::standing::Standing;
 use crate::recording::Recordings;
 use crate::recording::shelf::{Shelf, Shelved};
-use crate::run::identity::{Identity, host_name, unix_now};
+use crate::run::identity::{Identity, host_name};
 use crate::run::lock::{Held, holder};
 use crate::run::state::state_of;
 use crate::showing::format;
 use crate::showing::log_line::LogLine as Parsed;
 use crate::training::means::{by_stage, recent};
+use crate::training::metrics::left_out;
 use crate::training::scores::{Scores, result_folder};
 use crate::training::summary::Summary;
-use crate::training::wall::{Last, Wall};
+use crate::training::wall::{Wall, elapsed_s, signs_of_life};
 use anyhow::{Context, Result};
-use proto::bounded;
+use proto::bounded::{FIGURES_BYTES_MOST, TABLE_BYTES_MOST};
 use proto::config::Config;
-use proto::evaluation::{EpisodeRecord, TABLE_FILE, read_table};
+use proto::evaluation::{EpisodeRecord, TABLE_FILE, read_table_from};
 use proto::replay::{RecordedEpisode, ReplaySetup};
-use proto::run_folder::{RolloutName, RunFolder};
+use proto::run_folder::{RolloutName, RunFolder, by_number};
 use proto::stage::total_frames;
 use proto::trained::{History, Trained};
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tracing::Level;
 use view::data::{
     Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, EpisodeRow, Kitchen, Live, LogLine, Problem, Stage, Start,
@@ -46,6 +47,10 @@ const LINES: usize = 14;
 const TEXT_MAX: usize = 600;
 /// Episodes of a kitchen whose means are shown.
 const NEWEST: usize = 50;
+/// All logs together are read up to so many bytes; of longer ones the ends.
+const LOG_BYTES_MOST: u64 = 256 << 20;
+/// Values in all curves together.
+const POINTS_MOST: usize = 50_000_000;
 
 /// A log, as far as it is shown.
 struct Log {
@@ -58,13 +63,24 @@ struct Log {
 }
 
 impl Log {
-    fn of(path: std::path::PathBuf) -> Self {
+    fn of(tail: Tail) -> Self {
         let (lines, warnings) = (VecDeque::new(), VecDeque::new());
-        Self { tail: Tail::of(path), lines, warnings, starts: 0, incarnation: 0 }
+        Self { tail, lines, warnings, starts: 0, incarnation: 0 }
     }
 
-    fn read(&mut self) {
-        let Ok(new) = self.tail.read() else { return };
+    /// Reads what is new until then, and a block at least.
+    fn read(&mut self, until: Instant) -> std::io::Result<()> {
+        loop {
+            let new = self.tail.read()?;
+            let more = new.more;
+            self.take(new);
+            if !more || Instant::now() > until {
+                return Ok(());
+            }
+        }
+    }
+
+    fn take(&mut self, new: New) {
         if new.anew {
             (self.starts, self.incarnation) = (0, 0);
             self.lines.clear();
@@ -105,6 +121,8 @@ pub struct Watched {
     metrics: Tail,
     history: History,
     damaged: usize,
+    /// What of its files is not read, as sentences without an end.
+    left_out: Vec<String>,
     /// Changes when rollouts that were told are void.
     edition: u64,
     logs: BTreeMap<String, Log>,
@@ -117,14 +135,15 @@ pub struct Watched {
 impl Watched {
     /// Nothing is read yet.
     pub fn of(entry: Entry) -> Self {
-        let folder = RunFolder::new(&entry.folder);
+        let folder = entry.folder.clone();
         Self {
-            metrics: Tail::of(folder.metrics()),
+            metrics: Tail::of(folder.clone(), folder.metrics(), 0),
             history: History::default(),
             damaged: 0,
+            left_out: Vec::new(),
             edition: 1,
             logs: BTreeMap::new(),
-            shelf: Shelf::of(folder.root().to_path_buf()),
+            shelf: Shelf::of(folder.clone()),
             processes: Processes::default(),
             id: None,
             entry,
@@ -147,10 +166,10 @@ impl Watched {
         Ok(identity)
     }
 
-    /// Its line in the list.
-    pub fn card(&mut self) -> Result<Card> {
+    /// Its line in the list. Its figures are read for about as long as `patience`.
+    pub fn card(&mut self, patience: Duration) -> Result<Card> {
         let identity = self.notice_another_run()?;
-        self.read_metrics()?;
+        self.read_metrics(patience);
         let config = Config::of_run(&self.folder)?;
         let held = holder(&self.folder)?;
         self.card_of(&config, &identity, &held)
@@ -161,6 +180,7 @@ impl Watched {
             seed: config.seed,
             preset: config.preset.clone(),
             created_unix_s: identity.created_unix_s,
+            note: self.left_out.first().cloned(),
             ..self.entry.card()
         };
         if let Some(standing) = Standing::read(&self.folder, config)? {
@@ -194,26 +214,26 @@ impl Watched {
     /// How it stands.
     pub fn live(&mut self) -> Result<Live> {
         let identity = self.notice_another_run()?;
-        self.read_metrics()?;
+        self.read_metrics(LOOK);
         self.shelf.advance(GLANCE);
         let config = Config::of_run(&self.folder)?;
         let held = holder(&self.folder)?;
         let at_rest = held == Held::Free;
         let recent = recent(&config.stages, &self.history);
-        let last = if at_rest { Last::AsNoted } else { Last::Until(unix_now()) };
         let here = match &held {
             Held::By(holder) if holder.host == host_name() => Some(holder.pid),
             Held::By(_) | Held::Free | Held::Unsigned => None,
         };
         let processes = here.map(|pid| self.processes.look(pid)).unwrap_or_default();
-        let mut notes = self.shelf.notes.clone();
+        let mut notes = self.left_out.clone();
+        notes.extend(self.shelf.notes.iter().cloned());
         if self.damaged > 0 {
             notes.push(format!("metrics.jsonl has {}", format::counted(self.damaged as u64, "damaged line")));
         }
-        let scores = Scores::read(&self.folder, at_rest)?;
+        let scores = Scores::read(&self.folder, at_rest);
         notes.extend(scores.notes);
         let cores = std::thread::available_parallelism().ok().map(usize::from);
-        self.read_logs();
+        notes.extend(self.read_logs());
         let empty = VecDeque::new();
         let log = self.logs.get("orchestrator");
         Ok(Live {
@@ -221,7 +241,7 @@ impl Watched {
             stage: recent.stage,
             frames_per_s: recent.frames_per_s,
             shares: [recent.simulate, recent.infer, recent.update],
-            wall_s: Wall::of(&identity, &self.signs_of_life(), last).all_starts_s,
+            wall_s: Wall::of(&identity, &signs_of_life(&self.history), !at_rest).all_starts_s,
             starts: identity.incarnations.iter().map(start).collect(),
             workers: workers(&self.logs, &processes),
             cores: cores.filter(|_| here.is_some()),
@@ -246,7 +266,7 @@ impl Watched {
 
     /// Its learning curves after the first `known` rollouts.
     pub fn curves(&mut self, edition: u64, known: usize) -> Result<Curves> {
-        self.read_metrics()?;
+        self.read_metrics(LOOK);
         let config = Config::of_run(&self.folder)?;
         let from = if edition == self.edition { known.min(self.history.len()) } else { 0 };
         let mut begins_at = 0;
@@ -260,12 +280,14 @@ impl Watched {
             from,
             stages: stages.collect(),
             paper: report::level_of(&config),
+            elapsed_s: elapsed_s(&self.history).skip(from).collect(),
             ..Curves::default()
         };
         let mut before = self.history.iter().take(from).last().map_or(0, |trained| trained.frames);
         let told: Vec<&Trained> = self.history.iter().skip(from).collect();
         let names: std::collections::BTreeSet<&str> = told.iter().flat_map(|trained| trained.metrics.names()).collect();
-        for name in names {
+        // Some have thousands of names, each of one rollout.
+        for name in names.into_iter().take(POINTS_MOST / told.len().max(1)) {
             let of = |trained: &&Trained| trained.metrics.get(name).map(|value| value as f32);
             curves.series.insert(name.to_owned(), told.iter().map(of).collect());
         }
@@ -273,7 +295,6 @@ impl Watched {
         for trained in told {
             curves.frames.push(trained.frames);
             curves.stage.push(trained.stage);
-            curves.at.push(trained.at_unix_s);
             let total_s = trained.timing.total_s();
             let frames = trained.frames.saturating_sub(before) as f64;
             rates.push((total_s > 0.0).then_some((frames / total_s) as f32));
@@ -297,7 +318,7 @@ impl Watched {
                     Some(((kitchen, shelved.fixed?), EpisodeKey { kitchen, environment, episode }))
                 })
                 .collect();
-            let played = records_in(self.folder.root())?;
+            let played = records_in(&self.folder)?;
             let played = if played.is_empty() { journal::read(&self.folder)? } else { played };
             played.iter().map(|record| table::row_of_record(record, &recorded)).collect()
         } else {
@@ -339,8 +360,28 @@ impl Watched {
         Some(EpisodeKey { kitchen, environment, episode })
     }
 
-    fn read_metrics(&mut self) -> Result<()> {
-        let new = self.metrics.read().with_context(|| self.folder.metrics().display().to_string())?;
+    /// Reads what is new of its figures for about as long as `patience`; the rest, the next time.
+    fn read_metrics(&mut self, patience: Duration) {
+        let until = Instant::now() + patience;
+        self.left_out.clear();
+        let read = self.metrics.length(FIGURES_BYTES_MOST).and_then(|_| {
+            loop {
+                let new = self.metrics.read()?;
+                let more = new.more;
+                self.take_metrics(&new);
+                if !more || Instant::now() > until {
+                    return Ok(more);
+                }
+            }
+        });
+        match read {
+            Ok(false) => {}
+            Ok(true) => self.left_out.push("metrics.jsonl is long, and is still being read".to_owned()),
+            Err(error) => self.left_out.push(left_out("metrics.jsonl", &error)),
+        }
+    }
+
+    fn take_metrics(&mut self, new: &New) {
         if new.anew {
             self.history = History::default();
             self.damaged = 0;
@@ -356,44 +397,46 @@ impl Watched {
                 Err(_) => self.damaged += 1,
             }
         }
-        Ok(())
     }
 
-    /// When each incarnation last wrote of a rollout, seconds since 1970.
-    fn signs_of_life(&self) -> BTreeMap<u32, u64> {
-        let mut seen = BTreeMap::new();
-        for trained in self.history.iter() {
-            let newest = seen.entry(trained.incarnation).or_insert(trained.at_unix_s);
-            *newest = trained.at_unix_s.max(*newest);
+    /// Reads what is new in its logs, for a while; what of them cannot be read, as sentences without an end.
+    fn read_logs(&mut self) -> Vec<String> {
+        let until = Instant::now() + GLANCE;
+        let logs = match logs_of(&self.folder) {
+            Ok(logs) => logs,
+            Err(error) => return vec![left_out("logs/", &error)],
+        };
+        let (beginnings, note) = beginnings(&logs, LOG_BYTES_MOST);
+        let mut notes: Vec<String> = note.into_iter().collect();
+        for (Found { name, path, .. }, from) in logs.into_iter().zip(beginnings) {
+            let tail = || Tail::of(self.folder.clone(), path, from);
+            let log = self.logs.entry(name.clone()).or_insert_with(|| Log::of(tail()));
+            if let Err(error) = log.read(until)
+                && notes.len() < WARNINGS
+            {
+                notes.push(left_out(&format!("the log of {name}"), &error));
+            }
         }
-        seen
-    }
-
-    fn read_logs(&mut self) {
-        for (name, path) in logs_of(&self.folder) {
-            self.logs.entry(name).or_insert_with(|| Log::of(path)).read();
-        }
+        notes
     }
 
     /// Tables that there are: of training, and of each validation.
     fn sources(&self) -> Vec<String> {
-        let entries = std::fs::read_dir(self.folder.validations()).into_iter().flatten().flatten();
-        let mut names: Vec<String> = entries
-            .filter(|entry| RolloutName::Folder.rollout_of(&entry.path()).is_some())
-            .filter(|entry| entry.path().join("result").join(TABLE_FILE).is_file())
-            .filter_map(|entry| entry.file_name().into_string().ok())
-            .collect();
-        names.sort_unstable();
-        names.insert(0, "training".to_owned());
-        names
+        let items = self.folder.list(&self.folder.validations()).unwrap_or_default();
+        let has_table = |rollout: &u64| {
+            let result = result_folder(&self.folder, *rollout);
+            result.has(&result.root().join(TABLE_FILE))
+        };
+        let rollouts = items.iter().filter_map(|item| RolloutName::Folder.rollout_of(&item.path)).filter(has_table);
+        std::iter::once("training".to_owned()).chain(rollouts.map(|rollout| RolloutName::Folder.of(rollout))).collect()
     }
 }
 
 /// The table of an evaluation's folder; empty where there is none.
-fn records_in(folder: &Path) -> Result<Vec<EpisodeRecord>> {
-    let path = folder.join(TABLE_FILE);
-    match bounded::read_figures_text(&path) {
-        Ok(text) => Ok(read_table(&text).with_context(|| path.display().to_string())?),
+fn records_in(folder: &RunFolder) -> Result<Vec<EpisodeRecord>> {
+    let path = folder.root().join(TABLE_FILE);
+    match folder.reader(&path, TABLE_BYTES_MOST) {
+        Ok(file) => Ok(read_table_from(file).with_context(|| path.display().to_string())?),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
         Err(error) => Err(error).with_context(|| path.display().to_string()),
     }
@@ -446,7 +489,9 @@ fn workers(logs: &BTreeMap<String, Log>, processes: &[Process]) -> Vec<Worker> {
     let of_logs = logs.iter().filter(|(_, log)| log.starts > 0);
     let mut workers: Vec<Worker> = of_logs.map(|(name, log)| worker(name, log.incarnation, log.starts)).collect();
     // The orchestrator and learners before actors.
-    workers.sort_by_key(|worker| !worker.name.starts_with("learner"));
+    let is_actor = |worker: &Worker| !worker.name.starts_with("learner");
+    workers
+        .sort_by(|a, b| is_actor(a).cmp(&is_actor(b)).then_with(|| by_number(Path::new(&a.name), Path::new(&b.name))));
     if process("orchestrator").is_some() {
         workers.insert(0, worker("orchestrator", 1, 1));
     }

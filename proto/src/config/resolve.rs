@@ -58,7 +58,7 @@ impl Config {
     /// The configuration of a run, or of an evaluation, from its folder.
     pub fn of_run(run: &RunFolder) -> Result<Self, ConfigError> {
         let path = run.config();
-        let read = match bounded::read_text(&path) {
+        let read = match run.read_text(&path) {
             Ok(text) => Self::from_toml(&text, &path.display().to_string()),
             Err(cause) => Err(ConfigError::Unreadable { path, cause }),
         };

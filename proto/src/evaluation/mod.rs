@@ -26,4 +26,4 @@ pub use result::{
     ActionCounts, CategoryFigures, Conditions, Cost, Evaluation, KitchenFigures, ObjectSetFigures, RESULT_FILE,
     Subject, TABLE_FILE,
 };
-pub use table::{read_table, write_table};
+pub use table::{read_table, read_table_from, write_table};

@@ -9,6 +9,7 @@ use crate::reward::UNDISTURBED_THRESHOLD_M;
 use csv::{ErrorKind, Reader, StringRecord, WriterBuilder};
 use serde::{Deserialize, Serialize, Serializer};
 use std::fmt::Display;
+use std::io::Read;
 
 /// Makes the type of a line of the table from one list of columns, in order. A column of the record is copied both
 /// ways. A computed one has its value beside it; what reading does with it is in [`Row::record`]. serde alone cannot do
@@ -181,7 +182,12 @@ pub struct TableError {
 
 /// Reads what [`write_table`] wrote. Columns are found by name; unknown ones are ignored.
 pub fn read_table(text: &str) -> Result<Vec<EpisodeRecord>, TableError> {
-    let mut reader = Reader::from_reader(text.as_bytes());
+    read_table_from(text.as_bytes())
+}
+
+/// The same from a file, row by row.
+pub fn read_table_from(file: impl Read) -> Result<Vec<EpisodeRecord>, TableError> {
+    let mut reader = Reader::from_reader(file);
     let names = reader.headers().map_err(|error| broken(&error))?.clone();
     let read = |cells: Result<StringRecord, csv::Error>| {
         let cells = cells.map_err(|error| broken(&error))?;

@@ -64,7 +64,7 @@ impl Evidence {
         let summary: Value = serde_json::from_str(&text).context("summary.json")?;
         let varying = ["id", "training_s", "frames_per_s", "wall", "incarnations", "recordings"];
         let mut metrics: BTreeMap<u64, Value> = BTreeMap::new();
-        for line in lines(&folder.metrics(), &["at_unix_s", "incarnation", "timing"])? {
+        for line in lines(&folder.metrics(), &["at_unix_s", "incarnation", "wall_s", "timing"])? {
             let rollout = line["rollout"].as_u64().context("a line of metrics.jsonl names its rollout")?;
             let in_order = metrics.last_key_value().is_none_or(|(last, _)| *last < rollout);
             ensure!(in_order, "metrics.jsonl: rollout {rollout} again, or out of order");

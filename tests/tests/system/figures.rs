@@ -42,7 +42,7 @@ impl Figures {
         shown_by_tensorboard(run);
         let others = ["id", "training_s", "frames_per_s", "wall", "incarnations", "recordings"];
         Self {
-            metrics: lines(run.folder.metrics(), &["at_unix_s", "incarnation", "timing"]),
+            metrics: lines(run.folder.metrics(), &["at_unix_s", "incarnation", "wall_s", "timing"]),
             validation: lines(run.folder.validation_log(), &["at_unix_s", "wall_s"]),
             summary: without(summary, &others),
             best: std::fs::read_link(run.folder.best()).ok(),

@@ -26,6 +26,7 @@ mod scaling;
 mod scaling_hosts;
 mod shards;
 mod slurm;
+mod somebody_elses;
 mod strangers;
 mod suite;
 mod tables;

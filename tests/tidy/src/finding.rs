@@ -19,6 +19,8 @@ pub enum Rule {
     UnusedPub,
     /// No test that asserts nothing.
     EmptyTest,
+    /// No way to open a file of a run folder but `RunFolder`'s.
+    Opening,
     /// No Rust source that the other rules cannot read.
     Unreadable,
 }
@@ -33,6 +35,7 @@ impl Rule {
             Self::DeadReference => "name the file that is there, or delete the reference",
             Self::UnusedPub => "delete it, or lower its visibility to its users",
             Self::EmptyTest => "assert what must be true, also that the tested event happened",
+            Self::Opening => "open it by a method of `RunFolder`; what is in no run folder stands in openings.rs",
             Self::Unreadable => "mend the syntax",
         }
     }

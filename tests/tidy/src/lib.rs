@@ -17,6 +17,7 @@ mod circles;
 mod exposure;
 mod finding;
 mod modules;
+mod openings;
 mod paths;
 mod references;
 mod sizes;
@@ -35,6 +36,7 @@ pub fn findings(tree: &Tree) -> Vec<Finding> {
     found.extend(references::findings(tree));
     found.extend(exposure::findings(&targets, &sources));
     found.extend(assertions::findings(tree, &targets));
+    found.extend(openings::findings(&targets));
     found.sort();
     found.dedup();
     found

@@ -250,3 +250,29 @@ fn a_source_that_does_not_parse_is_named() {
     let found = planted("shop/src/till.rs", "pub fn count( {}\n");
     assert!(found.iter().any(|finding| finding.rule == Rule::Unreadable && finding.path == "shop/src/till.rs"));
 }
+
+#[test]
+fn a_file_of_a_run_folder_is_opened_in_one_way() {
+    let library = |uses: &str| {
+        let mut tree = Tree::default();
+        tree.add("view/Cargo.toml", "[package]\nname = \"view\"\n");
+        tree.add("view/src/lib.rs", &format!("//! View.\n{uses}"));
+        findings(&tree)
+    };
+    for (call, line) in [
+        ("use std::fs::read_to_string;\n", 2),
+        ("fn a() -> usize { std::fs::read(\"a\").map_or(0, |read| read.len()) }\n", 2),
+        ("use std::fs::File;\nfn a() -> bool { File::open(\"a\").is_ok() }\n", 3),
+        ("fn a() -> String { format!(\"{:?}\", std::fs::OpenOptions::new().read(true).open(\"a\")) }\n", 2),
+        ("use proto::bounded;\nfn a() -> bool { bounded::read_text(std::path::Path::new(\"a\")).is_ok() }\n", 3),
+    ] {
+        let found = library(call);
+        assert_eq!(found.len(), 1, "{call}{found:#?}");
+        assert_eq!((found[0].rule, found[0].line), (Rule::Opening, line), "{call}");
+    }
+    let test = "#[cfg(test)]\nmod tests {\n    fn a() -> bool { std::fs::read(\"a\").is_ok() }\n}\n";
+    assert_eq!(library(test), [], "tests may open what they like");
+    let other =
+        "//! Till.\npub fn count() { stock::price::price(&stock::Shelf::new(3)); std::fs::read(\"a\").ok(); }\n";
+    assert_eq!(planted("shop/src/till.rs", other), [], "a crate that reads no runs");
+}

@@ -234,7 +234,7 @@ impl Disk for SimulatedDisk {
         Ok(())
     }
 
-    fn read(&self, path: &Path) -> Result<Vec<u8>> {
+    fn read(&self, path: &Path, _most: u64) -> Result<Vec<u8>> {
         self.operate()?;
         let state = self.0.borrow();
         let file = *state.names.get(path).ok_or(ErrorKind::NotFound)?;
@@ -242,7 +242,7 @@ impl Disk for SimulatedDisk {
     }
 
     fn size(&self, path: &Path) -> Result<u64> {
-        Ok(self.read(path)?.len() as u64)
+        Ok(self.read(path, u64::MAX)?.len() as u64)
     }
 
     fn list(&self, folder: &Path) -> Result<Vec<PathBuf>> {

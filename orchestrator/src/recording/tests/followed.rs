@@ -5,6 +5,7 @@ use crate::recording::follow::Follower;
 use crate::recording::schema::stillroom::Step;
 use prost::Message;
 use proto::config::Config;
+use proto::run_folder::RunFolder;
 use std::time::Duration;
 
 const PATIENCE: Duration = Duration::from_mins(1);
@@ -27,7 +28,7 @@ fn of(said: &[Said]) -> Vec<(u32, u32)> {
 #[test]
 fn what_was_there_is_told_of_by_its_newest_and_what_is_new_wholly_over_several_files() {
     let folder = Shelf::new();
-    let mut follower = Follower::of(folder.0.path().to_path_buf());
+    let mut follower = Follower::of(RunFolder::new(folder.0.path()));
     assert!(told(&mut follower).is_empty(), "no file yet");
     let said = episodes(1);
     let first = said.iter().position(step(1, 1)).unwrap();

@@ -7,6 +7,7 @@ use crate::recording::wanted::Wanted;
 use proto::config::{Config, KitchenSource};
 use proto::episode::EnvironmentId;
 use proto::replay::RecordedEpisode;
+use proto::run_folder::RunFolder;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -35,7 +36,7 @@ fn failing(said: Vec<Said>, failed: &[(u32, u32)]) -> Vec<Said> {
 #[test]
 fn episodes_over_two_files_are_found_as_the_files_appear() {
     let folder = Shelf::new();
-    let mut shelf = shelf::Shelf::of(folder.0.path().to_path_buf());
+    let mut shelf = shelf::Shelf::of(RunFolder::new(folder.0.path()));
     assert!(shelf.advance(PATIENCE) && shelf.episodes().count() == 0);
     let said = failing(episodes(1), &[(0, 0), (1, 1), (1, 2)]);
     // Cut in the middle of episode 1.
@@ -65,7 +66,7 @@ fn what_a_newer_learner_went_back_behind_is_void() {
     let mut said = failing(episodes(1), &[(1, 0), (1, 2)]);
     said.extend(failing(episodes(2).into_iter().filter(step(1, 1)).collect(), &[(1, 1)]));
     let file = folder.segment(0, &Config::default(), &said, same);
-    let mut shelf = shelf::Shelf::of(folder.0.path().to_path_buf());
+    let mut shelf = shelf::Shelf::of(RunFolder::new(folder.0.path()));
     assert!(shelf.advance(PATIENCE));
     let told: Vec<_> =
         shelf.episodes().map(|((_, _, episode), shelved)| (episode, shelved.steps, shelved.failed_actions())).collect();
@@ -92,7 +93,7 @@ fn episodes_are_void_in_whichever_kitchen_they_were() {
     }
     let folder = Shelf::new();
     let file = folder.segment(0, &config, &said, same);
-    let mut shelf = shelf::Shelf::of(folder.0.path().to_path_buf());
+    let mut shelf = shelf::Shelf::of(RunFolder::new(folder.0.path()));
     assert!(shelf.advance(PATIENCE));
     let mut counted: Vec<_> = shelf.episodes().map(|((_, _, episode), _)| episode).collect();
     counted.sort_unstable();
@@ -111,7 +112,7 @@ fn a_damaged_file_is_read_up_to_its_damage_and_named() {
     let chunk = bytes.windows(4).rposition(|window| window == [0x28, 0xb5, 0x2f, 0xfd]).unwrap();
     bytes[chunk + 20] ^= 0xff;
     std::fs::write(&file, bytes).unwrap();
-    let mut shelf = shelf::Shelf::of(folder.0.path().to_path_buf());
+    let mut shelf = shelf::Shelf::of(RunFolder::new(folder.0.path()));
     assert!(shelf.advance(PATIENCE));
     assert_eq!(all(&shelf), []);
     let expected = format!("orchestrator recover {}", file.display());

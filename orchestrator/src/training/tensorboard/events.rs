@@ -140,7 +140,7 @@ pub fn marks_in(folder: &Path) -> Vec<Mark> {
 fn kept_of<T>(folder: &Path, kept: impl Fn(Point) -> T) -> Vec<T> {
     let mut points = BTreeMap::new();
     for (_, path) in files(folder) {
-        let Ok(mut file) = proto::bounded::open(&path).map(BufReader::new) else { continue };
+        let Ok(mut file) = open_plain(&path, OpenOptions::new().read(true)).map(BufReader::new) else { continue };
         while let Some(event) = next_event(&mut file) {
             if let Some(What::SessionLog(_)) = event.what {
                 drop(points.split_off(&(event.step.max(0) as u64)));

@@ -12,10 +12,10 @@ use crate::recording::schema::{PROTOBUF, descriptor_of};
 use prost::Message;
 use prost_types::Timestamp;
 use proto::camera::FRAME_SIDE;
+use proto::run_folder::RunFolder;
 use proto::show::{ShownEpisode, ShownSolids};
 use proto::step::Current;
 use scene::scene_of;
-use std::path::PathBuf;
 use std::sync::{Arc, LazyLock};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use view::feed::{Feed, Recorded, Topic};
@@ -71,7 +71,7 @@ pub struct Recordings {
 
 impl Recordings {
     /// In a run's folder; nothing is read yet.
-    pub fn of(folder: PathBuf) -> Self {
+    pub fn of(folder: RunFolder) -> Self {
         Self { follower: Follower::of(folder), names: FrameNames::under(PREFIX) }
     }
 }
