@@ -3,7 +3,7 @@
 
 use crate::evaluation::standing::Standing;
 use crate::recording::Recordings;
-use crate::run::identity::{Identity, Incarnation, host_name, unix_now};
+use crate::run::identity::{Identity, Incarnation, unix_now};
 use crate::run::lock::{Held, holder};
 use crate::run::process_state::{Stopped, stopped};
 use crate::run::state::state_of;
@@ -91,12 +91,15 @@ impl Work {
         let at_rest = *held == Held::Free;
         let Figures { history, mut notes } = Figures::read(folder, at_rest)?;
         notes.extend(Scores::read(folder, at_rest)?.notes);
+        let summary = Summary::read(folder)?;
+        notes
+            .extend(summary.iter().flat_map(|summary| &summary.missing).map(|missing| format!("{missing} is missing")));
         let silent_s = (!at_rest).then(|| silence(&history, identity)).flatten();
         let last = if at_rest { Last::AsNoted } else { Last::Until(unix_now()) };
         Ok(Self::Training {
             recent: recent(&config.stages, &history),
             stages: by_stage(&config.stages, &history),
-            weights: Summary::read(folder)?.map(|summary| summary.weights),
+            weights: summary.map(|summary| summary.weights),
             wall: Wall::read(folder, identity, last)?,
             silent_s,
             usual_s: usual_s(&history),
@@ -192,7 +195,7 @@ pub fn run(args: &StatusArgs) -> Result<()> {
         incarnations: identity.incarnations.clone(),
         recordings: Recordings::of(&folder),
         stopped: match &held {
-            Held::By(holder) if holder.host == host_name() => stopped(holder.pid),
+            Held::By(holder) if holder.is_here() => stopped(holder.pid),
             Held::By(_) | Held::Free | Held::Unsigned => Vec::new(),
         },
         work,
@@ -202,7 +205,7 @@ pub fn run(args: &StatusArgs) -> Result<()> {
         return Ok(());
     }
     let by = match &held {
-        Held::By(holder) => format!(" (pid {} on {})", holder.pid, holder.host),
+        Held::By(holder) => format!(" ({holder})"),
         Held::Free | Held::Unsigned => String::new(),
     };
     let Status { id, state, preset, seed, incarnations, recordings, stopped, work } = status;

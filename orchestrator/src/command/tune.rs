@@ -71,7 +71,7 @@ pub fn run(args: &TuneArgs) -> Result<ExitCode> {
         pinned: config.machine.pin != Pin::Automatic(false),
     };
     // What the user asked for must work; what is tried from there on need not.
-    demand_all(&config, &RunFolder::new(std::env::temp_dir()), &tools)?;
+    demand_all(&config, &RunFolder::new(wire::temporary_folder()), &tools)?;
     let mut search = Search::new(start, steps);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("tokio")?;
     let cut_short = runtime.block_on(explore(args, &config, &tools, &mut search))?;

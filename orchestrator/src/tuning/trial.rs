@@ -7,11 +7,12 @@ use crate::supervisor::shell::Signals;
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::event::Timing;
+use proto::exit::how;
 use proto::run_folder::RunFolder;
 use proto::trained::History;
 use rustix::process::{Pid, kill_process};
 use std::fs::File;
-use std::os::unix::process::CommandExt;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
@@ -41,7 +42,7 @@ pub struct Workshop(PathBuf);
 impl Workshop {
     /// A new one.
     pub fn new() -> Result<Self> {
-        let path = std::env::temp_dir().join(format!("stillroom-tune-{}", std::process::id()));
+        let path = wire::temporary_folder().join(format!("stillroom-tune-{}", std::process::id()));
         std::fs::create_dir(&path).with_context(|| format!("cannot create {}", path.display()))?;
         Ok(Self(path))
     }
@@ -168,6 +169,9 @@ fn measured(history: &History) -> Option<(usize, Speed)> {
 
 /// Why a run failed, in a line.
 fn reason(log: &Path, status: ExitStatus) -> String {
+    if status.signal().is_some() {
+        return format!("`orchestrator up` {}", how(status));
+    }
     let text = std::fs::read_to_string(log).unwrap_or_default();
     let said = text.lines().rev().find_map(|line| line.trim().strip_prefix("error: "));
     said.or_else(|| text.trim_end().lines().next_back()).map_or_else(|| status.to_string(), str::to_owned)

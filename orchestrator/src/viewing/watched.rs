@@ -9,7 +9,7 @@ use crate::evaluation::journal;
 use crate::evaluation::standing::Standing;
 use crate::recording::Recordings;
 use crate::recording::shelf::{Shelf, Shelved};
-use crate::run::identity::{Identity, host_name, unix_now};
+use crate::run::identity::{Identity, unix_now};
 use crate::run::lock::{Held, holder};
 use crate::run::state::state_of;
 use crate::showing::format;
@@ -202,7 +202,7 @@ impl Watched {
         let recent = recent(&config.stages, &self.history);
         let last = if at_rest { Last::AsNoted } else { Last::Until(unix_now()) };
         let here = match &held {
-            Held::By(holder) if holder.host == host_name() => Some(holder.pid),
+            Held::By(holder) if holder.is_here() => Some(holder.pid),
             Held::By(_) | Held::Free | Held::Unsigned => None,
         };
         let processes = here.map(|pid| self.processes.look(pid)).unwrap_or_default();
