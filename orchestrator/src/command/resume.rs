@@ -18,7 +18,7 @@ use crate::training::budget::Budget;
 use crate::training::events::ended;
 use crate::training::next_steps;
 use crate::training::run::{Started, TrainingRun, write_config};
-use crate::training::summary::Summary;
+use crate::training::summary::{Missing, Summary};
 use crate::training::validation::Validation;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
@@ -254,21 +254,19 @@ fn same_run(run: &Config, mut asked: Config) -> Result<Counts> {
 
 /// Shows a complete run, after what can be mended in its files alone; none of one that lacks what a start makes up.
 fn finished(summary: &Summary, folder: &RunFolder) -> Result<Option<ExitCode>> {
-    let mut summary = summary.clone();
-    if let Ok(config) = Config::of_run(folder)
-        && let Some(validation) = Validation::open(folder, &config)?
-    {
-        if validation.is_busy() {
-            terminal::note("this run is complete but for validations, which are made up now");
-            return Ok(None);
-        }
-        let missing = validation.missing();
-        if missing != summary.missing {
-            summary.missing = missing;
-            summary.write(folder)?;
-        }
+    let config = Config::of_run(folder).ok();
+    let validation = config.map(|config| Validation::open(folder, &config)).transpose()?.flatten();
+    if validation.as_ref().is_some_and(Validation::is_busy) || summary.missing.contains(&Missing::TensorBoard) {
+        terminal::note("this run has reached its budget, and lacks what is made up now");
+        return Ok(None);
     }
-    Ok(Some(show(&summary, folder)))
+    let missing = validation.as_ref().map_or_else(Vec::new, Validation::missing);
+    if missing != summary.missing {
+        let mended = Summary { missing, ..summary.clone() };
+        mended.write(folder)?;
+        return Ok(Some(show(&mended, folder)));
+    }
+    Ok(Some(show(summary, folder)))
 }
 
 /// Shows a complete run as it was shown when it ended.

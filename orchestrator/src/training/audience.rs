@@ -46,8 +46,12 @@ impl TrainingAudience {
 
 impl TrainingAudience {
     /// What the run is to have and has not, when nothing more is done for it.
-    pub fn missing(&self) -> Vec<Missing> {
-        self.validation.as_ref().map_or_else(Vec::new, Validation::missing)
+    pub fn missing(&mut self) -> Vec<Missing> {
+        let mut missing = self.validation.as_ref().map_or_else(Vec::new, Validation::missing);
+        let scores = self.validation.as_ref().map_or(&[][..], Validation::scores);
+        let board = self.board.as_mut().is_none_or(|board| board.is_whole(&self.journal.history, scores));
+        missing.extend((!board).then_some(Missing::TensorBoard));
+        missing
     }
 }
 

@@ -28,6 +28,8 @@ pub enum Missing {
     Validation(u64),
     /// `best`: it could not be written.
     Best,
+    /// TensorBoard's files: not all could be written.
+    TensorBoard,
 }
 
 impl Missing {
@@ -35,7 +37,7 @@ impl Missing {
     pub fn can_be_made(self, folder: &RunFolder) -> bool {
         match self {
             Self::Validation(rollout) => folder.validation(rollout).join(RolloutName::Manifest.of(rollout)).is_file(),
-            Self::Best => true,
+            Self::Best | Self::TensorBoard => true,
         }
     }
 }
@@ -45,6 +47,7 @@ impl Display for Missing {
         match self {
             Self::Validation(rollout) => write!(f, "the validation after rollout {rollout}"),
             Self::Best => f.write_str("`best`, which names the best checkpoint,"),
+            Self::TensorBoard => f.write_str("a part of TensorBoard's files"),
         }
     }
 }
