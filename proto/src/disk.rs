@@ -6,7 +6,7 @@ use crate::bounded;
 use crate::plain_file::open_plain;
 use std::fmt::Debug;
 use std::fs::File;
-use std::io::{Result, Write};
+use std::io::{Error, Result, Write};
 use std::path::{Path, PathBuf};
 
 /// What a writer of files that must survive asks of a file system.
@@ -35,6 +35,28 @@ pub trait Disk: Debug {
     fn size(&self, path: &Path) -> Result<u64>;
     /// What is in a folder, in any order.
     fn list(&self, folder: &Path) -> Result<Vec<PathBuf>>;
+}
+
+/// Returns when the names in a folder would survive a power failure. Shared folders of virtual machines and some network
+/// disks cannot synchronise a folder: there names are as safe as the disk makes them.
+pub fn sync_folder(folder: &Path) -> Result<()> {
+    match File::open(folder).and_then(|folder| folder.sync_all()) {
+        Err(error) if error.raw_os_error() == Some(libc::EBADF) || is_not_offered(&error) => Ok(()),
+        synced => synced,
+    }
+}
+
+/// Copies an ordinary file onto the disk. Its permissions are not copied: some file systems refuse to set them.
+pub fn copy(from: &Path, to: &Path) -> Result<()> {
+    let mut from = bounded::open(from)?;
+    let mut to = File::create(to)?;
+    std::io::copy(&mut from, &mut to)?;
+    to.sync_all()
+}
+
+/// Whether an error says that a file system does not offer an operation, to whomever and for whatever file.
+pub fn is_not_offered(error: &Error) -> bool {
+    matches!(error.raw_os_error(), Some(libc::EINVAL | libc::ENOLCK | libc::ENOSYS | libc::EOPNOTSUPP))
 }
 
 /// The tensors of a checkpoint, bytes: those of the largest network with the most environments have a tenth.
@@ -68,7 +90,7 @@ impl Disk for LocalDisk {
     }
 
     fn sync_folder(&self, folder: &Path) -> Result<()> {
-        File::open(folder)?.sync_all()
+        sync_folder(folder)
     }
 
     fn rename(&self, from: &Path, to: &Path) -> Result<()> {

@@ -1,5 +1,16 @@
 //! Exit statuses with a meaning of their own: of learners, which the orchestrator acts on, and of the orchestrator, which
-//! scripts act on.
+//! scripts act on; and how any process ended, in words.
+
+use std::os::unix::process::ExitStatusExt;
+use std::process::ExitStatus;
+
+/// How a process ended, to stand behind its name: `was killed by signal 9 (SIGKILL)`, `ended with exit status: 1`.
+pub fn how(status: ExitStatus) -> String {
+    match status.signal() {
+        Some(_) => format!("was killed by {}", status.to_string().replacen("signal: ", "signal ", 1)),
+        None => format!("ended with {status}"),
+    }
+}
 
 /// Status with which a learner exits on a non-finite loss, gradient, observation or answer of the network.
 pub const EXIT_NON_FINITE: i32 = 3;
@@ -23,3 +34,14 @@ pub const EXIT_HOST_LOST: i32 = 7;
 /// Status with which they exit after SIGUSR1, or a launcher's SIGTERM: the run is saved and not complete, and wants to be
 /// started again. (`EX_TEMPFAIL` of sysexits.h.)
 pub const EXIT_REQUEUE: i32 = 75;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_signal_is_named() {
+        assert_eq!(how(ExitStatus::from_raw(9)), "was killed by signal 9 (SIGKILL)");
+        assert_eq!(how(ExitStatus::from_raw(256)), "ended with exit status: 1");
+    }
+}

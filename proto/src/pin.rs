@@ -2,6 +2,7 @@
 //! is pruned. The learner pins each before it goes on; the orchestrator lets go of those that are not the best.
 
 use crate::checkpoint::Manifest;
+use crate::disk::copy;
 use crate::fault;
 use crate::run_folder::{RolloutName, RunFolder};
 use std::io::{Error, ErrorKind, Result};
@@ -21,9 +22,7 @@ pub fn pin(run: &RunFolder, rollout: u64) -> Result<()> {
     for (from, to) in [(run.checkpoint_tensors(rollout), tensors), (run.checkpoint_manifest(rollout), manifest)] {
         fault::reach("validation.before_link");
         remove(&to)?;
-        std::fs::hard_link(&from, &to)
-            .or_else(|_| std::fs::copy(&from, &to).map(drop))
-            .map_err(|cause| at(&from, &cause))?;
+        std::fs::hard_link(&from, &to).or_else(|_| copy(&from, &to)).map_err(|cause| at(&from, &cause))?;
     }
     Ok(())
 }

@@ -18,7 +18,7 @@
 //!   tensorboard/           event files of the same figures: a folder for each stage, and validation/
 //!   validation.jsonl       one line an evaluation made while it trained
 //!   validation/rollout-00000012/   its result; the checkpoint, too, until it is known not to be the best
-//!   best -> validation/rollout-00000012   the best checkpoint so far
+//!   best -> validation/rollout-00000012   the best checkpoint so far; a file with this text where there are no links
 //!   evaluations/           what `orchestrator eval RUN` made
 //!   nonfinite-rollout-12.safetensors   the batch of an update that met a number that is not finite
 //!   summary.json           written when the budget is reached
@@ -284,14 +284,47 @@ impl RunFolder {
         self.root.join(Self::relative_validation(rollout))
     }
 
-    /// The same, relative to the folder: what [`RunFolder::best`] points to.
+    /// The same, relative to the folder: what [`RunFolder::best`] names.
     pub fn relative_validation(rollout: u64) -> String {
         format!("validation/{}", RolloutName::Folder.of(rollout))
     }
 
-    /// The best checkpoint so far by validation: a symbolic link to its folder.
+    /// The best checkpoint so far by validation: a symbolic link to its folder, or a file with the link's text where the
+    /// disk has no links.
     pub fn best(&self) -> PathBuf {
-        self.root.join("best")
+        self.root.join(BEST)
+    }
+
+    /// The rollout of the best checkpoint so far, as [`Self::best`] names it. Names of anything but a validation of the
+    /// run's own do not count.
+    pub fn best_rollout(&self) -> Option<u64> {
+        let path = self.best();
+        let named = std::fs::read_link(&path).or_else(|_| bounded::read_text(&path).map(|text| text.trim_end().into()));
+        let named = named.ok()?;
+        let rollout = RolloutName::Folder.rollout_of(&named)?;
+        (named == Path::new(&Self::relative_validation(rollout))).then_some(rollout)
+    }
+
+    /// Names the best checkpoint. At every moment there is one, the old or the new.
+    pub fn set_best(&self, rollout: u64) -> std::io::Result<()> {
+        let (path, target) = (self.best(), Self::relative_validation(rollout));
+        let partial = path.with_extension("partial");
+        match std::fs::remove_file(&partial) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error),
+            _ => {}
+        }
+        let linked = std::os::unix::fs::symlink(&target, &partial).and_then(|()| {
+            fault::reach("validation.before_crown");
+            std::fs::rename(&partial, &path)
+        });
+        // exFAT, network disks and shared folders of virtual machines have no links.
+        linked.or_else(|_| write_atomically(&path, format!("{target}\n").as_bytes()))
+    }
+
+    /// The folder that a file called `best` names, as [`Self::set_best`] writes it; `path` itself where it is none.
+    pub fn through_best(path: PathBuf) -> PathBuf {
+        let run = path.parent().filter(|_| path.file_name() == Some(BEST.as_ref()) && path.is_file()).map(Self::new);
+        run.and_then(|run| Some(run.validation(run.best_rollout()?))).unwrap_or(path)
     }
 
     /// The batch of rollout `rollout`, whose update met a number that is not finite: the part of one learner.
@@ -364,6 +397,9 @@ impl RolloutName {
 
 /// What all names of rollouts begin with.
 const PREFIX: &str = "rollout-";
+
+/// Name of what names the best checkpoint.
+const BEST: &str = "best";
 
 /// What the name of a file ends in while [`write_atomically`] writes it.
 pub const PARTIAL: &str = ".partial";
@@ -440,6 +476,37 @@ mod tests {
         std::os::unix::fs::symlink(elsewhere.path(), &linked).unwrap();
         assert!(run.list(&linked).is_err() && !run.has(&run.log("orchestrator")));
         assert!(!run.has(&elsewhere.path().join("orchestrator.log")), "it does not lie in the folder");
+    }
+
+    #[test]
+    fn the_best_is_named_by_a_link_or_by_a_file_and_is_of_the_run_itself() {
+        let temporary = tempfile::tempdir().unwrap();
+        let run = RunFolder::new(temporary.path());
+        assert_eq!(run.best_rollout(), None);
+        let through = || RunFolder::through_best(run.best());
+        for rollout in [3, 12] {
+            run.set_best(rollout).unwrap();
+            assert!(run.best().is_symlink() && run.best_rollout() == Some(rollout));
+            assert_eq!(through(), run.best(), "a link leads there by itself");
+        }
+        std::fs::remove_file(run.best()).unwrap();
+        for (text, rollout) in [
+            ("validation/rollout-00000003\n", Some(3)),
+            ("validation/rollout-00000012", Some(12)),
+            ("/etc/rollout-00000012", None),
+            ("validation/../rollout-00000012", None),
+            ("checkpoints", None),
+            ("", None),
+        ] {
+            std::fs::write(run.best(), text).unwrap();
+            assert_eq!(run.best_rollout(), rollout, "{text}");
+            assert_eq!(through(), rollout.map_or(run.best(), |rollout| run.validation(rollout)), "{text}");
+        }
+        run.set_best(4).unwrap();
+        assert!(run.best().is_symlink() && run.best_rollout() == Some(4), "a link takes the file's place");
+        std::fs::remove_file(run.best()).unwrap();
+        std::fs::create_dir(run.best()).unwrap();
+        assert!(run.set_best(5).is_err());
     }
 
     #[test]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,16 @@ def test_the_newest_whole_checkpoint_of_a_run_is_read(tmp_path: Path) -> None:
     newest.save(tmp_path / "weights.safetensors")
     alone = stillroom.load(tmp_path / "weights.safetensors")
     assert np.array_equal(alone.weights["actor.weight"], newest.weights["actor.weight"]) and alone.frames is None
+    # The best one, named by a file where there are no links.
+    best = tmp_path / "validation/rollout-00000003"
+    best.mkdir(parents=True)
+    for file in (tmp_path / "checkpoints").glob("rollout-00000003.*"):
+        shutil.copy(file, best)
+    (tmp_path / "best").write_text("validation/rollout-00000003\n")
+    assert stillroom.load(tmp_path / "best").frames == 3000
+    (tmp_path / "best").write_text("../validation/rollout-00000003\n")
+    with pytest.raises(CheckpointError):
+        stillroom.load(tmp_path / "best")
 
 
 def test_a_policy_file_says_itself_what_it_is(tmp_path: Path) -> None:

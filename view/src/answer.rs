@@ -32,7 +32,7 @@ impl From<TheatreError> for Refusal {
     fn from(error: TheatreError) -> Self {
         let status = match error {
             TheatreError::Busy => StatusCode::SERVICE_UNAVAILABLE,
-            TheatreError::Broken(_) => StatusCode::INTERNAL_SERVER_ERROR,
+            TheatreError::Broken(_) | TheatreError::Ended(_) => StatusCode::INTERNAL_SERVER_ERROR,
         };
         Self(status, error.to_string())
     }

@@ -2,6 +2,7 @@
 //!
 //! It runs at a low priority: what is looked at must not slow what is trained.
 
+use proto::exit::how;
 use proto::show::{ShowAnswer, ShowRequest};
 use std::path::PathBuf;
 use std::process::Stdio;
@@ -14,6 +15,8 @@ use tokio::sync::{mpsc, oneshot};
 const WAITING: usize = 32;
 /// An answer takes well under a second, the first of a kitchen a few on a busy machine.
 const DEADLINE: Duration = Duration::from_mins(2);
+/// How long a child may take to be gone that gives no answer any more.
+const ENDS: Duration = Duration::from_secs(1);
 /// Without a request for this long the child is let go.
 const IDLE: Duration = Duration::from_mins(10);
 /// As the server: the lowest would leave a busy machine with a hundredth of a core for pictures that somebody waits for.
@@ -30,6 +33,9 @@ pub enum TheatreError {
     /// The child cannot be used.
     #[error("the simulator cannot be used: {0}")]
     Broken(String),
+    /// It ended in the middle of its work, for instance by a signal.
+    #[error("`actor show` {0}")]
+    Ended(String),
 }
 
 type Answer = Result<(ShowAnswer, Vec<u8>), TheatreError>;
@@ -68,30 +74,36 @@ async fn work(program: PathBuf, mut requests: mpsc::Receiver<(ShowRequest, onesh
         if reply.is_closed() {
             continue;
         }
-        let mut at_work = match player.take().map_or_else(|| Player::start(&program), Ok) {
-            Ok(at_work) => at_work,
-            Err(error) => {
-                let _ = reply.send(Err(TheatreError::Broken(error.to_string())));
-                continue;
-            }
-        };
-        let answer = match tokio::time::timeout(DEADLINE, at_work.ask(&request)).await {
-            Ok(Ok(answer)) => {
-                // Only one that answered as agreed is asked again.
-                player = Some(at_work);
-                Ok(answer)
-            }
-            Ok(Err(error)) => Err(TheatreError::Broken(error.to_string())),
-            Err(_) => Err(TheatreError::Broken(format!("no answer within {} s", DEADLINE.as_secs()))),
-        };
+        let mut answer = answer_of(&mut player, &program, &request).await;
+        if let Err(TheatreError::Ended(_)) = answer {
+            // Another one is asked once more.
+            answer = answer_of(&mut player, &program, &request).await;
+        }
         // Nobody waits any more: the picture was drawn in vain.
         let _ = reply.send(answer);
     }
 }
 
+async fn answer_of(player: &mut Option<Player>, program: &PathBuf, request: &ShowRequest) -> Answer {
+    let broken = |error: std::io::Error| TheatreError::Broken(error.to_string());
+    let mut at_work = player.take().map_or_else(|| Player::start(program), Ok).map_err(broken)?;
+    match tokio::time::timeout(DEADLINE, at_work.ask(request)).await {
+        Ok(Ok(answer)) => {
+            // Only one that answered as agreed is asked again.
+            *player = Some(at_work);
+            Ok(answer)
+        }
+        Ok(Err(error)) => match tokio::time::timeout(ENDS, at_work.child.wait()).await {
+            Ok(Ok(status)) => Err(TheatreError::Ended(how(status))),
+            _ => Err(broken(error)),
+        },
+        Err(_) => Err(TheatreError::Broken(format!("no answer within {} s", DEADLINE.as_secs()))),
+    }
+}
+
 /// The child; killed when this is dropped.
 struct Player {
-    _child: Child,
+    child: Child,
     input: ChildStdin,
     output: BufReader<ChildStdout>,
 }
@@ -112,7 +124,7 @@ impl Player {
         let missing = || std::io::Error::other("the child has no pipes");
         let input = child.stdin.take().ok_or_else(missing)?;
         let output = BufReader::new(child.stdout.take().ok_or_else(missing)?);
-        Ok(Self { _child: child, input, output })
+        Ok(Self { child, input, output })
     }
 
     async fn ask(&mut self, request: &ShowRequest) -> std::io::Result<(ShowAnswer, Vec<u8>)> {

@@ -3,12 +3,12 @@
 use super::kitchens::scene_problems;
 use anyhow::{Context, Result, ensure};
 use proto::config::Config;
+use proto::disk::{copy, sync_folder};
 use proto::kitchen::{KitchenId, TargetCategory};
 use simulator::scene_file::{load, read};
 use std::collections::BTreeSet;
-use std::fs::File;
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 /// Loads a scene, proves that nothing in it moves by itself, and says what it offers. With `copy`, its files are
@@ -48,9 +48,10 @@ fn keep(path: &Path, folder: &Path) -> Result<()> {
         let problem = || format!("cannot copy {} to {}", from.join(&file).display(), to.display());
         let holder = to.parent().unwrap_or(folder);
         std::fs::create_dir_all(holder).with_context(problem)?;
-        std::fs::copy(from.join(&file), &to).and_then(|_| File::open(&to)?.sync_all()).with_context(problem)?;
+        copy(&from.join(&file), &to).with_context(problem)?;
         folders.extend(holder.ancestors().take_while(|inner| inner.starts_with(folder)).map(Path::to_owned));
     }
-    let sync = |folder: &PathBuf| File::open(folder)?.sync_all();
-    folders.iter().try_for_each(|folder| sync(folder).with_context(|| format!("cannot sync {}", folder.display())))
+    folders
+        .iter()
+        .try_for_each(|folder| sync_folder(folder).with_context(|| format!("cannot sync {}", folder.display())))
 }

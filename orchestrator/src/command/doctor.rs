@@ -1,10 +1,9 @@
 //! `orchestrator doctor`: everything that `up` would check, all of it, as a table.
 
 use super::overrides::{Overrides, default_preset};
+use crate::preflight::all::check_all;
 use crate::preflight::tools::Tools;
-use crate::preflight::{
-    Finding, cores, descriptors, device, disk, memory, processor, programs, shared_memory, temporary,
-};
+use crate::preflight::{Finding, programs, temporary};
 use crate::run::create::check_free;
 use crate::run::remains::survey;
 use crate::run::scenes;
@@ -42,7 +41,6 @@ pub struct DoctorArgs {
 /// Runs the command.
 pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
     let mut table = Table { json: args.json, rows: Vec::new() };
-    table.row("processor", processor::check());
     let [learner, actor] = ["learner", "actor"].map(|program| {
         let found = programs::find(program);
         table.row(program, finding(found.as_ref().map(|path| path.display().to_string())));
@@ -75,25 +73,16 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
             if let Some(found) = actor.and_then(|actor| scenes::finding(&config, &actor)) {
                 table.row("scenes", found);
             }
-            if let Some(torch) = &torch {
-                table.row("learners", device::check(&config, torch));
-                table.row("cores", cores::check(&config, torch));
+            let folder = args.run.as_deref().unwrap_or(Path::new("runs"));
+            for (name, found) in check_all(&config, folder, torch.as_ref()) {
+                table.row(name, found);
             }
-            let on_gpu = torch.as_ref().is_some_and(|torch| device::is_cuda(&config, torch));
-            match memory::available() {
-                Ok(available) => table.row("memory", memory::check(&config, on_gpu, available)),
-                Err(error) => table.row("memory", Finding::Warning(error.to_string())),
-            }
-            table.row("shared memory", shared_memory::check(&config));
-            table.row("open files", descriptors::check(&config));
-            table.row("disk", disk::check(&config, args.run.as_deref().unwrap_or(Path::new("runs"))));
         }
     }
     if let Some(run) = &args.run {
         let free = check_free(&RunFolder::new(run)).map(|()| format!("{} is free", run.display()));
         table.row("run folder", finding(free.as_ref().map(String::clone)));
     }
-    table.row("temporary", temporary::check_for_run());
     if !matches!(temporary::check(), Finding::Problem(_)) {
         table.row("remains", remains()?);
     }

@@ -6,7 +6,7 @@ use crate::evaluation::subject::{Found, Provenance, Source, find};
 use crate::evaluation::words::{episodes_of, place};
 use crate::preflight::all::demand_all;
 use crate::preflight::tools::Tools;
-use crate::run::create::{check_free, create};
+use crate::run::create::{check_free, create, new_folder};
 use crate::run::identity::unix_now;
 use crate::run::{lifeline, scenes};
 use crate::showing::{format, terminal};
@@ -163,8 +163,9 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
 
     terminal::note(&announcement(args, &config, &asked));
     let tools = Tools::find()?;
-    let folder = RunFolder::new(args.out.clone().unwrap_or_else(|| default_folder(&provenance, &asked)));
-    demand_all(&config, &folder, &tools)?;
+    let named = args.out.clone().unwrap_or_else(|| default_folder(&provenance, &asked));
+    demand_all(&config, &RunFolder::new(&named), &tools)?;
+    let folder = if args.out.is_some() { RunFolder::new(named) } else { new_folder(&named)? };
     let folders = if config.recording.enabled { vec![folder.recordings()] } else { vec![] };
     let (identity, lock) = create(&folder, &mut config, &folders)?;
     EvaluationRun { folder, config, asked, json: args.json, subject: provenance, identity, lock, tools }.run()

@@ -7,12 +7,14 @@ use crate::run::identity::Identity;
 use crate::run::scenes;
 use crate::showing::log_line::error_in;
 use crate::showing::terminal;
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use export::PolicyError;
 use proto::config::{Config, presets};
+use proto::exit::how;
 use proto::policy_file::PolicyFileError;
 use proto::run_folder::{RunFolder, unlike_a_flag};
 use proto::shell::quoted;
+use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -133,6 +135,7 @@ fn take_weights(from: &Path, folder: &RunFolder, id: &str, tools: &Tools) -> Res
         .output()
         .with_context(|| format!("cannot start {}", learner.display()))?;
     if !output.status.success() {
+        ensure!(output.status.signal().is_none(), "`learner import` {}", how(output.status));
         let complaint = String::from_utf8_lossy(&output.stderr);
         bail!("{}", error_in(&complaint).unwrap_or(&complaint).trim_end());
     }

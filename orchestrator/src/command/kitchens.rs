@@ -5,6 +5,7 @@
 
 use crate::preflight::programs;
 use anyhow::{Context, Result, bail, ensure};
+use proto::exit::how;
 use proto::kitchen::{KitchenChoice, KitchenId, KitchenRange};
 use proto::run_folder::unlike_a_flag;
 use std::path::PathBuf;
@@ -87,6 +88,6 @@ pub fn run(args: &KitchensArgs) -> Result<()> {
     let lifeline = actor.stdin.take();
     let status = actor.wait().with_context(|| format!("cannot wait for {}", program.display()))?;
     drop(lifeline);
-    ensure!(status.success(), "the actor that was to draw ended with {status}; its last messages are above");
+    ensure!(status.success(), "`actor kitchens` {}; its last messages are above", how(status));
     Ok(())
 }

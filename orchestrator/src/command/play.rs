@@ -10,6 +10,7 @@ use crate::run::lifeline::{follow, this_program};
 use crate::showing::log_line::error_in;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
+use proto::exit::how;
 use proto::kitchen::KitchenId;
 use rustix::process::{Pid, Signal, getppid, kill_process};
 use std::fs::{DirBuilder, File};
@@ -139,7 +140,7 @@ impl Player {
         let policy = std::path::absolute(policy)?;
         let options = options(args.kitchen, args.split.as_deref(), args.speed);
         let name = policy.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let root = std::env::temp_dir().join(format!("{PREFIX}{}", Identity::new()?.id));
+        let root = wire::temporary_folder().join(format!("{PREFIX}{}", Identity::new()?.id));
         Ok(Some(Self { root, policy, options, name, child: None }))
     }
 
@@ -181,7 +182,11 @@ impl Player {
             if !status.success() {
                 let text = std::fs::read_to_string(&log).unwrap_or_default();
                 let last = || text.rsplit_once("error: ").map(|(_, error)| error);
-                bail!("the policy does not play ({status}): {}", error_in(&text).or_else(last).unwrap_or(&text).trim());
+                bail!(
+                    "the policy does not play: `orchestrator eval` {}: {}",
+                    how(status),
+                    error_in(&text).or_else(last).unwrap_or(&text).trim()
+                );
             }
         }
         unreachable!("rounds do not end")

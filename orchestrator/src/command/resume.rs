@@ -18,7 +18,8 @@ use crate::training::budget::Budget;
 use crate::training::events::ended;
 use crate::training::next_steps;
 use crate::training::run::{Started, TrainingRun, write_config};
-use crate::training::summary::Summary;
+use crate::training::summary::{Missing, Summary};
+use crate::training::validation::Validation;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::run_folder::RunFolder;
@@ -35,7 +36,8 @@ const ACTORS_LEAVE: Duration = Duration::from_secs(5);
 ///
 /// Continues from the last good checkpoint with the configuration in the run folder. The result is the same,
 /// bit for bit, as that of a run that was never interrupted: on the CPU, and on GPUs of the same kind and number with
-/// `learner.deterministic`. A run that is complete only prints its summary, unless `--frames` asks for more.
+/// `learner.deterministic`. A run that is complete only prints its summary, unless `--frames` asks for more, or something
+/// is missing that can be made up, such as a validation that failed.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator resume runs/20261121-020423-demo-1
@@ -96,7 +98,9 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
                 "this run is complete: it has no rollout for another number of processes. Give it frames by --frames, too"
             );
         }
-        return Ok(show(summary, &folder));
+        if let Some(status) = finished(summary, &folder)? {
+            return Ok(status);
+        }
     }
     let mut config = Config::of_run(&folder)?;
     let tools = Tools::find()?;
@@ -113,7 +117,9 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
                 "this run is complete: it has no rollout for another number of processes. Give it more --frames, too"
             );
         }
-        return Ok(show(summary, &folder));
+        if let Some(status) = finished(summary, &folder)? {
+            return Ok(status);
+        }
     }
     if let Some(budget) = budget {
         let new = budget.lay_over(&config);
@@ -191,11 +197,13 @@ pub fn go_on(folder: RunFolder, asked: Config, started: Started, patience: Durat
     let mut config = Config::of_run(&folder)?;
     let Counts { actors: asked_actors, learners } = same_run(&config, asked)
         .with_context(|| format!("{} holds a run that this command did not begin", folder.root().display()))?;
-    if let Some(summary) = Summary::read(&folder)? {
+    if let Some(summary) = Summary::read(&folder)?
+        && let Some(status) = finished(&summary, &folder)?
+    {
         if let Some(rendezvous) = &started.rendezvous {
             rendezvous.turn_away(0, "this run is complete");
         }
-        return Ok(show(&summary, &folder));
+        return Ok(status);
     }
     let tools = Tools::find()?;
     settle(&folder, &identity, config.learner.count.max(learners), Policy::of(&config).silence)?;
@@ -242,6 +250,23 @@ fn same_run(run: &Config, mut asked: Config) -> Result<Counts> {
     Ok(Counts { actors, learners })
 }
 
+/// Shows a complete run, after what can be mended in its files alone; none of one that lacks what a start makes up.
+fn finished(summary: &Summary, folder: &RunFolder) -> Result<Option<ExitCode>> {
+    let config = Config::of_run(folder).ok();
+    let validation = config.map(|config| Validation::open(folder, &config)).transpose()?.flatten();
+    if validation.as_ref().is_some_and(Validation::is_busy) || summary.missing.contains(&Missing::TensorBoard) {
+        terminal::note("this run has reached its budget, and lacks what is made up now");
+        return Ok(None);
+    }
+    let missing = validation.as_ref().map_or_else(Vec::new, Validation::missing);
+    if missing != summary.missing {
+        let mended = Summary { missing, ..summary.clone() };
+        mended.write(folder)?;
+        return Ok(Some(show(&mended, folder)));
+    }
+    Ok(Some(show(summary, folder)))
+}
+
 /// Shows a complete run as it was shown when it ended.
 fn show(summary: &Summary, folder: &RunFolder) -> ExitCode {
     terminal::note("this run is complete");
@@ -255,7 +280,7 @@ fn show(summary: &Summary, folder: &RunFolder) -> ExitCode {
     for line in next_steps::complete(&next_steps::program(), folder, &summary.preset, recorded) {
         terminal::note(&line);
     }
-    ExitCode::SUCCESS
+    if summary.is_whole() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
 /// Waits until nothing of an earlier incarnation runs any more, and removes what it left. Learners that outlived their
@@ -297,7 +322,7 @@ fn wake_stopped_learners(folder: &RunFolder) {
         else {
             continue;
         };
-        if wake_learner(pid, &lock).is_ok() {
+        if wake_learner(pid, &lock).is_ok_and(|there| there) {
             terminal::note(&format!(
                 "learner-{rank} of the last start (pid {pid}) is stopped and is woken, so that it saves and leaves"
             ));

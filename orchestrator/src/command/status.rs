@@ -3,7 +3,7 @@
 
 use crate::evaluation::standing::Standing;
 use crate::recording::Recordings;
-use crate::run::identity::{Identity, Incarnation, host_name};
+use crate::run::identity::{Identity, Incarnation};
 use crate::run::lock::{Held, holder};
 use crate::run::process_state::{Stopped, stopped};
 use crate::run::state::state_of;
@@ -91,13 +91,16 @@ impl Work {
         let at_rest = *held == Held::Free;
         let Figures { history, mut notes } = Figures::read(folder, at_rest);
         notes.extend(Scores::read(folder, at_rest).notes);
+        let summary = Summary::read(folder)?;
+        notes
+            .extend(summary.iter().flat_map(|summary| &summary.missing).map(|missing| format!("{missing} is missing")));
         let seen = signs_of_life(&history);
         let newest = identity.incarnations.last().filter(|_| !at_rest);
         let silent_s = newest.map(|start| silent_s(start, seen.get(&start.number).copied()) as u64);
         Ok(Self::Training {
             recent: recent(&config.stages, &history),
             stages: by_stage(&config.stages, &history),
-            weights: Summary::read(folder)?.map(|summary| summary.weights),
+            weights: summary.map(|summary| summary.weights),
             wall: Wall::of(identity, &seen, !at_rest),
             silent_s,
             usual_s: usual_s(&history),
@@ -186,7 +189,7 @@ pub fn run(args: &StatusArgs) -> Result<()> {
         incarnations: identity.incarnations.clone(),
         recordings: Recordings::of(&folder),
         stopped: match &held {
-            Held::By(holder) if holder.host == host_name() => stopped(holder.pid),
+            Held::By(holder) if holder.is_here() => stopped(holder.pid),
             Held::By(_) | Held::Free | Held::Unsigned => Vec::new(),
         },
         work,
@@ -196,7 +199,7 @@ pub fn run(args: &StatusArgs) -> Result<()> {
         return Ok(());
     }
     let by = match &held {
-        Held::By(holder) => format!(" (pid {} on {})", holder.pid, holder.host),
+        Held::By(holder) => format!(" ({holder})"),
         Held::Free | Held::Unsigned => String::new(),
     };
     let Status { id, state, preset, seed, incarnations, recordings, stopped, work } = status;

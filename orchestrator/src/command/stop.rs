@@ -1,7 +1,7 @@
 //! `orchestrator stop`: an orderly stop of a run that another process runs. While it waits it shows what the
 //! orchestrator says.
 
-use crate::run::identity::{Identity, host_name, is_evaluation};
+use crate::run::identity::{Identity, is_evaluation};
 use crate::run::lock::{Held, Holder, holder};
 use crate::run::process_state::stopped;
 use crate::run::signal::ask_to_stop;
@@ -24,6 +24,10 @@ const LOOK: Duration = Duration::from_millis(50);
 
 /// How long an orchestrator may be stopped by a signal, before nobody waits for it any more.
 const ASLEEP: Duration = Duration::from_secs(3);
+
+/// What to do with a run whose processes cannot be seen from here.
+const THERE: &str =
+    "give this command, or Ctrl-C, where it was started (`docker exec` or `nsenter` leads into a container)";
 
 /// Save and stop a run from another terminal
 ///
@@ -57,21 +61,22 @@ pub fn run(args: &StopArgs) -> Result<()> {
         log.show();
         match holder(&folder)? {
             Held::Free => break,
-            Held::By(holder) if holder.host != host_name() => {
-                bail!("{root} is run on {}: stop it there", holder.host);
-            }
+            Held::By(holder) if !holder.is_here() => bail!("nobody was asked: {root} is run by {holder}; {THERE}"),
             // The start that follows a scale is the same process's: it is asked, too.
             Held::By(signed) if asked != Some((signed.pid, signed.incarnation)) => {
                 match ask_to_stop(signed.pid, &folder.orchestrator_lock()) {
-                    Ok(()) => {
+                    Ok(true) => {
                         tracing::info!("asked pid {} to {asked_to}", signed.pid);
                         asked = Some((signed.pid, signed.incarnation));
                     }
-                    Err(error) => {
+                    not_asked => {
                         // A holder that is just ending, or just starting, looks like a stranger for a moment.
                         std::thread::sleep(LOOK);
-                        if holder(&folder)? == Held::By(signed) {
-                            return Err(error);
+                        if holder(&folder)? == Held::By(signed.clone()) {
+                            not_asked?;
+                            bail!(
+                                "nobody was asked: {root} is run by {signed}, and no process here has that number; {THERE}"
+                            );
                         }
                     }
                 }
@@ -163,6 +168,7 @@ impl Log {
 mod tests {
     use super::*;
     use std::fs::File;
+    use crate::run::identity::host_name;
     use std::io::Write;
     use std::process::Command;
 
@@ -198,8 +204,10 @@ mod tests {
         identity.begin_incarnation();
         identity.write(&folder).unwrap();
         let mut victim = Command::new("sleep").arg("60").spawn().unwrap();
-        let planted = Holder { pid: victim.id(), host: host_name(), incarnation: 1 };
-        std::fs::write(folder.orchestrator_lock(), toml::to_string(&planted).unwrap()).unwrap();
+        let sign =
+            |holder: &Holder| std::fs::write(folder.orchestrator_lock(), toml::to_string(holder).unwrap()).unwrap();
+        let planted = Holder { pid: victim.id(), host: host_name(), incarnation: 1, pid_namespace: None };
+        sign(&planted);
         // Free, the lock names nobody.
         assert!(run(&args).unwrap_err().to_string().contains("cut off"));
         let held = std::fs::File::open(folder.orchestrator_lock()).unwrap();
@@ -209,5 +217,13 @@ mod tests {
         assert!(victim.try_wait().unwrap().is_none(), "it was left alone");
         victim.kill().unwrap();
         victim.wait().unwrap();
+        // It said that it had asked that number, and waited for an hour.
+        for (pid_namespace, why) in
+            [(None, "no process here has that number"), (Some(1), "in another container or PID")]
+        {
+            sign(&Holder { pid_namespace, ..planted.clone() });
+            let message = format!("{:#}", run(&args).unwrap_err());
+            assert!(message.starts_with("nobody was asked: ") && message.contains(why), "{message}");
+        }
     }
 }

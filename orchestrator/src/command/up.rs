@@ -8,7 +8,7 @@ use crate::hosts::membership::Membership;
 use crate::preflight::all::demand_all;
 use crate::preflight::tools::Tools;
 use crate::run::checkpoints::read_manifest;
-use crate::run::create::{check_free, create};
+use crate::run::create::{check_free, create, new_folder};
 use crate::run::identity::unix_now;
 use crate::run::scenes;
 use crate::showing::format::counted;
@@ -102,13 +102,14 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
         Some(tools) => tools,
         None => Tools::find()?,
     };
-    let folder = RunFolder::new(args.run.clone().unwrap_or_else(|| default_folder(&config)));
-    demand_all(&started.part(&config), &folder, &tools)?;
+    let named = args.run.clone().unwrap_or_else(|| default_folder(&config));
+    demand_all(&started.part(&config), &RunFolder::new(&named), &tools)?;
     scenes::check(&config)?;
     introduce(&config, asked);
     if let Some(FromConfig { checkpoint, frames, .. }) = &config.from {
         terminal::note(&format!("begins with the weights of {checkpoint}, {} frames", format::count(*frames)));
     }
+    let folder = if args.run.is_some() { RunFolder::new(named) } else { new_folder(&named)? };
     let (identity, lock) = create(&folder, &mut config, &[folder.checkpoints(), folder.recordings()])?;
     if args.view {
         show(&folder);

@@ -104,7 +104,7 @@ pub fn network_differences(theirs: &Config, ours: &Config) -> Result<Vec<String>
 
 /// Finds the weights that `path` means.
 pub fn find(path: &Path) -> Result<Source> {
-    let path = std::path::absolute(path).with_context(|| path.display().to_string())?;
+    let path = RunFolder::through_best(std::path::absolute(path).with_context(|| path.display().to_string())?);
     ensure!(path.exists(), "{} does not exist", path.display());
     let is_tensors = path.extension().is_some_and(|kind| kind == "safetensors");
     if is_tensors && !path.is_dir() && !path.with_extension("json").is_file() {

@@ -1,20 +1,36 @@
-//! Every check of one configuration, for a run that is to begin.
+//! Every check of one configuration: `up` stops at the first problem, `doctor` shows all.
 
 use super::tools::Tools;
-use super::{cores, descriptors, device, disk, memory, processor, shared_memory, temporary};
-use anyhow::{Context, Result};
+use super::{Finding, cores, descriptors, device, disk, memory, processor, services, shared_memory, temporary};
+use anyhow::Result;
 use proto::config::Config;
+use proto::device::Torch;
 use proto::run_folder::RunFolder;
+use std::path::Path;
 
-/// Looks at everything that could keep this configuration from running here.
+/// Looks at everything that could keep this configuration from running here in `folder`, with what the learner computes
+/// with, as far as that is known.
+pub fn check_all(config: &Config, folder: &Path, torch: Option<&Torch>) -> Vec<(&'static str, Finding)> {
+    let mut found = vec![("processor", processor::check())];
+    if let Some(torch) = torch {
+        found.extend([("learners", device::check(config, torch)), ("cores", cores::check(config, torch))]);
+    }
+    let on_gpu = torch.is_some_and(|torch| device::is_cuda(config, torch));
+    let memory = match memory::available() {
+        Ok(available) => memory::check(config, on_gpu, available),
+        Err(error) => Finding::Warning(format!("/proc/meminfo: {error}")),
+    };
+    let places = [("temporary", temporary::check_for_run()), ("shared memory", shared_memory::check(config))];
+    let sound = places.iter().all(|(_, place)| !matches!(place, Finding::Problem(_)));
+    found.push(("memory", memory));
+    found.extend(places);
+    // What is known to be wrong with these places is said once.
+    found.extend(sound.then(|| ("services", services::check())));
+    found.extend([("open files", descriptors::check(config)), ("disk", disk::check(config, folder))]);
+    found
+}
+
+/// Refuses a configuration that cannot run here.
 pub fn demand_all(config: &Config, folder: &RunFolder, tools: &Tools) -> Result<()> {
-    processor::check().demand()?;
-    device::check(config, &tools.torch).demand()?;
-    cores::check(config, &tools.torch).demand()?;
-    let on_gpu = device::is_cuda(config, &tools.torch);
-    memory::check(config, on_gpu, memory::available().context("/proc/meminfo")?).demand()?;
-    shared_memory::check(config).demand()?;
-    temporary::check_for_run().demand()?;
-    descriptors::check(config).demand()?;
-    disk::check(config, folder.root()).demand()
+    check_all(config, folder.root(), Some(&tools.torch)).into_iter().try_for_each(|(_, finding)| finding.demand())
 }

@@ -3,8 +3,11 @@
 use super::Finding;
 use crate::showing::format::bytes;
 use proto::config::Config;
+use proto::disk::is_not_offered;
 use proto::stage::total_frames;
-use rustix::fs::{Access, access, statvfs};
+use rustix::fs::statvfs;
+use std::fs::File;
+use std::io::Error;
 use std::path::Path;
 use wire::message::EnvironmentState;
 
@@ -39,16 +42,28 @@ pub fn need(config: &Config) -> (u64, u64) {
 pub fn check(config: &Config, folder: &Path) -> Finding {
     let existing = folder.ancestors().find(|folder| folder.exists()).unwrap_or(Path::new("."));
     let existing = if existing.as_os_str().is_empty() { Path::new(".") } else { existing };
-    // The slash: a file is no place for a folder.
-    let writable = access(existing.join(""), Access::WRITE_OK | Access::EXEC_OK);
-    match writable.and_then(|()| statvfs(existing)) {
-        Ok(status) => check_against(config, existing, status.f_bavail * status.f_frsize),
+    let room = statvfs(existing).map(|status| check_against(config, existing, status.f_bavail * status.f_frsize));
+    match room.map_err(Error::from).and_then(|room| try_out(existing).map(|()| room)) {
+        Ok(room) => room,
+        Err(error) if is_not_offered(&error) => Finding::Problem(format!("{}: {NO_LOCKS}", existing.display())),
         Err(error) => Finding::Problem(format!(
             "{} cannot be made: {} cannot be written to ({error}). Choose another folder",
             folder.display(),
             existing.display()
         )),
     }
+}
+
+/// What is wrong with a disk on which a lock cannot be taken, and what to do.
+pub const NO_LOCKS: &str = "this disk has no file locks (flock), which keep two orchestrators from working on one run: put \
+                            the run on another disk, or mount this one with locks";
+
+/// Makes a file there, locks it, and removes it.
+fn try_out(folder: &Path) -> Result<(), Error> {
+    let path = folder.join(format!(".stillroom-{}", std::process::id()));
+    let file = File::create_new(&path)?;
+    std::fs::remove_file(&path)?;
+    Ok(file.try_lock()?)
 }
 
 fn check_against(config: &Config, folder: &Path, free: u64) -> Finding {

@@ -3,14 +3,13 @@
 //! The library that the programs were built with is found by itself. `LIBTORCH` names another one, for example a torch
 //! with CUDA: its `lib` folder then comes first for the learner.
 
-use crate::process_end::wait_for_child;
+use crate::process_end::{Answer, ask};
 use crate::showing::log_line::error_in;
 use anyhow::{Context, Result, bail};
 use proto::device::Torch;
 use std::ffi::{OsStr, OsString};
-use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::time::Duration;
 
 /// The torch version that the learner needs.
@@ -83,38 +82,16 @@ fn is_of_series(version: &str) -> bool {
 
 /// Has the learner load its libtorch.
 pub fn check(learner: &Path, environment: &[(OsString, OsString)]) -> Result<Torch> {
-    let mut child = Command::new(learner)
-        .arg("check")
-        .envs(environment.iter().map(|(name, value)| (name, value)))
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .with_context(|| format!("cannot start {}", learner.display()))?;
-    let (stdout, stderr) = (child.stdout.take(), child.stderr.take());
-    let stdout = std::thread::spawn(move || read(stdout));
-    let stderr = std::thread::spawn(move || read(stderr));
-    let Some(status) = wait_for_child(&mut child, PATIENCE)? else {
-        child.kill()?;
-        child.wait()?;
+    let mut command = Command::new(learner);
+    command.arg("check").envs(environment.iter().map(|(name, value)| (name, value)));
+    let Some(Answer { status, stdout, stderr }) = ask(&mut command, PATIENCE)? else {
         bail!("`{} check` did not answer within {} s", learner.display(), PATIENCE.as_secs());
     };
-    let output = stdout.join().unwrap_or_default();
-    let complaint = stderr.join().unwrap_or_default();
     if !status.success() {
-        bail!("{}", explain(learner, &status.to_string(), &complaint));
+        bail!("{}", explain(learner, &status.to_string(), &stderr));
     }
-    let line = output.lines().last().unwrap_or_default();
-    serde_json::from_str(line).with_context(|| format!("`{} check` printed: {output}{complaint}", learner.display()))
-}
-
-fn read(pipe: Option<impl Read>) -> String {
-    let mut bytes = vec![];
-    if let Some(pipe) = pipe {
-        // A cut answer is judged by what is there.
-        let _ = pipe.take(1 << 20).read_to_end(&mut bytes);
-    }
-    String::from_utf8_lossy(&bytes).into_owned()
+    let line = stdout.lines().last().unwrap_or_default();
+    serde_json::from_str(line).with_context(|| format!("`{} check` printed: {stdout}{stderr}", learner.display()))
 }
 
 /// Why the learner could not load its library, and what to do.

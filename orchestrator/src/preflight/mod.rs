@@ -12,6 +12,7 @@ pub mod memory;
 pub mod placement;
 pub mod processor;
 pub mod programs;
+pub mod services;
 pub mod shared_memory;
 pub mod temporary;
 pub mod tools;

@@ -5,13 +5,18 @@ use super::Finding;
 use crate::showing::format::{bytes, counted};
 use proto::config::Config;
 use proto::shares::Shares;
+use rustix::fs::{Access, access, statvfs};
 use wire::{SHARED_MEMORY, WireShape};
 
 /// Checks what `config` needs against what is free in /dev/shm.
 pub fn check(config: &Config) -> Finding {
-    match rustix::fs::statvfs(SHARED_MEMORY) {
+    let writable = access(SHARED_MEMORY, Access::READ_OK | Access::WRITE_OK | Access::EXEC_OK);
+    match writable.and_then(|()| statvfs(SHARED_MEMORY)) {
         Ok(status) => check_against(config, status.f_bavail * status.f_frsize, status.f_blocks * status.f_frsize),
-        Err(error) => Finding::Problem(format!("{SHARED_MEMORY}: {error}; a run needs POSIX shared memory there")),
+        Err(error) => Finding::Problem(format!(
+            "{SHARED_MEMORY} cannot be used: {error}. A run has its shared memory there: mount a tmpfs that you can write \
+             (`mount -o remount,rw,mode=1777 {SHARED_MEMORY}`)"
+        )),
     }
 }
 

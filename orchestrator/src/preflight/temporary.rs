@@ -4,16 +4,16 @@ use super::Finding;
 use rustix::fs::Access;
 use std::io::{Error, ErrorKind};
 use std::path::Path;
-use wire::{WireAddress, WireError};
+use wire::{WireAddress, WireError, temporary_folder};
 
 /// Checks the folder that `TMPDIR` names, /tmp without it.
 pub fn check() -> Finding {
-    check_folder(&std::env::temp_dir())
+    check_folder(&temporary_folder())
 }
 
 /// The same for somebody who starts a run there.
 pub fn check_for_run() -> Finding {
-    match check_length(&"0".repeat(ID)) {
+    match check_name(&"0".repeat(ID)) {
         Err(error) => Finding::Problem(error.to_string()),
         Ok(()) => check(),
     }
@@ -23,9 +23,9 @@ pub fn check_for_run() -> Finding {
 const ID: usize = 12;
 
 /// Whether a run with this id finds room for its names: they begin with that of the folder.
-pub fn check_length(id: &str) -> Result<(), WireError> {
+pub fn check_name(id: &str) -> Result<(), WireError> {
     // Another host adds its number, and a later start has a longer one.
-    WireAddress::new(&format!("{id}h999"), 99_999).check_length()
+    WireAddress::new(&format!("{id}h999"), 99_999).check_root()
 }
 
 fn check_folder(folder: &Path) -> Finding {

@@ -6,8 +6,10 @@ use crate::showing::terminal::Live;
 use anyhow::{Context, Result, anyhow, bail};
 use proto::dataset::{DatasetAnswer, DatasetRequest, DatasetSetup};
 use proto::episode::EnvironmentId;
+use proto::exit::how;
 use proto::replay::Difference;
 use std::io::{BufRead, BufReader, BufWriter, ErrorKind, Write};
+use std::os::unix::process::ExitStatusExt;
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread;
@@ -63,13 +65,13 @@ pub fn harvest(setup: DatasetSetup, requests: Vec<DatasetRequest>) -> Result<Har
 
     let mut harvest = Harvest::default();
     let (mut live, began) = (Live::default(), Instant::now());
-    let (mut whole, mut difference) = (false, None);
+    let (mut whole, mut problem) = (false, None);
     loop {
         match inbox.recv_timeout(SILENCE_DEADLINE) {
             // The actor then ends by itself and removes what it has written; killed at once, it would leave it.
-            Ok(answer) => match harvest.take(answer?) {
+            Ok(answer) => match answer.and_then(|answer| harvest.take(answer)) {
                 Ok(is_last) => whole |= is_last,
-                Err(found) => difference = Some(found),
+                Err(found) => problem = Some(found),
             },
             Err(RecvTimeoutError::Disconnected) => break,
             Err(RecvTimeoutError::Timeout) => bail!("the actor has said nothing for an hour: giving up"),
@@ -83,14 +85,18 @@ pub fn harvest(setup: DatasetSetup, requests: Vec<DatasetRequest>) -> Result<Har
     }
     live.clear();
     let ended = wait_for_child(&mut actor.0, EXIT_DEADLINE).context("cannot wait for the actor")?;
-    if let Some(difference) = difference {
-        return Err(difference);
-    }
-    match ended {
-        Some(status) if !status.success() => bail!("no data set was written: the actor's last message is above"),
-        Some(_) if whole => Ok(harvest),
-        Some(_) => bail!("the actor ended without a result"),
-        None => bail!("the actor closed its output but did not exit"),
+    match (ended, problem) {
+        // What it left unfinished says less.
+        (Some(status), _) if status.signal().is_some() => {
+            bail!("no data set was written: `actor dataset` {}", how(status))
+        }
+        (_, Some(problem)) => Err(problem),
+        (Some(status), _) if !status.success() => {
+            bail!("no data set was written: the actor's last message is above")
+        }
+        (Some(_), _) if whole => Ok(harvest),
+        (Some(_), _) => bail!("the actor ended without a result"),
+        (None, _) => bail!("the actor closed its output but did not exit"),
     }
 }
 

@@ -3,6 +3,7 @@
 use super::reader::{Extent, RecordingError, open};
 use crate::recording::recorder::segment::{in_words, write_options};
 use mcap::McapError;
+use proto::disk::sync_folder;
 use salvage::{Limits, ReadError, RewriteError, rewrite};
 use std::fs::File;
 use std::io::{BufWriter, ErrorKind, Write};
@@ -127,7 +128,7 @@ fn new_file_beside(target: &Path) -> std::io::Result<(PathBuf, File)> {
 
 fn sync_folder_of(path: &Path) -> std::io::Result<()> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    File::open(folder)?.sync_all()
+    sync_folder(folder)
 }
 
 fn with_suffix(path: &Path, suffix: &str) -> PathBuf {

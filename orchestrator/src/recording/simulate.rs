@@ -9,6 +9,7 @@ use crate::process_end::wait_for_child;
 use crate::showing::terminal;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use proto::episode::EnvironmentId;
+use proto::exit::how;
 use proto::kitchen::KitchenId;
 use proto::replay::{Aspect, Difference, RecordedEpisode, ReplaySetup, ReplayVerdict};
 use std::collections::BTreeMap;
@@ -178,7 +179,7 @@ impl Actors {
     fn reap(&mut self, number: usize) -> Result<()> {
         match wait_for_child(&mut self.0[number], EXIT_DEADLINE).context("cannot wait for an actor")? {
             Some(status) if status.success() => Ok(()),
-            Some(status) => bail!("the actor that replays ended with {status}; its last messages are above"),
+            Some(status) => bail!("`actor replay` {}; its last messages are above", how(status)),
             None => bail!("an actor closed its output but did not exit"),
         }
     }

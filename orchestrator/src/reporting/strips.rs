@@ -2,10 +2,12 @@
 //! again from what their evaluations recorded, and drawn by `actor show`.
 
 use crate::preflight::programs;
+use crate::process_end::wait_for_child;
 use crate::recording::shelf::Shelf;
 use crate::showing::format::{self, counted};
 use anyhow::{Context, Result, bail};
 use proto::evaluation::EpisodeRecord;
+use proto::exit::how;
 use proto::replay::{RecordedEpisode, ReplaySetup};
 use proto::run_folder::RunFolder;
 use proto::show::{ShowAnswer, ShowOrbit, ShowRequest, ShowView, ShownEpisode, ShownMoment};
@@ -25,6 +27,8 @@ const RUNS: usize = 3;
 const TRIED: usize = 200;
 /// How long the recordings of one evaluation are read.
 const PATIENCE: Duration = Duration::from_mins(2);
+/// How long a process may take to be gone that gives no answer any more.
+const ENDS: Duration = Duration::from_secs(1);
 /// A picture larger than this is none, bytes.
 const PICTURE_MAX: u64 = 64 << 20;
 
@@ -170,6 +174,13 @@ impl Actor {
     }
 
     fn ask(&mut self, request: &ShowRequest) -> Result<(ShowAnswer, Vec<u8>)> {
+        self.answer(request).or_else(|error| match wait_for_child(&mut self.child, ENDS) {
+            Ok(Some(status)) => bail!("`actor show` {}", how(status)),
+            _ => Err(error),
+        })
+    }
+
+    fn answer(&mut self, request: &ShowRequest) -> Result<(ShowAnswer, Vec<u8>)> {
         let mut line = serde_json::to_vec(request)?;
         line.push(b'\n');
         let input = self.input.as_mut().context("`actor show` was told to end")?;

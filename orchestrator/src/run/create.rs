@@ -9,7 +9,7 @@ use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
 use proto::shell::quoted;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use wire::fault;
 
 /// Refuses a folder that holds anything. Where the making of a run was cut off there is nothing to lose: such a folder is
@@ -26,7 +26,7 @@ pub fn check_free(folder: &RunFolder) -> Result<()> {
         }
     }
     match holder(folder)? {
-        Held::By(holder) => bail!("run folder {root} is already in use: pid {} on {} runs it", holder.pid, holder.host),
+        Held::By(holder) => bail!("run folder {root} is already in use: {holder} runs it"),
         Held::Unsigned if !folder.identity().exists() => {
             bail!("run folder {root} is already in use: another orchestrator begins in it")
         }
@@ -45,6 +45,29 @@ pub fn check_free(folder: &RunFolder) -> Result<()> {
     bail!("run folder {root} is not empty, and it is no run: choose another folder")
 }
 
+/// Folders of one name at most.
+const NAMESAKES_MOST: u32 = 10_000;
+
+/// Makes a folder of this name, or where there is one with a number behind it: names that are made of the time are taken by
+/// whoever begins in the same second.
+pub fn new_folder(name: &Path) -> Result<RunFolder> {
+    let parent = name.parent().unwrap_or(Path::new(""));
+    std::fs::create_dir_all(parent).with_context(|| format!("cannot create {}", parent.display()))?;
+    for number in 1..NAMESAKES_MOST {
+        let mut path = name.as_os_str().to_owned();
+        if number > 1 {
+            path.push(format!("-{number}"));
+        }
+        match std::fs::create_dir(&path) {
+            Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
+            made => {
+                return made.map(|()| RunFolder::new(path)).with_context(|| format!("cannot create {}", name.display()));
+            }
+        }
+    }
+    bail!("there are {NAMESAKES_MOST} folders called {}: name another", name.display())
+}
+
 /// Makes the folder and everything that is in it before the first process starts: these folders, and one for logs.
 pub fn create(folder: &RunFolder, config: &mut Config, folders: &[PathBuf]) -> Result<(Identity, RunLock)> {
     let lock = prepare(folder, config, folders)?;
@@ -59,7 +82,7 @@ pub fn create(folder: &RunFolder, config: &mut Config, folders: &[PathBuf]) -> R
 pub fn prepare(folder: &RunFolder, config: &mut Config, folders: &[PathBuf]) -> Result<RunLock> {
     check_free(folder)?;
     // All ids are of one length.
-    temporary::check_length(&Identity::new()?.id)?;
+    temporary::check_name(&Identity::new()?.id)?;
     for path in [folder.root().to_path_buf(), folder.logs()].iter().chain(folders) {
         std::fs::create_dir_all(path).with_context(|| format!("cannot create {}", path.display()))?;
         fault::reach("create.after_folder");
@@ -81,6 +104,21 @@ pub fn prepare(folder: &RunFolder, config: &mut Config, folders: &[PathBuf]) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// All but one were refused.
+    #[test]
+    fn whoever_begins_in_the_same_second_gets_a_folder_of_its_own() {
+        let temporary = tempfile::tempdir().unwrap();
+        let name = temporary.path().join("runs/20261121-020423-demo-1");
+        let made: std::collections::BTreeSet<PathBuf> = std::thread::scope(|scope| {
+            let threads: Vec<_> =
+                (0..8).map(|_| scope.spawn(|| new_folder(&name).unwrap().root().to_owned())).collect();
+            threads.into_iter().map(|thread| thread.join().unwrap()).collect()
+        });
+        let text = name.display().to_string();
+        let expected = (1..=8).map(|number| if number == 1 { text.clone() } else { format!("{text}-{number}") });
+        assert_eq!(made, expected.map(PathBuf::from).collect());
+    }
 
     #[test]
     fn only_a_new_or_empty_folder_is_taken() {

@@ -1,13 +1,17 @@
 //! Who works on a run folder: `orchestrator.lock`, and the locks of learners that outlive their orchestrator.
 
 use super::identity::host_name;
+use crate::preflight::disk::NO_LOCKS;
 use anyhow::{Context, Result, bail};
+use proto::disk::is_not_offered;
 use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
 use serde::{Deserialize, Serialize};
+use std::fmt::{Display, Formatter};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read, Seek, Write};
 use std::ops::Range;
+use std::os::unix::fs::MetadataExt;
 use std::time::{Duration, Instant};
 
 /// Bytes that are read of a lock file. Ours have about a hundred; one that somebody put there can have any number.
@@ -22,6 +26,35 @@ pub struct Holder {
     pub host: String,
     /// Incarnation of the run.
     pub incarnation: u32,
+    /// The PID namespace that numbers its process. None in locks of versions that did not note it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pid_namespace: Option<u64>,
+}
+
+impl Holder {
+    /// This process.
+    fn this_process(incarnation: u32) -> Self {
+        let (pid, host, pid_namespace) = (std::process::id(), host_name(), pid_namespace());
+        Self { pid, host, incarnation, pid_namespace }
+    }
+
+    /// Whether its process id means here what it means there. Containers have numbers of their own.
+    pub fn is_here(&self) -> bool {
+        self.host == host_name() && (self.pid_namespace.is_none() || self.pid_namespace == pid_namespace())
+    }
+}
+
+impl Display for Holder {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        write!(f, "pid {} on {}", self.pid, self.host)?;
+        let hidden = self.host == host_name() && !self.is_here();
+        f.write_str(if hidden { ", in another container or PID namespace" } else { "" })
+    }
+}
+
+/// What numbers the processes that this one can name: the inode of its PID namespace.
+fn pid_namespace() -> Option<u64> {
+    std::fs::metadata("/proc/self/ns/pid").ok().map(|namespace| namespace.ino())
 }
 
 /// The right to run a folder, until dropped. The kernel takes it back when the process dies, however it dies.
@@ -56,11 +89,9 @@ impl RunLock {
         }
         match holder_in(&file) {
             Some(holder) => bail!(
-                "{} is already in use: pid {} on {} runs it (`orchestrator status` shows how it stands, \
-                 `orchestrator stop` ends it)",
-                folder.root().display(),
-                holder.pid,
-                holder.host
+                "{} is already in use: {holder} runs it (`orchestrator status` shows how it stands, `orchestrator stop` \
+                 ends it)",
+                folder.root().display()
             ),
             None => bail!("{} is already in use by another orchestrator", folder.root().display()),
         }
@@ -68,8 +99,7 @@ impl RunLock {
 
     /// Writes the holder's process id, for `stop` and `status`.
     pub fn sign(&mut self, incarnation: u32) -> Result<()> {
-        let holder = Holder { pid: std::process::id(), host: host_name(), incarnation };
-        let text = toml::to_string(&holder).context("orchestrator.lock")?;
+        let text = toml::to_string(&Holder::this_process(incarnation)).context("orchestrator.lock")?;
         self.file.set_len(0)?;
         self.file.rewind()?;
         self.file.write_all(text.as_bytes()).context("orchestrator.lock")
@@ -116,6 +146,8 @@ pub fn holder(folder: &RunFolder) -> Result<Held> {
     match file.try_lock_shared() {
         Ok(()) => Ok(Held::Free),
         Err(TryLockError::WouldBlock) => Ok(holder_in(&file).map_or(Held::Unsigned, Held::By)),
+        // Where nobody can hold a lock, nobody works: a run that was copied there can be looked at.
+        Err(TryLockError::Error(error)) if is_not_offered(&error) => Ok(Held::Free),
         Err(TryLockError::Error(error)) => Err(error).with_context(|| path.display().to_string()),
     }
 }
@@ -165,7 +197,10 @@ fn wait_for_lock(file: &File, patience: Duration) -> Result<bool> {
             Err(TryLockError::WouldBlock) if begin.elapsed() >= patience => return Ok(false),
             // The kernel wakes for a released lock only those who wait without a deadline.
             Err(TryLockError::WouldBlock) => std::thread::sleep(Duration::from_millis(20)),
-            Err(TryLockError::Error(error)) => return Err(error).context("file lock"),
+            Err(TryLockError::Error(error)) => {
+                let what = if is_not_offered(&error) { NO_LOCKS } else { "file lock" };
+                return Err(error).context(what);
+            }
         }
     }
 }
@@ -187,7 +222,8 @@ mod tests {
         let mut lock = RunLock::acquire(&folder).unwrap();
         assert_eq!(holder(&folder).unwrap(), Held::Unsigned);
         lock.sign(3).unwrap();
-        let expected = Holder { pid: std::process::id(), host: host_name(), incarnation: 3 };
+        let expected = Holder::this_process(3);
+        assert!(expected.pid_namespace.is_some() && expected.is_here(), "{expected:?}");
         assert_eq!(holder(&folder).unwrap(), Held::By(expected));
         let message = RunLock::acquire(&folder).unwrap_err().to_string();
         assert!(message.contains("already in use: pid"), "{message}");
@@ -195,6 +231,17 @@ mod tests {
         assert_eq!(holder(&folder).unwrap(), Held::Free);
         let _unsigned = RunLock::acquire(&folder).unwrap();
         assert_eq!(holder(&folder).unwrap(), Held::Unsigned, "the signature of the holder before");
+    }
+
+    #[test]
+    fn a_process_id_of_another_namespace_or_host_means_nothing_here() {
+        let here = Holder::this_process(1);
+        let contained = Holder { pid_namespace: Some(1), ..here.clone() };
+        let elsewhere = Holder { host: "elsewhere".to_owned(), ..here.clone() };
+        let older = Holder { pid_namespace: None, ..here.clone() };
+        assert_eq!([&here, &older, &contained, &elsewhere].map(Holder::is_here), [true, true, false, false]);
+        assert!(contained.to_string().ends_with(", in another container or PID namespace"), "{contained}");
+        assert_eq!(elsewhere.to_string(), format!("pid {} on elsewhere", std::process::id()));
     }
 
     #[test]

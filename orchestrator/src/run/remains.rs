@@ -7,6 +7,7 @@
 //! Anybody can write to /dev/shm, and a run folder can come from anybody. So no file names what is deleted: an address
 //! is made from the run's id and the number of the start alone.
 
+use super::signal::open_process;
 use crate::preflight::temporary;
 use crate::process_end::sleep_until_end;
 use anyhow::{Context, Result, bail};
@@ -19,7 +20,7 @@ use std::io::{Read, Write};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
-use wire::{SHARED_MEMORY, WireAddress};
+use wire::{SHARED_MEMORY, WireAddress, temporary_folder};
 
 /// An owner file is locked and signed within this time of its creation; a younger one without an owner is left alone.
 const CLAIMING: Duration = Duration::from_secs(10);
@@ -101,7 +102,7 @@ pub fn survey() -> Result<Vec<Remains>> {
             names.changed = names.changed.max(metadata.modified().unwrap_or(SystemTime::UNIX_EPOCH));
         }
     }
-    let temporary = std::env::temp_dir();
+    let temporary = temporary_folder();
     for entry in std::fs::read_dir(&temporary).with_context(|| temporary.display().to_string())?.flatten() {
         let name = format!("{}_", entry.file_name().to_string_lossy());
         if let (Some(address), Ok(metadata)) = (WireAddress::of_name(&name), entry.metadata())
@@ -213,11 +214,10 @@ pub fn sweep(address: &WireAddress, patience: Duration) -> Result<Swept> {
 /// Kills a process, if it still is the one that was found: a descriptor of it is taken before its command line is
 /// read again, so its number cannot have passed to another in between.
 fn kill(pid: u32, address: &WireAddress) -> bool {
-    let Some(pid_number) = i32::try_from(pid).ok().and_then(Pid::from_raw) else { return false };
-    let Ok(descriptor) = rustix::process::pidfd_open(pid_number, rustix::process::PidfdFlags::empty()) else {
-        return false;
-    };
-    was_started_with(pid, address)
+    let Ok(Some((descriptor, listed))) = open_process(pid) else { return false };
+    // The number is one of /proc's, which can be that of another PID namespace.
+    listed == pid
+        && was_started_with(pid, address)
         && rustix::process::pidfd_send_signal(&descriptor, rustix::process::Signal::KILL).is_ok()
 }
 

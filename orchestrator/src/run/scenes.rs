@@ -4,7 +4,7 @@
 //! This program links no physics: `actor check --scene` reads and judges them.
 
 use crate::preflight::{Finding, programs};
-use crate::process_end::wait_for_child;
+use crate::process_end::{self, Answer};
 use crate::showing::format::counted;
 use crate::showing::log_line::error_in;
 use crate::showing::terminal;
@@ -15,19 +15,16 @@ use proto::digest::Digest256;
 use proto::kitchen::TargetCategory;
 use proto::run_folder::{Item, RunFolder, unlike_a_flag};
 use std::ffi::OsStr;
-use std::io::Read;
 use std::path::Path;
-use std::process::{Command, Stdio};
-use std::thread::JoinHandle;
+use std::process::Command;
 use std::time::Duration;
 
-/// Has every scene of the configuration checked; the first that is not sound is the error.
+/// Refuses a configuration with a scene that is not sound.
 pub fn check(config: &Config) -> Result<()> {
     if config.scenes.is_empty() {
         return Ok(());
     }
-    let program = programs::find("actor")?;
-    config.scenes.iter().try_for_each(|scene| ask(&program, Path::new(scene), &[]).map(drop))
+    finding(config, &programs::find("actor")?).map_or(Ok(()), Finding::demand)
 }
 
 /// What is to be said of the configuration's scenes, all of them; none of a configuration without.
@@ -155,27 +152,18 @@ fn ask(program: &Path, scene: &Path, further: &[&OsStr]) -> Result<String> {
 }
 
 fn ask_within(program: &Path, scene: &Path, further: &[&OsStr], patience: Duration) -> Result<String> {
-    let mut child = Command::new(program)
-        .args(["check", "--scene"])
-        .arg(unlike_a_flag(scene))
-        .args(further)
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .with_context(|| format!("cannot start {}", program.display()))?;
-    let [stdout, stderr] = [heard(child.stdout.take()), heard(child.stderr.take())];
-    let Some(status) = wait_for_child(&mut child, patience)? else {
-        child.kill()?;
-        child.wait()?;
+    let mut command = Command::new(program);
+    command.args(["check", "--scene"]).arg(unlike_a_flag(scene)).args(further);
+    let answer = process_end::ask(&mut command, patience);
+    let answer = answer.with_context(|| format!("scene {} cannot be used", scene.display()))?;
+    let Some(Answer { status, stdout, stderr }) = answer else {
         bail!(
             "scene {} cannot be used: it was not judged within {} s; simplify its meshes, or take some out",
             scene.display(),
             patience.as_secs()
         );
     };
-    let said = stderr.join().unwrap_or_default();
-    let said = said.trim_end();
+    let said = stderr.trim_end();
     if !status.success() {
         let complaint = error_in(said).filter(|error| !error.is_empty()).unwrap_or(said);
         let complaint = if complaint.is_empty() { status.to_string() } else { complaint.to_owned() };
@@ -184,19 +172,7 @@ fn ask_within(program: &Path, scene: &Path, further: &[&OsStr], patience: Durati
     if !said.is_empty() {
         terminal::note(said);
     }
-    Ok(stdout.join().unwrap_or_default())
-}
-
-/// Reads a pipe to its end, on a thread of its own. A longer answer than a mebibyte is cut, so that its writer ends.
-fn heard(pipe: Option<impl Read + Send + 'static>) -> JoinHandle<String> {
-    std::thread::spawn(move || {
-        let mut bytes = vec![];
-        if let Some(pipe) = pipe {
-            // A cut answer is judged by what is there.
-            let _ = pipe.take(1 << 20).read_to_end(&mut bytes);
-        }
-        String::from_utf8_lossy(&bytes).into_owned()
-    })
+    Ok(stdout)
 }
 
 #[cfg(test)]

@@ -7,35 +7,46 @@ use anyhow::{Context, Result, bail};
 use rustix::io::Errno;
 use rustix::process::{Pid, PidfdFlags, Signal, geteuid, pidfd_open, pidfd_send_signal};
 use std::ffi::{OsStr, OsString};
+use std::os::fd::{AsRawFd, OwnedFd};
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
-/// Asks the orchestrator that holds a lock to save and stop. A process that has just gone by itself is no error.
-pub fn ask_to_stop(pid: u32, lock: &Path) -> Result<()> {
+/// Asks the orchestrator that holds a lock to save and stop; whether it was there to be asked.
+pub fn ask_to_stop(pid: u32, lock: &Path) -> Result<bool> {
     send(pid, lock, &program("/proc/self")?, Signal::TERM)
 }
 
-/// Has the learner that holds a lock go on, if it is stopped.
-pub fn wake_learner(pid: u32, lock: &Path) -> Result<()> {
+/// Has the learner that holds a lock go on, if it is stopped; whether it was there.
+pub fn wake_learner(pid: u32, lock: &Path) -> Result<bool> {
     send(pid, lock, OsStr::new("learner"), Signal::CONT)
 }
 
-fn send(pid: u32, lock: &Path, program: &OsStr, signal: Signal) -> Result<()> {
-    let Some(process) = i32::try_from(pid).ok().and_then(Pid::from_raw) else {
-        bail!("{} names no process", lock.display());
-    };
+fn send(pid: u32, lock: &Path, program: &OsStr, signal: Signal) -> Result<bool> {
     // Before anything is read of the process: from here on its number cannot pass to another unnoticed.
-    let descriptor = match pidfd_open(process, PidfdFlags::empty()) {
-        Err(Errno::SRCH) => return Ok(()),
-        opened => opened.with_context(|| format!("cannot look at pid {pid}"))?,
+    let Some((descriptor, listed)) = open_process(pid).with_context(|| format!("cannot look at pid {pid}"))? else {
+        return Ok(false);
     };
-    check(pid, lock, program).with_context(|| {
+    check(listed, lock, program).with_context(|| {
         format!("{} names pid {pid}, which is not signalled; a run of yours is stopped with Ctrl-C too", lock.display())
     })?;
     match pidfd_send_signal(&descriptor, signal) {
-        Ok(()) | Err(Errno::SRCH) => Ok(()),
+        Ok(()) => Ok(true),
+        Err(Errno::SRCH) => Ok(false),
         Err(error) => bail!("cannot signal pid {pid}: {error}"),
     }
+}
+
+/// A descriptor of the process with this number, and its number in /proc, which can be that of another PID namespace; none
+/// where there is no such process.
+pub fn open_process(pid: u32) -> Result<Option<(OwnedFd, u32)>, Errno> {
+    let Some(process) = i32::try_from(pid).ok().and_then(Pid::from_raw) else { return Ok(None) };
+    let descriptor = match pidfd_open(process, PidfdFlags::empty()) {
+        Err(Errno::SRCH) => return Ok(None),
+        opened => opened?,
+    };
+    let info = std::fs::read_to_string(format!("/proc/self/fdinfo/{}", descriptor.as_raw_fd())).unwrap_or_default();
+    let listed = info.lines().find_map(|line| line.strip_prefix("Pid:")?.trim().parse().ok());
+    Ok(Some((descriptor, listed.unwrap_or(pid))))
 }
 
 /// Fails unless the process runs this program for this user and has this lock file of this user's open.
@@ -111,6 +122,10 @@ mod tests {
             assert!(message.contains("no orchestrator") && message.contains("not signalled"), "{message}");
             was_left_alone(child);
         }
-        assert!(ask_to_stop(0, &lock).unwrap_err().to_string().contains("no process"));
+        // Nobody is there to be asked.
+        assert!(!ask_to_stop(0, &lock).unwrap());
+        let mut gone = Command::new("true").spawn().unwrap();
+        gone.wait().unwrap();
+        assert!(!ask_to_stop(gone.id(), &lock).unwrap());
     }
 }

@@ -18,6 +18,7 @@ use crate::run::identity::is_evaluation;
 use crate::run::lock::{Held, holder};
 use crate::run::scenes;
 use crate::run::unfinished::is_cut_off;
+use crate::training::summary::Summary;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::evaluation::RESULT_FILE;
@@ -229,7 +230,10 @@ impl SuiteFolder {
         if let Some(held) = held(&folder)? {
             return Ok(Next::HeldBy(held));
         }
-        if !folder.summary().exists() {
+        let summary = Summary::read(&folder).ok().flatten();
+        if !folder.summary().exists()
+            || summary.is_some_and(|summary| summary.missing.iter().any(|it| it.can_be_made(&folder)))
+        {
             if folder.identity().exists() {
                 return Ok(Next::Step(Step::Resume));
             }
@@ -282,7 +286,7 @@ fn held(folder: &RunFolder) -> Result<Option<String>> {
     Ok(match holder(folder)? {
         Held::Free => None,
         Held::Unsigned => Some("a process that has just begun".into()),
-        Held::By(holder) => Some(format!("pid {} on {}", holder.pid, holder.host)),
+        Held::By(holder) => Some(holder.to_string()),
     })
 }
 

@@ -12,6 +12,7 @@ use crate::training::progress::frames_line;
 use anyhow::{Context, Result};
 use proto::bounded;
 use proto::device::VISIBLE_DEVICES;
+use proto::exit::how;
 use proto::plain_file::open_plain;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -351,7 +352,7 @@ fn last_words(log: &Path, begin: u64, exit: ExitStatus) -> String {
     let error = error.or_else(|| text.lines().rev().find_map(error_in));
     match (read, error) {
         (Ok(_), Some(error)) => error.to_owned(),
-        _ => exit.to_string(),
+        _ => format!("its process {}", how(exit)),
     }
 }
 
@@ -391,7 +392,8 @@ mod tests {
         std::fs::write(log.path(), before).unwrap();
         let killed = ExitStatus::from_raw(9);
         assert_eq!(last_words(log.path(), 0, killed), "the disk is full");
-        assert_eq!(last_words(log.path(), before.len() as u64, killed), killed.to_string());
+        let how = "its process was killed by signal 9 (SIGKILL)";
+        assert_eq!(last_words(log.path(), before.len() as u64, killed), how);
         std::fs::write(log.path(), format!("{before}error: no such device\n")).unwrap();
         assert_eq!(last_words(log.path(), before.len() as u64, killed), "no such device");
     }

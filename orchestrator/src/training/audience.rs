@@ -6,6 +6,7 @@ use crate::supervisor::shell::Audience;
 use crate::training::events;
 use crate::training::metrics::Journal;
 use crate::training::progress::Progress;
+use crate::training::summary::Missing;
 use crate::training::tensorboard::Board;
 use crate::training::validation::Validation;
 use anyhow::Result;
@@ -40,6 +41,17 @@ impl TrainingAudience {
             progress: Progress::new(config.stages.clone(), config.ppo.overlap),
             validation: Validation::open(folder, config)?,
         })
+    }
+}
+
+impl TrainingAudience {
+    /// What the run is to have and has not, when nothing more is done for it.
+    pub fn missing(&mut self) -> Vec<Missing> {
+        let mut missing = self.validation.as_ref().map_or_else(Vec::new, Validation::missing);
+        let scores = self.validation.as_ref().map_or(&[][..], Validation::scores);
+        let board = self.board.as_mut().is_none_or(|board| board.is_whole(&self.journal.history, scores));
+        missing.extend((!board).then_some(Missing::TensorBoard));
+        missing
     }
 }
 

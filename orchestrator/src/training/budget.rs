@@ -7,10 +7,10 @@
 use crate::showing::{format, terminal};
 use anyhow::{Context, Result};
 use proto::config::{Config, StageConfig};
+use proto::disk::sync_folder;
 use proto::learning_rate::{learning_rate, learning_rate_progress};
 use proto::run_folder::{RunFolder, write_atomically};
 use proto::stage::{position_at, rebudget, total_frames};
-use std::fs::File;
 use wire::fault;
 
 /// A new budget that a run can have.
@@ -90,9 +90,7 @@ impl Budget {
                 return Err(error).with_context(|| format!("cannot remove {}", summary.display()));
             }
             // Gone on the disk, too, before the new budget is there.
-            _ => File::open(folder.root())
-                .and_then(|root| root.sync_all())
-                .with_context(|| format!("cannot write {}", folder.root().display()))?,
+            _ => sync_folder(folder.root()).with_context(|| format!("cannot write {}", folder.root().display()))?,
         }
         fault::reach("resume.amid_budget");
         write_atomically(&folder.config(), self.lay_over(config).to_toml().as_bytes())

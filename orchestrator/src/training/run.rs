@@ -16,7 +16,7 @@ use crate::supervisor::event::{Outcome, Saved, SessionEnd};
 use crate::supervisor::session::{EXIT_INTERRUPTED, Session, Together, begin_log, part_of, shape};
 use crate::supervisor::shell::Signals;
 use crate::training::metrics::read_history;
-use crate::training::summary::Summary;
+use crate::training::summary::{Missing, Summary};
 use crate::training::wall::{Wall, signs_of_life};
 use crate::training::{events, next_steps};
 use anyhow::{Context, Result};
@@ -83,8 +83,8 @@ pub fn write_config(folder: &RunFolder, config: &Config) -> Result<()> {
     write_atomically(&path, config.to_toml().as_bytes()).with_context(|| format!("cannot write {}", path.display()))
 }
 
-/// What is left of a session: how it ended, its recording, its figures, and the other hosts.
-type Ran = (Outcome, Result<()>, History, Option<Together>);
+/// What is left of a session: how it ended, its recording, its figures, what is missing, and the other hosts.
+type Ran = (Outcome, Result<()>, (History, Vec<Missing>), Option<Together>);
 
 /// What other hosts are told at the end.
 fn farewell(end: &SessionEnd, recording: &Result<()>) -> String {
@@ -124,8 +124,8 @@ impl TrainingRun {
                 }
                 Ok(Next::Start(before))
             }
-            Ok((outcome, recording, history, together)) => {
-                let reported = self.report(&outcome, &recording, &history);
+            Ok((outcome, recording, left, together)) => {
+                let reported = self.report(&outcome, &recording, left);
                 let (status, text) = match &reported {
                     Ok(status) => (*status, farewell(&outcome.end, &recording)),
                     // Its figures cannot be written, for example.
@@ -233,18 +233,26 @@ impl TrainingRun {
         let gather = |door: &Rendezvous| door.gather(folder, &identity.id, incarnation, config);
         let mut together = started.rendezvous.as_ref().map(gather).transpose()?;
         let (outcome, recording) = session.run(lock, &mut audience, together.as_mut(), signals)?;
-        Ok((outcome, recording, audience.journal.history, together))
+        let missing = if outcome.end == SessionEnd::Complete { audience.missing() } else { Vec::new() };
+        Ok((outcome, recording, (audience.journal.history, missing), together))
     }
 
-    fn report(&mut self, outcome: &Outcome, recording: &Result<()>, history: &History) -> Result<u8> {
+    fn report(
+        &mut self,
+        outcome: &Outcome,
+        recording: &Result<()>,
+        (history, missing): (History, Vec<Missing>),
+    ) -> Result<u8> {
         let how = outcome.end.ending();
         let reason = outcome.end.reason().map(str::to_owned);
         let saved = outcome.saved.as_ref().map(|saved| (saved.frames, saved.weights.as_str()));
-        let wall = Wall::of(&self.identity, &signs_of_life(history), true);
+        let wall = Wall::of(&self.identity, &signs_of_life(&history), true);
         let summary = saved.map(|saved| Summary {
             recording_complete: self.config.recording.enabled.then_some(recording.is_ok()),
-            ..Summary::of(&self.folder, &self.config, history, &self.identity, wall, saved)
+            missing,
+            ..Summary::of(&self.folder, &self.config, &history, &self.identity, wall, saved)
         });
+        let whole = recording.is_ok() && summary.as_ref().is_none_or(Summary::is_whole);
         fault::reach("orchestrator.before_summary");
         if let Some(summary) = summary.as_ref().filter(|_| outcome.end == SessionEnd::Complete) {
             summary.write(&self.folder)?;
@@ -275,8 +283,8 @@ impl TrainingRun {
             terminal::note(line);
         }
         Ok(match outcome.end {
-            SessionEnd::Complete | SessionEnd::Stopped if recording.is_ok() => 0,
-            SessionEnd::Requeued if recording.is_ok() => EXIT_REQUEUE as u8,
+            SessionEnd::Complete | SessionEnd::Stopped if whole => 0,
+            SessionEnd::Requeued if whole => EXIT_REQUEUE as u8,
             SessionEnd::Interrupted => EXIT_INTERRUPTED,
             SessionEnd::HostLost(_) => EXIT_HOST_LOST as u8,
             SessionEnd::Complete

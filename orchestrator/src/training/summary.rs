@@ -12,11 +12,44 @@ use crate::training::wall::Wall;
 use anyhow::{Context, Result};
 use proto::SCHEMA_VERSION;
 use proto::config::Config;
-use proto::run_folder::{RunFolder, write_atomically};
+use proto::run_folder::{RolloutName, RunFolder, write_atomically};
 use proto::trained::History;
 use serde::{Deserialize, Serialize};
+use std::fmt::{Display, Formatter};
 use std::path::PathBuf;
 use std::time::Duration;
+
+/// What a run was to have and has not, though its budget is reached. The next `resume` makes it up, if that can be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Missing {
+    /// The validation after this rollout: every try of the last start failed.
+    Validation(u64),
+    /// `best`: it could not be written.
+    Best,
+    /// TensorBoard's files: not all could be written.
+    TensorBoard,
+}
+
+impl Missing {
+    /// Whether there is still what it is made of.
+    pub fn can_be_made(self, folder: &RunFolder) -> bool {
+        match self {
+            Self::Validation(rollout) => folder.validation(rollout).join(RolloutName::Manifest.of(rollout)).is_file(),
+            Self::Best | Self::TensorBoard => true,
+        }
+    }
+}
+
+impl Display for Missing {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Validation(rollout) => write!(f, "the validation after rollout {rollout}"),
+            Self::Best => f.write_str("`best`, which names the best checkpoint,"),
+            Self::TensorBoard => f.write_str("a part of TensorBoard's files"),
+        }
+    }
+}
 
 /// The summary of a run at its end.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -53,6 +86,9 @@ pub struct Summary {
     /// Whether the recordings hold every step of the run. None without recordings, and in summaries of older versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recording_complete: Option<bool>,
+    /// What else it was to have and has not.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub missing: Vec<Missing>,
     /// How often an orchestrator was started on it.
     pub incarnations: u32,
     /// Recordings, relative to the run folder.
@@ -86,9 +122,15 @@ impl Summary {
             frames_per_s: if training_s > 0.0 { frames as f64 / training_s } else { 0.0 },
             wall: Some(wall),
             recording_complete: None,
+            missing: Vec::new(),
             incarnations: identity.incarnations.len() as u32,
             recordings: recordings(folder),
         }
+    }
+
+    /// Whether a complete run has all that it was to have.
+    pub fn is_whole(&self) -> bool {
+        self.missing.is_empty() && self.recording_complete != Some(false)
     }
 
     /// Writes `summary.json`.
@@ -146,6 +188,10 @@ impl Summary {
         }
         if self.recording_complete == Some(false) {
             lines.push("ERROR       the recordings do not hold every step of the run: see the error below".to_owned());
+        }
+        for missing in &self.missing {
+            let resume = next_steps::resume(&next_steps::program(), folder.root());
+            lines.push(format!("ERROR       {missing} is missing: `{resume}` tries again"));
         }
         if !matches!(end, SessionEnd::Failed(_) | SessionEnd::HostLost(_)) {
             lines.push(format!("weights: {}", self.weights));

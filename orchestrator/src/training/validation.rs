@@ -2,12 +2,13 @@
 //!
 //! ```text
 //! checkpoint due ─▶ pinned by the learner: hard links in RUN/validation/rollout-K/ ─▶ waiting ─▶ `orchestrator eval`
-//!                ─▶ a line in validation.jsonl ─▶ RUN/best points to it, or its links are removed
+//!                ─▶ a line in validation.jsonl ─▶ RUN/best names it, or its links are removed
 //! ```
 //!
 //! A crash can interrupt every arrow; [`Validation::open`] reads the state from the folder and continues. An evaluation
-//! that fails is made again. One that fails again and again is left to the next start; the run continues, and its
-//! checkpoint stays pinned. So the lines, and which checkpoint is the best, do not depend on what was killed.
+//! that fails is made again. One that fails again and again is left to the next `resume`, also of a run that is complete
+//! otherwise: its checkpoint stays pinned, and the summary names it ([`Validation::missing`]). So the lines, and which
+//! checkpoint is the best, do not depend on what was killed.
 
 use crate::process_end::wait_for_child;
 use crate::recording::recorder::Recorder;
@@ -17,19 +18,21 @@ use crate::run::cut_off::remove_evaluation;
 use crate::run::json_lines::{Writer, set_content};
 use crate::run::lifeline::this_program;
 use crate::training::events;
+use crate::training::next_steps;
 use crate::training::scores::{Score, Scores, best, read_result, result_folder};
+use crate::training::summary::{Missing, Summary};
 use anyhow::{Context, Result};
 use proto::config::Config;
+use proto::exit::how;
 use proto::pin::{pin, unpin};
 use proto::plain_file::open_plain;
 use proto::run_folder::{RolloutName, RunFolder};
-use proto::shell::quoted;
 use proto::stage::total_frames;
 use std::collections::{BTreeMap, VecDeque};
 use std::ffi::OsString;
 use std::fs::OpenOptions;
 use std::os::unix::process::CommandExt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Child, Stdio};
 use std::time::Duration;
 use wire::fault;
@@ -85,6 +88,16 @@ impl Validation {
         std::fs::create_dir_all(folder.validations())
             .with_context(|| format!("cannot create {}", folder.validations().display()))?;
         validation.reached = validation.scores.iter().map(|one| one.frames).max().unwrap_or(0);
+        let before = Summary::read(folder).ok().flatten().map_or_else(Vec::new, |summary| summary.missing);
+        for missing in before {
+            // Not pinned when it fell due: its checkpoint may still be there.
+            if let Missing::Validation(rollout) = missing
+                && !validation.is_scored(rollout)
+                && pin(folder, rollout).is_err()
+            {
+                validation.failures.insert(rollout, TRIES);
+            }
+        }
         for rollout in validation.pinned()? {
             if validation.is_scored(rollout) {
                 continue;
@@ -99,6 +112,7 @@ impl Validation {
                 Err(error) => {
                     tracing::warn!("the validation after rollout {rollout} is left out: {error:#}");
                     validation.unpin(rollout);
+                    validation.failures.insert(rollout, TRIES);
                     continue;
                 }
             };
@@ -106,7 +120,7 @@ impl Validation {
             // Ascending, as without a crash. However many: the one that ran, and any that failed, waited beside the rest.
             validation.waiting.push_back(rollout);
         }
-        validation.crown()?;
+        validation.try_to_crown();
         Ok(Some(validation))
     }
 
@@ -151,10 +165,10 @@ impl Validation {
             return;
         }
         fault::reach("validation.before_pin");
-        match pin(&self.folder, rollout) {
-            Ok(()) => self.enqueue(rollout),
-            Err(error) => tracing::warn!("no validation at {frames} frames: {error:#}"),
+        if let Err(error) = pin(&self.folder, rollout) {
+            tracing::warn!("the checkpoint at {frames} frames is not kept for its validation yet: {error}");
         }
+        self.enqueue(rollout);
     }
 
     /// Looks after the evaluation that runs, and starts the one that waits.
@@ -165,7 +179,7 @@ impl Validation {
                 Ok(None) => return,
                 Ok(Some(status)) if status.success() => self.conclude(rollout, recorder),
                 Ok(Some(status)) => {
-                    Err(anyhow::anyhow!("`orchestrator eval` ended with {status}; {} says why", self.log().display()))
+                    Err(anyhow::anyhow!("`orchestrator eval` {}; {} may say why", how(status), self.log().display()))
                 }
                 Err(error) => Err(error.into()),
             };
@@ -189,20 +203,21 @@ impl Validation {
             tracing::warn!("the validation after rollout {rollout} failed and is made again: {error:#}");
             self.waiting.push_front(rollout);
         } else {
-            tracing::warn!("{}: {error:#}", self.given_up(rollout));
+            let resume = next_steps::resume(&next_steps::program(), self.folder.root());
+            tracing::warn!(
+                "the validation after rollout {rollout} failed {TRIES} times and is left to `{resume}`: {error:#}"
+            );
         }
     }
 
-    /// What is said of an evaluation that failed too often. A run that is complete has no next start, but for one with
-    /// more frames.
-    fn given_up(&self, rollout: u64) -> String {
-        let words: Vec<_> = self.evaluation(rollout).iter().map(quoted).collect();
-        format!(
-            "the validation after rollout {rollout} failed {TRIES} times and is left to the next start, if the run has \
-             one; `orchestrator {}` plays the same episodes by hand, and its result stands by itself: it has no line in \
-             validation.jsonl, and is not compared for the best",
-            words.join(" ")
-        )
+    /// What the run is to have and has not, though nothing waits any more. A `best` that could not be written is tried
+    /// once more.
+    pub fn missing(&self) -> Vec<Missing> {
+        let given_up =
+            self.failures.iter().filter(|&(&rollout, &failures)| failures >= TRIES && !self.is_scored(rollout));
+        let mut missing: Vec<_> = given_up.map(|(&rollout, _)| Missing::Validation(rollout)).collect();
+        missing.extend((!self.try_to_crown()).then_some(Missing::Best));
+        missing
     }
 
     /// The words after `orchestrator` that have a pinned checkpoint evaluated.
@@ -255,6 +270,7 @@ impl Validation {
 
     /// Starts the evaluation of a pinned checkpoint.
     fn start(&mut self, rollout: u64) -> Result<()> {
+        pin(&self.folder, rollout)?;
         let result = self.result(rollout);
         remove_evaluation(&result)?;
         let log_path = self.log();
@@ -283,9 +299,7 @@ impl Validation {
         fault::reach("validation.after_line");
         log.sync()?;
         self.scores.push(one.clone());
-        if let Err(error) = self.crown() {
-            tracing::warn!("the link to the best checkpoint is left to the next validation or start: {error:#}");
-        }
+        self.try_to_crown();
         let is_best = best(&self.scores).is_some_and(|best| best.rollout == rollout);
         tracing::info!(
             "validation at {} frames, {}: success {:.1}%, SRwoD {:.1}%{}",
@@ -312,32 +326,21 @@ impl Validation {
         Ok(())
     }
 
-    /// Has `RUN/best` point to the best checkpoint, then lets go of the others that have been scored.
-    fn crown(&self) -> Result<()> {
-        let Some(best) = best(&self.scores) else { return Ok(()) };
-        let link = self.folder.best();
-        let target = RunFolder::relative_validation(best.rollout);
-        if std::fs::read_link(&link).ok().as_deref() != Some(Path::new(&target)) {
-            let partial = link.with_extension("partial");
-            match std::fs::remove_file(&partial) {
-                Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                    return Err(error).with_context(|| format!("cannot replace {}", partial.display()));
-                }
-                _ => {}
+    /// Has `RUN/best` name the best checkpoint, then lets go of the others that have been scored. False with a warning
+    /// where it cannot be written: the next validation or start tries again.
+    fn try_to_crown(&self) -> bool {
+        let Some(best) = best(&self.scores) else { return true };
+        if self.folder.best_rollout() != Some(best.rollout) {
+            if let Err(error) = self.folder.set_best(best.rollout) {
+                tracing::warn!("{} does not name the best checkpoint: {error}", self.folder.best().display());
+                return false;
             }
-            // Renamed into place: at every moment there is a best one, the old or the new.
-            std::os::unix::fs::symlink(&target, &partial)
-                .and_then(|()| {
-                    fault::reach("validation.before_crown");
-                    std::fs::rename(&partial, &link)
-                })
-                .with_context(|| format!("cannot make {}", link.display()))?;
             fault::reach("validation.after_crown");
         }
         for one in self.scores.iter().filter(|one| one.rollout != best.rollout) {
             self.unpin(one.rollout);
         }
-        Ok(())
+        true
     }
 
     /// Lets go of a checkpoint; its result stays.
@@ -377,7 +380,6 @@ pub mod tests {
     use super::*;
     use crate::run::checkpoints::tests::manifest;
     use crate::training::scores::tests::validated;
-    use proto::evaluation::ObjectSet;
     use std::io::Write;
     use std::os::unix::process::ExitStatusExt;
     use std::process::Command;
@@ -480,26 +482,10 @@ pub mod tests {
         assert_eq!(validation.failures, BTreeMap::from([(3, TRIES)]));
         assert_eq!(validation.waiting, [5]);
         assert_eq!(validation.pinned().unwrap(), [3, 5], "its checkpoint is kept");
+        assert_eq!(validation.missing(), [Missing::Validation(3)]);
         let again = Validation::open(&folder, &config).unwrap().unwrap();
         assert_eq!(again.waiting, [3, 5]);
-    }
-
-    /// It named a command that played other episodes.
-    #[test]
-    fn a_validation_that_is_given_up_names_the_command_that_plays_its_episodes() {
-        let (_temporary, folder, mut config) = run(&[3]);
-        config.validation.objects = ObjectSet::Seen;
-        let told = |config: &Config| {
-            let validation = Validation::open(&folder, config).unwrap().unwrap();
-            (validation.given_up(3), format!("'{}'", validation.manifest(3).display()))
-        };
-        let (text, manifest) = told(&config);
-        let options = "--split valid --objects seen --actors 5";
-        assert!(text.contains(&format!("`orchestrator eval {manifest} {options} --episodes 60` plays")), "{text}");
-        assert!(text.contains("no line in validation.jsonl"), "{text}");
-        config.validation.episodes = 0;
-        let (text, manifest) = told(&config);
-        assert!(text.contains(&format!("`orchestrator eval {manifest} {options}` plays")), "{text}");
+        assert_eq!(again.missing(), []);
     }
 
     #[test]
@@ -514,7 +500,7 @@ pub mod tests {
         let mut file = OpenOptions::new().append(true).open(folder.validation_log()).unwrap();
         file.write_all(b"{\"rollout\": 8, \"fra").unwrap();
         let again = Validation::open(&folder, &config).unwrap().unwrap();
-        assert_eq!(std::fs::read_link(folder.best()).unwrap(), Path::new("validation/rollout-00000003"));
+        assert_eq!(folder.best_rollout(), Some(3));
         assert!(folder.best().join("rollout-00000003.safetensors").is_file());
         assert_eq!((again.pinned().unwrap(), again.waiting), (vec![3, 8], VecDeque::from([8])));
         let text = std::fs::read_to_string(folder.validation_log()).unwrap();
@@ -523,8 +509,21 @@ pub mod tests {
         append(&folder, &validated(8, 0.3, 0.3)).unwrap();
         let again = Validation::open(&folder, &config).unwrap().unwrap();
         assert_eq!(again.scores.iter().map(|one| one.rollout).collect::<Vec<_>>(), [3, 5, 8]);
-        assert_eq!(std::fs::read_link(folder.best()).unwrap(), Path::new("validation/rollout-00000008"));
-        assert_eq!(again.pinned().unwrap(), [8]);
+        assert_eq!((folder.best_rollout(), again.pinned().unwrap()), (Some(8), vec![8]));
+    }
+
+    /// The error of a disk without links ended every start.
+    #[test]
+    fn a_best_that_cannot_be_written_is_missing_and_ends_no_start() {
+        let (_temporary, folder, config) = run(&[3]);
+        pin(&folder, 3).unwrap();
+        append(&folder, &validated(3, 0.2, 0.2)).unwrap();
+        std::fs::create_dir_all(folder.best().join("in the way")).unwrap();
+        let validation = Validation::open(&folder, &config).unwrap().unwrap();
+        assert_eq!(validation.missing(), [Missing::Best]);
+        assert_eq!(validation.pinned().unwrap(), [3]);
+        std::fs::remove_dir_all(folder.best()).unwrap();
+        assert_eq!((validation.missing(), folder.best_rollout()), (vec![], Some(3)));
     }
 
     #[test]
@@ -540,6 +539,7 @@ pub mod tests {
         assert!(text.contains("500"));
         std::fs::write(&path, text.replace("500", "501")).unwrap();
         let again = Validation::open(&folder, &config).unwrap().unwrap();
+        assert_eq!(again.missing(), [Missing::Validation(5)]);
         assert_eq!((again.pinned().unwrap(), again.waiting, again.reached), (vec![3], VecDeque::from([3]), 300));
     }
 

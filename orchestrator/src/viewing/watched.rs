@@ -9,7 +9,7 @@ use crate::evaluation::journal;
 use crate::evaluation::standing::Standing;
 use crate::recording::Recordings;
 use crate::recording::shelf::{Shelf, Shelved};
-use crate::run::identity::{Identity, host_name};
+use crate::run::identity::Identity;
 use crate::run::lock::{Held, holder};
 use crate::run::state::state_of;
 use crate::showing::format;
@@ -221,7 +221,7 @@ impl Watched {
         let at_rest = held == Held::Free;
         let recent = recent(&config.stages, &self.history);
         let here = match &held {
-            Held::By(holder) if holder.host == host_name() => Some(holder.pid),
+            Held::By(holder) if holder.is_here() => Some(holder.pid),
             Held::By(_) | Held::Free | Held::Unsigned => None,
         };
         let processes = here.map(|pid| self.processes.look(pid)).unwrap_or_default();

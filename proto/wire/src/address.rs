@@ -6,6 +6,7 @@ use iceoryx2::prelude::{Path as IoxPath, SemanticString};
 use std::fmt::Display;
 use std::fs::{DirBuilder, Metadata, Permissions};
 use std::io::ErrorKind;
+use std::os::unix::ffi::OsStrExt;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
@@ -18,6 +19,13 @@ pub struct WireAddress {
 
 /// Start of every prefix, so that `orchestrator clean` recognises what is ours.
 pub const PREFIX_MARK: &str = "stillroom_";
+
+/// Where all runs of this environment have their folders of small files: what `TMPDIR` names, /tmp without it. Absolute,
+/// as other processes are given names in it.
+pub fn temporary_folder() -> PathBuf {
+    let named = std::env::temp_dir();
+    std::path::absolute(&named).unwrap_or_else(|_| if named.as_os_str().is_empty() { "/tmp".into() } else { named })
+}
 
 /// Whether this can be a run's id. It becomes part of names that are deleted later, so it holds no slash and no dot.
 pub fn is_run_id(text: &str) -> bool {
@@ -32,7 +40,7 @@ impl WireAddress {
     pub fn new(run_id: &str, incarnation: u32) -> Self {
         assert!(is_run_id(run_id), "a run's id holds letters and digits only, not `{run_id}`");
         let prefix = format!("{PREFIX_MARK}{run_id}_{incarnation}_");
-        let root = std::env::temp_dir().join(prefix.trim_end_matches('_'));
+        let root = temporary_folder().join(prefix.trim_end_matches('_'));
         Self { prefix, root }
     }
 
@@ -154,21 +162,22 @@ impl WireAddress {
         Ok(())
     }
 
-    /// Whether files in the folder of small files can have names at all: their length is limited.
-    pub fn check_length(&self) -> Result<(), WireError> {
+    /// Whether files in the folder of small files can have names at all: iceoryx2 limits their length and their letters.
+    pub fn check_root(&self) -> Result<(), WireError> {
         self.config().map(drop)
     }
 
     /// Settings of a node that lives here.
     pub(super) fn config(&self) -> Result<Config, WireError> {
-        let invalid = || WireError::Address(self.to_string());
+        let text = || self.root.display().to_string();
         let mut config = Config::default();
-        let root = self.root.to_str().ok_or_else(invalid)?;
+        let root = self.root.as_os_str().as_bytes();
         if root.len() > MAX_ROOT_BYTES {
-            return Err(WireError::TooLong { root: root.to_owned() });
+            return Err(WireError::TooLong { root: text() });
         }
-        config.global.set_root_path(&IoxPath::new(root.as_bytes()).map_err(|_| invalid())?);
-        config.global.prefix = SemanticString::new(self.prefix.as_bytes()).map_err(|_| invalid())?;
+        config.global.set_root_path(&IoxPath::new(root).map_err(|_| WireError::Letters { root: text() })?);
+        let prefix = SemanticString::new(self.prefix.as_bytes());
+        config.global.prefix = prefix.map_err(|_| WireError::Address(self.to_string()))?;
         // Sweeping dead nodes is the orchestrator's task, on SIGCHLD and on a timer: a starting actor must not spend
         // its first milliseconds on its siblings' remains.
         config.global.node.cleanup_dead_nodes_on_creation = false;
@@ -214,6 +223,24 @@ mod tests {
 
     fn me() -> u32 {
         rustix::process::geteuid().as_raw()
+    }
+
+    /// They were called no addresses.
+    #[test]
+    fn a_temporary_folder_whose_letters_iceoryx2_does_not_take_is_named() {
+        let rooted = |folder: &[u8]| {
+            let address = WireAddress::new("text", 1);
+            let root = Path::new(std::ffi::OsStr::from_bytes(folder)).join(address.root.file_name().unwrap());
+            WireAddress { root, ..address }.check_root().map_err(|error| error.to_string())
+        };
+        for folder in ["/tmp/zwei Worte", "/tmp/a@b:c'd"] {
+            rooted(folder.as_bytes()).unwrap();
+        }
+        for folder in ["/tmp/Küche".as_bytes(), b"/tmp/\xff", b"/tmp/a\nb", b"/tmp/a?b"] {
+            let message = rooted(folder).unwrap_err();
+            assert!(message.contains("has a letter in its name that cannot be used"), "{message}");
+        }
+        assert!(rooted(&[b'/'; 101]).unwrap_err().contains("too long a name"));
     }
 
     #[test]

@@ -48,6 +48,15 @@ pub enum WireError {
         /// Root folder of the incarnation.
         root: String,
     },
+    /// Nor does it take every letter in them.
+    #[error(
+        "the temporary folder {root} has a letter in its name that cannot be used there (only ASCII can, and none of \
+         < > \" | ? *): set TMPDIR to another one, such as /tmp"
+    )]
+    Letters {
+        /// Root folder of the incarnation.
+        root: String,
+    },
     /// The file of the recorder's receipts could not be made or mapped.
     #[error("cannot use the recorder's receipts in {path}: {cause}")]
     Receipts {

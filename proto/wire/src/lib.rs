@@ -59,7 +59,7 @@ mod shm;
 mod sweeper;
 pub mod version;
 
-pub use address::{PREFIX_MARK, SHARED_MEMORY, WireAddress, is_run_id};
+pub use address::{PREFIX_MARK, SHARED_MEMORY, WireAddress, is_run_id, temporary_folder};
 pub use announcer::Announcer;
 pub use bells::{Bell, Bells, Sleeper, Wakeup};
 pub use error::WireError;

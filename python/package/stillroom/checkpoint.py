@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import warnings
 from dataclasses import dataclass, field
 from os import PathLike
@@ -89,7 +90,7 @@ def load(path: str | PathLike[str], *, rollout: int | None = None, verify: bool 
         rollout: of a folder, the checkpoint with this number instead of the newest.
         verify: compare the SHA-256 that the manifest, or a policy file, names.
     """
-    path = Path(path)
+    path = _through_best(Path(path))
     if path.is_dir():
         return _newest(path, rollout, verify)
     if not path.exists():
@@ -109,6 +110,14 @@ def load(path: str | PathLike[str], *, rollout: int | None = None, verify: bool 
     config, manifest = _facts(path, content, verify)
     sign = config.get("network", {}).get("carried_goal", "goal_to_object")
     return Checkpoint(path, weights or tensors, sign, config, manifest)
+
+
+def _through_best(path: Path) -> Path:
+    """The folder that a file `RUN/best` names, which stands for a link on a disk without links."""
+    if path.name != "best" or not path.is_file() or path.stat().st_size > len("validation/rollout-") + 21:
+        return path
+    named = path.read_bytes().decode(errors="replace").strip()
+    return path.parent / named if re.fullmatch("validation/rollout-[0-9]+", named) else path
 
 
 def _facts(path: Path, content: bytes, verify: bool) -> tuple[dict[str, Any], dict[str, Any]]:

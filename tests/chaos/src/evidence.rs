@@ -17,8 +17,8 @@ pub struct Evidence {
     metrics: BTreeMap<u64, Value>,
     /// `validation.jsonl`, by rollout.
     validation: BTreeMap<u64, Vec<Value>>,
-    /// What `best` points to.
-    best: Option<String>,
+    /// The rollout that `best` names.
+    best: Option<u64>,
     /// Tables of the validations.
     tables: BTreeMap<String, String>,
     /// What TensorBoard shows of stages and of validations, but times.
@@ -79,7 +79,7 @@ impl Evidence {
         collect(folder.root(), folder.root(), &mut files)?;
         let tables = files.iter().filter(|path| path.ends_with("episodes.csv"));
         let tables = tables.map(|path| Ok((path.clone(), std::fs::read_to_string(folder.root().join(path))?)));
-        let best = std::fs::read_link(folder.best()).ok().map(|path| path.display().to_string());
+        let best = folder.best_rollout();
         let curves = [true, false].map(|of_stages| without_times(board::curves(folder, of_stages)));
         Ok(Self {
             summary: stripped(summary, &varying),

@@ -15,7 +15,7 @@ const ENVIRONMENTS: u32 = 3;
 const FRAMES: u64 = 600;
 
 /// A workshop whose runs are validated after each 300 frames, an episode in each kitchen.
-fn validating() -> Workshop {
+pub fn validating() -> Workshop {
     let workshop = Workshop::new();
     let text = format!("{TINY}\n[validation]\nevery_frames = 300\nepisodes = 1\n");
     std::fs::write(workshop.path("tiny.toml"), text).expect("a writable temporary folder");
@@ -28,7 +28,7 @@ pub struct Figures {
     metrics: Vec<Value>,
     validation: Vec<Value>,
     summary: Value,
-    best: Option<PathBuf>,
+    best: Option<u64>,
 }
 
 impl Figures {
@@ -45,7 +45,7 @@ impl Figures {
             metrics: lines(run.folder.metrics(), &["at_unix_s", "incarnation", "wall_s", "timing"]),
             validation: lines(run.folder.validation_log(), &["at_unix_s", "wall_s"]),
             summary: without(summary, &others),
-            best: std::fs::read_link(run.folder.best()).ok(),
+            best: run.folder.best_rollout(),
         }
     }
 }
@@ -197,6 +197,42 @@ fn a_killed_validation_is_made_again() {
     assert!(printed.stderr.contains("failed and is made again"), "{printed:#?}");
     assert_eq!(&Figures::of(&run), undisturbed(&workshop));
     run.assert_nothing_left();
+}
+
+/// It was lost: the run ended as complete, with status 0, and `resume` only printed the summary.
+#[test]
+fn a_validation_that_is_killed_in_every_try_is_missed_and_made_up_by_resume() {
+    let workshop = validating();
+    let child = start(workshop.up("killed", ACTORS, ENVIRONMENTS, FRAMES));
+    let run = workshop.run("killed");
+    let last = format!("rollout-{:08}", undisturbed(&workshop).validation.last().unwrap()["rollout"].as_u64().unwrap());
+    let is_last =
+        |pid: &u32| std::fs::read_to_string(format!("/proc/{pid}/cmdline")).is_ok_and(|line| line.contains(&last));
+    for _ in 0..3 {
+        let mut found = None;
+        wait_until("a try of the last validation", || {
+            found = run.processes("--beside").into_iter().find(is_last);
+            found.is_some()
+        });
+        kill(found.expect("just found"));
+        wait_until("it is gone", || !run.processes("--beside").contains(&found.expect("just found")));
+    }
+    let printed = finish(child);
+    assert_eq!(printed.status, Some(1), "{printed:#?}");
+    assert!(printed.stdout.contains(" complete: ") && printed.stdout.contains(" is missing: `"), "{printed:#?}");
+    let text = std::fs::read_to_string(run.folder.summary()).unwrap();
+    assert!(text.contains("\"missing\"") && text.contains("\"validation\""), "{text}");
+    let status = complete(workshop.orchestrator(&["status", "killed"]));
+    assert!(status.stdout.contains("note: the validation after rollout "), "{status:#?}");
+    complete(workshop.resume("killed")).result();
+    assert_eq!(&Figures::of(&run), undisturbed(&workshop));
+    run.assert_nothing_left();
+    // Now there is nothing to make up, and nothing is started for it.
+    let starts =
+        |run: &Run| std::fs::read_to_string(run.folder.identity()).unwrap().matches("[[incarnations]]").count();
+    let before = starts(&run);
+    assert_eq!(complete(workshop.resume("killed")).status, Some(0));
+    assert_eq!([before, starts(&run)], [2, 2]);
 }
 
 /// Stops a run in its middle.

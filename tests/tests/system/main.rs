@@ -17,6 +17,7 @@ mod opens;
 mod orchestrator_faults;
 mod overlap;
 mod pictures;
+mod places;
 mod playing;
 mod procedural;
 mod recordings;

@@ -12,11 +12,11 @@ use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
 use proto::SCHEMA_VERSION;
 use proto::config::Config;
+use proto::disk::sync_folder;
 use proto::run_folder::RunFolder;
 use std::borrow::Cow;
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
@@ -183,7 +183,7 @@ impl Segments {
         let path = self.path().to_path_buf();
         let finished = writer.finish().and_then(|_| Ok(writer.into_inner().close()?));
         // The folder too, or the file may have no name after a power cut.
-        let finished = finished.and_then(|()| Ok(File::open(self.folder.recordings())?.sync_all()?));
+        let finished = finished.and_then(|()| Ok(sync_folder(&self.folder.recordings())?));
         self.finished_bytes += self.open_bytes.take();
         finished.map_err(|cause| SegmentError { path, cause })
     }

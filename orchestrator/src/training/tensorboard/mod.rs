@@ -102,6 +102,15 @@ impl Board {
         });
     }
 
+    /// Whether the files say what happened. Where something could not be written, all of it is tried once more.
+    pub fn is_whole(&mut self, history: &History, scores: &[Score]) -> bool {
+        if self.given_up {
+            self.begin(history);
+            self.validations(scores);
+        }
+        !self.given_up
+    }
+
     fn attempt(&mut self, write: impl FnOnce(&mut Self) -> Result<()>) {
         if self.given_up {
             return;

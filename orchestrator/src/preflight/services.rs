@@ -1,0 +1,34 @@
+//! Whether the services of a run can be made here: those of the smallest run are, and are removed again. It finds whatever
+//! is wrong with the temporary folder and /dev/shm that nobody thought of.
+
+use super::Finding;
+use proto::shares::Shares;
+use std::time::{SystemTime, UNIX_EPOCH};
+use wire::{WireAddress, WireHost, WireShape};
+
+/// Makes them, and removes them.
+pub fn check() -> Finding {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_nanos());
+    // As long as a run's own id.
+    let id = format!("{:012x}", (now ^ u128::from(std::process::id()) << 24) & 0xffff_ffff_ffff);
+    let address = WireAddress::new(&id, 1);
+    let made = WireHost::create(&address, WireShape { shares: Shares::of_one(1), environments_per_actor: 1 });
+    let made = made.map(drop).map_err(|error| error.to_string());
+    let swept = address.sweep().map(drop).map_err(|error| format!("{address} cannot be removed: {error}"));
+    match made.and(swept) {
+        Ok(()) => Finding::Good("made and removed".to_owned()),
+        Err(problem) => Finding::Problem(format!(
+            "{problem} (a run has its services in /dev/shm and in the temporary folder, which TMPDIR names)"
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn they_can_be_made_here_and_nothing_is_left() {
+        assert_eq!(check(), Finding::Good("made and removed".to_owned()));
+    }
+}

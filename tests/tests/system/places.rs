@@ -1,0 +1,291 @@
+//! Places of another kind: disks without links or locks, containers, odd temporary folders. Each works, or is refused in one
+//! sentence, which `doctor` says as well.
+
+use crate::figures::{Figures, validating};
+use std::ffi::OsStr;
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+use system_tests::{Printed, Workshop, binary, complete, finish, signal, start, tell, wait_until};
+
+/// What a disk like exFAT, a network share or a shared folder of a virtual machine refuses, as a library that programs are
+/// started with. It concerns all below `DISK`.
+const DISK: &str = r#"
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+static int below(const char *path) {
+    char here[4096];
+    const char *disk = getenv("DISK");
+    if (path[0] != '/') path = getcwd(here, sizeof here);
+    return disk && path && !strncmp(path, disk, strlen(disk));
+}
+static int of(int file) {
+    char link[64], path[4096] = {0};
+    snprintf(link, sizeof link, "/proc/self/fd/%d", file);
+    return readlink(link, path, sizeof path - 1) > 0 && below(path);
+}
+#define REAL(name, ...) ((int (*)(__VA_ARGS__))dlsym(RTLD_NEXT, #name))
+#define REFUSE(condition, error) if (condition) { errno = error; return -1; }
+int symlink(const char *to, const char *path) {
+    REFUSE(below(path), ENOSYS) return REAL(symlink, const char *, const char *)(to, path);
+}
+int link(const char *from, const char *path) {
+    REFUSE(below(path), EPERM) return REAL(link, const char *, const char *)(from, path);
+}
+int linkat(int a, const char *from, int b, const char *path, int flags) {
+    REFUSE(below(path), EPERM) return REAL(linkat, int, const char *, int, const char *, int)(a, from, b, path, flags);
+}
+int fsync(int file) {
+    struct stat status;
+    REFUSE(!fstat(file, &status) && S_ISDIR(status.st_mode) && of(file), EINVAL) return REAL(fsync, int)(file);
+}
+int fchmod(int file, mode_t mode) { REFUSE(of(file), EPERM) return REAL(fchmod, int, mode_t)(file, mode); }
+int chmod(const char *path, mode_t mode) {
+    REFUSE(below(path), EPERM) return REAL(chmod, const char *, mode_t)(path, mode);
+}
+int flock(int file, int operation) {
+    REFUSE(getenv("DISK_WITHOUT_LOCKS") && of(file), ENOLCK) return REAL(flock, int, int)(file, operation);
+}
+"#;
+
+/// The library, compiled into a workshop.
+fn disk(workshop: &Workshop) -> PathBuf {
+    let (source, library) = (workshop.path("disk.c"), workshop.path("disk.so"));
+    std::fs::write(&source, DISK).unwrap();
+    let built = Command::new("cc").args(["-shared", "-fPIC", "-o"]).args([&library, &source]).arg("-ldl").status();
+    assert!(built.unwrap().success());
+    library
+}
+
+/// It trained with a warning, and then no start began any more.
+#[test]
+fn a_run_on_a_disk_without_links_is_gone_on_with_and_has_its_best() {
+    let workshop = validating();
+    let library = disk(&workshop);
+    let there = |mut command: Command| {
+        command.env("LD_PRELOAD", &library).env("DISK", workshop.path("run"));
+        command
+    };
+    complete(workshop.up("undisturbed", 1, 3, 700)).result();
+    std::fs::create_dir(workshop.path("run")).unwrap();
+    let child = start(there(workshop.up("run", 1, 3, 700)));
+    let run = workshop.run("run");
+    wait_until("a validation", || run.folder.best().exists());
+    assert!(complete(there(workshop.orchestrator(&["stop", "run"]))).success);
+    finish(child);
+    assert!(!run.folder.summary().exists(), "the run was stopped in its middle");
+    complete(there(workshop.resume("run"))).result();
+    assert_eq!(Figures::of(&run), Figures::of(&workshop.run("undisturbed")));
+    assert!(run.folder.best().is_file() && !run.folder.best().is_symlink());
+    let log = std::fs::read_to_string(run.folder.log("orchestrator")).unwrap();
+    assert!(!log.contains(" WARN ") && !log.contains("ERROR"), "{log}");
+    for command in
+        [&["eval", "run/best", "--episodes", "1", "--out", "evaluated"][..], &["export", "run/best", "--out", "a.onnx"]]
+    {
+        let printed = complete(there(workshop.orchestrator(command)));
+        assert!(printed.success, "{printed:#?}");
+    }
+    run.assert_nothing_left();
+}
+
+#[test]
+fn a_disk_without_locks_is_refused_and_what_is_on_it_is_shown() {
+    let workshop = Workshop::new();
+    let library = disk(&workshop);
+    complete(workshop.up("run", 1, 2, 100)).result();
+    let there = |arguments: &[&str]| {
+        let mut command = workshop.orchestrator(arguments);
+        command.env("LD_PRELOAD", &library).env("DISK", workshop.path("")).env("DISK_WITHOUT_LOCKS", "");
+        complete(command)
+    };
+    let new = ["--preset", "demo", "--actors", "1", "--run", "new"];
+    same_sentence(
+        &there(&[&["doctor"], &new[..]].concat()),
+        &there(&[&["up"], &new[..]].concat()),
+        "has no file locks",
+    );
+    assert!(!workshop.path("new").exists());
+    for command in ["status", "replay"] {
+        let printed = there(&[command, "run"]);
+        assert!(printed.success, "{printed:#?}");
+    }
+}
+
+/// `doctor` names a problem and `up` refuses, in the same words. `words`: some of them.
+fn same_sentence(doctor: &Printed, up: &Printed, words: &str) {
+    let problems: Vec<&str> = doctor.stdout.lines().filter_map(|line| Some(line.split_once("PROBLEM  ")?.1)).collect();
+    let [problem] = problems[..] else { panic!("one problem, not {problems:?}: {doctor:#?}") };
+    assert!(problem.contains(words) && !doctor.success, "{problem}");
+    assert!(!up.success && up.stderr.contains(problem) && !up.stderr.contains("panicked"), "{problem}: {up:#?}");
+}
+
+#[test]
+fn a_temporary_folder_is_used_or_refused_in_the_words_of_the_doctor() {
+    let workshop = Workshop::new();
+    let up = |run: &str, folder: &OsStr| {
+        let mut command = workshop.up(run, 1, 1, 30);
+        command.env("TMPDIR", folder);
+        complete(command)
+    };
+    let doctor = |folder: &OsStr| {
+        let mut command = workshop.orchestrator(&["doctor", "--preset", "demo", "--actors", "1"]);
+        command.env("TMPDIR", folder);
+        complete(command)
+    };
+    std::fs::write(workshop.path("file"), "").unwrap();
+    for (number, used) in ["relative", "zwei Worte", "./a/.."].into_iter().enumerate() {
+        std::fs::create_dir_all(workshop.path(used)).unwrap();
+        let found = doctor(OsStr::new(used));
+        assert!(found.success, "{used}: {found:#?}");
+        up(&format!("run-{number}"), OsStr::new(used)).result();
+        assert_eq!(std::fs::read_dir(workshop.path("relative")).unwrap().count(), 0, "{used}");
+    }
+    up("run-empty", OsStr::new("")).result();
+    let long = "x".repeat(99);
+    for (folder, words) in [
+        (workshop.path("Küche").into_os_string(), "has a letter in its name that cannot be used"),
+        (OsStr::from_bytes(b"wrong-\xff").to_owned(), "has a letter in its name that cannot be used"),
+        (workshop.path("what?").into_os_string(), "has a letter in its name that cannot be used"),
+        (workshop.path(&long).into_os_string(), "too long a name"),
+        ("file".into(), "Not a directory"),
+        ("gone".into(), "No such file or directory"),
+        ("/proc".into(), "cannot be used"),
+    ] {
+        if ![OsStr::new("file"), OsStr::new("gone"), OsStr::new("/proc")].contains(&folder.as_os_str()) {
+            std::fs::create_dir(workshop.path("").join(&folder)).unwrap();
+        }
+        same_sentence(&doctor(&folder), &up("refused", &folder), words);
+        assert!(!workshop.path("refused").exists(), "nothing is left of a run that never began");
+    }
+}
+
+/// The doctor called it `ok`.
+#[test]
+fn a_dev_shm_that_cannot_be_written_is_refused_in_the_words_of_the_doctor() {
+    let workshop = Workshop::new();
+    let contained = |inner: &Command| {
+        let mut command = Command::new("unshare");
+        command.args(["--user", "--map-root-user", "--mount", "sh", "-c"]);
+        command.arg("mount -t tmpfs -o ro tmpfs /dev/shm && exec \"$0\" \"$@\"");
+        command.arg(inner.get_program()).args(inner.get_args()).current_dir(workshop.path(""));
+        command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        complete(command)
+    };
+    let doctor = contained(&workshop.orchestrator(&["doctor", "--preset", "demo", "--actors", "1"]));
+    if doctor.stderr.contains("unshare:") || doctor.stderr.contains("mount:") {
+        tell(&format!("skipped: this machine allows no mount namespaces: {}", doctor.stderr));
+        return;
+    }
+    same_sentence(&doctor, &contained(&workshop.up("new", 1, 1, 100)), "/dev/shm cannot be used");
+}
+
+/// `stop` said that it had asked a process, which was another's number, and waited for an hour.
+#[test]
+fn a_run_in_another_pid_namespace_is_not_asked_and_that_is_said_at_once() {
+    let workshop = Workshop::new();
+    let up = workshop.up("run", 1, 2, 100_000);
+    let mut command = Command::new("unshare");
+    command.args(["--pid", "--fork", "--kill-child", "--mount-proc"]).arg(up.get_program()).args(up.get_args());
+    command.current_dir(workshop.path("")).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = start(command);
+    let run = workshop.run("run");
+    wait_until("it trains, or cannot be started", || run.metrics().len() > 1 || child.try_wait().unwrap().is_some());
+    if child.try_wait().unwrap().is_some() {
+        tell(&format!("skipped: this machine allows no PID namespaces: {}", finish(child).stderr));
+        return;
+    }
+    let began = Instant::now();
+    let stop = complete(workshop.orchestrator(&["stop", "run"]));
+    assert!(began.elapsed() < Duration::from_secs(20) && !stop.success, "{stop:#?}");
+    for words in ["nobody was asked: ", "in another container or PID namespace", "docker exec"] {
+        assert!(stop.stderr.contains(words) && !stop.stderr.contains("asked pid"), "{words}: {stop:#?}");
+    }
+    let status = complete(workshop.orchestrator(&["status", "run"]));
+    assert!(status.stdout.contains(" running (pid 1 on ") && status.stdout.contains("PID namespace)"), "{status:#?}");
+    assert!(complete(workshop.resume("run")).stderr.contains("is already in use"));
+    let orchestrator = *run.processes("up --preset").last().expect("it runs");
+    signal(orchestrator, rustix::process::Signal::TERM);
+    finish(child);
+    assert!(complete(workshop.orchestrator(&["stop", "run"])).stderr.contains("does not run"));
+    run.assert_nothing_left();
+}
+
+/// All but one were refused.
+#[test]
+fn runs_that_begin_in_the_same_second_have_folders_of_their_own() {
+    let workshop = Workshop::new();
+    let up =
+        ["up", "--preset", "demo", "--config", "tiny.toml", "--actors", "1", "--envs-per-actor", "1", "--frames", "30"];
+    let children: Vec<_> = (0..3).map(|_| start(workshop.orchestrator(&up))).collect();
+    for child in children {
+        finish(child).result();
+    }
+    assert_eq!(std::fs::read_dir(workshop.path("runs")).unwrap().count(), 3);
+}
+
+/// A folder with the orchestrator and another program as this script, in which REAL is that program's path.
+fn beside(workshop: &Workshop, other: &str, script: &str) -> PathBuf {
+    let folder = workshop.path(&format!("with-{other}"));
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir(&folder).unwrap();
+    for name in ["orchestrator", "actor", "learner"] {
+        if name != other {
+            std::fs::hard_link(binary(name), folder.join(name))
+                .or_else(|_| std::fs::copy(binary(name), folder.join(name)).map(drop))
+                .unwrap();
+        }
+    }
+    let text = format!("#!/bin/sh\n{}\n", script.replace("REAL", &binary(other).display().to_string()));
+    std::fs::write(folder.join(other), text).unwrap();
+    std::fs::set_permissions(folder.join(other), std::fs::Permissions::from_mode(0o755)).unwrap();
+    folder.join("orchestrator")
+}
+
+fn run_of(workshop: &Workshop, orchestrator: &Path, arguments: &[&str]) -> Printed {
+    let mut command = Command::new(orchestrator);
+    command.args(arguments).current_dir(workshop.path("")).env_remove("STILLROOM_LOG").env_remove("STILLROOM_FAULT");
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    complete(command)
+}
+
+/// It was said that libtorch does not work.
+#[test]
+fn a_learner_that_is_killed_while_it_checks_is_asked_once_more() {
+    let workshop = Workshop::new();
+    let once = "if mkdir killed 2>/dev/null; then kill -9 $$; fi; exec REAL \"$@\"";
+    let printed =
+        run_of(&workshop, &beside(&workshop, "learner", once), &["doctor", "--preset", "demo", "--actors", "1"]);
+    let warned = "`learner check` was killed by signal 9 (SIGKILL), and is asked once more";
+    assert!(printed.success && printed.stderr.contains(warned), "{printed:#?}");
+    let orchestrator = beside(&workshop, "learner", "kill -9 $$");
+    let printed = run_of(&workshop, &orchestrator, &["eval", "--preset", "demo", "--episodes", "1"]);
+    let said = "`learner check` was killed by signal 9 (SIGKILL) when it was asked once more";
+    assert!(
+        !printed.success && printed.stderr.contains(said) && !printed.stderr.contains("does not work"),
+        "{printed:#?}"
+    );
+}
+
+#[test]
+fn an_actor_that_is_killed_while_it_works_for_a_command_is_named_with_the_signal() {
+    let workshop = Workshop::new();
+    complete(workshop.up("run", 1, 2, 100)).result();
+    let orchestrator = beside(&workshop, "actor", "kill -9 $$");
+    for (command, name) in [
+        (&["kitchens", "--kitchens", "1"][..], "kitchens"),
+        (&["replay", "run"], "replay"),
+        (&["export", "run", "--format", "npz", "--out", "arrays"], "dataset"),
+    ] {
+        let printed = run_of(&workshop, &orchestrator, command);
+        let said = format!("`actor {name}` was killed by signal 9 (SIGKILL)");
+        assert!(!printed.success && printed.stderr.contains(&said), "{said}: {printed:#?}");
+    }
+}
