@@ -12,12 +12,14 @@
 //!   way round: the columns of `weight_ih_l0` change places. (AllenAct's own configuration embeds the goal in 512
 //!   numbers; such weights have no place here, where it is 32, as in the disturbance-free project.)
 //!
+//! Names may be wrapped, all by the same prefix, or by what `DataParallel` and `torch.compile` add: see [`Names`].
+//!
 //! The goal vector of AllenAct's sensors is object − goal while the object is held (`network.carried_goal`), which no
 //! tensor shows. The caller refuses a configuration with the other sign.
 
 use crate::agent::{AgentState, MODEL};
 use crate::auxiliary::TASKS;
-use crate::network::{ENCODERS, OBSERVATION, VISUAL, fits};
+use crate::network::{ENCODERS, OBSERVATION, Unfit, VISUAL, fits};
 use proto::action::{Action, ActionSpace};
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
@@ -49,8 +51,14 @@ fn correspondences() -> impl Iterator<Item = (Cow<'static, str>, &'static str)> 
 /// AllenAct's goal embedding of the original baseline: where it is there, the goal comes first.
 const GOAL_FIRST: &str = "relative_dist_embedding.";
 
+/// What all encoders' weights are below, here and there.
+const ENCODER: &str = "visual_encoder.";
+
 /// Ours, in files of ours.
 const OWN_WEIGHT: &str = "belief.weight_ih_l0";
+
+/// What `DataParallel` and `torch.compile` put around a network or around parts of it. No weight of ours is called so.
+const WRAPPERS: [&str; 2] = ["module", "_orig_mod"];
 
 /// Whose names a file's weights have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -63,28 +71,78 @@ pub(crate) enum Naming {
     Ours,
 }
 
-impl Naming {
-    /// Of these weights.
-    pub fn of(state_dict: &BTreeMap<String, Tensor>) -> Self {
-        if state_dict.contains_key(&format!("{MODEL}{OWN_WEIGHT}")) {
-            Self::Checkpoint
-        } else if state_dict.contains_key(OWN_WEIGHT) {
-            Self::Ours
-        } else {
-            Self::AllenAct
+/// How names in a file become ours.
+#[derive(Debug, Clone)]
+pub(crate) struct Names {
+    /// Whose they are.
+    pub naming: Naming,
+    /// What stands before them, besides [`WRAPPERS`].
+    prefix: String,
+}
+
+impl Names {
+    /// Those of these weights for an agent.
+    pub fn of(state_dict: &BTreeMap<String, Tensor>, agent: &AgentState) -> Self {
+        let own = |name: &str| agent.tensors.contains_key(&format!("{MODEL}{name}"));
+        let is_known = |name: &str| own(name) || our_name(name).is_some();
+        let names: Vec<String> = state_dict.keys().map(|name| unwrapped(name)).collect();
+        if names.iter().any(|name| name.strip_prefix(MODEL) == Some(OWN_WEIGHT)) {
+            return Self { naming: Naming::Checkpoint, prefix: String::new() };
         }
+        let prefix = prefix_of(&names, is_known);
+        // Some parts are called the same by both.
+        let is_ours = |name: &str| own(name) && our_name(name).is_none();
+        let ours = names.iter().any(|name| name.strip_prefix(prefix).is_some_and(is_ours));
+        Self { naming: if ours { Naming::Ours } else { Naming::AllenAct }, prefix: prefix.to_owned() }
+    }
+
+    /// A name without what stands before it.
+    fn bare(&self, theirs: &str) -> String {
+        let unwrapped = unwrapped(theirs);
+        unwrapped.strip_prefix(&self.prefix).map(str::to_owned).unwrap_or(unwrapped)
+    }
+
+    /// What stands before a name in the file.
+    fn before<'a>(&self, theirs: &'a str) -> &'a str {
+        theirs.strip_suffix(&self.bare(theirs)).unwrap_or_default()
+    }
+
+    /// All that is taken off the names.
+    fn taken_off<'a>(&self, names: impl Iterator<Item = &'a String>) -> Vec<String> {
+        let taken_off = names.filter(|name| self.bare(name) != **name).map(|name| match self.before(name) {
+            "" => WRAPPERS.map(|wrapper| format!("{wrapper}.")).into_iter().filter(|it| name.contains(it)).collect(),
+            before => vec![before.to_owned()],
+        });
+        taken_off.flatten().collect::<BTreeSet<_>>().into_iter().collect()
     }
 
     /// Our name of one of the file's; none where it is no weight.
-    fn our_name(self, theirs: &str) -> Option<String> {
-        match self {
-            Self::AllenAct => our_name(theirs),
-            Self::Checkpoint => theirs.strip_prefix(MODEL).map(str::to_owned),
-            Self::Ours => Some(theirs.to_owned()),
+    fn our_name(&self, theirs: &str) -> Option<String> {
+        let name = self.bare(theirs);
+        match self.naming {
+            Naming::AllenAct => our_name(&name),
+            Naming::Checkpoint => name.strip_prefix(MODEL).map(str::to_owned),
+            Naming::Ours => Some(name),
         }
     }
+}
 
-    /// What one of ours may be called in the file: the first name is the disturbance-free project's.
+/// What stands before the first name that is known behind it; nothing where one is known as it is.
+fn prefix_of(names: &[String], is_known: impl Fn(&str) -> bool) -> &str {
+    if names.iter().any(|name| is_known(name)) {
+        return "";
+    }
+    let mut cuts = names.iter().flat_map(|name| name.match_indices('.').map(|(dot, _)| name.split_at(dot + 1)));
+    cuts.find(|(_, rest)| is_known(rest)).map_or("", |(prefix, _)| prefix)
+}
+
+/// A name without the modules that wrap others.
+fn unwrapped(name: &str) -> String {
+    name.split('.').filter(|part| !WRAPPERS.contains(part)).collect::<Vec<_>>().join(".")
+}
+
+impl Naming {
+    /// What one of ours may be called: the first name is the disturbance-free project's.
     fn their_names(self, ours: &str) -> Vec<String> {
         match self {
             Self::AllenAct => correspondences()
@@ -106,6 +164,8 @@ pub struct Imported {
     pub fresh: Vec<String>,
     /// The file's that are of an auxiliary task that the configuration does not train.
     pub left_out: Vec<String>,
+    /// What the file's names begin with, or have in between, and what is no part of a weight's name.
+    pub taken_off: Vec<String>,
 }
 
 /// A weight as the file calls it, and as we do.
@@ -127,6 +187,9 @@ impl fmt::Display for Named {
 /// Why a state dict is not one for this network.
 #[derive(Debug, thiserror::Error)]
 pub enum ImportError {
+    /// No tensor at all.
+    #[error("the file holds no weights")]
+    Empty,
     /// A name that means nothing here.
     #[error("`{0}` is no weight of a network of ours (docs/probe.md has the table of names)")]
     Unknown(String),
@@ -163,41 +226,27 @@ fn alternatives(names: &[String]) -> String {
     names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(" or ")
 }
 
-/// Puts a state dict's weights into an agent's state. The optimiser and the beliefs stay as they are.
+/// Puts a state dict's weights into an agent's state. The optimiser and the beliefs stay as they are. First all names are
+/// judged, then all shapes, then all values.
 pub fn import(
     state_dict: &BTreeMap<String, Tensor>,
     space: ActionSpace,
     state: &mut AgentState,
 ) -> Result<Imported, ImportError> {
-    let naming = Naming::of(state_dict);
-    let theirs = by_our_names(state_dict, naming)?;
-    let goal_first = state_dict.keys().any(|name| name.starts_with(GOAL_FIRST));
-    let mut imported = Imported::default();
+    let names = Names::of(state_dict, state);
+    let theirs = by_our_names(state_dict, &names)?;
+    let goal_first = state_dict.keys().any(|name| names.bare(name).starts_with(GOAL_FIRST));
     let own: BTreeSet<String> =
         state.tensors.keys().filter_map(|name| name.strip_prefix(MODEL)).map(str::to_owned).collect();
-    for ours in &own {
-        let place = state.tensors.get_mut(&format!("{MODEL}{ours}")).expect("the name was taken from there");
-        let Some((theirs, tensor)) = theirs.get(ours) else {
-            if !is_auxiliary(ours) {
-                let hint = if ours.starts_with("previous_action_embedder") {
-                    ". These weights are of a network without the previous action (network.previous_action = false)"
-                } else {
-                    ""
-                };
-                return Err(ImportError::Missing { ours: ours.clone(), theirs: naming.their_names(ours), hint });
-            }
-            imported.fresh.push(ours.clone());
-            continue;
-        };
-        let name = || Named { theirs: theirs.clone(), ours: ours.clone() };
-        if !matches!(tensor.kind(), Kind::Float | Kind::Double | Kind::Half | Kind::BFloat16) {
-            return Err(ImportError::Kind(name()));
+    let mut imported = Imported { taken_off: names.taken_off(state_dict.keys()), ..Imported::default() };
+    let before = state_dict.keys().next().map(|name| names.before(name)).ok_or(ImportError::Empty)?;
+    for ours in own.iter().filter(|ours| !theirs.contains_key(*ours)) {
+        if !is_auxiliary(ours) {
+            let alternatives = names.naming.their_names(ours).into_iter().map(|name| format!("{before}{name}"));
+            let hint = hint(ours, theirs.keys().any(|name| name.starts_with(ENCODER) && !own.contains(name)));
+            return Err(ImportError::Missing { ours: ours.clone(), theirs: alternatives.collect(), hint });
         }
-        let tensor = adapt(ours, &tensor.to_kind(Kind::Float), &place.size(), space, goal_first);
-        *place = fits(ours, Some(&tensor), &place.size())
-            .map_err(|unfit| ImportError::Unfit { name: name(), problem: unfit.problem })?
-            .contiguous();
-        imported.taken += 1;
+        imported.fresh.push(ours.clone());
     }
     for (ours, (theirs, _)) in theirs.iter().filter(|(ours, _)| !own.contains(*ours)) {
         if !is_auxiliary(ours) {
@@ -205,7 +254,39 @@ pub fn import(
         }
         imported.left_out.push(ours.clone());
     }
-    Ok(imported)
+    let mut value = None;
+    for (ours, (theirs, tensor)) in theirs.iter().filter(|(ours, _)| own.contains(*ours)) {
+        let place = state.tensors.get_mut(&format!("{MODEL}{ours}")).expect("it is one of ours");
+        let name = || Named { theirs: theirs.clone(), ours: ours.clone() };
+        if !matches!(tensor.kind(), Kind::Float | Kind::Double | Kind::Half | Kind::BFloat16) {
+            return Err(ImportError::Kind(name()));
+        }
+        let tensor = adapt(ours, &tensor.to_kind(Kind::Float), &place.size(), space, goal_first);
+        let (found, wanted) = (tensor.size(), place.size());
+        match fits(ours, Some(&tensor), &wanted) {
+            Ok(tensor) => *place = tensor.contiguous(),
+            Err(Unfit { problem, .. }) if found == wanted => {
+                value.get_or_insert(ImportError::Unfit { name: name(), problem });
+            }
+            Err(Unfit { problem, .. }) => {
+                let turned = if found.iter().rev().eq(&wanted) { ": it is transposed" } else { "" };
+                return Err(ImportError::Unfit { name: name(), problem: problem + turned });
+            }
+        }
+        imported.taken += 1;
+    }
+    value.map_or(Ok(imported), Err)
+}
+
+/// Why one of our weights may be missing.
+fn hint(ours: &str, has_another_encoder: bool) -> &'static str {
+    if ours.starts_with("previous_action_embedder") {
+        ". These weights are of a network without the previous action (network.previous_action = false)"
+    } else if ours.starts_with(ENCODER) && has_another_encoder {
+        ". These weights are of another encoder (network.encoder)"
+    } else {
+        ""
+    }
 }
 
 fn is_auxiliary(name: &str) -> bool {
@@ -215,12 +296,12 @@ fn is_auxiliary(name: &str) -> bool {
 /// Pairs of our name and the original name for every tensor; of a checkpoint only the model's tensors.
 fn by_our_names(
     state_dict: &BTreeMap<String, Tensor>,
-    naming: Naming,
+    names: &Names,
 ) -> Result<BTreeMap<String, (String, Tensor)>, ImportError> {
     let mut renamed: BTreeMap<String, (String, Tensor)> = BTreeMap::new();
     for (theirs, tensor) in state_dict {
-        let Some(ours) = naming.our_name(theirs) else {
-            if naming == Naming::Checkpoint {
+        let Some(ours) = names.our_name(theirs) else {
+            if names.naming == Naming::Checkpoint {
                 continue;
             }
             return Err(ImportError::Unknown(theirs.clone()));
@@ -234,7 +315,7 @@ fn by_our_names(
 }
 
 /// Our name of one of AllenAct's.
-pub(crate) fn our_name(theirs: &str) -> Option<String> {
+fn our_name(theirs: &str) -> Option<String> {
     let (ours, rest) = correspondences().find_map(|(ours, prefix)| Some((ours, theirs.strip_prefix(prefix)?)))?;
     // An embedding is wrapped in a module of its own there.
     Some(format!("{ours}{}", rest.replace("action_embedder.fc.", "action_embedder.")))
@@ -270,7 +351,7 @@ pub(crate) fn how_to_convert(file: &Path, bytes: &[u8]) -> Option<String> {
     Some(format!(
         "this is a file of torch.save, not safetensors. To convert it (needs the Python packages torch and safetensors): \
          python3 -c \"import torch, safetensors.torch as s; w = torch.load('{from}', map_location='cpu'); \
-         s.save_file({{k: v.clone().contiguous() for k, v in w.get('model_state_dict', w).items()}}, '{}')\"",
+         s.save_file({{k: v.clone().contiguous() for k, v in w.get('model_state_dict', w.get('state_dict', w)).items()}}, '{}')\"",
         to.display()
     ))
 }

@@ -48,6 +48,8 @@ pub struct Environment {
     substeps: u32,
     depth_share: f64,
     episode_number: u32,
+    // The number that state hashes have.
+    hashed_number: u32,
     episode: Episode,
     record_depth: bool,
     target: usize,
@@ -140,6 +142,7 @@ impl Environment {
             substeps: config.simulation.substeps,
             depth_share: if config.recording.enabled { config.recording.depth_share } else { 0.0 },
             episode_number,
+            hashed_number: episode_number,
             episode,
             record_depth: false,
             target,
@@ -172,6 +175,7 @@ impl Environment {
     pub fn begin_episode(&mut self, number: u32, episode: Episode) {
         self.episode = episode;
         self.episode_number = number;
+        self.hashed_number = number;
         self.target = self.kitchen.target_movable(self.episode.category);
         match self.ahead.take().filter(|ahead| ahead.number == number && ahead.episode == self.episode) {
             Some(ahead) => {
@@ -182,6 +186,11 @@ impl Environment {
             None => self.simulation = begin(&self.kitchen, self.substeps, &self.episode).finish(),
         }
         self.begin_counting();
+    }
+
+    /// Has this episode's state hashes have another number than the environment's own count of episodes.
+    pub(crate) fn hash_as(&mut self, number: u32) {
+        self.hashed_number = number;
     }
 
     /// Prepares the start of the episode that [`Environment::start_episode`] begins with this number, by a piece of work
@@ -353,7 +362,7 @@ impl Environment {
             configuration.wrist_yaw_ticks,
             configuration.wrist_pitch_ticks,
         ];
-        let words = [self.episode_number, self.step, things as u32, (things >> 32) as u32]
+        let words = [self.hashed_number, self.step, things as u32, (things >> 32) as u32]
             .into_iter()
             .chain([configuration.x_m, configuration.z_m].map(f32::to_bits))
             .chain(ticks.map(i32::cast_unsigned))

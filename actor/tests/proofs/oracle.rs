@@ -138,6 +138,52 @@ fn an_evaluations_environments_play_what_its_plan_says() {
 }
 
 #[test]
+fn the_state_hash_of_an_evaluated_episode_depends_on_no_number_of_environments() {
+    let kitchen = &kitchens()[1];
+    let id = |number| EnvironmentId { kitchen: kitchen.id(), number };
+    let actions = [Action::LookUp, Action::MoveAheadContinuous, Action::RotateRightContinuous, Action::DoneMidLevel];
+    let play = |environment: &mut Environment| -> Vec<u64> {
+        let start = environment.state_hash();
+        [start].into_iter().chain(actions.map(|action| environment.step(action).state_hash)).collect()
+    };
+    // Hashes of the seven episodes of a kitchen that these environments play, in the order of the plan.
+    let hashes = |actors: u32, environments: u32, hashes_by_kitchen: bool| -> Vec<Vec<u64>> {
+        let mut config = Config::default();
+        (config.actors.count, config.actors.environments_per_actor) = (actors, environments);
+        let asked = EvaluationConfig::fixed(Split::Test, ObjectSet::Seen, 7);
+        config.evaluation = Some(EvaluationConfig { hashes_by_kitchen, ..asked });
+        let programme = Programme::of(&config, kitchen).unwrap();
+        let here = environments * (actors / 5);
+        let of = |index: u32| {
+            let (id, number) = (id(index % here), index / here);
+            let mut made = programme.environment(kitchen, id, number, &config).unwrap();
+            let mut begun = programme.environment(kitchen, id, 0, &config).unwrap();
+            programme.start(&mut begun, id, number);
+            let hashes = play(&mut made);
+            assert_eq!(play(&mut begun), hashes, "episode {index}");
+            hashes
+        };
+        (0..7).map(of).collect()
+    };
+    let one = hashes(5, 1, true);
+    assert_eq!(hashes(5, 4, true), one);
+    assert_eq!(hashes(10, 2, true), one);
+    // It is the number that the table has: the first of the seen targets, and the seventh.
+    let fixed = episodes::fixed(kitchen).unwrap();
+    for (index, number) in [(0, 0), (6, 12)] {
+        let config = Config::default();
+        let mut environment =
+            Environment::with_episode(Arc::clone(kitchen), id(0), &config, number, fixed[number as usize]);
+        assert_eq!(play(&mut environment), one[index]);
+    }
+    // Recordings of older evaluations have the environment's own count, and can be replayed.
+    let older = hashes(5, 4, false);
+    assert_ne!(older, hashes(5, 1, false));
+    let mut second = Environment::with_episode(Arc::clone(kitchen), id(0), &Config::default(), 1, fixed[4]);
+    assert_eq!(play(&mut second), older[4]);
+}
+
+#[test]
 fn drawn_episodes_are_the_runs_task_and_the_same_for_every_seed() {
     let near = Config::resolve("demo", None).unwrap();
     let (start_m, goal_m) = (near.episode.start_distance_max_m, near.episode.goal_distance_max_m);

@@ -7,7 +7,7 @@ use super::weights::facts_of;
 use crate::agent::{Agent, OtherSign};
 use crate::checkpoint::{Snapshot, Store, decode_tensors};
 use crate::collector::{Boundary, ColumnMap};
-use crate::import::{Naming, how_to_convert};
+use crate::import::{Names, Naming, how_to_convert};
 use crate::{device, import};
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use proto::checkpoint::Manifest;
@@ -39,15 +39,11 @@ pub fn import(arguments: &ImportArguments, mut output: impl Write) -> Result<()>
     let run = RunFolder::new(run);
     let config = Config::of_run(&run)?;
     let bytes = proto::bounded::read(from, BYTES_MOST).with_context(|| format!("cannot read {}", from.display()))?;
+    ensure!(!bytes.is_empty(), "{}: the file is empty", from.display());
     let state_dict = decode_tensors(&bytes)
         // The text alone: it has that of its source in it.
         .map_err(|cause| anyhow!(how_to_convert(from, &bytes).unwrap_or_else(|| cause.to_string())))
         .with_context(|| from.display().to_string())?;
-    let told = told_by(Naming::of(&state_dict), from, &bytes).with_context(|| from.display().to_string())?;
-    if let Some(told) = &told {
-        told.refuse_other(&config).with_context(|| from.display().to_string())?;
-    }
-
     let _lock = Lock::take(&run.learner_lock(0), lock::PATIENCE, || false)?;
     let device = device::choose(&config.learner)?;
     let machine = machine::machine(device, config.learner);
@@ -58,8 +54,16 @@ pub fn import(arguments: &ImportArguments, mut output: impl Write) -> Result<()>
     }
     let mut agent = Agent::new(&config, device)?;
     let mut state = agent.state();
-    let imported = import::import(&state_dict, config.episode.action_space, &mut state)
-        .with_context(|| from.display().to_string())?;
+    let naming = Names::of(&state_dict, &state).naming;
+    let mut judge = || {
+        let told = told_by(naming, from, &bytes)?;
+        // Another network's names and shapes are others, and this says why.
+        told.iter().try_for_each(|told| told.refuse_other_network(&config))?;
+        let imported = import::import(&state_dict, config.episode.action_space, &mut state)?;
+        told.iter().try_for_each(|told| OtherSign::refuse(told.sign, &config.network))?;
+        anyhow::Ok((told, imported))
+    };
+    let (told, imported) = judge().with_context(|| from.display().to_string())?;
     agent.load_state(&state)?;
     let snapshot = Snapshot {
         rollout: 0,
@@ -71,6 +75,9 @@ pub fn import(arguments: &ImportArguments, mut output: impl Write) -> Result<()>
     let checkpoint = store.save(&snapshot, &History::default(), false)?;
 
     writeln!(output, "{} weights of {}", imported.taken, from.display())?;
+    for prefix in &imported.taken_off {
+        writeln!(output, "the names are read without `{prefix}`")?;
+    }
     for (names, what) in [(&imported.fresh, "starts from the seed"), (&imported.left_out, "is left out")] {
         for name in names {
             writeln!(output, "{name} {what}")?;
@@ -92,8 +99,8 @@ struct Told {
 }
 
 impl Told {
-    /// Refuses weights of another network than the configuration's, or trained with the other sign of the goal.
-    fn refuse_other(&self, config: &Config) -> Result<()> {
+    /// Refuses weights of another network than the configuration's.
+    fn refuse_other_network(&self, config: &Config) -> Result<()> {
         if let Some(theirs) = &self.config {
             let mut trained = config.clone();
             // The sign has an error of its own, which applies only where the network sees a sign.
@@ -106,7 +113,6 @@ impl Told {
                 changes.join("; ")
             );
         }
-        OtherSign::refuse(self.sign, &config.network)?;
         Ok(())
     }
 }
@@ -236,6 +242,28 @@ mod tests {
         write_weights(&policy, &other, true);
         other.network.carried_goal = CarriedGoal::ObjectToGoal;
         assert!(import_into(&other, &policy).is_ok(), "the sign is not seen");
+    }
+
+    /// A file of one tensor, and of none.
+    #[test]
+    fn what_is_no_file_of_weights_is_not_blamed_for_the_sign_of_its_goal() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("w.safetensors");
+        let refused = |bytes: &[u8]| {
+            std::fs::write(&file, bytes).unwrap();
+            import_into(&small(), &file).unwrap_err()
+        };
+        assert_eq!(small().network.carried_goal, CarriedGoal::ObjectToGoal, "which is not AllenAct's");
+        assert!(refused(b"").ends_with("the file is empty"));
+        let none: Vec<(&str, TensorView)> = Vec::new();
+        assert!(refused(&safetensors::serialize(none, None).unwrap()).ends_with("the file holds no weights"));
+        let values = [0; 4];
+        let one = |name| vec![(name, TensorView::new(Dtype::F32, vec![1], &values).unwrap())];
+        let alien = refused(&safetensors::serialize(one("epoch"), None).unwrap());
+        assert!(alien.contains("`epoch` is no weight of a network of ours"), "{alien}");
+        let lacking = refused(&safetensors::serialize(one("module.critic.fc.bias"), None).unwrap());
+        assert!(lacking.contains("nothing is there for `actor.bias`"), "{lacking}");
+        assert!(lacking.ends_with("the file has no `module.actor.linear.bias`"), "{lacking}");
     }
 
     #[test]

@@ -84,6 +84,51 @@ fn an_imported_network_says_what_allenacts_says() {
     }
 }
 
+/// By `DataParallel`, by `torch.compile`, by both, around parts, and by whatever a training script calls its network.
+#[test]
+fn names_that_are_wrapped_are_those_of_the_same_weights() {
+    for name in ["disturb_free", "original"] {
+        let config = configuration_of(name);
+        let space = config.episode.action_space;
+        let agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+        let imported = |state_dict: &BTreeMap<String, Tensor>| {
+            let mut state = agent.state();
+            let imported = import(state_dict, space, &mut state).expect("it is a state dict of this network");
+            (imported, state.tensors)
+        };
+        let plain = allenact(name);
+        let (first, expected) = imported(&plain);
+        assert_eq!(first.taken_off, Vec::<String>::new());
+        let model = |(name, tensor): (&String, &Tensor)| {
+            Some((name.strip_prefix("model.")?.to_owned(), tensor.shallow_clone()))
+        };
+        let ours: BTreeMap<String, Tensor> = expected.iter().filter_map(model).collect();
+        for state_dict in [&plain, &ours] {
+            for prefix in
+                ["module.", "_orig_mod.", "module._orig_mod.", "actor_critic.", "state_dict.module.", "policy.net."]
+            {
+                let wrapped =
+                    state_dict.iter().map(|(name, tensor)| (format!("{prefix}{name}"), tensor.shallow_clone()));
+                let (again, tensors) = imported(&wrapped.collect());
+                assert_eq!(again.taken_off, [prefix], "{name}");
+                assert_eq!(again.taken, if state_dict.len() == ours.len() { ours.len() } else { first.taken });
+                assert!(tensors.iter().all(|(name, tensor)| tensor.equal(&expected[name])), "{prefix}");
+            }
+            let inside = |name: &String| name.replace("visual_encoder.", "visual_encoder._orig_mod.");
+            let wrapped = state_dict.iter().map(|(name, tensor)| (inside(name), tensor.shallow_clone()));
+            let (again, tensors) = imported(&wrapped.collect());
+            assert_eq!(again.taken_off, ["_orig_mod."]);
+            assert!(tensors.iter().all(|(name, tensor)| tensor.equal(&expected[name])));
+        }
+        // With fewer bits, or more, they are the same numbers, as far as these hold them.
+        for kind in [Kind::Half, Kind::BFloat16, Kind::Double] {
+            let kept = plain.iter().map(|(name, tensor)| (name.clone(), tensor.to_kind(kind))).collect();
+            let bias = imported(&kept).1["model.critic.bias"].shallow_clone();
+            assert!(bias.equal(&plain["critic.fc.bias"].to_kind(kind).to_kind(Kind::Float)), "{kind:?}");
+        }
+    }
+}
+
 #[test]
 fn what_is_imported_and_what_is_refused() {
     let mut config = configuration_of("disturb_free");
@@ -142,6 +187,36 @@ fn what_is_imported_and_what_is_refused() {
     let text = refused(&|dict| drop(dict.insert("visual_encoder.depth_cnn.fc.bias".into(), zeros(&[512]))));
     let place = "no place for `visual_encoder.depth_cnn.fc.bias` (here `visual_encoder.cnn.6.bias`)";
     assert!(text.contains(place), "{text}");
+    let text = refused(&|dict| drop(dict.insert("goal_embedder.0.0.weight".into(), zeros(&[3, 100]))));
+    assert!(text.ends_with("is Float [3, 100], not Float [100, 3]: it is transposed"), "{text}");
+
+    // Names come before shapes, and shapes before values; what lacks is called as in the file.
+    let spoil = |dict: &mut BTreeMap<String, Tensor>| {
+        dict.insert("actor.linear.bias".into(), zeros(&[21]) / 0.0);
+        dict.insert("critic.fc.weight".into(), zeros(&[40]));
+    };
+    let text = refused(&|dict| {
+        spoil(dict);
+        dict.remove("visual_encoder.head.1.bias");
+    });
+    assert!(text.contains("nothing is there for `visual_encoder.fc.1.bias`"), "{text}");
+    let text = refused(&spoil);
+    assert!(text.contains("`critic.fc.weight` (here `critic.weight`) is Float [40]"), "{text}");
+    let text = refused(&|dict| drop(dict.insert("actor.linear.bias".into(), zeros(&[21]) / 0.0)));
+    assert!(text.starts_with("`actor.linear.bias` (here `actor.bias`)") && text.contains("not finite"), "{text}");
+    let text = refused(&|dict| {
+        let wrapped = dict.iter().map(|(name, tensor)| (format!("module.{name}"), tensor.shallow_clone()));
+        *dict = wrapped.filter(|(name, _)| name != "module.critic.fc.bias").collect();
+    });
+    assert!(text.ends_with("the file has no `module.critic.fc.bias`"), "{text}");
+    // Those of the other encoder.
+    let other = allenact("original");
+    let text = refused(&|dict| {
+        dict.retain(|name, _| !name.starts_with("visual_encoder."));
+        let cnn = other.iter().filter(|(name, _)| name.starts_with("visual_encoder."));
+        dict.extend(cnn.map(|(name, tensor)| (name.clone(), tensor.shallow_clone())));
+    });
+    assert!(text.ends_with("These weights are of another encoder (network.encoder)"), "{text}");
     let counts = Tensor::zeros([1], (Kind::Int64, Device::Cpu));
     let text = refused(&|dict| drop(dict.insert("critic.fc.bias".into(), counts.shallow_clone())));
     assert!(text.contains("`critic.fc.bias` (here `critic.bias`) does not hold floating-point"), "{text}");

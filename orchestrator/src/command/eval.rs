@@ -281,6 +281,7 @@ fn asked(
         distribution,
         scene_targets,
         deterministic: args.deterministic,
+        hashes_by_kitchen: true,
         steps_per_s: args.shown.steps_per_s,
         checkpoint,
     })

@@ -1,15 +1,18 @@
 //! Flags of a run on several hosts.
 
 use super::overrides::Overrides;
-use crate::hosts::agent::Agent;
+use crate::hosts::agent::{Agent, Otherwise};
 use crate::hosts::membership::{Flags, Membership, membership};
 use crate::hosts::rendezvous::{Patience, Rendezvous};
 use crate::hosts::token::Token;
+use crate::run::scenes;
 use crate::showing::format::counted;
 use crate::training::run::Started;
 use anyhow::{Context, Result};
 use clap::Args;
 use proto::config::Config;
+use proto::run_folder::RunFolder;
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -44,9 +47,9 @@ pub struct HostFlags {
     #[arg(long, value_name = "S", default_value_t = 600, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     join_deadline: u64,
     /// Seconds from the loss of a host to the end of the job on all others, at most. Below 15 it can take longer: killed
-    /// processes and recordings need their time. A host that sends nothing for a third of this time is lost
-    #[arg(long, value_name = "S", default_value_t = 30, value_parser = clap::value_parser!(u64).range(3..=3600))]
-    host_deadline: u64,
+    /// processes and recordings need their time. A host that sends nothing for a third of this time is lost [default: 30]
+    #[arg(long, value_name = "S", value_parser = clap::value_parser!(u64).range(3..=3600))]
+    host_deadline: Option<u64>,
 }
 
 impl HostFlags {
@@ -60,24 +63,51 @@ impl HostFlags {
     /// has a number of its own.
     pub fn resolve(&self, overrides: &Overrides, preset: &str, member: Option<&Membership>) -> Result<Config> {
         let hosts = member.map_or(1, |member| member.hosts);
-        let of_all = |each: u32| each.saturating_mul(hosts);
         let each = [(self.actors_per_host, "actor"), (self.learners_per_host, "learner")];
         let each = each.map(|(number, what)| number.map(|number| counted(u64::from(number), what)));
-        let all = Overrides {
-            actors: self.actors_per_host.map(of_all).or(overrides.actors),
-            learners: self.learners_per_host.map(of_all).or(overrides.learners),
-            ..overrides.clone()
-        };
-        let resolved = all.resolve(preset);
+        let resolved = self.of_all(overrides, hosts).resolve(preset);
         match each.into_iter().flatten().reduce(|actors, learners| format!("{actors} and {learners}")) {
             Some(each) => resolved.with_context(|| format!("{} with {each} each", counted(u64::from(hosts), "host"))),
             None => resolved,
         }
     }
 
+    /// With totals in place of the numbers of each host.
+    fn of_all(&self, overrides: &Overrides, hosts: u32) -> Overrides {
+        let of_all = |each: u32| each.saturating_mul(hosts);
+        Overrides {
+            actors: self.actors_per_host.map(of_all).or(overrides.actors),
+            learners: self.learners_per_host.map(of_all).or(overrides.learners),
+            ..overrides.clone()
+        }
+    }
+
+    /// What these options ask for otherwise than host 0's run, by key: only what the user gave.
+    pub fn otherwise(
+        &self,
+        overrides: &Overrides,
+        preset: Option<&str>,
+        hosts: u32,
+        run: &Config,
+        folder: &RunFolder,
+    ) -> Result<Vec<String>> {
+        let mut asked = self.of_all(overrides, hosts).over(run)?;
+        asked.preset = overrides.preset(preset, || Ok(&run.preset))?;
+        let mut found = vec![];
+        if asked.scenes != run.scenes && asked.scenes.len() == run.scenes.len() {
+            found = scenes::changes(&asked, run, folder)?;
+            // The run names its own copies.
+            let name = |scene: &String| Path::new(scene).file_name().map(OsStr::to_owned);
+            let scenes = asked.scenes.iter_mut().zip(&run.scenes);
+            scenes.filter(|(asked, run)| name(asked) == name(run)).for_each(|(asked, run)| asked.clone_from(run));
+        }
+        Ok([asked.changes_since(run), found].concat())
+    }
+
     /// How long hosts wait for one another.
     pub fn patience(&self) -> Patience {
-        Patience { joining: Duration::from_secs(self.join_deadline), lost: Duration::from_secs(self.host_deadline) }
+        let lost = Duration::from_secs(self.host_deadline.unwrap_or(30));
+        Patience { joining: Duration::from_secs(self.join_deadline), lost }
     }
 
     /// What host 0 has to start with; the door is open from now on.
@@ -89,10 +119,10 @@ impl HostFlags {
     }
 
     /// Does another host's part, in this run folder.
-    pub fn take_part(&self, member: Membership, run: &Path) -> Result<ExitCode> {
+    pub fn take_part(&self, member: Membership, run: &Path, otherwise: Otherwise<'_>) -> Result<ExitCode> {
         let (token, interface) = (self.token()?, self.interface.clone());
         let run = run.to_path_buf();
-        Agent { member, token, interface, run, patience: self.patience() }.run()
+        Agent { member, token, interface, run, patience: self.patience(), lost_s: self.host_deadline }.run(otherwise)
     }
 
     fn token(&self) -> Result<Token> {
@@ -139,5 +169,41 @@ mod tests {
             let message = format!("{:#}", resolved(hosts, words).unwrap_err());
             assert!(parts.iter().all(|part| message.contains(part)), "{parts:?}: {message}");
         }
+    }
+
+    #[test]
+    fn another_hosts_command_is_compared_by_what_it_says_and_by_nothing_else() {
+        let temporary = tempfile::tempdir().unwrap();
+        let file = |text: &str| {
+            let path = temporary.path().join("mine.toml");
+            std::fs::write(&path, text).unwrap();
+            path.display().to_string()
+        };
+        let folder = RunFolder::new(temporary.path().join("run"));
+        let run = Config { seed: 7, ..Config::resolve("paper", None).unwrap() };
+        let found = |preset: Option<&str>, words: &[&str]| {
+            let Line { hosts, overrides } = Line::try_parse_from([&["up"], words].concat()).unwrap();
+            hosts.otherwise(&overrides, preset, 2, &run, &folder).unwrap()
+        };
+        assert_eq!(found(None, &[]), Vec::<String>::new(), "another host may say nothing");
+        let frames: u64 = run.stages.iter().map(|stage| stage.frames).sum();
+        let frames = frames.to_string();
+        let same = file("preset = \"demo\"\n[ppo]\nclip = 0.1\n");
+        assert_eq!(run.ppo.clip, 0.1, "as the file has it");
+        let words = ["--seed", "7", "--frames", &frames, "--actors", "19", "--config", &same];
+        assert_eq!(found(Some("paper"), &words), Vec::<String>::new(), "it says the same");
+        assert_eq!(
+            found(Some("demo"), &["--seed", "9"]),
+            ["preset = \"demo\" instead of \"paper\"", "seed = 9 instead of 7"]
+        );
+        assert_eq!(found(None, &["--actors-per-host", "4"]), ["actors.count = 8 instead of 19"]);
+        let words = ["--set", "ppo.learning_rate=1", "--learners-per-host", "1"];
+        let expected = ["learner.count = 2 instead of 1", "ppo.learning_rate = 1.0 instead of 0.0003"];
+        let all = found(None, &words);
+        assert!(all.len() == 2 && expected.iter().all(|key| all.iter().any(|found| found == key)), "{all:?}");
+        let less = found(None, &["--frames", "450"]);
+        assert!(less.iter().all(|key| key.starts_with("stages.") && key.contains(".frames = ")), "{less:?}");
+        assert_eq!(less.len(), run.stages.len());
+        assert_eq!(found(None, &["--set", "scenes=[\"a.toml\"]"]), ["scenes = [\"a.toml\"] instead of []"]);
     }
 }

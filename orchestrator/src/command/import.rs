@@ -24,13 +24,14 @@ const DEFAULT_PRESET: &str = "paper";
 /// Make a run that begins with the weights in a file: an AllenAct state dict, or weights by our own names
 ///
 /// The run folder is made as by `up`, at 0 frames: `orchestrator resume RUN` trains on from there, `eval RUN` evaluates
-/// it. AllenAct's names are translated (docs/probe.md has the table); weights of an auxiliary task that the
-/// configuration does not train are left out, and those of one that the file lacks start from the seed. A policy file and
-/// a checkpoint name their network and the sign of their goal: the configuration must have the same.
+/// it. AllenAct's names are translated (docs/probe.md has the table), and a prefix of all names is taken off, such as
+/// `DataParallel`'s `module.`; weights of an auxiliary task that the configuration does not train are left out, and those
+/// of one that the file lacks start from the seed. A policy file and a checkpoint name their network and the sign of their
+/// goal: the configuration must have the same.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   python3 -c \"import torch, safetensors.torch as s; w = torch.load('exp.pt', map_location='cpu'); \
-s.save_file({k: v.clone().contiguous() for k, v in w.get('model_state_dict', w).items()}, 'exp.safetensors')\"
+s.save_file({k: v.clone().contiguous() for k, v in w.get('model_state_dict', w.get('state_dict', w)).items()}, 'exp.safetensors')\"
   orchestrator import exp.safetensors --preset disturb-stage2-25m --run runs/theirs
   orchestrator resume runs/theirs
 

@@ -39,7 +39,18 @@ pub struct Overrides {
 impl Overrides {
     /// The effective configuration.
     pub fn resolve(&self, preset: &str) -> Result<Config> {
-        // Flags are settings, too: whether one can be is judged when all are known.
+        let config = self.scaled(Config::resolve_set(preset, self.config.as_deref(), &self.settings()?)?)?;
+        config.validate()?;
+        Ok(config)
+    }
+
+    /// `base` with what the user gave. Whether it goes together is not judged.
+    pub fn over(&self, base: &Config) -> Result<Config> {
+        self.scaled(base.overlaid(self.config.as_deref(), &self.settings()?)?)
+    }
+
+    /// Flags are settings, too: whether one can be is judged when all are known.
+    fn settings(&self) -> Result<Vec<Setting>> {
         let mut settings = self.set.clone();
         for (key, value) in [
             ("actors.count", self.actors),
@@ -48,14 +59,17 @@ impl Overrides {
         ] {
             settings.extend(value.map(|value| Setting::new(key, i64::from(value).into())).transpose()?);
         }
-        let mut config = Config::resolve_set(preset, self.config.as_deref(), &settings)?;
+        Ok(settings)
+    }
+
+    /// With the seed and the budget of the flags.
+    fn scaled(&self, mut config: Config) -> Result<Config> {
         if let Some(seed) = self.seed {
             config.seed = seed;
         }
         if let Some(frames) = self.frames {
             config.stages = scale_to(&config.stages, frames)?;
         }
-        config.validate()?;
         Ok(config)
     }
 

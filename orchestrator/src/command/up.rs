@@ -74,7 +74,12 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
     // What the user wrote is judged before anything is started.
     let member = args.hosts.membership()?;
     if let Some(member) = member.as_ref().filter(|member| member.host > 0) {
-        return args.hosts.take_part(member.clone(), args.shared_run()?);
+        args.overrides.over(&Config::default())?;
+        if args.view {
+            terminal::note("--view shows the run on host 0 only");
+        }
+        let otherwise = |run: &Config, folder: &RunFolder| args.otherwise(member.hosts, run, folder);
+        return args.hosts.take_part(member.clone(), args.shared_run()?, &otherwise);
     }
     if member.as_ref().is_some_and(|member| member.hosts > 1) {
         args.shared_run()?;
@@ -122,6 +127,15 @@ impl UpArgs {
     fn shared_run(&self) -> Result<&Path> {
         self.run.as_deref().context("several hosts need --run DIR: the same name on all, on a shared disk or not")
     }
+
+    /// What another host's command asks for otherwise than host 0's run: only what the user gave.
+    fn otherwise(&self, hosts: u32, run: &Config, folder: &RunFolder) -> Result<Vec<String>> {
+        let mut found = self.hosts.otherwise(&self.overrides, self.preset.as_deref(), hosts, run, folder)?;
+        if let Some(from) = self.from.as_deref() {
+            found.extend(other_weights(from, run.from.as_ref()));
+        }
+        Ok(found)
+    }
 }
 
 /// Refuses fewer learners than hosts.
@@ -166,6 +180,15 @@ fn begin_from(found: &Found, config: &Config) -> Result<FromConfig> {
     let Manifest { frames, weights, .. } = read_manifest(&found.named, &found.manifest)?;
     let checkpoint = found.manifest.to_str().context("the checkpoint has a name that is not text")?.to_owned();
     Ok(FromConfig { checkpoint, frames, weights })
+}
+
+/// That `from` names other weights than the run began with. Where this host cannot read them, the names tell.
+fn other_weights(from: &Path, begun: Option<&FromConfig>) -> Option<String> {
+    let Some(begun) = begun else { return Some(format!("--from {} instead of none", from.display())) };
+    let weights = || Ok::<_, anyhow::Error>(read_manifest(&find(from)?.checkpoint()?.manifest)?.weights);
+    let same_name = std::path::absolute(from).is_ok_and(|from| Path::new(&begun.checkpoint).starts_with(from));
+    let is_same = same_name || weights().is_ok_and(|weights| weights == begun.weights);
+    (!is_same).then(|| format!("--from {} instead of {}", from.display(), begun.checkpoint))
 }
 
 fn default_folder(config: &Config) -> PathBuf {

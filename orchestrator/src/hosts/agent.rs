@@ -10,6 +10,7 @@ use super::rendezvous::{Invitation, Patience, Reply};
 use super::token::Token;
 use crate::recording::recorder::{Recorder, RecorderSetup};
 use crate::run::remains;
+use crate::showing::format::counted;
 use crate::showing::terminal;
 use crate::supervisor::company::{Order, Word};
 use crate::supervisor::event::{Event, Exit, Process};
@@ -17,8 +18,10 @@ use crate::supervisor::process::{Launch, LearnersNetwork, Processes};
 use crate::supervisor::session::{begin_log, part_of, placed, recorded};
 use crate::supervisor::shell::{QUEUE, SWEEPS_AFTER_DEATH, Signals, TICK};
 use anyhow::{Context, Result, bail};
+use proto::config::Config;
 use proto::event::LearnerEvent;
 use proto::exit::EXIT_HOST_LOST;
+use proto::run_folder::RunFolder;
 use std::collections::BTreeSet;
 use std::net::{IpAddr, SocketAddr, TcpStream};
 use std::path::PathBuf;
@@ -33,8 +36,13 @@ const PAUSE: Duration = Duration::from_millis(500);
 /// The most that is read of a reply, and of one file.
 const REPLY: usize = 64 << 20;
 const FILE: usize = 1 << 30;
+/// As many keys are named of settings that are not host 0's.
+const KEYS_SHOWN: usize = 16;
 /// How long killed processes may take to be gone.
 const KILLED: Duration = Duration::from_secs(5);
+
+/// What a host's command asks for otherwise than the run in this folder does, by key.
+pub type Otherwise<'a> = &'a dyn Fn(&Config, &RunFolder) -> Result<Vec<String>>;
 
 /// What an agent is started with.
 #[derive(Debug)]
@@ -49,6 +57,8 @@ pub struct Agent {
     pub run: PathBuf,
     /// How long to wait.
     pub patience: Patience,
+    /// See [`Patience::lost`], seconds, if the user gave it.
+    pub lost_s: Option<u64>,
 }
 
 /// How a start ends for another host.
@@ -64,13 +74,15 @@ type Heard = Result<Order, String>;
 
 impl Agent {
     /// Takes part in a run until its end; the job's exit status.
-    pub fn run(self) -> Result<ExitCode> {
+    pub fn run(self, otherwise: Otherwise<'_>) -> Result<ExitCode> {
         let mut signals = None;
+        // Said once: a later start has what was ordered meanwhile.
+        let mut otherwise = Some(otherwise);
         let mut found = self.knock(self.patience.joining)?;
         // Host 0 replies when all others have come.
         let mut reply = 2 * self.patience.joining;
         loop {
-            let (status, text) = match self.take_part(found, reply, &mut signals)? {
+            let (status, text) = match self.take_part(found, reply, otherwise.take(), &mut signals)? {
                 Ended::Over(status, text) => (status, text),
                 Ended::Again(patience) => match self.knock(patience.lost) {
                     Ok(again) => {
@@ -91,6 +103,7 @@ impl Agent {
         &self,
         (mut stream, own): (TcpStream, IpAddr),
         reply: Duration,
+        otherwise: Option<Otherwise<'_>>,
         signals: &mut Option<Signals>,
     ) -> Result<Ended> {
         let deadline = Instant::now() + 2 * self.patience.joining;
@@ -131,6 +144,9 @@ impl Agent {
             invitation.incarnation,
             place.folder.root().display()
         );
+        if let Some(otherwise) = otherwise {
+            self.compare(&place, &invitation, otherwise, &mouth)?;
+        }
         let network = LearnersNetwork {
             hosts: invitation.hosts,
             store: invitation.store,
@@ -151,6 +167,34 @@ impl Agent {
             tracing::warn!("{error:#}");
         }
         ended
+    }
+
+    /// Says on both hosts what this one's command asks for otherwise. Host 0 decides what the run is, so it is not done.
+    fn compare(
+        &self,
+        place: &Place,
+        invitation: &Invitation,
+        otherwise: Otherwise<'_>,
+        mouth: &Mouth<Word>,
+    ) -> Result<()> {
+        let mut found = otherwise(&place.config, &place.folder)?;
+        if self.member.hosts != invitation.hosts {
+            found.push(format!("--hosts {} instead of {}", self.member.hosts, invitation.hosts));
+        }
+        if let Some(asked) = self.lost_s.filter(|&asked| asked as f64 != invitation.lost_s) {
+            found.push(format!("--host-deadline {asked} instead of {}", invitation.lost_s));
+        }
+        let beyond = found.len().saturating_sub(KEYS_SHOWN);
+        found.truncate(KEYS_SHOWN);
+        if beyond > 0 {
+            found.push(format!("{} more", counted(beyond as u64, "setting")));
+        }
+        if !found.is_empty() {
+            let what = found.join(", ");
+            tracing::warn!("this host was started with {what}: the settings of host 0 count");
+            mouth.say(Word::AsksOtherwise(what));
+        }
+        Ok(())
     }
 
     /// Reaches host 0 and proves the token to it; this host's own address.

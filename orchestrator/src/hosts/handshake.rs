@@ -13,7 +13,7 @@ use std::net::TcpStream;
 use std::time::Instant;
 
 /// Version of all that orchestrators say to one another.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 /// The most that is read of one who has proved nothing.
 const STRANGER: usize = 2048;
 

@@ -2,12 +2,13 @@
 //! supervision as its company.
 
 use super::address;
-use super::handshake::admit;
+use super::handshake::{HandshakeError, admit};
 use super::link::{Mouth, send, send_bytes, serve};
 use super::membership::Membership;
 use super::token::Token;
 use crate::run::identity::host_name;
 use crate::run::scenes;
+use crate::showing::seldom::Seldom;
 use crate::supervisor::company::{Company, Heard, Obeys, Order, Other, Word};
 use crate::supervisor::process::LearnersNetwork;
 use crate::supervisor::session::Together;
@@ -206,7 +207,7 @@ impl Rendezvous {
     fn admit_all(&self, patience: Duration) -> Result<BTreeMap<u32, TcpStream>> {
         let deadline = Instant::now() + patience;
         let (sender, proved) = channel();
-        let unproved = Arc::new(());
+        let (unproved, seldom) = (Arc::new(()), Arc::new(Seldom::default()));
         let mut guests: BTreeMap<u32, TcpStream> = BTreeMap::new();
         loop {
             for (host, mut stream) in proved.try_iter() {
@@ -215,7 +216,7 @@ impl Rendezvous {
                     guests.insert(host, stream);
                 } else {
                     let text = format!("it calls itself host {host}, and here are hosts 0 to {}", self.hosts - 1);
-                    tracing::warn!("a host is refused: {text}");
+                    seldom.warn("hosts refused", format_args!("a host is refused: {text}"));
                     let _ = send(&mut stream, &Reply::Refused(text));
                 }
             }
@@ -235,12 +236,15 @@ impl Rendezvous {
             match self.listener.accept() {
                 Ok((stream, address)) if Arc::strong_count(&unproved) <= UNPROVED => {
                     let busy = Arc::clone(&unproved);
-                    self.prove(stream, address, sender.clone(), busy);
+                    self.prove((stream, address), sender.clone(), busy, Arc::clone(&seldom));
                 }
-                Ok((_, address)) => tracing::warn!("{address} is refused: too many connections prove nothing"),
+                Ok((_, address)) => seldom.warn(
+                    "connections refused at once",
+                    format_args!("{address} is refused: too many connections prove nothing"),
+                ),
                 Err(error) if error.kind() == ErrorKind::WouldBlock => std::thread::sleep(LOOK),
                 Err(error) => {
-                    tracing::warn!("the rendezvous: {error}");
+                    seldom.warn("connections lost", format_args!("the rendezvous: {error}"));
                     std::thread::sleep(LOOK);
                 }
             }
@@ -248,8 +252,14 @@ impl Rendezvous {
     }
 
     /// Lets one prove itself, on a thread of its own.
-    fn prove(&self, mut stream: TcpStream, address: SocketAddr, sender: Sender<(u32, TcpStream)>, busy: Arc<()>) {
-        let token = self.token.clone();
+    fn prove(
+        &self,
+        (mut stream, address): (TcpStream, SocketAddr),
+        sender: Sender<(u32, TcpStream)>,
+        busy: Arc<()>,
+        seldom: Arc<Seldom>,
+    ) {
+        let (token, here) = (self.token.clone(), Arc::clone(&seldom));
         let prove = move || {
             let proved = stream
                 .set_nonblocking(false)
@@ -258,12 +268,20 @@ impl Rendezvous {
                 .and_then(|()| admit(&mut stream, &token, Instant::now() + PROOF));
             match proved {
                 Ok(host) => drop(sender.send((host, stream))),
-                Err(error) => tracing::warn!("a connection from {address} is refused: {error}"),
+                Err(error) => {
+                    // A host of this run with another version or token is not lost among strangers.
+                    let kind = match error {
+                        HandshakeError::Version { .. } => "connections of another version",
+                        HandshakeError::Stranger => "connections without the token",
+                        HandshakeError::Connection(_) | HandshakeError::Source(_) => "connections that prove nothing",
+                    };
+                    seldom.warn(kind, format_args!("a connection from {address} is refused: {error}"));
+                }
             }
             drop(busy);
         };
         if let Err(error) = std::thread::Builder::new().name("proof".into()).spawn(prove) {
-            tracing::warn!("{address} cannot be heard: {error}");
+            here.warn("connections not heard", format_args!("{address} cannot be heard: {error}"));
         }
     }
 
@@ -286,6 +304,9 @@ impl Rendezvous {
                     bail!(Incomplete::Missing(format!("host {host} was lost at the start: {reason}")))
                 }
                 Ok((host, asked @ Heard::Said(Word::Stop { .. } | Word::Interrupt))) => early.push_back((host, asked)),
+                Ok((host, Heard::Said(Word::AsksOtherwise(what)))) => {
+                    tracing::warn!("host {host} was started with {what}: the settings of this host count");
+                }
                 Ok((_, Heard::Said(_))) => {}
                 Err(_) if Instant::now() >= deadline => {
                     bail!(Incomplete::Missing("not all hosts are ready in time".to_owned()))

@@ -69,6 +69,8 @@ impl From<Announced> for StageAnnouncement {
 pub enum Word {
     /// It is ready for orders.
     Ready,
+    /// Its command asks for this, which is not what host 0 has.
+    AsksOtherwise(String),
     /// It cannot take part.
     Refused(String),
     /// A process ended.

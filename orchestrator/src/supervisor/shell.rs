@@ -333,7 +333,7 @@ impl<A: Audience> Supervision<'_, A> {
                     self.refusals.insert(host, why);
                     Event::Tick
                 }
-                Word::Ready | Word::Recorded(_) => Event::Tick,
+                Word::Ready | Word::AsksOtherwise(_) | Word::Recorded(_) => Event::Tick,
             },
         }
     }

@@ -6,6 +6,7 @@ use super::{CarriedGoal, Config, preset, presets};
 use crate::bounded;
 use crate::run_folder::RunFolder;
 use std::path::Path;
+use toml::Table;
 
 impl Config {
     /// Defaults, overlaid by a preset, overlaid by a TOML file if one is given; validated.
@@ -15,10 +16,15 @@ impl Config {
 
     /// The same, overlaid by single settings, in their order.
     pub fn resolve_set(preset: &str, file: Option<&Path>, settings: &[Setting]) -> Result<Self, ConfigError> {
-        let Some(path) = file else { return Self::build(preset, None, settings) };
-        let text =
-            bounded::read_text(path).map_err(|cause| ConfigError::Unreadable { path: path.to_path_buf(), cause })?;
-        Self::build(preset, Some((&text, &path.display().to_string())), settings)
+        let file = read(file)?;
+        Self::build(preset, file.as_ref().map(|(text, origin)| (text.as_str(), origin.as_str())), settings)
+    }
+
+    /// This configuration with a file's keys and single settings over it. Whether they go together is not judged.
+    pub fn overlaid(&self, file: Option<&Path>, settings: &[Setting]) -> Result<Self, ConfigError> {
+        let file = read(file)?;
+        let overlay = file.as_ref().map(|(text, origin)| (text.as_str(), origin.as_str()));
+        Self::lay_over(self.to_table(), overlay, settings)
     }
 
     /// A preset with an overlay as TOML text, and the overlay's name in errors.
@@ -27,20 +33,7 @@ impl Config {
     }
 
     fn build(preset: &str, overlay: Option<(&str, &str)>, settings: &[Setting]) -> Result<Self, ConfigError> {
-        let mut value = presets::merged(preset)?;
-        if let Some((text, origin)) = overlay {
-            // Parsed on its own first: this is what finds an unknown key with its line.
-            error::parse::<Self>(text, origin)?;
-            preset::overlay(&mut value, error::parse(text, origin)?);
-        }
-        for setting in settings {
-            setting.lay_over(&mut value);
-        }
-        let mut config: Self = value.try_into().map_err(|cause: toml::de::Error| ConfigError::Invalid {
-            origin: format!("preset {preset}"),
-            line: 0,
-            problem: cause.message().to_owned(),
-        })?;
+        let mut config = Self::lay_over(presets::merged(preset)?, overlay, settings)?;
         preset.clone_into(&mut config.preset);
         for (key, present) in [("from", config.from.is_some()), ("evaluation", config.evaluation.is_some())] {
             if present {
@@ -53,6 +46,22 @@ impl Config {
         }
         config.validate()?;
         Ok(config)
+    }
+
+    fn lay_over(mut value: Table, overlay: Option<(&str, &str)>, settings: &[Setting]) -> Result<Self, ConfigError> {
+        if let Some((text, origin)) = overlay {
+            // Parsed on its own first: this is what finds an unknown key with its line.
+            error::parse::<Self>(text, origin)?;
+            preset::overlay(&mut value, error::parse(text, origin)?);
+        }
+        for setting in settings {
+            setting.lay_over(&mut value);
+        }
+        value.try_into().map_err(|cause: toml::de::Error| ConfigError::Invalid {
+            origin: "the configuration".to_owned(),
+            line: 0,
+            problem: cause.message().to_owned(),
+        })
     }
 
     /// The configuration of a run, or of an evaluation, from its folder.
@@ -81,7 +90,7 @@ impl Config {
 
     /// A stored configuration was written whole, so a key that it lacks did not exist yet. It keeps the behaviour of
     /// that time, because the default may have changed.
-    fn restore_the_past(&mut self, written: &toml::Table) {
+    fn restore_the_past(&mut self, written: &Table) {
         let lacks = |table: &str, key: &str| written.get(table).and_then(|table| table.get(key)).is_none();
         if lacks("network", "carried_goal") {
             self.network.carried_goal = CarriedGoal::ObjectToGoal;
@@ -95,4 +104,11 @@ impl Config {
     pub fn to_toml(&self) -> String {
         toml::to_string(self).expect("plain numbers, strings and tables always serialise")
     }
+}
+
+/// The text of a user's file, and its name in errors.
+fn read(file: Option<&Path>) -> Result<Option<(String, String)>, ConfigError> {
+    let unreadable = |path: &Path, cause| ConfigError::Unreadable { path: path.to_path_buf(), cause };
+    let read = |path: &Path| bounded::read_text(path).map_err(|cause| unreadable(path, cause));
+    file.map(|path| Ok((read(path)?, path.display().to_string()))).transpose()
 }

@@ -61,6 +61,10 @@ pub struct EvaluationConfig {
     pub scene_targets: Vec<Vec<TargetCategory>>,
     /// The most probable action instead of a sampled one.
     pub deterministic: bool,
+    /// State hashes have an episode's number in its kitchen. In older evaluations they have the environment's own count
+    /// of episodes, which depends on how many environments there are.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub hashes_by_kitchen: bool,
     /// Steps a second at most, for somebody who watches.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub steps_per_s: Option<u32>,
@@ -83,6 +87,7 @@ impl EvaluationConfig {
             distribution: Distribution::Fixed,
             scene_targets: Vec::new(),
             deterministic: false,
+            hashes_by_kitchen: true,
             steps_per_s: None,
             checkpoint: None,
         }

@@ -67,6 +67,28 @@ fn the_same_table_twice_and_with_processes_killed() {
 }
 
 #[test]
+fn the_same_table_by_any_number_of_actors_and_environments() {
+    let workshop = Workshop::new();
+    let tables = [("5", "1"), ("5", "4"), ("10", "3")].map(|(actors, environments)| {
+        let out = format!("of-{actors}-{environments}");
+        let mut command = workshop.orchestrator(&["eval", "--preset", "demo", "--config", "tiny.toml", "--out", &out]);
+        command.args(["--split", "test", "--objects", "all", "--episodes", "6", "--record", "all"]);
+        command.args(["--actors", actors, "--environments", environments]);
+        good(&complete(command));
+        let replay = complete(workshop.orchestrator(&["replay", &out]));
+        assert!(replay.success && replay.stdout.contains("differences: 0"), "{replay:#?}");
+        let figures = result(&workshop, &out);
+        (
+            table(&workshop, &out),
+            ["overall", "object_sets", "kitchens", "categories", "action_counts"].map(|key| figures[key].clone()),
+        )
+    });
+    assert_eq!(tables[0].0.lines().count(), 1 + 5 * 12);
+    assert_eq!(tables[1], tables[0]);
+    assert_eq!(tables[2], tables[0]);
+}
+
+#[test]
 fn figures_are_those_of_the_table() {
     let workshop = Workshop::new();
     let printed = complete(eval_fresh(&workshop, "out", &["--record", "all"]));

@@ -2,7 +2,8 @@
 //! that keeps the number of its learners ends in the weights of the same learners on one host, whoever dies.
 
 use rustix::process::Signal;
-use std::net::TcpListener;
+use std::io::{Read, Write};
+use std::net::{TcpListener, TcpStream};
 use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
@@ -184,6 +185,55 @@ fn a_killed_learner_and_a_killed_actor_of_the_other_host_are_started_again() {
 }
 
 /// `ppo.overlap`: learners of both hosts speak to each other in updates and between them, in one order.
+#[test]
+fn what_another_hosts_command_asks_for_otherwise_is_said_on_both_and_host_0_counts() {
+    let mut hosts = Hosts::new(&["first", "second"]);
+    hosts.frames = 311;
+    let mut second = hosts.command(1, "token");
+    hosts.frames = 303;
+    second.args(["--set", "ppo.learning_rate=0.5"]);
+    let (first, second) = (start(hosts.command(0, "token")), start(second));
+    let [first, second] = [first, second].map(finish);
+    assert_eq!(first.result(), as_many_on_one_host(2, 303));
+    assert!(second.success, "{second:#?}");
+    for (printed, sentence) in [(&first, "host 1 was started with"), (&second, "this host was started with")] {
+        let told: Vec<_> = printed.stderr.lines().filter(|line| line.contains(sentence)).collect();
+        assert_eq!(told.len(), 1, "{printed:#?}");
+        for part in ["ppo.learning_rate = 0.5 instead of 0.0", "stages.0.frames = ", "count"] {
+            assert!(told[0].contains(part), "{part}: {told:?}");
+        }
+        assert!(!told[0].contains("seed") && !told[0].contains("actors"), "only what differs: {told:?}");
+    }
+    hosts.assert_nothing_left();
+}
+
+/// Whoever reaches the rendezvous can connect there as often as he likes.
+#[test]
+fn a_stranger_who_knocks_writes_no_log() {
+    let hosts = Hosts::new(&["first", "second"]);
+    let first = start(hosts.command(0, "token"));
+    let knock = |says: &[u8]| {
+        let mut stranger = TcpStream::connect(&hosts.rendezvous).ok()?;
+        stranger.set_read_timeout(Some(Duration::from_secs(1))).ok()?;
+        stranger.write_all(says).ok()?;
+        Some(stranger.read_to_end(&mut vec![]))
+    };
+    system_tests::wait_until("host 0 listens", || knock(b"GET / HTTP/1.1\r\n\r\n").is_some());
+    let knocks = (0..300).filter(|_| knock(b"GET / HTTP/1.1\r\n\r\n").is_some()).count();
+    let mute: Vec<_> = (0..200).filter_map(|_| TcpStream::connect(&hosts.rendezvous).ok()).collect();
+    let second = finish(start(hosts.command(1, "token")));
+    let first = finish(first);
+    assert_eq!((&first.result(), second.success), (on_one_host(), true), "{second:#?}");
+    drop(mute);
+    let log = std::fs::read_to_string(hosts.run().folder.logs().join("orchestrator.log")).expect("a log");
+    for text in [&log, &first.stderr] {
+        let lines: Vec<_> = text.lines().filter(|line| line.contains("refused") || line.contains("prove")).collect();
+        assert!(knocks == 300 && (2..10).contains(&lines.len()), "{knocks} knocks: {lines:#?}");
+        let count = |line: &&str| line.split_whitespace().filter_map(|word| word.parse::<usize>().ok()).max();
+        assert!(lines.iter().filter_map(count).any(|count| count >= 290), "they are counted: {lines:#?}");
+    }
+}
+
 #[test]
 fn beside_updates_two_hosts_collect_as_one_does() {
     let hosts = Hosts::new(&["first-beside", "second-beside"]);

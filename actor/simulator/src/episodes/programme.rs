@@ -58,7 +58,18 @@ impl Programme {
             None => Episode::sample(kitchen, &config.episode, config.seed, id, number),
             Some(planned) => planned.episode(kitchen, id, number),
         };
-        Environment::checked(Arc::clone(kitchen), id, config, number, episode)
+        let mut environment = Environment::checked(Arc::clone(kitchen), id, config, number, episode)?;
+        self.name(&mut environment, id, number);
+        Ok(environment)
+    }
+
+    /// In an evaluation: equal episodes have equal state hashes, whichever environment plays them.
+    fn name(&self, environment: &mut Environment, id: EnvironmentId, number: u32) {
+        let by_kitchen = |planned: &&Planned| planned.config.evaluation.as_ref().is_some_and(|it| it.hashes_by_kitchen);
+        if let Some(dealt) = self.planned.as_ref().filter(by_kitchen).and_then(|planned| planned.plan.dealt(id, number))
+        {
+            environment.hash_as(dealt);
+        }
     }
 
     /// In an evaluation: the number in its table of the episode that an environment plays as its episode `number`.
@@ -73,6 +84,7 @@ impl Programme {
             Some(planned) => {
                 let episode = planned.episode(environment.kitchen(), id, number);
                 environment.begin_episode(number, episode);
+                self.name(environment, id, number);
             }
         }
     }

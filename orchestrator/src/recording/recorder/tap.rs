@@ -5,6 +5,7 @@ use super::note::{Note, RecorderError, RecorderSetup, RecordingSummary, now_ns};
 use super::scribe::{Counts, Scribe};
 use super::segment::{Preamble, SegmentError, Segments};
 use super::tally::Tally;
+use crate::showing::seldom::Seldom;
 use std::sync::OnceLock;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::{Duration, Instant};
@@ -151,8 +152,8 @@ struct Desk<'a> {
     failure: &'a OnceLock<String>,
     /// Times never go back, whatever the clock does.
     time_ns: u64,
-    aliens: u64,
     missed: u64,
+    seldom: Seldom,
 }
 
 impl<'a> Desk<'a> {
@@ -174,8 +175,8 @@ impl<'a> Desk<'a> {
             halves: Halves::of(setup.shape.environments_per_actor),
             failure,
             time_ns,
-            aliens: 0,
             missed: 0,
+            seldom: Seldom::default(),
         })
     }
 
@@ -193,16 +194,16 @@ impl<'a> Desk<'a> {
             Verdict::RestorePoint => false,
             Verdict::Repeated | Verdict::Stale => return,
             Verdict::Alien => {
-                self.aliens += 1;
-                if self.aliens == 1 {
-                    tracing::warn!(?header, "recorder: left out a sample that fits no actor of this run");
-                }
-                return;
+                let text = format_args!("recorder: left out a sample that fits no actor of this run: {header:?}");
+                return self.seldom.warn("samples that fit no actor", text);
             }
         };
         if self.ledger.missed() > self.missed {
             self.missed = self.ledger.missed();
-            tracing::error!(missed = self.missed, actor = header.actor, "recorder: exchanges that were never seen");
+            if self.seldom.due("exchanges missed", Instant::now()).is_some() {
+                let (missed, actor) = (self.missed, header.actor);
+                tracing::error!(missed, actor, "recorder: exchanges that were never seen");
+            }
         }
         let time_ns = self.tick(now_ns());
         let mut steps = 0;
