@@ -113,7 +113,7 @@ impl Document {
             left = left.saturating_sub(data.len() as u64);
             buffers.push(data);
         }
-        say_what_is_not_read(&root, path);
+        warn_of_what_is_not_read(&root, path);
         Ok(Self { nodes, files, data: Data { root, buffers }, left: VERTICES_MOST })
     }
 
@@ -168,23 +168,33 @@ fn nodes_of(root: &Root) -> Result<Vec<Node>, String> {
     if count > NODES_MOST {
         return Err(format!("it has {count} nodes, more than {NODES_MOST}: join what is one thing"));
     }
+    let name_of = |index: usize| {
+        let name = root.nodes[index].name.as_ref();
+        name.map_or_else(|| format!("node-{index}"), |name| name.nfc().collect())
+    };
     // In a tree each node is met once. In a circle, or where two nodes share a child, one is met again.
     let mut met = vec![false; count];
+    let mut meet = |index: usize| match met.get_mut(index).map(|met| std::mem::replace(met, true)) {
+        None => Err(format!("it names node {index}, and there are {count}")),
+        Some(false) => Ok(index),
+        Some(true) => Err(format!("node {} has two parents, or is below itself", name_of(index))),
+    };
     let mut nodes: Vec<Node> = Vec::new();
     // The next one is the last in the list. Not by recursion: a file may nest as deeply as it likes.
-    let mut waiting: Vec<_> = scene.nodes.iter().rev().map(|&node| (node, None, Affine::identity(), false)).collect();
+    let mut waiting = Vec::new();
+    for &node in scene.nodes.iter().rev() {
+        waiting.push((meet(node)?, None, Affine::identity(), false));
+    }
     while let Some((index, parent, above, is_hidden)) = waiting.pop() {
-        let json = root.nodes.get(index).ok_or_else(|| format!("it names node {index}, and there are {count}"))?;
-        let name = json.name.as_ref().map_or_else(|| format!("node-{index}"), |name| name.nfc().collect());
-        if std::mem::replace(&mut met[index], true) {
-            return Err(format!("node {name} has two parents, or is below itself"));
-        }
+        let (json, name) = (&root.nodes[index], name_of(index));
         if json.mesh.is_some_and(|mesh| mesh >= root.meshes.len()) {
             return Err(format!("node {name} has a mesh that is not there"));
         }
         let world = above.after(&Affine::of(json));
         let is_hidden = is_hidden || extensions::hides(json);
-        waiting.extend(json.children.iter().rev().map(|&child| (child, Some(nodes.len()), world, is_hidden)));
+        for &child in json.children.iter().rev() {
+            waiting.push((meet(child)?, Some(nodes.len()), world, is_hidden));
+        }
         let split = world.split();
         let flaw = if is_hidden {
             Some("is hidden (KHR_node_visibility): show it, or give it the role `ignore`")
@@ -212,7 +222,7 @@ fn nodes_of(root: &Root) -> Result<Vec<Node>, String> {
 }
 
 /// Warns of what the file has and what may be missed.
-fn say_what_is_not_read(root: &Root, path: &Path) {
+fn warn_of_what_is_not_read(root: &Root, path: &Path) {
     let unknown: Vec<&str> = extensions::unknown(root).take(5).collect();
     let path = path.display();
     if !unknown.is_empty() {

@@ -58,6 +58,7 @@ pub fn read(
     used.sort_unstable();
     used.dedup();
     take(data.counts(positions)?[1])?;
+    take(weights.len())?;
     let mut vectors = data.vectors(positions, &used)?;
     for (target, &weight) in weights.iter().enumerate().filter(|(_, weight)| **weight != 0.0) {
         let target = primitive.targets.get(target).ok_or("has a mesh with more morph weights than morph targets")?;

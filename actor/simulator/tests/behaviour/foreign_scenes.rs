@@ -165,6 +165,33 @@ fn retype(studio: &mut Studio, kind: u32, bytes: impl Fn(u16) -> Vec<u8>) {
     });
 }
 
+/// Vertices with something between them, and attributes of unknown names.
+fn space_vertices(studio: &mut Studio) {
+    studio.rewrite(|studio, primitive| {
+        let vertices = studio.bytes(&primitive["attributes"]["POSITION"]);
+        let bytes: Vec<u8> = vertices.chunks(12).flat_map(|vertex| [&[7; 4], vertex, &[7; 8]].concat()).collect();
+        let accessor = json!({"componentType": 5126, "count": vertices.len() / 12, "type": "VEC3", "byteOffset": 4});
+        let spaced = studio.accessor(&bytes, Some(24), accessor);
+        primitive["attributes"] = json!({"POSITION": spaced, "_OWN": spaced, "KHR_gaussian:X": 99999});
+    });
+}
+
+/// A second vertex that only a sparse value sets right.
+fn make_sparse(studio: &mut Studio) {
+    studio.rewrite(|studio, primitive| {
+        let vertices = studio.bytes(&primitive["attributes"]["POSITION"]).to_vec();
+        let (count, mut wrong) = (vertices.len() / 12, vertices.clone());
+        wrong[12..24].fill(0x40);
+        let indices = studio.accessor(&[1, 0], None, json!({"componentType": 5123, "count": 1}));
+        let values = studio.accessor(&vertices[12..24], None, json!({"componentType": 5126, "count": 1}));
+        let view = |accessor: usize| studio.json["accessors"][accessor]["bufferView"].clone();
+        let sparse = json!({"count": 1, "indices": {"bufferView": view(indices), "componentType": 5123},
+                            "values": {"bufferView": view(values)}});
+        let accessor = json!({"componentType": 5126, "count": count, "type": "VEC3", "sparse": sparse});
+        primitive["attributes"]["POSITION"] = studio.accessor(&wrong, None, accessor).into();
+    });
+}
+
 #[test]
 fn the_same_geometry_written_otherwise_is_the_same_room() {
     type Change = fn(&mut Studio);
@@ -172,31 +199,8 @@ fn the_same_geometry_written_otherwise_is_the_same_room() {
         ("shared vertices", share_vertices),
         ("corners of 8 bits", |studio| retype(studio, 5121, |corner| vec![u8::try_from(corner).unwrap()])),
         ("corners of 32 bits", |studio| retype(studio, 5125, |corner| u32::from(corner).to_le_bytes().to_vec())),
-        ("vertices with something between them", |studio| {
-            studio.rewrite(|studio, primitive| {
-                let vertices = studio.bytes(&primitive["attributes"]["POSITION"]);
-                let bytes: Vec<u8> =
-                    vertices.chunks(12).flat_map(|vertex| [&[7; 4], vertex, &[7; 8]].concat()).collect();
-                let accessor =
-                    json!({"componentType": 5126, "count": vertices.len() / 12, "type": "VEC3", "byteOffset": 4});
-                let spaced = studio.accessor(&bytes, Some(24), accessor);
-                primitive["attributes"] = json!({"POSITION": spaced, "_OWN": spaced, "KHR_gaussian:X": 99999});
-            });
-        }),
-        ("sparse vertices", |studio| {
-            studio.rewrite(|studio, primitive| {
-                let vertices = studio.bytes(&primitive["attributes"]["POSITION"]).to_vec();
-                let (count, mut wrong) = (vertices.len() / 12, vertices.clone());
-                wrong[12..24].fill(0x40);
-                let indices = studio.accessor(&[1, 0], None, json!({"componentType": 5123, "count": 1}));
-                let values = studio.accessor(&vertices[12..24], None, json!({"componentType": 5126, "count": 1}));
-                let view = |accessor: usize| studio.json["accessors"][accessor]["bufferView"].clone();
-                let sparse = json!({"count": 1, "indices": {"bufferView": view(indices), "componentType": 5123},
-                                    "values": {"bufferView": view(values)}});
-                let accessor = json!({"componentType": 5126, "count": count, "type": "VEC3", "sparse": sparse});
-                primitive["attributes"]["POSITION"] = studio.accessor(&wrong, None, accessor).into();
-            });
-        }),
+        ("vertices with something between them", space_vertices),
+        ("sparse vertices", make_sparse),
         ("matrices", |studio| {
             for node in studio.json["nodes"].as_array_mut().unwrap() {
                 let at = node.as_object_mut().unwrap().remove("translation").unwrap();
