@@ -2,9 +2,9 @@
 //!
 //! Boxes and cylinders rest on their faces without rocking and cost physics less than hulls, so they are looked for.
 
-use super::document::Piece;
 use super::mirror;
 use super::no_solid::{CORNERS_MOST, NoSolid};
+use super::piece::Piece;
 use crate::physics::geometry::{Solid, rotation_x, rotation_z};
 use crate::shape::{Part, Primitive, Shape};
 use rapier3d::math::{Pose3, Rot3, Vec3};

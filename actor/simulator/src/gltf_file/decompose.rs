@@ -4,8 +4,8 @@
 //! All of it is single-precision arithmetic in a fixed order: the same mesh gives the same pieces on every machine.
 
 use super::convex;
-use super::document::Piece;
 use super::no_solid::{NoSolid, TRIANGLES_MOST};
+use super::piece::Piece;
 use crate::shape::{Concave, Part};
 use rapier3d::math::Vec3;
 use rapier3d::parry::transformation::vhacd::{VHACD, VHACDParameters};

@@ -1,6 +1,7 @@
 //! Files that a glTF reader must survive: each is refused with a reason, soon, whatever it says.
 
 use super::document::{Document, DocumentError};
+use super::piece::Piece;
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
@@ -36,11 +37,22 @@ fn open(file: &Value) -> Result<Document, DocumentError> {
     open_bytes(file.to_string().as_bytes())
 }
 
+/// A file, and the meshes of all its nodes.
+fn read(file: &Value) -> Result<(Document, Vec<Piece>), String> {
+    let mut document = open(file).map_err(|error| error.to_string())?;
+    let mut pieces = Vec::new();
+    for node in 0..document.nodes.len() {
+        let found = document.pieces(node);
+        pieces.extend(found.map_err(|problem| format!("node {}: {problem}", document.nodes[node].name))?);
+    }
+    Ok((document, pieces))
+}
+
 /// What is said of the triangle after a change.
 fn wrong(change: impl Fn(&mut Value)) -> String {
     let mut file = triangle();
     change(&mut file);
-    open(&file).map_or_else(|error| error.to_string(), |document| format!("{} nodes", document.nodes.len()))
+    read(&file).map_or_else(|problem| problem, |(document, _)| format!("{} nodes", document.nodes.len()))
 }
 
 #[test]
@@ -48,22 +60,27 @@ fn the_triangle_itself_is_sound() {
     assert_eq!(wrong(|_| {}), "1 nodes");
     let sparse = json!({"count": 1, "indices": {"bufferView": 1, "byteOffset": 2, "componentType": 5123},
                         "values": {"bufferView": 0, "byteOffset": 12}});
-    let document = open(&{
+    let (_, pieces) = read(&{
         let mut file = triangle();
         file["accessors"][0].as_object_mut().unwrap().remove("bufferView");
         file["accessors"][0]["sparse"] = sparse;
         file
-    });
-    let vertices = &document.unwrap().nodes[0].pieces[0].vertices;
-    assert_eq!(vertices.iter().map(|vertex| vertex.x).collect::<Vec<_>>(), [0.0, 1.0, 0.0]);
+    })
+    .unwrap();
+    assert_eq!(pieces[0].vertices.iter().map(|vertex| vertex.x).collect::<Vec<_>>(), [0.0, 1.0, 0.0]);
 }
 
 #[test]
 fn accessors_that_reach_beyond_their_data() {
     assert!(
-        wrong(|f| f["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = json!(7)).contains("names accessor 7")
+        wrong(|f| f["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = json!(7)).contains("which is not there")
     );
-    assert!(wrong(|f| f["meshes"][0]["primitives"][0]["indices"] = json!(7)).contains("not sound glTF"));
+    assert!(wrong(|f| f["meshes"][0]["primitives"][0]["indices"] = json!(7)).contains("which is not there"));
+    assert!(wrong(|f| f["accessors"][0]["bufferView"] = json!(7)).contains("beyond"));
+    assert!(wrong(|f| f["bufferViews"][0]["buffer"] = json!(7)).contains("beyond"));
+    assert!(wrong(|f| f["nodes"][0]["mesh"] = json!(7)).contains("a mesh that is not there"));
+    assert!(wrong(|f| f["nodes"][0]["children"] = json!([7])).contains("names node 7"));
+    assert!(wrong(|f| f["scene"] = json!(7)).contains("no scene"));
     assert!(wrong(|f| f["accessors"][1]["componentType"] = json!(5126)).contains("not whole numbers"));
     assert!(wrong(|f| f["accessors"][1]["componentType"] = json!(5120)).contains("not whole numbers"));
     assert!(wrong(|f| f["accessors"][0]["type"] = json!("VEC2")).contains("not three 32-bit"));
@@ -105,7 +122,7 @@ fn sparse_accessors_that_reach_beyond_their_data() {
     let alone = wrong(|file| {
         file["accessors"][0].as_object_mut().unwrap().remove("bufferView");
     });
-    assert!(alone.contains("not sound glTF"), "{alone}");
+    assert!(alone.contains("data are nowhere"), "{alone}");
 }
 
 #[test]
@@ -251,8 +268,8 @@ proptest! {
             let here = &all[place.index(all.len())];
             *file.pointer_mut(here).unwrap() = value;
         }
-        if let Ok(document) = open(&file) {
-            for piece in document.nodes.iter().flat_map(|node| &node.pieces) {
+        if let Ok((_, pieces)) = read(&file) {
+            for piece in &pieces {
                 let count = piece.vertices.len() as u32;
                 prop_assert!(piece.triangles.iter().flatten().all(|&corner| corner < count));
                 prop_assert!(piece.vertices.iter().all(|vertex| vertex.abs().max_element() <= 1000.0));

@@ -2,8 +2,8 @@
 
 use super::convex;
 use super::decompose::{closed, concave};
-use super::document::Piece;
 use super::no_solid::NoSolid;
+use super::piece::Piece;
 use crate::shape::{Part, Primitive};
 use rapier3d::math::Pose3;
 use serde::{Deserialize, Serialize};

@@ -3,9 +3,11 @@
 use super::likeness::nearest;
 use super::problem::{ENTRIES_MOST, Problem};
 use crate::gltf_file::solid::Convex;
+use crate::gltf_file::uri;
 use proto::bounded;
 use serde::{Deserialize, Serialize};
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
+use unicode_normalization::UnicodeNormalization;
 
 /// A scene as its author describes it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -80,21 +82,20 @@ impl SceneFile {
     /// Reads a file.
     pub fn open(path: &Path) -> Result<Self, Problem> {
         let text = bounded::read_text(path).map_err(|cause| Problem::Unreadable { cause: cause.to_string() })?;
-        let file: Self = toml::from_str(&text).map_err(|error: toml::de::Error| Problem::Toml {
+        let mut file: Self = toml::from_str(&text).map_err(|error: toml::de::Error| Problem::Toml {
             line: error.span().map_or(0, |span| text[..span.start].matches('\n').count() + 1),
             problem: in_words(error.message()),
         })?;
+        // As the names of the nodes are.
+        for entry in &mut file.nodes {
+            entry.name = entry.name.nfc().collect();
+        }
         let entries = file.nodes.len();
         if entries > ENTRIES_MOST { Err(Problem::TooManyEntries { entries }) } else { Ok(file) }
     }
 
     /// The glTF file, relative to this one's folder and inside it: a scene's files travel together.
     pub(crate) fn gltf_path(&self) -> Result<PathBuf, Problem> {
-        let path = PathBuf::from(&self.gltf);
-        if path.components().all(|component| matches!(component, Component::Normal(_))) && !self.gltf.is_empty() {
-            Ok(path)
-        } else {
-            Err(Problem::Elsewhere { gltf: self.gltf.clone() })
-        }
+        uri::plain(Path::new(&self.gltf)).ok_or_else(|| Problem::Elsewhere { gltf: self.gltf.clone() })
     }
 }

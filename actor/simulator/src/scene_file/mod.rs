@@ -38,8 +38,8 @@
 //! ```
 //!
 //! A node that an entry names is one body, together with the nodes below it that no entry names. Each primitive of its
-//! meshes is one part ([`crate::gltf_file::solid`]). Metres, y up; the axes are glTF's ([`crate::gltf_file`]).
-//! `actor kitchens categories` lists the categories.
+//! meshes is one part ([`crate::gltf_file::solid`]). A name is the same however its accents are written (NFC, NFD).
+//! Metres, y up; the axes are glTF's ([`crate::gltf_file`]). `actor kitchens categories` lists the categories.
 //!
 //! Physics takes convex parts only, so a mesh with a dent is an error unless its entry says what to do:
 //!

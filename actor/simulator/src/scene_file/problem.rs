@@ -133,6 +133,14 @@ pub enum Problem {
         /// The node.
         node: String,
     },
+    /// A node's mesh cannot be read.
+    #[error("node {node}: {problem}")]
+    Mesh {
+        /// The node.
+        node: String,
+        /// What is wrong.
+        problem: &'static str,
+    },
     /// A mesh is no solid.
     #[error("node {node}: primitive {primitive} of its mesh {cause}")]
     NoSolid {

@@ -5,8 +5,10 @@ use super::likeness::nearest;
 use super::problem::{BODIES_MOST, Problem, SceneError, Size};
 use super::roles::{self, Body};
 use super::tops;
-use crate::gltf_file::document::{Document, Node, Piece};
+use crate::gltf_file::document::Document;
+use crate::gltf_file::piece::Piece;
 use crate::gltf_file::solid::{Convex, part_of};
+use crate::gltf_file::uri;
 use crate::kitchen::room::{Fixture, MOVABLE_MASS_MAX_KG, Room, Surface, Thing};
 use crate::kitchen::{Demands, Flaw, Kitchen};
 use crate::physics::geometry::Solid;
@@ -68,11 +70,14 @@ pub fn read(path: &Path) -> Result<Scene, SceneError> {
     let alone = |problem| SceneError::new(path, vec![problem]);
     let file = SceneFile::open(path).map_err(alone)?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    let gltf = file.gltf_path().map_err(alone)?;
+    let gltf = uri::find(folder, &file.gltf_path().map_err(alone)?);
     if !folder.join(&gltf).exists() {
         return Err(alone(Problem::NoGltf { gltf: file.gltf.clone(), nearest: nearest_gltf(folder, &file.gltf) }));
     }
-    let document = Document::open(&folder.join(&gltf)).map_err(|error| alone(error.into()))?;
+    if !uri::is_inside(folder, &folder.join(&gltf)).unwrap_or(false) {
+        return Err(alone(Problem::Elsewhere { gltf: file.gltf }));
+    }
+    let mut document = Document::open(&folder.join(&gltf)).map_err(|error| alone(error.into()))?;
     let mut problems = Vec::new();
     let bodies = roles::assign(&file, &document, &mut problems);
     roles::check_targets(&file, &bodies, &document, &mut problems);
@@ -82,7 +87,7 @@ pub fn read(path: &Path) -> Result<Scene, SceneError> {
     }
     let mut draft = Draft::default();
     for body in &bodies {
-        draft.add(body, &document, &mut problems);
+        draft.add(body, &mut document, &mut problems);
     }
     let nodes = draft.nodes.clone();
     let surfaces = draft.tops.iter().map(|(node, _)| node.clone()).collect();
@@ -127,7 +132,7 @@ struct Draft {
 
 impl Draft {
     /// Adds a body, or what is wrong with it.
-    fn add(&mut self, body: &Body<'_>, document: &Document, problems: &mut Vec<Problem>) {
+    fn add(&mut self, body: &Body<'_>, document: &mut Document, problems: &mut Vec<Problem>) {
         let shape = match shape_of(body, document, &mut self.decomposed) {
             Ok(shape) => shape,
             Err(found) => return problems.extend(found),
@@ -211,17 +216,32 @@ impl Draft {
 
 /// The shape of a body in its node's frame: each primitive of its nodes is one part. What is `decomposed` already is
 /// not decomposed again.
-fn shape_of(body: &Body<'_>, document: &Document, decomposed: &mut Vec<(Piece, Part)>) -> Result<Shape, Vec<Problem>> {
-    let own: &Node = &document.nodes[body.node];
+fn shape_of(
+    body: &Body<'_>,
+    document: &mut Document,
+    decomposed: &mut Vec<(Piece, Part)>,
+) -> Result<Shape, Vec<Problem>> {
     let mut shape = Shape::default();
     let mut problems = Vec::new();
     if body.entry.role == Role::Ignore {
         return Ok(shape);
     }
     for &index in &body.members {
-        let node = &document.nodes[index];
+        // What is wrong with a node without a mesh matters where the body stands by it.
+        if index != body.node && !document.has_surface(index) {
+            continue;
+        }
+        let pieces = document.pieces(index);
+        let (own, node) = (&document.nodes[body.node], &document.nodes[index]);
         let own_from_node = own.pose.inverse() * node.pose;
-        for (number, piece) in node.pieces.iter().enumerate() {
+        let pieces = match pieces {
+            Ok(pieces) => pieces,
+            Err(problem) => {
+                problems.push(Problem::Mesh { node: node.name.clone(), problem });
+                continue;
+            }
+        };
+        for (number, piece) in pieces.iter().enumerate() {
             let known = || decomposed.iter().find(|(known, _)| known == piece).map(|(_, part)| part.clone());
             let known = if body.entry.convex == Some(Convex::Decompose) { known() } else { None };
             let is_new = known.is_none();
@@ -237,7 +257,7 @@ fn shape_of(body: &Body<'_>, document: &Document, decomposed: &mut Vec<(Piece, P
         }
     }
     if shape.parts.is_empty() && problems.is_empty() {
-        problems.push(Problem::NoMesh { node: own.name.clone() });
+        problems.push(Problem::NoMesh { node: document.nodes[body.node].name.clone() });
     }
     if problems.is_empty() { Ok(shape) } else { Err(problems) }
 }

@@ -47,7 +47,7 @@ pub fn assign<'a>(file: &'a SceneFile, document: &Document, problems: &mut Vec<P
         };
         match body {
             Some(body) => bodies[body].members.push(index),
-            None if !node.pieces.is_empty() => nameless.push(node.name.as_str()),
+            None if document.has_surface(index) => nameless.push(node.name.as_str()),
             None => {}
         }
         belongs.push(body);

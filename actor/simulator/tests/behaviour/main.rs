@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod determinism;
+mod foreign_scenes;
 mod kept;
 mod robot;
 mod support;
