@@ -2,12 +2,12 @@
 //! its configuration.
 
 use crate::evaluation::{self, Evaluated};
-use crate::fault::{Case, Fault};
+use crate::fault::{Case, Fate, Fault};
 use crate::place::{Medium, Place};
 use crate::privileges::Privileges;
 use crate::shape::{Kind, SHAPES, Shape};
 use crate::suite::{self, Done};
-use crate::tally::{Fate, Tally};
+use crate::tally::Tally;
 use crate::training::{self, Complete};
 use anyhow::{Context, Result, anyhow, bail};
 use std::collections::BTreeSet;

@@ -2,13 +2,13 @@
 //! made again, in another folder.
 
 use crate::evidence::{first_difference, result};
-use crate::fault::{Case, Phase};
+use crate::fault::{Case, Fate, Phase};
 use crate::inject::disturb_by_time;
 use crate::judge::explain;
 use crate::place::{Place, Start};
 use crate::privileges::Privileges;
 use crate::session::{Session, wait_for_end};
-use crate::tally::{Fate, Tally};
+use crate::tally::Tally;
 use anyhow::{Context, Result, bail};
 use proto::evaluation::{RESULT_FILE, TABLE_FILE};
 use serde_json::Value;

@@ -4,7 +4,6 @@ use crate::draw::Draw;
 use crate::points::{CREATION, EVALUATION, Point, SUITE, TRAINING, VALIDATION};
 use crate::privileges::Privileges;
 use crate::shape::{Kind, SHAPES, Shape};
-use crate::tally::Fate;
 use std::fmt::{Display, Formatter};
 
 /// As many open files as every shape has room with.
@@ -82,6 +81,17 @@ pub enum Fault {
     Metrics(Journal),
     /// A start that may open only so many files.
     FewDescriptors(u64),
+}
+
+/// What became of a fault.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Fate {
+    /// It happened.
+    Landed,
+    /// Its time never came, or the process was not there.
+    Missed,
+    /// This machine does not let us.
+    Skipped,
 }
 
 /// When a fault happens.

@@ -1,13 +1,13 @@
 //! A suite, disturbed: called until all is done, its weights and tables are those of an undisturbed one.
 
 use crate::evidence::{first_difference, result};
-use crate::fault::{Case, Fault, Phase};
+use crate::fault::{Case, Fate, Fault, Phase};
 use crate::inject::disturb_by_time;
 use crate::judge::explain;
 use crate::place::{Place, Start};
 use crate::privileges::Privileges;
 use crate::session::{Session, wait_for_end};
-use crate::tally::{Fate, Tally};
+use crate::tally::Tally;
 use anyhow::{Context, Result, bail};
 use proto::evaluation::{RESULT_FILE, TABLE_FILE};
 use serde_json::Value;

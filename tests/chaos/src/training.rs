@@ -1,7 +1,7 @@
 //! A run that trains: started, disturbed, resumed until it is complete.
 
 use crate::evidence::Evidence;
-use crate::fault::{Case, Fault, Phase, Planned};
+use crate::fault::{Case, Fate, Fault, Phase, Planned};
 use crate::inject::{carry_out, damage};
 use crate::judge::explain;
 use crate::leftovers;
@@ -10,7 +10,7 @@ use crate::privileges::Privileges;
 use crate::processes::signal;
 use crate::session::{Ended, Session, wait_for_end};
 use crate::shape::Shape;
-use crate::tally::{Fate, Tally};
+use crate::tally::Tally;
 use anyhow::{Result, ensure};
 use proto::exit::EXIT_INCOMPLETE;
 use proto::run_folder::RunFolder;
