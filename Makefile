@@ -1,6 +1,6 @@
 # Set-up, build and run in one command; for everything else there is plain cargo, which works after `make setup`.
 .DEFAULT_GOAL := help
-.PHONY: help setup build install uninstall up play policy test schemas chaos soak lint check-deploy doc book examples deny fuzz \
+.PHONY: help setup build install uninstall up play policy test test-all test-part schemas chaos soak lint check-deploy doc book examples deny fuzz \
 	sanitize bench-peers bench-learner bench-kernels bench-wire bench-view bench-hosts check-determinism \
 	python python-aarch64 test-python bench-python dist
 # Cargo uses all cores by itself; targets run one after the other also under -j.
@@ -24,7 +24,9 @@ help:
 	@echo 'make play    build, and let the policy in models/ play on a page; POLICY=FILE plays another'
 	@echo 'make install puts the programs, their libtorch, manual pages and completions under PREFIX (~/.local);'
 	@echo '             make uninstall takes them away'
-	@echo 'make test    set up, build and run all tests'
+	@echo 'make test    set up, build and run the tests that every change has to pass'
+	@echo 'make test-all   and those that a release has to pass: chaos, thousands of schedules, a browser, Slurm, an archive,'
+	@echo '             the commands of the book; make test-part PART=3/10 runs a part of what `make test` leaves out'
 	@echo 'make schemas compile orchestrator/schemas/ again, after a change there'
 	@echo 'make chaos   let 200 faults happen to small runs and compare what they leave with undisturbed ones (up to half an hour);'
 	@echo '             ARGS="--seed S --faults N --minutes M" chooses, ARGS="--seed S --case K" does one case again'
@@ -97,13 +99,24 @@ play: policy build
 	@interrupted=; trap 'interrupted=yes' INT; \
 	./target/release/orchestrator view --policy '$(POLICY)' --open $(ARGS) || { code=$$?; [ "$$interrupted" ] || exit $$code; }
 
-test: build
+# .config/nextest.toml says what `make test` leaves out; plain cargo leaves out nothing.
+nextest := cargo nextest run --release --locked --workspace --no-fail-fast
+test-all: which := --ignore-default-filter
+test test-all: build
 	@if cargo nextest --version >/dev/null 2>&1; then \
-		set -x; cargo nextest run --release --locked --workspace --no-fail-fast; \
+		set -x; $(nextest) $(which); \
 	else \
 		set -x; cargo test --release --locked --workspace --tests; \
 	fi
 	cargo test --doc --release --locked --workspace
+
+PART := 1/10
+test-part: build
+	@if cargo nextest --version >/dev/null 2>&1; then \
+		set -x; $(nextest) --ignore-default-filter -E 'not default()' --partition hash:$(PART) --no-tests=pass; \
+	else \
+		echo 'test-part: without cargo-nextest `make test` leaves nothing out'; \
+	fi
 
 # The Rust types and descriptors of orchestrator/schemas/, which lie in the checkout; a test compares them.
 schemas: setup

@@ -257,7 +257,7 @@ impl Peers {
     }
 
     /// The first learner's bytes, on all. What the others give is not used.
-    pub fn broadcast(&self, own: Vec<u8>) -> Result<Vec<u8>, PeerError> {
+    pub(crate) fn broadcast(&self, own: Vec<u8>) -> Result<Vec<u8>, PeerError> {
         let Self::Group(group) = self else { return Ok(own) };
         let lost = |cause| group.lost(cause);
         let mut length = Tensor::from(own.len() as i64);

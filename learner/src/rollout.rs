@@ -188,7 +188,7 @@ impl Rollout {
     }
 
     /// Beliefs before the first step \[N, hidden\].
-    pub fn beliefs_at_start(&self) -> &Tensor {
+    pub(crate) fn beliefs_at_start(&self) -> &Tensor {
         &self.beliefs_at_start
     }
 

@@ -12,7 +12,7 @@ use proto::exit::{EXIT_NON_FINITE, EXIT_UNSAVED};
 use proto::kitchen::Split;
 use proto::metric;
 use proto::reward::RewardKind;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::Command;
 use std::sync::OnceLock;
@@ -63,29 +63,6 @@ fn a_run_ends_on_its_budget_and_repeats_bit_for_bit() {
     let again = rig.learner(&Plan::Undisturbed);
     assert_eq!(complete(&rig, &again), undisturbed());
     assert!(trained(&again).is_empty());
-}
-
-#[test]
-fn a_learner_killed_anywhere_goes_on_to_the_same_weights() {
-    for (i, point) in [
-        "learner.before_checkpoint",
-        "learner.after_tensors",
-        "learner.after_tensors:3",
-        "learner.after_manifest:2",
-        "learner.mid_rollout:1",
-        "learner.mid_rollout:7",
-        "learner.before_update:3",
-        "learner.after_update:2",
-    ]
-    .iter()
-    .enumerate()
-    {
-        let mut rig = Rig::new(&format!("fault{i}"), tiny());
-        let killed = rig.learner(&Plan::Fault(point));
-        assert!(!killed.status.success(), "{point} was not reached: {killed:?}");
-        let ended = rig.learner(&Plan::Undisturbed);
-        assert_eq!(complete(&rig, &ended), undisturbed(), "{point}: {}", ended.stderr);
-    }
 }
 
 /// What is not recorded is not trained on: the learner goes back to the boundary before, which is.
@@ -509,72 +486,6 @@ fn overlapping() -> Config {
     config.stages[1].reward = RewardKind::Lagrangian;
     config.reward.lagrangian = LagrangianConfig { initial: 1.0, learning_rate: 3e3 };
     config
-}
-
-#[test]
-fn with_overlap_a_learner_killed_anywhere_goes_on_to_the_same_weights() {
-    let mut rig = Rig::new("overlap", overlapping());
-    let straight = rig.learner(&Plan::Undisturbed);
-    let weights = complete(&rig, &straight);
-    assert_eq!(trained(&straight), vec![(0, 24, 0), (1, 48, 0), (2, 62, 0), (3, 86, 1), (4, 102, 1)]);
-    let mut again = Rig::new("overlapagain", overlapping());
-    let ended = again.learner(&Plan::Undisturbed);
-    assert_eq!(complete(&again, &ended), weights);
-    let mut apart = overlapping();
-    apart.ppo.overlap = false;
-    let mut rig = Rig::new("overlapnot", apart);
-    let ended = rig.learner(&Plan::Undisturbed);
-    assert_ne!(complete(&rig, &ended), weights, "rollouts are one update older");
-
-    for (i, point) in [
-        "learner.before_checkpoint:2",
-        "learner.after_tensors:3",
-        "learner.after_manifest:2",
-        "learner.mid_rollout:7",
-        "learner.mid_rollout:11",
-        "learner.before_update:2",
-        "learner.before_update:4",
-        "learner.after_update:2",
-        "learner.after_update:3",
-        "learner.after_update:5",
-    ]
-    .iter()
-    .enumerate()
-    {
-        let mut rig = Rig::new(&format!("overlap{i}"), overlapping());
-        let killed = rig.learner(&Plan::Fault(point));
-        assert!(!killed.status.success(), "{point} was not reached: {killed:?}");
-        let ended = rig.learner(&Plan::Undisturbed);
-        assert_eq!(complete(&rig, &ended), weights, "{point}: {}", ended.stderr);
-        let figures = |ended: &Ended| -> BTreeMap<u64, String> {
-            let figures = |event: &LearnerEvent| match event {
-                LearnerEvent::RolloutTrained { rollout, metrics, .. } => Some((*rollout, format!("{metrics:?}"))),
-                _ => None,
-            };
-            ended.events.iter().filter_map(figures).collect()
-        };
-        let expected = figures(&straight);
-        assert!(figures(&ended).iter().all(|(rollout, figures)| expected[rollout] == *figures), "{point}");
-    }
-}
-
-#[test]
-fn with_overlap_a_stopped_run_resumes_to_the_same_weights() {
-    let mut rig = Rig::new("ostraight", overlapping());
-    let straight = rig.learner(&Plan::Undisturbed);
-    let weights = complete(&rig, &straight);
-    // The stop comes while the learner waits for the next rollout, and in the middle of it.
-    for (name, plan) in [("ostop", Plan::StopAfter(1)), ("ogone", Plan::CutLifelineAfter(0))] {
-        let mut rig = Rig::new(name, overlapping());
-        let stopped = rig.learner(&plan);
-        assert!(stopped.status.success(), "{stopped:?}");
-        let (frames, _, complete_) = stopped.finished();
-        assert!(name == "ogone" || (frames, complete_) == (48, false), "{stopped:?}");
-        rig.next_incarnation(2);
-        let ended = rig.learner(&Plan::Undisturbed);
-        assert_eq!(complete(&rig, &ended), weights, "{name}");
-        assert!(trained(&ended).first().is_none_or(|first| first.1 > frames), "nothing is trained twice");
-    }
 }
 
 #[test]

@@ -22,7 +22,7 @@ ENVIRONMENTS, LENGTH, EPOCHS = 8, 64, 2
 GAMMA, LAMBDA, CLIP, ENTROPY, VALUE, LEARNING_RATE = 0.99, 0.95, 0.1, 0.01, 0.5, 3e-4
 
 
-# Long because: rollout, advantages and update are read from top to bottom, as in CleanRL.
+# Rollout, advantages and update are read from top to bottom, as in CleanRL.
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--steps", type=int, default=4096)

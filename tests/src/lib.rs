@@ -9,6 +9,7 @@ mod foxglove;
 mod network;
 mod recorded;
 mod terminal;
+mod undisturbed;
 mod viewer;
 
 pub use browser::Browser;
@@ -16,6 +17,7 @@ pub use foxglove::{Channel, Foxglove};
 pub use network::{Network, Quality};
 pub use recorded::{RecordedSteps, recorded_depth};
 pub use terminal::Terminal;
+pub use undisturbed::Undisturbed;
 pub use viewer::{Answer, Viewer};
 
 use proto::run_folder::RunFolder;

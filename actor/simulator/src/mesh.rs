@@ -219,7 +219,7 @@ impl Mesh {
     }
 
     /// Its edges, if it is closed: each edge is run through once each way.
-    pub fn edges(&self) -> Option<Vec<Edge>> {
+    pub(crate) fn edges(&self) -> Option<Vec<Edge>> {
         let mut edges: BTreeMap<[u16; 2], Edge> = BTreeMap::new();
         for (number, face) in self.faces.iter().enumerate() {
             let corners = &self.corners[face.first as usize..(face.first + face.count) as usize];

@@ -403,7 +403,7 @@ impl Agent {
     }
 
     /// Actors have started again. To be called before frames of theirs are given to a step.
-    pub fn recheck_memory(&mut self) {
+    pub(crate) fn recheck_memory(&mut self) {
         if let Some(acting) = &mut self.acting {
             acting.recheck_memory();
         }

@@ -85,7 +85,7 @@ impl Auxiliary {
     }
 
     /// Logits that an action disturbs something: see [`Task::disturbance_logits`].
-    pub fn disturbance_logits(&self, parameters: &Parameters, beliefs: &Tensor) -> Option<Tensor> {
+    pub(crate) fn disturbance_logits(&self, parameters: &Parameters, beliefs: &Tensor) -> Option<Tensor> {
         self.0.as_ref()?.disturbance_logits(parameters, beliefs)
     }
 }

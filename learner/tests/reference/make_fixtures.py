@@ -237,7 +237,7 @@ def lagrangian_fixture() -> None:
     save_file({"trace": torch.tensor(trace, dtype=torch.float64)}, HERE / "lagrangian.safetensors")
 
 
-# Long because: two rollouts and their updates are read from top to bottom, in the order in which they run.
+# Two rollouts and their updates are read from top to bottom, in the order in which they run.
 def run_fixture() -> None:
     """The whole algorithm: two rollouts of four columns, acting, then two epochs on each, compared as a whole."""
     columns, steps, actions, epochs, clip = 4, 6, 13, 2, 0.1

@@ -2,16 +2,16 @@
 //! its configuration.
 
 use crate::evaluation::{self, Evaluated};
-use crate::fault::{Case, Fault};
+use crate::fault::{Case, Fate, Fault};
 use crate::place::{Medium, Place};
 use crate::privileges::Privileges;
 use crate::shape::{Kind, SHAPES, Shape};
 use crate::suite::{self, Done};
-use crate::tally::{Fate, Tally};
+use crate::tally::Tally;
 use crate::training::{self, Complete};
 use anyhow::{Context, Result, anyhow, bail};
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -180,9 +180,7 @@ impl Work<'_> {
                         println!("           {planned}");
                     }
                     println!("           {error:#}");
-                    let folder = self.folder(number);
-                    let files = Some(kept(&folder)).filter(|copy| copy.exists()).unwrap_or(folder);
-                    println!("           files: {}", files.display());
+                    println!("           files: {}", self.folder(number).display());
                     println!("           again: make chaos ARGS=\"--seed {} --case {number}\"", self.campaign.seed);
                 }
             }
@@ -225,8 +223,7 @@ impl Work<'_> {
         };
         let own_memory = has(|fault| matches!(fault, Fault::FullMemory(_)));
         let reference = self.reference(case.shape)?;
-        let folder = self.folder(case.number);
-        let place = Place::new(folder.clone(), medium, own_memory)?;
+        let place = Place::new(self.folder(case.number), medium, own_memory)?;
         let outcome = match play(case, &place, self.privileges, tally) {
             Ok(outcome) => compare(case.shape, &outcome, reference),
             Err(error) => Err(error),
@@ -236,12 +233,10 @@ impl Work<'_> {
                 place.remove()?;
                 Ok(starts)
             }
-            outcome if medium != Medium::Shared => match (keep(&folder), outcome) {
-                (Err(loss), Err(error)) => Err(error.context(format!("its files go with its file system: {loss:#}"))),
-                (Err(loss), Ok(_)) => Err(loss),
-                (Ok(()), outcome) => outcome,
+            outcome => match (place.keep(), outcome) {
+                (Err(loss), Err(error)) => Err(error.context(format!("{loss:#}"))),
+                (kept, outcome) => kept.and(outcome),
             },
-            outcome => outcome,
         }
     }
 
@@ -285,17 +280,6 @@ impl Work<'_> {
         }
         desk.failed.is_empty() && enough
     }
-}
-
-/// A case's own file system goes with it: what is needed to look into a failure is copied.
-fn keep(folder: &Path) -> Result<()> {
-    let status = std::process::Command::new("cp").arg("-r").arg(folder).arg(kept(folder)).status()?;
-    anyhow::ensure!(status.success(), "cannot copy {}", folder.display());
-    Ok(())
-}
-
-fn kept(folder: &Path) -> PathBuf {
-    folder.with_extension("kept")
 }
 
 fn play(case: &Case, place: &Place, privileges: Privileges, tally: &mut Tally) -> Result<Reference> {

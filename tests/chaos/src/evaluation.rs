@@ -2,13 +2,14 @@
 //! made again, in another folder.
 
 use crate::evidence::{first_difference, result};
-use crate::fault::{Case, Fault, Phase};
+use crate::fault::{Case, Fate, Phase};
 use crate::inject::disturb_by_time;
+use crate::judge::explain;
 use crate::place::{Place, Start};
 use crate::privileges::Privileges;
-use crate::session::{Ended, Session, wait_for_end};
-use crate::tally::{Fate, Tally};
-use anyhow::{Result, bail, ensure};
+use crate::session::{Session, wait_for_end};
+use crate::tally::Tally;
+use anyhow::{Context, Result, bail};
 use proto::evaluation::{RESULT_FILE, TABLE_FILE};
 use serde_json::Value;
 use std::collections::VecDeque;
@@ -57,7 +58,7 @@ pub fn evaluate(case: &Case, place: &Place, privileges: Privileges, tally: &mut 
         let arguments: Vec<&str> = words.split(' ').chain([out.as_str()]).collect();
         let mut session = Session::start(place, format!("start-{starts:02}"), &arguments, &start)?;
         for (fault, fate) in disturb_by_time(&mut plan, &folder, place, privileges, &mut session)? {
-            recent.push(fault);
+            recent.extend(fault.in_force(fate));
             tally.add(fault, fate);
         }
         let ended = session.wait()?;
@@ -70,7 +71,7 @@ pub fn evaluate(case: &Case, place: &Place, privileges: Privileges, tally: &mut 
             plan.drain(..).for_each(|planned| tally.add(planned.fault, Fate::Missed));
             return read(&folder, starts);
         }
-        explain(&ended, &recent)?;
+        explain(&ended, &recent).context("there is no result")?;
     }
     bail!("there is no result after {STARTS_MAX} starts")
 }
@@ -78,13 +79,4 @@ pub fn evaluate(case: &Case, place: &Place, privileges: Privileges, tally: &mut 
 fn read(folder: &Path, starts: usize) -> Result<Evaluated> {
     let table = std::fs::read_to_string(folder.join(TABLE_FILE))?;
     Ok(Evaluated { table, result: result(&folder.join(RESULT_FILE))?, starts })
-}
-
-/// An error if nothing that happened explains why an evaluation ended without a result.
-fn explain(ended: &Ended, recent: &[Fault]) -> Result<()> {
-    let ends = |fault: &Fault| {
-        !matches!(fault, Fault::Pause(..)) && !matches!(fault, Fault::Point(point, _) if point.program == "actor")
-    };
-    ensure!(recent.iter().any(ends), "it ended without a result: {}", ended.last_words());
-    Ok(())
 }

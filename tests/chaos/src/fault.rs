@@ -6,6 +6,9 @@ use crate::privileges::Privileges;
 use crate::shape::{Kind, SHAPES, Shape};
 use std::fmt::{Display, Formatter};
 
+/// As many open files as every shape has room with.
+pub const ENOUGH_DESCRIPTORS: u64 = 4096;
+
 /// A process of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Who {
@@ -80,6 +83,17 @@ pub enum Fault {
     FewDescriptors(u64),
 }
 
+/// What became of a fault.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Fate {
+    /// It happened.
+    Landed,
+    /// Its time never came, or the process was not there.
+    Missed,
+    /// This machine does not let us.
+    Skipped,
+}
+
 /// When a fault happens.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Phase {
@@ -121,6 +135,12 @@ impl Fault {
             Self::Checkpoint(_) | Self::Metrics(_) => Phase::Between,
             _ => Phase::Running,
         }
+    }
+
+    /// This fault, if it can be the reason of an end: of two deaths one after the other the first may have come alone.
+    pub fn in_force(self, fate: Fate) -> Option<Self> {
+        let is_half = fate == Fate::Missed && matches!(self, Self::KillAgain(..) | Self::KillAndHold(..));
+        (fate == Fate::Landed || is_half).then_some(self)
     }
 
     /// Whether it can be carried out here.
@@ -200,7 +220,7 @@ fn fault(shape: &Shape, is_first: bool, draw: &mut Draw) -> Fault {
         [Damage::FlippedBit, Damage::ShortTensors, Damage::NoTensors, Damage::ShortManifest, Damage::ZeroManifest];
     let damage = draw.of(&damages);
     let journal = draw.of(&[Journal::Torn, Journal::Torn, Journal::Garbled, Journal::Missing]);
-    let few = draw.of(&[24, 48, 96, 4096]);
+    let few = draw.of(&[24, 48, 96, ENOUGH_DESCRIPTORS]);
     let full = draw.within(100..=1500);
     // What needs a run folder that goes on, or a folder or memory of its own.
     let if_training = |weight| if training { weight } else { 0 };

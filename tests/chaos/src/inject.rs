@@ -1,11 +1,10 @@
 //! Faults, carried out: those that happen to processes that run, and those that happen to files in between.
 
-use crate::fault::{Damage, Fault, Journal, Phase, Planned, Who};
+use crate::fault::{Damage, Fate, Fault, Journal, Phase, Planned, Who};
 use crate::place::Place;
 use crate::privileges::Privileges;
 use crate::processes::{find, of_folder, signal};
 use crate::session::{Session, wait_for_end};
-use crate::tally::Fate;
 use anyhow::{Context, Result};
 use proto::checkpoint::Manifest;
 use proto::digest::sha256;

@@ -9,6 +9,7 @@
 //! session, place, processes      one command; where it runs; who belongs to it
 //! disk, privileges               a disk whose power can fail; what the machine allows
 //! inject       a fault, carried out
+//! judge        whether faults explain how a command ended
 //! evidence, recording, leftovers what is compared
 //! soak, slope  a long run: what grows
 //! ```
@@ -20,6 +21,7 @@ mod evaluation;
 mod evidence;
 mod fault;
 mod inject;
+mod judge;
 mod leftovers;
 mod place;
 mod points;

@@ -1,5 +1,6 @@
-//! Where a case happens: its folder, on a small file system of its own where its disk is to be filled, and its
-//! commands, with a small /dev/shm of their own where that is to be filled.
+//! Where a case happens: its files, on a small file system of its own where its disk is to be filled, and its
+//! commands, with a small /dev/shm of their own where that is to be filled. What the commands print lies elsewhere: on a
+//! full disk the reason of an end would be lost.
 
 use crate::disk::Disk;
 use crate::fault::Fault;
@@ -17,11 +18,13 @@ const MEMORY_MIB: u32 = 48;
 #[derive(Debug)]
 pub struct Place {
     root: PathBuf,
+    /// What the commands work with.
+    files: PathBuf,
     storage: Storage,
     has_own_memory: bool,
 }
 
-/// What a case's folder lies on.
+/// What a case's files lie on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Medium {
     /// The file system of the harness.
@@ -62,18 +65,19 @@ impl Start {
 impl Place {
     /// A new one, empty.
     pub fn new(root: PathBuf, medium: Medium, own_memory: bool) -> Result<Self> {
-        std::fs::create_dir_all(&root).with_context(|| root.display().to_string())?;
+        let files = root.join("files");
+        std::fs::create_dir_all(&files).with_context(|| files.display().to_string())?;
         let storage = match medium {
             Medium::Shared => Storage::Shared,
             Medium::Memory => {
                 let size = format!("size={DISK_MIB}m");
-                let status = Command::new("mount").args(["-t", "tmpfs", "-o", &size, "chaos"]).arg(&root).status()?;
-                ensure!(status.success(), "cannot mount a file system at {}", root.display());
+                let status = Command::new("mount").args(["-t", "tmpfs", "-o", &size, "chaos"]).arg(&files).status()?;
+                ensure!(status.success(), "cannot mount a file system at {}", files.display());
                 Storage::Memory
             }
-            Medium::Disk => Storage::Disk(Disk::new(&root, DISK_MIB)?),
+            Medium::Disk => Storage::Disk(Disk::new(&files, DISK_MIB)?),
         };
-        Ok(Self { root, storage, has_own_memory: own_memory })
+        Ok(Self { root, files, storage, has_own_memory: own_memory })
     }
 
     /// Its disk, if it has one of its own.
@@ -81,9 +85,9 @@ impl Place {
         if let Storage::Disk(disk) = &self.storage { Some(disk) } else { None }
     }
 
-    /// A path in it.
+    /// A path among its files.
     pub fn path(&self, name: &str) -> PathBuf {
-        self.root.join(name)
+        self.files.join(name)
     }
 
     /// `orchestrator ARGUMENTS`, started; what it prints goes to `NAME.out` and `NAME.err`.
@@ -113,8 +117,8 @@ impl Place {
             // The shell becomes the program: the number of the process is the program's.
             command.arg(format!("{} && exec \"$0\" \"$@\"", prologue.join(" && "))).arg(&program);
         }
-        let output = |end: &str| File::create(self.path(&format!("{name}.{end}")));
-        command.args(arguments).current_dir(&self.root).stdin(Stdio::null());
+        let output = |end: &str| File::create(self.root.join(format!("{name}.{end}")));
+        command.args(arguments).current_dir(&self.files).stdin(Stdio::null());
         command.stdout(output("out")?).stderr(output("err")?);
         command.env_remove("STILLROOM_LOG").env_remove(wire::fault::VARIABLE);
         command.envs(start.point.as_ref().map(|point| (wire::fault::VARIABLE, point)));
@@ -124,7 +128,7 @@ impl Place {
     /// What a command has printed: standard output and standard error.
     pub fn printed(&self, name: &str) -> [String; 2] {
         ["out", "err"].map(|end| {
-            let bytes = std::fs::read(self.path(&format!("{name}.{end}"))).unwrap_or_default();
+            let bytes = std::fs::read(self.root.join(format!("{name}.{end}"))).unwrap_or_default();
             String::from_utf8_lossy(&bytes).into_owned()
         })
     }
@@ -133,7 +137,7 @@ impl Place {
     /// it again when it is dropped.
     pub fn fill(&self, process: Option<u32>) -> Result<Filler> {
         let folder = match process {
-            None => self.root.clone(),
+            None => self.files.clone(),
             Some(pid) => Path::new("/proc").join(pid.to_string()).join("root").join("dev/shm"),
         };
         let path = folder.join("filler");
@@ -153,6 +157,15 @@ impl Place {
         Ok(Filler { file, path })
     }
 
+    /// A file system of its own goes with it: what is needed to look into a failure is copied.
+    pub fn keep(&self) -> Result<()> {
+        if !matches!(self.storage, Storage::Shared) {
+            let status = Command::new("cp").arg("-r").arg(&self.files).arg(self.root.join("kept")).status()?;
+            ensure!(status.success(), "cannot copy {}, which goes with its file system", self.files.display());
+        }
+        Ok(())
+    }
+
     /// Removes it with all that is in it.
     pub fn remove(self) -> Result<()> {
         let root = self.root.clone();
@@ -165,7 +178,7 @@ impl Drop for Place {
     fn drop(&mut self) {
         if matches!(self.storage, Storage::Memory) {
             // Lazily: a process that outlives its case must not keep the mount.
-            let _ = Command::new("umount").arg("--lazy").arg(&self.root).status();
+            let _ = Command::new("umount").arg("--lazy").arg(&self.files).status();
         }
     }
 }

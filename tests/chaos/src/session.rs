@@ -64,6 +64,11 @@ impl Ended {
         }
     }
 
+    /// What it printed to standard error but information and warnings.
+    pub fn complaints(&self) -> impl Iterator<Item = &str> {
+        self.stderr.lines().filter(|line| !line.contains(" INFO ") && !line.contains(" WARN "))
+    }
+
     /// The last lines that it printed, for a message.
     pub fn last_words(&self) -> String {
         let lines: Vec<&str> = self.stderr.lines().rev().filter(|line| !line.is_empty()).take(6).collect();
@@ -140,6 +145,12 @@ impl Drop for Session<'_> {
             let _ = self.child.wait();
         }
     }
+}
+
+/// For tests: an end with this status of `wait` and this standard error.
+#[cfg(test)]
+pub fn ended(raw_status: i32, stderr: &str) -> Ended {
+    Ended { status: ExitStatus::from_raw(raw_status), stdout: String::new(), stderr: stderr.to_owned() }
 }
 
 /// Waits until no process of this folder is left; an error, with the end of them, if some stay.

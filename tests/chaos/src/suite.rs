@@ -1,13 +1,14 @@
 //! A suite, disturbed: called until all is done, its weights and tables are those of an undisturbed one.
 
 use crate::evidence::{first_difference, result};
-use crate::fault::{Case, Fault, Phase};
+use crate::fault::{Case, Fate, Fault, Phase};
 use crate::inject::disturb_by_time;
+use crate::judge::explain;
 use crate::place::{Place, Start};
 use crate::privileges::Privileges;
 use crate::session::{Session, wait_for_end};
-use crate::tally::{Fate, Tally};
-use anyhow::{Context, Result, bail, ensure};
+use crate::tally::Tally;
+use anyhow::{Context, Result, bail};
 use proto::evaluation::{RESULT_FILE, TABLE_FILE};
 use serde_json::Value;
 use std::collections::{BTreeMap, VecDeque};
@@ -55,7 +56,7 @@ pub fn complete(case: &Case, place: &Place, privileges: Privileges, tally: &mut 
     let mut plan: VecDeque<_> = case.faults.iter().copied().collect();
     for calls in 1..=CALLS_MAX {
         let mut start = Start::default();
-        let mut disturbed = false;
+        let mut recent = vec![];
         let armed = plan.pop_front_if(|planned| planned.fault.phase() == Phase::Start).map(|planned| planned.fault);
         if let Some(fault) = armed {
             start.arm(fault);
@@ -63,7 +64,7 @@ pub fn complete(case: &Case, place: &Place, privileges: Privileges, tally: &mut 
         let arguments = ["suite", "suite.toml", "--out", &out];
         let mut session = Session::start(place, format!("call-{calls:02}"), &arguments, &start)?;
         for (fault, fate) in disturb_by_time(&mut plan, &folder, place, privileges, &mut session)? {
-            disturbed |= fate == Fate::Landed;
+            recent.extend(fault.in_force(fate));
             tally.add(fault, fate);
         }
         let ended = session.wait()?;
@@ -71,7 +72,7 @@ pub fn complete(case: &Case, place: &Place, privileges: Privileges, tally: &mut 
             // The deaths of its runs' processes are in the runs' own logs.
             let is_elsewhere = matches!(armed, Fault::Point(point, _) if point.program != "orchestrator");
             tally.add(armed, if is_elsewhere || ended.shows(armed) { Fate::Landed } else { Fate::Missed });
-            disturbed = true;
+            recent.push(armed);
         }
         ended.ensure_no_panic()?;
         wait_for_end(&folder)?;
@@ -79,8 +80,8 @@ pub fn complete(case: &Case, place: &Place, privileges: Privileges, tally: &mut 
             plan.drain(..).for_each(|planned| tally.add(planned.fault, Fate::Missed));
             return read(&folder, calls);
         }
-        // After a failure the next call tries again; a call in which nothing happened has no excuse.
-        ensure!(disturbed, "the suite ends undisturbed, and is not done: {}", ended.last_words());
+        // After a failure the next call tries again.
+        explain(&ended, &recent).context("the suite is not done")?;
     }
     bail!("the suite is not done after {CALLS_MAX} calls")
 }

@@ -1,18 +1,7 @@
 //! What has happened so far.
 
-use crate::fault::Fault;
+use crate::fault::{Fate, Fault};
 use std::collections::BTreeMap;
-
-/// What became of a fault.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Fate {
-    /// It happened.
-    Landed,
-    /// Its time never came, or the process was not there.
-    Missed,
-    /// This machine does not let us.
-    Skipped,
-}
 
 /// Counts of faults by class and fate.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]

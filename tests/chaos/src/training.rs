@@ -1,16 +1,17 @@
 //! A run that trains: started, disturbed, resumed until it is complete.
 
 use crate::evidence::Evidence;
-use crate::fault::{Case, Fault, Phase, Planned};
+use crate::fault::{Case, Fate, Fault, Phase, Planned};
 use crate::inject::{carry_out, damage};
+use crate::judge::explain;
 use crate::leftovers;
 use crate::place::{Place, Start};
 use crate::privileges::Privileges;
 use crate::processes::signal;
 use crate::session::{Ended, Session, wait_for_end};
 use crate::shape::Shape;
-use crate::tally::{Fate, Tally};
-use anyhow::{Result, bail, ensure};
+use crate::tally::Tally;
+use anyhow::{Result, ensure};
 use proto::exit::EXIT_INCOMPLETE;
 use proto::run_folder::RunFolder;
 use rustix::process::Signal;
@@ -148,7 +149,7 @@ impl Training<'_> {
         self.unsaid.retain(|name| !ended.stderr.contains(name));
         ended.ensure_no_panic()?;
         let recent = std::mem::take(&mut self.recent);
-        if let Some(result) = self.judge(&ended, &recent)? {
+        if let Some(result) = self.result(&ended, &recent)? {
             return Ok(Some(result));
         }
         while let Some(planned) = self.plan.front().copied()
@@ -242,13 +243,8 @@ impl Training<'_> {
                     tally.add(fault, Fate::Skipped);
                     return Ok(());
                 }
-                self.recent.push(fault);
-                if fault == Fault::LosePower {
-                    // What is printed goes with the power.
-                    let said = session.said();
-                    self.unsaid.retain(|name| !said.contains(name));
-                }
                 let fate = carry_out(fault, self.folder.root(), self.place, session)?;
+                self.recent.extend(fault.in_force(fate));
                 tally.add(fault, fate);
             }
         }
@@ -256,41 +252,15 @@ impl Training<'_> {
     }
 
     /// The result, if the run is complete; an error if it ended in a way that nothing which happened explains.
-    fn judge(&self, ended: &Ended, recent: &[Fault]) -> Result<Option<(String, u64)>> {
-        let is = |test: fn(&Fault) -> bool| recent.iter().any(test);
+    fn result(&self, ended: &Ended, recent: &[Fault]) -> Result<Option<(String, u64)>> {
         if ended.status.success() {
             let line = |prefix: &str| ended.stdout.lines().rev().find_map(|line| line.strip_prefix(prefix));
             let result = line("weights: ").zip(line("frames: ").and_then(|frames| frames.parse().ok()));
             if let Some((weights, frames)) = result.filter(|_| self.folder.summary().exists()) {
                 return Ok(Some((weights.to_owned(), frames)));
             }
-            let asked = is(|fault| matches!(fault, Fault::Interrupt | Fault::Terminate(_)));
-            ensure!(asked, "it stopped without being asked to: {}", ended.last_words());
-            return Ok(None);
         }
-        if let Some(number) = ended.signal() {
-            // SIGBUS is what a full /dev/shm does.
-            let explained = match number {
-                9 => is(|fault| !matches!(fault, Fault::Pause(..) | Fault::Checkpoint(_) | Fault::Metrics(_))),
-                7 => is(|fault| matches!(fault, Fault::FullMemory(_))),
-                // Before it handles signals as requests.
-                2 | 15 => is(|fault| matches!(fault, Fault::Interrupt | Fault::Terminate(_))),
-                _ => false,
-            };
-            ensure!(explained, "it was ended by signal {number}: {}", ended.last_words());
-            return Ok(None);
-        }
-        if is(|fault| matches!(fault, Fault::FewDescriptors(_))) {
-            let said = ["open files", "ulimit"].iter().any(|word| ended.stderr.contains(word));
-            ensure!(said, "with few descriptors it does not say why it fails: {}", ended.last_words());
-            return Ok(None);
-        }
-        let excused = is(|fault| {
-            matches!(fault, Fault::FullDisk(_) | Fault::FullMemory(_) | Fault::Interrupt | Fault::Terminate(_))
-        });
-        if !excused {
-            bail!("it failed: {}", ended.last_words());
-        }
+        explain(ended, recent)?;
         Ok(None)
     }
 }

@@ -6,9 +6,10 @@ use rustix::process::Signal;
 use serde_json::Value;
 use std::path::PathBuf;
 use std::process::Child;
-use std::sync::OnceLock;
 use std::time::Duration;
-use system_tests::{Run, TINY, Workshop, board, complete, finish, kill, kill_child, signal, start, wait_until};
+use system_tests::{
+    Run, TINY, Undisturbed, Workshop, board, complete, finish, kill, kill_child, signal, start, wait_until,
+};
 
 const ACTORS: u32 = 2;
 const ENVIRONMENTS: u32 = 3;
@@ -88,27 +89,23 @@ fn without(mut value: Value, keys: &[&str]) -> Value {
     value
 }
 
-/// Those of the undisturbed run in such a workshop, with validations or without, made once per test process.
-fn undisturbed(workshop: &Workshop) -> &'static Figures {
-    static FIGURES: [OnceLock<Figures>; 2] = [OnceLock::new(), OnceLock::new()];
-    let text = std::fs::read_to_string(workshop.path("tiny.toml")).expect("a readable temporary folder");
-    FIGURES[usize::from(text.contains("[validation]"))].get_or_init(|| {
-        complete(workshop.up("undisturbed", ACTORS, ENVIRONMENTS, FRAMES)).result();
-        let figures = Figures::of(&workshop.run("undisturbed"));
-        let rollouts: Vec<u64> = figures.metrics.iter().filter_map(|line| line["rollout"].as_u64()).collect();
-        assert_eq!(rollouts, (0..rollouts.len() as u64).collect::<Vec<_>>(), "each rollout once, in order");
-        let validated = workshop.run("undisturbed").folder.validations().exists();
-        assert_eq!((figures.validation.len(), figures.best.is_some()), (if validated { 2 } else { 0 }, validated));
-        assert_eq!(figures.summary["stages"].as_array().map(Vec::len), Some(2));
-        figures
-    })
+/// Those of the undisturbed run in such a workshop, with validations or without.
+fn undisturbed(workshop: &Workshop) -> Figures {
+    let run = Undisturbed::of(workshop, workshop.up("undisturbed", ACTORS, ENVIRONMENTS, FRAMES)).run;
+    let figures = Figures::of(&run);
+    let rollouts: Vec<u64> = figures.metrics.iter().filter_map(|line| line["rollout"].as_u64()).collect();
+    assert_eq!(rollouts, (0..rollouts.len() as u64).collect::<Vec<_>>(), "each rollout once, in order");
+    let validated = run.folder.validations().exists();
+    assert_eq!((figures.validation.len(), figures.best.is_some()), (if validated { 2 } else { 0 }, validated));
+    assert_eq!(figures.summary["stages"].as_array().map(Vec::len), Some(2));
+    figures
 }
 
 /// Resumes a run until it is complete; its figures are the undisturbed ones.
 fn assert_resumes(workshop: &Workshop, name: &str, what: &str) {
     complete(workshop.resume(name)).result();
     let run = workshop.run(name);
-    assert_eq!(&Figures::of(&run), undisturbed(workshop), "{what}");
+    assert_eq!(Figures::of(&run), undisturbed(workshop), "{what}");
     run.assert_nothing_left();
 }
 
@@ -134,36 +131,6 @@ fn an_orchestrator_that_hears_nothing_before_it_is_killed_loses_no_figures() {
         let note = "not in metrics.jsonl and are taken from the checkpoint";
         assert!(status.stdout.contains(note), "{status:#?}");
         assert_resumes(&workshop, &name, &format!("killed after {rollouts} rollouts"));
-    }
-}
-
-#[test]
-fn a_kill_at_any_point_of_a_checkpoint_changes_no_figure() {
-    let workshop = Workshop::new();
-    let points = [
-        ("learner.before_update:3", true),
-        ("learner.after_update:6", true),
-        ("learner.before_checkpoint:5", true),
-        ("learner.after_tensors:8", true),
-        ("learner.after_figures:6", true),
-        ("learner.after_manifest:6", true),
-        ("learner.after_pin:9", true),
-        ("orchestrator.before_announce:7", false),
-        ("orchestrator.before_summary:1", false),
-    ];
-    for (number, (point, goes_on)) in points.into_iter().enumerate() {
-        let name = format!("point-{number}");
-        let mut command = workshop.up(&name, ACTORS, ENVIRONMENTS, FRAMES);
-        command.env("STILLROOM_FAULT", point);
-        let printed = complete(command);
-        let reached = if goes_on { printed.deaths().len() == 1 } else { printed.killed };
-        assert!(reached, "the point {point} is never reached: {printed:#?}");
-        if goes_on {
-            printed.result();
-            assert_eq!(&Figures::of(&workshop.run(&name)), undisturbed(&workshop), "killed at {point}");
-        } else {
-            assert_resumes(&workshop, &name, point);
-        }
     }
 }
 
@@ -195,7 +162,7 @@ fn a_killed_validation_is_made_again() {
     let printed = finish(child);
     printed.result();
     assert!(printed.stderr.contains("failed and is made again"), "{printed:#?}");
-    assert_eq!(&Figures::of(&run), undisturbed(&workshop));
+    assert_eq!(Figures::of(&run), undisturbed(&workshop));
     run.assert_nothing_left();
 }
 

@@ -1,9 +1,8 @@
 //! Processes that are stopped (SIGSTOP), not dead: they are told of, killed and started again, and a stop ends.
 
 use rustix::process::Signal;
-use std::sync::OnceLock;
 use std::time::{Duration, Instant};
-use system_tests::{DEADLINE, Run, TINY, Workshop, complete, finish, signal, start};
+use system_tests::{DEADLINE, Run, TINY, Undisturbed, Workshop, complete, finish, signal, start};
 
 const ACTORS: u32 = 2;
 const ENVIRONMENTS: u32 = 3;
@@ -18,10 +17,9 @@ fn workshop() -> Workshop {
     workshop
 }
 
-/// The undisturbed run's result, made once per test process.
-fn undisturbed() -> &'static (String, u64) {
-    static RESULT: OnceLock<(String, u64)> = OnceLock::new();
-    RESULT.get_or_init(|| complete(workshop().up("undisturbed", ACTORS, ENVIRONMENTS, FRAMES)).result())
+fn undisturbed() -> (String, u64) {
+    let workshop = workshop();
+    Undisturbed::of(&workshop, workshop.up("undisturbed", ACTORS, ENVIRONMENTS, FRAMES)).result
 }
 
 /// A run that is begun, and its learner, which hangs in the middle of a rollout: in a checkpoint it is given minutes.
@@ -51,7 +49,7 @@ fn a_learner_that_hangs_is_told_of_and_started_again() {
     let status = complete(workshop.orchestrator(&["status", "learner"])).stdout;
     assert!(status.contains(&format!("learner (pid {learner}) is stopped")), "{status}");
     let printed = finish(child);
-    assert_eq!(&printed.result(), undisturbed());
+    assert_eq!(printed.result(), undisturbed());
     for part in ["learner-0 has shown no progress for", "and is killed", "learner-0 died: killed by the orchestrator"] {
         assert!(printed.stderr.contains(part), "{part}: {printed:#?}");
     }
@@ -72,7 +70,7 @@ fn processes_that_are_stopped_for_a_moment_go_on() {
         }
     }
     let printed = finish(child);
-    assert_eq!(&printed.result(), undisturbed());
+    assert_eq!(printed.result(), undisturbed());
     assert_eq!(printed.deaths(), Vec::<&str>::new());
     run.assert_nothing_left();
 }
@@ -85,7 +83,7 @@ fn an_actor_that_hangs_is_told_of_and_started_again() {
     run.wait_for_rollouts(5);
     signal(run.processes("--actor 1 ")[0], Signal::STOP);
     let printed = finish(child);
-    assert_eq!(&printed.result(), undisturbed());
+    assert_eq!(printed.result(), undisturbed());
     for part in [
         "actor-01 (kitchen 3) has not answered for",
         "s and is killed",
@@ -108,7 +106,7 @@ fn a_recorder_that_stands_still_is_told_of_and_nobody_is_killed_for_it() {
     let mut command = workshop.up("disk", ACTORS, ENVIRONMENTS, FRAMES);
     command.env("STILLROOM_FAULT", "stall=16=recorder.after_receive:200@orchestrator");
     let printed = complete(command);
-    assert_eq!(&printed.result(), undisturbed());
+    assert_eq!(printed.result(), undisturbed());
     assert_eq!(printed.deaths(), Vec::<&str>::new(), "{printed:#?}");
     // After five seconds, and when that has doubled.
     assert_eq!(
@@ -132,7 +130,7 @@ fn a_stop_of_a_learner_that_hangs_says_what_it_waits_for_and_ends() {
     assert!(!stop.stderr.contains("::"), "no places in the program: {stop:#?}");
     assert!(!finish(child).success);
     run.assert_nothing_left();
-    assert_eq!(&complete(workshop.resume("stop")).result(), undisturbed());
+    assert_eq!(complete(workshop.resume("stop")).result(), undisturbed());
 }
 
 #[test]
@@ -154,7 +152,7 @@ fn a_stopped_orchestrator_is_told_of_and_kills_nobody_when_it_goes_on() {
     let printed = finish(child);
     assert!(printed.success && printed.deaths().is_empty(), "{printed:#?}");
     assert!(printed.stderr.contains("this orchestrator stood still for "), "{printed:#?}");
-    assert_eq!(&complete(workshop.resume("asleep")).result(), undisturbed());
+    assert_eq!(complete(workshop.resume("asleep")).result(), undisturbed());
     run.assert_nothing_left();
 }
 
@@ -175,7 +173,7 @@ fn a_resume_wakes_a_stopped_learner_of_the_last_start() {
         std::thread::sleep(Duration::from_millis(200));
         let stopped = std::fs::read_to_string(format!("/proc/{learner}/stat")).is_ok_and(|stat| stat.contains(") T "));
         let printed = complete(workshop.resume(&name));
-        assert_eq!(&printed.result(), undisturbed());
+        assert_eq!(printed.result(), undisturbed());
         run.assert_nothing_left();
         if stopped {
             assert!(printed.stderr.contains("is stopped and is woken, so that it saves and leaves"), "{printed:#?}");

@@ -7,7 +7,9 @@ use std::net::{TcpListener, TcpStream};
 use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
-use system_tests::{Network, Printed, RecordedSteps, Run, TINY, Workshop, complete, finish, kill_child, signal, start};
+use system_tests::{
+    Network, Printed, RecordedSteps, Run, TINY, Undisturbed, Workshop, complete, finish, kill_child, signal, start,
+};
 
 pub const ACTORS: u32 = 4;
 pub const ENVIRONMENTS: u32 = 3;
@@ -115,9 +117,9 @@ fn on_one_host() -> &'static (String, u64) {
 /// So many learners on one host.
 pub fn as_many_on_one_host(learners: u32, frames: u64) -> (String, u64) {
     let workshop = Workshop::new();
-    let mut command = workshop.up("one-host", ACTORS, ENVIRONMENTS, frames);
+    let mut command = workshop.up("undisturbed", ACTORS, ENVIRONMENTS, frames);
     command.args(["--learners", &learners.to_string()]);
-    complete(command).result()
+    Undisturbed::of(&workshop, command).result
 }
 
 /// Both ended because of the loss of a host, in time, and say which.

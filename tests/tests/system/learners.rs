@@ -3,9 +3,8 @@
 
 use rustix::process::Signal;
 use std::process::Command;
-use std::sync::OnceLock;
 use std::time::Duration;
-use system_tests::{Run, TINY, Workshop, complete, finish, kill, kill_child, signal, start};
+use system_tests::{Run, TINY, Undisturbed, Workshop, complete, finish, kill, kill_child, signal, start};
 
 const LEARNERS: usize = 3;
 const ACTORS: u32 = 4;
@@ -21,19 +20,11 @@ fn up(workshop: &Workshop, name: &str) -> Command {
     command
 }
 
-/// The undisturbed run's result, made once per test process.
-fn undisturbed() -> &'static (String, u64) {
-    static RESULT: OnceLock<(String, u64)> = OnceLock::new();
-    RESULT.get_or_init(|| {
-        let workshop = Workshop::new();
-        let printed = complete(up(&workshop, "undisturbed"));
-        assert_eq!(printed.result().1, FRAMES);
-        assert!(printed.stderr.contains("all 4 actors connected"), "{printed:#?}");
-        let run = workshop.run("undisturbed");
-        assert_eq!(run.recorded()["/step"], FRAMES, "every learner's frames are recorded once");
-        run.assert_nothing_left();
-        printed.result()
-    })
+fn undisturbed() -> (String, u64) {
+    let workshop = Workshop::new();
+    let Undisturbed { result, run } = Undisturbed::of(&workshop, up(&workshop, "undisturbed"));
+    assert_eq!((result.1, run.recorded()["/step"]), (FRAMES, FRAMES), "every learner's frames are recorded once");
+    result
 }
 
 /// Learners by rank, of which all run.
@@ -52,7 +43,7 @@ fn a_killed_learner_takes_the_others_along_and_all_go_on_from_the_checkpoint() {
         run.wait_for_rollouts(5);
         kill(learners(&run)[rank]);
         let printed = finish(child);
-        assert_eq!(&printed.result(), undisturbed());
+        assert_eq!(printed.result(), undisturbed());
         let deaths = printed.deaths();
         assert_eq!(deaths.len(), 1, "one death is told: {printed:#?}");
         assert!(deaths[0].contains(&format!("learner-{rank} died")), "{printed:#?}");
@@ -72,7 +63,7 @@ fn a_killed_actor_and_a_killed_orchestrator_change_nothing() {
     let printed = kill_child(child);
     assert!(matches!(printed.deaths()[..], [death] if death.contains("actor-03")), "{printed:#?}");
     assert!(run.trained() < FRAMES, "the run was killed in its middle");
-    assert_eq!(&complete(workshop.resume("orchestrator")).result(), undisturbed());
+    assert_eq!(complete(workshop.resume("orchestrator")).result(), undisturbed());
     run.assert_nothing_left();
 }
 
@@ -97,7 +88,7 @@ fn a_stopped_run_goes_on_also_with_another_number_of_learners() {
     let copy = workshop.path("copy");
     let copied = Command::new("cp").arg("-r").arg(run.folder.root()).arg(&copy).status();
     assert!(copied.is_ok_and(|status| status.success()));
-    assert_eq!(&complete(workshop.resume("stopped")).result(), undisturbed());
+    assert_eq!(complete(workshop.resume("stopped")).result(), undisturbed());
 
     // One for three: the same environments and beliefs, and sums in another order.
     let config = workshop.run("copy").folder.config();
@@ -188,6 +179,6 @@ fn learners_that_cannot_save_go_on_and_are_not_started_again_at_the_end() {
     for path in &obstacles {
         std::fs::remove_dir(path).expect("an empty folder");
     }
-    assert_eq!(&complete(workshop.resume("unsaved")).result(), undisturbed());
+    assert_eq!(complete(workshop.resume("unsaved")).result(), undisturbed());
     run.assert_nothing_left();
 }

@@ -10,6 +10,7 @@ mod figures;
 mod gpu;
 mod hangs;
 mod hosts;
+mod kills;
 mod learners;
 mod measuring;
 mod networks;

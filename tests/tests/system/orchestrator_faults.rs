@@ -1,27 +1,11 @@
-//! The orchestrator is killed at every named point of its protocol; `resume` ends in the weights of a run that was
-//! left alone.
+//! The orchestrator is killed while it makes the folder, and what depends on it goes on or ends. `kills.rs` has the points
+//! of its protocol.
 
-use system_tests::{TINY, Workshop, complete, kill_child, start, wait_until};
+use system_tests::{TINY, Undisturbed, Workshop, complete, kill_child, start, wait_until};
 
 const ACTORS: u32 = 1;
 const ENVIRONMENTS: u32 = 3;
 const FRAMES: u64 = 400;
-
-/// Kills the orchestrator the `count`-th time it comes to each point, then resumes.
-fn killed_at(points: &[(&str, u32)]) {
-    let workshop = Workshop::new();
-    let undisturbed = complete(workshop.up("undisturbed", ACTORS, ENVIRONMENTS, FRAMES)).result();
-    for (number, (point, count)) in points.iter().enumerate() {
-        let name = format!("run-{number}");
-        let mut command = workshop.up(&name, ACTORS, ENVIRONMENTS, FRAMES);
-        command.env("STILLROOM_FAULT", format!("orchestrator.{point}:{count}"));
-        let killed = complete(command);
-        assert!(killed.killed, "the point {point} is never reached: {killed:#?}");
-        let resumed = complete(workshop.resume(&name)).result();
-        assert_eq!(resumed, undisturbed, "killed at {point}");
-        workshop.run(&name).assert_nothing_left();
-    }
-}
 
 #[test]
 fn a_learner_whose_orchestrator_is_killed_saves_what_it_has_trained() {
@@ -43,26 +27,11 @@ fn a_learner_whose_orchestrator_is_killed_saves_what_it_has_trained() {
     run.assert_nothing_left();
 }
 
-#[test]
-fn killed_while_it_starts() {
-    killed_at(&[("after_lock", 1), ("after_wire", 1), ("before_spawn", 1), ("after_spawn", 1)]);
-}
-
-#[test]
-fn killed_while_it_announces() {
-    killed_at(&[("before_announce", 2), ("after_announce", 5), ("stage_switch", 2)]);
-}
-
-#[test]
-fn killed_while_it_ends() {
-    killed_at(&[("before_recorder_finish", 1), ("before_summary", 1)]);
-}
-
 /// Whoever is killed while it makes the folder leaves one that `resume` or `up` takes.
 #[test]
 fn killed_while_it_makes_the_folder() {
     let workshop = Workshop::new();
-    let undisturbed = complete(workshop.up("undisturbed", ACTORS, ENVIRONMENTS, FRAMES)).result();
+    let undisturbed = Undisturbed::of(&workshop, workshop.up("undisturbed", ACTORS, ENVIRONMENTS, FRAMES)).result;
     let points = [
         ("after_folder:1", false),
         ("after_folder:2", false),

@@ -84,23 +84,6 @@ fn nor_does_one_with_several_learners() {
     killed_again_and_again("2", 4);
 }
 
-/// What the learner's successor repeats is recorded again; nothing that it does not repeat was lost.
-#[test]
-fn wherever_a_learner_dies_around_a_checkpoint_each_step_is_recorded() {
-    const FRAMES: u64 = 400;
-    let workshop = Workshop::new();
-    let points = ["learner.after_tensors:3", "learner.after_sync:4", "learner.before_update:5"];
-    for (number, point) in points.iter().enumerate() {
-        let name = format!("run-{number}");
-        let mut command = workshop.up(&name, 1, 3, FRAMES);
-        command.env("STILLROOM_FAULT", point);
-        let printed = complete(command);
-        assert_eq!(printed.result().1, FRAMES);
-        assert_eq!(printed.deaths().len(), 1, "{point} is never reached: {printed:#?}");
-        assert_all_recorded(&workshop, &workshop.run(&name), FRAMES);
-    }
-}
-
 /// Where the network averages over 2 × 2 pixels, actors write the sums of those alone, but of what is recorded.
 #[test]
 fn what_is_recorded_of_the_frames_changes_nothing_that_is_trained_on() {

@@ -1,116 +1,68 @@
-//! The same seed ends in the same weights, whatever happens on the way.
-//!
-//! Every test here compares with one undisturbed run of the same configuration.
+//! The same seed ends in the same weights, whatever happens on the way. `kills.rs` has deaths at named points,
+//! `recordings.rs` many of them one after the other.
 
 use rustix::process::Signal;
-use std::sync::OnceLock;
-use system_tests::{Workshop, complete, finish, kill, kill_child, signal, start};
+use system_tests::{Undisturbed, Workshop, complete, finish, kill, kill_child, signal, start};
 
 const ACTORS: u32 = 2;
 const ENVIRONMENTS: u32 = 3;
 const FRAMES: u64 = 1500;
 
-/// The undisturbed run's result, made once per test process.
-fn undisturbed() -> &'static (String, u64) {
-    static RESULT: OnceLock<(String, u64)> = OnceLock::new();
-    RESULT.get_or_init(|| {
-        let workshop = Workshop::new();
-        let result = complete(workshop.up("undisturbed", ACTORS, ENVIRONMENTS, FRAMES)).result();
-        assert_eq!(result.1, FRAMES);
-        result
-    })
+fn undisturbed(workshop: &Workshop) -> (String, u64) {
+    Undisturbed::of(workshop, workshop.up("undisturbed", ACTORS, ENVIRONMENTS, FRAMES)).result
 }
 
 #[test]
-fn two_runs_are_the_same_run() {
+fn two_runs_are_the_same_run_and_another_seed_is_another() {
     let workshop = Workshop::new();
     let other = complete(workshop.up("other", ACTORS, ENVIRONMENTS, FRAMES)).result();
-    assert_eq!(&other, undisturbed());
+    assert_eq!(other, undisturbed(&workshop));
+    assert_eq!(other.1, FRAMES);
+    assert_ne!(complete(workshop.up_seeded("six", ACTORS, ENVIRONMENTS, FRAMES, 6)).result().0, other.0);
 }
 
 #[test]
-fn another_seed_is_another_run() {
+fn whoever_is_killed_and_whoever_asks_it_to_stop_it_is_the_same_run() {
     let workshop = Workshop::new();
-    let weights = |name, seed| complete(workshop.up_seeded(name, 1, 2, 300, seed)).result().0;
-    assert_ne!(weights("five", 5), weights("six", 6));
-}
+    let run = workshop.run("run");
+    let is_amid = |before: u64| assert!((before + 1..FRAMES).contains(&run.trained()), "it ended in its middle");
 
-#[test]
-fn a_killed_actor_comes_back_and_changes_nothing() {
-    let workshop = Workshop::new();
-    let child = start(workshop.up("actor", ACTORS, ENVIRONMENTS, FRAMES));
-    let run = workshop.run("actor");
-    for rollouts in [1, 4, 9] {
-        run.wait_for_rollouts(rollouts);
-        run.kill_one("--actor ");
-    }
-    let printed = finish(child);
-    assert_eq!(&printed.result(), undisturbed());
-    assert_eq!(printed.deaths().len(), 3, "every kill is told: {printed:#?}");
-    assert!(printed.deaths().iter().all(|line| line.contains("actor-")), "{printed:#?}");
-    run.assert_nothing_left();
-}
-
-#[test]
-fn a_killed_learner_goes_on_from_its_checkpoint() {
-    let workshop = Workshop::new();
-    let child = start(workshop.up("learner", ACTORS, ENVIRONMENTS, FRAMES));
-    let run = workshop.run("learner");
-    run.wait_for_rollouts(5);
+    // An actor, then the learner; then Ctrl-C.
+    let child = start(workshop.up("run", ACTORS, ENVIRONMENTS, FRAMES));
+    run.wait_for_rollouts(1);
+    run.kill_one("--actor ");
+    run.wait_for_rollouts(4);
     kill(run.learner());
-    let printed = finish(child);
-    assert_eq!(&printed.result(), undisturbed());
-    assert_eq!(printed.deaths().len(), 1, "the kill is told: {printed:#?}");
-    assert!(printed.deaths()[0].contains("learner"), "{printed:#?}");
-    run.assert_nothing_left();
-}
-
-#[test]
-fn a_killed_orchestrator_is_resumed() {
-    let workshop = Workshop::new();
-    let child = start(workshop.up("orchestrator", ACTORS, ENVIRONMENTS, FRAMES));
-    let run = workshop.run("orchestrator");
-    run.wait_for_rollouts(5);
-    kill_child(child);
-    assert_eq!(&complete(workshop.resume("orchestrator")).result(), undisturbed());
-    run.assert_nothing_left();
-}
-
-#[test]
-fn a_stopped_run_is_resumed() {
-    let workshop = Workshop::new();
-    let child = start(workshop.up("stopped", ACTORS, ENVIRONMENTS, FRAMES));
-    let run = workshop.run("stopped");
-    run.wait_for_rollouts(5);
+    run.wait_for_rollouts(7);
     signal(child.id(), Signal::INT);
     let printed = finish(child);
-    assert!(printed.success, "{printed:#?}");
-    assert!(printed.stderr.contains("orchestrator resume stopped"), "{printed:#?}");
+    assert!(printed.success && printed.stderr.contains("orchestrator resume run"), "{printed:#?}");
+    assert!(
+        matches!(printed.deaths()[..], [actor, learner] if actor.contains("actor-") && learner.contains("learner-"))
+    );
     run.assert_nothing_left();
-    let first = run.trained();
-    assert!(first < FRAMES, "the run was stopped in its middle");
+    is_amid(0);
 
-    let child = start(workshop.resume("stopped"));
+    // `orchestrator stop`.
+    let before = run.trained();
+    let child = start(workshop.resume("run"));
     run.wait_for_rollouts(run.metrics().len() + 3);
-    let stop = complete(workshop.orchestrator(&["stop", "stopped"]));
+    let stop = complete(workshop.orchestrator(&["stop", "run"]));
     assert!(stop.success, "{stop:#?}");
     assert!(finish(child).success);
-    assert!((first + 1..FRAMES).contains(&run.trained()), "the run went on, and was stopped in its middle again");
-    assert_eq!(&complete(workshop.resume("stopped")).result(), undisturbed());
-    run.assert_nothing_left();
-}
+    is_amid(before);
 
-#[test]
-fn everything_killed_at_once_is_resumed() {
-    let workshop = Workshop::new();
-    let child = start(workshop.up("all", ACTORS, ENVIRONMENTS, FRAMES));
-    let run = workshop.run("all");
-    run.wait_for_rollouts(6);
+    // All processes at once.
+    let before = run.trained();
+    let child = start(workshop.resume("run"));
+    run.wait_for_rollouts(run.metrics().len() + 3);
     let mut everyone = run.processes("--rank");
     everyone.extend(run.processes("--actor "));
     assert_eq!(everyone.len(), 1 + ACTORS as usize, "the learner and all actors run");
     everyone.into_iter().for_each(kill);
     kill_child(child);
-    assert_eq!(&complete(workshop.resume("all")).result(), undisturbed());
+    is_amid(before);
+
+    assert_eq!(complete(workshop.resume("run")).result(), undisturbed(&workshop));
     run.assert_nothing_left();
 }

@@ -4,7 +4,7 @@ use super::hosts::{self, Hosts};
 use rustix::process::Signal;
 use std::process::Command;
 use std::sync::OnceLock;
-use system_tests::{Run, TINY, Workshop, complete, finish, kill, signal, start};
+use system_tests::{Run, TINY, Undisturbed, Workshop, complete, finish, kill, signal, start};
 
 /// A power of two and one more: the first shard is larger.
 const ACTORS: u32 = 5;
@@ -58,9 +58,9 @@ fn of_one() -> &'static ((String, u64), Vec<serde_json::Value>) {
     static RESULT: OnceLock<((String, u64), Vec<serde_json::Value>)> = OnceLock::new();
     RESULT.get_or_init(|| {
         let workshop = workshop();
-        let result = complete(up(&workshop, "one", 1)).result();
+        let Undisturbed { result, run } = Undisturbed::of(&workshop, up(&workshop, "undisturbed", 1));
         assert_eq!(result.1, FRAMES);
-        (result, figures(&workshop.run("one")))
+        (result, figures(&run))
     })
 }
 

@@ -9,16 +9,12 @@ pub enum Rule {
     Circle,
     /// No circle between the rooms of one crate: the folders and files beside its root.
     RoomCircle,
-    /// No function over 80 lines without a stated reason.
-    LongFunction,
     /// No file over 600 lines.
     LongFile,
     /// No reference to a file that is not there.
     DeadReference,
-    /// No `pub` that nobody outside uses.
+    /// No function or constant of a library that nobody outside uses.
     UnusedPub,
-    /// No test that asserts nothing.
-    EmptyTest,
     /// No way to open a file of a run folder but `RunFolder`'s.
     Opening,
     /// No Rust source that the other rules cannot read.
@@ -30,11 +26,9 @@ impl Rule {
         match self {
             Self::Circle => "move what both sides need into a file that uses neither",
             Self::RoomCircle => "move a file into the room that needs it, or what both need into a third room",
-            Self::LongFunction => "split it, or say above it `// Long because: ...`",
             Self::LongFile => "split it where its second idea begins",
             Self::DeadReference => "name the file that is there, or delete the reference",
             Self::UnusedPub => "delete it, or lower its visibility to its users",
-            Self::EmptyTest => "assert what must be true, also that the tested event happened",
             Self::Opening => "open it by a method of `RunFolder`; what is in no run folder stands in openings.rs",
             Self::Unreadable => "mend the syntax",
         }

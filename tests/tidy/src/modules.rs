@@ -2,7 +2,7 @@
 
 use crate::paths::{Mention, Reach, Reader, Use};
 use crate::syntax::{Sources, attributes, for_tests, name, plain};
-use crate::tree::{CrateRoot, Kind};
+use crate::tree::CrateRoot;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// How many re-exports a name is followed through.
@@ -34,10 +34,8 @@ pub(crate) struct Module {
 /// A crate with its modules; the first is the root.
 #[derive(Debug)]
 pub(crate) struct Target {
-    /// The name by which other crates import it.
-    pub name: String,
-    /// What it is for.
-    pub kind: Kind,
+    /// Whether other crates can import it.
+    pub is_library: bool,
     /// Its modules.
     pub modules: Vec<Module>,
 }
@@ -54,7 +52,7 @@ pub(crate) enum Place {
 impl Target {
     /// Reads a crate from its root file on.
     pub(crate) fn load(root: &CrateRoot, sources: &Sources) -> Self {
-        let mut target = Self { name: root.name.clone(), kind: root.kind, modules: vec![] };
+        let mut target = Self { is_library: root.is_library, modules: vec![] };
         let module = Module { file: root.path.clone(), public: true, ..Module::default() };
         let (folder, _) = root.path.rsplit_once('/').unwrap_or_default();
         target.modules.push(module);

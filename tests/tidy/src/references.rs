@@ -92,20 +92,11 @@ impl<'a> Places<'a> {
                 found.push(target.to_owned());
             }
         }
-        let words: Vec<&str> = plain.split_whitespace().filter(|word| !word.contains("](")).collect();
-        for word in &words {
+        for word in plain.split_whitespace().filter(|word| !word.contains("](")) {
             let word = word.trim_matches(|c: char| !c.is_ascii_alphanumeric() && c != '_');
             let named = matches!(ending(word), "rs" | "md");
             if named && !word.contains("://") && self.is_path(word) && !self.is_there(word) {
                 found.push(word.to_owned());
-            }
-        }
-        // "NAME section n": a document that is cited by its name.
-        for pair in words.windows(2) {
-            let name = pair[0].trim_start_matches('(').trim_end_matches("'s");
-            let cited = name.len() > 2 && name.bytes().all(|letter| letter.is_ascii_uppercase());
-            if cited && pair[1].starts_with("section") && !self.tree.files.contains_key(&format!("{name}.md")) {
-                found.push(format!("{name} section"));
             }
         }
         found
@@ -143,25 +134,13 @@ impl<'a> Places<'a> {
         })
     }
 
-    /// Whether a link of a document leads to a file, and its anchor to a heading.
+    /// Whether a link of a document leads to a file or folder. Its anchor is looked at where the book is made.
     fn link_works(&self, document: &str, target: &str) -> bool {
-        let (file, anchor) = target.split_once('#').map_or((target, None), |(file, anchor)| (file, Some(anchor)));
+        let file = target.split('#').next().unwrap_or_default();
         let folder = document.rsplit_once('/').map_or("", |(folder, _)| folder);
-        let path = if file.is_empty() { document.to_owned() } else { join(folder, file) };
-        if self.folders.contains(path.as_str()) {
-            return anchor.is_none();
-        }
-        let Some(text) = self.tree.files.get(&path) else { return false };
-        let headings = || text.lines().filter(|line| line.starts_with('#')).map(slug);
-        anchor.is_none_or(|anchor| headings().any(|heading| heading == anchor))
+        let path = join(folder, file);
+        file.is_empty() || self.folders.contains(path.as_str()) || self.tree.files.contains_key(&path)
     }
-}
-
-/// A heading as its anchor.
-fn slug(heading: &str) -> String {
-    let words = heading.trim_start_matches('#').trim().to_lowercase();
-    let kept = words.chars().filter(|c| c.is_alphanumeric() || " -_".contains(*c));
-    kept.map(|c| if c == ' ' { '-' } else { c }).collect()
 }
 
 /// Without the line number behind a colon.

@@ -2,7 +2,6 @@
 
 use crate::tree::ending;
 use crate::{Finding, Rule, Tree};
-use proc_macro2::{TokenStream, TokenTree};
 use std::collections::BTreeMap;
 use syn::Attribute;
 
@@ -32,38 +31,17 @@ pub(crate) fn parse(tree: &Tree) -> (Sources, Vec<Finding>) {
 
 /// Whether an item is compiled for tests only: `#[cfg(test)]`, or a test function itself.
 pub(crate) fn for_tests(attributes: &[Attribute]) -> bool {
-    attributes.iter().any(|attribute| is_test(attribute) || configured_for_tests(attribute))
-}
-
-/// Whether an attribute makes a function a test.
-pub(crate) fn is_test(attribute: &Attribute) -> bool {
-    attribute.path().segments.last().is_some_and(|last| last.ident == "test")
+    attributes.iter().any(|attribute| {
+        let is_test = attribute.path().segments.last().is_some_and(|last| last.ident == "test");
+        is_test || configured_for_tests(attribute)
+    })
 }
 
 fn configured_for_tests(attribute: &Attribute) -> bool {
-    if !attribute.path().is_ident("cfg") {
-        return false;
-    }
     let syn::Meta::List(list) = &attribute.meta else { return false };
     let text = list.tokens.to_string();
-    text == "test" || (text.starts_with("all") && identifiers(list.tokens.clone()).contains(&"test".to_owned()))
-}
-
-/// All identifiers in a token stream, groups included.
-pub(crate) fn identifiers(tokens: TokenStream) -> Vec<String> {
-    let mut found = vec![];
-    collect(tokens, &mut found);
-    found
-}
-
-fn collect(tokens: TokenStream, into: &mut Vec<String>) {
-    for token in tokens {
-        match token {
-            TokenTree::Group(group) => collect(group.stream(), into),
-            TokenTree::Ident(ident) => into.push(plain(&ident)),
-            TokenTree::Punct(_) | TokenTree::Literal(_) => {}
-        }
-    }
+    let holds_test = || text.split(|c: char| !c.is_alphanumeric()).any(|word| word == "test");
+    attribute.path().is_ident("cfg") && (text == "test" || text.starts_with("all") && holds_test())
 }
 
 /// An identifier's text without `r#`.

@@ -1,37 +1,9 @@
 //! The sources of a workspace: texts by path, and the crates among them.
 
 use std::collections::BTreeMap;
+use std::io;
 use std::path::Path;
 use std::process::Command;
-
-/// Why a checkout cannot be read.
-#[derive(Debug, thiserror::Error)]
-pub enum TreeError {
-    /// Git cannot be started.
-    #[error("`git ls-files` in {root}: {source}")]
-    Git {
-        /// The checkout.
-        root: String,
-        /// Why.
-        source: std::io::Error,
-    },
-    /// Git refuses.
-    #[error("`git ls-files` in {root}: {message}")]
-    NotTracked {
-        /// The checkout.
-        root: String,
-        /// What Git printed.
-        message: String,
-    },
-    /// A tracked file cannot be read.
-    #[error("{path}: {source}")]
-    Read {
-        /// The file.
-        path: String,
-        /// Why.
-        source: std::io::Error,
-    },
-}
 
 /// Files by path relative to the root; what is not text has an empty text.
 #[derive(Clone, Debug, Default)]
@@ -39,50 +11,29 @@ pub struct Tree {
     pub(crate) files: BTreeMap<String, String>,
 }
 
-/// What a crate is for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Kind {
-    /// A library.
-    Library,
-    /// A program.
-    Binary,
-    /// A test, an example, a benchmark or a build script.
-    Other,
-}
-
 /// One crate of a package.
 #[derive(Clone, Debug)]
 pub(crate) struct CrateRoot {
-    /// The name by which other crates import it.
-    pub name: String,
-    /// What it is for.
-    pub kind: Kind,
+    /// Whether other crates can import it.
+    pub is_library: bool,
     /// Its root file.
     pub path: String,
 }
 
 impl Tree {
     /// The tracked files of a checkout that are there; a deleted file that is still in the index is passed over.
-    pub fn tracked(root: &Path) -> Result<Self, TreeError> {
-        let name = || root.display().to_string();
-        let output = Command::new("git")
-            .arg("-C")
-            .arg(root)
-            .args(["ls-files", "-z"])
-            .output()
-            .map_err(|source| TreeError::Git { root: name(), source })?;
+    pub fn tracked(root: &Path) -> io::Result<Self> {
+        let output = Command::new("git").arg("-C").arg(root).args(["ls-files", "-z"]).output()?;
         if !output.status.success() {
-            let message = String::from_utf8_lossy(&output.stderr).trim().to_owned();
-            return Err(TreeError::NotTracked { root: name(), message });
+            return Err(io::Error::other(String::from_utf8_lossy(&output.stderr).into_owned()));
         }
         let mut tree = Self::default();
         for path in String::from_utf8_lossy(&output.stdout).split_terminator('\0') {
-            let bytes = match std::fs::read(root.join(path)) {
-                Ok(bytes) => bytes,
-                Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,
-                Err(source) => return Err(TreeError::Read { path: path.to_owned(), source }),
-            };
-            tree.add(path, &String::from_utf8(bytes).unwrap_or_default());
+            match std::fs::read(root.join(path)) {
+                Ok(bytes) => tree.add(path, &String::from_utf8(bytes).unwrap_or_default()),
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                Err(error) => return Err(error),
+            }
         }
         Ok(tree)
     }
@@ -92,35 +43,30 @@ impl Tree {
         self.files.insert(path.to_owned(), text.to_owned());
     }
 
-    /// The crates of all packages, by Cargo's conventions and the paths that a manifest names.
+    /// The crates of all packages, by Cargo's conventions.
     pub(crate) fn targets(&self) -> Vec<CrateRoot> {
-        let manifests = self.files.iter().filter(|(path, _)| path.rsplit('/').next() == Some("Cargo.toml"));
-        manifests.flat_map(|(path, text)| self.package(path, text)).collect()
+        let packages = self.files.iter().filter(|(_, text)| text.lines().any(|line| line == "[package]"));
+        let folders = packages.filter_map(|(path, _)| path.strip_suffix("Cargo.toml"));
+        folders
+            .filter(|folder| folder.is_empty() || folder.ends_with('/'))
+            .flat_map(|folder| self.crates(folder))
+            .collect()
     }
 
-    fn package(&self, manifest: &str, text: &str) -> Vec<CrateRoot> {
-        let table: toml::Table = text.parse().unwrap_or_default();
-        let Some(package) = table.get("package").and_then(|package| package.get("name")?.as_str()) else {
-            return vec![];
-        };
-        let folder = manifest.strip_suffix("Cargo.toml").unwrap_or_default();
-        let library = table.get("lib").and_then(|library| library.get("name")?.as_str()).unwrap_or(package);
-        let mut found: Vec<CrateRoot> = vec![];
+    fn crates(&self, folder: &str) -> Vec<CrateRoot> {
+        let mut found = vec![];
         for path in self.files.range(folder.to_owned()..).map_while(|(path, _)| path.strip_prefix(folder)) {
-            let parts: Vec<&str> = path.split('/').collect();
-            let (name, kind) = match parts[..] {
-                ["src", "lib.rs"] => (library, Kind::Library),
-                ["src", "main.rs"] => (package, Kind::Binary),
-                ["src", "bin", name] | ["src", "bin", name, "main.rs"] => (name, Kind::Binary),
-                ["build.rs"] => ("build", Kind::Other),
-                ["tests" | "examples" | "benches", name] | ["tests" | "examples" | "benches", name, "main.rs"] => {
-                    (name, Kind::Other)
-                }
-                _ => continue,
+            let is_root = match path.split('/').collect::<Vec<_>>()[..] {
+                ["build.rs"] | ["src", "lib.rs" | "main.rs"] => true,
+                ["src", "bin", ref name @ ..] | ["tests" | "examples" | "benches", ref name @ ..] => match name {
+                    [name] => ending(name) == "rs",
+                    [_, name] => *name == "main.rs",
+                    _ => false,
+                },
+                _ => false,
             };
-            if ending(path) == "rs" {
-                let name = name.trim_end_matches(".rs").replace('-', "_");
-                found.push(CrateRoot { name, kind, path: format!("{folder}{path}") });
+            if is_root {
+                found.push(CrateRoot { is_library: path == "src/lib.rs", path: format!("{folder}{path}") });
             }
         }
         found

@@ -73,7 +73,7 @@ pub struct Room {
 }
 
 /// Heavier things do not move, kilograms (`docs/method.md`, Task).
-pub const MOVABLE_MASS_MAX_KG: f32 = 10.0;
+pub(crate) const MOVABLE_MASS_MAX_KG: f32 = 10.0;
 
 impl Surface {
     /// Its area, square metres.

@@ -235,7 +235,7 @@ __device__ inline void load_groups(OfGroups<IN>& mean, OfGroups<IN>& rstd, const
 // dx of y = relu?(norm(x) + around?) for dy (+ dy_too?). d_around, where wanted, is the gradient of `around`.
 // gradients [rows, 2, channels]: a row's share of those of bias and weight. Shared memory: x, dy, and if there are such,
 // dy_too and y, where kept; sums of channels, and [warps, groups].
-// Long because: a thread's registers hold what all of its parts share.
+// A thread's registers hold what all of its parts share.
 template <bool KEEP, int IN>
 __device__ inline void backward(const uint4* dy, const uint4* dy_too, const uint4* y, const uint4* x,
                                 const float* mean_rstd, const float* weight, const float* bias, uint4* dx,

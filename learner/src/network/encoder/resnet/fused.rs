@@ -176,7 +176,7 @@ impl Fused {
     ///
     /// # Panics
     /// If the weights have changed since the forward pass.
-    // Long because: it undoes the forward pass step by step, in one order, and reads beside it.
+    #[expect(clippy::too_many_lines, reason = "it undoes the forward pass step by step, and reads beside it")]
     pub(super) fn backward(
         &self,
         resnet: &Resnet,
