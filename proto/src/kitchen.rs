@@ -35,11 +35,11 @@ impl KitchenId {
     /// Number of a run's first scene.
     pub(crate) const FIRST_SCENE: u32 = 128;
     /// Scenes that one run can have.
-    pub(crate) const SCENES_MAX: usize = 128;
+    pub const SCENES_MAX: usize = 128;
     /// Number of the first procedural kitchen.
     pub const FIRST_PROCEDURAL: u32 = 1000;
     /// Number of the last one.
-    pub(crate) const LAST_PROCEDURAL: u32 = 9_999_999;
+    pub const LAST_PROCEDURAL: u32 = 9_999_999;
 
     /// The kitchen with this number.
     pub fn new(number: u32) -> Result<Self, NoSuchKitchen> {

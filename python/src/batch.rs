@@ -15,7 +15,7 @@ use oracle::Variant;
 use proto::action::{Action, NO_ACTION};
 use proto::config::Config;
 use proto::step::{Current, transition_flag};
-use pyo3::exceptions::{PyIndexError, PyValueError};
+use pyo3::exceptions::{PyIndexError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 use simulator::depth::DepthCamera;
@@ -167,22 +167,23 @@ impl Batch {
 
     /// Begins episodes: for each environment none, or (series, seed, number), where None is the series, the seed and
     /// the next number of the episode before. Returns the facts of all.
-    fn reset<'py>(&mut self, py: Python<'py>, asked: Vec<Option<Asked>>) -> PyResult<Bound<'py, PyAny>> {
-        if asked.len() != self.places.len() {
+    fn reset<'py>(slf: &Bound<'py, Self>, asked: Vec<Option<Asked>>) -> PyResult<Bound<'py, PyAny>> {
+        let (py, mut this) = (slf.py(), alone(slf)?);
+        if asked.len() != this.places.len() {
             return Err(PyValueError::new_err("one entry for each environment"));
         }
         let mut begun = Vec::with_capacity(asked.len());
-        for (place, asked) in self.places.iter().zip(asked) {
+        for (place, asked) in this.places.iter().zip(asked) {
             begun.push(asked.map(|asked| choose(place, asked)).transpose()?);
         }
-        let reports = self.in_threads(py, |worker, Task { index, place, frame }, settings| {
+        let reports = this.in_threads(py, |worker, Task { index, place, frame }, settings| {
             if let Some(chosen) = begun[*index] {
                 place.begin(chosen).map_err(value_error)?;
                 worker.look(place, settings.frame_side, frame);
             }
             Ok(report_of(place, settings, false, None))
         })?;
-        self.put(py, &reports)?;
+        this.put(py, &reports)?;
         let rows: Vec<Facts> = reports.iter().map(|report| report.now).collect();
         Ok(facts::table(py, &rows)?.into_any())
     }
@@ -192,12 +193,13 @@ impl Batch {
     /// that ended in the mode of the same step (index, depth, goal, previous action).
     // An argument from Python is a value.
     #[allow(clippy::needless_pass_by_value)]
-    fn step<'py>(&mut self, py: Python<'py>, actions: PyReadonlyArray1<'py, i64>) -> PyResult<Bound<'py, PyTuple>> {
-        let actions = self.checked(&actions)?;
-        let autoreset = self.autoreset;
+    fn step<'py>(slf: &Bound<'py, Self>, actions: PyReadonlyArray1<'py, i64>) -> PyResult<Bound<'py, PyTuple>> {
+        let (py, mut this) = (slf.py(), alone(slf)?);
+        let actions = this.checked(&actions)?;
+        let autoreset = this.autoreset;
         // First all actions of a block, then all its frames, as an actor does it: physics and drawing each need the
         // processor's caches.
-        let reports = self.in_blocks(py, |worker, block, settings| {
+        let reports = this.in_blocks(py, |worker, block, settings| {
             let mut reports = Vec::with_capacity(block.len());
             for Task { index, place, .. } in &mut *block {
                 reports.push(act(worker, place, actions[*index], autoreset, settings)?);
@@ -207,42 +209,44 @@ impl Batch {
             }
             Ok(reports)
         })?;
-        self.put(py, &reports)?;
-        self.told(py, &reports)
+        this.put(py, &reports)?;
+        this.told(py, &reports)
     }
 
     /// Whether an environment's episode has ended.
-    fn ended(&self, index: usize) -> PyResult<bool> {
-        Ok(self.place(index)?.ended())
+    fn ended(slf: &Bound<'_, Self>, index: usize) -> PyResult<bool> {
+        Ok(alone(slf)?.place(index)?.ended())
     }
 
     /// Everything about one environment's moment.
-    fn state<'py>(&self, py: Python<'py>, index: usize) -> PyResult<Bound<'py, PyAny>> {
-        Ok(state(py, self.place(index)?)?.into_any())
+    fn state<'py>(slf: &Bound<'py, Self>, index: usize) -> PyResult<Bound<'py, PyAny>> {
+        Ok(state(slf.py(), alone(slf)?.place(index)?)?.into_any())
     }
 
     /// How far each object of an environment is from where it stood at the episode's start, metres.
-    fn displacements_m<'py>(&self, py: Python<'py>, index: usize) -> PyResult<Bound<'py, PyArray1<f32>>> {
-        Ok(PyArray1::from_iter(py, self.place(index)?.environment.displacements_m()))
+    fn displacements_m<'py>(slf: &Bound<'py, Self>, index: usize) -> PyResult<Bound<'py, PyArray1<f32>>> {
+        Ok(PyArray1::from_iter(slf.py(), alone(slf)?.place(index)?.environment.displacements_m()))
     }
 
     /// A picture for people, rows × columns × RGB.
-    fn picture<'py>(&mut self, py: Python<'py>, index: usize, side: usize) -> PyResult<Bound<'py, PyArray3<u8>>> {
-        self.place(index)?;
-        let place = &mut self.places[index];
+    fn picture<'py>(slf: &Bound<'py, Self>, index: usize, side: usize) -> PyResult<Bound<'py, PyArray3<u8>>> {
+        let (py, mut this) = (slf.py(), alone(slf)?);
+        this.place(index)?;
+        let place = &mut this.places[index];
         let canvas = py.detach(|| place.picture(side));
         let pixels = PyArray1::from_slice(py, canvas.pixels.as_flattened());
         pixels.reshape([canvas.height, canvas.width, 3])
     }
 
     /// A copy of an environment's moment.
-    fn snapshot(&self, index: usize) -> PyResult<Snapshot> {
-        Ok(Snapshot { place: self.place(index)?.clone() })
+    fn snapshot(slf: &Bound<'_, Self>, index: usize) -> PyResult<Snapshot> {
+        Ok(Snapshot { place: alone(slf)?.place(index)?.clone() })
     }
 
     /// Returns an environment to a moment of its kitchen; returns the facts of all.
-    fn restore<'py>(&mut self, py: Python<'py>, index: usize, snapshot: &Snapshot) -> PyResult<Bound<'py, PyAny>> {
-        let (kept, here) = (&snapshot.place, self.place(index)?);
+    fn restore<'py>(slf: &Bound<'py, Self>, index: usize, snapshot: &Snapshot) -> PyResult<Bound<'py, PyAny>> {
+        let (py, mut this) = (slf.py(), alone(slf)?);
+        let (kept, here) = (&snapshot.place, this.place(index)?);
         if kept.room.origin != here.room.origin || kept.config.simulation != here.config.simulation {
             let (then, now) = (kept.room.kitchen.id(), here.room.kitchen.id());
             return Err(PyValueError::new_err(format!("a snapshot of kitchen {then} is none of kitchen {now}")));
@@ -250,36 +254,39 @@ impl Batch {
         if kept.config.episode != here.config.episode {
             return Err(PyValueError::new_err("the snapshot's episodes have other settings than this environment's"));
         }
-        self.places[index] = kept.clone();
-        let reports = self.in_threads(py, |worker, Task { index: at, place, frame }, settings| {
+        this.places[index] = kept.clone();
+        let reports = this.in_threads(py, |worker, Task { index: at, place, frame }, settings| {
             if *at == index {
                 worker.look(place, settings.frame_side, frame);
             }
             Ok(report_of(place, settings, false, None))
         })?;
-        self.put(py, &reports)?;
+        this.put(py, &reports)?;
         let rows: Vec<Facts> = reports.iter().map(|report| report.now).collect();
         Ok(facts::table(py, &rows)?.into_any())
     }
 
     /// What the oracle would do now in each environment; in one whose episode has ended, action 0.
-    fn oracle<'py>(&mut self, py: Python<'py>, variant: &str) -> PyResult<Bound<'py, PyArray1<i64>>> {
-        let variant = Variant::named(variant)
-            .ok_or_else(|| PyValueError::new_err(format!("variant `{variant}` is none of \"fast\", \"careful\"")))?;
-        let advised = self.in_threads(py, |_, Task { place, .. }, settings| {
+    fn oracle<'py>(slf: &Bound<'py, Self>, variant: &str) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        let variant = Variant::named(variant).ok_or_else(|| PyValueError::new_err("there is no such variant"))?;
+        let (py, mut this) = (slf.py(), alone(slf)?);
+        let advised = this.in_threads(py, |_, Task { place, .. }, settings| {
             if place.ended() {
                 return Ok(0);
             }
             let action = place.advise(variant);
             let index = settings.space().iter().position(|&other| other == action);
-            index.map(|index| index as i64).ok_or_else(|| {
-                PyValueError::new_err(
-                    "the oracle needs all 21 actions: make the environment with action_space=\"large\"",
-                )
-            })
+            // The package makes oracles of environments with all actions only.
+            index.map(|index| index as i64).ok_or_else(|| PyValueError::new_err("the oracle needs all actions"))
         })?;
         Ok(PyArray1::from_vec(py, advised))
     }
+}
+
+/// The batch, if no other thread is in it: while it works Python's lock is free.
+fn alone<'py>(batch: &Bound<'py, Batch>) -> PyResult<PyRefMut<'py, Batch>> {
+    let taken = "another thread is in a call of this environment: it belongs to one thread at a time";
+    batch.try_borrow_mut().map_err(|_| PyRuntimeError::new_err(taken))
 }
 
 impl Batch {
@@ -303,12 +310,7 @@ impl Batch {
                 )));
             }
             let action = usize::try_from(number).ok().and_then(|number| space.get(number)).copied();
-            action.ok_or_else(|| {
-                PyValueError::new_err(format!(
-                    "environment {index}: there are actions 0 to {}, not {number}",
-                    space.len() - 1
-                ))
-            })
+            action.ok_or_else(|| PyValueError::new_err(format!("environment {index} has no action {number}")))
         });
         checked.collect()
     }

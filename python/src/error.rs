@@ -1,5 +1,6 @@
 //! Errors of Rust as those of Python.
 
+use proto::printable::printable;
 use pyo3::PyErr;
 use pyo3::exceptions::PyValueError;
 
@@ -11,5 +12,6 @@ pub fn value_error(error: impl std::error::Error) -> PyErr {
         text = format!("{text}: {cause}");
         source = cause.source();
     }
-    PyValueError::new_err(text)
+    // It may quote a file that is somebody else's.
+    PyValueError::new_err(printable(&text).into_owned())
 }

@@ -1,18 +1,22 @@
 //! The simulator as a Python module, `stillroom._stillroom`: what the package `stillroom` is made of.
 //!
 //! ```text
+//! argument   checks of arguments from Python
 //! settings   arguments from Python as a configuration
 //! room       a kitchen that environments share
 //! place      one environment with its episode and its oracle; knows no Python
 //! facts      what is told of a step beside the observation
 //! frames     depth frames in arrays of numpy
 //! snapshot   a moment to which an environment can return
+//! checkpoint checkpoints and policy files
 //! state      everything about a moment, for users who may know it
 //! error      errors of Rust as those of Python
 //! batch      many environments, stepped by threads while Python's lock is free
 //! ```
 
+mod argument;
 mod batch;
+mod checkpoint;
 mod error;
 mod facts;
 mod frames;
@@ -24,18 +28,14 @@ mod state;
 
 use proto::action::Action;
 use proto::kitchen::{KitchenId, Split, TargetCategory};
-use pyo3::exceptions::{PyImportError, PyValueError};
+use pyo3::exceptions::PyImportError;
 use pyo3::prelude::*;
 
 /// Numbers of the built-in kitchens of a split: `train`, `validation` or `test`.
 #[pyfunction]
-fn kitchens(split: &str) -> PyResult<Vec<u32>> {
-    let split = match split {
-        "train" => Split::Train,
-        "validation" => Split::Validation,
-        "test" => Split::Test,
-        _ => return Err(PyValueError::new_err(format!("`{split}` is none of train, validation, test"))),
-    };
+fn kitchens(split: &Bound<'_, PyAny>) -> PyResult<Vec<u32>> {
+    let splits = [("train", Split::Train), ("validation", Split::Validation), ("test", Split::Test)];
+    let split = argument::chosen("split", split, &splits)?;
     Ok(KitchenId::of_split(split).into_iter().map(KitchenId::number).collect())
 }
 
@@ -53,7 +53,14 @@ fn _stillroom(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("ACTIONS", Action::ALL.map(Action::name).to_vec())?;
     module.add("TARGETS", TargetCategory::ALL.map(TargetCategory::name).to_vec())?;
     module.add("FRAME_SIDE", proto::camera::FRAME_SIDE)?;
+    module.add("CheckpointError", module.py().get_type::<checkpoint::CheckpointError>())?;
     module.add_function(wrap_pyfunction!(kitchens, module)?)?;
+    module.add_function(wrap_pyfunction!(argument::whole, module)?)?;
+    module.add_function(wrap_pyfunction!(argument::choice, module)?)?;
+    module.add_function(wrap_pyfunction!(argument::shown, module)?)?;
+    module.add_function(wrap_pyfunction!(checkpoint::read_plain, module)?)?;
+    module.add_function(wrap_pyfunction!(checkpoint::read_checkpoint, module)?)?;
+    module.add_function(wrap_pyfunction!(checkpoint::read_policy, module)?)?;
     module.add_class::<settings::Settings>()?;
     module.add_class::<room::Kitchen>()?;
     module.add_class::<snapshot::Snapshot>()?;

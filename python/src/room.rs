@@ -1,5 +1,6 @@
 //! A kitchen that environments share: built once while somebody uses it.
 
+use crate::argument::{self, whole};
 use crate::error::value_error;
 use proto::config::SimulationConfig;
 use proto::kitchen::KitchenId;
@@ -71,7 +72,7 @@ impl Room {
             }
             Origin::Scene { path, index } => {
                 let id = KitchenId::scene(*index);
-                let id = id.ok_or_else(|| PyValueError::new_err("there are more scenes than 128"))?;
+                let id = id.ok_or_else(|| PyValueError::new_err("there are more than 128 scenes"))?;
                 scene_file::load(path, id, &simulation).map_err(value_error)?
             }
         };
@@ -96,14 +97,24 @@ pub struct Kitchen {
 impl Kitchen {
     /// Kitchen `number`, or the scene in the TOML file `scene`, as number `scene_index` of several.
     #[new]
-    #[pyo3(signature = (number=None, *, scene=None, scene_index=0))]
-    fn new(py: Python<'_>, number: Option<i64>, scene: Option<PathBuf>, scene_index: usize) -> PyResult<Self> {
+    #[pyo3(signature = (number=None, *, scene=None, scene_index=None))]
+    fn new(
+        py: Python<'_>,
+        number: Option<&Bound<'_, PyAny>>,
+        scene: Option<&Bound<'_, PyAny>>,
+        scene_index: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
         let origin = match (number, scene) {
             (Some(number), None) => {
-                let none = |_| PyValueError::new_err(format!("there is no kitchen {number}"));
-                Origin::BuiltIn(u32::try_from(number).map_err(none)?)
+                Origin::BuiltIn(whole("kitchen", number, KitchenId::LAST_PROCEDURAL.into(), 1)? as u32)
             }
-            (None, Some(path)) => Origin::Scene { path: std::path::absolute(path)?, index: scene_index },
+            (None, Some(scene)) => {
+                let path = argument::path("scene", scene)?;
+                let most = KitchenId::SCENES_MAX as u64 - 1;
+                let index = scene_index.map_or(Ok(0), |index| whole("scene_index", index, most, 0))? as usize;
+                let nowhere = |error| PyValueError::new_err(format!("scene is no path: {error}"));
+                Origin::Scene { path: std::path::absolute(path).map_err(nowhere)?, index }
+            }
             _ => return Err(PyValueError::new_err("give either the number of a kitchen or the path of a scene")),
         };
         let room = py.detach(|| Room::of(origin, SimulationConfig::default()))?;
@@ -150,8 +161,13 @@ impl Kitchen {
     }
 
     #[staticmethod]
-    fn _again(py: Python<'_>, number: Option<i64>, scene: Option<PathBuf>, index: usize) -> PyResult<Self> {
-        Self::new(py, number, scene, index)
+    fn _again(
+        py: Python<'_>,
+        number: Option<&Bound<'_, PyAny>>,
+        scene: Option<&Bound<'_, PyAny>>,
+        index: &Bound<'_, PyAny>,
+    ) -> PyResult<Self> {
+        Self::new(py, number, scene, Some(index))
     }
 
     fn __repr__(&self) -> String {

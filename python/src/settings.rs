@@ -1,15 +1,18 @@
 //! What an environment is, as Python's keyword arguments say it.
 
+use crate::argument::{chosen, real, text, whole};
 use crate::error::value_error;
 use proto::action::{Action, ActionSpace};
-use proto::config::{CarriedGoal, Config};
+use proto::config::{CarriedGoal, Config, ConfigError};
+use proto::episode::MAX_EPISODE_STEPS;
 use proto::reward::RewardKind;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::sync::Arc;
 
 /// Width and height of a frame that can be asked for, pixels.
-const SIDES: std::ops::RangeInclusive<usize> = 8..=1024;
+const SIDE_LEAST: u64 = 8;
+const SIDE_MOST: u64 = 1024;
 
 /// How environments are made and what their steps are worth.
 #[pyclass(frozen, module = "stillroom._stillroom")]
@@ -29,56 +32,60 @@ pub struct Settings {
 impl Settings {
     /// The settings of `preset`, those overridden that are not None.
     #[new]
-    #[pyo3(signature = (*, preset, reward, frame_side, in_metres, action_space=None, max_steps=None,
+    #[pyo3(signature = (*, preset, reward, depth, frame_side, action_space=None, max_steps=None,
         start_distance_max_m=None, goal_distance_max_m=None, disturbance_weight=None, carried_goal=None))]
     // One for each keyword of the constructors in Python.
     #[allow(clippy::too_many_arguments)]
     fn new(
-        preset: &str,
-        reward: &str,
-        frame_side: usize,
-        in_metres: bool,
-        action_space: Option<&str>,
-        max_steps: Option<u32>,
-        start_distance_max_m: Option<f32>,
-        goal_distance_max_m: Option<f32>,
-        disturbance_weight: Option<f32>,
-        carried_goal: Option<&str>,
+        preset: &Bound<'_, PyAny>,
+        reward: &Bound<'_, PyAny>,
+        depth: &Bound<'_, PyAny>,
+        frame_side: &Bound<'_, PyAny>,
+        action_space: Option<&Bound<'_, PyAny>>,
+        max_steps: Option<&Bound<'_, PyAny>>,
+        start_distance_max_m: Option<&Bound<'_, PyAny>>,
+        goal_distance_max_m: Option<&Bound<'_, PyAny>>,
+        disturbance_weight: Option<&Bound<'_, PyAny>>,
+        carried_goal: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let reward = match reward {
-            "r" => RewardKind::Task,
-            "r_prime" => RewardKind::DisturbanceFree,
-            _ => return Err(PyValueError::new_err(format!("reward `{reward}` is none of \"r\", \"r_prime\""))),
-        };
-        if !SIDES.contains(&frame_side) {
-            let (least, most) = (SIDES.start(), SIDES.end());
-            return Err(PyValueError::new_err(format!("frame_side is {frame_side}, not {least} to {most} pixels")));
+        let reward = chosen("reward", reward, &[("r", RewardKind::Task), ("r_prime", RewardKind::DisturbanceFree)])?;
+        let in_metres = chosen("depth", depth, &[("uint16", false), ("float32", true)])?;
+        let frame_side = whole("frame_side", frame_side, SIDE_MOST, SIDE_LEAST)? as usize;
+        let mut config = Config::resolve(&text("preset", preset)?, None).map_err(value_error)?;
+        let Config { episode, network, reward: weights, .. } = &mut config;
+        if let Some(space) = action_space {
+            let spaces = [("large", ActionSpace::Large), ("small", ActionSpace::Small)];
+            episode.action_space = chosen("action_space", space, &spaces)?;
         }
-        let mut config = Config::resolve(preset, None).map_err(value_error)?;
-        match action_space {
-            None => {}
-            Some("large") => config.episode.action_space = ActionSpace::Large,
-            Some("small") => config.episode.action_space = ActionSpace::Small,
-            Some(other) => {
-                return Err(PyValueError::new_err(format!("action_space `{other}` is none of \"large\", \"small\"")));
+        if let Some(goal) = carried_goal {
+            let goals = [("goal_to_object", CarriedGoal::GoalToObject), ("object_to_goal", CarriedGoal::ObjectToGoal)];
+            network.carried_goal = chosen("carried_goal", goal, &goals)?;
+        }
+        if let Some(steps) = max_steps {
+            episode.max_steps = whole("max_steps", steps, MAX_EPISODE_STEPS as u64, 1)? as u32;
+        }
+        for (name, value, place) in [
+            ("start_distance_max_m", start_distance_max_m, &mut episode.start_distance_max_m),
+            ("goal_distance_max_m", goal_distance_max_m, &mut episode.goal_distance_max_m),
+            ("disturbance_weight", disturbance_weight, &mut weights.lambda_disturb),
+        ] {
+            if let Some(value) = value {
+                *place = real(name, value)?;
             }
         }
-        match carried_goal {
-            None => {}
-            Some("goal_to_object") => config.network.carried_goal = CarriedGoal::GoalToObject,
-            Some("object_to_goal") => config.network.carried_goal = CarriedGoal::ObjectToGoal,
-            Some(other) => {
-                return Err(PyValueError::new_err(format!(
-                    "carried_goal `{other}` is none of \"goal_to_object\", \"object_to_goal\""
-                )));
-            }
+        if disturbance_weight.is_some() && reward == RewardKind::Task {
+            return Err(PyValueError::new_err("disturbance_weight counts with reward=\"r_prime\" only"));
         }
-        let set = |place: &mut f32, value: Option<f32>| value.into_iter().for_each(|value| *place = value);
-        set(&mut config.episode.start_distance_max_m, start_distance_max_m);
-        set(&mut config.episode.goal_distance_max_m, goal_distance_max_m);
-        set(&mut config.reward.lambda_disturb, disturbance_weight);
-        config.episode.max_steps = max_steps.unwrap_or(config.episode.max_steps);
-        config.validate().map_err(value_error)?;
+        config.validate().map_err(|error| match error {
+            ConfigError::OutOfRange { key: "reward.lambda_disturb", value, problem } => {
+                PyValueError::new_err(format!("disturbance_weight is {value}: it {problem}"))
+            }
+            ConfigError::OutOfRange { key, value, problem } => {
+                let name = key.rsplit('.').next().unwrap_or(key);
+                PyValueError::new_err(format!("{name} is {value}: it {problem}"))
+            }
+            error => value_error(error),
+        })?;
         Ok(Self { config: Arc::new(config), reward, frame_side, in_metres })
     }
 

@@ -9,8 +9,9 @@ use crate::place::{Chosen, Place};
 use crate::room::{Origin, Room};
 use proto::action::Action;
 use proto::config::{EpisodeConfig, SimulationConfig};
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
+use pyo3::pybacked::PyBackedBytes;
 use pyo3::types::{PyBytes, PyTuple};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -70,10 +71,17 @@ impl Snapshot {
 
     /// Simulates again what `to_bytes` returned.
     #[staticmethod]
-    fn from_bytes(py: Python<'_>, bytes: &[u8]) -> PyResult<Self> {
-        let record: Record = serde_json::from_slice(bytes)
+    fn from_bytes(py: Python<'_>, bytes: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let bytes: PyBackedBytes =
+            bytes.extract().map_err(|_| PyTypeError::new_err("a snapshot is read from bytes"))?;
+        let record: Record = serde_json::from_slice(&bytes)
             .map_err(|error| PyValueError::new_err(format!("these bytes are no snapshot: {error}")))?;
         py.detach(|| again(record))
+    }
+
+    /// It never changes.
+    fn __deepcopy__(slf: Py<Self>, _memo: &Bound<'_, PyAny>) -> Py<Self> {
+        slf
     }
 
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyTuple>> {

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 import subprocess
 from pathlib import Path
@@ -83,6 +85,32 @@ def weights_of(
         scale = np.sqrt(1.0 / np.prod(shape[1:])) if len(shape) > 1 else 0.1
         weights[name] = (random.standard_normal(shape) * scale).astype(np.float32)
     return weights
+
+
+def sealed(**fields: object) -> bytes:
+    """A manifest with its own checksum, as `proto::checkpoint` writes it."""
+    manifest = {
+        **{"schema_version": 3, "rollout": 7, "frames": 1000, "exchange": 0, "stage": 0, "stage_end": False},
+        **{"adam_steps": 0, "multiplier": "0", "carried_goal": "goal_to_object"},
+        **{"tensors": "rollout-00000007.safetensors", "tensors_bytes": 0, "tensors_sha256": ""},
+        **{"config_sha256": "", "config": "", "weights": "w"},
+        "machine": {"torch": "2.11.0", "device": "cpu", "threads": 2, "instruction_set": "avx2"},
+        **fields,
+    }
+    manifest = {name: value for name, value in manifest.items() if name != "config" or value}
+    text = lambda digest: json.dumps(manifest | {"manifest_sha256": digest}, indent=2, ensure_ascii=False)  # noqa: E731
+    return text(hashlib.sha256(text("").encode(errors="replace")).hexdigest()).encode(errors="replace")
+
+
+def checkpoint(folder: Path, rollout: int, tensors: dict[str, np.ndarray], **fields: object) -> Path:
+    """Writes a checkpoint of these tensors; returns its manifest."""
+    name = folder / f"rollout-{rollout:08}"
+    save_file(tensors, name.with_suffix(".safetensors"))
+    content = name.with_suffix(".safetensors").read_bytes()
+    facts = {"tensors_bytes": len(content), "tensors_sha256": hashlib.sha256(content).hexdigest()}
+    manifest = sealed(rollout=rollout, frames=1000 * rollout, tensors=f"{name.name}.safetensors", **facts | fields)
+    name.with_suffix(".json").write_bytes(manifest)
+    return name.with_suffix(".json")
 
 
 def record(steps: int, columns: int, actions: str, kitchen: stillroom.Kitchen) -> dict[str, np.ndarray]:

@@ -13,25 +13,19 @@ import pytest
 from safetensors.numpy import save_file
 
 import stillroom
-from conftest import REPOSITORY, probed, record, weights_of
+from conftest import REPOSITORY, checkpoint, probed, record, sealed, weights_of
 from stillroom.checkpoint import CheckpointError
 
 
 def run_folder(root: Path, rollouts: list[int]) -> None:
     (root / "checkpoints").mkdir()
+    config = '[network]\ngoal = "cartesian"\n[episode]\nmax_steps = 77\naction_space = "small"\n'
     for rollout in rollouts:
-        name = root / "checkpoints" / f"rollout-{rollout:08}"
         tensors = {
             "model.actor.weight": np.full((2, 3), rollout, np.float32),
             "optimizer.first": np.zeros(3, np.float32),
         }
-        save_file(tensors, name.with_suffix(".safetensors"))
-        digest = hashlib.sha256(name.with_suffix(".safetensors").read_bytes()).hexdigest()
-        config = '[network]\ngoal = "cartesian"\n[episode]\nmax_steps = 77\naction_space = "small"\n'
-        manifest = {"tensors": f"{name.name}.safetensors", "tensors_sha256": digest, "frames": 1000 * rollout}
-        name.with_suffix(".json").write_text(
-            json.dumps({**manifest, "config": config, "carried_goal": "goal_to_object"})
-        )
+        checkpoint(root / "checkpoints", rollout, tensors, config=config)
 
 
 def test_the_newest_whole_checkpoint_of_a_run_is_read(tmp_path: Path) -> None:
@@ -39,7 +33,9 @@ def test_the_newest_whole_checkpoint_of_a_run_is_read(tmp_path: Path) -> None:
     newest = stillroom.load(tmp_path)
     assert (newest.frames, newest.goal, newest.path.name) == (100_000, "cartesian", "rollout-00000100.safetensors")
     assert list(newest.weights) == ["actor.weight"] and newest.weights["actor.weight"][0, 0] == 100
-    assert newest.environment() == {"carried_goal": "goal_to_object", "max_steps": 77, "action_space": "small"}
+    distances = {"start_distance_max_m": 0.0, "goal_distance_max_m": 0.0}
+    task = {"carried_goal": "goal_to_object", "max_steps": 77, "action_space": "small", **distances}
+    assert newest.environment() == task
     env = stillroom.ArmPointNav(1, **newest.environment())
     assert env.action_space.n == 13
     assert stillroom.load(tmp_path, rollout=3).frames == 3000
@@ -70,16 +66,22 @@ def test_a_policy_file_says_itself_what_it_is(tmp_path: Path) -> None:
     config = '[network]\ngoal = "cartesian"\ncarried_goal = "object_to_goal"\n[episode]\nmax_steps = 77\n'
     ones = np.ones((2, 3), np.float16)
     digest = hashlib.sha256(b"actor.weight" + (12).to_bytes(8, "little") + ones.tobytes()).hexdigest()
-    facts = {"config": config, "frames": "4000", "rollout": "12", "run": "0123", "tensors_sha256": digest}
+    facts = {"config": config, "frames": "4000", "rollout": "12", "run": "0123"}
+    facts |= {"weights_sha256": "", "tensors_sha256": digest}
     path = tmp_path / "policy.safetensors"
     save_file({"actor.weight": ones}, path, {"stillroom": json.dumps(facts)})
     policy = stillroom.load(path)
     assert (policy.frames, policy.goal, policy.carried_goal) == (4000, "cartesian", "object_to_goal")
     assert policy.weights["actor.weight"].dtype == np.float32
-    assert policy.environment() == {"carried_goal": "object_to_goal", "max_steps": 77}
-    for wrong in ("nonsense", "[]", json.dumps({**facts, "frames": "many"}), json.dumps({**facts, "config": "="})):
+    assert (policy.environment()["carried_goal"], policy.environment()["max_steps"]) == ("object_to_goal", 77)
+    for wrong, problem in [
+        ("nonsense", "metadata that cannot be read"),
+        ("[]", "metadata that cannot be read"),
+        (json.dumps({**facts, "frames": "many"}), "`frames`"),
+        (json.dumps({**facts, "config": "="}), "configuration"),
+    ]:
         save_file({"actor.weight": ones}, path, {"stillroom": wrong})
-        with pytest.raises(CheckpointError, match="metadata that cannot be read"):
+        with pytest.raises(CheckpointError, match=problem):
             stillroom.load(path)
 
 
@@ -97,22 +99,23 @@ def test_a_damaged_policy_file_is_refused(tmp_path: Path) -> None:
 
 
 def test_what_holds_no_checkpoint_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(CheckpointError, match="no checkpoint"):
-        stillroom.load(tmp_path)
-    (tmp_path / "a.safetensors").write_bytes(b"nothing")
-    with pytest.raises(CheckpointError, match="no safetensors file"):
-        stillroom.load(tmp_path / "a.safetensors")
-    (tmp_path / "a.json").write_text("[]")
-    with pytest.raises(CheckpointError, match="no manifest"):
-        stillroom.load(tmp_path / "a.json")
-    (tmp_path / "b.json").write_text('{"tensors": "../a.safetensors", "tensors_sha256": ""}')
-    with pytest.raises(CheckpointError, match="not beside it"):
-        stillroom.load(tmp_path / "b.json")
-    (tmp_path / "a.txt").write_text("")
-    with pytest.raises(CheckpointError, match="neither a run folder"):
-        stillroom.load(tmp_path / "a.txt")
-    with pytest.raises(stillroom.CheckpointError, match="c.safetensors is not there"):
-        stillroom.load(tmp_path / "c.safetensors")
+    cases: list[tuple[str, bytes | None, str]] = [
+        ("", None, "no checkpoint"),
+        ("a.safetensors", b"nothing", "no safetensors file"),
+        ("a.json", b"[]", "not a manifest"),
+        ("b.json", sealed(tensors="../a.safetensors"), "not beside it"),
+        ("c.json", sealed(config="[network]\ngoal = 3"), "its configuration"),
+        ("d.json", sealed(), "No such file"),
+        ("e.json", sealed().replace(b"1000", b"2000"), "its own checksum"),
+        ("a.txt", b"", "neither a run folder"),
+        ("c.safetensors", None, "c.safetensors is not there"),
+    ]
+    for name, content, problem in cases:
+        if content is not None:
+            (tmp_path / name).write_bytes(content)
+        with pytest.raises(stillroom.CheckpointError, match=problem) as caught:
+            stillroom.load(tmp_path / name)
+        assert str(tmp_path) in str(caught.value)
 
 
 @pytest.mark.parametrize(

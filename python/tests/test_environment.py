@@ -145,23 +145,23 @@ def test_what_is_wrong_is_said(kitchens: dict) -> None:
         ({"max_steps": 0}, "max_steps"),
         ({"scene": "a.toml"}, "either a kitchen or a scene"),
         ({"render_side": 0}, "8 to 4096"),
-        ({"reward": 3}, "nor a function"),
-        ({"max_steps": -5}, "max_steps is -5, not 0 to"),
+        ({"reward": 3}, 'reward is 3, none of "r"'),
+        ({"max_steps": -5}, "max_steps is -5, not 1 to 512"),
         ({"frame_side": -224}, "frame_side is -224"),
         ({"frame_side": 2**40}, "frame_side is 1099511627776"),
     ]:
         with pytest.raises(ValueError, match=words):
             make(**arguments)
     for number in (28, -1, 2**40):
-        with pytest.raises(ValueError, match=f"there is no kitchen {number}"):
+        with pytest.raises(ValueError, match=f"kitchen (is )?{number}"):
             stillroom.Kitchen(number)
-    with pytest.raises(ValueError, match="there is no kitchen -3"):
+    with pytest.raises(ValueError, match="kitchen is -3"):
         stillroom.VectorEnv(2, kitchens=[1, -3])
     env = make(max_steps=1)
     for options, error, words in [
         ({"episode": -1}, ValueError, "episode is -1"),
         ({"drawn": 2**32}, ValueError, "drawn is 4294967296"),
-        ({"episode": 1.5}, TypeError, "episode is 1.5, not a whole number"),
+        ({"episode": 1.5}, TypeError, "episode is 1.5, not an integer"),
     ]:
         with pytest.raises(error, match=words):
             env.reset(options=options)
@@ -172,12 +172,11 @@ def test_what_is_wrong_is_said(kitchens: dict) -> None:
     with pytest.raises(ValueError, match="no option 'mixed'"):
         env.reset(options={"mixed": 1})
     env.reset(seed=1)
-    with pytest.raises(ValueError, match="actions 0 to 20, not 21"):
+    with pytest.raises(ValueError, match="action is 21, not 0 to 20"):
         env.step(21)
-    with pytest.raises(ValueError, match="actions are integers"):
-        env.step(1.7)
-    with pytest.raises(ValueError, match=r"shape \(1, 1\) for 1 environment"):
-        env.step(np.array([1]))
+    for action in (1.7, np.array([1])):
+        with pytest.raises(TypeError, match="not an integer"):
+            env.step(action)
     assert env.step(0)[3]
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(0)

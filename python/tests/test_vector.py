@@ -177,19 +177,19 @@ def test_what_is_wrong_is_said(kitchens: dict) -> None:
     for arguments, words in [
         ({"autoreset_mode": "Sometimes"}, "Sometimes"),
         ({"render_mode": "human"}, "rgb_array"),
-        ({"kitchens": "kitchens"}, "none of train"),
+        ({"kitchens": "kitchens"}, 'none of "train"'),
         ({"kitchens": []}, "at least one kitchen"),
         ({"kitchens": [1], "scenes": "a.toml"}, "either kitchens or scenes"),
         ({"scenes": "a.toml"}, r"a\.toml: cannot be read"),
-        ({"threads": -1}, "at least one of each"),
-        ({"threads": 0}, "at least one of each"),
+        ({"threads": -1}, "threads is -1, not 1 to"),
+        ({"threads": 0}, "threads is 0, not 1 to"),
     ]:
         with pytest.raises(ValueError, match=words):
             stillroom.VectorEnv(1, **arguments)
     env = make(kitchens)
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(actions_of(0))
-    with pytest.raises(ValueError, match="2 seeds for 4"):
+    with pytest.raises(ValueError, match="seed has 2 items for 4"):
         env.reset(seed=[1, 2])
     env.reset(seed=1)
     with pytest.raises(ValueError, match="3 actions for 4"):

@@ -1,6 +1,7 @@
 """The compiled module: private, but for `Kitchen` and `Snapshot`."""
 
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,34 @@ TARGETS: list[str]
 FRAME_SIDE: int
 """Width and height of the robot's own depth frame, pixels."""
 
+class CheckpointError(ValueError):
+    """A path holds no checkpoint that can be used."""
+
 def kitchens(split: str) -> list[int]:
     """Numbers of the built-in kitchens of a split: "train", "validation" or "test"."""
+
+def whole(name: str, value: Any, most: int, least: int = 0) -> int:
+    """An integer from `least` to `most`, of whatever can be an index but a bool; errors name it `name`."""
+
+def choice(name: str, value: Any, choices: list[str]) -> str:
+    """One of the texts; an error names it `name`."""
+
+def shown(value: Any) -> str:
+    """A value for an error: as Python writes it, but no more than a line."""
+
+def read_plain(path: str | PathLike[str], most: int) -> bytes:
+    """The bytes of a plain file, not of a link, that has `most` at most."""
+
+def read_checkpoint(
+    path: str | PathLike[str], prefix: str, verify: bool
+) -> tuple[Path, str, str, list[tuple[str, str, list[int], bytes]]]:
+    """Of the checkpoint with this manifest: file, manifest as JSON, configuration as TOML, and tensors (name, type,
+    shape, bytes) whose names begin with `prefix`."""
+
+def read_policy(
+    path: str | PathLike[str], verify: bool
+) -> tuple[tuple[str, int, int, str] | None, list[tuple[str, str, list[int], bytes]]]:
+    """Of a policy file: configuration as TOML, rollout, frames and run, unless it is of weights alone; tensors."""
 
 class Settings:
     def __init__(
@@ -23,8 +50,8 @@ class Settings:
         *,
         preset: str,
         reward: str,
+        depth: str,
         frame_side: int,
-        in_metres: bool,
         action_space: str | None = None,
         max_steps: int | None = None,
         start_distance_max_m: float | None = None,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 import warnings
@@ -13,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors import SafetensorError
-from safetensors.numpy import load as decode
-from safetensors.numpy import save_file
+from safetensors.numpy import save
+
+from stillroom._stillroom import CheckpointError, read_checkpoint, read_policy, shown, whole
+from stillroom.spaces import flag
 
 try:
     import tomllib
@@ -27,8 +27,11 @@ if TYPE_CHECKING:
 
 # In a checkpoint the names of the weights begin so; beside them lie Adam's moments, beliefs and environments.
 PREFIX = "model."
-# What the metadata of a policy file are called.
-ENTRY = "stillroom"
+# Of the types of safetensors those that numpy has; BF16 is widened by hand.
+TYPES = {
+    **{f"{kind}{bits}": f"<{kind.lower()}{bits // 8}" for kind in "IU" for bits in (8, 16, 32, 64)},
+    **{"F16": "<f2", "F32": "<f4", "F64": "<f8", "BF16": "<u2", "BOOL": "?"},
+}
 # Checkpoints that do not say their sign are older than the setting, and were trained with this one.
 OLDER_SIGN = "object_to_goal"
 
@@ -73,15 +76,13 @@ class Checkpoint:
 
     def save(self, path: str | PathLike[str]) -> None:
         """Writes the weights alone as a safetensors file, which `load` and `learner probe` read."""
-        save_file(self.weights, path)
-
-
-class CheckpointError(ValueError):
-    """A path holds no checkpoint that can be used."""
+        Path(path).write_bytes(save(self.weights))
 
 
 def load(path: str | PathLike[str], *, rollout: int | None = None, verify: bool = True) -> Checkpoint:
-    """Reads a checkpoint.
+    """Reads a checkpoint. Whatever is wrong with a file is a `CheckpointError`, which names it.
+
+    Files are ordinary ones of a bounded size. What lies in a folder is no link: the folder may be somebody else's.
 
     Args:
         path: a run folder (its newest complete checkpoint), `RUN/best` or another folder with checkpoints, one of a
@@ -90,26 +91,25 @@ def load(path: str | PathLike[str], *, rollout: int | None = None, verify: bool 
         rollout: of a folder, the checkpoint with this number instead of the newest.
         verify: compare the SHA-256 that the manifest, or a policy file, names.
     """
-    path = _through_best(Path(path))
-    if path.is_dir():
-        return _newest(path, rollout, verify)
-    if not path.exists():
-        raise CheckpointError(f"{path} is not there")
-    if path.suffix == ".json":
-        return _checkpoint(path, verify)
-    if path.suffix != ".safetensors":
-        raise CheckpointError(f"{path} is neither a run folder nor a checkpoint (rollout-....safetensors)")
-    if path.with_suffix(".json").exists():
-        return _checkpoint(path.with_suffix(".json"), verify)
+    if not isinstance(path, str | PathLike):
+        raise TypeError(f"path is {shown(path)}, not a path")
+    path, verify = Path(path), flag("verify", verify)
+    rollout = None if rollout is None else whole("rollout", rollout, 2**64 - 1)
     try:
-        content = path.read_bytes()
+        path = _through_best(path)
+        if path.is_dir():
+            return _newest(path, rollout, verify)
+        if rollout is not None:
+            raise ValueError(f"rollout chooses a checkpoint of a folder, and {path} is none")
+        if not path.exists():
+            raise CheckpointError(f"{path} is not there")
+        if path.suffix not in (".json", ".safetensors"):
+            raise CheckpointError(f"{path} is neither a run folder nor a checkpoint (rollout-....safetensors)")
+        if path.with_suffix(".json").exists():
+            return _checkpoint(path.with_suffix(".json"), verify)
+        return _policy(path, verify)
     except OSError as error:
         raise CheckpointError(f"{path} cannot be read: {error}") from error
-    tensors = _tensors(path, content)
-    weights = {name.removeprefix(PREFIX): tensor for name, tensor in tensors.items() if name.startswith(PREFIX)}
-    config, manifest = _facts(path, content, verify)
-    sign = config.get("network", {}).get("carried_goal", "goal_to_object")
-    return Checkpoint(path, weights or tensors, sign, config, manifest)
 
 
 def _through_best(path: Path) -> Path:
@@ -120,41 +120,17 @@ def _through_best(path: Path) -> Path:
     return path.parent / named if re.fullmatch("validation/rollout-[0-9]+", named) else path
 
 
-def _facts(path: Path, content: bytes, verify: bool) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Configuration and origin out of the metadata of a policy file; nothing where there are none."""
-    begin = 8 + int.from_bytes(content[:8], "little")
-    header = json.loads(content[8:begin])
-    entry = header.pop("__metadata__", {}).get(ENTRY)
-    if entry is None:
-        return {}, {}
-    try:
-        facts = json.loads(entry)
-        config = tomllib.loads(facts.get("config", ""))
-        manifest = {"frames": int(facts["frames"]), "rollout": int(facts["rollout"]), "run": facts["run"]}
-        digest = facts["tensors_sha256"]
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise CheckpointError(f"{path} has metadata that cannot be read: {error}") from error
-    if verify and _tensors_sha256(header, content[begin:]) != digest:
-        raise CheckpointError(f"{path} is damaged: the SHA-256 of its weights is not the one that its metadata name")
-    return config, manifest
-
-
-def _tensors_sha256(header: dict[str, Any], data: bytes) -> str:
-    """What a policy file is known by: name, length and bytes of each tensor, by name."""
-    digest = hashlib.sha256()
-    for name, entry in sorted(header.items()):
-        begin, end = entry["data_offsets"]
-        digest.update(name.encode() + (end - begin).to_bytes(8, "little") + data[begin:end])
-    return digest.hexdigest()
-
-
 def _newest(folder: Path, rollout: int | None, verify: bool) -> Checkpoint:
     """The newest checkpoint of a folder that is whole: a torn one is followed by the one before it."""
-    manifests = sorted([*folder.glob("checkpoints/rollout-*.json"), *folder.glob("rollout-*.json")], reverse=True)
-    if rollout is not None:
-        manifests = [path for path in manifests if path.stem == f"rollout-{rollout:08}"]
+    # A link in somebody else's folder may lead anywhere.
+    inside = [] if (folder / "checkpoints").is_symlink() else folder.glob("checkpoints/rollout-*.json")
+    found = [*folder.glob("rollout-*.json"), *inside]
+    numbered = {path: path.stem.removeprefix("rollout-") for path in found}
+    manifests = {path: int(number) for path, number in numbered.items() if number.isascii() and number.isdigit()}
     problem: CheckpointError | None = None
-    for manifest in manifests:
+    for manifest in sorted(manifests, key=manifests.__getitem__, reverse=True):
+        if rollout not in (None, manifests[manifest]):
+            continue
         try:
             checkpoint = _checkpoint(manifest, verify)
         except CheckpointError as error:
@@ -168,30 +144,39 @@ def _newest(folder: Path, rollout: int | None, verify: bool) -> Checkpoint:
 
 
 def _checkpoint(path: Path, verify: bool) -> Checkpoint:
-    try:
-        manifest = json.loads(path.read_bytes())
-        name, digest = manifest["tensors"], manifest["tensors_sha256"]
-        if Path(name).name != name or name == "..":
-            raise ValueError(f"it names tensors that are not beside it: {name}")
-        config = tomllib.loads(manifest.get("config", ""))
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise CheckpointError(f"{path} is no manifest of a checkpoint: {error}") from error
-    file = path.parent / name
-    try:
-        content = file.read_bytes()
-    except OSError as error:
-        raise CheckpointError(f"{path} names tensors that are not there: {error}") from error
-    if verify and hashlib.sha256(content).hexdigest() != digest:
-        raise CheckpointError(f"{file} is damaged: its SHA-256 is not the one that its manifest names")
-    tensors = _tensors(file, content)
-    weights = {name.removeprefix(PREFIX): tensor for name, tensor in tensors.items() if name.startswith(PREFIX)}
-    return Checkpoint(file, weights, manifest.get("carried_goal", OLDER_SIGN), config, manifest)
+    file, manifest, config, tensors = read_checkpoint(path, PREFIX, verify)
+    facts = json.loads(manifest)
+    weights = _weights(file, tensors)
+    return Checkpoint(file, weights, facts.get("carried_goal", OLDER_SIGN), tomllib.loads(config), facts)
 
 
-def _tensors(path: Path, content: bytes) -> dict[str, NDArray[Any]]:
-    try:
-        # Sorted: the library gives them in any order.
-        tensors = {name: np.asarray(tensor) for name, tensor in sorted(decode(content).items())}
-    except SafetensorError as error:
-        raise CheckpointError(f"{path} is no safetensors file: {error}") from error
-    return {name: array.astype(np.float32) if array.dtype == np.float16 else array for name, array in tensors.items()}
+def _policy(path: Path, verify: bool) -> Checkpoint:
+    """A policy file, or weights alone."""
+    facts, tensors = read_policy(path, verify)
+    named = [tensor for tensor in tensors if tensor[0].startswith(PREFIX)]
+    weights = _weights(path, named or tensors)
+    if facts is None:
+        return Checkpoint(path, weights, "goal_to_object")
+    config, rollout, frames, run = facts
+    table = tomllib.loads(config)
+    manifest = {"frames": frames, "rollout": rollout, "run": run}
+    return Checkpoint(path, weights, table["network"]["carried_goal"], table, manifest)
+
+
+def _weights(path: Path, tensors: list[tuple[str, str, list[int], bytes]]) -> dict[str, NDArray[Any]]:
+    """Arrays of tensors, those of 16 bits widened, without the prefix of a checkpoint."""
+    weights = {}
+    for name, kind, shape, content in tensors:
+        if kind not in TYPES:
+            raise CheckpointError(f"{path} holds a tensor {shown(name)} of the type {kind}, which numpy lacks")
+        array = np.frombuffer(content, TYPES[kind])
+        if kind == "BF16":
+            array = (array.astype(np.uint32) << 16).view(np.float32)
+        try:
+            array = array.reshape(shape)
+        except (ValueError, OverflowError) as error:
+            raise CheckpointError(f"{path} holds a tensor {shown(name)} of a shape that numpy lacks: {error}") from None
+        weights[name.removeprefix(PREFIX)] = array.astype(np.float32 if kind == "F16" else array.dtype)
+    if not weights:
+        raise CheckpointError(f"{path} holds no weights: take another file")
+    return weights

@@ -10,12 +10,21 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from stillroom._stillroom import TARGETS, Batch, Kitchen, Snapshot
-from stillroom.spaces import actions_of, check_pictures, choice_of, kitchen_of, observation_space, settings_of
+from stillroom._stillroom import TARGETS, Kitchen, Snapshot, shown, whole
+from stillroom.simulated import Simulated
+from stillroom.spaces import (
+    NUMBER_MAX,
+    RENDER_MODES,
+    choice_of,
+    kitchen_of,
+    observation_space,
+    options_of,
+    pictures_of,
+)
 from stillroom.types import Observation, RewardParts, State
 
 
-class ArmPointNav(gymnasium.Env):
+class ArmPointNav(Simulated, gymnasium.Env):
     """A robot fetches an object in a kitchen and brings it to its goal, and should move nothing else.
 
     Observations are dictionaries (`stillroom.types.Observation`), actions are `Discrete(21)`, or `Discrete(13)` with
@@ -23,11 +32,11 @@ class ArmPointNav(gymnasium.Env):
     after `max_steps` actions.
     """
 
-    metadata = {"render_modes": ["rgb_array", "depth_array"], "render_fps": 5}
+    metadata = {"render_modes": RENDER_MODES, "render_fps": 5}
 
     def __init__(
         self,
-        kitchen: int | Kitchen = 1,
+        kitchen: int | Kitchen | None = None,
         *,
         scene: str | PathLike[str] | None = None,
         number: int = 0,
@@ -47,13 +56,14 @@ class ArmPointNav(gymnasium.Env):
         """Makes the environment; the kitchen is built (a second or two) unless another environment is in it.
 
         Args:
-            kitchen: number of a built-in kitchen (`stillroom.kitchens("train")`), or a `stillroom.Kitchen`.
+            kitchen: number of a built-in kitchen (`stillroom.kitchens("train")`), or a `stillroom.Kitchen`; 1
+                without one.
             scene: TOML file of a scene of your own, instead of a kitchen.
             number: which environment of its kitchen this is; environments with other numbers sample other episodes.
             preset: preset whose task this is (`orchestrator config` lists them); the following override it.
             reward: "r" (the task), "r_prime" (minus `disturbance_weight` for each metre of displacement), or a function
                 of the reward's parts.
-            disturbance_weight: reward of one metre less displacement in "r_prime"; 15 in the paper.
+            disturbance_weight: reward of one metre less displacement in "r_prime", and for it only; 15 in the paper.
             action_space: "large" (21 actions) or "small" (13: no elbow, wrist rotation or camera).
             max_steps: actions after which an episode is truncated; 200 in the paper.
             start_distance_max_m: the robot starts at most this far from the target, metres; 0 is anywhere.
@@ -66,39 +76,33 @@ class ArmPointNav(gymnasium.Env):
             render_mode: "rgb_array" or "depth_array".
             render_side: height of each of the two views in an "rgb_array", pixels.
         """
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(
-                f"render_mode {render_mode!r} is not there: stillroom opens no window. Use 'rgb_array' (and show or "
-                "save the pictures) or 'depth_array'."
-            )
-        check_pictures(render_side)
-        if scene is not None and kitchen != 1:
+        if scene is not None and kitchen is not None:
             raise ValueError("give either a kitchen or a scene")
-        self.render_mode = render_mode
-        self._render_side = render_side
-        self._settings = settings_of(
-            reward=reward,
-            depth=depth,
-            frame_side=frame_side,
-            preset=preset,
-            action_space=action_space,
-            max_steps=max_steps,
-            start_distance_max_m=start_distance_max_m,
-            goal_distance_max_m=goal_distance_max_m,
-            disturbance_weight=disturbance_weight,
-            carried_goal=carried_goal,
-        )
-        self.kitchen = kitchen_of(kitchen) if scene is None else Kitchen(scene=scene)
-        """The kitchen."""
-        self.action_names: list[str] = self._settings.actions
-        """Names of the actions."""
-        self._reward = reward if callable(reward) else None
-        self._objects = self.kitchen.objects
-        self.batch = Batch(self._settings, [self.kitchen], [number], "Disabled", 1)
-        self._begun = False
+        self.render_mode, self._render_side = pictures_of(render_mode, render_side)
+        room = kitchen_of(1 if kitchen is None else kitchen) if scene is None else Kitchen(scene=scene)
+        task = {
+            "reward": reward,
+            "depth": depth,
+            "frame_side": frame_side,
+            "preset": preset,
+            "action_space": action_space,
+            "max_steps": max_steps,
+            "start_distance_max_m": start_distance_max_m,
+            "goal_distance_max_m": goal_distance_max_m,
+            "disturbance_weight": disturbance_weight,
+            "carried_goal": carried_goal,
+        }
+        self._make([room], [whole("number", number, NUMBER_MAX)], "Disabled", 1, task)
+        self._objects = room.objects
         self._ended = False
-        self.observation_space = observation_space(self._settings, depth=depth, frame_side=frame_side)
+        self.observation_space = observation_space(self._views, len(self.action_names))
         self.action_space = gymnasium.spaces.Discrete(len(self.action_names))
+
+    @property
+    def kitchen(self) -> Kitchen:
+        """The kitchen."""
+        self.batch  # noqa: B018  # refuses a closed environment
+        return self._made[0][0]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -107,64 +111,74 @@ class ArmPointNav(gymnasium.Env):
 
         The same seed, kitchen, number and episode begin the same, on every machine, as in training with this seed.
         """
+        batch = self.batch
+        series, seed, episode = choice_of(options_of(options), seed)
         super().reset(seed=seed)
-        if seed is None and not self._begun:
+        if seed is None and not self._begun[0]:
             seed = int(self.np_random.integers(2**63))
-        series, seed, episode = choice_of(options, seed)
-        facts = self.batch.reset([(series, seed, episode)])
-        self._begun, self._ended = True, False
+        facts = batch.reset([(series, seed, episode)])
+        self._begun[0], self._ended = True, False
         return self._observation(), self._info(facts)
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Takes an action; returns observation, reward, terminated, truncated and `stillroom.types.Info`."""
-        if not self._begun or self._ended:
-            raise gymnasium.error.ResetNeeded("call reset() first: no episode has begun, or the last one has ended")
-        rewards, terminated, truncated, facts, _, _, _ = self.batch.step(actions_of([action], 1))
+        batch = self._playing()
+        if self._ended:
+            raise gymnasium.error.ResetNeeded("call reset() first: the episode has ended")
+        number = whole("action", action, len(self.action_names) - 1)
+        rewards, terminated, truncated, facts, _, _, _ = batch.step(np.array([number], np.int64))
         # Before the reward: a function of the user may raise.
         self._ended = bool(terminated[0] or truncated[0])
         info = self._info(facts)
-        reward = float(rewards[0]) if self._reward is None else float(self._reward(info["reward_parts"]))
+        reward = rewards[0] if self._reward is None else self._reward(info["reward_parts"])
+        try:
+            reward = float(reward)
+        except (ArithmeticError, TypeError, ValueError):
+            raise ValueError(f"the reward function returned {shown(reward)}, not a number") from None
         return self._observation(), reward, bool(terminated[0]), bool(truncated[0]), info
 
     def render(self) -> NDArray[Any] | None:
         """The moment as a picture. "rgb_array": [rows, columns, 3] uint8, the robot's depth view and the room from
         outside, target and goal marked, captions. "depth_array": [side, side] float32, metres, 0 where nothing is."""
-        if not self._begun:
-            raise gymnasium.error.ResetNeeded("call reset() before render()")
+        batch = self._playing()
         if self.render_mode == "rgb_array":
-            return self.batch.picture(0, self._render_side)
+            return batch.picture(0, self._render_side)
         if self.render_mode == "depth_array":
-            depth = self.batch.depth[0]
+            depth = self._views["depth"][0]
             return depth.copy() if depth.dtype == np.float32 else depth.astype(np.float32) / np.float32(1000.0)
         return None
 
     def state(self) -> State:
         """The privileged state: poses of everything."""
-        return self.batch.state(0)
+        return self._playing().state(0)
 
     def displacement_m(self) -> dict[str, float]:
         """Each object that is not where it stood at the episode's start, and how far from there, metres."""
-        return moved(self._objects, self.batch.displacements_m(0))
+        return moved(self._objects, self._playing().displacements_m(0))
 
     def snapshot(self) -> Snapshot:
         """The moment, to return to it with `restore`: an exact copy. It can be pickled: it then holds the episode's
         actions, and reading it simulates them again, to the same bits."""
-        return self.batch.snapshot(0)
+        return self._playing().snapshot(0)
 
     def restore(self, snapshot: Snapshot) -> tuple[Observation, dict[str, Any]]:
         """Returns to a moment of the same kitchen; returns observation and info as `reset` does."""
-        facts = self.batch.restore(0, snapshot)
-        self._begun = True
+        facts = self._restore(0, snapshot)
         info = self._info(facts)
         self._ended = self.batch.ended(0)
         return self._observation(), info
 
+    def close(self) -> None:
+        """Frees the simulation. Whatever is asked of it afterwards raises `gymnasium.error.ClosedEnvironmentError`."""
+        super().close()
+        self._free()
+
     def _observation(self) -> Observation:
-        batch = self.batch
+        views = self._views
         return {
-            "depth": batch.depth[0].copy(),
-            "goal": batch.goal[0].copy(),
-            "previous_action": np.int64(batch.previous_action[0]),
+            "depth": views["depth"][0].copy(),
+            "goal": views["goal"][0].copy(),
+            "previous_action": views["previous_action"][0],
         }
 
     def _info(self, facts: dict[str, Any]) -> dict[str, Any]:

@@ -113,6 +113,11 @@ class Network(nn.Module):
     ) -> None:
         super().__init__()
         self.input_pool, self.goal, self.hidden, self.actions = input_pool, goal, hidden, actions
+        if encoder not in ("resnet", "cnn") or goal not in ("polar", "cartesian") or input_pool not in (1, 2, 4):
+            raise ValueError(
+                f'encoder is {encoder!r}, goal {goal!r}, input_pool {input_pool!r}: there are "resnet", "cnn";'
+                ' "polar", "cartesian"; 1, 2, 4'
+            )
         self.visual_encoder = {"resnet": Resnet, "cnn": Cnn}[encoder](RAW_SIDE // input_pool)
         self.goal_embedder = nn.Sequential(nn.Linear(3, 100), nn.LeakyReLU(0.01), nn.Linear(100, 32))
         self.previous_action_embedder = nn.Embedding(actions + 1, 16) if previous_action else None
@@ -124,12 +129,15 @@ class Network(nn.Module):
     def of(cls, weights: dict[str, NDArray[Any]], *, goal: str = "polar") -> Network:
         """The network that weights belong to: names and shapes give all but `goal`. Heads of auxiliary tasks are left
         out."""
-        try:
-            actions, hidden = weights["actor.weight"].shape
-            encoder = "resnet" if "visual_encoder.fc.1.weight" in weights else "cnn"
-            last = weights["visual_encoder.fc.1.weight" if encoder == "resnet" else "visual_encoder.cnn.6.weight"]
-        except KeyError as error:
-            raise ValueError(f"these are no weights of a policy: {error} is missing") from error
+        encoder = "resnet" if "visual_encoder.fc.1.weight" in weights else "cnn"
+        last = "visual_encoder.fc.1.weight" if encoder == "resnet" else "visual_encoder.cnn.6.weight"
+        for name in ("actor.weight", "belief.weight_hh_l0", last):
+            if name not in weights or len(weights[name].shape) != 2:
+                raise ValueError(f"these are no weights of a policy: {name} is missing or no matrix")
+        actions, hidden = weights["actor.weight"].shape
+        # Before a network of that size is made.
+        if 0 in (actions, hidden) or weights["belief.weight_hh_l0"].shape != (3 * hidden, hidden):
+            raise ValueError("these are no weights of a policy: belief.weight_hh_l0 does not fit actor.weight")
         for input_pool in (1, 2, 4):
             network = cls(
                 encoder=encoder,
@@ -140,14 +148,14 @@ class Network(nn.Module):
                 actions=actions,
             )
             own = network.state_dict()
-            if (
-                own["visual_encoder.fc.1.weight" if encoder == "resnet" else "visual_encoder.cnn.6.weight"].shape
-                == last.shape
-            ):
-                # A copy: arrays of numpy may be read-only.
-                network.load_state_dict({name: torch.tensor(weights[name]) for name in own if name in weights})
+            if own[last].shape == weights[last].shape:
+                try:
+                    # A copy: arrays of numpy may be read-only.
+                    network.load_state_dict({name: torch.tensor(weights[name]) for name in own if name in weights})
+                except (RuntimeError, TypeError) as error:
+                    raise ValueError(f"these are no weights of a policy: {error}") from error
                 return network.eval()
-        raise ValueError(f"no input pooling gives the encoder {last.shape[1]} features")
+        raise ValueError(f"no input pooling gives the encoder {weights[last].shape[1]} features")
 
     def begin(self, rows: int = 1) -> Tensor:
         """The belief at an episode's start: zeros [rows, hidden]."""

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
+
+from stillroom._stillroom import ACTIONS, choice
+from stillroom.simulated import Simulated
 
 
 class Oracle:
     """What the planner would do now. Made by `stillroom.oracle`."""
 
-    def __init__(self, batch: Any, variant: str, single: bool) -> None:
-        self._batch = batch
+    def __init__(self, env: Simulated, variant: str) -> None:
+        self._env = env
         self._variant = variant
-        self._single = single
 
     def action(self) -> int | NDArray[np.int64]:
         """The next action: an int for one environment, [n] int64 for a `VectorEnv`.
@@ -23,8 +23,8 @@ class Oracle:
         It plans from the present moment if the last action was not the one it advised, as when a learner acts and the
         oracle corrects it. In an episode that has ended it is 0.
         """
-        actions = self._batch.oracle(self._variant)
-        return int(actions[0]) if self._single else actions
+        actions = self._env._playing().oracle(self._variant)
+        return int(actions[0]) if isinstance(self._env, gymnasium.Env) else actions
 
     __call__ = action
 
@@ -35,11 +35,10 @@ def oracle(env: gymnasium.Env | gymnasium.vector.VectorEnv, variant: str = "fast
     It plans with the state that policies do not see: "fast" takes the shortest way and pushes things aside; "careful"
     keeps clear of everything, and a plan can take it a second. It needs `action_space="large"`.
     """
-    if variant not in ("fast", "careful"):
-        raise ValueError(f'variant `{variant}` is none of "fast", "careful"')
-    batch = getattr(env.unwrapped, "batch", None)
-    if batch is None:
-        raise TypeError(
-            f"there is an oracle for environments of stillroom only, not for {type(env.unwrapped).__name__}"
-        )
-    return Oracle(batch, variant, single=isinstance(env, gymnasium.Env))
+    variant = choice("variant", variant, ["fast", "careful"])
+    own = getattr(env, "unwrapped", None)
+    if not isinstance(own, Simulated):
+        raise TypeError(f"env is a {type(env).__name__}: there is an oracle for environments of stillroom only")
+    if len(own.action_names) < len(ACTIONS):
+        raise ValueError('the oracle needs all 21 actions: make the environment with action_space="large"')
+    return Oracle(own, variant)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
-import os
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -16,11 +15,13 @@ try:
 except ModuleNotFoundError:  # Python 3.10
     import tomli as tomllib  # type: ignore[no-redef]
 
+from stillroom._stillroom import read_plain, shown
+
 if TYPE_CHECKING:
     import pandas as pd
 
 # A file of figures is read whole: one that is larger than this is none of ours.
-BYTES_MOST = 4 << 30
+BYTES_MOST = 1 << 30
 
 UNITS = {"_m": "metres", "_s": "seconds", "_rad": "radians"}
 SHARE, STEPS, COUNT = "share, 0 to 1", "steps", "count"
@@ -143,13 +144,24 @@ def read_run(path: str | PathLike[str]) -> Run:
 
     Of `metrics.jsonl` those lines are read that count: a line makes all before it with the same or a higher rollout
     void. Of `validation.jsonl` the last line of each rollout is read. A last line that is cut off is left out. Any
-    other damaged line is an error.
+    other damaged line is an error. Whatever is wrong with a folder is a `RunError`.
     """
-    path = Path(path)
+    if not isinstance(path, str | PathLike):
+        raise TypeError(f"path is {shown(path)}, not a path")
     try:
         import pandas  # noqa: F401
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError("stillroom.read_run needs pandas: pip install pandas") from error
+    try:
+        return _run(Path(path))
+    except RunError:
+        raise
+    # The folder may be anybody's, and what is in its files of any shape.
+    except (ArithmeticError, AttributeError, LookupError, OSError, RecursionError, TypeError, ValueError) as error:
+        raise RunError(f"{path} holds what no run of this version does: {error}") from error
+
+
+def _run(path: Path) -> Run:
     if path.is_file() and path.name in ("evaluation.json", "episodes.csv", "summary.json", "config.toml"):
         path = path.parent
     if not path.is_dir():
@@ -194,14 +206,9 @@ def _evaluation(path: Path, config: dict[str, Any]) -> Run:
 
 
 def _read(path: Path) -> str | None:
-    """The text of a file; None where there is none."""
+    """The text of a plain file: a pipe would be waited for, and a link may lead anywhere. None where there is none."""
     try:
-        # A pipe would be waited for: only files are read.
-        if path.exists() and not path.is_file():
-            raise RunError(f"{path} is no file")
-        if os.path.getsize(path) > BYTES_MOST:
-            raise RunError(f"{path} is too large to be one of ours")
-        return path.read_text(encoding="utf-8")
+        return read_plain(path, BYTES_MOST).decode()
     except FileNotFoundError:
         return None
     except (OSError, UnicodeDecodeError) as error:

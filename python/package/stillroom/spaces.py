@@ -2,76 +2,83 @@
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from stillroom._stillroom import Kitchen, Settings
+from stillroom._stillroom import Kitchen, Settings, shown, whole
 
 # Farther than any room is wide: a scene of a user may be large, and spaces must not depend on the kitchen.
 GOAL_MAX_M = 1000.0
-
-
 # What the simulator counts with.
 NUMBER_MAX = 2**32 - 1
 SEED_MAX = 2**64 - 1
+ENVIRONMENTS_MAX = 65_536
 
 
-def whole(name: str, number: Any, most: int = NUMBER_MAX) -> int:
-    """A whole number from 0 to `most`, or an error that names it."""
+def flag(name: str, value: Any) -> bool:
+    """A truth value, or an error that names it."""
+    if not isinstance(value, bool | np.bool_):
+        raise TypeError(f"{name} is {shown(value)}, neither True nor False")
+    return bool(value)
+
+
+def items(name: str, value: Any, count: int | None = None) -> list[Any]:
+    """The items of a list, a tuple, an array: `count` of them if that is given."""
     try:
-        value = operator.index(number)
+        # Without a length it may have no end.
+        found = list(value) if len(value) >= 0 and not isinstance(value, str | bytes | Mapping) else None
     except TypeError:
-        raise TypeError(f"{name} is {number!r}, not a whole number") from None
-    if not 0 <= value <= most:
-        raise ValueError(f"{name} is {value}, not 0 to {most}")
-    return value
+        found = None
+    if found is None:
+        raise TypeError(f"{name} is {shown(value)}, neither one nor a list of them")
+    if count is not None and len(found) != count:
+        raise ValueError(f"{name} has {len(found)} items for {count} environment{'s' if count > 1 else ''}")
+    return found
 
 
-def settings_of(
-    *,
-    reward: str | Callable[[dict[str, Any]], Any],
-    depth: str,
-    frame_side: int,
-    preset: str,
-    max_steps: int | None,
-    **overrides: Any,
-) -> Settings:
+def is_single(value: Any) -> bool:
+    """Whether it counts as one number, such as an array without axes."""
+    return hasattr(value, "__index__") and not getattr(value, "shape", ())
+
+
+RENDER_MODES = ["rgb_array", "depth_array"]
+
+
+def pictures_of(render_mode: Any, render_side: Any) -> tuple[str | None, int]:
+    """What is drawn, and how large."""
+    if render_mode is not None and not (isinstance(render_mode, str) and render_mode in RENDER_MODES):
+        raise ValueError(
+            f"render_mode is {shown(render_mode)}, and stillroom opens no window: use 'rgb_array' (and show or save the"
+            " pictures) or 'depth_array'"
+        )
+    return render_mode, whole("render_side", render_side, 4096, 8)
+
+
+def settings_of(*, reward: str | Callable[[dict[str, Any]], Any], **task: Any) -> Settings:
     """The settings of the arguments; a reward that is a function leaves the composed one at r."""
-    if not (isinstance(reward, str) or callable(reward)):
-        raise ValueError(f"reward is {reward!r}, neither \"r\", \"r_prime\" nor a function of the reward's parts")
-    if depth not in ("uint16", "float32"):
-        raise ValueError(f'depth `{depth}` is none of "uint16" (millimetres), "float32" (metres)')
-    return Settings(
-        preset=preset,
-        reward="r" if callable(reward) else reward,
-        frame_side=whole("frame_side", frame_side),
-        in_metres=depth == "float32",
-        max_steps=None if max_steps is None else whole("max_steps", max_steps),
-        **overrides,
-    )
+    return Settings(reward="r" if callable(reward) else reward, **task)
 
 
-def actions_of(actions: Any, count: int) -> NDArray[np.int64]:
-    """Actions as the simulator takes them, one for each of `count` environments, from anything that holds integers."""
-    array = np.asarray(actions)
+def actions_of(actions: Any, count: int, space: int) -> NDArray[np.int64]:
+    """Actions as the simulator takes them, one of `space` for each of `count` environments."""
+    try:
+        array = np.asarray(actions)
+    except (ValueError, TypeError):
+        raise ValueError(f"actions are one integer for each environment, not {shown(actions)}") from None
     if array.dtype.kind not in "iu":
-        raise ValueError(f"actions are integers, not {array.dtype}: {actions!r}")
+        raise ValueError(f"actions are integers, not {array.dtype}: {shown(actions)}")
     if array.shape != (count,):
         found = f"{len(array)} actions" if array.ndim == 1 else f"actions of shape {array.shape}"
         raise ValueError(f"{found} for {count} environment{'s' if count > 1 else ''}")
-    # A column of a matrix is not contiguous.
-    return np.ascontiguousarray(array, np.int64)
-
-
-def check_pictures(render_side: int) -> None:
-    """Refuses a side of pictures that cannot be drawn."""
-    if not 8 <= render_side <= 4096:
-        raise ValueError(f"render_side is {render_side}, not 8 to 4096 pixels")
+    wrong = np.flatnonzero((array < 0) | (array >= space))
+    if wrong.size:
+        raise ValueError(f"environment {wrong[0]}: there are actions 0 to {space - 1}, not {array[wrong[0]]}")
+    # A copy: they may be a column of a matrix, or an array that the step overwrites.
+    return np.array(array, np.int64)
 
 
 def kitchen_of(kitchen: int | Kitchen) -> Kitchen:
@@ -79,10 +86,10 @@ def kitchen_of(kitchen: int | Kitchen) -> Kitchen:
     return kitchen if isinstance(kitchen, Kitchen) else Kitchen(kitchen)
 
 
-def observation_space(settings: Settings, *, depth: str, frame_side: int) -> gymnasium.spaces.Dict:
-    """What `types.Observation` describes."""
-    shape = (frame_side, frame_side)
-    if depth == "float32":
+def observation_space(views: dict[str, NDArray[Any]], actions: int) -> gymnasium.spaces.Dict:
+    """What `types.Observation` describes, of environments that see into these arrays."""
+    shape = views["depth"].shape[1:]
+    if views["depth"].dtype == np.float32:
         depths = gymnasium.spaces.Box(0.0, np.float32(65.535), shape, np.float32)
     else:
         depths = gymnasium.spaces.Box(0, 65535, shape, np.uint16)
@@ -90,29 +97,33 @@ def observation_space(settings: Settings, *, depth: str, frame_side: int) -> gym
         {
             "depth": depths,
             "goal": gymnasium.spaces.Box(-GOAL_MAX_M, GOAL_MAX_M, (3,), np.float32),
-            "previous_action": gymnasium.spaces.Discrete(len(settings.actions) + 1),
+            "previous_action": gymnasium.spaces.Discrete(actions + 1),
         }
     )
 
 
-SERIES = ("sampled", "fixed", "drawn")
+SERIES = {"episode": "sampled", "fixed": "fixed", "drawn": "drawn"}
 
 
-def choice_of(options: dict[str, Any] | None, seed: int | None) -> tuple[str | None, int | None, int | None]:
+def options_of(options: Mapping[str, Any] | None) -> dict[str, Any]:
+    """The options of `reset`."""
+    if not isinstance(options, Mapping | None):
+        raise TypeError(f"options is {shown(options)}, not a dictionary")
+    return dict(options or {})
+
+
+def choice_of(options: dict[str, Any], seed: int | None) -> tuple[str | None, int | None, int | None]:
     """The episode that the options of `reset` ask for: (series, seed, number), None as before or the next.
 
     `{"episode": 5}` is the sampled episode 5 of the seed, `{"fixed": 5}` the fixed one with this number (validation and
     test kitchens), `{"drawn": 5}` the one that an evaluation draws.
     """
-    options = dict(options or {})
-    if "episode" in options:
-        options["sampled"] = options.pop("episode")
-    unknown = sorted(set(options) - set(SERIES))
-    if unknown:
-        raise ValueError(f"reset has no option {unknown[0]!r}; it has 'episode', 'fixed', 'drawn'")
+    for name in options:
+        if name not in SERIES:
+            raise ValueError(f"reset has no option {shown(name)}; it has 'episode', 'fixed', 'drawn'")
     if len(options) > 1:
         raise ValueError("give one of the options 'episode', 'fixed', 'drawn'")
     seed = None if seed is None else whole("seed", seed, SEED_MAX)
-    for series, number in options.items():
-        return series, seed, whole("episode" if series == "sampled" else series, number)
+    for name, number in options.items():
+        return SERIES[name], seed, whole(name, number, NUMBER_MAX)
     return None, seed, None

@@ -13,14 +13,28 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from stillroom._stillroom import Batch, Kitchen, Snapshot
+from stillroom._stillroom import Kitchen, Snapshot, choice, shown, whole
 from stillroom._stillroom import kitchens as kitchens_of
 from stillroom.env import moved
-from stillroom.spaces import actions_of, check_pictures, choice_of, kitchen_of, observation_space, settings_of
+from stillroom.simulated import Simulated
+from stillroom.spaces import (
+    ENVIRONMENTS_MAX,
+    RENDER_MODES,
+    SEED_MAX,
+    actions_of,
+    choice_of,
+    flag,
+    is_single,
+    items,
+    kitchen_of,
+    observation_space,
+    options_of,
+    pictures_of,
+)
 from stillroom.types import Observation, RewardParts, State
 
 
-class VectorEnv(gymnasium.vector.VectorEnv):
+class VectorEnv(Simulated, gymnasium.vector.VectorEnv):
     """`num_envs` environments in one or many kitchens, behind Gymnasium's vector API.
 
     `step` releases Python's lock; `threads` threads share the work, and the results do not depend on their number.
@@ -31,7 +45,7 @@ class VectorEnv(gymnasium.vector.VectorEnv):
     """
 
     metadata = {
-        "render_modes": ["rgb_array", "depth_array"],
+        "render_modes": RENDER_MODES,
         "render_fps": 5,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
@@ -40,7 +54,7 @@ class VectorEnv(gymnasium.vector.VectorEnv):
         self,
         num_envs: int = 1,
         *,
-        kitchens: int | str | Kitchen | Sequence[int | Kitchen] = "train",
+        kitchens: int | str | Kitchen | Sequence[int | Kitchen] | None = None,
         scenes: str | PathLike[str] | Sequence[str | PathLike[str]] | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
@@ -62,7 +76,8 @@ class VectorEnv(gymnasium.vector.VectorEnv):
 
         Args:
             num_envs: number of environments.
-            kitchens: a split ("train", "validation", "test"), a number or a `Kitchen`, or a list of them.
+            kitchens: a split ("train", which it is without one, "validation", "test"), a number or a `Kitchen`, or a
+                list of them.
             scenes: TOML file of a scene of your own, or a list of them, instead of kitchens.
             autoreset_mode: `NextStep`, `SameStep` or `Disabled`, as Gymnasium defines them; it is in
                 `metadata["autoreset_mode"]`.
@@ -72,49 +87,41 @@ class VectorEnv(gymnasium.vector.VectorEnv):
 
         The others are those of `stillroom.ArmPointNav`.
         """
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(f"render_mode {render_mode!r} is not there: use 'rgb_array' or 'depth_array'")
-        self.render_mode = render_mode
-        self._render_side = render_side
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
-        self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode}
-        self.num_envs = num_envs
-        self.copy = copy
-        self._settings = settings_of(
-            reward=reward,
-            depth=depth,
-            frame_side=frame_side,
-            preset=preset,
-            action_space=action_space,
-            max_steps=max_steps,
-            start_distance_max_m=start_distance_max_m,
-            goal_distance_max_m=goal_distance_max_m,
-            disturbance_weight=disturbance_weight,
-            carried_goal=carried_goal,
-        )
-        self.action_names: list[str] = self._settings.actions
-        """Names of the actions."""
-        self._reward = reward if callable(reward) else None
-        check_pictures(render_side)
-        if num_envs < 1 or (threads is not None and threads < 1):
-            raise ValueError(f"num_envs is {num_envs} and threads {threads}: at least one of each is needed")
-        rooms, count = _kitchens(kitchens, scenes, num_envs)
-        self.kitchens: list[Kitchen] = [rooms[index % count] for index in range(num_envs)]
-        """The kitchen of each environment."""
-        numbers = [index // count for index in range(num_envs)]
-        threads = len(os.sched_getaffinity(0)) if threads is None else threads
-        self.batch = Batch(self._settings, self.kitchens, numbers, self.autoreset_mode.value, threads)
-        self.single_observation_space = observation_space(self._settings, depth=depth, frame_side=frame_side)
-        self.single_action_space = gymnasium.spaces.Discrete(len(self.action_names))
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self._views: Observation = {
-            "depth": self.batch.depth,
-            "goal": self.batch.goal,
-            "previous_action": self.batch.previous_action,
+        self.render_mode, self._render_side = pictures_of(render_mode, render_side)
+        modes = [mode.value for mode in AutoresetMode]
+        if not isinstance(autoreset_mode, AutoresetMode):
+            autoreset_mode = AutoresetMode(choice("autoreset_mode", autoreset_mode, modes))
+        self.autoreset_mode = autoreset_mode
+        self.metadata = {**type(self).metadata, "autoreset_mode": autoreset_mode}
+        self.num_envs = whole("num_envs", num_envs, ENVIRONMENTS_MAX, 1)
+        self.copy = flag("copy", copy)
+        threads = len(os.sched_getaffinity(0)) if threads is None else whole("threads", threads, ENVIRONMENTS_MAX, 1)
+        rooms, count = _kitchens(kitchens, scenes, self.num_envs)
+        task = {
+            "reward": reward,
+            "depth": depth,
+            "frame_side": frame_side,
+            "preset": preset,
+            "action_space": action_space,
+            "max_steps": max_steps,
+            "start_distance_max_m": start_distance_max_m,
+            "goal_distance_max_m": goal_distance_max_m,
+            "disturbance_weight": disturbance_weight,
+            "carried_goal": carried_goal,
         }
-        self._all = np.ones(num_envs, np.bool_)
-        self._begun = False
+        kitchen_of_each = [rooms[index % count] for index in range(self.num_envs)]
+        numbers = [index // count for index in range(self.num_envs)]
+        self._make(kitchen_of_each, numbers, autoreset_mode.value, threads, task)
+        self.single_observation_space = observation_space(self._views, len(self.action_names))
+        self.single_action_space = gymnasium.spaces.Discrete(len(self.action_names))
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+
+    @property
+    def kitchens(self) -> list[Kitchen]:
+        """The kitchen of each environment."""
+        self.batch  # noqa: B018  # refuses a closed environment
+        return list(self._made[0])
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -125,27 +132,29 @@ class VectorEnv(gymnasium.vector.VectorEnv):
             seed: one for each environment, or s, which gives environment i the seed s + i, as Gymnasium's own do.
             options: as of `ArmPointNav.reset`; a number may be a sequence [n].
         """
-        options = dict(options or {})
-        mask = np.asarray(options.pop("reset_mask", self._all))
-        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
-            raise ValueError(f"reset_mask is an array of {self.num_envs} bools")
-        if seed is None and not self._begun:
-            super().reset(seed=None)
-            seed = int(self.np_random.integers(2**62))
-        elif isinstance(seed, int | np.integer):
-            super().reset(seed=int(seed))
-        if isinstance(seed, int | np.integer):
-            seeds: Sequence[int | None] = [int(seed) + index for index in range(self.num_envs)]
+        batch, count, options = self.batch, self.num_envs, options_of(options)
+        mask = options.pop("reset_mask", None)
+        mask = [True] * count if mask is None else [flag("reset_mask", one) for one in items("reset_mask", mask, count)]
+        if seed is None:
+            seeds: list[Any] = [None] * count
+        elif is_single(seed):
+            first = whole("seed", seed, SEED_MAX - count + 1)
+            super().reset(seed=first)
+            seeds = [first + index for index in range(count)]
         else:
-            seeds = [None] * self.num_envs if seed is None else seed
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"{len(seeds)} seeds for {self.num_envs} environments")
+            seeds = items("seed", seed, count)
+        chosen = {
+            name: [number] * count if is_single(number) else items(f"option {shown(name)}", number, count)
+            for name, number in options.items()
+        }
         asked = []
-        for index in range(self.num_envs):
-            own = {name: int(np.broadcast_to(number, self.num_envs)[index]) for name, number in options.items()}
-            asked.append(choice_of(own, seeds[index]) if mask[index] else None)
-        facts = self.batch.reset(asked)
-        self._begun = True
+        for index in range(count):
+            series, own, number = choice_of({name: numbers[index] for name, numbers in chosen.items()}, seeds[index])
+            if own is None and not self._begun[index]:
+                own = int(self.np_random.integers(2**63))
+            asked.append((series, own, number) if mask[index] else None)
+        facts = batch.reset(asked)
+        self._begun |= mask
         return self._observations(), self._infos(facts)
 
     def step(
@@ -156,9 +165,9 @@ class VectorEnv(gymnasium.vector.VectorEnv):
         What happens after an episode's end is `autoreset_mode`. In `SameStep` the infos have `final_obs` ([n] objects,
         None but where an episode ended) and `final_info` (arrays [n], valid where `_final_info` is true).
         """
-        if not self._begun:
-            raise gymnasium.error.ResetNeeded("call reset() before step()")
-        rewards, terminated, truncated, done, now, was_reset, last = self.batch.step(actions_of(actions, self.num_envs))
+        batch = self._playing()
+        taken = actions_of(actions, self.num_envs, len(self.action_names))
+        rewards, terminated, truncated, done, now, was_reset, last = batch.step(taken)
         if self._reward is not None:
             rewards = np.where(was_reset, 0.0, self._own_reward(done["reward_parts"]))
         infos = self._infos(now)
@@ -174,40 +183,62 @@ class VectorEnv(gymnasium.vector.VectorEnv):
 
     def render(self) -> tuple[NDArray[Any], ...] | None:
         """A picture of each environment, as `ArmPointNav.render` describes it."""
+        batch = self._playing()
         if self.render_mode == "rgb_array":
-            return tuple(self.batch.picture(index, self._render_side) for index in range(self.num_envs))
+            return tuple(batch.picture(index, self._render_side) for index in range(self.num_envs))
         if self.render_mode == "depth_array":
-            depth = self.batch.depth
+            depth = self._views["depth"]
             return tuple(depth.copy() if depth.dtype == np.float32 else depth.astype(np.float32) / np.float32(1000.0))
         return None
 
     def state(self, index: int) -> State:
         """The privileged state of environment `index`."""
-        return self.batch.state(index)
+        index = self._at(index)
+        return self._playing(index).state(index)
 
     def displacement_m(self, index: int) -> dict[str, float]:
         """Each object of environment `index` that is not where it stood, and how far from there, metres."""
-        return moved(self.kitchens[index].objects, self.batch.displacements_m(index))
+        index = self._at(index)
+        return moved(self.kitchens[index].objects, self._playing(index).displacements_m(index))
 
     def snapshot(self, index: int) -> Snapshot:
         """The moment of environment `index`, as of `ArmPointNav.snapshot`."""
-        return self.batch.snapshot(index)
+        index = self._at(index)
+        return self._playing(index).snapshot(index)
 
     def restore(self, index: int, snapshot: Snapshot) -> tuple[Observation, dict[str, Any]]:
         """Returns environment `index` to a moment of its kitchen; returns the observations and infos of all."""
-        facts = self.batch.restore(index, snapshot)
-        self._begun = True
+        facts = self._restore(self._at(index), snapshot)
         return self._observations(), self._infos(facts)
+
+    def __enter__(self) -> VectorEnv:
+        """`with` closes the environment at its end, as Gymnasium's `Env` does."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close_extras(self, **_: Any) -> None:
+        """Frees the simulation. Whatever is asked of it afterwards raises `gymnasium.error.ClosedEnvironmentError`."""
+        self._free()
+
+    def _at(self, index: int) -> int:
+        self.batch  # noqa: B018  # refuses a closed environment
+        try:
+            return whole("index", index, self.num_envs - 1)
+        except ValueError as error:
+            raise IndexError(str(error)) from None
 
     def _own_reward(self, parts: RewardParts) -> NDArray[np.float64]:
         assert self._reward is not None
         rewards = self._reward(parts)
-        array = np.full(0, 0.0) if rewards is None else np.asarray(rewards, np.float64)
+        try:
+            array = np.full(0, 0.0) if rewards is None else np.asarray(rewards, np.float64)
+        except (ArithmeticError, TypeError, ValueError):
+            array = np.full(0, 0.0)
         if array.shape not in ((), (self.num_envs,)):
-            what = "None" if rewards is None else f"an array of shape {array.shape}"
-            raise ValueError(
-                f"the reward function returned {what}, not one number for each of {self.num_envs} environments"
-            )
+            found, count = shown(rewards), self.num_envs
+            raise ValueError(f"the reward function returned {found}, not one number for each of {count} environments")
         return array
 
     def _observations(self) -> Observation:
@@ -216,7 +247,7 @@ class VectorEnv(gymnasium.vector.VectorEnv):
         return dict(self._views)  # type: ignore[return-value]
 
     def _infos(self, facts: dict[str, Any]) -> dict[str, Any]:
-        return _masked(facts, self._all.copy())
+        return _masked(facts, self._begun.copy())
 
 
 def _masked(facts: dict[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
@@ -227,24 +258,24 @@ def _masked(facts: dict[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
 
 
 def _kitchens(
-    kitchens: int | str | Kitchen | Sequence[int | Kitchen],
+    kitchens: int | str | Kitchen | Sequence[int | Kitchen] | None,
     scenes: str | PathLike[str] | Sequence[str | PathLike[str]] | None,
     num_envs: int,
 ) -> tuple[list[Kitchen], int]:
     """The kitchens that so many environments are in, and how many are in the list: what is not used is not built."""
     if scenes is not None:
-        if not (isinstance(kitchens, str) and kitchens == "train"):
+        if kitchens is not None:
             raise ValueError("give either kitchens or scenes")
-        paths = [scenes] if isinstance(scenes, str | PathLike) else list(scenes)
+        paths = [scenes] if isinstance(scenes, str | PathLike) else items("scenes", scenes)
         rooms = [Kitchen(scene=scene, scene_index=index) for index, scene in enumerate(paths[:num_envs])]
         count = len(paths)
     else:
-        if isinstance(kitchens, str):
-            chosen: list[int | Kitchen] = list(kitchens_of(kitchens))
-        elif isinstance(kitchens, int | np.integer | Kitchen):
+        if kitchens is None or isinstance(kitchens, str):
+            chosen: list[Any] = kitchens_of(choice("kitchens", kitchens or "train", ["train", "validation", "test"]))
+        elif isinstance(kitchens, Kitchen) or is_single(kitchens):
             chosen = [kitchens]
         else:
-            chosen = list(kitchens)
+            chosen = items("kitchens", kitchens)
         rooms = [kitchen_of(kitchen) for kitchen in chosen[:num_envs]]
         count = len(chosen)
     if not rooms:
