@@ -129,6 +129,50 @@ fn names_that_are_wrapped_are_those_of_the_same_weights() {
     }
 }
 
+/// Why the project's state dict is refused once it is changed so.
+fn refused(change: &dyn Fn(&mut BTreeMap<String, Tensor>)) -> String {
+    let mut config = configuration_of("disturb_free");
+    config.auxiliary.task = AuxiliaryTask::Cpca16;
+    let mut state = Agent::new(&config, Device::Cpu).expect("a fresh agent").state();
+    let mut state_dict = allenact("disturb_free");
+    change(&mut state_dict);
+    import(&state_dict, config.episode.action_space, &mut state).expect_err("it does not fit").to_string()
+}
+
+fn zeros(size: &[i64]) -> Tensor {
+    Tensor::zeros(size, (Kind::Float, Device::Cpu))
+}
+
+#[test]
+fn names_are_judged_before_shapes_and_shapes_before_values() {
+    let spoil = |dict: &mut BTreeMap<String, Tensor>| {
+        dict.insert("actor.linear.bias".into(), zeros(&[21]) / 0.0);
+        dict.insert("critic.fc.weight".into(), zeros(&[40]));
+    };
+    let text = refused(&|dict| {
+        spoil(dict);
+        dict.remove("visual_encoder.head.1.bias");
+    });
+    assert!(text.contains("nothing is there for `visual_encoder.fc.1.bias`"), "{text}");
+    let text = refused(&spoil);
+    assert!(text.contains("`critic.fc.weight` (here `critic.weight`) is Float [40]"), "{text}");
+    let text = refused(&|dict| drop(dict.insert("actor.linear.bias".into(), zeros(&[21]) / 0.0)));
+    assert!(text.starts_with("`actor.linear.bias` (here `actor.bias`)") && text.contains("not finite"), "{text}");
+    let text = refused(&|dict| {
+        let wrapped = dict.iter().map(|(name, tensor)| (format!("module.{name}"), tensor.shallow_clone()));
+        *dict = wrapped.filter(|(name, _)| name != "module.critic.fc.bias").collect();
+    });
+    assert!(text.ends_with("the file has no `module.critic.fc.bias`"), "{text}");
+    // Those of the other encoder.
+    let other = allenact("original");
+    let text = refused(&|dict| {
+        dict.retain(|name, _| !name.starts_with("visual_encoder."));
+        let cnn = other.iter().filter(|(name, _)| name.starts_with("visual_encoder."));
+        dict.extend(cnn.map(|(name, tensor)| (name.clone(), tensor.shallow_clone())));
+    });
+    assert!(text.ends_with("These weights are of another encoder (network.encoder)"), "{text}");
+}
+
 #[test]
 fn what_is_imported_and_what_is_refused() {
     let mut config = configuration_of("disturb_free");
@@ -159,12 +203,6 @@ fn what_is_imported_and_what_is_refused() {
     assert_eq!((imported.fresh.len(), imported.left_out.len()), (0, 0));
     assert!(state.tensors.iter().filter(|(name, _)| name.starts_with("model.")).all(|(n, w)| copy.tensors[n].equal(w)));
 
-    let refused = |change: &dyn Fn(&mut BTreeMap<String, Tensor>)| {
-        let mut state_dict = state_dict();
-        change(&mut state_dict);
-        import(&state_dict, space, &mut agent.state()).expect_err("it does not fit").to_string()
-    };
-    let zeros = |size: &[i64]| Tensor::zeros(size, (Kind::Float, Device::Cpu));
     let text = refused(&|dict| drop(dict.remove("critic.fc.bias")));
     assert!(text.contains("nothing is there for `critic.bias`: the file has no `critic.fc.bias`"), "{text}");
     let text = refused(&|dict| dict.retain(|name, _| !name.contains(".single_belief.rnn.bias_ih")));
@@ -189,34 +227,6 @@ fn what_is_imported_and_what_is_refused() {
     assert!(text.contains(place), "{text}");
     let text = refused(&|dict| drop(dict.insert("goal_embedder.0.0.weight".into(), zeros(&[3, 100]))));
     assert!(text.ends_with("is Float [3, 100], not Float [100, 3]: it is transposed"), "{text}");
-
-    // Names come before shapes, and shapes before values; what lacks is called as in the file.
-    let spoil = |dict: &mut BTreeMap<String, Tensor>| {
-        dict.insert("actor.linear.bias".into(), zeros(&[21]) / 0.0);
-        dict.insert("critic.fc.weight".into(), zeros(&[40]));
-    };
-    let text = refused(&|dict| {
-        spoil(dict);
-        dict.remove("visual_encoder.head.1.bias");
-    });
-    assert!(text.contains("nothing is there for `visual_encoder.fc.1.bias`"), "{text}");
-    let text = refused(&spoil);
-    assert!(text.contains("`critic.fc.weight` (here `critic.weight`) is Float [40]"), "{text}");
-    let text = refused(&|dict| drop(dict.insert("actor.linear.bias".into(), zeros(&[21]) / 0.0)));
-    assert!(text.starts_with("`actor.linear.bias` (here `actor.bias`)") && text.contains("not finite"), "{text}");
-    let text = refused(&|dict| {
-        let wrapped = dict.iter().map(|(name, tensor)| (format!("module.{name}"), tensor.shallow_clone()));
-        *dict = wrapped.filter(|(name, _)| name != "module.critic.fc.bias").collect();
-    });
-    assert!(text.ends_with("the file has no `module.critic.fc.bias`"), "{text}");
-    // Those of the other encoder.
-    let other = allenact("original");
-    let text = refused(&|dict| {
-        dict.retain(|name, _| !name.starts_with("visual_encoder."));
-        let cnn = other.iter().filter(|(name, _)| name.starts_with("visual_encoder."));
-        dict.extend(cnn.map(|(name, tensor)| (name.clone(), tensor.shallow_clone())));
-    });
-    assert!(text.ends_with("These weights are of another encoder (network.encoder)"), "{text}");
     let counts = Tensor::zeros([1], (Kind::Int64, Device::Cpu));
     let text = refused(&|dict| drop(dict.insert("critic.fc.bias".into(), counts.shallow_clone())));
     assert!(text.contains("`critic.fc.bias` (here `critic.bias`) does not hold floating-point"), "{text}");
