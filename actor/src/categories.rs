@@ -12,7 +12,6 @@ use std::io::Write;
 /// What is said of one category.
 #[derive(Debug, Clone, Serialize)]
 pub struct Listed {
-    /// Its name.
     pub name: &'static str,
     /// `box`, `cylinder`, ..., or how many parts it has.
     pub shape: String,

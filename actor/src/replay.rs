@@ -68,7 +68,6 @@ pub(crate) struct Theatre {
 
 /// An environment at the start of an episode.
 pub(crate) struct Stage<'a> {
-    /// The environment.
     pub environment: &'a mut Environment,
     /// A camera for its kitchen.
     pub camera: &'a mut DepthCamera,

@@ -67,14 +67,12 @@ pub(crate) enum Naming {
     AllenAct,
     /// A checkpoint's: ours, behind `model.`, among other tensors.
     Checkpoint,
-    /// Ours.
     Ours,
 }
 
 /// How names in a file become ours.
 #[derive(Debug, Clone)]
 pub(crate) struct Names {
-    /// Whose they are.
     pub naming: Naming,
     /// What stands before them, besides [`WRAPPERS`].
     prefix: String,
@@ -107,7 +105,6 @@ impl Names {
         theirs.strip_suffix(&self.bare(theirs)).unwrap_or_default()
     }
 
-    /// All that is taken off the names.
     fn taken_off<'a>(&self, names: impl Iterator<Item = &'a String>) -> Vec<String> {
         let taken_off = names.filter(|name| self.bare(name) != **name).map(|name| match self.before(name) {
             "" => WRAPPERS.map(|wrapper| format!("{wrapper}.")).into_iter().filter(|it| name.contains(it)).collect(),
@@ -173,7 +170,6 @@ pub struct Imported {
 pub struct Named {
     /// In the file.
     pub theirs: String,
-    /// Here.
     pub ours: String,
 }
 
@@ -212,7 +208,6 @@ pub enum ImportError {
     /// Another shape, or a number that is not finite.
     #[error("{name} {problem}")]
     Unfit {
-        /// Which.
         name: Named,
         /// What is wrong with it.
         problem: String,

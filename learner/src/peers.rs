@@ -28,7 +28,6 @@ const INVITATION: &str = "nccl";
 /// All learners of a run.
 #[derive(Debug)]
 pub enum Peers {
-    /// There is one.
     Alone,
     /// There are several.
     Group(Group),
@@ -86,7 +85,6 @@ pub enum PeerError {
     Apart {
         /// What was compared.
         what: &'static str,
-        /// What each has.
         values: Vec<u64>,
     },
 }

@@ -49,7 +49,6 @@ pub struct Outcome {
     pub disturbed: bool,
 }
 
-/// A rollout.
 #[derive(Debug)]
 pub struct Rollout {
     shape: RolloutShape,
@@ -88,7 +87,6 @@ impl Rollout {
         }
     }
 
-    /// Its shape.
     pub fn shape(&self) -> RolloutShape {
         self.shape
     }
@@ -108,7 +106,6 @@ impl Rollout {
         column < self.columns && t < self.steps_of(column)
     }
 
-    /// One step of one column.
     pub fn step(&self, t: usize, column: usize) -> &Step {
         &self.steps[self.index(t, column)]
     }

@@ -52,7 +52,6 @@ impl Shards {
         &self.columns
     }
 
-    /// Which of them each column is of.
     pub(crate) fn of_columns(&self) -> Vec<usize> {
         self.columns.iter().enumerate().flat_map(|(shard, columns)| repeat_n(shard, columns.len())).collect()
     }

@@ -79,7 +79,6 @@ pub struct Lines<R> {
 }
 
 impl<R: BufRead> Lines<R> {
-    /// Of this file.
     pub fn of(file: R) -> Self {
         Self { file, line: Vec::new() }
     }

@@ -154,7 +154,6 @@ pub enum ManifestError {
     /// The file cannot be read.
     #[error("cannot be read: {0}")]
     Unreadable(#[from] std::io::Error),
-    /// Not the JSON of a manifest.
     #[error("is not a manifest: {0}")]
     Json(#[from] serde_json::Error),
     /// Another version.
@@ -188,7 +187,6 @@ impl Manifest {
         Self::read_in(&RunFolder::new(path.parent().unwrap_or(Path::new(""))), path)
     }
 
-    /// The same of one in a run folder.
     pub fn read_in(run: &RunFolder, path: &Path) -> Result<Self, ManifestError> {
         Self::open(&run.read(path, bounded::TEXT_BYTES_MOST)?)
     }

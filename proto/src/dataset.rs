@@ -49,7 +49,6 @@ impl PictureKind {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Keep {
-    /// All that ended.
     Ended,
     /// Those that succeeded.
     Successes,
@@ -62,7 +61,6 @@ pub enum Keep {
 pub struct DatasetRequest {
     /// Number of its configuration.
     pub config: usize,
-    /// The episode.
     pub recorded: RecordedEpisode,
 }
 
@@ -81,9 +79,7 @@ pub enum DatasetAnswer {
     },
     /// All is written, and the folder is there.
     Written {
-        /// Episodes in it.
         episodes: u64,
-        /// Steps in it.
         steps: u64,
         /// Size of its files.
         bytes: u64,

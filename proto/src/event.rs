@@ -89,7 +89,6 @@ pub enum LearnerEvent {
     WaitingForActor {
         /// Rank in the process group.
         rank: u32,
-        /// Actor number.
         actor: u32,
         /// How long it has waited, seconds.
         waited_s: f64,

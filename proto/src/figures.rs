@@ -19,18 +19,15 @@ const NAMES_MOST: usize = 512;
 type Names = Arc<[String]>;
 
 impl Figures {
-    /// The figure of this name.
     pub fn get(&self, name: &str) -> Option<f64> {
         let index = self.names.binary_search_by(|own| own.as_str().cmp(name)).ok()?;
         Some(self.values[index])
     }
 
-    /// All names.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.names.iter().map(String::as_str)
     }
 
-    /// All figures.
     pub fn iter(&self) -> impl Iterator<Item = (&str, f64)> {
         self.names().zip(self.values.iter().copied())
     }

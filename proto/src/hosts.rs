@@ -27,7 +27,6 @@ impl Hosts {
         Self { hosts, shares }
     }
 
-    /// All on one.
     pub fn of_one(shares: Shares) -> Self {
         Self::new(1, shares)
     }

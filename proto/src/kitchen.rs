@@ -36,19 +36,15 @@ impl KitchenId {
     pub(crate) const FIRST_SCENE: u32 = 128;
     /// Scenes that one run can have.
     pub const SCENES_MAX: usize = 128;
-    /// Number of the first procedural kitchen.
     pub const FIRST_PROCEDURAL: u32 = 1000;
-    /// Number of the last one.
     pub const LAST_PROCEDURAL: u32 = 9_999_999;
 
-    /// The kitchen with this number.
     pub fn new(number: u32) -> Result<Self, NoSuchKitchen> {
         let (built_in, kitchen) = ((1..=30).contains(&number) && number != 28, Self(number));
         let known = built_in || kitchen.scene_index().is_some() || kitchen.is_procedural();
         if known { Ok(kitchen) } else { Err(NoSuchKitchen(number)) }
     }
 
-    /// The built-in kitchen with this number.
     pub fn built_in(number: u32) -> Result<Self, NoSuchKitchen> {
         Self::new(number)
             .and_then(|kitchen| if kitchen.is_built_in() { Ok(kitchen) } else { Err(NoSuchKitchen(number)) })
@@ -83,7 +79,6 @@ impl KitchenId {
         self.scene_index().is_none() && !self.is_procedural()
     }
 
-    /// Its number.
     pub fn number(self) -> u32 {
         self.0
     }
@@ -129,7 +124,6 @@ impl KitchenRange {
         (whole && first < end).then_some(Self { first, end })
     }
 
-    /// The first of them.
     pub(crate) fn first_id(self) -> KitchenId {
         KitchenId(self.first)
     }
@@ -183,7 +177,6 @@ impl fmt::Display for KitchenRange {
 /// The kitchens that a run's actors simulate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kitchens {
-    /// Those of a split.
     Split(Split),
     /// A single built-in one: an evaluation that somebody watches.
     One(KitchenId),
@@ -194,7 +187,6 @@ pub enum Kitchens {
 }
 
 impl Kitchens {
-    /// The training kitchens.
     pub const TRAINING: Self = Self::Split(Split::Train);
 
     /// All of them, in order.

@@ -43,7 +43,6 @@ pub const MULTIPLIER: &str = "lagrangian/multiplier";
 /// Auxiliary loss (before its weight); `auxiliary/…` holds the task's other figures.
 pub const AUXILIARY_LOSS: &str = "loss/auxiliary";
 
-/// All of them.
 pub const ALL: [&str; 20] = [
     EPISODES,
     RETURN,

@@ -22,23 +22,15 @@ const CURRENT_FLAGS: u32 = (current_flag::RECORD_DEPTH << 1) - 1;
 /// A report that no simulator of ours makes.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Implausible {
-    /// A number is not finite.
     #[error("its {0} is not finite")]
     NotFinite(&'static str),
-    /// A number is out of its range.
     #[error("its {what} is {value}, which cannot be")]
-    Range {
-        /// Which number.
-        what: &'static str,
-        /// Its value.
-        value: f64,
-    },
+    Range { what: &'static str, value: f64 },
     /// What is said twice is not the same.
     #[error("its {one} contradicts its {other}")]
     Contradiction {
         /// One figure.
         one: &'static str,
-        /// The other.
         other: &'static str,
     },
 }

@@ -52,7 +52,6 @@ pub enum Purpose {
 /// The key of a stream of random numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Key {
-    /// Seed of the run.
     pub seed: u64,
     /// What the numbers are for.
     pub purpose: Purpose,

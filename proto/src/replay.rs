@@ -43,7 +43,6 @@ pub enum ImageFormat {
 /// The program that encodes films.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Ffmpeg {
-    /// Where it is.
     pub program: String,
     /// Its H.264 encoder, e.g. `libx264`.
     pub encoder: String,
@@ -100,7 +99,6 @@ pub enum Aspect {
 pub const STEP_ASPECTS: [Aspect; 4] = [Aspect::Outcome, Aspect::Reward, Aspect::Disturbance, Aspect::Distance];
 
 impl Aspect {
-    /// The word for it.
     pub fn word(self) -> &'static str {
         match self {
             Self::State => "state",

@@ -136,7 +136,6 @@ impl RunFolder {
         Ok(items)
     }
 
-    /// Identity of the run.
     pub fn identity(&self) -> PathBuf {
         self.root.join("run.toml")
     }
@@ -161,7 +160,6 @@ impl RunFolder {
         self.root.join("scale.toml")
     }
 
-    /// Lock of the orchestrator.
     pub fn orchestrator_lock(&self) -> PathBuf {
         self.root.join("orchestrator.lock")
     }
@@ -171,7 +169,6 @@ impl RunFolder {
         self.root.join(format!("learner-{rank}.lock"))
     }
 
-    /// Folder of checkpoints.
     pub fn checkpoints(&self) -> PathBuf {
         self.root.join("checkpoints")
     }
@@ -218,7 +215,6 @@ impl RunFolder {
         (recordings.file_name()? == "recordings").then(|| Self::new(root))
     }
 
-    /// Folder of recordings.
     pub fn recordings(&self) -> PathBuf {
         self.root.join("recordings")
     }
@@ -249,12 +245,10 @@ impl RunFolder {
         self.root.join("hosts")
     }
 
-    /// Folder of logs.
     pub fn logs(&self) -> PathBuf {
         self.root.join("logs")
     }
 
-    /// Log of the process with this name.
     pub fn log(&self, process: &str) -> PathBuf {
         self.logs().join(format!("{process}.log"))
     }
@@ -371,7 +365,6 @@ pub enum RolloutName {
 }
 
 impl RolloutName {
-    /// The name for this rollout.
     pub fn of(self, rollout: u64) -> String {
         let dot = if self.extension().is_empty() { "" } else { "." };
         format!("{PREFIX}{rollout:08}{dot}{}", self.extension())
@@ -395,7 +388,6 @@ impl RolloutName {
     }
 }
 
-/// What all names of rollouts begin with.
 const PREFIX: &str = "rollout-";
 
 /// Name of what names the best checkpoint.

@@ -28,7 +28,6 @@ impl Display for Ending {
     }
 }
 
-/// The state of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RunState {
     /// An orchestrator works on it.

@@ -44,17 +44,14 @@ impl Shares {
         Self::new(actors, 1)
     }
 
-    /// Actors in all.
     pub fn actors(self) -> u32 {
         self.actors
     }
 
-    /// Learners.
     pub fn learners(self) -> u32 {
         self.learners
     }
 
-    /// Shards.
     pub fn shards(self) -> u32 {
         self.shards
     }
@@ -65,7 +62,6 @@ impl Shares {
         rank * each..(rank + 1) * each
     }
 
-    /// The actors of a shard.
     pub fn actors_in(self, shard: u32) -> Range<u32> {
         self.first_actor_in(shard)..self.first_actor_in(shard + 1)
     }

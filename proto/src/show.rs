@@ -20,12 +20,10 @@ pub enum ShowRequest {
         name: String,
         /// Configuration and run folder; `images` is not used.
         setup: ReplaySetup,
-        /// What was recorded of it.
         episode: Box<RecordedEpisode>,
     },
     /// Draw one moment of a kept episode.
     Draw {
-        /// Its name.
         name: String,
         /// Actions taken until then.
         step: u32,
@@ -40,7 +38,6 @@ pub enum ShowRequest {
     },
     /// One moment of a kept episode for programs that draw it themselves.
     Solids {
-        /// Its name.
         name: String,
         /// Actions taken until then.
         step: u32,
@@ -78,14 +75,12 @@ pub struct ShowOrbit {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ShowAnswer {
-    /// The episode is open.
     Opened(Box<ShownEpisode>),
     /// A picture follows: so many bytes of PNG.
     Picture {
         /// Its size.
         bytes: u64,
     },
-    /// What is where.
     Solids(Box<ShownSolids>),
     /// No episode of this name is kept: open it again.
     NotOpen,
@@ -123,12 +118,10 @@ pub struct ShownEpisode {
     pub first_difference: Option<Difference>,
 }
 
-/// One moment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ShownMoment {
     /// Name of the action that led here; none at the start.
     pub action: Option<String>,
-    /// It failed.
     pub failed: bool,
     /// It picked the target up.
     pub picked_up: bool,
@@ -156,7 +149,6 @@ pub struct ShownMoment {
     pub moved: Vec<(u32, f32, [f32; 2])>,
 }
 
-/// What is where at one moment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ShownSolids {
     /// Bodies, with the robot's parts.
@@ -213,7 +205,6 @@ impl From<RewardParts> for ShownReward {
 /// A thing that was moved.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ShownThing {
-    /// Its category.
     pub category: String,
     /// Where it stood (x, z), metres.
     pub stood_m: [f32; 2],

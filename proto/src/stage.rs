@@ -44,11 +44,9 @@ pub fn position_at(stages: &[StageConfig], frames: u64) -> Option<StagePosition>
 /// last step may be taken by the first few environments only; the others HOLD.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RolloutShape {
-    /// Steps of this rollout.
     pub steps: usize,
     /// Environments that act in the last step.
     pub environments_in_last_step: usize,
-    /// Frames of this rollout.
     pub frames: u64,
 }
 
@@ -176,7 +174,6 @@ pub enum BudgetError {
 pub struct TooFewFrames {
     /// Frames asked for.
     pub total: u64,
-    /// Number of stages.
     pub stages: usize,
 }
 

@@ -54,7 +54,6 @@ pub struct Transition {
     pub flags: u32,
     /// The action taken, an `A_large` index.
     pub action: u32,
-    /// Reward parts of this step.
     pub reward: RewardParts,
     /// d: total displacement of all objects but the target from their places at step 0, metres.
     pub disturbance_m: f32,

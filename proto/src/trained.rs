@@ -160,7 +160,6 @@ impl History {
         self.rollouts.is_empty()
     }
 
-    /// Frames trained on.
     pub fn frames(&self) -> u64 {
         self.rollouts.values().next_back().map_or(0, |last| last.frames)
     }

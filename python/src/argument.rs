@@ -43,12 +43,10 @@ pub fn real(name: &str, value: &Bound<'_, PyAny>) -> PyResult<f32> {
     Ok(number as f32)
 }
 
-/// A text.
 pub fn text(name: &str, value: &Bound<'_, PyAny>) -> PyResult<String> {
     value.extract().map_err(|_| PyTypeError::new_err(format!("{name} is {}, not a text", shown(value))))
 }
 
-/// A path.
 pub fn path(name: &str, value: &Bound<'_, PyAny>) -> PyResult<PathBuf> {
     value.extract().map_err(|_| PyTypeError::new_err(format!("{name} is {}, not a path", shown(value))))
 }

@@ -51,7 +51,6 @@ impl Facts {
         self.flags & flag != 0
     }
 
-    /// The parts of the reward.
     pub fn parts(&self) -> RewardParts {
         self.parts
     }

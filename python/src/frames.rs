@@ -15,17 +15,13 @@ pub enum Frames {
 
 /// The frames' array while it is written.
 pub enum Writing<'py> {
-    /// In millimetres.
     Millimetres(PyReadwriteArray3<'py, u16>),
-    /// In metres.
     Metres(PyReadwriteArray3<'py, f32>),
 }
 
 /// One environment's frame in the array.
 pub enum Frame<'a> {
-    /// In millimetres.
     Millimetres(&'a mut [u16]),
-    /// In metres.
     Metres(&'a mut [f32]),
 }
 

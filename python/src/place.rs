@@ -29,9 +29,7 @@ pub enum Series {
 /// An episode by its number in a series.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Chosen {
-    /// The series.
     pub series: Series,
-    /// Its number there.
     pub number: u32,
     /// Seed of sampled episodes.
     pub seed: u64,
@@ -46,7 +44,6 @@ pub enum ChoiceError {
     /// The number is too high.
     #[error("kitchen {kitchen} has fixed episodes 0 to {}, not {number}", count - 1)]
     NoSuchEpisode {
-        /// The kitchen.
         kitchen: u32,
         /// How many it has.
         count: usize,

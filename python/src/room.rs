@@ -33,7 +33,6 @@ pub enum Origin {
 /// A kitchen, where it comes from, and its fixed episodes.
 #[derive(Debug)]
 pub struct Room {
-    /// The kitchen.
     pub kitchen: Arc<simulator::kitchen::Kitchen>,
     /// Where it comes from.
     pub origin: Origin,
@@ -79,7 +78,6 @@ impl Room {
         Ok(Self { kitchen: Arc::new(kitchen), origin, fixed: OnceLock::new() })
     }
 
-    /// The fixed episodes.
     pub fn fixed(&self) -> Result<&[Episode], EpisodesError> {
         self.fixed.get_or_init(|| episodes::fixed(&self.kitchen)).as_deref().map_err(Clone::clone)
     }

@@ -41,7 +41,6 @@ struct Record {
 
 #[pymethods]
 impl Snapshot {
-    /// Hash of the state.
     #[getter]
     fn state_hash(&self) -> u64 {
         self.place.environment.state_hash()

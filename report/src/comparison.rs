@@ -28,7 +28,6 @@ pub struct Comparison {
 pub struct Row {
     /// One cell a column.
     pub what: Vec<String>,
-    /// Preset that is this row.
     pub preset: String,
     /// The paper's figures.
     pub paper: Published,
@@ -39,7 +38,6 @@ pub struct Row {
 /// What a group of ours came to.
 #[derive(Debug, Clone, Serialize)]
 pub struct Ours {
-    /// The group.
     pub group: String,
     /// Settings that are not those of the row's preset.
     pub differences: Vec<String>,

@@ -28,7 +28,6 @@ pub struct Curve {
     pub points: Vec<TrainingPoint>,
 }
 
-/// One point.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct TrainingPoint {
     /// Mean frames at which it was measured.

@@ -58,7 +58,6 @@ pub struct AblationRow {
     pub previous_action: bool,
     /// `cartesian` or `polar`.
     pub goal: String,
-    /// SR.
     pub sr: f64,
     /// `SRwoD`.
     pub srwod: f64,
@@ -76,7 +75,6 @@ pub struct ActionSpaceRow {
     pub init: String,
     /// Auxiliary task; `none_original` is the original baseline.
     pub aux: String,
-    /// SR.
     pub sr: f64,
     /// `SRwoD`.
     pub srwod: f64,

@@ -26,7 +26,6 @@ pub struct Report {
     pub statistics: IntervalMethod,
     /// Which episodes the figures are of, a sentence each.
     pub episodes: Vec<String>,
-    /// Groups of runs.
     pub groups: Vec<GroupReport>,
     /// The paper's tables with ours beside them.
     pub comparisons: Vec<Comparison>,
@@ -49,16 +48,13 @@ pub struct IntervalMethod {
     pub curve_resamples: u32,
 }
 
-/// One group.
 #[derive(Debug, Clone, Serialize)]
 pub struct GroupReport {
     /// Its name.
     pub label: String,
-    /// Preset.
     pub preset: String,
     /// Settings that are not the preset's.
     pub differences: Vec<String>,
-    /// Its runs.
     pub runs: Vec<RunReport>,
     /// Where it was evaluated.
     pub results: Vec<FieldResult>,
@@ -68,14 +64,12 @@ pub struct GroupReport {
     pub validation: Vec<Curve>,
 }
 
-/// One run.
 #[derive(Debug, Clone, Serialize)]
 pub struct RunReport {
     /// Its folder.
     pub name: String,
     /// Its state, or why its training is not known.
     pub state: Origin,
-    /// Seed.
     pub seed: u64,
     /// Frames trained on.
     pub frames: u64,

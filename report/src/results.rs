@@ -37,7 +37,6 @@ pub struct FieldResult {
 /// One seed's part.
 #[derive(Debug, Clone, Serialize)]
 pub struct SeedResult {
-    /// Seed of the run.
     pub seed: u64,
     /// Its folder.
     pub run: String,
@@ -45,7 +44,6 @@ pub struct SeedResult {
     pub evaluation: String,
     /// Frames trained on.
     pub frames: u64,
-    /// Episodes.
     pub episodes: u64,
     /// The most probable action instead of a sampled one.
     pub deterministic: bool,
@@ -66,7 +64,6 @@ pub struct SeedResult {
 /// A rate over the episodes of one policy.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Rate {
-    /// The rate.
     pub share: f64,
     /// Its Wilson interval: sampling of episodes only.
     pub interval: Interval,

@@ -8,14 +8,12 @@ use crate::study::{Field, Group};
 pub struct StyledGroup<'a> {
     /// Number of its style in every figure.
     pub style: usize,
-    /// The group.
     pub group: &'a Group<'a>,
     /// In each field in which it was evaluated.
     pub results: Vec<(Field, FieldResult)>,
 }
 
 impl StyledGroup<'_> {
-    /// Its result in a field.
     pub fn in_field(&self, field: Field) -> Option<&FieldResult> {
         self.results.iter().find(|(found, _)| *found == field).map(|(_, result)| result)
     }

@@ -5,9 +5,7 @@
 pub struct Asset {
     /// Its address.
     pub path: &'static str,
-    /// Its kind.
     pub kind: &'static str,
-    /// What is in it.
     pub content: &'static [u8],
 }
 

@@ -27,7 +27,6 @@ pub trait Runs: Send + Sync + 'static {
     fn curves(&self, run: &str, edition: u64, known: usize) -> Result<Curves, Problem>;
     /// A part of its table of episodes.
     fn episodes(&self, run: &str, query: &EpisodeQuery) -> Result<EpisodePage, Problem>;
-    /// What was recorded of an episode.
     fn recorded(&self, run: &str, key: EpisodeKey) -> Result<(ReplaySetup, RecordedEpisode), Problem>;
     /// The newest episode of an environment, which may still go on; none if nothing was recorded of it yet.
     fn newest(&self, run: &str, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>, Problem>;
@@ -44,11 +43,9 @@ pub struct Card {
     pub folder: String,
     /// Preset or, of an evaluation, what it evaluates.
     pub preset: String,
-    /// Seed.
     pub seed: u64,
     /// `running`, `complete`, ...
     pub state: String,
-    /// It is an evaluation.
     pub evaluation: bool,
     /// When it was made, seconds since 1970.
     pub created_unix_s: u64,
@@ -114,10 +111,8 @@ pub struct Live {
     pub newest: BTreeMap<String, f32>,
 }
 
-/// A stage.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Stage {
-    /// Its name.
     pub name: String,
     /// `r`, `r′` or `Lagrangian`.
     pub reward: String,
@@ -165,12 +160,9 @@ pub struct Worker {
     pub stopped: bool,
 }
 
-/// A GPU.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Gpu {
-    /// Its number.
     pub index: u32,
-    /// Its name.
     pub name: String,
     /// Share of the time in which a kernel ran, 0..1.
     pub busy: f64,
@@ -180,14 +172,11 @@ pub struct Gpu {
     pub total_mib: u64,
 }
 
-/// A line of a log.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LogLine {
-    /// When, as the log has it.
     pub at: String,
     /// `INFO`, `WARN`, `ERROR`; empty where there is none.
     pub level: String,
-    /// What.
     pub text: String,
 }
 
@@ -209,9 +198,7 @@ pub struct Validated {
 /// What came of the newest episodes in a kitchen.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Kitchen {
-    /// Its number.
     pub kitchen: u32,
-    /// Environments in it.
     pub environments: Vec<u32>,
     /// Episodes looked at.
     pub episodes: u64,
@@ -232,7 +219,6 @@ pub struct Curves {
     pub from: usize,
     /// Frames after each rollout.
     pub frames: Vec<u64>,
-    /// Stage of each.
     pub stage: Vec<u32>,
     /// Wall time of all starts until then, seconds.
     pub elapsed_s: Vec<f64>,
@@ -247,11 +233,8 @@ pub struct Curves {
 /// Which episode: kitchen, environment in it, number in the environment. In addresses `3-0-41`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct EpisodeKey {
-    /// Kitchen.
     pub kitchen: u32,
-    /// Environment.
     pub environment: u32,
-    /// Episode.
     pub episode: u32,
 }
 
@@ -328,9 +311,7 @@ pub struct EpisodePage {
     pub matching: usize,
     /// The rows asked for.
     pub rows: Vec<EpisodeRow>,
-    /// Kitchens that there are.
     pub kitchens: Vec<u32>,
-    /// Targets that there are.
     pub targets: Vec<String>,
     /// Tables that there are: `training`, and one for each validation.
     pub sources: Vec<String>,
@@ -345,7 +326,6 @@ pub struct EpisodePage {
 pub struct EpisodeRow {
     /// Its address; none if its actions were not recorded.
     pub key: Option<EpisodeKey>,
-    /// Kitchen.
     pub kitchen: u32,
     /// Number: in the environment, in an evaluation in the kitchen.
     pub episode: u32,
@@ -359,7 +339,6 @@ pub struct EpisodeRow {
     pub picked_up: bool,
     /// Steps.
     pub length: u32,
-    /// Actions that failed.
     pub failed_actions: Option<u32>,
     /// Return under r, and under r′.
     pub returns: Option<[f64; 2]>,

@@ -6,7 +6,6 @@ use std::sync::Arc;
 /// What a topic carries.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Topic {
-    /// Its name.
     pub name: String,
     /// Encoding of its messages.
     pub encoding: String,

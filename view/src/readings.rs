@@ -20,7 +20,6 @@ pub struct Readings {
 }
 
 impl Readings {
-    /// Of these runs.
     pub fn of(runs: Arc<dyn Runs>) -> Self {
         Self { runs, readers: Arc::new(Semaphore::new(READERS)), queue: Arc::new(Semaphore::new(WAITING)) }
     }

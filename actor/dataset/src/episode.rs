@@ -5,7 +5,6 @@ use proto::step::Transition;
 /// Which episode it is, and what became of it.
 #[derive(Debug, Clone)]
 pub struct About {
-    /// Number of the kitchen.
     pub kitchen: u32,
     /// Number of the environment within the kitchen.
     pub environment: u32,
@@ -17,7 +16,6 @@ pub struct About {
     pub target: &'static str,
     /// How it ended, in the words of an evaluation's table.
     pub outcome: &'static str,
-    /// Seed of the run.
     pub seed: u64,
 }
 
@@ -28,7 +26,6 @@ pub struct Seen {
     pub goal_m: [f32; 3],
     /// Number of the action before; the number of actions at the start.
     pub previous_action: u32,
-    /// Hash of the state.
     pub state_hash: u64,
 }
 
@@ -59,7 +56,6 @@ pub struct Frames {
 /// An episode. There is one moment more than there are actions: the last one is what the last action led to.
 #[derive(Debug, Clone)]
 pub struct Episode {
-    /// Which one.
     pub about: About,
     /// What was seen, one more than there are steps.
     pub seen: Vec<Seen>,

@@ -13,7 +13,6 @@ pub enum DatasetError {
     /// What an export that is running or was killed works in.
     #[error("{} is there: another export writes it, or was killed; if none is running, remove it", .0.display())]
     Partial(PathBuf),
-    /// The disk.
     #[error("{} cannot be written", path.display())]
     Disk {
         /// File or folder.
@@ -21,7 +20,6 @@ pub enum DatasetError {
         /// What is wrong.
         source: io::Error,
     },
-    /// An archive.
     #[error("{} cannot be written", path.display())]
     Archive {
         /// Its file.

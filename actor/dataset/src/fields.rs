@@ -18,9 +18,7 @@ pub enum Value {
 pub struct Field {
     /// Its name in tables and arrays, with the unit of measures.
     pub name: &'static str,
-    /// What it is.
     pub about: &'static str,
-    /// Its value in a step.
     pub of: fn(&Step) -> Value,
 }
 

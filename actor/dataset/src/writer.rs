@@ -20,9 +20,7 @@ pub struct Source {
 /// How large a data set is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Size {
-    /// Episodes.
     pub episodes: u64,
-    /// Steps.
     pub steps: u64,
     /// Bytes of all files.
     pub bytes: u64,
@@ -58,7 +56,6 @@ impl Writer {
         Ok(Self { out, partial, source, size: Size::default(), cameras: Vec::new() })
     }
 
-    /// Adds an episode.
     pub fn add(&mut self, episode: &Episode) -> Result<(), DatasetError> {
         if self.size.episodes == 0 {
             self.cameras = episode.cameras.iter().map(|frames| frames.name.to_owned()).collect();

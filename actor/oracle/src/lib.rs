@@ -55,12 +55,10 @@ impl Variant {
     /// Both.
     pub const ALL: [Self; 2] = [Self::Fast, Self::Careful];
 
-    /// The variant with this name, if there is one.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|variant| variant.name() == name)
     }
 
-    /// Its name.
     pub fn name(self) -> &'static str {
         match self {
             Self::Fast => "fast",

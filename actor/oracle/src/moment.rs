@@ -11,7 +11,6 @@ use simulator::robot::links::{HAND, part_poses};
 /// One moment of an episode, of an environment or only thought of.
 #[derive(Debug, Clone)]
 pub struct Moment<'a> {
-    /// The kitchen.
     pub kitchen: &'a Kitchen,
     /// Index among the movables of the target.
     pub target: usize,
@@ -37,7 +36,6 @@ impl<'a> Moment<'a> {
         Self { kitchen, target, goal: episode.goal, robot: *environment.robot(), movables, held }
     }
 
-    /// An episode as it begins.
     pub fn beginning(kitchen: &'a Kitchen, episode: &Episode) -> Self {
         let target = kitchen.target_movable(episode.category);
         let first = kitchen.static_bodies().end;
@@ -59,7 +57,6 @@ impl<'a> Moment<'a> {
         Some(self)
     }
 
-    /// Where the target is.
     pub fn target_pose(&self) -> Pose3 {
         self.movables[self.target]
     }

@@ -52,7 +52,6 @@ pub struct Carriage {
 }
 
 impl Carriage {
-    /// As it is.
     pub const UNCHANGED: Self = Self { height_ticks: None, wrist_ticks: None };
 
     /// At a height and this far ahead of the arm's base.

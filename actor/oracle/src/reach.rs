@@ -49,7 +49,6 @@ pub enum Aim<'a> {
     Grasp {
         /// The target.
         solid: &'a Solid,
-        /// Where it is.
         pose: Pose3,
     },
     /// Bring the held target to its goal.

@@ -10,10 +10,8 @@ use std::collections::{BinaryHeap, HashSet};
 
 /// A space of states connected by actions.
 pub trait Graph {
-    /// One state.
     type State: Copy;
 
-    /// States with the same key are the same to the search.
     fn key(&self, state: &Self::State) -> u64;
 
     /// Fills `out` with the actions that can be tried in a state and where they would lead.

@@ -43,7 +43,6 @@ pub struct Pixel {
 }
 
 impl Camera {
-    /// A camera with this pose.
     pub fn new(world_from_camera: Pose3, projection: Projection, near_m: f32) -> Self {
         Self { camera_from_world: world_from_camera.inverse(), projection, near_m }
     }

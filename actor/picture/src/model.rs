@@ -22,7 +22,6 @@ pub struct Triangle {
 /// What is drawn of a kitchen.
 #[derive(Debug, Clone, Default)]
 pub struct Model {
-    /// All triangles.
     pub triangles: Vec<Triangle>,
     /// sRGB colour of each body.
     pub colours: Vec<Rgb>,
@@ -77,7 +76,6 @@ impl Model {
         }
     }
 
-    /// Adds a body.
     pub fn add(&mut self, shape: &Shape, world_from_body: &Pose3, colour: Rgb, movable: bool) {
         let body = self.colours.len() as u32;
         self.colours.push(colour);

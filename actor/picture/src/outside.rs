@@ -37,7 +37,6 @@ pub struct Orbit {
 }
 
 impl Orbit {
-    /// The camera there.
     pub fn camera(&self) -> Camera {
         let rotation = rotation_y(self.yaw_rad) * rotation_x(self.pitch_rad);
         let distance_m = self.radius_m * (1.0 + TAN_HALF_WIDTH * TAN_HALF_WIDTH).sqrt() / TAN_HALF_WIDTH;

@@ -38,7 +38,6 @@ const DRAFT_SIDE_LIGHT: f32 = 0.6;
 pub enum Standpoint {
     /// The robot's camera, which stands in its body: that is not in the picture.
     Robot,
-    /// From outside.
     Outside(Orbit),
 }
 

@@ -33,7 +33,6 @@ pub enum EnvironmentError {
     WrongKitchen {
         /// The environment's kitchen.
         wanted: proto::kitchen::KitchenId,
-        /// The kitchen it was given.
         given: proto::kitchen::KitchenId,
     },
 }
@@ -418,7 +417,6 @@ impl Environment {
         out.extend_from_slice(&self.simulation.part_poses()[1..]);
     }
 
-    /// The kitchen.
     pub fn kitchen(&self) -> &Arc<Kitchen> {
         &self.kitchen
     }
@@ -529,7 +527,6 @@ fn displacement_m(moved: Vec3) -> f32 {
     moved.length().min(OBJECT_DISPLACEMENT_CAP_M)
 }
 
-/// The settled kitchen as an episode begins in it.
 fn begin(kitchen: &Arc<Kitchen>, substeps: u32, episode: &Episode) -> Settling {
     let Episode { category, start, stand, .. } = episode;
     let target = kitchen.target_movable(*category);

@@ -23,7 +23,6 @@ const START_CLEARANCE_M: f32 = 0.02;
 /// One episode's task.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Episode {
-    /// Category of the target.
     pub category: TargetCategory,
     /// Its start position, metres.
     pub start: Vec3,

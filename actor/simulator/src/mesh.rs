@@ -42,7 +42,6 @@ pub struct Mesh {
     pub vertices: Vec<[f32; 3]>,
     /// Indices of vertices, face after face.
     pub corners: Vec<u16>,
-    /// Faces.
     pub faces: Vec<Face>,
 }
 

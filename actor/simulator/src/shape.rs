@@ -25,7 +25,6 @@ pub enum Primitive {
         /// Half of the segment's length, metres (the caps come on top).
         half_height_m: f32,
     },
-    /// A sphere.
     Sphere {
         /// Radius, metres.
         radius_m: f32,
@@ -62,7 +61,6 @@ pub struct Part {
 /// A union of parts.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Shape {
-    /// The parts.
     pub parts: Vec<Part>,
 }
 

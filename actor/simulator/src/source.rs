@@ -35,7 +35,6 @@ pub enum SourceError {
     /// The configuration names fewer scenes.
     #[error("kitchen {kitchen} is scene {index} of the run's list, which has {scenes}")]
     NoScene {
-        /// The kitchen.
         kitchen: KitchenId,
         /// Its place in the list.
         index: usize,

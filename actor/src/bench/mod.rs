@@ -41,11 +41,9 @@ const VIEWS: u32 = 64;
 /// What to measure.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Where.
     pub kitchens: Vec<KitchenId>,
     /// In this scene instead.
     pub scene: Option<PathBuf>,
-    /// The policy.
     pub policies: Vec<PolicyKind>,
     /// Processor time for each figure, seconds.
     pub seconds: f64,

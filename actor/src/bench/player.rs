@@ -15,7 +15,6 @@ use std::sync::Arc;
 
 /// One environment, from one episode into the next, and after the last into the first again.
 pub(crate) struct Player {
-    /// What is played.
     pub environment: Environment,
     /// Actions of each episode.
     script: Vec<Vec<Action>>,
@@ -28,7 +27,6 @@ pub(crate) struct Player {
 pub struct View {
     /// Pose of every body of the kitchen.
     pub world_from_bodies: Vec<Pose3>,
-    /// Pose of the camera.
     pub world_from_camera: Pose3,
 }
 

@@ -8,9 +8,7 @@ use std::io::{self, Write};
 /// What was measured in one kitchen under one policy with so many environments.
 #[derive(Debug, Clone)]
 pub struct Measurement {
-    /// Kitchen.
     pub kitchen: KitchenId,
-    /// Policy.
     pub policy: PolicyKind,
     /// Environments on one core.
     pub environments: u32,

@@ -63,7 +63,6 @@ impl Problem {
     }
 }
 
-/// Checks one episode.
 pub fn check(kitchen: &Arc<Kitchen>, config: &Config, episode: &Episode) -> Result<(), Problem> {
     if at_goal(episode.start, episode.goal) {
         return Err(Problem::AlreadyThere);

@@ -40,7 +40,6 @@ pub enum Problem {
     /// Something moved although nothing was done.
     #[error("episode {episode}: d = {disturbance_m} m after {step} steps in which nothing moved")]
     Restless {
-        /// The episode.
         episode: u32,
         /// The first step at which it was seen.
         step: u32,
@@ -67,7 +66,6 @@ pub enum Problem {
     /// An episode cannot be played as it should.
     #[error("episode {episode}: {problem}")]
     Episode {
-        /// The episode.
         episode: usize,
         /// What is wrong with it.
         problem: episode::Problem,

@@ -12,7 +12,6 @@ use std::sync::Arc;
 
 /// Seed of the fixed episodes.
 const SEED: u64 = 0x5354_494c_4c52_4f4f;
-/// Draws of one episode.
 const DRAWS: u32 = 400;
 
 /// Why a kitchen got no fixed episodes.
@@ -21,9 +20,7 @@ pub enum DrawError {
     /// One of them could not be drawn.
     #[error("kitchen {kitchen}, episode {episode}: none of {DRAWS} draws is valid; the last one: {last}")]
     NoneValid {
-        /// The kitchen.
         kitchen: KitchenId,
-        /// The episode.
         episode: usize,
         /// What was wrong with the last draw.
         last: String,

@@ -216,7 +216,6 @@ mod tests {
     use proto::config::SimulationConfig;
     use proto::kitchen::KitchenId;
 
-    /// The values of an attribute in a line of the file.
     fn attribute(line: &str, name: &str) -> Option<String> {
         let (_, rest) = line.split_once(&format!(" {name}=\""))?;
         Some(rest.split_once('"')?.0.to_owned())

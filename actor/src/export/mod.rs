@@ -44,10 +44,8 @@ use trace::{Trace, record};
 /// Numbers in a pose.
 const POSE: usize = 7;
 
-/// What to export.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// The kitchens.
     pub kitchens: Vec<KitchenId>,
     /// An episode under each of these.
     pub policies: Vec<PolicyKind>,

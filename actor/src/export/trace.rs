@@ -33,7 +33,6 @@ pub struct Trace {
 pub struct Frame {
     /// Pose of every body of the kitchen.
     pub world_from_bodies: Vec<Pose3>,
-    /// Pose of the camera.
     pub world_from_camera: Pose3,
     /// The image: millimetres, row-major from the top left.
     pub depth_mm: Vec<u16>,

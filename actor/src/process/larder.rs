@@ -21,7 +21,6 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
 /// The kitchens of a run.
 pub struct Larder {
     config: Config,
-    /// The run folder.
     folder: PathBuf,
     orders: Arc<Orders>,
 }
@@ -40,7 +39,6 @@ pub struct Order {
 /// A kitchen, opened.
 #[derive(Debug)]
 pub struct Opened {
-    /// The kitchen.
     pub kitchen: Arc<Kitchen>,
     /// What a camera shows of it, if that was made ahead.
     pub scenery: Option<Scenery>,

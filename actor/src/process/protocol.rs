@@ -35,15 +35,9 @@ pub enum Todo {
     /// Send a HELLO, then report [`Protocol::hello_sent`].
     Hello,
     /// Apply the actions of this half that were last accepted, then report [`Protocol::acted`].
-    Act {
-        /// Which half.
-        half: u32,
-    },
+    Act { half: u32 },
     /// Render and send this half's observations, then report [`Protocol::sent`].
-    Send {
-        /// Which half.
-        half: u32,
-    },
+    Send { half: u32 },
     /// Wait for a message, at most this long.
     Wait(Duration),
 }
@@ -231,7 +225,6 @@ impl Protocol {
         self.served_last = half;
     }
 
-    /// Header of a HELLO.
     pub fn hello_header(&self) -> ObservationHeader {
         ObservationHeader {
             kind: observation_kind::HELLO,

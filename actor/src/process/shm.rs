@@ -4,7 +4,6 @@ use std::mem::MaybeUninit;
 use wire::Ipc;
 use wire::message::{Observation, ObservationHeader};
 
-/// A loaned sample.
 type Loan = iceoryx2::sample_mut_uninit::SampleMutUninit<Ipc, [MaybeUninit<Observation>], ObservationHeader>;
 /// A sample ready to be sent.
 type Written = iceoryx2::sample_mut::SampleMut<Ipc, [Observation], ObservationHeader>;

@@ -7,7 +7,6 @@ use std::fmt;
 /// A place in a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Whereabouts {
-    /// Which environment.
     pub environment: EnvironmentId,
     /// Episode number within it.
     pub episode: u32,

@@ -8,7 +8,6 @@ use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-/// Moments a second.
 const MOMENTS_PER_SECOND: u16 = 5;
 /// How much longer the last moment is shown: its caption says how the episode ended.
 const LAST_MOMENT_FACTOR: u16 = 10;

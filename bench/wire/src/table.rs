@@ -62,7 +62,6 @@ fn base(rows: &[Row], frames: u32) -> Option<Figures> {
     rows.iter().find(|row| row.setting.way == Way::Shm && row.frames() == frames).map(Row::median)
 }
 
-/// The table.
 pub fn text(rows: &[Row], actors: u32, machine: &str) -> String {
     let mut lines = vec![
         format!("{actors} actors, frames of 224×224 with what belongs to them (125,696 bytes), {machine}"),

@@ -11,10 +11,7 @@ use proto::config::{CarriedGoal, NetworkConfig};
 pub enum AgentError {
     /// A number that should be finite is not. Weights and optimiser are as they were before the call.
     #[error("{what} is not finite")]
-    NonFinite {
-        /// Which number.
-        what: String,
-    },
+    NonFinite { what: String },
     /// An observation with an unknown previous action.
     #[error("column {column}: the policy has no action {action}, but the batch has it as taken")]
     UnknownAction {
@@ -55,7 +52,6 @@ pub enum AgentError {
 pub struct OtherSign {
     /// Of the weights.
     pub trained: CarriedGoal,
-    /// Of the configuration.
     pub configured: CarriedGoal,
 }
 

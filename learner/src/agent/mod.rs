@@ -48,7 +48,6 @@ use step::{Inference, column_indices, sample};
 use tch::{Device, Tensor};
 use trainer::{Done, HERE, Job, Trainer, build};
 
-/// The agent.
 #[derive(Debug)]
 pub struct Agent {
     config: Config,
@@ -62,7 +61,6 @@ pub struct Agent {
     multiplier: f64,
     /// This learner's columns, numbered as in the whole run.
     columns: Range<usize>,
-    /// The same as shards.
     shards: Shards,
     /// Rows that go through the network together, where a step may be of fewer columns.
     batch_rows: Option<usize>,
@@ -189,7 +187,6 @@ impl Agent {
         self.columns.clone()
     }
 
-    /// The same as shards.
     pub(crate) fn shards(&self) -> &Shards {
         &self.shards
     }

@@ -118,7 +118,6 @@ pub(super) fn pick(tensor: &Tensor, rows: &[usize]) -> Tensor {
     tensor.index_select(0, &column_indices(rows, tensor.device()))
 }
 
-/// Columns as a tensor on a device.
 pub(super) fn column_indices(columns: &[usize], device: Device) -> Tensor {
     let columns: Vec<i64> = columns.iter().map(|&column| column as i64).collect();
     Tensor::from_slice(&columns).to_device(device)

@@ -66,7 +66,6 @@ impl Job {
         Self { trainer, collected, number, learning_rate, config: config.clone() }
     }
 
-    /// Makes it.
     pub fn run(self) -> Done {
         let Self { mut trainer, collected, number, learning_rate, config } = self;
         let Trainer { network, auxiliary, adam, peers, shards, first_column } = &mut *trainer;

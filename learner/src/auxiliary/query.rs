@@ -14,9 +14,7 @@ const SUBSAMPLE_LEAST: u64 = 10;
 /// One epoch of one update.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Epoch {
-    /// Seed of the run.
     pub seed: u64,
-    /// Number of the rollout in the run.
     pub rollout: u64,
     /// Epoch within the update.
     pub epoch: u32,

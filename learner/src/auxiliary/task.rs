@@ -96,7 +96,6 @@ pub struct TaskLoss {
 pub struct Tally(BTreeMap<&'static str, f64>);
 
 impl Tally {
-    /// Sums with these names.
     pub fn of(names: &[&'static str], sums: &[f64]) -> Self {
         Self(names.iter().copied().zip(sums.iter().copied()).collect())
     }

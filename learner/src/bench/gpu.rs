@@ -23,7 +23,6 @@ pub struct Use {
 pub struct Monitor(Option<Arc<Watch>>);
 
 impl Monitor {
-    /// Of a device.
     pub fn of(device: Device) -> Self {
         let Device::Cuda(index) = device else { return Self(None) };
         let Some(pci) = pci_address(index) else { return Self(None) };

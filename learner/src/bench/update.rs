@@ -22,11 +22,9 @@ const WARM_UPS: u64 = 2;
 pub struct Updates {
     /// Steps of a rollout.
     pub steps: u32,
-    /// Environments.
     pub environments: usize,
     /// Frames of a rollout.
     pub frames: u64,
-    /// Epochs of an update.
     pub epochs: u32,
     /// Time of one epoch, seconds: forward and backward pass of all frames, and the optimiser's step.
     pub epoch_s: f64,

@@ -78,7 +78,6 @@ pub enum CheckpointError {
     /// There are checkpoints, and none can be used.
     #[error("no checkpoint in {folder} can be used:\n{}", list(.rejected), folder = .folder.display())]
     NoneGood {
-        /// The folder.
         folder: PathBuf,
         /// Each with its reason, newest first.
         rejected: Vec<Rejected>,
@@ -98,7 +97,6 @@ fn list(rejected: &[Rejected]) -> String {
 pub struct Loaded {
     /// The state.
     pub snapshot: Snapshot,
-    /// Its manifest.
     pub manifest: Manifest,
     /// Path of the manifest, relative to the run folder.
     pub path: String,
@@ -108,7 +106,6 @@ pub struct Loaded {
     pub figures: Result<History, String>,
 }
 
-/// The checkpoints of one run.
 #[derive(Debug, Clone)]
 pub struct Store<D = LocalDisk> {
     disk: D,

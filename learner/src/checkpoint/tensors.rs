@@ -41,7 +41,6 @@ pub enum TensorsError {
     /// A tensor that must be there is not, or has another type or shape.
     #[error("tensor `{name}` {problem}")]
     Tensor {
-        /// Its name.
         name: String,
         /// What is wrong.
         problem: String,

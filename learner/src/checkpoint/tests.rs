@@ -27,14 +27,12 @@ fn store(folder: &tempfile::TempDir, keep: u32) -> Store {
     store_of(folder, RUN, keep)
 }
 
-/// The store of the run with this id.
 fn store_of(folder: &tempfile::TempDir, id: &str, keep: u32) -> Store {
     let stages =
         ["I", "II"].map(|name| StageConfig { name: name.into(), reward: RewardKind::Task, frames: 100 }).to_vec();
     Store::new((RunFolder::new(folder.path()), id), &stages, "seed = 1", machine(), keep)
 }
 
-/// Has the folder be that of the run with this id.
 fn name(folder: &tempfile::TempDir, id: &str) {
     std::fs::write(RunFolder::new(folder.path()).identity(), format!("id = {id:?}\n")).unwrap();
 }

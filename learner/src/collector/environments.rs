@@ -21,7 +21,6 @@ pub struct Reward {
 /// An episode that has ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ended {
-    /// Its last transition.
     pub last: Transition,
     /// What that does not contain.
     pub running: RunningEpisode,
@@ -41,9 +40,7 @@ pub struct Settlement {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("actor {actor}, kitchen {kitchen}, environment {environment}: {problem}")]
 pub struct Mismatch {
-    /// Actor number.
     pub actor: u32,
-    /// Its kitchen.
     pub kitchen: u32,
     /// Environment index within the actor.
     pub environment: u32,

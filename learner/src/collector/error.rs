@@ -12,9 +12,7 @@ pub enum ProtocolError {
     /// The payload is not one half.
     #[error("actor {actor} sent {found} observations for half {half}, which has {expected} environments")]
     Length {
-        /// Actor number.
         actor: u32,
-        /// The half.
         half: u32,
         /// Observations in the sample.
         found: usize,
@@ -24,9 +22,7 @@ pub enum ProtocolError {
     /// It answers an action that was never sent.
     #[error("actor {actor} is at exchange {found} of half {half}, but the learner has only sent actions up to {sent}")]
     Ahead {
-        /// Actor number.
         actor: u32,
-        /// The half.
         half: u32,
         /// Its step.
         found: u64,

@@ -17,7 +17,6 @@ pub enum Pace {
 }
 
 impl Pace {
-    /// The other one.
     #[must_use]
     pub fn other(self) -> Self {
         match self {

@@ -65,7 +65,6 @@ pub trait HalfSample {
     fn current(&self, i: usize) -> &Current;
     /// Whether the part of its depth frame that the network reads is there.
     fn has_frame(&self, i: usize) -> bool;
-    /// Depth frame, if it is there.
     fn frame(&self, i: usize) -> DepthFrame<'_>;
 }
 
@@ -94,7 +93,6 @@ impl Boundary {
 /// Constants of a collector.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// Columns.
     pub column_map: ColumnMap,
     /// Seed of the run, for the action noise.
     pub seed: u64,
@@ -106,7 +104,6 @@ pub struct Settings {
     pub carried_goal: CarriedGoal,
     /// Discount a step, of the disturbance that PPO-Lagrangian constrains.
     pub gamma: f64,
-    /// Incarnation of this learner.
     pub learner_incarnation: u32,
     /// Whether there is a recorder, whose receipts are waited for.
     pub recorded: bool,
@@ -143,20 +140,13 @@ pub enum Received {
     /// It belongs to another learner incarnation: the actor has not been restored yet.
     Foreign,
     /// An actor has started: answer with [`Collector::restore`].
-    Hello {
-        /// Actor number.
-        actor: u32,
-        /// Its incarnation.
-        actor_incarnation: u32,
-    },
+    Hello { actor: u32, actor_incarnation: u32 },
 }
 
 /// Actions to send to one actor.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ActionBatch {
-    /// Actor number.
     pub actor: u32,
-    /// Header.
     pub header: ActionHeader,
     /// One byte an environment of the half.
     pub actions: Vec<u8>,
@@ -167,7 +157,6 @@ pub struct ActionBatch {
 pub struct Settled {
     /// Row of the rollout in which the action was taken.
     pub t: usize,
-    /// Column.
     pub column: usize,
     /// What it led to.
     pub outcome: Outcome,
@@ -176,9 +165,7 @@ pub struct Settled {
 /// Whose action is about to be chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Place {
-    /// Column.
     pub column: usize,
-    /// Its environment.
     pub environment: EnvironmentId,
     /// Episode number within the environment.
     pub episode: u32,

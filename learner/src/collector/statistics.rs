@@ -46,7 +46,6 @@ pub struct RolloutStatistics {
 }
 
 impl RolloutStatistics {
-    /// Adds one step.
     pub(crate) fn add_step(&mut self, reward: f32) {
         self.frames += 1;
         self.reward += f64::from(reward);

@@ -8,7 +8,6 @@ use std::ptr::null_mut;
 type Create = unsafe extern "C" fn(*mut Handle, c_uint) -> c_int;
 type Record = unsafe extern "C" fn(Handle, Handle) -> c_int;
 
-/// What an event is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Purpose {
     /// It notes the time when the device gets there (`CU_EVENT_DEFAULT`).

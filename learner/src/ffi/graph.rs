@@ -77,7 +77,6 @@ unsafe extern "C" {
 /// Where what a graph computes lies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Memory {
-    /// Each graph has its own.
     Apart,
     /// All graphs of a recorder have the same, as if their work were done in the order in which they were recorded: what
     /// one of them computed and nobody holds any more may be overwritten by the next. They are to be launched one after
@@ -121,7 +120,6 @@ fn synchronize(index: usize) {
     Cuda::synchronize(index as i64);
 }
 
-/// Records graphs.
 #[derive(Debug)]
 pub struct Recorder {
     functions: Functions,

@@ -93,7 +93,6 @@ pub enum Meeting {
     File(PathBuf),
     /// In the first member's store, over a network.
     Network {
-        /// Where that store is.
         store: SocketAddr,
         /// The first member's descriptor of the socket that listens there.
         listener: Option<i32>,

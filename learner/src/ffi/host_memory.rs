@@ -30,7 +30,6 @@ pub enum Unreadable {
     /// The kernel's list has no file there.
     #[error("no file is mapped there")]
     NoFile,
-    /// It is no shared memory.
     #[error("they lie in {file}, not in {SHARED_MEMORY}")]
     NotShared {
         /// The mapping's file.

@@ -40,7 +40,6 @@ impl FrameRoom {
         self.0.size()[0]
     }
 
-    /// Its frames.
     pub fn frames_mut(&mut self) -> &mut [[u16; FRAME_PIXELS]] {
         let tensor = &self.0;
         assert!(tensor.device() == Device::Cpu && tensor.kind() == Kind::Int16 && tensor.is_contiguous());

@@ -69,7 +69,6 @@ impl Streams {
         })
     }
 
-    /// Makes a stream.
     pub fn make(self, priority: Priority) -> Result<Stream, CudaError> {
         let (mut least, mut greatest) = (0, 0);
         // SAFETY: the driver is initialised; the out-pointers are ours.

@@ -7,7 +7,6 @@ unsafe extern "C" {
     fn stillroom_hear_warnings();
 }
 
-/// The listener.
 static LISTENER: OnceLock<fn(&str)> = OnceLock::new();
 
 /// Sends libtorch's warnings on this thread to `listener` instead of standard error. Only the first listener of the

@@ -57,14 +57,11 @@ pub struct ActorCriticOutput {
     pub values: Tensor,
 }
 
-/// The network.
 #[derive(Debug)]
 pub struct Network {
     /// All weights.
     pub parameters: Parameters,
-    /// How frames are prepared for it.
     pub preparation: FramePreparation,
-    /// The belief.
     pub belief: Belief,
     encoder: Box<dyn VisualEncoder>,
     goal: GoalEmbedding,

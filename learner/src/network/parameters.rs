@@ -33,7 +33,6 @@ impl Declared {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("`{name}` {problem}")]
 pub struct Unfit {
-    /// Its name.
     pub name: String,
     /// What is wrong with it.
     pub problem: String,
@@ -54,7 +53,6 @@ impl Unfit {
         Self::new(name, "is missing")
     }
 
-    /// A number in it is not finite.
     pub fn not_finite(name: &str) -> Self {
         Self::new(name, "is not finite")
     }
@@ -91,7 +89,6 @@ impl Layout {
     }
 }
 
-/// The parameters of a network.
 #[derive(Debug)]
 pub struct Parameters {
     entries: Vec<Declared>,

@@ -27,11 +27,8 @@ pub(crate) struct Chunk {
 /// A rollout's columns to be dealt out.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Deal {
-    /// Minibatches.
     pub minibatches: u32,
-    /// Seed of the run.
     pub seed: u64,
-    /// Number of the rollout.
     pub rollout: u64,
     /// Number, in the whole run, of the learner's first column.
     pub first_column: usize,

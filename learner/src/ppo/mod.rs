@@ -65,7 +65,6 @@ pub(crate) struct Update<'a> {
     pub network: &'a Network,
     /// The auxiliary task.
     pub auxiliary: &'a Auxiliary,
-    /// The rollout.
     pub rollout: &'a Rollout,
     /// Constants of PPO.
     pub ppo: &'a PpoConfig,
@@ -79,9 +78,7 @@ pub(crate) struct Update<'a> {
     pub first_column: usize,
     /// Step size of this update.
     pub learning_rate: f64,
-    /// Seed of the run.
     pub seed: u64,
-    /// Number of the rollout in the run.
     pub rollout_number: u64,
 }
 

@@ -10,7 +10,6 @@ use proto::stage::RolloutShape;
 use std::collections::BTreeMap;
 use tch::{Device, Kind, Tensor};
 
-/// A batch.
 #[derive(Debug)]
 pub struct Batch {
     /// What was seen, chosen and got.

@@ -85,7 +85,6 @@ impl Cells<'_> {
         t * self.rollout.columns() + n
     }
 
-    /// The cell of each row.
     fn of_rows(&self) -> Vec<i64> {
         self.packing.rows.iter().map(|&row| self.index(row) as i64).collect()
     }

@@ -198,7 +198,6 @@ impl Ports {
         Ok(())
     }
 
-    /// Sends an actor the state of its environments.
     pub fn send_restore(&self, actor: u32, header: RestoreHeader, states: &[EnvironmentState]) -> Result<()> {
         let ports = self.ports_of(actor);
         let failed = || format!("cannot send a restore to actor {actor}");

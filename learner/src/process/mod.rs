@@ -77,7 +77,6 @@ pub struct Arguments {
 /// What a learner of a run on several hosts is told of the network.
 #[derive(Debug, Clone)]
 pub struct Network {
-    /// Hosts in all.
     pub hosts: u32,
     /// Where the first learner's store is.
     pub store: SocketAddr,

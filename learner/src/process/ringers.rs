@@ -9,7 +9,6 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use wire::{Bell, Bells, Sleeper};
 
-/// Most threads.
 const MOST_THREADS: u32 = 4;
 /// The fewest actors for which another thread is worth its start.
 const ACTORS_A_THREAD: u32 = 24;

@@ -50,7 +50,6 @@ pub struct Training<'a, W> {
     pub pacing: Pacing,
     /// The next rollout to be trained on.
     pub rollout: u64,
-    /// Frames trained on.
     pub frames: u64,
     /// The rollout that is being trained on.
     pub in_update: Option<InUpdate>,

@@ -33,10 +33,7 @@ pub enum Unrecorded {
         "rollout {rollout} was not recorded within {} s, though the recorder gets on: the orchestrator's log says why",
         WRITING_DEADLINE.as_secs()
     )]
-    Late {
-        /// Which.
-        rollout: u64,
-    },
+    Late { rollout: u64 },
 }
 
 impl<W: Write> Conversation<'_, W> {

@@ -85,7 +85,6 @@ pub(crate) struct Array {
     pub values: Vec<f32>,
 }
 
-/// A policy.
 #[derive(Debug)]
 pub struct Policy {
     /// Where it comes from.

@@ -109,9 +109,7 @@ pub struct Finding {
     pub offset: u64,
     /// Bytes of the file that it covers.
     pub bytes: u64,
-    /// What it is.
     pub problem: Problem,
-    /// What it cost.
     pub cost: Cost,
     /// Log times between which something was lost or may be wrong, nanoseconds since 1970.
     pub times_ns: Option<(u64, u64)>,

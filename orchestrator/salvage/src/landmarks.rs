@@ -14,7 +14,6 @@ pub struct Ending {
     pub metadata: Vec<u64>,
     /// Where the summary begins: after the mark of the data's end.
     pub data_end: Option<u64>,
-    /// That mark is there.
     pub marked: bool,
     /// The footer points to the summary.
     pub begins: bool,

@@ -50,7 +50,6 @@ impl Frame {
         Self { offset, opcode, length: u64::from_le_bytes(length) }
     }
 
-    /// Where its content begins.
     pub fn content(self) -> u64 {
         self.offset + HEAD_BYTES
     }

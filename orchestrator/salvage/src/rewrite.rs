@@ -19,7 +19,6 @@ pub enum RewriteError {
     /// The old one.
     #[error(transparent)]
     Read(ReadError<McapError>),
-    /// The new one.
     #[error(transparent)]
     Write(McapError),
 }

@@ -13,7 +13,6 @@ use std::ops::ControlFlow;
 /// What is read at most. A file that wants more is read as far as they go, and a finding says so.
 #[derive(Debug, Clone, Copy)]
 pub struct Limits {
-    /// Bytes of one record.
     pub record_bytes: u64,
     /// Bytes of one chunk, unpacked.
     pub chunk_bytes: u64,

@@ -5,7 +5,6 @@ use std::io::Read;
 /// What came out of packed bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Unpacked {
-    /// All of it.
     Whole,
     /// What came before something that cannot be unpacked, or before the end of truncated bytes.
     Part,

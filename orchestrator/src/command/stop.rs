@@ -167,8 +167,8 @@ impl Log {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::fs::File;
     use crate::run::identity::host_name;
+    use std::fs::File;
     use std::io::Write;
     use std::process::Command;
 

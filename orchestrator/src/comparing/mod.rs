@@ -23,7 +23,6 @@ pub struct Comparison {
     pub runs: Vec<String>,
     /// The settings that are not the same in all.
     pub configuration: Vec<Row>,
-    /// Figures.
     pub figures: Vec<Row>,
 }
 

@@ -6,7 +6,6 @@ use serde_json::Value;
 /// One thing of all runs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Row {
-    /// What it is.
     pub name: String,
     /// Of each run; null of those that have no such thing.
     pub values: Vec<Value>,

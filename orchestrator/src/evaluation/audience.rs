@@ -31,7 +31,6 @@ pub struct EvaluationAudience {
 }
 
 impl EvaluationAudience {
-    /// Of an evaluation with this plan in this folder.
     pub fn new(plan: Plan, folder: &RunFolder) -> Result<Self> {
         Ok(Self {
             plan,

@@ -16,9 +16,7 @@ use std::path::{Path, PathBuf};
 /// Where weights come from.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Provenance {
-    /// Preset of the run.
     pub preset: String,
-    /// Seed of the run.
     pub seed: u64,
     /// Absolute path of the run folder; none for weights that no run has trained.
     pub run: Option<String>,
@@ -42,13 +40,11 @@ pub struct Found {
 /// Whose weights a path means.
 #[derive(Debug)]
 pub enum Source {
-    /// A checkpoint of a run.
     Checkpoint(Box<Found>),
     /// A policy file.
     File {
         /// Its absolute path.
         path: PathBuf,
-        /// What is in it.
         policy: Box<Policy>,
     },
 }

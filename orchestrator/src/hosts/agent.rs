@@ -47,7 +47,6 @@ pub type Otherwise<'a> = &'a dyn Fn(&Config, &RunFolder) -> Result<Vec<String>>;
 /// What an agent is started with.
 #[derive(Debug)]
 pub struct Agent {
-    /// Which host it is.
     pub member: Membership,
     /// The run's token.
     pub token: Token,
@@ -316,7 +315,6 @@ fn connect(own: IpAddr, to: SocketAddr) -> std::io::Result<TcpStream> {
     Ok(socket.into())
 }
 
-/// The agent at work.
 struct Work<'a> {
     host: &'a WireHost,
     announcer: Announcer,

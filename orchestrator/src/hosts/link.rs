@@ -23,12 +23,10 @@ enum Frame<M> {
     Said(M),
 }
 
-/// Sends one message.
 pub fn send(stream: &mut TcpStream, message: &impl Serialize) -> Result<()> {
     send_bytes(stream, &serde_json::to_vec(message)?)
 }
 
-/// Sends bytes as they are.
 pub fn send_bytes(mut stream: &TcpStream, bytes: &[u8]) -> Result<()> {
     let length =
         u32::try_from(bytes.len()).map_err(|_| Error::new(ErrorKind::InvalidInput, "a message is too long"))?;

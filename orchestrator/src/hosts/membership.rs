@@ -7,9 +7,7 @@ use std::fmt::{Display, Formatter};
 /// What the command line says.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Flags {
-    /// Hosts in all.
     pub hosts: Option<u32>,
-    /// This one.
     pub host_rank: Option<u32>,
     /// Where they meet.
     pub rendezvous: Option<String>,
@@ -39,7 +37,6 @@ impl Display for Launcher {
 /// One host among the run's.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Membership {
-    /// Hosts in all.
     pub hosts: u32,
     /// This one, from 0.
     pub host: u32,
@@ -77,16 +74,11 @@ pub enum MembershipError {
     },
     /// Something is missing.
     #[error("{missing} is missing: with several hosts each needs --hosts N, --host-rank K and --rendezvous HOST:PORT")]
-    Missing {
-        /// What.
-        missing: &'static str,
-    },
+    Missing { missing: &'static str },
     /// A number is out of range.
     #[error("host {host} of {hosts} hosts does not exist ({by}): hosts count from 0")]
     Beyond {
-        /// This one.
         host: u32,
-        /// All.
         hosts: u32,
         /// Who says so.
         by: Launcher,

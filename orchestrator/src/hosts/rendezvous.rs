@@ -76,11 +76,9 @@ pub enum Reply {
 /// What a host needs to know of the run.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Invitation {
-    /// The run.
     pub run_id: String,
     /// Start of it.
     pub incarnation: u32,
-    /// Hosts in all.
     pub hosts: u32,
     /// Host 0's name.
     pub name: String,
@@ -139,7 +137,6 @@ impl Rendezvous {
         Ok(Self { listener, own, hosts: member.hosts, token, patience, again: Cell::new(false) })
     }
 
-    /// Hosts in all.
     pub fn hosts(&self) -> u32 {
         self.hosts
     }

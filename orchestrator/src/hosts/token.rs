@@ -30,7 +30,6 @@ impl std::fmt::Debug for Token {
 pub struct Drawn<'a> {
     /// The one who connects.
     pub host: u32,
-    /// Drawn by that one.
     pub guest: &'a str,
     /// Drawn by host 0.
     pub door: &'a str,

@@ -25,7 +25,6 @@ const ORCHESTRATOR: u64 = 96 << 20;
 /// Memory that a run needs, bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Need {
-    /// One actor.
     pub actor: u64,
     /// One learner, that with the most actors.
     pub learner: u64,

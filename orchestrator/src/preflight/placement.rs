@@ -41,7 +41,6 @@ pub enum PlacementError {
          `machine.pin = true` choose"
     )]
     NoCore {
-        /// Its number.
         core: usize,
         /// Those that can be named.
         usable: String,

@@ -8,7 +8,6 @@ use proto::device::Torch;
 /// The programs, found and proven to start.
 #[derive(Debug, Clone)]
 pub struct Tools {
-    /// Where they are.
     pub programs: Programs,
     /// What the learner computes with.
     pub torch: Torch,

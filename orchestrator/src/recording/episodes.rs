@@ -106,7 +106,6 @@ struct Setting {
     world: Config,
     /// Which fixed episodes were played, in an evaluation.
     plan: Option<Plan>,
-    /// The kitchens.
     kitchens: Kitchens,
     /// Which of them an environment was in.
     rota: Rota,

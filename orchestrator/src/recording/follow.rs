@@ -25,7 +25,6 @@ pub struct Follower {
     latest: HashMap<String, Recorded>,
 }
 
-/// What was read.
 enum Read {
     /// The messages of a record, if it had some.
     Messages(Vec<Recorded>),

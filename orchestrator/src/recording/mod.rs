@@ -41,7 +41,6 @@ pub fn files_at(path: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     Ok(vec![resolved])
 }
 
-/// The same of a folder.
 fn files_in(run: &RunFolder) -> Result<Vec<Item>, RecordingError> {
     let recorded = |folder: &Path| {
         let mut items =
@@ -74,7 +73,6 @@ fn is_growing(folder: &RunFolder, path: &Path) -> bool {
 /// The state of a run's recordings.
 #[derive(Debug, PartialEq, Eq, Serialize)]
 pub struct Recordings {
-    /// Files.
     pub files: usize,
     /// Their size together.
     pub bytes: u64,

@@ -51,9 +51,7 @@ pub enum FileEnd {
 /// How much of a file could be read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Extent {
-    /// Messages read.
     pub messages: u64,
-    /// How reading ended.
     pub end: FileEnd,
     /// What is wrong, and what it cost.
     pub account: Account,

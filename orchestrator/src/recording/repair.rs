@@ -27,7 +27,6 @@ pub enum RepairError {
     /// The new file.
     #[error("cannot write {path}: {cause}", path = .path.display(), cause = in_words(.cause))]
     Write {
-        /// Where it was to be.
         path: PathBuf,
         /// Why not.
         cause: McapError,
@@ -38,10 +37,7 @@ pub enum RepairError {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Repair {
     /// The file is complete; nothing was touched.
-    NotNeeded {
-        /// Messages in it.
-        messages: u64,
-    },
+    NotNeeded { messages: u64 },
     /// A complete file was written.
     Repaired {
         /// The complete file.

@@ -56,7 +56,6 @@ pub struct Shelved {
     pub steps: u32,
     /// One bit for each step: its action failed.
     failed: Vec<u64>,
-    /// Its end, if it has ended.
     pub end: Option<EpisodeEnd>,
     /// Category of its target, as recordings number it.
     pub target: Option<i32>,
@@ -69,7 +68,6 @@ pub struct Shelved {
 }
 
 impl Shelved {
-    /// Actions that failed.
     pub fn failed_actions(&self) -> u32 {
         self.failed.iter().map(|word| word.count_ones()).sum()
     }
@@ -158,9 +156,7 @@ pub(super) enum Next {
     Chunk(Vec<u8>, u64),
     /// Something else, which ends here.
     Other(u64),
-    /// The end of what is there.
     End,
-    /// No record.
     Damaged,
 }
 
@@ -536,7 +532,6 @@ fn config_of(folder: &RunFolder, path: &Path) -> Result<(String, Kitchens), Reco
     Ok((text, kitchens))
 }
 
-/// The record at this offset of a file of this length.
 pub(super) fn next(file: &File, offset: u64, length: u64) -> std::io::Result<Next> {
     if offset + RECORD_HEAD > length {
         return Ok(Next::End);

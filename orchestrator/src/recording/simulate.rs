@@ -31,7 +31,6 @@ const PROGRESS_LINE_INTERVAL: Duration = Duration::from_secs(10);
 /// The result.
 #[derive(Debug, Default)]
 pub struct Totals {
-    /// Episodes simulated.
     pub episodes: u64,
     /// States compared.
     pub compared: u64,

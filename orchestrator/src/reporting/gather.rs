@@ -30,11 +30,9 @@ pub struct Gathered {
     pub notes: Vec<String>,
 }
 
-/// A run that was given.
 struct Given {
     /// Its path, without links.
     place: PathBuf,
-    /// Its id.
     id: String,
     run: Run,
 }

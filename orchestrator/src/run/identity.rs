@@ -87,11 +87,8 @@ impl Incarnation {
 /// The processes of an incarnation. Actors and learners are those of all hosts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Shape {
-    /// Hosts.
     pub hosts: u32,
-    /// Learners.
     pub learners: u32,
-    /// Actors.
     pub actors: u32,
     /// The first rollout that they collect.
     pub rollout: u64,
@@ -133,7 +130,6 @@ pub struct Ended {
 }
 
 impl Identity {
-    /// A new identity.
     pub fn new() -> Result<Self> {
         let mut bytes = [0u8; 6];
         File::open("/dev/urandom").and_then(|mut source| source.read_exact(&mut bytes)).context("/dev/urandom")?;
@@ -290,7 +286,6 @@ pub struct Moment {
 }
 
 impl Moment {
-    /// Now.
     pub fn now() -> Self {
         let now = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
         // Where it cannot be read, times of one boot are taken for those of another, and the clock of the day counts.

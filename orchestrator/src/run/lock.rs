@@ -17,14 +17,12 @@ use std::time::{Duration, Instant};
 /// Bytes that are read of a lock file. Ours have about a hundred; one that somebody put there can have any number.
 const HOLDER_BYTES_MOST: u64 = 4096;
 
-/// Who holds a run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Holder {
     /// Process id of the orchestrator.
     pub pid: u32,
     /// Machine it runs on.
     pub host: String,
-    /// Incarnation of the run.
     pub incarnation: u32,
     /// The PID namespace that numbers its process. None in locks of versions that did not note it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -32,7 +30,6 @@ pub struct Holder {
 }
 
 impl Holder {
-    /// This process.
     fn this_process(incarnation: u32) -> Self {
         let (pid, host, pid_namespace) = (std::process::id(), host_name(), pid_namespace());
         Self { pid, host, incarnation, pid_namespace }
@@ -129,7 +126,6 @@ fn refuse_links(folder: &RunFolder) -> Result<()> {
 pub enum Held {
     /// Nobody.
     Free,
-    /// This one.
     By(Holder),
     /// A holder that has not written its process id yet.
     Unsigned,

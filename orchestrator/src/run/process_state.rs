@@ -2,12 +2,10 @@
 
 use std::path::Path;
 
-/// A process that is stopped.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct Stopped {
     /// Name of its program.
     pub program: String,
-    /// Its number.
     pub pid: u32,
 }
 
@@ -22,7 +20,6 @@ pub fn stopped(pid: u32) -> Vec<Stopped> {
     std::iter::once(pid).chain(children).filter_map(look).collect()
 }
 
-/// The process with this number, if it is stopped.
 fn look(pid: u32) -> Option<Stopped> {
     let (program, state) = parse(&std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?)?;
     matches!(state, 'T' | 't').then_some(Stopped { program, pid })

@@ -51,7 +51,6 @@ impl ScaleRequest {
         if self == answer { self.refused } else { None }
     }
 
-    /// Removes it.
     pub fn remove(folder: &RunFolder) {
         match std::fs::remove_file(folder.scale_request()) {
             Err(error) if error.kind() != ErrorKind::NotFound => {

@@ -10,7 +10,6 @@ const SMOOTHED: f64 = 0.04;
 /// The part of a curve in one stage.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Piece {
-    /// Which stage.
     pub stage: usize,
     /// Frames, and the mean around them.
     pub points: Vec<(f64, f64)>,

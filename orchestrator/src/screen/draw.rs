@@ -20,7 +20,6 @@ const CHART_LINES: [u16; 2] = [6, 16];
 /// Lines that the panels need below the charts; where there are fewer, charts take them all.
 const PANEL_LINES: u16 = 4;
 
-/// Draws all of it.
 pub fn draw(frame: &mut Frame, model: &Model) {
     let [head, body, foot] =
         Layout::vertical([Constraint::Length(HEAD), Constraint::Min(0), Constraint::Length(1)]).areas(frame.area());

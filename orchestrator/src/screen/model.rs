@@ -22,7 +22,6 @@ pub enum Lines {
     Warnings,
 }
 
-/// What is on the screen.
 #[derive(Debug, Default)]
 pub struct Model {
     /// How the run stands; none before it was read.
@@ -39,7 +38,6 @@ pub struct Model {
     pub chart: usize,
 }
 
-/// Charts that there are.
 pub const CHARTS: usize = 3;
 
 impl Model {

@@ -135,7 +135,6 @@ pub fn log(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
     frame.render_widget(Paragraph::new(shown).block(Block::bordered().title(title)), area);
 }
 
-/// A line of the log in lines of this width.
 fn folded(line: &LogLine, width: usize) -> Vec<Line<'static>> {
     // 2026-11-21T02:04:23.1Z: the time of the day is enough.
     let time = line.at.get(11..19).map(|time| format!("{time} ")).unwrap_or_default();

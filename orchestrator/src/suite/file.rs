@@ -107,14 +107,11 @@ pub struct Asked {
     pub checkpoint: AskedCheckpoint,
 }
 
-/// One run of the suite.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SuiteEntry {
     /// Name of its folder: `NAME-SEED`, of a grid's `NAME-KEY=VALUE-SEED`.
     pub name: String,
-    /// Preset.
     pub preset: String,
-    /// Seed.
     pub seed: u64,
     /// `--frames`.
     pub frames: Option<u64>,

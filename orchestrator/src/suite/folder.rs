@@ -48,7 +48,6 @@ pub fn refuse(folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The folder.
 #[derive(Debug, Clone)]
 pub struct SuiteFolder {
     root: PathBuf,
@@ -68,7 +67,6 @@ pub enum Step {
 /// What to do with a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Next {
-    /// This.
     Step(Step),
     /// Nothing yet: a process of an earlier call still holds this folder.
     HeldBy(String),
@@ -94,7 +92,6 @@ impl SuiteFolder {
         self.root.join("suite.json")
     }
 
-    /// The report.
     pub fn report(&self) -> PathBuf {
         self.root.join("report")
     }
@@ -104,12 +101,10 @@ impl SuiteFolder {
         self.report().join(PAGE)
     }
 
-    /// Folder of a run.
     pub fn run(&self, entry: &SuiteEntry) -> RunFolder {
         RunFolder::new(self.root.join("runs").join(&entry.name))
     }
 
-    /// Folder of one of its evaluations.
     pub fn evaluation(&self, entry: &SuiteEntry, asked: &Asked) -> PathBuf {
         self.run(entry).root().join("evaluations").join(asked.folder())
     }

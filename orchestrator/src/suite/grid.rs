@@ -9,7 +9,6 @@ use toml::{Table, Value};
 pub struct Point {
     /// What it adds to the run's name: `-learning_rate=0.001-clip=0.2`; nothing without a grid.
     pub suffix: String,
-    /// Its settings.
     pub settings: Vec<Setting>,
 }
 

@@ -356,12 +356,9 @@ fn last_words(log: &Path, begin: u64, exit: ExitStatus) -> String {
     }
 }
 
-/// How a run stands.
 #[derive(Debug, Serialize)]
 pub struct Standing {
-    /// Its name.
     pub name: String,
-    /// Its folder.
     pub folder: String,
     /// State and tries.
     #[serde(flatten)]

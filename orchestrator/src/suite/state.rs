@@ -10,14 +10,12 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// The state of one run.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(tag = "status", rename_all = "snake_case")]
 pub enum Status {
     /// Nobody works on it.
     #[default]
     Waiting,
-    /// It trains.
     Training,
     /// It is trained, and evaluated in this folder.
     Evaluating {
@@ -52,7 +50,6 @@ impl Status {
 /// One run in the file.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct RunStatus {
-    /// Its state.
     #[serde(flatten)]
     pub status: Status,
     /// How often a process was started for it.
@@ -96,7 +93,6 @@ impl State {
         write_atomically(path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))
     }
 
-    /// The run with this name.
     pub fn of(&mut self, name: &str) -> &mut RunStatus {
         self.runs.entry(name.to_owned()).or_default()
     }

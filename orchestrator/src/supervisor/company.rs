@@ -16,7 +16,6 @@ use wire::message::StageAnnouncement;
 pub enum Order {
     /// Start a process.
     Spawn {
-        /// Which.
         process: Process,
         /// How often it has been started, from 1.
         incarnation: u32,
@@ -75,11 +74,9 @@ pub enum Word {
     Refused(String),
     /// A process ended.
     Exited {
-        /// Which.
         process: Process,
         /// The incarnation that ended.
         incarnation: u32,
-        /// How.
         exit: Exit,
         /// Its last lines on standard error.
         last_words: Vec<String>,
@@ -88,7 +85,6 @@ pub enum Word {
     Learner {
         /// The incarnation that spoke.
         incarnation: u32,
-        /// The event.
         event: LearnerEvent,
     },
     /// Its recording cannot be written any more.
@@ -124,7 +120,6 @@ pub trait Obeys: Debug {
 pub struct Other {
     /// Its name, for people.
     pub name: String,
-    /// The way to it.
     pub way: Box<dyn Obeys>,
     /// It is gone.
     pub lost: bool,
@@ -153,7 +148,6 @@ impl Company {
         Self { hosts, others, early, inbox }
     }
 
-    /// The host of a process.
     pub fn host_of(&self, process: Process) -> u32 {
         match process {
             Process::Learner(rank) => self.hosts.of_learner(rank),
@@ -161,7 +155,6 @@ impl Company {
         }
     }
 
-    /// The processes of a host.
     pub fn processes_of(&self, host: u32) -> Vec<Process> {
         let learners = self.hosts.ranks_of(host).map(Process::Learner);
         learners.chain(self.hosts.actors_of(host).map(Process::Actor)).collect()

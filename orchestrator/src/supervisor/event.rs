@@ -13,7 +13,6 @@ use wire::message::StageAnnouncement;
 pub enum Process {
     /// A learner, by its rank in the process group.
     Learner(u32),
-    /// An actor, by its number.
     Actor(u32),
 }
 
@@ -85,11 +84,9 @@ fn signal_name(signal: i32) -> Option<&'static str> {
 pub enum Event {
     /// A process ended and was reaped.
     Exited {
-        /// Which.
         process: Process,
         /// The incarnation that ended.
         incarnation: u32,
-        /// How.
         exit: Exit,
         /// Its last lines on standard error.
         last_words: Vec<String>,
@@ -98,7 +95,6 @@ pub enum Event {
     Learner {
         /// The incarnation that spoke.
         incarnation: u32,
-        /// The event.
         event: LearnerEvent,
     },
     /// Time passed.
@@ -140,7 +136,6 @@ pub enum Level {
 pub enum Action {
     /// Start a process.
     Spawn {
-        /// Which.
         process: Process,
         /// How often it has been started, from 1.
         incarnation: u32,

@@ -23,7 +23,6 @@ struct Said {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Bereaved {
     since: Duration,
-    /// Which.
     pub rank: u32,
     /// Its last lines on standard error.
     pub last_words: Vec<String>,
@@ -89,7 +88,6 @@ impl Gang {
         self.said.len()
     }
 
-    /// Their ranks.
     pub fn ranks(&self) -> Range<u32> {
         0..self.said.len() as u32
     }
@@ -105,7 +103,6 @@ impl Gang {
 
     // What they say
 
-    /// One is ready.
     pub fn ready(&mut self, rank: u32, now: Duration) {
         self.said[rank as usize].ready = Some(now);
         if rank == 0 {

@@ -60,7 +60,6 @@ enum Phase {
     Over,
 }
 
-/// The supervisor of one run on one machine.
 #[derive(Debug)]
 pub struct Supervisor {
     policy: Policy,
@@ -69,7 +68,6 @@ pub struct Supervisor {
     stops_before: Option<u64>,
     children: Children,
     gang: Gang,
-    /// By number of the actor.
     actor_histories: Vec<RestartHistory>,
     phase: Phase,
     outcome: Option<Outcome>,

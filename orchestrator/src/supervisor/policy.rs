@@ -24,7 +24,6 @@ pub struct Policy {
     pub learners: u32,
     /// Actor processes.
     pub actors: u32,
-    /// On restarts.
     pub restart: RestartPolicy,
     /// From a learner's start to its `Ready`. One that takes longer is started again, once.
     pub learner_ready: Duration,

@@ -48,13 +48,11 @@ const PIPES_CLOSE: Duration = Duration::from_secs(2);
 pub struct Launch {
     /// Executables.
     pub programs: Programs,
-    /// Learners.
     pub learners: u32,
     /// Threads of libtorch, of each.
     pub threads: u32,
     /// The learner plays an evaluation's episodes instead of training.
     pub evaluates: bool,
-    /// The run.
     pub folder: RunFolder,
     /// Its services.
     pub address: WireAddress,
@@ -69,7 +67,6 @@ pub struct Launch {
 /// Where learners of several hosts meet.
 #[derive(Debug, Clone)]
 pub struct LearnersNetwork {
-    /// Hosts in all.
     pub hosts: u32,
     /// Where the first learner's store is.
     pub store: SocketAddr,

@@ -13,13 +13,11 @@ use std::time::Duration;
 pub struct RestartPolicy {
     /// Deaths within [`RestartPolicy::window`] at most.
     pub in_window: usize,
-    /// The window.
     pub window: Duration,
     /// Deaths at most, however far apart.
     pub in_all: usize,
     /// Pause before the second restart; doubles with each further one. The first is at once.
     pub first_pause: Duration,
-    /// Longest pause.
     pub longest_pause: Duration,
 }
 

@@ -133,7 +133,6 @@ pub struct Shell<'a> {
     pub config: &'a Config,
     /// The services.
     pub host: &'a WireHost,
-    /// The recording, if there is one.
     pub recorder: Option<&'a Recorder>,
     /// Requests to stop.
     pub signals: &'a mut Signals,

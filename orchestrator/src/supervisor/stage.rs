@@ -41,7 +41,6 @@ pub struct StageMachine {
 }
 
 impl StageMachine {
-    /// The machine of a run with these stages.
     pub fn new(stages: Vec<StageConfig>) -> Self {
         Self { stages, version: 0, in_force: None, last: StageAnnouncement::default() }
     }

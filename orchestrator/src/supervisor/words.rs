@@ -45,7 +45,6 @@ pub fn unanswering(who: &str, waited: Duration, given: Option<Duration>) -> Stri
     format!("{who} has not answered for {} s{then}", waited.as_secs())
 }
 
-/// That all wait for a recorder.
 pub fn recorder_stands_still(rank: u32, waited_s: f64) -> String {
     let who = Process::Learner(rank);
     format!(

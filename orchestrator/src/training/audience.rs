@@ -17,7 +17,6 @@ use proto::trained::Trained;
 use std::time::Duration;
 use wire::fault;
 
-/// The audience of a training run.
 #[derive(Debug)]
 pub struct TrainingAudience {
     /// `metrics.jsonl`.

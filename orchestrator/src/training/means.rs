@@ -50,11 +50,9 @@ impl EpisodeMeans {
 /// The figures of one stage.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StageMeans {
-    /// Its name.
     pub name: String,
     /// The reward it optimises.
     pub reward: RewardKind,
-    /// Frames trained on in it.
     pub frames: u64,
     /// Frames it is to have.
     pub budget: u64,
@@ -120,7 +118,6 @@ pub fn by_stage(stages: &[StageConfig], history: &History) -> Vec<StageMeans> {
 /// The figures of the moment: over the last few rollouts.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Recent {
-    /// Frames trained on.
     pub frames: u64,
     /// Frames of the whole run.
     pub budget: u64,

@@ -23,7 +23,6 @@ pub fn go_on(program: &str, run: &Path, hosts: u32) -> String {
     }
 }
 
-/// A command, and what it is for.
 fn line(what: &str, command: &str) -> String {
     format!("{what:<12}{command}")
 }

@@ -46,7 +46,6 @@ pub struct TrainingRun {
     pub started: Started,
 }
 
-/// Who starts a run, and where.
 #[derive(Debug, Default)]
 pub struct Started {
     /// A scheduler or launcher starts it, or flags name this host. Then SIGTERM also asks for another start.

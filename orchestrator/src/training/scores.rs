@@ -84,7 +84,6 @@ impl Score {
     }
 }
 
-/// The best of these.
 pub fn best(scored: &[Score]) -> Option<&Score> {
     scored.iter().reduce(|best, one| if one.beats(best) { one } else { best })
 }

@@ -56,15 +56,12 @@ impl Display for Missing {
 pub struct Summary {
     /// Version of the format.
     pub schema_version: u32,
-    /// Id of the run.
     pub id: String,
     /// Preset it came from.
     pub preset: String,
-    /// Its seed.
     pub seed: u64,
     /// True when the budget is reached.
     pub complete: bool,
-    /// Frames trained on.
     pub frames: u64,
     /// Frames it is to have.
     pub budget: u64,

@@ -51,7 +51,6 @@ struct Running {
     child: Child,
 }
 
-/// Validation of one run.
 #[derive(Debug)]
 pub struct Validation {
     folder: RunFolder,

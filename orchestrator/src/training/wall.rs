@@ -15,9 +15,7 @@ use std::time::Duration;
 /// Wall time, seconds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Wall {
-    /// Of all starts.
     pub all_starts_s: f64,
-    /// Of the last one.
     pub last_start_s: f64,
 }
 

@@ -23,7 +23,6 @@ pub struct Found {
     bytes: u64,
 }
 
-/// The logs of a run.
 pub fn logs_of(folder: &RunFolder) -> std::io::Result<Vec<Found>> {
     let mut found = logs_in(folder)?;
     for host in folder.host_folders() {
@@ -69,7 +68,6 @@ pub fn beginnings(logs: &[Found], most: u64) -> (Vec<u64>, Option<String>) {
 pub struct Entry {
     /// When: what the line begins with, or the last line before it that has a time. Sorts by time.
     pub at: String,
-    /// Whose.
     pub process: String,
     /// The whole line.
     pub line: String,

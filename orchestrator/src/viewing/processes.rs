@@ -15,12 +15,10 @@ const TICKS_PER_S: f64 = 100.0;
 /// A tool that takes longer than this hangs.
 const GPUS_DEADLINE: Duration = Duration::from_secs(2);
 
-/// A process.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Process {
     /// `orchestrator`, `learner-0`, `actor-03`.
     pub name: String,
-    /// Its number.
     pub pid: u32,
     /// Cores that it used since it was looked at before.
     pub cores: Option<f64>,

@@ -34,7 +34,6 @@ pub struct New {
     pub anew: bool,
     /// Whole lines, without their ends.
     pub lines: Vec<Vec<u8>>,
-    /// There is more.
     pub more: bool,
 }
 

@@ -337,7 +337,6 @@ impl Watched {
         Ok(EpisodePage { sources, indexed: self.shelf.indexed(), notes: self.shelf.notes.clone(), ..page })
     }
 
-    /// What was recorded of an episode.
     pub fn recorded(&mut self, key: EpisodeKey) -> Result<(ReplaySetup, RecordedEpisode)> {
         self.shelf.advance(LOOK);
         let taken = self.shelf.take_out((key.kitchen, key.environment, key.episode))?;

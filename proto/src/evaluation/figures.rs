@@ -14,7 +14,6 @@ pub const OBJECT_COUNTS: u32 = 21;
 /// Figures of a set of episodes. Shares are 0..=1. A mean or share of nothing is none (`null`).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Figures {
-    /// Episodes.
     pub episodes: u64,
     /// SR: share of successful episodes.
     pub success: Option<f64>,
@@ -78,7 +77,6 @@ pub struct ThresholdPoint {
 /// Quality of disturbance prediction over all steps of all episodes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PredictionFigures {
-    /// Counts.
     #[serde(flatten)]
     pub counts: Confusion,
     /// See [`Confusion::precision`].

@@ -7,7 +7,6 @@ use std::ops::Range;
 
 /// Episodes of one category in one kitchen, fixed or drawn.
 const EPISODES_PER_CATEGORY: u32 = 60;
-/// Episodes in one kitchen.
 pub const EPISODES_PER_KITCHEN: u32 = EPISODES_PER_CATEGORY * TargetCategory::ALL.len() as u32;
 
 /// Category of the episode with this number in its kitchen.

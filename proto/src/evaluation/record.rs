@@ -5,7 +5,6 @@ use super::confusion::Confusion;
 use crate::kitchen::{KitchenId, TargetCategory};
 use serde::{Deserialize, Serialize};
 
-/// How an episode ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EpisodeEnd {
@@ -19,13 +18,10 @@ pub enum EpisodeEnd {
 /// target, from where it stood at step 0, measured after each action.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct EpisodeRecord {
-    /// Kitchen.
     pub kitchen: KitchenId,
     /// Its number within the kitchen.
     pub episode: u32,
-    /// Target.
     pub category: TargetCategory,
-    /// How it ended.
     pub end: EpisodeEnd,
     /// Done was declared with the target at its goal.
     pub success: bool,
@@ -33,7 +29,6 @@ pub struct EpisodeRecord {
     pub picked_up: bool,
     /// Actions taken.
     pub length: u32,
-    /// Actions that failed.
     pub failed_actions: u32,
     /// Undiscounted return under r.
     pub return_r: f64,

@@ -17,9 +17,7 @@ pub const TABLE_FILE: &str = "episodes.csv";
 /// Whose weights were evaluated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Subject {
-    /// Preset of the run.
     pub preset: String,
-    /// Seed of the run.
     pub seed: u64,
     /// The run folder; none for weights that no run has trained.
     pub run: Option<String>,
@@ -70,7 +68,6 @@ pub struct Conditions {
     pub action_space: ActionSpace,
     /// Actor processes.
     pub actors: u32,
-    /// Environments of each.
     pub environments_per_actor: u32,
     /// Device of the inference, e.g. `cpu, 1 thread` or `cuda:0, bfloat16 encoder`; float32 unless stated.
     pub device: String,
@@ -94,10 +91,8 @@ pub struct Cost {
     pub steps: u64,
 }
 
-/// Figures of one kitchen.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct KitchenFigures {
-    /// The kitchen.
     pub kitchen: KitchenId,
     /// Its episodes.
     pub figures: Figures,
@@ -106,7 +101,6 @@ pub struct KitchenFigures {
 /// Figures of one target category.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CategoryFigures {
-    /// The category.
     pub category: TargetCategory,
     /// Its episodes.
     pub figures: Figures,
@@ -138,7 +132,6 @@ pub struct Evaluation {
     pub schema_version: u32,
     /// Whose weights.
     pub subject: Subject,
-    /// How.
     pub conditions: Conditions,
     /// Time and steps.
     pub cost: Cost,

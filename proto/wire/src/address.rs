@@ -53,7 +53,6 @@ impl WireAddress {
         (is_run_id(id) && number.to_string() == incarnation).then(|| Self::new(id, number))
     }
 
-    /// Id of the run.
     pub fn run_id(&self) -> &str {
         self.parts().0
     }

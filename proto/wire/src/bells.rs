@@ -39,7 +39,6 @@ pub enum Sleeper {
     Recorder,
     /// The learner of this rank.
     Learner(u32),
-    /// The actor of this number.
     Actor(u32),
 }
 

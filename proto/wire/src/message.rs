@@ -105,7 +105,6 @@ pub struct ObservationHeader {
     pub stage_version: u64,
     /// Value of [`observation_kind`].
     pub kind: u32,
-    /// Actor number.
     pub actor: u32,
     /// How often this actor has been started in this run incarnation, from 1.
     pub actor_incarnation: u32,
@@ -163,7 +162,6 @@ pub struct EnvironmentState {
 const _: () = assert!(size_of::<EnvironmentState>() == 520);
 
 impl EnvironmentState {
-    /// The state at the start of an episode.
     pub fn start_of(episode: u32) -> Self {
         Self { episode, action_count: 0, actions: [0; MAX_EPISODE_STEPS] }
     }

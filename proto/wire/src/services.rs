@@ -53,7 +53,6 @@ pub type ActionSubscriber = Subscriber<Ipc, [u8], ActionHeader>;
 pub type RestorePublisher = Publisher<Ipc, [EnvironmentState], RestoreHeader>;
 /// Subscriber of restores; held by one actor.
 pub type RestoreSubscriber = Subscriber<Ipc, [EnvironmentState], RestoreHeader>;
-/// Subscriber of stage announcements.
 pub type StageSubscriber = Subscriber<Ipc, StageAnnouncement, ()>;
 
 /// Subscribers of observations: learner and recorder. The services have room for one more, a killed learner
@@ -119,7 +118,6 @@ impl Wire {
         Ok(Self { node, shape, bells: Bells::open(address, shape)? })
     }
 
-    /// All bells.
     pub fn bells(&self) -> &Bells {
         &self.bells
     }

@@ -8,7 +8,6 @@ use proto::shares::Shares;
 pub struct WireShape {
     /// Actor processes, divided among learners.
     pub shares: Shares,
-    /// Environments of each actor.
     pub environments_per_actor: u32,
 }
 

@@ -149,7 +149,6 @@ impl Figure {
         sheet.finish()
     }
 
-    /// Each panel and its place.
     fn placed(&self) -> impl Iterator<Item = (&Panel, Rect)> {
         let (columns, width, height) = (self.columns.max(1), self.panel_width(), self.panel_height);
         let first = MARGIN + self.legend_height();

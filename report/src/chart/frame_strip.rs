@@ -7,7 +7,6 @@ use super::text;
 /// One picture of an episode.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Frame {
-    /// PNG.
     pub png: Vec<u8>,
     /// Lines beneath it.
     pub words: Vec<String>,

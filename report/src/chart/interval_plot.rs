@@ -6,16 +6,13 @@ use super::scale::Axis;
 use super::svg::{AXIS, Anchor, Canvas, GRID, PAPER, Stroke};
 use super::text;
 
-/// One row.
 #[derive(Debug, Clone)]
 pub struct IntervalRow {
     /// Name at the left.
     pub name: String,
-    /// Number of its style.
     pub style: usize,
     /// The figure.
     pub point: Option<f64>,
-    /// Its interval.
     pub interval: Option<(f64, f64)>,
     /// A published figure to compare with, an open diamond.
     pub published: Option<f64>,
@@ -47,7 +44,6 @@ impl IntervalPlot {
         })
     }
 
-    /// Draws it.
     pub(super) fn draw(&self, canvas: &mut Canvas, rect: Rect) {
         let most = rect.width * 0.46;
         let names = self.rows.iter().map(|row| text::width(&row.name, LABEL)).fold(0.0, f64::max).min(most);

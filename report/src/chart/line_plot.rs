@@ -15,7 +15,6 @@ pub struct Series {
     pub points: Vec<(f64, f64)>,
     /// (x, low, high), x ascending; empty = no band.
     pub band: Vec<(f64, f64, f64)>,
-    /// Where its markers are.
     pub markers: Markers,
     /// What a smoothed curve was made of, drawn faint behind all curves.
     pub raw: Vec<Vec<(f64, f64)>>,
@@ -44,7 +43,6 @@ const STROKE: f64 = 8.0;
 /// A vertical line, or a stroke across a curve, with a name.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mark {
-    /// Where.
     pub x: f64,
     /// What happens there.
     pub label: String,
@@ -55,7 +53,6 @@ pub struct Mark {
 pub struct LinePlot {
     /// Across.
     pub x: Axis,
-    /// Up.
     pub y: Axis,
     /// Curves, drawn in this order.
     pub series: Vec<Series>,
@@ -81,7 +78,6 @@ impl LinePlot {
         })
     }
 
-    /// Draws it.
     pub(super) fn draw(&self, canvas: &mut Canvas, rect: Rect) {
         let x = self.x.scale(self.across(), true);
         let y = self.y.scale(self.up(), false);

@@ -11,7 +11,6 @@ pub enum Unit {
     Number,
 }
 
-/// One axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Axis {
     /// What it is, with its unit.

@@ -8,11 +8,8 @@ use std::fmt::Write;
 /// Where a text is relative to its point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Anchor {
-    /// It begins there.
     Start,
-    /// Its middle is there.
     Middle,
-    /// It ends there.
     End,
 }
 
@@ -135,7 +132,6 @@ impl Canvas {
         );
     }
 
-    /// A picture, PNG.
     pub fn picture(&mut self, (left, top): (f64, f64), (width, height): (f64, f64), png: &[u8]) {
         let _ = writeln!(
             self.body,

@@ -22,7 +22,6 @@ pub struct ShownStrip {
     pub size: (u32, u32),
 }
 
-/// A figure for each pair.
 pub fn episodes(pairs: Vec<ShownPair>) -> Vec<Figure> {
     let figure = |(index, ShownPair { caption, strips }): (usize, ShownPair)| {
         let panels = strips

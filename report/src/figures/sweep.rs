@@ -15,16 +15,13 @@ pub struct Sweep {
     pub field: String,
     #[serde(skip)]
     title: String,
-    /// By λ.
     pub points: Vec<SweepPoint>,
 }
 
-/// One value of λ.
 #[derive(Debug, Clone, Serialize)]
 pub struct SweepPoint {
     /// `λ_disturb`.
     pub lambda_disturb: f64,
-    /// The group.
     pub group: String,
     /// SR, mean over seeds and kitchens.
     pub success: Estimate,

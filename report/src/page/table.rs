@@ -5,7 +5,6 @@ use crate::format::{interval, percent};
 use crate::statistics::Estimate;
 use maud::{Markup, PreEscaped, Render, html};
 
-/// One cell.
 #[derive(Debug, Clone)]
 pub struct Cell {
     text: String,
@@ -130,7 +129,6 @@ pub struct Table {
 }
 
 impl Table {
-    /// With these heads.
     pub fn new(head: Vec<Cell>) -> Self {
         Self { spans: Vec::new(), head, rows: Vec::new() }
     }

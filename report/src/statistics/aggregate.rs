@@ -16,7 +16,6 @@ pub struct Estimate {
 /// Both aggregates of a score matrix.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Aggregate {
-    /// Number of seeds.
     pub seeds: usize,
     /// Mean over seeds and kitchens.
     pub mean: Estimate,

@@ -13,7 +13,6 @@ pub enum ScoresError {
         seed: usize,
         /// Scores of the first seed.
         expected: usize,
-        /// Scores of this one.
         found: usize,
     },
 }
@@ -44,7 +43,6 @@ impl Scores {
         self.values.len() / self.kitchens
     }
 
-    /// The scores of one seed.
     pub fn row(&self, seed: usize) -> &[f64] {
         &self.values[seed * self.kitchens..][..self.kitchens]
     }

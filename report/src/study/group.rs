@@ -11,7 +11,6 @@ pub struct Group<'a> {
     /// Its name in tables and figures: the preset's, with a star where it has other settings than the preset. Where
     /// that does not distinguish groups, also their folders' names, or else a letter.
     pub label: String,
-    /// Preset.
     pub preset: String,
     /// Settings that are not the preset's.
     pub differences: Vec<String>,
@@ -21,7 +20,6 @@ pub struct Group<'a> {
     pub settings: Table,
 }
 
-/// Runs that make no study.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum StudyError {
     /// Nothing given.
@@ -33,13 +31,10 @@ pub enum StudyError {
          nothing about other seeds. Name only one of them"
     )]
     SameSeed {
-        /// A run.
         first: String,
         /// Another.
         second: String,
-        /// Their seed.
         seed: u64,
-        /// Their preset.
         preset: String,
     },
 }

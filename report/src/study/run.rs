@@ -20,7 +20,6 @@ pub struct Run {
     pub config: Config,
     /// What was trained, in order.
     pub rollouts: Vec<Rollout>,
-    /// Its evaluations.
     pub evaluations: Vec<Evaluated>,
     /// Evaluations during training, in order of frames.
     pub validation: Vec<Validated>,
@@ -108,7 +107,6 @@ pub struct Validated {
 }
 
 impl Evaluated {
-    /// Its episodes in a field.
     pub(crate) fn episodes_in(&self, field: Field) -> impl Iterator<Item = &EpisodeRecord> {
         let conditions = &self.result.conditions;
         let in_field = conditions.split == field.split && Source::of(conditions) == field.source;

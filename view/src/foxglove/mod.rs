@@ -49,7 +49,6 @@ pub type Place = (u32, u32);
 
 /// What a client is told from.
 pub struct Sources {
-    /// The runs.
     pub readings: Readings,
     /// Simulates episodes again.
     pub theatre: Theatre,

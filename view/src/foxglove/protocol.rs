@@ -75,7 +75,6 @@ struct Subscription {
 /// What one client was offered and what it wants of it.
 #[derive(Debug, Default)]
 pub struct Desk {
-    /// Channels by their topics.
     channels: HashMap<String, (u64, Arc<Topic>)>,
     /// The last channel's number.
     last: u64,

@@ -81,7 +81,6 @@ impl Backdrop {
     }
 }
 
-/// What each body is.
 pub(super) fn roles(bodies: &[Body]) -> Vec<BodyRole> {
     bodies.iter().map(|body| body.role).collect()
 }

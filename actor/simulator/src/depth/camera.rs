@@ -21,7 +21,6 @@ pub struct Scenery {
 }
 
 impl Scenery {
-    /// These bodies.
     pub fn of(bodies: &[Body]) -> Self {
         Self { placed: PlacedBodies::new(bodies), roles: roles(bodies) }
     }
@@ -42,7 +41,6 @@ pub struct DepthCamera {
 }
 
 impl DepthCamera {
-    /// A camera for these bodies.
     pub fn new(bodies: &[Body]) -> Self {
         Self {
             scenery: Scenery::of(bodies),

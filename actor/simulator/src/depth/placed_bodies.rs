@@ -61,7 +61,6 @@ struct BodyView {
     pose: Option<[u32; 7]>,
 }
 
-/// All bodies.
 #[derive(Debug, Clone)]
 pub struct PlacedBodies {
     bodies: Vec<BodyView>,
@@ -73,7 +72,6 @@ pub struct PlacedBodies {
     pub half_spaces: Vec<HalfSpaces>,
 }
 
-/// The bits of a pose.
 pub fn pose_bits(pose: &Pose3) -> [u32; 7] {
     let (q, t) = (pose.rotation, pose.translation);
     [q.x, q.y, q.z, q.w, t.x, t.y, t.z].map(f32::to_bits)
@@ -129,7 +127,6 @@ impl PlacedBodies {
         });
     }
 
-    /// Number of bodies.
     pub fn body_count(&self) -> usize {
         self.bodies.len()
     }

@@ -58,7 +58,6 @@ enum Seen {
 }
 
 impl PolyhedronBrush {
-    /// A brush.
     pub fn new() -> Self {
         Self {
             cuboids: CuboidOutlines::new(),

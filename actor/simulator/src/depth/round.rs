@@ -77,7 +77,6 @@ fn sum(a: [f32; 3], k: f32, b: [f32; 3]) -> [f32; 3] {
 }
 
 impl RoundBrush {
-    /// A brush.
     pub fn new() -> Self {
         let rings = RINGS
             .iter()

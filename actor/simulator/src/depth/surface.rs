@@ -105,19 +105,16 @@ impl ManyPlanes {
         self.count += 1;
     }
 
-    /// Number of planes.
     pub fn len(&self) -> usize {
         self.count
     }
 
-    /// One of the planes.
     pub fn get(&self, index: usize) -> Plane {
         let block = &self.blocks[index / LANES];
         let lane = index % LANES;
         Plane { at_origin: block.at_origin[lane], per_x: block.per_x[lane], per_y: block.per_y[lane] }
     }
 
-    /// The first planes.
     pub fn first<const N: usize>(&self) -> [Plane; N] {
         std::array::from_fn(|i| self.get(i))
     }

@@ -69,7 +69,6 @@ pub struct Rigid {
 }
 
 impl Rigid {
-    /// From a pose.
     pub fn from_pose(pose: &rapier3d::math::Pose3) -> Self {
         let (x, y, z, w) = (pose.rotation.x, pose.rotation.y, pose.rotation.z, pose.rotation.w);
         Self {
@@ -95,7 +94,6 @@ impl Rigid {
         Self { rotation, translation: self.point(first.translation) }
     }
 
-    /// The inverse.
     pub fn inverse(&self) -> Self {
         let r = &self.rotation;
         let rotation = [[r[0][0], r[1][0], r[2][0]], [r[0][1], r[1][1], r[2][1]], [r[0][2], r[1][2], r[2][2]]];

@@ -36,7 +36,6 @@ pub enum EpisodesError {
          {found:#018x}): `actor episodes generate` draws new ones"
     )]
     OtherKitchen {
-        /// The kitchen.
         kitchen: KitchenId,
         /// Fingerprint in the file.
         drawn_for: u64,
@@ -46,19 +45,13 @@ pub enum EpisodesError {
     /// The evaluation has episodes about something that is not there.
     #[error("kitchen {kitchen} has no place for the target {target}, which the evaluation asks for")]
     NoTarget {
-        /// The kitchen.
         kitchen: KitchenId,
         /// Name of the category.
         target: &'static str,
     },
     /// An episode names a place that the kitchen does not have.
     #[error("episode {episode} of kitchen {kitchen} names a place that is not there")]
-    NoSuchPlace {
-        /// The kitchen.
-        kitchen: KitchenId,
-        /// The episode.
-        episode: usize,
-    },
+    NoSuchPlace { kitchen: KitchenId, episode: usize },
 }
 
 /// Kitchens that have fixed episodes, in the file's order.
@@ -104,7 +97,6 @@ pub fn episode_of(record: Record, kitchen: &Kitchen, number: usize) -> Option<Ep
     })
 }
 
-/// Category of the episode with this number.
 pub fn category(episode: usize) -> TargetCategory {
     proto::evaluation::category_of(episode as u32)
 }

@@ -6,7 +6,6 @@
 
 use proto::kitchen::KitchenId;
 
-/// Episodes in one kitchen.
 pub const EPISODES_PER_KITCHEN: usize = proto::evaluation::EPISODES_PER_KITCHEN as usize;
 
 const MAGIC: &[u8; 8] = b"STLEPISO";
@@ -52,7 +51,6 @@ pub struct Record {
 /// The episodes of one kitchen.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Section {
-    /// The kitchen.
     pub kitchen: KitchenId,
     /// What it looked like.
     pub fingerprint: u64,

@@ -35,7 +35,6 @@ impl Data {
         Ok([accessor.count, accessor.sparse.as_ref().map_or(0, |sparse| sparse.count)])
     }
 
-    /// All corners.
     pub fn corners(&self, accessor: usize) -> Result<Vec<u32>, &'static str> {
         let accessor = self.accessor(accessor)?;
         let size = whole_number_size(accessor.component_type).filter(|_| accessor.shape == "SCALAR");

@@ -28,7 +28,6 @@ pub struct Document {
     left: usize,
 }
 
-/// One node.
 #[derive(Debug)]
 pub struct Node {
     /// Its name in Unicode's composed form, or `node-N` by its index in the file.
@@ -39,7 +38,6 @@ pub struct Node {
     pub pose: Pose3,
     /// What comes before the pose: scale, mirroring, shear.
     scale: Affine,
-    /// Its index in the file.
     index: usize,
     is_hidden: bool,
     /// Why its mesh cannot be where the node says.
@@ -52,7 +50,6 @@ pub enum DocumentError {
     /// It cannot be read.
     #[error("{file}: cannot be read: {cause}", file = .file.display())]
     Unreadable {
-        /// The file.
         file: PathBuf,
         /// Why.
         cause: std::io::Error,
@@ -60,7 +57,6 @@ pub enum DocumentError {
     /// It is not glTF 2.0.
     #[error("{file}: is not sound glTF 2.0: {problem}", file = .file.display())]
     Unsound {
-        /// The file.
         file: PathBuf,
         /// What is wrong.
         problem: String,
@@ -71,16 +67,10 @@ pub enum DocumentError {
          without compression",
         file = .file.display()
     )]
-    Extension {
-        /// The file.
-        file: PathBuf,
-        /// The extension.
-        extension: String,
-    },
+    Extension { file: PathBuf, extension: String },
     /// A buffer is not where the file says.
     #[error("{file}: its buffer {uri} is missing: {problem}; put it beside the file, or export as .glb", file = .file.display())]
     Buffer {
-        /// The file.
         file: PathBuf,
         /// The buffer.
         uri: String,

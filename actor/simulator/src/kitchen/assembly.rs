@@ -61,16 +61,11 @@ pub enum Flaw {
     /// The arm comes to no place on any surface.
     #[error("surfaces within reach")]
     Unreachable,
-    /// A target is not there.
     #[error("{}, which is not there", .category.name())]
-    Target {
-        /// Which.
-        category: TargetCategory,
-    },
+    Target { category: TargetCategory },
     /// There is little room for a target.
     #[error("{spots} spots for {}", .category.name())]
     Spots {
-        /// Which.
         category: TargetCategory,
         /// How many.
         spots: usize,

@@ -32,14 +32,10 @@ const DEMANDS: Demands = Demands { every_target: true, spots: SPOTS_LEAST_ANYWHE
 pub enum KitchenError {
     /// The kitchen is a scene of a run.
     #[error("kitchen {kitchen} is a scene of a run: no generator makes it")]
-    NotBuiltIn {
-        /// The kitchen.
-        kitchen: KitchenId,
-    },
+    NotBuiltIn { kitchen: KitchenId },
     /// The generator found no room for something that every kitchen holds.
     #[error("kitchen {kitchen}: no good room in {attempts} attempts; the last one failed at {reason}")]
     NoRoom {
-        /// The kitchen.
         kitchen: KitchenId,
         /// How often it was tried.
         attempts: u32,
@@ -49,7 +45,6 @@ pub enum KitchenError {
     /// What was kept of it is not of this program.
     #[error("kitchen {kitchen}: what was kept of it does not fit this program: {problem}")]
     Preserve {
-        /// The kitchen.
         kitchen: KitchenId,
         /// What is wrong.
         problem: String,

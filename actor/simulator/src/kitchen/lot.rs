@@ -27,7 +27,6 @@ impl Lot {
         Self { id, seed: if id.is_procedural() { seed } else { 0 }, edition: 0 }
     }
 
-    /// Its number.
     pub fn id(self) -> KitchenId {
         self.id
     }

@@ -87,7 +87,6 @@ impl Preserve {
         })
     }
 
-    /// The kitchen.
     pub fn open(&self) -> Result<Kitchen, KitchenError> {
         let id = self.lot.id();
         let unfit = |problem: String| KitchenError::Preserve { kitchen: id, problem };
@@ -120,7 +119,6 @@ impl Preserve {
         Ok(Kitchen { plan: Some(plan), kept_clear, attempt: self.attempt, ..kitchen })
     }
 
-    /// As bytes.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = MAGIC.to_vec();
         let mut word = |word: u32| bytes.extend_from_slice(&word.to_le_bytes());

@@ -36,7 +36,6 @@ pub struct Thing {
 }
 
 impl Thing {
-    /// A thing of this pattern.
     pub(super) fn of(pattern: &Pattern, pose: Pose3) -> Self {
         let Pattern { category, shape, solid } = pattern;
         Self {

@@ -62,7 +62,6 @@ pub(super) struct Target {
 }
 
 impl Kitchen {
-    /// Its number.
     pub fn id(&self) -> KitchenId {
         self.id
     }

@@ -22,7 +22,6 @@ impl std::fmt::Debug for FixedScene {
 }
 
 impl FixedScene {
-    /// Adds a fixed body.
     pub fn add(&mut self, solid: &Solid, world_from_body: &Pose3) {
         for (shape, body_from_part) in &solid.parts {
             let pose = *world_from_body * *body_from_part;

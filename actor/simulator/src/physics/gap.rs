@@ -232,7 +232,6 @@ mod tests {
             prop_assert!(found <= sampled + 1e-4 && found >= sampled - spacing - 1e-5, "{found}, sampled {sampled}");
         }
 
-        /// The same for a box.
         #[test]
         fn no_point_of_a_segment_is_nearer_to_a_box(
             a in (-1f32..1.0, -1f32..1.0, -1f32..1.0), b in (-1f32..1.0, -1f32..1.0, -1f32..1.0),

@@ -106,7 +106,6 @@ impl Solid {
     }
 }
 
-/// The convex solid of a primitive.
 fn convex(primitive: &Primitive) -> SharedShape {
     match primitive {
         Primitive::Cuboid { half_extents_m } => {

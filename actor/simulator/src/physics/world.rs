@@ -121,7 +121,6 @@ impl World {
         handle
     }
 
-    /// Adds a kinematic body.
     pub(crate) fn add_kinematic(&mut self, solid: &Solid, pose: Pose3) -> RigidBodyHandle {
         let handle = self.bodies.insert(RigidBodyBuilder::kinematic_position_based().pose(pose));
         self.add_colliders(handle, solid, None, FRICTION);
@@ -194,12 +193,10 @@ impl World {
         }
     }
 
-    /// A body.
     pub fn body(&self, handle: RigidBodyHandle) -> &RigidBody {
         &self.bodies[handle]
     }
 
-    /// The colliders of a body.
     pub fn colliders(&self, handle: RigidBodyHandle) -> impl Iterator<Item = &Collider> {
         self.bodies[handle].colliders().iter().map(|&collider| &self.colliders[collider])
     }

@@ -52,7 +52,6 @@ pub struct Frames {
     pub upper_arm: Rot3,
     /// Rotation of the forearm: its z axis runs from elbow to wrist.
     pub forearm: Rot3,
-    /// Rotation of the hand.
     pub hand: Rot3,
 }
 

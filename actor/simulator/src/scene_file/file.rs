@@ -26,7 +26,6 @@ pub struct SceneFile {
 pub struct NodeEntry {
     /// Name of the node; `*` stands for any characters, `?` for one.
     pub name: String,
-    /// What it is.
     pub role: Role,
     /// Mass of a movable thing, kilograms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -42,7 +41,6 @@ pub struct NodeEntry {
     pub convex: Option<Convex>,
 }
 
-/// What a node is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Role {
@@ -54,7 +52,6 @@ pub enum Role {
     Surface,
     /// Moves when it is pushed.
     Movable,
-    /// Is not there.
     Ignore,
 }
 

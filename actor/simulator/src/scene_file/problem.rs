@@ -19,13 +19,11 @@ pub struct SceneError {
 }
 
 impl SceneError {
-    /// The problems of a file.
     pub fn new(file: &Path, problems: Vec<Problem>) -> Self {
         Self { file: file.to_path_buf(), problems }
     }
 }
 
-/// Entries of a scene file at most.
 pub(super) const ENTRIES_MOST: usize = 2000;
 /// Bodies of a scene at most: physics and camera look at each.
 pub(super) const BODIES_MOST: usize = 2000;
@@ -72,7 +70,6 @@ pub enum Problem {
         /// How many.
         entries: usize,
     },
-    /// The scene has too many bodies.
     #[error("makes {bodies} bodies, more than {BODIES_MOST}: join what is one thing under one node, or ignore it")]
     TooManyBodies {
         /// How many.
@@ -84,7 +81,6 @@ pub enum Problem {
         /// What stands there.
         gltf: String,
     },
-    /// The glTF file is not there.
     #[error("gltf = \"{gltf}\": there is no such file beside this one{}", suggestion(.nearest.as_deref()))]
     NoGltf {
         /// What stands there.
@@ -109,7 +105,6 @@ pub enum Problem {
         .nearest.as_deref().map_or_else(String::new, |entry| format!(" (is the entry `{entry}` meant for it?)"))
     )]
     NoRole {
-        /// The node.
         node: String,
         /// The closest name of an entry that fits no node.
         nearest: Option<String>,
@@ -129,14 +124,10 @@ pub enum Problem {
     },
     /// A body has nothing to touch.
     #[error("node {node}: has no mesh; name the node that has it, or its parent")]
-    NoMesh {
-        /// The node.
-        node: String,
-    },
+    NoMesh { node: String },
     /// A node's mesh cannot be read.
     #[error("node {node}: {problem}")]
     Mesh {
-        /// The node.
         node: String,
         /// What is wrong.
         problem: &'static str,
@@ -144,7 +135,6 @@ pub enum Problem {
     /// A mesh is no solid.
     #[error("node {node}: primitive {primitive} of its mesh {cause}")]
     NoSolid {
-        /// The node.
         node: String,
         /// Which primitive, from 0.
         primitive: usize,
@@ -153,17 +143,13 @@ pub enum Problem {
     },
     /// A movable thing weighs nothing.
     #[error("node {node}: is movable and has no mass; add mass_kg to its entry")]
-    NoMass {
-        /// The node.
-        node: String,
-    },
+    NoMass { node: String },
     /// A movable thing has a mass that it cannot have.
     #[error(
         "node {node}: mass_kg = {mass_kg} is not between 0 and {MOVABLE_MASS_MAX_KG}; what is heavier does not move: its \
          role is `fixed`"
     )]
     Mass {
-        /// The node.
         node: String,
         /// Its mass, kilograms.
         mass_kg: f32,
@@ -171,17 +157,13 @@ pub enum Problem {
     /// A movable thing has a friction that it cannot have.
     #[error("node {node}: friction = {friction} is not between 0 and 4")]
     Friction {
-        /// The node.
         node: String,
         /// Its coefficient.
         friction: f32,
     },
     /// A thing that does not move has a mass.
     #[error("node {node}: mass_kg and friction are for role `movable` only; take them out")]
-    NotMovable {
-        /// The node.
-        node: String,
-    },
+    NotMovable { node: String },
     /// No such category.
     #[error(
         "node {node}: there is no category `{category}`{}; `actor kitchens categories` lists them; leave it out to \
@@ -189,7 +171,6 @@ pub enum Problem {
         suggestion(.nearest.as_deref())
     )]
     UnknownCategory {
-        /// The node.
         node: String,
         /// What stands there.
         category: String,
@@ -210,12 +191,7 @@ pub enum Problem {
     },
     /// Two things are the same target.
     #[error("nodes {} are all {category:?}: an episode must know which it means; give one its own category", .nodes.join(", "))]
-    TwoTargets {
-        /// The category.
-        category: TargetCategory,
-        /// The nodes.
-        nodes: Vec<String>,
-    },
+    TwoTargets { category: TargetCategory, nodes: Vec<String> },
     /// No node is the floor.
     #[error("no entry has the role `floor`: the robot needs one to drive on")]
     NoFloor,
@@ -231,7 +207,6 @@ pub enum Problem {
     /// A surface has no top to stand on.
     #[error("node {node}: is a `surface`, but targets cannot stand on it: {cause}")]
     NoTop {
-        /// The node.
         node: String,
         /// Why not.
         cause: NoTop,
@@ -242,38 +217,26 @@ pub enum Problem {
          give the role `surface` to what lies on top",
         .nodes.join(", ")
     )]
-    Covered {
-        /// The nodes.
-        nodes: Vec<String>,
-    },
+    Covered { nodes: Vec<String> },
     /// The floor was not made in metres.
     #[error(
         "node {node}: is a floor of {size_m}, which no kitchen has: glTF counts in metres, and its y axis points up; scale \
          or turn the scene, or export it anew"
     )]
-    FloorSize {
-        /// The node.
-        node: String,
-        /// Its size.
-        size_m: Size,
-    },
+    FloorSize { node: String, size_m: Size },
     /// A thing did not stay where it was put.
     #[error(
         "node {node}: moved {moved_m:.3} m while coming to rest: it hangs in the air, stands tilted or overlaps something; \
          put it down where it stays"
     )]
     Fell {
-        /// The node.
         node: String,
         /// How far, metres.
         moved_m: f32,
     },
     /// A thing does not come to rest.
     #[error("node {node}: does not come to rest; give it a flat underside (a thin cylinder or box as a foot)")]
-    Awake {
-        /// The node.
-        node: String,
-    },
+    Awake { node: String },
     /// The robot has no room.
     #[error(
         "the robot can stand in {stands} poses only on a floor of {size_m}: leave it more free floor (the robot is 0.4 m wide \
@@ -301,17 +264,13 @@ pub enum Problem {
          0.75 m from where the robot can stand"
     )]
     FewSpots {
-        /// The target.
         category: TargetCategory,
         /// How many places.
         spots: usize,
     },
     /// A target is missing.
     #[error("there is no {category:?}")]
-    NoSuchTarget {
-        /// The target.
-        category: TargetCategory,
-    },
+    NoSuchTarget { category: TargetCategory },
 }
 
 /// How far something reaches along the floor's axes.

@@ -30,7 +30,6 @@ const FLOOR_LEAST_M: f32 = 0.5;
 /// A scene that was read: a furnished room, and the files it came from.
 #[derive(Debug)]
 pub struct Scene {
-    /// The room.
     pub room: Room,
     /// Names of the nodes that the room's things came from.
     pub nodes: Vec<String>,

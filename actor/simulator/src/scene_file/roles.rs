@@ -12,16 +12,13 @@ use wildmatch::WildMatch;
 /// A category that is this much like a target's was probably meant to be one.
 const NEARLY: f64 = 0.88;
 
-/// A body of the scene.
 #[derive(Debug)]
 pub struct Body<'a> {
-    /// What it is.
     pub entry: &'a NodeEntry,
     /// The node that the entry names.
     pub node: usize,
     /// That node and those below it that belong to it.
     pub members: Vec<usize>,
-    /// Its category.
     pub category: String,
 }
 

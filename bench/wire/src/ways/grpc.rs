@@ -69,7 +69,6 @@ impl Exchange for Service {
     }
 }
 
-/// The learner.
 pub struct Learner {
     place: Place,
     arrived: mpsc::Receiver<(Observations, Answers)>,
@@ -120,7 +119,6 @@ impl LearnerEnd for Learner {
     }
 }
 
-/// An actor.
 pub struct Actor {
     number: u32,
     bytes: usize,

@@ -75,7 +75,6 @@ fn wait(semaphore: *mut libc::sem_t) -> Result<()> {
     Ok(())
 }
 
-/// The learner.
 pub struct Learner(Segment);
 
 impl Learner {
@@ -114,7 +113,6 @@ impl LearnerEnd for Learner {
     }
 }
 
-/// An actor.
 pub struct Actor {
     segment: Segment,
     number: u32,

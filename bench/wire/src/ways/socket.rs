@@ -67,7 +67,6 @@ impl Connection {
     }
 }
 
-/// The learner.
 pub struct Learner {
     listener: UnixListener,
     place: Place,
@@ -125,7 +124,6 @@ impl LearnerEnd for Learner {
     }
 }
 
-/// An actor.
 pub struct Actor {
     stream: UnixStream,
     number: u32,

@@ -101,7 +101,6 @@ impl LearnerEnd for Learner {
     }
 }
 
-/// An actor.
 pub struct Actor {
     number: u32,
     frames: usize,

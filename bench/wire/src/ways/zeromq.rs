@@ -10,7 +10,6 @@ fn endpoint(place: &Place) -> String {
     format!("ipc://{}", place.folder().join("zeromq").display())
 }
 
-/// The learner.
 pub struct Learner {
     socket: Socket,
     place: Place,
@@ -61,7 +60,6 @@ fn identity(actor: u32) -> [u8; 5] {
     [b'a', a, b, c, d]
 }
 
-/// An actor.
 pub struct Actor {
     socket: Socket,
     bytes: usize,

@@ -18,7 +18,6 @@ const DECIDE_THREADS: u32 = 256;
 const MAX_HIDDEN: i64 = 4096;
 const MAX_ACTIONS: i64 = 32;
 
-/// The kernels.
 #[derive(Debug)]
 pub struct ActingKernels {
     observe: Kernel,

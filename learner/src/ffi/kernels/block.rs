@@ -18,7 +18,6 @@ const BLOCKS: i64 = 132;
 const MAP_BYTES: i64 = WIDE * WIDE * CHANNELS * 2;
 const ROOM_BYTES: i64 = 2 * CHANNELS * (9 * CHANNELS + 8) * 2 + 64 + (WARPS * CHANNELS * 2 + CHANNELS * 2) * 4;
 
-/// The kernels.
 #[derive(Debug)]
 pub struct BlockKernels {
     forward: Kernel,

@@ -23,11 +23,9 @@ use proto::camera::FRAME_SIDE;
 /// The compiled kernels.
 #[derive(Debug)]
 pub struct Kernels {
-    /// Of the stem.
     pub stem: StemKernels,
     /// Of whole basic blocks; none where a block of threads has too little shared memory.
     pub block: Option<BlockKernels>,
-    /// Of norms.
     pub norm: NormKernels,
     /// Around the network when it acts.
     pub acting: ActingKernels,

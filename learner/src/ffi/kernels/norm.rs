@@ -10,7 +10,6 @@ const OCTET_BYTES: i64 = 16;
 /// Bytes of a pair of sums.
 const PAIR_BYTES: i64 = 8;
 
-/// The kernels.
 #[derive(Debug)]
 pub struct NormKernels {
     /// Forward and backward that keep maps in shared memory, then those that read them twice, for groups of 2, of 4 and
@@ -23,15 +22,12 @@ pub struct NormKernels {
 /// What a norm's result goes through before it is the output.
 #[derive(Debug, Clone, Copy)]
 pub enum Then<'a> {
-    /// Nothing.
     Nothing,
-    /// A ReLU.
     Relu,
     /// The addition of what goes around the norm, and a ReLU, which made this output.
     AddAndRelu(&'a Tensor),
 }
 
-/// Gradients of a norm.
 #[derive(Debug)]
 pub struct NormGradients {
     /// Of its input, a feature map.

@@ -46,7 +46,6 @@ pub struct StemTape {
     statistics: Statistics,
 }
 
-/// Gradients of the stem.
 #[derive(Debug)]
 pub struct StemGradients {
     /// Of the convolution's weight, f32 \[32, 8, 4, 4\].

@@ -27,7 +27,6 @@ pub(crate) const ENTRY: EncoderEntry = EncoderEntry {
 /// (outputs, size, stride) of each convolution.
 const CONVOLUTIONS: [(i64, i64, i64); 3] = [(32, 8, 4), (64, 4, 2), (32, 3, 1)];
 
-/// The encoder.
 #[derive(Debug)]
 struct Cnn {
     convolutions: Vec<Convolution>,

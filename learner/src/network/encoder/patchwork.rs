@@ -14,7 +14,6 @@ const LINEAR: &str = "visual_encoder.patchwork.linear";
 const SQUARE: i64 = 8;
 const CHANNELS: i64 = 16;
 
-/// The encoder.
 #[derive(Debug)]
 pub(crate) struct Patchwork {
     squares: Convolution,

@@ -22,7 +22,6 @@ pub(crate) type Gradients = Vec<(ParameterId, Tensor)>;
 /// all of the encoder's parameters.
 pub(crate) type Backward<'a> = Box<dyn FnOnce(&Tensor) -> Gradients + 'a>;
 
-/// A visual encoder.
 pub(crate) trait VisualEncoder: fmt::Debug + Send {
     /// The network's input \[rows, 1, side, side\] → \[rows, 512\], through autograd, in float32.
     fn forward(&self, parameters: &Parameters, frames: &Tensor) -> Tensor;

@@ -35,7 +35,6 @@ struct Images {
     side: usize,
 }
 
-/// A convolution.
 #[derive(Clone, Copy)]
 struct Convolution {
     outputs: usize,
@@ -44,7 +43,6 @@ struct Convolution {
     padding: usize,
 }
 
-/// The graph of a policy.
 pub(super) fn graph(policy: &Policy) -> Result<Graph> {
     let network = &policy.config.network;
     let (hidden, actions) = (network.hidden as usize, policy.config.episode.action_space.actions().len());

@@ -20,7 +20,6 @@ pub const START_DEADLINE: Duration = Duration::from_secs(30);
 pub struct RecorderSetup {
     /// Where the services of this incarnation are.
     pub address: WireAddress,
-    /// Their shape.
     pub shape: WireShape,
     /// The run: part of every file.
     pub run_id: String,
@@ -45,7 +44,6 @@ pub struct RecordingSummary {
     pub steps: u64,
     /// Episodes that ended.
     pub episodes: u64,
-    /// Depth frames.
     pub depth_frames: u64,
     /// Size of all segments.
     pub bytes: u64,

@@ -28,14 +28,12 @@ use wire::message::{Halves, Observation, ObservationHeader, frame_part};
 #[cfg(target_endian = "big")]
 compile_error!("16UC1 images are little-endian and are copied as they lie in memory");
 
-/// Counts of what was recorded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counts {
     /// Messages on `/step`.
     pub steps: u64,
     /// Messages on `/episode/end`.
     pub episodes: u64,
-    /// Depth frames.
     pub depth_frames: u64,
 }
 
@@ -44,7 +42,6 @@ pub struct Counts {
 pub struct RolloutMetrics {
     /// Rank in the process group.
     pub rank: u32,
-    /// Number of the rollout.
     pub rollout: u64,
     /// Frames trained on so far.
     pub frames: u64,
@@ -266,7 +263,6 @@ impl Scribe {
         self.write(self.topics.metrics, time_ns, &message)
     }
 
-    /// A stage begins.
     pub fn stage(&mut self, time_ns: u64, message: &StageSwitch) -> Result<(), SegmentError> {
         self.write(self.topics.stage, time_ns, message)
     }
@@ -276,7 +272,6 @@ impl Scribe {
         self.write(self.topics.evaluation, time_ns, message)
     }
 
-    /// A line of the log.
     pub fn log(&mut self, time_ns: u64, level: log::Level, process: &str, line: String) -> Result<(), SegmentError> {
         let message = Log {
             timestamp: Some(timestamp(time_ns)),

@@ -37,7 +37,6 @@ pub mod identity {
     pub const SEGMENT: &str = "segment";
     /// Version of the recording's schemas and of all payloads.
     pub const SCHEMA_VERSION: &str = "schema_version";
-    /// Seed of the run.
     pub const SEED: &str = "seed";
     /// Preset that the configuration came from.
     pub const PRESET: &str = "preset";
@@ -54,7 +53,6 @@ const CHUNKS_MAX: u32 = 2048;
 #[derive(Debug, thiserror::Error)]
 #[error("cannot write recording {path}: {cause}", path = .path.display(), cause = in_words(.cause))]
 pub struct SegmentError {
-    /// The segment.
     pub path: PathBuf,
     /// Error of the file system or of the writer.
     pub cause: McapError,
@@ -98,9 +96,7 @@ struct TopicEntry {
 /// What every segment begins with.
 #[derive(Debug, Clone)]
 pub struct Preamble {
-    /// Run id.
     pub run_id: String,
-    /// This host.
     pub host: u32,
     /// Incarnation of the orchestrator.
     pub incarnation: u32,

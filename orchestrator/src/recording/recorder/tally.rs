@@ -20,7 +20,6 @@ pub struct Tally {
      collects it again"
 )]
 pub struct Gap {
-    /// The rollout.
     pub rollout: u64,
     /// Its frames.
     pub collected: u64,

@@ -96,7 +96,6 @@ fn masked(bytes: &[u8]) -> u32 {
     CRC.checksum(bytes).rotate_right(15).wrapping_add(MASK)
 }
 
-/// Adds an event as a record.
 fn add_record(bytes: &mut Vec<u8>, event: &Event) {
     let content = event.encode_to_vec();
     let length = (content.len() as u64).to_le_bytes();

@@ -63,7 +63,6 @@ static TOPICS: LazyLock<Topics> = LazyLock::new(|| {
     }
 });
 
-/// The recordings of a run.
 pub struct Recordings {
     follower: Follower,
     names: FrameNames,

@@ -20,7 +20,6 @@ pub enum Place {
     Stove,
     /// On the floor by the dining table (anywhere on the floor if there is none).
     Seat,
-    /// On the floor.
     Floor,
 }
 
@@ -29,7 +28,6 @@ pub enum Place {
 pub enum Material {
     /// Steel, cast iron, aluminium, tin plate.
     Metal,
-    /// Glass.
     Glass,
     /// Glazed stoneware and porcelain.
     Ceramic,

@@ -11,7 +11,6 @@ use std::f32::consts::PI;
 const PEEL: [u8; 3] = [176, 136, 88];
 const CRUST: [u8; 3] = [190, 128, 66];
 
-/// Food.
 pub const FOOD: &[Category] = &[
     thing("Bread", 0.7, Food, CRUST, Surface, bread).every(),
     thing("Potato", 0.2, Food, PEEL, Surface, || fruit(0.032, 0.055, 1.45)).every(),

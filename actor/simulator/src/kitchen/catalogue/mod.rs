@@ -32,9 +32,7 @@ pub static CATEGORIES: LazyLock<Vec<Category>> =
 /// What things of a category are made from. Kitchens share the collision geometry: hulls take long to find.
 #[derive(Debug)]
 pub(crate) struct Pattern {
-    /// The category.
     pub category: Category,
-    /// Its shape.
     pub shape: Shape,
     /// Its collision geometry.
     pub solid: Solid,
@@ -72,7 +70,6 @@ pub(crate) fn pattern(index: usize) -> Option<&'static Pattern> {
     PATTERNS.get(index)
 }
 
-/// The category with this name.
 pub fn category(name: &str) -> Option<&'static Category> {
     CATEGORIES.iter().find(|category| category.name == name)
 }

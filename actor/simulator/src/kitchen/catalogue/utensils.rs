@@ -9,7 +9,6 @@ use super::forms::{
 };
 use crate::shape::{Primitive, Shape};
 
-/// Utensils.
 pub const UTENSILS: &[Category] = &[
     thing("Spatula", 0.1, Plastic, BLACK, Surface, spatula).every(),
     thing("Ladle", 0.15, Metal, STEEL, Surface, || dipper(0.042, 0.036, 0.24)).some(10, 1.1),

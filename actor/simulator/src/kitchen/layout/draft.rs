@@ -16,9 +16,7 @@ pub enum WorktopKind {
     Island,
     /// A dining table.
     Table,
-    /// A side table.
     SideTable,
-    /// A shelf.
     Shelf,
     /// The bottom of the sink's basin.
     Basin,

@@ -17,7 +17,6 @@ pub struct Rectangle {
     pub high: Vec3,
 }
 
-/// What is where on the floor.
 #[derive(Debug, Clone, Default)]
 pub(super) struct FloorPlan {
     /// Under furniture.

@@ -35,7 +35,6 @@ pub(super) struct RoomBrief {
     pub main_along_x: bool,
     /// Dining tables.
     pub tables: u32,
-    /// Chairs at them.
     pub chairs: u32,
     /// Stools at the island, the peninsula, or a table.
     pub stools: u32,
@@ -100,7 +99,6 @@ impl Plan {
 const DRAWN: [(&str, f32); 2] = [("DiningTable", 0.8), ("Stool", 0.85)];
 
 impl RoomBrief {
-    /// What this kitchen is to be.
     pub fn of(kitchen: Lot) -> Self {
         static BUILT_IN: LazyLock<BTreeMap<KitchenId, RoomBrief>> =
             LazyLock::new(|| all(&KitchenId::all().map(Lot::from).collect::<Vec<_>>()));

@@ -99,7 +99,6 @@ impl Fused {
         Ok(Self { kernels: Kernels::compile(side)?, copies: Copies::default() })
     }
 
-    /// The kernels.
     pub(super) fn kernels(&self) -> &Kernels {
         &self.kernels
     }
