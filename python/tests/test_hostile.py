@@ -125,19 +125,9 @@ def test_no_content_of_a_file_raises_another_error(tmp_path: Path, seed: int) ->
     assert memory_kb() - before < 200_000
 
 
-def test_only_ordinary_files_of_a_bounded_size_are_read(tmp_path: Path) -> None:
+def test_headers_promise_nothing(tmp_path: Path) -> None:
     before = memory_kb()
-    whole = {"model.a": np.ones(4, np.float32)}
     deep = b'{"__metadata__": ' + b'{"a":' * 100_000 + b"1" + b"}" * 100_000 + b"}"
-    types = {f"{kind}.safetensors": kind for kind in ("BF16", "F64", "U64", "BOOL", "F8_E5M2", "E8M0", "X", "f32")}
-    shapes: dict[str, list] = {
-        "s0": [0, 2**63],
-        "s1": [0, 2**62],
-        "s2": [1] * 100,
-        "s3": [-1],
-        "s4": [2**64],
-        "s5": [0],
-    }
     files = {
         "deep.safetensors": with_header(deep, b""),
         "deep.json": deep,
@@ -147,69 +137,67 @@ def test_only_ordinary_files_of_a_bounded_size_are_read(tmp_path: Path) -> None:
         "list.safetensors": with_header(b"[]", b""),
         "e.json": b"",
         "latin.json": b"\xe4",
-        **{
-            name: with_header(
-                json.dumps({"a": {"dtype": kind, "shape": [8], "data_offsets": [0, 8]}}).encode(), b"\x02" * 8
-            )
-            for name, kind in types.items()
-        },
-        **{
-            f"{name}.safetensors": with_header(
-                json.dumps({"a": {"dtype": "F32", "shape": shape, "data_offsets": [0, 0]}}).encode(), b""
-            )
-            for name, shape in shapes.items()
-        },
     }
+    types = [(kind, kind, [8], 8) for kind in ("BF16", "F64", "U64", "BOOL", "F8_E5M2", "E8M0", "X", "f32")]
+    shapes = [[0, 2**63], [0, 2**62], [1] * 100, [-1], [2**64], [0]]
+    for name, kind, shape, length in [*types, *((f"s{at}", "F32", shape, 0) for at, shape in enumerate(shapes))]:
+        entry = {"dtype": kind, "shape": [1] if kind in ("F64", "U64") else [4] if kind == "BF16" else shape}
+        header = json.dumps({"a": entry | {"data_offsets": [0, length]}}).encode()
+        files[f"{name}.safetensors"] = with_header(header, b"\x02" * length)
     for name, content in files.items():
         (tmp_path / name).write_bytes(content)
+    loads = {name for name in files if attempt(tmp_path / name)}
+    assert loads == {f"{name}.safetensors" for name in ("BF16", "F64", "U64", "BOOL", "s5")}
+    for path in (tmp_path / ("x" * 300), tmp_path / "a\0b", Path("\ud800.safetensors"), Path("\udcff"), Path()):
+        assert not attempt(path)
+    assert memory_kb() - before < 300_000
+
+
+def test_only_ordinary_files_of_a_bounded_size_are_read(tmp_path: Path) -> None:
+    before = memory_kb()
     for suffix in ("json", "safetensors"):
         os.mkfifo(tmp_path / f"pipe.{suffix}")
         (tmp_path / f"zero-{suffix}.{suffix}").symlink_to("/dev/zero")
         (tmp_path / f"loop.{suffix}").symlink_to(f"loop.{suffix}")
         (tmp_path / f"sparse-{suffix}.{suffix}").touch()
         os.truncate(tmp_path / f"sparse-{suffix}.{suffix}", 200 << 30)
-    bound = socket.socket(socket.AF_UNIX)
-    bound.bind(str(tmp_path / "socket.safetensors"))
-    bound.close()
-    # What a manifest names is a plain file beside it, of the length that it says.
+    with socket.socket(socket.AF_UNIX) as bound:
+        bound.bind(str(tmp_path / "socket.safetensors"))
+    for path in sorted(tmp_path.iterdir()):
+        assert not attempt(path), path.name
+    assert memory_kb() - before < 300_000
+
+
+def test_what_a_folder_names_is_a_plain_file_in_it(tmp_path: Path) -> None:
+    before, whole = memory_kb(), {"model.a": np.ones(4, np.float32)}
     for name in ("pipe", "link", "zero", "sparse", "longer", "folder"):
         folder = tmp_path / name
         folder.mkdir()
-        fields = {"tensors_bytes": 2**64 - 1} if name != "longer" else {"tensors_bytes": 8}
+        fields = {"tensors_bytes": 2**64 - 1 if name != "longer" else 8}
         tensors = checkpoint(folder, 7, whole, **fields).with_suffix(".safetensors")
         if name != "longer":
             tensors.rename(folder / "elsewhere")
         match name:
             case "pipe":
                 os.mkfifo(tensors)
-            case "link":
-                tensors.symlink_to(folder / "elsewhere")
-            case "zero":
-                tensors.symlink_to("/dev/zero")
+            case "link" | "zero":
+                tensors.symlink_to("/dev/zero" if name == "zero" else folder / "elsewhere")
             case "sparse":
                 tensors.touch()
                 os.truncate(tensors, 200 << 30)
             case "folder":
                 tensors.mkdir()
         assert not attempt(folder) and not attempt(tensors.with_suffix(".json")), name
-    linked = tmp_path / "run"
-    linked.mkdir()
-    checkpoint(tmp_path, 9, whole)
-    (linked / "checkpoints").symlink_to(tmp_path)
-    assert not attempt(linked)
-    # A manifest that is a link in a folder; a folder that is one is what the user named.
-    (linked / "rollout-00000003.json").symlink_to("/dev/zero")
-    assert not attempt(linked)
     (tmp_path / "named").mkdir()
     checkpoint(tmp_path / "named", 9, whole)
     (tmp_path / "best").symlink_to("named")
-    assert attempt(tmp_path / "best")
-    loads = {"BF16", "F64", "U64", "BOOL", "s5"}
-    for path in sorted(tmp_path.glob("*.*")):
-        if path.suffix in (".json", ".safetensors") and not path.name.startswith("rollout-"):
-            assert attempt(path) <= (path.stem in loads), path.name
-    for path in (tmp_path / ("x" * 300), tmp_path / "a\0b", Path("\ud800.safetensors"), Path("\udcff"), Path()):
-        assert not attempt(path)
+    assert attempt(tmp_path / "best"), "a folder may be a link: the user named it"
+    linked = tmp_path / "run"
+    linked.mkdir()
+    (linked / "checkpoints").symlink_to(tmp_path / "named")
+    assert not attempt(linked)
+    (linked / "rollout-00000003.json").symlink_to("/dev/zero")
+    assert not attempt(linked)
     assert memory_kb() - before < 300_000
 
 
