@@ -185,7 +185,10 @@ fn begin_from(found: &Found, config: &Config) -> Result<FromConfig> {
 /// That `from` names other weights than the run began with. Where this host cannot read them, the names tell.
 fn other_weights(from: &Path, begun: Option<&FromConfig>) -> Option<String> {
     let Some(begun) = begun else { return Some(format!("--from {} instead of none", from.display())) };
-    let weights = || Ok::<_, anyhow::Error>(read_manifest(&find(from)?.checkpoint()?.manifest)?.weights);
+    let weights = || {
+        let found = find(from)?.checkpoint()?;
+        Ok::<_, anyhow::Error>(read_manifest(&found.named, &found.manifest)?.weights)
+    };
     let same_name = std::path::absolute(from).is_ok_and(|from| Path::new(&begun.checkpoint).starts_with(from));
     let is_same = same_name || weights().is_ok_and(|weights| weights == begun.weights);
     (!is_same).then(|| format!("--from {} instead of {}", from.display(), begun.checkpoint))

@@ -192,7 +192,7 @@ fn a_validation_that_is_killed_in_every_try_is_missed_and_made_up_by_resume() {
     let status = complete(workshop.orchestrator(&["status", "killed"]));
     assert!(status.stdout.contains("note: the validation after rollout "), "{status:#?}");
     complete(workshop.resume("killed")).result();
-    assert_eq!(&Figures::of(&run), undisturbed(&workshop));
+    assert_eq!(Figures::of(&run), undisturbed(&workshop));
     run.assert_nothing_left();
     // Now there is nothing to make up, and nothing is started for it.
     let starts =
