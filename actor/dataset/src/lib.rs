@@ -10,4 +10,5 @@ mod writer;
 
 pub use episode::{About, Episode, Frames, Seen, Step};
 pub use error::DatasetError;
-pub use writer::{Size, Source, Writer};
+pub use page::{Size, Source};
+pub use writer::Writer;

@@ -1,8 +1,25 @@
 //! The page that says what is in a folder: names, units, and how to read it.
 
 use crate::fields::FIELDS;
-use crate::writer::{Size, Source};
 use std::fmt::Write;
+
+/// What a data set is of.
+#[derive(Debug, Clone)]
+pub struct Source {
+    /// Names of the actions, in the order of their numbers.
+    pub actions: Vec<&'static str>,
+    /// Configurations of the run, TOML.
+    pub configs: Vec<String>,
+}
+
+/// How large a data set is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Size {
+    pub episodes: u64,
+    pub steps: u64,
+    /// Bytes of all files.
+    pub bytes: u64,
+}
 
 const READING: &str = "\
 An archive an episode: `numpy.load(\"episode-000000.npz\")`. Frames, `goal_m`, `previous_action` and `state_hash` have a row \

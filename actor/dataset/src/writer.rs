@@ -3,28 +3,10 @@
 use crate::episode::Episode;
 use crate::error::{DatasetError, disk, write};
 use crate::npz::write_episode;
-use crate::page;
+use crate::page::{self, Size, Source};
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
-
-/// What a data set is of.
-#[derive(Debug, Clone)]
-pub struct Source {
-    /// Names of the actions, in the order of their numbers.
-    pub actions: Vec<&'static str>,
-    /// Configurations of the run, TOML.
-    pub configs: Vec<String>,
-}
-
-/// How large a data set is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Size {
-    pub episodes: u64,
-    pub steps: u64,
-    /// Bytes of all files.
-    pub bytes: u64,
-}
 
 /// Writes a data set. It is there when [`Writer::finish`] has returned, or not at all.
 pub struct Writer {
