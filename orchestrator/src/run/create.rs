@@ -61,7 +61,9 @@ pub fn new_folder(name: &Path) -> Result<RunFolder> {
         match std::fs::create_dir(&path) {
             Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
             made => {
-                return made.map(|()| RunFolder::new(path)).with_context(|| format!("cannot create {}", name.display()));
+                return made
+                    .map(|()| RunFolder::new(path))
+                    .with_context(|| format!("cannot create {}", name.display()));
             }
         }
     }

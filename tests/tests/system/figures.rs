@@ -203,9 +203,9 @@ fn a_killed_validation_is_made_again() {
 #[test]
 fn a_validation_that_is_killed_in_every_try_is_missed_and_made_up_by_resume() {
     let workshop = validating();
+    let last = format!("rollout-{:08}", undisturbed(&workshop).validation.last().unwrap()["rollout"].as_u64().unwrap());
     let child = start(workshop.up("killed", ACTORS, ENVIRONMENTS, FRAMES));
     let run = workshop.run("killed");
-    let last = format!("rollout-{:08}", undisturbed(&workshop).validation.last().unwrap()["rollout"].as_u64().unwrap());
     let is_last =
         |pid: &u32| std::fs::read_to_string(format!("/proc/{pid}/cmdline")).is_ok_and(|line| line.contains(&last));
     for _ in 0..3 {

@@ -22,10 +22,10 @@ const DISK: &str = r#"
 #include <sys/stat.h>
 #include <unistd.h>
 static int below(const char *path) {
-    char here[4096];
+    char here[4096], whole[8192];
     const char *disk = getenv("DISK");
-    if (path[0] != '/') path = getcwd(here, sizeof here);
-    return disk && path && !strncmp(path, disk, strlen(disk));
+    snprintf(whole, sizeof whole, "%s/%s", path[0] == '/' || !getcwd(here, sizeof here) ? "" : here, path);
+    return disk && !strncmp(whole + (path[0] == '/'), disk, strlen(disk));
 }
 static int of(int file) {
     char link[64], path[4096] = {0};
@@ -59,9 +59,9 @@ int flock(int file, int operation) {
 /// The library, compiled into a workshop.
 fn disk(workshop: &Workshop) -> PathBuf {
     let (source, library) = (workshop.path("disk.c"), workshop.path("disk.so"));
-    std::fs::write(&source, DISK).unwrap();
+    std::fs::write(&source, DISK).expect("a writable temporary folder");
     let built = Command::new("cc").args(["-shared", "-fPIC", "-o"]).args([&library, &source]).arg("-ldl").status();
-    assert!(built.unwrap().success());
+    assert!(built.expect("a C compiler").success());
     library
 }
 
@@ -155,7 +155,7 @@ fn a_temporary_folder_is_used_or_refused_in_the_words_of_the_doctor() {
         (OsStr::from_bytes(b"wrong-\xff").to_owned(), "has a letter in its name that cannot be used"),
         (workshop.path("what?").into_os_string(), "has a letter in its name that cannot be used"),
         (workshop.path(&long).into_os_string(), "too long a name"),
-        ("file".into(), "Not a directory"),
+        ("file".into(), "not a directory"),
         ("gone".into(), "No such file or directory"),
         ("/proc".into(), "cannot be used"),
     ] {
@@ -235,17 +235,17 @@ fn runs_that_begin_in_the_same_second_have_folders_of_their_own() {
 fn beside(workshop: &Workshop, other: &str, script: &str) -> PathBuf {
     let folder = workshop.path(&format!("with-{other}"));
     let _ = std::fs::remove_dir_all(&folder);
-    std::fs::create_dir(&folder).unwrap();
+    std::fs::create_dir(&folder).expect("a writable temporary folder");
     for name in ["orchestrator", "actor", "learner"] {
         if name != other {
             std::fs::hard_link(binary(name), folder.join(name))
                 .or_else(|_| std::fs::copy(binary(name), folder.join(name)).map(drop))
-                .unwrap();
+                .expect("a copy of a program");
         }
     }
     let text = format!("#!/bin/sh\n{}\n", script.replace("REAL", &binary(other).display().to_string()));
-    std::fs::write(folder.join(other), text).unwrap();
-    std::fs::set_permissions(folder.join(other), std::fs::Permissions::from_mode(0o755)).unwrap();
+    std::fs::write(folder.join(other), text).expect("a script");
+    std::fs::set_permissions(folder.join(other), std::fs::Permissions::from_mode(0o755)).expect("a mode");
     folder.join("orchestrator")
 }
 
