@@ -34,7 +34,7 @@ pub enum TheatreError {
     #[error("the simulator cannot be used: {0}")]
     Broken(String),
     /// It ended in the middle of its work, for instance by a signal.
-    #[error("`actor show` {0}")]
+    #[error("the simulator cannot be used: `actor show` {0}")]
     Ended(String),
 }
 

@@ -18,7 +18,9 @@ pub fn check() -> Finding {
     match made.and(swept) {
         Ok(()) => Finding::Good("made and removed".to_owned()),
         Err(problem) => Finding::Problem(format!(
-            "{problem} (a run has its services in /dev/shm and in the temporary folder, which TMPDIR names)"
+            "{} (a run has its services in /dev/shm and in the temporary folder, which TMPDIR names)",
+            // The same words for the same machine.
+            problem.replace(&id, "ID")
         )),
     }
 }
