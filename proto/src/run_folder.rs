@@ -210,7 +210,7 @@ impl RunFolder {
 
     /// The best checkpoint so far by validation: a symbolic link to its folder.
     pub fn best(&self) -> PathBuf {
-        self.root.join("best")
+        self.root.join(BEST)
     }
 
     /// The batch of rollout `rollout`, whose update met a number that is not finite: the part of one learner.
@@ -262,6 +262,9 @@ impl RolloutName {
         }
     }
 }
+
+/// Name of the link to the best checkpoint by validation.
+pub const BEST: &str = "best";
 
 /// What all names of rollouts begin with.
 const PREFIX: &str = "rollout-";

@@ -6,6 +6,7 @@ use crate::results::FieldResult;
 use crate::statistics::Aggregate;
 use crate::study::{Field, Group, differences_between};
 use crate::styled_group::StyledGroup;
+use proto::config::Config;
 use serde::Serialize;
 
 /// One of the paper's tables with ours beside it.
@@ -41,6 +42,8 @@ pub struct Row {
 pub struct Ours {
     /// The group.
     pub group: String,
+    /// Where it was evaluated: the table's field, or that of the best checkpoint.
+    pub field: String,
     /// Settings that are not those of the row's preset.
     pub differences: Vec<String>,
     /// Frames trained on when it was evaluated, fewest and most over seeds.
@@ -122,7 +125,10 @@ fn plain(cell: &str) -> String {
 
 fn row_of(what: Vec<String>, preset: String, paper: Published, entries: &[StyledGroup<'_>], field: Field) -> Row {
     let here = entries.iter().filter(|entry| rows_beside(entry.group).contains(preset.as_str()));
-    let ours = here.filter_map(|entry| Some(Ours::of(entry.group, &preset, entry.in_field(field)?))).collect();
+    let ours = here
+        .flat_map(|entry| [field, field.of_best()].map(|field| (entry.group, entry.in_field(field))))
+        .filter_map(|(group, result)| Some(Ours::of(group, &preset, result?)))
+        .collect();
     Row { what, preset, paper, ours }
 }
 
@@ -132,7 +138,8 @@ impl Ours {
         let frames = || result.seeds.iter().map(|seed| seed.frames);
         Self {
             group: group.label.clone(),
-            differences: differences_between(&row_presets()[preset], &group.runs[0].config),
+            field: result.field.clone(),
+            differences: differences_between(&row_presets()[preset], &as_one_run(&group.runs[0].config)),
             frames: (frames().min().unwrap_or(0), frames().max().unwrap_or(0)),
             episodes: result.seeds.first().map_or(0, |seed| seed.episodes),
             success: result.success,
@@ -140,6 +147,11 @@ impl Ours {
             success_without_disturbance_per_axis: result.success_without_disturbance_per_axis,
         }
     }
+}
+
+/// A run that began with other weights as one run with all stages.
+fn as_one_run(config: &Config) -> Config {
+    Config { stages: config.whole_curriculum(), from: None, ..config.clone() }
 }
 
 #[cfg(test)]

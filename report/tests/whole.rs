@@ -251,7 +251,7 @@ fn the_pair_is_of_the_same_episodes_and_of_weights_from_both_sides_of_the_stage(
     before.evaluations.truncate(1);
     let from = &before.evaluations[0].result.subject;
     let (frames, weights) = (from.frames, from.weights.clone());
-    runs[0].config.from = Some(FromConfig { checkpoint: "a.json".into(), frames, weights });
+    runs[0].config.from = Some(FromConfig { checkpoint: "a.json".into(), frames, weights, stages: vec![] });
     runs[0].evaluations = vec![runs[0].evaluations.remove(1)];
     runs[0].evaluations[0].result.subject.weights = "f".repeat(64);
     runs.push(before);

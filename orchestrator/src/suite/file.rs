@@ -363,6 +363,7 @@ fn distinct(entries: &[SuiteEntry]) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proto::config::PpoConfig;
     use report::paper::{AblationRow, ActionSpaceRow, ResultRow};
 
     fn problem(text: &str) -> String {
@@ -512,7 +513,12 @@ mod tests {
     #[test]
     fn our_own_suites_cover_the_paper() {
         let main = Suite::parse(include_str!("../../../suites/paper.toml")).unwrap();
-        assert_eq!(main.entries.len(), 19 * 5);
+        // Fourteen other rows, and the run with the other learning rate.
+        assert_eq!(main.entries.len(), 5 * 5 + 14 * 3 + 1);
+        assert_eq!(
+            main.evaluations.iter().map(Asked::folder).collect::<Vec<_>>(),
+            ["suite-test-all", "suite-test-all-best"]
+        );
         let smaller = Suite::parse(include_str!("../../../suites/ablations.toml")).unwrap();
         let short = Suite::parse(include_str!("../../../suites/short.toml")).unwrap();
         assert_eq!(short.entries.iter().filter(|entry| entry.from == Some(0)).count(), 5);
@@ -522,14 +528,28 @@ mod tests {
         let recipe = Suite::parse(include_str!("../../../suites/recipe.toml")).unwrap();
         assert!(recipe.entries.iter().all(|entry| proto::stage::total_frames(&entry.config.stages) == 45_000_000));
         let settings = |config: &Config| Config { preset: String::new(), seed: 0, ..config.clone() };
-        let run: Vec<Config> =
-            main.entries.iter().chain(&smaller.entries).map(|entry| settings(&entry.config)).collect();
+        let resolved = |preset: &str| Config::resolve(preset, None).unwrap();
         let paper = report::paper::paper();
-        let main_rows = paper.test_novel.iter().chain(&paper.test_seen).map(ResultRow::preset);
+        for preset in paper.test_novel.iter().chain(&paper.test_seen).map(ResultRow::preset) {
+            let seeds: Vec<_> =
+                main.entries.iter().filter(|entry| entry.name == format!("{preset}-{}", entry.seed)).collect();
+            assert!([3, 5].contains(&seeds.len()), "{preset}");
+            for SuiteEntry { config, from, .. } in seeds {
+                let row = resolved(&preset);
+                let before = from.iter().flat_map(|&from| &main.entries[from].config.stages);
+                let stages: Vec<_> = before.chain(&config.stages).map(|stage| (stage.reward, stage.frames)).collect();
+                assert_eq!(stages, row.stages.iter().map(|stage| (stage.reward, stage.frames)).collect::<Vec<_>>());
+                let Config { actors, recording, validation, .. } = config.clone();
+                let PpoConfig { rollout_steps, minibatches, overlap, .. } = config.ppo;
+                let ppo = PpoConfig { rollout_steps, minibatches, overlap, ..row.ppo };
+                let in_our_shape = Config { stages: config.stages.clone(), actors, ppo, recording, validation, ..row };
+                assert_eq!(settings(config), settings(&in_our_shape), "{preset}");
+            }
+        }
+        let run: Vec<Config> = smaller.entries.iter().map(|entry| settings(&entry.config)).collect();
         let ablations = paper.ablation_valid_novel_20m.iter().map(AblationRow::preset);
-        let rows = main_rows.chain(ablations).chain(paper.action_space_valid.iter().map(ActionSpaceRow::preset));
-        for preset in rows {
-            assert!(run.contains(&settings(&Config::resolve(&preset, None).unwrap())), "{preset}");
+        for preset in ablations.chain(paper.action_space_valid.iter().map(ActionSpaceRow::preset)) {
+            assert!(run.contains(&settings(&resolved(&preset))), "{preset}");
         }
     }
 
