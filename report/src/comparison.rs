@@ -2,11 +2,12 @@
 
 use crate::method::{TEST_NOVEL, TEST_SEEN, VALIDATION_NOVEL, row_presets, rows_beside};
 use crate::paper::{Published, ResultRow, paper};
-use crate::results::FieldResult;
+use crate::results::{FieldResult, SeedResult};
 use crate::statistics::Aggregate;
 use crate::study::{Field, Group, differences_between};
 use crate::styled_group::StyledGroup;
 use proto::config::Config;
+use proto::kitchen::KitchenId;
 use serde::Serialize;
 
 /// One of the paper's tables with ours beside it.
@@ -46,6 +47,12 @@ pub struct Ours {
     pub field: String,
     /// Settings that are not those of the row's preset.
     pub differences: Vec<String>,
+    /// Kitchens of the scores; those of the group's result.
+    #[serde(skip)]
+    pub kitchens: Vec<KitchenId>,
+    /// Its seeds; those of the group's result.
+    #[serde(skip)]
+    pub seeds: Vec<SeedResult>,
     /// Frames trained on when it was evaluated, fewest and most over seeds.
     pub frames: (u64, u64),
     /// Episodes a seed.
@@ -140,6 +147,8 @@ impl Ours {
             group: group.label.clone(),
             field: result.field.clone(),
             differences: differences_between(&row_presets()[preset], &as_one_run(&group.runs[0].config)),
+            kitchens: result.kitchens.clone(),
+            seeds: result.seeds.clone(),
             frames: (frames().min().unwrap_or(0), frames().max().unwrap_or(0)),
             episodes: result.seeds.first().map_or(0, |seed| seed.episodes),
             success: result.success,
