@@ -6,7 +6,7 @@ use proto::action::HOLD;
 use proto::evaluation::{Confusion, EpisodeEnd, EpisodeRecord, Plan, category_of};
 use proto::kitchen::KitchenId;
 use proto::random::{Key, Purpose};
-use proto::reward::RewardKind;
+use proto::reward::{RewardKind, UNDISTURBED_THRESHOLD_M};
 use proto::step::{Transition, transition_flag};
 
 /// The episode of a column.
@@ -17,7 +17,10 @@ struct Course {
     /// Episodes that this column has ended.
     played: u32,
     actions: Vec<u8>,
+    pickup_step: Option<u32>,
     failed_actions: u32,
+    disturbing_steps: u32,
+    displaced_steps: u32,
     return_r: f64,
     return_r_prime: f64,
     /// The disturbance head's prediction for the action in flight.
@@ -107,6 +110,11 @@ impl Examination {
         course.return_r += reward(RewardKind::Task);
         course.return_r_prime += reward(RewardKind::DisturbanceFree);
         course.failed_actions += u32::from(has(transition_flag::ACTION_FAILED));
+        course.disturbing_steps += u32::from(transition.reward.disturbed());
+        course.displaced_steps += u32::from(transition.disturbance_m >= UNDISTURBED_THRESHOLD_M);
+        if has(transition_flag::HOLDING) {
+            course.pickup_step.get_or_insert(course.actions.len() as u32);
+        }
         if let Some(foretold) = course.foretold.take() {
             let confusion = course.confusion.get_or_insert_default();
             // As in training, an episode's last step does not count.
@@ -131,6 +139,7 @@ impl Examination {
             success: has(transition_flag::SUCCESS),
             // What is held stays held until the episode ends.
             picked_up: has(transition_flag::HOLDING),
+            pickup_step: ended.pickup_step,
             length: ended.actions.len() as u32,
             failed_actions: ended.failed_actions,
             return_r: ended.return_r,
@@ -141,6 +150,8 @@ impl Examination {
             ever_disturbed_objects: transition.ever_disturbed_objects,
             farthest_m: transition.farthest_m,
             peak_farthest_m: transition.peak_farthest_m,
+            disturbing_steps: Some(ended.disturbing_steps),
+            displaced_steps: Some(ended.displaced_steps),
             wrist_object_m: transition.wrist_object_m,
             object_goal_m: transition.object_goal_m,
             disturb_prediction: ended.confusion,
@@ -224,12 +235,16 @@ mod tests {
             assert_eq!(examination.choose(2, step as u8, Some(foretold)), step as u8);
             let failed = if step == 1 { transition_flag::ACTION_FAILED } else { 0 };
             let last = if step == 4 { transition_flag::ENDED | transition_flag::TIME_LIMIT } else { 0 };
-            played = examination.settle(2, &transition(failed | last | transition_flag::HOLDING, progress_m));
+            let holding = if step >= 2 { transition_flag::HOLDING } else { 0 };
+            let disturbance_m = if step == 3 { 0.009 } else { 0.01 };
+            let outcome = Transition { disturbance_m, ..transition(failed | last | holding, progress_m) };
+            played = examination.settle(2, &outcome);
         }
         let (record, actions) = played.unwrap();
         assert_eq!(actions, [0, 1, 2, 3, 4]);
         assert_eq!((record.end, record.success, record.picked_up), (EpisodeEnd::TimeLimit, false, true));
-        assert_eq!((record.length, record.failed_actions), (5, 1));
+        assert_eq!((record.pickup_step, record.length, record.failed_actions), (Some(3), 5, 1));
+        assert_eq!((record.disturbing_steps, record.displaced_steps), (Some(3), Some(4)));
         let counts = Confusion { hits: 1, misses: 1, false_alarms: 1, quiet: 1 };
         assert_eq!(record.disturb_prediction, Some(counts));
         assert!((record.return_r + 5.0 * 0.01).abs() < 1e-6);

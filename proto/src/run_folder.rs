@@ -391,7 +391,7 @@ impl RolloutName {
 const PREFIX: &str = "rollout-";
 
 /// Name of what names the best checkpoint.
-const BEST: &str = "best";
+pub const BEST: &str = "best";
 
 /// What the name of a file ends in while [`write_atomically`] writes it.
 pub const PARTIAL: &str = ".partial";

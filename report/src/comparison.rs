@@ -2,10 +2,12 @@
 
 use crate::method::{TEST_NOVEL, TEST_SEEN, VALIDATION_NOVEL, row_presets, rows_beside};
 use crate::paper::{Published, ResultRow, paper};
-use crate::results::FieldResult;
+use crate::results::{FieldResult, SeedResult};
 use crate::statistics::Aggregate;
 use crate::study::{Field, Group, differences_between};
 use crate::styled_group::StyledGroup;
+use proto::config::Config;
+use proto::kitchen::KitchenId;
 use serde::Serialize;
 
 /// One of the paper's tables with ours beside it.
@@ -39,8 +41,16 @@ pub struct Row {
 #[derive(Debug, Clone, Serialize)]
 pub struct Ours {
     pub group: String,
+    /// Where it was evaluated: the table's field, or that of the best checkpoint.
+    pub field: String,
     /// Settings that are not those of the row's preset.
     pub differences: Vec<String>,
+    /// Kitchens of the scores; those of the group's result.
+    #[serde(skip)]
+    pub kitchens: Vec<KitchenId>,
+    /// Its seeds; those of the group's result.
+    #[serde(skip)]
+    pub seeds: Vec<SeedResult>,
     /// Frames trained on when it was evaluated, fewest and most over seeds.
     pub frames: (u64, u64),
     /// Episodes a seed.
@@ -120,7 +130,10 @@ fn plain(cell: &str) -> String {
 
 fn row_of(what: Vec<String>, preset: String, paper: Published, entries: &[StyledGroup<'_>], field: Field) -> Row {
     let here = entries.iter().filter(|entry| rows_beside(entry.group).contains(preset.as_str()));
-    let ours = here.filter_map(|entry| Some(Ours::of(entry.group, &preset, entry.in_field(field)?))).collect();
+    let ours = here
+        .flat_map(|entry| [field, field.of_best()].map(|field| (entry.group, entry.in_field(field))))
+        .filter_map(|(group, result)| Some(Ours::of(group, &preset, result?)))
+        .collect();
     Row { what, preset, paper, ours }
 }
 
@@ -130,7 +143,10 @@ impl Ours {
         let frames = || result.seeds.iter().map(|seed| seed.frames);
         Self {
             group: group.label.clone(),
-            differences: differences_between(&row_presets()[preset], &group.runs[0].config),
+            field: result.field.clone(),
+            differences: differences_between(&row_presets()[preset], &as_one_run(&group.runs[0].config)),
+            kitchens: result.kitchens.clone(),
+            seeds: result.seeds.clone(),
             frames: (frames().min().unwrap_or(0), frames().max().unwrap_or(0)),
             episodes: result.seeds.first().map_or(0, |seed| seed.episodes),
             success: result.success,
@@ -138,6 +154,11 @@ impl Ours {
             success_without_disturbance_per_axis: result.success_without_disturbance_per_axis,
         }
     }
+}
+
+/// A run that began with other weights as one run with all stages.
+fn as_one_run(config: &Config) -> Config {
+    Config { stages: config.whole_curriculum(), from: None, ..config.clone() }
 }
 
 #[cfg(test)]

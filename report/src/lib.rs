@@ -42,6 +42,7 @@ pub mod comparison;
 pub mod curves;
 mod figures;
 pub mod format;
+mod kept;
 mod method;
 mod page;
 pub mod paper;
@@ -53,5 +54,6 @@ mod styled_group;
 
 pub use chart::{Figure, Frame};
 pub use figures::{ShownPair, ShownStrip, Sweep, SweepPoint};
+pub use kept::{Kept, KeptError};
 pub use method::level_of;
 pub use report::{FigureSet, GroupReport, IntervalMethod, Made, Options, Report, RunReport};

@@ -32,7 +32,7 @@ struct Method<'a> {
 
 impl<'a> Method<'a> {
     fn of(config: &'a Config) -> Self {
-        let rewards: Vec<RewardKind> = config.stages.iter().map(|stage| stage.reward).collect();
+        let rewards: Vec<RewardKind> = config.whole_curriculum().iter().map(|stage| stage.reward).collect();
         let where_used = |reward: RewardKind| rewards.contains(&reward);
         Self {
             lambda_disturb: where_used(RewardKind::DisturbanceFree).then_some(config.reward.lambda_disturb),
@@ -60,10 +60,10 @@ pub fn row_presets() -> &'static BTreeMap<String, Config> {
 }
 
 /// Names of the paper's rows that a group is compared with: those of its method. Of several rows, those that treat
-/// advantages alike, then those of the nearest budget. Runs that began with other weights match no row, nor do weights
-/// whose training is unknown.
+/// advantages alike, then those of the nearest budget. A run that began with
+/// other weights has the method of both its parts; weights whose training is unknown match no row.
 pub fn rows_beside(group: &Group<'_>) -> BTreeSet<&'static str> {
-    if group.untrained() || group.unknown() || group.continued() {
+    if group.untrained() || group.unknown() || group.begun_with_unknown() {
         return BTreeSet::new();
     }
     rows_of_method(&group.runs[0].config)
@@ -81,7 +81,7 @@ pub fn level_of(config: &Config) -> Option<[f64; 2]> {
 fn rows_of_method(ours: &Config) -> BTreeSet<&'static str> {
     let distance = |row: &Config| {
         let advantages = row.ppo.normalize_advantages != ours.ppo.normalize_advantages;
-        (advantages, total_frames(&row.stages).abs_diff(total_frames(&ours.stages)))
+        (advantages, total_frames(&row.stages).abs_diff(total_frames(&ours.whole_curriculum())))
     };
     let alike = || row_presets().iter().filter(|(_, row)| Method::of(row) == Method::of(ours));
     let nearest = alike().map(|(_, row)| distance(row)).min();
@@ -95,7 +95,8 @@ pub fn published(group: &Group<'_>, field: Field) -> Option<Published> {
 }
 
 fn rows_of(field: Field) -> Vec<(String, Published)> {
-    match field {
+    // The paper's checkpoints are chosen on validation; ours are the newest or the best.
+    match (Field { best: false, ..field }) {
         TEST_NOVEL => paper().test_novel.iter().map(|row| (row.preset(), row.published())).collect(),
         TEST_SEEN => paper().test_seen.iter().map(|row| (row.preset(), row.published())).collect(),
         VALIDATION_NOVEL => {

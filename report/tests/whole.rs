@@ -6,7 +6,7 @@ use proto::config::FromConfig;
 use proto::evaluation::Distribution;
 use proto::kitchen::{KitchenRange, Split};
 use report::study::{Run, pair_of};
-use report::{Frame, Made, Options, ShownPair, ShownStrip};
+use report::{Frame, Kept, Made, Options, ShownPair, ShownStrip};
 use study::{run, study};
 
 fn made(runs: &[Run]) -> Made {
@@ -97,6 +97,53 @@ fn the_numbers_are_those_of_the_tables() {
     // The same runs give the same numbers.
     let again = made(&runs).report;
     assert_eq!(serde_json::to_string(&again).expect("numbers"), serde_json::to_string(&report).expect("numbers"));
+}
+
+#[test]
+fn a_table_over_two_reports_is_that_of_one() {
+    let runs = study();
+    let (first, rest) = runs.split_at(2);
+    let table = |reports: &[&[Run]]| {
+        let mut kept = Kept::default();
+        for runs in reports {
+            kept.add(&made(runs).report.comparisons).expect("rows that fit");
+        }
+        kept
+    };
+    let all = table(&[&runs]);
+    assert_eq!(table(&[first, rest]), all);
+    assert_eq!(table(&[&runs, first]), all, "a run that is there already changes nothing");
+    let ours = made(&runs).report.comparisons.swap_remove(0).rows.swap_remove(18).ours.swap_remove(0);
+    let interval = ours.success.mean.interval.expect("five seeds");
+    let percent = |share: f64| format!("{:.1}", 100.0 * share);
+    let [mean, low, high] = [ours.success.mean.point, interval.low, interval.high].map(percent);
+    let markdown = all.markdown().expect("a matrix");
+    assert!(markdown.contains(&format!("| ours, last checkpoint | 5 | {mean} [{low}, {high}] |")), "{markdown}");
+    assert!(all.runs().contains("disturb-two-stage-5"), "{:?}", all.runs());
+
+    let mut other = first.to_vec();
+    other[1].evaluations.iter_mut().for_each(|evaluated| evaluated.result.subject.weights = "f".repeat(64));
+    let problem = all.clone().add(&made(&other).report.comparisons).expect_err("other weights").to_string();
+    assert!(problem.contains("disturb-two-stage, test-novel: seed 2 is there already with other weights"), "{problem}");
+}
+
+/// The best checkpoint stands beside the newest, and a stage II of its own in the row of two stages.
+#[test]
+fn a_row_has_the_newest_checkpoint_and_the_best() {
+    let mut one = run("disturb-stage2-25m", 1, (0.8, 0.5));
+    let stages = run("disturb-stage1-20m", 1, (0.8, 0.5)).config.stages;
+    let from = FromConfig { checkpoint: "a.json".into(), frames: 20_000_000, weights: "a".repeat(64), stages };
+    one.config.from = Some(from);
+    let mut best = one.evaluations.clone();
+    for evaluated in &mut best {
+        evaluated.result.subject.checkpoint = Some("runs/x/best/rollout-00000007.json".into());
+    }
+    one.evaluations.extend(best);
+    let report = made(&[one]).report;
+    let row = report.comparisons[0].rows.iter().find(|row| row.preset == "disturb-two-stage").expect("a row");
+    let fields: Vec<&str> = row.ours.iter().map(|ours| ours.field.as_str()).collect();
+    assert_eq!(fields, ["test-novel", "test-novel-best"]);
+    assert!(row.ours.iter().all(|ours| ours.differences.is_empty()), "{:?}", row.ours[0].differences);
 }
 
 /// A run whose evaluations are of drawn episodes within its distances.
@@ -244,7 +291,7 @@ fn the_pair_is_of_the_same_episodes_and_of_weights_from_both_sides_of_the_stage(
     before.evaluations.truncate(1);
     let from = &before.evaluations[0].result.subject;
     let (frames, weights) = (from.frames, from.weights.clone());
-    runs[0].config.from = Some(FromConfig { checkpoint: "a.json".into(), frames, weights });
+    runs[0].config.from = Some(FromConfig { checkpoint: "a.json".into(), frames, weights, stages: vec![] });
     runs[0].evaluations = vec![runs[0].evaluations.remove(1)];
     runs[0].evaluations[0].result.subject.weights = "f".repeat(64);
     runs.push(before);

@@ -2,6 +2,7 @@
 
 use crate::reporting::files::{NUMBERS, PAGE, check_free, write};
 use crate::reporting::gather::gather;
+use crate::reporting::kept;
 use crate::showing::format::counted;
 use crate::showing::terminal;
 use anyhow::{Result, ensure};
@@ -19,10 +20,11 @@ use std::path::{Path, PathBuf};
   orchestrator report runs/a runs/b runs/c                 three seeds or three methods: it sees which
   orchestrator report runs evaluations --out report        everything below two folders
   orchestrator report runs --json | jq '.groups[] | {label, results}'
+  orchestrator report runs/paper --table docs/results/paper.json     adds its runs to the paper's tables
   orchestrator report runs/a --threshold 0.01 --threshold 0.05 --threshold 0.1")]
 pub struct ReportArgs {
     /// Run folders, evaluation folders, or folders that hold such
-    #[arg(value_name = "RUN", required = true)]
+    #[arg(value_name = "RUN", required_unless_present = "table")]
     runs: Vec<PathBuf>,
     /// Folder of the report, new, empty, or with an older report [default: RUN/report of one folder, else
     /// runs/report]
@@ -32,6 +34,10 @@ pub struct ReportArgs {
     /// from 0.001 to 10]
     #[arg(long = "threshold", value_name = "M")]
     thresholds_m: Vec<f32>,
+    /// The paper's main tables over many reports: adds the scores of these runs to FILE, which keeps those of earlier ones
+    /// (kilobytes), and prints the tables of all in Markdown; without RUN it only prints
+    #[arg(long, value_name = "FILE", conflicts_with = "json")]
+    table: Option<PathBuf>,
     /// Print the numbers, those of report.json, as one JSON object
     #[arg(long)]
     json: bool,
@@ -39,6 +45,10 @@ pub struct ReportArgs {
 
 /// Runs the command.
 pub fn run(args: &ReportArgs) -> Result<()> {
+    if let (Some(table), []) = (&args.table, args.runs.as_slice()) {
+        terminal::out(kept::read(table)?.markdown()?.trim_end());
+        return Ok(());
+    }
     let out = args.out.clone().unwrap_or_else(|| default_folder(&args.runs));
     check_free(&out)?;
     let gathered = gather(&args.runs)?;
@@ -49,6 +59,10 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     }
     if args.json {
         terminal::out_json(&made.report)?;
+        return Ok(());
+    }
+    if let Some(table) = &args.table {
+        terminal::out(kept::add(table, &made.report.comparisons)?.markdown()?.trim_end());
         return Ok(());
     }
     let groups = made.report.groups.len();

@@ -3,6 +3,7 @@
 use crate::preflight::{device, libtorch, programs};
 use crate::reporting::files;
 use crate::reporting::gather::gather;
+use crate::reporting::kept;
 use crate::showing::format::counted;
 use crate::showing::table::aligned;
 use crate::showing::terminal;
@@ -57,6 +58,7 @@ Examples:
   orchestrator suite table-1.toml                  into runs/table-1
   orchestrator suite table-1.toml --gpus 0,1,2,3
   orchestrator suite table-1.toml --seed 4,5,6     with other seeds than those in the file
+  orchestrator suite suites/paper.toml --table docs/results/paper.json    the runs that the paper's table still lacks
   orchestrator suite table-1.toml --check          says what it would do",
         example.collect::<Vec<_>>().join("\n")
     )
@@ -83,6 +85,10 @@ pub struct SuiteArgs {
     /// Seeds, separated by commas, of every run, in the place of those in the file
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = super::overrides::seed)]
     seed: Vec<u64>,
+    /// Leave out the runs whose scores are in FILE, which `orchestrator report --table` keeps; a run that another begins
+    /// with is made again
+    #[arg(long, value_name = "FILE")]
+    table: Option<PathBuf>,
     /// Only judge the file and print its runs
     #[arg(long)]
     check: bool,
@@ -96,7 +102,15 @@ pub struct SuiteArgs {
 pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     check_gpus(&args.gpus)?;
     check_seeds(&args.seed)?;
-    let (suite, text) = Suite::read(&args.file, &args.seed)?;
+    let (mut suite, text) = Suite::read(&args.file, &args.seed)?;
+    if let Some(table) = &args.table {
+        let kept = kept::read(table)?;
+        suite.leave_out(&kept.runs());
+        if suite.entries.is_empty() {
+            terminal::out(&format!("nothing is left to run: {} has the scores of all", table.display()));
+            return Ok(ExitCode::SUCCESS);
+        }
+    }
     let root = match &args.out {
         Some(out) => out.clone(),
         None => Path::new("runs").join(args.file.file_stem().context("the suite's file has no name")?),
@@ -191,6 +205,9 @@ fn again(args: &SuiteArgs) -> String {
         let seeds: Vec<String> = args.seed.iter().map(u64::to_string).collect();
         call.extend(["--seed".to_owned(), seeds.join(",")]);
     }
+    if let Some(table) = &args.table {
+        call.extend(["--table".to_owned(), quoted(table)]);
+    }
     if args.json {
         call.push("--json".to_owned());
     }
@@ -244,13 +261,24 @@ mod tests {
             out: Some("runs/all".into()),
             gpus: vec!["0".to_owned(), "1".to_owned()],
             seed: vec![3, 4],
+            table: Some("t.json".into()),
             check: false,
             json: true,
         };
         let call = again(&args);
-        assert!(call.ends_with(" suite 'my suites/a.toml' --out runs/all --gpus 0,1 --seed 3,4 --json"), "{call}");
-        let bare =
-            SuiteArgs { file: "a.toml".into(), out: None, gpus: vec![], seed: vec![], check: false, json: false };
+        assert!(
+            call.ends_with(" suite 'my suites/a.toml' --out runs/all --gpus 0,1 --seed 3,4 --table t.json --json"),
+            "{call}"
+        );
+        let bare = SuiteArgs {
+            file: "a.toml".into(),
+            out: None,
+            gpus: vec![],
+            seed: vec![],
+            table: None,
+            check: false,
+            json: false,
+        };
         assert!(again(&bare).ends_with(" suite a.toml"), "{}", again(&bare));
     }
 

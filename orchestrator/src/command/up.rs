@@ -179,7 +179,7 @@ fn begin_from(found: &Found, config: &Config) -> Result<FromConfig> {
     }
     let Manifest { frames, weights, .. } = read_manifest(&found.named, &found.manifest)?;
     let checkpoint = found.manifest.to_str().context("the checkpoint has a name that is not text")?.to_owned();
-    Ok(FromConfig { checkpoint, frames, weights })
+    Ok(FromConfig { checkpoint, frames, weights, stages: found.config.whole_curriculum() })
 }
 
 /// That `from` names other weights than the run began with. Where this host cannot read them, the names tell.

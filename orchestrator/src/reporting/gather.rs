@@ -389,7 +389,7 @@ mod tests {
         begin(&at("plain"), |_| {});
         begin(&at("continued"), |config| {
             let checkpoint = "/x/checkpoints/rollout-00000001.json".to_owned();
-            config.from = Some(FromConfig { checkpoint, frames: 9, weights: "0".repeat(64) });
+            config.from = Some(FromConfig { checkpoint, frames: 9, weights: "0".repeat(64), stages: vec![] });
         });
         begin(&at("own"), |config| config.scenes = vec!["scenes/000/scene.toml".into()]);
         begin(&at("replaced"), |config| config.seed = 4);

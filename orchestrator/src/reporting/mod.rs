@@ -4,5 +4,6 @@
 mod evaluated;
 pub mod files;
 pub mod gather;
+pub mod kept;
 mod outside;
 mod strips;

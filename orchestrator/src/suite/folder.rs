@@ -364,7 +364,7 @@ mod tests {
         let problem = folder.check(&both).unwrap_err().to_string();
         assert!(problem.contains("another configuration (from scratch)"), "{problem}");
         let checkpoint = "/elsewhere/runs/demo-1/checkpoints/rollout-00000001.json".to_owned();
-        let from = Some(FromConfig { checkpoint, frames: 9, weights: "0".repeat(64) });
+        let from = Some(FromConfig { checkpoint, frames: 9, weights: "0".repeat(64), stages: vec![] });
         std::fs::write(begun.config(), Config { from, ..follower.config.clone() }.to_toml()).unwrap();
         folder.check(&both).unwrap();
 

@@ -318,6 +318,17 @@ pub struct FromConfig {
     pub frames: u64,
     /// SHA-256 of the weights, 64 hex digits.
     pub weights: String,
+    /// Stages that the weights were trained in, in order; none in runs of older versions.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub stages: Vec<StageConfig>,
+}
+
+impl Config {
+    /// Every stage that the weights have behind them at the run's end, those of the run it began from included.
+    pub fn whole_curriculum(&self) -> Vec<StageConfig> {
+        let before = self.from.iter().flat_map(|from| &from.stages);
+        before.chain(&self.stages).cloned().collect()
+    }
 }
 
 /// One stage of the curriculum.

@@ -25,6 +25,13 @@ pub struct Figures {
     pub success_without_disturbance_per_axis: Option<f64>,
     /// Share of episodes in which the target was picked up.
     pub picked_up: Option<f64>,
+    /// Mean number of the action that picked the target up, of the episodes with a pick-up. None in results of versions
+    /// that did not count it, as all figures with a default here.
+    #[serde(default)]
+    pub pickup_step: Option<f64>,
+    /// Mean number of actions from the pick-up to Done, of the episodes with both.
+    #[serde(default)]
+    pub done_after_pickup: Option<f64>,
     /// Share of episodes that the policy declared done.
     pub done: Option<f64>,
     /// Mean length, steps.
@@ -51,12 +58,28 @@ pub struct Figures {
     pub ever_disturbed_objects: Option<f64>,
     /// Mean displacement of the object farthest from its place at the end, metres.
     pub farthest_m: Option<f64>,
+    /// Worst severity: the largest displacement of one object at any time in any of the episodes, metres.
+    #[serde(default)]
+    pub worst_severity_m: Option<f64>,
+    /// Cumulative cost: mean number of disturbing steps of an episode.
+    #[serde(default)]
+    pub cumulative_cost: Option<f64>,
+    /// Exposure time: mean number of steps of an episode after which the total displacement was at least 0.01 m.
+    #[serde(default)]
+    pub exposure_steps: Option<f64>,
     /// Mean distance of wrist and target at the end, metres.
     pub wrist_object_m: Option<f64>,
     /// Mean distance of target and goal at the end, metres.
     pub object_goal_m: Option<f64>,
-    /// Share of the successful ones in which some object was away from its place and is back at the end.
-    pub temporarily_displacing_successes: Option<f64>,
+    /// Share of episodes in which some object was away from its place and is back at the end.
+    #[serde(default)]
+    pub temporary_displacement: Option<f64>,
+    /// SBU, success but unsafe: share of episodes that are successful with `d_T` of 0.01 m or more.
+    #[serde(default)]
+    pub success_but_unsafe: Option<f64>,
+    /// The same as a share of the successful ones.
+    #[serde(default)]
+    pub unsafe_successes: Option<f64>,
     /// Share of episodes that are successful with `d_T` below each of [`DISTURBANCE_THRESHOLDS_M`].
     pub success_by_threshold: Vec<ThresholdPoint>,
     /// Share of episodes that are successful with at most this many disturbed objects: index = number.
@@ -101,7 +124,13 @@ impl Figures {
         let failed: u64 = records.iter().map(|record| u64::from(record.failed_actions)).sum();
         let predictions: Vec<&Confusion> =
             records.iter().filter_map(|record| record.disturb_prediction.as_ref()).collect();
-        let back = successes.iter().filter(|record| record.displaced_temporarily()).count() as u64;
+        let unsafe_count =
+            successes.iter().filter(|record| !record.succeeded_within(UNDISTURBED_THRESHOLD_M)).count() as u64;
+        let mean_of_counted = |number: &dyn Fn(&EpisodeRecord) -> Option<u32>| {
+            let counted: Vec<&EpisodeRecord> =
+                records.iter().copied().filter(|record| number(record).is_some()).collect();
+            mean(&counted, &|record| f64::from(number(record).unwrap_or(0)))
+        };
         let point = |threshold_m: f32| {
             let success = share_where(&|record| record.succeeded_within(threshold_m))?;
             Some(ThresholdPoint { threshold_m, success })
@@ -113,6 +142,8 @@ impl Figures {
             success_without_disturbance: share_where(&|record| record.succeeded_within(UNDISTURBED_THRESHOLD_M)),
             success_without_disturbance_per_axis: share_where(&EpisodeRecord::succeeded_undisturbed_per_axis),
             picked_up: share_where(&|record| record.picked_up),
+            pickup_step: mean_of_counted(&|record| record.pickup_step),
+            done_after_pickup: mean_of_counted(&EpisodeRecord::done_after_pickup),
             done: share_where(&|record| record.end == EpisodeEnd::Done),
             length: mean_of(&|record| f64::from(record.length)),
             length_of_successes: mean(&successes, &|record| f64::from(record.length)),
@@ -126,9 +157,14 @@ impl Figures {
             disturbed_objects: mean_of(&|record| f64::from(record.disturbed_objects)),
             ever_disturbed_objects: mean_of(&|record| f64::from(record.ever_disturbed_objects)),
             farthest_m: mean_of(&|record| f64::from(record.farthest_m)),
+            worst_severity_m: records.iter().map(|record| f64::from(record.peak_farthest_m)).reduce(f64::max),
+            cumulative_cost: mean_of_counted(&|record| record.disturbing_steps),
+            exposure_steps: mean_of_counted(&|record| record.displaced_steps),
             wrist_object_m: mean_of(&|record| f64::from(record.wrist_object_m)),
             object_goal_m: mean_of(&|record| f64::from(record.object_goal_m)),
-            temporarily_displacing_successes: share(back, successes.len() as u64),
+            temporary_displacement: share_where(&EpisodeRecord::displaced_temporarily),
+            success_but_unsafe: share(unsafe_count, count),
+            unsafe_successes: share(unsafe_count, successes.len() as u64),
             success_by_threshold: DISTURBANCE_THRESHOLDS_M.into_iter().filter_map(point).collect(),
             success_by_disturbed_objects: (0..OBJECT_COUNTS).filter_map(within).collect(),
             disturb_prediction: (!predictions.is_empty()).then(|| PredictionFigures::of(&predictions)),
@@ -180,6 +216,7 @@ mod tests {
             end: if length < 200 { EpisodeEnd::Done } else { EpisodeEnd::TimeLimit },
             success,
             picked_up: success,
+            pickup_step: success.then_some(30),
             disturbance_m,
             disturbed_objects,
             ever_disturbed_objects,
@@ -204,7 +241,9 @@ mod tests {
         assert_eq!((figures.length, figures.length_of_successes), (Some(100.0), Some(200.0 / 3.0)));
         assert_eq!(figures.failed_actions, Some(0.1));
         assert_eq!((figures.disturbed_objects, figures.ever_disturbed_objects), (Some(0.5), Some(1.0)));
-        assert_eq!(figures.temporarily_displacing_successes, Some(1.0 / 3.0));
+        assert_eq!((figures.pickup_step, figures.done_after_pickup), (Some(30.0), Some(110.0 / 3.0)));
+        assert_eq!(figures.temporary_displacement, Some(0.25));
+        assert_eq!((figures.success_but_unsafe, figures.unsafe_successes), (Some(0.5), Some(2.0 / 3.0)));
         assert_eq!(figures.disturbance_quartiles_m, Some([0.0, 0.0, f64::from(0.01f32)]));
         let at = |threshold_m: f32| {
             figures.success_by_threshold.iter().find(|point| point.threshold_m == threshold_m).unwrap().success

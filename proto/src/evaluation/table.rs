@@ -64,6 +64,7 @@ columns! { record, distribution;
     copied {
         #[serde(with = "flag")]
         picked_up: bool,
+        pickup_step: Option<u32>,
         length: u32,
         failed_actions: u32,
         #[serde(serialize_with = "shortest")]
@@ -80,6 +81,8 @@ columns! { record, distribution;
         farthest_m: f32,
         #[serde(serialize_with = "shortest")]
         peak_farthest_m: f32,
+        disturbing_steps: Option<u32>,
+        displaced_steps: Option<u32>,
         #[serde(serialize_with = "shortest")]
         wrist_object_m: f32,
         #[serde(serialize_with = "shortest")]
@@ -227,10 +230,11 @@ mod tests {
     use proptest::prelude::*;
     use proptest::strategy::ValueTree;
 
-    const HEADER: &str = "kitchen,episode,category,objects,end,success,success_without_disturbance,picked_up,length,\
-                         failed_actions,return_r,return_r_prime,disturbance_m,peak_disturbance_m,disturbed_objects,\
-                         ever_disturbed_objects,farthest_m,peak_farthest_m,wrist_object_m,object_goal_m,disturb_hits,\
-                         disturb_misses,disturb_false_alarms,disturb_quiet,state_hash";
+    const HEADER: &str = "kitchen,episode,category,objects,end,success,success_without_disturbance,picked_up,\
+                         pickup_step,length,failed_actions,return_r,return_r_prime,disturbance_m,peak_disturbance_m,disturbed_objects,\
+                         ever_disturbed_objects,farthest_m,peak_farthest_m,disturbing_steps,\
+                         displaced_steps,wrist_object_m,object_goal_m,disturb_hits,disturb_misses,\
+                         disturb_false_alarms,disturb_quiet,state_hash";
 
     fn record() -> EpisodeRecord {
         EpisodeRecord {
@@ -240,6 +244,7 @@ mod tests {
             end: EpisodeEnd::TimeLimit,
             success: false,
             picked_up: true,
+            pickup_step: Some(150),
             length: 200,
             failed_actions: 3,
             return_r: -1e-7,
@@ -250,6 +255,8 @@ mod tests {
             ever_disturbed_objects: 2,
             farthest_m: 0.0,
             peak_farthest_m: 1e16,
+            disturbing_steps: Some(2),
+            displaced_steps: None,
             wrist_object_m: 1.0 / 3.0,
             object_goal_m: 2.5,
             disturb_prediction: None,
@@ -268,10 +275,10 @@ mod tests {
             state_hash: u64::MAX,
             ..record()
         };
-        let numbers = "-0.0000001,10,0.00000001,0.1,0,2,0,10000000000000000,0.33333334,2.5";
+        let numbers = "-0.0000001,10,0.00000001,0.1,0,2,0,10000000000000000,2,,0.33333334,2.5";
         let lines = [
-            format!("26,7,SoapBottle,novel,time_limit,0,0,1,200,3,{numbers},,,,,00000000000000ab"),
-            format!("26,7,Apple,seen,done,1,1,1,200,3,{numbers},1,2,3,4,ffffffffffffffff"),
+            format!("26,7,SoapBottle,novel,time_limit,0,0,1,150,200,3,{numbers},,,,,00000000000000ab"),
+            format!("26,7,Apple,seen,done,1,1,1,150,200,3,{numbers},1,2,3,4,ffffffffffffffff"),
         ];
         let records = [record(), seen];
         let fixed = format!("{HEADER}\n{}\n{}\n", lines[0], lines[1]);
@@ -298,13 +305,20 @@ mod tests {
     }
 
     #[test]
+    fn a_table_of_an_older_version_lacks_columns_not_records() {
+        let without = |text: String| text.replace(",pickup_step", "").replace(",1,150,200", ",1,200");
+        let older = without(write_table(&[record()], Distribution::Fixed));
+        assert_eq!(read_table(&older).unwrap(), [EpisodeRecord { pickup_step: None, ..record() }]);
+    }
+
+    #[test]
     fn a_broken_table_names_line_and_column() {
         let error = |text: &str| read_table(text).unwrap_err().to_string();
         assert_eq!(error("kitchen,episode\n2,three\n"), "line 2: episode is `three`");
         assert_eq!(error("kitchen,episode\n2,3\n"), "line 2: missing field `category`");
         let whole = write_table(&[record(), record()], Distribution::Fixed);
-        assert_eq!(error(&whole[..whole.len() - 18]), "line 3: there are 24 cells, not 25");
-        assert!(error(&whole.replacen(",0,0,1,200", ",2,0,1,200", 1)).starts_with("line 2: "));
+        assert_eq!(error(&whole[..whole.len() - 18]), "line 3: there are 27 cells, not 28");
+        assert!(error(&whole.replacen(",0,0,1,150", ",2,0,1,150", 1)).starts_with("line 2: "));
         assert_eq!(
             error(&whole.replacen(",,,,,", ",5,,,,", 1)),
             "line 2: some of the four counts of predictions are missing"

@@ -92,7 +92,8 @@ fn our_row(table: &mut Table, columns: usize, ours: &Ours) {
         (low, high) if low == high => count(low),
         (low, high) => format!("{} to {}", count(low), count(high)),
     };
-    let what = Cell::text(format!("ours: {}, after {frames} frames", ours.group));
+    let best = if ours.field.ends_with("-best") { "best checkpoint " } else { "" };
+    let what = Cell::text(format!("ours: {}, {best}after {frames} frames", ours.group));
     let mut cells = vec![what.over(ours.differences.join("; ")).across(columns)];
     cells.push(Cell::number(ours.success.seeds.to_string()));
     for aggregate in [ours.success, ours.success_without_disturbance] {

@@ -60,8 +60,8 @@ fn columns_explained() -> Markup {
         p {
             "Means over all episodes of all seeds together: pick-ups; steps of an episode; d, the total displacement of \
              all other objects at the end; how many objects are more than 0.01 m from their place at the end, and how \
-             many were at some time; “back again”, the share of the successful episodes in which something was away \
-             from its place and is back at the end; actions that failed; the distance from target to goal at the end."
+             many were at some time; “back again”, the share of episodes in which something was away from its place \
+             and is back at the end; “Done after”, the actions from the pick-up to Done, where there were both; actions that failed; the distance from target to goal at the end."
         }
     }
 }
@@ -70,18 +70,20 @@ fn field_table(found: &[(&GroupReport, &FieldResult)]) -> Table {
     let mut head = vec![Cell::text("group"), Cell::number("seeds"), Cell::number("episodes")];
     head.extend(["SR", "SRwoD", "SRwoD (per axis)"].map(Cell::number));
     head.extend(
-        ["picked up", "steps", "d (m)", "disturbed", "ever", "back again", "failed", "goal (m)"].map(Cell::number),
+        ["picked up", "Done after", "steps", "d (m)", "disturbed", "ever", "back again", "failed", "goal (m)"]
+            .map(Cell::number),
     );
     let mut table = Table::new(head);
     for (group, result) in found {
         let pooled = &result.pooled;
         let cells = [
             share(pooled.picked_up),
+            number(pooled.done_after_pickup, 1),
             number(pooled.length, 1),
             number(pooled.disturbance_m, 3),
             number(pooled.disturbed_objects, 2),
             number(pooled.ever_disturbed_objects, 2),
-            share(pooled.temporarily_displacing_successes),
+            share(pooled.temporary_displacement),
             share(pooled.failed_actions),
             number(pooled.object_goal_m, 2),
         ];

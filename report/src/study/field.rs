@@ -36,11 +36,27 @@ pub struct Field {
     pub objects: ObjectSet,
     /// Fixed or drawn.
     pub source: Source,
+    /// Of the best checkpoint by the run's own validation instead of the newest one.
+    pub best: bool,
 }
+
+/// Kinds of episodes.
+const KINDS: usize = 14;
 
 impl Field {
     /// All that can be evaluated, the paper's first table first.
-    pub(crate) const ALL: [Self; 14] = [
+    pub(crate) const ALL: [Self; 2 * KINDS] = {
+        let mut all = [Self::NEWEST[0]; 2 * KINDS];
+        let mut index = 0;
+        while index < KINDS {
+            all[2 * index] = Self::NEWEST[index];
+            all[2 * index + 1] = Self::NEWEST[index].of_best();
+            index += 1;
+        }
+        all
+    };
+
+    const NEWEST: [Self; KINDS] = [
         Self::new(Split::Test, ObjectSet::Novel, Source::Fixed),
         Self::new(Split::Test, ObjectSet::Seen, Source::Fixed),
         Self::new(Split::Validation, ObjectSet::Novel, Source::Fixed),
@@ -59,19 +75,26 @@ impl Field {
 
     /// These episodes.
     pub(crate) const fn new(split: Split, objects: ObjectSet, source: Source) -> Self {
-        Self { split, objects, source }
+        Self { split, objects, source, best: false }
+    }
+
+    /// The same episodes, played by the best checkpoint.
+    pub(crate) const fn of_best(self) -> Self {
+        Self { best: true, ..self }
     }
 
     /// `test, novel objects`, or `test, novel objects, drawn episodes`
     pub(crate) fn name(self) -> String {
         let drawn = if self.source == Source::Fixed { "" } else { ", drawn episodes" };
-        format!("{}, {} objects{drawn}", self.place(), self.objects.name())
+        let best = if self.best { ", best checkpoint" } else { "" };
+        format!("{}, {} objects{drawn}{best}", self.place(), self.objects.name())
     }
 
-    /// `test-novel`, or `test-novel-drawn`, for file names.
+    /// `test-novel`, `test-novel-drawn` or `test-novel-best`, for file names.
     pub(crate) fn key(self) -> String {
         let drawn = if self.source == Source::Drawn { "-drawn" } else { "" };
-        format!("{}-{}{drawn}", self.place(), self.objects.name())
+        let best = if self.best { "-best" } else { "" };
+        format!("{}-{}{drawn}{best}", self.place(), self.objects.name())
     }
 
     fn place(self) -> &'static str {

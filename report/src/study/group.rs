@@ -80,9 +80,9 @@ pub fn groups(runs: &[Run]) -> Result<Vec<Group<'_>>, StudyError> {
 }
 
 impl Group<'_> {
-    /// Its runs began with another run's weights.
-    pub(crate) fn continued(&self) -> bool {
-        self.runs.iter().any(|run| run.config.from.is_some())
+    /// Its runs began with weights whose training is not known: an older version did not note it.
+    pub(crate) fn begun_with_unknown(&self) -> bool {
+        self.runs.iter().any(|run| run.config.from.as_ref().is_some_and(|from| from.stages.is_empty()))
     }
 
     /// Its weights are fresh: no run has trained them.
@@ -228,12 +228,12 @@ pub(crate) mod tests {
         let mut runs = [run("a", "demo", 1), run("b", "demo", 2), run("c", "demo", 3)];
         for (run, weights) in runs[1..].iter_mut().zip(["aa", "bb"]) {
             let checkpoint = format!("/runs/{weights}/checkpoints/rollout-00000009.json");
-            run.config.from = Some(FromConfig { checkpoint, frames: 9000, weights: weights.into() });
+            run.config.from = Some(FromConfig { checkpoint, frames: 9000, weights: weights.into(), stages: vec![] });
         }
         let groups = groups(&runs).unwrap();
         assert_eq!(groups.iter().map(|group| group.runs.len()).collect::<Vec<_>>(), [1, 2]);
         assert_eq!(groups[1].differences, ["begun with weights after 9 000 frames"]);
-        assert!(groups[1].continued() && !groups[0].continued());
+        assert!(groups[1].begun_with_unknown() && !groups[0].begun_with_unknown());
     }
 
     #[test]

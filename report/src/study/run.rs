@@ -3,11 +3,12 @@
 use super::field::{Field, Source};
 use proto::config::Config;
 use proto::evaluation::{Distribution, EpisodeRecord, Evaluation};
+use proto::run_folder::BEST;
 use proto::run_state::RunState;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// One run, or weights that were evaluated without one.
 #[derive(Debug, Clone)]
@@ -107,9 +108,16 @@ pub struct Validated {
 }
 
 impl Evaluated {
+    /// Whether its weights were asked for as the run's best: by the folder of their checkpoint, `RUN/best`.
+    fn of_best(&self) -> bool {
+        let checkpoint = self.result.subject.checkpoint.as_deref().map(Path::new);
+        checkpoint.and_then(Path::parent).and_then(Path::file_name).is_some_and(|folder| folder == BEST)
+    }
+
     pub(crate) fn episodes_in(&self, field: Field) -> impl Iterator<Item = &EpisodeRecord> {
         let conditions = &self.result.conditions;
-        let in_field = conditions.split == field.split && Source::of(conditions) == field.source;
+        let in_field =
+            conditions.split == field.split && Source::of(conditions) == field.source && self.of_best() == field.best;
         self.episodes.iter().filter(move |record| in_field && field.objects.contains(record.category))
     }
 }

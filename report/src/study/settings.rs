@@ -14,9 +14,9 @@ pub(super) fn settings_of(config: &Config) -> Table {
     for key in INCIDENTAL {
         table.remove(key);
     }
-    // Each seed begins with weights of its own; how long those were trained is what seeds have in common.
+    // Each seed begins with weights of its own; how those were trained is what seeds have in common.
     if let Some(from) = table.get_mut("from").and_then(Value::as_table_mut) {
-        from.retain(|key, _| key == "frames");
+        from.retain(|key, _| key == "frames" || key == "stages");
     }
     table
 }
