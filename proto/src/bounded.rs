@@ -14,8 +14,8 @@ pub(crate) const TEXT_BYTES_MOST: u64 = 4 << 20;
 pub const RESULT_BYTES_MOST: u64 = 16 << 20;
 /// An evaluation's table of episodes, which has a hundred bytes for each.
 pub const TABLE_BYTES_MOST: u64 = 256 << 20;
-/// The figures of a run, about a kilobyte a rollout: a million rollouts.
-pub const FIGURES_BYTES_MOST: u64 = 1 << 30;
+/// The figures of a run, about a kilobyte a rollout: 950M frames in the paper's shape, five billion of `recipe`.
+pub const FIGURES_BYTES_MOST: u64 = 256 << 20;
 /// A line of any of them.
 pub(crate) const LINE_BYTES_MOST: u64 = 1 << 20;
 /// What a folder holds: recordings, logs, checkpoints.
