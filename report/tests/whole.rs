@@ -123,7 +123,9 @@ fn a_table_over_two_reports_is_that_of_one() {
     assert!(all.runs().contains("disturb-two-stage-5"), "{:?}", all.runs());
 
     let mut other = first.to_vec();
-    other[1].evaluations.iter_mut().for_each(|evaluated| evaluated.result.subject.weights = "f".repeat(64));
+    for evaluated in &mut other[1].evaluations {
+        evaluated.result.subject.weights = "f".repeat(64);
+    }
     let problem = all.clone().add(&made(&other).report.comparisons).expect_err("other weights").to_string();
     assert!(problem.contains("disturb-two-stage, test-novel: seed 2 is there already with other weights"), "{problem}");
 }
@@ -136,8 +138,9 @@ fn a_row_has_the_newest_checkpoint_and_the_best() {
     let from = FromConfig { checkpoint: "a.json".into(), frames: 20_000_000, weights: "a".repeat(64), stages };
     one.config.from = Some(from);
     let mut best = one.evaluations.clone();
-    best.iter_mut()
-        .for_each(|evaluated| evaluated.result.subject.checkpoint = Some("runs/x/best/rollout-00000007.json".into()));
+    for evaluated in &mut best {
+        evaluated.result.subject.checkpoint = Some("runs/x/best/rollout-00000007.json".into());
+    }
     one.evaluations.extend(best);
     let report = made(&[one]).report;
     let row = report.comparisons[0].rows.iter().find(|row| row.preset == "disturb-two-stage").expect("a row");
