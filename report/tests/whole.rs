@@ -122,7 +122,9 @@ fn a_table_over_two_reports_is_that_of_one() {
     assert!(all.runs().contains("disturb-two-stage-5"), "{:?}", all.runs());
 
     let mut other = first.to_vec();
-    other[1].evaluations.iter_mut().for_each(|evaluated| evaluated.result.subject.weights = "f".repeat(64));
+    for evaluated in &mut other[1].evaluations {
+        evaluated.result.subject.weights = "f".repeat(64);
+    }
     let problem = all.clone().add(&made(&other).report.comparisons).expect_err("other weights").to_string();
     assert!(problem.contains("disturb-two-stage, test-novel: seed 2 is there already with other weights"), "{problem}");
 }

@@ -9,7 +9,7 @@ use proto::bounded;
 use proto::config::{Config, check_settings, overlay};
 use proto::stage::{TooFewFrames, scale_to};
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::Path;
 use toml::{Table, Value};
 
@@ -169,23 +169,6 @@ impl Suite {
         let text = if seeds.is_empty() { text } else { with_seeds(&text, seeds).with_context(named)? };
         let suite = Self::parse(&text).with_context(named)?;
         Ok((suite, text))
-    }
-
-    /// Takes out the runs of these names, but for those whose weights others begin with.
-    pub fn leave_out(&mut self, done: &BTreeSet<&str>) {
-        let mut kept = vec![false; self.entries.len()];
-        for (index, entry) in self.entries.iter().enumerate().rev() {
-            kept[index] |= !done.contains(entry.name.as_str());
-            if let (true, Some(from)) = (kept[index], entry.from) {
-                kept[from] = true;
-            }
-        }
-        let number = |old: usize| kept[..old].iter().filter(|kept| **kept).count();
-        for entry in &mut self.entries {
-            entry.from = entry.from.map(number);
-        }
-        let mut is_kept = kept.iter();
-        self.entries.retain(|_| is_kept.next() == Some(&true));
     }
 
     /// Judges a file's text.
@@ -377,8 +360,6 @@ fn distinct(entries: &[SuiteEntry]) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proto::config::PpoConfig;
-    use report::paper::{AblationRow, ActionSpaceRow, ResultRow};
 
     fn problem(text: &str) -> String {
         format!("{:#}", Suite::parse(text).unwrap_err())
@@ -511,26 +492,6 @@ mod tests {
     }
 
     #[test]
-    fn what_a_table_has_is_left_out_unless_another_begins_with_it() {
-        let first = "[[runs]]\npreset = \"short-r-only\"\nname = \"stage-1\"\n";
-        let second = "[[runs]]\npreset = \"short-scratch\"\nname = \"stage-2\"\nfrom = \"stage-1\"\n";
-        let whole = Suite::parse(&format!("seeds = [1, 2]\n{first}{second}")).unwrap();
-        let left = |done: &[&str]| {
-            let mut suite = whole.clone();
-            suite.leave_out(&done.iter().copied().collect());
-            suite.entries.into_iter().map(|entry| (entry.name, entry.from)).collect::<Vec<_>>()
-        };
-        let named = |name: &str, from| (name.to_owned(), from);
-        let all = [("stage-1-1", None), ("stage-1-2", None), ("stage-2-1", Some(0)), ("stage-2-2", Some(1))];
-        assert_eq!(left(&[]), all.map(|(name, from)| named(name, from)));
-        assert_eq!(
-            left(&["stage-1-1", "stage-2-1", "stage-1-2"]),
-            [named("stage-1-2", None), named("stage-2-2", Some(0))]
-        );
-        assert_eq!(left(&["stage-1-1", "stage-1-2", "stage-2-1", "stage-2-2"]), []);
-    }
-
-    #[test]
     fn the_best_checkpoint_can_be_asked_for_where_there_is_one() {
         let best = "[[evaluations]]\nsplit = \"test\"\nobjects = \"novel\"\ncheckpoint = \"best\"\n";
         let newest = best.replace("best", "newest");
@@ -541,50 +502,6 @@ mod tests {
         assert_eq!(folders, ["suite-test-novel", "suite-test-novel-best"]);
         let problem = problem(&format!("seeds = [1]\n{best}{runs}"));
         assert!(problem.contains("number 1: checkpoint = \"best\", but demo-1 is not validated"), "{problem}");
-    }
-
-    /// The suites in the repository are sound, and together they are every row of the paper's tables.
-    #[test]
-    fn our_own_suites_cover_the_paper() {
-        let main = Suite::parse(include_str!("../../../suites/paper.toml")).unwrap();
-        // Fourteen other rows, and the run with the other learning rate.
-        assert_eq!(main.entries.len(), 5 * 5 + 14 * 3 + 1);
-        assert_eq!(
-            main.evaluations.iter().map(Asked::folder).collect::<Vec<_>>(),
-            ["suite-test-all", "suite-test-all-best"]
-        );
-        let smaller = Suite::parse(include_str!("../../../suites/ablations.toml")).unwrap();
-        let short = Suite::parse(include_str!("../../../suites/short.toml")).unwrap();
-        assert_eq!(short.entries.iter().filter(|entry| entry.from == Some(0)).count(), 5);
-        let kitchens = Suite::parse(include_str!("../../../suites/kitchens.toml")).unwrap();
-        let counts: Vec<_> = kitchens.entries.iter().map(|entry| entry.config.kitchens().count()).collect();
-        assert_eq!(counts, [[19; 3], [100; 3], [1000; 3]].concat());
-        let recipe = Suite::parse(include_str!("../../../suites/recipe.toml")).unwrap();
-        assert!(recipe.entries.iter().all(|entry| proto::stage::total_frames(&entry.config.stages) == 45_000_000));
-        let settings = |config: &Config| Config { preset: String::new(), seed: 0, ..config.clone() };
-        let resolved = |preset: &str| Config::resolve(preset, None).unwrap();
-        let paper = report::paper::paper();
-        for preset in paper.test_novel.iter().chain(&paper.test_seen).map(ResultRow::preset) {
-            let seeds: Vec<_> =
-                main.entries.iter().filter(|entry| entry.name == format!("{preset}-{}", entry.seed)).collect();
-            assert!([3, 5].contains(&seeds.len()), "{preset}");
-            for SuiteEntry { config, from, .. } in seeds {
-                let row = resolved(&preset);
-                let before = from.iter().flat_map(|&from| &main.entries[from].config.stages);
-                let stages: Vec<_> = before.chain(&config.stages).map(|stage| (stage.reward, stage.frames)).collect();
-                assert_eq!(stages, row.stages.iter().map(|stage| (stage.reward, stage.frames)).collect::<Vec<_>>());
-                let Config { actors, recording, validation, .. } = config.clone();
-                let PpoConfig { rollout_steps, minibatches, overlap, .. } = config.ppo;
-                let ppo = PpoConfig { rollout_steps, minibatches, overlap, ..row.ppo };
-                let in_our_shape = Config { stages: config.stages.clone(), actors, ppo, recording, validation, ..row };
-                assert_eq!(settings(config), settings(&in_our_shape), "{preset}");
-            }
-        }
-        let run: Vec<Config> = smaller.entries.iter().map(|entry| settings(&entry.config)).collect();
-        let ablations = paper.ablation_valid_novel_20m.iter().map(AblationRow::preset);
-        for preset in ablations.chain(paper.action_space_valid.iter().map(ActionSpaceRow::preset)) {
-            assert!(run.contains(&settings(&resolved(&preset))), "{preset}");
-        }
     }
 
     #[test]

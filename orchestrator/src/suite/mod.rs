@@ -5,6 +5,9 @@
 mod file;
 mod folder;
 mod grid;
+mod left;
+#[cfg(test)]
+mod own;
 mod scheduler;
 mod state;
 

@@ -18,7 +18,7 @@ const SMALL: &str = "\
 const SMALL_OPTIONS: [(&str, &str); 3] = [("--actors", "2"), ("--envs-per-actor", "2"), ("--frames", "400")];
 
 /// What of the checkout a page's commands use.
-const LINKED: [&str; 3] = ["deploy", "scenes", "suites"];
+const LINKED: [&str; 4] = ["deploy", "docs", "scenes", "suites"];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")

@@ -1,0 +1,49 @@
+//! The suites of this repository.
+
+use super::file::{Asked, Suite, SuiteEntry};
+use proto::config::{Config, PpoConfig};
+use report::paper::{AblationRow, ActionSpaceRow, ResultRow};
+
+/// The suites in the repository are sound, and together they are every row of the paper's tables.
+#[test]
+fn our_own_suites_cover_the_paper() {
+    let main = Suite::parse(include_str!("../../../suites/paper.toml")).unwrap();
+    // Fourteen other rows, and the run with the other learning rate.
+    assert_eq!(main.entries.len(), 5 * 5 + 14 * 3 + 1);
+    assert_eq!(
+        main.evaluations.iter().map(Asked::folder).collect::<Vec<_>>(),
+        ["suite-test-all", "suite-test-all-best"]
+    );
+    let smaller = Suite::parse(include_str!("../../../suites/ablations.toml")).unwrap();
+    let short = Suite::parse(include_str!("../../../suites/short.toml")).unwrap();
+    assert_eq!(short.entries.iter().filter(|entry| entry.from == Some(0)).count(), 5);
+    let kitchens = Suite::parse(include_str!("../../../suites/kitchens.toml")).unwrap();
+    let counts: Vec<_> = kitchens.entries.iter().map(|entry| entry.config.kitchens().count()).collect();
+    assert_eq!(counts, [[19; 3], [100; 3], [1000; 3]].concat());
+    let recipe = Suite::parse(include_str!("../../../suites/recipe.toml")).unwrap();
+    assert!(recipe.entries.iter().all(|entry| proto::stage::total_frames(&entry.config.stages) == 45_000_000));
+    let settings = |config: &Config| Config { preset: String::new(), seed: 0, ..config.clone() };
+    let resolved = |preset: &str| Config::resolve(preset, None).unwrap();
+    let paper = report::paper::paper();
+    for preset in paper.test_novel.iter().chain(&paper.test_seen).map(ResultRow::preset) {
+        let seeds: Vec<_> =
+            main.entries.iter().filter(|entry| entry.name == format!("{preset}-{}", entry.seed)).collect();
+        assert!([3, 5].contains(&seeds.len()), "{preset}");
+        for SuiteEntry { config, from, .. } in seeds {
+            let row = resolved(&preset);
+            let before = from.iter().flat_map(|&from| &main.entries[from].config.stages);
+            let stages: Vec<_> = before.chain(&config.stages).map(|stage| (stage.reward, stage.frames)).collect();
+            assert_eq!(stages, row.stages.iter().map(|stage| (stage.reward, stage.frames)).collect::<Vec<_>>());
+            let Config { actors, recording, validation, .. } = config.clone();
+            let PpoConfig { rollout_steps, minibatches, overlap, .. } = config.ppo;
+            let ppo = PpoConfig { rollout_steps, minibatches, overlap, ..row.ppo };
+            let in_our_shape = Config { stages: config.stages.clone(), actors, ppo, recording, validation, ..row };
+            assert_eq!(settings(config), settings(&in_our_shape), "{preset}");
+        }
+    }
+    let run: Vec<Config> = smaller.entries.iter().map(|entry| settings(&entry.config)).collect();
+    let ablations = paper.ablation_valid_novel_20m.iter().map(AblationRow::preset);
+    for preset in ablations.chain(paper.action_space_valid.iter().map(ActionSpaceRow::preset)) {
+        assert!(run.contains(&settings(&resolved(&preset))), "{preset}");
+    }
+}
