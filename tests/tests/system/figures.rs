@@ -84,7 +84,9 @@ fn lines(path: PathBuf, keys: &[&str]) -> Vec<Value> {
 fn without(mut value: Value, keys: &[&str]) -> Value {
     let object = value.as_object_mut().expect("an object");
     for key in keys {
-        assert!(object.remove(*key).is_some(), "{key} is there");
+        let is_there = object.remove(*key).is_some();
+        // A line that was taken from a checkpoint has no time of the orchestrator's.
+        assert!(is_there || *key == "wall_s", "{key} is there");
     }
     value
 }
