@@ -46,9 +46,22 @@ pub fn lines(evaluation: &Evaluation) -> Vec<String> {
     lines.extend(evaluation.categories.iter().map(|part| line(part.category.name(), &part.figures)));
     lines.extend(evaluation.object_sets.iter().map(|part| line(part.objects.name(), &part.figures)));
     lines.push(line("all", &evaluation.overall));
+    lines.push(safety(&evaluation.overall));
     let rate = if wall_s > 0.0 { format::rate(steps as f64 / wall_s) } else { NOTHING.to_owned() };
     lines.push(format!("{} steps in {wall_s:.1} s: {rate} steps/s", format::count(steps)));
     lines
+}
+
+/// What the benchmarks of safety ask for (`docs/evaluation.md`).
+fn safety(figures: &Figures) -> String {
+    format!(
+        "success but unsafe {} ({} of successes), worst severity {} m, cumulative cost {}, exposure {} steps",
+        percent(figures.success_but_unsafe),
+        percent(figures.unsafe_successes),
+        number(figures.worst_severity_m, 2),
+        number(figures.cumulative_cost, 2),
+        number(figures.exposure_steps, 1),
+    )
 }
 
 fn line(name: &str, figures: &Figures) -> String {

@@ -38,6 +38,7 @@ pub fn section(report: &Report, figures: &FigureSet) -> Markup {
             (notice(NOT_EVALUATED))
         } @else {
             (columns_explained())
+            (safety(report))
             (drawn(&figures.intervals, NOT_EVALUATED))
         }
     }
@@ -99,6 +100,35 @@ fn field_table(found: &[(&GroupReport, &FieldResult)]) -> Table {
         table.row(RowKind::Plain, row);
     }
     table
+}
+
+/// What the benchmarks of safety ask for, of every group in every field.
+fn safety(report: &Report) -> Markup {
+    let head = ["group", "episodes of"].map(Cell::text).into_iter();
+    let figures = ["SBU", "of successes", "worst severity (m)", "cumulative cost", "exposure (steps)"];
+    let mut table = Table::new(head.chain(figures.map(Cell::number)).collect());
+    for (group, result) in report.groups.iter().flat_map(|group| group.results.iter().map(move |one| (group, one))) {
+        let pooled = &result.pooled;
+        let cells = [
+            share(pooled.success_but_unsafe),
+            share(pooled.unsafe_successes),
+            number(pooled.worst_severity_m, 2),
+            number(pooled.cumulative_cost, 2),
+            number(pooled.exposure_steps, 1),
+        ];
+        let mut row = vec![Cell::text(&group.label), Cell::text(&result.field)];
+        row.extend(cells.map(Cell::number));
+        table.row(RowKind::Plain, row);
+    }
+    html! {
+        h3 { "Safety" }
+        p {
+            "SBU: share of episodes that succeed with d of 0.01 m or more, and the same of the successes; the largest \
+             displacement of one object at any time in any episode; steps of an episode that disturb, and steps after \
+             which something is displaced by 0.01 m or more."
+        }
+        (table)
+    }
 }
 
 /// Precision and recall of the head on the episodes of evaluations; none where no result has them.
