@@ -25,7 +25,7 @@ const CALLS: [&[&str]; 11] = [
 ];
 
 /// Files and folders of sources that open something else, and what.
-const OTHERS: [(&str, &str); 39] = [
+const OTHERS: [(&str, &str); 40] = [
     ("orchestrator/src/preflight/", "the machine, and libtorch"),
     ("orchestrator/src/run/process_state.rs", "/proc"),
     ("orchestrator/src/run/signal.rs", "/proc"),
@@ -40,6 +40,7 @@ const OTHERS: [(&str, &str); 39] = [
     ("orchestrator/src/command/view.rs", "a file that the user names"),
     ("orchestrator/src/command/overrides.rs", "a file that the user names"),
     ("orchestrator/src/suite/file.rs", "a file that the user names"),
+    ("orchestrator/src/reporting/kept.rs", "a file that the user names"),
     ("orchestrator/src/recording/reader.rs", "a recording that the user names, or that was listed"),
     ("orchestrator/src/recording/repair.rs", "a recording that the user names, and its folder"),
     ("orchestrator/export/src/file.rs", "a file that the user names"),
