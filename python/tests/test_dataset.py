@@ -207,14 +207,14 @@ def test_lerobots_layout_is_whole(lerobot: Path) -> None:
 def test_a_file_is_followed_by_the_next_before_it_is_too_large(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("stillroom.dataset.FILE_BYTES", 10_000)
+    monkeypatch.setattr("stillroom.dataset.FILE_BYTES", 50_000)
     files, places = _Files(tmp_path), []
     for _ in range(4):
-        files.add(pa.table({"noise": [os.urandom(4_000)]}))
+        files.add(pa.table({"noise": [os.urandom(20_000)]}))
         places.append(files.at)
     files.close()
     assert places == [(0, 0), (0, 0), (0, 1), (0, 1)]
-    assert all(path.stat().st_size < 10_000 for path in tmp_path.glob("*/*.parquet"))
+    assert all(path.stat().st_size < 50_000 for path in tmp_path.glob("*/*.parquet"))
 
 
 def test_lerobots_own_reader_takes_it(
