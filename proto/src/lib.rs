@@ -49,6 +49,7 @@ pub mod shell;
 pub mod show;
 pub mod stage;
 pub mod step;
+pub mod task;
 pub mod trained;
 
 /// Version of everything that is written to a file or sent between processes. Raised on any incompatible change. Each
