@@ -18,7 +18,6 @@ use proto::replay::{
     Aspect, Difference, RecordedEpisode, ReplayImages, ReplaySetup, ReplayVerdict, STEP_ASPECTS, goal_digest, length_m,
     start_digest, step_digests,
 };
-use proto::reward::RewardKind;
 use proto::step::{Transition, current_flag, transition_flag};
 use simulator::depth::DepthCamera;
 use simulator::environment::Environment;
@@ -199,8 +198,7 @@ fn digests_of(transition: &Transition, config: &Config) -> [u32; STEP_ASPECTS.le
 
 /// r and r′ of a step.
 pub(crate) fn rewards(transition: &Transition, config: &Config) -> [f32; 2] {
-    [RewardKind::Task, RewardKind::DisturbanceFree]
-        .map(|kind| transition.reward.compose(kind, config.reward.lambda_disturb))
+    ["r", "r_prime"].map(|name| config.reward(name).of(|index| transition.reward.part(index), 0.0))
 }
 
 /// Everything of an episode is of its length, or not there.

@@ -13,7 +13,6 @@ use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::replay::{Aspect, Difference, RecordedEpisode, ReplaySetup};
-use proto::reward::RewardKind;
 use proto::show::{
     SHOWN_SIDE_MAX, ShowAnswer, ShowOrbit, ShowRequest, ShowView, ShownEpisode, ShownMoment, ShownReward, ShownSolids,
     ShownThing,
@@ -306,8 +305,7 @@ impl Telling {
         }
         let is = |flag: u32| transition.is_some_and(|transition| transition.flags & flag != 0);
         let parts = transition.map(|transition| transition.reward).unwrap_or_default();
-        let rewards = [RewardKind::Task, RewardKind::DisturbanceFree]
-            .map(|kind| transition.map_or(0.0, |_| parts.compose(kind, config.reward.lambda_disturb)));
+        let rewards = transition.map_or([0.0; 2], |transition| crate::replay::rewards(transition, config));
         let action = transition.and_then(|transition| Action::from_index(u8::try_from(transition.action).ok()?));
         let [x, z] = current.base_position_m;
         let metres = |vector: [f32; 3]| Vec3::from(vector).length();

@@ -1,7 +1,7 @@
 //! Any bytes as what an environment reports of a step: what passes the check can be trained on.
 
+use proto::config::Config;
 use proto::plausible;
-use proto::reward::RewardKind;
 use proto::step::{Current, Transition};
 
 /// Whether it is trained on.
@@ -14,8 +14,9 @@ pub fn take(bytes: &[u8]) -> bool {
         assert!(!problem.to_string().is_empty());
         return false;
     }
-    for kind in [RewardKind::Task, RewardKind::DisturbanceFree, RewardKind::Lagrangian] {
-        assert!(transition.reward.compose(kind, 15.0).abs() < 2e6);
+    let config = Config::default();
+    for reward in &config.spec().rewards {
+        assert!(config.reward(&reward.name).of(|index| transition.reward.part(index), 15.0).abs() < 2e6);
     }
     let numbers = current.wrist_to_object_m.iter().chain(&current.object_to_goal_m);
     assert!(numbers.chain(&current.goal_position_m).all(|number| number.abs() <= 1e5));

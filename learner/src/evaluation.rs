@@ -1,13 +1,15 @@
 //! Runs planned episodes with a policy: chosen actions, outcomes, and columns without further episodes. No I/O, no
 //! tensors.
 
-use crate::collector::{ColumnMap, Place, gumbel_of};
+use crate::collector::{ColumnMap, Place, Signals, gumbel_of};
 use proto::action::HOLD;
+use proto::config::Config;
 use proto::evaluation::{Confusion, EpisodeEnd, EpisodeRecord, Plan, category_of};
 use proto::kitchen::KitchenId;
 use proto::random::{Key, Purpose};
-use proto::reward::{RewardKind, UNDISTURBED_THRESHOLD_M};
+use proto::reward::UNDISTURBED_THRESHOLD_M;
 use proto::step::{Transition, transition_flag};
+use proto::task::Composition;
 
 /// The episode of a column.
 #[derive(Debug, Clone, Default)]
@@ -36,7 +38,9 @@ pub type Played = (EpisodeRecord, Vec<u8>);
 pub(crate) struct Examination {
     plan: Plan,
     column_map: ColumnMap,
-    lambda_disturb: f32,
+    /// r and r′.
+    rewards: [Composition; 2],
+    signals: Signals,
     /// None: take the most probable action.
     seed: Option<u64>,
     policy_actions: usize,
@@ -46,21 +50,16 @@ pub(crate) struct Examination {
 
 impl Examination {
     /// Every column at the start of its first episode. Noise of `seed` samples among `policy_actions` actions; without
-    /// a seed the most probable one is taken. `lambda_disturb` is that of the return under r′.
-    pub fn new(
-        plan: Plan,
-        column_map: ColumnMap,
-        lambda_disturb: f32,
-        seed: Option<u64>,
-        policy_actions: usize,
-    ) -> Self {
+    /// a seed the most probable one is taken.
+    pub fn new(plan: Plan, column_map: ColumnMap, config: &Config, seed: Option<u64>, policy_actions: usize) -> Self {
         let course = |column| Course { episode: plan.dealt(column_map.environment(column), 0), ..Course::default() };
         Self {
             courses: (0..column_map.columns()).map(course).collect(),
             remaining: plan.len(),
             plan,
             column_map,
-            lambda_disturb,
+            rewards: ["r", "r_prime"].map(|name| config.reward(name)),
+            signals: Signals::of(config),
             seed,
             policy_actions,
         }
@@ -106,11 +105,12 @@ impl Examination {
         let course = &mut self.courses[column];
         let episode = course.episode?;
         let has = |flag| transition.flags & flag != 0;
-        let reward = |kind| f64::from(transition.reward.compose(kind, self.lambda_disturb));
-        course.return_r += reward(RewardKind::Task);
-        course.return_r_prime += reward(RewardKind::DisturbanceFree);
+        let [r, r_prime] = &self.rewards;
+        let reward = |reward: &Composition| f64::from(reward.of(|index| transition.reward.part(index), 0.0));
+        course.return_r += reward(r);
+        course.return_r_prime += reward(r_prime);
         course.failed_actions += u32::from(has(transition_flag::ACTION_FAILED));
-        course.disturbing_steps += u32::from(transition.reward.disturbed());
+        course.disturbing_steps += u32::from(self.signals.labels(transition));
         course.displaced_steps += u32::from(transition.disturbance_m >= UNDISTURBED_THRESHOLD_M);
         if has(transition_flag::HOLDING) {
             course.pickup_step.get_or_insert(course.actions.len() as u32);
@@ -119,7 +119,7 @@ impl Examination {
             let confusion = course.confusion.get_or_insert_default();
             // As in training, an episode's last step does not count.
             if !has(transition_flag::ENDED) {
-                confusion.count(foretold, transition.reward.disturbed());
+                confusion.count(foretold, self.signals.labels(transition));
             }
         }
         if !has(transition_flag::ENDED) {
@@ -200,7 +200,7 @@ mod tests {
     #[test]
     fn every_episode_is_recorded_once_and_who_has_run_out_holds() {
         let (plan, column_map) = plan(7, 3);
-        let mut examination = Examination::new(plan.clone(), column_map, 15.0, Some(1), 21);
+        let mut examination = Examination::new(plan.clone(), column_map, &Config::default(), Some(1), 21);
         let mut seen = BTreeSet::new();
         let mut rounds = 0;
         while examination.remaining() > 0 {
@@ -226,7 +226,7 @@ mod tests {
     #[test]
     fn an_episodes_steps_add_up() {
         let (plan, column_map) = plan(5, 1);
-        let mut examination = Examination::new(plan, column_map, 15.0, None, 21);
+        let mut examination = Examination::new(plan, column_map, &Config::default(), None, 21);
         // Foretold and came; missed; false alarm; quiet; and a last step, which is not asked about.
         let steps = [(true, -0.001), (false, -0.002), (true, 0.0), (false, -0.0009), (true, -0.5)];
         let mut played = None;
@@ -257,7 +257,7 @@ mod tests {
     fn noise_belongs_to_the_episode() {
         let draw = |actors, environments, column, number, step, seed| {
             let (plan, column_map) = plan(actors, environments);
-            let mut examination = Examination::new(plan, column_map, 15.0, seed, 4);
+            let mut examination = Examination::new(plan, column_map, &Config::default(), seed, 4);
             for _ in 0..number {
                 examination.choose(column, 20, None);
                 examination.settle(column, &transition(transition_flag::ENDED, 0.0)).unwrap();

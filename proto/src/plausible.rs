@@ -174,7 +174,6 @@ fn agree(one: &'static str, agrees: bool, other: &'static str) -> Result<(), Imp
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reward::RewardKind;
 
     /// A step in the middle of an episode, the target in hand.
     fn sound() -> (Transition, Current) {
@@ -257,10 +256,7 @@ mod tests {
                 }
             }
             if check(Some(&transition), &current).is_ok() {
-                for kind in [RewardKind::Task, RewardKind::DisturbanceFree, RewardKind::Lagrangian] {
-                    let reward = transition.reward.compose(kind, 15.0);
-                    proptest::prop_assert!(reward.abs() < 2e6, "{reward}");
-                }
+                proptest::prop_assert!(transition.reward.is_finite());
                 proptest::prop_assert!(transition.disturbance_m >= 0.0 && transition.disturbance_m <= DISTANCE_MOST_M);
                 proptest::prop_assert!((transition.target as usize) < TargetCategory::ALL.len());
                 proptest::prop_assert!(current.goal_position_m.iter().all(|axis| axis.abs() <= DISTANCE_MOST_M));

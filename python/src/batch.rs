@@ -380,8 +380,8 @@ impl Batch {
     /// What `step` returns.
     fn told<'py>(&self, py: Python<'py>, reports: &[Report]) -> PyResult<Bound<'py, PyTuple>> {
         let reward = |report: &Report| {
-            let weight = self.settings.config.reward.lambda_disturb;
-            let reward = f64::from(report.done.parts().compose(self.settings.reward, weight));
+            let parts = report.done.parts();
+            let reward = f64::from(self.settings.reward.of(|index| parts.part(index), 0.0));
             if report.reset { 0.0 } else { reward }
         };
         let rows: Vec<Facts> = reports.iter().map(|report| report.done).collect();

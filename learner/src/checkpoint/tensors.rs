@@ -7,7 +7,7 @@
 //! | `environment.action_count` | u32 (N): actions taken in it |
 //! | `environment.actions` | u8 (N, 512): those actions, then zeros |
 //! | `running.return` | f64 (N): return of the episode in progress |
-//! | `running.discounted_disturbance_m` | f64 (N): Σ `γ^t` (`d_t` - d_{t-1}) of the episode in progress |
+//! | `running.discounted_disturbance_m` | f64 (N): Σ `γ^t` cost of the episode in progress, by its name of older versions |
 //! | `running.picked_up` | u8 (N): 1 if its target was picked up |
 
 use crate::collector::{Boundary, RunningEpisode};
@@ -106,7 +106,7 @@ pub fn encode(tensors: &BTreeMap<String, Tensor>, boundary: &Boundary) -> Result
         own(name, Dtype::F64, vec![columns], running.iter().flat_map(|episode| figure(episode).to_le_bytes()).collect())
     };
     column_of(RETURN, |episode| episode.episode_return)?;
-    column_of(DISCOUNTED_DISTURBANCE, |episode| episode.discounted_disturbance_m)?;
+    column_of(DISCOUNTED_DISTURBANCE, |episode| episode.discounted_cost)?;
     own(PICKED_UP, Dtype::U8, vec![columns], running.iter().map(|episode| u8::from(episode.picked_up)).collect())?;
     serialize(&entries)
 }
@@ -153,15 +153,11 @@ pub fn decode(bytes: &[u8], exchange: u64) -> Result<(BTreeMap<String, Tensor>, 
             value.copy_from_slice(&bytes[column * 8..][..8]);
             f64::from_le_bytes(value)
         };
-        let [episode_return, discounted_disturbance_m] = [returns, disturbances].map(figure);
-        if !(episode_return.is_finite() && discounted_disturbance_m.is_finite()) {
+        let [episode_return, discounted_cost] = [returns, disturbances].map(figure);
+        if !(episode_return.is_finite() && discounted_cost.is_finite()) {
             return Err(wrong(RETURN, "or the disturbance is not finite"));
         }
-        boundary.running.push(RunningEpisode {
-            episode_return,
-            discounted_disturbance_m,
-            picked_up: picked_up[column] != 0,
-        });
+        boundary.running.push(RunningEpisode { episode_return, discounted_cost, picked_up: picked_up[column] != 0 });
     }
     Ok((agents_tensors(&file)?, boundary))
 }

@@ -4,18 +4,39 @@ use super::column_map::ColumnMap;
 use super::statistics::RunningEpisode;
 use crate::rollout::Outcome;
 use proto::action::{Action, HOLD, NO_ACTION};
+use proto::config::Config;
 use proto::plausible::{self, Implausible};
-use proto::reward::RewardKind;
 use proto::step::{Current, Transition, current_flag, transition_flag};
+use proto::task::{Composition, Condition};
 use wire::message::EnvironmentState;
 
 /// The reward in force.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Reward {
-    /// r, r′ or PPO-Lagrangian's.
-    pub kind: RewardKind,
-    /// Weight of one metre of displacement: `λ_disturb` or the multiplier.
-    pub disturbance_weight: f32,
+    pub composition: Composition,
+    /// PPO-Lagrangian's, if the reward has it.
+    pub multiplier: f32,
+}
+
+/// What a task says of its steps besides the reward.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Signals {
+    /// What the auxiliary task predicts.
+    pub label: Option<Condition>,
+    /// What PPO-Lagrangian constrains: index of the part among the channels, and its weight.
+    pub cost: Option<(usize, f32)>,
+}
+
+impl Signals {
+    /// Those of a run.
+    pub fn of(config: &Config) -> Self {
+        Self { label: config.label(), cost: config.spec().cost() }
+    }
+
+    /// Whether the label holds of a step.
+    pub(crate) fn labels(&self, transition: &Transition) -> bool {
+        self.label.is_some_and(|label| label.holds(|index| transition.reward.part(index)))
+    }
 }
 
 /// An episode that has ended.
@@ -60,6 +81,7 @@ pub struct Environments {
     column_map: ColumnMap,
     max_episode_steps: u32,
     gamma: f64,
+    signals: Signals,
     states: Vec<EnvironmentState>,
     running: Vec<RunningEpisode>,
     /// The action that was sent and whose outcome is not yet recorded.
@@ -70,8 +92,8 @@ pub struct Environments {
 }
 
 impl Environments {
-    /// Environments at the given states; episodes last at most `max_episode_steps`, and their disturbance is discounted
-    /// by `gamma` a step.
+    /// Environments at the given states; episodes last at most `max_episode_steps`, and their cost is discounted by
+    /// `gamma` a step.
     ///
     /// # Panics
     /// If the lists do not have one entry a column.
@@ -79,6 +101,7 @@ impl Environments {
         column_map: ColumnMap,
         max_episode_steps: u32,
         gamma: f64,
+        signals: Signals,
         states: Vec<EnvironmentState>,
         running: Vec<RunningEpisode>,
     ) -> Self {
@@ -88,7 +111,7 @@ impl Environments {
         );
         let columns = column_map.columns();
         let (in_flight, ended) = (vec![None; columns], vec![false; columns]);
-        Self { column_map, max_episode_steps, gamma, states, running, in_flight, ended }
+        Self { column_map, max_episode_steps, gamma, signals, states, running, in_flight, ended }
     }
 
     /// State of one column, actions in flight included.
@@ -192,19 +215,19 @@ impl Environments {
     }
 
     /// Records the outcome of the action in flight, if there is one. Call it once for each checked report.
-    pub fn settle(&mut self, column: usize, transition: &Transition, reward: Reward) -> Option<Settlement> {
+    pub fn settle(&mut self, column: usize, transition: &Transition, reward: &Reward) -> Option<Settlement> {
         self.in_flight[column].take()?;
-        let value = transition.reward.compose(reward.kind, reward.disturbance_weight);
+        let value = reward.composition.of(|index| transition.reward.part(index), reward.multiplier);
         let has = |flag| transition.flags & flag != 0;
         let running = &mut self.running[column];
-        running.add(transition, value, self.gamma);
+        running.add(transition, value, self.gamma, self.signals.cost);
         let ended = has(transition_flag::ENDED).then(|| Ended { last: *transition, running: std::mem::take(running) });
         self.ended[column] |= ended.is_some();
         let outcome = Outcome {
             reward: value,
             ended: has(transition_flag::ENDED),
             time_limit: has(transition_flag::TIME_LIMIT),
-            disturbed: transition.reward.disturbed(),
+            label: self.signals.labels(transition),
         };
         Some(Settlement { outcome, ended })
     }

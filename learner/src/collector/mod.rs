@@ -27,7 +27,7 @@ mod tally;
 mod tests;
 
 pub use column_map::ColumnMap;
-pub use environments::{Environments, Mismatch, Reward};
+pub use environments::{Environments, Mismatch, Reward, Signals};
 pub use error::ProtocolError;
 pub use lanes::{Lane, Pace};
 pub use noise::gumbel;
@@ -102,8 +102,10 @@ pub struct Settings {
     pub max_episode_steps: u32,
     /// Sign of the goal vector while the target is held.
     pub carried_goal: CarriedGoal,
-    /// Discount a step, of the disturbance that PPO-Lagrangian constrains.
+    /// Discount a step, of the cost that PPO-Lagrangian constrains.
     pub gamma: f64,
+    /// Label and cost.
+    pub signals: Signals,
     pub learner_incarnation: u32,
     /// Whether there is a recorder, whose receipts are waited for.
     pub recorded: bool,
@@ -218,6 +220,7 @@ impl<S: HalfSample> Collector<S> {
                 column_map,
                 settings.max_episode_steps,
                 settings.gamma,
+                settings.signals,
                 environments,
                 running,
             ),
@@ -411,7 +414,7 @@ impl<S: HalfSample> Collector<S> {
             }
             let sample = lanes.sample(lane);
             for (i, column) in settings.column_map.columns_of(lane.index, lane.half).enumerate() {
-                let settlement = environments.settle(column, sample.transition(i), *reward);
+                let settlement = environments.settle(column, sample.transition(i), reward);
                 if let Some(Settlement { outcome, ended }) = settlement {
                     let t = lane.t - 1;
                     tally.take(t, column, outcome.reward, ended);

@@ -13,19 +13,20 @@ use std::collections::BTreeMap;
 pub struct RunningEpisode {
     /// Undiscounted return so far.
     pub episode_return: f64,
-    /// Σ `γ^t` (`d_t` - d_{t-1}) so far, metres.
-    pub discounted_disturbance_m: f64,
+    /// Σ `γ^t` cost so far.
+    pub discounted_cost: f64,
     /// The target was picked up at some step.
     pub picked_up: bool,
 }
 
 impl RunningEpisode {
-    /// Adds one step; `gamma` is the discount of the constraint.
-    pub fn add(&mut self, transition: &Transition, reward: f32, gamma: f64) {
+    /// Adds one step; `gamma` is the discount of the constraint, `cost` the index of its part and the part's weight.
+    pub fn add(&mut self, transition: &Transition, reward: f32, gamma: f64, cost: Option<(usize, f32)>) {
         self.episode_return += f64::from(reward);
-        let discount = libm::pow(gamma, f64::from(transition.step));
-        // Progress is the decrease of d, so d increases by −progress.
-        self.discounted_disturbance_m -= discount * f64::from(transition.reward.disturbance_progress_m);
+        if let Some((part, weight)) = cost {
+            let discount = libm::pow(gamma, f64::from(transition.step));
+            self.discounted_cost += discount * f64::from(weight * transition.reward.part(part));
+        }
         self.picked_up |= transition.flags & transition_flag::PICKED_UP != 0;
     }
 }
@@ -42,7 +43,7 @@ pub struct RolloutStatistics {
     success_undisturbed: f64,
     picked_up: f64,
     disturbance_m: f64,
-    discounted_disturbance_m: f64,
+    discounted_cost: f64,
 }
 
 impl RolloutStatistics {
@@ -62,7 +63,7 @@ impl RolloutStatistics {
         self.success_undisturbed += share(success && last.disturbance_m < UNDISTURBED_THRESHOLD_M);
         self.picked_up += share(running.picked_up);
         self.disturbance_m += f64::from(last.disturbance_m);
-        self.discounted_disturbance_m += running.discounted_disturbance_m;
+        self.discounted_cost += running.discounted_cost;
     }
 
     /// The same over all shards of the run. `own`: those of this learner's.
@@ -74,7 +75,7 @@ impl RolloutStatistics {
         let sums = shards.sum(&sums, peers)?;
         let sums: [f64; 10] = sums.try_into().expect("as many as each shard gives");
         let [frames, reward, episodes, episode_return, length, success, success_undisturbed, picked_up, ..] = sums;
-        let [.., disturbance_m, discounted_disturbance_m] = sums;
+        let [.., disturbance_m, discounted_cost] = sums;
         Ok(Self {
             frames: frames as u64,
             reward,
@@ -85,7 +86,7 @@ impl RolloutStatistics {
             success_undisturbed,
             picked_up,
             disturbance_m,
-            discounted_disturbance_m,
+            discounted_cost,
         })
     }
 
@@ -101,13 +102,13 @@ impl RolloutStatistics {
             self.success_undisturbed,
             self.picked_up,
             self.disturbance_m,
-            self.discounted_disturbance_m,
+            self.discounted_cost,
         ]
     }
 
-    /// `J_C`: mean of Σ `γ^t` (`d_t` - d_{t-1}) over the episodes that ended, metres; none when none did.
-    pub fn mean_discounted_disturbance_m(&self) -> Option<f64> {
-        (self.episodes > 0).then(|| self.discounted_disturbance_m / self.episodes as f64)
+    /// `J_C`: mean of Σ `γ^t` cost over the episodes that ended; none when none did.
+    pub fn mean_discounted_cost(&self) -> Option<f64> {
+        (self.episodes > 0).then(|| self.discounted_cost / self.episodes as f64)
     }
 
     /// Number of frames added.
@@ -129,7 +130,7 @@ impl RolloutStatistics {
                 (metric::SUCCESS_UNDISTURBED, self.success_undisturbed),
                 (metric::PICKED_UP, self.picked_up),
                 (metric::DISTURBANCE, self.disturbance_m),
-                (metric::DISCOUNTED_DISTURBANCE, self.discounted_disturbance_m),
+                (metric::DISCOUNTED_DISTURBANCE, self.discounted_cost),
             ] {
                 metrics.insert(name.to_owned(), sum / self.episodes as f64);
             }

@@ -12,7 +12,6 @@ use fake_actor::FakeActor;
 use proptest::prelude::*;
 use proto::camera::FRAME_PIXELS;
 use proto::config::{CarriedGoal, Config};
-use proto::reward::RewardKind;
 use proto::step::transition_flag;
 use std::collections::{BTreeMap, VecDeque};
 use taker::Taker;
@@ -209,7 +208,7 @@ impl World {
             }
             let shape = RolloutShape::next(self.run.budget - self.frames, self.run.rollout_steps, column_map.columns());
             self.before = self.brain.clone();
-            let reward = Reward { kind: RewardKind::DisturbanceFree, disturbance_weight: 15.0 };
+            let reward = reward("r_prime");
             let number = self.record.rollouts.len();
             self.collector.go_at(self.run.paces[number % 2]);
             self.collector.begin(shape, reward, 1 + number as u64);
@@ -282,8 +281,8 @@ impl World {
     fn settle(&mut self, lanes: &[Lane]) {
         let record = self.in_progress.as_mut().unwrap();
         for Settled { t, column, outcome } in self.collector.settle(lanes) {
-            let Outcome { reward, ended, time_limit, disturbed } = outcome;
-            record.outcomes.push((t, column, reward.to_bits(), ended, time_limit, disturbed));
+            let Outcome { reward, ended, time_limit, label } = outcome;
+            record.outcomes.push((t, column, reward.to_bits(), ended, time_limit, label));
         }
     }
 
@@ -343,6 +342,10 @@ fn collector(settings: Settings, boundary: Boundary) -> Collector<FakeSample> {
     Collector::new(settings, &Shards::one(settings.column_map.columns()), boundary)
 }
 
+fn reward(name: &str) -> Reward {
+    Reward { composition: Config::default().reward(name), multiplier: 0.0 }
+}
+
 fn settings(column_map: ColumnMap, learner_incarnation: u32) -> Settings {
     Settings {
         column_map,
@@ -351,6 +354,7 @@ fn settings(column_map: ColumnMap, learner_incarnation: u32) -> Settings {
         max_episode_steps: MAX_STEPS,
         carried_goal: CarriedGoal::GoalToObject,
         gamma: 0.99,
+        signals: Signals::of(&Config::default()),
         learner_incarnation,
         recorded: false,
     }
@@ -543,7 +547,7 @@ fn a_batch_has_the_goal_vector_with_the_configured_sign() {
             let expected =
                 if holding { current.object_to_goal_m.map(|axis| sign * axis) } else { current.wrist_to_object_m };
             collector.receive(&header, sample).unwrap();
-            let reward = Reward { kind: RewardKind::Task, disturbance_weight: 15.0 };
+            let reward = reward("r");
             collector.begin(RolloutShape { steps: 1, environments_in_last_step: 1, frames: 1 }, reward, 1);
             assert_eq!(collector.batch(&due(&collector)).input().goal_m, [expected], "{carried_goal}, {holding}");
         }
@@ -558,8 +562,8 @@ fn an_outcome_that_does_not_follow_from_the_action_is_an_error() {
     actor.restore = Some(collector.restore(0, 0));
     let (header, sample) = actor.turn(column_map).unwrap().remove(0);
     collector.receive(&header, sample).unwrap();
-    let reward = Reward { kind: RewardKind::Task, disturbance_weight: 15.0 };
-    collector.begin(RolloutShape { steps: 2, environments_in_last_step: 1, frames: 2 }, reward, 1);
+    let in_force = reward("r");
+    collector.begin(RolloutShape { steps: 2, environments_in_last_step: 1, frames: 2 }, in_force, 1);
     let first = due(&collector);
     assert!(collector.settle(&first).is_empty(), "the first observation belongs to no action of this rollout");
     let batch = collector.answer(&first, &[4]).remove(0);
@@ -586,7 +590,7 @@ fn an_outcome_that_does_not_follow_from_the_action_is_an_error() {
     let settled = collector.settle(&second);
     assert_eq!((settled.len(), settled[0].t, settled[0].column), (1, 0, 0));
     let parts = sample.0[0].1.reward;
-    assert_eq!(settled[0].outcome.reward, parts.compose(RewardKind::Task, 15.0));
-    assert_eq!(settled[0].outcome.disturbed, parts.disturbance_progress_m <= -0.001);
+    assert_eq!(settled[0].outcome.reward, reward("r").composition.of(|index| parts.part(index), 0.0));
+    assert_eq!(settled[0].outcome.label, parts.disturbance_progress_m <= -0.001);
     assert!(collector.settle(&second).is_empty(), "an outcome is taken in once");
 }

@@ -14,7 +14,7 @@ use learner::rollout::{Outcome, Rollout, Step};
 use learner::shards::Shards;
 use proto::config::{GoalCoordinates, LagrangianConfig};
 use proto::learning_rate::learning_rate;
-use proto::reward::{RewardKind, RewardParts};
+use proto::reward::RewardParts;
 use proto::stage::RolloutShape;
 use proto::step::Transition;
 use tch::{Device, Kind, Tensor};
@@ -37,7 +37,7 @@ fn advantages_are_the_explicit_sums() {
             let index = t * columns + n;
             let ended = ended[index] > 0.6;
             let time_limit = ended && limit[index] > 0.0;
-            rollout.record(t, n, Outcome { reward: rewards[index], ended, time_limit, disturbed: false });
+            rollout.record(t, n, Outcome { reward: rewards[index], ended, time_limit, label: false });
         }
     }
     for (n, value) in noise_f32("gae.after", columns).into_iter().enumerate().take(3) {
@@ -171,7 +171,7 @@ fn the_multiplier_follows_the_mean_discounted_disturbance_of_ended_episodes() {
                 let cell = (rollout * steps + t) * columns + n;
                 let reward = RewardParts { disturbance_progress_m: progress[cell], ..RewardParts::default() };
                 let transition = Transition { step: *step, reward, ..Transition::default() };
-                episode.add(&transition, 0.0, 0.99);
+                episode.add(&transition, 0.0, 0.99, config.spec().cost());
                 *step += 1;
                 if ended[cell] > 0.75 && rollout != 3 {
                     statistics.add_episode(&transition, episode);
@@ -179,13 +179,10 @@ fn the_multiplier_follows_the_mean_discounted_disturbance_of_ended_episodes() {
                 }
             }
         }
-        agent.constrain(statistics.mean_discounted_disturbance_m());
+        agent.constrain(statistics.mean_discounted_cost());
         trace.push(agent.multiplier());
     }
     assert_close("multiplier", &Tensor::from_slice(&trace), &fixture("lagrangian")["trace"], 1e-12);
-    // What the policy is rewarded with follows it.
-    assert_eq!(agent.disturbance_weight(RewardKind::Lagrangian), agent.multiplier() as f32);
-    assert_eq!(agent.disturbance_weight(RewardKind::DisturbanceFree), 15.0);
     let saved = agent.state();
     agent.start_stage();
     assert_eq!(agent.multiplier(), 0.01, "a stage begins anew");

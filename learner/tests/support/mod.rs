@@ -9,7 +9,6 @@ use environment::{FakeEnvironment, mix};
 use proto::config::{Config, StageConfig};
 use proto::episode::EnvironmentId;
 use proto::event::LearnerEvent;
-use proto::reward::RewardKind;
 use proto::run_folder::RunFolder;
 use proto::stage::{position_at, total_frames};
 use std::io::{BufRead, BufReader, Read};
@@ -44,8 +43,8 @@ pub fn tiny() -> Config {
     // There is no recorder here, whose receipts a learner would wait for.
     config.recording.enabled = false;
     config.stages = vec![
-        StageConfig { name: "I".into(), reward: RewardKind::Task, frames: 62 },
-        StageConfig { name: "II".into(), reward: RewardKind::DisturbanceFree, frames: 40 },
+        StageConfig { name: "I".into(), reward: "r".into(), frames: 62 },
+        StageConfig { name: "II".into(), reward: "r_prime".into(), frames: 40 },
     ];
     config
 }

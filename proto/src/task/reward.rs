@@ -13,9 +13,6 @@ pub const MULTIPLIER: &str = "multiplier";
 pub struct Reward {
     /// A stage names it.
     pub name: String,
-    /// What tables and lines of progress show; the name where it is empty.
-    #[serde(default, skip_serializing_if = "String::is_empty")]
-    pub symbol: String,
     /// The reward that this one adds to.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub base: Option<String>,

@@ -128,7 +128,10 @@ fn the_built_in_tasks_are_sound() {
     assert_eq!(layout.bytes, 125_696);
     let names: Vec<_> = crate::action::Action::ALL.iter().map(|action| action.name()).collect();
     assert_eq!(arm.actions.names(), names);
-    assert_eq!(arm.channel("target").unwrap().0.names, crate::kitchen::TargetCategory::ALL.map(|it| it.name()));
+    assert_eq!(
+        arm.channel("target").unwrap().0.names,
+        crate::kitchen::TargetCategory::ALL.map(crate::kitchen::TargetCategory::name)
+    );
 }
 
 /// The paper's equations 1 and 2, written by hand, in their order of additions.

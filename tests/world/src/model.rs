@@ -2,8 +2,8 @@
 //! the weights after it, and every step that must be in the recording.
 
 use crate::environment::{FakeEnvironment, mix};
-use crate::setup::{ACTIONS, DISTURBANCE_WEIGHT, MAX_STEPS, NOISE, Setup};
-use learner::collector::gumbel;
+use crate::setup::{ACTIONS, MAX_STEPS, NOISE, Setup};
+use learner::collector::{Signals, gumbel};
 use proto::action::HOLD;
 use proto::episode::EnvironmentId;
 use proto::stage::{RolloutShape, position_at, total_frames};
@@ -83,6 +83,7 @@ impl Model {
     /// The run of a setup, undisturbed.
     pub fn of(setup: &Setup) -> Self {
         let config = &setup.config;
+        let signals = Signals::of(config);
         let (actors, each) = (config.actors.count, config.actors.environments_per_actor);
         let ids: Vec<EnvironmentId> = (0..actors)
             .flat_map(|actor| (0..each).map(move |index| (actor, index)))
@@ -94,7 +95,7 @@ impl Model {
         let mut model = Self { rollouts: vec![], steps: BTreeMap::new(), frames: total_frames(&config.stages) };
         let (mut frames, mut weights, mut acting) = (0, FIRST_WEIGHTS, FIRST_WEIGHTS);
         while let Some(position) = position_at(&config.stages, frames) {
-            let kind = config.stages[position.stage].reward;
+            let composition = config.reward(&config.stages[position.stage].reward);
             let shape = RolloutShape::next(position.frames_left, config.ppo.rollout_steps as usize, ids.len());
             let mut digests = vec![0_u64; ids.len()];
             for t in 0..shape.steps {
@@ -108,8 +109,12 @@ impl Model {
                     environment.act(action);
                     let Transition { episode, step, state_hash, flags, reward, .. } = environment.transition();
                     let has = |flag| flags & flag != 0;
-                    let value = reward.compose(kind, DISTURBANCE_WEIGHT);
-                    let outcome = [has(transition_flag::ENDED), has(transition_flag::TIME_LIMIT), reward.disturbed()];
+                    let value = composition.of(|index| reward.part(index), 0.0);
+                    let outcome = [
+                        has(transition_flag::ENDED),
+                        has(transition_flag::TIME_LIMIT),
+                        signals.label.is_some_and(|label| label.holds(|index| reward.part(index))),
+                    ];
                     let gained = of_action(t, column, action, seen).wrapping_add(of_outcome(t, column, value, outcome));
                     digests[column] = digests[column].wrapping_add(gained);
                     let fresh = model.steps.insert((column as u32, episode, step), state_hash);

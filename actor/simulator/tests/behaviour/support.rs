@@ -36,6 +36,11 @@ pub fn sound_step(environment: &mut Environment, action: Action) -> Transition {
     transition
 }
 
+/// The reward r of a step.
+pub fn reward(transition: &Transition) -> f32 {
+    Config::default().reward("r").of(|index| transition.reward.part(index), 0.0)
+}
+
 /// Takes this many random actions from where the environment is.
 pub fn run(environment: &mut Environment, number: u32, episode: u32, steps: u32) -> Vec<Transition> {
     let kitchen = environment.kitchen().id();

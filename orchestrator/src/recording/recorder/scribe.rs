@@ -18,9 +18,10 @@ use proto::event::Timing;
 use proto::kitchen::Kitchens;
 use proto::metric;
 use proto::replay::length_m;
-use proto::reward::{RewardKind, UNDISTURBED_THRESHOLD_M};
+use proto::reward::UNDISTURBED_THRESHOLD_M;
 use proto::rota::Rota;
 use proto::step::{Current, Transition, current_flag, transition_flag};
+use proto::task::Composition;
 use std::collections::BTreeMap;
 use wire::WireShape;
 use wire::message::{Halves, Observation, ObservationHeader, frame_part};
@@ -60,7 +61,8 @@ pub struct Scribe {
     environments: Vec<Environment>,
     shape: WireShape,
     incarnation: u32,
-    lambda_disturb: f32,
+    /// r and r′.
+    rewards: [Composition; 2],
     failures_only: bool,
     /// Which fixed episodes are played, in an evaluation.
     plan: Option<Plan>,
@@ -166,7 +168,7 @@ impl Scribe {
             environments,
             shape,
             incarnation,
-            lambda_disturb: config.reward.lambda_disturb,
+            rewards: ["r", "r_prime"].map(|name| config.reward(name)),
             failures_only: config.recording.failures_only,
             plan: config.evaluation_plan(),
             rota: config.rota(),
@@ -318,8 +320,8 @@ impl Scribe {
         transition: &Transition,
     ) -> Result<(), SegmentError> {
         let is = |flag: u32| transition.flags & flag != 0;
-        let reward_r = transition.reward.compose(RewardKind::Task, self.lambda_disturb);
-        let reward_r_prime = transition.reward.compose(RewardKind::DisturbanceFree, self.lambda_disturb);
+        let composed = |reward: &Composition| reward.of(|index| transition.reward.part(index), 0.0);
+        let [reward_r, reward_r_prime] = self.rewards.each_ref().map(composed);
         let known = &mut self.environments[environment];
         known.add_rewards(header.learner_incarnation, transition, reward_r, reward_r_prime);
         // The action was chosen from the observation that was described last.
