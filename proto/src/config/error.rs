@@ -73,6 +73,12 @@ pub enum ConfigError {
         /// The closest existing name.
         nearest: Option<String>,
     },
+    /// The run's task is not what the programs know by its name.
+    #[error(
+        "{path}: the run's task `{name}` is declared otherwise than in these programs: go on with the version that began \
+         it (`run.toml` names it)", path = .path.display()
+    )]
+    OtherTask { path: PathBuf, name: String },
     /// The task lacks what the configuration names.
     #[error("configuration: {key}: {cause}")]
     Task {

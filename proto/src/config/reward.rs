@@ -2,6 +2,7 @@
 
 use super::validate::check;
 use super::{Config, ConfigError, nearest};
+use crate::run_folder::RunFolder;
 use crate::task::{Composition, Condition, Spec, SpecError};
 use serde::de::{Deserializer, MapAccess, Visitor};
 use serde::{Deserialize, Serialize};
@@ -69,6 +70,21 @@ impl Config {
     /// If the configuration was not validated.
     pub fn spec(&self) -> &'static Spec {
         self.find_spec().expect("a validated configuration names a task that there is")
+    }
+
+    /// Refuses to go on with a run whose task was declared otherwise.
+    pub fn check_task(&self, run: &RunFolder) -> Result<(), ConfigError> {
+        let path = run.task();
+        let text = match run.read_text(&path) {
+            Ok(text) => text,
+            // A run of an older version.
+            Err(cause) if cause.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+            Err(cause) => return Err(ConfigError::Unreadable { path, cause }),
+        };
+        if Spec::parse(&text).is_ok_and(|written| written.means(self.spec())) {
+            return Ok(());
+        }
+        Err(ConfigError::OtherTask { path, name: self.task.clone() })
     }
 
     fn find_spec(&self) -> Result<&'static Spec, ConfigError> {
@@ -183,5 +199,26 @@ mod tests {
         assert!(problem.contains("did you mean `arm_point_nav`?"), "{problem}");
         let problem = config("stages = [{ name = \"I\", reward = \"s\", frames = 9 }]").unwrap_err();
         assert!(problem.contains("has no reward `s`"), "{problem}");
+    }
+
+    #[test]
+    fn a_run_goes_on_under_its_own_task_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = RunFolder::new(folder.path());
+        let config = config("").unwrap();
+        config.check_task(&run).unwrap();
+        let text = config.spec().text();
+        for (from, to, is_same) in [
+            ("", "", true),
+            ("Total displacement at the end", "Displacement at the end", true),
+            ("below = 0.01", "below = 0.02", false),
+            ("[cost]", "[costs]", false),
+        ] {
+            assert!(text.contains(from));
+            std::fs::write(run.task(), text.replacen(from, to, 1)).unwrap();
+            let checked = config.check_task(&run).map_err(|error| error.to_string());
+            assert_eq!(checked.is_ok(), is_same, "{to}");
+            assert!(is_same || checked.unwrap_err().contains("declared otherwise"));
+        }
     }
 }

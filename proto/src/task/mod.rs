@@ -71,7 +71,7 @@ struct Declaration {
 }
 
 /// A task. It is sound: whatever it names is there.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Spec {
     /// Lower-case, e.g. `arm_point_nav`.
     pub name: String,
@@ -173,6 +173,18 @@ impl Spec {
     /// The declaration as it was written, for the run folder.
     pub fn text(&self) -> &str {
         &self.text
+    }
+
+    /// Whether two declarations say the same, but for their docs.
+    pub fn means(&self, other: &Self) -> bool {
+        let bare = |spec: &Self| {
+            let mut spec = spec.clone();
+            spec.text.clear();
+            spec.channels.iter_mut().for_each(|channel| channel.doc.clear());
+            spec.metrics.iter_mut().for_each(|metric| metric.doc.clear());
+            spec
+        };
+        bare(self) == bare(other)
     }
 
     /// Hash of where everything lies in a record: processes of unlike layouts cannot talk.

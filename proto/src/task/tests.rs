@@ -264,6 +264,8 @@ fn unlike_layouts_have_unlike_hashes() {
     let hash = |from: &str, to: &str| Spec::parse(&SMALL.replacen(from, to, 1)).unwrap().layout_hash();
     let same = small().layout_hash();
     assert_eq!(hash("Where it is.", "Where it lies."), same);
+    let means = |from: &str, to: &str| Spec::parse(&SMALL.replacen(from, to, 1)).unwrap().means(&small());
+    assert!(means("Where it is.", "Where it lies.") && !means("\"price\"", "1.0"));
     assert_eq!(hash("\"price\"", "1.0"), same);
     for (from, to) in
         [("goal_m", "goal_mm"), ("[3]", "[4]"), ("sums = 2", ""), ("[0.0, 2.0]", "[0.0, 2.0], [0.0, 1.0]")]
