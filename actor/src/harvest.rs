@@ -219,7 +219,8 @@ impl Work<'_> {
         let verdict = stage.play(recorded, config, |environment, camera, transition| {
             telling.moment(environment, camera, transition)
         })?;
-        let outcome = Outcome::of(telling.steps.last().map(|step| &step.transition));
+        let last = telling.steps.last().map(|step| &step.transition);
+        let outcome = Outcome::of(last, stage.environment.end());
         let unfinished = outcome == Outcome::Unfinished;
         let wanted = match self.setup.keep {
             Keep::Ended => !unfinished,
@@ -270,7 +271,8 @@ impl<'a> Telling<'a> {
     ) -> Result<()> {
         if let Some(transition) = transition {
             let action = self.number(transition.action)?;
-            self.steps.push(Step { action, transition, rewards: rewards(&transition, self.config) });
+            let (end, rewards) = (environment.end(), rewards(&transition, self.config));
+            self.steps.push(Step { action, transition, end, rewards });
         }
         let current = environment.current();
         let previous_action = if current.previous_action == u32::from(NO_ACTION) {
@@ -279,7 +281,7 @@ impl<'a> Telling<'a> {
             self.number(current.previous_action)?
         };
         let goal_m = current.goal_vector_m(self.config.network.carried_goal);
-        self.seen.push(Seen { goal_m, previous_action, state_hash: current.state_hash });
+        self.seen.push(Seen { goal_m, previous_action, state_hash: environment.state_hash() });
         let mut depth_mm = vec![0; FRAME_SIDE * FRAME_SIDE];
         environment.look(camera, FRAME_SIDE, &mut depth_mm);
         self.depth.frames.push(depth_mm.into_iter().flat_map(u16::to_le_bytes).collect());

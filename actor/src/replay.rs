@@ -14,11 +14,12 @@ use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
+use proto::record::End;
 use proto::replay::{
     Aspect, Difference, RecordedEpisode, ReplayImages, ReplaySetup, ReplayVerdict, STEP_ASPECTS, goal_digest, length_m,
     start_digest, step_digests,
 };
-use proto::step::{Transition, current_flag, transition_flag};
+use proto::step::Transition;
 use simulator::depth::DepthCamera;
 use simulator::environment::Environment;
 use simulator::episodes::Programme;
@@ -137,16 +138,16 @@ impl Stage<'_> {
             }
             let transition = environment.step(action);
             let taken = step as u64 + 1;
-            compare(&mut verdict, taken, hash, transition.state_hash);
+            compare(&mut verdict, taken, hash, environment.state_hash());
             if let Some(digests) = recorded.steps.get(step) {
-                let simulated = digests_of(&transition, config);
+                let simulated = digests_of(environment, &transition, config);
                 let aspects = STEP_ASPECTS.into_iter().zip(digests.iter().zip(&simulated));
                 for (aspect, _) in aspects.filter(|(_, (recorded, simulated))| recorded != simulated) {
                     differ(&mut verdict, taken, aspect);
                 }
             }
             watch(environment, camera, Some(transition))?;
-            if transition.flags & transition_flag::ENDED != 0 && step + 1 < recorded.actions.len() {
+            if environment.ended() && step + 1 < recorded.actions.len() {
                 // The recorded episode went on: whatever comes now differs.
                 differ(&mut verdict, taken + 1, Aspect::Length);
                 break;
@@ -181,8 +182,7 @@ fn perform(
 /// Digest of what the goal sensor reads now.
 fn goal_of(environment: &Environment) -> u32 {
     let current = environment.current();
-    let holding = current.flags & current_flag::HOLDING != 0;
-    goal_digest(holding, if holding { current.object_to_goal_m } else { current.wrist_to_object_m })
+    goal_digest(current.holds(), if current.holds() { current.object_to_goal_m } else { current.wrist_to_object_m })
 }
 
 /// Digest of the episode's beginning.
@@ -191,9 +191,11 @@ fn start_of(environment: &Environment) -> u32 {
     start_digest(current.target, length_m(current.wrist_to_object_m), length_m(current.object_to_goal_m))
 }
 
-/// Digests of a step as a recorder would have recorded it.
-fn digests_of(transition: &Transition, config: &Config) -> [u32; STEP_ASPECTS.len()] {
-    step_digests(transition, rewards(transition, config))
+/// Digests of the step that was just taken, as a recorder would have recorded it.
+fn digests_of(environment: &Environment, transition: &Transition, config: &Config) -> [u32; STEP_ASPECTS.len()] {
+    let end = environment.end();
+    let ends = [end == Some(End::Terminated), end == Some(End::Truncated), end.is_some()];
+    step_digests(transition, ends, rewards(transition, config))
 }
 
 /// r and r′ of a step.

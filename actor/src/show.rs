@@ -17,7 +17,7 @@ use proto::show::{
     SHOWN_SIDE_MAX, ShowAnswer, ShowOrbit, ShowRequest, ShowView, ShownEpisode, ShownMoment, ShownReward, ShownSolids,
     ShownThing,
 };
-use proto::step::{Transition, transition_flag};
+use proto::step::Transition;
 use rapier3d::math::Vec3;
 use simulator::depth::DepthCamera;
 use simulator::environment::{DISTURBED_AXIS_M, Environment};
@@ -246,7 +246,7 @@ impl Telling {
             shown: Vec::new(),
             listed: vec![None; poses.len()],
             things: Vec::new(),
-            outcome: Outcome::of(None),
+            outcome: Outcome::of(None, None),
             compared: 0,
             first_difference: None,
         }
@@ -263,15 +263,15 @@ impl Telling {
                 Action::from_index(index).with_context(|| format!("step {step}: there is no action {index}"))?;
             let transition = environment.step(action);
             if let Some(&hash) = recorded.hashes.get(step) {
-                self.compare(step as u64 + 1, hash, transition.state_hash);
+                self.compare(step as u64 + 1, hash, environment.state_hash());
             }
             self.keep(environment, Some(&transition), config);
             last = Some(transition);
-            if transition.flags & transition_flag::ENDED != 0 {
+            if environment.ended() {
                 break;
             }
         }
-        self.outcome = Outcome::of(last.as_ref());
+        self.outcome = Outcome::of(last.as_ref(), environment.end());
         Ok(self)
     }
 
@@ -303,7 +303,6 @@ impl Telling {
             });
             moved.push((number, way.length(), [pose.translation.x, pose.translation.z]));
         }
-        let is = |flag: u32| transition.is_some_and(|transition| transition.flags & flag != 0);
         let parts = transition.map(|transition| transition.reward).unwrap_or_default();
         let rewards = transition.map_or([0.0; 2], |transition| crate::replay::rewards(transition, config));
         let action = transition.and_then(|transition| Action::from_index(u8::try_from(transition.action).ok()?));
@@ -311,8 +310,8 @@ impl Telling {
         let metres = |vector: [f32; 3]| Vec3::from(vector).length();
         self.shown.push(ShownMoment {
             action: action.map(|action| action.name().to_owned()),
-            failed: is(transition_flag::ACTION_FAILED),
-            picked_up: is(transition_flag::PICKED_UP),
+            failed: transition.is_some_and(Transition::failed),
+            picked_up: transition.is_some_and(Transition::picked_up),
             holding: simulation.holding(),
             parts: ShownReward::from(parts),
             reward_r: rewards[0],

@@ -8,8 +8,9 @@ use proto::camera::{SUMS_PIXELS, sum_windows};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::random::{Key, Purpose};
-use proto::step::{current_flag, transition_flag};
+use proto::record::{RecordHeader, flag};
 use std::collections::BTreeMap;
+use std::mem::offset_of;
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -148,15 +149,15 @@ impl Stand {
         let mut actions = vec![];
         for (environment, observation) in range.zip(observations) {
             self.seen.insert((step, environment as u32), bytes(observation));
-            assert_eq!(observation.environment as usize, environment);
-            let current = observation.current;
-            assert_eq!(current.flags & current_flag::EPISODE_START != 0, current.step == 0);
-            if observation.transition.flags & transition_flag::ENDED != 0 {
-                assert_eq!(current.episode, observation.transition.episode + 1);
-                self.states[environment] = EnvironmentState::start_of(current.episode);
+            let header = observation.header;
+            assert_eq!(header.environment as usize, environment);
+            assert_eq!(header.has(flag::EPISODE_START), header.step == 0);
+            if header.end().is_some() {
+                assert_eq!(header.episode, header.acted_episode + 1);
+                self.states[environment] = EnvironmentState::start_of(header.episode);
             }
             let state = &mut self.states[environment];
-            assert_eq!((current.episode, current.step), (state.episode, state.action_count));
+            assert_eq!((header.episode, header.step), (state.episode, state.action_count));
             if self.hold_at == Some(step) {
                 actions.push(HOLD);
             } else {
@@ -233,9 +234,9 @@ fn chosen(environment: u32, state: &EnvironmentState) -> u8 {
 /// All that it says: what it has not is whatever lay there.
 fn bytes(observation: &Observation) -> Vec<u8> {
     let mut said = Box::new(*observation);
-    assert_eq!(said.parts & frame_part::SUMS, frame_part::SUMS, "the paper's network averages");
-    let recorded = said.current.flags & current_flag::RECORD_DEPTH != 0;
-    assert_eq!(said.parts & frame_part::WHOLE != 0, recorded, "and needs no more than the sums");
+    assert_eq!(said.header.bulk & frame_part::SUMS, frame_part::SUMS, "the paper's network averages");
+    let recorded = said.header.has(flag::RECORD_BULK);
+    assert_eq!(said.header.bulk & frame_part::WHOLE != 0, recorded, "and needs no more than the sums");
     if recorded {
         let mut sums_mm: Box<[u16; SUMS_PIXELS]> = vec![0; SUMS_PIXELS].try_into().unwrap();
         assert!(sum_windows(&said.depth_mm, &mut sums_mm) && *sums_mm == said.sums_mm, "both are one frame");
@@ -367,11 +368,15 @@ fn hold_shows_the_same_again_without_a_transition() {
     stand.run_to(6);
     for environment in 0..ENVIRONMENTS {
         let (before, held) = (&stand.seen[&(4, environment)], &stand.seen[&(5, environment)]);
-        let transition = size_of::<proto::step::Transition>();
-        let at = (transition..held.len()).find(|&at| before[at] != held[at]);
+        let header = |bytes: &[u8]| bytemuck::pod_read_unaligned::<RecordHeader>(&bytes[..size_of::<RecordHeader>()]);
+        let mut expected = header(before);
+        expected.hold();
+        assert_eq!(header(held), expected, "nothing was done, and what is seen stays");
+        let done = offset_of!(Observation, transition)..offset_of!(Observation, current);
+        let at = (done.end..held.len()).find(|&at| before[at] != held[at]);
         assert_eq!(at, None, "what is seen stays, but for that byte");
-        assert!(held[..transition].iter().all(|&byte| byte == 0), "nothing was done");
-        assert!(stand.seen[&(6, environment)][..transition].iter().any(|&byte| byte != 0), "it goes on");
+        assert!(held[done.clone()].iter().all(|&byte| byte == 0), "nothing was done");
+        assert!(stand.seen[&(6, environment)][done].iter().any(|&byte| byte != 0), "it goes on");
     }
     actor.kill();
     stand.end();

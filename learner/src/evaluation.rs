@@ -7,8 +7,9 @@ use proto::config::Config;
 use proto::evaluation::{Confusion, EpisodeEnd, EpisodeRecord, Plan, category_of};
 use proto::kitchen::KitchenId;
 use proto::random::{Key, Purpose};
+use proto::record::{End, RecordHeader};
 use proto::reward::UNDISTURBED_THRESHOLD_M;
-use proto::step::{Transition, transition_flag};
+use proto::step::Transition;
 use proto::task::Composition;
 
 /// The episode of a column.
@@ -101,30 +102,27 @@ impl Examination {
     }
 
     /// Records the outcome of a column's last action; returns the record of its episode if that has ended.
-    pub fn settle(&mut self, column: usize, transition: &Transition) -> Option<Played> {
+    pub fn settle(&mut self, column: usize, header: &RecordHeader, transition: &Transition) -> Option<Played> {
         let course = &mut self.courses[column];
         let episode = course.episode?;
-        let has = |flag| transition.flags & flag != 0;
         let [r, r_prime] = &self.rewards;
         let reward = |reward: &Composition| f64::from(reward.of(|index| transition.reward.part(index), 0.0));
         course.return_r += reward(r);
         course.return_r_prime += reward(r_prime);
-        course.failed_actions += u32::from(has(transition_flag::ACTION_FAILED));
+        course.failed_actions += u32::from(transition.failed());
         course.disturbing_steps += u32::from(self.signals.labels(transition));
         course.displaced_steps += u32::from(transition.disturbance_m >= UNDISTURBED_THRESHOLD_M);
-        if has(transition_flag::HOLDING) {
+        if transition.holds() {
             course.pickup_step.get_or_insert(course.actions.len() as u32);
         }
         if let Some(foretold) = course.foretold.take() {
             let confusion = course.confusion.get_or_insert_default();
             // As in training, an episode's last step does not count.
-            if !has(transition_flag::ENDED) {
+            if header.end().is_none() {
                 confusion.count(foretold, self.signals.labels(transition));
             }
         }
-        if !has(transition_flag::ENDED) {
-            return None;
-        }
+        let end = header.end()?;
         let environment = self.column_map.environment(column);
         let kitchen = self.plan.kitchen_of(environment, course.played).unwrap_or(environment.kitchen);
         let played = course.played + 1;
@@ -135,10 +133,13 @@ impl Examination {
             kitchen,
             episode,
             category: category_of(episode),
-            end: if has(transition_flag::DONE) { EpisodeEnd::Done } else { EpisodeEnd::TimeLimit },
-            success: has(transition_flag::SUCCESS),
+            end: match end {
+                End::Terminated => EpisodeEnd::Done,
+                End::Truncated => EpisodeEnd::TimeLimit,
+            },
+            success: transition.succeeded(),
             // What is held stays held until the episode ends.
-            picked_up: has(transition_flag::HOLDING),
+            picked_up: transition.holds(),
             pickup_step: ended.pickup_step,
             length: ended.actions.len() as u32,
             failed_actions: ended.failed_actions,
@@ -155,7 +156,7 @@ impl Examination {
             wrist_object_m: transition.wrist_object_m,
             object_goal_m: transition.object_goal_m,
             disturb_prediction: ended.confusion,
-            state_hash: transition.state_hash,
+            state_hash: header.outcome_hash,
         };
         Some((record, ended.actions))
     }
@@ -175,15 +176,15 @@ mod tests {
         (Plan::new(&config, actors, environments), column_map)
     }
 
-    fn transition(flags: u32, disturbance_progress_m: f32) -> Transition {
-        let reward = RewardParts { disturbance_progress_m, ..RewardParts::default() };
+    fn header(end: Option<End>) -> RecordHeader {
+        let mut header = RecordHeader::default();
+        header.act(9, end);
+        header
+    }
+
+    fn transition(disturbance_progress_m: f32) -> Transition {
         Transition {
-            state_hash: 9,
-            episode: 0,
-            step: 0,
-            flags: flags | transition_flag::VALID,
-            action: 0,
-            reward,
+            reward: RewardParts { disturbance_progress_m, ..RewardParts::default() },
             disturbance_m: 0.5,
             peak_disturbance_m: 0.6,
             wrist_object_m: 1.0,
@@ -192,8 +193,7 @@ mod tests {
             ever_disturbed_objects: 2,
             farthest_m: 0.3,
             peak_farthest_m: 0.4,
-            target: 0,
-            reserved: 0,
+            ..Transition::default()
         }
     }
 
@@ -208,11 +208,12 @@ mod tests {
             assert!(rounds < 10);
             for column in 0..column_map.columns() {
                 if examination.choose(column, 20, None) == HOLD {
-                    assert!(examination.settle(column, &transition(0, 0.0)).is_none());
+                    assert!(examination.settle(column, &header(None), &transition(0.0)).is_none());
                     continue;
                 }
-                let ended = transition_flag::ENDED | transition_flag::DONE | transition_flag::SUCCESS;
-                let (record, actions) = examination.settle(column, &transition(ended, 0.0)).unwrap();
+                let mut last = transition(0.0);
+                last.reward.goal_success = 1.0;
+                let (record, actions) = examination.settle(column, &header(Some(End::Terminated)), &last).unwrap();
                 assert_eq!((record.length, actions.as_slice()), (1, &[20][..]));
                 assert_eq!(record.kitchen, column_map.environment(column).kitchen);
                 assert!(record.success && record.end == EpisodeEnd::Done && record.disturb_prediction.is_none());
@@ -233,12 +234,11 @@ mod tests {
         for (step, (foretold, progress_m)) in steps.into_iter().enumerate() {
             assert!(played.is_none());
             assert_eq!(examination.choose(2, step as u8, Some(foretold)), step as u8);
-            let failed = if step == 1 { transition_flag::ACTION_FAILED } else { 0 };
-            let last = if step == 4 { transition_flag::ENDED | transition_flag::TIME_LIMIT } else { 0 };
-            let holding = if step >= 2 { transition_flag::HOLDING } else { 0 };
             let disturbance_m = if step == 3 { 0.009 } else { 0.01 };
-            let outcome = Transition { disturbance_m, ..transition(failed | last | holding, progress_m) };
-            played = examination.settle(2, &outcome);
+            let holding = u32::from(step >= 2);
+            let mut outcome = Transition { disturbance_m, holding, ..transition(progress_m) };
+            outcome.reward.failed_action = f32::from(u8::from(step == 1));
+            played = examination.settle(2, &header((step == 4).then_some(End::Truncated)), &outcome);
         }
         let (record, actions) = played.unwrap();
         assert_eq!(actions, [0, 1, 2, 3, 4]);
@@ -247,7 +247,7 @@ mod tests {
         assert_eq!((record.disturbing_steps, record.displaced_steps), (Some(3), Some(4)));
         let counts = Confusion { hits: 1, misses: 1, false_alarms: 1, quiet: 1 };
         assert_eq!(record.disturb_prediction, Some(counts));
-        assert!((record.return_r + 5.0 * 0.01).abs() < 1e-6);
+        assert!((record.return_r + 5.0 * 0.01 + 0.03).abs() < 1e-6);
         assert!((record.return_r_prime - record.return_r + 15.0 * 0.5039).abs() < 1e-5);
         assert_eq!((record.ever_disturbed_objects, record.peak_farthest_m, record.state_hash), (2, 0.4, 9));
     }
@@ -260,7 +260,7 @@ mod tests {
             let mut examination = Examination::new(plan, column_map, &Config::default(), seed, 4);
             for _ in 0..number {
                 examination.choose(column, 20, None);
-                examination.settle(column, &transition(transition_flag::ENDED, 0.0)).unwrap();
+                examination.settle(column, &header(Some(End::Terminated)), &transition(0.0)).unwrap();
             }
             let environment = column_map.environment(column);
             let mut noise = vec![];

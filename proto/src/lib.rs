@@ -39,6 +39,7 @@ pub mod plausible;
 pub mod policy_file;
 pub mod printable;
 pub mod random;
+pub mod record;
 pub mod replay;
 pub mod reward;
 pub mod rota;

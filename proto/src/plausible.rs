@@ -1,23 +1,19 @@
-//! What an environment can report of a step: ranges, and flags that must go together.
+//! What an environment can report of a step: the ranges of its numbers.
 //!
 //! Observations come from another process through shared memory. One that is faulty, or not ours, can write anything
 //! there. A number that no simulator of ours reports must not be trained on, and not be recorded as a fact. The checks
 //! are a few dozen comparisons for each step, next to a frame of 100 kB.
 
-use crate::action::Action;
+use crate::action::{ACTION_COUNT, NO_ACTION};
 use crate::kitchen::TargetCategory;
 use crate::reward::{OBJECT_DISPLACEMENT_CAP_M, RewardParts};
-use crate::step::{Current, Transition, current_flag, transition_flag};
+use crate::step::{Current, Transition};
 
 /// Nothing is farther away, metres. A scene reaches 1 km, and what falls out of one falls for as long as an episode
 /// lasts, at the speed that physics limits.
 const DISTANCE_MOST_M: f32 = 1e5;
 /// No kitchen has more movable things.
 const OBJECTS_MOST: u32 = 65_535;
-/// Bits of [`Transition::flags`] that mean something, up to the highest.
-const TRANSITION_FLAGS: u32 = (transition_flag::ENDED << 1) - 1;
-/// The same of [`Current::flags`].
-const CURRENT_FLAGS: u32 = (current_flag::RECORD_DEPTH << 1) - 1;
 
 /// A report that no simulator of ours makes.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
@@ -26,7 +22,7 @@ pub enum Implausible {
     NotFinite(&'static str),
     #[error("its {what} is {value}, which cannot be")]
     Range { what: &'static str, value: f64 },
-    /// What is said twice is not the same.
+    /// Two figures cannot both be true.
     #[error("its {one} contradicts its {other}")]
     Contradiction {
         /// One figure.
@@ -38,50 +34,18 @@ pub enum Implausible {
 /// Checks what an environment reports: what its last action did, if there was one, and what is seen now.
 pub fn check(transition: Option<&Transition>, current: &Current) -> Result<(), Implausible> {
     check_current(current)?;
-    let Some(transition) = transition else { return Ok(()) };
-    check_transition(transition)?;
-    let has = |flag| transition.flags & flag != 0;
-    if !has(transition_flag::ENDED) {
-        agree("target", transition.target == current.target, "target now")?;
-        let holds = current.flags & current_flag::HOLDING != 0;
-        agree("holding flag", has(transition_flag::HOLDING) == holds, "holding flag now")?;
-    }
-    Ok(())
+    transition.map_or(Ok(()), check_transition)
 }
 
 fn check_transition(transition: &Transition) -> Result<(), Implausible> {
-    let Transition { flags, action, target, reserved, .. } = *transition;
-    let has = |flag: u32| flags & flag != 0;
-    known_bits("transition flags", flags, TRANSITION_FLAGS)?;
-    known_target(target)?;
-    below("reserved word", reserved, 1)?;
-    let ended = has(transition_flag::DONE) || has(transition_flag::TIME_LIMIT);
-    agree("end flag", has(transition_flag::ENDED) == ended, "done and time-limit flags")?;
-    agree("done flag", !(has(transition_flag::DONE) && has(transition_flag::TIME_LIMIT)), "time-limit flag")?;
-    let is = |wanted: Action| action == u32::from(wanted.index());
-    agree("done flag", has(transition_flag::DONE) == is(Action::DoneMidLevel), "action")?;
-    if has(transition_flag::DONE) {
-        agree(
-            "success flag",
-            has(transition_flag::SUCCESS) != has(transition_flag::ACTION_FAILED),
-            "failed-action flag",
-        )?;
-    } else {
-        agree("success flag", !has(transition_flag::SUCCESS), "done flag")?;
-    }
-    if has(transition_flag::SUCCESS) {
-        agree("success flag", has(transition_flag::HOLDING), "holding flag")?;
-    }
-    if has(transition_flag::PICKED_UP) {
-        agree("pick-up flag", has(transition_flag::HOLDING), "holding flag")?;
-        agree("pick-up flag", is(Action::PickUpMidLevel), "action")?;
-    }
-    check_reward(&transition.reward, has)?;
+    below("action", transition.action, ACTION_COUNT as u32)?;
+    below("target", transition.target, TargetCategory::ALL.len() as u32)?;
+    below("holding", transition.holding, 2)?;
+    check_reward(&transition.reward)?;
     check_figures(transition)
 }
 
-/// Reward parts that are 0 or 1 repeat a flag.
-fn check_reward(parts: &RewardParts, has: impl Fn(u32) -> bool) -> Result<(), Implausible> {
+fn check_reward(parts: &RewardParts) -> Result<(), Implausible> {
     // Named one by one, so that a new part cannot be left out.
     let RewardParts {
         wrist_object_progress_m,
@@ -94,13 +58,15 @@ fn check_reward(parts: &RewardParts, has: impl Fn(u32) -> bool) -> Result<(), Im
     distance("wrist-object progress", wrist_object_progress_m)?;
     distance("object-goal progress", object_goal_progress_m)?;
     distance("disturbance progress", disturbance_progress_m)?;
-    for (what, part, flag, other) in [
-        ("reward for a failed action", failed_action, transition_flag::ACTION_FAILED, "failed-action flag"),
-        ("reward for picking up", picked_up, transition_flag::PICKED_UP, "pick-up flag"),
-        ("reward for success", goal_success, transition_flag::SUCCESS, "success flag"),
+    for (what, part) in [
+        ("reward for a failed action", failed_action),
+        ("reward for picking up", picked_up),
+        ("reward for success", goal_success),
     ] {
         finite(what, part)?;
-        agree(what, part == f32::from(u8::from(has(flag))), other)?;
+        if part != 0.0 && part != 1.0 {
+            return Err(Implausible::Range { what, value: part.into() });
+        }
     }
     Ok(())
 }
@@ -129,9 +95,11 @@ fn check_figures(transition: &Transition) -> Result<(), Implausible> {
 
 fn check_current(current: &Current) -> Result<(), Implausible> {
     let Current { wrist_to_object_m, object_to_goal_m, base_position_m, base_yaw_rad, camera_pitch_rad, .. } = *current;
-    known_bits("flags", current.flags, CURRENT_FLAGS)?;
-    known_target(current.target)?;
-    below("reserved word", current.reserved[0] | current.reserved[1], 1)?;
+    below("target", current.target, TargetCategory::ALL.len() as u32)?;
+    below("holding", current.holding, 2)?;
+    if current.previous_action != u32::from(NO_ACTION) {
+        below("previous action", current.previous_action, ACTION_COUNT as u32)?;
+    }
     for (what, values) in [
         ("vector from wrist to object", &wrist_to_object_m[..]),
         ("vector from object to goal", &object_to_goal_m),
@@ -159,14 +127,6 @@ fn below(what: &'static str, value: u32, limit: u32) -> Result<(), Implausible> 
     if value < limit { Ok(()) } else { Err(Implausible::Range { what, value: value.into() }) }
 }
 
-fn known_bits(what: &'static str, flags: u32, known: u32) -> Result<(), Implausible> {
-    if flags & !known == 0 { Ok(()) } else { Err(Implausible::Range { what, value: flags.into() }) }
-}
-
-fn known_target(target: u32) -> Result<(), Implausible> {
-    below("target", target, TargetCategory::ALL.len() as u32)
-}
-
 fn agree(one: &'static str, agrees: bool, other: &'static str) -> Result<(), Implausible> {
     if agrees { Ok(()) } else { Err(Implausible::Contradiction { one, other }) }
 }
@@ -174,11 +134,11 @@ fn agree(one: &'static str, agrees: bool, other: &'static str) -> Result<(), Imp
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::action::Action;
 
     /// A step in the middle of an episode, the target in hand.
     fn sound() -> (Transition, Current) {
         let transition = Transition {
-            flags: transition_flag::VALID | transition_flag::HOLDING,
             action: Action::LookUp.index().into(),
             disturbance_m: 0.1,
             peak_disturbance_m: 0.2,
@@ -187,9 +147,10 @@ mod tests {
             disturbed_objects: 1,
             ever_disturbed_objects: 2,
             target: 3,
+            holding: 1,
             ..Transition::default()
         };
-        (transition, Current { flags: current_flag::HOLDING, target: 3, ..Current::default() })
+        (transition, Current { holding: 1, target: 3, ..Current::default() })
     }
 
     /// What is found wrong after a change.
@@ -202,21 +163,8 @@ mod tests {
     #[test]
     fn a_sound_report_passes() {
         assert_eq!(wrong(|_, _| {}), "nothing");
-        let done = transition_flag::VALID | transition_flag::DONE | transition_flag::ENDED;
-        // The end of an episode: what is seen now belongs to the next.
-        let at_the_end = |flags: u32, goal_success: f32, failed_action: f32| {
-            wrong(|transition, current| {
-                transition.flags = done | flags;
-                transition.action = Action::DoneMidLevel.index().into();
-                transition.reward.goal_success = goal_success;
-                transition.reward.failed_action = failed_action;
-                *current = Current { flags: current_flag::EPISODE_START, target: 1, ..Current::default() };
-            })
-        };
-        assert_eq!(at_the_end(transition_flag::SUCCESS | transition_flag::HOLDING, 1.0, 0.0), "nothing");
-        assert_eq!(at_the_end(transition_flag::ACTION_FAILED, 0.0, 1.0), "nothing");
-        assert!(at_the_end(transition_flag::SUCCESS, 1.0, 0.0).contains("holding"));
-        assert!(at_the_end(0, 0.0, 0.0).contains("success flag"));
+        assert_eq!(wrong(|_, current| current.previous_action = u32::from(NO_ACTION)), "nothing");
+        assert_eq!(wrong(|transition, _| transition.reward.goal_success = 1.0), "nothing");
     }
 
     #[test]
@@ -234,9 +182,11 @@ mod tests {
         assert!(wrong(|transition, _| transition.target = 99).contains("target is 99"));
         assert!(wrong(|_, current| current.target = 99).contains("target is 99"));
         assert!(wrong(|transition, _| transition.ever_disturbed_objects = 70_000).contains("70000"));
-        assert!(wrong(|transition, _| transition.flags |= 1 << 8).contains("transition flags"));
-        assert!(wrong(|_, current| current.flags |= 1 << 3).contains("flags is 10"));
-        assert!(wrong(|_, current| current.reserved[1] = 1).contains("reserved"));
+        assert!(wrong(|transition, _| transition.holding = 2).contains("holding is 2"));
+        assert!(wrong(|_, current| current.holding = 2).contains("holding is 2"));
+        assert!(wrong(|transition, _| transition.action = 21).contains("action is 21"));
+        assert!(wrong(|_, current| current.previous_action = 21).contains("previous action is 21"));
+        assert!(wrong(|transition, _| transition.reward.picked_up = 0.5).contains("reward for picking up is 0.5"));
     }
 
     proptest::proptest! {
@@ -245,12 +195,12 @@ mod tests {
         /// Whatever bytes come: what passes has a reward that training can bear.
         #[test]
         fn what_passes_can_be_trained_on(
-            words in proptest::collection::vec((0usize..50, proptest::prelude::any::<u32>()), 0..4),
+            words in proptest::collection::vec((0usize..39, proptest::prelude::any::<u32>()), 0..4),
         ) {
             let (mut transition, mut current) = sound();
             for (place, word) in words {
                 let bytes = word.to_ne_bytes();
-                match place.checked_sub(22) {
+                match place.checked_sub(17) {
                     None => bytemuck::bytes_of_mut(&mut transition)[4 * place..][..4].copy_from_slice(&bytes),
                     Some(place) => bytemuck::bytes_of_mut(&mut current)[4 * place..][..4].copy_from_slice(&bytes),
                 }
@@ -265,26 +215,9 @@ mod tests {
     }
 
     #[test]
-    fn what_is_said_twice_must_be_the_same() {
-        assert!(wrong(|transition, _| transition.reward.picked_up = 1.0).contains("pick-up flag"));
-        assert!(wrong(|transition, _| transition.flags |= transition_flag::ACTION_FAILED).contains("failed action"));
-        assert!(wrong(|transition, _| transition.flags |= transition_flag::ENDED).contains("end flag"));
-        assert!(wrong(|transition, _| transition.flags |= transition_flag::SUCCESS).contains("success flag"));
-        assert!(wrong(|transition, _| transition.action = Action::DoneMidLevel.index().into()).contains("done flag"));
+    fn the_greatest_so_far_is_no_less_than_what_is_now() {
         assert!(wrong(|transition, _| transition.peak_disturbance_m = 0.0).contains("greatest disturbance"));
+        assert!(wrong(|transition, _| transition.peak_farthest_m = 0.0).contains("greatest farthest"));
         assert!(wrong(|transition, _| transition.disturbed_objects = 3).contains("ever disturbed"));
-        assert!(wrong(|_, current| current.target = 4).contains("target now"));
-        assert!(wrong(|_, current| current.flags = 0).contains("holding flag now"));
-        let pick = |flags: u32, action: Action| {
-            wrong(|transition, _| {
-                transition.flags = flags;
-                transition.action = action.index().into();
-                transition.reward.picked_up = 1.0;
-            })
-        };
-        let flags = transition_flag::VALID | transition_flag::PICKED_UP;
-        assert_eq!(pick(flags | transition_flag::HOLDING, Action::PickUpMidLevel), "nothing");
-        assert!(pick(flags, Action::PickUpMidLevel).contains("holding"));
-        assert!(pick(flags | transition_flag::HOLDING, Action::LookUp).contains("action"));
     }
 }

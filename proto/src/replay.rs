@@ -2,7 +2,7 @@
 //! results on its standard output, one JSON object per line.
 
 use crate::episode::EnvironmentId;
-use crate::step::{Transition, transition_flag};
+use crate::step::Transition;
 use serde::{Deserialize, Serialize};
 
 /// First line of the input.
@@ -113,21 +113,15 @@ impl Aspect {
     }
 }
 
-/// Flags of a transition that a recording holds.
-const RECORDED_FLAGS: u32 = transition_flag::ACTION_FAILED
-    | transition_flag::HOLDING
-    | transition_flag::PICKED_UP
-    | transition_flag::DONE
-    | transition_flag::SUCCESS
-    | transition_flag::TIME_LIMIT
-    | transition_flag::ENDED;
-
-/// Digests of what a recording holds of a step beside its state, one for each of [`STEP_ASPECTS`]. `rewards`: r and r′.
-pub fn step_digests(transition: &Transition, rewards: [f32; 2]) -> [u32; STEP_ASPECTS.len()] {
-    let Transition { flags, target, reward, disturbance_m, peak_disturbance_m, disturbed_objects, .. } = transition;
+/// Digests of what a recording holds of a step beside its state, one for each of [`STEP_ASPECTS`]. `ends`: whether the
+/// task ended the episode, whether the limit did, and whether it ended. `rewards`: r and r′.
+pub fn step_digests(transition: &Transition, ends: [bool; 3], rewards: [f32; 2]) -> [u32; STEP_ASPECTS.len()] {
+    let Transition { holding, target, reward, disturbance_m, peak_disturbance_m, disturbed_objects, .. } = transition;
     let parts = [reward.wrist_object_progress_m, reward.object_goal_progress_m, reward.disturbance_progress_m];
+    let [terminated, truncated, ended] = ends;
+    let outcome = [transition.failed(), transition.picked_up(), transition.succeeded(), terminated, truncated, ended];
     [
-        digest([flags & RECORDED_FLAGS, *target]),
+        digest(outcome.into_iter().map(u32::from).chain([*holding, *target])),
         digest(parts.into_iter().chain(rewards).map(bits)),
         digest([bits(*disturbance_m), bits(*peak_disturbance_m), *disturbed_objects]),
         digest([transition.wrist_object_m, transition.object_goal_m].map(bits)),
@@ -197,11 +191,14 @@ mod tests {
 
     #[test]
     fn every_recorded_field_of_a_step_is_in_its_aspect_s_digest() {
-        let base = Transition { flags: transition_flag::VALID, ..Transition::default() };
-        let before = step_digests(&base, [1.0, 2.0]);
-        let cases: [(usize, Alter); 11] = [
-            (0, |step| step.flags |= transition_flag::SUCCESS),
-            (0, |step| step.flags |= transition_flag::ENDED),
+        let base = Transition::default();
+        let digests = |step: &Transition| step_digests(step, [false; 3], [1.0, 2.0]);
+        let before = digests(&base);
+        let cases: [(usize, Alter); 13] = [
+            (0, |step| step.reward.failed_action = 1.0),
+            (0, |step| step.reward.picked_up = 1.0),
+            (0, |step| step.reward.goal_success = 1.0),
+            (0, |step| step.holding = 1),
             (0, |step| step.target = 3),
             (1, |step| step.reward.wrist_object_progress_m = 0.1),
             (1, |step| step.reward.object_goal_progress_m = 0.1),
@@ -215,15 +212,19 @@ mod tests {
         for (number, (aspect, alter)) in cases.into_iter().enumerate() {
             let mut step = base;
             alter(&mut step);
-            let after = step_digests(&step, [1.0, 2.0]);
+            let after = digests(&step);
             let differing: Vec<_> = (0..4).filter(|&index| before[index] != after[index]).collect();
             assert_eq!(differing, [aspect], "case {number}");
         }
         for rewards in [[1.5, 2.0], [1.0, 2.5]] {
-            assert_ne!(step_digests(&base, rewards)[1], before[1]);
+            assert_ne!(step_digests(&base, [false; 3], rewards)[1], before[1]);
+        }
+        for end in 0..3 {
+            let ends = std::array::from_fn(|index| index == end);
+            assert_ne!(step_digests(&base, ends, [1.0, 2.0])[0], before[0]);
         }
         let negative = RewardParts { wrist_object_progress_m: -0.0, ..RewardParts::default() };
-        assert_eq!(step_digests(&Transition { reward: negative, ..base }, [1.0, 2.0]), before, "zero has no sign");
+        assert_eq!(digests(&Transition { reward: negative, ..base }), before, "zero has no sign");
         let starts = [start_digest(1, 0.5, 0.7), start_digest(2, 0.5, 0.7), start_digest(1, 0.6, 0.7)];
         assert!(!starts.contains(&start_digest(1, 0.5, 0.8)) && starts[0] != starts[1] && starts[0] != starts[2]);
     }

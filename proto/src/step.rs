@@ -1,4 +1,5 @@
-//! What an environment reports of one step: what the action did, and what is seen now.
+//! What an environment reports of one step beside the [header](crate::record): what the action did, and what is seen
+//! now.
 //!
 //! Both types lie in shared memory exactly as they are declared here. Therefore they are `repr(C)`, their sizes are
 //! fixed, and every byte belongs to a field: `Pod` cannot be derived for a type with hidden padding.
@@ -7,51 +8,11 @@ use crate::config::CarriedGoal;
 use crate::reward::RewardParts;
 use bytemuck::{Pod, Zeroable};
 
-/// Bits of [`Transition::flags`].
-pub mod transition_flag {
-    /// The transition exists: an action was taken. Unset at step 0 of the first episode after a (re)start, and after a
-    /// HOLD. (An actor that is rebuilt after a HOLD has no record of it and repeats the transition before.)
-    pub const VALID: u32 = 1;
-    /// The action failed (blocked, out of reach, or a `PickUp` that holds nothing).
-    pub const ACTION_FAILED: u32 = 1 << 1;
-    /// The target was held after this step.
-    pub const HOLDING: u32 = 1 << 2;
-    /// This step picked the target up.
-    pub const PICKED_UP: u32 = 1 << 3;
-    /// Done was declared; the episode ends.
-    pub const DONE: u32 = 1 << 4;
-    /// Done was declared with the target at its goal.
-    pub const SUCCESS: u32 = 1 << 5;
-    /// The episode ended by the step limit.
-    pub const TIME_LIMIT: u32 = 1 << 6;
-    /// The episode ended, by Done or by the limit; [`super::Current`] is already the next episode.
-    pub const ENDED: u32 = 1 << 7;
-}
-
-/// Bits of [`Current::flags`].
-pub mod current_flag {
-    /// This is the first observation of its episode: beliefs are reset before it is used.
-    pub const EPISODE_START: u32 = 1;
-    /// The target is held: the policy's goal vector is between object and goal (`network.carried_goal`) instead of
-    /// wrist→object.
-    pub const HOLDING: u32 = 1 << 1;
-    /// The recorder should keep this episode's depth frames.
-    pub const RECORD_DEPTH: u32 = 1 << 2;
-}
-
 /// What the last action did. It belongs to the episode in which the action was taken, also if that has just ended. The
-/// default is all zero and not valid: no action was taken.
+/// default is all zero: no action was taken.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct Transition {
-    /// Hash of the simulator's state after the action, before any reset.
-    pub state_hash: u64,
-    /// Episode number within the environment.
-    pub episode: u32,
-    /// Index of this action in its episode, from 0.
-    pub step: u32,
-    /// Bits of [`transition_flag`].
-    pub flags: u32,
     /// The action taken, an `A_large` index.
     pub action: u32,
     pub reward: RewardParts,
@@ -73,22 +34,17 @@ pub struct Transition {
     pub peak_farthest_m: f32,
     /// Target category, wire value of [`crate::kitchen::TargetCategory`].
     pub target: u32,
-    /// Padding, always 0.
-    pub reserved: u32,
+    /// 1 if the target was held after the action, else 0.
+    pub holding: u32,
 }
 
 /// What the agent sees now, without the frame. The default is all zero.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct Current {
-    /// Hash of the simulator's state now; at an episode's start, of its first state.
-    pub state_hash: u64,
-    /// Episode number within the environment.
-    pub episode: u32,
-    /// Actions taken in this episode so far.
-    pub step: u32,
-    /// Bits of [`current_flag`].
-    pub flags: u32,
+    /// 1 if the target is held, else 0: the policy's goal vector is between object and goal then
+    /// (`network.carried_goal`) instead of wrist→object.
+    pub holding: u32,
     /// Target category, wire value of [`crate::kitchen::TargetCategory`].
     pub target: u32,
     /// Action that led here, an `A_large` index, or `NO_ACTION` at an episode's start.
@@ -109,20 +65,45 @@ pub struct Current {
     pub target_position_m: [f32; 3],
     /// Goal position of the target, world, metres.
     pub goal_position_m: [f32; 3],
-    /// Padding, always 0.
-    pub reserved: [u32; 2],
 }
 
 const _: () = assert!(size_of::<RewardParts>() == 24);
-const _: () = assert!(size_of::<Transition>() == 88);
-const _: () = assert!(size_of::<Current>() == 112);
+const _: () = assert!(size_of::<Transition>() == 68);
+const _: () = assert!(size_of::<Current>() == 88);
+
+impl Transition {
+    /// Whether the action failed (blocked, out of reach, a `PickUp` that holds nothing, a Done away from the goal).
+    pub fn failed(&self) -> bool {
+        self.reward.failed_action != 0.0
+    }
+
+    /// Whether this action picked the target up.
+    pub fn picked_up(&self) -> bool {
+        self.reward.picked_up != 0.0
+    }
+
+    /// Whether Done was declared with the target at its goal.
+    pub fn succeeded(&self) -> bool {
+        self.reward.goal_success != 0.0
+    }
+
+    /// Whether the target was held after the action.
+    pub fn holds(&self) -> bool {
+        self.holding != 0
+    }
+}
 
 impl Current {
+    /// Whether the target is held.
+    pub fn holds(&self) -> bool {
+        self.holding != 0
+    }
+
     /// The goal vector that the policy is given, robot's frame, metres: from the wrist to the object, and while the object
     /// is held between the object and the goal. Observations and recordings have that always from the object to the goal;
     /// the reference's sensor has it the other way round.
     pub fn goal_vector_m(&self, carried: CarriedGoal) -> [f32; 3] {
-        if self.flags & current_flag::HOLDING == 0 {
+        if !self.holds() {
             return self.wrist_to_object_m;
         }
         match carried {

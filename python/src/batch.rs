@@ -14,7 +14,8 @@ use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1};
 use oracle::Variant;
 use proto::action::{Action, NO_ACTION};
 use proto::config::Config;
-use proto::step::{Current, transition_flag};
+use proto::record::End;
+use proto::step::Current;
 use pyo3::exceptions::{PyIndexError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
@@ -401,8 +402,8 @@ impl Batch {
         };
         (
             facts::column(py, reports, reward),
-            facts::column(py, &rows, |facts| facts.is(transition_flag::DONE)),
-            facts::column(py, &rows, |facts| facts.is(transition_flag::TIME_LIMIT)),
+            facts::column(py, &rows, |facts| facts.end() == Some(End::Terminated)),
+            facts::column(py, &rows, |facts| facts.end() == Some(End::Truncated)),
             done,
             now,
             facts::column(py, reports, |report| report.reset),
@@ -456,7 +457,7 @@ fn choose(place: &Place, (series, seed, number): Asked) -> PyResult<Chosen> {
 /// What is told of an environment now.
 fn report_of(place: &Place, settings: &Settings, reset: bool, last: Option<(Vec<u16>, Seen)>) -> Report {
     let current = place.environment.current();
-    let facts = Facts::of(place.transition.as_ref(), &current);
+    let facts = Facts::of(place, &current);
     let seen = Seen {
         goal_m: current.goal_vector_m(settings.carried_goal()),
         previous_action: previous_action(settings, &current),

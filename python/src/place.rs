@@ -6,7 +6,7 @@ use picture::{Canvas, Moment, Storyboard, Task};
 use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
-use proto::step::{Transition, transition_flag};
+use proto::step::Transition;
 use serde::{Deserialize, Serialize};
 use simulator::depth::DepthCamera;
 use simulator::environment::Environment;
@@ -116,7 +116,7 @@ impl Place {
 
     /// Whether the last action has ended the episode.
     pub fn ended(&self) -> bool {
-        self.transition.is_some_and(|transition| transition.flags & transition_flag::ENDED != 0)
+        self.environment.ended()
     }
 
     /// Takes an action.

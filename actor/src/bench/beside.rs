@@ -77,7 +77,7 @@ fn step(
         for index in range {
             if actions[index] != HOLD {
                 environments.observe(index, &mut slots[index]);
-                sum = sum.wrapping_add(black_box(&slots[index]).transition.state_hash);
+                sum = sum.wrapping_add(black_box(&slots[index]).header.outcome_hash);
             }
         }
     }

@@ -7,6 +7,7 @@ use iceoryx2::sample::Sample;
 use proto::action::NO_ACTION;
 use proto::camera::{FRAME_PIXELS, FRAME_SIDE, SUMS_PIXELS, WINDOW, sum_windows};
 use proto::config::Config;
+use proto::record::RecordHeader;
 use proto::shares::Shares;
 use proto::step::{Current, Transition};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -113,8 +114,9 @@ impl Frames {
         let columns: Vec<usize> = self.map.batch(half).collect();
         let samples = self.halves[half as usize].iter();
         // There are sums only where the network takes them.
-        let part =
-            |seen: &Observation| if seen.parts & frame_part::SUMS == 0 { FramePart::Whole } else { FramePart::Sums };
+        let part = |seen: &Observation| {
+            if seen.header.bulk & frame_part::SUMS == 0 { FramePart::Whole } else { FramePart::Sums }
+        };
         let frames = samples.flat_map(|sample| sample.payload().iter().map(|seen| seen.frame(part(seen)))).collect();
         let starts: Vec<bool> = columns.iter().map(|&column| episode_step(column, step) == 0).collect();
         Batch {
@@ -143,11 +145,10 @@ fn episode_step(column: usize, step: usize) -> usize {
 #[allow(clippy::large_stack_arrays)]
 fn observation(column: usize, sums: bool) -> Observation {
     let mut observation = Observation {
+        header: RecordHeader { bulk: frame_part::WHOLE, ..RecordHeader::default() },
         transition: Transition::default(),
         current: Current::default(),
-        environment: 0,
-        parts: frame_part::WHOLE,
-        reserved: [0; 12],
+        reserved: [0; 9],
         depth_mm: [0; FRAME_PIXELS],
         sums_mm: [0; SUMS_PIXELS],
     };
@@ -156,7 +157,7 @@ fn observation(column: usize, sums: bool) -> Observation {
         *depth_mm = 300 + ((row * 389 + at * 131 + column * 1009) % 4000) as u16;
     }
     if sums && sum_windows(&observation.depth_mm, &mut observation.sums_mm) {
-        observation.parts |= frame_part::SUMS;
+        observation.header.bulk |= frame_part::SUMS;
     }
     observation
 }

@@ -6,7 +6,8 @@ use crate::rollout::Outcome;
 use proto::action::{Action, HOLD, NO_ACTION};
 use proto::config::Config;
 use proto::plausible::{self, Implausible};
-use proto::step::{Current, Transition, current_flag, transition_flag};
+use proto::record::{End, RecordHeader, flag};
+use proto::step::{Current, Transition};
 use proto::task::{Composition, Condition};
 use wire::message::EnvironmentState;
 
@@ -43,6 +44,8 @@ impl Signals {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ended {
     pub last: Transition,
+    /// Its steps.
+    pub length: u32,
     /// What that does not contain.
     pub running: RunningEpisode,
 }
@@ -167,20 +170,21 @@ impl Environments {
     pub fn check(
         &self,
         column: usize,
-        environment: u32,
+        header: &RecordHeader,
         transition: &Transition,
         current: &Current,
     ) -> Result<(), Mismatch> {
         let (_, index) = self.column_map.place(column);
         let mismatch = |problem| self.mismatch(column, problem);
-        if environment != index {
-            return Err(mismatch(format!("its place in the sample holds environment {environment}")));
+        if header.environment != index {
+            return Err(mismatch(format!("its place in the sample holds environment {}", header.environment)));
         }
+        header.check().map_err(|cause| mismatch(cause.to_string()))?;
         let state = &self.states[column];
         let mut expected = (state.episode, state.action_count);
         if let Some(action) = self.in_flight[column] {
-            check_transition(state, action, transition).map_err(&mismatch)?;
-            if transition.flags & transition_flag::ENDED != 0 {
+            check_action(state, action, header, transition).map_err(&mismatch)?;
+            if header.end().is_some() {
                 expected = (state.episode + 1, 0);
             } else if state.action_count >= self.max_episode_steps {
                 return Err(mismatch(format!(
@@ -189,18 +193,18 @@ impl Environments {
                 )));
             }
         }
-        let seen = (current.episode, current.step);
+        let seen = (header.episode, header.step);
         if seen != expected {
             return Err(mismatch(format!(
                 "it is at episode {}, step {}; by its actions so far it must be at episode {}, step {}",
                 seen.0, seen.1, expected.0, expected.1
             )));
         }
-        let start = current.step == 0;
-        if (current.flags & current_flag::EPISODE_START != 0) != start {
-            return Err(mismatch(format!("its episode-start flag is wrong at step {}", current.step)));
+        let start = header.step == 0;
+        if header.has(flag::EPISODE_START) != start {
+            return Err(mismatch(format!("its episode-start flag is wrong at step {}", header.step)));
         }
-        let previous = if start { u32::from(NO_ACTION) } else { u32::from(state.actions()[current.step as usize - 1]) };
+        let previous = if start { u32::from(NO_ACTION) } else { u32::from(state.actions()[header.step as usize - 1]) };
         if current.previous_action != previous {
             return Err(mismatch(format!(
                 "it reports {} as the previous action; that was {previous}",
@@ -209,51 +213,57 @@ impl Environments {
         }
         let transition = self.in_flight[column].map(|_| transition);
         plausible::check(transition, current).map_err(|cause| {
-            let problem = format!("at episode {}, step {}, {cause}", current.episode, current.step);
+            let problem = format!("at episode {}, step {}, {cause}", header.episode, header.step);
             Mismatch { non_finite: matches!(cause, Implausible::NotFinite(_)), ..mismatch(problem) }
         })
     }
 
     /// Records the outcome of the action in flight, if there is one. Call it once for each checked report.
-    pub fn settle(&mut self, column: usize, transition: &Transition, reward: &Reward) -> Option<Settlement> {
+    pub fn settle(
+        &mut self,
+        column: usize,
+        header: &RecordHeader,
+        transition: &Transition,
+        reward: &Reward,
+    ) -> Option<Settlement> {
         self.in_flight[column].take()?;
         let value = reward.composition.of(|index| transition.reward.part(index), reward.multiplier);
-        let has = |flag| transition.flags & flag != 0;
         let running = &mut self.running[column];
-        running.add(transition, value, self.gamma, self.signals.cost);
-        let ended = has(transition_flag::ENDED).then(|| Ended { last: *transition, running: std::mem::take(running) });
+        running.add(transition, header.acted_step, value, self.gamma, self.signals.cost);
+        let ended = header.end().map(|_| Ended {
+            last: *transition,
+            length: header.acted_step + 1,
+            running: std::mem::take(running),
+        });
         self.ended[column] |= ended.is_some();
         let outcome = Outcome {
             reward: value,
-            ended: has(transition_flag::ENDED),
-            time_limit: has(transition_flag::TIME_LIMIT),
+            ended: ended.is_some(),
+            time_limit: header.end() == Some(End::Truncated),
             label: self.signals.labels(transition),
         };
         Some(Settlement { outcome, ended })
     }
 }
 
-/// `state` already includes `action`, which `transition` must report.
-fn check_transition(state: &EnvironmentState, action: u8, transition: &Transition) -> Result<(), String> {
-    let flags = transition.flags;
-    if flags & transition_flag::VALID == 0 {
-        return Err(format!(
-            "it reports no transition for action {action} of episode {}, step {}",
-            state.episode,
-            state.action_count - 1
-        ));
+/// `state` already includes `action`, which must be reported.
+fn check_action(
+    state: &EnvironmentState,
+    action: u8,
+    header: &RecordHeader,
+    transition: &Transition,
+) -> Result<(), String> {
+    let step = state.action_count - 1;
+    if !header.has(flag::ACTED) {
+        return Err(format!("it reports nothing of action {action} of episode {}, step {step}", state.episode));
     }
-    let seen = (transition.episode, transition.step, transition.action);
-    let expected = (state.episode, state.action_count - 1, u32::from(action));
+    let seen = (header.acted_episode, header.acted_step, transition.action);
+    let expected = (state.episode, step, u32::from(action));
     if seen != expected {
         return Err(format!(
-            "its transition is episode {}, step {}, action {}; sent was episode {}, step {}, action {}",
+            "its last action is that of episode {}, step {}, action {}; sent was episode {}, step {}, action {}",
             seen.0, seen.1, seen.2, expected.0, expected.1, expected.2
         ));
-    }
-    let ended = flags & transition_flag::ENDED != 0;
-    if ended != (flags & (transition_flag::DONE | transition_flag::TIME_LIMIT) != 0) {
-        return Err(format!("an episode ends by Done or by the step limit, and only so; flags {flags:#x}"));
     }
     Ok(())
 }

@@ -43,8 +43,9 @@ use proto::action::HOLD;
 use proto::camera::DepthFrame;
 use proto::config::CarriedGoal;
 use proto::episode::EnvironmentId;
+use proto::record::{RecordHeader, flag};
 use proto::stage::RolloutShape;
-use proto::step::{Current, Transition, current_flag};
+use proto::step::{Current, Transition};
 use tally::Tally;
 use wire::Receipt;
 use wire::message::{ActionHeader, EnvironmentState, ObservationHeader, RestoreHeader, can_follow, observation_kind};
@@ -57,8 +58,8 @@ pub trait HalfSample {
     fn is_empty(&self) -> bool {
         self.len() == 0
     }
-    /// Environment index in observation `i`.
-    fn environment(&self, i: usize) -> u32;
+    /// The engine's header of observation `i`.
+    fn header(&self, i: usize) -> &RecordHeader;
     /// What the last action did.
     fn transition(&self, i: usize) -> &Transition;
     /// What is seen now.
@@ -304,7 +305,7 @@ impl<S: HalfSample> Collector<S> {
             return Err(ProtocolError::Length { actor, half, found: sample.len(), expected: columns.len() });
         }
         for (i, column) in columns.clone().enumerate() {
-            self.environments.check(column, sample.environment(i), sample.transition(i), sample.current(i))?;
+            self.environments.check(column, sample.header(i), sample.transition(i), sample.current(i))?;
             if !sample.has_frame(i) {
                 let problem = "its depth frame, or the part of it that is needed, is not there".to_owned();
                 return Err(self.environments.mismatch(column, problem).into());
@@ -313,7 +314,7 @@ impl<S: HalfSample> Collector<S> {
         // Here, because others are still awaited: once enough are there, those wait for their actions.
         for (i, column) in columns.enumerate() {
             let (Settings { seed, policy_actions, .. }, place) = (self.settings, self.ids[column]);
-            let Current { episode, step, .. } = *sample.current(i);
+            let RecordHeader { episode, step, .. } = *sample.header(i);
             self.noise[column].clear();
             gumbel(seed, place, episode, step, policy_actions, &mut self.noise[column]);
         }
@@ -414,7 +415,7 @@ impl<S: HalfSample> Collector<S> {
             }
             let sample = lanes.sample(lane);
             for (i, column) in settings.column_map.columns_of(lane.index, lane.half).enumerate() {
-                let settlement = environments.settle(column, sample.transition(i), reward);
+                let settlement = environments.settle(column, sample.header(i), sample.transition(i), reward);
                 if let Some(Settlement { outcome, ended }) = settlement {
                     let t = lane.t - 1;
                     tally.take(t, column, outcome.reward, ended);
@@ -426,16 +427,16 @@ impl<S: HalfSample> Collector<S> {
         settled
     }
 
-    /// The transitions of these lanes' last exchange, by column, as their actors reported them; none for a column that
-    /// held.
+    /// What was reported of these lanes' last exchange, by column: not acted where a column held.
     ///
     /// # Panics
     /// If their observations are not here.
-    pub(crate) fn transitions(&self, lanes: &[Lane]) -> impl Iterator<Item = (usize, &Transition)> {
+    pub(crate) fn outcomes(&self, lanes: &[Lane]) -> impl Iterator<Item = (usize, &RecordHeader, &Transition)> {
         let column_map = self.settings.column_map;
         lanes.iter().flat_map(move |&lane| {
             let sample = self.lanes.sample(lane);
-            column_map.columns_of(lane.index, lane.half).enumerate().map(|(i, column)| (column, sample.transition(i)))
+            let columns = column_map.columns_of(lane.index, lane.half).enumerate();
+            columns.map(|(i, column)| (column, sample.header(i), sample.transition(i)))
         })
     }
 
@@ -466,15 +467,15 @@ impl<S: HalfSample> Collector<S> {
         for &lane in lanes {
             let sample = self.lanes.sample(lane);
             for (i, column) in column_map.columns_of(lane.index, lane.half).enumerate() {
-                let current = sample.current(i);
+                let (header, current) = (sample.header(i), sample.current(i));
                 batch.columns.push(column);
                 batch.at.push(lane.t);
                 batch.frames.push(sample.frame(i));
                 batch.goal_m.push(current.goal_vector_m(carried_goal));
                 batch.previous_action.push(current.previous_action as u8);
-                batch.episode_start.push(current.flags & current_flag::EPISODE_START != 0);
+                batch.episode_start.push(header.has(flag::EPISODE_START));
                 let environment = self.ids[column];
-                let Current { episode, step, .. } = *current;
+                let RecordHeader { episode, step, .. } = *header;
                 noise(Place { column, environment, episode, step }, &mut batch.gumbel);
             }
         }

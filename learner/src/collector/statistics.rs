@@ -4,7 +4,7 @@ use crate::peers::{PeerError, Peers};
 use crate::shards::Shards;
 use proto::metric;
 use proto::reward::UNDISTURBED_THRESHOLD_M;
-use proto::step::{Transition, transition_flag};
+use proto::step::Transition;
 use std::collections::BTreeMap;
 
 /// Figures of an episode in progress that its last transition does not contain. Checkpoints save them, so that metrics
@@ -20,14 +20,14 @@ pub struct RunningEpisode {
 }
 
 impl RunningEpisode {
-    /// Adds one step; `gamma` is the discount of the constraint, `cost` the index of its part and the part's weight.
-    pub fn add(&mut self, transition: &Transition, reward: f32, gamma: f64, cost: Option<(usize, f32)>) {
+    /// Adds step `step`; `gamma` is the discount of the constraint, `cost` the index of its part and the part's weight.
+    pub fn add(&mut self, transition: &Transition, step: u32, reward: f32, gamma: f64, cost: Option<(usize, f32)>) {
         self.episode_return += f64::from(reward);
         if let Some((part, weight)) = cost {
-            let discount = libm::pow(gamma, f64::from(transition.step));
+            let discount = libm::pow(gamma, f64::from(step));
             self.discounted_cost += discount * f64::from(weight * transition.reward.part(part));
         }
-        self.picked_up |= transition.flags & transition_flag::PICKED_UP != 0;
+        self.picked_up |= transition.picked_up();
     }
 }
 
@@ -52,13 +52,13 @@ impl RolloutStatistics {
         self.reward += f64::from(reward);
     }
 
-    /// Adds an episode that ended with `last`.
-    pub fn add_episode(&mut self, last: &Transition, running: &RunningEpisode) {
-        let success = last.flags & transition_flag::SUCCESS != 0;
+    /// Adds an episode of `length` steps that ended with `last`.
+    pub fn add_episode(&mut self, last: &Transition, length: u32, running: &RunningEpisode) {
+        let success = last.succeeded();
         let share = |condition: bool| f64::from(u8::from(condition));
         self.episodes += 1;
         self.episode_return += running.episode_return;
-        self.length += f64::from(last.step) + 1.0;
+        self.length += f64::from(length);
         self.success += share(success);
         self.success_undisturbed += share(success && last.disturbance_m < UNDISTURBED_THRESHOLD_M);
         self.picked_up += share(running.picked_up);

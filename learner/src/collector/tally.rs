@@ -49,8 +49,8 @@ impl Tally {
                 };
                 let statistics = &mut self.statistics[shards[column]];
                 statistics.add_step(reward);
-                if let Some(Ended { last, running }) = ended {
-                    statistics.add_episode(&last, &running);
+                if let Some(Ended { last, length, running }) = ended {
+                    statistics.add_episode(&last, length, &running);
                 }
             }
         }
@@ -83,7 +83,8 @@ mod tests {
     const RETURNS: [[f64; 4]; 2] = [[1e16, 1.0, -1e16, 1.0], [1.0, 1e16, 3.0, -1e16]];
 
     fn ended(episode_return: f64) -> Ended {
-        Ended { last: Transition::default(), running: RunningEpisode { episode_return, ..RunningEpisode::default() } }
+        let running = RunningEpisode { episode_return, ..RunningEpisode::default() };
+        Ended { last: Transition::default(), length: 1, running }
     }
 
     /// Two actors with two environments: columns 0 and 2 are the first halves, 1 and 3 the second ones.

@@ -12,7 +12,6 @@ use fake_actor::FakeActor;
 use proptest::prelude::*;
 use proto::camera::FRAME_PIXELS;
 use proto::config::{CarriedGoal, Config};
-use proto::step::transition_flag;
 use std::collections::{BTreeMap, VecDeque};
 use taker::Taker;
 
@@ -21,18 +20,15 @@ const MAX_STEPS: u32 = 7;
 const POLICY_ACTIONS: usize = 21;
 static FRAME: [u16; FRAME_PIXELS] = [0; FRAME_PIXELS];
 
-/// Bit in the number of an environment whose depth frame is not there.
-const UNSEEN: u32 = 1 << 31;
-
 #[derive(Debug, Clone)]
-struct FakeSample(Vec<(u32, Transition, Current)>);
+struct FakeSample(Vec<(RecordHeader, Transition, Current)>);
 
 impl HalfSample for FakeSample {
     fn len(&self) -> usize {
         self.0.len()
     }
-    fn environment(&self, i: usize) -> u32 {
-        self.0[i].0 & !UNSEEN
+    fn header(&self, i: usize) -> &RecordHeader {
+        &self.0[i].0
     }
     fn transition(&self, i: usize) -> &Transition {
         &self.0[i].1
@@ -41,7 +37,7 @@ impl HalfSample for FakeSample {
         &self.0[i].2
     }
     fn has_frame(&self, i: usize) -> bool {
-        self.0[i].0 & UNSEEN == 0
+        self.0[i].0.bulk != 0
     }
     fn frame(&self, _i: usize) -> DepthFrame<'_> {
         DepthFrame::Whole(&FRAME)
@@ -499,13 +495,13 @@ fn an_actor_that_disagrees_is_named() {
         text
     };
 
-    let wrong_episode = text(broken(&|_, sample| sample.0[0].2.episode = 3));
+    let wrong_episode = text(broken(&|_, sample| sample.0[0].0.episode = 3));
     assert!(wrong_episode.contains("actor 1, kitchen 3, environment 1: it is at episode 3, step 0"), "{wrong_episode}");
-    let no_start = text(broken(&|_, sample| sample.0[0].2.flags = 0));
+    let no_start = text(broken(&|_, sample| sample.0[0].0.flags = 0));
     assert!(no_start.contains("episode-start flag"), "{no_start}");
-    let swapped = text(broken(&|_, sample| sample.0[0].0 = 0));
+    let swapped = text(broken(&|_, sample| sample.0[0].0.environment = 0));
     assert!(swapped.contains("holds environment 0"), "{swapped}");
-    let unseen = text(broken(&|_, sample| sample.0[0].0 |= UNSEEN));
+    let unseen = text(broken(&|_, sample| sample.0[0].0.bulk = 0));
     assert!(unseen.contains("actor 1, kitchen 3, environment 1: its depth frame"), "{unseen}");
     let short = text(broken(&|_, sample| sample.0.clear()));
     assert!(short.contains("actor 1 sent 0 observations for half 1, which has 1"), "{short}");
@@ -515,6 +511,8 @@ fn an_actor_that_disagrees_is_named() {
     assert!(nobody.contains("makes no sense"), "{nobody}");
     let never_started = text(broken(&|header, _| header.actor_incarnation = u32::MAX));
     assert!(never_started.contains("makes no sense"), "{never_started}");
+    let flags = text(broken(&|_, sample| sample.0[0].0.flags |= flag::TERMINATED));
+    assert!(flags.contains("its header's flags are 0xa"), "{flags}");
     let target = text(broken(&|_, sample| sample.0[0].2.target = 99));
     assert!(target.contains("target is 99"), "{target}");
     let far = text(broken(&|_, sample| sample.0[0].2.object_to_goal_m[0] = 1e6));
@@ -543,7 +541,7 @@ fn a_batch_has_the_goal_vector_with_the_configured_sign() {
             actor.restore = Some(collector.restore(0, 0));
             let (header, mut sample) = actor.turn(column_map).unwrap().remove(0);
             let current = &mut sample.0[0].2;
-            current.flags = current_flag::EPISODE_START | if holding { current_flag::HOLDING } else { 0 };
+            current.holding = u32::from(holding);
             let expected =
                 if holding { current.object_to_goal_m.map(|axis| sign * axis) } else { current.wrist_to_object_m };
             collector.receive(&header, sample).unwrap();
@@ -569,22 +567,24 @@ fn an_outcome_that_does_not_follow_from_the_action_is_an_error() {
     let batch = collector.answer(&first, &[4]).remove(0);
     actor.actions.push_back(batch);
     let (header, sample) = actor.turn(column_map).unwrap().remove(0);
-    let mut refused = |change: &dyn Fn(&mut Transition)| {
+    let mut refused = |change: &dyn Fn(&mut RecordHeader, &mut Transition)| {
         let mut sample = sample.clone();
-        change(&mut sample.0[0].1);
+        let (record, transition, _) = &mut sample.0[0];
+        change(record, transition);
         let error = collector.receive(&header, sample).unwrap_err();
         let text = error.to_string();
         assert_eq!(error.is_non_finite(), text.contains("not finite"), "{text}");
         text
     };
-    assert!(refused(&|transition| transition.flags = 0).contains("reports no transition for action 4"));
-    assert!(refused(&|transition| transition.action = 5).contains("action 5; sent was episode 0, step 0, action 4"));
-    assert!(refused(&|transition| transition.step = 1).contains("step 1, action 4; sent was"));
-    assert!(refused(&|transition| transition.flags |= transition_flag::ENDED).contains("only so"));
-    assert!(refused(&|transition| transition.reward.wrist_object_progress_m = f32::INFINITY).contains("not finite"));
-    assert!(refused(&|transition| transition.wrist_object_m = f32::NAN).contains("not finite"));
-    assert!(refused(&|transition| transition.reward.goal_success = 1000.0).contains("reward for success"));
-    assert!(refused(&|transition| transition.disturbance_m = 3e38).contains("disturbance is"));
+    assert!(refused(&|header, _| header.flags = 0).contains("reports nothing of action 4"));
+    assert!(refused(&|_, done| done.action = 5).contains("action 5; sent was episode 0, step 0, action 4"));
+    assert!(refused(&|header, _| header.acted_step = 1).contains("step 1, action 4; sent was"));
+    assert!(refused(&|header, _| header.flags |= flag::TERMINATED | flag::TRUNCATED).contains("flags are 0x7"));
+    assert!(refused(&|header, _| header.flags |= flag::TERMINATED).contains("must be at episode 1, step 0"));
+    assert!(refused(&|_, done| done.reward.wrist_object_progress_m = f32::INFINITY).contains("not finite"));
+    assert!(refused(&|_, done| done.wrist_object_m = f32::NAN).contains("not finite"));
+    assert!(refused(&|_, done| done.reward.goal_success = 1000.0).contains("reward for success"));
+    assert!(refused(&|_, done| done.disturbance_m = 3e38).contains("disturbance is"));
     assert_eq!(collector.receive(&header, sample.clone()), Ok(Received::Kept));
     let second = due(&collector);
     let settled = collector.settle(&second);

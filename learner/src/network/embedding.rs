@@ -87,7 +87,7 @@ pub(crate) fn table_row(space: ActionSpace, previous_action: u8) -> Option<i64> 
 mod tests {
     use super::*;
     use proto::config::CarriedGoal;
-    use proto::step::{Current, current_flag};
+    use proto::step::Current;
 
     #[test]
     fn polar_goals_of_known_directions() {
@@ -112,12 +112,12 @@ mod tests {
             goal_coordinates(GoalCoordinates::Polar, current.goal_vector_m(carried)).map(f64::from)
         };
         let close = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
-        let (free, held) = ([CarriedGoal::GoalToObject, CarriedGoal::ObjectToGoal], current_flag::HOLDING);
-        for carried in free {
+        let signs = [CarriedGoal::GoalToObject, CarriedGoal::ObjectToGoal];
+        for carried in signs {
             assert_eq!(current.goal_vector_m(carried), [0.1, -0.2, 0.3], "the object is not held");
         }
 
-        current.flags = held;
+        current.holding = 1;
         let distance = 5.04f64.sqrt();
         // z over the distance is the sine of the elevation; the tangent of the azimuth is y over x, here ±0.2: object −
         // goal = (1, 0.2, -2) lies in the first quadrant of (x, y), goal − object in the third.
@@ -127,7 +127,7 @@ mod tests {
         assert!(close(seen(&current, CarriedGoal::GoalToObject), expected), "{expected:?}");
         let expected = [distance, elevation, azimuth - 1.0];
         assert!(close(seen(&current, CarriedGoal::ObjectToGoal), expected), "{expected:?}");
-        for carried in free {
+        for carried in signs {
             let vector = current.goal_vector_m(carried);
             assert_eq!(goal_coordinates(GoalCoordinates::Cartesian, vector), [1.0, 0.2, 2.0], "no sign is seen");
         }

@@ -164,10 +164,10 @@ impl<W: Write> Room<'_, W> {
         let acted: Vec<usize> = collector.settle(lanes).into_iter().map(|settled| settled.column).collect();
         let mut acted = acted.into_iter().peekable();
         let mut played = vec![];
-        for (column, transition) in collector.transitions(lanes) {
+        for (column, header, transition) in collector.outcomes(lanes) {
             // Both ascend.
             if acted.next_if_eq(&column).is_some() {
-                played.extend(self.examination.settle(column, transition));
+                played.extend(self.examination.settle(column, header, transition));
             }
         }
         for (record, actions) in played {

@@ -7,6 +7,7 @@ use iceoryx2::port::ReceiveError;
 use iceoryx2::sample::Sample as IoxSample;
 use proto::camera::{DepthFrame, WINDOW};
 use proto::config::Config;
+use proto::record::RecordHeader;
 use proto::step::{Current, Transition};
 use std::time::Duration;
 use wire::fault;
@@ -28,7 +29,7 @@ pub struct Sample {
 /// What one observation says besides its frame.
 #[derive(Debug)]
 struct Report {
-    environment: u32,
+    header: RecordHeader,
     transition: Transition,
     current: Current,
     /// What the network reads of the frame; none if that is not there.
@@ -38,9 +39,8 @@ struct Report {
 impl Sample {
     fn of(borrowed: IoxSample<Ipc, [Observation], ObservationHeader>, averages: bool) -> Self {
         let report = |observation: &Observation| {
-            let current = observation.current;
-            let part = FramePart::read(observation.parts, &current, averages);
-            Report { environment: observation.environment, transition: observation.transition, current, part }
+            let Observation { header, transition, current, .. } = *observation;
+            Report { header, transition, current, part: FramePart::read(&header, averages) }
         };
         let reports = borrowed.payload().iter().map(report).collect();
         Self { borrowed, reports }
@@ -51,8 +51,8 @@ impl HalfSample for Sample {
     fn len(&self) -> usize {
         self.reports.len()
     }
-    fn environment(&self, i: usize) -> u32 {
-        self.reports[i].environment
+    fn header(&self, i: usize) -> &RecordHeader {
+        &self.reports[i].header
     }
     fn transition(&self, i: usize) -> &Transition {
         &self.reports[i].transition
@@ -215,7 +215,7 @@ impl Ports {
 mod tests {
     use super::*;
     use proto::camera::{FRAME_PIXELS, SUMS_PIXELS};
-    use proto::step::current_flag;
+    use proto::record::flag;
     use std::ptr::{addr_of_mut, write_volatile};
     use wire::WireHost;
     use wire::message::frame_part;
@@ -238,11 +238,10 @@ mod tests {
             *loan.user_header_mut() = ObservationHeader { half: 1, ..Default::default() };
             let header = std::ptr::from_mut(loan.user_header_mut());
             let sent = Observation {
+                header: RecordHeader { environment: 1, bulk: frame_part::WHOLE, ..Default::default() },
                 transition: Transition { disturbance_m: 0.5, ..Default::default() },
                 current: Current { target: 3, ..Default::default() },
-                environment: 1,
-                parts: frame_part::WHOLE,
-                reserved: [0; 12],
+                reserved: [0; 9],
                 depth_mm: [1234; FRAME_PIXELS],
                 sums_mm: [0; SUMS_PIXELS],
             };
@@ -254,15 +253,15 @@ mod tests {
             // SAFETY: the sample's memory is mapped until the publisher is dropped; nobody else writes to it.
             unsafe {
                 write_volatile(addr_of_mut!((*header).half), 7);
-                write_volatile(addr_of_mut!((*observation).environment), 99);
+                write_volatile(addr_of_mut!((*observation).header.environment), 99);
                 write_volatile(addr_of_mut!((*observation).transition.disturbance_m), f32::NAN);
                 write_volatile(addr_of_mut!((*observation).current.target), 99);
-                write_volatile(addr_of_mut!((*observation).parts), 0);
+                write_volatile(addr_of_mut!((*observation).header.bulk), 0);
                 write_volatile(addr_of_mut!((*observation).depth_mm[7]), 4321);
             }
             assert_eq!(sample.borrowed.user_header().half, 7, "the sender reaches what the learner reads");
             assert_eq!(received.half, 1);
-            assert_eq!((sample.len(), sample.environment(0)), (1, 1));
+            assert_eq!((sample.len(), sample.header(0).environment), (1, 1));
             assert_eq!((sample.transition(0).disturbance_m, sample.current(0).target), (0.5, 3));
             assert!(sample.has_frame(0));
             assert_eq!(sample.frame(0).numbers()[7], 4321, "frames are not copied");
@@ -274,22 +273,21 @@ mod tests {
     /// Of the part that is not there the sample has what an earlier one left.
     #[test]
     fn only_what_is_there_of_a_frame_is_read() {
-        let (seen, recorded) =
-            (Current::default(), Current { flags: current_flag::RECORD_DEPTH, ..Default::default() });
-        let read = |parts: &[u32], current: &Current, averages| {
-            FramePart::read(parts.iter().fold(0, |all, part| all | part), current, averages)
+        let read = |parts: &[u32], flags: u32, averages| {
+            let bulk = parts.iter().fold(0, |all, part| all | part);
+            FramePart::read(&RecordHeader { bulk, flags, ..Default::default() }, averages)
         };
         let (whole, sums) = (frame_part::WHOLE, frame_part::SUMS);
-        for current in [&seen, &recorded] {
-            assert_eq!(read(&[], current, true), None);
-            assert_eq!(read(&[], current, false), None);
-            assert_eq!(read(&[whole], current, true), Some(FramePart::Whole), "a sum exceeded 16 bits");
-            assert_eq!(read(&[whole], current, false), Some(FramePart::Whole));
-            assert_eq!(read(&[whole, sums], current, true), Some(FramePart::Sums));
-            assert_eq!(read(&[whole, sums], current, false), Some(FramePart::Whole));
-            assert_eq!(read(&[sums], current, false), None, "this network reads no sums");
+        for flags in [0, flag::RECORD_BULK] {
+            assert_eq!(read(&[], flags, true), None);
+            assert_eq!(read(&[], flags, false), None);
+            assert_eq!(read(&[whole], flags, true), Some(FramePart::Whole), "a sum exceeded 16 bits");
+            assert_eq!(read(&[whole], flags, false), Some(FramePart::Whole));
+            assert_eq!(read(&[whole, sums], flags, true), Some(FramePart::Sums));
+            assert_eq!(read(&[whole, sums], flags, false), Some(FramePart::Whole));
+            assert_eq!(read(&[sums], flags, false), None, "this network reads no sums");
         }
-        assert_eq!(read(&[sums], &seen, true), Some(FramePart::Sums));
-        assert_eq!(read(&[sums], &recorded, true), None, "the recorder has nothing to record");
+        assert_eq!(read(&[sums], 0, true), Some(FramePart::Sums));
+        assert_eq!(read(&[sums], flag::RECORD_BULK, true), None, "the recorder has nothing to record");
     }
 }

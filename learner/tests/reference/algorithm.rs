@@ -170,11 +170,11 @@ fn the_multiplier_follows_the_mean_discounted_disturbance_of_ended_episodes() {
             for (n, (step, episode)) in running.iter_mut().enumerate() {
                 let cell = (rollout * steps + t) * columns + n;
                 let reward = RewardParts { disturbance_progress_m: progress[cell], ..RewardParts::default() };
-                let transition = Transition { step: *step, reward, ..Transition::default() };
-                episode.add(&transition, 0.0, 0.99, config.spec().cost());
+                let transition = Transition { reward, ..Transition::default() };
+                episode.add(&transition, *step, 0.0, 0.99, config.spec().cost());
                 *step += 1;
                 if ended[cell] > 0.75 && rollout != 3 {
-                    statistics.add_episode(&transition, episode);
+                    statistics.add_episode(&transition, *step, episode);
                     (*step, *episode) = (0, RunningEpisode::default());
                 }
             }

@@ -3,9 +3,10 @@
 
 use proto::action::{Action, HOLD, NO_ACTION};
 use proto::episode::EnvironmentId;
+use proto::record::{End, RecordHeader};
 use proto::reward::RewardParts;
-use proto::step::{Current, Transition, current_flag, transition_flag};
-use wire::message::EnvironmentState;
+use proto::step::{Current, Transition};
+use wire::message::{EnvironmentState, frame_part};
 
 /// `SplitMix64` over a list of words.
 pub fn mix(words: impl IntoIterator<Item = u64>) -> u64 {
@@ -28,6 +29,7 @@ pub struct FakeEnvironment {
     id: EnvironmentId,
     max_steps: u32,
     state: EnvironmentState,
+    header: RecordHeader,
     transition: Transition,
 }
 
@@ -35,7 +37,9 @@ impl FakeEnvironment {
     /// As an actor rebuilds it: replays the actions; the last one's transition is what it reports.
     pub fn rebuild(id: EnvironmentId, max_steps: u32, state: &EnvironmentState) -> Self {
         let start = EnvironmentState::start_of(state.episode);
-        let mut environment = Self { id, max_steps, state: start, transition: Transition::default() };
+        let (header, transition) = (RecordHeader::default(), Transition::default());
+        let mut environment = Self { id, max_steps, state: start, header, transition };
+        environment.header.begin(state.episode, environment.hash(), false);
         for &action in state.actions() {
             assert_eq!(environment.state.episode, state.episode, "a restored episode ends at its last action or later");
             environment.act(action);
@@ -52,10 +56,10 @@ impl FakeEnvironment {
     /// Takes one action; Done and the step limit end the episode.
     pub fn act(&mut self, action: u8) {
         if action == HOLD {
+            self.header.hold();
             self.transition = Transition::default();
             return;
         }
-        let (episode, step) = (self.state.episode, self.state.action_count);
         self.state.push(action);
         let hash = self.hash();
         let done = action == Action::DoneMidLevel.index();
@@ -63,16 +67,8 @@ impl FakeEnvironment {
         let failed = done && !success;
         let holding = success || hash.is_multiple_of(2);
         let picked_up = holding && action == Action::PickUpMidLevel.index();
-        let limit = !done && step + 1 == self.max_steps;
-        let set = |flag, condition: bool| if condition { flag } else { 0 };
-        let flags = transition_flag::VALID
-            | set(transition_flag::DONE, done)
-            | set(transition_flag::SUCCESS, success)
-            | set(transition_flag::ACTION_FAILED, failed)
-            | set(transition_flag::HOLDING, holding)
-            | set(transition_flag::TIME_LIMIT, limit)
-            | set(transition_flag::ENDED, done || limit)
-            | set(transition_flag::PICKED_UP, picked_up);
+        let limit = self.state.action_count == self.max_steps;
+        let end = if done { Some(End::Terminated) } else { limit.then_some(End::Truncated) };
         let one_if = |condition: bool| f32::from(u8::from(condition));
         let reward = RewardParts {
             wrist_object_progress_m: unit(mix([hash, 1])),
@@ -82,40 +78,30 @@ impl FakeEnvironment {
             picked_up: one_if(picked_up),
             goal_success: one_if(success),
         };
-        let action = u32::from(action);
-        self.transition =
-            Transition { state_hash: hash, episode, step, flags, action, reward, ..Transition::default() };
-        if done || limit {
-            self.state = EnvironmentState::start_of(episode + 1);
+        let (action, holding) = (u32::from(action), u32::from(holding));
+        self.transition = Transition { action, reward, holding, ..Transition::default() };
+        self.header.act(hash, end);
+        if end.is_some() {
+            self.state = EnvironmentState::start_of(self.state.episode + 1);
+            self.header.begin(self.state.episode, self.hash(), false);
         }
     }
 
-    /// What the last action did.
-    pub fn transition(&self) -> Transition {
-        self.transition
+    /// What it reports as environment `index` of its actor.
+    pub fn observe(&self, index: u32) -> (RecordHeader, Transition, Current) {
+        let header = RecordHeader { environment: index, bulk: frame_part::WHOLE, ..self.header };
+        (header, self.transition, self.current())
     }
 
     /// What is seen now.
     pub fn current(&self) -> Current {
         let hash = self.hash();
-        let set = |flag, condition: bool| if condition { flag } else { 0 };
         Current {
-            state_hash: hash,
-            episode: self.state.episode,
-            step: self.state.action_count,
-            flags: set(current_flag::EPISODE_START, self.state.action_count == 0)
-                | set(current_flag::HOLDING, hash.is_multiple_of(2)),
-            target: 0,
+            holding: u32::from(hash.is_multiple_of(2)),
             previous_action: u32::from(self.state.actions().last().copied().unwrap_or(NO_ACTION)),
             wrist_to_object_m: [1, 2, 3].map(|i| unit(mix([hash, i]))),
             object_to_goal_m: [4, 5, 6].map(|i| unit(mix([hash, i]))),
-            base_position_m: [0.0; 2],
-            base_yaw_rad: 0.0,
-            camera_pitch_rad: 0.0,
-            wrist_position_m: [0.0; 3],
-            target_position_m: [0.0; 3],
-            goal_position_m: [0.0; 3],
-            reserved: [0; 2],
+            ..Current::default()
         }
     }
 }

@@ -18,7 +18,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
-use wire::message::{Halves, ObservationHeader, StageAnnouncement, directive, frame_part, observation_kind};
+use wire::message::{Halves, ObservationHeader, StageAnnouncement, directive, observation_kind};
 use wire::{
     Announcer, ObservationPublisher, Receipt, ReceiptBook, Sleeper, Wire, WireAddress, WireHost, WireShape, Written,
 };
@@ -427,13 +427,10 @@ impl Acting {
                 slot.assume_init_mut()
             };
             if let Some(environment) = self.environments.get(e) {
-                observation.transition = environment.transition();
-                observation.current = environment.current();
+                (observation.header, observation.transition, observation.current) = environment.observe(e as u32);
                 if self.poisoned.load(Ordering::Relaxed) {
                     observation.current.wrist_to_object_m[1] = f32::NAN;
                 }
-                observation.environment = e as u32;
-                observation.parts = frame_part::WHOLE;
                 let hash = environment.hash();
                 for (row, line) in observation.depth_mm.chunks_mut(224).enumerate() {
                     line.fill((mix([hash, row as u64]) % 4000) as u16);

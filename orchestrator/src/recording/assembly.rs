@@ -4,7 +4,7 @@ use crate::recording::schema::stillroom::step::Goal;
 use crate::recording::schema::stillroom::{EpisodeEnd, EpisodeStart, RobotVector, Step};
 use proto::replay::{STEP_ASPECTS, goal_digest, start_digest, step_digests};
 use proto::reward::{RewardParts, UNDISTURBED_THRESHOLD_M};
-use proto::step::{Transition, transition_flag};
+use proto::step::Transition;
 use std::cmp::Ordering;
 
 /// Incarnations of orchestrator and learner: the higher one is the newer.
@@ -27,7 +27,7 @@ pub struct Assembly {
     /// A file under another configuration goes on with it: the one, from this step on.
     pub moved_to: Option<(usize, usize)>,
     /// The last step taken.
-    last: Option<Transition>,
+    last: Option<Taken>,
     /// Returns under r and r′ of all steps, if one start of the programs recorded them all.
     returns: Option<(f64, f64)>,
     end: Option<EpisodeEnd>,
@@ -41,29 +41,25 @@ pub struct Taken {
     pub goal: u32,
     pub digests: [u32; STEP_ASPECTS.len()],
     pub rewards: [f32; 2],
-    pub transition: Transition,
+    transition: Transition,
+    /// Whether the task ended the episode, whether the limit did, and whether it ended.
+    ends: [bool; 3],
 }
 
 impl Taken {
     /// What a message says; none where there is no such action.
     pub fn of(step: &Step) -> Option<Self> {
-        let flags = [
-            (step.action_failed, transition_flag::ACTION_FAILED),
-            (step.holding, transition_flag::HOLDING),
-            (step.picked_up, transition_flag::PICKED_UP),
-            (step.done, transition_flag::DONE),
-            (step.success, transition_flag::SUCCESS),
-            (step.time_limit, transition_flag::TIME_LIMIT),
-            (step.ended, transition_flag::ENDED),
-        ];
+        let one_if = |condition: bool| f32::from(u8::from(condition));
         let reward = RewardParts {
             wrist_object_progress_m: step.wrist_object_progress_m,
             object_goal_progress_m: step.object_goal_progress_m,
             disturbance_progress_m: step.disturbance_progress_m,
-            ..RewardParts::default()
+            failed_action: one_if(step.action_failed),
+            picked_up: one_if(step.picked_up),
+            goal_success: one_if(step.success),
         };
         let transition = Transition {
-            flags: flags.into_iter().filter(|(is, _)| *is).map(|(_, flag)| flag).sum(),
+            holding: step.holding.into(),
             target: step.target as u32,
             reward,
             disturbance_m: step.disturbance_m,
@@ -73,14 +69,15 @@ impl Taken {
             object_goal_m: step.object_goal_m,
             ..Transition::default()
         };
-        let rewards = [step.reward_r, step.reward_r_prime];
+        let (rewards, ends) = ([step.reward_r, step.reward_r_prime], [step.done, step.time_limit, step.ended]);
         Some(Self {
             action: u8::try_from(step.action).ok()?,
             hash: step.state_hash,
             goal: digest(step.goal.as_ref()),
-            digests: step_digests(&transition, rewards),
+            digests: step_digests(&transition, ends, rewards),
             rewards,
             transition,
+            ends,
         })
     }
 }
@@ -101,7 +98,7 @@ impl Assembly {
                 self.hashes.push(taken.hash);
                 self.goals.push(taken.goal);
                 self.steps.push(taken.digests);
-                self.last = Some(taken.transition);
+                self.last = Some(*taken);
             }
             Ordering::Greater => drop(self.gap.get_or_insert(self.actions.len())),
             // Recorded twice under the same learner: a segment was given twice.
@@ -141,7 +138,7 @@ impl Assembly {
 
     /// Whether its last step or a message says that it has ended.
     pub fn has_ended(&self) -> bool {
-        self.end.is_some() || self.last.is_some_and(|last| last.flags & transition_flag::ENDED != 0)
+        self.end.is_some() || self.last.is_some_and(|last| last.ends[2])
     }
 
     /// What is missing of the episode, or contradicts itself. `goes_on`: a later one of its environment was recorded.
@@ -172,21 +169,25 @@ impl Assembly {
 }
 
 /// Fields of an episode's end that are not as its steps have them.
-fn differing(end: &EpisodeEnd, last: &Transition, returns: Option<(f64, f64)>) -> Vec<&'static str> {
-    let is = |flag: u32| last.flags & flag != 0;
-    let undisturbed = is(transition_flag::SUCCESS) && last.disturbance_m < UNDISTURBED_THRESHOLD_M;
+fn differing(
+    end: &EpisodeEnd,
+    Taken { transition: last, ends, .. }: &Taken,
+    returns: Option<(f64, f64)>,
+) -> Vec<&'static str> {
+    let [_, time_limit, ended] = *ends;
+    let undisturbed = last.succeeded() && last.disturbance_m < UNDISTURBED_THRESHOLD_M;
     let returned = |recorded: Option<f64>, summed: Option<f64>| match (recorded, summed) {
         (Some(recorded), Some(summed)) => recorded.to_bits() == summed.to_bits(),
         // A recorder that did not see all of the episode writes none.
         _ => true,
     };
     let fields = [
-        ("end", is(transition_flag::ENDED)),
+        ("end", ended),
         ("target", end.target as u32 == last.target),
-        ("success", end.success == is(transition_flag::SUCCESS)),
+        ("success", end.success == last.succeeded()),
         ("success_undisturbed", end.success_undisturbed == undisturbed),
-        ("picked_up", end.picked_up == is(transition_flag::HOLDING)),
-        ("time_limit", end.time_limit == is(transition_flag::TIME_LIMIT)),
+        ("picked_up", end.picked_up == last.holds()),
+        ("time_limit", end.time_limit == time_limit),
         ("disturbance_m", end.disturbance_m == last.disturbance_m),
         ("peak_disturbance_m", end.peak_disturbance_m == last.peak_disturbance_m),
         ("disturbed_objects", end.disturbed_objects == last.disturbed_objects),

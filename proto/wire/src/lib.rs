@@ -6,6 +6,7 @@
 //! ```
 //! use bytemuck::Zeroable;
 //! use proto::action::Action;
+//! use proto::record::RecordHeader;
 //! use proto::shares::Shares;
 //! use wire::message::Observation;
 //! use wire::{Wire, WireAddress, WireHost, WireShape};
@@ -21,9 +22,10 @@
 //! let (observations, seen) = (actor.observation_publisher(0)?, learner.observation_subscriber(0)?);
 //! let mut sample = observations.loan_slice_uninit(1)?;
 //! sample.user_header_mut().step = 7;
-//! sample.write_from_fn(|_| Observation { environment: 1, ..Observation::zeroed() }).send()?;
+//! let header = RecordHeader { environment: 1, ..RecordHeader::default() };
+//! sample.write_from_fn(|_| Observation { header, ..Observation::zeroed() }).send()?;
 //! let sample = seen.receive()?.expect("it was sent");
-//! assert_eq!((sample.user_header().step, sample.payload()[0].environment), (7, 1));
+//! assert_eq!((sample.user_header().step, sample.payload()[0].header.environment), (7, 1));
 //!
 //! // The learner answers with one byte an environment.
 //! let (actions, answers) = (learner.action_publisher(0)?, actor.action_subscriber(0)?);

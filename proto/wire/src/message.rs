@@ -7,23 +7,23 @@ use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 use proto::camera::{DepthFrame, FRAME_PIXELS, SUMS_PIXELS};
 use proto::episode::MAX_EPISODE_STEPS;
-use proto::step::{Current, Transition, current_flag};
+use proto::record::{RecordHeader, flag};
+use proto::step::{Current, Transition};
 
-/// One environment's answer to one action: what the action did, what is seen now, and the depth frame, its sums, or both.
+/// One environment's answer to one action: the header, what the action did, what is seen now, and the depth frame, its
+/// sums, or both.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 #[repr(align(64))]
 pub struct Observation {
+    /// The engine's own. Bits of [`RecordHeader::bulk`] are those of [`frame_part`].
+    pub header: RecordHeader,
     /// Outcome of the last action.
     pub transition: Transition,
     /// What is seen now.
     pub current: Current,
-    /// Environment index within the actor.
-    pub environment: u32,
-    /// What is there of the frame: bits of [`frame_part`].
-    pub parts: u32,
     /// Padding up to the frame, which begins on a cache line, always 0.
-    pub reserved: [u32; 12],
+    pub reserved: [u32; 9],
     /// Depth along the camera's axis, millimetres, row-major from the top left; 0 where nothing was hit. Anything, unless
     /// it is one of the parts.
     pub depth_mm: [u16; FRAME_PIXELS],
@@ -51,22 +51,26 @@ pub enum FramePart {
 }
 
 impl FramePart {
-    /// Of an observation that has these `parts`: the sums only if the network `averages` over such windows. None if what
-    /// it would read is not there, or if the whole frame is to be recorded and is not there.
-    pub fn read(parts: u32, current: &Current, averages: bool) -> Option<Self> {
-        let has_whole = parts & frame_part::WHOLE != 0;
-        if current.flags & current_flag::RECORD_DEPTH != 0 && !has_whole {
+    /// Of an observation with this header: the sums only if the network `averages` over such windows. None if what it
+    /// would read is not there, or if the whole frame is to be recorded and is not there.
+    pub fn read(header: &RecordHeader, averages: bool) -> Option<Self> {
+        let has_whole = header.bulk & frame_part::WHOLE != 0;
+        if header.has(flag::RECORD_BULK) && !has_whole {
             return None;
         }
-        if averages && parts & frame_part::SUMS != 0 { Some(Self::Sums) } else { has_whole.then_some(Self::Whole) }
+        if averages && header.bulk & frame_part::SUMS != 0 {
+            Some(Self::Sums)
+        } else {
+            has_whole.then_some(Self::Whole)
+        }
     }
 }
 
 // SAFETY: an Observation is `Pod`: `repr(C)`, self-contained, without pointers. (The derive asks for this trait on
-// every field, and two of them are types of `proto`, which has no transport.)
+// every field, and three of them are types of `proto`, which has no transport.)
 unsafe impl ZeroCopySend for Observation {
     unsafe fn type_name() -> &'static str {
-        "stillroom/Observation/5"
+        "stillroom/Observation/6"
     }
 }
 

@@ -6,8 +6,8 @@ use crate::setup::{ACTIONS, MAX_STEPS, NOISE, Setup};
 use learner::collector::{Signals, gumbel};
 use proto::action::HOLD;
 use proto::episode::EnvironmentId;
+use proto::record::{End, flag};
 use proto::stage::{RolloutShape, position_at, total_frames};
-use proto::step::{Current, Transition, current_flag, transition_flag};
 use std::collections::BTreeMap;
 use wire::message::EnvironmentState;
 
@@ -71,12 +71,12 @@ pub fn updated(weights: u64, sum: u64) -> u64 {
     mix([weights, sum]) >> 11
 }
 
-fn seen_by(seed: u64, id: EnvironmentId, current: &Current) -> u64 {
+fn seen_by(seed: u64, id: EnvironmentId, environment: &FakeEnvironment) -> u64 {
+    let (header, _, current) = environment.observe(0);
     let mut noise = vec![];
-    gumbel(seed, id, current.episode, current.step, NOISE, &mut noise);
-    let held = current.flags & current_flag::HOLDING != 0;
-    let goal_m = if held { current.object_to_goal_m.map(|axis| -axis) } else { current.wrist_to_object_m };
-    look(goal_m, &noise, current.previous_action as u8, current.flags & current_flag::EPISODE_START != 0)
+    gumbel(seed, id, header.episode, header.step, NOISE, &mut noise);
+    let goal_m = if current.holds() { current.object_to_goal_m.map(|axis| -axis) } else { current.wrist_to_object_m };
+    look(goal_m, &noise, current.previous_action as u8, header.has(flag::EPISODE_START))
 }
 
 impl Model {
@@ -104,25 +104,24 @@ impl Model {
                         environment.act(HOLD);
                         continue;
                     }
-                    let seen = seen_by(config.seed, ids[column], &environment.current());
+                    let seen = seen_by(config.seed, ids[column], environment);
                     let action = choose(acting, seen);
                     environment.act(action);
-                    let Transition { episode, step, state_hash, flags, reward, .. } = environment.transition();
-                    let has = |flag| flags & flag != 0;
-                    let value = composition.of(|index| reward.part(index), 0.0);
-                    let outcome = [
-                        has(transition_flag::ENDED),
-                        has(transition_flag::TIME_LIMIT),
-                        signals.label.is_some_and(|label| label.holds(|index| reward.part(index))),
-                    ];
+                    let (header, transition, _) = environment.observe(0);
+                    let part = |index| transition.reward.part(index);
+                    let value = composition.of(part, 0.0);
+                    let (end, label) = (header.end(), signals.label.is_some_and(|label| label.holds(part)));
+                    let outcome = [end.is_some(), end == Some(End::Truncated), label];
                     let gained = of_action(t, column, action, seen).wrapping_add(of_outcome(t, column, value, outcome));
                     digests[column] = digests[column].wrapping_add(gained);
-                    let fresh = model.steps.insert((column as u32, episode, step), state_hash);
+                    let fresh = model
+                        .steps
+                        .insert((column as u32, header.acted_episode, header.acted_step), header.outcome_hash);
                     assert!(fresh.is_none(), "a run takes every step once");
                 }
             }
             for (column, environment) in environments.iter().enumerate() {
-                let seen = seen_by(config.seed, ids[column], &environment.current());
+                let seen = seen_by(config.seed, ids[column], environment);
                 digests[column] = digests[column].wrapping_add(of_bootstrap(column, seen));
             }
             let sum = digests.iter().fold(0, |sum: u64, digest| sum.wrapping_add(*digest));

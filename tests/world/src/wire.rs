@@ -1,13 +1,14 @@
 //! All services of one session, with the settings of the real ones (`proto/wire/src/services.rs`).
 
 use crate::service::{Full, Service, Settings, TaskId};
+use proto::record::RecordHeader;
 use proto::shares::Shares;
 use proto::step::{Current, Transition};
 use std::rc::Rc;
 use wire::message::{ActionHeader, EnvironmentState, ObservationHeader, RestoreHeader, StageAnnouncement};
 
-/// One environment in a sample: its index, what the last action did, what is seen now.
-pub type Seen = (u32, Transition, Current);
+/// One environment in a sample: its header, what the last action did, what is seen now.
+pub type Seen = (RecordHeader, Transition, Current);
 /// An observation sample: header and one half's environments.
 pub type Observations = (ObservationHeader, Rc<Vec<Seen>>);
 /// A restore.

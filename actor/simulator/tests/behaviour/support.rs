@@ -41,8 +41,12 @@ pub fn reward(transition: &Transition) -> f32 {
     Config::default().reward("r").of(|index| transition.reward.part(index), 0.0)
 }
 
-/// Takes this many random actions from where the environment is.
-pub fn run(environment: &mut Environment, number: u32, episode: u32, steps: u32) -> Vec<Transition> {
+/// Takes this many random actions from where the environment is: what each did, and the state that it led to.
+pub fn run(environment: &mut Environment, number: u32, episode: u32, steps: u32) -> Vec<(Transition, u64)> {
     let kitchen = environment.kitchen().id();
-    (0..steps).map(|index| sound_step(environment, random_action(kitchen, number, episode, index))).collect()
+    let step = |index| {
+        let transition = sound_step(environment, random_action(kitchen, number, episode, index));
+        (transition, environment.state_hash())
+    };
+    (0..steps).map(step).collect()
 }

@@ -174,7 +174,7 @@ pub fn record(args: &EndArgs) -> Result<()> {
     let mut seen = 0_u64;
     loop {
         while let Some(sample) = observations.receive().context("cannot receive observations")? {
-            let hashes = sample.payload().iter().map(|observation| observation.transition.state_hash);
+            let hashes = sample.payload().iter().map(|observation| observation.header.outcome_hash);
             seen = std::hint::black_box(hashes.fold(seen, u64::wrapping_add));
         }
         wakeup.wait(LOOK);

@@ -2,7 +2,7 @@
 //! actor is lost when that actor dies.
 
 use super::Message;
-use proto::step::transition_flag;
+use proto::record::flag;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use wire::Receipt;
 use wire::message::observation_kind;
@@ -33,9 +33,9 @@ impl Taker {
         }
         self.newest.insert((header.actor, header.half), at);
         if before.is_some_and(|(learner_incarnation, _)| learner_incarnation == header.learner_incarnation) {
-            for (environment, transition, _) in &sample.0 {
-                if transition.flags & transition_flag::VALID != 0 {
-                    self.steps.insert((header.actor, *environment, transition.episode, transition.step));
+            for (record, ..) in &sample.0 {
+                if record.has(flag::ACTED) {
+                    self.steps.insert((header.actor, record.environment, record.acted_episode, record.acted_step));
                 }
             }
         }

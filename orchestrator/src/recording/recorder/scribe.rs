@@ -17,10 +17,11 @@ use proto::evaluation::Plan;
 use proto::event::Timing;
 use proto::kitchen::Kitchens;
 use proto::metric;
+use proto::record::{End, RecordHeader, flag};
 use proto::replay::length_m;
 use proto::reward::UNDISTURBED_THRESHOLD_M;
 use proto::rota::Rota;
-use proto::step::{Current, Transition, current_flag, transition_flag};
+use proto::step::{Current, Transition};
 use proto::task::Composition;
 use std::collections::BTreeMap;
 use wire::WireShape;
@@ -194,32 +195,32 @@ impl Scribe {
         for (index, observation) in range.zip(observations) {
             let environment = first as usize + index;
             // Copied once: what lies in shared memory can change meanwhile.
-            let (transition, current) = (&{ observation.transition }, &{ observation.current });
-            let taken = Some((header.learner_incarnation, transition.episode, transition.step));
-            if transition.flags & transition_flag::VALID != 0 && self.environments[environment].taken != taken {
+            let Observation { header: record, transition, current, .. } = observation;
+            let (record, transition, current) = (&{ *record }, &{ *transition }, &{ *current });
+            let taken = Some((header.learner_incarnation, record.acted_episode, record.acted_step));
+            if record.has(flag::ACTED) && self.environments[environment].taken != taken {
                 // At a restore point, too: there the transition is old, but a HOLD may follow.
                 self.environments[environment].taken = taken;
                 if with_transitions {
-                    self.step(time_ns, header, environment, index as u32, transition)?;
+                    self.step(time_ns, header, environment, record, transition)?;
                     steps += 1;
-                    if transition.flags & transition_flag::ENDED != 0 {
-                        self.episode_end(time_ns, header, environment, transition)?;
+                    if record.end().is_some() {
+                        self.episode_end(time_ns, header, environment, record, transition)?;
                     }
                 }
             }
-            let described = Some((header.learner_incarnation, current.episode, current.step));
+            let described = Some((header.learner_incarnation, record.episode, record.step));
             if self.environments[environment].described == described {
                 continue;
             }
             self.environments[environment].described = described;
             self.environments[environment].goal = Some(goal_of(current));
-            if current.flags & current_flag::EPISODE_START != 0 {
-                self.episode_start(time_ns, header, environment, current)?;
+            if record.has(flag::EPISODE_START) {
+                self.episode_start(time_ns, header, environment, record, current)?;
             }
             // Both come of one draw in the actor. What is not there is not recorded: the learner refuses it.
-            let is_there = observation.parts & frame_part::WHOLE != 0;
-            if is_there && current.flags & current_flag::RECORD_DEPTH != 0 {
-                self.depth(time_ns, environment, observation)?;
+            if record.bulk & frame_part::WHOLE != 0 && record.has(flag::RECORD_BULK) {
+                self.depth(time_ns, environment, current, &observation.depth_mm)?;
             }
         }
         Ok(steps)
@@ -316,25 +317,25 @@ impl Scribe {
         time_ns: u64,
         header: &ObservationHeader,
         environment: usize,
-        index: u32,
+        record: &RecordHeader,
         transition: &Transition,
     ) -> Result<(), SegmentError> {
-        let is = |flag: u32| transition.flags & flag != 0;
+        let end = record.end();
         let composed = |reward: &Composition| reward.of(|index| transition.reward.part(index), 0.0);
         let [reward_r, reward_r_prime] = self.rewards.each_ref().map(composed);
         let known = &mut self.environments[environment];
-        known.add_rewards(header.learner_incarnation, transition, reward_r, reward_r_prime);
+        known.add_rewards(header.learner_incarnation, record, reward_r, reward_r_prime);
         // The action was chosen from the observation that was described last.
-        let chosen_from = Some((header.learner_incarnation, transition.episode, transition.step));
+        let chosen_from = Some((header.learner_incarnation, record.acted_episode, record.acted_step));
         let goal = if known.described == chosen_from { known.goal } else { None };
         let home = known.home;
         let message = Step {
-            kitchen: self.rota.place(home, transition.episode).kitchen.number(),
+            kitchen: self.rota.place(home, record.acted_episode).kitchen.number(),
             environment: home.number,
             actor: header.actor,
-            environment_index: index,
-            episode: transition.episode,
-            step: transition.step,
+            environment_index: (environment as u32) % self.shape.environments_per_actor,
+            episode: record.acted_episode,
+            step: record.acted_step,
             exchange: header.step,
             incarnation: self.incarnation,
             learner_incarnation: header.learner_incarnation,
@@ -342,14 +343,14 @@ impl Scribe {
             stage_version: header.stage_version,
             action: transition.action as i32,
             target: transition.target as i32,
-            action_failed: is(transition_flag::ACTION_FAILED),
-            holding: is(transition_flag::HOLDING),
-            picked_up: is(transition_flag::PICKED_UP),
-            done: is(transition_flag::DONE),
-            success: is(transition_flag::SUCCESS),
-            time_limit: is(transition_flag::TIME_LIMIT),
-            ended: is(transition_flag::ENDED),
-            state_hash: transition.state_hash,
+            action_failed: transition.failed(),
+            holding: transition.holds(),
+            picked_up: transition.picked_up(),
+            done: end == Some(End::Terminated),
+            success: transition.succeeded(),
+            time_limit: end == Some(End::Truncated),
+            ended: end.is_some(),
+            state_hash: record.outcome_hash,
             wrist_object_progress_m: transition.reward.wrist_object_progress_m,
             object_goal_progress_m: transition.reward.object_goal_progress_m,
             disturbance_progress_m: transition.reward.disturbance_progress_m,
@@ -360,7 +361,7 @@ impl Scribe {
             disturbed_objects: transition.disturbed_objects,
             wrist_object_m: transition.wrist_object_m,
             object_goal_m: transition.object_goal_m,
-            fixed_episode: fixed(self.plan.as_ref(), home, transition.episode),
+            fixed_episode: fixed(self.plan.as_ref(), home, record.acted_episode),
             goal,
         };
         let place = (message.episode, message.step + 1);
@@ -372,21 +373,22 @@ impl Scribe {
         time_ns: u64,
         header: &ObservationHeader,
         environment: usize,
+        record: &RecordHeader,
         current: &Current,
     ) -> Result<(), SegmentError> {
         let home = self.environments[environment].home;
         let message = EpisodeStart {
-            kitchen: self.rota.place(home, current.episode).kitchen.number(),
+            kitchen: self.rota.place(home, record.episode).kitchen.number(),
             environment: home.number,
-            episode: current.episode,
+            episode: record.episode,
             incarnation: self.incarnation,
             learner_incarnation: header.learner_incarnation,
             target: current.target as i32,
-            state_hash: current.state_hash,
-            depth_recorded: current.flags & current_flag::RECORD_DEPTH != 0,
+            state_hash: record.state_hash,
+            depth_recorded: record.has(flag::RECORD_BULK),
             wrist_object_m: length_m(current.wrist_to_object_m),
             object_goal_m: length_m(current.object_to_goal_m),
-            fixed_episode: fixed(self.plan.as_ref(), home, current.episode),
+            fixed_episode: fixed(self.plan.as_ref(), home, record.episode),
         };
         self.write_of(environment, (message.episode, 0), (self.topics.episode_start, time_ns), &message)
     }
@@ -396,25 +398,25 @@ impl Scribe {
         time_ns: u64,
         header: &ObservationHeader,
         environment: usize,
+        record: &RecordHeader,
         transition: &Transition,
     ) -> Result<(), SegmentError> {
-        let is = |flag: u32| transition.flags & flag != 0;
         let known = &mut self.environments[environment];
         let returns = known.returns.take();
         let home = known.home;
         let message = EpisodeEnd {
-            kitchen: self.rota.place(home, transition.episode).kitchen.number(),
+            kitchen: self.rota.place(home, record.acted_episode).kitchen.number(),
             environment: home.number,
-            episode: transition.episode,
+            episode: record.acted_episode,
             incarnation: self.incarnation,
             learner_incarnation: header.learner_incarnation,
             target: transition.target as i32,
-            length: transition.step + 1,
-            success: is(transition_flag::SUCCESS),
-            success_undisturbed: is(transition_flag::SUCCESS) && transition.disturbance_m < UNDISTURBED_THRESHOLD_M,
+            length: record.acted_step + 1,
+            success: transition.succeeded(),
+            success_undisturbed: transition.succeeded() && transition.disturbance_m < UNDISTURBED_THRESHOLD_M,
             // What is held stays held until the episode ends.
-            picked_up: is(transition_flag::HOLDING),
-            time_limit: is(transition_flag::TIME_LIMIT),
+            picked_up: transition.holds(),
+            time_limit: record.end() == Some(End::Truncated),
             disturbance_m: transition.disturbance_m,
             peak_disturbance_m: transition.peak_disturbance_m,
             disturbed_objects: transition.disturbed_objects,
@@ -422,23 +424,28 @@ impl Scribe {
             object_goal_m: transition.object_goal_m,
             return_r: returns.as_ref().map(|returns| returns.r),
             return_r_prime: returns.as_ref().map(|returns| returns.r_prime),
-            fixed_episode: fixed(self.plan.as_ref(), home, transition.episode),
+            fixed_episode: fixed(self.plan.as_ref(), home, record.acted_episode),
         };
         let place = (message.episode, message.length + 1);
         self.write_of(environment, place, (self.topics.episode_end, time_ns), &message)?;
         self.release(environment, !message.success)
     }
 
-    fn depth(&mut self, time_ns: u64, environment: usize, observation: &Observation) -> Result<(), SegmentError> {
+    fn depth(
+        &mut self,
+        time_ns: u64,
+        environment: usize,
+        current: &Current,
+        depth_mm: &[u16],
+    ) -> Result<(), SegmentError> {
         let known = &self.environments[environment];
         let (depth, calibration) = (known.depth, known.calibration);
         self.image.timestamp = Some(timestamp(time_ns));
         self.image.frame_id.clone_from(&known.frames.camera);
         self.image.data.clear();
-        self.image.data.extend_from_slice(bytemuck::cast_slice(&observation.depth_mm));
+        self.image.data.extend_from_slice(bytemuck::cast_slice(depth_mm));
         let intrinsics = camera::calibration(timestamp(time_ns), &known.frames.camera);
-        let transforms =
-            FrameTransforms { transforms: camera::transforms(timestamp(time_ns), &known.frames, &observation.current) };
+        let transforms = FrameTransforms { transforms: camera::transforms(timestamp(time_ns), &known.frames, current) };
         self.write(self.topics.transforms, time_ns, &transforms)?;
         self.write(calibration, time_ns, &intrinsics)?;
         self.buffer.clear();
@@ -488,8 +495,8 @@ impl Scribe {
 }
 
 impl Environment {
-    fn add_rewards(&mut self, learner_incarnation: u32, transition: &Transition, r: f32, r_prime: f32) {
-        let (episode, step) = (transition.episode, transition.step);
+    fn add_rewards(&mut self, learner_incarnation: u32, record: &RecordHeader, r: f32, r_prime: f32) {
+        let (episode, step) = (record.acted_episode, record.acted_step);
         if step == 0 {
             self.returns = Some(Returns { episode, next_step: 0, learner_incarnation, r: 0.0, r_prime: 0.0 });
         }
@@ -515,7 +522,7 @@ pub fn timestamp(time_ns: u64) -> Timestamp {
 /// What the goal sensor reads, and which of its two readings that is.
 fn goal_of(current: &Current) -> Goal {
     let vector = |[x, y, z]: [f32; 3]| RobotVector { x, y, z };
-    if current.flags & current_flag::HOLDING != 0 {
+    if current.holds() {
         Goal::ObjectToGoalM(vector(current.object_to_goal_m))
     } else {
         Goal::WristToObjectM(vector(current.wrist_to_object_m))

@@ -2,8 +2,9 @@
 
 use bytemuck::Zeroable;
 use proto::camera::FRAME_SIDE;
+use proto::record::{End, RecordHeader};
 use proto::reward::RewardParts;
-use proto::step::{Current, Transition, current_flag, transition_flag};
+use proto::step::{Current, Transition};
 use std::time::{Duration, Instant};
 use wire::message::{Halves, Observation, ObservationHeader, frame_part, observation_kind};
 use wire::{Bell, ObservationPublisher, Sleeper, Wire, WireAddress, WireShape};
@@ -14,10 +15,7 @@ pub const EPISODE_STEPS: u32 = 5;
 /// What is seen after `step` steps of an episode.
 pub fn current(episode: u32, step: u32) -> Current {
     Current {
-        state_hash: hash(episode, step),
-        episode,
-        step,
-        flags: if step == 0 { current_flag::EPISODE_START } else { 0 },
+        holding: 0,
         target: episode % 6,
         previous_action: if step == 0 { 255 } else { action(episode, step - 1) },
         wrist_to_object_m: [0.3, 0.01 * step as f32, 0.4],
@@ -28,21 +26,19 @@ pub fn current(episode: u32, step: u32) -> Current {
         wrist_position_m: [0.0, 1.0, 0.3],
         target_position_m: [1.0, 1.0, 1.0],
         goal_position_m: [2.0, 1.0, 1.0],
-        reserved: [0; 2],
     }
 }
 
 /// What action `step` of an episode did.
 pub fn transition(episode: u32, step: u32) -> Transition {
     let last = step + 1 == EPISODE_STEPS;
-    let end = transition_flag::ENDED | transition_flag::DONE | transition_flag::SUCCESS | transition_flag::HOLDING;
     Transition {
-        state_hash: hash(episode, step + 1),
-        episode,
-        step,
-        flags: transition_flag::VALID | if last { end } else { 0 },
         action: action(episode, step),
-        reward: RewardParts { disturbance_progress_m: -0.002, ..RewardParts::default() },
+        reward: RewardParts {
+            disturbance_progress_m: -0.002,
+            goal_success: f32::from(u8::from(last)),
+            ..RewardParts::default()
+        },
         disturbance_m: 0.002 * (step + 1) as f32,
         peak_disturbance_m: 0.002 * (step + 1) as f32,
         wrist_object_m: 0.5,
@@ -51,8 +47,8 @@ pub fn transition(episode: u32, step: u32) -> Transition {
         ever_disturbed_objects: 1,
         farthest_m: 0.05,
         peak_farthest_m: 0.05,
-        reserved: 0,
         target: episode % 6,
+        holding: last.into(),
     }
 }
 
@@ -66,24 +62,29 @@ pub fn hash(episode: u32, step: u32) -> u64 {
     (u64::from(episode) << 32 | u64::from(step)).wrapping_mul(0x9E37_79B9_7F4A_7C15)
 }
 
-/// What was done and is seen after `exchange` actions, all of them taken.
-pub fn described(exchange: u64, flags: u32) -> (Transition, Current) {
+/// What was done and is seen after `exchange` actions, all of them taken. `flags` are set besides.
+pub fn described(environment: u32, exchange: u64, flags: u32) -> (RecordHeader, Transition, Current) {
     let (episode, step) = position(exchange);
-    let before = exchange.checked_sub(1).map(position);
-    let mut current = current(episode, step);
-    current.flags |= flags;
-    let transition = match before {
-        Some((episode, step)) => transition(episode, step),
-        None => Transition { flags: 0, ..transition(0, 0) },
-    };
-    (transition, current)
+    let mut header = RecordHeader { environment, bulk: frame_part::WHOLE, ..RecordHeader::default() };
+    header.begin(episode, hash(episode, 0), false);
+    let mut done = Transition::default();
+    if let Some((episode, step)) = exchange.checked_sub(1).map(position) {
+        (header.episode, header.step) = (episode, step);
+        done = transition(episode, step);
+        header.act(hash(episode, step + 1), (step + 1 == EPISODE_STEPS).then_some(End::Terminated));
+        if header.end().is_some() {
+            header.begin(episode + 1, hash(episode + 1, 0), false);
+        }
+    }
+    header.flags |= flags;
+    (header, done, current(episode, step))
 }
 
 /// The observation after `exchange` actions.
 pub fn observation(environment: u32, exchange: u64, flags: u32) -> Observation {
-    let (transition, current) = described(exchange, flags);
+    let (header, transition, current) = described(environment, exchange, flags);
     let depth_mm = std::array::from_fn(|index| (index % FRAME_SIDE) as u16 + exchange as u16);
-    Observation { transition, current, environment, parts: frame_part::WHOLE, depth_mm, ..Observation::zeroed() }
+    Observation { header, transition, current, depth_mm, ..Observation::zeroed() }
 }
 
 fn position(exchange: u64) -> (u32, u32) {

@@ -21,9 +21,9 @@ use proto::evaluation::{EvaluationConfig, ObjectSet};
 use proto::event::{LearnerEvent, Timing};
 use proto::kitchen::Split;
 use proto::metric;
+use proto::record::flag;
 use proto::run_folder::RunFolder;
 use proto::shares::Shares;
-use proto::step::{current_flag, transition_flag};
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -107,8 +107,8 @@ fn every_step_is_recorded_once_and_puts_its_episode_together() {
         for actor in &actors {
             for half in 0..2 {
                 let edit = |observation: &mut wire::message::Observation| {
-                    if observation.environment == 2 {
-                        observation.current.flags |= current_flag::RECORD_DEPTH;
+                    if observation.header.environment == 2 {
+                        observation.header.flags |= flag::RECORD_BULK;
                     }
                 };
                 actor.send(half, 1, step, edit);
@@ -173,12 +173,12 @@ fn a_hold_is_not_recorded() {
     let bench = Bench::new("hold");
     let recorder = bench.start();
     let actors = bench.actors();
-    let depth = |observation: &mut wire::message::Observation| observation.current.flags |= current_flag::RECORD_DEPTH;
+    let depth = |observation: &mut wire::message::Observation| observation.header.flags |= flag::RECORD_BULK;
     for half in 0..2 {
         actors[0].send(half, 1, 0, depth);
         // The same observation comes back, with no transition.
         actors[0].send(half, 1, 1, |observation| {
-            *observation = testing::observation(observation.environment, 0, current_flag::RECORD_DEPTH);
+            *observation = testing::observation(observation.header.environment, 0, flag::RECORD_BULK);
         });
     }
     let summary = recorder.finish().unwrap();
@@ -194,8 +194,8 @@ fn a_frame_that_is_not_there_is_not_recorded() {
     let actors = bench.actors();
     for (step, parts) in (0..).zip([frame_part::SUMS, frame_part::SUMS | frame_part::WHOLE, 0, frame_part::WHOLE]) {
         actors[0].send(1, 1, step, |observation| {
-            observation.current.flags |= current_flag::RECORD_DEPTH;
-            observation.parts = parts;
+            observation.header.flags |= flag::RECORD_BULK;
+            observation.header.bulk = parts;
         });
     }
     let summary = recorder.finish().unwrap();
@@ -211,9 +211,7 @@ fn a_step_holds_the_goal_of_the_observation_that_its_action_was_chosen_from() {
     let send = |learner: u32, step: u64, shift_m: f32| {
         actor.send(1, learner, step, |observation| {
             observation.current.wrist_to_object_m[0] += shift_m;
-            if observation.current.step >= 2 {
-                observation.current.flags |= current_flag::HOLDING;
-            }
+            observation.current.holding = u32::from(observation.header.step >= 2);
         });
     };
     (0..=6).for_each(|step| send(1, step, 0.0));
@@ -280,7 +278,7 @@ fn an_actor_restarted_during_a_hold_repeats_no_step() {
     // Sent as exchange `step`, it describes where the environment stood after `exchange` actions.
     let repeat = |step: u64, learner: u32, exchange: u64| {
         actor.send(1, learner, step, |observation| {
-            *observation = testing::observation(observation.environment, exchange, 0);
+            *observation = testing::observation(observation.header.environment, exchange, 0);
         });
     };
     let last = u64::from(EPISODE_STEPS);
@@ -306,7 +304,7 @@ fn files_may_be_given_in_any_order_and_under_any_name() {
     let [actor, _] = bench.actors();
     for step in 0..=30 {
         for half in 0..2 {
-            actor.send(half, 1, step, |observation| observation.current.flags |= current_flag::RECORD_DEPTH);
+            actor.send(half, 1, step, |observation| observation.header.flags |= flag::RECORD_BULK);
         }
     }
     let files = recorder.finish().unwrap().files;
@@ -335,7 +333,7 @@ fn a_rewind_is_recorded_again_and_readers_take_the_newest() {
     for step in 7..=8 {
         actor.send(1, 2, step, |observation| {
             observation.transition.action = 20;
-            observation.transition.state_hash = step;
+            observation.header.outcome_hash = step;
         });
     }
     // Still on the way from before.
@@ -363,7 +361,7 @@ fn a_full_segment_is_completed_and_episodes_span_segments() {
     for step in 0..=20 {
         for actor in &actors {
             actor.send(0, 1, step, |observation| {
-                observation.current.flags |= current_flag::RECORD_DEPTH;
+                observation.header.flags |= flag::RECORD_BULK;
                 // Incompressible, so that chunks reach the disk soon.
                 let mut state = step + 1;
                 for pixel in &mut observation.depth_mm {
@@ -441,7 +439,7 @@ fn recording() -> &'static [u8] {
         let recorder = bench.start();
         let [actor, _] = bench.actors();
         for step in 0..=40 {
-            actor.send(1, 1, step, |observation| observation.current.flags |= current_flag::RECORD_DEPTH);
+            actor.send(1, 1, step, |observation| observation.header.flags |= flag::RECORD_BULK);
         }
         let summary = recorder.finish().unwrap();
         std::fs::read(&summary.files[0]).unwrap()

@@ -4,6 +4,7 @@ use crate::service::Borrowed;
 use crate::wire::Observations;
 use learner::collector::HalfSample;
 use proto::camera::{DepthFrame, FRAME_PIXELS};
+use proto::record::RecordHeader;
 use proto::step::{Current, Transition};
 
 static FRAME: [u16; FRAME_PIXELS] = [0; FRAME_PIXELS];
@@ -16,8 +17,8 @@ impl HalfSample for Sample {
     fn len(&self) -> usize {
         self.0.value.1.len()
     }
-    fn environment(&self, i: usize) -> u32 {
-        self.0.value.1[i].0
+    fn header(&self, i: usize) -> &RecordHeader {
+        &self.0.value.1[i].0
     }
     fn transition(&self, i: usize) -> &Transition {
         &self.0.value.1[i].1

@@ -32,8 +32,8 @@ fn only_failures_are_kept_where_that_is_asked() {
 /// Makes these episodes fail.
 fn failing(episodes: &[u32]) -> impl Fn(&mut Observation) {
     |observation| {
-        if episodes.contains(&observation.transition.episode) {
-            observation.transition.flags &= !transition_flag::SUCCESS;
+        if episodes.contains(&observation.header.acted_episode) {
+            observation.transition.reward.goal_success = 0.0;
         }
     }
 }

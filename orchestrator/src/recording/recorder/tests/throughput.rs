@@ -4,9 +4,9 @@ use super::super::scribe::Scribe;
 use super::super::segment::{Preamble, Segments};
 use super::super::testing;
 use proto::config::Config;
+use proto::record::flag;
 use proto::run_folder::RunFolder;
 use proto::shares::Shares;
-use proto::step::current_flag;
 use std::path::PathBuf;
 use wire::WireShape;
 
@@ -20,7 +20,7 @@ fn throughput_of_the_scribe() {
     let config = Config::default();
     let preamble = Preamble { run_id: "throughput".to_owned(), host: 0, incarnation: 1, config: config.clone() };
     let shape = WireShape { shares: Shares::of_one(1), environments_per_actor: 16 };
-    for (name, flags, exchanges) in [("steps", 0, 20_000u64), ("depth frames", current_flag::RECORD_DEPTH, 100)] {
+    for (name, flags, exchanges) in [("steps", 0, 20_000u64), ("depth frames", flag::RECORD_BULK, 100)] {
         let folder = RunFolder::new(folder.join(name));
         let segments = Segments::create(folder, preamble.clone(), 0).unwrap();
         let mut scribe = Scribe::new(segments, shape, 1, &config);
@@ -28,9 +28,9 @@ fn throughput_of_the_scribe() {
         let mut half: Vec<_> = (0..8).map(|environment| testing::observation(environment, 0, flags)).collect();
         let started = std::time::Instant::now();
         for step in 0..=exchanges {
-            for observation in &mut half {
-                let fresh = testing::described(step, flags);
-                (observation.transition, observation.current) = fresh;
+            for (environment, observation) in (0..).zip(&mut half) {
+                let fresh = testing::described(environment, step, flags);
+                (observation.header, observation.transition, observation.current) = fresh;
             }
             let header = wire::message::ObservationHeader { step, ..header };
             scribe.observations(step * 1_000_000, &header, &half, step > 0).unwrap();
