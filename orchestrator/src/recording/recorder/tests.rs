@@ -151,8 +151,8 @@ fn every_step_is_recorded_once_and_puts_its_episode_together() {
     let metrics = LearnerMetrics::decode(found["/learner/metrics"][0].as_slice()).unwrap();
     assert_eq!((metrics.policy_entropy, metrics.other["auxiliary/recall"]), (Some(3.0), 0.5));
     let end = EpisodeEnd::decode(found["/episode/end"][0].as_slice()).unwrap();
-    // Five steps of -0.01, and 15 × -0.002 more under r′.
-    assert!((end.return_r.unwrap() + 0.05).abs() < 1e-6 && (end.return_r_prime.unwrap() + 0.2).abs() < 1e-6);
+    // Five steps of -0.01, 10 for success, and 15 × -0.002 a step more under r′.
+    assert!((end.return_r.unwrap() - 9.95).abs() < 1e-5 && (end.return_r_prime.unwrap() - 9.8).abs() < 1e-5);
     assert!(end.success && !end.success_undisturbed, "five steps of 2 mm are 10 mm");
 
     let recorded = gather(&summary.files, Wanted::default()).unwrap();
