@@ -9,11 +9,11 @@ use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::{KitchenId, Split};
-use proto::plausible;
 use proto::reward::UNDISTURBED_THRESHOLD_M;
 use simulator::environment::Environment;
 use simulator::episode::Episode;
 use simulator::kitchen::Kitchen;
+use simulator::tasks::arm_point_nav::check;
 use std::io::Write;
 use std::sync::Arc;
 
@@ -44,7 +44,7 @@ pub fn play(kitchen: &Arc<Kitchen>, config: &Config, number: u32, episode: Episo
         let action = policy.next(&environment);
         actions.push(action);
         let transition = environment.step(action);
-        plausible::check(Some(&transition), &environment.current()).expect("a learner takes what a simulator reports");
+        check(&transition, &environment.current()).expect("a learner takes what a simulator reports");
         if environment.ended() {
             return Outcome {
                 actions,

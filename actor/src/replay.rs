@@ -16,10 +16,10 @@ use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::record::End;
 use proto::replay::{
-    Aspect, Difference, RecordedEpisode, ReplayImages, ReplaySetup, ReplayVerdict, STEP_ASPECTS, goal_digest, length_m,
-    start_digest, step_digests,
+    Aspect, Difference, RecordedEpisode, RecordedStep, ReplayImages, ReplaySetup, ReplayVerdict, STEP_ASPECTS, goal_digest, length_m,
+    start_digest,
 };
-use proto::step::Transition;
+use simulator::tasks::arm_point_nav::Transition;
 use simulator::depth::DepthCamera;
 use simulator::environment::Environment;
 use simulator::episodes::Programme;
@@ -188,14 +188,28 @@ fn goal_of(environment: &Environment) -> u32 {
 /// Digest of the episode's beginning.
 fn start_of(environment: &Environment) -> u32 {
     let current = environment.current();
-    start_digest(current.target, length_m(current.wrist_to_object_m), length_m(current.object_to_goal_m))
+    start_digest(current.current_target, length_m(current.wrist_to_object_m), length_m(current.object_to_goal_m))
 }
 
 /// Digests of the step that was just taken, as a recorder would have recorded it.
 fn digests_of(environment: &Environment, transition: &Transition, config: &Config) -> [u32; STEP_ASPECTS.len()] {
     let end = environment.end();
     let ends = [end == Some(End::Terminated), end == Some(End::Truncated), end.is_some()];
-    step_digests(transition, ends, rewards(transition, config))
+    let parts = transition.reward;
+    let step = RecordedStep {
+        failed: transition.failed(),
+        picked_up: transition.picked_up(),
+        success: transition.succeeded(),
+        holding: transition.holds(),
+        ends,
+        target: transition.target,
+        progress_m: [parts.wrist_object_progress_m, parts.object_goal_progress_m, parts.disturbance_progress_m],
+        rewards: rewards(transition, config),
+        disturbance_m: [transition.disturbance_m, transition.peak_disturbance_m],
+        disturbed_objects: transition.disturbed_objects,
+        distances_m: [transition.wrist_object_m, transition.object_goal_m],
+    };
+    step.digests()
 }
 
 /// r and r′ of a step.

@@ -17,7 +17,7 @@ use proto::show::{
     SHOWN_SIDE_MAX, ShowAnswer, ShowOrbit, ShowRequest, ShowView, ShownEpisode, ShownMoment, ShownReward, ShownSolids,
     ShownThing,
 };
-use proto::step::Transition;
+use simulator::tasks::arm_point_nav::Transition;
 use rapier3d::math::Vec3;
 use simulator::depth::DepthCamera;
 use simulator::environment::{DISTURBED_AXIS_M, Environment};
@@ -305,15 +305,21 @@ impl Telling {
         }
         let parts = transition.map(|transition| transition.reward).unwrap_or_default();
         let rewards = transition.map_or([0.0; 2], |transition| crate::replay::rewards(transition, config));
-        let action = transition.and_then(|transition| Action::from_index(u8::try_from(transition.action).ok()?));
         let [x, z] = current.base_position_m;
         let metres = |vector: [f32; 3]| Vec3::from(vector).length();
         self.shown.push(ShownMoment {
-            action: action.map(|action| action.name().to_owned()),
+            action: environment.previous_action().map(|action| action.name().to_owned()),
             failed: transition.is_some_and(Transition::failed),
             picked_up: transition.is_some_and(Transition::picked_up),
             holding: simulation.holding(),
-            parts: ShownReward::from(parts),
+            parts: ShownReward {
+                wrist_object_progress_m: parts.wrist_object_progress_m,
+                object_goal_progress_m: parts.object_goal_progress_m,
+                disturbance_progress_m: parts.disturbance_progress_m,
+                failed_action: parts.failed_action,
+                picked_up: parts.picked_up,
+                goal_success: parts.goal_success,
+            },
             reward_r: rewards[0],
             reward_r_prime: rewards[1],
             wrist_object_m: metres(current.wrist_to_object_m),

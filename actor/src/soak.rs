@@ -6,10 +6,10 @@ use proto::action::{Action, ActionSpace};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::plausible;
 use proto::random::{Key, Purpose};
 use simulator::environment::Environment;
 use simulator::kitchen::Kitchen;
+use simulator::tasks::arm_point_nav::check;
 use simulator::physics::watch::Extremes;
 use std::io::Write;
 use std::sync::Arc;
@@ -86,7 +86,7 @@ pub fn soak(kitchen: &Arc<Kitchen>, steps: u64, seed: u64, config: &Config) -> R
         }
         repeats -= 1;
         let transition = environment.step(action);
-        plausible::check(Some(&transition), &environment.current()).context("a learner would refuse a report")?;
+        check(&transition, &environment.current()).context("a learner would refuse a report")?;
         report.disturbing_steps += u64::from(transition.reward.disturbance_progress_m != 0.0);
         step += 1;
         if environment.ended() {

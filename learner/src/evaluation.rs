@@ -2,6 +2,7 @@
 //! tensors.
 
 use crate::collector::{ColumnMap, Place, Signals, gumbel_of};
+use crate::record::named;
 use proto::action::HOLD;
 use proto::config::Config;
 use proto::evaluation::{Confusion, EpisodeEnd, EpisodeRecord, Plan, category_of};
@@ -9,8 +10,7 @@ use proto::kitchen::KitchenId;
 use proto::random::{Key, Purpose};
 use proto::record::{End, RecordHeader};
 use proto::reward::UNDISTURBED_THRESHOLD_M;
-use proto::step::Transition;
-use proto::task::Composition;
+use proto::task::{Composition, Field, Layout};
 
 /// The episode of a column.
 #[derive(Debug, Clone, Default)]
@@ -34,6 +34,43 @@ struct Course {
 /// An episode that has ended: its record, and the actions taken (`A_large` indices).
 pub type Played = (EpisodeRecord, Vec<u8>);
 
+/// Channels that an episode's record is made of.
+#[derive(Debug, Clone)]
+struct Channels {
+    layout: &'static Layout,
+    failed_action: Field,
+    goal_success: Field,
+    held: Field,
+    disturbance_m: Field,
+    peak_disturbance_m: Field,
+    disturbed_objects: Field,
+    ever_disturbed_objects: Field,
+    farthest_m: Field,
+    peak_farthest_m: Field,
+    wrist_object_m: Field,
+    object_goal_m: Field,
+}
+
+impl Channels {
+    fn of(config: &Config) -> Self {
+        let named = |name| named(config.spec(), name);
+        Self {
+            layout: config.spec().layout(),
+            failed_action: named("failed_action"),
+            goal_success: named("goal_success"),
+            held: named("held"),
+            disturbance_m: named("disturbance_m"),
+            peak_disturbance_m: named("peak_disturbance_m"),
+            disturbed_objects: named("disturbed_objects"),
+            ever_disturbed_objects: named("ever_disturbed_objects"),
+            farthest_m: named("farthest_m"),
+            peak_farthest_m: named("peak_farthest_m"),
+            wrist_object_m: named("wrist_object_m"),
+            object_goal_m: named("object_goal_m"),
+        }
+    }
+}
+
 /// All columns of an evaluation.
 #[derive(Debug, Clone)]
 pub(crate) struct Examination {
@@ -42,6 +79,7 @@ pub(crate) struct Examination {
     /// r and r′.
     rewards: [Composition; 2],
     signals: Signals,
+    channels: Channels,
     /// None: take the most probable action.
     seed: Option<u64>,
     policy_actions: usize,
@@ -61,6 +99,7 @@ impl Examination {
             column_map,
             rewards: ["r", "r_prime"].map(|name| config.reward(name)),
             signals: Signals::of(config),
+            channels: Channels::of(config),
             seed,
             policy_actions,
         }
@@ -102,34 +141,38 @@ impl Examination {
     }
 
     /// Records the outcome of a column's last action; returns the record of its episode if that has ended.
-    pub fn settle(&mut self, column: usize, header: &RecordHeader, transition: &Transition) -> Option<Played> {
+    pub fn settle(&mut self, column: usize, record: &[u8]) -> Option<Played> {
         let course = &mut self.courses[column];
         let episode = course.episode?;
+        let (header, channels) = (RecordHeader::of(record), &self.channels);
+        let part = |index| channels.layout.part(record, index);
+        let reward = |reward: &Composition| f64::from(reward.of(part, 0.0));
         let [r, r_prime] = &self.rewards;
-        let reward = |reward: &Composition| f64::from(reward.of(|index| transition.reward.part(index), 0.0));
         course.return_r += reward(r);
         course.return_r_prime += reward(r_prime);
-        course.failed_actions += u32::from(transition.failed());
-        course.disturbing_steps += u32::from(self.signals.labels(transition));
-        course.displaced_steps += u32::from(transition.disturbance_m >= UNDISTURBED_THRESHOLD_M);
-        if transition.holds() {
+        let (label, held) = (self.signals.labels(part), channels.held.number(record) != 0.0);
+        let disturbance_m = channels.disturbance_m.f32(record);
+        course.failed_actions += u32::from(channels.failed_action.f32(record) != 0.0);
+        course.disturbing_steps += u32::from(label);
+        course.displaced_steps += u32::from(disturbance_m >= UNDISTURBED_THRESHOLD_M);
+        if held {
             course.pickup_step.get_or_insert(course.actions.len() as u32);
         }
         if let Some(foretold) = course.foretold.take() {
             let confusion = course.confusion.get_or_insert_default();
             // As in training, an episode's last step does not count.
             if header.end().is_none() {
-                confusion.count(foretold, self.signals.labels(transition));
+                confusion.count(foretold, label);
             }
         }
         let end = header.end()?;
         let environment = self.column_map.environment(column);
         let kitchen = self.plan.kitchen_of(environment, course.played).unwrap_or(environment.kitchen);
-        let played = course.played + 1;
-        let next = Course { episode: self.plan.dealt(environment, played), played, ..Course::default() };
+        let count = course.played + 1;
+        let next = Course { episode: self.plan.dealt(environment, count), played: count, ..Course::default() };
         let ended = std::mem::replace(course, next);
         self.remaining -= 1;
-        let record = EpisodeRecord {
+        let played = EpisodeRecord {
             kitchen,
             episode,
             category: category_of(episode),
@@ -137,28 +180,28 @@ impl Examination {
                 End::Terminated => EpisodeEnd::Done,
                 End::Truncated => EpisodeEnd::TimeLimit,
             },
-            success: transition.succeeded(),
+            success: channels.goal_success.f32(record) != 0.0,
             // What is held stays held until the episode ends.
-            picked_up: transition.holds(),
+            picked_up: held,
             pickup_step: ended.pickup_step,
             length: ended.actions.len() as u32,
             failed_actions: ended.failed_actions,
             return_r: ended.return_r,
             return_r_prime: ended.return_r_prime,
-            disturbance_m: transition.disturbance_m,
-            peak_disturbance_m: transition.peak_disturbance_m,
-            disturbed_objects: transition.disturbed_objects,
-            ever_disturbed_objects: transition.ever_disturbed_objects,
-            farthest_m: transition.farthest_m,
-            peak_farthest_m: transition.peak_farthest_m,
+            disturbance_m,
+            peak_disturbance_m: channels.peak_disturbance_m.f32(record),
+            disturbed_objects: channels.disturbed_objects.number(record) as u32,
+            ever_disturbed_objects: channels.ever_disturbed_objects.number(record) as u32,
+            farthest_m: channels.farthest_m.f32(record),
+            peak_farthest_m: channels.peak_farthest_m.f32(record),
             disturbing_steps: Some(ended.disturbing_steps),
             displaced_steps: Some(ended.displaced_steps),
-            wrist_object_m: transition.wrist_object_m,
-            object_goal_m: transition.object_goal_m,
+            wrist_object_m: channels.wrist_object_m.f32(record),
+            object_goal_m: channels.object_goal_m.f32(record),
             disturb_prediction: ended.confusion,
             state_hash: header.outcome_hash,
         };
-        Some((record, ended.actions))
+        Some((played, ended.actions))
     }
 }
 
@@ -167,8 +210,8 @@ mod tests {
     use super::*;
     use proto::evaluation::{EvaluationConfig, ObjectSet};
     use proto::kitchen::{Kitchens, Split};
-    use proto::reward::RewardParts;
     use std::collections::BTreeSet;
+    use wire::message::Line;
 
     fn plan(actors: u32, environments: u32) -> (Plan, ColumnMap) {
         let config = EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 7);
@@ -176,25 +219,30 @@ mod tests {
         (Plan::new(&config, actors, environments), column_map)
     }
 
-    fn header(end: Option<End>) -> RecordHeader {
-        let mut header = RecordHeader::default();
-        header.act(9, end);
-        header
+    /// The record of a step, and channels of it that are not 0.
+    fn record(end: Option<End>, numbers: &[(&str, f32)]) -> Vec<Line> {
+        let config = Config::default();
+        let mut lines = vec![Line([0; 64]); config.spec().layout().small_bytes / size_of::<Line>()];
+        let record = Line::bytes_mut(&mut lines);
+        RecordHeader::of_mut(record).act(9, end);
+        let same = [
+            ("disturbance_m", 0.5),
+            ("peak_disturbance_m", 0.6),
+            ("wrist_object_m", 1.0),
+            ("object_goal_m", 2.0),
+            ("farthest_m", 0.3),
+            ("peak_farthest_m", 0.4),
+        ];
+        for &(name, number) in same.iter().chain(numbers) {
+            named(config.spec(), name).of_mut(record)[0] = number;
+        }
+        named(config.spec(), "disturbed_objects").of_mut(record)[0] = 1_u32;
+        named(config.spec(), "ever_disturbed_objects").of_mut(record)[0] = 2_u32;
+        lines
     }
 
-    fn transition(disturbance_progress_m: f32) -> Transition {
-        Transition {
-            reward: RewardParts { disturbance_progress_m, ..RewardParts::default() },
-            disturbance_m: 0.5,
-            peak_disturbance_m: 0.6,
-            wrist_object_m: 1.0,
-            object_goal_m: 2.0,
-            disturbed_objects: 1,
-            ever_disturbed_objects: 2,
-            farthest_m: 0.3,
-            peak_farthest_m: 0.4,
-            ..Transition::default()
-        }
+    fn settle(examination: &mut Examination, column: usize, record: &[Line]) -> Option<Played> {
+        examination.settle(column, Line::bytes(record))
     }
 
     #[test]
@@ -208,12 +256,11 @@ mod tests {
             assert!(rounds < 10);
             for column in 0..column_map.columns() {
                 if examination.choose(column, 20, None) == HOLD {
-                    assert!(examination.settle(column, &header(None), &transition(0.0)).is_none());
+                    assert!(settle(&mut examination, column, &record(None, &[])).is_none());
                     continue;
                 }
-                let mut last = transition(0.0);
-                last.reward.goal_success = 1.0;
-                let (record, actions) = examination.settle(column, &header(Some(End::Terminated)), &last).unwrap();
+                let last = record(Some(End::Terminated), &[("goal_success", 1.0)]);
+                let (record, actions) = settle(&mut examination, column, &last).unwrap();
                 assert_eq!((record.length, actions.as_slice()), (1, &[20][..]));
                 assert_eq!(record.kitchen, column_map.environment(column).kitchen);
                 assert!(record.success && record.end == EpisodeEnd::Done && record.disturb_prediction.is_none());
@@ -234,11 +281,16 @@ mod tests {
         for (step, (foretold, progress_m)) in steps.into_iter().enumerate() {
             assert!(played.is_none());
             assert_eq!(examination.choose(2, step as u8, Some(foretold)), step as u8);
-            let disturbance_m = if step == 3 { 0.009 } else { 0.01 };
-            let holding = u32::from(step >= 2);
-            let mut outcome = Transition { disturbance_m, holding, ..transition(progress_m) };
-            outcome.reward.failed_action = f32::from(u8::from(step == 1));
-            played = examination.settle(2, &header((step == 4).then_some(End::Truncated)), &outcome);
+            let mut outcome = record(
+                (step == 4).then_some(End::Truncated),
+                &[
+                    ("disturbance_progress_m", progress_m),
+                    ("disturbance_m", if step == 3 { 0.009 } else { 0.01 }),
+                    ("failed_action", f32::from(u8::from(step == 1))),
+                ],
+            );
+            named(Config::default().spec(), "held").of_mut(Line::bytes_mut(&mut outcome))[0] = u32::from(step >= 2);
+            played = settle(&mut examination, 2, &outcome);
         }
         let (record, actions) = played.unwrap();
         assert_eq!(actions, [0, 1, 2, 3, 4]);
@@ -260,7 +312,7 @@ mod tests {
             let mut examination = Examination::new(plan, column_map, &Config::default(), seed, 4);
             for _ in 0..number {
                 examination.choose(column, 20, None);
-                examination.settle(column, &header(Some(End::Terminated)), &transition(0.0)).unwrap();
+                settle(&mut examination, column, &record(Some(End::Terminated), &[])).unwrap();
             }
             let environment = column_map.environment(column);
             let mut noise = vec![];

@@ -35,7 +35,6 @@ pub mod learning_rate;
 pub mod metric;
 pub mod pin;
 pub mod plain_file;
-pub mod plausible;
 pub mod policy_file;
 pub mod printable;
 pub mod random;
@@ -49,7 +48,6 @@ pub mod shares;
 pub mod shell;
 pub mod show;
 pub mod stage;
-pub mod step;
 pub mod task;
 pub mod trained;
 

@@ -12,10 +12,9 @@ use crate::snapshot::Snapshot;
 use crate::state::state;
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1};
 use oracle::Variant;
-use proto::action::{Action, NO_ACTION};
+use proto::action::Action;
 use proto::config::Config;
 use proto::record::End;
-use proto::step::Current;
 use pyo3::exceptions::{PyIndexError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
@@ -460,17 +459,14 @@ fn report_of(place: &Place, settings: &Settings, reset: bool, last: Option<(Vec<
     let facts = Facts::of(place, &current);
     let seen = Seen {
         goal_m: current.goal_vector_m(settings.carried_goal()),
-        previous_action: previous_action(settings, &current),
+        previous_action: previous_action(settings, place),
     };
     Report { done: facts, now: facts, seen, last, reset }
 }
 
 /// Number of the action that led here; the number of actions if none did.
-fn previous_action(settings: &Settings, current: &Current) -> i64 {
+fn previous_action(settings: &Settings, place: &Place) -> i64 {
     let space = settings.space();
-    let is = |action: &Action| u32::from(action.index()) == current.previous_action;
-    if current.previous_action == u32::from(NO_ACTION) {
-        return space.len() as i64;
-    }
-    space.iter().position(is).expect("an environment takes actions of its space only") as i64
+    let Some(previous) = place.environment.previous_action() else { return space.len() as i64 };
+    space.iter().position(|&action| action == previous).expect("an environment takes actions of its space only") as i64
 }

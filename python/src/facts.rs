@@ -4,8 +4,7 @@ use crate::place::Place;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use proto::record::End;
 use proto::replay::length_m;
-use proto::reward::RewardParts;
-use proto::step::{Current, Transition};
+use simulator::tasks::arm_point_nav::{Current, RewardParts, Transition};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -31,7 +30,7 @@ impl Facts {
             step: place.actions.len() as i64,
             end: place.environment.end(),
             done: place.transition.unwrap_or_default(),
-            target: i64::from(current.target),
+            target: i64::from(current.current_target),
             wrist_object_m: length_m(current.wrist_to_object_m),
             object_goal_m: length_m(current.object_to_goal_m),
         }

@@ -6,7 +6,7 @@ use picture::{Canvas, Moment, Storyboard, Task};
 use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
-use proto::step::Transition;
+use simulator::tasks::arm_point_nav::Transition;
 use serde::{Deserialize, Serialize};
 use simulator::depth::DepthCamera;
 use simulator::environment::Environment;

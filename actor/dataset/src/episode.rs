@@ -1,7 +1,7 @@
 //! An episode as data sets take it: what was seen before each action, what the action did, and pictures.
 
 use proto::record::End;
-use proto::step::Transition;
+use simulator::tasks::arm_point_nav::Transition;
 
 /// Which episode it is, and what became of it.
 #[derive(Debug, Clone)]

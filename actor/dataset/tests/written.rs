@@ -1,7 +1,7 @@
 //! What is written is whole.
 
 use dataset::{About, DatasetError, Episode, Frames, Seen, Source, Step, Writer};
-use proto::step::Transition;
+use simulator::tasks::arm_point_nav::Transition;
 use std::path::Path;
 
 const SIDE: usize = 8;

@@ -1,7 +1,6 @@
 //! A moment of an episode, as pictures need it, and what the episode is about.
 
-use proto::action::Action;
-use proto::step::Transition;
+use simulator::tasks::arm_point_nav::Transition;
 use rapier3d::math::{Pose3, Vec3};
 use simulator::environment::Environment;
 use simulator::kitchen::Kitchen;
@@ -90,7 +89,7 @@ pub fn points(task: &Task, moments: &[Moment]) -> Vec<(Vec3, f32)> {
 /// Caption of a moment, without its number and the episode's end.
 fn words(environment: &Environment, transition: Option<&Transition>) -> Words {
     let current = environment.current();
-    let action = transition.and_then(|transition| Action::from_index(u8::try_from(transition.action).ok()?));
+    let action = environment.previous_action();
     let remark = match transition {
         Some(transition) if transition.picked_up() => "picked up",
         Some(transition) if transition.failed() => "failed",

@@ -8,13 +8,13 @@ use crate::physics::geometry::rotation_y;
 use crate::robot::configuration::Configuration;
 use crate::robot::links::world_from_camera;
 use crate::simulation::{Settling, Simulation, Substep};
-use proto::action::{Action, NO_ACTION};
+use crate::tasks::arm_point_nav::{Current, RewardParts, Transition};
+use proto::action::Action;
 use proto::camera::SUMS_PIXELS;
 use proto::config::{Config, EpisodeConfig};
 use proto::episode::EnvironmentId;
 use proto::record::End;
-use proto::reward::{OBJECT_DISPLACEMENT_CAP_M, RewardParts};
-use proto::step::{Current, Transition};
+use proto::reward::OBJECT_DISPLACEMENT_CAP_M;
 use rapier3d::math::{Pose3, Vec3};
 use std::sync::Arc;
 use xxhash_rust::xxh3::xxh3_64;
@@ -53,7 +53,7 @@ pub struct Environment {
     // Position of every movable thing at step 0.
     origins: Vec<Vec3>,
     step: u32,
-    previous_action: u8,
+    previous_action: Option<Action>,
     end: Option<End>,
     // Distances after the last step; none before the first, whose progress is 0 by definition.
     distances: Option<Distances>,
@@ -142,7 +142,7 @@ impl Environment {
             simulation,
             origins: Vec::new(),
             step: 0,
-            previous_action: NO_ACTION,
+            previous_action: None,
             end: None,
             distances: None,
             displacement: Displacement::default(),
@@ -218,7 +218,7 @@ impl Environment {
         self.origins.extend(self.simulation.things().poses().iter().map(|pose| pose.translation));
         self.counted_revision = self.simulation.things().revision();
         self.step = 0;
-        self.previous_action = NO_ACTION;
+        self.previous_action = None;
         self.end = None;
         self.distances = None;
         self.displacement = Displacement::default();
@@ -239,7 +239,7 @@ impl Environment {
         let holding = self.simulation.holding();
         let done = action == Action::DoneMidLevel;
         self.step += 1;
-        self.previous_action = action.index();
+        self.previous_action = Some(action);
         self.end =
             if done { Some(End::Terminated) } else { (self.step >= self.settings.max_steps).then_some(End::Truncated) };
 
@@ -258,7 +258,6 @@ impl Environment {
         self.peak_farthest_m = self.peak_farthest_m.max(farthest_m);
         let one_if = |condition: bool| f32::from(u8::from(condition));
         Transition {
-            action: u32::from(action.index()),
             reward: RewardParts {
                 wrist_object_progress_m: before.wrist_object_m - now.wrist_object_m,
                 object_goal_progress_m: before.object_goal_m - now.object_goal_m,
@@ -275,8 +274,8 @@ impl Environment {
             ever_disturbed_objects: self.ever_disturbed.iter().filter(|&&ever| ever).count() as u32,
             farthest_m,
             peak_farthest_m: self.peak_farthest_m,
+            held: u32::from(holding),
             target: u32::from(self.episode.category.index()),
-            holding: u32::from(holding),
         }
     }
 
@@ -286,11 +285,10 @@ impl Environment {
         let (wrist, target, goal) = (self.simulation.wrist(), self.target_position(), self.episode.goal);
         let robot_from_world = rotation_y(-configuration.yaw_rad());
         Current {
-            holding: u32::from(self.simulation.holding()),
-            target: u32::from(self.episode.category.index()),
-            previous_action: u32::from(self.previous_action),
             wrist_to_object_m: (robot_from_world * (target - wrist)).to_array(),
             object_to_goal_m: (robot_from_world * (goal - target)).to_array(),
+            holding: u32::from(self.simulation.holding()),
+            current_target: u32::from(self.episode.category.index()),
             base_position_m: [configuration.x_m, configuration.z_m],
             base_yaw_rad: configuration.yaw_rad(),
             camera_pitch_rad: configuration.camera_pitch_rad(),
@@ -404,6 +402,11 @@ impl Environment {
     /// How the episode has ended, if it has.
     pub fn end(&self) -> Option<End> {
         self.end
+    }
+
+    /// The last action of this episode; none before the first.
+    pub fn previous_action(&self) -> Option<Action> {
+        self.previous_action
     }
 
     /// Actions after which an episode ends at the latest.

@@ -38,3 +38,4 @@ pub mod scene_file;
 pub mod shape;
 pub mod simulation;
 pub mod source;
+pub mod tasks;

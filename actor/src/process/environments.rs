@@ -4,25 +4,30 @@ use super::larder::{Larder, Opened, Order};
 use super::whereabouts;
 use anyhow::{Context, Result, bail, ensure};
 use proto::action::{Action, HOLD};
-use proto::camera::{FRAME_SIDE, WINDOW};
+use proto::camera::{FRAME_SIDE, SUMS_PIXELS, WINDOW};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::random::{Key, Purpose};
 use proto::record::{RecordHeader, flag};
 use proto::rota::Rota;
-use proto::step::Transition;
+use proto::task::Layout;
 use simulator::depth::{DepthCamera, Scenery};
 use simulator::environment::Environment;
 use simulator::episodes::Programme;
 use simulator::kitchen::Body;
+use simulator::tasks::arm_point_nav::{self, Transition};
 use std::collections::VecDeque;
 use std::ops::Range;
-use wire::message::{EnvironmentState, Observation, frame_part};
+use wire::message::EnvironmentState;
 
 /// The kitchen that an environment goes to next is opened when so many episodes before that one are left: early enough
 /// that they take longer than opening it, late enough that few such kitchens wait.
 const OPENED_AHEAD: u32 = 3;
+
+/// Bits of [`RecordHeader::bulk`]: the frame, and its sums.
+const WHOLE: u32 = 1;
+const SUMS: u32 = 1 << 1;
 
 /// All environments of an actor.
 pub struct Environments {
@@ -31,6 +36,8 @@ pub struct Environments {
     /// its own scenery for it.
     camera: DepthCamera,
     sceneries: Vec<Scenery>,
+    /// Where everything lies in a record.
+    layout: &'static Layout,
     /// Whether frames are sent as their sums: where the network averages its input over such windows.
     sums: bool,
     course: Course,
@@ -55,6 +62,8 @@ struct Running {
     environment: Environment,
     /// What the last exchange did, and which episode and state it led to.
     header: RecordHeader,
+    /// The last action, 0 if none was taken; and that before what is seen now, 0 at an episode's start.
+    actions: [u8; 2],
     transition: Transition,
 }
 
@@ -107,6 +116,7 @@ impl Running {
         }
         course.look_ahead(self.home, episode, moves);
         self.header.begin(episode, self.environment.state_hash(), course.records(self.id, episode));
+        self.actions[1] = 0;
         Ok(())
     }
 
@@ -115,6 +125,7 @@ impl Running {
         whereabouts::enter(self.id, self.header.episode);
         self.transition = self.environment.step(action);
         let end = self.environment.end();
+        self.actions = [action.index(); 2];
         self.header.act(self.environment.state_hash(), end);
         if end.is_some() {
             let next = self.next_episode().expect("four billion episodes outlast any run");
@@ -126,6 +137,7 @@ impl Running {
     /// Nothing was done.
     fn hold(&mut self) {
         self.header.hold();
+        self.actions[0] = 0;
         self.transition = Transition::default();
     }
 
@@ -171,12 +183,13 @@ impl Environments {
             course.look_ahead(home, 0, true);
             let mut header = RecordHeader { environment: running.len() as u32, ..RecordHeader::default() };
             header.begin(0, environment.state_hash(), course.records(id, 0));
-            running.push(Running { home, id, environment, header, transition: Transition::default() });
+            running.push(Running { home, id, environment, header, actions: [0; 2], transition: Transition::default() });
             sceneries.extend(scenery);
         }
         let shared: &[Body] = if sceneries.is_empty() { first.kitchen.bodies() } else { &[] };
         let (unprepared, sums) = ((0..running.len()).collect(), config.network.input_pool as usize == WINDOW);
-        Ok(Self { camera: DepthCamera::new(shared), sceneries, sums, running, course, unprepared })
+        let layout = course.config.spec().layout();
+        Ok(Self { camera: DepthCamera::new(shared), sceneries, layout, sums, running, course, unprepared })
     }
 
     /// Triangles that the camera has to choose from, in the first environment's kitchen.
@@ -263,27 +276,35 @@ impl Environments {
         Ok(())
     }
 
-    /// Writes the observation of environment `index`, its frame in place. Where the network averages over windows only
-    /// their sums are written, and the whole frame as well if it is recorded; the whole frame alone where a sum exceeds 16
-    /// bits.
-    pub fn observe(&mut self, index: usize, observation: &mut Observation) {
-        let Self { running, camera, sceneries, sums, .. } = self;
+    /// Writes the record of environment `index`, its frame in place. Where the network averages over windows only their sums
+    /// are written, and the whole frame as well if it is recorded; the whole frame alone where a sum exceeds 16 bits.
+    ///
+    /// # Panics
+    /// If the record has not the task's size.
+    pub fn observe(&mut self, index: usize, record: &mut [u8]) {
+        let Self { running, camera, sceneries, layout, sums, .. } = self;
         let (running, mut own) = (&mut running[index], sceneries.get_mut(index));
         whereabouts::enter(running.id, running.header.episode);
         if let Some(scenery) = own.as_deref_mut() {
             camera.exchange(scenery);
         }
         let environment = &mut running.environment;
-        let Observation { header, transition, current, reserved, depth_mm, sums_mm } = observation;
-        (*header, *transition, *current) = (running.header, running.transition, environment.current());
-        *reserved = [0; _];
-        if *sums && environment.look_for_sums(camera, sums_mm) {
-            header.bulk |= frame_part::SUMS;
+        record[..layout.small_bytes].fill(0);
+        for (field, action) in [layout.action, layout.previous_action].into_iter().zip(running.actions) {
+            record[field.offset] = action;
+        }
+        arm_point_nav::write(record, &running.transition, &environment.current());
+        let mut header = running.header;
+        let [whole, windows] = layout.images[..] else { panic!("the task has one image, which has sums") };
+        let frame: &mut [u16; SUMS_PIXELS] = windows.of_mut(record).try_into().expect("the sums of a frame");
+        if *sums && environment.look_for_sums(camera, frame) {
+            header.bulk |= SUMS;
         }
         if header.bulk == 0 || header.has(flag::RECORD_BULK) {
-            environment.look(camera, FRAME_SIDE, depth_mm);
-            header.bulk |= frame_part::WHOLE;
+            environment.look(camera, FRAME_SIDE, whole.of_mut(record));
+            header.bulk |= WHOLE;
         }
+        *RecordHeader::of_mut(record) = header;
         if let Some(scenery) = own {
             camera.exchange(scenery);
         }

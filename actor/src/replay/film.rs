@@ -11,7 +11,7 @@ use proto::kitchen::TargetCategory;
 use proto::record::End;
 use proto::replay::{ImageFormat, ReplayImages};
 use proto::reward::UNDISTURBED_THRESHOLD_M;
-use proto::step::Transition;
+use simulator::tasks::arm_point_nav::Transition;
 use rapier3d::math::Pose3;
 use simulator::depth::DepthCamera;
 use simulator::environment::Environment;
@@ -172,7 +172,7 @@ impl Film {
 mod tests {
     use super::*;
     use proto::kitchen::KitchenId;
-    use proto::reward::RewardParts;
+    use simulator::tasks::arm_point_nav::RewardParts;
 
     #[test]
     fn files_are_called_by_kitchen_episode_target_and_outcome() {

@@ -4,7 +4,7 @@ use super::*;
 use proto::evaluation::{EvaluationConfig, ObjectSet};
 use proto::kitchen::Split;
 use proto::replay::ImageFormat;
-use proto::step::Current;
+use simulator::tasks::arm_point_nav::Current;
 
 /// An evaluation of one novel episode a kitchen, or a run.
 fn config(evaluation: bool) -> Config {

@@ -1,14 +1,14 @@
 //! The learner's authoritative list of environment states, and the check that actors agree with it.
 
+use super::Settings;
 use super::column_map::ColumnMap;
 use super::statistics::RunningEpisode;
+use crate::record::named;
 use crate::rollout::Outcome;
-use proto::action::{Action, HOLD, NO_ACTION};
+use proto::action::{Action, HOLD};
 use proto::config::Config;
-use proto::plausible::{self, Implausible};
 use proto::record::{End, RecordHeader, flag};
-use proto::step::{Current, Transition};
-use proto::task::{Composition, Condition};
+use proto::task::{Check, Composition, Condition, Field, Implausible, Layout};
 use wire::message::EnvironmentState;
 
 /// The reward in force.
@@ -34,19 +34,20 @@ impl Signals {
         Self { label: config.label(), cost: config.spec().cost() }
     }
 
-    /// Whether the label holds of a step.
-    pub(crate) fn labels(&self, transition: &Transition) -> bool {
-        self.label.is_some_and(|label| label.holds(|index| transition.reward.part(index)))
+    /// Whether the label holds of a step. `part`: a part's number by the index of its channel.
+    pub(crate) fn labels(&self, part: impl Fn(usize) -> f32) -> bool {
+        self.label.is_some_and(|label| label.holds(part))
     }
 }
 
 /// An episode that has ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ended {
-    pub last: Transition,
     /// Its steps.
     pub length: u32,
-    /// What that does not contain.
+    pub success: bool,
+    /// At its end, metres.
+    pub disturbance_m: f32,
     pub running: RunningEpisode,
 }
 
@@ -74,6 +75,14 @@ pub struct Mismatch {
     pub non_finite: bool,
 }
 
+/// Channels that the figures of episodes are made of.
+#[derive(Debug, Clone, Copy)]
+struct Figures {
+    goal_success: Field,
+    picked_up: Field,
+    disturbance_m: Field,
+}
+
 /// Every environment's episode, actions taken in it, and figures so far.
 ///
 /// An environment is rebuilt from its [`EnvironmentState`] alone. An action is noted when it is sent, its outcome later
@@ -85,6 +94,9 @@ pub struct Environments {
     max_episode_steps: u32,
     gamma: f64,
     signals: Signals,
+    layout: &'static Layout,
+    soundness: Check,
+    figures: Figures,
     states: Vec<EnvironmentState>,
     running: Vec<RunningEpisode>,
     /// The action that was sent and whose outcome is not yet recorded.
@@ -95,26 +107,37 @@ pub struct Environments {
 }
 
 impl Environments {
-    /// Environments at the given states; episodes last at most `max_episode_steps`, and their cost is discounted by
-    /// `gamma` a step.
+    /// Environments at the given states.
     ///
     /// # Panics
     /// If the lists do not have one entry a column.
-    pub fn new(
-        column_map: ColumnMap,
-        max_episode_steps: u32,
-        gamma: f64,
-        signals: Signals,
-        states: Vec<EnvironmentState>,
-        running: Vec<RunningEpisode>,
-    ) -> Self {
+    pub fn new(settings: &Settings, states: Vec<EnvironmentState>, running: Vec<RunningEpisode>) -> Self {
+        let Settings { column_map, task, max_episode_steps, gamma, signals, .. } = *settings;
         assert!(
             states.len() == column_map.columns() && running.len() == column_map.columns(),
             "there is one state and one running episode for each environment"
         );
         let columns = column_map.columns();
         let (in_flight, ended) = (vec![None; columns], vec![false; columns]);
-        Self { column_map, max_episode_steps, gamma, signals, states, running, in_flight, ended }
+        let figures = Figures {
+            goal_success: named(task, "goal_success"),
+            picked_up: named(task, "picked_up"),
+            disturbance_m: named(task, "disturbance_m"),
+        };
+        let (layout, soundness) = (task.layout(), task.check());
+        Self {
+            column_map,
+            max_episode_steps,
+            gamma,
+            signals,
+            layout,
+            soundness,
+            figures,
+            states,
+            running,
+            in_flight,
+            ended,
+        }
     }
 
     /// State of one column, actions in flight included.
@@ -167,13 +190,8 @@ impl Environments {
     }
 
     /// Checks an actor's report for a column against the learner's record.
-    pub fn check(
-        &self,
-        column: usize,
-        header: &RecordHeader,
-        transition: &Transition,
-        current: &Current,
-    ) -> Result<(), Mismatch> {
+    pub fn check(&self, column: usize, record: &[u8]) -> Result<(), Mismatch> {
+        let header = RecordHeader::of(record);
         let (_, index) = self.column_map.place(column);
         let mismatch = |problem| self.mismatch(column, problem);
         if header.environment != index {
@@ -183,7 +201,8 @@ impl Environments {
         let state = &self.states[column];
         let mut expected = (state.episode, state.action_count);
         if let Some(action) = self.in_flight[column] {
-            check_action(state, action, header, transition).map_err(&mismatch)?;
+            let reported = record[self.layout.action.offset];
+            check_action(state, action, header, reported).map_err(&mismatch)?;
             if header.end().is_some() {
                 expected = (state.episode + 1, 0);
             } else if state.action_count >= self.max_episode_steps {
@@ -204,35 +223,32 @@ impl Environments {
         if header.has(flag::EPISODE_START) != start {
             return Err(mismatch(format!("its episode-start flag is wrong at step {}", header.step)));
         }
-        let previous = if start { u32::from(NO_ACTION) } else { u32::from(state.actions()[header.step as usize - 1]) };
-        if current.previous_action != previous {
-            return Err(mismatch(format!(
-                "it reports {} as the previous action; that was {previous}",
-                current.previous_action
-            )));
+        let reported = record[self.layout.previous_action.offset];
+        if !start && reported != state.actions()[header.step as usize - 1] {
+            let previous = state.actions()[header.step as usize - 1];
+            return Err(mismatch(format!("it reports {reported} as the previous action; that was {previous}")));
         }
-        let transition = self.in_flight[column].map(|_| transition);
-        plausible::check(transition, current).map_err(|cause| {
+        self.soundness.record(record, header.has(flag::ACTED)).map_err(|cause| {
             let problem = format!("at episode {}, step {}, {cause}", header.episode, header.step);
             Mismatch { non_finite: matches!(cause, Implausible::NotFinite(_)), ..mismatch(problem) }
         })
     }
 
     /// Records the outcome of the action in flight, if there is one. Call it once for each checked report.
-    pub fn settle(
-        &mut self,
-        column: usize,
-        header: &RecordHeader,
-        transition: &Transition,
-        reward: &Reward,
-    ) -> Option<Settlement> {
+    pub fn settle(&mut self, column: usize, record: &[u8], reward: &Reward) -> Option<Settlement> {
         self.in_flight[column].take()?;
-        let value = reward.composition.of(|index| transition.reward.part(index), reward.multiplier);
+        let header = RecordHeader::of(record);
+        let Self { layout, figures, signals, gamma, .. } = *self;
+        let part = |index| layout.part(record, index);
+        let value = reward.composition.of(part, reward.multiplier);
+        let cost = signals.cost.map_or(0.0, |(index, weight)| weight * part(index));
         let running = &mut self.running[column];
-        running.add(transition, header.acted_step, value, self.gamma, self.signals.cost);
+        running.add(header.acted_step, value, cost, gamma);
+        running.picked_up |= figures.picked_up.f32(record) != 0.0;
         let ended = header.end().map(|_| Ended {
-            last: *transition,
             length: header.acted_step + 1,
+            success: figures.goal_success.f32(record) != 0.0,
+            disturbance_m: figures.disturbance_m.f32(record),
             running: std::mem::take(running),
         });
         self.ended[column] |= ended.is_some();
@@ -240,25 +256,20 @@ impl Environments {
             reward: value,
             ended: ended.is_some(),
             time_limit: header.end() == Some(End::Truncated),
-            label: self.signals.labels(transition),
+            label: signals.labels(part),
         };
         Some(Settlement { outcome, ended })
     }
 }
 
 /// `state` already includes `action`, which must be reported.
-fn check_action(
-    state: &EnvironmentState,
-    action: u8,
-    header: &RecordHeader,
-    transition: &Transition,
-) -> Result<(), String> {
+fn check_action(state: &EnvironmentState, action: u8, header: &RecordHeader, reported: u8) -> Result<(), String> {
     let step = state.action_count - 1;
     if !header.has(flag::ACTED) {
         return Err(format!("it reports nothing of action {action} of episode {}, step {step}", state.episode));
     }
-    let seen = (header.acted_episode, header.acted_step, transition.action);
-    let expected = (state.episode, step, u32::from(action));
+    let seen = (header.acted_episode, header.acted_step, reported);
+    let expected = (state.episode, step, action);
     if seen != expected {
         return Err(format!(
             "its last action is that of episode {}, step {}, action {}; sent was episode {}, step {}, action {}",

@@ -1,10 +1,10 @@
 //! Statistics of the episodes that ended in a rollout.
 
+use super::environments::Ended;
 use crate::peers::{PeerError, Peers};
 use crate::shards::Shards;
 use proto::metric;
 use proto::reward::UNDISTURBED_THRESHOLD_M;
-use proto::step::Transition;
 use std::collections::BTreeMap;
 
 /// Figures of an episode in progress that its last transition does not contain. Checkpoints save them, so that metrics
@@ -20,14 +20,10 @@ pub struct RunningEpisode {
 }
 
 impl RunningEpisode {
-    /// Adds step `step`; `gamma` is the discount of the constraint, `cost` the index of its part and the part's weight.
-    pub fn add(&mut self, transition: &Transition, step: u32, reward: f32, gamma: f64, cost: Option<(usize, f32)>) {
+    /// Adds step `step` with its reward and its cost; `gamma` is the discount of the constraint.
+    pub fn add(&mut self, step: u32, reward: f32, cost: f32, gamma: f64) {
         self.episode_return += f64::from(reward);
-        if let Some((part, weight)) = cost {
-            let discount = libm::pow(gamma, f64::from(step));
-            self.discounted_cost += discount * f64::from(weight * transition.reward.part(part));
-        }
-        self.picked_up |= transition.picked_up();
+        self.discounted_cost += libm::pow(gamma, f64::from(step)) * f64::from(cost);
     }
 }
 
@@ -52,17 +48,17 @@ impl RolloutStatistics {
         self.reward += f64::from(reward);
     }
 
-    /// Adds an episode of `length` steps that ended with `last`.
-    pub fn add_episode(&mut self, last: &Transition, length: u32, running: &RunningEpisode) {
-        let success = last.succeeded();
+    /// Adds an episode that has ended.
+    pub fn add_episode(&mut self, ended: &Ended) {
+        let Ended { length, success, disturbance_m, running } = *ended;
         let share = |condition: bool| f64::from(u8::from(condition));
         self.episodes += 1;
         self.episode_return += running.episode_return;
         self.length += f64::from(length);
         self.success += share(success);
-        self.success_undisturbed += share(success && last.disturbance_m < UNDISTURBED_THRESHOLD_M);
+        self.success_undisturbed += share(success && disturbance_m < UNDISTURBED_THRESHOLD_M);
         self.picked_up += share(running.picked_up);
-        self.disturbance_m += f64::from(last.disturbance_m);
+        self.disturbance_m += f64::from(disturbance_m);
         self.discounted_cost += running.discounted_cost;
     }
 

@@ -49,8 +49,8 @@ impl Tally {
                 };
                 let statistics = &mut self.statistics[shards[column]];
                 statistics.add_step(reward);
-                if let Some(Ended { last, length, running }) = ended {
-                    statistics.add_episode(&last, length, &running);
+                if let Some(ended) = ended {
+                    statistics.add_episode(&ended);
                 }
             }
         }
@@ -76,7 +76,6 @@ impl Tally {
 mod tests {
     use super::*;
     use crate::collector::RunningEpisode;
-    use proto::step::Transition;
 
     /// Of two rows and two halves: returns whose sum depends on the order in which they are added, each column's last of
     /// another size.
@@ -84,7 +83,7 @@ mod tests {
 
     fn ended(episode_return: f64) -> Ended {
         let running = RunningEpisode { episode_return, ..RunningEpisode::default() };
-        Ended { last: Transition::default(), length: 1, running }
+        Ended { length: 1, success: false, disturbance_m: 0.0, running }
     }
 
     /// Two actors with two environments: columns 0 and 2 are the first halves, 1 and 3 the second ones.

@@ -69,6 +69,7 @@ impl<'a, W: Write> Conversation<'a, W> {
             seed: config.seed,
             policy_actions: config.episode.action_space.actions().len(),
             max_episode_steps: config.episode.max_steps,
+            task: config.spec(),
             carried_goal: config.network.carried_goal,
             gamma: config.ppo.gamma,
             signals: Signals::of(config),

@@ -164,10 +164,10 @@ impl<W: Write> Room<'_, W> {
         let acted: Vec<usize> = collector.settle(lanes).into_iter().map(|settled| settled.column).collect();
         let mut acted = acted.into_iter().peekable();
         let mut played = vec![];
-        for (column, header, transition) in collector.outcomes(lanes) {
+        for (column, record) in collector.records(lanes) {
             // Both ascend.
             if acted.next_if_eq(&column).is_some() {
-                played.extend(self.examination.settle(column, header, transition));
+                played.extend(self.examination.settle(column, record));
             }
         }
         for (record, actions) in played {

@@ -14,9 +14,7 @@ use learner::rollout::{Outcome, Rollout, Step};
 use learner::shards::Shards;
 use proto::config::{GoalCoordinates, LagrangianConfig};
 use proto::learning_rate::learning_rate;
-use proto::reward::RewardParts;
 use proto::stage::RolloutShape;
-use proto::step::Transition;
 use tch::{Device, Kind, Tensor};
 
 #[test]
@@ -169,12 +167,12 @@ fn the_multiplier_follows_the_mean_discounted_disturbance_of_ended_episodes() {
         for t in 0..steps {
             for (n, (step, episode)) in running.iter_mut().enumerate() {
                 let cell = (rollout * steps + t) * columns + n;
-                let reward = RewardParts { disturbance_progress_m: progress[cell], ..RewardParts::default() };
-                let transition = Transition { reward, ..Transition::default() };
-                episode.add(&transition, *step, 0.0, 0.99, config.spec().cost());
+                // The part is progress, its cost the other way round.
+                episode.add(*step, 0.0, -progress[cell], 0.99);
                 *step += 1;
                 if ended[cell] > 0.75 && rollout != 3 {
-                    statistics.add_episode(&transition, *step, episode);
+                    let ended = Ended { length: *step, success: false, disturbance_m: 0.0, running: *episode };
+                    statistics.add_episode(&ended);
                     (*step, *episode) = (0, RunningEpisode::default());
                 }
             }

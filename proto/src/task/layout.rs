@@ -9,12 +9,14 @@
 //! ```
 
 use super::{Actions, Channel, Dtype};
+use crate::record::RecordHeader;
+use bytemuck::{AnyBitPattern, Pod};
 use std::ops::Range;
 
 /// Bytes of a cache line. Records and images begin on one.
 pub const LINE_BYTES: usize = 64;
 /// Bytes of the engine's header.
-pub const HEADER_BYTES: usize = 64;
+pub const HEADER_BYTES: usize = size_of::<RecordHeader>();
 
 /// Place of a channel's numbers in a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,6 +44,22 @@ impl Field {
     /// Its numbers.
     pub fn numbers(self, record: &[u8]) -> impl Iterator<Item = f64> {
         record[self.range()].chunks_exact(self.dtype.bytes()).map(move |bytes| self.dtype.read(bytes))
+    }
+
+    /// Its numbers as they lie, of a record that begins on a cache line.
+    ///
+    /// # Panics
+    /// If they are of another type, or the record is shorter than its layout.
+    pub fn of<T: AnyBitPattern>(self, record: &[u8]) -> &[T] {
+        bytemuck::cast_slice(&record[self.range()])
+    }
+
+    /// The same, to be written.
+    ///
+    /// # Panics
+    /// As [`Self::of`].
+    pub fn of_mut<T: Pod>(self, record: &mut [u8]) -> &mut [T] {
+        bytemuck::cast_slice_mut(&mut record[self.range()])
     }
 
     /// Its first number, of a channel of `f32`.
@@ -72,6 +90,14 @@ pub struct Layout {
 }
 
 impl Layout {
+    /// The part of rewards that is this channel's, by its index.
+    ///
+    /// # Panics
+    /// If there is no such channel.
+    pub fn part(&self, record: &[u8], index: usize) -> f32 {
+        self.fields[index].f32(record)
+    }
+
     pub(super) fn of(actions: &Actions, channels: &[Channel]) -> Self {
         let mut end = HEADER_BYTES;
         let mut place = |dtype: Dtype, count: usize, alignment: usize| {

@@ -4,12 +4,13 @@
 use crate::environment::{FakeEnvironment, mix};
 use crate::setup::{ACTIONS, MAX_STEPS, NOISE, Setup};
 use learner::collector::{Signals, gumbel};
-use proto::action::HOLD;
+use proto::action::{HOLD, NO_ACTION};
+use proto::config::Config;
 use proto::episode::EnvironmentId;
-use proto::record::{End, flag};
+use proto::record::{End, RecordHeader, flag};
 use proto::stage::{RolloutShape, position_at, total_frames};
 use std::collections::BTreeMap;
-use wire::message::EnvironmentState;
+use wire::message::{EnvironmentState, Line};
 
 /// The weights that a run begins with.
 pub const FIRST_WEIGHTS: u64 = 1;
@@ -71,12 +72,18 @@ pub fn updated(weights: u64, sum: u64) -> u64 {
     mix([weights, sum]) >> 11
 }
 
-fn seen_by(seed: u64, id: EnvironmentId, environment: &FakeEnvironment) -> u64 {
-    let (header, _, current) = environment.observe(0);
+fn seen_by(config: &Config, id: EnvironmentId, environment: &FakeEnvironment) -> u64 {
+    let lines = environment.observe(0);
+    let record = Line::bytes(&lines);
+    let (header, layout) = (RecordHeader::of(record), config.spec().layout());
     let mut noise = vec![];
-    gumbel(seed, id, header.episode, header.step, NOISE, &mut noise);
-    let goal_m = if current.holds() { current.object_to_goal_m.map(|axis| -axis) } else { current.wrist_to_object_m };
-    look(goal_m, &noise, current.previous_action as u8, header.has(flag::EPISODE_START))
+    gumbel(config.seed, id, header.episode, header.step, NOISE, &mut noise);
+    let named = |name| config.spec().channel(name).map(|(_, field)| field).expect("the task has it");
+    let held = named("holding").number(record) != 0.0;
+    let (channel, sign) = if held { ("object_to_goal_m", -1.0) } else { ("wrist_to_object_m", 1.0) };
+    let goal_m = [0, 1, 2].map(|axis| sign * named(channel).of::<f32>(record)[axis]);
+    let start = header.has(flag::EPISODE_START);
+    look(goal_m, &noise, if start { NO_ACTION } else { record[layout.previous_action.offset] }, start)
 }
 
 impl Model {
@@ -104,11 +111,13 @@ impl Model {
                         environment.act(HOLD);
                         continue;
                     }
-                    let seen = seen_by(config.seed, ids[column], environment);
+                    let seen = seen_by(config, ids[column], environment);
                     let action = choose(acting, seen);
                     environment.act(action);
-                    let (header, transition, _) = environment.observe(0);
-                    let part = |index| transition.reward.part(index);
+                    let lines = environment.observe(0);
+                    let record = Line::bytes(&lines);
+                    let header = RecordHeader::of(record);
+                    let part = |index| config.spec().layout().part(record, index);
                     let value = composition.of(part, 0.0);
                     let (end, label) = (header.end(), signals.label.is_some_and(|label| label.holds(part)));
                     let outcome = [end.is_some(), end == Some(End::Truncated), label];
@@ -121,7 +130,7 @@ impl Model {
                 }
             }
             for (column, environment) in environments.iter().enumerate() {
-                let seen = seen_by(config.seed, ids[column], environment);
+                let seen = seen_by(config, ids[column], environment);
                 digests[column] = digests[column].wrapping_add(of_bootstrap(column, seen));
             }
             let sum = digests.iter().fold(0, |sum: u64, digest| sum.wrapping_add(*digest));

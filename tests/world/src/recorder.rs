@@ -11,9 +11,9 @@ use crate::setup::Mutation;
 use crate::wire::Observations;
 use orchestrator::{Ledger, Tally, Verdict};
 use proto::disk::Disk;
-use proto::record::flag;
+use proto::record::{RecordHeader, flag};
 use std::path::{Path, PathBuf};
-use wire::message::{Halves, observation_kind};
+use wire::message::{Halves, Line, observation_kind};
 use wire::{Receipt, Written};
 
 /// A killed recorder loses at most this much.
@@ -108,7 +108,8 @@ impl Recorder {
         };
         let first = header.actor as usize * self.taken.len() / world.setup.config.actors.count as usize;
         let mut steps = 0;
-        for (index, (record, ..)) in self.halves.range(header.half).zip(observations.iter()) {
+        for (index, record) in self.halves.range(header.half).zip(observations.iter()) {
+            let record = RecordHeader::of(Line::bytes(record));
             let column = first + index;
             let taken = Some((header.learner_incarnation, record.acted_episode, record.acted_step));
             if record.has(flag::ACTED) && self.taken[column] != taken {

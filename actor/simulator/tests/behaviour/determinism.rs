@@ -2,9 +2,9 @@
 //! the process, whatever came before, on every x86-64 machine, in debug and release (`make check-determinism`).
 
 use super::support::{environment, kitchen, random_action, run};
-use proto::action::{Action, NO_ACTION};
-use proto::step::Transition;
+use proto::action::Action;
 use simulator::environment::Environment;
+use simulator::tasks::arm_point_nav::Transition;
 
 const STEPS: u32 = 200;
 
@@ -74,7 +74,7 @@ fn an_earlier_episode_leaves_no_trace() {
         let mut reused = environment(&kitchen, 3);
         run(&mut reused, 3, 0, 60);
         reused.start_episode(2);
-        assert_eq!(reused.current().previous_action, u32::from(NO_ACTION));
+        assert_eq!(reused.previous_action(), None);
         assert_eq!(run(&mut reused, 3, 2, STEPS), expected, "kitchen {number}");
         assert_eq!(reused.current(), fresh.current());
     }

@@ -4,11 +4,10 @@ use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::plausible;
 use proto::random::{Key, Purpose};
-use proto::step::Transition;
 use simulator::environment::Environment;
 use simulator::kitchen::Kitchen;
+use simulator::tasks::arm_point_nav::{Transition, check};
 use std::sync::Arc;
 
 /// A built-in kitchen as it is by default.
@@ -32,7 +31,7 @@ pub fn random_action(kitchen: KitchenId, environment: u32, episode: u32, step: u
 /// Takes an action. The learner refuses reports that cannot be, and ours are never among them.
 pub fn sound_step(environment: &mut Environment, action: Action) -> Transition {
     let transition = environment.step(action);
-    plausible::check(Some(&transition), &environment.current()).unwrap();
+    check(&transition, &environment.current()).unwrap();
     transition
 }
 

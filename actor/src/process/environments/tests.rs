@@ -4,6 +4,7 @@ use proto::config::KitchenSource;
 use proto::random::{Key, Purpose};
 use std::cell::Cell;
 use std::path::Path;
+use wire::message::Line;
 
 const STEPS: u32 = 60;
 
@@ -36,10 +37,12 @@ fn played(environments: &mut Environments, before: impl Fn(&mut Environments)) -
             .collect();
         environments.act(0..actions.len(), &actions).unwrap();
         for index in 0..actions.len() {
-            let mut observation = bytemuck::zeroed_box();
-            environments.observe(index, &mut observation);
-            assert_eq!(observation.header.episode, environments.running[index].header.episode);
-            seen.push((observation.header, xxhash_rust::xxh3::xxh3_64(bytemuck::bytes_of(&*observation))));
+            let mut record = vec![Line([0; 64]); environments.layout.bytes / size_of::<Line>()];
+            let record = Line::bytes_mut(&mut record);
+            environments.observe(index, record);
+            let header = *RecordHeader::of(record);
+            assert_eq!(header.episode, environments.running[index].header.episode);
+            seen.push((header, xxhash_rust::xxh3::xxh3_64(record)));
         }
     }
     seen

@@ -1,7 +1,7 @@
 //! A recorder in the collector's simulated world: it takes samples in its own time, and what it has not taken of an
 //! actor is lost when that actor dies.
 
-use super::Message;
+use super::{HalfSample, Message};
 use proto::record::flag;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use wire::Receipt;
@@ -33,7 +33,7 @@ impl Taker {
         }
         self.newest.insert((header.actor, header.half), at);
         if before.is_some_and(|(learner_incarnation, _)| learner_incarnation == header.learner_incarnation) {
-            for (record, ..) in &sample.0 {
+            for record in (0..sample.len()).map(|i| sample.header(i)) {
                 if record.has(flag::ACTED) {
                     self.steps.insert((header.actor, record.environment, record.acted_episode, record.acted_step));
                 }

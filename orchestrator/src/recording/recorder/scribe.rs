@@ -1,12 +1,13 @@
 //! Turns observations into messages: the messages of each step and their topics.
 
 use crate::recording::recorder::camera::{self, FrameNames};
+use crate::recording::recorder::channels::{Channels, is, vector, whole};
 use crate::recording::recorder::held::{self, Held};
 use crate::recording::recorder::segment::{SegmentError, Segments, Topic};
 use crate::recording::schema::foxglove::{FrameTransforms, Log, RawImage, log};
 use crate::recording::schema::stillroom::step::Goal;
 use crate::recording::schema::stillroom::{
-    EpisodeEnd, EpisodeStart, LearnerMetrics, RobotVector, StageSwitch, Step, Validation,
+    EpisodeEnd, EpisodeStart, LearnerMetrics, StageSwitch, Step, Validation,
 };
 use prost::Message;
 use prost_types::Timestamp;
@@ -21,11 +22,10 @@ use proto::record::{End, RecordHeader, flag};
 use proto::replay::length_m;
 use proto::reward::UNDISTURBED_THRESHOLD_M;
 use proto::rota::Rota;
-use proto::step::{Current, Transition};
 use proto::task::Composition;
 use std::collections::BTreeMap;
 use wire::WireShape;
-use wire::message::{Halves, Observation, ObservationHeader, frame_part};
+use wire::message::{Halves, Line, ObservationHeader};
 
 #[cfg(target_endian = "big")]
 compile_error!("16UC1 images are little-endian and are copied as they lie in memory");
@@ -64,6 +64,7 @@ pub struct Scribe {
     incarnation: u32,
     /// r and r′.
     rewards: [Composition; 2],
+    channels: Channels,
     failures_only: bool,
     /// Which fixed episodes are played, in an evaluation.
     plan: Option<Plan>,
@@ -71,6 +72,8 @@ pub struct Scribe {
     rota: Rota,
     counts: Counts,
     frames_before: Option<u64>,
+    /// Reused for every record: all but its images.
+    small: Vec<Line>,
     /// Reused for every message.
     buffer: Vec<u8>,
     /// Reused for every frame.
@@ -170,6 +173,8 @@ impl Scribe {
             shape,
             incarnation,
             rewards: ["r", "r_prime"].map(|name| config.reward(name)),
+            channels: Channels::of(config.spec()),
+            small: Vec::new(),
             failures_only: config.recording.failures_only,
             plan: config.evaluation_plan(),
             rota: config.rota(),
@@ -186,44 +191,78 @@ impl Scribe {
         &mut self,
         time_ns: u64,
         header: &ObservationHeader,
-        observations: &[Observation],
+        records: &[Line],
         with_transitions: bool,
     ) -> Result<u64, SegmentError> {
-        let mut steps = 0;
-        let first = header.actor * self.shape.environments_per_actor;
+        let first = (header.actor * self.shape.environments_per_actor) as usize;
         let range = Halves::of(self.shape.environments_per_actor).range(header.half);
-        for (index, observation) in range.zip(observations) {
-            let environment = first as usize + index;
+        let [lines, small_lines] = self.channels.lines();
+        let mut small = std::mem::take(&mut self.small);
+        let mut steps = 0;
+        for (index, record) in range.zip(records.chunks_exact(lines)) {
             // Copied once: what lies in shared memory can change meanwhile.
-            let Observation { header: record, transition, current, .. } = observation;
-            let (record, transition, current) = (&{ *record }, &{ *transition }, &{ *current });
-            let taken = Some((header.learner_incarnation, record.acted_episode, record.acted_step));
-            if record.has(flag::ACTED) && self.environments[environment].taken != taken {
-                // At a restore point, too: there the transition is old, but a HOLD may follow.
-                self.environments[environment].taken = taken;
-                if with_transitions {
-                    self.step(time_ns, header, environment, record, transition)?;
-                    steps += 1;
-                    if record.end().is_some() {
-                        self.episode_end(time_ns, header, environment, record, transition)?;
-                    }
-                }
+            small.clear();
+            small.extend_from_slice(&record[..small_lines]);
+            let copied = Line::bytes(&small);
+            if self.outcome(time_ns, header, first + index, copied, with_transitions)? {
+                steps += 1;
             }
-            let described = Some((header.learner_incarnation, record.episode, record.step));
-            if self.environments[environment].described == described {
-                continue;
-            }
-            self.environments[environment].described = described;
-            self.environments[environment].goal = Some(goal_of(current));
-            if record.has(flag::EPISODE_START) {
-                self.episode_start(time_ns, header, environment, record, current)?;
-            }
-            // Both come of one draw in the actor. What is not there is not recorded: the learner refuses it.
-            if record.bulk & frame_part::WHOLE != 0 && record.has(flag::RECORD_BULK) {
-                self.depth(time_ns, environment, current, &observation.depth_mm)?;
+            self.observation(time_ns, header, first + index, copied, Line::bytes(record))?;
+        }
+        self.small = small;
+        Ok(steps)
+    }
+
+    /// Describes what the last action of an environment did, if that is new; whether it was.
+    fn outcome(
+        &mut self,
+        time_ns: u64,
+        header: &ObservationHeader,
+        environment: usize,
+        record: &[u8],
+        with_transitions: bool,
+    ) -> Result<bool, SegmentError> {
+        let RecordHeader { acted_episode, acted_step, .. } = *RecordHeader::of(record);
+        let taken = Some((header.learner_incarnation, acted_episode, acted_step));
+        if !RecordHeader::of(record).has(flag::ACTED) || self.environments[environment].taken == taken {
+            return Ok(false);
+        }
+        // At a restore point, too: there the transition is old, but a HOLD may follow.
+        self.environments[environment].taken = taken;
+        if with_transitions {
+            self.step(time_ns, header, environment, record)?;
+            if RecordHeader::of(record).end().is_some() {
+                self.episode_end(time_ns, header, environment, record)?;
             }
         }
-        Ok(steps)
+        Ok(with_transitions)
+    }
+
+    /// Describes what is seen now, if that is new. `whole`: the record where it lies.
+    fn observation(
+        &mut self,
+        time_ns: u64,
+        header: &ObservationHeader,
+        environment: usize,
+        record: &[u8],
+        whole: &[u8],
+    ) -> Result<(), SegmentError> {
+        let seen = RecordHeader::of(record);
+        let known = &mut self.environments[environment];
+        let described = Some((header.learner_incarnation, seen.episode, seen.step));
+        if known.described == described {
+            return Ok(());
+        }
+        known.described = described;
+        known.goal = Some(self.channels.goal(record));
+        if seen.has(flag::EPISODE_START) {
+            self.episode_start(time_ns, header, environment, record)?;
+        }
+        // Both come of one draw in the actor. What is not there is not recorded: the learner refuses it.
+        if self.channels.has_frame(seen.bulk) && seen.has(flag::RECORD_BULK) {
+            self.depth(time_ns, environment, record, whole)?;
+        }
+        Ok(())
     }
 
     /// Figures of a trained rollout.
@@ -317,11 +356,11 @@ impl Scribe {
         time_ns: u64,
         header: &ObservationHeader,
         environment: usize,
-        record: &RecordHeader,
-        transition: &Transition,
+        bytes: &[u8],
     ) -> Result<(), SegmentError> {
+        let (record, channels) = (RecordHeader::of(bytes), &self.channels);
         let end = record.end();
-        let composed = |reward: &Composition| reward.of(|index| transition.reward.part(index), 0.0);
+        let composed = |reward: &Composition| reward.of(|index| channels.layout.part(bytes, index), 0.0);
         let [reward_r, reward_r_prime] = self.rewards.each_ref().map(composed);
         let known = &mut self.environments[environment];
         known.add_rewards(header.learner_incarnation, record, reward_r, reward_r_prime);
@@ -341,26 +380,26 @@ impl Scribe {
             learner_incarnation: header.learner_incarnation,
             actor_incarnation: header.actor_incarnation,
             stage_version: header.stage_version,
-            action: transition.action as i32,
-            target: transition.target as i32,
-            action_failed: transition.failed(),
-            holding: transition.holds(),
-            picked_up: transition.picked_up(),
+            action: bytes[channels.layout.action.offset].into(),
+            target: whole(channels.target, bytes) as i32,
+            action_failed: is(channels.failed_action, bytes),
+            holding: is(channels.held, bytes),
+            picked_up: is(channels.picked_up, bytes),
             done: end == Some(End::Terminated),
-            success: transition.succeeded(),
+            success: is(channels.goal_success, bytes),
             time_limit: end == Some(End::Truncated),
             ended: end.is_some(),
             state_hash: record.outcome_hash,
-            wrist_object_progress_m: transition.reward.wrist_object_progress_m,
-            object_goal_progress_m: transition.reward.object_goal_progress_m,
-            disturbance_progress_m: transition.reward.disturbance_progress_m,
+            wrist_object_progress_m: channels.wrist_object_progress_m.f32(bytes),
+            object_goal_progress_m: channels.object_goal_progress_m.f32(bytes),
+            disturbance_progress_m: channels.disturbance_progress_m.f32(bytes),
             reward_r,
             reward_r_prime,
-            disturbance_m: transition.disturbance_m,
-            peak_disturbance_m: transition.peak_disturbance_m,
-            disturbed_objects: transition.disturbed_objects,
-            wrist_object_m: transition.wrist_object_m,
-            object_goal_m: transition.object_goal_m,
+            disturbance_m: channels.disturbance_m.f32(bytes),
+            peak_disturbance_m: channels.peak_disturbance_m.f32(bytes),
+            disturbed_objects: whole(channels.disturbed_objects, bytes),
+            wrist_object_m: channels.wrist_object_m.f32(bytes),
+            object_goal_m: channels.object_goal_m.f32(bytes),
             fixed_episode: fixed(self.plan.as_ref(), home, record.acted_episode),
             goal,
         };
@@ -373,9 +412,9 @@ impl Scribe {
         time_ns: u64,
         header: &ObservationHeader,
         environment: usize,
-        record: &RecordHeader,
-        current: &Current,
+        bytes: &[u8],
     ) -> Result<(), SegmentError> {
+        let (record, channels) = (RecordHeader::of(bytes), &self.channels);
         let home = self.environments[environment].home;
         let message = EpisodeStart {
             kitchen: self.rota.place(home, record.episode).kitchen.number(),
@@ -383,11 +422,11 @@ impl Scribe {
             episode: record.episode,
             incarnation: self.incarnation,
             learner_incarnation: header.learner_incarnation,
-            target: current.target as i32,
+            target: whole(channels.current_target, bytes) as i32,
             state_hash: record.state_hash,
             depth_recorded: record.has(flag::RECORD_BULK),
-            wrist_object_m: length_m(current.wrist_to_object_m),
-            object_goal_m: length_m(current.object_to_goal_m),
+            wrist_object_m: length_m(vector(channels.wrist_to_object_m, bytes)),
+            object_goal_m: length_m(vector(channels.object_to_goal_m, bytes)),
             fixed_episode: fixed(self.plan.as_ref(), home, record.episode),
         };
         self.write_of(environment, (message.episode, 0), (self.topics.episode_start, time_ns), &message)
@@ -398,9 +437,10 @@ impl Scribe {
         time_ns: u64,
         header: &ObservationHeader,
         environment: usize,
-        record: &RecordHeader,
-        transition: &Transition,
+        bytes: &[u8],
     ) -> Result<(), SegmentError> {
+        let (record, channels) = (RecordHeader::of(bytes), &self.channels);
+        let (success, disturbance_m) = (is(channels.goal_success, bytes), channels.disturbance_m.f32(bytes));
         let known = &mut self.environments[environment];
         let returns = known.returns.take();
         let home = known.home;
@@ -410,18 +450,18 @@ impl Scribe {
             episode: record.acted_episode,
             incarnation: self.incarnation,
             learner_incarnation: header.learner_incarnation,
-            target: transition.target as i32,
+            target: whole(channels.target, bytes) as i32,
             length: record.acted_step + 1,
-            success: transition.succeeded(),
-            success_undisturbed: transition.succeeded() && transition.disturbance_m < UNDISTURBED_THRESHOLD_M,
+            success,
+            success_undisturbed: success && disturbance_m < UNDISTURBED_THRESHOLD_M,
             // What is held stays held until the episode ends.
-            picked_up: transition.holds(),
+            picked_up: is(channels.held, bytes),
             time_limit: record.end() == Some(End::Truncated),
-            disturbance_m: transition.disturbance_m,
-            peak_disturbance_m: transition.peak_disturbance_m,
-            disturbed_objects: transition.disturbed_objects,
-            wrist_object_m: transition.wrist_object_m,
-            object_goal_m: transition.object_goal_m,
+            disturbance_m: channels.disturbance_m.f32(bytes),
+            peak_disturbance_m: channels.peak_disturbance_m.f32(bytes),
+            disturbed_objects: whole(channels.disturbed_objects, bytes),
+            wrist_object_m: channels.wrist_object_m.f32(bytes),
+            object_goal_m: channels.object_goal_m.f32(bytes),
             return_r: returns.as_ref().map(|returns| returns.r),
             return_r_prime: returns.as_ref().map(|returns| returns.r_prime),
             fixed_episode: fixed(self.plan.as_ref(), home, record.acted_episode),
@@ -435,15 +475,15 @@ impl Scribe {
         &mut self,
         time_ns: u64,
         environment: usize,
-        current: &Current,
-        depth_mm: &[u16],
+        record: &[u8],
+        whole: &[u8],
     ) -> Result<(), SegmentError> {
         let known = &self.environments[environment];
         let (depth, calibration) = (known.depth, known.calibration);
         self.image.timestamp = Some(timestamp(time_ns));
         self.image.frame_id.clone_from(&known.frames.camera);
         self.image.data.clear();
-        self.image.data.extend_from_slice(bytemuck::cast_slice(depth_mm));
+        self.image.data.extend_from_slice(&whole[self.channels.depth_mm.range()]);
         let intrinsics = camera::calibration(timestamp(time_ns), &known.frames.camera);
         let transforms = FrameTransforms { transforms: camera::transforms(timestamp(time_ns), &known.frames, current) };
         self.write(self.topics.transforms, time_ns, &transforms)?;
@@ -517,16 +557,6 @@ impl Environment {
 /// A wall-clock time as protobuf writes it.
 pub fn timestamp(time_ns: u64) -> Timestamp {
     Timestamp { seconds: (time_ns / 1_000_000_000) as i64, nanos: (time_ns % 1_000_000_000) as i32 }
-}
-
-/// What the goal sensor reads, and which of its two readings that is.
-fn goal_of(current: &Current) -> Goal {
-    let vector = |[x, y, z]: [f32; 3]| RobotVector { x, y, z };
-    if current.holds() {
-        Goal::ObjectToGoalM(vector(current.object_to_goal_m))
-    } else {
-        Goal::WristToObjectM(vector(current.wrist_to_object_m))
-    }
 }
 
 /// The number in an evaluation's table of an environment's episode.

@@ -288,6 +288,7 @@ impl Learner {
             seed: config.seed,
             policy_actions: NOISE,
             max_episode_steps: MAX_STEPS,
+            task: config.spec(),
             carried_goal: config.network.carried_goal,
             gamma: config.ppo.gamma,
             signals: Signals::of(config),
