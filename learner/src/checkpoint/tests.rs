@@ -79,8 +79,8 @@ fn snapshot(rollout: u64) -> Snapshot {
             exchange: rollout * 4,
             environments: vec![state, EnvironmentState::start_of(2)],
             running: vec![
-                RunningEpisode { episode_return: -0.1, discounted_cost: 1.0 / 3.0, picked_up: true },
-                RunningEpisode { episode_return: 3e-310, discounted_cost: -0.0, picked_up: false },
+                RunningEpisode { episode_return: -0.1, discounted_cost: 1.0 / 3.0, metrics: vec![1.0, 0.25] },
+                RunningEpisode { episode_return: 3e-310, discounted_cost: -0.0, metrics: vec![0.0, -0.5] },
             ],
         },
         weights: "ab".into(),

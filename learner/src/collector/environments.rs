@@ -3,12 +3,11 @@
 use super::Settings;
 use super::column_map::ColumnMap;
 use super::statistics::RunningEpisode;
-use crate::record::named;
 use crate::rollout::Outcome;
 use proto::action::{Action, HOLD};
 use proto::config::Config;
 use proto::record::{End, RecordHeader, flag};
-use proto::task::{Check, Composition, Condition, Field, Implausible, Layout};
+use proto::task::{Check, Composition, Condition, Implausible, Layout, Measure};
 use wire::message::EnvironmentState;
 
 /// The reward in force.
@@ -41,18 +40,15 @@ impl Signals {
 }
 
 /// An episode that has ended.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Ended {
     /// Its steps.
     pub length: u32,
-    pub success: bool,
-    /// At its end, metres.
-    pub disturbance_m: f32,
     pub running: RunningEpisode,
 }
 
 /// What an action led to.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Settlement {
     /// For training.
     pub outcome: Outcome,
@@ -75,14 +71,6 @@ pub struct Mismatch {
     pub non_finite: bool,
 }
 
-/// Channels that the figures of episodes are made of.
-#[derive(Debug, Clone, Copy)]
-struct Figures {
-    goal_success: Field,
-    picked_up: Field,
-    disturbance_m: Field,
-}
-
 /// Every environment's episode, actions taken in it, and figures so far.
 ///
 /// An environment is rebuilt from its [`EnvironmentState`] alone. An action is noted when it is sent, its outcome later
@@ -96,7 +84,7 @@ pub struct Environments {
     signals: Signals,
     layout: &'static Layout,
     soundness: Check,
-    figures: Figures,
+    measures: Vec<Measure>,
     states: Vec<EnvironmentState>,
     running: Vec<RunningEpisode>,
     /// The action that was sent and whose outcome is not yet recorded.
@@ -119,12 +107,7 @@ impl Environments {
         );
         let columns = column_map.columns();
         let (in_flight, ended) = (vec![None; columns], vec![false; columns]);
-        let figures = Figures {
-            goal_success: named(task, "goal_success"),
-            picked_up: named(task, "picked_up"),
-            disturbance_m: named(task, "disturbance_m"),
-        };
-        let (layout, soundness) = (task.layout(), task.check());
+        let (layout, soundness, measures) = (task.layout(), task.check(), task.measures());
         Self {
             column_map,
             max_episode_steps,
@@ -132,7 +115,7 @@ impl Environments {
             signals,
             layout,
             soundness,
-            figures,
+            measures,
             states,
             running,
             in_flight,
@@ -238,19 +221,17 @@ impl Environments {
     pub fn settle(&mut self, column: usize, record: &[u8], reward: &Reward) -> Option<Settlement> {
         self.in_flight[column].take()?;
         let header = RecordHeader::of(record);
-        let Self { layout, figures, signals, gamma, .. } = *self;
+        let Self { layout, signals, gamma, .. } = *self;
         let part = |index| layout.part(record, index);
         let value = reward.composition.of(part, reward.multiplier);
         let cost = signals.cost.map_or(0.0, |(index, weight)| weight * part(index));
         let running = &mut self.running[column];
         running.add(header.acted_step, value, cost, gamma);
-        running.picked_up |= figures.picked_up.f32(record) != 0.0;
-        let ended = header.end().map(|_| Ended {
-            length: header.acted_step + 1,
-            success: figures.goal_success.f32(record) != 0.0,
-            disturbance_m: figures.disturbance_m.f32(record),
-            running: std::mem::take(running),
-        });
+        running.metrics.resize(self.measures.len(), 0.0);
+        for (metric, measure) in running.metrics.iter_mut().zip(&self.measures) {
+            *metric = measure.after(|index| layout.fields[index].number(record), *metric);
+        }
+        let ended = header.end().map(|_| Ended { length: header.acted_step + 1, running: std::mem::take(running) });
         self.ended[column] |= ended.is_some();
         let outcome = Outcome {
             reward: value,

@@ -249,7 +249,11 @@ impl<S: HalfSample> Collector<S> {
         self.stage_version = stage_version;
         let boundary = self.boundary();
         self.lanes.begin();
-        let tally = Tally::new(self.settings.column_map, self.shards.iter().max().map_or(0, |last| last + 1));
+        let tally = Tally::new(
+            self.settings.column_map,
+            self.settings.task,
+            self.shards.iter().max().map_or(0, |last| last + 1),
+        );
         self.cursor = Some(Cursor { shape, reward, boundary, tally });
     }
 

@@ -4,19 +4,18 @@ use super::environments::Ended;
 use crate::peers::{PeerError, Peers};
 use crate::shards::Shards;
 use proto::metric;
-use proto::reward::UNDISTURBED_THRESHOLD_M;
+use proto::task::{Metric, Spec};
 use std::collections::BTreeMap;
 
-/// Figures of an episode in progress that its last transition does not contain. Checkpoints save them, so that metrics
-/// continue after a resume.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+/// Figures of an episode in progress. Checkpoints save them, so that metrics continue after a resume.
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct RunningEpisode {
     /// Undiscounted return so far.
     pub episode_return: f64,
     /// Σ `γ^t` cost so far.
     pub discounted_cost: f64,
-    /// The target was picked up at some step.
-    pub picked_up: bool,
+    /// The task's metrics so far, in its order; none at the start, where all are 0.
+    pub metrics: Vec<f64>,
 }
 
 impl RunningEpisode {
@@ -28,38 +27,39 @@ impl RunningEpisode {
 }
 
 /// Sums over one rollout of a shard. Filled in the fixed order of the batch, so that the sums do not depend on timing.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct RolloutStatistics {
+    of_task: &'static [Metric],
     frames: u64,
     reward: f64,
     episodes: u64,
     episode_return: f64,
     length: f64,
-    success: f64,
-    success_undisturbed: f64,
-    picked_up: f64,
-    disturbance_m: f64,
     discounted_cost: f64,
+    /// In the task's order.
+    metrics: Vec<f64>,
 }
 
 impl RolloutStatistics {
+    /// Of nothing yet.
+    pub fn of(task: &'static Spec) -> Self {
+        Self::summed(&task.metrics, &vec![0.0; Self::SUMS + task.metrics.len()])
+    }
+
     pub(crate) fn add_step(&mut self, reward: f32) {
         self.frames += 1;
         self.reward += f64::from(reward);
     }
 
     /// Adds an episode that has ended.
-    pub fn add_episode(&mut self, ended: &Ended) {
-        let Ended { length, success, disturbance_m, running } = *ended;
-        let share = |condition: bool| f64::from(u8::from(condition));
+    pub fn add_episode(&mut self, Ended { length, running }: &Ended) {
         self.episodes += 1;
         self.episode_return += running.episode_return;
-        self.length += f64::from(length);
-        self.success += share(success);
-        self.success_undisturbed += share(success && disturbance_m < UNDISTURBED_THRESHOLD_M);
-        self.picked_up += share(running.picked_up);
-        self.disturbance_m += f64::from(disturbance_m);
+        self.length += f64::from(*length);
         self.discounted_cost += running.discounted_cost;
+        for (sum, metric) in self.metrics.iter_mut().zip(&running.metrics) {
+            *sum += metric;
+        }
     }
 
     /// The same over all shards of the run. `own`: those of this learner's.
@@ -67,39 +67,35 @@ impl RolloutStatistics {
     /// # Panics
     /// If `own` has not one for each of them.
     pub fn over(own: &[Self], shards: &Shards, peers: &Peers) -> Result<Self, PeerError> {
-        let sums: Vec<Vec<f64>> = own.iter().map(|statistics| statistics.numbers().to_vec()).collect();
-        let sums = shards.sum(&sums, peers)?;
-        let sums: [f64; 10] = sums.try_into().expect("as many as each shard gives");
-        let [frames, reward, episodes, episode_return, length, success, success_undisturbed, picked_up, ..] = sums;
-        let [.., disturbance_m, discounted_cost] = sums;
-        Ok(Self {
+        let of_task = own.first().expect("a learner has a shard").of_task;
+        let sums: Vec<Vec<f64>> = own.iter().map(Self::sums).collect();
+        Ok(Self::summed(of_task, &shards.sum(&sums, peers)?))
+    }
+
+    /// Sums besides those of metrics.
+    const SUMS: usize = 6;
+
+    /// All of them, to be added up.
+    fn sums(&self) -> Vec<f64> {
+        let Self { frames, reward, episodes, episode_return, length, discounted_cost, .. } = *self;
+        let sums: [f64; Self::SUMS] = [frames as f64, reward, episodes as f64, episode_return, length, discounted_cost];
+        sums.into_iter().chain(self.metrics.iter().copied()).collect()
+    }
+
+    /// What [`Self::sums`] gave.
+    fn summed(of_task: &'static [Metric], sums: &[f64]) -> Self {
+        let (&[frames, reward, episodes, episode_return, length, discounted_cost], metrics) =
+            sums.split_first_chunk::<{ Self::SUMS }>().expect("as many as each shard gives");
+        Self {
+            of_task,
             frames: frames as u64,
             reward,
             episodes: episodes as u64,
             episode_return,
             length,
-            success,
-            success_undisturbed,
-            picked_up,
-            disturbance_m,
             discounted_cost,
-        })
-    }
-
-    /// All of them, to be added up.
-    fn numbers(&self) -> [f64; 10] {
-        [
-            self.frames as f64,
-            self.reward,
-            self.episodes as f64,
-            self.episode_return,
-            self.length,
-            self.success,
-            self.success_undisturbed,
-            self.picked_up,
-            self.disturbance_m,
-            self.discounted_cost,
-        ]
+            metrics: metrics.to_vec(),
+        }
     }
 
     /// `J_C`: mean of Σ `γ^t` cost over the episodes that ended; none when none did.
@@ -119,16 +115,14 @@ impl RolloutStatistics {
             metrics.insert(metric::REWARD.to_owned(), self.reward / self.frames as f64);
         }
         if self.episodes > 0 {
-            for (name, sum) in [
-                (metric::RETURN, self.episode_return),
-                (metric::LENGTH, self.length),
-                (metric::SUCCESS, self.success),
-                (metric::SUCCESS_UNDISTURBED, self.success_undisturbed),
-                (metric::PICKED_UP, self.picked_up),
-                (metric::DISTURBANCE, self.disturbance_m),
-                (metric::DISCOUNTED_DISTURBANCE, self.discounted_cost),
-            ] {
-                metrics.insert(name.to_owned(), sum / self.episodes as f64);
+            let engines = [
+                (metric::RETURN.to_owned(), self.episode_return),
+                (metric::LENGTH.to_owned(), self.length),
+                (metric::DISCOUNTED_COST.to_owned(), self.discounted_cost),
+            ];
+            let names = self.of_task.iter().map(|of_task| metric::of_episode(&of_task.name));
+            for (name, sum) in engines.into_iter().chain(names.zip(self.metrics.iter().copied())) {
+                metrics.insert(name, sum / self.episodes as f64);
             }
         }
         metrics

@@ -101,7 +101,18 @@ impl Ports {
         let first_actor = shape.shares.actors_of(rank).start;
         let wakeup = wire.bells().wakeup(Sleeper::Learner(rank));
         let ringers = Ringers::start(wire.bells(), shape.shares.actors_of(rank))?;
-        Ok(Self { ringers, observations, stage, receipts, wakeup, first_actor, actors, frame: Frame::of(config), rank, wire })
+        Ok(Self {
+            ringers,
+            observations,
+            stage,
+            receipts,
+            wakeup,
+            first_actor,
+            actors,
+            frame: Frame::of(config),
+            rank,
+            wire,
+        })
     }
 
     /// The next observation sample, if one is waiting.

@@ -160,10 +160,10 @@ fn the_multiplier_follows_the_mean_discounted_disturbance_of_ended_episodes() {
     let mut config = small_config();
     config.reward.lagrangian = LagrangianConfig { initial: 0.01, learning_rate: 2.0 };
     let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
-    let mut running = [(0, RunningEpisode::default()); 3];
+    let mut running: [(u32, RunningEpisode); 3] = std::array::from_fn(|_| (0, RunningEpisode::default()));
     let mut trace = vec![];
     for rollout in 0..rollouts {
-        let mut statistics = RolloutStatistics::default();
+        let mut statistics = RolloutStatistics::of(config.spec());
         for t in 0..steps {
             for (n, (step, episode)) in running.iter_mut().enumerate() {
                 let cell = (rollout * steps + t) * columns + n;
@@ -171,9 +171,8 @@ fn the_multiplier_follows_the_mean_discounted_disturbance_of_ended_episodes() {
                 episode.add(*step, 0.0, -progress[cell], 0.99);
                 *step += 1;
                 if ended[cell] > 0.75 && rollout != 3 {
-                    let ended = Ended { length: *step, success: false, disturbance_m: 0.0, running: *episode };
-                    statistics.add_episode(&ended);
-                    (*step, *episode) = (0, RunningEpisode::default());
+                    statistics.add_episode(&Ended { length: *step, running: std::mem::take(episode) });
+                    *step = 0;
                 }
             }
         }

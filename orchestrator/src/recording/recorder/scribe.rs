@@ -6,9 +6,7 @@ use crate::recording::recorder::held::{self, Held};
 use crate::recording::recorder::segment::{SegmentError, Segments, Topic};
 use crate::recording::schema::foxglove::{FrameTransforms, Log, RawImage, log};
 use crate::recording::schema::stillroom::step::Goal;
-use crate::recording::schema::stillroom::{
-    EpisodeEnd, EpisodeStart, LearnerMetrics, StageSwitch, Step, Validation,
-};
+use crate::recording::schema::stillroom::{EpisodeEnd, EpisodeStart, LearnerMetrics, StageSwitch, Step, Validation};
 use prost::Message;
 use prost_types::Timestamp;
 use proto::camera::FRAME_SIDE;
@@ -471,13 +469,7 @@ impl Scribe {
         self.release(environment, !message.success)
     }
 
-    fn depth(
-        &mut self,
-        time_ns: u64,
-        environment: usize,
-        record: &[u8],
-        whole: &[u8],
-    ) -> Result<(), SegmentError> {
+    fn depth(&mut self, time_ns: u64, environment: usize, record: &[u8], whole: &[u8]) -> Result<(), SegmentError> {
         let known = &self.environments[environment];
         let (depth, calibration) = (known.depth, known.calibration);
         self.image.timestamp = Some(timestamp(time_ns));
