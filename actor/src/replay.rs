@@ -16,15 +16,15 @@ use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::record::End;
 use proto::replay::{
-    Aspect, Difference, RecordedEpisode, RecordedStep, ReplayImages, ReplaySetup, ReplayVerdict, STEP_ASPECTS, goal_digest, length_m,
-    start_digest,
+    Aspect, Difference, RecordedEpisode, RecordedStep, ReplayImages, ReplaySetup, ReplayVerdict, STEP_ASPECTS,
+    goal_digest, length_m, start_digest,
 };
-use simulator::tasks::arm_point_nav::Transition;
 use simulator::depth::DepthCamera;
 use simulator::environment::Environment;
 use simulator::episodes::Programme;
 use simulator::kitchen::Kitchen;
 use simulator::source;
+use simulator::tasks::arm_point_nav::Transition;
 use std::collections::BTreeMap;
 use std::io::{BufRead, Write};
 use std::path::PathBuf;

@@ -17,7 +17,6 @@ use proto::show::{
     SHOWN_SIDE_MAX, ShowAnswer, ShowOrbit, ShowRequest, ShowView, ShownEpisode, ShownMoment, ShownReward, ShownSolids,
     ShownThing,
 };
-use simulator::tasks::arm_point_nav::Transition;
 use rapier3d::math::Vec3;
 use simulator::depth::DepthCamera;
 use simulator::environment::{DISTURBED_AXIS_M, Environment};
@@ -25,6 +24,7 @@ use simulator::episode::GOAL_TOLERANCE_M;
 use simulator::episodes::Programme;
 use simulator::kitchen::Kitchen;
 use simulator::source;
+use simulator::tasks::arm_point_nav::Transition;
 use std::io::{BufRead, Write};
 use std::path::PathBuf;
 use std::sync::Arc;

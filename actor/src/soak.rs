@@ -9,8 +9,8 @@ use proto::kitchen::KitchenId;
 use proto::random::{Key, Purpose};
 use simulator::environment::Environment;
 use simulator::kitchen::Kitchen;
-use simulator::tasks::arm_point_nav::check;
 use simulator::physics::watch::Extremes;
+use simulator::tasks::arm_point_nav::check;
 use std::io::Write;
 use std::sync::Arc;
 

@@ -386,7 +386,9 @@ fn hold_shows_the_same_again_without_a_transition() {
             .find(|at| !layout.of_action.contains(at) && before[*at] != held[*at]);
         assert_eq!(at, None, "what is seen stays, but for that byte");
         let done = |bytes: &[u8]| {
-            [layout.action.range(), layout.of_action.clone()].into_iter().any(|range| bytes[range].iter().any(|&b| b != 0))
+            [layout.action.range(), layout.of_action.clone()]
+                .into_iter()
+                .any(|range| bytes[range].iter().any(|&b| b != 0))
         };
         assert!(!done(held) && done(&stand.seen[&(6, environment)]), "nothing was done, and it goes on");
     }

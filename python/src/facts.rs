@@ -4,9 +4,9 @@ use crate::place::Place;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use proto::record::End;
 use proto::replay::length_m;
-use simulator::tasks::arm_point_nav::{Current, RewardParts, Transition};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use simulator::tasks::arm_point_nav::{Current, RewardParts, Transition};
 
 /// What is told. At an episode's start nothing was done, so what it did is false and 0.
 #[derive(Debug, Clone, Copy)]

@@ -6,12 +6,12 @@ use picture::{Canvas, Moment, Storyboard, Task};
 use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
-use simulator::tasks::arm_point_nav::Transition;
 use serde::{Deserialize, Serialize};
 use simulator::depth::DepthCamera;
 use simulator::environment::Environment;
 use simulator::episode::Episode;
 use simulator::episodes::{self, EpisodesError};
+use simulator::tasks::arm_point_nav::Transition;
 use std::sync::Arc;
 
 /// Where episodes come from. Each kind counts its own.

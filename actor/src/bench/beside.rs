@@ -66,12 +66,7 @@ pub fn run(options: Options, mut input: impl Read, mut output: impl Write) -> Re
 }
 
 /// A step of all environments, half after half as an actor takes it; the sum of the state hashes.
-fn step(
-    environments: &mut Environments,
-    halves: Halves,
-    actions: &[u8],
-    slots: &mut [Vec<Line>],
-) -> Result<u64> {
+fn step(environments: &mut Environments, halves: Halves, actions: &[u8], slots: &mut [Vec<Line>]) -> Result<u64> {
     let mut sum = 0u64;
     for half in 0..halves.count() {
         let range = halves.range(half);

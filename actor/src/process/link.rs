@@ -103,7 +103,8 @@ impl Link {
         // A subscriber that came after the last send is found here, and only here.
         self.observations.update_connections().context("cannot connect to the learner")?;
         fault::reach("actor.before_loan");
-        let mut sample = self.observations.loan_slice_uninit(self.shape.lines(count)).context("no free slot for observations")?;
+        let mut sample =
+            self.observations.loan_slice_uninit(self.shape.lines(count)).context("no free slot for observations")?;
         fault::reach("actor.after_loan");
         *sample.user_header_mut() = header;
         let sample = shm::fill(sample, self.shape.record_lines, write);

@@ -11,10 +11,10 @@ use proto::kitchen::TargetCategory;
 use proto::record::End;
 use proto::replay::{ImageFormat, ReplayImages};
 use proto::reward::UNDISTURBED_THRESHOLD_M;
-use simulator::tasks::arm_point_nav::Transition;
 use rapier3d::math::Pose3;
 use simulator::depth::DepthCamera;
 use simulator::environment::Environment;
+use simulator::tasks::arm_point_nav::Transition;
 use std::path::Path;
 use std::sync::Arc;
 

@@ -7,12 +7,12 @@ mod figures;
 mod taker;
 
 use super::*;
+use crate::record::named;
 use environment::mix;
 use fake_actor::FakeActor;
 use proptest::prelude::*;
 use proto::camera::FRAME_PIXELS;
 use proto::config::{CarriedGoal, Config};
-use crate::record::named;
 use std::collections::{BTreeMap, VecDeque};
 use taker::Taker;
 use wire::message::Line;
@@ -589,9 +589,14 @@ fn an_outcome_that_does_not_follow_from_the_action_is_an_error() {
         text
     };
     assert!(refused(&|sample| sample.header_mut().flags = 0).contains("reports nothing of action 4"));
-    assert!(refused(&|sample| Line::bytes_mut(&mut sample.0[0])[64] = 5).contains("action 5; sent was episode 0, step 0, action 4"));
+    assert!(
+        refused(&|sample| Line::bytes_mut(&mut sample.0[0])[64] = 5)
+            .contains("action 5; sent was episode 0, step 0, action 4")
+    );
     assert!(refused(&|sample| sample.header_mut().acted_step = 1).contains("step 1, action 4; sent was"));
-    assert!(refused(&|sample| sample.header_mut().flags |= flag::TERMINATED | flag::TRUNCATED).contains("flags are 0x7"));
+    assert!(
+        refused(&|sample| sample.header_mut().flags |= flag::TERMINATED | flag::TRUNCATED).contains("flags are 0x7")
+    );
     assert!(refused(&|sample| sample.header_mut().flags |= flag::TERMINATED).contains("must be at episode 1, step 0"));
     assert!(refused(&|sample| sample.reals("wrist_object_progress_m")[0] = f32::INFINITY).contains("not finite"));
     assert!(refused(&|sample| sample.reals("wrist_object_m")[0] = f32::NAN).contains("not finite"));

@@ -2,8 +2,8 @@
 //! it can be rebuilt from its state as a real one can, and any mistake in bookkeeping shows in all that follows.
 
 use proto::action::{Action, HOLD};
-use proto::episode::EnvironmentId;
 use proto::config::Config;
+use proto::episode::EnvironmentId;
 use proto::record::{End, RecordHeader};
 use proto::task::{Field, Spec};
 use std::sync::LazyLock;

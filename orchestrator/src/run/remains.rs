@@ -307,8 +307,7 @@ mod tests {
         use proto::shares::Shares;
         use wire::{WireHost, WireShape};
         let address = address("mapped");
-        let host =
-            WireHost::create(&address, WireShape::new(Shares::of_one(1), 1, Config::default().spec())).unwrap();
+        let host = WireHost::create(&address, WireShape::new(Shares::of_one(1), 1, Config::default().spec())).unwrap();
         assert!(is_mapped(address.prefix()));
         drop(host);
         assert!(!is_mapped(address.prefix()));

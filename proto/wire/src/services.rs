@@ -19,9 +19,7 @@
 use crate::address::WireAddress;
 use crate::bells::{Bell, Bells, Sleeper};
 use crate::error::WireError;
-use crate::message::{
-    ActionHeader, EnvironmentState, Line, ObservationHeader, RestoreHeader, StageAnnouncement,
-};
+use crate::message::{ActionHeader, EnvironmentState, Line, ObservationHeader, RestoreHeader, StageAnnouncement};
 use crate::receipts;
 use crate::shape::WireShape;
 use crate::sweeper::Sweeper;

@@ -41,9 +41,8 @@ impl Channels {
     /// # Panics
     /// If it lacks one.
     pub fn of(task: &'static Spec) -> Self {
-        let named = |name: &str| {
-            task.channel(name).unwrap_or_else(|| panic!("task `{}` has no channel `{name}`", task.name)).1
-        };
+        let named =
+            |name: &str| task.channel(name).unwrap_or_else(|| panic!("task `{}` has no channel `{name}`", task.name)).1;
         Self {
             layout: task.layout(),
             wrist_object_progress_m: named("wrist_object_progress_m"),

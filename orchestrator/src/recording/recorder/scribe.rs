@@ -6,9 +6,7 @@ use crate::recording::recorder::held::{self, Held};
 use crate::recording::recorder::segment::{SegmentError, Segments, Topic};
 use crate::recording::schema::foxglove::{FrameTransforms, Log, RawImage, log};
 use crate::recording::schema::stillroom::step::Goal;
-use crate::recording::schema::stillroom::{
-    EpisodeEnd, EpisodeStart, LearnerMetrics, StageSwitch, Step, Validation,
-};
+use crate::recording::schema::stillroom::{EpisodeEnd, EpisodeStart, LearnerMetrics, StageSwitch, Step, Validation};
 use prost::Message;
 use prost_types::Timestamp;
 use proto::camera::FRAME_SIDE;
@@ -471,13 +469,7 @@ impl Scribe {
         self.release(environment, !message.success)
     }
 
-    fn depth(
-        &mut self,
-        time_ns: u64,
-        environment: usize,
-        record: &[u8],
-        whole: &[u8],
-    ) -> Result<(), SegmentError> {
+    fn depth(&mut self, time_ns: u64, environment: usize, record: &[u8], whole: &[u8]) -> Result<(), SegmentError> {
         let known = &self.environments[environment];
         let (depth, calibration) = (known.depth, known.calibration);
         self.image.timestamp = Some(timestamp(time_ns));
@@ -485,7 +477,9 @@ impl Scribe {
         self.image.data.clear();
         self.image.data.extend_from_slice(&whole[self.channels.depth_mm.range()]);
         let intrinsics = camera::calibration(timestamp(time_ns), &known.frames.camera);
-        let transforms = FrameTransforms { transforms: camera::transforms(timestamp(time_ns), &known.frames, current) };
+        let places = self.channels.places(record);
+        let transforms = camera::transforms(timestamp(time_ns), &known.frames, &places);
+        let transforms = FrameTransforms { transforms };
         self.write(self.topics.transforms, time_ns, &transforms)?;
         self.write(calibration, time_ns, &intrinsics)?;
         self.buffer.clear();
