@@ -114,6 +114,7 @@ impl Aspect {
 
 /// What a recording holds of a step beside its state.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[expect(clippy::struct_excessive_bools, reason = "the message has them")]
 pub struct RecordedStep {
     pub failed: bool,
     pub picked_up: bool,

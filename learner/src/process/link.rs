@@ -252,7 +252,9 @@ mod tests {
             unsafe {
                 write_volatile(addr_of_mut!((*header).half), 7);
                 write_volatile(bytes.add(offset_of!(RecordHeader, environment)), 99);
-                reports.into_iter().for_each(|offset| write_volatile(bytes.add(offset).cast(), u32::MAX));
+                for offset in reports {
+                    write_volatile(bytes.add(offset).cast(), u32::MAX);
+                }
                 write_volatile(bytes.add(depth_mm.offset + 14).cast(), 4321_u16);
             }
             assert_eq!(sample.borrowed.user_header().half, 7, "the sender reaches what the learner reads");

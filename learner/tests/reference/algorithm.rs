@@ -4,7 +4,7 @@ use crate::shared::{assert_close, doubles, fixture, noise, noise_f32, noise_tens
 use crate::world::small_config;
 use learner::agent::Agent;
 use learner::auxiliary::focal_loss;
-use learner::collector::{RolloutStatistics, RunningEpisode};
+use learner::collector::{Ended, RolloutStatistics, RunningEpisode};
 use learner::network::{ActorCriticOutput, goal_coordinates};
 use learner::optimizer::{Adam, clip, norm};
 use learner::peers::Peers;

@@ -477,7 +477,9 @@ impl Scribe {
         self.image.data.clear();
         self.image.data.extend_from_slice(&whole[self.channels.depth_mm.range()]);
         let intrinsics = camera::calibration(timestamp(time_ns), &known.frames.camera);
-        let transforms = FrameTransforms { transforms: camera::transforms(timestamp(time_ns), &known.frames, current) };
+        let places = self.channels.places(record);
+        let transforms = camera::transforms(timestamp(time_ns), &known.frames, &places);
+        let transforms = FrameTransforms { transforms };
         self.write(self.topics.transforms, time_ns, &transforms)?;
         self.write(calibration, time_ns, &intrinsics)?;
         self.buffer.clear();

@@ -5,7 +5,7 @@
 mod scene;
 
 use crate::recording::follow::Follower;
-use crate::recording::recorder::camera::{self, FrameNames};
+use crate::recording::recorder::camera::{self, FrameNames, Places};
 use crate::recording::schema::foxglove::packed_element_field::NumericType;
 use crate::recording::schema::foxglove::{FrameTransforms, PackedElementField, PointCloud, RawImage};
 use crate::recording::schema::{PROTOBUF, descriptor_of};
