@@ -9,14 +9,14 @@ use crate::replay::{Theatre, rewards};
 use anyhow::{Context, Result, anyhow, ensure};
 use dataset::{About, Episode, Frames, Seen, Source, Step, Writer};
 use picture::{Moment, Scene, Standpoint, Task};
-use proto::action::{Action, NO_ACTION};
+use proto::action::Action;
 use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::dataset::{DatasetAnswer, DatasetRequest, DatasetSetup, Keep, PictureKind};
 use proto::replay::ReplayVerdict;
-use proto::step::Transition;
 use simulator::depth::DepthCamera;
 use simulator::environment::Environment;
+use simulator::tasks::arm_point_nav::Transition;
 use std::collections::BTreeMap;
 use std::io::{BufRead, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -219,7 +219,8 @@ impl Work<'_> {
         let verdict = stage.play(recorded, config, |environment, camera, transition| {
             telling.moment(environment, camera, transition)
         })?;
-        let outcome = Outcome::of(telling.steps.last().map(|step| &step.transition));
+        let last = telling.steps.last().map(|step| &step.transition);
+        let outcome = Outcome::of(last, stage.environment.end());
         let unfinished = outcome == Outcome::Unfinished;
         let wanted = match self.setup.keep {
             Keep::Ended => !unfinished,
@@ -269,17 +270,16 @@ impl<'a> Telling<'a> {
         transition: Option<Transition>,
     ) -> Result<()> {
         if let Some(transition) = transition {
-            let action = self.number(transition.action)?;
-            self.steps.push(Step { action, transition, rewards: rewards(&transition, self.config) });
+            let action = environment.previous_action().context("an action led here")?;
+            let action = self.number(action)?;
+            let (end, rewards) = (environment.end(), rewards(&transition, self.config));
+            self.steps.push(Step { action, transition, end, rewards });
         }
         let current = environment.current();
-        let previous_action = if current.previous_action == u32::from(NO_ACTION) {
-            self.actions.len() as u32
-        } else {
-            self.number(current.previous_action)?
-        };
+        let none = self.actions.len() as u32;
+        let previous_action = environment.previous_action().map_or(Ok(none), |action| self.number(action))?;
         let goal_m = current.goal_vector_m(self.config.network.carried_goal);
-        self.seen.push(Seen { goal_m, previous_action, state_hash: current.state_hash });
+        self.seen.push(Seen { goal_m, previous_action, state_hash: environment.state_hash() });
         let mut depth_mm = vec![0; FRAME_SIDE * FRAME_SIDE];
         environment.look(camera, FRAME_SIDE, &mut depth_mm);
         self.depth.frames.push(depth_mm.into_iter().flat_map(u16::to_le_bytes).collect());
@@ -290,9 +290,9 @@ impl<'a> Telling<'a> {
     }
 
     /// Number of an action among those of the run.
-    fn number(&self, index: u32) -> Result<u32> {
-        let number = self.actions.iter().position(|action| u32::from(action.index()) == index);
-        number.map(|number| number as u32).ok_or_else(|| anyhow!("action {index} is none of the run's"))
+    fn number(&self, action: Action) -> Result<u32> {
+        let number = self.actions.iter().position(|&own| own == action);
+        number.map(|number| number as u32).ok_or_else(|| anyhow!("action {} is none of the run's", action.name()))
     }
 
     fn finish(self, about: About, environment: &Environment) -> Episode {

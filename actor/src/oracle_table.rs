@@ -9,12 +9,11 @@ use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::{KitchenId, Split};
-use proto::plausible;
 use proto::reward::UNDISTURBED_THRESHOLD_M;
-use proto::step::transition_flag;
 use simulator::environment::Environment;
 use simulator::episode::Episode;
 use simulator::kitchen::Kitchen;
+use simulator::tasks::arm_point_nav::check;
 use std::io::Write;
 use std::sync::Arc;
 
@@ -45,15 +44,15 @@ pub fn play(kitchen: &Arc<Kitchen>, config: &Config, number: u32, episode: Episo
         let action = policy.next(&environment);
         actions.push(action);
         let transition = environment.step(action);
-        plausible::check(Some(&transition), &environment.current()).expect("a learner takes what a simulator reports");
-        if transition.flags & transition_flag::ENDED != 0 {
+        check(&transition, &environment.current()).expect("a learner takes what a simulator reports");
+        if environment.ended() {
             return Outcome {
                 actions,
-                picked_up: transition.flags & transition_flag::HOLDING != 0,
-                success: transition.flags & transition_flag::SUCCESS != 0,
+                picked_up: transition.holds(),
+                success: transition.succeeded(),
                 disturbance_m: transition.disturbance_m,
                 disturbed_objects: transition.disturbed_objects,
-                state_hash: transition.state_hash,
+                state_hash: environment.state_hash(),
             };
         }
     }

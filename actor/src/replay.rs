@@ -14,17 +14,17 @@ use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
+use proto::record::End;
 use proto::replay::{
-    Aspect, Difference, RecordedEpisode, ReplayImages, ReplaySetup, ReplayVerdict, STEP_ASPECTS, goal_digest, length_m,
-    start_digest, step_digests,
+    Aspect, Difference, RecordedEpisode, RecordedStep, ReplayImages, ReplaySetup, ReplayVerdict, STEP_ASPECTS,
+    goal_digest, length_m, start_digest,
 };
-use proto::reward::RewardKind;
-use proto::step::{Transition, current_flag, transition_flag};
 use simulator::depth::DepthCamera;
 use simulator::environment::Environment;
 use simulator::episodes::Programme;
 use simulator::kitchen::Kitchen;
 use simulator::source;
+use simulator::tasks::arm_point_nav::Transition;
 use std::collections::BTreeMap;
 use std::io::{BufRead, Write};
 use std::path::PathBuf;
@@ -138,16 +138,16 @@ impl Stage<'_> {
             }
             let transition = environment.step(action);
             let taken = step as u64 + 1;
-            compare(&mut verdict, taken, hash, transition.state_hash);
+            compare(&mut verdict, taken, hash, environment.state_hash());
             if let Some(digests) = recorded.steps.get(step) {
-                let simulated = digests_of(&transition, config);
+                let simulated = digests_of(environment, &transition, config);
                 let aspects = STEP_ASPECTS.into_iter().zip(digests.iter().zip(&simulated));
                 for (aspect, _) in aspects.filter(|(_, (recorded, simulated))| recorded != simulated) {
                     differ(&mut verdict, taken, aspect);
                 }
             }
             watch(environment, camera, Some(transition))?;
-            if transition.flags & transition_flag::ENDED != 0 && step + 1 < recorded.actions.len() {
+            if environment.ended() && step + 1 < recorded.actions.len() {
                 // The recorded episode went on: whatever comes now differs.
                 differ(&mut verdict, taken + 1, Aspect::Length);
                 break;
@@ -182,25 +182,39 @@ fn perform(
 /// Digest of what the goal sensor reads now.
 fn goal_of(environment: &Environment) -> u32 {
     let current = environment.current();
-    let holding = current.flags & current_flag::HOLDING != 0;
-    goal_digest(holding, if holding { current.object_to_goal_m } else { current.wrist_to_object_m })
+    goal_digest(current.holds(), if current.holds() { current.object_to_goal_m } else { current.wrist_to_object_m })
 }
 
 /// Digest of the episode's beginning.
 fn start_of(environment: &Environment) -> u32 {
     let current = environment.current();
-    start_digest(current.target, length_m(current.wrist_to_object_m), length_m(current.object_to_goal_m))
+    start_digest(current.current_target, length_m(current.wrist_to_object_m), length_m(current.object_to_goal_m))
 }
 
-/// Digests of a step as a recorder would have recorded it.
-fn digests_of(transition: &Transition, config: &Config) -> [u32; STEP_ASPECTS.len()] {
-    step_digests(transition, rewards(transition, config))
+/// Digests of the step that was just taken, as a recorder would have recorded it.
+fn digests_of(environment: &Environment, transition: &Transition, config: &Config) -> [u32; STEP_ASPECTS.len()] {
+    let end = environment.end();
+    let ends = [end == Some(End::Terminated), end == Some(End::Truncated), end.is_some()];
+    let parts = transition.reward;
+    let step = RecordedStep {
+        failed: transition.failed(),
+        picked_up: transition.picked_up(),
+        success: transition.succeeded(),
+        holding: transition.holds(),
+        ends,
+        target: transition.target,
+        progress_m: [parts.wrist_object_progress_m, parts.object_goal_progress_m, parts.disturbance_progress_m],
+        rewards: rewards(transition, config),
+        disturbance_m: [transition.disturbance_m, transition.peak_disturbance_m],
+        disturbed_objects: transition.disturbed_objects,
+        distances_m: [transition.wrist_object_m, transition.object_goal_m],
+    };
+    step.digests()
 }
 
 /// r and r′ of a step.
 pub(crate) fn rewards(transition: &Transition, config: &Config) -> [f32; 2] {
-    [RewardKind::Task, RewardKind::DisturbanceFree]
-        .map(|kind| transition.reward.compose(kind, config.reward.lambda_disturb))
+    ["r", "r_prime"].map(|name| config.reward(name).of(|index| transition.reward.part(index), 0.0))
 }
 
 /// Everything of an episode is of its length, or not there.

@@ -13,12 +13,10 @@ use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::replay::{Aspect, Difference, RecordedEpisode, ReplaySetup};
-use proto::reward::RewardKind;
 use proto::show::{
     SHOWN_SIDE_MAX, ShowAnswer, ShowOrbit, ShowRequest, ShowView, ShownEpisode, ShownMoment, ShownReward, ShownSolids,
     ShownThing,
 };
-use proto::step::{Transition, transition_flag};
 use rapier3d::math::Vec3;
 use simulator::depth::DepthCamera;
 use simulator::environment::{DISTURBED_AXIS_M, Environment};
@@ -26,6 +24,7 @@ use simulator::episode::GOAL_TOLERANCE_M;
 use simulator::episodes::Programme;
 use simulator::kitchen::Kitchen;
 use simulator::source;
+use simulator::tasks::arm_point_nav::Transition;
 use std::io::{BufRead, Write};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -247,7 +246,7 @@ impl Telling {
             shown: Vec::new(),
             listed: vec![None; poses.len()],
             things: Vec::new(),
-            outcome: Outcome::of(None),
+            outcome: Outcome::of(None, None),
             compared: 0,
             first_difference: None,
         }
@@ -264,15 +263,15 @@ impl Telling {
                 Action::from_index(index).with_context(|| format!("step {step}: there is no action {index}"))?;
             let transition = environment.step(action);
             if let Some(&hash) = recorded.hashes.get(step) {
-                self.compare(step as u64 + 1, hash, transition.state_hash);
+                self.compare(step as u64 + 1, hash, environment.state_hash());
             }
             self.keep(environment, Some(&transition), config);
             last = Some(transition);
-            if transition.flags & transition_flag::ENDED != 0 {
+            if environment.ended() {
                 break;
             }
         }
-        self.outcome = Outcome::of(last.as_ref());
+        self.outcome = Outcome::of(last.as_ref(), environment.end());
         Ok(self)
     }
 
@@ -304,19 +303,23 @@ impl Telling {
             });
             moved.push((number, way.length(), [pose.translation.x, pose.translation.z]));
         }
-        let is = |flag: u32| transition.is_some_and(|transition| transition.flags & flag != 0);
         let parts = transition.map(|transition| transition.reward).unwrap_or_default();
-        let rewards = [RewardKind::Task, RewardKind::DisturbanceFree]
-            .map(|kind| transition.map_or(0.0, |_| parts.compose(kind, config.reward.lambda_disturb)));
-        let action = transition.and_then(|transition| Action::from_index(u8::try_from(transition.action).ok()?));
+        let rewards = transition.map_or([0.0; 2], |transition| crate::replay::rewards(transition, config));
         let [x, z] = current.base_position_m;
         let metres = |vector: [f32; 3]| Vec3::from(vector).length();
         self.shown.push(ShownMoment {
-            action: action.map(|action| action.name().to_owned()),
-            failed: is(transition_flag::ACTION_FAILED),
-            picked_up: is(transition_flag::PICKED_UP),
+            action: environment.previous_action().map(|action| action.name().to_owned()),
+            failed: transition.is_some_and(Transition::failed),
+            picked_up: transition.is_some_and(Transition::picked_up),
             holding: simulation.holding(),
-            parts: ShownReward::from(parts),
+            parts: ShownReward {
+                wrist_object_progress_m: parts.wrist_object_progress_m,
+                object_goal_progress_m: parts.object_goal_progress_m,
+                disturbance_progress_m: parts.disturbance_progress_m,
+                failed_action: parts.failed_action,
+                picked_up: parts.picked_up,
+                goal_success: parts.goal_success,
+            },
             reward_r: rewards[0],
             reward_r_prime: rewards[1],
             wrist_object_m: metres(current.wrist_to_object_m),

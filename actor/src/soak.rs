@@ -6,12 +6,11 @@ use proto::action::{Action, ActionSpace};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::plausible;
 use proto::random::{Key, Purpose};
-use proto::step::transition_flag;
 use simulator::environment::Environment;
 use simulator::kitchen::Kitchen;
 use simulator::physics::watch::Extremes;
+use simulator::tasks::arm_point_nav::check;
 use std::io::Write;
 use std::sync::Arc;
 
@@ -87,10 +86,10 @@ pub fn soak(kitchen: &Arc<Kitchen>, steps: u64, seed: u64, config: &Config) -> R
         }
         repeats -= 1;
         let transition = environment.step(action);
-        plausible::check(Some(&transition), &environment.current()).context("a learner would refuse a report")?;
+        check(&transition, &environment.current()).context("a learner would refuse a report")?;
         report.disturbing_steps += u64::from(transition.reward.disturbance_progress_m != 0.0);
         step += 1;
-        if transition.flags & transition_flag::ENDED != 0 {
+        if environment.ended() {
             report.extremes.merge(environment.simulation().extremes().context("nobody watched the episode")?);
             (episode, step) = (episode + 1, 0);
             environment.start_episode(episode);

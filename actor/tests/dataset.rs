@@ -38,7 +38,11 @@ fn episodes(numbers: std::ops::Range<u32>) -> Vec<RecordedEpisode> {
     let mut record = |episode: u32| {
         environment.start_episode(episode);
         let start_hash = Some(environment.state_hash());
-        let hashes = WAY.iter().map(|&action| environment.step(action).state_hash).collect();
+        let hash = |&action: &Action| {
+            environment.step(action);
+            environment.state_hash()
+        };
+        let hashes = WAY.iter().map(hash).collect();
         let actions = WAY.iter().map(|action| action.index()).collect();
         let (goals, steps) = (Vec::new(), Vec::new());
         RecordedEpisode { environment: id, episode, start_hash, actions, hashes, goals, start: None, steps }

@@ -8,12 +8,13 @@ use proto::camera::{SUMS_PIXELS, sum_windows};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::random::{Key, Purpose};
-use proto::step::{current_flag, transition_flag};
+use proto::record::{RecordHeader, flag};
+use proto::task::Layout;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
-use wire::message::{ActionHeader, EnvironmentState, Halves, Observation, RestoreHeader, frame_part, observation_kind};
+use wire::message::{ActionHeader, EnvironmentState, Halves, Line, RestoreHeader, observation_kind};
 use wire::{
     ActionPublisher, Bell, ObservationSubscriber, ReceiptBook, RestorePublisher, Sleeper, UpdateConnections, Wakeup,
     Wire, WireAddress, WireHost, WireShape,
@@ -42,9 +43,9 @@ struct Stand {
     hellos: Vec<u32>,
     /// The step at which every environment is told to hold.
     hold_at: Option<u64>,
-    /// Whether it answers. If not, it keeps what counts: half, step, observations.
+    /// Whether it answers. If not, it keeps what counts: half, step, records.
     answers: bool,
-    kept: Vec<(u32, u64, Vec<Observation>)>,
+    kept: Vec<(u32, u64, Vec<Line>)>,
 }
 
 impl Stand {
@@ -132,31 +133,33 @@ impl Stand {
             if header.learner_incarnation != self.learner_incarnation || header.step != next {
                 continue;
             }
-            let observations = sample.payload();
+            let records = sample.payload();
             if self.answers {
-                self.answer(header.half, header.step, observations);
+                self.answer(header.half, header.step, records);
             } else {
-                self.kept.push((header.half, header.step, observations.to_vec()));
+                self.kept.push((header.half, header.step, records.to_vec()));
             }
         }
     }
 
     /// Answers a half's observations.
-    fn answer(&mut self, half: u32, step: u64, observations: &[Observation]) {
+    fn answer(&mut self, half: u32, step: u64, records: &[Line]) {
         let range = Halves::of(ENVIRONMENTS).range(half);
-        assert_eq!(observations.len(), range.len());
+        let lines = layout().bytes / size_of::<Line>();
+        assert_eq!(records.len(), range.len() * lines);
         let mut actions = vec![];
-        for (environment, observation) in range.zip(observations) {
-            self.seen.insert((step, environment as u32), bytes(observation));
-            assert_eq!(observation.environment as usize, environment);
-            let current = observation.current;
-            assert_eq!(current.flags & current_flag::EPISODE_START != 0, current.step == 0);
-            if observation.transition.flags & transition_flag::ENDED != 0 {
-                assert_eq!(current.episode, observation.transition.episode + 1);
-                self.states[environment] = EnvironmentState::start_of(current.episode);
+        for (environment, record) in range.zip(records.chunks_exact(lines)) {
+            let record = Line::bytes(record);
+            self.seen.insert((step, environment as u32), bytes(record));
+            let header = RecordHeader::of(record);
+            assert_eq!(header.environment as usize, environment);
+            assert_eq!(header.has(flag::EPISODE_START), header.step == 0);
+            if header.end().is_some() {
+                assert_eq!(header.episode, header.acted_episode + 1);
+                self.states[environment] = EnvironmentState::start_of(header.episode);
             }
             let state = &mut self.states[environment];
-            assert_eq!((current.episode, current.step), (state.episode, state.action_count));
+            assert_eq!((header.episode, header.step), (state.episode, state.action_count));
             if self.hold_at == Some(step) {
                 actions.push(HOLD);
             } else {
@@ -230,19 +233,26 @@ fn chosen(environment: u32, state: &EnvironmentState) -> u8 {
     Action::ALL[key.stream().below(ACTION_COUNT as u32) as usize].index()
 }
 
+fn layout() -> &'static Layout {
+    Config::default().spec().layout()
+}
+
 /// All that it says: what it has not is whatever lay there.
-fn bytes(observation: &Observation) -> Vec<u8> {
-    let mut said = Box::new(*observation);
-    assert_eq!(said.parts & frame_part::SUMS, frame_part::SUMS, "the paper's network averages");
-    let recorded = said.current.flags & current_flag::RECORD_DEPTH != 0;
-    assert_eq!(said.parts & frame_part::WHOLE != 0, recorded, "and needs no more than the sums");
+fn bytes(record: &[u8]) -> Vec<u8> {
+    let [whole, sums] = layout().images[..] else { panic!("a frame and its sums") };
+    let header = RecordHeader::of(record);
+    assert_eq!(header.bulk & 2, 2, "the paper's network averages");
+    let recorded = header.has(flag::RECORD_BULK);
+    assert_eq!(header.bulk & 1 != 0, recorded, "and needs no more than the sums");
+    let mut said = record.to_vec();
     if recorded {
         let mut sums_mm: Box<[u16; SUMS_PIXELS]> = vec![0; SUMS_PIXELS].try_into().unwrap();
-        assert!(sum_windows(&said.depth_mm, &mut sums_mm) && *sums_mm == said.sums_mm, "both are one frame");
+        let depth_mm = whole.of(record).try_into().unwrap();
+        assert!(sum_windows(depth_mm, &mut sums_mm) && *sums_mm == *sums.of::<u16>(record), "both are one frame");
     } else {
-        said.depth_mm.fill(0);
+        said[whole.range()].fill(0);
     }
-    bytemuck::bytes_of(&*said).to_vec()
+    said
 }
 
 fn assert_same(a: &BTreeMap<(u64, u32), Vec<u8>>, b: &BTreeMap<(u64, u32), Vec<u8>>, steps: std::ops::Range<u64>) {
@@ -271,7 +281,7 @@ fn a_killed_actor_and_a_new_learner_change_no_byte() {
     const LAST: u64 = 200;
     let expected = undisturbed("calm", LAST);
     let frames: std::collections::BTreeSet<&[u8]> =
-        expected.values().map(|bytes| &bytes[wire::message::DEPTH_OFFSET..]).collect();
+        expected.values().map(|bytes| &bytes[layout().small_bytes..]).collect();
     assert!(frames.len() > 30, "the frames show what happens: {} are different", frames.len());
 
     let mut stand = Stand::new("rough");
@@ -348,8 +358,8 @@ fn actions_that_come_together_with_their_restore_are_not_lost() {
     stand.serve();
     assert_eq!(stand.hellos.last(), Some(&2));
     stand.answers = true;
-    for (half, step, observations) in std::mem::take(&mut stand.kept) {
-        stand.answer(half, step, &observations);
+    for (half, step, records) in std::mem::take(&mut stand.kept) {
+        stand.answer(half, step, &records);
     }
     let pid = rustix::process::Pid::from_child(&actor.0);
     rustix::process::kill_process(pid, rustix::process::Signal::CONT).unwrap();
@@ -367,11 +377,20 @@ fn hold_shows_the_same_again_without_a_transition() {
     stand.run_to(6);
     for environment in 0..ENVIRONMENTS {
         let (before, held) = (&stand.seen[&(4, environment)], &stand.seen[&(5, environment)]);
-        let transition = size_of::<proto::step::Transition>();
-        let at = (transition..held.len()).find(|&at| before[at] != held[at]);
+        let layout = layout();
+        let header = |bytes: &[u8]| bytemuck::pod_read_unaligned::<RecordHeader>(&bytes[..size_of::<RecordHeader>()]);
+        let mut expected = header(before);
+        expected.hold();
+        assert_eq!(header(held), expected, "nothing was done, and what is seen stays");
+        let at = (layout.previous_action.offset..held.len())
+            .find(|at| !layout.of_action.contains(at) && before[*at] != held[*at]);
         assert_eq!(at, None, "what is seen stays, but for that byte");
-        assert!(held[..transition].iter().all(|&byte| byte == 0), "nothing was done");
-        assert!(stand.seen[&(6, environment)][..transition].iter().any(|&byte| byte != 0), "it goes on");
+        let done = |bytes: &[u8]| {
+            [layout.action.range(), layout.of_action.clone()]
+                .into_iter()
+                .any(|range| bytes[range].iter().any(|&b| b != 0))
+        };
+        assert!(!done(held) && done(&stand.seen[&(6, environment)]), "nothing was done, and it goes on");
     }
     actor.kill();
     stand.end();

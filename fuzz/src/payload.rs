@@ -1,23 +1,28 @@
 //! Any bytes as what an environment reports of a step: what passes the check can be trained on.
 
-use proto::plausible;
-use proto::reward::RewardKind;
-use proto::step::{Current, Transition};
+use proto::config::Config;
+use proto::record::{RecordHeader, flag};
 
 /// Whether it is trained on.
 pub fn take(bytes: &[u8]) -> bool {
-    let Some((first, rest)) = bytes.split_at_checked(size_of::<Transition>()) else { return false };
-    let Some(second) = rest.get(..size_of::<Current>()) else { return false };
-    let transition: Transition = bytemuck::pod_read_unaligned(first);
-    let current: Current = bytemuck::pod_read_unaligned(second);
-    if let Err(problem) = plausible::check(Some(&transition), &current) {
+    let config = Config::default();
+    let (spec, layout) = (config.spec(), config.spec().layout());
+    let Some(record) = bytes.get(..layout.small_bytes) else { return false };
+    let header: RecordHeader = bytemuck::pod_read_unaligned(&record[..size_of::<RecordHeader>()]);
+    if header.check().is_err() {
+        return false;
+    }
+    if let Err(problem) = spec.check().record(record, header.has(flag::ACTED)) {
         assert!(!problem.to_string().is_empty());
         return false;
     }
-    for kind in [RewardKind::Task, RewardKind::DisturbanceFree, RewardKind::Lagrangian] {
-        assert!(transition.reward.compose(kind, 15.0).abs() < 2e6);
+    if header.has(flag::ACTED) {
+        for reward in &spec.rewards {
+            assert!(config.reward(&reward.name).of(|index| layout.part(record, index), 15.0).abs() < 2e6);
+        }
     }
-    let numbers = current.wrist_to_object_m.iter().chain(&current.object_to_goal_m);
-    assert!(numbers.chain(&current.goal_position_m).all(|number| number.abs() <= 1e5));
+    for (channel, field) in spec.channels.iter().zip(&layout.fields) {
+        assert!(channel.is_bulk() || channel.is_of_action() || field.numbers(record).all(|number| number.abs() <= 1e5));
+    }
     true
 }

@@ -19,5 +19,6 @@ pub mod peers;
 pub mod ppo;
 pub mod probe;
 pub mod process;
+pub mod record;
 pub mod rollout;
 pub mod shards;

@@ -32,8 +32,8 @@ pub struct Step {
     pub ended: bool,
     /// It ended by the step limit.
     pub time_limit: bool,
-    /// The action disturbed something.
-    pub disturbed: bool,
+    /// What the auxiliary task predicts holds of the action.
+    pub label: bool,
 }
 
 /// What an action led to.
@@ -45,8 +45,8 @@ pub struct Outcome {
     pub ended: bool,
     /// It ended by the step limit.
     pub time_limit: bool,
-    /// Label of the auxiliary task: this action disturbed something.
-    pub disturbed: bool,
+    /// What the auxiliary task predicts holds of this action.
+    pub label: bool,
 }
 
 #[derive(Debug)]
@@ -155,7 +155,7 @@ impl Rollout {
         step.reward = outcome.reward;
         step.ended = outcome.ended;
         step.time_limit = outcome.time_limit;
-        step.disturbed = outcome.disturbed;
+        step.label = outcome.label;
         self.recorded[index] = true;
     }
 
@@ -234,7 +234,7 @@ impl Rollout {
             ("reward", table(steps, columns, |step| step.reward)),
             ("ended", table(steps, columns, |step| step.ended)),
             ("time_limit", table(steps, columns, |step| step.time_limit)),
-            ("disturbed", table(steps, columns, |step| step.disturbed)),
+            ("disturbed", table(steps, columns, |step| step.label)),
             ("recorded", Tensor::from_slice(&self.recorded).view([-1, columns as i64])),
             ("bootstrap", Tensor::from_slice(&bootstrap)),
         ])
@@ -306,7 +306,7 @@ mod tests {
     #[test]
     fn a_frame_without_an_outcome_is_found() {
         let mut rollout = rollout();
-        let outcome = Outcome { reward: 1.0, ended: false, time_limit: false, disturbed: false };
+        let outcome = Outcome { reward: 1.0, ended: false, time_limit: false, label: false };
         for (t, n) in [(0, 0), (0, 1), (1, 0), (2, 0)] {
             rollout.record(t, n, outcome);
         }

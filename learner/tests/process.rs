@@ -11,7 +11,6 @@ use proto::event::LearnerEvent;
 use proto::exit::{EXIT_NON_FINITE, EXIT_UNSAVED};
 use proto::kitchen::Split;
 use proto::metric;
-use proto::reward::RewardKind;
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::Command;
@@ -129,7 +128,7 @@ fn a_checkpoint_that_cannot_be_written_costs_nothing_but_at_the_end() {
 fn a_constrained_run_goes_on_with_its_multiplier_wherever_it_is_killed() {
     let mut config = tiny();
     for stage in &mut config.stages {
-        stage.reward = RewardKind::Lagrangian;
+        stage.reward = "lagrangian".into();
     }
     // Stand-ins disturb by millimetres: a rate that makes their multiplier felt.
     config.reward.lagrangian = LagrangianConfig { initial: 1.0, learning_rate: 3e3 };
@@ -369,7 +368,7 @@ fn every_missing_actor_is_told_of() {
 fn a_number_that_is_not_finite_has_a_status_of_its_own_and_leaves_a_dump() {
     let mut config = tiny();
     // Finite rewards, but their squares are not.
-    config.reward.lambda_disturb = 1e30;
+    config.reward.weights.insert("lambda_disturb".to_owned(), 1e30);
     let mut rig = Rig::new("poison", config);
     let failed = rig.learner(&Plan::Undisturbed);
     assert_eq!(failed.status.code(), Some(EXIT_NON_FINITE), "{failed:?}");
@@ -483,7 +482,7 @@ fn overlapping() -> Config {
     let mut config = tiny();
     config.ppo.overlap = true;
     // The multiplier is part of what must go on, too.
-    config.stages[1].reward = RewardKind::Lagrangian;
+    config.stages[1].reward = "lagrangian".into();
     config.reward.lagrangian = LagrangianConfig { initial: 1.0, learning_rate: 3e3 };
     config
 }

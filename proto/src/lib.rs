@@ -35,10 +35,10 @@ pub mod learning_rate;
 pub mod metric;
 pub mod pin;
 pub mod plain_file;
-pub mod plausible;
 pub mod policy_file;
 pub mod printable;
 pub mod random;
+pub mod record;
 pub mod replay;
 pub mod reward;
 pub mod rota;
@@ -48,7 +48,7 @@ pub mod shares;
 pub mod shell;
 pub mod show;
 pub mod stage;
-pub mod step;
+pub mod task;
 pub mod trained;
 
 /// Version of everything that is written to a file or sent between processes. Raised on any incompatible change. Each

@@ -15,8 +15,8 @@ pub const SUCCESS_UNDISTURBED: &str = "episode/success_without_disturbance";
 pub const PICKED_UP: &str = "episode/picked_up";
 /// Total displacement at the end, metres.
 pub const DISTURBANCE: &str = "episode/disturbance_m";
-/// Σ `γ^t` (`d_t` - d_{t-1}) of an episode, metres: what PPO-Lagrangian constrains.
-pub const DISCOUNTED_DISTURBANCE: &str = "episode/discounted_disturbance_m";
+/// Σ `γ^t` cost of an episode: what PPO-Lagrangian constrains.
+pub const DISCOUNTED_COST: &str = "episode/discounted_cost";
 /// Learners that ended this rollout early, because most others had finished (DD-PPO); absent with one learner, or
 /// without pre-emption.
 pub const PREEMPTED: &str = "rollout/preempted_learners";
@@ -43,6 +43,11 @@ pub const MULTIPLIER: &str = "lagrangian/multiplier";
 /// Auxiliary loss (before its weight); `auxiliary/…` holds the task's other figures.
 pub const AUXILIARY_LOSS: &str = "loss/auxiliary";
 
+/// A metric that the task declares: its mean over the episodes that ended.
+pub fn of_episode(metric: &str) -> String {
+    format!("episode/{metric}")
+}
+
 pub const ALL: [&str; 20] = [
     EPISODES,
     RETURN,
@@ -51,7 +56,7 @@ pub const ALL: [&str; 20] = [
     SUCCESS_UNDISTURBED,
     PICKED_UP,
     DISTURBANCE,
-    DISCOUNTED_DISTURBANCE,
+    DISCOUNTED_COST,
     PREEMPTED,
     EXCHANGED,
     REWARD,

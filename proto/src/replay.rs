@@ -2,7 +2,6 @@
 //! results on its standard output, one JSON object per line.
 
 use crate::episode::EnvironmentId;
-use crate::step::{Transition, transition_flag};
 use serde::{Deserialize, Serialize};
 
 /// First line of the input.
@@ -68,7 +67,7 @@ pub struct RecordedEpisode {
     /// [`start_digest`] of the episode's beginning, if the recording holds it.
     #[serde(default)]
     pub start: Option<u32>,
-    /// [`step_digests`] of each action; as many as `actions`, or none.
+    /// [`RecordedStep::digests`] of each action; as many as `actions`, or none.
     #[serde(default)]
     pub steps: Vec<[u32; STEP_ASPECTS.len()]>,
 }
@@ -95,7 +94,7 @@ pub enum Aspect {
     Length,
 }
 
-/// The aspects that [`step_digests`] covers, in its order.
+/// The aspects that [`RecordedStep::digests`] covers, in its order.
 pub const STEP_ASPECTS: [Aspect; 4] = [Aspect::Outcome, Aspect::Reward, Aspect::Disturbance, Aspect::Distance];
 
 impl Aspect {
@@ -113,25 +112,40 @@ impl Aspect {
     }
 }
 
-/// Flags of a transition that a recording holds.
-const RECORDED_FLAGS: u32 = transition_flag::ACTION_FAILED
-    | transition_flag::HOLDING
-    | transition_flag::PICKED_UP
-    | transition_flag::DONE
-    | transition_flag::SUCCESS
-    | transition_flag::TIME_LIMIT
-    | transition_flag::ENDED;
+/// What a recording holds of a step beside its state.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[expect(clippy::struct_excessive_bools, reason = "the message has them")]
+pub struct RecordedStep {
+    pub failed: bool,
+    pub picked_up: bool,
+    pub success: bool,
+    pub holding: bool,
+    /// Whether the task ended the episode, whether the limit did, and whether it ended.
+    pub ends: [bool; 3],
+    pub target: u32,
+    /// Progress of wrist to object, of object to goal, and of disturbance, metres.
+    pub progress_m: [f32; 3],
+    /// r and r′.
+    pub rewards: [f32; 2],
+    /// Disturbance now and at most, metres.
+    pub disturbance_m: [f32; 2],
+    pub disturbed_objects: u32,
+    /// From wrist to object, and from object to goal, metres.
+    pub distances_m: [f32; 2],
+}
 
-/// Digests of what a recording holds of a step beside its state, one for each of [`STEP_ASPECTS`]. `rewards`: r and r′.
-pub fn step_digests(transition: &Transition, rewards: [f32; 2]) -> [u32; STEP_ASPECTS.len()] {
-    let Transition { flags, target, reward, disturbance_m, peak_disturbance_m, disturbed_objects, .. } = transition;
-    let parts = [reward.wrist_object_progress_m, reward.object_goal_progress_m, reward.disturbance_progress_m];
-    [
-        digest([flags & RECORDED_FLAGS, *target]),
-        digest(parts.into_iter().chain(rewards).map(bits)),
-        digest([bits(*disturbance_m), bits(*peak_disturbance_m), *disturbed_objects]),
-        digest([transition.wrist_object_m, transition.object_goal_m].map(bits)),
-    ]
+impl RecordedStep {
+    /// Its digests, one for each of [`STEP_ASPECTS`].
+    pub fn digests(&self) -> [u32; STEP_ASPECTS.len()] {
+        let Self { failed, picked_up, success, holding, ends: [terminated, truncated, ended], target, .. } = *self;
+        let outcome = [failed, picked_up, success, holding, terminated, truncated, ended].map(u32::from);
+        [
+            digest(outcome.into_iter().chain([target])),
+            digest(self.progress_m.into_iter().chain(self.rewards).map(bits)),
+            digest(self.disturbance_m.map(bits).into_iter().chain([self.disturbed_objects])),
+            digest(self.distances_m.map(bits)),
+        ]
+    }
 }
 
 /// Digest of an episode's beginning: target, and its distances from wrist and goal.
@@ -190,40 +204,43 @@ pub struct Difference {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reward::RewardParts;
 
-    /// Alters one field of a transition.
-    type Alter = fn(&mut Transition);
+    /// Alters one field of a step.
+    type Alter = fn(&mut RecordedStep);
 
     #[test]
     fn every_recorded_field_of_a_step_is_in_its_aspect_s_digest() {
-        let base = Transition { flags: transition_flag::VALID, ..Transition::default() };
-        let before = step_digests(&base, [1.0, 2.0]);
-        let cases: [(usize, Alter); 11] = [
-            (0, |step| step.flags |= transition_flag::SUCCESS),
-            (0, |step| step.flags |= transition_flag::ENDED),
+        let base = RecordedStep { rewards: [1.0, 2.0], ..RecordedStep::default() };
+        let before = base.digests();
+        let cases: [(usize, Alter); 18] = [
+            (0, |step| step.failed = true),
+            (0, |step| step.picked_up = true),
+            (0, |step| step.success = true),
+            (0, |step| step.holding = true),
+            (0, |step| step.ends[0] = true),
+            (0, |step| step.ends[1] = true),
+            (0, |step| step.ends[2] = true),
             (0, |step| step.target = 3),
-            (1, |step| step.reward.wrist_object_progress_m = 0.1),
-            (1, |step| step.reward.object_goal_progress_m = 0.1),
-            (1, |step| step.reward.disturbance_progress_m = 0.1),
-            (2, |step| step.disturbance_m = 0.1),
-            (2, |step| step.peak_disturbance_m = 0.1),
+            (1, |step| step.progress_m[0] = 0.1),
+            (1, |step| step.progress_m[1] = 0.1),
+            (1, |step| step.progress_m[2] = 0.1),
+            (1, |step| step.rewards[0] = 1.5),
+            (1, |step| step.rewards[1] = 2.5),
+            (2, |step| step.disturbance_m[0] = 0.1),
+            (2, |step| step.disturbance_m[1] = 0.1),
             (2, |step| step.disturbed_objects = 1),
-            (3, |step| step.wrist_object_m = 0.1),
-            (3, |step| step.object_goal_m = 0.1),
+            (3, |step| step.distances_m[0] = 0.1),
+            (3, |step| step.distances_m[1] = 0.1),
         ];
         for (number, (aspect, alter)) in cases.into_iter().enumerate() {
             let mut step = base;
             alter(&mut step);
-            let after = step_digests(&step, [1.0, 2.0]);
+            let after = step.digests();
             let differing: Vec<_> = (0..4).filter(|&index| before[index] != after[index]).collect();
             assert_eq!(differing, [aspect], "case {number}");
         }
-        for rewards in [[1.5, 2.0], [1.0, 2.5]] {
-            assert_ne!(step_digests(&base, rewards)[1], before[1]);
-        }
-        let negative = RewardParts { wrist_object_progress_m: -0.0, ..RewardParts::default() };
-        assert_eq!(step_digests(&Transition { reward: negative, ..base }, [1.0, 2.0]), before, "zero has no sign");
+        let negative = RecordedStep { progress_m: [-0.0, 0.0, 0.0], ..base };
+        assert_eq!(negative.digests(), before, "zero has no sign");
         let starts = [start_digest(1, 0.5, 0.7), start_digest(2, 0.5, 0.7), start_digest(1, 0.6, 0.7)];
         assert!(!starts.contains(&start_digest(1, 0.5, 0.8)) && starts[0] != starts[1] && starts[0] != starts[2]);
     }

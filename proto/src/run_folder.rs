@@ -4,6 +4,7 @@
 //! RUN/
 //!   run.toml               identity of the run: id, schema version, incarnations so far
 //!   config.toml            effective configuration; only `resume` with another budget or shape and `scale` replace it
+//!   task.toml              the task's declaration: channels, actions, rewards, metrics
 //!   scale.toml             what `orchestrator scale` asks for, until the orchestrator has taken it
 //!   orchestrator.lock      held (flock) by the orchestrator that runs it
 //!   learner-0.lock, ...    held by the learner of that rank while it lives
@@ -153,6 +154,10 @@ impl RunFolder {
     /// Effective configuration.
     pub fn config(&self) -> PathBuf {
         self.root.join("config.toml")
+    }
+
+    pub fn task(&self) -> PathBuf {
+        self.root.join("task.toml")
     }
 
     /// Another number of actors that is asked for.

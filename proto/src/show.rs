@@ -4,7 +4,6 @@
 //! Every answer is a line, too. [`ShowAnswer::Picture`] says how many bytes of PNG follow its line.
 
 use crate::replay::{Difference, RecordedEpisode, ReplaySetup};
-use crate::reward::RewardParts;
 use serde::{Deserialize, Serialize};
 
 /// Widest and highest picture that is drawn, pixels.
@@ -187,19 +186,6 @@ pub struct ShownReward {
     pub picked_up: f32,
     /// 1 if it was a successful Done.
     pub goal_success: f32,
-}
-
-impl From<RewardParts> for ShownReward {
-    fn from(parts: RewardParts) -> Self {
-        Self {
-            wrist_object_progress_m: parts.wrist_object_progress_m,
-            object_goal_progress_m: parts.object_goal_progress_m,
-            disturbance_progress_m: parts.disturbance_progress_m,
-            failed_action: parts.failed_action,
-            picked_up: parts.picked_up,
-            goal_success: parts.goal_success,
-        }
-    }
 }
 
 /// A thing that was moved.

@@ -180,14 +180,13 @@ pub struct TooFewFrames {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reward::RewardKind;
     use crate::shares::Shares;
     use proptest::prelude::*;
 
     fn two(first: u64, second: u64) -> Vec<StageConfig> {
         vec![
-            StageConfig { name: "I".into(), reward: RewardKind::Task, frames: first },
-            StageConfig { name: "II".into(), reward: RewardKind::DisturbanceFree, frames: second },
+            StageConfig { name: "I".into(), reward: "r".into(), frames: first },
+            StageConfig { name: "II".into(), reward: "r_prime".into(), frames: second },
         ]
     }
 
@@ -246,7 +245,7 @@ mod tests {
             budgets in prop::collection::vec(100u64..3_000, 1..4), at in any::<prop::sample::Index>(),
             total in 0u64..20_000,
         ) {
-            let stage = |&frames: &u64| StageConfig { name: "I".into(), reward: RewardKind::Task, frames };
+            let stage = |&frames: &u64| StageConfig { name: "I".into(), reward: "r".into(), frames };
             let stages: Vec<StageConfig> = budgets.iter().map(stage).collect();
             let trained = at.index(total_frames(&stages) as usize + 1) as u64;
             match rebudget(&stages, trained, total) {

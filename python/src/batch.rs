@@ -12,9 +12,9 @@ use crate::snapshot::Snapshot;
 use crate::state::state;
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1};
 use oracle::Variant;
-use proto::action::{Action, NO_ACTION};
+use proto::action::Action;
 use proto::config::Config;
-use proto::step::{Current, transition_flag};
+use proto::record::End;
 use pyo3::exceptions::{PyIndexError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
@@ -380,8 +380,8 @@ impl Batch {
     /// What `step` returns.
     fn told<'py>(&self, py: Python<'py>, reports: &[Report]) -> PyResult<Bound<'py, PyTuple>> {
         let reward = |report: &Report| {
-            let weight = self.settings.config.reward.lambda_disturb;
-            let reward = f64::from(report.done.parts().compose(self.settings.reward, weight));
+            let parts = report.done.parts();
+            let reward = f64::from(self.settings.reward.of(|index| parts.part(index), 0.0));
             if report.reset { 0.0 } else { reward }
         };
         let rows: Vec<Facts> = reports.iter().map(|report| report.done).collect();
@@ -401,8 +401,8 @@ impl Batch {
         };
         (
             facts::column(py, reports, reward),
-            facts::column(py, &rows, |facts| facts.is(transition_flag::DONE)),
-            facts::column(py, &rows, |facts| facts.is(transition_flag::TIME_LIMIT)),
+            facts::column(py, &rows, |facts| facts.end() == Some(End::Terminated)),
+            facts::column(py, &rows, |facts| facts.end() == Some(End::Truncated)),
             done,
             now,
             facts::column(py, reports, |report| report.reset),
@@ -456,20 +456,17 @@ fn choose(place: &Place, (series, seed, number): Asked) -> PyResult<Chosen> {
 /// What is told of an environment now.
 fn report_of(place: &Place, settings: &Settings, reset: bool, last: Option<(Vec<u16>, Seen)>) -> Report {
     let current = place.environment.current();
-    let facts = Facts::of(place.transition.as_ref(), &current);
+    let facts = Facts::of(place, &current);
     let seen = Seen {
         goal_m: current.goal_vector_m(settings.carried_goal()),
-        previous_action: previous_action(settings, &current),
+        previous_action: previous_action(settings, place),
     };
     Report { done: facts, now: facts, seen, last, reset }
 }
 
 /// Number of the action that led here; the number of actions if none did.
-fn previous_action(settings: &Settings, current: &Current) -> i64 {
+fn previous_action(settings: &Settings, place: &Place) -> i64 {
     let space = settings.space();
-    let is = |action: &Action| u32::from(action.index()) == current.previous_action;
-    if current.previous_action == u32::from(NO_ACTION) {
-        return space.len() as i64;
-    }
-    space.iter().position(is).expect("an environment takes actions of its space only") as i64
+    let Some(previous) = place.environment.previous_action() else { return space.len() as i64 };
+    space.iter().position(|&action| action == previous).expect("an environment takes actions of its space only") as i64
 }

@@ -1,58 +1,48 @@
 //! What is told of a step beside the observation, and of an episode's start: one row for each environment.
 
+use crate::place::Place;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use proto::record::End;
 use proto::replay::length_m;
-use proto::reward::RewardParts;
-use proto::step::{Current, Transition, transition_flag};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use simulator::tasks::arm_point_nav::{Current, RewardParts, Transition};
 
-/// What is told. At an episode's start nothing was done, so flags are false and the parts of the reward 0.
+/// What is told. At an episode's start nothing was done, so what it did is false and 0.
 #[derive(Debug, Clone, Copy)]
 pub struct Facts {
     state_hash: u64,
     episode: i64,
     step: i64,
+    end: Option<End>,
+    done: Transition,
     target: i64,
-    flags: u32,
-    parts: RewardParts,
-    disturbance_m: f32,
-    peak_disturbance_m: f32,
-    farthest_m: f32,
-    disturbed_objects: i64,
-    ever_disturbed_objects: i64,
     wrist_object_m: f32,
     object_goal_m: f32,
 }
 
 impl Facts {
-    /// Of the moment that `transition` led to; of an episode's start if there was none.
-    pub fn of(transition: Option<&Transition>, current: &Current) -> Self {
-        let done = transition.copied().unwrap_or_default();
+    /// Of the moment that an environment is in.
+    pub fn of(place: &Place, current: &Current) -> Self {
         Self {
-            state_hash: current.state_hash,
-            episode: i64::from(current.episode),
-            step: i64::from(current.step),
-            target: i64::from(current.target),
-            flags: done.flags,
-            parts: done.reward,
-            disturbance_m: done.disturbance_m,
-            peak_disturbance_m: done.peak_disturbance_m,
-            farthest_m: done.farthest_m,
-            disturbed_objects: i64::from(done.disturbed_objects),
-            ever_disturbed_objects: i64::from(done.ever_disturbed_objects),
+            state_hash: place.environment.state_hash(),
+            episode: i64::from(place.chosen.number),
+            step: place.actions.len() as i64,
+            end: place.environment.end(),
+            done: place.transition.unwrap_or_default(),
+            target: i64::from(current.current_target),
             wrist_object_m: length_m(current.wrist_to_object_m),
             object_goal_m: length_m(current.object_to_goal_m),
         }
     }
 
-    /// Whether one of these flags is set.
-    pub fn is(&self, flag: u32) -> bool {
-        self.flags & flag != 0
+    /// How the last action ended the episode, if it did.
+    pub fn end(&self) -> Option<End> {
+        self.end
     }
 
     pub fn parts(&self) -> RewardParts {
-        self.parts
+        self.done.reward
     }
 }
 
@@ -64,23 +54,23 @@ pub fn table<'py>(py: Python<'py>, rows: &[Facts]) -> PyResult<Bound<'py, PyDict
         ("episode_number", (|facts| facts.episode) as fn(&Facts) -> i64),
         ("step", |facts| facts.step),
         ("target", |facts| facts.target),
-        ("disturbed_objects", |facts| facts.disturbed_objects),
-        ("ever_disturbed_objects", |facts| facts.ever_disturbed_objects),
+        ("disturbed_objects", |facts| i64::from(facts.done.disturbed_objects)),
+        ("ever_disturbed_objects", |facts| i64::from(facts.done.ever_disturbed_objects)),
     ] {
         table.set_item(name, column(py, rows, figure))?;
     }
-    for (name, flag) in [
-        ("success", transition_flag::SUCCESS),
-        ("picked_up", transition_flag::PICKED_UP),
-        ("holding", transition_flag::HOLDING),
-        ("action_failed", transition_flag::ACTION_FAILED),
+    for (name, is) in [
+        ("success", Transition::succeeded as fn(&Transition) -> bool),
+        ("picked_up", Transition::picked_up),
+        ("holding", Transition::holds),
+        ("action_failed", Transition::failed),
     ] {
-        table.set_item(name, column(py, rows, |facts| facts.is(flag)))?;
+        table.set_item(name, column(py, rows, |facts| is(&facts.done)))?;
     }
     for (name, figure) in [
-        ("disturbance_m", (|facts| facts.disturbance_m) as fn(&Facts) -> f32),
-        ("peak_disturbance_m", |facts| facts.peak_disturbance_m),
-        ("farthest_m", |facts| facts.farthest_m),
+        ("disturbance_m", (|facts| facts.done.disturbance_m) as fn(&Facts) -> f32),
+        ("peak_disturbance_m", |facts| facts.done.peak_disturbance_m),
+        ("farthest_m", |facts| facts.done.farthest_m),
         ("wrist_object_m", |facts| facts.wrist_object_m),
         ("object_goal_m", |facts| facts.object_goal_m),
     ] {
@@ -95,7 +85,7 @@ pub fn table<'py>(py: Python<'py>, rows: &[Facts]) -> PyResult<Bound<'py, PyDict
         ("picked_up", |parts| parts.picked_up),
         ("goal_success", |parts| parts.goal_success),
     ] {
-        parts.set_item(name, column(py, rows, |facts| part(&facts.parts)))?;
+        parts.set_item(name, column(py, rows, |facts| part(&facts.done.reward)))?;
     }
     table.set_item("reward_parts", parts)?;
     Ok(table)

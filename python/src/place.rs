@@ -6,12 +6,12 @@ use picture::{Canvas, Moment, Storyboard, Task};
 use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
-use proto::step::{Transition, transition_flag};
 use serde::{Deserialize, Serialize};
 use simulator::depth::DepthCamera;
 use simulator::environment::Environment;
 use simulator::episode::Episode;
 use simulator::episodes::{self, EpisodesError};
+use simulator::tasks::arm_point_nav::Transition;
 use std::sync::Arc;
 
 /// Where episodes come from. Each kind counts its own.
@@ -116,7 +116,7 @@ impl Place {
 
     /// Whether the last action has ended the episode.
     pub fn ended(&self) -> bool {
-        self.transition.is_some_and(|transition| transition.flags & transition_flag::ENDED != 0)
+        self.environment.ended()
     }
 
     /// Takes an action.

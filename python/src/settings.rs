@@ -5,7 +5,7 @@ use crate::error::value_error;
 use proto::action::{Action, ActionSpace};
 use proto::config::{CarriedGoal, Config, ConfigError};
 use proto::episode::MAX_EPISODE_STEPS;
-use proto::reward::RewardKind;
+use proto::task::Composition;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::sync::Arc;
@@ -21,7 +21,7 @@ pub struct Settings {
     /// The whole configuration, as a run has it.
     pub config: Arc<Config>,
     /// The reward that is composed.
-    pub reward: RewardKind,
+    pub reward: Composition,
     /// Width and height of depth frames, pixels.
     pub frame_side: usize,
     /// Depth as float metres; otherwise as 16-bit millimetres.
@@ -48,7 +48,7 @@ impl Settings {
         disturbance_weight: Option<&Bound<'_, PyAny>>,
         carried_goal: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let reward = chosen("reward", reward, &[("r", RewardKind::Task), ("r_prime", RewardKind::DisturbanceFree)])?;
+        let reward = chosen("reward", reward, &[("r", "r"), ("r_prime", "r_prime")])?;
         let in_metres = chosen("depth", depth, &[("uint16", false), ("float32", true)])?;
         let frame_side = whole("frame_side", frame_side, SIDE_MOST, SIDE_LEAST)? as usize;
         let mut config = Config::resolve(&text("preset", preset)?, None).map_err(value_error)?;
@@ -67,17 +67,17 @@ impl Settings {
         for (name, value, place) in [
             ("start_distance_max_m", start_distance_max_m, &mut episode.start_distance_max_m),
             ("goal_distance_max_m", goal_distance_max_m, &mut episode.goal_distance_max_m),
-            ("disturbance_weight", disturbance_weight, &mut weights.lambda_disturb),
+            ("disturbance_weight", disturbance_weight, weights.weights.entry("lambda_disturb".to_owned()).or_default()),
         ] {
             if let Some(value) = value {
                 *place = real(name, value)?;
             }
         }
-        if disturbance_weight.is_some() && reward == RewardKind::Task {
+        if disturbance_weight.is_some() && reward == "r" {
             return Err(PyValueError::new_err("disturbance_weight counts with reward=\"r_prime\" only"));
         }
         config.validate().map_err(|error| match error {
-            ConfigError::OutOfRange { key: "reward.lambda_disturb", value, problem } => {
+            ConfigError::OutOfRange { key: "reward", value, problem } => {
                 PyValueError::new_err(format!("disturbance_weight is {value}: it {problem}"))
             }
             ConfigError::OutOfRange { key, value, problem } => {
@@ -86,7 +86,7 @@ impl Settings {
             }
             error => value_error(error),
         })?;
-        Ok(Self { config: Arc::new(config), reward, frame_side, in_metres })
+        Ok(Self { reward: config.reward(reward), config: Arc::new(config), frame_side, in_metres })
     }
 
     /// Names of the actions, in the order of their numbers.

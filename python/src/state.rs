@@ -13,9 +13,9 @@ pub fn state<'py>(py: Python<'py>, place: &Place) -> PyResult<Bound<'py, PyDict>
     let state = PyDict::new(py);
     state.set_item("kitchen", place.room.kitchen.id().number())?;
     state.set_item("seed", place.chosen.seed)?;
-    state.set_item("episode", current.episode)?;
-    state.set_item("step", current.step)?;
-    state.set_item("state_hash", current.state_hash)?;
+    state.set_item("episode", place.chosen.number)?;
+    state.set_item("step", place.actions.len())?;
+    state.set_item("state_hash", environment.state_hash())?;
     state.set_item("target", environment.episode().category.name())?;
     state.set_item("target_object", place.room.kitchen.target_movable(environment.episode().category))?;
     state.set_item("holding", simulation.holding())?;

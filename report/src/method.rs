@@ -5,8 +5,8 @@ use crate::study::{Field, Group, Source};
 use proto::config::{AuxiliaryTask, Config, EpisodeConfig, KitchenSource, NetworkConfig};
 use proto::evaluation::ObjectSet;
 use proto::kitchen::Split;
-use proto::reward::RewardKind;
 use proto::stage::total_frames;
+use proto::task::Composition;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::LazyLock;
 
@@ -18,9 +18,8 @@ pub const VALIDATION_NOVEL: Field = Field::new(Split::Validation, ObjectSet::Nov
 /// What makes a method, whatever it is called, in whatever batches and for however long it is trained.
 #[derive(Debug, PartialEq)]
 struct Method<'a> {
-    rewards: Vec<RewardKind>,
-    /// Where a stage has r′.
-    lambda_disturb: Option<f32>,
+    /// Of all stages, weights included.
+    rewards: Vec<Composition>,
     /// PPO-Lagrangian's first multiplier, where a stage has one.
     multiplier: Option<f64>,
     task: AuxiliaryTask,
@@ -32,11 +31,10 @@ struct Method<'a> {
 
 impl<'a> Method<'a> {
     fn of(config: &'a Config) -> Self {
-        let rewards: Vec<RewardKind> = config.whole_curriculum().iter().map(|stage| stage.reward).collect();
-        let where_used = |reward: RewardKind| rewards.contains(&reward);
+        let rewards: Vec<_> = config.whole_curriculum().iter().map(|stage| config.reward(&stage.reward)).collect();
+        let has_multiplier = rewards.iter().any(Composition::has_multiplier);
         Self {
-            lambda_disturb: where_used(RewardKind::DisturbanceFree).then_some(config.reward.lambda_disturb),
-            multiplier: where_used(RewardKind::Lagrangian).then_some(config.reward.lagrangian.initial),
+            multiplier: has_multiplier.then_some(config.reward.lagrangian.initial),
             task: config.auxiliary.task,
             // The same is seen with either sign.
             network: NetworkConfig { carried_goal: NetworkConfig::default().carried_goal, ..config.network },
@@ -161,8 +159,7 @@ mod tests {
             changed("short-scratch", |config| {
                 config.auxiliary.task = task;
                 config.reward.lagrangian.initial = initial;
-                config.stages =
-                    vec![StageConfig { name: "I".into(), reward: RewardKind::Lagrangian, frames: 10_000_000 }];
+                config.stages = vec![StageConfig { name: "I".into(), reward: "lagrangian".into(), frames: 10_000_000 }];
             })
         };
         let none: [&str; 0] = [];
@@ -177,13 +174,20 @@ mod tests {
         ] {
             assert_eq!(changed("short-r-only", |config| config.auxiliary.task = task), [expected]);
         }
-        assert_eq!(changed("disturb-two-stage", |config| config.reward.lambda_disturb = 5.0), none);
+        assert_eq!(
+            changed("disturb-two-stage", |config| {
+                config.reward.weights.insert("lambda_disturb".into(), 5.0);
+            }),
+            none
+        );
         assert_eq!(changed("disturb-two-stage", |config| config.network.hidden = 256), none);
         assert_eq!(changed("disturb-two-stage", |config| config.episode.start_distance_max_m = 0.7), none);
         assert_eq!(changed("disturb-two-stage", |config| config.scenes.push("mine/scene.toml".into())), none);
         assert_eq!(changed("disturb-two-stage", |config| config.kitchens.source = KitchenSource::Procedural), none);
         // What is not in force does not make a method.
-        let unused = changed("disturb-stage1-20m", |config| config.reward.lambda_disturb = 5.0);
+        let unused = changed("disturb-stage1-20m", |config| {
+            config.reward.weights.insert("lambda_disturb".into(), 5.0);
+        });
         assert_eq!(unused, ["disturb-stage1-20m"]);
     }
 }

@@ -1,6 +1,7 @@
 //! An episode as data sets take it: what was seen before each action, what the action did, and pictures.
 
-use proto::step::Transition;
+use proto::record::End;
+use simulator::tasks::arm_point_nav::Transition;
 
 /// Which episode it is, and what became of it.
 #[derive(Debug, Clone)]
@@ -36,6 +37,8 @@ pub struct Step {
     pub action: u32,
     /// What it did.
     pub transition: Transition,
+    /// How it ended the episode, if it did.
+    pub end: Option<End>,
     /// r and r′.
     pub rewards: [f32; 2],
 }

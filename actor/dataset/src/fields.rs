@@ -1,7 +1,7 @@
 //! What data sets hold of every step beside pictures and observations: one table from which arrays and page follow.
 
 use crate::episode::Step;
-use proto::step::transition_flag;
+use proto::record::End;
 
 /// A figure of a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,17 +36,19 @@ pub const FIELDS: [Field; 20] = [
     field("disturbance_progress_m", "part of r′: displacement before less that after, metres", |step| {
         Value::Real(step.transition.reward.disturbance_progress_m)
     }),
-    field("action_failed", "part of r: the action failed", |step| flag(step, transition_flag::ACTION_FAILED)),
+    field("action_failed", "part of r: the action failed", |step| Value::Bool(step.transition.failed())),
     field("picked_up", "part of r: the target was picked up by this action", |step| {
-        flag(step, transition_flag::PICKED_UP)
+        Value::Bool(step.transition.picked_up())
     }),
     field("success", "part of r: Done was declared with the target at its goal", |step| {
-        flag(step, transition_flag::SUCCESS)
+        Value::Bool(step.transition.succeeded())
     }),
-    field("terminated", "Done was declared", |step| flag(step, transition_flag::DONE)),
-    field("truncated", "this was the last action that there may be", |step| flag(step, transition_flag::TIME_LIMIT)),
-    field("ended", "the episode ended, by Done or by the limit", |step| flag(step, transition_flag::ENDED)),
-    field("holding", "the target is held", |step| flag(step, transition_flag::HOLDING)),
+    field("terminated", "Done was declared", |step| Value::Bool(step.end == Some(End::Terminated))),
+    field("truncated", "this was the last action that there may be", |step| {
+        Value::Bool(step.end == Some(End::Truncated))
+    }),
+    field("ended", "the episode ended, by Done or by the limit", |step| Value::Bool(step.end.is_some())),
+    field("holding", "the target is held", |step| Value::Bool(step.transition.holds())),
     field("disturbance_m", "displacement of all objects but the target, metres", |step| {
         Value::Real(step.transition.disturbance_m)
     }),
@@ -68,8 +70,4 @@ pub const FIELDS: [Field; 20] = [
 
 const fn field(name: &'static str, about: &'static str, of: fn(&Step) -> Value) -> Field {
     Field { name, about, of }
-}
-
-fn flag(step: &Step, flag: u32) -> Value {
-    Value::Bool(step.transition.flags & flag != 0)
 }

@@ -1,7 +1,7 @@
 //! What is written is whole.
 
 use dataset::{About, DatasetError, Episode, Frames, Seen, Source, Step, Writer};
-use proto::step::Transition;
+use simulator::tasks::arm_point_nav::Transition;
 use std::path::Path;
 
 const SIDE: usize = 8;
@@ -12,7 +12,7 @@ fn episode(steps: usize) -> Episode {
     let about =
         About { kitchen: 1, environment: 0, number: 0, fixed: None, target: "Mug", outcome: "failure", seed: 1 };
     let seen = vec![Seen { goal_m: [0.0; 3], previous_action: 0, state_hash: 0 }; steps + 1];
-    let steps = vec![Step { action: 1, transition: Transition::default(), rewards: [0.0; 2] }; steps];
+    let steps = vec![Step { action: 1, transition: Transition::default(), end: None, rewards: [0.0; 2] }; steps];
     Episode { about, seen, steps, cameras: vec![depth] }
 }
 

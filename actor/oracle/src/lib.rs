@@ -20,7 +20,6 @@ mod space;
 use moment::Moment;
 use plan::{Carriage, Stands};
 use proto::action::Action;
-use proto::step::transition_flag;
 use rapier3d::math::Vec3;
 use simulator::environment::Environment;
 use simulator::episode::Episode;
@@ -235,7 +234,7 @@ fn trial(environment: &Environment, actions: &[Action]) -> f32 {
             return f32::INFINITY;
         }
         let transition = copy.step(action);
-        if transition.flags & transition_flag::ACTION_FAILED != 0 {
+        if transition.failed() {
             return f32::INFINITY;
         }
         after_m = transition.disturbance_m;

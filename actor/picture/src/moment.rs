@@ -1,11 +1,10 @@
 //! A moment of an episode, as pictures need it, and what the episode is about.
 
-use proto::action::Action;
-use proto::step::{Transition, transition_flag};
 use rapier3d::math::{Pose3, Vec3};
 use simulator::environment::Environment;
 use simulator::kitchen::Kitchen;
 use simulator::robot::links::PartPoses;
+use simulator::tasks::arm_point_nav::Transition;
 
 /// Moments whose places the outside camera is chosen for.
 const SAMPLES: usize = 12;
@@ -90,14 +89,11 @@ pub fn points(task: &Task, moments: &[Moment]) -> Vec<(Vec3, f32)> {
 /// Caption of a moment, without its number and the episode's end.
 fn words(environment: &Environment, transition: Option<&Transition>) -> Words {
     let current = environment.current();
-    let is = |flag: u32| transition.is_some_and(|transition| transition.flags & flag != 0);
-    let action = transition.and_then(|transition| Action::from_index(u8::try_from(transition.action).ok()?));
-    let remark = if is(transition_flag::PICKED_UP) {
-        "picked up"
-    } else if is(transition_flag::ACTION_FAILED) {
-        "failed"
-    } else {
-        ""
+    let action = environment.previous_action();
+    let remark = match transition {
+        Some(transition) if transition.picked_up() => "picked up",
+        Some(transition) if transition.failed() => "failed",
+        _ => "",
     };
     let category = environment.episode().category.name();
     let target = if environment.simulation().holding() {

@@ -8,13 +8,13 @@ use crate::physics::geometry::rotation_y;
 use crate::robot::configuration::Configuration;
 use crate::robot::links::world_from_camera;
 use crate::simulation::{Settling, Simulation, Substep};
-use proto::action::{Action, NO_ACTION};
+use crate::tasks::arm_point_nav::{Current, RewardParts, Transition};
+use proto::action::Action;
 use proto::camera::SUMS_PIXELS;
 use proto::config::{Config, EpisodeConfig};
 use proto::episode::EnvironmentId;
-use proto::random::{Key, Purpose};
-use proto::reward::{OBJECT_DISPLACEMENT_CAP_M, RewardParts};
-use proto::step::{Current, Transition, current_flag, transition_flag};
+use proto::record::End;
+use proto::reward::OBJECT_DISPLACEMENT_CAP_M;
 use rapier3d::math::{Pose3, Vec3};
 use std::sync::Arc;
 use xxhash_rust::xxh3::xxh3_64;
@@ -45,19 +45,16 @@ pub struct Environment {
     seed: u64,
     settings: EpisodeConfig,
     substeps: u32,
-    depth_share: f64,
-    episode_number: u32,
     // The number that state hashes have.
     hashed_number: u32,
     episode: Episode,
-    record_depth: bool,
     target: usize,
     simulation: Simulation,
     // Position of every movable thing at step 0.
     origins: Vec<Vec3>,
     step: u32,
-    previous_action: u8,
-    ended: bool,
+    previous_action: Option<Action>,
+    end: Option<End>,
     // Distances after the last step; none before the first, whose progress is 0 by definition.
     distances: Option<Distances>,
     displacement: Displacement,
@@ -139,17 +136,14 @@ impl Environment {
             seed: config.seed,
             settings: config.episode,
             substeps: config.simulation.substeps,
-            depth_share: if config.recording.enabled { config.recording.depth_share } else { 0.0 },
-            episode_number,
             hashed_number: episode_number,
             episode,
-            record_depth: false,
             target,
             simulation,
             origins: Vec::new(),
             step: 0,
-            previous_action: NO_ACTION,
-            ended: false,
+            previous_action: None,
+            end: None,
             distances: None,
             displacement: Displacement::default(),
             ever_disturbed: Vec::new(),
@@ -173,7 +167,6 @@ impl Environment {
     /// Resets to the settled kitchen and begins a given episode under this number.
     pub fn begin_episode(&mut self, number: u32, episode: Episode) {
         self.episode = episode;
-        self.episode_number = number;
         self.hashed_number = number;
         self.target = self.kitchen.target_movable(self.episode.category);
         match self.ahead.take().filter(|ahead| ahead.number == number && ahead.episode == self.episode) {
@@ -221,14 +214,12 @@ impl Environment {
 
     /// Starts the count at step 0: every later displacement counts.
     fn begin_counting(&mut self) {
-        let key = Key::episode(self.seed, Purpose::Recording, self.id.kitchen, self.id.number, self.episode_number);
-        self.record_depth = key.stream().uniform_open() < self.depth_share;
         self.origins.clear();
         self.origins.extend(self.simulation.things().poses().iter().map(|pose| pose.translation));
         self.counted_revision = self.simulation.things().revision();
         self.step = 0;
-        self.previous_action = NO_ACTION;
-        self.ended = false;
+        self.previous_action = None;
+        self.end = None;
         self.distances = None;
         self.displacement = Displacement::default();
         self.ever_disturbed.clear();
@@ -237,36 +228,20 @@ impl Environment {
         self.peak_farthest_m = 0.0;
     }
 
-    /// Takes one action. It never resets the environment; the flags show when the episode has ended.
+    /// Takes one action. It never resets the environment; [`Self::end`] shows when the episode has ended.
     ///
     /// # Panics
     /// If the episode has ended: the caller starts the next one first.
     pub fn step(&mut self, action: Action) -> Transition {
-        assert!(!self.ended, "the episode has ended: start the next one before the next action");
+        assert!(!self.ended(), "the episode has ended: start the next one before the next action");
         let was_holding = self.simulation.holding();
-        let mut flags = transition_flag::VALID;
         let succeeded = self.act(action);
         let holding = self.simulation.holding();
-        let picked_up = holding && !was_holding;
-        let goal_success = action == Action::DoneMidLevel && succeeded;
-        let index = self.step;
+        let done = action == Action::DoneMidLevel;
         self.step += 1;
-        self.previous_action = action.index();
-        for (set, flag) in [
-            (!succeeded, transition_flag::ACTION_FAILED),
-            (holding, transition_flag::HOLDING),
-            (picked_up, transition_flag::PICKED_UP),
-            (action == Action::DoneMidLevel, transition_flag::DONE | transition_flag::ENDED),
-            (goal_success, transition_flag::SUCCESS),
-        ] {
-            if set {
-                flags |= flag;
-            }
-        }
-        if action != Action::DoneMidLevel && self.step >= self.settings.max_steps {
-            flags |= transition_flag::TIME_LIMIT | transition_flag::ENDED;
-        }
-        self.ended = flags & transition_flag::ENDED != 0;
+        self.previous_action = Some(action);
+        self.end =
+            if done { Some(End::Terminated) } else { (self.step >= self.settings.max_steps).then_some(End::Truncated) };
 
         let now = Distances {
             wrist_object_m: (self.simulation.wrist() - self.target_position()).length(),
@@ -283,18 +258,13 @@ impl Environment {
         self.peak_farthest_m = self.peak_farthest_m.max(farthest_m);
         let one_if = |condition: bool| f32::from(u8::from(condition));
         Transition {
-            state_hash: self.state_hash(),
-            episode: self.episode_number,
-            step: index,
-            flags,
-            action: u32::from(action.index()),
             reward: RewardParts {
                 wrist_object_progress_m: before.wrist_object_m - now.wrist_object_m,
                 object_goal_progress_m: before.object_goal_m - now.object_goal_m,
                 disturbance_progress_m: (disturbance_before_m - disturbance_m) as f32,
                 failed_action: one_if(!succeeded),
-                picked_up: one_if(picked_up),
-                goal_success: one_if(goal_success),
+                picked_up: one_if(holding && !was_holding),
+                goal_success: one_if(done && succeeded),
             },
             disturbance_m: disturbance_m as f32,
             peak_disturbance_m: self.peak_disturbance_m as f32,
@@ -304,8 +274,8 @@ impl Environment {
             ever_disturbed_objects: self.ever_disturbed.iter().filter(|&&ever| ever).count() as u32,
             farthest_m,
             peak_farthest_m: self.peak_farthest_m,
+            held: u32::from(holding),
             target: u32::from(self.episode.category.index()),
-            reserved: 0,
         }
     }
 
@@ -314,32 +284,17 @@ impl Environment {
         let configuration = self.simulation.configuration();
         let (wrist, target, goal) = (self.simulation.wrist(), self.target_position(), self.episode.goal);
         let robot_from_world = rotation_y(-configuration.yaw_rad());
-        let mut flags = 0;
-        for (set, flag) in [
-            (self.step == 0, current_flag::EPISODE_START),
-            (self.simulation.holding(), current_flag::HOLDING),
-            (self.record_depth, current_flag::RECORD_DEPTH),
-        ] {
-            if set {
-                flags |= flag;
-            }
-        }
         Current {
-            state_hash: self.state_hash(),
-            episode: self.episode_number,
-            step: self.step,
-            flags,
-            target: u32::from(self.episode.category.index()),
-            previous_action: u32::from(self.previous_action),
             wrist_to_object_m: (robot_from_world * (target - wrist)).to_array(),
             object_to_goal_m: (robot_from_world * (goal - target)).to_array(),
+            holding: u32::from(self.simulation.holding()),
+            current_target: u32::from(self.episode.category.index()),
             base_position_m: [configuration.x_m, configuration.z_m],
             base_yaw_rad: configuration.yaw_rad(),
             camera_pitch_rad: configuration.camera_pitch_rad(),
             wrist_position_m: wrist.to_array(),
             target_position_m: target.to_array(),
             goal_position_m: goal.to_array(),
-            reserved: [0; 2],
         }
     }
 
@@ -441,7 +396,17 @@ impl Environment {
 
     /// Whether the episode has ended.
     pub fn ended(&self) -> bool {
-        self.ended
+        self.end.is_some()
+    }
+
+    /// How the episode has ended, if it has.
+    pub fn end(&self) -> Option<End> {
+        self.end
+    }
+
+    /// The last action of this episode; none before the first.
+    pub fn previous_action(&self) -> Option<Action> {
+        self.previous_action
     }
 
     /// Actions after which an episode ends at the latest.

@@ -14,10 +14,11 @@ use anyhow::{Context, Result, ensure};
 use proto::action::HOLD;
 use proto::config::Config;
 use proto::kitchen::KitchenId;
+use proto::record::RecordHeader;
 use std::hint::black_box;
 use std::io::{ErrorKind, Read, Write};
 use std::path::Path;
-use wire::message::{Halves, Observation};
+use wire::message::{Halves, Line};
 
 /// What is driven, and how.
 #[derive(Debug, Clone, Copy)]
@@ -44,7 +45,8 @@ pub fn run(options: Options, mut input: impl Read, mut output: impl Write) -> Re
     // The kitchens of these environments are not kept in a folder.
     let larder = Larder::without_thread(&config, Path::new(""));
     let mut environments = Environments::new(larder, Some(kitchen), 0, &config)?;
-    let mut slots: Vec<Box<Observation>> = (0..count).map(|_| bytemuck::zeroed_box()).collect();
+    let record = vec![Line([0; 64]); config.spec().layout().bytes / size_of::<Line>()];
+    let mut slots = vec![record; count as usize];
     let mut actions = vec![0; count as usize * steps as usize];
     loop {
         match input.read_exact(&mut actions) {
@@ -64,20 +66,16 @@ pub fn run(options: Options, mut input: impl Read, mut output: impl Write) -> Re
 }
 
 /// A step of all environments, half after half as an actor takes it; the sum of the state hashes.
-fn step(
-    environments: &mut Environments,
-    halves: Halves,
-    actions: &[u8],
-    slots: &mut [Box<Observation>],
-) -> Result<u64> {
+fn step(environments: &mut Environments, halves: Halves, actions: &[u8], slots: &mut [Vec<Line>]) -> Result<u64> {
     let mut sum = 0u64;
     for half in 0..halves.count() {
         let range = halves.range(half);
         environments.act(range.clone(), &actions[range.clone()])?;
         for index in range {
             if actions[index] != HOLD {
-                environments.observe(index, &mut slots[index]);
-                sum = sum.wrapping_add(black_box(&slots[index]).transition.state_hash);
+                let record = Line::bytes_mut(&mut slots[index]);
+                environments.observe(index, record);
+                sum = sum.wrapping_add(RecordHeader::of(black_box(record)).outcome_hash);
             }
         }
     }

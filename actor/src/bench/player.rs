@@ -5,7 +5,6 @@ use proto::action::Action;
 use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
-use proto::step::transition_flag;
 use rapier3d::math::Pose3;
 use simulator::depth::DepthCamera;
 use simulator::environment::{Environment, EnvironmentError};
@@ -53,9 +52,9 @@ impl Player {
     /// Takes one action; after the last one of an episode the next begins.
     pub fn step(&mut self) {
         let actions = &self.script[self.episode];
-        let transition = self.environment.step(actions[self.step]);
+        self.environment.step(actions[self.step]);
         self.step += 1;
-        let ended = transition.flags & transition_flag::ENDED != 0;
+        let ended = self.environment.ended();
         assert_eq!(ended, self.step == actions.len(), "an episode ends with its last action, and only then");
         if ended {
             self.episode = (self.episode + 1) % self.script.len();

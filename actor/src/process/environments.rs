@@ -4,23 +4,30 @@ use super::larder::{Larder, Opened, Order};
 use super::whereabouts;
 use anyhow::{Context, Result, bail, ensure};
 use proto::action::{Action, HOLD};
-use proto::camera::{FRAME_SIDE, WINDOW};
+use proto::camera::{FRAME_SIDE, SUMS_PIXELS, WINDOW};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
+use proto::random::{Key, Purpose};
+use proto::record::{RecordHeader, flag};
 use proto::rota::Rota;
-use proto::step::{Transition, current_flag, transition_flag};
+use proto::task::Layout;
 use simulator::depth::{DepthCamera, Scenery};
 use simulator::environment::Environment;
 use simulator::episodes::Programme;
 use simulator::kitchen::Body;
+use simulator::tasks::arm_point_nav::{self, Transition};
 use std::collections::VecDeque;
 use std::ops::Range;
-use wire::message::{EnvironmentState, Observation, frame_part};
+use wire::message::EnvironmentState;
 
 /// The kitchen that an environment goes to next is opened when so many episodes before that one are left: early enough
 /// that they take longer than opening it, late enough that few such kitchens wait.
 const OPENED_AHEAD: u32 = 3;
+
+/// Bits of [`RecordHeader::bulk`]: the frame, and its sums.
+const WHOLE: u32 = 1;
+const SUMS: u32 = 1 << 1;
 
 /// All environments of an actor.
 pub struct Environments {
@@ -29,6 +36,8 @@ pub struct Environments {
     /// its own scenery for it.
     camera: DepthCamera,
     sceneries: Vec<Scenery>,
+    /// Where everything lies in a record.
+    layout: &'static Layout,
     /// Whether frames are sent as their sums: where the network averages its input over such windows.
     sums: bool,
     course: Course,
@@ -51,8 +60,10 @@ struct Running {
     /// The same with the kitchen that it is in.
     id: EnvironmentId,
     environment: Environment,
-    episode: u32,
-    /// What the last exchange did.
+    /// What the last exchange did, and which episode and state it led to.
+    header: RecordHeader,
+    /// The last action, 0 if none was taken; and that before what is seen now, 0 at an episode's start.
+    actions: [u8; 2],
     transition: Transition,
 }
 
@@ -68,6 +79,13 @@ impl Course {
             .with_context(|| format!("cannot set up environment {} of kitchen {}", id.number, id.kitchen))?;
         let scenery = self.rota.moves().then(|| scenery.unwrap_or_else(|| Scenery::of(kitchen.bodies())));
         Ok((id, environment, scenery))
+    }
+
+    /// Whether the frames of an episode are recorded.
+    fn records(&self, id: EnvironmentId, episode: u32) -> bool {
+        let Config { seed, recording, .. } = &self.config;
+        let key = Key::episode(*seed, Purpose::Recording, id.kitchen, id.number, episode);
+        recording.enabled && key.stream().uniform_open() < recording.depth_share
     }
 
     /// Has the kitchen that the environment goes to after this episode made as soon as that is known, and opened when it
@@ -97,23 +115,34 @@ impl Running {
             course.programme.start(&mut self.environment, self.id, episode);
         }
         course.look_ahead(self.home, episode, moves);
-        self.episode = episode;
+        self.header.begin(episode, self.environment.state_hash(), course.records(self.id, episode));
+        self.actions[1] = 0;
         Ok(())
     }
 
     /// Takes an action; after the last one of an episode the environment stands at the start of the next.
     fn act(&mut self, course: &Course, scenery: Option<&mut Scenery>, action: Action) -> Result<()> {
-        whereabouts::enter(self.id, self.episode);
+        whereabouts::enter(self.id, self.header.episode);
         self.transition = self.environment.step(action);
-        if self.transition.flags & transition_flag::ENDED != 0 {
+        let end = self.environment.end();
+        self.actions = [action.index(); 2];
+        self.header.act(self.environment.state_hash(), end);
+        if end.is_some() {
             let next = self.next_episode().expect("four billion episodes outlast any run");
             self.start(course, scenery, next)?;
         }
         Ok(())
     }
 
+    /// Nothing was done.
+    fn hold(&mut self) {
+        self.header.hold();
+        self.actions[0] = 0;
+        self.transition = Transition::default();
+    }
+
     fn next_episode(&self) -> Option<u32> {
-        self.episode.checked_add(1)
+        self.header.episode.checked_add(1)
     }
 
     /// Does a piece of the next episode's start. Returns whether there is more to do. One in another kitchen, of which
@@ -152,12 +181,15 @@ impl Environments {
         for home in homes {
             let (id, environment, scenery) = course.enter(home, 0)?;
             course.look_ahead(home, 0, true);
-            running.push(Running { home, id, environment, episode: 0, transition: Transition::default() });
+            let mut header = RecordHeader { environment: running.len() as u32, ..RecordHeader::default() };
+            header.begin(0, environment.state_hash(), course.records(id, 0));
+            running.push(Running { home, id, environment, header, actions: [0; 2], transition: Transition::default() });
             sceneries.extend(scenery);
         }
         let shared: &[Body] = if sceneries.is_empty() { first.kitchen.bodies() } else { &[] };
         let (unprepared, sums) = ((0..running.len()).collect(), config.network.input_pool as usize == WINDOW);
-        Ok(Self { camera: DepthCamera::new(shared), sceneries, sums, running, course, unprepared })
+        let layout = course.config.spec().layout();
+        Ok(Self { camera: DepthCamera::new(shared), sceneries, layout, sums, running, course, unprepared })
     }
 
     /// Triangles that the camera has to choose from, in the first environment's kitchen.
@@ -197,7 +229,7 @@ impl Environments {
         });
         order_all(larder, places.flatten().collect());
         for (index, (running, state)) in self.running.iter_mut().zip(states).enumerate() {
-            running.transition = Transition::default();
+            running.hold();
             let mut scenery = self.sceneries.get_mut(index);
             running.start(&self.course, scenery.as_deref_mut(), state.episode)?;
             let actions = state
@@ -210,7 +242,7 @@ impl Environments {
                 })?;
                 let here = running.id;
                 running.act(&self.course, scenery.as_deref_mut(), action)?;
-                let ended = running.transition.flags & transition_flag::ENDED != 0;
+                let ended = running.header.end().is_some();
                 ensure!(
                     !ended || step + 1 == actions.len(),
                     "a restore has {} actions for episode {} of kitchen {}, environment {}, which ends after {}: \
@@ -231,40 +263,48 @@ impl Environments {
         assert_eq!(range.len(), actions.len(), "one action an environment");
         for (index, &action) in range.zip(actions) {
             let running = &mut self.running[index];
-            let (scenery, episode) = (self.sceneries.get_mut(index), running.episode);
+            let (scenery, episode) = (self.sceneries.get_mut(index), running.header.episode);
             match Action::from_index(action) {
                 Some(action) => running.act(&self.course, scenery, action)?,
-                None if action == HOLD => running.transition = Transition::default(),
+                None if action == HOLD => running.hold(),
                 None => bail!("the learner sent action {action} to {}: there is none", place(running)),
             }
-            if running.episode != episode && !self.unprepared.contains(&index) {
+            if running.header.episode != episode && !self.unprepared.contains(&index) {
                 self.unprepared.push_back(index);
             }
         }
         Ok(())
     }
 
-    /// Writes the observation of environment `index`, its frame in place. Where the network averages over windows only
-    /// their sums are written, and the whole frame as well if it is recorded; the whole frame alone where a sum exceeds 16
-    /// bits.
-    pub fn observe(&mut self, index: usize, observation: &mut Observation) {
-        let Self { running, camera, sceneries, sums, .. } = self;
+    /// Writes the record of environment `index`, its frame in place. Where the network averages over windows only their sums
+    /// are written, and the whole frame as well if it is recorded; the whole frame alone where a sum exceeds 16 bits.
+    ///
+    /// # Panics
+    /// If the record has not the task's size.
+    pub fn observe(&mut self, index: usize, record: &mut [u8]) {
+        let Self { running, camera, sceneries, layout, sums, .. } = self;
         let (running, mut own) = (&mut running[index], sceneries.get_mut(index));
-        whereabouts::enter(running.id, running.episode);
+        whereabouts::enter(running.id, running.header.episode);
         if let Some(scenery) = own.as_deref_mut() {
             camera.exchange(scenery);
         }
         let environment = &mut running.environment;
-        let Observation { transition, current, environment: number, parts, reserved, depth_mm, sums_mm } = observation;
-        (*transition, *current, *number) = (running.transition, environment.current(), index as u32);
-        (*parts, *reserved) = (0, [0; _]);
-        if *sums && environment.look_for_sums(camera, sums_mm) {
-            *parts |= frame_part::SUMS;
+        record[..layout.small_bytes].fill(0);
+        for (field, action) in [layout.action, layout.previous_action].into_iter().zip(running.actions) {
+            record[field.offset] = action;
         }
-        if *parts == 0 || current.flags & current_flag::RECORD_DEPTH != 0 {
-            environment.look(camera, FRAME_SIDE, depth_mm);
-            *parts |= frame_part::WHOLE;
+        arm_point_nav::write(record, &running.transition, &environment.current());
+        let mut header = running.header;
+        let [whole, windows] = layout.images[..] else { panic!("the task has one image, which has sums") };
+        let frame: &mut [u16; SUMS_PIXELS] = windows.of_mut(record).try_into().expect("the sums of a frame");
+        if *sums && environment.look_for_sums(camera, frame) {
+            header.bulk |= SUMS;
         }
+        if header.bulk == 0 || header.has(flag::RECORD_BULK) {
+            environment.look(camera, FRAME_SIDE, whole.of_mut(record));
+            header.bulk |= WHOLE;
+        }
+        *RecordHeader::of_mut(record) = header;
         if let Some(scenery) = own {
             camera.exchange(scenery);
         }
@@ -280,7 +320,7 @@ fn order_all(larder: &Larder, places: Vec<EnvironmentId>) {
 }
 
 fn place(running: &Running) -> whereabouts::Whereabouts {
-    whereabouts::Whereabouts { environment: running.id, episode: running.episode }
+    whereabouts::Whereabouts { environment: running.id, episode: running.header.episode }
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use super::shm;
 use anyhow::{Context, Result};
 use std::time::Duration;
 use wire::fault;
-use wire::message::{ActionHeader, EnvironmentState, Observation, ObservationHeader, RestoreHeader};
+use wire::message::{ActionHeader, EnvironmentState, ObservationHeader, RestoreHeader};
 use wire::{
     ActionSubscriber, Bell, ObservationPublisher, ObservationReaders, Receipts, RestoreSubscriber, Sleeper,
     UpdateConnections, Wakeup, Wire, WireAddress, WireShape,
@@ -28,6 +28,7 @@ pub struct Link {
     actions: ActionSubscriber,
     wakeup: Wakeup,
     actor: u32,
+    shape: WireShape,
     /// None where nothing is recorded.
     receipts: Option<Receipts>,
     // Ports refer to the node: dropped last.
@@ -50,6 +51,7 @@ impl Link {
             observations: wire.observation_publisher(actor)?,
             readers: wire.observation_readers(actor)?,
             actor,
+            shape,
             receipts: recorder.then(|| Receipts::open(address, actors)).transpose()?,
             _wire: wire,
         })
@@ -81,30 +83,31 @@ impl Link {
         self.wakeup.wait(longest);
     }
 
-    /// Sends a HELLO: one zeroed observation.
+    /// Sends a HELLO: one zeroed record.
     pub fn send_hello(&self, header: ObservationHeader) -> Result<()> {
-        self.send_observations(header, 1, |_, observation| bytemuck::bytes_of_mut(observation).fill(0))?;
+        self.send_observations(header, 1, |_, record| record.fill(0))?;
         // Whoever waits for observations of many does not wait for this.
         self.bell.ring();
         Ok(())
     }
 
-    /// Sends `count` observations, each written in place by `write`, which is given its index and what lay there before.
+    /// Sends `count` records, each written in place by `write`, which is given its index and what lay there before.
     /// Blocks while a subscriber is full. Returns whether all subscribers got them: a new subscriber that has not yet
     /// connected to this publisher can miss a sample.
     pub fn send_observations(
         &self,
         header: ObservationHeader,
         count: usize,
-        write: impl FnMut(usize, &mut Observation),
+        write: impl FnMut(usize, &mut [u8]),
     ) -> Result<bool> {
         // A subscriber that came after the last send is found here, and only here.
         self.observations.update_connections().context("cannot connect to the learner")?;
         fault::reach("actor.before_loan");
-        let mut sample = self.observations.loan_slice_uninit(count).context("no free slot for observations")?;
+        let mut sample =
+            self.observations.loan_slice_uninit(self.shape.lines(count)).context("no free slot for observations")?;
         fault::reach("actor.after_loan");
         *sample.user_header_mut() = header;
-        let sample = shm::fill(sample, write);
+        let sample = shm::fill(sample, self.shape.record_lines, write);
         fault::reach("actor.after_write");
         let receivers = sample.send().context("cannot send observations")?;
         fault::reach("actor.before_bell");

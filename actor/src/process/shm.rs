@@ -1,21 +1,21 @@
-//! Observations are written in place in shared memory: the only unsafe code of this crate.
+//! Records are written in place in shared memory: the only unsafe code of this crate.
 
 use std::mem::MaybeUninit;
 use wire::Ipc;
-use wire::message::{Observation, ObservationHeader};
+use wire::message::{Line, ObservationHeader};
 
-type Loan = iceoryx2::sample_mut_uninit::SampleMutUninit<Ipc, [MaybeUninit<Observation>], ObservationHeader>;
+type Loan = iceoryx2::sample_mut_uninit::SampleMutUninit<Ipc, [MaybeUninit<Line>], ObservationHeader>;
 /// A sample ready to be sent.
-type Written = iceoryx2::sample_mut::SampleMut<Ipc, [Observation], ObservationHeader>;
+type Written = iceoryx2::sample_mut::SampleMut<Ipc, [Line], ObservationHeader>;
 
-/// Has every slot of a loaned sample written: `write` is given its number and what lies there, zeros or an earlier
-/// observation.
-pub fn fill(mut sample: Loan, mut write: impl FnMut(usize, &mut Observation)) -> Written {
-    for (number, slot) in sample.payload_mut().iter_mut().enumerate() {
-        // SAFETY: shared memory is zeros when the system hands it out, and only plain numbers are ever written there. An
-        // Observation is plain numbers (`Pod`): every value of these bytes is one.
-        write(number, unsafe { slot.assume_init_mut() });
+/// Has every record of a loaned sample written, each of so many lines: `write` is given its number and what lies there,
+/// zeros or an earlier record.
+pub fn fill(loan: Loan, record_lines: usize, mut write: impl FnMut(usize, &mut [u8])) -> Written {
+    // SAFETY: shared memory is zeros when the system hands it out, and only plain numbers are ever written there. A Line
+    // is plain bytes (`Pod`): every value of these bytes is one.
+    let mut written = unsafe { loan.assume_init() };
+    for (number, record) in written.payload_mut().chunks_exact_mut(record_lines).enumerate() {
+        write(number, Line::bytes_mut(record));
     }
-    // SAFETY: the same.
-    unsafe { sample.assume_init() }
+    written
 }

@@ -8,12 +8,13 @@ use anyhow::Result;
 use picture::{Moment, Storyboard, Task};
 use proto::episode::EnvironmentId;
 use proto::kitchen::TargetCategory;
+use proto::record::End;
 use proto::replay::{ImageFormat, ReplayImages};
 use proto::reward::UNDISTURBED_THRESHOLD_M;
-use proto::step::{Transition, transition_flag};
 use rapier3d::math::Pose3;
 use simulator::depth::DepthCamera;
 use simulator::environment::Environment;
+use simulator::tasks::arm_point_nav::Transition;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -70,20 +71,16 @@ pub enum Outcome {
 }
 
 impl Outcome {
-    /// What the last transition tells of it.
-    pub fn of(last: Option<&Transition>) -> Self {
-        let Some(last) = last else { return Self::Unfinished };
-        let is = |flag: u32| last.flags & flag != 0;
-        if is(transition_flag::SUCCESS) && last.disturbance_m < UNDISTURBED_THRESHOLD_M {
-            Self::SuccessWithoutDisturbance
-        } else if is(transition_flag::SUCCESS) {
-            Self::Success
-        } else if is(transition_flag::DONE) {
-            Self::Failure
-        } else if is(transition_flag::TIME_LIMIT) {
-            Self::TimeLimit
-        } else {
-            Self::Unfinished
+    /// What the last transition tells of it, and how it ended the episode.
+    pub fn of(last: Option<&Transition>, end: Option<End>) -> Self {
+        match (last, end) {
+            (Some(last), Some(End::Terminated)) if last.succeeded() => {
+                let undisturbed = last.disturbance_m < UNDISTURBED_THRESHOLD_M;
+                if undisturbed { Self::SuccessWithoutDisturbance } else { Self::Success }
+            }
+            (_, Some(End::Terminated)) => Self::Failure,
+            (_, Some(End::Truncated)) => Self::TimeLimit,
+            (_, None) => Self::Unfinished,
         }
     }
 
@@ -145,7 +142,7 @@ impl Film {
                 _ => format!("step {step} of {count}: {}", moment.words.action),
             };
         }
-        let outcome = Outcome::of(self.last.as_ref());
+        let outcome = Outcome::of(self.last.as_ref(), environment.end());
         if let Some(last) = self.moments.last_mut() {
             last.words.outcome = Some(outcome.words());
         }
@@ -175,23 +172,26 @@ impl Film {
 mod tests {
     use super::*;
     use proto::kitchen::KitchenId;
+    use simulator::tasks::arm_point_nav::RewardParts;
 
     #[test]
     fn files_are_called_by_kitchen_episode_target_and_outcome() {
         let environment = EnvironmentId { kitchen: KitchenId::new(26).unwrap(), number: 1 };
         let mut played = Played { environment, episode: 4, fixed: Some(7) };
-        let flags = |flags: u32, disturbance_m: f32| Transition { flags, disturbance_m, ..Transition::default() };
-        let done = transition_flag::ENDED | transition_flag::DONE;
+        let last = |goal_success: f32, disturbance_m: f32| {
+            let reward = RewardParts { goal_success, ..RewardParts::default() };
+            Some(Transition { reward, disturbance_m, ..Transition::default() })
+        };
         let cases = [
-            (Some(flags(done | transition_flag::SUCCESS, 0.0)), "success-without-disturbance"),
-            (Some(flags(done | transition_flag::SUCCESS, 0.02)), "success"),
-            (Some(flags(done, 0.0)), "failure"),
-            (Some(flags(transition_flag::ENDED | transition_flag::TIME_LIMIT, 0.0)), "time-limit"),
-            (Some(flags(transition_flag::VALID, 0.0)), "unfinished"),
-            (None, "unfinished"),
+            (last(1.0, 0.0), Some(End::Terminated), "success-without-disturbance"),
+            (last(1.0, 0.02), Some(End::Terminated), "success"),
+            (last(0.0, 0.0), Some(End::Terminated), "failure"),
+            (last(0.0, 0.0), Some(End::Truncated), "time-limit"),
+            (last(0.0, 0.0), None, "unfinished"),
+            (None, None, "unfinished"),
         ];
-        for (last, outcome) in cases {
-            let name = played.name(TargetCategory::SoapBottle, Outcome::of(last.as_ref()));
+        for (last, end, outcome) in cases {
+            let name = played.name(TargetCategory::SoapBottle, Outcome::of(last.as_ref(), end));
             assert_eq!(name, format!("kitchen-26-episode-007-SoapBottle-{outcome}"));
         }
         played.fixed = None;

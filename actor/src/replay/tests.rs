@@ -4,7 +4,7 @@ use super::*;
 use proto::evaluation::{EvaluationConfig, ObjectSet};
 use proto::kitchen::Split;
 use proto::replay::ImageFormat;
-use proto::step::Current;
+use simulator::tasks::arm_point_nav::Current;
 
 /// An evaluation of one novel episode a kitchen, or a run.
 fn config(evaluation: bool) -> Config {
@@ -30,12 +30,11 @@ fn recorded(config: &Config, episode: u32, actions: &[Action]) -> RecordedEpisod
     let start = Some(start_of(&environment));
     let (mut hashes, mut goals, mut steps) = (Vec::new(), Vec::new(), Vec::new());
     for &action in actions {
-        let Current { flags, wrist_to_object_m, object_to_goal_m, .. } = environment.current();
-        let holding = flags & current_flag::HOLDING != 0;
-        goals.push(goal_digest(holding, if holding { object_to_goal_m } else { wrist_to_object_m }));
+        let Current { holding, wrist_to_object_m, object_to_goal_m, .. } = environment.current();
+        goals.push(goal_digest(holding == 1, if holding == 1 { object_to_goal_m } else { wrist_to_object_m }));
         let transition = environment.step(action);
-        hashes.push(transition.state_hash);
-        steps.push(digests_of(&transition, config));
+        hashes.push(environment.state_hash());
+        steps.push(digests_of(&environment, &transition, config));
     }
     let actions = actions.iter().map(|action| action.index()).collect();
     RecordedEpisode { environment: id, episode, start_hash, actions, hashes, goals, start, steps }

@@ -10,7 +10,11 @@ fn recorded(config: &Config, actions: &[Action], wrong: Option<usize>) -> Record
     let programme = Programme::of(config, &kitchen).unwrap();
     let mut environment = programme.environment(&kitchen, id, 2, config).unwrap();
     let start_hash = Some(environment.state_hash());
-    let mut hashes: Vec<u64> = actions.iter().map(|&action| environment.step(action).state_hash).collect();
+    let mut hashes = Vec::new();
+    for &action in actions {
+        environment.step(action);
+        hashes.push(environment.state_hash());
+    }
     if let Some(wrong) = wrong {
         hashes[wrong] ^= 1;
     }

@@ -2,12 +2,10 @@
 
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
+use proto::config::Config;
 use std::fmt;
 use std::path::PathBuf;
-use wire::message::{Halves, Observation};
-
-/// Bytes of a frame and what belongs to it.
-const OBSERVATION: usize = size_of::<Observation>();
+use wire::message::Halves;
 
 /// Action after which nothing is noted.
 pub const UNMEASURED: u8 = 0;
@@ -83,7 +81,7 @@ impl Place {
 
     /// Bytes of a half's observations.
     pub fn bytes(&self) -> usize {
-        self.frames as usize * OBSERVATION
+        self.frames as usize * Config::default().spec().layout().bytes
     }
 
     /// What a step's observations consist of.

@@ -39,7 +39,6 @@ use acting::Acting;
 use overlap::{Overlap, policy};
 use padding::batch_rows;
 use proto::config::Config;
-use proto::reward::RewardKind;
 use proto::stage::RolloutShape;
 use state::{FIRST_MOMENT, SECOND_MOMENT};
 use std::collections::BTreeMap;
@@ -269,20 +268,11 @@ impl Agent {
         self.multiplier
     }
 
-    /// What a metre of displacement costs now in a reward of this kind.
-    pub fn disturbance_weight(&self, kind: RewardKind) -> f32 {
-        match kind {
-            RewardKind::Task => 0.0,
-            RewardKind::DisturbanceFree => self.config.reward.lambda_disturb,
-            RewardKind::Lagrangian => self.multiplier as f32,
-        }
-    }
-
-    /// PPO-Lagrangian's step of the multiplier after an update, by the mean discounted disturbance of the episodes that
-    /// ended, metres. If none ended, the multiplier does not change.
-    pub fn constrain(&mut self, mean_discounted_disturbance_m: Option<f64>) {
-        if let Some(constraint_m) = mean_discounted_disturbance_m {
-            self.multiplier = ascend(self.multiplier, self.config.reward.lagrangian.learning_rate, constraint_m);
+    /// PPO-Lagrangian's step of the multiplier after an update, by the mean discounted cost of the episodes that ended. If
+    /// none ended, the multiplier does not change.
+    pub fn constrain(&mut self, mean_discounted_cost: Option<f64>) {
+        if let Some(cost) = mean_discounted_cost {
+            self.multiplier = ascend(self.multiplier, self.config.reward.lagrangian.learning_rate, cost);
         }
     }
 

@@ -66,7 +66,7 @@ impl Task for Disturb {
         let asked = pass.of_queries(queries, |query| query.row);
         let logits = self.logits(parameters, pass.beliefs).gather(1, &pass.actions.unsqueeze(1), false).squeeze_dim(1);
         let logits = logits.index_select(0, &asked);
-        let labels = pass.rollout.gather(pass.packing, |step| f32::from(u8::from(step.disturbed)));
+        let labels = pass.rollout.gather(pass.packing, |step| f32::from(u8::from(step.label)));
         let labels = labels.index_select(0, &asked);
 
         let loss = focal_loss(&logits, &labels, self.focal_gamma).sum(Kind::Float) / count as f64;

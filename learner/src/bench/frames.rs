@@ -2,21 +2,22 @@
 
 use crate::agent::Batch;
 use crate::collector::{ColumnMap, gumbel};
+use crate::record::{Frame, FramePart};
 use anyhow::{Context, Result, ensure};
 use iceoryx2::sample::Sample;
 use proto::action::NO_ACTION;
 use proto::camera::{FRAME_PIXELS, FRAME_SIDE, SUMS_PIXELS, WINDOW, sum_windows};
 use proto::config::Config;
+use proto::record::RecordHeader;
 use proto::shares::Shares;
-use proto::step::{Current, Transition};
 use std::sync::atomic::{AtomicU32, Ordering};
-use wire::message::{FramePart, Halves, Observation, ObservationHeader, frame_part};
+use wire::message::{Halves, Line, ObservationHeader};
 use wire::{Ipc, ObservationPublisher, ObservationSubscriber, SHARED_MEMORY, WireAddress, WireHost, WireShape};
 
 /// Length of an episode; columns are in different phases of theirs.
 const EPISODE_STEPS: usize = 50;
 
-type Received = Sample<Ipc, [Observation], ObservationHeader>;
+type Received = Sample<Ipc, [Line], ObservationHeader>;
 
 /// Gives a configuration as many environments as make a half of `batch`, and no more shards than that leaves actors.
 pub fn shape(config: &mut Config, batch: u32) {
@@ -38,6 +39,7 @@ pub struct Frames {
     // Samples before ports before the host: they are dropped in this order.
     halves: [Vec<Received>; 2],
     map: ColumnMap,
+    frame: Frame,
     seed: u64,
     actions: usize,
     _ports: (ObservationSubscriber, Vec<ObservationPublisher>),
@@ -64,7 +66,7 @@ impl Frames {
     pub fn new(config: &Config) -> Result<Self> {
         let (actors, each) = (config.actors.count, config.actors.environments_per_actor);
         ensure!(Halves::of(each).count() == 2, "an actor has two halves");
-        let need = config.environments() * size_of::<Observation>();
+        let need = config.environments() * config.spec().layout().bytes;
         let status = rustix::fs::statvfs(SHARED_MEMORY).context(SHARED_MEMORY)?;
         let free = status.f_bavail * status.f_frsize;
         ensure!(
@@ -76,8 +78,7 @@ impl Frames {
         );
         let address = WireAddress::new(&format!("bench{}", std::process::id()), TAKEN.fetch_add(1, Ordering::Relaxed));
         let swept = Swept(address.clone());
-        let shape = WireShape { shares: Shares::of_one(actors), environments_per_actor: each };
-        let sums = config.network.input_pool as usize == WINDOW;
+        let shape = WireShape::new(Shares::of_one(actors), each, config.spec());
         let host = WireHost::create(&address, shape)?;
         let subscriber = host.wire().observation_subscriber(0)?;
         let (mut halves, mut publishers) = ([vec![], vec![]], vec![]);
@@ -85,10 +86,14 @@ impl Frames {
             let publisher = host.wire().observation_publisher(actor)?;
             for half in 0..2 {
                 let range = Halves::of(each).range(half);
-                let mut sample = publisher.loan_slice_uninit(range.len())?;
+                let mut sample = publisher.loan_slice_uninit(shape.lines(range.len()))?;
                 *sample.user_header_mut() = ObservationHeader { actor, half, ..Default::default() };
                 let first = (actor * each) as usize + range.start;
-                sample.write_from_fn(|i| observation(first + i, sums)).send()?;
+                let mut sample = sample.write_from_fn(|_| Line([0; 64]));
+                for (i, record) in sample.payload_mut().chunks_exact_mut(shape.record_lines).enumerate() {
+                    write(Line::bytes_mut(record), first + i, config);
+                }
+                sample.send()?;
                 halves[half as usize].push(subscriber.receive()?.context("what was sent is there")?);
             }
             publishers.push(publisher);
@@ -96,7 +101,8 @@ impl Frames {
         let map = ColumnMap::of(0, config);
         let actions = config.episode.action_space.actions().len();
         let ports = (subscriber, publishers);
-        Ok(Self { halves, map, seed: config.seed, actions, _ports: ports, _host: host, _swept: swept })
+        let (seed, frame) = (config.seed, Frame::of(config));
+        Ok(Self { halves, map, frame, seed, actions, _ports: ports, _host: host, _swept: swept })
     }
 
     /// Noise for one half's actions in a step: the collector draws it when an observation arrives.
@@ -111,11 +117,14 @@ impl Frames {
     /// One half's batch in a step, as the collector makes it once the half is complete.
     pub fn batch(&self, half: u32, step: usize, noise: Vec<f32>) -> Batch<'_> {
         let columns: Vec<usize> = self.map.batch(half).collect();
-        let samples = self.halves[half as usize].iter();
-        // There are sums only where the network takes them.
-        let part =
-            |seen: &Observation| if seen.parts & frame_part::SUMS == 0 { FramePart::Whole } else { FramePart::Sums };
-        let frames = samples.flat_map(|sample| sample.payload().iter().map(|seen| seen.frame(part(seen)))).collect();
+        let [record, _] = self.frame.lines();
+        let frames = self.halves[half as usize].iter().flat_map(|sample| {
+            sample.payload().chunks_exact(record).map(|record| {
+                let record = Line::bytes(record);
+                self.frame.read(record, self.frame.part(RecordHeader::of(record)).unwrap_or(FramePart::Whole))
+            })
+        });
+        let frames = frames.collect();
         let starts: Vec<bool> = columns.iter().map(|&column| episode_step(column, step) == 0).collect();
         Batch {
             at: vec![step; columns.len()],
@@ -138,27 +147,22 @@ fn episode_step(column: usize, step: usize) -> usize {
     (step + 7 * column) % EPISODE_STEPS
 }
 
-/// Walls and edges at 0.3 to 4.3 m, other ones for each column.
-// A frame, once.
-#[allow(clippy::large_stack_arrays)]
-fn observation(column: usize, sums: bool) -> Observation {
-    let mut observation = Observation {
-        transition: Transition::default(),
-        current: Current::default(),
-        environment: 0,
-        parts: frame_part::WHOLE,
-        reserved: [0; 12],
-        depth_mm: [0; FRAME_PIXELS],
-        sums_mm: [0; SUMS_PIXELS],
-    };
-    for (pixel, depth_mm) in observation.depth_mm.iter_mut().enumerate() {
+/// Walls and edges at 0.3 to 4.3 m, other ones for each column; there are sums only where the network takes them.
+fn write(record: &mut [u8], column: usize, config: &Config) {
+    let pixels = (0..FRAME_PIXELS).map(|pixel| {
         let (row, at) = (pixel / FRAME_SIDE / 8, pixel % FRAME_SIDE / 8);
-        *depth_mm = 300 + ((row * 389 + at * 131 + column * 1009) % 4000) as u16;
+        300 + ((row * 389 + at * 131 + column * 1009) % 4000) as u16
+    });
+    let frame: Vec<u16> = pixels.collect();
+    let [whole, windows] = config.spec().layout().images[..] else { panic!("a frame and its sums") };
+    whole.of_mut(record).copy_from_slice(&frame);
+    let mut bulk = 1;
+    if config.network.input_pool as usize == WINDOW {
+        let frame = frame.first_chunk::<FRAME_PIXELS>().expect("a frame");
+        let sums: &mut [u16; SUMS_PIXELS] = windows.of_mut(record).try_into().expect("its sums");
+        bulk |= u32::from(sum_windows(frame, sums)) << 1;
     }
-    if sums && sum_windows(&observation.depth_mm, &mut observation.sums_mm) {
-        observation.parts |= frame_part::SUMS;
-    }
-    observation
+    RecordHeader::of_mut(record).bulk = bulk;
 }
 
 #[cfg(test)]
@@ -205,7 +209,9 @@ mod tests {
             assert_eq!(batch.columns, columns);
             for (&column, frame) in columns.iter().zip(&batch.frames) {
                 let part = if sums { FramePart::Sums } else { FramePart::Whole };
-                assert_eq!(*frame, observation(column, sums).frame(part));
+                let mut record = vec![Line([0; 64]); config.spec().layout().bytes / size_of::<Line>()];
+                write(Line::bytes_mut(&mut record), column, &config);
+                assert_eq!(*frame, frames.frame.read(Line::bytes(&record), part));
                 assert_eq!(matches!(frame, DepthFrame::Sums(_)), sums);
             }
             assert_eq!(batch.gumbel.len(), columns.len() * frames.actions);

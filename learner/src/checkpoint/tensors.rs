@@ -7,8 +7,8 @@
 //! | `environment.action_count` | u32 (N): actions taken in it |
 //! | `environment.actions` | u8 (N, 512): those actions, then zeros |
 //! | `running.return` | f64 (N): return of the episode in progress |
-//! | `running.discounted_disturbance_m` | f64 (N): Σ `γ^t` (`d_t` - d_{t-1}) of the episode in progress |
-//! | `running.picked_up` | u8 (N): 1 if its target was picked up |
+//! | `running.discounted_disturbance_m` | f64 (N): Σ `γ^t` cost of the episode in progress, by its name of older versions |
+//! | `running.metrics` | f64 (N, M): its metrics, in the task's order; 0 in checkpoints of older versions |
 
 use crate::collector::{Boundary, RunningEpisode};
 use crate::network::Unfit;
@@ -23,11 +23,13 @@ const EPISODE: &str = "environment.episode";
 const ACTION_COUNT: &str = "environment.action_count";
 const ACTIONS: &str = "environment.actions";
 const RETURN: &str = "running.return";
+const METRICS: &str = "running.metrics";
+/// Of older versions.
 const PICKED_UP: &str = "running.picked_up";
 const DISCOUNTED_DISTURBANCE: &str = "running.discounted_disturbance_m";
 /// No run plays more episodes in one environment.
 const EPISODE_MOST: u32 = u32::MAX / 2;
-const OWN: [&str; 6] = [EPISODE, ACTION_COUNT, ACTIONS, RETURN, DISCOUNTED_DISTURBANCE, PICKED_UP];
+const OWN: [&str; 7] = [EPISODE, ACTION_COUNT, ACTIONS, RETURN, DISCOUNTED_DISTURBANCE, METRICS, PICKED_UP];
 
 /// Why tensors do not make a state.
 #[derive(Debug, thiserror::Error)]
@@ -106,8 +108,12 @@ pub fn encode(tensors: &BTreeMap<String, Tensor>, boundary: &Boundary) -> Result
         own(name, Dtype::F64, vec![columns], running.iter().flat_map(|episode| figure(episode).to_le_bytes()).collect())
     };
     column_of(RETURN, |episode| episode.episode_return)?;
-    column_of(DISCOUNTED_DISTURBANCE, |episode| episode.discounted_disturbance_m)?;
-    own(PICKED_UP, Dtype::U8, vec![columns], running.iter().map(|episode| u8::from(episode.picked_up)).collect())?;
+    column_of(DISCOUNTED_DISTURBANCE, |episode| episode.discounted_cost)?;
+    // An episode without a step has none yet.
+    let count = running.iter().map(|episode| episode.metrics.len()).max().unwrap_or(0);
+    let metric = |episode: &RunningEpisode, index: usize| episode.metrics.get(index).copied().unwrap_or(0.0);
+    let metrics = running.iter().flat_map(|episode| (0..count).map(move |index| metric(episode, index)));
+    own(METRICS, Dtype::F64, vec![columns, count], metrics.flat_map(f64::to_le_bytes).collect())?;
     serialize(&entries)
 }
 
@@ -120,13 +126,18 @@ pub fn decode(bytes: &[u8], exchange: u64) -> Result<(BTreeMap<String, Tensor>, 
     let actions = own_bytes(&file, ACTIONS, Dtype::U8)?;
     let returns = own_bytes(&file, RETURN, Dtype::F64)?;
     let disturbances = own_bytes(&file, DISCOUNTED_DISTURBANCE, Dtype::F64)?;
-    let picked_up = own_bytes(&file, PICKED_UP, Dtype::U8)?;
+    let metrics = match file.tensor(METRICS) {
+        Ok(_) => own_bytes(&file, METRICS, Dtype::F64)?,
+        Err(_) => &[],
+    };
+    let metrics: Vec<f64> = metrics.as_chunks().0.iter().map(|&bytes| f64::from_le_bytes(bytes)).collect();
+    let count = metrics.len().checked_div(columns).unwrap_or(0);
     for (name, found, expected) in [
         (ACTION_COUNT, counts.len(), columns),
         (ACTIONS, actions.len(), columns * MAX_EPISODE_STEPS),
         (RETURN, returns.len(), columns * 8),
         (DISCOUNTED_DISTURBANCE, disturbances.len(), columns * 8),
-        (PICKED_UP, picked_up.len(), columns),
+        (METRICS, metrics.len(), columns * count),
     ] {
         if found != expected {
             return Err(wrong(name, format!("is not of {columns} environments")));
@@ -153,15 +164,15 @@ pub fn decode(bytes: &[u8], exchange: u64) -> Result<(BTreeMap<String, Tensor>, 
             value.copy_from_slice(&bytes[column * 8..][..8]);
             f64::from_le_bytes(value)
         };
-        let [episode_return, discounted_disturbance_m] = [returns, disturbances].map(figure);
-        if !(episode_return.is_finite() && discounted_disturbance_m.is_finite()) {
-            return Err(wrong(RETURN, "or the disturbance is not finite"));
+        let [episode_return, discounted_cost] = [returns, disturbances].map(figure);
+        if !(episode_return.is_finite() && discounted_cost.is_finite()) {
+            return Err(wrong(RETURN, "or the cost is not finite"));
         }
-        boundary.running.push(RunningEpisode {
-            episode_return,
-            discounted_disturbance_m,
-            picked_up: picked_up[column] != 0,
-        });
+        let metrics = metrics[column * count..][..count].to_vec();
+        if !metrics.iter().all(|metric| metric.is_finite()) {
+            return Err(wrong(METRICS, "has one that is not finite"));
+        }
+        boundary.running.push(RunningEpisode { episode_return, discounted_cost, metrics });
     }
     Ok((agents_tensors(&file)?, boundary))
 }

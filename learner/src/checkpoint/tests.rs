@@ -7,7 +7,6 @@ use proptest::prelude::*;
 use proto::checkpoint::{Machine, Manifest};
 use proto::config::{CarriedGoal, StageConfig};
 use proto::event::Timing;
-use proto::reward::RewardKind;
 use proto::run_folder::RunFolder;
 use proto::trained::{History, Trained};
 use std::collections::BTreeMap;
@@ -28,8 +27,7 @@ fn store(folder: &tempfile::TempDir, keep: u32) -> Store {
 }
 
 fn store_of(folder: &tempfile::TempDir, id: &str, keep: u32) -> Store {
-    let stages =
-        ["I", "II"].map(|name| StageConfig { name: name.into(), reward: RewardKind::Task, frames: 100 }).to_vec();
+    let stages = ["I", "II"].map(|name| StageConfig { name: name.into(), reward: "r".into(), frames: 100 }).to_vec();
     Store::new((RunFolder::new(folder.path()), id), &stages, "seed = 1", machine(), keep)
 }
 
@@ -81,8 +79,8 @@ fn snapshot(rollout: u64) -> Snapshot {
             exchange: rollout * 4,
             environments: vec![state, EnvironmentState::start_of(2)],
             running: vec![
-                RunningEpisode { episode_return: -0.1, discounted_disturbance_m: 1.0 / 3.0, picked_up: true },
-                RunningEpisode { episode_return: 3e-310, discounted_disturbance_m: -0.0, picked_up: false },
+                RunningEpisode { episode_return: -0.1, discounted_cost: 1.0 / 3.0, metrics: vec![1.0, 0.25] },
+                RunningEpisode { episode_return: 3e-310, discounted_cost: -0.0, metrics: vec![0.0, -0.5] },
             ],
         },
         weights: "ab".into(),

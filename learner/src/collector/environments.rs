@@ -1,33 +1,54 @@
 //! The learner's authoritative list of environment states, and the check that actors agree with it.
 
+use super::Settings;
 use super::column_map::ColumnMap;
 use super::statistics::RunningEpisode;
 use crate::rollout::Outcome;
-use proto::action::{Action, HOLD, NO_ACTION};
-use proto::plausible::{self, Implausible};
-use proto::reward::RewardKind;
-use proto::step::{Current, Transition, current_flag, transition_flag};
+use proto::action::{Action, HOLD};
+use proto::config::Config;
+use proto::record::{End, RecordHeader, flag};
+use proto::task::{Check, Composition, Condition, Implausible, Layout, Measure};
 use wire::message::EnvironmentState;
 
 /// The reward in force.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Reward {
-    /// r, r′ or PPO-Lagrangian's.
-    pub kind: RewardKind,
-    /// Weight of one metre of displacement: `λ_disturb` or the multiplier.
-    pub disturbance_weight: f32,
+    pub composition: Composition,
+    /// PPO-Lagrangian's, if the reward has it.
+    pub multiplier: f32,
+}
+
+/// What a task says of its steps besides the reward.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Signals {
+    /// What the auxiliary task predicts.
+    pub label: Option<Condition>,
+    /// What PPO-Lagrangian constrains: index of the part among the channels, and its weight.
+    pub cost: Option<(usize, f32)>,
+}
+
+impl Signals {
+    /// Those of a run.
+    pub fn of(config: &Config) -> Self {
+        Self { label: config.label(), cost: config.spec().cost() }
+    }
+
+    /// Whether the label holds of a step. `part`: a part's number by the index of its channel.
+    pub(crate) fn labels(&self, part: impl Fn(usize) -> f32) -> bool {
+        self.label.is_some_and(|label| label.holds(part))
+    }
 }
 
 /// An episode that has ended.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Ended {
-    pub last: Transition,
-    /// What that does not contain.
+    /// Its steps.
+    pub length: u32,
     pub running: RunningEpisode,
 }
 
 /// What an action led to.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Settlement {
     /// For training.
     pub outcome: Outcome,
@@ -60,6 +81,10 @@ pub struct Environments {
     column_map: ColumnMap,
     max_episode_steps: u32,
     gamma: f64,
+    signals: Signals,
+    layout: &'static Layout,
+    soundness: Check,
+    measures: Vec<Measure>,
     states: Vec<EnvironmentState>,
     running: Vec<RunningEpisode>,
     /// The action that was sent and whose outcome is not yet recorded.
@@ -70,25 +95,32 @@ pub struct Environments {
 }
 
 impl Environments {
-    /// Environments at the given states; episodes last at most `max_episode_steps`, and their disturbance is discounted
-    /// by `gamma` a step.
+    /// Environments at the given states.
     ///
     /// # Panics
     /// If the lists do not have one entry a column.
-    pub fn new(
-        column_map: ColumnMap,
-        max_episode_steps: u32,
-        gamma: f64,
-        states: Vec<EnvironmentState>,
-        running: Vec<RunningEpisode>,
-    ) -> Self {
+    pub fn new(settings: &Settings, states: Vec<EnvironmentState>, running: Vec<RunningEpisode>) -> Self {
+        let Settings { column_map, task, max_episode_steps, gamma, signals, .. } = *settings;
         assert!(
             states.len() == column_map.columns() && running.len() == column_map.columns(),
             "there is one state and one running episode for each environment"
         );
         let columns = column_map.columns();
         let (in_flight, ended) = (vec![None; columns], vec![false; columns]);
-        Self { column_map, max_episode_steps, gamma, states, running, in_flight, ended }
+        let (layout, soundness, measures) = (task.layout(), task.check(), task.measures());
+        Self {
+            column_map,
+            max_episode_steps,
+            gamma,
+            signals,
+            layout,
+            soundness,
+            measures,
+            states,
+            running,
+            in_flight,
+            ended,
+        }
     }
 
     /// State of one column, actions in flight included.
@@ -141,23 +173,20 @@ impl Environments {
     }
 
     /// Checks an actor's report for a column against the learner's record.
-    pub fn check(
-        &self,
-        column: usize,
-        environment: u32,
-        transition: &Transition,
-        current: &Current,
-    ) -> Result<(), Mismatch> {
+    pub fn check(&self, column: usize, record: &[u8]) -> Result<(), Mismatch> {
+        let header = RecordHeader::of(record);
         let (_, index) = self.column_map.place(column);
         let mismatch = |problem| self.mismatch(column, problem);
-        if environment != index {
-            return Err(mismatch(format!("its place in the sample holds environment {environment}")));
+        if header.environment != index {
+            return Err(mismatch(format!("its place in the sample holds environment {}", header.environment)));
         }
+        header.check().map_err(|cause| mismatch(cause.to_string()))?;
         let state = &self.states[column];
         let mut expected = (state.episode, state.action_count);
         if let Some(action) = self.in_flight[column] {
-            check_transition(state, action, transition).map_err(&mismatch)?;
-            if transition.flags & transition_flag::ENDED != 0 {
+            let reported = record[self.layout.action.offset];
+            check_action(state, action, header, reported).map_err(&mismatch)?;
+            if header.end().is_some() {
                 expected = (state.episode + 1, 0);
             } else if state.action_count >= self.max_episode_steps {
                 return Err(mismatch(format!(
@@ -166,71 +195,67 @@ impl Environments {
                 )));
             }
         }
-        let seen = (current.episode, current.step);
+        let seen = (header.episode, header.step);
         if seen != expected {
             return Err(mismatch(format!(
                 "it is at episode {}, step {}; by its actions so far it must be at episode {}, step {}",
                 seen.0, seen.1, expected.0, expected.1
             )));
         }
-        let start = current.step == 0;
-        if (current.flags & current_flag::EPISODE_START != 0) != start {
-            return Err(mismatch(format!("its episode-start flag is wrong at step {}", current.step)));
+        let start = header.step == 0;
+        if header.has(flag::EPISODE_START) != start {
+            return Err(mismatch(format!("its episode-start flag is wrong at step {}", header.step)));
         }
-        let previous = if start { u32::from(NO_ACTION) } else { u32::from(state.actions()[current.step as usize - 1]) };
-        if current.previous_action != previous {
-            return Err(mismatch(format!(
-                "it reports {} as the previous action; that was {previous}",
-                current.previous_action
-            )));
+        let reported = record[self.layout.previous_action.offset];
+        if !start && reported != state.actions()[header.step as usize - 1] {
+            let previous = state.actions()[header.step as usize - 1];
+            return Err(mismatch(format!("it reports {reported} as the previous action; that was {previous}")));
         }
-        let transition = self.in_flight[column].map(|_| transition);
-        plausible::check(transition, current).map_err(|cause| {
-            let problem = format!("at episode {}, step {}, {cause}", current.episode, current.step);
+        self.soundness.record(record, header.has(flag::ACTED)).map_err(|cause| {
+            let problem = format!("at episode {}, step {}, {cause}", header.episode, header.step);
             Mismatch { non_finite: matches!(cause, Implausible::NotFinite(_)), ..mismatch(problem) }
         })
     }
 
     /// Records the outcome of the action in flight, if there is one. Call it once for each checked report.
-    pub fn settle(&mut self, column: usize, transition: &Transition, reward: Reward) -> Option<Settlement> {
+    pub fn settle(&mut self, column: usize, record: &[u8], reward: &Reward) -> Option<Settlement> {
         self.in_flight[column].take()?;
-        let value = transition.reward.compose(reward.kind, reward.disturbance_weight);
-        let has = |flag| transition.flags & flag != 0;
+        let header = RecordHeader::of(record);
+        let Self { layout, signals, gamma, .. } = *self;
+        let part = |index| layout.part(record, index);
+        let value = reward.composition.of(part, reward.multiplier);
+        let cost = signals.cost.map_or(0.0, |(index, weight)| weight * part(index));
         let running = &mut self.running[column];
-        running.add(transition, value, self.gamma);
-        let ended = has(transition_flag::ENDED).then(|| Ended { last: *transition, running: std::mem::take(running) });
+        running.add(header.acted_step, value, cost, gamma);
+        running.metrics.resize(self.measures.len(), 0.0);
+        for (metric, measure) in running.metrics.iter_mut().zip(&self.measures) {
+            *metric = measure.after(|index| layout.fields[index].number(record), *metric);
+        }
+        let ended = header.end().map(|_| Ended { length: header.acted_step + 1, running: std::mem::take(running) });
         self.ended[column] |= ended.is_some();
         let outcome = Outcome {
             reward: value,
-            ended: has(transition_flag::ENDED),
-            time_limit: has(transition_flag::TIME_LIMIT),
-            disturbed: transition.reward.disturbed(),
+            ended: ended.is_some(),
+            time_limit: header.end() == Some(End::Truncated),
+            label: signals.labels(part),
         };
         Some(Settlement { outcome, ended })
     }
 }
 
-/// `state` already includes `action`, which `transition` must report.
-fn check_transition(state: &EnvironmentState, action: u8, transition: &Transition) -> Result<(), String> {
-    let flags = transition.flags;
-    if flags & transition_flag::VALID == 0 {
-        return Err(format!(
-            "it reports no transition for action {action} of episode {}, step {}",
-            state.episode,
-            state.action_count - 1
-        ));
+/// `state` already includes `action`, which must be reported.
+fn check_action(state: &EnvironmentState, action: u8, header: &RecordHeader, reported: u8) -> Result<(), String> {
+    let step = state.action_count - 1;
+    if !header.has(flag::ACTED) {
+        return Err(format!("it reports nothing of action {action} of episode {}, step {step}", state.episode));
     }
-    let seen = (transition.episode, transition.step, transition.action);
-    let expected = (state.episode, state.action_count - 1, u32::from(action));
+    let seen = (header.acted_episode, header.acted_step, reported);
+    let expected = (state.episode, step, action);
     if seen != expected {
         return Err(format!(
-            "its transition is episode {}, step {}, action {}; sent was episode {}, step {}, action {}",
+            "its last action is that of episode {}, step {}, action {}; sent was episode {}, step {}, action {}",
             seen.0, seen.1, seen.2, expected.0, expected.1, expected.2
         ));
-    }
-    let ended = flags & transition_flag::ENDED != 0;
-    if ended != (flags & (transition_flag::DONE | transition_flag::TIME_LIMIT) != 0) {
-        return Err(format!("an episode ends by Done or by the step limit, and only so; flags {flags:#x}"));
     }
     Ok(())
 }

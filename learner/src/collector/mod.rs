@@ -27,7 +27,7 @@ mod tally;
 mod tests;
 
 pub use column_map::ColumnMap;
-pub use environments::{Environments, Mismatch, Reward};
+pub use environments::{Ended, Environments, Mismatch, Reward, Signals};
 pub use error::ProtocolError;
 pub use lanes::{Lane, Pace};
 pub use noise::gumbel;
@@ -35,16 +35,18 @@ pub(crate) use noise::gumbel_of;
 pub use statistics::{RolloutStatistics, RunningEpisode};
 
 use crate::agent::Batch;
+use crate::record::Inputs;
 use crate::rollout::Outcome;
 use crate::shards::Shards;
 use environments::Settlement;
 use lanes::{Arrival, Lanes, Next};
-use proto::action::HOLD;
+use proto::action::{HOLD, NO_ACTION};
 use proto::camera::DepthFrame;
 use proto::config::CarriedGoal;
 use proto::episode::EnvironmentId;
+use proto::record::{RecordHeader, flag};
 use proto::stage::RolloutShape;
-use proto::step::{Current, Transition, current_flag};
+use proto::task::Spec;
 use tally::Tally;
 use wire::Receipt;
 use wire::message::{ActionHeader, EnvironmentState, ObservationHeader, RestoreHeader, can_follow, observation_kind};
@@ -57,12 +59,12 @@ pub trait HalfSample {
     fn is_empty(&self) -> bool {
         self.len() == 0
     }
-    /// Environment index in observation `i`.
-    fn environment(&self, i: usize) -> u32;
-    /// What the last action did.
-    fn transition(&self, i: usize) -> &Transition;
-    /// What is seen now.
-    fn current(&self, i: usize) -> &Current;
+    /// Record `i`, all but its images.
+    fn record(&self, i: usize) -> &[u8];
+    /// The header of record `i`.
+    fn header(&self, i: usize) -> &RecordHeader {
+        RecordHeader::of(self.record(i))
+    }
     /// Whether the part of its depth frame that the network reads is there.
     fn has_frame(&self, i: usize) -> bool;
     fn frame(&self, i: usize) -> DepthFrame<'_>;
@@ -91,9 +93,10 @@ impl Boundary {
 }
 
 /// Constants of a collector.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy)]
 pub struct Settings {
     pub column_map: ColumnMap,
+    pub task: &'static Spec,
     /// Seed of the run, for the action noise.
     pub seed: u64,
     /// Actions of the policy head: Gumbel draws for each environment's step.
@@ -102,8 +105,10 @@ pub struct Settings {
     pub max_episode_steps: u32,
     /// Sign of the goal vector while the target is held.
     pub carried_goal: CarriedGoal,
-    /// Discount a step, of the disturbance that PPO-Lagrangian constrains.
+    /// Discount a step, of the cost that PPO-Lagrangian constrains.
     pub gamma: f64,
+    /// Label and cost.
+    pub signals: Signals,
     pub learner_incarnation: u32,
     /// Whether there is a recorder, whose receipts are waited for.
     pub recorded: bool,
@@ -188,6 +193,7 @@ pub struct Collector<S> {
     settings: Settings,
     lanes: Lanes<S>,
     environments: Environments,
+    inputs: Inputs,
     /// What each column holds, as randomness counts it.
     ids: Vec<EnvironmentId>,
     /// Which shard each column is of.
@@ -214,13 +220,8 @@ impl<S: HalfSample> Collector<S> {
         Self {
             settings,
             lanes: Lanes::new(column_map.halves(), of_actors.collect(), exchange),
-            environments: Environments::new(
-                column_map,
-                settings.max_episode_steps,
-                settings.gamma,
-                environments,
-                running,
-            ),
+            environments: Environments::new(&settings, environments, running),
+            inputs: Inputs::of(settings.task, settings.carried_goal),
             ids: (0..column_map.columns()).map(|column| column_map.environment(column)).collect(),
             shards,
             noise: vec![vec![]; column_map.columns()],
@@ -248,7 +249,11 @@ impl<S: HalfSample> Collector<S> {
         self.stage_version = stage_version;
         let boundary = self.boundary();
         self.lanes.begin();
-        let tally = Tally::new(self.settings.column_map, self.shards.iter().max().map_or(0, |last| last + 1));
+        let tally = Tally::new(
+            self.settings.column_map,
+            self.settings.task,
+            self.shards.iter().max().map_or(0, |last| last + 1),
+        );
         self.cursor = Some(Cursor { shape, reward, boundary, tally });
     }
 
@@ -301,7 +306,7 @@ impl<S: HalfSample> Collector<S> {
             return Err(ProtocolError::Length { actor, half, found: sample.len(), expected: columns.len() });
         }
         for (i, column) in columns.clone().enumerate() {
-            self.environments.check(column, sample.environment(i), sample.transition(i), sample.current(i))?;
+            self.environments.check(column, sample.record(i))?;
             if !sample.has_frame(i) {
                 let problem = "its depth frame, or the part of it that is needed, is not there".to_owned();
                 return Err(self.environments.mismatch(column, problem).into());
@@ -310,7 +315,7 @@ impl<S: HalfSample> Collector<S> {
         // Here, because others are still awaited: once enough are there, those wait for their actions.
         for (i, column) in columns.enumerate() {
             let (Settings { seed, policy_actions, .. }, place) = (self.settings, self.ids[column]);
-            let Current { episode, step, .. } = *sample.current(i);
+            let RecordHeader { episode, step, .. } = *sample.header(i);
             self.noise[column].clear();
             gumbel(seed, place, episode, step, policy_actions, &mut self.noise[column]);
         }
@@ -411,7 +416,7 @@ impl<S: HalfSample> Collector<S> {
             }
             let sample = lanes.sample(lane);
             for (i, column) in settings.column_map.columns_of(lane.index, lane.half).enumerate() {
-                let settlement = environments.settle(column, sample.transition(i), *reward);
+                let settlement = environments.settle(column, sample.record(i), reward);
                 if let Some(Settlement { outcome, ended }) = settlement {
                     let t = lane.t - 1;
                     tally.take(t, column, outcome.reward, ended);
@@ -423,16 +428,16 @@ impl<S: HalfSample> Collector<S> {
         settled
     }
 
-    /// The transitions of these lanes' last exchange, by column, as their actors reported them; none for a column that
-    /// held.
+    /// The records of these lanes, by column: not acted where a column held.
     ///
     /// # Panics
     /// If their observations are not here.
-    pub(crate) fn transitions(&self, lanes: &[Lane]) -> impl Iterator<Item = (usize, &Transition)> {
+    pub(crate) fn records(&self, lanes: &[Lane]) -> impl Iterator<Item = (usize, &[u8])> {
         let column_map = self.settings.column_map;
         lanes.iter().flat_map(move |&lane| {
             let sample = self.lanes.sample(lane);
-            column_map.columns_of(lane.index, lane.half).enumerate().map(|(i, column)| (column, sample.transition(i)))
+            let columns = column_map.columns_of(lane.index, lane.half).enumerate();
+            columns.map(|(i, column)| (column, sample.record(i)))
         })
     }
 
@@ -449,7 +454,7 @@ impl<S: HalfSample> Collector<S> {
     /// # Panics
     /// If the observations are not here.
     pub(crate) fn batch_with(&self, lanes: &[Lane], mut noise: impl FnMut(Place, &mut Vec<f32>)) -> Batch<'_> {
-        let Settings { column_map, policy_actions, carried_goal, .. } = self.settings;
+        let Settings { column_map, policy_actions, .. } = self.settings;
         let count = lanes.iter().map(|lane| column_map.half(lane.half).len()).sum();
         let mut batch = Batch {
             columns: Vec::with_capacity(count),
@@ -463,15 +468,16 @@ impl<S: HalfSample> Collector<S> {
         for &lane in lanes {
             let sample = self.lanes.sample(lane);
             for (i, column) in column_map.columns_of(lane.index, lane.half).enumerate() {
-                let current = sample.current(i);
+                let (header, record) = (sample.header(i), sample.record(i));
+                let start = header.has(flag::EPISODE_START);
                 batch.columns.push(column);
                 batch.at.push(lane.t);
                 batch.frames.push(sample.frame(i));
-                batch.goal_m.push(current.goal_vector_m(carried_goal));
-                batch.previous_action.push(current.previous_action as u8);
-                batch.episode_start.push(current.flags & current_flag::EPISODE_START != 0);
+                batch.goal_m.push(self.inputs.goal_m(record));
+                batch.previous_action.push(if start { NO_ACTION } else { self.inputs.previous_action(record) });
+                batch.episode_start.push(start);
                 let environment = self.ids[column];
-                let Current { episode, step, .. } = *current;
+                let RecordHeader { episode, step, .. } = *header;
                 noise(Place { column, environment, episode, step }, &mut batch.gumbel);
             }
         }

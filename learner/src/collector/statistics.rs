@@ -1,68 +1,65 @@
 //! Statistics of the episodes that ended in a rollout.
 
+use super::environments::Ended;
 use crate::peers::{PeerError, Peers};
 use crate::shards::Shards;
 use proto::metric;
-use proto::reward::UNDISTURBED_THRESHOLD_M;
-use proto::step::{Transition, transition_flag};
+use proto::task::{Metric, Spec};
 use std::collections::BTreeMap;
 
-/// Figures of an episode in progress that its last transition does not contain. Checkpoints save them, so that metrics
-/// continue after a resume.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+/// Figures of an episode in progress. Checkpoints save them, so that metrics continue after a resume.
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct RunningEpisode {
     /// Undiscounted return so far.
     pub episode_return: f64,
-    /// Σ `γ^t` (`d_t` - d_{t-1}) so far, metres.
-    pub discounted_disturbance_m: f64,
-    /// The target was picked up at some step.
-    pub picked_up: bool,
+    /// Σ `γ^t` cost so far.
+    pub discounted_cost: f64,
+    /// The task's metrics so far, in its order; none at the start, where all are 0.
+    pub metrics: Vec<f64>,
 }
 
 impl RunningEpisode {
-    /// Adds one step; `gamma` is the discount of the constraint.
-    pub fn add(&mut self, transition: &Transition, reward: f32, gamma: f64) {
+    /// Adds step `step` with its reward and its cost; `gamma` is the discount of the constraint.
+    pub fn add(&mut self, step: u32, reward: f32, cost: f32, gamma: f64) {
         self.episode_return += f64::from(reward);
-        let discount = libm::pow(gamma, f64::from(transition.step));
-        // Progress is the decrease of d, so d increases by −progress.
-        self.discounted_disturbance_m -= discount * f64::from(transition.reward.disturbance_progress_m);
-        self.picked_up |= transition.flags & transition_flag::PICKED_UP != 0;
+        self.discounted_cost += libm::pow(gamma, f64::from(step)) * f64::from(cost);
     }
 }
 
 /// Sums over one rollout of a shard. Filled in the fixed order of the batch, so that the sums do not depend on timing.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct RolloutStatistics {
+    of_task: &'static [Metric],
     frames: u64,
     reward: f64,
     episodes: u64,
     episode_return: f64,
     length: f64,
-    success: f64,
-    success_undisturbed: f64,
-    picked_up: f64,
-    disturbance_m: f64,
-    discounted_disturbance_m: f64,
+    discounted_cost: f64,
+    /// In the task's order.
+    metrics: Vec<f64>,
 }
 
 impl RolloutStatistics {
+    /// Of nothing yet.
+    pub fn of(task: &'static Spec) -> Self {
+        Self::summed(&task.metrics, &vec![0.0; Self::SUMS + task.metrics.len()])
+    }
+
     pub(crate) fn add_step(&mut self, reward: f32) {
         self.frames += 1;
         self.reward += f64::from(reward);
     }
 
-    /// Adds an episode that ended with `last`.
-    pub fn add_episode(&mut self, last: &Transition, running: &RunningEpisode) {
-        let success = last.flags & transition_flag::SUCCESS != 0;
-        let share = |condition: bool| f64::from(u8::from(condition));
+    /// Adds an episode that has ended.
+    pub fn add_episode(&mut self, Ended { length, running }: &Ended) {
         self.episodes += 1;
         self.episode_return += running.episode_return;
-        self.length += f64::from(last.step) + 1.0;
-        self.success += share(success);
-        self.success_undisturbed += share(success && last.disturbance_m < UNDISTURBED_THRESHOLD_M);
-        self.picked_up += share(running.picked_up);
-        self.disturbance_m += f64::from(last.disturbance_m);
-        self.discounted_disturbance_m += running.discounted_disturbance_m;
+        self.length += f64::from(*length);
+        self.discounted_cost += running.discounted_cost;
+        for (sum, metric) in self.metrics.iter_mut().zip(&running.metrics) {
+            *sum += metric;
+        }
     }
 
     /// The same over all shards of the run. `own`: those of this learner's.
@@ -70,44 +67,40 @@ impl RolloutStatistics {
     /// # Panics
     /// If `own` has not one for each of them.
     pub fn over(own: &[Self], shards: &Shards, peers: &Peers) -> Result<Self, PeerError> {
-        let sums: Vec<Vec<f64>> = own.iter().map(|statistics| statistics.numbers().to_vec()).collect();
-        let sums = shards.sum(&sums, peers)?;
-        let sums: [f64; 10] = sums.try_into().expect("as many as each shard gives");
-        let [frames, reward, episodes, episode_return, length, success, success_undisturbed, picked_up, ..] = sums;
-        let [.., disturbance_m, discounted_disturbance_m] = sums;
-        Ok(Self {
+        let of_task = own.first().expect("a learner has a shard").of_task;
+        let sums: Vec<Vec<f64>> = own.iter().map(Self::sums).collect();
+        Ok(Self::summed(of_task, &shards.sum(&sums, peers)?))
+    }
+
+    /// Sums besides those of metrics.
+    const SUMS: usize = 6;
+
+    /// All of them, to be added up.
+    fn sums(&self) -> Vec<f64> {
+        let Self { frames, reward, episodes, episode_return, length, discounted_cost, .. } = *self;
+        let sums: [f64; Self::SUMS] = [frames as f64, reward, episodes as f64, episode_return, length, discounted_cost];
+        sums.into_iter().chain(self.metrics.iter().copied()).collect()
+    }
+
+    /// What [`Self::sums`] gave.
+    fn summed(of_task: &'static [Metric], sums: &[f64]) -> Self {
+        let (&[frames, reward, episodes, episode_return, length, discounted_cost], metrics) =
+            sums.split_first_chunk::<{ Self::SUMS }>().expect("as many as each shard gives");
+        Self {
+            of_task,
             frames: frames as u64,
             reward,
             episodes: episodes as u64,
             episode_return,
             length,
-            success,
-            success_undisturbed,
-            picked_up,
-            disturbance_m,
-            discounted_disturbance_m,
-        })
+            discounted_cost,
+            metrics: metrics.to_vec(),
+        }
     }
 
-    /// All of them, to be added up.
-    fn numbers(&self) -> [f64; 10] {
-        [
-            self.frames as f64,
-            self.reward,
-            self.episodes as f64,
-            self.episode_return,
-            self.length,
-            self.success,
-            self.success_undisturbed,
-            self.picked_up,
-            self.disturbance_m,
-            self.discounted_disturbance_m,
-        ]
-    }
-
-    /// `J_C`: mean of Σ `γ^t` (`d_t` - d_{t-1}) over the episodes that ended, metres; none when none did.
-    pub fn mean_discounted_disturbance_m(&self) -> Option<f64> {
-        (self.episodes > 0).then(|| self.discounted_disturbance_m / self.episodes as f64)
+    /// `J_C`: mean of Σ `γ^t` cost over the episodes that ended; none when none did.
+    pub fn mean_discounted_cost(&self) -> Option<f64> {
+        (self.episodes > 0).then(|| self.discounted_cost / self.episodes as f64)
     }
 
     /// Number of frames added.
@@ -122,16 +115,14 @@ impl RolloutStatistics {
             metrics.insert(metric::REWARD.to_owned(), self.reward / self.frames as f64);
         }
         if self.episodes > 0 {
-            for (name, sum) in [
-                (metric::RETURN, self.episode_return),
-                (metric::LENGTH, self.length),
-                (metric::SUCCESS, self.success),
-                (metric::SUCCESS_UNDISTURBED, self.success_undisturbed),
-                (metric::PICKED_UP, self.picked_up),
-                (metric::DISTURBANCE, self.disturbance_m),
-                (metric::DISCOUNTED_DISTURBANCE, self.discounted_disturbance_m),
-            ] {
-                metrics.insert(name.to_owned(), sum / self.episodes as f64);
+            let engines = [
+                (metric::RETURN.to_owned(), self.episode_return),
+                (metric::LENGTH.to_owned(), self.length),
+                (metric::DISCOUNTED_COST.to_owned(), self.discounted_cost),
+            ];
+            let names = self.of_task.iter().map(|of_task| metric::of_episode(&of_task.name));
+            for (name, sum) in engines.into_iter().chain(names.zip(self.metrics.iter().copied())) {
+                metrics.insert(name, sum / self.episodes as f64);
             }
         }
         metrics

@@ -4,6 +4,7 @@
 use super::column_map::ColumnMap;
 use super::environments::Ended;
 use super::statistics::RolloutStatistics;
+use proto::task::Spec;
 use std::collections::VecDeque;
 
 /// An outcome that is still to be added.
@@ -28,9 +29,9 @@ pub struct Tally {
 
 impl Tally {
     /// Of so many shards.
-    pub fn new(column_map: ColumnMap, shards: usize) -> Self {
+    pub fn new(column_map: ColumnMap, task: &'static Spec, shards: usize) -> Self {
         let waiting = (0..column_map.columns()).map(|_| VecDeque::new()).collect();
-        Self { column_map, statistics: vec![RolloutStatistics::default(); shards], waiting, rows: 0, frames: 0 }
+        Self { column_map, statistics: vec![RolloutStatistics::of(task); shards], waiting, rows: 0, frames: 0 }
     }
 
     /// An outcome has come: those of a column in the order of their rows.
@@ -49,8 +50,8 @@ impl Tally {
                 };
                 let statistics = &mut self.statistics[shards[column]];
                 statistics.add_step(reward);
-                if let Some(Ended { last, running }) = ended {
-                    statistics.add_episode(&last, &running);
+                if let Some(ended) = ended {
+                    statistics.add_episode(&ended);
                 }
             }
         }
@@ -76,19 +77,23 @@ impl Tally {
 mod tests {
     use super::*;
     use crate::collector::RunningEpisode;
-    use proto::step::Transition;
 
     /// Of two rows and two halves: returns whose sum depends on the order in which they are added, each column's last of
     /// another size.
     const RETURNS: [[f64; 4]; 2] = [[1e16, 1.0, -1e16, 1.0], [1.0, 1e16, 3.0, -1e16]];
 
+    fn tally(shards: usize) -> Tally {
+        Tally::new(ColumnMap::new(0, 2, 2), &Spec::built_in()[0], shards)
+    }
+
     fn ended(episode_return: f64) -> Ended {
-        Ended { last: Transition::default(), running: RunningEpisode { episode_return, ..RunningEpisode::default() } }
+        let running = RunningEpisode { episode_return, ..RunningEpisode::default() };
+        Ended { length: 1, running }
     }
 
     /// Two actors with two environments: columns 0 and 2 are the first halves, 1 and 3 the second ones.
     fn sum(order: &[(usize, usize)], shards: &[usize], rows: impl Fn(usize) -> usize) -> Vec<Option<f64>> {
-        let mut tally = Tally::new(ColumnMap::new(0, 2, 2), shards.iter().max().unwrap() + 1);
+        let mut tally = tally(shards.iter().max().unwrap() + 1);
         for (taken, &(t, column)) in order.iter().enumerate() {
             tally.take(t, column, 0.5, Some(ended(RETURNS[t][column])));
             tally.add(rows(taken), shards);
@@ -116,14 +121,14 @@ mod tests {
         let found = sum(&order, &[0, 0, 1, 1], |_| 0);
         let of_first = (RETURNS[0][0] + RETURNS[0][1] + RETURNS[1][0]) / 3.0;
         assert_eq!(found, [Some(of_first), Some(f64::midpoint(RETURNS[0][2], RETURNS[0][3]))]);
-        let nothing = Tally::new(ColumnMap::new(0, 2, 2), 1).finish();
+        let nothing = tally(1).finish();
         assert_eq!((nothing.len(), nothing[0].frames()), (1, 0));
     }
 
     #[test]
     #[should_panic(expected = "every outcome is of a row that is complete")]
     fn no_outcome_is_left_out() {
-        let mut tally = Tally::new(ColumnMap::new(0, 2, 2), 1);
+        let mut tally = tally(1);
         tally.take(0, 0, 0.5, None);
         tally.finish();
     }

@@ -7,45 +7,53 @@ mod figures;
 mod taker;
 
 use super::*;
+use crate::record::named;
 use environment::mix;
 use fake_actor::FakeActor;
 use proptest::prelude::*;
 use proto::camera::FRAME_PIXELS;
 use proto::config::{CarriedGoal, Config};
-use proto::reward::RewardKind;
-use proto::step::transition_flag;
 use std::collections::{BTreeMap, VecDeque};
 use taker::Taker;
+use wire::message::Line;
 
 const SEED: u64 = 5;
 const MAX_STEPS: u32 = 7;
 const POLICY_ACTIONS: usize = 21;
 static FRAME: [u16; FRAME_PIXELS] = [0; FRAME_PIXELS];
 
-/// Bit in the number of an environment whose depth frame is not there.
-const UNSEEN: u32 = 1 << 31;
-
 #[derive(Debug, Clone)]
-struct FakeSample(Vec<(u32, Transition, Current)>);
+struct FakeSample(Vec<Vec<Line>>);
 
 impl HalfSample for FakeSample {
     fn len(&self) -> usize {
         self.0.len()
     }
-    fn environment(&self, i: usize) -> u32 {
-        self.0[i].0 & !UNSEEN
-    }
-    fn transition(&self, i: usize) -> &Transition {
-        &self.0[i].1
-    }
-    fn current(&self, i: usize) -> &Current {
-        &self.0[i].2
+    fn record(&self, i: usize) -> &[u8] {
+        Line::bytes(&self.0[i])
     }
     fn has_frame(&self, i: usize) -> bool {
-        self.0[i].0 & UNSEEN == 0
+        self.header(i).bulk != 0
     }
     fn frame(&self, _i: usize) -> DepthFrame<'_> {
         DepthFrame::Whole(&FRAME)
+    }
+}
+
+impl FakeSample {
+    /// The header of its first record.
+    fn header_mut(&mut self) -> &mut RecordHeader {
+        RecordHeader::of_mut(Line::bytes_mut(&mut self.0[0]))
+    }
+
+    /// Numbers of a channel of its first record.
+    fn reals(&mut self, name: &str) -> &mut [f32] {
+        named(Config::default().spec(), name).of_mut(Line::bytes_mut(&mut self.0[0]))
+    }
+
+    /// The same of a channel of whole numbers.
+    fn wholes(&mut self, name: &str) -> &mut [u32] {
+        named(Config::default().spec(), name).of_mut(Line::bytes_mut(&mut self.0[0]))
     }
 }
 
@@ -209,7 +217,7 @@ impl World {
             }
             let shape = RolloutShape::next(self.run.budget - self.frames, self.run.rollout_steps, column_map.columns());
             self.before = self.brain.clone();
-            let reward = Reward { kind: RewardKind::DisturbanceFree, disturbance_weight: 15.0 };
+            let reward = reward("r_prime");
             let number = self.record.rollouts.len();
             self.collector.go_at(self.run.paces[number % 2]);
             self.collector.begin(shape, reward, 1 + number as u64);
@@ -282,8 +290,8 @@ impl World {
     fn settle(&mut self, lanes: &[Lane]) {
         let record = self.in_progress.as_mut().unwrap();
         for Settled { t, column, outcome } in self.collector.settle(lanes) {
-            let Outcome { reward, ended, time_limit, disturbed } = outcome;
-            record.outcomes.push((t, column, reward.to_bits(), ended, time_limit, disturbed));
+            let Outcome { reward, ended, time_limit, label } = outcome;
+            record.outcomes.push((t, column, reward.to_bits(), ended, time_limit, label));
         }
     }
 
@@ -343,14 +351,20 @@ fn collector(settings: Settings, boundary: Boundary) -> Collector<FakeSample> {
     Collector::new(settings, &Shards::one(settings.column_map.columns()), boundary)
 }
 
+fn reward(name: &str) -> Reward {
+    Reward { composition: Config::default().reward(name), multiplier: 0.0 }
+}
+
 fn settings(column_map: ColumnMap, learner_incarnation: u32) -> Settings {
     Settings {
         column_map,
+        task: Config::default().spec(),
         seed: SEED,
         policy_actions: POLICY_ACTIONS,
         max_episode_steps: MAX_STEPS,
         carried_goal: CarriedGoal::GoalToObject,
         gamma: 0.99,
+        signals: Signals::of(&Config::default()),
         learner_incarnation,
         recorded: false,
     }
@@ -487,21 +501,21 @@ fn an_actor_that_disagrees_is_named() {
         let error = collector.receive(&header, sample).unwrap_err();
         (error.to_string(), error.is_non_finite())
     };
-    let (not_finite, is_non_finite) = said(broken(&|_, sample| sample.0[0].2.wrist_to_object_m[1] = f32::NAN));
-    assert!(is_non_finite && not_finite.contains("vector from wrist to object is not finite"), "{not_finite}");
+    let (not_finite, is_non_finite) = said(broken(&|_, sample| sample.reals("wrist_to_object_m")[1] = f32::NAN));
+    assert!(is_non_finite && not_finite.contains("wrist_to_object_m is not finite"), "{not_finite}");
     let mut text = |message| {
         let (text, is_non_finite) = said(message);
         assert!(!is_non_finite, "{text}");
         text
     };
 
-    let wrong_episode = text(broken(&|_, sample| sample.0[0].2.episode = 3));
+    let wrong_episode = text(broken(&|_, sample| sample.header_mut().episode = 3));
     assert!(wrong_episode.contains("actor 1, kitchen 3, environment 1: it is at episode 3, step 0"), "{wrong_episode}");
-    let no_start = text(broken(&|_, sample| sample.0[0].2.flags = 0));
+    let no_start = text(broken(&|_, sample| sample.header_mut().flags = 0));
     assert!(no_start.contains("episode-start flag"), "{no_start}");
-    let swapped = text(broken(&|_, sample| sample.0[0].0 = 0));
+    let swapped = text(broken(&|_, sample| sample.header_mut().environment = 0));
     assert!(swapped.contains("holds environment 0"), "{swapped}");
-    let unseen = text(broken(&|_, sample| sample.0[0].0 |= UNSEEN));
+    let unseen = text(broken(&|_, sample| sample.header_mut().bulk = 0));
     assert!(unseen.contains("actor 1, kitchen 3, environment 1: its depth frame"), "{unseen}");
     let short = text(broken(&|_, sample| sample.0.clear()));
     assert!(short.contains("actor 1 sent 0 observations for half 1, which has 1"), "{short}");
@@ -511,10 +525,12 @@ fn an_actor_that_disagrees_is_named() {
     assert!(nobody.contains("makes no sense"), "{nobody}");
     let never_started = text(broken(&|header, _| header.actor_incarnation = u32::MAX));
     assert!(never_started.contains("makes no sense"), "{never_started}");
-    let target = text(broken(&|_, sample| sample.0[0].2.target = 99));
-    assert!(target.contains("target is 99"), "{target}");
-    let far = text(broken(&|_, sample| sample.0[0].2.object_to_goal_m[0] = 1e6));
-    assert!(far.contains("object to goal is 1000000"), "{far}");
+    let flags = text(broken(&|_, sample| sample.header_mut().flags |= flag::TERMINATED));
+    assert!(flags.contains("its header's flags are 0xa"), "{flags}");
+    let target = text(broken(&|_, sample| sample.wholes("current_target")[0] = 99));
+    assert!(target.contains("current_target is 99"), "{target}");
+    let far = text(broken(&|_, sample| sample.reals("object_to_goal_m")[0] = 1e6));
+    assert!(far.contains("object_to_goal_m is 1000000"), "{far}");
 
     // What is right is taken once; a copy, an old learner's and a dead predecessor's change nothing.
     let (header, sample) = sent[1].clone();
@@ -538,12 +554,11 @@ fn a_batch_has_the_goal_vector_with_the_configured_sign() {
             let mut actor = FakeActor::new(0, 1);
             actor.restore = Some(collector.restore(0, 0));
             let (header, mut sample) = actor.turn(column_map).unwrap().remove(0);
-            let current = &mut sample.0[0].2;
-            current.flags = current_flag::EPISODE_START | if holding { current_flag::HOLDING } else { 0 };
-            let expected =
-                if holding { current.object_to_goal_m.map(|axis| sign * axis) } else { current.wrist_to_object_m };
+            sample.wholes("holding")[0] = u32::from(holding);
+            let (channel, sign) = if holding { ("object_to_goal_m", sign) } else { ("wrist_to_object_m", 1.0) };
+            let expected = [0, 1, 2].map(|axis| sign * sample.reals(channel)[axis]);
             collector.receive(&header, sample).unwrap();
-            let reward = Reward { kind: RewardKind::Task, disturbance_weight: 15.0 };
+            let reward = reward("r");
             collector.begin(RolloutShape { steps: 1, environments_in_last_step: 1, frames: 1 }, reward, 1);
             assert_eq!(collector.batch(&due(&collector)).input().goal_m, [expected], "{carried_goal}, {holding}");
         }
@@ -558,35 +573,42 @@ fn an_outcome_that_does_not_follow_from_the_action_is_an_error() {
     actor.restore = Some(collector.restore(0, 0));
     let (header, sample) = actor.turn(column_map).unwrap().remove(0);
     collector.receive(&header, sample).unwrap();
-    let reward = Reward { kind: RewardKind::Task, disturbance_weight: 15.0 };
-    collector.begin(RolloutShape { steps: 2, environments_in_last_step: 1, frames: 2 }, reward, 1);
+    let in_force = reward("r");
+    collector.begin(RolloutShape { steps: 2, environments_in_last_step: 1, frames: 2 }, in_force, 1);
     let first = due(&collector);
     assert!(collector.settle(&first).is_empty(), "the first observation belongs to no action of this rollout");
     let batch = collector.answer(&first, &[4]).remove(0);
     actor.actions.push_back(batch);
     let (header, sample) = actor.turn(column_map).unwrap().remove(0);
-    let mut refused = |change: &dyn Fn(&mut Transition)| {
+    let mut refused = |change: &dyn Fn(&mut FakeSample)| {
         let mut sample = sample.clone();
-        change(&mut sample.0[0].1);
+        change(&mut sample);
         let error = collector.receive(&header, sample).unwrap_err();
         let text = error.to_string();
         assert_eq!(error.is_non_finite(), text.contains("not finite"), "{text}");
         text
     };
-    assert!(refused(&|transition| transition.flags = 0).contains("reports no transition for action 4"));
-    assert!(refused(&|transition| transition.action = 5).contains("action 5; sent was episode 0, step 0, action 4"));
-    assert!(refused(&|transition| transition.step = 1).contains("step 1, action 4; sent was"));
-    assert!(refused(&|transition| transition.flags |= transition_flag::ENDED).contains("only so"));
-    assert!(refused(&|transition| transition.reward.wrist_object_progress_m = f32::INFINITY).contains("not finite"));
-    assert!(refused(&|transition| transition.wrist_object_m = f32::NAN).contains("not finite"));
-    assert!(refused(&|transition| transition.reward.goal_success = 1000.0).contains("reward for success"));
-    assert!(refused(&|transition| transition.disturbance_m = 3e38).contains("disturbance is"));
+    assert!(refused(&|sample| sample.header_mut().flags = 0).contains("reports nothing of action 4"));
+    assert!(
+        refused(&|sample| Line::bytes_mut(&mut sample.0[0])[64] = 5)
+            .contains("action 5; sent was episode 0, step 0, action 4")
+    );
+    assert!(refused(&|sample| sample.header_mut().acted_step = 1).contains("step 1, action 4; sent was"));
+    assert!(
+        refused(&|sample| sample.header_mut().flags |= flag::TERMINATED | flag::TRUNCATED).contains("flags are 0x7")
+    );
+    assert!(refused(&|sample| sample.header_mut().flags |= flag::TERMINATED).contains("must be at episode 1, step 0"));
+    assert!(refused(&|sample| sample.reals("wrist_object_progress_m")[0] = f32::INFINITY).contains("not finite"));
+    assert!(refused(&|sample| sample.reals("wrist_object_m")[0] = f32::NAN).contains("not finite"));
+    assert!(refused(&|sample| sample.reals("goal_success")[0] = 1000.0).contains("goal_success is 1000"));
+    assert!(refused(&|sample| sample.reals("disturbance_m")[0] = 3e38).contains("disturbance_m is"));
     assert_eq!(collector.receive(&header, sample.clone()), Ok(Received::Kept));
     let second = due(&collector);
     let settled = collector.settle(&second);
     assert_eq!((settled.len(), settled[0].t, settled[0].column), (1, 0, 0));
-    let parts = sample.0[0].1.reward;
-    assert_eq!(settled[0].outcome.reward, parts.compose(RewardKind::Task, 15.0));
-    assert_eq!(settled[0].outcome.disturbed, parts.disturbance_progress_m <= -0.001);
+    let layout = Config::default().spec().layout();
+    let part = |index| layout.part(sample.record(0), index);
+    assert_eq!(settled[0].outcome.reward, reward("r").composition.of(part, 0.0));
+    assert_eq!(settled[0].outcome.label, sample.clone().reals("disturbance_progress_m")[0] <= -0.001);
     assert!(collector.settle(&second).is_empty(), "an outcome is taken in once");
 }

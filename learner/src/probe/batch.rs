@@ -240,7 +240,7 @@ fn rows(file: &Tensors, cells: [i64; 2], config: &Config) -> Result<(Vec<Step>, 
         reward: reward[cell],
         ended: ended[cell],
         time_limit: time_limit[cell],
-        disturbed: disturbed[cell],
+        label: disturbed[cell],
     });
     Ok((seen.collect(), outcomes.collect()))
 }

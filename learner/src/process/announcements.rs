@@ -71,7 +71,6 @@ impl Announcements {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proto::reward::RewardKind;
 
     fn train(version: u64, rollout: u64, stage: u32) -> StageAnnouncement {
         StageAnnouncement { version, rollout, stage, directive: directive::TRAIN }
@@ -79,7 +78,7 @@ mod tests {
 
     #[test]
     fn a_rollout_begins_when_it_is_announced_in_its_stage() {
-        let stages = ["I", "II"].map(|name| StageConfig { name: name.into(), reward: RewardKind::Task, frames: 100 });
+        let stages = ["I", "II"].map(|name| StageConfig { name: name.into(), reward: "r".into(), frames: 100 });
         let mut announcements = Announcements::default();
         assert_eq!(announcements.permission(&stages, 3, 100), Ok(Permission::Wait));
         // Made to a predecessor that died further on.

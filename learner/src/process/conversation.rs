@@ -6,7 +6,7 @@ use super::control::Control;
 use super::link::{Ports, Sample};
 use super::patience::{Patience, Waited};
 use super::stop::{OrchestratorGone, Stop};
-use crate::collector::{Boundary, Collector, ColumnMap, Lane, Missing, Received, Settings};
+use crate::collector::{Boundary, Collector, ColumnMap, Lane, Missing, Received, Settings, Signals};
 use crate::shards::Shards;
 use anyhow::Result;
 use proto::config::Config;
@@ -69,8 +69,10 @@ impl<'a, W: Write> Conversation<'a, W> {
             seed: config.seed,
             policy_actions: config.episode.action_space.actions().len(),
             max_episode_steps: config.episode.max_steps,
+            task: config.spec(),
             carried_goal: config.network.carried_goal,
             gamma: config.ppo.gamma,
+            signals: Signals::of(config),
             learner_incarnation: incarnation,
             recorded: ports.recorded(),
         };

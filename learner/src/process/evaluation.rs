@@ -15,7 +15,6 @@ use crate::evaluation::Examination;
 use anyhow::{Result, bail};
 use proto::config::Config;
 use proto::event::LearnerEvent;
-use proto::reward::RewardKind;
 use proto::run_folder::RunFolder;
 use proto::stage::RolloutShape;
 use std::io::Write;
@@ -66,7 +65,7 @@ pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
     let column_map = ColumnMap::of(RANK, &config);
     let seed = (!asked.deterministic).then_some(config.seed);
     let policy_actions = config.episode.action_space.actions().len();
-    let examination = Examination::new(plan, column_map, config.reward.lambda_disturb, seed, policy_actions);
+    let examination = Examination::new(plan, column_map, &config, seed, policy_actions);
     let ports = Ports::open(&wire, &config, RANK)?;
     let speaker = Speaker { rank: RANK, incarnation, ports: &ports, gone: &gone };
     let boundary = Boundary::start(column_map.columns());
@@ -125,7 +124,7 @@ impl<W: Write> Room<'_, W> {
         let columns = self.config.environments();
         // To the collector an evaluation is one rollout without an end. No reward of it is used.
         let endless = RolloutShape { steps: usize::MAX, environments_in_last_step: columns, frames: u64::MAX };
-        let reward = Reward { kind: RewardKind::Task, disturbance_weight: self.config.reward.lambda_disturb };
+        let reward = Reward { composition: self.config.reward(&self.config.stages[0].reward), multiplier: 0.0 };
         self.conversation.collector.begin(endless, reward, 0);
         self.conversation.restore_all()?;
         while self.examination.remaining() > 0 {
@@ -165,10 +164,10 @@ impl<W: Write> Room<'_, W> {
         let acted: Vec<usize> = collector.settle(lanes).into_iter().map(|settled| settled.column).collect();
         let mut acted = acted.into_iter().peekable();
         let mut played = vec![];
-        for (column, transition) in collector.transitions(lanes) {
+        for (column, record) in collector.records(lanes) {
             // Both ascend.
             if acted.next_if_eq(&column).is_some() {
-                played.extend(self.examination.settle(column, transition));
+                played.extend(self.examination.settle(column, record));
             }
         }
         for (record, actions) in played {

@@ -2,15 +2,16 @@
 
 use super::ringers::Ringers;
 use crate::collector::{ActionBatch, HalfSample};
+use crate::record::{Frame, FramePart};
 use anyhow::{Context, Result};
 use iceoryx2::port::ReceiveError;
 use iceoryx2::sample::Sample as IoxSample;
-use proto::camera::{DepthFrame, WINDOW};
+use proto::camera::DepthFrame;
 use proto::config::Config;
-use proto::step::{Current, Transition};
+use proto::record::RecordHeader;
 use std::time::Duration;
 use wire::fault;
-use wire::message::{EnvironmentState, FramePart, Observation, ObservationHeader, RestoreHeader, StageAnnouncement};
+use wire::message::{EnvironmentState, Line, ObservationHeader, RestoreHeader, StageAnnouncement};
 use wire::{
     ActionPublisher, Bell, Ipc, ObservationSubscriber, Receipt, Receipts, RestorePublisher, Sleeper, StageSubscriber,
     Standstill, Wakeup, Wire, WireAddress, WireShape, Written,
@@ -19,53 +20,43 @@ use wire::{
 /// A received sample: borrowed from shared memory until it is dropped. A subscriber may hold two of each actor.
 #[derive(Debug)]
 pub struct Sample {
-    borrowed: IoxSample<Ipc, [Observation], ObservationHeader>,
-    /// All but the frames, copied before anything is checked: what lies in shared memory can change between the check
-    /// and the use. Every value of a pixel is sound, so the frames stay where they are.
-    reports: Vec<Report>,
-}
-
-/// What one observation says besides its frame.
-#[derive(Debug)]
-struct Report {
-    environment: u32,
-    transition: Transition,
-    current: Current,
-    /// What the network reads of the frame; none if that is not there.
-    part: Option<FramePart>,
+    borrowed: IoxSample<Ipc, [Line], ObservationHeader>,
+    /// All but the images, copied before anything is checked: what lies in shared memory can change between the check
+    /// and the use. Every value of a pixel is sound, so the images stay where they are.
+    small: Vec<Line>,
+    frame: Frame,
 }
 
 impl Sample {
-    fn of(borrowed: IoxSample<Ipc, [Observation], ObservationHeader>, averages: bool) -> Self {
-        let report = |observation: &Observation| {
-            let current = observation.current;
-            let part = FramePart::read(observation.parts, &current, averages);
-            Report { environment: observation.environment, transition: observation.transition, current, part }
-        };
-        let reports = borrowed.payload().iter().map(report).collect();
-        Self { borrowed, reports }
+    fn of(borrowed: IoxSample<Ipc, [Line], ObservationHeader>, frame: Frame) -> Self {
+        let [record, small] = frame.lines();
+        let records = borrowed.payload().chunks_exact(record);
+        let mut copied = Vec::with_capacity(records.len() * small);
+        records.for_each(|record| copied.extend_from_slice(&record[..small]));
+        Self { borrowed, small: copied, frame }
+    }
+
+    fn part(&self, i: usize) -> Option<FramePart> {
+        self.frame.part(RecordHeader::of(self.record(i)))
     }
 }
 
 impl HalfSample for Sample {
     fn len(&self) -> usize {
-        self.reports.len()
+        self.small.len() / self.frame.lines()[1]
     }
-    fn environment(&self, i: usize) -> u32 {
-        self.reports[i].environment
-    }
-    fn transition(&self, i: usize) -> &Transition {
-        &self.reports[i].transition
-    }
-    fn current(&self, i: usize) -> &Current {
-        &self.reports[i].current
+    fn record(&self, i: usize) -> &[u8] {
+        let [_, small] = self.frame.lines();
+        Line::bytes(&self.small[i * small..][..small])
     }
     fn has_frame(&self, i: usize) -> bool {
-        self.reports[i].part.is_some()
+        self.part(i).is_some()
     }
     fn frame(&self, i: usize) -> DepthFrame<'_> {
+        let [record, _] = self.frame.lines();
+        let record = Line::bytes(&self.borrowed.payload()[i * record..][..record]);
         // Nobody asks for one that is not there; any pixels are sound.
-        self.borrowed.payload()[i].frame(self.reports[i].part.unwrap_or(FramePart::Whole))
+        self.frame.read(record, self.part(i).unwrap_or(FramePart::Whole))
     }
 }
 
@@ -87,8 +78,7 @@ pub struct Ports {
     /// The run's number of the first of [`Self::actors`].
     first_actor: u32,
     actors: Vec<ActorPorts>,
-    /// Whether the network averages over the windows that sums are of.
-    averages: bool,
+    frame: Frame,
     rank: u32,
     wire: Wire,
 }
@@ -97,7 +87,6 @@ impl Ports {
     /// Joins the services of an orchestrator incarnation: for the learner `rank` of a run with this configuration.
     pub fn open(address: &WireAddress, config: &Config, rank: u32) -> Result<Self> {
         let (shape, recorder) = (WireShape::of(config), config.recording.enabled);
-        let averages = config.network.input_pool as usize == WINDOW;
         let wire = Wire::join(address, shape, &format!("learner-{rank}"))?;
         let observations = wire.observation_subscriber(rank)?;
         let stage = wire.stage_subscriber()?;
@@ -112,13 +101,24 @@ impl Ports {
         let first_actor = shape.shares.actors_of(rank).start;
         let wakeup = wire.bells().wakeup(Sleeper::Learner(rank));
         let ringers = Ringers::start(wire.bells(), shape.shares.actors_of(rank))?;
-        Ok(Self { ringers, observations, stage, receipts, wakeup, first_actor, actors, averages, rank, wire })
+        Ok(Self {
+            ringers,
+            observations,
+            stage,
+            receipts,
+            wakeup,
+            first_actor,
+            actors,
+            frame: Frame::of(config),
+            rank,
+            wire,
+        })
     }
 
     /// The next observation sample, if one is waiting.
     pub fn receive(&self) -> Result<Option<(ObservationHeader, Sample)>> {
         match self.observations.receive() {
-            Ok(sample) => Ok(sample.map(|sample| (*sample.user_header(), Sample::of(sample, self.averages)))),
+            Ok(sample) => Ok(sample.map(|sample| (*sample.user_header(), Sample::of(sample, self.frame)))),
             // All that is left comes from actors of which two samples are held: it can only be something that was
             // sent twice, and waits until one of those is let go.
             Err(ReceiveError::ExceedsMaxBorrows) => Ok(None),
@@ -214,15 +214,13 @@ impl Ports {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proto::camera::{FRAME_PIXELS, SUMS_PIXELS};
-    use proto::step::current_flag;
+    use crate::record::named;
+    use std::mem::offset_of;
     use std::ptr::{addr_of_mut, write_volatile};
     use wire::WireHost;
-    use wire::message::frame_part;
 
     /// An actor that goes on writing into a sample that it has sent: what was checked is what is used.
     #[test]
-    #[expect(clippy::large_stack_arrays, reason = "one frame")]
     fn what_was_received_stays_as_it_was_whatever_its_sender_writes() {
         let mut config = Config::default();
         (config.actors.count, config.actors.environments_per_actor) = (1, 2);
@@ -234,62 +232,40 @@ mod tests {
             let ports = Ports::open(&address, &config, 0).unwrap();
             let actor = Wire::join(&address, shape, "actor-0").unwrap();
             let publisher = actor.observation_publisher(0).unwrap();
-            let mut loan = publisher.loan_slice_uninit(1).unwrap();
+            let mut loan = publisher.loan_slice_uninit(shape.lines(1)).unwrap();
             *loan.user_header_mut() = ObservationHeader { half: 1, ..Default::default() };
             let header = std::ptr::from_mut(loan.user_header_mut());
-            let sent = Observation {
-                transition: Transition { disturbance_m: 0.5, ..Default::default() },
-                current: Current { target: 3, ..Default::default() },
-                environment: 1,
-                parts: frame_part::WHOLE,
-                reserved: [0; 12],
-                depth_mm: [1234; FRAME_PIXELS],
-                sums_mm: [0; SUMS_PIXELS],
-            };
-            let mut loan = loan.write_from_fn(|_| sent);
-            let observation = loan.payload_mut().as_mut_ptr();
+            let [disturbance_m, target, depth_mm] =
+                ["disturbance_m", "target", "depth_mm"].map(|name| named(config.spec(), name));
+            let mut loan = loan.write_from_fn(|_| Line([0; 64]));
+            let record = Line::bytes_mut(loan.payload_mut());
+            *RecordHeader::of_mut(record) = RecordHeader { environment: 1, bulk: 1, ..Default::default() };
+            disturbance_m.of_mut(record)[0] = 0.5_f32;
+            target.of_mut(record)[0] = 3_u32;
+            depth_mm.of_mut::<u16>(record).fill(1234);
+            let bytes = record.as_mut_ptr();
             loan.send().unwrap();
 
             let (received, sample) = ports.receive().unwrap().expect("what was sent is there");
+            let reports = [target.offset, disturbance_m.offset, offset_of!(RecordHeader, bulk)];
             // SAFETY: the sample's memory is mapped until the publisher is dropped; nobody else writes to it.
             unsafe {
                 write_volatile(addr_of_mut!((*header).half), 7);
-                write_volatile(addr_of_mut!((*observation).environment), 99);
-                write_volatile(addr_of_mut!((*observation).transition.disturbance_m), f32::NAN);
-                write_volatile(addr_of_mut!((*observation).current.target), 99);
-                write_volatile(addr_of_mut!((*observation).parts), 0);
-                write_volatile(addr_of_mut!((*observation).depth_mm[7]), 4321);
+                write_volatile(bytes.add(offset_of!(RecordHeader, environment)), 99);
+                for offset in reports {
+                    write_volatile(bytes.add(offset).cast(), u32::MAX);
+                }
+                write_volatile(bytes.add(depth_mm.offset + 14).cast(), 4321_u16);
             }
             assert_eq!(sample.borrowed.user_header().half, 7, "the sender reaches what the learner reads");
             assert_eq!(received.half, 1);
-            assert_eq!((sample.len(), sample.environment(0)), (1, 1));
-            assert_eq!((sample.transition(0).disturbance_m, sample.current(0).target), (0.5, 3));
+            assert_eq!((sample.len(), sample.header(0).environment), (1, 1));
+            let record = sample.record(0);
+            assert_eq!((disturbance_m.number(record), target.number(record)), (0.5, 3.0));
             assert!(sample.has_frame(0));
             assert_eq!(sample.frame(0).numbers()[7], 4321, "frames are not copied");
         }
         drop(host);
         address.sweep().unwrap();
-    }
-
-    /// Of the part that is not there the sample has what an earlier one left.
-    #[test]
-    fn only_what_is_there_of_a_frame_is_read() {
-        let (seen, recorded) =
-            (Current::default(), Current { flags: current_flag::RECORD_DEPTH, ..Default::default() });
-        let read = |parts: &[u32], current: &Current, averages| {
-            FramePart::read(parts.iter().fold(0, |all, part| all | part), current, averages)
-        };
-        let (whole, sums) = (frame_part::WHOLE, frame_part::SUMS);
-        for current in [&seen, &recorded] {
-            assert_eq!(read(&[], current, true), None);
-            assert_eq!(read(&[], current, false), None);
-            assert_eq!(read(&[whole], current, true), Some(FramePart::Whole), "a sum exceeded 16 bits");
-            assert_eq!(read(&[whole], current, false), Some(FramePart::Whole));
-            assert_eq!(read(&[whole, sums], current, true), Some(FramePart::Sums));
-            assert_eq!(read(&[whole, sums], current, false), Some(FramePart::Whole));
-            assert_eq!(read(&[sums], current, false), None, "this network reads no sums");
-        }
-        assert_eq!(read(&[sums], &seen, true), Some(FramePart::Sums));
-        assert_eq!(read(&[sums], &recorded, true), None, "the recorder has nothing to record");
     }
 }

@@ -94,7 +94,7 @@ mod tests {
 
     #[test]
     fn those_that_are_due_are_woken_and_no_others() {
-        let shape = WireShape { shares: Shares::of_one(50), environments_per_actor: 1 };
+        let shape = WireShape::new(Shares::of_one(50), 1, proto::config::Config::default().spec());
         let address = WireAddress::new(&format!("testringers{}", std::process::id()), 1);
         let host = WireHost::create(&address, shape).unwrap();
         {

@@ -111,7 +111,7 @@ mod tests {
 
     #[test]
     fn whoever_sleeps_wakes_whether_it_was_noted_before_there_was_a_bell_or_after() {
-        let shape = WireShape { shares: Shares::of_one(1), environments_per_actor: 1 };
+        let shape = WireShape::new(Shares::of_one(1), 1, proto::config::Config::default().spec());
         let address = WireAddress::new(&format!("testgone{}", std::process::id()), 1);
         let host = WireHost::create(&address, shape).unwrap();
         {

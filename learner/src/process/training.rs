@@ -21,7 +21,6 @@ use proto::event::{LearnerEvent, Timing};
 use proto::hosts::Hosts;
 use proto::learning_rate::learning_rate_progress;
 use proto::metric;
-use proto::reward::RewardKind;
 use proto::run_folder::RunFolder;
 use proto::shell::quoted;
 use proto::stage::{RolloutShape, StagePosition, position_at};
@@ -177,8 +176,8 @@ impl<W: Write> Training<'_, W> {
         if self.hurries() {
             metrics.insert(metric::PREEMPTED.to_owned(), f64::from(preempted));
         }
-        if self.config.stages[position.stage].reward == RewardKind::Lagrangian {
-            self.agent.constrain(statistics.mean_discounted_disturbance_m());
+        if self.config.reward(&self.config.stages[position.stage].reward).has_multiplier() {
+            self.agent.constrain(statistics.mean_discounted_cost());
             metrics.insert(metric::MULTIPLIER.to_owned(), self.agent.multiplier());
         }
         metrics
@@ -388,8 +387,8 @@ impl<W: Write> Training<'_, W> {
         if position.frames_in_stage == 0 {
             self.agent.start_stage();
         }
-        let kind = self.config.stages[position.stage].reward;
-        let reward = Reward { kind, disturbance_weight: self.agent.disturbance_weight(kind) };
+        let composition = self.config.reward(&self.config.stages[position.stage].reward);
+        let reward = Reward { composition, multiplier: self.agent.multiplier() as f32 };
         let steps = self.config.ppo.rollout_steps as usize;
         let shape = RolloutShape::next(position.frames_left, steps, self.config.environments());
         let shape = shape.part(self.agent.columns());

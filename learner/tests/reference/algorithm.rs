@@ -4,7 +4,7 @@ use crate::shared::{assert_close, doubles, fixture, noise, noise_f32, noise_tens
 use crate::world::small_config;
 use learner::agent::Agent;
 use learner::auxiliary::focal_loss;
-use learner::collector::{RolloutStatistics, RunningEpisode};
+use learner::collector::{Ended, RolloutStatistics, RunningEpisode};
 use learner::network::{ActorCriticOutput, goal_coordinates};
 use learner::optimizer::{Adam, clip, norm};
 use learner::peers::Peers;
@@ -14,9 +14,7 @@ use learner::rollout::{Outcome, Rollout, Step};
 use learner::shards::Shards;
 use proto::config::{GoalCoordinates, LagrangianConfig};
 use proto::learning_rate::learning_rate;
-use proto::reward::{RewardKind, RewardParts};
 use proto::stage::RolloutShape;
-use proto::step::Transition;
 use tch::{Device, Kind, Tensor};
 
 #[test]
@@ -37,7 +35,7 @@ fn advantages_are_the_explicit_sums() {
             let index = t * columns + n;
             let ended = ended[index] > 0.6;
             let time_limit = ended && limit[index] > 0.0;
-            rollout.record(t, n, Outcome { reward: rewards[index], ended, time_limit, disturbed: false });
+            rollout.record(t, n, Outcome { reward: rewards[index], ended, time_limit, label: false });
         }
     }
     for (n, value) in noise_f32("gae.after", columns).into_iter().enumerate().take(3) {
@@ -162,30 +160,26 @@ fn the_multiplier_follows_the_mean_discounted_disturbance_of_ended_episodes() {
     let mut config = small_config();
     config.reward.lagrangian = LagrangianConfig { initial: 0.01, learning_rate: 2.0 };
     let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
-    let mut running = [(0, RunningEpisode::default()); 3];
+    let mut running: [(u32, RunningEpisode); 3] = std::array::from_fn(|_| (0, RunningEpisode::default()));
     let mut trace = vec![];
     for rollout in 0..rollouts {
-        let mut statistics = RolloutStatistics::default();
+        let mut statistics = RolloutStatistics::of(config.spec());
         for t in 0..steps {
             for (n, (step, episode)) in running.iter_mut().enumerate() {
                 let cell = (rollout * steps + t) * columns + n;
-                let reward = RewardParts { disturbance_progress_m: progress[cell], ..RewardParts::default() };
-                let transition = Transition { step: *step, reward, ..Transition::default() };
-                episode.add(&transition, 0.0, 0.99);
+                // The part is progress, its cost the other way round.
+                episode.add(*step, 0.0, -progress[cell], 0.99);
                 *step += 1;
                 if ended[cell] > 0.75 && rollout != 3 {
-                    statistics.add_episode(&transition, episode);
-                    (*step, *episode) = (0, RunningEpisode::default());
+                    statistics.add_episode(&Ended { length: *step, running: std::mem::take(episode) });
+                    *step = 0;
                 }
             }
         }
-        agent.constrain(statistics.mean_discounted_disturbance_m());
+        agent.constrain(statistics.mean_discounted_cost());
         trace.push(agent.multiplier());
     }
     assert_close("multiplier", &Tensor::from_slice(&trace), &fixture("lagrangian")["trace"], 1e-12);
-    // What the policy is rewarded with follows it.
-    assert_eq!(agent.disturbance_weight(RewardKind::Lagrangian), agent.multiplier() as f32);
-    assert_eq!(agent.disturbance_weight(RewardKind::DisturbanceFree), 15.0);
     let saved = agent.state();
     agent.start_stage();
     assert_eq!(agent.multiplier(), 0.01, "a stage begins anew");

@@ -122,7 +122,7 @@ fn broken(by_reward: bool) -> [String; 2] {
         let before = agent.weights_digest();
         world.collect(&mut agent, 0, 4).expect("finite");
         if by_reward && rank == 1 {
-            agent.record(3, 1, Outcome { reward: f32::NAN, ended: false, time_limit: false, disturbed: false });
+            agent.record(3, 1, Outcome { reward: f32::NAN, ended: false, time_limit: false, label: false });
         }
         let error = agent.update(0.0, 0).expect_err("a number is not finite").to_string();
         assert_eq!((agent.weights_digest(), agent.state().adam_steps), (before.clone(), 0));

@@ -104,7 +104,7 @@ impl World {
                                 reward: reward[n] * 3.0,
                                 ended,
                                 time_limit: ended && limit[n] > 0.0,
-                                disturbed: disturbed[n] > 0.4,
+                                label: disturbed[n] > 0.4,
                             },
                         );
                         self.previous[n] = if ended { NO_ACTION } else { action };

@@ -1,11 +1,13 @@
 //! A stand-in for an actor's environment: every number in it is a hash of (kitchen, environment, episode, actions), so
 //! it can be rebuilt from its state as a real one can, and any mistake in bookkeeping shows in all that follows.
 
-use proto::action::{Action, HOLD, NO_ACTION};
+use proto::action::{Action, HOLD};
+use proto::config::Config;
 use proto::episode::EnvironmentId;
-use proto::reward::RewardParts;
-use proto::step::{Current, Transition, current_flag, transition_flag};
-use wire::message::EnvironmentState;
+use proto::record::{End, RecordHeader};
+use proto::task::{Field, Spec};
+use std::sync::LazyLock;
+use wire::message::{EnvironmentState, Line};
 
 /// `SplitMix64` over a list of words.
 pub fn mix(words: impl IntoIterator<Item = u64>) -> u64 {
@@ -22,20 +24,54 @@ fn unit(word: u64) -> f32 {
     (word >> 40) as f32 / 16_777_216.0 - 0.5
 }
 
+/// Channels that it reports; all others are 0.
+struct Channels {
+    task: &'static Spec,
+    wrist_object_progress_m: Field,
+    disturbance_progress_m: Field,
+    failed_action: Field,
+    picked_up: Field,
+    goal_success: Field,
+    held: Field,
+    wrist_to_object_m: Field,
+    object_to_goal_m: Field,
+    holding: Field,
+}
+
+static CHANNELS: LazyLock<Channels> = LazyLock::new(|| {
+    let task = Config::default().spec();
+    let named = |name| task.channel(name).expect("the task has it").1;
+    Channels {
+        task,
+        wrist_object_progress_m: named("wrist_object_progress_m"),
+        disturbance_progress_m: named("disturbance_progress_m"),
+        failed_action: named("failed_action"),
+        picked_up: named("picked_up"),
+        goal_success: named("goal_success"),
+        held: named("held"),
+        wrist_to_object_m: named("wrist_to_object_m"),
+        object_to_goal_m: named("object_to_goal_m"),
+        holding: named("holding"),
+    }
+});
+
 /// A simulated environment.
 #[derive(Debug, Clone)]
 pub struct FakeEnvironment {
     id: EnvironmentId,
     max_steps: u32,
     state: EnvironmentState,
-    transition: Transition,
+    header: RecordHeader,
+    /// The last action, and the hash of the state that it led to; none after a HOLD.
+    done: Option<(u8, u64)>,
 }
 
 impl FakeEnvironment {
     /// As an actor rebuilds it: replays the actions; the last one's transition is what it reports.
     pub fn rebuild(id: EnvironmentId, max_steps: u32, state: &EnvironmentState) -> Self {
         let start = EnvironmentState::start_of(state.episode);
-        let mut environment = Self { id, max_steps, state: start, transition: Transition::default() };
+        let mut environment = Self { id, max_steps, state: start, header: RecordHeader::default(), done: None };
+        environment.header.begin(state.episode, environment.hash(), false);
         for &action in state.actions() {
             assert_eq!(environment.state.episode, state.episode, "a restored episode ends at its last action or later");
             environment.act(action);
@@ -52,70 +88,54 @@ impl FakeEnvironment {
     /// Takes one action; Done and the step limit end the episode.
     pub fn act(&mut self, action: u8) {
         if action == HOLD {
-            self.transition = Transition::default();
+            self.header.hold();
+            self.done = None;
             return;
         }
-        let (episode, step) = (self.state.episode, self.state.action_count);
         self.state.push(action);
         let hash = self.hash();
-        let done = action == Action::DoneMidLevel.index();
-        let success = done && hash.is_multiple_of(3);
-        let failed = done && !success;
-        let holding = success || hash.is_multiple_of(2);
-        let picked_up = holding && action == Action::PickUpMidLevel.index();
-        let limit = !done && step + 1 == self.max_steps;
-        let set = |flag, condition: bool| if condition { flag } else { 0 };
-        let flags = transition_flag::VALID
-            | set(transition_flag::DONE, done)
-            | set(transition_flag::SUCCESS, success)
-            | set(transition_flag::ACTION_FAILED, failed)
-            | set(transition_flag::HOLDING, holding)
-            | set(transition_flag::TIME_LIMIT, limit)
-            | set(transition_flag::ENDED, done || limit)
-            | set(transition_flag::PICKED_UP, picked_up);
-        let one_if = |condition: bool| f32::from(u8::from(condition));
-        let reward = RewardParts {
-            wrist_object_progress_m: unit(mix([hash, 1])),
-            object_goal_progress_m: 0.0,
-            disturbance_progress_m: unit(mix([hash, 2])) * 0.004,
-            failed_action: one_if(failed),
-            picked_up: one_if(picked_up),
-            goal_success: one_if(success),
-        };
-        let action = u32::from(action);
-        self.transition =
-            Transition { state_hash: hash, episode, step, flags, action, reward, ..Transition::default() };
-        if done || limit {
-            self.state = EnvironmentState::start_of(episode + 1);
+        self.done = Some((action, hash));
+        let limit = self.state.action_count == self.max_steps;
+        let end = if is_done(action) { Some(End::Terminated) } else { limit.then_some(End::Truncated) };
+        self.header.act(hash, end);
+        if end.is_some() {
+            self.state = EnvironmentState::start_of(self.state.episode + 1);
+            self.header.begin(self.state.episode, self.hash(), false);
         }
     }
 
-    /// What the last action did.
-    pub fn transition(&self) -> Transition {
-        self.transition
-    }
-
-    /// What is seen now.
-    pub fn current(&self) -> Current {
+    /// The record, without its frame, that it reports as environment `index` of its actor.
+    pub fn observe(&self, index: u32) -> Vec<Line> {
+        let Channels { task, .. } = *CHANNELS;
+        let mut lines = vec![Line([0; 64]); task.layout().small_bytes / size_of::<Line>()];
+        let record = Line::bytes_mut(&mut lines);
+        *RecordHeader::of_mut(record) = RecordHeader { environment: index, bulk: 1, ..self.header };
+        if let Some((action, hash)) = self.done {
+            record[task.layout().action.offset] = action;
+            let success = is_done(action) && hash.is_multiple_of(3);
+            let held = success || hash.is_multiple_of(2);
+            let picked_up = held && action == Action::PickUpMidLevel.index();
+            for (field, number) in [
+                (CHANNELS.wrist_object_progress_m, unit(mix([hash, 1]))),
+                (CHANNELS.disturbance_progress_m, unit(mix([hash, 2])) * 0.004),
+                (CHANNELS.failed_action, f32::from(u8::from(is_done(action) && !success))),
+                (CHANNELS.picked_up, f32::from(u8::from(picked_up))),
+                (CHANNELS.goal_success, f32::from(u8::from(success))),
+            ] {
+                field.of_mut(record)[0] = number;
+            }
+            CHANNELS.held.of_mut(record)[0] = u32::from(held);
+        }
         let hash = self.hash();
-        let set = |flag, condition: bool| if condition { flag } else { 0 };
-        Current {
-            state_hash: hash,
-            episode: self.state.episode,
-            step: self.state.action_count,
-            flags: set(current_flag::EPISODE_START, self.state.action_count == 0)
-                | set(current_flag::HOLDING, hash.is_multiple_of(2)),
-            target: 0,
-            previous_action: u32::from(self.state.actions().last().copied().unwrap_or(NO_ACTION)),
-            wrist_to_object_m: [1, 2, 3].map(|i| unit(mix([hash, i]))),
-            object_to_goal_m: [4, 5, 6].map(|i| unit(mix([hash, i]))),
-            base_position_m: [0.0; 2],
-            base_yaw_rad: 0.0,
-            camera_pitch_rad: 0.0,
-            wrist_position_m: [0.0; 3],
-            target_position_m: [0.0; 3],
-            goal_position_m: [0.0; 3],
-            reserved: [0; 2],
-        }
+        record[task.layout().previous_action.offset] = self.state.actions().last().copied().unwrap_or(0);
+        let vector = |words: [u64; 3]| words.map(|word| unit(mix([hash, word])));
+        CHANNELS.wrist_to_object_m.of_mut(record).copy_from_slice(&vector([1, 2, 3]));
+        CHANNELS.object_to_goal_m.of_mut(record).copy_from_slice(&vector([4, 5, 6]));
+        CHANNELS.holding.of_mut(record)[0] = u32::from(hash.is_multiple_of(2));
+        lines
     }
+}
+
+fn is_done(action: u8) -> bool {
+    action == Action::DoneMidLevel.index()
 }

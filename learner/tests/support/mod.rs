@@ -9,7 +9,6 @@ use environment::{FakeEnvironment, mix};
 use proto::config::{Config, StageConfig};
 use proto::episode::EnvironmentId;
 use proto::event::LearnerEvent;
-use proto::reward::RewardKind;
 use proto::run_folder::RunFolder;
 use proto::stage::{position_at, total_frames};
 use std::io::{BufRead, BufReader, Read};
@@ -19,7 +18,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
-use wire::message::{Halves, ObservationHeader, StageAnnouncement, directive, frame_part, observation_kind};
+use wire::message::{Halves, Line, ObservationHeader, StageAnnouncement, directive, observation_kind};
 use wire::{
     Announcer, ObservationPublisher, Receipt, ReceiptBook, Sleeper, Wire, WireAddress, WireHost, WireShape, Written,
 };
@@ -44,8 +43,8 @@ pub fn tiny() -> Config {
     // There is no recorder here, whose receipts a learner would wait for.
     config.recording.enabled = false;
     config.stages = vec![
-        StageConfig { name: "I".into(), reward: RewardKind::Task, frames: 62 },
-        StageConfig { name: "II".into(), reward: RewardKind::DisturbanceFree, frames: 40 },
+        StageConfig { name: "I".into(), reward: "r".into(), frames: 62 },
+        StageConfig { name: "II".into(), reward: "r_prime".into(), frames: 40 },
     ];
     config
 }
@@ -411,7 +410,8 @@ impl Acting {
     fn send(&self, publisher: &ObservationPublisher, kind: u32, half: u32) -> bool {
         let halves = Halves::of(self.config.actors.environments_per_actor);
         let range = halves.range(half);
-        let mut sample = publisher.loan_slice_uninit(range.len()).unwrap();
+        let shape = self.wire.shape();
+        let mut sample = publisher.loan_slice_uninit(shape.lines(range.len())).unwrap();
         *sample.user_header_mut() = ObservationHeader {
             step: self.steps[half as usize],
             kind,
@@ -421,28 +421,22 @@ impl Acting {
             half,
             ..ObservationHeader::default()
         };
-        for (slot, e) in sample.payload_mut().iter_mut().zip(range) {
-            // SAFETY: all-zero bytes are a valid Observation: it holds integers and floats only.
-            let observation = unsafe {
-                slot.as_mut_ptr().write_bytes(0, 1);
-                slot.assume_init_mut()
-            };
-            if let Some(environment) = self.environments.get(e) {
-                observation.transition = environment.transition();
-                observation.current = environment.current();
-                if self.poisoned.load(Ordering::Relaxed) {
-                    observation.current.wrist_to_object_m[1] = f32::NAN;
-                }
-                observation.environment = e as u32;
-                observation.parts = frame_part::WHOLE;
-                let hash = environment.hash();
-                for (row, line) in observation.depth_mm.chunks_mut(224).enumerate() {
-                    line.fill((mix([hash, row as u64]) % 4000) as u16);
-                }
+        let mut sample = sample.write_from_fn(|_| Line([0; 64]));
+        let named = |name| self.config.spec().channel(name).unwrap().1;
+        for (lines, e) in sample.payload_mut().chunks_exact_mut(shape.record_lines).zip(range) {
+            let Some(environment) = self.environments.get(e) else { continue };
+            let small = environment.observe(e as u32);
+            lines[..small.len()].copy_from_slice(&small);
+            let record = Line::bytes_mut(lines);
+            if self.poisoned.load(Ordering::Relaxed) {
+                named("wrist_to_object_m").of_mut(record)[1] = f32::NAN;
+            }
+            let hash = environment.hash();
+            for (row, line) in named("depth_mm").of_mut::<u16>(record).chunks_mut(224).enumerate() {
+                line.fill((mix([hash, row as u64]) % 4000) as u16);
             }
         }
-        // SAFETY: every element was written.
-        unsafe { sample.assume_init() }.send().unwrap() > 0
+        sample.send().unwrap() > 0
     }
 }
 

@@ -103,6 +103,7 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
         }
     }
     let mut config = Config::of_run(&folder)?;
+    config.check_task(&folder)?;
     let tools = Tools::find()?;
     let patience = Policy::of(&config).silence;
     settle(&folder, &identity, config.learner.count.max(args.learners.unwrap_or(0)), patience)?;
@@ -195,6 +196,7 @@ pub fn go_on(folder: RunFolder, asked: Config, started: Started, patience: Durat
     let lock = RunLock::acquire_within(&folder, patience)?;
     let mut identity = Identity::read(&folder)?;
     let mut config = Config::of_run(&folder)?;
+    config.check_task(&folder)?;
     let Counts { actors: asked_actors, learners } = same_run(&config, asked)
         .with_context(|| format!("{} holds a run that this command did not begin", folder.root().display()))?;
     if let Some(summary) = Summary::read(&folder)?

@@ -53,7 +53,7 @@ mod tests {
         let mut two = one.clone();
         two.seed = 9;
         two.stages[1].frames = 77;
-        two.reward.lambda_disturb = 0.1;
+        two.reward.weights.insert("lambda_disturb".to_owned(), 0.1);
         let mut three = one.clone();
         three.seed = 9;
         three.scenes = vec!["a.toml".into()];

@@ -83,7 +83,10 @@ fn keep(folder: &RunFolder, invitation: &Invitation, files: &[Vec<u8>]) -> Resul
         write_atomically(&path, bytes).with_context(|| format!("cannot write {}", path.display()))?;
     }
     write_atomically(&folder.config(), invitation.config.as_bytes())
-        .with_context(|| format!("cannot write {}", folder.config().display()))
+        .with_context(|| format!("cannot write {}", folder.config().display()))?;
+    let task = Config::of_run(folder)?.spec().text();
+    write_atomically(&folder.task(), task.as_bytes())
+        .with_context(|| format!("cannot write {}", folder.task().display()))
 }
 
 /// A name that leads nowhere else.

@@ -65,7 +65,7 @@ pub fn need(config: &Config, actors: u32, cuda: bool) -> Need {
         let frame = config.network.encoder.autograd_bytes(config.network.input_pool);
         LEARNER_BASE + rollout + in_pass * steps * frame
     };
-    let shared = WireShape { shares, environments_per_actor }.shared_memory_bytes();
+    let shared = WireShape::new(shares, environments_per_actor, config.spec()).shared_memory_bytes();
     let learners = shares.learners();
     let total = u64::from(actors) * actor + u64::from(learners) * learner + shared + ORCHESTRATOR;
     Need { actor, learner, learners, shared, total }

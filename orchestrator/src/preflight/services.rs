@@ -2,6 +2,7 @@
 //! is wrong with the temporary folder and /dev/shm that nobody thought of.
 
 use super::Finding;
+use proto::config::Config;
 use proto::shares::Shares;
 use std::time::{SystemTime, UNIX_EPOCH};
 use wire::{WireAddress, WireHost, WireShape};
@@ -12,7 +13,7 @@ pub fn check() -> Finding {
     // As long as a run's own id.
     let id = format!("{:012x}", (now ^ u128::from(std::process::id()) << 24) & 0xffff_ffff_ffff);
     let address = WireAddress::new(&id, 1);
-    let made = WireHost::create(&address, WireShape { shares: Shares::of_one(1), environments_per_actor: 1 });
+    let made = WireHost::create(&address, WireShape::new(Shares::of_one(1), 1, Config::default().spec()));
     let made = made.map(drop).map_err(|error| error.to_string());
     let swept = address.sweep().map(drop).map_err(|error| format!("{address} cannot be removed: {error}"));
     match made.and(swept) {

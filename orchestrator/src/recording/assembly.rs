@@ -2,9 +2,8 @@
 
 use crate::recording::schema::stillroom::step::Goal;
 use crate::recording::schema::stillroom::{EpisodeEnd, EpisodeStart, RobotVector, Step};
-use proto::replay::{STEP_ASPECTS, goal_digest, start_digest, step_digests};
-use proto::reward::{RewardParts, UNDISTURBED_THRESHOLD_M};
-use proto::step::{Transition, transition_flag};
+use proto::replay::{RecordedStep, STEP_ASPECTS, goal_digest, start_digest};
+use proto::reward::UNDISTURBED_THRESHOLD_M;
 use std::cmp::Ordering;
 
 /// Incarnations of orchestrator and learner: the higher one is the newer.
@@ -27,7 +26,7 @@ pub struct Assembly {
     /// A file under another configuration goes on with it: the one, from this step on.
     pub moved_to: Option<(usize, usize)>,
     /// The last step taken.
-    last: Option<Transition>,
+    last: Option<RecordedStep>,
     /// Returns under r and r′ of all steps, if one start of the programs recorded them all.
     returns: Option<(f64, f64)>,
     end: Option<EpisodeEnd>,
@@ -40,47 +39,31 @@ pub struct Taken {
     pub hash: u64,
     pub goal: u32,
     pub digests: [u32; STEP_ASPECTS.len()],
-    pub rewards: [f32; 2],
-    pub transition: Transition,
+    pub step: RecordedStep,
 }
 
 impl Taken {
     /// What a message says; none where there is no such action.
     pub fn of(step: &Step) -> Option<Self> {
-        let flags = [
-            (step.action_failed, transition_flag::ACTION_FAILED),
-            (step.holding, transition_flag::HOLDING),
-            (step.picked_up, transition_flag::PICKED_UP),
-            (step.done, transition_flag::DONE),
-            (step.success, transition_flag::SUCCESS),
-            (step.time_limit, transition_flag::TIME_LIMIT),
-            (step.ended, transition_flag::ENDED),
-        ];
-        let reward = RewardParts {
-            wrist_object_progress_m: step.wrist_object_progress_m,
-            object_goal_progress_m: step.object_goal_progress_m,
-            disturbance_progress_m: step.disturbance_progress_m,
-            ..RewardParts::default()
-        };
-        let transition = Transition {
-            flags: flags.into_iter().filter(|(is, _)| *is).map(|(_, flag)| flag).sum(),
+        let recorded = RecordedStep {
+            failed: step.action_failed,
+            picked_up: step.picked_up,
+            success: step.success,
+            holding: step.holding,
+            ends: [step.done, step.time_limit, step.ended],
             target: step.target as u32,
-            reward,
-            disturbance_m: step.disturbance_m,
-            peak_disturbance_m: step.peak_disturbance_m,
+            progress_m: [step.wrist_object_progress_m, step.object_goal_progress_m, step.disturbance_progress_m],
+            rewards: [step.reward_r, step.reward_r_prime],
+            disturbance_m: [step.disturbance_m, step.peak_disturbance_m],
             disturbed_objects: step.disturbed_objects,
-            wrist_object_m: step.wrist_object_m,
-            object_goal_m: step.object_goal_m,
-            ..Transition::default()
+            distances_m: [step.wrist_object_m, step.object_goal_m],
         };
-        let rewards = [step.reward_r, step.reward_r_prime];
         Some(Self {
             action: u8::try_from(step.action).ok()?,
             hash: step.state_hash,
             goal: digest(step.goal.as_ref()),
-            digests: step_digests(&transition, rewards),
-            rewards,
-            transition,
+            digests: recorded.digests(),
+            step: recorded,
         })
     }
 }
@@ -93,7 +76,7 @@ impl Assembly {
         }
         match step.cmp(&self.actions.len()) {
             Ordering::Equal => {
-                let [r, r_prime] = taken.rewards.map(f64::from);
+                let [r, r_prime] = taken.step.rewards.map(f64::from);
                 let (before, before_prime) = if step == 0 { (0.0, 0.0) } else { self.returns.unwrap_or_default() };
                 let known = step == 0 || self.returns.is_some();
                 self.returns = known.then_some((before + r, before_prime + r_prime));
@@ -101,7 +84,7 @@ impl Assembly {
                 self.hashes.push(taken.hash);
                 self.goals.push(taken.goal);
                 self.steps.push(taken.digests);
-                self.last = Some(taken.transition);
+                self.last = Some(taken.step);
             }
             Ordering::Greater => drop(self.gap.get_or_insert(self.actions.len())),
             // Recorded twice under the same learner: a segment was given twice.
@@ -141,7 +124,7 @@ impl Assembly {
 
     /// Whether its last step or a message says that it has ended.
     pub fn has_ended(&self) -> bool {
-        self.end.is_some() || self.last.is_some_and(|last| last.flags & transition_flag::ENDED != 0)
+        self.end.is_some() || self.last.is_some_and(|last| last.ends[2])
     }
 
     /// What is missing of the episode, or contradicts itself. `goes_on`: a later one of its environment was recorded.
@@ -172,26 +155,28 @@ impl Assembly {
 }
 
 /// Fields of an episode's end that are not as its steps have them.
-fn differing(end: &EpisodeEnd, last: &Transition, returns: Option<(f64, f64)>) -> Vec<&'static str> {
-    let is = |flag: u32| last.flags & flag != 0;
-    let undisturbed = is(transition_flag::SUCCESS) && last.disturbance_m < UNDISTURBED_THRESHOLD_M;
+fn differing(end: &EpisodeEnd, last: &RecordedStep, returns: Option<(f64, f64)>) -> Vec<&'static str> {
+    let [_, time_limit, ended] = last.ends;
+    let [disturbance_m, peak_disturbance_m] = last.disturbance_m;
+    let [wrist_object_m, object_goal_m] = last.distances_m;
+    let undisturbed = last.success && disturbance_m < UNDISTURBED_THRESHOLD_M;
     let returned = |recorded: Option<f64>, summed: Option<f64>| match (recorded, summed) {
         (Some(recorded), Some(summed)) => recorded.to_bits() == summed.to_bits(),
         // A recorder that did not see all of the episode writes none.
         _ => true,
     };
     let fields = [
-        ("end", is(transition_flag::ENDED)),
+        ("end", ended),
         ("target", end.target as u32 == last.target),
-        ("success", end.success == is(transition_flag::SUCCESS)),
+        ("success", end.success == last.success),
         ("success_undisturbed", end.success_undisturbed == undisturbed),
-        ("picked_up", end.picked_up == is(transition_flag::HOLDING)),
-        ("time_limit", end.time_limit == is(transition_flag::TIME_LIMIT)),
-        ("disturbance_m", end.disturbance_m == last.disturbance_m),
-        ("peak_disturbance_m", end.peak_disturbance_m == last.peak_disturbance_m),
+        ("picked_up", end.picked_up == last.holding),
+        ("time_limit", end.time_limit == time_limit),
+        ("disturbance_m", end.disturbance_m == disturbance_m),
+        ("peak_disturbance_m", end.peak_disturbance_m == peak_disturbance_m),
         ("disturbed_objects", end.disturbed_objects == last.disturbed_objects),
-        ("wrist_object_m", end.wrist_object_m == last.wrist_object_m),
-        ("object_goal_m", end.object_goal_m == last.object_goal_m),
+        ("wrist_object_m", end.wrist_object_m == wrist_object_m),
+        ("object_goal_m", end.object_goal_m == object_goal_m),
         ("return_r", returned(end.return_r, returns.map(|(r, _)| r + 0.0))),
         ("return_r_prime", returned(end.return_r_prime, returns.map(|(_, r_prime)| r_prime + 0.0))),
     ];

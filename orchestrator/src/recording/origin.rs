@@ -117,7 +117,9 @@ pub fn world_of(config: &Config) -> Config {
         actors,
         simulation: config.simulation,
         episode: config.episode,
-        reward: config.reward,
+        task: config.task.clone(),
+        reward: config.reward.clone(),
+        rewards: config.rewards.clone(),
         evaluation: config.evaluation.clone(),
         ..Config::default()
     }

@@ -97,6 +97,8 @@ pub fn prepare(folder: &RunFolder, config: &mut Config, folders: &[PathBuf]) -> 
     }
     clear(folder).with_context(|| format!("cannot clear {}", folder.root().display()))?;
     scenes::keep(config, folder)?;
+    write_atomically(&folder.task(), config.spec().text().as_bytes())
+        .with_context(|| format!("cannot write {}", folder.task().display()))?;
     fault::reach("create.before_config");
     write_atomically(&folder.config(), config.to_toml().as_bytes())
         .with_context(|| format!("cannot write {}", folder.config().display()))?;

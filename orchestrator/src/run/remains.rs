@@ -303,11 +303,11 @@ mod tests {
 
     #[test]
     fn unsigned_names_are_alive_while_a_process_has_them_in_memory() {
+        use proto::config::Config;
         use proto::shares::Shares;
         use wire::{WireHost, WireShape};
         let address = address("mapped");
-        let host =
-            WireHost::create(&address, WireShape { shares: Shares::of_one(1), environments_per_actor: 1 }).unwrap();
+        let host = WireHost::create(&address, WireShape::new(Shares::of_one(1), 1, Config::default().spec())).unwrap();
         assert!(is_mapped(address.prefix()));
         drop(host);
         assert!(!is_mapped(address.prefix()));

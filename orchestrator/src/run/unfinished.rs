@@ -6,13 +6,15 @@ use std::io::Result;
 use std::path::{Path, PathBuf};
 
 /// Whether a folder holds only what is in a run folder before its identity: empty folders, and beside an orchestrator's
-/// lock the configuration and copies of scenes. False for one that holds nothing, or the work of a run.
+/// lock the configuration, the task and copies of scenes. False for one that holds nothing, or the work of a run.
 pub fn is_cut_off(folder: &RunFolder) -> Result<bool> {
     let folders = [folder.logs(), folder.checkpoints(), folder.recordings()];
     let lock = folder.orchestrator_lock();
     // Without the lock it is somebody else's file that has the same name.
     let files = if lock.exists() {
-        vec![partial(&folder.identity()), folder.config(), partial(&folder.config()), folder.scenes(), lock]
+        let written = [folder.config(), folder.task()];
+        let partial = [folder.identity(), folder.config(), folder.task()].map(|path| partial(&path));
+        written.into_iter().chain(partial).chain([folder.scenes(), lock]).collect()
     } else {
         vec![]
     };
@@ -63,6 +65,7 @@ mod tests {
         assert!(!seen(), "a configuration without a lock is the user's own");
         std::fs::write(folder.orchestrator_lock(), "").unwrap();
         assert!(seen());
+        std::fs::write(folder.task(), "").unwrap();
         std::fs::create_dir_all(folder.scene(0)).unwrap();
         std::fs::write(folder.scene(0).join("scene.toml"), "").unwrap();
         for path in [folder.config(), folder.identity()] {

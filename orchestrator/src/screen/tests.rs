@@ -75,7 +75,7 @@ fn a_run_is_all_there_on_eighty_columns() {
     let shown = screen(&model, 80, 24);
     let text = shown.join("\n");
     assert!(shown[0].contains("my-run") && shown[0].contains("not started"), "{text}");
-    assert!(shown[1].contains("stage II (r′)  1 100 / 1 500 frames  73.3%"), "{text}");
+    assert!(shown[1].contains("stage II (r_prime)  1 100 / 1 500 frames  73.3%"), "{text}");
     assert!(shown[2].contains("25.0 frames/s  simulate 40%") && shown[2].contains("other 10%"), "{text}");
     for title in ["return 21.00", "SR 50.0%  SRwoD –", "disturbance 0.250 m"] {
         assert!(shown[4].contains(title), "{title}: {text}");

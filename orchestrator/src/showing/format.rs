@@ -2,7 +2,6 @@
 
 pub use report::format::{NOTHING, count, counted, number};
 
-use proto::reward::RewardKind;
 use std::time::Duration;
 
 /// Bytes in binary units with three significant figures: `512 B`, `1.50 GiB`.
@@ -41,15 +40,6 @@ pub fn rate(per_second: f64) -> String {
 /// A share as a percentage with one decimal: `50.0%`; a dash for none.
 pub fn percent(share: Option<f64>) -> String {
     share.map_or_else(|| NOTHING.to_owned(), |share| format!("{:.1}%", 100.0 * share))
-}
-
-/// The reward as the paper writes it.
-pub fn reward_symbol(reward: RewardKind) -> &'static str {
-    match reward {
-        RewardKind::Task => "r",
-        RewardKind::DisturbanceFree => "r′",
-        RewardKind::Lagrangian => "r-λd",
-    }
 }
 
 /// Seconds since 1970 as `YYYYMMDD-HHMMSS` (UTC): sorts by time and is a valid file name everywhere.

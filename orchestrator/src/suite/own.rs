@@ -32,8 +32,9 @@ fn our_own_suites_cover_the_paper() {
         for SuiteEntry { config, from, .. } in seeds {
             let row = resolved(&preset);
             let before = from.iter().flat_map(|&from| &main.entries[from].config.stages);
-            let stages: Vec<_> = before.chain(&config.stages).map(|stage| (stage.reward, stage.frames)).collect();
-            assert_eq!(stages, row.stages.iter().map(|stage| (stage.reward, stage.frames)).collect::<Vec<_>>());
+            let stages: Vec<_> =
+                before.chain(&config.stages).map(|stage| (stage.reward.clone(), stage.frames)).collect();
+            assert_eq!(stages, row.stages.iter().map(|stage| (stage.reward.clone(), stage.frames)).collect::<Vec<_>>());
             let Config { actors, recording, validation, .. } = config.clone();
             let PpoConfig { rollout_steps, minibatches, overlap, .. } = config.ppo;
             let ppo = PpoConfig { rollout_steps, minibatches, overlap, ..row.ppo };

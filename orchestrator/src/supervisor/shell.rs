@@ -14,7 +14,6 @@ use super::stage::StageSwitch;
 use crate::recording::recorder::Recorder;
 use crate::run::scale::ScaleRequest;
 use crate::showing::events::tell;
-use crate::showing::format::reward_symbol;
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::event::LearnerEvent;
@@ -427,7 +426,7 @@ impl<A: Audience> Supervision<'_, A> {
         tracing::info!(
             "stage {} ({}) is in force from {} frames, rollout {}",
             stage.name,
-            reward_symbol(stage.reward),
+            stage.reward,
             switch.frames,
             switch.rollout
         );

@@ -85,11 +85,10 @@ impl StageMachine {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use proto::reward::RewardKind;
     use proto::stage::RolloutShape;
 
     fn stages(frames: &[u64]) -> Vec<StageConfig> {
-        let stage = |(i, &frames): (usize, &u64)| StageConfig { name: i.to_string(), reward: RewardKind::Task, frames };
+        let stage = |(i, &frames): (usize, &u64)| StageConfig { name: i.to_string(), reward: "r".into(), frames };
         frames.iter().enumerate().map(stage).collect()
     }
 

@@ -3,7 +3,6 @@
 use proto::config::StageConfig;
 use proto::event::Timing;
 use proto::metric;
-use proto::reward::RewardKind;
 use proto::stage::total_frames;
 use proto::trained::{History, Trained};
 use serde::{Deserialize, Serialize};
@@ -52,7 +51,7 @@ impl EpisodeMeans {
 pub struct StageMeans {
     pub name: String,
     /// The reward it optimises.
-    pub reward: RewardKind,
+    pub reward: String,
     pub frames: u64,
     /// Frames it is to have.
     pub budget: u64,
@@ -103,7 +102,7 @@ pub fn by_stage(stages: &[StageConfig], history: &History) -> Vec<StageMeans> {
         }
         figures.push(StageMeans {
             name: stage.name.clone(),
-            reward: stage.reward,
+            reward: stage.reward.clone(),
             frames: reached,
             budget: stage.frames,
             multiplier: newest.metrics.get(metric::MULTIPLIER),
@@ -172,8 +171,8 @@ pub mod tests {
 
     /// Two stages of 1000 and 500 frames.
     pub fn stages() -> Vec<StageConfig> {
-        let stage = |name: &str, reward, frames| StageConfig { name: name.into(), reward, frames };
-        vec![stage("I", RewardKind::Task, 1000), stage("II", RewardKind::DisturbanceFree, 500)]
+        let stage = |name: &str, reward: &str, frames| StageConfig { name: name.into(), reward: reward.into(), frames };
+        vec![stage("I", "r", 1000), stage("II", "r_prime", 500)]
     }
 
     /// Rollouts of 50 frames whose return is their number, in two seconds each.

@@ -193,8 +193,7 @@ pub fn frames_line(stages: &[StageConfig], recent: &Recent) -> String {
     let percent = 100.0 * recent.frames as f64 / recent.budget.max(1) as f64;
     let (frames, budget) = (format::count(recent.frames), format::count(recent.budget));
     let stage = recent.stage.and_then(|stage| stages.get(stage));
-    let stage = stage
-        .map_or_else(String::new, |stage| format!("stage {} ({})  ", stage.name, format::reward_symbol(stage.reward)));
+    let stage = stage.map_or_else(String::new, |stage| format!("stage {} ({})  ", stage.name, stage.reward));
     let mut parts = vec![format!("{stage}{frames} / {budget} frames  {percent:.1}%")];
     if let Some(rate) = recent.frames_per_s {
         parts.push(format!(
@@ -234,7 +233,7 @@ mod tests {
         let recent = recent(&stages(), &history(22));
         assert_eq!(
             frames_line(&stages(), &recent),
-            "stage II (r′)  1 100 / 1 500 frames  73.3%  |  25.0 frames/s: simulate 40% infer 20% update 30%  |  16 s left"
+            "stage II (r_prime)  1 100 / 1 500 frames  73.3%  |  25.0 frames/s: simulate 40% infer 20% update 30%  |  16 s left"
         );
         assert_eq!(figures_line(&recent), "return 20.75  success 50.0%  SRwoD –  disturbance 0.250 m");
     }

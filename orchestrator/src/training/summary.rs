@@ -223,7 +223,7 @@ pub fn table(stages: &[StageMeans]) -> Vec<String> {
         let late = if stage.last_tenth == EpisodeMeans::default() { stage.whole } else { stage.last_tenth };
         rows.push([
             stage.name.clone(),
-            format::reward_symbol(stage.reward).to_owned(),
+            stage.reward.clone(),
             format::count(stage.frames),
             format::count(stage.whole.episodes),
             format!("{} -> {}", format::number(stage.first_tenth.mean_return, 2), format::number(late.mean_return, 2)),

@@ -447,7 +447,7 @@ fn stages(config: &Config, history: &History) -> Vec<Stage> {
     let stages = config.stages.iter().map(|stage| {
         let shown = Stage {
             name: stage.name.clone(),
-            reward: format::reward_symbol(stage.reward).to_owned(),
+            reward: stage.reward.clone(),
             begins_at,
             budget: stage.frames,
             frames: trained.saturating_sub(begins_at).min(stage.frames),

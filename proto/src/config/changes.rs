@@ -97,13 +97,13 @@ mod tests {
         newer.ppo.epochs += 1;
         newer.stages[1].frames = 77;
         newer.scenes = vec!["a.toml".into()];
-        newer.reward.lambda_disturb = 0.1;
+        newer.reward.weights.insert("lambda_disturb".to_owned(), 0.1);
         let epochs = older.ppo.epochs;
         let mut changes = newer.changes_since(&older);
         changes.sort();
         let expected = [
             format!("ppo.epochs = {} instead of {epochs}", epochs + 1),
-            format!("reward.lambda_disturb = 0.1 instead of {:?}", older.reward.lambda_disturb),
+            format!("reward.lambda_disturb = 0.1 instead of {:?}", older.reward.weights["lambda_disturb"]),
             "scenes = [\"a.toml\"] instead of []".to_owned(),
             "seed = 9 instead of 1".to_owned(),
             format!("stages.1.frames = 77 instead of {}", older.stages[1].frames),

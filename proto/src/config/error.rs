@@ -1,6 +1,7 @@
 //! Configuration errors with file, line and a suggestion.
 
 use crate::shell::quoted;
+use crate::task::SpecError;
 use serde::de::DeserializeOwned;
 use std::path::PathBuf;
 
@@ -64,6 +65,26 @@ pub enum ConfigError {
         value: String,
         /// What it must be.
         problem: &'static str,
+    },
+    /// There is no such task.
+    #[error("there is no task `{name}`{}", suggestion(.nearest.as_deref()))]
+    UnknownTask {
+        name: String,
+        /// The closest existing name.
+        nearest: Option<String>,
+    },
+    /// The run's task is not what the programs know by its name.
+    #[error(
+        "{path}: the run's task `{name}` is declared otherwise than in these programs: go on with the version that began \
+         it (`run.toml` names it)", path = .path.display()
+    )]
+    OtherTask { path: PathBuf, name: String },
+    /// The task lacks what the configuration names.
+    #[error("configuration: {key}: {cause}")]
+    Task {
+        /// Dotted key.
+        key: String,
+        cause: SpecError,
     },
 }
 

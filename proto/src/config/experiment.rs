@@ -144,7 +144,6 @@ mod tests {
     use super::super::{AuxiliaryTask, CarriedGoal, Config, Encoder, GoalCoordinates};
     use super::*;
     use crate::action::ActionSpace;
-    use crate::reward::RewardKind;
     use std::collections::BTreeSet;
 
     fn config(name: &str) -> Config {
@@ -188,7 +187,7 @@ mod tests {
 
         let scratch = config("cpca16-scratch-45m");
         assert_eq!(scratch.auxiliary.task, AuxiliaryTask::Cpca16);
-        assert_eq!((scratch.stages[0].reward, scratch.stages[0].frames), (RewardKind::DisturbanceFree, 45_000_000));
+        assert_eq!((&*scratch.stages[0].reward, scratch.stages[0].frames), ("r_prime", 45_000_000));
 
         let ablation = config("ablation-cnn-plain-action-polar");
         assert_eq!(ablation.episode.action_space, ActionSpace::Small);
@@ -196,11 +195,11 @@ mod tests {
         assert_eq!(ablation.network.goal, GoalCoordinates::Polar);
 
         let unweighted = config("lambda-0");
-        assert_eq!((unweighted.reward.lambda_disturb, unweighted.stages.len()), (0.0, 2));
-        assert_eq!(config("lambda-25").reward.lambda_disturb, 25.0);
+        assert_eq!((unweighted.reward.weights["lambda_disturb"], unweighted.stages.len()), (0.0, 2));
+        assert_eq!(config("lambda-25").reward.weights["lambda_disturb"], 25.0);
         let lagrangian = config("lagrangian-15");
         assert_eq!(lagrangian.reward.lagrangian.initial, 15.0);
-        assert_eq!((lagrangian.stages[0].reward, lagrangian.stages[0].frames), (RewardKind::Lagrangian, 45_000_000));
+        assert_eq!((&*lagrangian.stages[0].reward, lagrangian.stages[0].frames), ("lagrangian", 45_000_000));
         assert_eq!((lagrangian.stages.len(), lagrangian.auxiliary.task), (1, AuxiliaryTask::None));
         assert_eq!(config("small-disturb-two-stage").stages.len(), 2);
     }

@@ -14,6 +14,7 @@ mod network;
 mod preset;
 mod presets;
 mod resolve;
+mod reward;
 mod setting;
 mod validate;
 
@@ -25,13 +26,14 @@ pub use machine::{MachineConfig, Pin};
 pub use network::{CarriedGoal, Encoder, GoalCoordinates, INPUT_POOLS, NetworkConfig};
 pub use preset::{Preset, overlay};
 pub use presets::presets;
+pub use reward::{LagrangianConfig, RewardConfig};
 pub use setting::{Setting, SettingError, check_settings};
 
 use crate::evaluation::{EvaluationConfig, ObjectSet, Plan};
 use crate::kitchen::Kitchens;
-use crate::reward::RewardKind;
 use crate::rota::Rota;
 use crate::shares::Shares;
+use crate::task::Reward;
 use serde::{Deserialize, Serialize};
 
 /// Everything that determines a run. The defaults are the paper's constants (`docs/method.md`).
@@ -42,6 +44,8 @@ pub struct Config {
     pub preset: String,
     /// Seed of everything random.
     pub seed: u64,
+    /// What is learned: the name of a task.
+    pub task: String,
     /// Scene files (`scene.toml`) to train in instead of the training kitchens: actor i simulates scene i, repeating
     /// after the last. Relative to the working directory; a run folder's configuration names its own copies, relative
     /// to itself.
@@ -59,7 +63,11 @@ pub struct Config {
     /// DD-PPO.
     pub ppo: PpoConfig,
     /// Reward weights.
+    #[serde(default)]
     pub reward: RewardConfig,
+    /// Rewards beside those of the task, for stages to name (docs/own-parts.md).
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub rewards: Vec<Reward>,
     /// Auxiliary task.
     pub auxiliary: AuxiliaryConfig,
     /// Settings of the learner processes.
@@ -149,27 +157,6 @@ pub struct PpoConfig {
     /// so results still do not depend on timing. Faster, above all on a GPU, where acting leaves much of it idle; but a
     /// rollout is one update older than in the paper's DD-PPO.
     pub overlap: bool,
-}
-
-/// Weights inside the reward.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct RewardConfig {
-    /// `λ_disturb` of r′.
-    pub lambda_disturb: f32,
-    /// The multiplier of stages with `reward = "lagrangian"`.
-    pub lagrangian: LagrangianConfig,
-}
-
-/// PPO-Lagrangian's multiplier: a stage begins with `initial`, and every update adds `learning_rate` times the mean
-/// discounted disturbance of the episodes that ended.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct LagrangianConfig {
-    /// `λ_0`.
-    pub initial: f64,
-    /// `η_λ`, per metre and update. The paper does not give its value.
-    pub learning_rate: f64,
 }
 
 /// Which auxiliary task.
@@ -337,17 +324,18 @@ impl Config {
 pub struct StageConfig {
     /// Name, as it appears in logs and figures.
     pub name: String,
-    /// Reward to optimise.
-    pub reward: RewardKind,
+    /// Reward to optimise: one of the task's, or of `rewards`.
+    pub reward: String,
     /// Frames to train on.
     pub frames: u64,
 }
 
 impl Default for Config {
     fn default() -> Self {
-        Self {
+        let mut config = Self {
             preset: "paper".into(),
             seed: 1,
+            task: "arm_point_nav".into(),
             scenes: Vec::new(),
             kitchens: KitchensConfig::default(),
             actors: ActorsConfig::default(),
@@ -356,6 +344,7 @@ impl Default for Config {
             network: NetworkConfig::default(),
             ppo: PpoConfig::default(),
             reward: RewardConfig::default(),
+            rewards: Vec::new(),
             auxiliary: AuxiliaryConfig::default(),
             learner: LearnerConfig::default(),
             machine: MachineConfig::default(),
@@ -365,10 +354,12 @@ impl Default for Config {
             from: None,
             evaluation: None,
             stages: vec![
-                StageConfig { name: "I".into(), reward: RewardKind::Task, frames: 20_000_000 },
-                StageConfig { name: "II".into(), reward: RewardKind::DisturbanceFree, frames: 25_000_000 },
+                StageConfig { name: "I".into(), reward: "r".into(), frames: 20_000_000 },
+                StageConfig { name: "II".into(), reward: "r_prime".into(), frames: 25_000_000 },
             ],
-        }
+        };
+        config.complete_weights();
+        config
     }
 }
 
@@ -405,18 +396,6 @@ impl Default for PpoConfig {
             preemption_share: 0.0,
             overlap: false,
         }
-    }
-}
-
-impl Default for RewardConfig {
-    fn default() -> Self {
-        Self { lambda_disturb: 15.0, lagrangian: LagrangianConfig::default() }
-    }
-}
-
-impl Default for LagrangianConfig {
-    fn default() -> Self {
-        Self { initial: 1.0, learning_rate: 0.01 }
     }
 }
 

@@ -97,7 +97,6 @@ pub(super) fn merged(name: &str) -> Result<toml::Table, ConfigError> {
 mod tests {
     use super::super::{CarriedGoal, Config, KitchenSource};
     use super::*;
-    use crate::reward::RewardKind;
     use std::collections::BTreeSet;
 
     #[test]
@@ -136,10 +135,7 @@ mod tests {
         let [config, base] =
             ["procedural-scratch", "recipe-procedural"].map(|name| Config::resolve(name, None).unwrap());
         let [stage] = &config.stages[..] else { panic!("{:?}", config.stages) };
-        assert_eq!(
-            (stage.reward, stage.frames, config.ppo.learning_rate_end),
-            (RewardKind::DisturbanceFree, 45_000_000, 0.05)
-        );
+        assert_eq!((&*stage.reward, stage.frames, config.ppo.learning_rate_end), ("r_prime", 45_000_000, 0.05));
         assert_eq!(stage.frames, base.stages.iter().map(|stage| stage.frames).sum::<u64>());
         let mut same = Config { preset: base.preset.clone(), stages: base.stages.clone(), ..config };
         same.ppo.learning_rate_end = base.ppo.learning_rate_end;

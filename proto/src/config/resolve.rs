@@ -57,11 +57,13 @@ impl Config {
         for setting in settings {
             setting.lay_over(&mut value);
         }
-        value.try_into().map_err(|cause: toml::de::Error| ConfigError::Invalid {
+        let mut config: Self = value.try_into().map_err(|cause: toml::de::Error| ConfigError::Invalid {
             origin: "the configuration".to_owned(),
             line: 0,
             problem: cause.message().to_owned(),
-        })
+        })?;
+        config.complete_weights();
+        Ok(config)
     }
 
     /// The configuration of a run, or of an evaluation, from its folder.
@@ -84,6 +86,7 @@ impl Config {
     pub fn from_toml(text: &str, origin: &str) -> Result<Self, ConfigError> {
         let mut config: Self = error::parse(text, origin)?;
         config.restore_the_past(&error::parse(text, origin)?);
+        config.complete_weights();
         config.validate()?;
         Ok(config)
     }

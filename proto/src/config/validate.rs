@@ -25,6 +25,7 @@ const STAGE_FRAMES_MOST: u64 = 1_000_000_000_000_000;
 impl Config {
     /// Checks every setting against its range.
     pub fn validate(&self) -> Result<(), ConfigError> {
+        self.validate_task()?;
         self.validate_environments()?;
         self.validate_learning()?;
         self.validate_processes()?;
@@ -133,7 +134,6 @@ impl Config {
             ("ppo.learning_rate_end", ppo.learning_rate_end),
             ("auxiliary.weight", auxiliary.weight),
             ("auxiliary.focal_gamma", auxiliary.focal_gamma),
-            ("reward.lambda_disturb", f64::from(reward.lambda_disturb)),
             ("reward.lagrangian.initial", reward.lagrangian.initial),
             ("reward.lagrangian.learning_rate", reward.lagrangian.learning_rate),
         ] {
@@ -287,7 +287,12 @@ impl Config {
     }
 }
 
-fn check(key: &'static str, value: impl Display, valid: bool, problem: &'static str) -> Result<(), ConfigError> {
+pub(super) fn check(
+    key: &'static str,
+    value: impl Display,
+    valid: bool,
+    problem: &'static str,
+) -> Result<(), ConfigError> {
     if valid { Ok(()) } else { Err(ConfigError::OutOfRange { key, value: value.to_string(), problem }) }
 }
 

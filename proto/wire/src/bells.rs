@@ -231,13 +231,14 @@ fn sleep(word: &AtomicU32, expected: u32, longest: Duration) -> bool {
 mod tests {
     use super::*;
     use crate::WireHost;
+    use proto::config::Config;
     use proto::shares::Shares;
 
     const LONG: Duration = Duration::from_secs(20);
     const QUIET: Duration = Duration::from_millis(30);
 
     fn with_bells(name: &str, test: impl FnOnce(&Bells)) {
-        let shape = WireShape { shares: Shares::new(3, 2), environments_per_actor: 1 };
+        let shape = WireShape::new(Shares::new(3, 2), 1, Config::default().spec());
         let address = WireAddress::new(&format!("test{name}{}", std::process::id()), 1);
         let host = WireHost::create(&address, shape).unwrap();
         test(&Bells::open(&address, shape).unwrap());
@@ -349,7 +350,7 @@ mod tests {
     #[test]
     #[should_panic(expected = "the run has no Actor(3)")]
     fn there_are_as_many_bells_as_processes() {
-        let shape = WireShape { shares: Shares::new(3, 2), environments_per_actor: 1 };
+        let shape = WireShape::new(Shares::new(3, 2), 1, Config::default().spec());
         let address = WireAddress::new(&format!("testnoactor{}", std::process::id()), 1);
         Bells::create(&address, shape).unwrap();
         let bells = Bells::open(&address, shape);

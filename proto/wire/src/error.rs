@@ -32,6 +32,15 @@ pub enum WireError {
         /// iceoryx2's error text.
         cause: String,
     },
+    /// The other end's records are laid out otherwise.
+    #[error(
+        "service `{service}` carries records of another task, or of another version of it: start all processes of a run \
+         from one version and with one configuration"
+    )]
+    Unlike {
+        /// Name of the service.
+        service: String,
+    },
     /// A port could not be made.
     #[error(
         "cannot make a port on service `{service}`: {cause}; if /dev/shm is full, `orchestrator clean` frees what dead runs left"

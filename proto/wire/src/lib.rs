@@ -4,26 +4,30 @@
 //! The crate `proto` defines what the processes exchange; this one carries it from process to process.
 //!
 //! ```
-//! use bytemuck::Zeroable;
 //! use proto::action::Action;
+//! use proto::config::Config;
+//! use proto::record::RecordHeader;
 //! use proto::shares::Shares;
-//! use wire::message::Observation;
+//! use wire::message::Line;
 //! use wire::{Wire, WireAddress, WireHost, WireShape};
 //!
 //! // The orchestrator creates all services; one actor with two environments and one learner join.
 //! let address = WireAddress::new(&format!("example{}", std::process::id()), 1);
-//! let shape = WireShape { shares: Shares::of_one(1), environments_per_actor: 2 };
+//! let shape = WireShape::new(Shares::of_one(1), 2, Config::default().spec());
 //! let host = WireHost::create(&address, shape)?;
 //! let learner = Wire::join(&address, shape, "learner-0")?;
 //! let actor = Wire::join(&address, shape, "actor-00")?;
 //!
-//! // The actor sends the observation of one half of its environments. The learner reads it in place.
+//! // The actor sends the record of one half of its environments. The learner reads it in place.
 //! let (observations, seen) = (actor.observation_publisher(0)?, learner.observation_subscriber(0)?);
-//! let mut sample = observations.loan_slice_uninit(1)?;
+//! let mut sample = observations.loan_slice_uninit(shape.lines(1))?;
 //! sample.user_header_mut().step = 7;
-//! sample.write_from_fn(|_| Observation { environment: 1, ..Observation::zeroed() }).send()?;
+//! let mut sample = sample.write_from_fn(|_| Line([0; 64]));
+//! RecordHeader::of_mut(Line::bytes_mut(sample.payload_mut())).environment = 1;
+//! sample.send()?;
 //! let sample = seen.receive()?.expect("it was sent");
-//! assert_eq!((sample.user_header().step, sample.payload()[0].environment), (7, 1));
+//! let header = RecordHeader::of(Line::bytes(sample.payload()));
+//! assert_eq!((sample.user_header().step, header.environment), (7, 1));
 //!
 //! // The learner answers with one byte an environment.
 //! let (actions, answers) = (learner.action_publisher(0)?, actor.action_subscriber(0)?);

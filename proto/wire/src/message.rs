@@ -1,90 +1,36 @@
 //! Payloads in shared memory. All are `repr(C)` and have their sizes asserted at compile time.
 //!
 //! All are [`Pod`], too: the compiler thereby proves that they hold no pointers and no hidden padding. Equal messages
-//! have equal bytes, but for what an [`Observation`] does not have of its frame.
+//! have equal bytes, but for images of a record that its header does not announce.
 
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
-use proto::camera::{DepthFrame, FRAME_PIXELS, SUMS_PIXELS};
 use proto::episode::MAX_EPISODE_STEPS;
-use proto::step::{Current, Transition, current_flag};
+use proto::task::LINE_BYTES;
 
-/// One environment's answer to one action: what the action did, what is seen now, and the depth frame, its sums, or both.
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+/// A cache line of a record. An observation is a record: one environment's answer to one action. It consists of the
+/// engine's [header](proto::record::RecordHeader) and the task's bytes, which lie as its
+/// [layout](proto::task::Layout) says. Its images may be anything, unless [`proto::record::RecordHeader::bulk`] has the
+/// bit of their place among [`proto::task::Layout::images`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
+#[type_name("stillroom/Line/1")]
 #[repr(C)]
 #[repr(align(64))]
-pub struct Observation {
-    /// Outcome of the last action.
-    pub transition: Transition,
-    /// What is seen now.
-    pub current: Current,
-    /// Environment index within the actor.
-    pub environment: u32,
-    /// What is there of the frame: bits of [`frame_part`].
-    pub parts: u32,
-    /// Padding up to the frame, which begins on a cache line, always 0.
-    pub reserved: [u32; 12],
-    /// Depth along the camera's axis, millimetres, row-major from the top left; 0 where nothing was hit. Anything, unless
-    /// it is one of the parts.
-    pub depth_mm: [u16; FRAME_PIXELS],
-    /// What [`proto::camera::sum_windows`] makes of the frame. Anything, unless it is one of the parts.
-    pub sums_mm: [u16; SUMS_PIXELS],
-}
+pub struct Line(pub [u8; LINE_BYTES]);
 
-impl Observation {
-    /// This part of the frame, where it lies.
-    pub fn frame(&self, part: FramePart) -> DepthFrame<'_> {
-        match part {
-            FramePart::Whole => DepthFrame::Whole(&self.depth_mm),
-            FramePart::Sums => DepthFrame::Sums(&self.sums_mm),
-        }
+const _: () = assert!(align_of::<Line>() == LINE_BYTES);
+
+impl Line {
+    /// The bytes of a record.
+    pub fn bytes(record: &[Self]) -> &[u8] {
+        bytemuck::cast_slice(record)
+    }
+
+    /// The same, to be written.
+    pub fn bytes_mut(record: &mut [Self]) -> &mut [u8] {
+        bytemuck::cast_slice_mut(record)
     }
 }
-
-/// What a network reads of a frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum FramePart {
-    /// All pixels.
-    Whole,
-    /// The sums of windows.
-    Sums,
-}
-
-impl FramePart {
-    /// Of an observation that has these `parts`: the sums only if the network `averages` over such windows. None if what
-    /// it would read is not there, or if the whole frame is to be recorded and is not there.
-    pub fn read(parts: u32, current: &Current, averages: bool) -> Option<Self> {
-        let has_whole = parts & frame_part::WHOLE != 0;
-        if current.flags & current_flag::RECORD_DEPTH != 0 && !has_whole {
-            return None;
-        }
-        if averages && parts & frame_part::SUMS != 0 { Some(Self::Sums) } else { has_whole.then_some(Self::Whole) }
-    }
-}
-
-// SAFETY: an Observation is `Pod`: `repr(C)`, self-contained, without pointers. (The derive asks for this trait on
-// every field, and two of them are types of `proto`, which has no transport.)
-unsafe impl ZeroCopySend for Observation {
-    unsafe fn type_name() -> &'static str {
-        "stillroom/Observation/5"
-    }
-}
-
-/// Parts of a frame in an [`Observation`].
-pub mod frame_part {
-    /// `depth_mm`: for a network that reads it, and for whoever records it.
-    pub const WHOLE: u32 = 1;
-    /// `sums_mm`: there only if the network averages over such windows, and then all that it reads.
-    pub const SUMS: u32 = 2;
-}
-
-/// Byte offset of the depth frame in an [`Observation`].
-pub const DEPTH_OFFSET: usize = core::mem::offset_of!(Observation, depth_mm);
-
-const _: () = assert!(DEPTH_OFFSET == 256);
-const _: () = assert!(size_of::<Observation>() == 125_696);
-const _: () = assert!(core::mem::offset_of!(Observation, sums_mm).is_multiple_of(64));
-const _: () = assert!(size_of::<Observation>().is_multiple_of(64));
 
 /// What a sample of the observation service carries.
 pub mod observation_kind {

@@ -2,7 +2,7 @@
 //!
 //! | service | pattern | from → to | payload |
 //! |---|---|---|---|
-//! | `observations/RANK` | publish-subscribe | a learner's actors → it, recorder | `[Observation]` of one half |
+//! | `observations/RANK` | publish-subscribe | a learner's actors → it, recorder | `[Line]`, the records of one half |
 //! | `restore/ACTOR` | publish-subscribe | learner → one actor | `[EnvironmentState]` of all its environments |
 //! | `actions/ACTOR` | publish-subscribe | learner → one actor | `[u8]`, one action an environment of the half |
 //! | `stage` | publish-subscribe, history 1 | orchestrator → learners | `StageAnnouncement` |
@@ -19,9 +19,7 @@
 use crate::address::WireAddress;
 use crate::bells::{Bell, Bells, Sleeper};
 use crate::error::WireError;
-use crate::message::{
-    ActionHeader, EnvironmentState, Halves, Observation, ObservationHeader, RestoreHeader, StageAnnouncement,
-};
+use crate::message::{ActionHeader, EnvironmentState, Line, ObservationHeader, RestoreHeader, StageAnnouncement};
 use crate::receipts;
 use crate::shape::WireShape;
 use crate::sweeper::Sweeper;
@@ -33,7 +31,7 @@ use iceoryx2::prelude::{
     PortFactory, ServiceName, SignalHandlingMode, ipc,
 };
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
-use iceoryx2::service::builder::publish_subscribe::Builder as PublishSubscribeBuilder;
+use iceoryx2::service::builder::publish_subscribe::{Builder as PublishSubscribeBuilder, PublishSubscribeOpenError};
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PublishSubscribe;
 use proto::SCHEMA_VERSION;
 use std::fmt::Debug;
@@ -42,9 +40,9 @@ use std::ops::Range;
 /// The flavour of iceoryx2 in use: between processes, ports stay on the thread that made them.
 pub type Ipc = ipc::Service;
 /// Publisher of observations; held by an actor.
-pub type ObservationPublisher = Publisher<Ipc, [Observation], ObservationHeader>;
+pub type ObservationPublisher = Publisher<Ipc, [Line], ObservationHeader>;
 /// Subscriber of observations; held by the learner and by recorders.
-pub type ObservationSubscriber = Subscriber<Ipc, [Observation], ObservationHeader>;
+pub type ObservationSubscriber = Subscriber<Ipc, [Line], ObservationHeader>;
 /// Publisher of actions for one actor.
 pub type ActionPublisher = Publisher<Ipc, [u8], ActionHeader>;
 /// Subscriber of actions; held by one actor.
@@ -71,8 +69,7 @@ impl WireShape {
     pub fn shared_memory_bytes(self) -> u64 {
         // The publisher's pool: what subscribers queue and borrow, and the loan in flight.
         let samples = (OBSERVATION_SUBSCRIBERS + 1) * (OBSERVATION_BUFFER + OBSERVATION_BORROWED) + 1;
-        let half = Halves::of(self.environments_per_actor).range(0).len();
-        let per_actor = samples * half * size_of::<Observation>();
+        let per_actor = samples * self.lines(self.half()) * size_of::<Line>();
         u64::from(self.shares.actors()) * per_actor as u64 * 11 / 10 + (1 << 20)
     }
 
@@ -135,10 +132,10 @@ impl Wire {
     pub fn observation_publisher(&self, actor: u32) -> Result<ObservationPublisher, WireError> {
         let rank = self.shape.shares.learner_of(actor);
         let name = observations_name(rank);
-        let service = open!(self.observations(rank), &name);
+        let service = self.open_observations(rank)?;
         service
             .publisher_builder()
-            .initial_max_slice_len(Halves::of(self.shape.environments_per_actor).range(0).len())
+            .initial_max_slice_len(self.shape.lines(self.shape.half()))
             .allocation_strategy(AllocationStrategy::Static)
             .max_loaned_samples(1)
             .backpressure_strategy(BackpressureStrategy::RetryUntilDelivered)
@@ -149,14 +146,13 @@ impl Wire {
     /// Counts the subscribers of an actor's observations, those that were killed and not swept yet included.
     pub fn observation_readers(&self, actor: u32) -> Result<ObservationReaders, WireError> {
         let rank = self.shape.shares.learner_of(actor);
-        let service = open!(self.observations(rank), &observations_name(rank));
-        Ok(ObservationReaders { service })
+        Ok(ObservationReaders { service: self.open_observations(rank)? })
     }
 
     /// A reader's end of the observations of one learner's actors.
     pub fn observation_subscriber(&self, rank: u32) -> Result<ObservationSubscriber, WireError> {
         let name = observations_name(rank);
-        let service = open!(self.observations(rank), &name);
+        let service = self.open_observations(rank)?;
         service.subscriber_builder().buffer_size(OBSERVATION_BUFFER).create().map_err(|cause| port(&name, &cause))
     }
 
@@ -171,7 +167,7 @@ impl Wire {
         let service = open!(self.actions(actor), &name);
         service
             .publisher_builder()
-            .initial_max_slice_len(Halves::of(self.shape.environments_per_actor).range(0).len())
+            .initial_max_slice_len(self.shape.half())
             .allocation_strategy(AllocationStrategy::Static)
             .max_loaned_samples(1)
             // Two batches at most are on the way, one a half, and the buffer holds both: nothing is ever discarded
@@ -209,13 +205,23 @@ impl Wire {
         service.subscriber_builder().create().map_err(|cause| port(&name, &cause))
     }
 
+    fn open_observations(&self, rank: u32) -> Result<Observations, WireError> {
+        let name = observations_name(rank);
+        let required = required_attributes().require(&layout_key(), &layout_value(self.shape));
+        let required = required.expect("two short attributes always fit");
+        self.observations(rank)?.open_with_attributes(&required).map_err(|cause| match cause {
+            PublishSubscribeOpenError::IncompatibleAttributes => WireError::Unlike { service: name },
+            cause => service("open", &name, &cause),
+        })
+    }
+
     // The settings of each service. Creating and opening share them; defaults of iceoryx2 do not fit.
 
-    fn observations(&self, rank: u32) -> Result<SampleBuilder<[Observation], ObservationHeader>, WireError> {
+    fn observations(&self, rank: u32) -> Result<SampleBuilder<[Line], ObservationHeader>, WireError> {
         Ok(self
             .node
             .service_builder(&name(&observations_name(rank))?)
-            .publish_subscribe::<[Observation]>()
+            .publish_subscribe::<[Line]>()
             .user_header::<ObservationHeader>()
             .enable_safe_overflow(false)
             .subscriber_max_buffer_size(OBSERVATION_BUFFER)
@@ -273,10 +279,12 @@ impl Wire {
     }
 }
 
+type Observations = PublishSubscribe<Ipc, [Line], ObservationHeader>;
+
 /// Knows how many subscribers the observations have at any moment.
 #[derive(Debug)]
 pub struct ObservationReaders {
-    service: PublishSubscribe<Ipc, [Observation], ObservationHeader>,
+    service: Observations,
 }
 
 impl ObservationReaders {
@@ -312,21 +320,23 @@ impl WireHost {
         Bells::create(address, shape)?;
         let wire = Wire::join(address, shape, "orchestrator")?;
         let attributes = defined_attributes();
+        let with_layout = defined_attributes().define(&layout_key(), &layout_value(shape));
+        let with_layout = with_layout.expect("two short attributes always fit");
         let mut held: Vec<Box<dyn std::any::Any>> = Vec::new();
         macro_rules! create {
-            ($builder:expr, $name:expr) => {
+            ($builder:expr, $attributes:expr, $name:expr) => {
                 held.push(Box::new(
-                    $builder?.create_with_attributes(&attributes).map_err(|cause| service("create", $name, &cause))?,
+                    $builder?.create_with_attributes($attributes).map_err(|cause| service("create", $name, &cause))?,
                 ));
             };
         }
-        create!(wire.stage(), STAGE);
+        create!(wire.stage(), &attributes, STAGE);
         for rank in ranks.clone() {
-            create!(wire.observations(rank), &observations_name(rank));
+            create!(wire.observations(rank), &with_layout, &observations_name(rank));
         }
         for actor in ranks.flat_map(|rank| shape.shares.actors_of(rank)) {
-            create!(wire.actions(actor), &actions_name(actor));
-            create!(wire.restore(actor), &restore_name(actor));
+            create!(wire.actions(actor), &attributes, &actions_name(actor));
+            create!(wire.restore(actor), &attributes, &restore_name(actor));
         }
         receipts::create(address, shape.shares.actors())?;
         let config = address.config()?;
@@ -370,6 +380,7 @@ fn restore_name(actor: u32) -> String {
 type SampleBuilder<Payload, Header> = PublishSubscribeBuilder<Payload, Header, Ipc>;
 
 const SCHEMA_ATTRIBUTE: &str = "schema-version";
+const LAYOUT_ATTRIBUTE: &str = "record-layout";
 
 fn name(text: &str) -> Result<ServiceName, WireError> {
     ServiceName::new(text).map_err(|cause| WireError::Service {
@@ -400,6 +411,14 @@ fn schema_attribute() -> (AttributeKey, AttributeValue) {
     )
 }
 
+fn layout_key() -> AttributeKey {
+    LAYOUT_ATTRIBUTE.try_into().expect("a short constant is a valid key")
+}
+
+fn layout_value(shape: WireShape) -> AttributeValue {
+    format!("{:016x}", shape.layout_hash).as_str().try_into().expect("a short number is a valid value")
+}
+
 pub(crate) fn port(service: &str, cause: &dyn Debug) -> WireError {
     WireError::Port { service: service.to_owned(), cause: format!("{cause:?}") }
 }
@@ -409,9 +428,13 @@ mod tests {
     use super::*;
     use crate::SHARED_MEMORY;
     use crate::message::observation_kind;
-    use bytemuck::Zeroable;
+    use proto::config::Config;
     use proto::shares::Shares;
     use std::time::Duration;
+
+    fn shape(shares: Shares, environments_per_actor: u32) -> WireShape {
+        WireShape::new(shares, environments_per_actor, Config::default().spec())
+    }
 
     fn address(test: &str) -> WireAddress {
         WireAddress::new(&format!("test{test}{}", std::process::id()), 1)
@@ -422,7 +445,7 @@ mod tests {
         use std::os::unix::fs::MetadataExt;
         let address = address("modes");
         let before = rustix::process::umask(rustix::fs::Mode::empty());
-        let host = WireHost::create(&address, WireShape { shares: Shares::of_one(2), environments_per_actor: 1 });
+        let host = WireHost::create(&address, shape(Shares::of_one(2), 1));
         let actor = Wire::join(&address, host.as_ref().unwrap().wire().shape, "actor-00").unwrap();
         let publisher = actor.observation_publisher(0).unwrap();
         rustix::process::umask(before);
@@ -440,8 +463,27 @@ mod tests {
     }
 
     #[test]
+    fn processes_whose_records_are_laid_out_otherwise_do_not_talk() {
+        let shape = shape(Shares::of_one(1), 2);
+        let address = address("unlike");
+        let host = WireHost::create(&address, shape).unwrap();
+        let other = WireShape { layout_hash: shape.layout_hash ^ 1, ..shape };
+        let actor = Wire::join(&address, other, "actor-00").unwrap();
+        for refused in [
+            actor.observation_publisher(0).map(drop),
+            actor.observation_subscriber(0).map(drop),
+            actor.observation_readers(0).map(drop),
+        ] {
+            let refused = refused.unwrap_err().to_string();
+            assert!(refused.contains("`observations/0`") && refused.contains("one version"), "{refused}");
+        }
+        drop((actor, host));
+        address.sweep().unwrap();
+    }
+
+    #[test]
     fn a_frame_and_its_answer_cross_and_nothing_is_left() {
-        let shape = WireShape { shares: Shares::new(3, 2), environments_per_actor: 3 };
+        let shape = shape(Shares::new(3, 2), 3);
         let address = address("cross");
         let host = WireHost::create(&address, shape).unwrap();
         {
@@ -454,17 +496,16 @@ mod tests {
             let bell = actor.observations_bell(2);
             assert!(wakeups.iter().all(|wakeup| wakeup.wait(Duration::ZERO) && !wakeup.wait(Duration::ZERO)));
 
-            let mut sample = publisher.loan_slice_uninit(2).unwrap();
+            let lines = shape.lines(2);
+            let mut sample = publisher.loan_slice_uninit(lines).unwrap();
             *sample.user_header_mut() =
                 ObservationHeader { actor: 2, kind: observation_kind::OBSERVATIONS, ..Default::default() };
-            let mut observation = Observation::zeroed();
-            observation.depth_mm[7] = 1234;
-            assert_eq!(sample.write_from_fn(|_| observation).send().unwrap(), 1);
+            assert_eq!(sample.write_from_fn(|line| Line([line as u8; 64])).send().unwrap(), 1);
             bell.ring_counted();
             assert!(wakeups.iter().all(|wakeup| wakeup.wait(Duration::from_secs(5))));
             let received = subscriber.receive().unwrap().unwrap();
-            assert_eq!((received.user_header().actor, received.payload().len()), (2, 2));
-            assert_eq!(received.payload()[1].depth_mm[7], 1234);
+            assert_eq!((received.user_header().actor, received.payload().len()), (2, lines));
+            assert_eq!(received.payload()[7], Line([7; 64]));
             assert!(others.receive().unwrap().is_none(), "what another learner's actors send is not heard");
 
             let actions = learner.action_publisher(2).unwrap();

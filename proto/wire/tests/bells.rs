@@ -1,5 +1,6 @@
 //! No ring is lost when several processes ring at once.
 
+use proto::config::Config;
 use proto::shares::Shares;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
@@ -16,7 +17,7 @@ const SHORT: Duration = Duration::from_micros(50);
 /// those that have not rung in this round, as a learner does for its actors.
 #[test]
 fn every_ring_wakes_who_sleeps() {
-    let shape = WireShape { shares: Shares::of_one(RINGERS), environments_per_actor: 1 };
+    let shape = WireShape::new(Shares::of_one(RINGERS), 1, Config::default().spec());
     let address = WireAddress::new(&format!("testrings{}", std::process::id()), 1);
     let host = WireHost::create(&address, shape).unwrap();
     {

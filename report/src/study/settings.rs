@@ -2,7 +2,6 @@
 
 use crate::format::count;
 use proto::config::{self, Config, Difference, Lists, StageConfig};
-use proto::reward::RewardKind;
 use toml::{Table, Value};
 
 /// Settings of a run's name, of where and how it computes, and of what it keeps; none changes what it learns.
@@ -49,13 +48,6 @@ fn from_text(config: &Config) -> String {
 
 /// `stages: r 5 000 000, then r_prime 5 000 000 frames`
 fn stages_text(config: &Config) -> String {
-    let text = |stage: &StageConfig| {
-        let reward = match stage.reward {
-            RewardKind::Task => "r",
-            RewardKind::DisturbanceFree => "r_prime",
-            RewardKind::Lagrangian => "lagrangian",
-        };
-        format!("{reward} {}", count(stage.frames))
-    };
+    let text = |stage: &StageConfig| format!("{} {}", stage.reward, count(stage.frames));
     format!("stages: {} frames", config.stages.iter().map(text).collect::<Vec<_>>().join(", then "))
 }

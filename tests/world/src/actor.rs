@@ -4,11 +4,10 @@ use crate::environment::FakeEnvironment;
 use crate::kernel::{MILLISECOND, Next, Program, World};
 use crate::service::{Delivery, NoPlace, TaskId};
 use crate::setup::{MAX_STEPS, Mutation};
-use crate::wire::{Observations, Seen};
+use crate::wire::Observations;
 use actor::process::protocol::{Protocol, Todo, Verdict};
 use orchestrator::Exit;
 use proto::episode::EnvironmentId;
-use proto::step::{Current, Transition};
 use std::rc::Rc;
 use wire::message::{ActionHeader, EnvironmentState, observation_kind};
 
@@ -130,8 +129,7 @@ impl Actor {
         match self.protocol.next(now) {
             Todo::Hello => {
                 let header = self.protocol.hello_header();
-                let nothing = (0, Transition::default(), self.environments[0].current());
-                self.send((header, Rc::new(vec![nothing])));
+                self.send((header, Rc::new(vec![self.environments[0].observe(0)])));
                 Next::After(10)
             }
             Todo::Act { half } => {
@@ -144,18 +142,17 @@ impl Actor {
             }
             Todo::Send { half } => {
                 let header = self.protocol.observation_header(half);
-                let seen = self.protocol.halves().range(half).map(|index| self.see(index)).collect();
+                let seen = self
+                    .protocol
+                    .halves()
+                    .range(half)
+                    .map(|index| self.environments[index].observe(index as u32))
+                    .collect();
                 self.send((header, Rc::new(seen)));
                 Next::After(world.dice.spread(200, 2 * MILLISECOND))
             }
             Todo::Wait(longest) => Next::Wait(longest.as_micros() as u64),
         }
-    }
-
-    fn see(&self, index: usize) -> Seen {
-        let environment = &self.environments[index];
-        let current: Current = environment.current();
-        (index as u32, environment.transition(), current)
     }
 
     fn rebuild(&mut self, states: &[EnvironmentState], too_early: bool) {

@@ -2,14 +2,15 @@
 //! the weights after it, and every step that must be in the recording.
 
 use crate::environment::{FakeEnvironment, mix};
-use crate::setup::{ACTIONS, DISTURBANCE_WEIGHT, MAX_STEPS, NOISE, Setup};
-use learner::collector::gumbel;
-use proto::action::HOLD;
+use crate::setup::{ACTIONS, MAX_STEPS, NOISE, Setup};
+use learner::collector::{Signals, gumbel};
+use proto::action::{HOLD, NO_ACTION};
+use proto::config::Config;
 use proto::episode::EnvironmentId;
+use proto::record::{End, RecordHeader, flag};
 use proto::stage::{RolloutShape, position_at, total_frames};
-use proto::step::{Current, Transition, current_flag, transition_flag};
 use std::collections::BTreeMap;
-use wire::message::EnvironmentState;
+use wire::message::{EnvironmentState, Line};
 
 /// The weights that a run begins with.
 pub const FIRST_WEIGHTS: u64 = 1;
@@ -71,18 +72,25 @@ pub fn updated(weights: u64, sum: u64) -> u64 {
     mix([weights, sum]) >> 11
 }
 
-fn seen_by(seed: u64, id: EnvironmentId, current: &Current) -> u64 {
+fn seen_by(config: &Config, id: EnvironmentId, environment: &FakeEnvironment) -> u64 {
+    let lines = environment.observe(0);
+    let record = Line::bytes(&lines);
+    let (header, layout) = (RecordHeader::of(record), config.spec().layout());
     let mut noise = vec![];
-    gumbel(seed, id, current.episode, current.step, NOISE, &mut noise);
-    let held = current.flags & current_flag::HOLDING != 0;
-    let goal_m = if held { current.object_to_goal_m.map(|axis| -axis) } else { current.wrist_to_object_m };
-    look(goal_m, &noise, current.previous_action as u8, current.flags & current_flag::EPISODE_START != 0)
+    gumbel(config.seed, id, header.episode, header.step, NOISE, &mut noise);
+    let named = |name| config.spec().channel(name).map(|(_, field)| field).expect("the task has it");
+    let held = named("holding").number(record) != 0.0;
+    let (channel, sign) = if held { ("object_to_goal_m", -1.0) } else { ("wrist_to_object_m", 1.0) };
+    let goal_m = [0, 1, 2].map(|axis| sign * named(channel).of::<f32>(record)[axis]);
+    let start = header.has(flag::EPISODE_START);
+    look(goal_m, &noise, if start { NO_ACTION } else { record[layout.previous_action.offset] }, start)
 }
 
 impl Model {
     /// The run of a setup, undisturbed.
     pub fn of(setup: &Setup) -> Self {
         let config = &setup.config;
+        let signals = Signals::of(config);
         let (actors, each) = (config.actors.count, config.actors.environments_per_actor);
         let ids: Vec<EnvironmentId> = (0..actors)
             .flat_map(|actor| (0..each).map(move |index| (actor, index)))
@@ -94,7 +102,7 @@ impl Model {
         let mut model = Self { rollouts: vec![], steps: BTreeMap::new(), frames: total_frames(&config.stages) };
         let (mut frames, mut weights, mut acting) = (0, FIRST_WEIGHTS, FIRST_WEIGHTS);
         while let Some(position) = position_at(&config.stages, frames) {
-            let kind = config.stages[position.stage].reward;
+            let composition = config.reward(&config.stages[position.stage].reward);
             let shape = RolloutShape::next(position.frames_left, config.ppo.rollout_steps as usize, ids.len());
             let mut digests = vec![0_u64; ids.len()];
             for t in 0..shape.steps {
@@ -103,21 +111,26 @@ impl Model {
                         environment.act(HOLD);
                         continue;
                     }
-                    let seen = seen_by(config.seed, ids[column], &environment.current());
+                    let seen = seen_by(config, ids[column], environment);
                     let action = choose(acting, seen);
                     environment.act(action);
-                    let Transition { episode, step, state_hash, flags, reward, .. } = environment.transition();
-                    let has = |flag| flags & flag != 0;
-                    let value = reward.compose(kind, DISTURBANCE_WEIGHT);
-                    let outcome = [has(transition_flag::ENDED), has(transition_flag::TIME_LIMIT), reward.disturbed()];
+                    let lines = environment.observe(0);
+                    let record = Line::bytes(&lines);
+                    let header = RecordHeader::of(record);
+                    let part = |index| config.spec().layout().part(record, index);
+                    let value = composition.of(part, 0.0);
+                    let (end, label) = (header.end(), signals.label.is_some_and(|label| label.holds(part)));
+                    let outcome = [end.is_some(), end == Some(End::Truncated), label];
                     let gained = of_action(t, column, action, seen).wrapping_add(of_outcome(t, column, value, outcome));
                     digests[column] = digests[column].wrapping_add(gained);
-                    let fresh = model.steps.insert((column as u32, episode, step), state_hash);
+                    let fresh = model
+                        .steps
+                        .insert((column as u32, header.acted_episode, header.acted_step), header.outcome_hash);
                     assert!(fresh.is_none(), "a run takes every step once");
                 }
             }
             for (column, environment) in environments.iter().enumerate() {
-                let seen = seen_by(config.seed, ids[column], &environment.current());
+                let seen = seen_by(config, ids[column], environment);
                 digests[column] = digests[column].wrapping_add(of_bootstrap(column, seen));
             }
             let sum = digests.iter().fold(0, |sum: u64, digest| sum.wrapping_add(*digest));

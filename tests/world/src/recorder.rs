@@ -11,9 +11,9 @@ use crate::setup::Mutation;
 use crate::wire::Observations;
 use orchestrator::{Ledger, Tally, Verdict};
 use proto::disk::Disk;
-use proto::step::transition_flag;
+use proto::record::{RecordHeader, flag};
 use std::path::{Path, PathBuf};
-use wire::message::{Halves, observation_kind};
+use wire::message::{Halves, Line, observation_kind};
 use wire::{Receipt, Written};
 
 /// A killed recorder loses at most this much.
@@ -108,17 +108,18 @@ impl Recorder {
         };
         let first = header.actor as usize * self.taken.len() / world.setup.config.actors.count as usize;
         let mut steps = 0;
-        for (index, (_, transition, _)) in self.halves.range(header.half).zip(observations.iter()) {
+        for (index, record) in self.halves.range(header.half).zip(observations.iter()) {
+            let record = RecordHeader::of(Line::bytes(record));
             let column = first + index;
-            let taken = Some((header.learner_incarnation, transition.episode, transition.step));
-            if transition.flags & transition_flag::VALID != 0 && self.taken[column] != taken {
+            let taken = Some((header.learner_incarnation, record.acted_episode, record.acted_step));
+            if record.has(flag::ACTED) && self.taken[column] != taken {
                 self.taken[column] = taken;
                 if with_transitions {
                     steps += 1;
                     if world.setup.has(Mutation::LosesSteps) && world.dice.once_in(50) {
                         continue;
                     }
-                    self.write(column, transition.episode, transition.step, transition.state_hash);
+                    self.write(column, record.acted_episode, record.acted_step, record.outcome_hash);
                 }
             }
         }

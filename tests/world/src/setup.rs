@@ -3,7 +3,6 @@
 use crate::dice::Dice;
 use learner::collector::Pace;
 use proto::config::{Config, StageConfig};
-use proto::reward::RewardKind;
 
 /// Something that is wrong on purpose, to see that the world finds it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -51,8 +50,6 @@ pub struct Setup {
 
 /// Step limit of an episode: short, so that many end.
 pub const MAX_STEPS: u32 = 7;
-/// Weight of the disturbance in the reward.
-pub const DISTURBANCE_WEIGHT: f32 = 15.0;
 /// Actions of the policy.
 pub const ACTIONS: u64 = 21;
 /// Draws of noise for an action: one is enough for a policy that is a hash.
@@ -75,10 +72,10 @@ impl Setup {
         config.checkpoint.interval_s = f64::from(dice.one_of(&[0.0_f32, 0.5, 2.0, 300.0]));
         config.checkpoint.keep = dice.below(2) + 2;
         let environments = config.environments() as u64;
-        let stage = |name: &str, reward, frames| StageConfig { name: name.into(), reward, frames };
+        let stage = |name: &str, reward: &str, frames| StageConfig { name: name.into(), reward: reward.into(), frames };
         config.stages = vec![
-            stage("I", RewardKind::Task, dice.between(1, 14 * environments)),
-            stage("II", RewardKind::DisturbanceFree, dice.between(1, 16 * environments)),
+            stage("I", "r", dice.between(1, 14 * environments)),
+            stage("II", "r_prime", dice.between(1, 16 * environments)),
         ];
         let pace = |number: u64| if number.is_multiple_of(2) { Pace::Lockstep } else { Pace::Ready };
         let paces = [pace(seed / 3), pace(seed / 6)];

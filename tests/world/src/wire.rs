@@ -2,14 +2,11 @@
 
 use crate::service::{Full, Service, Settings, TaskId};
 use proto::shares::Shares;
-use proto::step::{Current, Transition};
 use std::rc::Rc;
-use wire::message::{ActionHeader, EnvironmentState, ObservationHeader, RestoreHeader, StageAnnouncement};
+use wire::message::{ActionHeader, EnvironmentState, Line, ObservationHeader, RestoreHeader, StageAnnouncement};
 
-/// One environment in a sample: its index, what the last action did, what is seen now.
-pub type Seen = (u32, Transition, Current);
-/// An observation sample: header and one half's environments.
-pub type Observations = (ObservationHeader, Rc<Vec<Seen>>);
+/// An observation sample: header, and the records of one half's environments without their frames.
+pub type Observations = (ObservationHeader, Rc<Vec<Vec<Line>>>);
 /// A restore.
 pub type Restore = (RestoreHeader, Rc<Vec<EnvironmentState>>);
 /// An action batch.

@@ -139,7 +139,7 @@ fn whatever_is_wrong_on_purpose_is_found() {
     for (mutation, seeds, said) in [
         (Mutation::LosesSteps, 100, "not in the recording"),
         (Mutation::WritesLater, 500, "not in the recording"),
-        (Mutation::ActsTwice, 100, "its transition is"),
+        (Mutation::ActsTwice, 100, "its last action is"),
         (Mutation::RestoresTooEarly, 200, "by its actions so far it must be at"),
         (Mutation::TrainsTwice, 20, "what is trained on differs"),
         (Mutation::ForgetsPolicies, 100, "what is trained on differs"),

@@ -4,11 +4,10 @@ use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::plausible;
 use proto::random::{Key, Purpose};
-use proto::step::Transition;
 use simulator::environment::Environment;
 use simulator::kitchen::Kitchen;
+use simulator::tasks::arm_point_nav::{Transition, check};
 use std::sync::Arc;
 
 /// A built-in kitchen as it is by default.
@@ -32,12 +31,21 @@ pub fn random_action(kitchen: KitchenId, environment: u32, episode: u32, step: u
 /// Takes an action. The learner refuses reports that cannot be, and ours are never among them.
 pub fn sound_step(environment: &mut Environment, action: Action) -> Transition {
     let transition = environment.step(action);
-    plausible::check(Some(&transition), &environment.current()).unwrap();
+    check(&transition, &environment.current()).unwrap();
     transition
 }
 
-/// Takes this many random actions from where the environment is.
-pub fn run(environment: &mut Environment, number: u32, episode: u32, steps: u32) -> Vec<Transition> {
+/// The reward r of a step.
+pub fn reward(transition: &Transition) -> f32 {
+    Config::default().reward("r").of(|index| transition.reward.part(index), 0.0)
+}
+
+/// Takes this many random actions from where the environment is: what each did, and the state that it led to.
+pub fn run(environment: &mut Environment, number: u32, episode: u32, steps: u32) -> Vec<(Transition, u64)> {
     let kitchen = environment.kitchen().id();
-    (0..steps).map(|index| sound_step(environment, random_action(kitchen, number, episode, index))).collect()
+    let step = |index| {
+        let transition = sound_step(environment, random_action(kitchen, number, episode, index));
+        (transition, environment.state_hash())
+    };
+    (0..steps).map(step).collect()
 }

@@ -1,18 +1,18 @@
 //! The simulator as a whole: kitchens at rest, and the task itself.
 
-use super::support::{environment, kitchen, random_action, run, sound_step};
+use super::support::{environment, kitchen, random_action, reward, run, sound_step};
 use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::{KitchenId, TargetCategory};
-use proto::reward::{GOAL_SUCCESS, PICK_UP};
-use proto::step::{Transition, transition_flag};
+use proto::record::End;
 use rapier3d::math::Vec3;
 use simulator::environment::Environment;
 use simulator::episode::{Episode, GOAL_TOLERANCE_M};
 use simulator::kitchen::BodyRole;
 use simulator::kitchen::spots::Stand;
 use simulator::simulation::{CONTACT_TOLERANCE_M, OTHERS_DRIFT_M};
+use simulator::tasks::arm_point_nav::Transition;
 use std::f32::consts::FRAC_PI_4;
 use std::sync::Arc;
 
@@ -91,7 +91,7 @@ fn kitchens_differ_and_are_the_same_each_time() {
 fn reward_parts_telescope() {
     let kitchen = kitchen(3);
     let mut environment = environment(&kitchen, 2);
-    let transitions = run(&mut environment, 2, 0, 200);
+    let transitions: Vec<Transition> = run(&mut environment, 2, 0, 200).into_iter().map(|(done, _)| done).collect();
     let (first, last) = (transitions[0], transitions[199]);
     assert_eq!(first.reward.wrist_object_progress_m, 0.0);
     let sum = |part: fn(&Transition) -> f32| transitions.iter().map(|t| f64::from(part(t))).sum::<f64>();
@@ -99,7 +99,7 @@ fn reward_parts_telescope() {
     assert!((wrist - f64::from(first.wrist_object_m - last.wrist_object_m)).abs() < 1e-4);
     let disturbance = sum(|t| t.reward.disturbance_progress_m);
     assert!((disturbance + f64::from(last.disturbance_m)).abs() < 1e-4);
-    assert!(last.flags & transition_flag::TIME_LIMIT != 0 && last.flags & transition_flag::ENDED != 0);
+    assert_eq!(environment.end(), Some(End::Truncated));
     assert!(transitions.iter().all(|t| t.peak_disturbance_m >= t.disturbance_m));
 }
 
@@ -160,12 +160,12 @@ fn the_target_can_be_picked_up_and_brought_to_its_goal() {
             }
         }
         let picked = sound_step(&mut environment, Action::PickUpMidLevel);
-        if picked.flags & transition_flag::PICKED_UP == 0 {
+        if !picked.picked_up() {
             assert_eq!(picked.reward.failed_action, 1.0);
             continue;
         }
         assert_eq!(picked.reward.picked_up, 1.0);
-        assert!(picked.reward.compose(proto::reward::RewardKind::Task, 15.0) > PICK_UP - 0.1);
+        assert!(reward(&picked) > 4.9);
         let hold = |environment: &Environment| {
             let current = environment.current();
             Vec3::from_array(current.wrist_position_m) - Vec3::from_array(current.target_position_m)
@@ -176,17 +176,17 @@ fn the_target_can_be_picked_up_and_brought_to_its_goal() {
                 && let Some(action) = greedy(&environment, wanted + hold(&environment))
             {
                 let transition = sound_step(&mut environment, action);
-                assert!(transition.flags & transition_flag::HOLDING != 0);
+                assert!(transition.holds());
                 steps += 1;
             }
         }
         let away = Vec3::from_array(environment.current().target_position_m) - goal;
         let done = sound_step(&mut environment, Action::DoneMidLevel);
-        assert!(done.flags & transition_flag::ENDED != 0);
+        assert_eq!(environment.end(), Some(End::Terminated));
         let there = away.abs().max_element() <= GOAL_TOLERANCE_M;
-        assert_eq!(done.flags & transition_flag::SUCCESS != 0, there);
+        assert_eq!(done.succeeded(), there);
         if there {
-            assert!(done.reward.compose(proto::reward::RewardKind::Task, 15.0) > GOAL_SUCCESS - 0.1);
+            assert!(reward(&done) > 9.9);
             solved += 1;
         }
     }
@@ -204,7 +204,7 @@ fn a_failed_motion_ends_where_it_began() {
             let before = *environment.robot();
             let wrist = environment.current().wrist_position_m;
             let transition = sound_step(&mut environment, random_action(kitchen.id(), 9, episode, step));
-            if transition.flags & transition_flag::ACTION_FAILED != 0 {
+            if transition.failed() {
                 failures += 1;
                 assert_eq!(before, *environment.robot());
                 assert_eq!(wrist, environment.current().wrist_position_m);
@@ -256,7 +256,7 @@ fn the_arm_does_not_enter_what_is_fixed() {
             let moved = sound_step(&mut environment, action);
             let depth_m = environment.simulation().depth_in_fixed_m();
             assert!(depth_m <= CONTACT_TOLERANCE_M, "{stand:?}, step {step}, {action:?}: {depth_m} m deep");
-            if within_range && moved.flags & transition_flag::ACTION_FAILED != 0 {
+            if within_range && moved.failed() {
                 match action {
                     Action::MoveArmHeightM => stopped[0] += 1,
                     Action::MoveArmZP => stopped[1] += 1,
@@ -283,8 +283,8 @@ fn out_of_a_jam_the_robot_can_leave() {
             let mut episode = Episode::sample(&kitchen, &config.episode, config.seed, id, 0);
             episode.stand = *stand;
             let mut environment = Environment::with_episode(Arc::clone(&kitchen), id, &config, 0, episode);
-            let failed = |transition: &Transition| transition.flags & transition_flag::ACTION_FAILED != 0;
-            let last = (0..30).map(|_| environment.step(Action::MoveAheadContinuous)).find(failed);
+            let mut ahead = (0..30).map(|_| environment.step(Action::MoveAheadContinuous));
+            let last = ahead.find(Transition::failed);
             let Some(last) = last else { continue };
             if last.disturbed_objects == 0 {
                 continue;
@@ -292,7 +292,7 @@ fn out_of_a_jam_the_robot_can_leave() {
             jams += 1;
             let ways_out = Action::ALL[..19].iter().filter(|&&action| {
                 let looks = matches!(action, Action::LookUp | Action::LookDown);
-                !looks && !failed(&environment.clone().step(action))
+                !looks && !environment.clone().step(action).failed()
             });
             assert!(ways_out.count() > 3, "kitchen {number}: at {stand:?} the robot drove itself stuck");
         }

@@ -4,6 +4,7 @@ use proto::config::KitchenSource;
 use proto::random::{Key, Purpose};
 use std::cell::Cell;
 use std::path::Path;
+use wire::message::Line;
 
 const STEPS: u32 = 60;
 
@@ -18,7 +19,7 @@ fn config(episodes_each: u32) -> Config {
 }
 
 /// What all environments do and see in so many steps, as a learner gets it; each step waits for `before`.
-fn played(environments: &mut Environments, before: impl Fn(&mut Environments)) -> Vec<(Transition, u64)> {
+fn played(environments: &mut Environments, before: impl Fn(&mut Environments)) -> Vec<(RecordHeader, u64)> {
     let mut seen = Vec::new();
     let mut random =
         Key { seed: 5, purpose: Purpose::RandomPolicy, kitchen: 0, environment: 0, episode: 0, step: 0 }.stream();
@@ -36,10 +37,12 @@ fn played(environments: &mut Environments, before: impl Fn(&mut Environments)) -
             .collect();
         environments.act(0..actions.len(), &actions).unwrap();
         for index in 0..actions.len() {
-            let mut observation = bytemuck::zeroed_box();
-            environments.observe(index, &mut observation);
-            assert_eq!(observation.current.episode, environments.running[index].episode);
-            seen.push((observation.transition, xxhash_rust::xxh3::xxh3_64(bytemuck::bytes_of(&*observation))));
+            let mut record = vec![Line([0; 64]); environments.layout.bytes / size_of::<Line>()];
+            let record = Line::bytes_mut(&mut record);
+            environments.observe(index, record);
+            let header = *RecordHeader::of(record);
+            assert_eq!(header.episode, environments.running[index].header.episode);
+            seen.push((header, xxhash_rust::xxh3::xxh3_64(record)));
         }
     }
     seen
@@ -53,8 +56,8 @@ fn environments(larder: Larder, config: &Config) -> Environments {
 fn until_all_is_ready(environments: &mut Environments) {
     let course = &environments.course;
     for running in &environments.running {
-        let next = course.rota.next_move(running.home, running.episode);
-        if next.is_some_and(|(then, _)| then - running.episode <= OPENED_AHEAD) {
+        let next = course.rota.next_move(running.home, running.header.episode);
+        if next.is_some_and(|(then, _)| then - running.header.episode <= OPENED_AHEAD) {
             while !course.larder.is_ready(running.home.number) {
                 std::thread::sleep(std::time::Duration::from_millis(1));
             }
@@ -71,7 +74,7 @@ fn what_is_opened_ahead_does_not_matter_to_a_single_bit() {
         let at_once = Larder::without_thread(&config, folder.path());
         let expected = played(&mut environments(at_once, &config), |_| ());
         let kitchens: std::collections::BTreeSet<u32> =
-            expected.iter().map(|(transition, _)| transition.episode / episodes_each).collect();
+            expected.iter().map(|(header, _)| header.acted_episode / episodes_each).collect();
         assert!(kitchens.len() > 2, "environments went from kitchen to kitchen: {kitchens:?}");
         let ahead = played(&mut environments(larder(folder.path()), &config), until_all_is_ready);
         assert!(ahead == expected, "opened ahead");
@@ -115,7 +118,7 @@ fn a_restored_environment_is_in_the_kitchen_of_its_episode() {
         environments.rebuild(&states).unwrap();
         for (running, state) in environments.running.iter().zip(&states) {
             assert_eq!(running.id, environments.course.rota.place(running.home, state.episode));
-            assert_eq!((running.episode, running.environment.current().step), (state.episode, 2));
+            assert_eq!((running.header.episode, running.header.step), (state.episode, 2));
             assert_eq!(running.environment.kitchen().id(), running.id.kitchen);
         }
     }

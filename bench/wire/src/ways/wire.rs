@@ -3,10 +3,12 @@
 use crate::end::{ActorEnd, EndArgs, LearnerEnd, Place};
 use anyhow::{Context, Result, ensure};
 use iceoryx2::sample::Sample;
+use proto::config::Config;
+use proto::record::RecordHeader;
 use proto::shares::Shares;
 use std::collections::BTreeMap;
 use std::time::Duration;
-use wire::message::{ActionHeader, Observation, ObservationHeader, observation_kind};
+use wire::message::{ActionHeader, Line, ObservationHeader, observation_kind};
 use wire::{
     ActionPublisher, ActionSubscriber, Bell, Ipc, ObservationPublisher, ObservationReaders, ObservationSubscriber,
     Sleeper, UpdateConnections, Wakeup, Wire, WireAddress, WireHost, WireShape,
@@ -21,10 +23,10 @@ pub fn address(place: &Place) -> WireAddress {
 }
 
 fn shape(place: &Place) -> WireShape {
-    WireShape { shares: Shares::of_one(place.actors), environments_per_actor: place.environments() }
+    WireShape::new(Shares::of_one(place.actors), place.environments(), Config::default().spec())
 }
 
-type Received = Sample<Ipc, [Observation], ObservationHeader>;
+type Received = Sample<Ipc, [Line], ObservationHeader>;
 
 /// The learner, and in the same process the host of all services.
 pub struct Learner {
@@ -62,9 +64,7 @@ impl Learner {
 }
 
 fn bytes(sample: &Received) -> &[u8] {
-    let payload = sample.payload();
-    // SAFETY: an Observation is `Pod`: all its bytes are initialised, and any of them may be read.
-    unsafe { std::slice::from_raw_parts(payload.as_ptr().cast(), size_of_val(payload)) }
+    Line::bytes(sample.payload())
 }
 
 impl LearnerEnd for Learner {
@@ -103,7 +103,7 @@ impl LearnerEnd for Learner {
 
 pub struct Actor {
     number: u32,
-    frames: usize,
+    lines: usize,
     steps: [u64; 2],
     observations: ObservationPublisher,
     readers: ObservationReaders,
@@ -119,7 +119,7 @@ impl Actor {
         let wire = Wire::join(&address(place), shape(place), &format!("actor-{actor:02}"))?;
         Ok(Self {
             number: actor,
-            frames: place.frames as usize,
+            lines: shape(place).lines(place.frames as usize),
             steps: [0; 2],
             actions: wire.action_subscriber(actor)?,
             wakeup: wire.bells().wakeup(Sleeper::Actor(actor)),
@@ -134,7 +134,7 @@ impl Actor {
 impl ActorEnd for Actor {
     fn send(&mut self, half: u32, pattern: u8) -> Result<()> {
         self.observations.update_connections().context("cannot connect to the learner")?;
-        let mut sample = self.observations.loan_slice_uninit(self.frames).context("no free slot")?;
+        let mut sample = self.observations.loan_slice_uninit(self.lines).context("no free slot")?;
         *sample.user_header_mut() = ObservationHeader {
             step: self.steps[half as usize],
             kind: observation_kind::OBSERVATIONS,
@@ -145,7 +145,7 @@ impl ActorEnd for Actor {
         let slots = sample.payload_mut();
         // SAFETY: the slots are ours to write.
         unsafe { slots.as_mut_ptr().write_bytes(pattern, slots.len()) };
-        // SAFETY: every byte was written, and an Observation of any bytes is valid.
+        // SAFETY: every byte was written, and a Line of any bytes is valid.
         let receivers = unsafe { sample.assume_init() }.send().context("cannot send observations")?;
         self.bell.ring_counted();
         ensure!(receivers == self.readers.count(), "{receivers} of {} readers got a sample", self.readers.count());
@@ -167,14 +167,16 @@ impl ActorEnd for Actor {
 /// frame. It runs until its standard input closes or it is killed.
 pub fn record(args: &EndArgs) -> Result<()> {
     wire::lifeline::hold(|| std::process::exit(0)).context("cannot watch standard input")?;
-    let wire = Wire::join(&address(&args.place), shape(&args.place), "recorder")?;
+    let shape = shape(&args.place);
+    let wire = Wire::join(&address(&args.place), shape, "recorder")?;
     let wakeup = wire.bells().wakeup(Sleeper::Recorder);
     let observations = wire.observation_subscriber(0)?;
     println!("ready");
     let mut seen = 0_u64;
     loop {
         while let Some(sample) = observations.receive().context("cannot receive observations")? {
-            let hashes = sample.payload().iter().map(|observation| observation.transition.state_hash);
+            let records = sample.payload().chunks_exact(shape.record_lines);
+            let hashes = records.map(|record| RecordHeader::of(Line::bytes(record)).outcome_hash);
             seen = std::hint::black_box(hashes.fold(seen, u64::wrapping_add));
         }
         wakeup.wait(LOOK);

@@ -44,7 +44,7 @@ impl FakeActor {
             half,
             ..ObservationHeader::default()
         };
-        let observe = |e: usize| (e as u32, self.environments[e].transition(), self.environments[e].current());
+        let observe = |e: usize| self.environments[e].observe(e as u32);
         (header, FakeSample(column_map.half(half).map(observe).collect()))
     }
 

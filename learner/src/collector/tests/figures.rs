@@ -20,7 +20,7 @@ fn the_figures_of_a_rollout_are_those_of_each_shard() {
         }
         collector.settle(&due(collector))
     };
-    let reward = Reward { kind: RewardKind::Task, disturbance_weight: 15.0 };
+    let reward = reward("r");
     collector.begin(RolloutShape { steps: 1, environments_in_last_step: 3, frames: 3 }, reward, 1);
     assert!(arrive(&mut collector, &mut actors).is_empty());
     let first = due(&collector);

@@ -1,8 +1,8 @@
 //! A recorder in the collector's simulated world: it takes samples in its own time, and what it has not taken of an
 //! actor is lost when that actor dies.
 
-use super::Message;
-use proto::step::transition_flag;
+use super::{HalfSample, Message};
+use proto::record::flag;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use wire::Receipt;
 use wire::message::observation_kind;
@@ -33,9 +33,9 @@ impl Taker {
         }
         self.newest.insert((header.actor, header.half), at);
         if before.is_some_and(|(learner_incarnation, _)| learner_incarnation == header.learner_incarnation) {
-            for (environment, transition, _) in &sample.0 {
-                if transition.flags & transition_flag::VALID != 0 {
-                    self.steps.insert((header.actor, *environment, transition.episode, transition.step));
+            for record in (0..sample.len()).map(|i| sample.header(i)) {
+                if record.has(flag::ACTED) {
+                    self.steps.insert((header.actor, record.environment, record.acted_episode, record.acted_step));
                 }
             }
         }

@@ -6,7 +6,6 @@
 use crate::recording::schema::foxglove::{CameraCalibration, FrameTransform, Quaternion, Vector3};
 use prost_types::Timestamp;
 use proto::camera::{FIELD_OF_VIEW_DEG, FRAME_SIDE, HEIGHT_M};
-use proto::step::Current;
 
 /// Names of the frames of one environment. Every kitchen is a world of its own.
 #[derive(Debug, Clone)]
@@ -58,9 +57,23 @@ pub fn calibration(timestamp: Timestamp, frame_id: &str) -> CameraCalibration {
     }
 }
 
+/// Where robot, camera, wrist, target and goal are, in the simulator's world.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Places {
+    /// x, z.
+    pub base_position_m: [f32; 2],
+    /// Positive to the right.
+    pub base_yaw_rad: f32,
+    /// Positive downwards.
+    pub camera_pitch_rad: f32,
+    pub wrist_position_m: [f32; 3],
+    pub target_position_m: [f32; 3],
+    pub goal_position_m: [f32; 3],
+}
+
 /// Where robot, camera, wrist, target and goal are.
-pub fn transforms(timestamp: Timestamp, names: &FrameNames, current: &Current) -> Vec<FrameTransform> {
-    let [x_m, z_m] = current.base_position_m;
+pub fn transforms(timestamp: Timestamp, names: &FrameNames, places: &Places) -> Vec<FrameTransform> {
+    let [x_m, z_m] = places.base_position_m;
     let at = |parent: &str, child: &str, translation: Vector3, rotation: Quaternion| FrameTransform {
         timestamp: Some(timestamp),
         parent_frame_id: parent.to_owned(),
@@ -75,18 +88,18 @@ pub fn transforms(timestamp: Timestamp, names: &FrameNames, current: &Current) -
             &names.robot,
             ros_from_world([x_m, 0.0, z_m]),
             // The simulator's yaw is positive to the right; a positive turn about z up is to the left.
-            about_z(-f64::from(current.base_yaw_rad)),
+            about_z(-f64::from(places.base_yaw_rad)),
         ),
         at(
             &names.robot,
             &names.camera,
             Vector3 { x: 0.0, y: 0.0, z: HEIGHT_M },
             // Downwards is a positive turn about the axis to the left.
-            product(&about_y(f64::from(current.camera_pitch_rad)), &BODY_FROM_OPTICAL),
+            product(&about_y(f64::from(places.camera_pitch_rad)), &BODY_FROM_OPTICAL),
         ),
-        place(&names.wrist, current.wrist_position_m),
-        place(&names.target, current.target_position_m),
-        place(&names.goal, current.goal_position_m),
+        place(&names.wrist, places.wrist_position_m),
+        place(&names.target, places.target_position_m),
+        place(&names.goal, places.goal_position_m),
     ]
 }
 
@@ -136,13 +149,13 @@ mod tests {
     #[test]
     fn what_lies_right_and_ahead_in_the_simulator_does_so_in_foxglove() {
         // At world (x 1, z 2), turned 90° to the right: looks along world +x, which is -y in right-handed axes.
-        let current = Current {
+        let places = Places {
             base_position_m: [1.0, 2.0],
             base_yaw_rad: std::f32::consts::FRAC_PI_2,
             camera_pitch_rad: FRAC_PI_6 as f32,
-            ..crate::recording::recorder::testing::current(0, 0)
+            ..Places::default()
         };
-        let all = transforms(Timestamp::default(), &FrameNames::under("k"), &current);
+        let all = transforms(Timestamp::default(), &FrameNames::under("k"), &places);
         let (robot, camera) = (&all[0], &all[1]);
         let robot_rotation = robot.rotation.as_ref().unwrap();
         let translation = robot.translation.as_ref().unwrap();

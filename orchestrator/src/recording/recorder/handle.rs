@@ -6,7 +6,6 @@ use super::tap;
 use crate::recording::schema::foxglove::log::Level;
 use crate::recording::schema::stillroom::{StageSwitch, Validation};
 use proto::event::LearnerEvent;
-use proto::reward::RewardKind;
 use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
@@ -29,7 +28,7 @@ pub struct Recorder {
     receipts: Receipts,
     /// The learner that speaks for the recording.
     leader: u32,
-    stages: Vec<(String, RewardKind)>,
+    stages: Vec<(String, String)>,
 }
 
 impl Recorder {
@@ -40,7 +39,7 @@ impl Recorder {
         let bell = Bells::open(&setup.address, setup.shape)?.bell([Sleeper::Recorder]);
         let receipts = Receipts::open(&setup.address, setup.shape.shares.actors())?;
         let (failure, leader) = (Arc::new(OnceLock::new()), setup.ranks.start);
-        let stages = setup.config.stages.iter().map(|stage| (stage.name.clone(), stage.reward)).collect();
+        let stages = setup.config.stages.iter().map(|stage| (stage.name.clone(), stage.reward.clone())).collect();
         let thread = {
             let failure = Arc::clone(&failure);
             std::thread::Builder::new()
@@ -123,20 +122,13 @@ impl Recorder {
 
     /// Records that stage `to` begins with rollout `rollout`, after `frames` frames trained on.
     pub fn stage_switch(&self, from: Option<usize>, to: usize, frames: u64, rollout: u64) {
-        let (name, reward) = self.stages.get(to).map_or((String::new(), ""), |(name, reward)| {
-            let reward = match reward {
-                RewardKind::Task => "r",
-                RewardKind::DisturbanceFree => "r_prime",
-                RewardKind::Lagrangian => "lagrangian",
-            };
-            (name.clone(), reward)
-        });
+        let (name, reward) = self.stages.get(to).cloned().unwrap_or_default();
         let line = format!("stage {name} (reward {reward}) begins with rollout {rollout}, after {frames} frames");
         self.note(Note::Stage(StageSwitch {
             from: from.map(|stage| stage as u32),
             to: to as u32,
             name,
-            reward: reward.to_owned(),
+            reward,
             frames,
             rollout,
         }));

@@ -7,6 +7,7 @@
 //! [`Recorder::failure`] says why. A segment is a complete file at every moment ([`live`], [`index`]).
 
 pub mod camera;
+mod channels;
 mod handle;
 mod held;
 mod index;

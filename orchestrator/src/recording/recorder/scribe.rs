@@ -1,13 +1,12 @@
 //! Turns observations into messages: the messages of each step and their topics.
 
 use crate::recording::recorder::camera::{self, FrameNames};
+use crate::recording::recorder::channels::{Channels, is, vector, whole};
 use crate::recording::recorder::held::{self, Held};
 use crate::recording::recorder::segment::{SegmentError, Segments, Topic};
 use crate::recording::schema::foxglove::{FrameTransforms, Log, RawImage, log};
 use crate::recording::schema::stillroom::step::Goal;
-use crate::recording::schema::stillroom::{
-    EpisodeEnd, EpisodeStart, LearnerMetrics, RobotVector, StageSwitch, Step, Validation,
-};
+use crate::recording::schema::stillroom::{EpisodeEnd, EpisodeStart, LearnerMetrics, StageSwitch, Step, Validation};
 use prost::Message;
 use prost_types::Timestamp;
 use proto::camera::FRAME_SIDE;
@@ -17,13 +16,14 @@ use proto::evaluation::Plan;
 use proto::event::Timing;
 use proto::kitchen::Kitchens;
 use proto::metric;
+use proto::record::{End, RecordHeader, flag};
 use proto::replay::length_m;
-use proto::reward::{RewardKind, UNDISTURBED_THRESHOLD_M};
+use proto::reward::UNDISTURBED_THRESHOLD_M;
 use proto::rota::Rota;
-use proto::step::{Current, Transition, current_flag, transition_flag};
+use proto::task::Composition;
 use std::collections::BTreeMap;
 use wire::WireShape;
-use wire::message::{Halves, Observation, ObservationHeader, frame_part};
+use wire::message::{Halves, Line, ObservationHeader};
 
 #[cfg(target_endian = "big")]
 compile_error!("16UC1 images are little-endian and are copied as they lie in memory");
@@ -60,7 +60,9 @@ pub struct Scribe {
     environments: Vec<Environment>,
     shape: WireShape,
     incarnation: u32,
-    lambda_disturb: f32,
+    /// r and r′.
+    rewards: [Composition; 2],
+    channels: Channels,
     failures_only: bool,
     /// Which fixed episodes are played, in an evaluation.
     plan: Option<Plan>,
@@ -68,6 +70,8 @@ pub struct Scribe {
     rota: Rota,
     counts: Counts,
     frames_before: Option<u64>,
+    /// Reused for every record: all but its images.
+    small: Vec<Line>,
     /// Reused for every message.
     buffer: Vec<u8>,
     /// Reused for every frame.
@@ -166,7 +170,9 @@ impl Scribe {
             environments,
             shape,
             incarnation,
-            lambda_disturb: config.reward.lambda_disturb,
+            rewards: ["r", "r_prime"].map(|name| config.reward(name)),
+            channels: Channels::of(config.spec()),
+            small: Vec::new(),
             failures_only: config.recording.failures_only,
             plan: config.evaluation_plan(),
             rota: config.rota(),
@@ -183,44 +189,78 @@ impl Scribe {
         &mut self,
         time_ns: u64,
         header: &ObservationHeader,
-        observations: &[Observation],
+        records: &[Line],
         with_transitions: bool,
     ) -> Result<u64, SegmentError> {
-        let mut steps = 0;
-        let first = header.actor * self.shape.environments_per_actor;
+        let first = (header.actor * self.shape.environments_per_actor) as usize;
         let range = Halves::of(self.shape.environments_per_actor).range(header.half);
-        for (index, observation) in range.zip(observations) {
-            let environment = first as usize + index;
+        let [lines, small_lines] = self.channels.lines();
+        let mut small = std::mem::take(&mut self.small);
+        let mut steps = 0;
+        for (index, record) in range.zip(records.chunks_exact(lines)) {
             // Copied once: what lies in shared memory can change meanwhile.
-            let (transition, current) = (&{ observation.transition }, &{ observation.current });
-            let taken = Some((header.learner_incarnation, transition.episode, transition.step));
-            if transition.flags & transition_flag::VALID != 0 && self.environments[environment].taken != taken {
-                // At a restore point, too: there the transition is old, but a HOLD may follow.
-                self.environments[environment].taken = taken;
-                if with_transitions {
-                    self.step(time_ns, header, environment, index as u32, transition)?;
-                    steps += 1;
-                    if transition.flags & transition_flag::ENDED != 0 {
-                        self.episode_end(time_ns, header, environment, transition)?;
-                    }
-                }
+            small.clear();
+            small.extend_from_slice(&record[..small_lines]);
+            let copied = Line::bytes(&small);
+            if self.outcome(time_ns, header, first + index, copied, with_transitions)? {
+                steps += 1;
             }
-            let described = Some((header.learner_incarnation, current.episode, current.step));
-            if self.environments[environment].described == described {
-                continue;
-            }
-            self.environments[environment].described = described;
-            self.environments[environment].goal = Some(goal_of(current));
-            if current.flags & current_flag::EPISODE_START != 0 {
-                self.episode_start(time_ns, header, environment, current)?;
-            }
-            // Both come of one draw in the actor. What is not there is not recorded: the learner refuses it.
-            let is_there = observation.parts & frame_part::WHOLE != 0;
-            if is_there && current.flags & current_flag::RECORD_DEPTH != 0 {
-                self.depth(time_ns, environment, observation)?;
+            self.observation(time_ns, header, first + index, copied, Line::bytes(record))?;
+        }
+        self.small = small;
+        Ok(steps)
+    }
+
+    /// Describes what the last action of an environment did, if that is new; whether it was.
+    fn outcome(
+        &mut self,
+        time_ns: u64,
+        header: &ObservationHeader,
+        environment: usize,
+        record: &[u8],
+        with_transitions: bool,
+    ) -> Result<bool, SegmentError> {
+        let RecordHeader { acted_episode, acted_step, .. } = *RecordHeader::of(record);
+        let taken = Some((header.learner_incarnation, acted_episode, acted_step));
+        if !RecordHeader::of(record).has(flag::ACTED) || self.environments[environment].taken == taken {
+            return Ok(false);
+        }
+        // At a restore point, too: there the transition is old, but a HOLD may follow.
+        self.environments[environment].taken = taken;
+        if with_transitions {
+            self.step(time_ns, header, environment, record)?;
+            if RecordHeader::of(record).end().is_some() {
+                self.episode_end(time_ns, header, environment, record)?;
             }
         }
-        Ok(steps)
+        Ok(with_transitions)
+    }
+
+    /// Describes what is seen now, if that is new. `whole`: the record where it lies.
+    fn observation(
+        &mut self,
+        time_ns: u64,
+        header: &ObservationHeader,
+        environment: usize,
+        record: &[u8],
+        whole: &[u8],
+    ) -> Result<(), SegmentError> {
+        let seen = RecordHeader::of(record);
+        let known = &mut self.environments[environment];
+        let described = Some((header.learner_incarnation, seen.episode, seen.step));
+        if known.described == described {
+            return Ok(());
+        }
+        known.described = described;
+        known.goal = Some(self.channels.goal(record));
+        if seen.has(flag::EPISODE_START) {
+            self.episode_start(time_ns, header, environment, record)?;
+        }
+        // Both come of one draw in the actor. What is not there is not recorded: the learner refuses it.
+        if self.channels.has_frame(seen.bulk) && seen.has(flag::RECORD_BULK) {
+            self.depth(time_ns, environment, record, whole)?;
+        }
+        Ok(())
     }
 
     /// Figures of a trained rollout.
@@ -314,51 +354,51 @@ impl Scribe {
         time_ns: u64,
         header: &ObservationHeader,
         environment: usize,
-        index: u32,
-        transition: &Transition,
+        bytes: &[u8],
     ) -> Result<(), SegmentError> {
-        let is = |flag: u32| transition.flags & flag != 0;
-        let reward_r = transition.reward.compose(RewardKind::Task, self.lambda_disturb);
-        let reward_r_prime = transition.reward.compose(RewardKind::DisturbanceFree, self.lambda_disturb);
+        let (record, channels) = (RecordHeader::of(bytes), &self.channels);
+        let end = record.end();
+        let composed = |reward: &Composition| reward.of(|index| channels.layout.part(bytes, index), 0.0);
+        let [reward_r, reward_r_prime] = self.rewards.each_ref().map(composed);
         let known = &mut self.environments[environment];
-        known.add_rewards(header.learner_incarnation, transition, reward_r, reward_r_prime);
+        known.add_rewards(header.learner_incarnation, record, reward_r, reward_r_prime);
         // The action was chosen from the observation that was described last.
-        let chosen_from = Some((header.learner_incarnation, transition.episode, transition.step));
+        let chosen_from = Some((header.learner_incarnation, record.acted_episode, record.acted_step));
         let goal = if known.described == chosen_from { known.goal } else { None };
         let home = known.home;
         let message = Step {
-            kitchen: self.rota.place(home, transition.episode).kitchen.number(),
+            kitchen: self.rota.place(home, record.acted_episode).kitchen.number(),
             environment: home.number,
             actor: header.actor,
-            environment_index: index,
-            episode: transition.episode,
-            step: transition.step,
+            environment_index: (environment as u32) % self.shape.environments_per_actor,
+            episode: record.acted_episode,
+            step: record.acted_step,
             exchange: header.step,
             incarnation: self.incarnation,
             learner_incarnation: header.learner_incarnation,
             actor_incarnation: header.actor_incarnation,
             stage_version: header.stage_version,
-            action: transition.action as i32,
-            target: transition.target as i32,
-            action_failed: is(transition_flag::ACTION_FAILED),
-            holding: is(transition_flag::HOLDING),
-            picked_up: is(transition_flag::PICKED_UP),
-            done: is(transition_flag::DONE),
-            success: is(transition_flag::SUCCESS),
-            time_limit: is(transition_flag::TIME_LIMIT),
-            ended: is(transition_flag::ENDED),
-            state_hash: transition.state_hash,
-            wrist_object_progress_m: transition.reward.wrist_object_progress_m,
-            object_goal_progress_m: transition.reward.object_goal_progress_m,
-            disturbance_progress_m: transition.reward.disturbance_progress_m,
+            action: bytes[channels.layout.action.offset].into(),
+            target: whole(channels.target, bytes) as i32,
+            action_failed: is(channels.failed_action, bytes),
+            holding: is(channels.held, bytes),
+            picked_up: is(channels.picked_up, bytes),
+            done: end == Some(End::Terminated),
+            success: is(channels.goal_success, bytes),
+            time_limit: end == Some(End::Truncated),
+            ended: end.is_some(),
+            state_hash: record.outcome_hash,
+            wrist_object_progress_m: channels.wrist_object_progress_m.f32(bytes),
+            object_goal_progress_m: channels.object_goal_progress_m.f32(bytes),
+            disturbance_progress_m: channels.disturbance_progress_m.f32(bytes),
             reward_r,
             reward_r_prime,
-            disturbance_m: transition.disturbance_m,
-            peak_disturbance_m: transition.peak_disturbance_m,
-            disturbed_objects: transition.disturbed_objects,
-            wrist_object_m: transition.wrist_object_m,
-            object_goal_m: transition.object_goal_m,
-            fixed_episode: fixed(self.plan.as_ref(), home, transition.episode),
+            disturbance_m: channels.disturbance_m.f32(bytes),
+            peak_disturbance_m: channels.peak_disturbance_m.f32(bytes),
+            disturbed_objects: whole(channels.disturbed_objects, bytes),
+            wrist_object_m: channels.wrist_object_m.f32(bytes),
+            object_goal_m: channels.object_goal_m.f32(bytes),
+            fixed_episode: fixed(self.plan.as_ref(), home, record.acted_episode),
             goal,
         };
         let place = (message.episode, message.step + 1);
@@ -370,21 +410,22 @@ impl Scribe {
         time_ns: u64,
         header: &ObservationHeader,
         environment: usize,
-        current: &Current,
+        bytes: &[u8],
     ) -> Result<(), SegmentError> {
+        let (record, channels) = (RecordHeader::of(bytes), &self.channels);
         let home = self.environments[environment].home;
         let message = EpisodeStart {
-            kitchen: self.rota.place(home, current.episode).kitchen.number(),
+            kitchen: self.rota.place(home, record.episode).kitchen.number(),
             environment: home.number,
-            episode: current.episode,
+            episode: record.episode,
             incarnation: self.incarnation,
             learner_incarnation: header.learner_incarnation,
-            target: current.target as i32,
-            state_hash: current.state_hash,
-            depth_recorded: current.flags & current_flag::RECORD_DEPTH != 0,
-            wrist_object_m: length_m(current.wrist_to_object_m),
-            object_goal_m: length_m(current.object_to_goal_m),
-            fixed_episode: fixed(self.plan.as_ref(), home, current.episode),
+            target: whole(channels.current_target, bytes) as i32,
+            state_hash: record.state_hash,
+            depth_recorded: record.has(flag::RECORD_BULK),
+            wrist_object_m: length_m(vector(channels.wrist_to_object_m, bytes)),
+            object_goal_m: length_m(vector(channels.object_to_goal_m, bytes)),
+            fixed_episode: fixed(self.plan.as_ref(), home, record.episode),
         };
         self.write_of(environment, (message.episode, 0), (self.topics.episode_start, time_ns), &message)
     }
@@ -394,49 +435,51 @@ impl Scribe {
         time_ns: u64,
         header: &ObservationHeader,
         environment: usize,
-        transition: &Transition,
+        bytes: &[u8],
     ) -> Result<(), SegmentError> {
-        let is = |flag: u32| transition.flags & flag != 0;
+        let (record, channels) = (RecordHeader::of(bytes), &self.channels);
+        let (success, disturbance_m) = (is(channels.goal_success, bytes), channels.disturbance_m.f32(bytes));
         let known = &mut self.environments[environment];
         let returns = known.returns.take();
         let home = known.home;
         let message = EpisodeEnd {
-            kitchen: self.rota.place(home, transition.episode).kitchen.number(),
+            kitchen: self.rota.place(home, record.acted_episode).kitchen.number(),
             environment: home.number,
-            episode: transition.episode,
+            episode: record.acted_episode,
             incarnation: self.incarnation,
             learner_incarnation: header.learner_incarnation,
-            target: transition.target as i32,
-            length: transition.step + 1,
-            success: is(transition_flag::SUCCESS),
-            success_undisturbed: is(transition_flag::SUCCESS) && transition.disturbance_m < UNDISTURBED_THRESHOLD_M,
+            target: whole(channels.target, bytes) as i32,
+            length: record.acted_step + 1,
+            success,
+            success_undisturbed: success && disturbance_m < UNDISTURBED_THRESHOLD_M,
             // What is held stays held until the episode ends.
-            picked_up: is(transition_flag::HOLDING),
-            time_limit: is(transition_flag::TIME_LIMIT),
-            disturbance_m: transition.disturbance_m,
-            peak_disturbance_m: transition.peak_disturbance_m,
-            disturbed_objects: transition.disturbed_objects,
-            wrist_object_m: transition.wrist_object_m,
-            object_goal_m: transition.object_goal_m,
+            picked_up: is(channels.held, bytes),
+            time_limit: record.end() == Some(End::Truncated),
+            disturbance_m: channels.disturbance_m.f32(bytes),
+            peak_disturbance_m: channels.peak_disturbance_m.f32(bytes),
+            disturbed_objects: whole(channels.disturbed_objects, bytes),
+            wrist_object_m: channels.wrist_object_m.f32(bytes),
+            object_goal_m: channels.object_goal_m.f32(bytes),
             return_r: returns.as_ref().map(|returns| returns.r),
             return_r_prime: returns.as_ref().map(|returns| returns.r_prime),
-            fixed_episode: fixed(self.plan.as_ref(), home, transition.episode),
+            fixed_episode: fixed(self.plan.as_ref(), home, record.acted_episode),
         };
         let place = (message.episode, message.length + 1);
         self.write_of(environment, place, (self.topics.episode_end, time_ns), &message)?;
         self.release(environment, !message.success)
     }
 
-    fn depth(&mut self, time_ns: u64, environment: usize, observation: &Observation) -> Result<(), SegmentError> {
+    fn depth(&mut self, time_ns: u64, environment: usize, record: &[u8], whole: &[u8]) -> Result<(), SegmentError> {
         let known = &self.environments[environment];
         let (depth, calibration) = (known.depth, known.calibration);
         self.image.timestamp = Some(timestamp(time_ns));
         self.image.frame_id.clone_from(&known.frames.camera);
         self.image.data.clear();
-        self.image.data.extend_from_slice(bytemuck::cast_slice(&observation.depth_mm));
+        self.image.data.extend_from_slice(&whole[self.channels.depth_mm.range()]);
         let intrinsics = camera::calibration(timestamp(time_ns), &known.frames.camera);
-        let transforms =
-            FrameTransforms { transforms: camera::transforms(timestamp(time_ns), &known.frames, &observation.current) };
+        let places = self.channels.places(record);
+        let transforms = camera::transforms(timestamp(time_ns), &known.frames, &places);
+        let transforms = FrameTransforms { transforms };
         self.write(self.topics.transforms, time_ns, &transforms)?;
         self.write(calibration, time_ns, &intrinsics)?;
         self.buffer.clear();
@@ -486,8 +529,8 @@ impl Scribe {
 }
 
 impl Environment {
-    fn add_rewards(&mut self, learner_incarnation: u32, transition: &Transition, r: f32, r_prime: f32) {
-        let (episode, step) = (transition.episode, transition.step);
+    fn add_rewards(&mut self, learner_incarnation: u32, record: &RecordHeader, r: f32, r_prime: f32) {
+        let (episode, step) = (record.acted_episode, record.acted_step);
         if step == 0 {
             self.returns = Some(Returns { episode, next_step: 0, learner_incarnation, r: 0.0, r_prime: 0.0 });
         }
@@ -508,16 +551,6 @@ impl Environment {
 /// A wall-clock time as protobuf writes it.
 pub fn timestamp(time_ns: u64) -> Timestamp {
     Timestamp { seconds: (time_ns / 1_000_000_000) as i64, nanos: (time_ns % 1_000_000_000) as i32 }
-}
-
-/// What the goal sensor reads, and which of its two readings that is.
-fn goal_of(current: &Current) -> Goal {
-    let vector = |[x, y, z]: [f32; 3]| RobotVector { x, y, z };
-    if current.flags & current_flag::HOLDING != 0 {
-        Goal::ObjectToGoalM(vector(current.object_to_goal_m))
-    } else {
-        Goal::WristToObjectM(vector(current.wrist_to_object_m))
-    }
 }
 
 /// The number in an evaluation's table of an environment's episode.

@@ -10,7 +10,7 @@ use std::sync::OnceLock;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::{Duration, Instant};
 use wire::fault;
-use wire::message::{Halves, Observation, ObservationHeader, observation_kind};
+use wire::message::{Halves, Line, ObservationHeader, observation_kind};
 use wire::{Bell, ObservationSubscriber, Receipt, ReceiptBook, Sleeper, Wire, WireError, WireShape, Written};
 
 /// A killed recorder loses at most this much.
@@ -149,6 +149,8 @@ struct Desk<'a> {
     tally: Tally,
     book: &'a ReceiptBook,
     halves: Halves,
+    /// Cache lines of each half's samples.
+    lines: [usize; 2],
     failure: &'a OnceLock<String>,
     /// Times never go back, whatever the clock does.
     time_ns: u64,
@@ -167,12 +169,14 @@ impl<'a> Desk<'a> {
         };
         let segments = Segments::create(setup.folder.clone(), preamble, time_ns)?;
         let scribe = Scribe::new(segments, setup.shape, setup.incarnation, &setup.config);
+        let halves = Halves::of(setup.shape.environments_per_actor);
         Ok(Self {
             scribe: Some(scribe),
             ledger: Ledger::new(setup.shape.shares.actors()),
             tally: Tally::default(),
             book,
-            halves: Halves::of(setup.shape.environments_per_actor),
+            halves,
+            lines: [0, halves.count() - 1].map(|half| setup.shape.lines(halves.range(half).len())),
             failure,
             time_ns,
             missed: 0,
@@ -180,7 +184,7 @@ impl<'a> Desk<'a> {
         })
     }
 
-    fn sample(&mut self, header: &ObservationHeader, observations: &[Observation]) {
+    fn sample(&mut self, header: &ObservationHeader, records: &[Line]) {
         match header.kind {
             observation_kind::OBSERVATIONS => {}
             observation_kind::HELLO if self.ledger.has(header.actor) => {
@@ -188,7 +192,7 @@ impl<'a> Desk<'a> {
             }
             _ => return,
         }
-        let fits = header.half < self.halves.count() && self.halves.range(header.half).len() == observations.len();
+        let fits = header.half < self.halves.count() && self.lines[header.half as usize] == records.len();
         let with_transitions = match if fits { self.ledger.judge(header) } else { Verdict::Alien } {
             Verdict::News => true,
             Verdict::RestorePoint => false,
@@ -208,7 +212,7 @@ impl<'a> Desk<'a> {
         let time_ns = self.tick(now_ns());
         let mut steps = 0;
         self.attempt(|scribe| {
-            steps = scribe.observations(time_ns, header, observations, with_transitions)?;
+            steps = scribe.observations(time_ns, header, records, with_transitions)?;
             Ok(())
         });
         let ObservationHeader { actor, half, learner_incarnation, step, .. } = *header;
@@ -301,6 +305,7 @@ fn write_note(scribe: &mut Scribe, time_ns: u64, note: Note) -> Result<(), Segme
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proto::config::Config;
     use proto::shares::Shares;
     use wire::{Bells, WireAddress, WireHost};
 
@@ -314,7 +319,7 @@ mod tests {
     fn assert_rung(environments_per_actor: u32) {
         const LONG: Duration = Duration::from_secs(20);
         const SHORT: Duration = Duration::from_millis(30);
-        let shape = WireShape { shares: Shares::of_one(2), environments_per_actor };
+        let shape = WireShape::new(Shares::of_one(2), environments_per_actor, Config::default().spec());
         let address = WireAddress::new(&format!("rtell{}", std::process::id()), environments_per_actor);
         let host = WireHost::create(&address, shape).unwrap();
         {

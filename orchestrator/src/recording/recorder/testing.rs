@@ -1,59 +1,97 @@
-//! Observations as tests need them, and an actor that sends them.
+//! Records as tests need them, and an actor that sends them.
 
-use bytemuck::Zeroable;
 use proto::camera::FRAME_SIDE;
-use proto::reward::RewardParts;
-use proto::step::{Current, Transition, current_flag, transition_flag};
+use proto::config::Config;
+use proto::record::{End, RecordHeader};
+use proto::task::{Field, Spec};
 use std::time::{Duration, Instant};
-use wire::message::{Halves, Observation, ObservationHeader, frame_part, observation_kind};
+use wire::message::{Halves, Line, ObservationHeader, observation_kind};
 use wire::{Bell, ObservationPublisher, Sleeper, Wire, WireAddress, WireShape};
 
 /// Length of every test episode, steps.
 pub const EPISODE_STEPS: u32 = 5;
 
-/// What is seen after `step` steps of an episode.
-pub fn current(episode: u32, step: u32) -> Current {
-    Current {
-        state_hash: hash(episode, step),
-        episode,
-        step,
-        flags: if step == 0 { current_flag::EPISODE_START } else { 0 },
-        target: episode % 6,
-        previous_action: if step == 0 { 255 } else { action(episode, step - 1) },
-        wrist_to_object_m: [0.3, 0.01 * step as f32, 0.4],
-        object_to_goal_m: [0.0, episode as f32, 0.01 * step as f32],
-        base_position_m: [0.0, 0.0],
-        base_yaw_rad: 0.0,
-        camera_pitch_rad: 0.0,
-        wrist_position_m: [0.0, 1.0, 0.3],
-        target_position_m: [1.0, 1.0, 1.0],
-        goal_position_m: [2.0, 1.0, 1.0],
-        reserved: [0; 2],
+/// The shape of so many processes.
+pub fn shape(shares: proto::shares::Shares, environments_per_actor: u32) -> WireShape {
+    WireShape::new(shares, environments_per_actor, task())
+}
+
+fn task() -> &'static Spec {
+    Config::default().spec()
+}
+
+/// A record.
+pub struct Record(pub Vec<Line>);
+
+impl Record {
+    pub fn header(&self) -> &RecordHeader {
+        RecordHeader::of(Line::bytes(&self.0))
+    }
+
+    pub fn header_mut(&mut self) -> &mut RecordHeader {
+        RecordHeader::of_mut(Line::bytes_mut(&mut self.0))
+    }
+
+    /// Numbers of a channel.
+    pub fn reals(&mut self, name: &str) -> &mut [f32] {
+        field(name).of_mut(Line::bytes_mut(&mut self.0))
+    }
+
+    /// Whole numbers of a channel.
+    pub fn wholes(&mut self, name: &str) -> &mut [u32] {
+        field(name).of_mut(Line::bytes_mut(&mut self.0))
+    }
+
+    pub fn depth_mm(&mut self) -> &mut [u16] {
+        field("depth_mm").of_mut(Line::bytes_mut(&mut self.0))
+    }
+
+    /// The last action.
+    pub fn action(&mut self) -> &mut u8 {
+        &mut Line::bytes_mut(&mut self.0)[task().layout().action.offset]
+    }
+
+    /// What is seen after `step` steps of an episode.
+    fn see(&mut self, episode: u32, step: u32) {
+        self.wholes("current_target")[0] = episode % 6;
+        for (name, numbers) in [
+            ("wrist_to_object_m", [0.3, 0.01 * step as f32, 0.4]),
+            ("object_to_goal_m", [0.0, episode as f32, 0.01 * step as f32]),
+            ("wrist_position_m", [0.0, 1.0, 0.3]),
+            ("target_position_m", [1.0, 1.0, 1.0]),
+            ("goal_position_m", [2.0, 1.0, 1.0]),
+        ] {
+            self.reals(name).copy_from_slice(&numbers);
+        }
+    }
+
+    /// What action `step` of an episode did.
+    fn act(&mut self, episode: u32, step: u32) {
+        let last = step + 1 == EPISODE_STEPS;
+        *self.action() = action(episode, step) as u8;
+        let disturbance_m = 0.002 * (step + 1) as f32;
+        for (name, number) in [
+            ("disturbance_progress_m", -0.002),
+            ("goal_success", f32::from(u8::from(last))),
+            ("disturbance_m", disturbance_m),
+            ("peak_disturbance_m", disturbance_m),
+            ("wrist_object_m", 0.5),
+            ("object_goal_m", 1.0),
+            ("farthest_m", 0.05),
+            ("peak_farthest_m", 0.05),
+        ] {
+            self.reals(name)[0] = number;
+        }
+        for (name, number) in
+            [("disturbed_objects", 1), ("ever_disturbed_objects", 1), ("target", episode % 6), ("held", last.into())]
+        {
+            self.wholes(name)[0] = number;
+        }
     }
 }
 
-/// What action `step` of an episode did.
-pub fn transition(episode: u32, step: u32) -> Transition {
-    let last = step + 1 == EPISODE_STEPS;
-    let end = transition_flag::ENDED | transition_flag::DONE | transition_flag::SUCCESS | transition_flag::HOLDING;
-    Transition {
-        state_hash: hash(episode, step + 1),
-        episode,
-        step,
-        flags: transition_flag::VALID | if last { end } else { 0 },
-        action: action(episode, step),
-        reward: RewardParts { disturbance_progress_m: -0.002, ..RewardParts::default() },
-        disturbance_m: 0.002 * (step + 1) as f32,
-        peak_disturbance_m: 0.002 * (step + 1) as f32,
-        wrist_object_m: 0.5,
-        object_goal_m: 1.0,
-        disturbed_objects: 1,
-        ever_disturbed_objects: 1,
-        farthest_m: 0.05,
-        peak_farthest_m: 0.05,
-        reserved: 0,
-        target: episode % 6,
-    }
+fn field(name: &str) -> Field {
+    task().channel(name).unwrap().1
 }
 
 /// The action that test episodes take.
@@ -66,24 +104,34 @@ pub fn hash(episode: u32, step: u32) -> u64 {
     (u64::from(episode) << 32 | u64::from(step)).wrapping_mul(0x9E37_79B9_7F4A_7C15)
 }
 
-/// What was done and is seen after `exchange` actions, all of them taken.
-pub fn described(exchange: u64, flags: u32) -> (Transition, Current) {
+/// What was done and is seen after `exchange` actions, all of them taken. `flags` are set besides.
+pub fn record(environment: u32, exchange: u64, flags: u32) -> Record {
+    let mut record = Record(vec![Line([0; 64]); task().layout().bytes / size_of::<Line>()]);
+    *record.header_mut() = header(environment, exchange, flags);
+    if let Some((episode, step)) = exchange.checked_sub(1).map(position) {
+        record.act(episode, step);
+    }
     let (episode, step) = position(exchange);
-    let before = exchange.checked_sub(1).map(position);
-    let mut current = current(episode, step);
-    current.flags |= flags;
-    let transition = match before {
-        Some((episode, step)) => transition(episode, step),
-        None => Transition { flags: 0, ..transition(0, 0) },
-    };
-    (transition, current)
+    record.see(episode, step);
+    for (index, depth_mm) in record.depth_mm().iter_mut().enumerate() {
+        *depth_mm = (index % FRAME_SIDE) as u16 + exchange as u16;
+    }
+    record
 }
 
-/// The observation after `exchange` actions.
-pub fn observation(environment: u32, exchange: u64, flags: u32) -> Observation {
-    let (transition, current) = described(exchange, flags);
-    let depth_mm = std::array::from_fn(|index| (index % FRAME_SIDE) as u16 + exchange as u16);
-    Observation { transition, current, environment, parts: frame_part::WHOLE, depth_mm, ..Observation::zeroed() }
+/// Its header.
+pub fn header(environment: u32, exchange: u64, flags: u32) -> RecordHeader {
+    let mut header = RecordHeader { environment, bulk: 1, ..RecordHeader::default() };
+    header.begin(0, hash(0, 0), false);
+    if let Some((episode, step)) = exchange.checked_sub(1).map(position) {
+        (header.episode, header.step) = (episode, step);
+        header.act(hash(episode, step + 1), (step + 1 == EPISODE_STEPS).then_some(End::Terminated));
+        if header.end().is_some() {
+            header.begin(episode + 1, hash(episode + 1, 0), false);
+        }
+    }
+    header.flags |= flags;
+    header
 }
 
 fn position(exchange: u64) -> (u32, u32) {
@@ -128,24 +176,25 @@ impl FakeActor {
         }
     }
 
-    /// Sends one half's observations of an exchange, each passed through `edit`.
-    pub fn send(&self, half: u32, learner_incarnation: u32, step: u64, edit: impl Fn(&mut Observation)) {
+    /// Sends one half's records of an exchange, each passed through `edit`.
+    pub fn send(&self, half: u32, learner_incarnation: u32, step: u64, edit: impl Fn(&mut Record)) {
         self.send_as(observation_kind::OBSERVATIONS, half, learner_incarnation, step, edit);
     }
 
     /// The same as a sample of this kind.
-    pub fn send_as(&self, kind: u32, half: u32, learner_incarnation: u32, step: u64, edit: impl Fn(&mut Observation)) {
+    pub fn send_as(&self, kind: u32, half: u32, learner_incarnation: u32, step: u64, edit: impl Fn(&mut Record)) {
         let range = self.halves.range(half);
         let deadline = Instant::now() + Duration::from_secs(20);
         loop {
-            let mut sample = self.publisher.loan_slice_uninit(range.len()).unwrap();
+            let mut records = Vec::new();
+            for environment in range.clone() {
+                let mut record = record(environment as u32, step, 0);
+                edit(&mut record);
+                records.extend(record.0);
+            }
+            let mut sample = self.publisher.loan_slice_uninit(records.len()).unwrap();
             *sample.user_header_mut() = ObservationHeader { kind, ..self.header(half, learner_incarnation, step) };
-            let sample = sample.write_from_fn(|index| {
-                let mut observation = observation((range.start + index) as u32, step, 0);
-                edit(&mut observation);
-                observation
-            });
-            let recipients = sample.send().unwrap();
+            let recipients = sample.write_from_slice(&records).send().unwrap();
             self.bell.ring();
             if recipients == 1 {
                 return;

@@ -5,7 +5,7 @@ mod live;
 mod receipts;
 mod throughput;
 
-use super::testing::{self, EPISODE_STEPS, FakeActor, action, hash};
+use super::testing::{self, EPISODE_STEPS, FakeActor, Record, action, hash};
 use super::{Recorder, RecorderSetup};
 use crate::recording::episodes::gather;
 use crate::recording::reader::{FileEnd, RecordingError, read, read_with_trust};
@@ -13,7 +13,7 @@ use crate::recording::repair::{Repair, repair};
 use crate::recording::schema::stillroom::step::Goal;
 use crate::recording::schema::stillroom::{EpisodeEnd, EpisodeStart, LearnerMetrics, RobotVector, Step};
 use crate::recording::wanted::Wanted;
-use mcap::records::Record;
+use mcap::records::Record as McapRecord;
 use proptest::prelude::*;
 use prost::Message;
 use proto::config::Config;
@@ -21,18 +21,17 @@ use proto::evaluation::{EvaluationConfig, ObjectSet};
 use proto::event::{LearnerEvent, Timing};
 use proto::kitchen::Split;
 use proto::metric;
+use proto::record::flag;
 use proto::run_folder::RunFolder;
 use proto::shares::Shares;
-use proto::step::{current_flag, transition_flag};
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use wire::message::frame_part;
 use wire::{WireAddress, WireHost, WireShape};
 
 /// Two actors of a learner each.
 fn shape() -> WireShape {
-    WireShape { shares: Shares::new(2, 2), environments_per_actor: 3 }
+    testing::shape(Shares::new(2, 2), 3)
 }
 
 struct Bench {
@@ -84,8 +83,8 @@ fn messages(path: &Path) -> BTreeMap<String, Vec<Vec<u8>>> {
     let mut found: BTreeMap<String, Vec<Vec<u8>>> = BTreeMap::new();
     let extent = read::<RecordingError>(path, |record| {
         match record {
-            Record::Channel(channel) => drop(topics.insert(channel.id, channel.topic)),
-            Record::Message { header, data } => {
+            McapRecord::Channel(channel) => drop(topics.insert(channel.id, channel.topic)),
+            McapRecord::Message { header, data } => {
                 found.entry(topics[&header.channel_id].clone()).or_default().push(data.into_owned());
             }
             _ => {}
@@ -106,9 +105,9 @@ fn every_step_is_recorded_once_and_puts_its_episode_together() {
     for step in 0..=exchanges {
         for actor in &actors {
             for half in 0..2 {
-                let edit = |observation: &mut wire::message::Observation| {
-                    if observation.environment == 2 {
-                        observation.current.flags |= current_flag::RECORD_DEPTH;
+                let edit = |record: &mut Record| {
+                    if record.header().environment == 2 {
+                        record.header_mut().flags |= flag::RECORD_BULK;
                     }
                 };
                 actor.send(half, 1, step, edit);
@@ -151,8 +150,8 @@ fn every_step_is_recorded_once_and_puts_its_episode_together() {
     let metrics = LearnerMetrics::decode(found["/learner/metrics"][0].as_slice()).unwrap();
     assert_eq!((metrics.policy_entropy, metrics.other["auxiliary/recall"]), (Some(3.0), 0.5));
     let end = EpisodeEnd::decode(found["/episode/end"][0].as_slice()).unwrap();
-    // Five steps of -0.01, and 15 × -0.002 more under r′.
-    assert!((end.return_r.unwrap() + 0.05).abs() < 1e-6 && (end.return_r_prime.unwrap() + 0.2).abs() < 1e-6);
+    // Five steps of -0.01, 10 for success, and 15 × -0.002 a step more under r′.
+    assert!((end.return_r.unwrap() - 9.95).abs() < 1e-5 && (end.return_r_prime.unwrap() - 9.8).abs() < 1e-5);
     assert!(end.success && !end.success_undisturbed, "five steps of 2 mm are 10 mm");
 
     let recorded = gather(&summary.files, Wanted::default()).unwrap();
@@ -173,12 +172,12 @@ fn a_hold_is_not_recorded() {
     let bench = Bench::new("hold");
     let recorder = bench.start();
     let actors = bench.actors();
-    let depth = |observation: &mut wire::message::Observation| observation.current.flags |= current_flag::RECORD_DEPTH;
+    let depth = |record: &mut Record| record.header_mut().flags |= flag::RECORD_BULK;
     for half in 0..2 {
         actors[0].send(half, 1, 0, depth);
         // The same observation comes back, with no transition.
-        actors[0].send(half, 1, 1, |observation| {
-            *observation = testing::observation(observation.environment, 0, current_flag::RECORD_DEPTH);
+        actors[0].send(half, 1, 1, |record| {
+            *record = testing::record(record.header().environment, 0, flag::RECORD_BULK);
         });
     }
     let summary = recorder.finish().unwrap();
@@ -192,10 +191,10 @@ fn a_frame_that_is_not_there_is_not_recorded() {
     let bench = Bench::new("sums");
     let recorder = bench.start();
     let actors = bench.actors();
-    for (step, parts) in (0..).zip([frame_part::SUMS, frame_part::SUMS | frame_part::WHOLE, 0, frame_part::WHOLE]) {
-        actors[0].send(1, 1, step, |observation| {
-            observation.current.flags |= current_flag::RECORD_DEPTH;
-            observation.parts = parts;
+    for (step, parts) in (0..).zip([2, 2 | 1, 0, 1]) {
+        actors[0].send(1, 1, step, |record| {
+            record.header_mut().flags |= flag::RECORD_BULK;
+            record.header_mut().bulk = parts;
         });
     }
     let summary = recorder.finish().unwrap();
@@ -209,11 +208,9 @@ fn a_step_holds_the_goal_of_the_observation_that_its_action_was_chosen_from() {
     let [actor, _] = bench.actors();
     // The target is held from the third observation of each episode on.
     let send = |learner: u32, step: u64, shift_m: f32| {
-        actor.send(1, learner, step, |observation| {
-            observation.current.wrist_to_object_m[0] += shift_m;
-            if observation.current.step >= 2 {
-                observation.current.flags |= current_flag::HOLDING;
-            }
+        actor.send(1, learner, step, |record| {
+            record.reals("wrist_to_object_m")[0] += shift_m;
+            record.wholes("holding")[0] = u32::from(record.header().step >= 2);
         });
     };
     (0..=6).for_each(|step| send(1, step, 0.0));
@@ -279,8 +276,8 @@ fn an_actor_restarted_during_a_hold_repeats_no_step() {
     let [actor, _] = bench.actors();
     // Sent as exchange `step`, it describes where the environment stood after `exchange` actions.
     let repeat = |step: u64, learner: u32, exchange: u64| {
-        actor.send(1, learner, step, |observation| {
-            *observation = testing::observation(observation.environment, exchange, 0);
+        actor.send(1, learner, step, |record| {
+            *record = testing::record(record.header().environment, exchange, 0);
         });
     };
     let last = u64::from(EPISODE_STEPS);
@@ -306,7 +303,7 @@ fn files_may_be_given_in_any_order_and_under_any_name() {
     let [actor, _] = bench.actors();
     for step in 0..=30 {
         for half in 0..2 {
-            actor.send(half, 1, step, |observation| observation.current.flags |= current_flag::RECORD_DEPTH);
+            actor.send(half, 1, step, |record| record.header_mut().flags |= flag::RECORD_BULK);
         }
     }
     let files = recorder.finish().unwrap().files;
@@ -333,9 +330,9 @@ fn a_rewind_is_recorded_again_and_readers_take_the_newest() {
     }
     // The learner comes back at exchange 7 = episode 1, step 2; other actions follow.
     for step in 7..=8 {
-        actor.send(1, 2, step, |observation| {
-            observation.transition.action = 20;
-            observation.transition.state_hash = step;
+        actor.send(1, 2, step, |record| {
+            *record.action() = 20;
+            record.header_mut().outcome_hash = step;
         });
     }
     // Still on the way from before.
@@ -362,11 +359,11 @@ fn a_full_segment_is_completed_and_episodes_span_segments() {
     let actors = bench.actors();
     for step in 0..=20 {
         for actor in &actors {
-            actor.send(0, 1, step, |observation| {
-                observation.current.flags |= current_flag::RECORD_DEPTH;
+            actor.send(0, 1, step, |record| {
+                record.header_mut().flags |= flag::RECORD_BULK;
                 // Incompressible, so that chunks reach the disk soon.
                 let mut state = step + 1;
-                for pixel in &mut observation.depth_mm {
+                for pixel in record.depth_mm() {
                     state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
                     *pixel = (state >> 49) as u16;
                 }
@@ -441,7 +438,7 @@ fn recording() -> &'static [u8] {
         let recorder = bench.start();
         let [actor, _] = bench.actors();
         for step in 0..=40 {
-            actor.send(1, 1, step, |observation| observation.current.flags |= current_flag::RECORD_DEPTH);
+            actor.send(1, 1, step, |record| record.header_mut().flags |= flag::RECORD_BULK);
         }
         let summary = recorder.finish().unwrap();
         std::fs::read(&summary.files[0]).unwrap()
@@ -451,7 +448,7 @@ fn recording() -> &'static [u8] {
 fn all_messages(path: &Path) -> (Vec<Vec<u8>>, FileEnd) {
     let mut found = Vec::new();
     let extent = read::<RecordingError>(path, |record| {
-        if let Record::Message { data, .. } = record {
+        if let McapRecord::Message { data, .. } = record {
             found.push(data.into_owned());
         }
         Ok(())
@@ -508,7 +505,7 @@ proptest! {
         std::fs::write(&path, &bytes).unwrap();
         let mut invented = 0;
         let extent = read_with_trust::<RecordingError>(&path, |record, trust| {
-            if let Record::Message { data, .. } = record {
+            if let McapRecord::Message { data, .. } = record {
                 invented += u32::from(trust == salvage::Trust::Sound && !all.contains(&data.into_owned()));
             }
             Ok(())

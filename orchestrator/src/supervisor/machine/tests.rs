@@ -12,7 +12,6 @@ use proto::config::Config;
 use proto::event::Timing;
 use proto::exit::{EXIT_NON_FINITE, EXIT_UNSAVED};
 use proto::kitchen::KitchenId;
-use proto::reward::RewardKind;
 use proto::stage::{RolloutShape, position_at};
 use std::collections::{BTreeMap, BTreeSet};
 use wire::message::{StageAnnouncement, directive};
@@ -24,8 +23,8 @@ const ROLLOUT_STEPS: usize = 8;
 const ENVIRONMENTS: usize = 6;
 
 fn stages() -> Vec<StageConfig> {
-    let stage = |name: &str, reward, frames| StageConfig { name: name.into(), reward, frames };
-    vec![stage("I", RewardKind::Task, 500), stage("II", RewardKind::DisturbanceFree, 333)]
+    let stage = |name: &str, reward: &str, frames| StageConfig { name: name.into(), reward: reward.into(), frames };
+    vec![stage("I", "r", 500), stage("II", "r_prime", 333)]
 }
 
 fn policy(learners: u32) -> Policy {

@@ -5,7 +5,7 @@
 mod scene;
 
 use crate::recording::follow::Follower;
-use crate::recording::recorder::camera::{self, FrameNames};
+use crate::recording::recorder::camera::{self, FrameNames, Places};
 use crate::recording::schema::foxglove::packed_element_field::NumericType;
 use crate::recording::schema::foxglove::{FrameTransforms, PackedElementField, PointCloud, RawImage};
 use crate::recording::schema::{PROTOBUF, descriptor_of};
@@ -14,7 +14,6 @@ use prost_types::Timestamp;
 use proto::camera::FRAME_SIDE;
 use proto::run_folder::RunFolder;
 use proto::show::{ShownEpisode, ShownSolids};
-use proto::step::Current;
 use scene::scene_of;
 use std::sync::{Arc, LazyLock};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -93,16 +92,15 @@ impl Feed for Recordings {
         let timestamp = Timestamp { seconds: now.as_secs() as i64, nanos: now.subsec_nanos() as i32 };
         let Some(moment) = shown.moments.last() else { return Vec::new() };
         let [x_m, z_m, base_yaw_rad] = moment.base;
-        let current = Current {
+        let places = Places {
             base_position_m: [x_m, z_m],
             base_yaw_rad,
             camera_pitch_rad: solids.camera_pitch_rad,
             wrist_position_m: moment.wrist_m,
             target_position_m: moment.target_m,
             goal_position_m: shown.goal_m,
-            ..bytemuck::Zeroable::zeroed()
         };
-        let transforms = FrameTransforms { transforms: camera::transforms(timestamp, &self.names, &current) };
+        let transforms = FrameTransforms { transforms: camera::transforms(timestamp, &self.names, &places) };
         let camera = &self.names.camera;
         let image = RawImage {
             timestamp: Some(timestamp),

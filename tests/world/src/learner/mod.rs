@@ -14,7 +14,7 @@ use crate::kernel::{MILLISECOND, Next, Program, SECOND, TORN, World};
 use crate::meeting::{Lost, Meeting, Word};
 use crate::service::{NoPlace, TaskId};
 use crate::setup::{MAX_STEPS, Mutation, NOISE};
-use learner::collector::{ActionBatch, Boundary, Collector, ColumnMap, Lane, Settings};
+use learner::collector::{ActionBatch, Boundary, Collector, ColumnMap, Lane, Settings, Signals};
 use learner::process::{Announcements, Patience};
 use learner::shards::Shards;
 use orchestrator::{Event, Exit};
@@ -288,8 +288,10 @@ impl Learner {
             seed: config.seed,
             policy_actions: NOISE,
             max_episode_steps: MAX_STEPS,
+            task: config.spec(),
             carried_goal: config.network.carried_goal,
             gamma: config.ppo.gamma,
+            signals: Signals::of(config),
             learner_incarnation: self.incarnation,
             recorded: !world.setup.has(Mutation::IgnoresReceipts),
         };

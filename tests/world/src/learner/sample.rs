@@ -4,7 +4,7 @@ use crate::service::Borrowed;
 use crate::wire::Observations;
 use learner::collector::HalfSample;
 use proto::camera::{DepthFrame, FRAME_PIXELS};
-use proto::step::{Current, Transition};
+use wire::message::Line;
 
 static FRAME: [u16; FRAME_PIXELS] = [0; FRAME_PIXELS];
 
@@ -16,14 +16,8 @@ impl HalfSample for Sample {
     fn len(&self) -> usize {
         self.0.value.1.len()
     }
-    fn environment(&self, i: usize) -> u32 {
-        self.0.value.1[i].0
-    }
-    fn transition(&self, i: usize) -> &Transition {
-        &self.0.value.1[i].1
-    }
-    fn current(&self, i: usize) -> &Current {
-        &self.0.value.1[i].2
+    fn record(&self, i: usize) -> &[u8] {
+        Line::bytes(&self.0.value.1[i])
     }
     fn has_frame(&self, _i: usize) -> bool {
         true

@@ -6,7 +6,7 @@ use crate::kernel::{MILLISECOND, Next, SECOND, World};
 use crate::meeting::Word;
 use crate::model::{choose, look, of_action, of_bootstrap, of_outcome, updated};
 use crate::service::TaskId;
-use crate::setup::{DISTURBANCE_WEIGHT, Mutation, NOISE};
+use crate::setup::{Mutation, NOISE};
 use learner::collector::{ActionBatch, Collector, Lane, Missing, Received, Reward, Task};
 use learner::process::{Patience, Permission, Waited};
 use orchestrator::Exit;
@@ -52,8 +52,8 @@ impl Learner {
         let config = &world.setup.config;
         match self.announcements.permission(&config.stages, rollout, frames) {
             Ok(Permission::Begin { version }) => {
-                let kind = config.stages[position.stage].reward;
-                let reward = Reward { kind, disturbance_weight: DISTURBANCE_WEIGHT };
+                let composition = config.reward(&config.stages[position.stage].reward);
+                let reward = Reward { composition, multiplier: 0.0 };
                 let steps = config.ppo.rollout_steps as usize;
                 let shape = RolloutShape::next(position.frames_left, steps, config.environments());
                 let shape = shape.part(self.columns.clone());
@@ -229,7 +229,7 @@ impl Learner {
     fn settle(&mut self, lanes: &[Lane]) {
         for settled in self.collector().settle(lanes) {
             let outcome = settled.outcome;
-            let flags = [outcome.ended, outcome.time_limit, outcome.disturbed];
+            let flags = [outcome.ended, outcome.time_limit, outcome.label];
             let more = of_outcome(settled.t, self.columns.start + settled.column, outcome.reward, flags);
             self.digest_of(settled.column, more);
         }

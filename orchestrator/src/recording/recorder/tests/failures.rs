@@ -2,7 +2,6 @@
 
 use super::*;
 use crate::recording::episodes::Recorded;
-use wire::message::Observation;
 
 impl Bench {
     /// One that records failures only.
@@ -30,10 +29,10 @@ fn only_failures_are_kept_where_that_is_asked() {
 }
 
 /// Makes these episodes fail.
-fn failing(episodes: &[u32]) -> impl Fn(&mut Observation) {
-    |observation| {
-        if episodes.contains(&observation.transition.episode) {
-            observation.transition.flags &= !transition_flag::SUCCESS;
+fn failing(episodes: &[u32]) -> impl Fn(&mut Record) {
+    |record| {
+        if episodes.contains(&record.header().acted_episode) {
+            record.reals("goal_success")[0] = 0.0;
         }
     }
 }

@@ -4,11 +4,11 @@ use super::super::scribe::Scribe;
 use super::super::segment::{Preamble, Segments};
 use super::super::testing;
 use proto::config::Config;
+use proto::record::{RecordHeader, flag};
 use proto::run_folder::RunFolder;
 use proto::shares::Shares;
-use proto::step::current_flag;
 use std::path::PathBuf;
-use wire::WireShape;
+use wire::message::Line;
 
 /// `cargo test --release -p orchestrator throughput -- --ignored --nocapture`; with `KEEP_RECORDING=FOLDER` the file
 /// stays, for `tests/reference/read_mcap.py`.
@@ -19,18 +19,19 @@ fn throughput_of_the_scribe() {
     let folder = std::env::var_os("KEEP_RECORDING").map_or_else(|| temporary.path().to_path_buf(), PathBuf::from);
     let config = Config::default();
     let preamble = Preamble { run_id: "throughput".to_owned(), host: 0, incarnation: 1, config: config.clone() };
-    let shape = WireShape { shares: Shares::of_one(1), environments_per_actor: 16 };
-    for (name, flags, exchanges) in [("steps", 0, 20_000u64), ("depth frames", current_flag::RECORD_DEPTH, 100)] {
+    let shape = testing::shape(Shares::of_one(1), 16);
+    for (name, flags, exchanges) in [("steps", 0, 20_000u64), ("depth frames", flag::RECORD_BULK, 100)] {
         let folder = RunFolder::new(folder.join(name));
         let segments = Segments::create(folder, preamble.clone(), 0).unwrap();
         let mut scribe = Scribe::new(segments, shape, 1, &config);
         let header = wire::message::ObservationHeader { learner_incarnation: 1, ..Default::default() };
-        let mut half: Vec<_> = (0..8).map(|environment| testing::observation(environment, 0, flags)).collect();
+        let mut half: Vec<_> = (0..8).flat_map(|environment| testing::record(environment, 0, flags).0).collect();
+        let lines = half.len() / 8;
         let started = std::time::Instant::now();
         for step in 0..=exchanges {
-            for observation in &mut half {
-                let fresh = testing::described(step, flags);
-                (observation.transition, observation.current) = fresh;
+            for (environment, record) in (0..).zip(half.chunks_exact_mut(lines)) {
+                // Headers alone change: to make whole records takes longer than to write them.
+                *RecordHeader::of_mut(Line::bytes_mut(record)) = testing::header(environment, step, flags);
             }
             let header = wire::message::ObservationHeader { step, ..header };
             scribe.observations(step * 1_000_000, &header, &half, step > 0).unwrap();

@@ -1,0 +1,144 @@
+//! What the learner reads in a record: places of channels, looked up by name once.
+
+use proto::camera::{DepthFrame, WINDOW};
+use proto::config::{CarriedGoal, Config};
+use proto::record::{RecordHeader, flag};
+use proto::task::{Field, LINE_BYTES, Spec};
+
+/// Place of a channel of this name.
+///
+/// # Panics
+/// If the task has none.
+pub(crate) fn named(task: &Spec, name: &str) -> Field {
+    task.channel(name).unwrap_or_else(|| panic!("task `{}` has no channel `{name}`", task.name)).1
+}
+
+/// What the policy is given beside the frame.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Inputs {
+    previous_action: Field,
+    holding: Field,
+    wrist_to_object_m: Field,
+    object_to_goal_m: Field,
+    carried: CarriedGoal,
+}
+
+impl Inputs {
+    /// Those of a task.
+    pub fn of(task: &Spec, carried: CarriedGoal) -> Self {
+        Self {
+            previous_action: task.layout().previous_action,
+            holding: named(task, "holding"),
+            wrist_to_object_m: named(task, "wrist_to_object_m"),
+            object_to_goal_m: named(task, "object_to_goal_m"),
+            carried,
+        }
+    }
+
+    /// The goal vector, metres.
+    pub fn goal_m(&self, record: &[u8]) -> [f32; 3] {
+        let vector = |field: Field| [0, 1, 2].map(|axis| field.of(record)[axis]);
+        let holding = self.holding.of::<u32>(record)[0] != 0;
+        self.carried.vector_m(holding, vector(self.wrist_to_object_m), vector(self.object_to_goal_m))
+    }
+
+    /// The action before what is seen; meaningless at an episode's start.
+    pub fn previous_action(&self, record: &[u8]) -> u8 {
+        record[self.previous_action.offset]
+    }
+}
+
+/// What a network reads of a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FramePart {
+    /// All pixels.
+    Whole,
+    /// The sums of windows.
+    Sums,
+}
+
+/// Where the frame is.
+#[derive(Debug, Clone, Copy)]
+pub struct Frame {
+    whole: Field,
+    sums: Field,
+    /// Bits of [`RecordHeader::bulk`].
+    whole_bit: u32,
+    sums_bit: u32,
+    /// Whether the network averages over the windows that sums are of.
+    averages: bool,
+    record_lines: usize,
+    small_lines: usize,
+}
+
+impl Frame {
+    /// In the records of a run.
+    pub fn of(config: &Config) -> Self {
+        let layout = config.spec().layout();
+        let whole = named(config.spec(), "depth_mm");
+        let place = layout.images.iter().position(|&image| image == whole).expect("a frame is an image");
+        Self {
+            whole,
+            sums: layout.images[place + 1],
+            whole_bit: 1 << place,
+            sums_bit: 1 << (place + 1),
+            averages: config.network.input_pool as usize == WINDOW,
+            record_lines: layout.bytes / LINE_BYTES,
+            small_lines: layout.small_bytes / LINE_BYTES,
+        }
+    }
+
+    /// Cache lines of a record, and of its beginning: all but images.
+    pub fn lines(&self) -> [usize; 2] {
+        [self.record_lines, self.small_lines]
+    }
+
+    /// What is read of a record with this header: the sums only if the network averages over such windows. None if what it
+    /// would read is not there, or if the whole frame is to be recorded and is not there.
+    pub fn part(&self, header: &RecordHeader) -> Option<FramePart> {
+        let has_whole = header.bulk & self.whole_bit != 0;
+        if header.has(flag::RECORD_BULK) && !has_whole {
+            return None;
+        }
+        if self.averages && header.bulk & self.sums_bit != 0 {
+            Some(FramePart::Sums)
+        } else {
+            has_whole.then_some(FramePart::Whole)
+        }
+    }
+
+    /// This part of a record's frame, where it lies.
+    pub fn read(self, record: &[u8], part: FramePart) -> DepthFrame<'_> {
+        let long = "the declared image has a frame's size";
+        match part {
+            FramePart::Whole => DepthFrame::Whole(self.whole.of(record).try_into().expect(long)),
+            FramePart::Sums => DepthFrame::Sums(self.sums.of(record).try_into().expect(long)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of the part that is not there the record has what an earlier one left.
+    #[test]
+    fn only_what_is_there_of_a_frame_is_read() {
+        let read = |bulk: u32, flags: u32, averages| {
+            let frame = Frame { averages, ..Frame::of(&Config::default()) };
+            frame.part(&RecordHeader { bulk, flags, ..Default::default() })
+        };
+        let (whole, sums) = (1, 2);
+        for flags in [0, flag::RECORD_BULK] {
+            assert_eq!(read(0, flags, true), None);
+            assert_eq!(read(0, flags, false), None);
+            assert_eq!(read(whole, flags, true), Some(FramePart::Whole), "a sum exceeded 16 bits");
+            assert_eq!(read(whole, flags, false), Some(FramePart::Whole));
+            assert_eq!(read(whole | sums, flags, true), Some(FramePart::Sums));
+            assert_eq!(read(whole | sums, flags, false), Some(FramePart::Whole));
+            assert_eq!(read(sums, flags, false), None, "this network reads no sums");
+        }
+        assert_eq!(read(sums, 0, true), Some(FramePart::Sums));
+        assert_eq!(read(sums, flag::RECORD_BULK, true), None, "the recorder has nothing to record");
+    }
+}

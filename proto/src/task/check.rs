@@ -1,0 +1,93 @@
+//! The check of a record on arrival.
+//!
+//! Records come from another process through shared memory. One that is faulty, or not ours, can write anything there. A
+//! number that the task does not declare must not be trained on, and not be recorded as a fact. The checks are a few dozen
+//! comparisons for each step, next to an image of 100 kB.
+
+use super::{Channel, Field, Spec};
+use std::ops::Range;
+
+/// A number that the task does not declare.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Implausible {
+    #[error("its {0} is not finite")]
+    NotFinite(String),
+    #[error("its {what} is {value}, which cannot be")]
+    Range { what: String, value: f64 },
+}
+
+/// What may lie in a field.
+#[derive(Debug, Clone, PartialEq)]
+enum Sound {
+    /// Written so that NaN is refused, too.
+    Range([f64; 2]),
+    Values(Vec<f64>),
+}
+
+/// The check of a task's records, resolved.
+#[derive(Debug, Clone)]
+pub struct Check {
+    of_action: Vec<(Field, Sound, String)>,
+    seen: Vec<(Field, Sound, String)>,
+    /// Bytes that no channel has, always 0.
+    gaps: Vec<Range<usize>>,
+}
+
+impl Check {
+    pub(super) fn of(spec: &Spec) -> Self {
+        let checks = |of_action: bool| {
+            let pairs = spec.channels.iter().zip(&spec.layout().fields);
+            pairs
+                .filter(|(channel, _)| channel.is_of_action() == of_action && !channel.is_bulk())
+                .filter_map(|(channel, &field)| Some((field, sound(channel)?, channel.name.clone())))
+                .collect()
+        };
+        let mut gaps = vec![];
+        let layout = spec.layout();
+        let mut end = super::HEADER_BYTES;
+        let mut fields: Vec<Field> = [layout.action, layout.previous_action].to_vec();
+        fields.extend(layout.fields.iter().filter(|field| field.offset < layout.small_bytes));
+        fields.sort_by_key(|field| field.offset);
+        for field in fields {
+            gaps.push(end..field.offset);
+            end = field.range().end;
+        }
+        gaps.push(end..layout.small_bytes);
+        gaps.retain(|gap| !gap.is_empty());
+        Self { of_action: checks(true), seen: checks(false), gaps }
+    }
+
+    /// Checks a record. `acted`: an action was taken, so that what it did counts.
+    ///
+    /// # Panics
+    /// If the record is shorter than [`super::Layout::small_bytes`].
+    pub fn record(&self, record: &[u8], acted: bool) -> Result<(), Implausible> {
+        let of_action = if acted { &self.of_action[..] } else { &[] };
+        for (field, sound, what) in self.seen.iter().chain(of_action) {
+            for value in field.numbers(record) {
+                let is_sound = match sound {
+                    Sound::Range([least, most]) => (*least..=*most).contains(&value),
+                    Sound::Values(values) => values.contains(&value),
+                };
+                if !is_sound {
+                    let what = what.clone();
+                    return Err(if value.is_finite() {
+                        Implausible::Range { what, value }
+                    } else {
+                        Implausible::NotFinite(what)
+                    });
+                }
+            }
+        }
+        let strange = self.gaps.iter().flat_map(|gap| &record[gap.clone()]).find(|&&byte| byte != 0);
+        strange.map_or(Ok(()), |&byte| Err(Implausible::Range { what: "reserved byte".to_owned(), value: byte.into() }))
+    }
+}
+
+fn sound(channel: &Channel) -> Option<Sound> {
+    if channel.values.is_empty() {
+        channel.bounds().map(Sound::Range)
+    } else {
+        Some(Sound::Values(channel.values.clone()))
+    }
+}

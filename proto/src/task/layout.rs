@@ -1,0 +1,134 @@
+//! Where everything lies in a record: a header that is the engine's, then the task's bytes.
+//!
+//! ```text
+//! header                 64 bytes, the same for all tasks
+//! action, last action    as the action space wants
+//! parts, outcomes        of the last action, in the declaration's order, each aligned to its type
+//! observations, …        what is seen now, likewise, from a multiple of 8 on
+//! images                 each from a cache line on; the sums of their windows behind them
+//! ```
+
+use super::{Actions, Channel, Dtype};
+use crate::record::RecordHeader;
+use bytemuck::{AnyBitPattern, Pod};
+use std::ops::Range;
+
+/// Bytes of a cache line. Records and images begin on one.
+pub const LINE_BYTES: usize = 64;
+/// Bytes of the engine's header.
+pub const HEADER_BYTES: usize = size_of::<RecordHeader>();
+
+/// Place of a channel's numbers in a record.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Field {
+    /// From the record's beginning, bytes.
+    pub offset: usize,
+    pub dtype: Dtype,
+    pub count: usize,
+}
+
+impl Field {
+    /// Its bytes in a record.
+    pub fn range(self) -> Range<usize> {
+        self.offset..self.offset + self.count * self.dtype.bytes()
+    }
+
+    /// Its first number.
+    ///
+    /// # Panics
+    /// If the record is shorter than its layout.
+    pub fn number(self, record: &[u8]) -> f64 {
+        self.dtype.read(&record[self.offset..])
+    }
+
+    /// Its numbers.
+    pub fn numbers(self, record: &[u8]) -> impl Iterator<Item = f64> {
+        record[self.range()].chunks_exact(self.dtype.bytes()).map(move |bytes| self.dtype.read(bytes))
+    }
+
+    /// Its numbers as they lie, of a record that begins on a cache line.
+    ///
+    /// # Panics
+    /// If they are of another type, or the record is shorter than its layout.
+    pub fn of<T: AnyBitPattern>(self, record: &[u8]) -> &[T] {
+        bytemuck::cast_slice(&record[self.range()])
+    }
+
+    /// The same, to be written.
+    ///
+    /// # Panics
+    /// As [`Self::of`].
+    pub fn of_mut<T: Pod>(self, record: &mut [u8]) -> &mut [T] {
+        bytemuck::cast_slice_mut(&mut record[self.range()])
+    }
+
+    /// Its first number, of a channel of `f32`.
+    pub fn f32(self, record: &[u8]) -> f32 {
+        debug_assert_eq!(self.dtype, Dtype::F32);
+        f32::from_ne_bytes(record[self.offset..self.offset + 4].try_into().expect("four bytes"))
+    }
+}
+
+/// Where everything of a task lies.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Layout {
+    /// The last action, and the action before what is seen now. Both typed as the action space says.
+    pub action: Field,
+    pub previous_action: Field,
+    /// What the last action did: parts and outcomes. Meaningless where none was taken.
+    pub of_action: Range<usize>,
+    /// What is seen now, but for images.
+    pub seen: Range<usize>,
+    /// Place of each channel, in the declaration's order.
+    pub fields: Vec<Field>,
+    /// Images, and the sums of their windows: each can be there or not.
+    pub images: Vec<Field>,
+    /// What is copied and checked on arrival: all but images. A multiple of [`LINE_BYTES`].
+    pub small_bytes: usize,
+    /// A whole record. A multiple of [`LINE_BYTES`].
+    pub bytes: usize,
+}
+
+impl Layout {
+    /// The part of rewards that is this channel's, by its index.
+    ///
+    /// # Panics
+    /// If there is no such channel.
+    pub fn part(&self, record: &[u8], index: usize) -> f32 {
+        self.fields[index].f32(record)
+    }
+
+    pub(super) fn of(actions: &Actions, channels: &[Channel]) -> Self {
+        let mut end = HEADER_BYTES;
+        let mut place = |dtype: Dtype, count: usize, alignment: usize| {
+            let field = Field { offset: end.next_multiple_of(alignment), dtype, count };
+            end = field.range().end;
+            field
+        };
+        let (dtype, count) = actions.numbers();
+        let action = place(dtype, count, dtype.bytes());
+        let previous_action = place(dtype, count, dtype.bytes());
+        let mut fields = vec![action; channels.len()];
+        let mut block = |of_action: bool, place: &mut dyn FnMut(Dtype, usize, usize) -> Field| {
+            let wanted = |channel: &Channel| !channel.is_bulk() && channel.is_of_action() == of_action;
+            let start = place(Dtype::U8, 0, 8).offset;
+            for (channel, field) in channels.iter().zip(&mut fields).filter(|(channel, _)| wanted(channel)) {
+                *field = place(channel.dtype, channel.count(), channel.dtype.bytes());
+            }
+            start..place(Dtype::U8, 0, 8).offset
+        };
+        let of_action = block(true, &mut place);
+        let seen = block(false, &mut place);
+        let small_bytes = place(Dtype::U8, 0, LINE_BYTES).offset;
+        let mut images = vec![];
+        for (channel, field) in channels.iter().zip(&mut fields).filter(|(channel, _)| channel.is_bulk()) {
+            *field = place(channel.dtype, channel.count(), LINE_BYTES);
+            images.push(*field);
+            if let Some(side) = channel.sums {
+                images.push(place(channel.dtype, channel.count() / (side * side), LINE_BYTES));
+            }
+        }
+        let bytes = place(Dtype::U8, 0, LINE_BYTES).offset;
+        Self { action, previous_action, of_action, seen, fields, images, small_bytes, bytes }
+    }
+}

@@ -1,0 +1,110 @@
+//! Metrics of an episode, made of what its actions did.
+
+use super::{Channel, Spec, SpecError};
+use serde::{Deserialize, Serialize};
+
+/// A metric, as a task declares it: a number of each episode.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Metric {
+    /// In files: `episode/NAME` among a run's figures, a column of tables.
+    pub name: String,
+    /// In tables that people read, e.g. `SRwoD`.
+    pub label: String,
+    /// Over which of an episode's steps.
+    pub over: Over,
+    /// The channel whose number it is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub value: Option<String>,
+    /// Or 1 where all of these hold, else 0: its mean is a share of episodes.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub all_of: Vec<Clause>,
+    pub doc: String,
+}
+
+/// Over which steps of an episode.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Over {
+    /// The last one.
+    Last,
+    /// Whether it is so at any of them.
+    Any,
+    /// Their sum.
+    Sum,
+    /// The greatest.
+    Max,
+}
+
+/// A channel's number is within bounds; without any, it is not 0.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Clause {
+    pub channel: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub below: Option<f32>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub at_least: Option<f32>,
+}
+
+/// A metric, resolved.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Measure {
+    over: Over,
+    /// Index of a channel.
+    value: Option<usize>,
+    /// Index of a channel, at least, below; a channel alone: not 0.
+    clauses: Vec<(usize, Option<f32>, Option<f32>)>,
+}
+
+impl Measure {
+    /// The metric after a step, from what it was before; 0 at an episode's start. `number`: the number of an outcome or part
+    /// by the index of its channel.
+    pub fn after(&self, number: impl Fn(usize) -> f64, before: f64) -> f64 {
+        let now = match self.value {
+            Some(index) => number(index),
+            None => f64::from(u8::from(self.clauses.iter().all(|&(index, at_least, below)| {
+                let number = number(index);
+                match (at_least, below) {
+                    (None, None) => number != 0.0,
+                    _ => {
+                        at_least.is_none_or(|least| number >= f64::from(least))
+                            && below.is_none_or(|limit| number < f64::from(limit))
+                    }
+                }
+            }))),
+        };
+        match self.over {
+            Over::Last => now,
+            Over::Any | Over::Max => before.max(now),
+            Over::Sum => before + now,
+        }
+    }
+}
+
+impl Spec {
+    /// The task's metrics, resolved, in its order.
+    pub fn measures(&self) -> Vec<Measure> {
+        let measure = |metric: &Metric| self.measure(metric).expect("a task is checked when it is read");
+        self.metrics.iter().map(measure).collect()
+    }
+
+    pub(super) fn measure(&self, metric: &Metric) -> Result<Measure, SpecError> {
+        let wrong = |problem: String| SpecError::Metric { name: metric.name.clone(), problem };
+        let scalar = |channel: &Channel| channel.is_of_action() && channel.shape.is_empty();
+        let index = |name: &str| {
+            let found = self.channels.iter().position(|channel| channel.name == name && scalar(channel));
+            found.ok_or_else(|| wrong(format!("`{name}` is no scalar that an action leads to")))
+        };
+        if metric.value.is_some() != metric.all_of.is_empty() {
+            return Err(wrong("it is either the value of a channel or all of some clauses".to_owned()));
+        }
+        let value = metric.value.as_deref().map(index).transpose()?;
+        if value.is_some() && metric.over == Over::Any {
+            return Err(wrong("`any` is of clauses, not of a value".to_owned()));
+        }
+        let clause = |clause: &Clause| Ok((index(&clause.channel)?, clause.at_least, clause.below));
+        let clauses = metric.all_of.iter().map(clause).collect::<Result<_, SpecError>>()?;
+        Ok(Measure { over: metric.over, value, clauses })
+    }
+}

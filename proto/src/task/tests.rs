@@ -1,0 +1,317 @@
+use super::*;
+use proptest::prelude::*;
+
+/// A small task: an image, a vector, a scalar of eight bytes, two parts.
+const SMALL: &str = r#"
+name = "small"
+max_steps = 10
+weights = { price = 2.0 }
+actions = { kind = "box", bounds = [[-1.0, 1.0], [0.0, 2.0]] }
+rewards = [
+    { name = "r", constant = -0.5, terms = [["near_m", 1.0]] },
+    { name = "priced", base = "r", constant = 0.25, terms = [["pushed_m", "price"]] },
+    { name = "counted", base = "r", terms = [{ part = "pushed_m", at_most = -0.1, weight = -3.0 }] },
+    { name = "constrained", base = "r", terms = [["pushed_m", "multiplier"]] },
+]
+cost = { part = "pushed_m", weight = -1.0 }
+label = { name = "push", part = "pushed_m", at_most = -0.1 }
+
+[[channels]]
+name = "near_m"
+role = "part"
+dtype = "f32"
+range = [-10, 10]
+doc = "Nearer."
+
+[[channels]]
+name = "image"
+role = "observation"
+dtype = "u16"
+shape = [8, 8]
+sums = 2
+doc = "An image."
+
+[[channels]]
+name = "pushed_m"
+role = "part"
+dtype = "f32"
+range = [-10, 10]
+doc = "Pushed back."
+
+[[channels]]
+name = "goal_m"
+role = "observation"
+dtype = "f32"
+shape = [3]
+range = [-100, 100]
+doc = "Where it is."
+
+[[channels]]
+name = "kind"
+role = "outcome"
+dtype = "u8"
+names = ["square", "round"]
+doc = "What it is."
+
+[[channels]]
+name = "done"
+role = "outcome"
+dtype = "f64"
+values = [0, 1]
+doc = "Whether it is there."
+
+[[metrics]]
+name = "success"
+label = "SR"
+over = "last"
+all_of = [{ channel = "done" }, { channel = "pushed_m", at_least = -0.5, below = 1 }]
+doc = "There, and little pushed."
+
+[[metrics]]
+name = "pushed"
+label = "P"
+over = "sum"
+value = "pushed_m"
+doc = "Pushed in all."
+
+[[metrics]]
+name = "ever"
+label = "E"
+over = "any"
+all_of = [{ channel = "done" }]
+doc = "There once."
+"#;
+
+fn small() -> Spec {
+    Spec::parse(SMALL).unwrap()
+}
+
+/// A record in which these channels have these numbers.
+fn record(spec: &Spec, numbers: &[(&str, f32)]) -> Vec<u8> {
+    let mut record = vec![0; spec.layout().bytes];
+    for &(name, number) in numbers {
+        let (_, field) = spec.channel(name).unwrap();
+        match field.dtype {
+            Dtype::F32 => record[field.offset..][..4].copy_from_slice(&number.to_ne_bytes()),
+            Dtype::F64 => record[field.offset..][..8].copy_from_slice(&f64::from(number).to_ne_bytes()),
+            _ => record[field.offset] = number as u8,
+        }
+    }
+    record
+}
+
+/// The numbers of a record, as rewards and metrics take them.
+fn parts<'a>(spec: &'a Spec, record: &'a [u8]) -> impl Fn(usize) -> f32 + Copy + 'a {
+    |index| spec.layout().fields[index].f32(record)
+}
+
+#[test]
+fn everything_has_its_place() {
+    let spec = small();
+    let layout = spec.layout();
+    let place = |name: &str| spec.channel(name).unwrap().1.range();
+    assert_eq!((layout.action.range(), layout.previous_action.range()), (64..72, 72..80));
+    assert_eq!(["near_m", "pushed_m", "kind", "done"].map(place), [80..84, 84..88, 88..89, 96..104]);
+    assert_eq!((layout.of_action.clone(), place("goal_m"), layout.seen.clone()), (80..104, 104..116, 104..120));
+    assert_eq!(
+        (layout.small_bytes, place("image"), layout.images[1].range(), layout.bytes),
+        (128, 128..256, 256..288, 320)
+    );
+}
+
+/// What other people's tools depend on: an unchanged task has an unchanged layout.
+#[test]
+fn the_built_in_tasks_are_sound() {
+    let arm = Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").unwrap();
+    let layout = arm.layout();
+    assert_eq!((layout.of_action.clone(), layout.seen.clone(), layout.small_bytes), (72..136, 136..224, 256));
+    assert_eq!(layout.bytes, 125_696);
+    let names: Vec<_> = crate::action::Action::ALL.iter().map(|action| action.name()).collect();
+    assert_eq!(arm.actions.names(), names);
+    assert_eq!(
+        arm.channel("target").unwrap().0.names,
+        crate::kitchen::TargetCategory::ALL.map(crate::kitchen::TargetCategory::name)
+    );
+}
+
+/// The paper's equations 1 and 2, written by hand, in their order of additions.
+#[test]
+fn the_papers_rewards_have_every_bit_of_its_equations() {
+    let arm = Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").unwrap();
+    let composition = |name: &str| arm.composition(name, &[], &BTreeMap::new()).unwrap();
+    let [r, r_prime, lagrangian] = ["r", "r_prime", "lagrangian"].map(composition);
+    assert_eq!([&r, &r_prime, &lagrangian].map(Composition::has_multiplier), [false, false, true]);
+    for case in 0u32..1000 {
+        // Any numbers of any last bits.
+        let number = |salt: u32| (case.wrapping_mul(2_654_435_761).wrapping_add(salt) as f32).sin() * 0.3;
+        let [wrist, object, disturbance] = [1, 2, 3].map(number);
+        let flags = [case & 1, case >> 1 & 1, case >> 2 & 1].map(|flag| flag as f32);
+        let record = record(
+            arm,
+            &[
+                ("wrist_object_progress_m", wrist),
+                ("object_goal_progress_m", object),
+                ("disturbance_progress_m", disturbance),
+                ("failed_action", flags[0]),
+                ("picked_up", flags[1]),
+                ("goal_success", flags[2]),
+            ],
+        );
+        let task = -0.01 + -0.03 * flags[0] + 5.0 * flags[1] + 10.0 * flags[2] + wrist + object;
+        assert_eq!(r.of(parts(arm, &record), 7.0).to_bits(), task.to_bits());
+        assert_eq!(r_prime.of(parts(arm, &record), 7.0).to_bits(), (task + 15.0 * disturbance).to_bits());
+        assert_eq!(lagrangian.of(parts(arm, &record), 0.7).to_bits(), (task + 0.7 * disturbance).to_bits());
+        assert_eq!(arm.label().unwrap().holds(parts(arm, &record)), disturbance <= -0.001);
+    }
+}
+
+#[test]
+fn a_reward_is_its_base_and_its_terms() {
+    let spec = small();
+    let near = record(&spec, &[("near_m", 1.0), ("pushed_m", -0.25)]);
+    let reward = |name: &str, own: &[Reward], weights: &[(&str, f32)]| {
+        let weights = weights.iter().map(|&(name, weight)| (name.to_owned(), weight)).collect();
+        spec.composition(name, own, &weights).map(|composition| composition.of(parts(&spec, &near), 10.0))
+    };
+    assert_eq!(reward("r", &[], &[]), Ok(0.5));
+    assert_eq!(reward("priced", &[], &[]), Ok(0.25));
+    assert_eq!(reward("priced", &[], &[("price", 4.0)]), Ok(-0.25));
+    assert_eq!(reward("counted", &[], &[]), Ok(-2.5));
+    assert_eq!(reward("constrained", &[], &[]), Ok(-2.0));
+    let own: Reward = toml::from_str("name = \"mine\"\nbase = \"priced\"\nterms = [[\"near_m\", 1.0]]").unwrap();
+    assert_eq!(reward("mine", std::slice::from_ref(&own), &[]), Ok(1.25));
+    assert_eq!(spec.cost().map(|(index, weight)| weight * parts(&spec, &near)(index)), Some(0.25));
+    let refused = |text: &str| {
+        let own: Reward = toml::from_str(text).unwrap();
+        reward(&own.name, std::slice::from_ref(&own), &[]).unwrap_err().to_string()
+    };
+    assert_eq!(refused("name = \"mine\"\nbase = \"mine\""), "reward `mine`: its base is itself");
+    assert_eq!(
+        refused("name = \"mine\"\nterms = [[\"near\", 1.0]]"),
+        "reward `mine`: there is no part `near`; this task has near_m, pushed_m"
+    );
+    assert_eq!(
+        refused("name = \"mine\"\nterms = [[\"near_m\", \"prize\"]]"),
+        "reward `mine`: there is no weight `prize`"
+    );
+    assert!(refused("name = \"mine\"\nterms = [[\"near_m\", nan]]").contains("not a finite number"));
+    assert!(
+        refused("name = \"mine\"\nterms = [{part = \"near_m\", weight = 1.0}]").contains("either at_most or at_least")
+    );
+    assert_eq!(
+        reward("best", &[], &[]).unwrap_err().to_string(),
+        "task `small` has no reward `best`, and neither has the configuration"
+    );
+}
+
+#[test]
+fn a_metric_follows_an_episode() {
+    let spec = small();
+    let steps: [&[(&str, f32)]; 3] =
+        [&[("pushed_m", -0.25)], &[("done", 1.0), ("pushed_m", -0.75)], &[("done", 1.0), ("pushed_m", -0.5)]];
+    let mut after = vec![vec![0.0; 3]];
+    for step in steps {
+        let before = after.last().unwrap().clone();
+        let record = record(&spec, step);
+        let measures = spec.measures();
+        after.push(
+            measures
+                .iter()
+                .zip(before)
+                .map(|(measure, before)| measure.after(|index| spec.layout().fields[index].number(&record), before))
+                .collect(),
+        );
+    }
+    assert_eq!(after[1..], [vec![0.0, -0.25, 0.0], vec![0.0, -1.0, 1.0], vec![1.0, -1.5, 1.0]]);
+}
+
+#[test]
+fn a_declaration_that_is_not_sound_is_refused_with_its_place() {
+    let refused = |from: &str, to: &str| {
+        assert!(SMALL.contains(from), "{from}");
+        Spec::parse(&SMALL.replacen(from, to, 1)).map_err(|error| error.to_string()).unwrap_err()
+    };
+    for (from, to, problem) in [
+        ("name = \"small\"", "name = \"Small\"", "name `Small`"),
+        ("name = \"goal_m\"", "name = \"near_m\"", "two of the name `near_m`"),
+        ("range = [-10, 10]", "range = [10, -10]", "the lower first"),
+        ("range = [-10, 10]", "", "a floating-point number has a range"),
+        ("range = [-10, 10]", "range = [nan, 10]", "the lower first"),
+        ("shape = [3]", "shape = [3, 0]", "no numbers"),
+        ("shape = [3]", "shape = [9223372036854775807, 8]", "more than 2^27"),
+        ("sums = 2", "sums = 3", "multiples of the windows' side"),
+        ("sums = 2", "range = [0, 1]", "not checked on arrival"),
+        ("role = \"part\"\ndtype = \"f32\"", "role = \"part\"\ndtype = \"f64\"", "a scalar f32"),
+        ("[[-1.0, 1.0]", "[[1.0, 1.0]", "the lower first"),
+        ("base = \"r\"", "base = \"s\"", "no reward `s`"),
+        ("[\"near_m\", 1.0]", "[\"near_m\", true]", "part with its weight"),
+        ("value = \"pushed_m\"", "value = \"goal_m\"", "`goal_m` is no scalar"),
+        ("over = \"sum\"", "over = \"any\"", "`any` is of clauses"),
+        (
+            "label = { name = \"push\", part = \"pushed_m\"",
+            "label = { name = \"push\", part = \"kind\"",
+            "no part `kind`",
+        ),
+        ("max_steps = 10", "max_step = 10", "max_step"),
+    ] {
+        let error = refused(from, to);
+        assert!(error.contains(problem), "{to}: {error}");
+    }
+}
+
+#[test]
+fn unlike_layouts_have_unlike_hashes() {
+    let hash = |from: &str, to: &str| Spec::parse(&SMALL.replacen(from, to, 1)).unwrap().layout_hash();
+    let same = small().layout_hash();
+    assert_eq!(hash("Where it is.", "Where it lies."), same);
+    let means = |from: &str, to: &str| Spec::parse(&SMALL.replacen(from, to, 1)).unwrap().means(&small());
+    assert!(means("Where it is.", "Where it lies.") && !means("\"price\"", "1.0"));
+    assert_eq!(hash("\"price\"", "1.0"), same);
+    for (from, to) in
+        [("goal_m", "goal_mm"), ("[3]", "[4]"), ("sums = 2", ""), ("[0.0, 2.0]", "[0.0, 2.0], [0.0, 1.0]")]
+    {
+        assert_ne!(hash(from, to), same, "{to}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(20_000))]
+
+    /// Whatever bytes come: what passes has a reward that training can bear, and nothing that the task does not declare.
+    #[test]
+    fn what_passes_can_be_trained_on(words in proptest::collection::vec((0usize..48, any::<u32>()), 0..4)) {
+        let arm = Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").unwrap();
+        let mut record = vec![0; arm.layout().bytes];
+        for (place, word) in words {
+            record[64 + 4 * place..][..4].copy_from_slice(&word.to_ne_bytes());
+        }
+        if arm.check().record(&record, true).is_ok() {
+            for name in ["r", "r_prime", "lagrangian"] {
+                let reward = arm.composition(name, &[], &BTreeMap::new()).unwrap().of(parts(arm, &record), 15.0);
+                prop_assert!(reward.abs() < 2e6, "{reward}");
+            }
+            let number = |name: &str| arm.channel(name).unwrap().1.number(&record);
+            prop_assert!((0.0..=1e5).contains(&number("disturbance_m")));
+            prop_assert!(number("target") < 12.0 && [0.0, 1.0].contains(&number("picked_up")));
+            prop_assert!(record[224..256].iter().all(|&byte| byte == 0));
+        }
+    }
+}
+
+#[test]
+fn numbers_that_a_task_does_not_declare_are_named() {
+    let spec = small();
+    let refused = |numbers: &[(&str, f32)], acted: bool| {
+        spec.check().record(&record(&spec, numbers), acted).map_err(|error| error.to_string())
+    };
+    assert_eq!(refused(&[("near_m", -10.0), ("done", 1.0), ("kind", 1.0), ("goal_m", 100.0)], true), Ok(()));
+    assert_eq!(refused(&[("near_m", 11.0)], false), Ok(()), "no action was taken");
+    assert_eq!(refused(&[("near_m", 11.0)], true).unwrap_err(), "its near_m is 11, which cannot be");
+    assert_eq!(refused(&[("done", 0.5)], true).unwrap_err(), "its done is 0.5, which cannot be");
+    assert_eq!(refused(&[("kind", 2.0)], true).unwrap_err(), "its kind is 2, which cannot be");
+    assert_eq!(refused(&[("goal_m", f32::NAN)], false).unwrap_err(), "its goal_m is not finite");
+    assert_eq!(refused(&[("pushed_m", f32::INFINITY)], true).unwrap_err(), "its pushed_m is not finite");
+    let mut gap = record(&spec, &[]);
+    gap[90] = 1;
+    assert_eq!(spec.check().record(&gap, false).unwrap_err().to_string(), "its reserved byte is 1, which cannot be");
+}
