@@ -2,10 +2,10 @@
 
 use crate::method::{TEST_NOVEL, TEST_SEEN, VALIDATION_NOVEL, row_presets, rows_beside};
 use crate::paper::{Published, ResultRow, paper};
+use crate::report::GroupResults;
 use crate::results::{FieldResult, SeedResult};
 use crate::statistics::Aggregate;
 use crate::study::{Field, Group, differences_between};
-use crate::styled_group::StyledGroup;
 use proto::config::Config;
 use proto::kitchen::KitchenId;
 use serde::Serialize;
@@ -64,7 +64,7 @@ pub struct Ours {
 }
 
 /// The paper's tables with ours beside them, in its order.
-pub(crate) fn comparisons(entries: &[StyledGroup<'_>]) -> Vec<Comparison> {
+pub(crate) fn comparisons(entries: &[GroupResults<'_>]) -> Vec<Comparison> {
     let results = |name: &str, title: &str, field: Field, rows: &[ResultRow]| Comparison {
         name: name.to_owned(),
         title: title.to_owned(),
@@ -128,7 +128,7 @@ fn plain(cell: &str) -> String {
     }
 }
 
-fn row_of(what: Vec<String>, preset: String, paper: Published, entries: &[StyledGroup<'_>], field: Field) -> Row {
+fn row_of(what: Vec<String>, preset: String, paper: Published, entries: &[GroupResults<'_>], field: Field) -> Row {
     let here = entries.iter().filter(|entry| rows_beside(entry.group).contains(preset.as_str()));
     let ours = here
         .flat_map(|entry| [field, field.of_best()].map(|field| (entry.group, entry.in_field(field))))

@@ -12,12 +12,6 @@ type Bin = (u64, usize);
 
 /// Bins over a run's budget.
 const BINS: u64 = 80;
-/// Bins of a run's own curve.
-const FINE_BINS: u64 = 160;
-/// Bins to either side that have a part in a smoothed one.
-const NEIGHBOURS: usize = 2;
-/// A stage of fewer points is not smoothed.
-const SMOOTHED_LEAST: usize = 10;
 
 /// A metric over training, of a group.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -85,34 +79,6 @@ impl Curve {
         };
         (!bins.is_empty()).then(|| Self { metric: name.to_owned(), points: bins.into_iter().map(point).collect() })
     }
-}
-
-/// A run's own metric over training, in bins finer than those of a group's curve: drawn behind the smoothed one.
-pub(crate) fn of_run(run: &Run, name: &str) -> Vec<(f64, f64)> {
-    let width = (total_frames(&run.config.stages) as f64 / FINE_BINS as f64).max(1.0);
-    bins(run, name, width).into_iter().map(|(_, frames, value)| (frames, value)).collect()
-}
-
-/// The running mean of a curve over its neighbours, which weigh less the farther they are. Points beyond one of the
-/// `breaks` do not count: another stage is another task. A stage of a few points stays as it is.
-pub(crate) fn smoothed(points: &[(f64, f64)], breaks: &[f64]) -> Vec<(f64, f64)> {
-    let part = |frames: f64| breaks.iter().filter(|&&end| end < frames).count();
-    let mean = |(index, &(frames, _)): (usize, &(f64, f64))| {
-        if points.iter().filter(|(at, _)| part(*at) == part(frames)).count() < SMOOTHED_LEAST {
-            return points[index];
-        }
-        let (mut sum, mut weights) = (0.0, 0.0);
-        let first = index.saturating_sub(NEIGHBOURS);
-        for (other, &(at, value)) in points.iter().enumerate().take(index + NEIGHBOURS + 1).skip(first) {
-            if part(at) == part(frames) {
-                let weight = (NEIGHBOURS + 1 - index.abs_diff(other)) as f64;
-                sum += weight * value;
-                weights += weight;
-            }
-        }
-        (frames, sum / weights)
-    };
-    points.iter().enumerate().map(mean).collect()
 }
 
 /// (bin, mean frames, mean) of each bin that has any.
@@ -185,8 +151,6 @@ mod tests {
         let curve = Curve::of_training(&groups[0], metric::ENTROPY).unwrap();
         assert!(curve.points.iter().all(|point| point.mean == if point.frames <= 20_000.0 { 5.0 } else { 1.0 }));
         assert!(curve.points.is_sorted_by(|a, b| a.frames < b.frames));
-        let raw = of_run(&runs[0], metric::ENTROPY);
-        assert!(raw.iter().all(|&(frames, value)| value == if frames <= 20_000.0 { 5.0 } else { 1.0 }), "{raw:?}");
     }
 
     #[test]
@@ -202,17 +166,6 @@ mod tests {
         assert_eq!((last.mean, last.seeds), (1.0, 1));
         assert!(curve.points.is_sorted_by(|a, b| a.frames < b.frames));
         assert_eq!(Curve::of_training(&groups[0], "no such metric"), None);
-    }
-
-    #[test]
-    fn a_smoothed_curve_does_not_mix_stages() {
-        let points: Vec<(f64, f64)> = (0..24).map(|i| (f64::from(i), if i < 12 { 1.0 } else { 7.0 })).collect();
-        assert_eq!(smoothed(&points, &[11.5]), points, "each stage is level");
-        let mixed = smoothed(&points, &[]);
-        assert!(mixed[11].1 > 1.0 && mixed[12].1 < 7.0 && mixed.is_sorted_by(|a, b| a.1 <= b.1), "{mixed:?}");
-        // Weights 1, 2, 3, 2, 1.
-        assert_eq!(mixed[11].1, (1.0 + 2.0 + 3.0 + 2.0 * 7.0 + 7.0) / 9.0);
-        assert_eq!(smoothed(&points[8..16], &[]), points[8..16], "too few to be smoothed");
     }
 
     #[test]

@@ -1,17 +1,17 @@
-//! Reports on runs: statistics over seeds, figures, tables beside the paper's, one page.
+//! Reports on runs: statistics over seeds, and tables beside the paper's.
 //!
-//! A [`study::Run`] is the content of a run's folder. [`Made::of`] groups runs of one configuration and computes
-//! everything once; its result becomes `report.json`, the page and the figures. This crate reads and writes no files:
+//! A [`study::Run`] is the content of a run's folder. [`Report::of`] groups runs of one configuration and computes
+//! everything once; serialised, the result is `report.json`, and the page draws it. This crate reads and writes no files:
 //! `orchestrator report` does.
 //!
-//! Two seeds of one preset as plain data, and the page about them:
+//! Two seeds of one preset as plain data, and the report about them:
 //!
 //! ```
 //! use proto::config::Config;
 //! use proto::metric;
 //! use proto::run_state::{Ending, RunState};
 //! use report::study::{Origin, Rollout, Run};
-//! use report::{Made, Options};
+//! use report::{Options, Report};
 //!
 //! let run = |seed: u64| {
 //!     let config = Config { seed, ..Config::resolve("demo", None).expect("a preset") };
@@ -30,30 +30,24 @@
 //!         validation: Vec::new(),
 //!     }
 //! };
-//! let made = Made::of(&[run(1), run(2)], &Options::default(), Vec::new())?;
-//! assert_eq!(made.report.groups[0].runs.len(), 2, "runs that differ in the seed only are one group");
-//! let page = made.page("Made by hand.");
-//! assert!(page.contains("<figure id=\"learning\"") && page.contains("has been evaluated yet"));
+//! let report = Report::of(&[run(1), run(2)], &Options::default(), Vec::new())?;
+//! assert_eq!(report.groups[0].runs.len(), 2, "runs that differ in the seed only are one group");
 //! # Ok::<(), report::study::StudyError>(())
 //! ```
 
-mod chart;
 pub mod comparison;
 pub mod curves;
-mod figures;
 pub mod format;
 mod kept;
 mod method;
-mod page;
 pub mod paper;
 mod report;
 pub mod results;
 pub mod statistics;
 pub mod study;
-mod styled_group;
+mod sweep;
 
-pub use chart::{Figure, Frame};
-pub use figures::{ShownPair, ShownStrip, Sweep, SweepPoint};
 pub use kept::{Kept, KeptError};
 pub use method::level_of;
-pub use report::{FigureSet, GroupReport, IntervalMethod, Made, Options, Report, RunReport};
+pub use report::{GroupReport, IntervalMethod, Options, Report, RunReport, StageReport};
+pub use sweep::{Sweep, SweepPoint};

@@ -86,12 +86,6 @@ fn rows_of_method(ours: &Config) -> BTreeSet<&'static str> {
     alike().filter(|(_, row)| Some(distance(row)) == nearest).map(|(name, _)| name.as_str()).collect()
 }
 
-/// SR and `SRwoD` of the paper's row that this group is, shares 0..=1.
-pub fn published(group: &Group<'_>, field: Field) -> Option<Published> {
-    let rows = rows_beside(group);
-    rows_of(field).into_iter().find(|(preset, _)| rows.contains(preset.as_str())).map(|(_, published)| published)
-}
-
 fn rows_of(field: Field) -> Vec<(String, Published)> {
     // The paper's checkpoints are chosen on validation; ours are the newest or the best.
     match (Field { best: false, ..field }) {
@@ -147,10 +141,8 @@ mod tests {
         for name in row_presets().keys() {
             assert!(changed(name, |_| {}).contains(&name.as_str()), "{name}");
         }
-        let runs = ["lambda-15", "demo"].map(|preset| run(preset, preset, 1));
-        let groups = groups(&runs).unwrap();
-        assert_eq!(published(&groups[0], TEST_NOVEL).unwrap().success, 81.3 / 100.0);
-        assert_eq!(published(&groups[1], TEST_NOVEL), None);
+        let level = |preset: &str| level_of(&Config::resolve(preset, None).unwrap());
+        assert_eq!([level("lambda-15"), level("demo")], [Some([81.3 / 100.0, 47.1 / 100.0]), None]);
     }
 
     #[test]

@@ -1,16 +1,14 @@
-//! The whole report: computed once, then written as numbers, page and figures.
+//! The whole report, as numbers.
 
-use crate::chart::{Figure, share_axes};
 use crate::comparison::{Comparison, comparisons};
 use crate::curves::Curve;
-use crate::figures::{self, ShownPair, Sweep};
 use crate::format::{count, counted};
 use crate::paper::paper;
 use crate::results::{FieldResult, Missing};
 use crate::statistics::{CURVE_RESAMPLES, RESAMPLES};
 use crate::study::{Evaluated, Field, Group, Origin, Run, Source, StudyError, groups};
-use crate::styled_group::StyledGroup;
-use proto::config::EpisodeConfig;
+use crate::sweep::{Sweep, sweeps};
+use proto::config::{EpisodeConfig, StageConfig};
 use proto::evaluation::{DISTURBANCE_THRESHOLDS_M, Distribution, describe};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
@@ -33,8 +31,6 @@ pub struct Report {
     pub sweeps: Vec<Sweep>,
     /// Remarks that a reader needs to judge the figures.
     pub notes: Vec<String>,
-    /// Names of the figures, without ending.
-    pub figures: Vec<String>,
 }
 
 /// How the intervals were made.
@@ -55,6 +51,8 @@ pub struct GroupReport {
     pub preset: String,
     /// Settings that are not the preset's.
     pub differences: Vec<String>,
+    /// What its runs are trained for, in order.
+    pub stages: Vec<StageReport>,
     pub runs: Vec<RunReport>,
     /// Where it was evaluated.
     pub results: Vec<FieldResult>,
@@ -62,6 +60,13 @@ pub struct GroupReport {
     pub training: Vec<Curve>,
     /// SR and `SRwoD` on validation episodes over training.
     pub validation: Vec<Curve>,
+}
+
+#[derive(Debug, Clone, Serialize)]
+pub struct StageReport {
+    pub name: String,
+    /// Frames before it.
+    pub begins_at: u64,
 }
 
 #[derive(Debug, Clone, Serialize)]
@@ -79,51 +84,17 @@ pub struct RunReport {
     pub evaluations: Vec<String>,
 }
 
-/// A report with its figures.
-#[derive(Debug)]
-pub struct Made {
-    /// The numbers.
-    pub report: Report,
-    /// Drawn.
-    pub figures: FigureSet,
+/// A group with its results.
+#[derive(Debug, Clone)]
+pub struct GroupResults<'a> {
+    pub group: &'a Group<'a>,
+    /// In each field in which it was evaluated.
+    pub results: Vec<(Field, FieldResult)>,
 }
 
-/// The figures, by section of the page.
-#[derive(Debug, Default)]
-pub struct FigureSet {
-    /// Interquartile means with intervals.
-    pub intervals: Vec<Figure>,
-    /// Learning curves, and PPO-Lagrangian's multiplier.
-    pub learning: Vec<Figure>,
-    /// Entropy, losses, gradients, throughput.
-    pub optimisation: Vec<Figure>,
-    /// Validation during training.
-    pub validation: Vec<Figure>,
-    /// Precision and recall.
-    pub prediction: Vec<Figure>,
-    /// `SRwoD` over threshold and objects.
-    pub disturbance: Vec<Figure>,
-    /// An episode before and after stage II.
-    pub episodes: Vec<Figure>,
-    /// Over λ.
-    pub sweep: Vec<Figure>,
-    /// Action heat maps.
-    pub actions: Vec<Figure>,
-}
-
-impl FigureSet {
-    /// All of them, in the page's order.
-    pub fn all(&self) -> impl Iterator<Item = &Figure> {
-        let Self { intervals, learning, optimisation, validation, prediction, disturbance, episodes, sweep, actions } =
-            self;
-        let all = [intervals, learning, optimisation, validation, prediction, disturbance, episodes, sweep, actions];
-        all.into_iter().flatten()
-    }
-
-    fn sections(&mut self) -> [&mut Vec<Figure>; 8] {
-        // Pictures have no axes.
-        let Self { intervals, learning, optimisation, validation, prediction, disturbance, sweep, actions, .. } = self;
-        [intervals, learning, optimisation, validation, prediction, disturbance, sweep, actions]
+impl GroupResults<'_> {
+    pub fn in_field(&self, field: Field) -> Option<&FieldResult> {
+        self.results.iter().find(|(found, _)| *found == field).map(|(_, result)| result)
     }
 }
 
@@ -140,7 +111,7 @@ impl Default for Options {
     }
 }
 
-impl Made {
+impl Report {
     /// The report on these runs. `notes`: remarks that do not follow from the runs.
     pub fn of(runs: &[Run], options: &Options, mut notes: Vec<String>) -> Result<Self, StudyError> {
         let groups = groups(runs)?;
@@ -153,45 +124,18 @@ impl Made {
                 names.join(", ")
             )
         }));
-        let entries: Vec<StyledGroup<'_>> = groups
-            .iter()
-            .enumerate()
-            .map(|(style, group)| StyledGroup { style, group, results: results(group, options, &mut notes) })
-            .collect();
-        let sweeps = figures::sweeps(&entries);
-        let mut figures = FigureSet {
-            intervals: Field::ALL.iter().filter_map(|&field| figures::intervals(&entries, field)).collect(),
-            learning: [figures::learning(&entries), figures::multiplier(&entries)].concat(),
-            optimisation: figures::optimisation(&entries),
-            validation: figures::validation(&entries),
-            prediction: figures::prediction(&entries),
-            disturbance: [figures::by_threshold(&entries), figures::by_objects(&entries)].concat(),
-            episodes: Vec::new(),
-            sweep: figures::sweep_figure(&sweeps).into_iter().collect(),
-            actions: figures::action_maps(&entries),
-        };
-        figures.sections().into_iter().for_each(|figures| share_axes(figures));
-        let report = Report {
+        let results = |group| GroupResults { group, results: results(group, options, &mut notes) };
+        let entries: Vec<GroupResults<'_>> = groups.iter().map(results).collect();
+        Ok(Self {
             schema_version: proto::SCHEMA_VERSION,
             paper: paper().source.clone(),
             statistics: IntervalMethod { interval: 0.95, resamples: RESAMPLES, curve_resamples: CURVE_RESAMPLES },
             episodes: episodes_of(&groups),
             groups: entries.iter().map(GroupReport::of).collect(),
             comparisons: comparisons(&entries),
-            sweeps,
+            sweeps: sweeps(&entries),
             notes,
-            figures: figures.all().map(|figure| figure.name.clone()).collect(),
-        };
-        Ok(Self { report, figures })
-    }
-
-    /// The same with episodes in pictures. `notes`: what could not be drawn.
-    #[must_use]
-    pub fn with_episodes(mut self, pairs: Vec<ShownPair>, notes: Vec<String>) -> Self {
-        self.figures.episodes = figures::episodes(pairs);
-        self.report.notes.extend(notes);
-        self.report.figures = self.figures.all().map(|figure| figure.name.clone()).collect();
-        self
+        })
     }
 }
 
@@ -288,7 +232,7 @@ fn note_conditions(group: &Group<'_>, field: Field, result: &FieldResult, notes:
 }
 
 impl GroupReport {
-    fn of(entry: &StyledGroup<'_>) -> Self {
+    fn of(entry: &GroupResults<'_>) -> Self {
         let group = entry.group;
         let metrics: BTreeSet<&String> =
             group.runs.iter().flat_map(|run| &run.rollouts).flat_map(|rollout| rollout.metrics.keys()).collect();
@@ -300,12 +244,22 @@ impl GroupReport {
             label: group.label.clone(),
             preset: group.preset.clone(),
             differences: group.differences.clone(),
+            stages: stages(&group.runs[0].config.stages),
             runs: group.runs.iter().map(|run| RunReport::of(run)).collect(),
             results: entry.results.iter().map(|(_, result)| result.clone()).collect(),
             training: metrics.into_iter().filter_map(|name| Curve::of_training(group, name)).collect(),
             validation: validation.into_iter().flatten().collect(),
         }
     }
+}
+
+fn stages(configured: &[StageConfig]) -> Vec<StageReport> {
+    let stage = |begins_at: &mut u64, stage: &StageConfig| {
+        let report = StageReport { name: stage.name.clone(), begins_at: *begins_at };
+        *begins_at += stage.frames;
+        Some(report)
+    };
+    configured.iter().scan(0, stage).collect()
 }
 
 /// Frames of the newest weights that were evaluated: all that is known of a run that is not in the study.

@@ -1,17 +1,18 @@
-//! The page in a headless browser: what fits a screen, which colours things have, what can be taken away.
+//! The page of a report in a headless browser: what fits a screen, which colours things have, what can be taken away.
 //!
 //! Where no Chromium is installed nothing is tested; `.ci/run` says so.
 
 mod study;
 
-use report::{Made, Options};
-use serde_json::Value;
-use study::study;
+use report::{Options, Report};
+use serde_json::{Value, json};
+use std::path::Path;
+use study::{run, study};
 use system_tests::Browser;
 
 /// What a script in the page finds wrong: a list of sentences.
 fn findings(browser: &mut Browser, script: &str) -> Vec<String> {
-    let found = browser.value(&format!("(() => {{ const found = []; {script}; return found; }})()"));
+    let found = browser.value(&format!("(() => {{ const found = []; {script}; return found.slice(0, 5); }})()"));
     found.as_array().expect("a list").iter().map(|one| one.as_str().unwrap_or("?").to_owned()).collect()
 }
 
@@ -19,21 +20,6 @@ fn findings(browser: &mut Browser, script: &str) -> Vec<String> {
 const TOO_WIDE: &str = "for (const box of document.querySelectorAll('.scroll')) \
     if (box.scrollWidth > box.clientWidth) found.push(`${box.innerText.slice(0, 60)}: ${box.scrollWidth} of ${box.clientWidth}`); \
     if (document.documentElement.scrollWidth > innerWidth) found.push(`the page: ${document.documentElement.scrollWidth}`)";
-
-/// Names of groups with more than one colour in all legends and tables, or of one colour and dashes with another.
-const COLOURS: &str = "const seen = {}; \
-    for (const span of document.querySelectorAll('.legend span, td:first-child')) { \
-      const [line, mark] = [span.querySelector('svg polyline'), span.querySelector('svg polygon')]; \
-      if (!line) continue; \
-      const ink = getComputedStyle(line).stroke; \
-      if (ink !== getComputedStyle(mark).fill) found.push(`${span.textContent}: marker and line differ`); \
-      const look = `${ink} ${line.getAttribute('stroke-dasharray')}`; \
-      const name = [...span.childNodes].filter((node) => node.nodeType === 3).map((node) => node.data).join('').trim(); \
-      (seen[name] ??= new Set()).add(look); } \
-    for (const [name, looks] of Object.entries(seen)) if (looks.size !== 1) found.push(`${name}: ${[...looks]}`); \
-    const all = Object.values(seen).flatMap((looks) => [...looks]); \
-    if (new Set(all).size !== all.length) found.push('two groups look alike'); \
-    if (all.length < 9) found.push(`only ${all.length} groups are shown`)";
 
 /// Text that is hard to read before what it is on: a contrast of less than 4.5.
 const FAINT: &str = "const channels = (colour) => colour.match(/[\\d.]+/g).slice(0, 3).map(Number); \
@@ -44,81 +30,107 @@ const FAINT: &str = "const channels = (colour) => colour.match(/[\\d.]+/g).slice
     const against = (ink, paper, what) => { const [a, b] = [luminance(ink), luminance(paper)].sort((x, y) => y - x); \
       const contrast = (a + 0.05) / (b + 0.05); if (contrast < 4.5) found.push(`${what}: ${contrast.toFixed(1)}, ${ink} on ${paper}`); }; \
     for (const element of document.querySelectorAll('p, li, td, th, h1, h2, h3, a, summary, figcaption, label, small')) \
-      if (element.innerText?.trim()) against(getComputedStyle(element).color, behind(element), element.innerText.slice(0, 30)); \
-    for (const words of document.querySelectorAll('figure .panels svg text')) \
-      against(getComputedStyle(words).fill, getComputedStyle(words.closest('svg').querySelector('rect')).fill, words.textContent)";
+      if (element.innerText?.trim()) against(getComputedStyle(element).color, behind(element), element.innerText.slice(0, 30))";
 
-fn paper(browser: &mut Browser) -> u64 {
-    let colour = browser.value("getComputedStyle(document.body).backgroundColor");
-    let text = colour.as_str().expect("a colour").trim_start_matches("rgb(").to_owned();
-    text.split(',').next().and_then(|red| red.parse().ok()).expect("rgb(RED, ...)")
+fn open(browser: &mut Browser, folder: &Path, report: &Report, episodes: &Value) {
+    let data = json!({ "made": "made for a test", "report": report, "episodes": episodes });
+    let path = folder.join("report.html");
+    std::fs::write(&path, view::page::report(&data.to_string(), "")).expect("a writable folder");
+    browser.open(&format!("file://{}", path.display()));
+    browser.wait_for("document.querySelector('.report')");
+}
+
+fn keep(browser: &mut Browser, name: &str) {
+    if let Some(kept) = std::env::var_os("STILLROOM_SCREENSHOTS") {
+        let picture = browser.screenshot();
+        std::fs::write(Path::new(&kept).join(name), picture).expect("a folder of pictures");
+    }
 }
 
 #[test]
-fn the_page_fits_a_screen_has_one_colour_a_group_and_gives_its_figures_away() {
+fn the_page_fits_screens_and_gives_its_charts_away() {
     let Some(mut browser) = Browser::start() else {
         eprintln!("no Chromium on the PATH: the page was not tested");
         return;
     };
-    let made = Made::of(&study(), &Options::default(), Vec::new()).expect("sound runs");
+    let report = Report::of(&study(), &Options::default(), Vec::new()).expect("sound runs");
     let folder = tempfile::tempdir().expect("a temporary folder");
-    let path = folder.path().join("report.html");
-    std::fs::write(&path, made.page("Made for a test.")).expect("a writable folder");
     browser.keep_downloads_in(folder.path());
-    browser.open(&format!("file://{}", path.display()));
-    browser.wait_for("document.readyState === 'complete' && document.querySelector('figure')");
-    if let Some(kept) = std::env::var_os("STILLROOM_SCREENSHOTS") {
-        let picture = browser.screenshot();
-        std::fs::write(std::path::Path::new(&kept).join("report.png"), picture).expect("a folder of pictures");
-    }
-
     browser.resize(1280, 900);
-    assert_eq!(findings(&mut browser, TOO_WIDE), [""; 0], "nothing scrolls on a screen of 1280 pixels");
+    open(&mut browser, folder.path(), &report, &json!([]));
+    browser.wait_for("document.querySelectorAll('.chart canvas').length >= 36");
     browser.value("document.querySelectorAll('details').forEach((one) => { one.open = true; })");
-    assert_eq!(findings(&mut browser, TOO_WIDE), [""; 0], "nor does what was folded away");
-    let mut themes = Vec::new();
+    assert_eq!(findings(&mut browser, TOO_WIDE), [""; 0], "nothing scrolls on a screen of 1280 pixels");
     for (scheme, chosen, bright) in
-        [("light", "system", true), ("dark", "system", false), ("dark", "light", true), ("light", "dark", false)]
+        [("light", "", true), ("dark", "", false), ("dark", "light", true), ("light", "dark", false)]
     {
         browser.scheme(scheme);
-        browser.value(&format!("document.querySelector('#theme-{chosen}').click()"));
-        assert_eq!(paper(&mut browser) > 128, bright, "{scheme} system, {chosen} chosen");
-        assert_eq!(findings(&mut browser, COLOURS), [""; 0], "{scheme} system, {chosen} chosen");
+        let choose = format!("document.querySelector('#scheme').value = '{chosen}'");
+        browser.value(&format!("{choose}; document.querySelector('#scheme').dispatchEvent(new Event('change'))"));
+        let red = browser.value("Number(getComputedStyle(document.body).backgroundColor.match(/\\d+/)[0])");
+        assert_eq!(red.as_u64().expect("rgb(RED, ...)") > 128, bright, "{scheme} system, {chosen} chosen");
         assert_eq!(findings(&mut browser, FAINT), [""; 0], "{scheme} system, {chosen} chosen");
-        themes.push(browser.value("getComputedStyle(document.querySelector('.legend polyline')).stroke"));
+        keep(&mut browser, &format!("report-{scheme}-{chosen}.png"));
     }
-    assert!(themes[0] == themes[2] && themes[1] == themes[3] && themes[0] != themes[1], "{themes:?}");
-
-    for figure in made.figures.all() {
-        let name = &figure.name;
-        let mut take = |ending: &str| {
-            let selector = format!("figure[id='{name}'] a[download$='.{ending}']");
-            browser.download(&selector, folder.path(), &format!("{name}.{ending}"))
-        };
-        assert_eq!(String::from_utf8_lossy(&take("svg")), figure.svg(), "{name}");
-        assert_eq!(String::from_utf8_lossy(&take("csv")), figure.csv(), "{name}");
-    }
-    the_data_is_what_is_drawn(&made);
-    let parsed = browser.value(
-        "new DOMParser().parseFromString(decodeURIComponent(document.querySelector('#learning-1 a[download]').href.split(',').slice(1).join(',')), \
-         'image/svg+xml').documentElement.tagName",
-    );
-    assert_eq!(parsed, Value::from("svg"));
+    the_numbers_are_on_the_page(&mut browser, &report, folder.path());
+    let narrow = "document.documentElement.scrollWidth <= innerWidth";
+    browser.resize(390, 800);
+    assert_eq!(browser.value(narrow), true, "the page does not scroll sideways on a phone");
+    keep(&mut browser, "report-narrow.png");
     assert_eq!(browser.complaints, Vec::<String>::new(), "the page's console has no error");
 }
 
-/// The numbers of `report.json` are in the tables that can be taken away.
-fn the_data_is_what_is_drawn(made: &Made) {
-    let figure = made.figures.all().find(|figure| figure.name == "results-test-novel").expect("a figure");
-    let table = figure.csv();
-    let group = &made.report.groups[0];
-    let success = group.results[0].success.iqm;
+fn the_numbers_are_on_the_page(browser: &mut Browser, report: &Report, folder: &Path) {
+    let group = &report.groups[0];
+    let success = group.results[0].success.mean;
     let interval = success.interval.expect("five seeds");
-    let start = format!("success rate,{},interquartile mean,", group.label);
-    let row = table.lines().find_map(|line| line.strip_prefix(&start)).unwrap_or_else(|| panic!("{start} in\n{table}"));
+    let percent = |share: f64| format!("{:.1}", 100.0 * share);
+    let cell = browser.value("document.querySelector('#results tbody td:nth-child(4)').innerText");
+    let expected = format!("{}%\n{} – {}", percent(success.point), percent(interval.low), percent(interval.high));
+    assert_eq!(cell, expected.as_str());
+    let chart = "#success-test-novel .save";
+    let table = browser.download(&format!("{chart}:nth-child(2)"), folder, "success-sr-test-novel-objects.csv");
+    let table = String::from_utf8(table).expect("text");
+    let row = table.lines().find_map(|line| line.strip_prefix(&format!("{},", group.label))).expect("the first group");
     let numbers: Vec<f64> = row.split(',').filter_map(|number| number.parse().ok()).collect();
-    for (number, expected) in numbers.iter().zip([success.point, interval.low, interval.high]) {
-        assert!((number - expected).abs() < 1e-8, "{number} is not {expected}");
+    assert_eq!(numbers, [success.point, interval.low, interval.high, 0.813], "and what the paper has");
+    let picture = browser.download(chart, folder, "success-sr-test-novel-objects.png");
+    let [width, height] = [16, 20].map(|at| u32::from_be_bytes(picture[at..at + 4].try_into().expect("a header")));
+    assert!(picture.starts_with(b"\x89PNG") && width == 1440 && height > 500, "{width} × {height}");
+    // A click on its name hides a group everywhere, and shows it again.
+    let curves = "document.querySelector('#training .chart').ariaLabel.includes('disturb-two-stage')";
+    for shown in [false, true] {
+        browser.value("document.querySelector('.report > .legend button').click()");
+        assert_eq!(browser.value(curves), shown);
     }
-    assert_eq!(numbers.len(), 4, "and what the paper has");
+}
+
+#[test]
+fn a_page_says_what_is_missing_and_runs_no_script_of_its_data() {
+    let hostile = "</script><script>document.title = 'taken'</script><img src=x onerror=\"document.title = 'taken'\">";
+    let mut bare = run("demo", 1, (0.5, 0.5));
+    (bare.name, bare.rollouts, bare.evaluations, bare.validation) = (hostile.to_owned(), vec![], vec![], vec![]);
+    let report = Report::of(&[bare], &Options::default(), vec![hostile.to_owned()]).expect("a sound run");
+    let page = view::page::report(&json!({ "report": report }).to_string(), "");
+    assert!(page.contains("default-src 'none'") && !page.contains("'unsafe-inline'") && !page.contains(hostile));
+    for outside in ["<script src", "<link", "<img", "@import", "url("] {
+        assert!(!page.contains(outside), "the page reaches out by {outside}");
+    }
+    let Some(mut browser) = Browser::start() else {
+        eprintln!("no Chromium on the PATH: the page was not tested");
+        return;
+    };
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    open(&mut browser, folder.path(), &report, &json!([]));
+    let missing = browser.value("document.querySelector('#missing').textContent");
+    for said in ["has been evaluated yet", "has trained a rollout", "[validation]", "--record all", "lambda-0"] {
+        assert!(missing.as_str().is_some_and(|missing| missing.contains(said)), "{said}: {missing}");
+    }
+    assert_eq!(browser.value("document.querySelectorAll('tr.absent').length"), 19 + 19 + 12 + 8);
+    assert_eq!(browser.value("document.querySelectorAll('details[open]').length"), 1, "the notes; tables are folded");
+    assert_eq!(
+        browser.value("[document.title, document.querySelectorAll('img').length]"),
+        json!(["Stillroom report", 0])
+    );
+    assert_eq!(browser.complaints, Vec::<String>::new(), "the page's console has no error");
 }

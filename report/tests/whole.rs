@@ -1,4 +1,4 @@
-//! The whole report on made-up runs. Its files are left in the test's own temporary folder, to be looked at.
+//! The whole report on made-up runs.
 
 mod study;
 
@@ -7,66 +7,17 @@ use proto::evaluation::Distribution;
 use proto::kitchen::{KitchenRange, Split};
 use report::comparison::Comparison;
 use report::study::{Run, pair_of};
-use report::{Frame, Kept, Made, Options, ShownPair, ShownStrip};
+use report::{Kept, Options, Report};
 use study::{run, study};
 
-fn made(runs: &[Run]) -> Made {
-    Made::of(runs, &Options::default(), Vec::new()).expect("sound runs")
-}
-
-#[test]
-fn a_full_study_has_every_section_and_needs_no_network() {
-    let made = made(&study());
-    let page = made.page("Made for a test.");
-    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("report");
-    std::fs::create_dir_all(&folder).expect("a folder for tests");
-    std::fs::write(folder.join("report.html"), &page).expect("a file");
-    for figure in made.figures.all() {
-        std::fs::write(folder.join(format!("{}.svg", figure.name)), figure.svg()).expect("a file");
-    }
-    std::fs::write(folder.join("report.json"), serde_json::to_string(&made.report).expect("numbers")).expect("a file");
-
-    for outside in ["src=", "href=\"http", "href=\"figures", "<script", "@import", "url("] {
-        assert!(!page.contains(outside), "the page reaches out by {outside}");
-    }
-    assert!(!page.contains("NaN") && !page.contains("class=\"missing\">None of these"), "nothing is missing");
-    for name in [
-        "results-test-novel",
-        "learning",
-        "optimisation",
-        "validation",
-        "prediction",
-        "srwod-by-threshold",
-        "srwod-by-objects",
-    ] {
-        assert!(page.contains(&format!("<figure id=\"{name}")), "{name}");
-    }
-    assert_eq!(page.matches("<figure id=\"actions-").count(), 9);
-    assert!(page.contains("<figure id=\"lambda-sweep\" "));
-    // Panels for what was noted, and for nothing else.
-    let section = page.split("<h2 id=").find(|section| section.starts_with("\"optimisation\"")).expect("a section");
-    for (title, there) in [
-        ("entropy of the policy", true),
-        ("approximate KL of an update", true),
-        ("gradient norm", true),
-        ("throughput", true),
-        ("time trained", true),
-        ("policy loss", false),
-    ] {
-        assert_eq!(section.contains(&format!("<desc>{title}</desc>")), there, "{title}");
-    }
-    assert!(section.contains(">hours</text>"), "45M frames take hours");
-    // One's own results come first; a table of the paper with none of them is one closed line.
-    let at = |what: &str| page.find(what).unwrap_or_else(|| panic!("{what} is not on the page"));
-    assert!(at("<h2 id=\"groups\">") < at("<h2 id=\"paper\">"));
-    assert!(page.contains("<h3 id=\"table-test-novel\">") && !page.contains("<details open"));
-    assert_eq!(made.page("Made for a test."), page, "the same runs give the same page");
+fn made(runs: &[Run]) -> Report {
+    Report::of(runs, &Options::default(), Vec::new()).expect("sound runs")
 }
 
 #[test]
 fn the_numbers_are_those_of_the_tables() {
     let runs = study();
-    let report = made(&runs).report;
+    let report = made(&runs);
     let row = report.comparisons[0].rows.iter().find(|row| row.preset == "disturb-two-stage").expect("a row");
     assert_eq!(row.ours.len(), 1, "the group of its own name; lambda-15 is not there");
     let ours = &row.ours[0];
@@ -96,14 +47,14 @@ fn the_numbers_are_those_of_the_tables() {
     let lambdas: Vec<f64> = report.sweeps[0].points.iter().map(|point| point.lambda_disturb).collect();
     assert_eq!(lambdas, [1.0, 5.0, 15.0, 25.0]);
     // The same runs give the same numbers.
-    let again = made(&runs).report;
+    let again = made(&runs);
     assert_eq!(serde_json::to_string(&again).expect("numbers"), serde_json::to_string(&report).expect("numbers"));
 }
 
 #[test]
 fn a_table_over_two_reports_is_that_of_one() {
     let runs = &study()[..7];
-    let [first, rest, whole] = [&runs[..2], &runs[2..], runs].map(|runs| made(runs).report.comparisons);
+    let [first, rest, whole] = [&runs[..2], &runs[2..], runs].map(|runs| made(runs).comparisons);
     let table = |reports: &[&[Comparison]]| {
         let mut kept = Kept::default();
         for report in reports {
@@ -127,7 +78,7 @@ fn a_table_over_two_reports_is_that_of_one() {
     for evaluated in &mut other[1].evaluations {
         evaluated.result.subject.weights = "f".repeat(64);
     }
-    let problem = all.clone().add(&made(&other).report.comparisons).expect_err("other weights").to_string();
+    let problem = all.clone().add(&made(&other).comparisons).expect_err("other weights").to_string();
     assert!(problem.contains("disturb-two-stage, test-novel: seed 2 is there already with other weights"), "{problem}");
 }
 
@@ -143,7 +94,7 @@ fn a_row_has_the_newest_checkpoint_and_the_best() {
         evaluated.result.subject.checkpoint = Some("runs/x/best/rollout-00000007.json".into());
     }
     one.evaluations.extend(best);
-    let report = made(&[one]).report;
+    let report = made(&[one]);
     let row = report.comparisons[0].rows.iter().find(|row| row.preset == "disturb-two-stage").expect("a row");
     let fields: Vec<&str> = row.ours.iter().map(|ours| ours.field.as_str()).collect();
     assert_eq!(fields, ["test-novel", "test-novel-best"]);
@@ -164,32 +115,30 @@ fn drawn(mut run: Run) -> Run {
 
 #[test]
 fn drawn_episodes_are_named_on_top_and_stand_in_no_row_of_the_paper() {
-    let ours = |made: &Made| -> usize {
-        made.report.comparisons.iter().flat_map(|table| &table.rows).map(|row| row.ours.len()).sum()
+    let ours = |made: &Report| -> usize {
+        made.comparisons.iter().flat_map(|table| &table.rows).map(|row| row.ours.len()).sum()
     };
     let near = drawn(run("demo", 1, (0.6, 0.5)));
     let fixed = made(&[run("disturb-two-stage", 1, (0.8, 0.5)), near.clone()]);
     assert!(ours(&fixed) > 0);
-    assert_eq!(fixed.report.episodes.len(), 4, "{:#?}", fixed.report.episodes);
-    assert_eq!(fixed.report.episodes[0], "Figures of fixed episodes at full distance: disturb-two-stage.");
-    let sentence = &fixed.report.episodes[2];
+    assert_eq!(fixed.episodes.len(), 4, "{:#?}", fixed.episodes);
+    assert_eq!(fixed.episodes[0], "Figures of fixed episodes at full distance: disturb-two-stage.");
+    let sentence = &fixed.episodes[2];
     assert!(
         sentence.contains("within 0.7 m of the target") && sentence.contains(": demo. Not the paper's"),
         "{sentence}"
     );
     let fields = |index: usize| -> Vec<&str> {
-        fixed.report.groups[index].results.iter().map(|result| result.field.as_str()).collect()
+        fixed.groups[index].results.iter().map(|result| result.field.as_str()).collect()
     };
     assert_eq!(fields(0), ["test-novel", "test-seen", "validation-novel"]);
     assert_eq!(fields(1), ["test-novel-drawn", "test-seen-drawn", "validation-novel-drawn"]);
-    let page = fixed.page("Made for a test.");
-    assert!(page.find("within 0.7 m").unwrap() < page.find("Beside the paper</h2>").unwrap());
 
     // A row's own method, and yet not on the paper's episodes: beside it, and in figures, stands nothing.
     let drawn = made(&[drawn(run("disturb-two-stage", 1, (0.8, 0.5)))]);
     assert_eq!(ours(&drawn), 0);
-    assert!(drawn.report.episodes[0].starts_with("Figures of drawn episodes at full distance: disturb-two-stage."));
-    assert!(!drawn.report.notes.iter().any(|note| note.contains("instead of the paper's 1800")));
+    assert!(drawn.episodes[0].starts_with("Figures of drawn episodes at full distance: disturb-two-stage."));
+    assert!(!drawn.notes.iter().any(|note| note.contains("instead of the paper's 1800")));
 
     // In scenes of one's own.
     let mut scenes = near;
@@ -197,71 +146,19 @@ fn drawn_episodes_are_named_on_top_and_stand_in_no_row_of_the_paper() {
     let conditions = &mut scenes.evaluations[0].result.conditions;
     (conditions.split, conditions.scenes) = (Split::Train, vec!["scenes/000/scene.toml".into()]);
     let made = made(&[scenes]);
-    assert_eq!((made.report.groups[0].results[0].field.as_str(), ours(&made)), ("scenes-novel", 0));
+    assert_eq!((made.groups[0].results[0].field.as_str(), ours(&made)), ("scenes-novel", 0));
 }
 
 #[test]
-fn what_is_missing_is_said() {
-    let mut bare = run("demo", 1, (0.5, 0.5));
-    bare.rollouts.clear();
-    bare.evaluations.clear();
-    bare.validation.clear();
-    let page = made(&[bare]).page("Made for a test.");
-    for said in [
-        "None of these runs has trained a rollout",
-        "None of these runs was evaluated during training",
-        "None of these runs has noted an update",
-        "None of these runs has been evaluated yet",
-        "No two of these groups differ",
-        "None of these runs trained the auxiliary task",
-        "No group here is a row of this table",
-        "--record all",
-    ] {
-        assert!(page.contains(said), "{said}");
-    }
-    assert_eq!(page.matches("<tr class=\"absent\">").count(), 19 + 19 + 12 + 8);
-    let folded: Vec<&str> = page.split("<details").skip(1).collect();
-    assert_eq!(folded.len(), 4, "each table of the paper is folded");
-    assert!(folded.iter().all(|fold| fold.contains("<summary>") && !fold.starts_with(" open")));
-
-    // Seeds that were evaluated on different episodes are not averaged.
+fn seeds_that_were_evaluated_on_different_episodes_are_not_averaged() {
     let mut short = run("demo", 2, (0.5, 0.5));
     short.evaluations.truncate(1);
     short.evaluations[0].episodes.truncate(300);
-    let report = made(&[run("demo", 1, (0.5, 0.5)), short]).report;
+    let report = made(&[run("demo", 1, (0.5, 0.5)), short]);
     assert!(report.notes.iter().any(|note| note.contains("seeds are compared on the same episodes only")));
     let fields: Vec<&str> = report.groups[0].results.iter().map(|result| result.field.as_str()).collect();
     assert_eq!(fields, ["test-seen", "validation-novel"]);
     assert!(report.notes.iter().any(|note| note.contains("and therefore not in its means: runs/demo-2")));
-}
-
-/// A picture of one colour, PNG.
-fn picture() -> Vec<u8> {
-    let mut bytes = Vec::new();
-    let mut encoder = png::Encoder::new(&mut bytes, 4, 3);
-    encoder.set_color(png::ColorType::Rgb);
-    let mut writer = encoder.write_header().expect("a header");
-    writer.write_image_data(&[200, 30, 30].repeat(12)).expect("twelve pixels");
-    writer.finish().expect("memory");
-    bytes
-}
-
-#[test]
-fn an_episode_is_shown_before_and_after() {
-    let strip = |title: &str| ShownStrip {
-        title: title.to_owned(),
-        frames: vec![Frame { png: picture(), words: vec!["step 0 of 9".into()] }; 6],
-        size: (4, 3),
-    };
-    let pair = ShownPair { caption: "Kitchen 26".into(), strips: [strip("before stage II"), strip("after stage II")] };
-    let made = made(&[run("demo", 1, (0.5, 0.5))]).with_episodes(vec![pair], vec!["another cannot be drawn".into()]);
-    assert!(made.report.figures.contains(&"episode-1".to_owned()));
-    let page = made.page("Made for a test.");
-    assert!(page.contains("another cannot be drawn") && page.contains("<figure id=\"episode-1\""));
-    assert_eq!(page.matches("<image ").count(), 12, "on the page; those to take away are written as numbers");
-    let figure = made.figures.all().find(|figure| figure.name == "episode-1").expect("a figure");
-    assert!(figure.csv().contains("before stage II,1,step 0 of 9"), "{}", figure.csv());
-    assert_eq!(figure.svg().matches("<image ").count(), 12, "the file holds the frames");
 }
 
 #[test]

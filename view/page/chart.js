@@ -1,10 +1,11 @@
-// Curves on a canvas: several runs over each other, raw and smoothed, with stages and levels. A cursor is shared by all
-// charts of a page, and moves by mouse or by keys.
+// Charts by uPlot (uPlot/README.md), in the colours of the page: curves with bands, and whatever else a caller paints in
+// the same frame. Charts with one `sync` share a cursor and a zoom; the cursor moves by mouse or by keys.
 
-import { css, h } from "./dom.js";
-import { short } from "./format.js";
+import { css, hand, h, light } from "./dom.js";
+import { percent, short } from "./format.js";
 
-export const colour = (index) => css(`--run-${index % 7}`);
+/** What one of several curves looks like: after seven colours they repeat with other dashes. */
+export const look = (index) => ({ colour: `--run-${index % 7}`, dash: [[], [7, 3], [2, 3]][Math.floor(index / 7) % 3] });
 
 /** Exponential mean that begins anew with each stage: a new reward makes values that are not comparable. */
 export function smooth(values, stages, weight) {
@@ -21,216 +22,211 @@ export function smooth(values, stages, weight) {
   return smoothed;
 }
 
-/** Round numbers between two ends, about as many as asked. */
-export function ticks(low, high, wanted) {
-  const span = high - low;
-  if (!(span > 0)) return [low];
-  const rough = span / wanted;
-  const power = 10 ** Math.floor(Math.log10(rough));
-  const step = [1, 2, 2.5, 5, 10].map((factor) => factor * power).find((each) => each >= rough);
-  const found = [];
-  for (let at = Math.ceil(low / step) * step; at <= high + step * 1e-6; at += step) found.push(Math.abs(at) < step * 1e-9 ? 0 : at);
-  return found;
-}
+const see = (colour, opacity) => css(colour).replace("rgb(", "rgba(").replace(")", `, ${opacity})`);
+const shareText = (value) => `${Number((100 * value).toPrecision(3))}%`;
+const FONT = "system-ui, sans-serif";
 
-/** Where all charts of a page are looked at. */
-export class Cursor {
-  constructor() { this.x = null; this.charts = new Set(); }
-  move(x) { this.x = x; for (const chart of this.charts) chart.draw(); }
-}
-
-const LEFT = 46, RIGHT = 10, TOP = 8, BOTTOM = 22;
-
-export class LineChart {
-  /** `format`: of values; `share`: values are 0 to 1. */
-  constructor(title, { format = short, share = false, cursor = new Cursor(), xFormat = short, zero = false } = {}) {
-    Object.assign(this, { title, format, share, cursor, xFormat, zero, series: [], marks: [], levels: [] });
+export class Chart {
+  /** `share`: values are 0 to 1; `zero`: their axis begins at 0; `format`: of a value; `log`: of x; `rows`: names in the
+   * place of a y axis; `signal`: when the chart is no longer needed. */
+  constructor(title, { share = false, zero = share, format = share ? percent : short, log = false, xLabel = "frames", xFormat = short, rows = null, height = 190, sync, signal } = {}) {
+    Object.assign(this, { title, share, zero, format, log, xLabel, xFormat, rows, height, sync, content: { series: [] }, lines: [], data: [[]] });
     this.readout = h("output", {});
-    this.canvas = h("canvas", {
-      class: "chart", tabIndex: 0, role: "img",
-      onpointermove: (event) => this.cursor.move(this.xAt(event.offsetX)),
-      onpointerleave: () => this.cursor.move(null),
-      onblur: () => this.cursor.move(null),
-      onkeydown: (event) => this.key(event),
-    });
-    this.element = h("figure", { class: "card" }, h("figcaption", {}, h("span", {}, title), this.readout), this.canvas);
-    cursor.charts.add(this);
-    this.observer = new ResizeObserver(() => this.draw());
-    this.observer.observe(this.canvas);
+    this.frame = h("div", { class: "chart", tabIndex: 0, role: "img", style: { height: `${height}px` }, onkeydown: (event) => this.key(event), onblur: () => this.plot?.setCursor({ left: -10, top: -10 }, true, true) });
+    const button = (name, save) => h("button", { class: "save", title: `Save “${title}” as ${name}`, onclick: save }, name);
+    this.element = h("figure", { class: "card" },
+      h("figcaption", {}, h("span", {}, title), this.readout, h("span", { class: "saves" }, button("PNG", () => this.picture()), button("CSV", () => hand(new Blob([this.csv()], { type: "text/csv" }), `${this.file()}.csv`)))), this.frame);
+    new ResizeObserver(() => this.fit()).observe(this.frame);
+    addEventListener("recolour", () => this.plot?.redraw(), { signal });
+    signal?.addEventListener("abort", () => this.plot?.destroy());
   }
 
-  /** `series`: name, colour, x, raw, smoothed; `marks`: x and label; `levels`: y and label. */
-  show({ series, marks = [], levels = [] }) {
-    Object.assign(this, { series, marks, levels });
-    this.draw();
-  }
+  file() { return this.title.toLowerCase().replace(/[^\p{L}\p{N}]+/gu, "-").replace(/^-|-$/g, ""); }
 
-  bounds() {
-    let [left, right, low, high] = [Infinity, -Infinity, Infinity, -Infinity];
-    for (const { x, raw, smoothed } of this.series) {
-      for (let at = 0; at < x.length; at += 1) {
-        if (x[at] < left) left = x[at];
-        if (x[at] > right) right = x[at];
-        for (const value of [smoothed[at], raw?.[at]]) {
-          if (value === null || value === undefined) continue;
-          if (value < low) low = value;
-          if (value > high) high = value;
-        }
+  /** `series`: name, look, x, y, and perhaps raw, low and high; `marks`: x and label; `levels`: y and label; `most`: the y
+   * axis reaches there; `domain`: of x; `paint`: draws more; `read`: what the cursor is at; `table`: the data of that. */
+  show(content) {
+    const { lines, bands, xLabel, plot, data: before } = this;
+    this.content = content;
+    this.lines = [];
+    this.bands = [];
+    const tables = content.series.map((one) => {
+      const { colour, dash } = one.look;
+      const table = [one.x];
+      const add = (values, line) => { table.push(values); return this.lines.push({ spanGaps: true, points: { show: false }, ...line }); };
+      if (one.low) {
+        const [top, bottom] = [add(one.high, { width: 0 }), add(one.low, { width: 0 })];
+        this.bands.push({ series: [top, bottom], colour });
       }
+      if (one.raw) add(one.raw, { colour, opacity: 0.3, width: 1 });
+      add(one.y, { name: one.name, colour, dash, opacity: 1, width: 1.9, points: undefined });
+      return table;
+    });
+    this.data = tables.length ? uPlot.join(tables) : [content.domain ?? []];
+    const shape = (all) => JSON.stringify(all);
+    if (!plot || this.rows || xLabel !== this.drawn || shape([lines, bands]) !== shape([this.lines, this.bands])) this.draw();
+    else {
+      const { min, max } = plot.scales.x;
+      const zoomed = min > before[0][0] || max < before[0].at(-1);
+      plot.setData(this.data, !zoomed);
+      if (zoomed) plot.redraw();
     }
-    for (const { y } of this.levels) [low, high] = [Math.min(low, y), Math.max(high, y)];
-    if (!Number.isFinite(left)) [left, right] = [0, 1];
-    if (!Number.isFinite(low)) [low, high] = [0, 1];
-    if (this.zero || this.share) low = Math.min(0, low);
-    if (this.share) high = Math.min(1, Math.max(high, 0.05));
-    if (high - low < 1e-9) high = low + (Math.abs(low) || 1) * 0.1;
-    return { left: Math.min(left, 0), right: right > 0 ? right : 1, low, high: high + (this.share && high >= 0.97 ? 0.02 : (high - low) * 0.06) };
-  }
-
-  xAt(pixel) {
-    const { left, right } = this.box ?? { left: 0, right: 1 };
-    const width = this.canvas.clientWidth - LEFT - RIGHT;
-    return left + ((pixel - LEFT) / width) * (right - left);
-  }
-
-  key(event) {
-    const steps = { ArrowLeft: -1, ArrowRight: 1, PageUp: -20, PageDown: 20, Home: -1e9, End: 1e9 };
-    if (event.key === "Escape") return this.cursor.move(null);
-    if (!(event.key in steps) || !this.series.length) return undefined;
-    event.preventDefault();
-    const { x } = this.series[0];
-    const here = this.cursor.x === null ? x.length - 1 : nearest(x, this.cursor.x);
-    const next = Math.max(0, Math.min(x.length - 1, here + steps[event.key]));
-    return this.cursor.move(x[next]);
+    this.tell();
   }
 
   draw() {
-    const { canvas } = this;
-    const ratio = window.devicePixelRatio || 1;
-    const [width, height] = [canvas.clientWidth, canvas.clientHeight];
-    if (!width) return;
-    if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio);
-    if (canvas.height !== Math.round(height * ratio)) canvas.height = Math.round(height * ratio);
-    const pen = canvas.getContext("2d");
-    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-    pen.clearRect(0, 0, width, height);
-    this.box = this.bounds();
-    const { left, right, low, high } = this.box;
-    const px = (x) => LEFT + ((x - left) / (right - left)) * (width - LEFT - RIGHT);
-    const py = (y) => height - BOTTOM - ((y - low) / (high - low)) * (height - TOP - BOTTOM);
-    this.axes(pen, px, py, width, height);
-    for (const each of this.series) this.line(pen, px, py, each);
-    this.look(pen, px, py, height);
+    this.plot?.destroy();
+    this.plot = null;
+    this.drawn = this.xLabel;
+    this.frame.style.setProperty("height", `${this.height}px`);
+    const width = this.frame.clientWidth;
+    if (width) this.plot = new uPlot(this.options(width, this.height), this.data, this.frame);
   }
 
-  axes(pen, px, py, width, height) {
-    const { left, right, low, high } = this.box;
-    pen.font = "11px system-ui, sans-serif";
-    pen.lineWidth = 1;
-    pen.strokeStyle = css("--line");
-    pen.fillStyle = css("--faint");
+  fit() {
+    if (!this.plot) this.draw();
+    else if (this.frame.clientWidth && this.frame.clientWidth !== this.plot.width) this.plot.setSize({ width: this.frame.clientWidth, height: this.height });
+  }
+
+  options(width, height, scale = 1, done = () => {}) {
+    const font = `${11 * scale}px ${FONT}`;
+    const axis = { font, labelFont: font, stroke: () => css("--soft"), gap: 5 * scale, ticks: { show: false }, grid: { stroke: () => css("--line"), width: scale } };
+    const room = (plot, values) => (Math.max(0, ...(values ?? []).map((text) => text?.length ?? 0)) * 6.2 + 14) * scale;
+    const yText = (value) => (this.share ? shareText(value) : short(value));
+    const line = ({ name, colour, dash = [], opacity, width: thick, points, spanGaps }) => ({
+      label: name, spanGaps, width: thick * scale, dash: dash.map((each) => each * scale), stroke: opacity ? () => see(colour, opacity) : undefined,
+      points: points ?? { size: 5 * scale, width: 0, fill: () => css(colour) },
+    });
+    return {
+      width, height, legend: { show: false }, padding: [8 * scale, 10 * scale, 0, 0],
+      cursor: { y: false, sync: this.sync && { key: this.sync, setSeries: false }, drag: { x: !this.rows, y: false }, points: { show: (plot, at) => (this.lines[at - 1].name === undefined ? false : h("div", { class: "u-cursor-pt here", style: { background: css(this.lines[at - 1].colour) } })) } },
+      scales: {
+        x: { time: false, distr: this.log ? 3 : 1, range: (plot, low, high) => this.content.domain ?? (low === null ? [0, 1] : [low, high > low ? high : low + (Math.abs(low) || 1)]) },
+        y: this.rows ? { dir: -1, range: () => [-0.5, this.rows.length - 0.5] } : { range: (plot, low, high) => this.reach(low, high) },
+      },
+      axes: [
+        { ...axis, size: 20 * scale, space: 65 * scale, label: this.xLabel, labelSize: 15 * scale, labelGap: 0, values: (plot, splits) => splits.map((value) => (value === null ? null : this.xFormat(value))) },
+        this.rows
+          ? { ...axis, size: room, grid: { show: false }, splits: () => this.rows.map((name, at) => at), values: () => this.rows }
+          : { ...axis, size: room, space: 32 * scale, values: (plot, splits) => splits.map(yText) },
+      ],
+      series: [{}, ...this.lines.map(line)],
+      bands: this.bands.map(({ series, colour }) => ({ series, fill: () => see(colour, 0.16) })),
+      hooks: { draw: [(plot) => { this.over(plot, scale); done(plot); }], setCursor: [() => this.tell()] },
+    };
+  }
+
+  /** Ends of the y axis for values between these. */
+  reach(low, high) {
+    const wanted = [low, high, this.content.most, ...(this.content.levels ?? []).map(({ y }) => y)].filter((value) => value !== null && value !== undefined);
+    if (!wanted.length) return [0, 1];
+    let [least, most] = [Math.min(...wanted), Math.max(...wanted)];
+    if (this.zero) [least, most] = [Math.min(least, 0), Math.max(most, this.share ? 0.05 : 0)];
+    if (most - least < 1e-9) most = least + (Math.abs(least) || 1) * 0.1;
+    const more = (most - least) * 0.06;
+    return [this.zero && least === 0 ? 0 : least - more, this.share ? Math.min(most + more, 1.02) : most + more];
+  }
+
+  /** What is drawn over the curves. */
+  over(plot, scale) {
+    const { ctx: pen, bbox: { left, top, width, height } } = plot;
+    const unit = uPlot.pxRatio * scale;
+    pen.save();
+    pen.font = `${11 * unit}px ${FONT}`;
+    pen.lineWidth = unit;
+    const stroke = (colour, dash, x0, y0, x1, y1) => {
+      pen.strokeStyle = css(colour);
+      pen.setLineDash(dash.map((each) => each * unit));
+      pen.beginPath();
+      pen.moveTo(x0, y0);
+      pen.lineTo(x1, y1);
+      pen.stroke();
+    };
+    pen.fillStyle = css("--soft");
+    for (const { x, label } of this.content.marks ?? []) {
+      const at = plot.valToPos(x, "x", true);
+      if (at <= left || at >= left + width) continue;
+      stroke("--faint", [2, 3], at, top, at, top + height);
+      pen.fillText(label, at + 4 * unit, top + 10 * unit);
+    }
     pen.textAlign = "right";
-    pen.textBaseline = "middle";
-    for (const y of ticks(low, high, 4)) {
-      stroke(pen, LEFT, py(y), width - RIGHT, py(y));
-      pen.fillText(this.share ? `${Math.round(100 * y)}%` : short(y), LEFT - 7, py(y));
+    for (const { y, label } of this.content.levels ?? []) {
+      const at = plot.valToPos(y, "y", true);
+      stroke("--soft", [7, 4], left, at, left + width, at);
+      pen.fillText(label, left + width - 2 * unit, at - 4 * unit);
     }
-    pen.textAlign = "center";
-    pen.textBaseline = "alphabetic";
-    for (const x of ticks(left, right, Math.max(2, Math.floor(width / 75)))) pen.fillText(this.xFormat(x), px(x), height - 6);
-    pen.textAlign = "left";
-    for (const { x, label } of this.marks) {
-      if (x <= left || x >= right) continue;
-      pen.strokeStyle = css("--faint");
-      pen.setLineDash([2, 3]);
-      stroke(pen, px(x), TOP, px(x), height - BOTTOM);
-      pen.setLineDash([]);
-      pen.fillText(label, px(x) + 4, TOP + 9);
-    }
-    for (const { y, label } of this.levels) {
-      pen.strokeStyle = css("--soft");
-      pen.setLineDash([7, 4]);
-      stroke(pen, LEFT, py(y), width - RIGHT, py(y));
-      pen.setLineDash([]);
-      pen.fillStyle = css("--soft");
-      pen.textAlign = "right";
-      pen.fillText(label, width - RIGHT - 2, py(y) - 4);
-      pen.textAlign = "left";
-    }
-  }
-
-  line(pen, px, py, { x, raw, smoothed, colour: ink }) {
-    pen.strokeStyle = ink;
-    pen.lineJoin = "round";
-    if (raw) {
-      pen.globalAlpha = 0.28;
-      pen.lineWidth = 1;
-      path(pen, x, raw, px, py);
-    }
-    pen.globalAlpha = 1;
-    pen.lineWidth = 1.9;
-    path(pen, x, smoothed, px, py);
+    pen.setLineDash([]);
+    this.content.paint?.(plot, pen, unit);
+    pen.restore();
   }
 
   /** What the cursor is at, or the newest values. */
-  look(pen, px, py, height) {
-    const at = this.cursor.x;
-    const words = [];
-    for (const { name, x, smoothed, colour: ink } of this.series) {
-      if (!x.length) continue;
-      const index = at === null ? last(smoothed) : nearest(x, at);
-      const value = smoothed[index];
-      if (value === null || value === undefined) continue;
-      const text = this.share ? `${(100 * value).toFixed(1)}%` : this.format(value);
-      words.push(this.series.length > 1 ? `${name} ${text}` : text);
-      if (at === null) continue;
-      pen.fillStyle = ink;
-      pen.beginPath();
-      pen.arc(px(x[index]), py(value), 3.2, 0, 7);
-      pen.fill();
-    }
-    if (at !== null && at >= this.box.left && at <= this.box.right) {
-      pen.strokeStyle = css("--faint");
-      pen.lineWidth = 1;
-      stroke(pen, px(at), TOP, px(at), height - BOTTOM);
-      words.push(`at ${this.xFormat(at)}`);
-    }
-    const text = words.join(" · ") || "nothing yet";
-    if (this.readout.textContent !== text) this.readout.textContent = text;
-    this.canvas.setAttribute("aria-label", `${this.title}: ${text}. Arrow keys read along the curve.`);
+  tell() {
+    const at = this.plot?.cursor.idx ?? null;
+    const values = this.lines.flatMap((line, index) => (line.name === undefined ? [] : [[line.name, near(this.data[index + 1], at)]])).filter(([, value]) => value !== null);
+    const several = values.length > 1;
+    const words = this.content.read?.(this.plot) ?? values.map(([name, value]) => (several ? `${name} ${this.format(value)}` : this.format(value)));
+    if (at !== null && values.length) words.push(`at ${this.xFormat(this.data[0][at])}`);
+    const text = words.join(several ? "\n" : " · ") || (this.rows ? "" : "nothing yet");
+    this.element.classList.toggle("several", several);
+    // Of several the newest values would hide the curves.
+    const shown = several && at === null ? "" : text;
+    if (this.readout.textContent !== shown) this.readout.textContent = shown;
+    this.frame.setAttribute("aria-label", `${this.title}: ${text}.${this.rows ? "" : " Arrow keys read along the curve."}`);
+  }
+
+  key(event) {
+    const steps = { ArrowLeft: -1, ArrowRight: 1, PageUp: -20, PageDown: 20, Home: -1e9, End: 1e9, Escape: 0 };
+    if (!(event.key in steps) || this.rows || !this.plot || !this.data[0].length) return;
+    event.preventDefault();
+    const last = this.data[0].length - 1;
+    const next = Math.max(0, Math.min(last, (this.plot.cursor.idx ?? last) + steps[event.key]));
+    const left = event.key === "Escape" ? -10 : this.plot.valToPos(this.data[0][next], "x");
+    this.plot.setCursor({ left, top: left < 0 ? -10 : 1 }, true, true);
+  }
+
+  csv() {
+    const quoted = (cell) => (/[",\n]/.test(String(cell ?? "")) ? `"${String(cell).replaceAll('"', '""')}"` : String(cell ?? ""));
+    const curves = () => [["curve", this.xLabel, "value", "low", "high", "raw"], ...this.content.series.flatMap(({ name, x, y, low, high, raw }) => x.map((at, index) => [name, at, y[index], low?.[index], high?.[index], raw?.[index]]))];
+    return (this.content.table ?? curves()).map((row) => `${row.map(quoted).join(",")}\n`).join("");
+  }
+
+  /** The chart on white, as papers are, with its title and its legend. */
+  async picture() {
+    const scale = 2, width = 720 * scale, height = Math.max(this.height, 300) * scale;
+    const picture = h("canvas", {});
+    await light(async () => {
+      let plot;
+      const drawn = await new Promise((done) => { plot = new uPlot(this.options(width, height, scale, done), this.data, h("div", {})); });
+      const unit = uPlot.pxRatio * scale, line = 20 * unit;
+      const names = this.lines.filter(({ name }) => name !== undefined && this.content.series.length > 1);
+      Object.assign(picture, { width: drawn.ctx.canvas.width, height: drawn.ctx.canvas.height + line * (names.length + 1.3) });
+      const pen = picture.getContext("2d");
+      pen.fillStyle = "#ffffff";
+      pen.fillRect(0, 0, picture.width, picture.height);
+      pen.fillStyle = css("--ink");
+      pen.font = `600 ${13 * unit}px ${FONT}`;
+      pen.fillText(this.title, 10 * unit, line * 0.95);
+      pen.font = `${11 * unit}px ${FONT}`;
+      names.forEach(({ name, colour, dash }, at) => {
+        const y = line * (at + 1.9);
+        Object.assign(pen, { fillStyle: css("--ink"), strokeStyle: css(colour), lineWidth: 2 * unit });
+        pen.setLineDash(dash.map((each) => each * unit));
+        pen.beginPath();
+        pen.moveTo(10 * unit, y - 4 * unit);
+        pen.lineTo(38 * unit, y - 4 * unit);
+        pen.stroke();
+        pen.fillText(name, 46 * unit, y);
+      });
+      pen.drawImage(drawn.ctx.canvas, 0, line * (names.length + 1.3));
+      plot.destroy();
+    });
+    picture.toBlob((blob) => hand(blob, `${this.file()}.png`));
   }
 }
 
-function stroke(pen, x0, y0, x1, y1) {
-  pen.beginPath();
-  pen.moveTo(x0, y0);
-  pen.lineTo(x1, y1);
-  pen.stroke();
-}
-
-function path(pen, x, values, px, py) {
-  pen.beginPath();
-  let down = false;
-  for (let at = 0; at < x.length; at += 1) {
-    const value = values[at];
-    if (value === null || value === undefined) continue;
-    if (down) pen.lineTo(px(x[at]), py(value));
-    else pen.moveTo(px(x[at]), py(value));
-    down = true;
-  }
-  pen.stroke();
-}
-
-function last(values) {
-  for (let at = values.length - 1; at >= 0; at -= 1) if (values[at] !== null && values[at] !== undefined) return at;
-  return 0;
-}
-
-function nearest(sorted, value) {
-  let [low, high] = [0, sorted.length - 1];
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if (sorted[middle] < value) low = middle + 1; else high = middle;
-  }
-  return low > 0 && value - sorted[low - 1] < sorted[low] - value ? low - 1 : low;
+/** The value at a place or the nearest before it that there is; of no place the last. */
+function near(values, at) {
+  for (let index = at ?? values.length - 1; index >= 0; index -= 1) if (values[index] !== null && values[index] !== undefined) return values[index];
+  return null;
 }

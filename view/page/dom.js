@@ -26,7 +26,50 @@ export function say(text) {
   document.getElementById("said").textContent = text;
 }
 
-export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const inks = new Map();
+const probe = document.body.appendChild(h("i", { hidden: true }));
+
+/** The colour of this name in the style sheet, as it is now: light or dark. */
+export function css(name) {
+  if (!inks.has(name)) {
+    probe.style.setProperty("color", `var(${name})`);
+    inks.set(name, getComputedStyle(probe).color);
+  }
+  return inks.get(name);
+}
+
+function recolour(scheme, tell = true) {
+  document.documentElement.style.setProperty("color-scheme", scheme);
+  inks.clear();
+  if (tell) dispatchEvent(new Event("recolour"));
+}
+
+/** Does something while all colours are those of paper. */
+export async function light(work) {
+  const { colorScheme } = document.documentElement.style;
+  recolour("light", false);
+  try { await work(); } finally { recolour(colorScheme, false); }
+}
+
+export const remembered = (key, otherwise) => { try { return JSON.parse(localStorage.getItem(key)) ?? otherwise; } catch { return otherwise; } };
+export const remember = (key, value) => { try { localStorage.setItem(key, JSON.stringify(value)); } catch { /* not kept */ } };
+
+// Light or dark: as the system, unless the reader chooses. Paper is light.
+const scheme = h("select", { id: "scheme", "aria-label": "Colours", onchange: () => { recolour(scheme.value); remember("scheme", scheme.value); } },
+  [["", "system"], ["light", "light"], ["dark", "dark"]].map(([value, text]) => h("option", { value }, text)));
+scheme.value = remembered("scheme", "");
+recolour(scheme.value, false);
+document.querySelector("nav").append(scheme);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => recolour(scheme.value));
+addEventListener("beforeprint", () => recolour("light"));
+addEventListener("afterprint", () => recolour(scheme.value));
+
+/** Hands a blob to the reader under a name. */
+export function hand(blob, name) {
+  const address = URL.createObjectURL(blob);
+  h("a", { href: address, download: name }).click();
+  setTimeout(() => URL.revokeObjectURL(address), 60_000);
+}
 
 let token = "";
 // Storage is of one origin: no other port of the machine reads it, as it would get a cookie.

@@ -1,7 +1,7 @@
 // The pages of one episode, and of two side by side.
 
-import { h, json, notice, replace, say } from "./dom.js";
-import { film, hand, kinds } from "./film.js";
+import { h, hand, json, notice, replace, say } from "./dom.js";
+import { film, kinds } from "./film.js";
 import { outcome } from "./format.js";
 import { Stage, Strip } from "./stage.js";
 

@@ -82,10 +82,3 @@ export async function film(stages, last, kind, speed, signal, told) {
     throw error;
   }
 }
-
-/** Hands a blob to the reader under a name. */
-export function hand(blob, name) {
-  const address = URL.createObjectURL(blob);
-  h("a", { href: address, download: name }).click();
-  setTimeout(() => URL.revokeObjectURL(address), 60_000);
-}

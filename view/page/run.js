@@ -1,37 +1,14 @@
 // One run, live; or several over each other. Figures come when they change (server-sent events), curves by what is new.
 
-import { every, follow, h, json, notice, replace } from "./dom.js";
-import { Cursor, LineChart, colour, smooth } from "./chart.js";
+import { every, follow, h, json, notice, remember, remembered, replace } from "./dom.js";
+import { Curves } from "./curves.js";
 import { bytes, count, date, duration, metres, number, percent, short } from "./format.js";
 import { progress, stateWord } from "./list.js";
 import { Painter, pictureAddress } from "./stage.js";
 
-const CHARTS = [
-  ["episode/success", "Success", { share: true }, 0],
-  ["episode/success_without_disturbance", "Success without disturbance", { share: true }, 1],
-  ["episode/disturbance_m", "Disturbance, m", { zero: true, format: (value) => metres(value) }],
-  ["episode/return", "Return", { format: (value) => number(value) }],
-  ["episode/picked_up", "Picked up", { share: true }],
-  ["frames_per_s", "Frames a second", { zero: true, format: (value) => count(value) }],
-];
-const MORE = [
-  ["episode/length", "Length, steps", { zero: true }],
-  ["policy/entropy", "Entropy, nats", {}],
-  ["policy/approximate_kl", "Approximate KL", {}],
-  ["policy/clip_fraction", "Clipped", { share: true }],
-  ["loss/value", "Value loss", {}],
-  ["loss/policy", "Policy loss", {}],
-  ["loss/auxiliary", "Auxiliary loss", {}],
-  ["optimizer/gradient_norm", "Gradient norm", {}],
-  ["optimizer/learning_rate", "Learning rate", {}],
-];
-
-const remembered = (key, otherwise) => { try { return JSON.parse(localStorage.getItem(key)) ?? otherwise; } catch { return otherwise; } };
-const remember = (key, value) => { try { localStorage.setItem(key, JSON.stringify(value)); } catch { /* not kept */ } };
-
 /** The curves of one run: columns that grow. */
 class Columns {
-  constructor(run) { Object.assign(this, { run, edition: 0, frames: [], stage: [], elapsed_s: [], series: {}, stages: [], paper: null }); }
+  constructor(run) { Object.assign(this, { run, name: run, edition: 0, frames: [], stage: [], elapsed_s: [], series: {}, stages: [], paper: null }); }
 
   /** Asks for what is new; whether there was anything. */
   async grow(signal) {
@@ -47,61 +24,10 @@ class Columns {
     return true;
   }
 
-  x(axis) { return axis === "time" ? this.elapsed_s.map((elapsed_s) => elapsed_s / 3600) : this.frames; }
-}
-
-class Curves {
-  constructor(runs, signal) {
-    this.signal = signal;
-    this.columns = runs.map((run) => new Columns(run));
-    this.settings = { weight: 0.9, axis: "frames", raw: true, more: false, ...remembered("curves", {}) };
-    this.cursor = new Cursor();
-    this.charts = new Map();
-    this.grid = h("div", { class: "grid" });
-    const set = (change) => { Object.assign(this.settings, change); remember("curves", this.settings); this.draw(); };
-    const weight = h("input", { type: "range", min: "0", max: "0.99", step: "0.01", value: String(this.settings.weight), oninput: () => set({ weight: Number(weight.value) }) });
-    const raw = h("input", { type: "checkbox", checked: this.settings.raw, onchange: () => set({ raw: raw.checked }) });
-    const more = h("input", { type: "checkbox", checked: this.settings.more, onchange: () => set({ more: more.checked }) });
-    const axis = h("select", { onchange: () => set({ axis: axis.value }) }, ["frames", "time"].map((word) => h("option", { value: word, selected: this.settings.axis === word }, word)));
-    this.legend = h("div", { class: "legend small" });
-    this.element = h("section", { "aria-label": "Learning curves" },
-      h("div", { class: "row between" }, h("h2", {}, "Learning curves"),
-        h("div", { class: "row" }, h("label", {}, "smooth", weight), h("label", {}, raw, "raw"), h("label", {}, "over", axis), h("label", {}, more, "more"))),
-      this.legend, this.grid);
-    this.draw();
-  }
-
-  async grow() {
-    const grown = await Promise.all(this.columns.map((columns) => columns.grow(this.signal)));
-    if (grown.some(Boolean)) this.draw();
-  }
-
-  draw() {
-    const { weight, axis, raw, more } = this.settings;
-    const several = this.columns.length > 1;
-    const first = this.columns[0];
-    const shown = [...CHARTS, ...(more ? MORE : [])].filter(([name]) => CHARTS.some((chart) => chart[0] === name) || this.columns.some((columns) => columns.series[name]));
-    const elements = [];
-    for (const [name, title, options, level] of shown) {
-      let chart = this.charts.get(name);
-      if (!chart) {
-        chart = new LineChart(title, { ...options, cursor: this.cursor });
-        chart.element.dataset.figure = name;
-        this.charts.set(name, chart);
-      }
-      chart.xFormat = axis === "time" ? (hours) => `${short(hours)} h` : short;
-      const series = this.columns.map((columns, index) => {
-        const values = columns.series[name] ?? [];
-        return { name: columns.run, colour: colour(index), x: columns.x(axis).slice(0, values.length), raw: raw ? values : null, smoothed: smooth(values, columns.stage, weight) };
-      });
-      const marks = axis === "frames" && !several ? first.stages.map(([label, x]) => ({ label: `stage ${label}`, x })) : [];
-      const levels = level !== undefined && first.paper ? [{ y: first.paper[level], label: "the paper's level" }] : [];
-      chart.show({ series, marks, levels });
-      chart.element.dataset.points = String(series[0].x.length);
-      elements.push(chart.element);
-    }
-    if (elements.some((element, at) => this.grid.children[at] !== element) || this.grid.children.length !== elements.length) replace(this.grid, elements);
-    replace(this.legend, several ? this.columns.map((columns, index) => h("span", {}, h("span", { class: "swatch", style: { background: colour(index) } }), columns.run)) : []);
+  of(metric, axis) {
+    const x = axis === "time" ? this.elapsed_s.map((elapsed_s) => elapsed_s / 3600) : this.frames;
+    const y = { "time/frames_per_second": this.series.frames_per_s, "time/elapsed_s": this.elapsed_s }[metric] ?? this.series[metric];
+    return { x, y, stage: this.stage };
   }
 }
 
@@ -249,7 +175,9 @@ export async function showRun(root, runs, signal) {
   const summary = h("section", { class: "card stack", "aria-label": "Progress" });
   const notes = h("div", {});
   const parts = Object.fromEntries(["kitchens", "workers", "warnings", "log", "validation"].map((name) => [name, h("div", {})]));
-  const curves = new Curves(runs, signal);
+  const columns = runs.map((name) => new Columns(name));
+  const curves = new Curves(columns, { signal });
+  const grow = async () => { if ((await Promise.all(columns.map((one) => one.grow(signal)))).some(Boolean)) curves.draw(); };
   const depths = new Depths(run, signal);
   const card = (title, part) => h("section", { class: "card" }, h("h2", {}, title), part);
   const kitchensCard = card("By kitchen, newest 50 episodes of each", parts.kitchens);
@@ -281,7 +209,7 @@ export async function showRun(root, runs, signal) {
     depths.know(live);
     if (live.rollouts !== rollouts) {
       rollouts = live.rollouts;
-      curves.grow().catch((error) => { if (!signal.aborted) replace(notes, notice(error.message, "error")); });
+      grow().catch((error) => { if (!signal.aborted) replace(notes, notice(error.message, "error")); });
     }
   };
   take(await json(`/api/runs/${encoded}`, { signal }));
@@ -296,5 +224,5 @@ export async function showRun(root, runs, signal) {
     if (!signal.aborted) { shown.notes = null; replace(notes, notice(error.message, "error")); }
   });
   // The others' curves, which no event tells of.
-  if (runs.length > 1) every(5000, signal, () => curves.grow().catch(() => {}));
+  if (runs.length > 1) every(5000, signal, () => grow().catch(() => {}));
 }

@@ -5,7 +5,7 @@
 //! from what can set no header, such as a WebSocket. There is no cookie: browsers send those to every port of a host,
 //! where another user may listen, and for pages of other sites.
 
-use crate::assets::ASSETS;
+use crate::page::ASSETS;
 use axum::extract::{Request, State};
 use axum::http::header::{
     AUTHORIZATION, CACHE_CONTROL, CONTENT_SECURITY_POLICY, REFERRER_POLICY, WWW_AUTHENTICATE, X_CONTENT_TYPE_OPTIONS,

@@ -16,20 +16,20 @@
 //! metrics    all runs in Prometheus' text format
 //! hub        one reader of a run, however many watch it
 //! theatre    `actor show` as a child: asked one thing at a time
-//! assets     the page itself, which is in the program
+//! page       the page itself, which is in the program; a report is that page with its data inside
 //! ```
 
 mod answer;
-mod assets;
 pub mod data;
 pub mod feed;
 mod foxglove;
 mod guard;
 mod hub;
 mod metrics;
+pub mod page;
 mod readings;
 mod routes;
 mod serve;
-mod theatre;
+pub mod theatre;
 
 pub use serve::{ServeError, Settings, serve};

@@ -1,12 +1,12 @@
 //! Addresses to answers.
 
 use crate::answer::{Refusal, json, text};
-use crate::assets::ASSETS;
 use crate::data::{EpisodeKey, EpisodeQuery, Problem, Runs};
 use crate::foxglove;
 use crate::guard;
 use crate::hub::Hub;
 use crate::metrics;
+use crate::page::ASSETS;
 use crate::readings::Readings;
 use crate::theatre::Theatre;
 use axum::extract::rejection::QueryRejection;

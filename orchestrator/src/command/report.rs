@@ -11,10 +11,11 @@ use std::path::{Path, PathBuf};
 
 /// Put runs and their evaluations on one page, beside the paper's figures
 ///
-/// Writes report.html, which needs no network, report.json with every number, and each figure as SVG, PNG and CSV. Runs
-/// that differ in the seed only are one group; means have 95% stratified-bootstrap intervals over its seeds. Where a run
-/// has recorded evaluations of weights from before stage II and from after it (`eval --record all`), the page shows one
-/// episode of both in pictures. What is missing, such as runs that were not evaluated, is listed on the page.
+/// Writes report.html, one page that needs no network and saves each of its charts as PNG and CSV, and report.json with
+/// every number. Runs that differ in the seed only are one group; means have 95% stratified-bootstrap intervals over its
+/// seeds. Where a run has recorded evaluations of weights from before stage II and from after it (`eval --record all`),
+/// the page shows one episode of both in pictures. What is missing, such as runs that were not evaluated, is listed on
+/// the page.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator report runs/a runs/b runs/c                 three seeds or three methods: it sees which
@@ -53,20 +54,20 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     check_free(&out)?;
     let gathered = gather(&args.runs)?;
     let runs = gathered.runs.len();
-    let made = write(gathered, &options(&args.thresholds_m)?, &out)?;
-    for line in made.report.episodes.iter().chain(&made.report.notes) {
+    let report = write(gathered, &options(&args.thresholds_m)?, &out)?;
+    for line in report.episodes.iter().chain(&report.notes) {
         terminal::note(line);
     }
     if args.json {
-        terminal::out_json(&made.report)?;
+        terminal::out_json(&report)?;
         return Ok(());
     }
     if let Some(table) = &args.table {
-        terminal::out(kept::add(table, &made.report.comparisons)?.markdown()?.trim_end());
+        terminal::out(kept::add(table, &report.comparisons)?.markdown()?.trim_end());
         return Ok(());
     }
-    let groups = made.report.groups.len();
-    let evaluated = made.report.groups.iter().filter(|group| !group.results.is_empty()).count();
+    let groups = report.groups.len();
+    let evaluated = report.groups.iter().filter(|group| !group.results.is_empty()).count();
     let (runs, groups) = (counted(runs as u64, "run"), counted(groups as u64, "group"));
     terminal::out(&format!("{runs} in {groups}; groups evaluated: {evaluated}"));
     terminal::out(&format!("numbers: {}", out.join(NUMBERS).display()));

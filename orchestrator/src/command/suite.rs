@@ -155,8 +155,8 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
         terminal::note("no run could be begun: there is nothing to report on");
         tell(None)?;
     } else {
-        let made = files::write(gather(&begun)?, &Options::default(), &folder.report())?;
-        for note in &made.report.notes {
+        let report = files::write(gather(&begun)?, &Options::default(), &folder.report())?;
+        for note in &report.notes {
             terminal::note(note);
         }
         tell(Some(folder.page()))?;

@@ -1,4 +1,4 @@
-//! Writing a report down: `report.html`, `report.json`, and `figures/` with each figure as SVG and CSV.
+//! Writing a report down: `report.json`, and `report.html`, the viewer's page with the numbers inside.
 
 use crate::reporting::gather::Gathered;
 use crate::reporting::strips::strips;
@@ -6,8 +6,11 @@ use crate::run::identity::unix_now;
 use crate::showing::format::{self, counted};
 use anyhow::{Context, Result, bail};
 use proto::run_folder::write_atomically;
-use report::{Made, Options};
-use std::collections::BTreeSet;
+use report::format::{interval, percent};
+use report::statistics::Estimate;
+use report::{Options, Report};
+use serde_json::json;
+use std::fmt::Write;
 use std::path::Path;
 use wire::fault;
 
@@ -15,11 +18,9 @@ use wire::fault;
 pub const PAGE: &str = "report.html";
 /// Name of the numbers.
 pub const NUMBERS: &str = "report.json";
-/// Folder of the figures.
-const FIGURES: &str = "figures";
 
 /// Everything that a call which was killed may have left.
-const BEGUN: [&str; 4] = [NUMBERS, "report.json.partial", FIGURES, "report.html.partial"];
+const BEGUN: [&str; 3] = [NUMBERS, "report.json.partial", "report.html.partial"];
 
 /// Refuses a folder that holds something else than a report. One without a page is of a call that was killed, if it
 /// holds the numbers, whole or not, and nothing else that is not ours.
@@ -52,45 +53,44 @@ fn refused(what: &str, path: &Path) -> String {
 
 /// Makes the report on what was gathered and writes it to `out`: the numbers first, by which the folder is known for a
 /// report, the page last. An older report there is replaced.
-pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<Made> {
+pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<Report> {
     check_free(out)?;
     let Gathered { runs, notes } = gathered;
-    let made = Made::of(&runs, options, notes)?;
-    let (pairs, undrawn) = strips(&runs);
-    let made = made.with_episodes(pairs, undrawn);
-    let figures = out.join(FIGURES);
+    let mut report = Report::of(&runs, options, notes)?;
+    let (episodes, undrawn) = strips(&runs);
+    report.notes.extend(undrawn);
     make_folder(out)?;
-    let mut written = BTreeSet::new();
-    let mut put = |path: &Path, content: &[u8]| {
-        written.insert(path.to_path_buf());
-        write_atomically(path, content).with_context(|| refused("write", path))
+    let put = |name: &str, content: &str| {
+        let path = out.join(name);
+        write_atomically(&path, content.as_bytes()).with_context(|| refused("write", &path))
     };
-    let mut numbers = serde_json::to_string_pretty(&made.report).context(NUMBERS)?;
-    numbers.push('\n');
-    put(&out.join(NUMBERS), numbers.as_bytes())?;
-    make_folder(&figures)?;
-    for figure in made.figures.all() {
-        put(&figures.join(format!("{}.svg", figure.name)), figure.svg().as_bytes())?;
-        put(&figures.join(format!("{}.csv", figure.name)), figure.csv().as_bytes())?;
-    }
-    let by = format!(
-        "Made {} by stillroom {} from {}.",
+    put(NUMBERS, &(serde_json::to_string_pretty(&report).context(NUMBERS)? + "\n"))?;
+    let made = format!(
+        "made {} by stillroom {} from {}",
         format::date(unix_now()),
         env!("CARGO_PKG_VERSION"),
         counted(runs.len() as u64, "run")
     );
+    let data = json!({ "made": made, "report": report, "episodes": episodes });
     fault::reach("report.before_page");
-    put(&out.join(PAGE), made.page(&by).as_bytes())?;
-    // Figures of the report before, which this one does not have.
-    for entry in std::fs::read_dir(&figures).with_context(|| figures.display().to_string())? {
-        let path = entry?.path();
-        let drawn =
-            path.extension().is_some_and(|extension| ["svg", "png", "csv"].iter().any(|ours| extension == *ours));
-        if drawn && !written.contains(&path) {
-            std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
-        }
+    put(PAGE, &view::page::report(&data.to_string(), &table(&report)))?;
+    Ok(report)
+}
+
+/// The main results in HTML, for a browser that runs no scripts.
+fn table(report: &Report) -> String {
+    let text = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;");
+    let rate = |Estimate { point, interval: found }: Estimate| match &found {
+        Some(found) => format!("{} {}", percent(point), interval(found)),
+        None => percent(point),
+    };
+    let mut table = "<table><tr><th>group<th>episodes of<th>seeds<th>episodes<th>SR, %<th>SRwoD, %".to_owned();
+    for (group, result) in report.groups.iter().flat_map(|group| group.results.iter().map(move |one| (group, one))) {
+        let (label, seeds, episodes) = (text(&group.label), result.seeds.len(), result.pooled.episodes);
+        let rates = [result.success, result.success_without_disturbance].map(|aggregate| rate(aggregate.mean));
+        let _ = write!(table, "<tr><td>{label}<td>{}<td>{seeds}<td>{episodes}<td>{}", result.field, rates.join("<td>"));
     }
-    Ok(made)
+    table + "</table>"
 }
 
 #[cfg(test)]
@@ -112,17 +112,16 @@ mod tests {
         for ours in [
             &[][..],
             &["report.json.partial"],
-            &["report.json", "figures"],
-            &["report.json", "figures", "report.html.partial"],
-            &["report.html", "report.json", "figures", "of the user's own"],
+            &["report.json"],
+            &["report.json", "report.html.partial"],
+            &["report.html", "report.json", "of the user's own"],
         ] {
             with(ours).unwrap();
         }
         let file = temporary.path().join("file");
         std::fs::write(&file, "").unwrap();
         assert!(make_folder(&file.join("report")).unwrap_err().to_string().contains("--out puts the report"));
-        // Figures alone may be anybody's, and older ones are removed.
-        for foreign in [&["figures"][..], &["report.json", "thesis.tex"], &["run.toml"]] {
+        for foreign in [&["report.html.partial"][..], &["report.json", "thesis.tex"], &["run.toml"]] {
             assert!(with(foreign).unwrap_err().to_string().contains("no report"), "{foreign:?}");
         }
     }

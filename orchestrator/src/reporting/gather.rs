@@ -223,7 +223,7 @@ mod tests {
     use proto::kitchen::{KitchenId, Split};
     use proto::run_state::RunState;
     use report::study::groups;
-    use report::{Made, Options};
+    use report::{Options, Report};
 
     /// An evaluation's folder: one episode, weights that are named by a letter.
     fn evaluate(folder: &Path, split: Split, run: Option<&Path>, weights: &str) {
@@ -293,12 +293,12 @@ mod tests {
             assert_eq!((gathered.runs.len(), gathered.runs[0].evaluations.len()), (1, 2), "{paths:?}");
             let run = at(if paths[0].ends_with("gone") { "removed" } else { "run" });
             assert_eq!(gathered.runs[0].name, run.display().to_string());
-            let made = Made::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
-            let seed = &made.report.groups[0].results[0].seeds[0];
+            let report = Report::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
+            let seed = &report.groups[0].results[0].seeds[0];
             assert_eq!((seed.evaluation.as_str(), seed.frames), ("b-new", 900));
-            let left_out = made.report.notes.iter().find(|note| note.contains("older ones are left out"));
-            assert!(left_out.is_some_and(|note| note.contains("a-old of ")), "{:?}", made.report.notes);
-            assert!(left_out.is_some_and(|note| note.contains("after 400 frames.")), "{:?}", made.report.notes);
+            let left_out = report.notes.iter().find(|note| note.contains("older ones are left out"));
+            assert!(left_out.is_some_and(|note| note.contains("a-old of ")), "{:?}", report.notes);
+            assert!(left_out.is_some_and(|note| note.contains("after 400 frames.")), "{:?}", report.notes);
         }
         // Of a policy file nobody knows the run; that there was one is known.
         evaluate(&at("file"), Split::Test, None, "c");
@@ -308,13 +308,12 @@ mod tests {
         assert_eq!(gather(&[at("file")]).unwrap().runs[0].origin, Origin::Unknown);
         // One alone stands for its run, however old.
         let gathered = gather(&[at("of/a-old")]).unwrap();
-        let made = Made::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
-        assert_eq!(made.report.groups[0].results[0].seeds[0].frames, 400);
-        assert!(!made.report.notes.iter().any(|note| note.contains("left out")));
+        let report = Report::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
+        assert_eq!(report.groups[0].results[0].seeds[0].frames, 400);
+        assert!(!report.notes.iter().any(|note| note.contains("left out")));
         // What its run trained is not known here, which is not that it trained nothing.
-        assert_eq!(made.report.groups[0].runs[0].frames, 400);
-        let page = made.page("Made for a test.");
-        assert!(page.contains("without the runs that trained their weights") && !page.contains("None of these runs"));
+        assert_eq!(report.groups[0].runs[0].frames, 400);
+        assert_eq!(report.groups[0].runs[0].state, Origin::NotGiven);
         // Two runs that had the same folder one after the other are two.
         begin(&at("run"), |config| config.ppo.clip = 0.3);
         let mut other = gather(&[at("of/a-old")]).unwrap();
@@ -357,8 +356,8 @@ mod tests {
 
     /// Groups with the names of the paper's rows that list them.
     fn rows(gathered: &Gathered) -> Vec<String> {
-        let made = Made::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
-        let rows = made.report.comparisons.iter().flat_map(|table| &table.rows);
+        let report = Report::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
+        let rows = report.comparisons.iter().flat_map(|table| &table.rows);
         rows.filter(|row| !row.ours.is_empty()).map(|row| row.preset.clone()).collect()
     }
 
@@ -377,9 +376,9 @@ mod tests {
         assert_eq!(groups(&gathered.runs).unwrap().len(), 2);
         // The training of these weights is unknown, so they match no row of the paper, and the report says so.
         assert!(rows(&gathered).is_empty(), "{:?}", rows(&gathered));
-        let made = Made::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
-        assert!(made.report.notes.iter().any(|note| note.contains("the run was not given")), "{:?}", made.report.notes);
-        assert_eq!(made.report.groups[1].results.len(), 2, "what was evaluated is shown");
+        let report = Report::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
+        assert!(report.notes.iter().any(|note| note.contains("the run was not given")), "{:?}", report.notes);
+        assert_eq!(report.groups[1].results.len(), 2, "what was evaluated is shown");
     }
 
     #[test]

@@ -2,20 +2,20 @@
 //! again from what their evaluations recorded, and drawn by `actor show`.
 
 use crate::preflight::programs;
-use crate::process_end::wait_for_child;
 use crate::recording::shelf::Shelf;
 use crate::showing::format::{self, counted};
 use anyhow::{Context, Result, bail};
+use base64::Engine;
+use base64::prelude::BASE64_STANDARD;
 use proto::evaluation::EpisodeRecord;
-use proto::exit::how;
 use proto::replay::{RecordedEpisode, ReplaySetup};
 use proto::run_folder::RunFolder;
 use proto::show::{ShowAnswer, ShowOrbit, ShowRequest, ShowView, ShownEpisode, ShownMoment};
 use report::study::{Evaluated, EvaluatedPair, Run, pair_of};
-use report::{Frame, ShownPair, ShownStrip};
-use std::io::{BufRead, BufReader, Read, Write};
-use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use serde::Serialize;
 use std::time::Duration;
+use tokio::runtime::{Builder, Runtime};
+use view::theatre::Theatre;
 
 /// Pictures of an episode.
 const FRAMES: usize = 6;
@@ -27,10 +27,31 @@ const RUNS: usize = 3;
 const TRIED: usize = 200;
 /// How long the recordings of one evaluation are read.
 const PATIENCE: Duration = Duration::from_mins(2);
-/// How long a process may take to be gone that gives no answer any more.
-const ENDS: Duration = Duration::from_secs(1);
-/// A picture larger than this is none, bytes.
-const PICTURE_MAX: u64 = 64 << 20;
+
+/// One episode, played by weights from before a stage and from after it.
+#[derive(Debug, Serialize)]
+pub struct ShownPair {
+    /// What is said of it: of which run, which episode, and how it was chosen.
+    caption: String,
+    /// Before and after.
+    strips: [ShownStrip; 2],
+}
+
+/// An episode in pictures.
+#[derive(Debug, Serialize)]
+struct ShownStrip {
+    /// Which weights, and how it ended.
+    title: String,
+    /// From its start to its end.
+    frames: Vec<Frame>,
+}
+
+#[derive(Debug, Serialize)]
+struct Frame {
+    /// The picture, as an address that holds it.
+    png: String,
+    words: Vec<String>,
+}
 
 /// The pairs of these runs, and why others could not be drawn.
 pub fn strips(runs: &[Run]) -> (Vec<ShownPair>, Vec<String>) {
@@ -57,7 +78,7 @@ fn strip(pair: &EvaluatedPair<'_>) -> Result<ShownPair> {
         }
     });
     let (records, recorded) = found.context("their recordings hold no episode that both played")??;
-    let mut actor = Actor::start()?;
+    let actor = Actor::start()?;
     let [before, after] = recorded;
     let (before, orbit) = actor.show("before", before, None)?;
     // Both from one place, that what is compared is seen alike.
@@ -81,8 +102,8 @@ fn strip(pair: &EvaluatedPair<'_>) -> Result<ShownPair> {
             counted(pair.episodes.len() as u64, "episode"),
         ),
         strips: [
-            ShownStrip { title: title("before", pair.before, records[0]), frames: before, size: SIZE },
-            ShownStrip { title: title("after", pair.after, records[1]), frames: after, size: SIZE },
+            ShownStrip { title: title("before", pair.before, records[0]), frames: before },
+            ShownStrip { title: title("after", pair.after, records[1]), frames: after },
         ],
     })
 }
@@ -125,31 +146,27 @@ impl Recorded {
     }
 }
 
-/// `actor show`; it ends with its input.
+/// `actor show`, asked one thing after the other.
 struct Actor {
-    child: Child,
-    input: Option<ChildStdin>,
-    output: BufReader<ChildStdout>,
+    runtime: Runtime,
+    theatre: Theatre,
 }
 
 impl Actor {
     fn start() -> Result<Self> {
-        let mut command = Command::new(programs::find("actor")?);
-        command.arg("show").stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
-        let mut child = command.spawn().context("cannot start `actor show`")?;
-        let input = child.stdin.take();
-        let output = child.stdout.take().context("`actor show` has no output")?;
-        Ok(Self { child, input, output: BufReader::new(output) })
+        let runtime = Builder::new_current_thread().enable_all().build().context("cannot wait for `actor show`")?;
+        let theatre = runtime.block_on(async { anyhow::Ok(Theatre::new(programs::find("actor")?)) })?;
+        Ok(Self { runtime, theatre })
     }
 
     /// An episode from its start to its end, and the camera that it was seen from.
     fn show(
-        &mut self,
+        &self,
         name: &str,
         (setup, episode): (ReplaySetup, RecordedEpisode),
         orbit: Option<ShowOrbit>,
     ) -> Result<(Vec<Frame>, ShowOrbit)> {
-        let (answer, _) = self.ask(&ShowRequest::Open { name: name.to_owned(), setup, episode: Box::new(episode) })?;
+        let (answer, _) = self.ask(ShowRequest::Open { name: name.to_owned(), setup, episode: Box::new(episode) })?;
         let ShowAnswer::Opened(shown) = answer else { bail!("an episode cannot be simulated again: {}", why(&answer)) };
         if let Some(difference) = &shown.first_difference {
             bail!("an episode simulated again differs from its recording from step {} on", difference.step);
@@ -164,47 +181,23 @@ impl Actor {
                 height: SIZE.1,
                 fine: true,
             };
-            let (answer, png) = self.ask(&request)?;
+            let (answer, png) = self.ask(request)?;
             match answer {
-                ShowAnswer::Picture { .. } => Ok(Frame { png, words: words(&shown, step) }),
+                ShowAnswer::Picture { .. } => Ok(Frame { png: address(&png), words: words(&shown, step) }),
                 answer => bail!("a picture cannot be drawn: {}", why(&answer)),
             }
         });
         Ok((frames.collect::<Result<_>>()?, orbit))
     }
 
-    fn ask(&mut self, request: &ShowRequest) -> Result<(ShowAnswer, Vec<u8>)> {
-        self.answer(request).or_else(|error| match wait_for_child(&mut self.child, ENDS) {
-            Ok(Some(status)) => bail!("`actor show` {}", how(status)),
-            _ => Err(error),
-        })
-    }
-
-    fn answer(&mut self, request: &ShowRequest) -> Result<(ShowAnswer, Vec<u8>)> {
-        let mut line = serde_json::to_vec(request)?;
-        line.push(b'\n');
-        let input = self.input.as_mut().context("`actor show` was told to end")?;
-        input.write_all(&line).and_then(|()| input.flush()).context("`actor show` has ended")?;
-        let mut line = String::new();
-        self.output.read_line(&mut line).context("`actor show` has ended")?;
-        let answer: ShowAnswer = serde_json::from_str(&line).context("`actor show` gave no answer")?;
-        let mut picture = Vec::new();
-        if let ShowAnswer::Picture { bytes } = answer {
-            let read = (&mut self.output).take(bytes.min(PICTURE_MAX)).read_to_end(&mut picture)?;
-            if read as u64 != bytes {
-                bail!("`actor show` gave {read} of {bytes} bytes of a picture");
-            }
-        }
-        Ok((answer, picture))
+    fn ask(&self, request: ShowRequest) -> Result<(ShowAnswer, Vec<u8>)> {
+        Ok(self.runtime.block_on(self.theatre.ask(request))?)
     }
 }
 
-impl Drop for Actor {
-    fn drop(&mut self) {
-        drop(self.input.take());
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
+/// A picture as an address that holds it.
+fn address(png: &[u8]) -> String {
+    format!("data:image/png;base64,{}", BASE64_STANDARD.encode(png))
 }
 
 fn why(answer: &ShowAnswer) -> &str {

@@ -108,7 +108,7 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     assert!(after.contains("[from]") && after.contains(&undisturbed), "{after}");
 
     let page = std::fs::read_to_string(workshop.path("all/report/report.html")).expect("a page");
-    assert!(page.contains("test, novel objects") && !page.contains("None of these runs has been evaluated yet"));
+    assert!(page.contains("<td>tiny<td>test-novel"), "what was evaluated stands in the page without scripts, too");
     // Done is done: nothing is started again.
     let tries = |state: &Value| state["runs"]["tiny-5"]["tries"].clone();
     assert!(complete(call(&workshop)).success);
@@ -199,15 +199,14 @@ fn a_wrong_file_starts_nothing() {
 }
 
 #[test]
-fn a_report_of_two_seeds_has_numbers_figures_and_says_what_is_missing() {
+fn a_report_of_two_seeds_has_numbers_and_says_what_is_missing() {
     let workshop = Workshop::new();
     for seed in [5, 6] {
         complete(workshop.up_seeded(&format!("seed-{seed}"), 1, 2, 300, seed)).result();
     }
     let printed = complete(workshop.orchestrator(&["report", "seed-5", "seed-6", "--out", "both"]));
     assert!(printed.success && printed.stdout.contains("2 runs in 1 group; groups evaluated: 0"), "{printed:#?}");
-    let page = std::fs::read_to_string(workshop.path("both/report.html")).expect("a page");
-    assert!(page.contains("None of these runs has been evaluated yet"));
+    assert!(workshop.path("both/report.html").exists());
     let numbers = std::fs::read_to_string(workshop.path("both/report.json")).expect("numbers");
     let numbers: Value = serde_json::from_str(&numbers).expect("JSON");
     let training = numbers["groups"][0]["training"].as_array().expect("curves");
@@ -216,12 +215,6 @@ fn a_report_of_two_seeds_has_numbers_figures_and_says_what_is_missing() {
         let last = curve["points"].as_array().and_then(|points| points.last()).expect("a point");
         assert_eq!(last["seeds"], 2, "{}", curve["metric"]);
     }
-    let figures: Vec<PathBuf> = std::fs::read_dir(workshop.path("both/figures"))
-        .expect("figures")
-        .map(|entry| entry.expect("an entry").path())
-        .collect();
-    assert!(figures.iter().any(|path| path.ends_with("learning.svg")), "{figures:?}");
-
     // One seed evaluated, as a folder of its own; the other not.
     let eval = ["eval", "seed-5", "--split", "test", "--objects", "all", "--episodes", "6", "--out", "elsewhere"];
     let evaluated = complete(workshop.orchestrator(&eval));

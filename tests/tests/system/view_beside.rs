@@ -29,7 +29,7 @@ fn a_run_opens_its_page_in_a_browser_and_the_viewer_ends_with_it() {
         browser.open(&format!("file://{}", asked.display()));
         browser.wait_for("document.querySelector('h1')?.textContent === 'seen'");
         browser.wait_for("document.querySelector('.state.running')");
-        let points = "Number(document.querySelector('[data-figure=\"frames_per_s\"]')?.dataset.points ?? 0)";
+        let points = "Number(document.querySelector('[data-figure=\"time/frames_per_second\"]')?.dataset.points ?? 0)";
         browser.wait_for(&format!("{points} > 1"));
         let before = browser.value(points).as_u64().expect("a number");
         browser.wait_for(&format!("{points} > {before}"));

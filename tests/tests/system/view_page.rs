@@ -89,18 +89,18 @@ fn a_run_is_watched_and_an_episode_is_looked_at() {
 /// However fast the machine: the run has come to its end when its curves are looked at, and then it goes on.
 fn curves_move(browser: &mut Browser, workshop: &Workshop) {
     browser.value("document.querySelector('a[href=\"#/run/watched\"]').click()");
-    let points = "Number(document.querySelector('[data-figure=\"frames_per_s\"]')?.dataset.points ?? 0)";
+    let points = "Number(document.querySelector('[data-figure=\"time/frames_per_second\"]')?.dataset.points ?? 0)";
     let trained = || workshop.run("runs/watched").metrics().len();
     let before = trained();
     browser.wait_for(&format!("{points} === {before}"));
     browser.wait_for("document.querySelector('section[aria-label=Progress]').innerText.includes('of 1\u{202f}200')");
-    let drawn = pixels(browser, "[data-figure='frames_per_s'] canvas");
+    let drawn = pixels(browser, "[data-figure='time/frames_per_second'] canvas");
     assert!(drawn.0 > 5, "a curve, a grid and words: {} colours", drawn.0);
     let longer = FRAMES[1].to_string();
     complete(workshop.orchestrator(&["resume", "runs/watched", "--frames", &longer])).result();
     assert!(trained() > before, "it went on");
     browser.wait_for(&format!("{points} === {}", trained()));
-    assert_ne!(pixels(browser, "[data-figure='frames_per_s'] canvas"), drawn, "the curve moved");
+    assert_ne!(pixels(browser, "[data-figure='time/frames_per_second'] canvas"), drawn, "the curve moved");
     browser.wait_for("document.querySelector('section[aria-label=Progress]').innerText.includes('of 1\u{202f}600')");
 }
 

@@ -1,0 +1,99 @@
+// Learning curves of runs, or of groups of them, over each other.
+
+import { h, remember, remembered, replace } from "./dom.js";
+import { Chart, look, smooth } from "./chart.js";
+import { count, metres, number, short } from "./format.js";
+
+/** Metric, title, options, and which level of the paper it has. */
+const MEASURES = [
+  ["episode/success", "Success", { share: true }, 0],
+  ["episode/success_without_disturbance", "Success without disturbance", { share: true }, 1],
+  ["episode/disturbance_m", "Disturbance, m", { zero: true, format: (value) => metres(value) }],
+  ["episode/return", "Return", { format: (value) => number(value) }],
+  ["episode/picked_up", "Picked up", { share: true }],
+  ["time/frames_per_second", "Frames a second", { zero: true, format: (value) => count(value) }],
+];
+const MORE = [
+  ["episode/length", "Length, steps", { zero: true }],
+  ["policy/entropy", "Entropy, nats", {}],
+  ["policy/approximate_kl", "Approximate KL", {}],
+  ["policy/clip_fraction", "Clipped", { share: true }],
+  ["loss/value", "Value loss", {}],
+  ["loss/policy", "Policy loss", {}],
+  ["loss/auxiliary", "Auxiliary loss", {}],
+  ["optimizer/gradient_norm", "Gradient norm", {}],
+  ["optimizer/learning_rate", "Learning rate", {}],
+  ["lagrangian/multiplier", "PPO-Lagrangian's multiplier", {}],
+  ["auxiliary/precision", "Precision of foretold disturbance", { share: true }],
+  ["auxiliary/recall_disturb", "Recall of disturbing steps", { share: true }],
+  ["auxiliary/recall_no_disturb", "Recall of quiet steps", { share: true }],
+  ["auxiliary/label_rate", "Steps that disturb", { share: true }],
+  ["time/elapsed_s", "Time trained, hours", { zero: true, per: 3600 }],
+];
+
+/** Names beside their colours; a click hides one, or shows it again. */
+export function legend(names, hidden, changed) {
+  const swatch = (index) => {
+    const { colour, dash } = look(index);
+    return h("span", { class: `swatch dash-${dash.length && dash[0]}`, style: { "border-color": `var(${colour})` } });
+  };
+  const toggle = (name) => { if (!hidden.delete(name)) hidden.add(name); changed(); };
+  return names.map((name, index) => h("button", { class: "key", "aria-pressed": String(!hidden.has(name)), title: "hide or show", onclick: () => toggle(name) }, swatch(index), name));
+}
+
+export class Curves {
+  /** `sources`: each a name, stages (name and first frame), perhaps the paper's levels, and `of(metric, axis)`, which is
+   * the columns x, y, stage, and perhaps low and high. */
+  constructor(sources, { axes = ["frames", "time"], key = "curves", weight: lasting = 0.9, more = false, hidden = new Set(), signal } = {}) {
+    Object.assign(this, { sources, hidden, signal, charts: new Map() });
+    this.settings = { weight: lasting, axis: "frames", raw: true, more, ...remembered(key, {}) };
+    this.grid = h("div", { class: "grid" });
+    const set = (change) => { Object.assign(this.settings, change); remember(key, this.settings); this.draw(); };
+    const box = (name) => h("input", { type: "checkbox", checked: this.settings[name], onchange: (event) => set({ [name]: event.target.checked }) });
+    const weight = h("input", { type: "range", min: "0", max: "0.99", step: "0.01", value: String(this.settings.weight), oninput: () => set({ weight: Number(weight.value) }) });
+    const axis = h("select", { onchange: () => set({ axis: axis.value }) }, axes.map((word) => h("option", { value: word, selected: this.settings.axis === word }, word)));
+    if (!axes.includes(this.settings.axis)) [this.settings.axis] = axes;
+    this.keys = h("div", { class: "legend small" });
+    this.element = h("section", { "aria-label": "Learning curves" },
+      h("div", { class: "row between" }, h("h2", {}, "Learning curves"),
+        h("div", { class: "row controls" }, h("label", {}, "smooth", weight), h("label", {}, box("raw"), "raw"), axes.length > 1 ? h("label", {}, "over", axis) : null, h("label", {}, box("more"), "more"))),
+      this.keys, this.grid);
+    this.draw();
+  }
+
+  draw() {
+    const { weight, axis, raw, more } = this.settings;
+    const elements = [];
+    let most;
+    for (const [name, title, options, level] of [...MEASURES, ...(more ? MORE : [])]) {
+      const scaled = (columns) => (options.per && columns.y ? { ...columns, ...Object.fromEntries(["y", "low", "high"].map((key) => [key, columns[key]?.map((value) => value / options.per)])) } : columns);
+      const all = this.sources.map((source, index) => ({ source, index, ...scaled(source.of(name, axis)) })).filter(({ y, source }) => y?.length && !this.hidden.has(source.name));
+      if (!all.length) continue;
+      let chart = this.charts.get(name);
+      if (!chart) {
+        chart = new Chart(title, { ...options, sync: "curves", signal: this.signal });
+        chart.element.dataset.figure = name;
+        this.charts.set(name, chart);
+      }
+      Object.assign(chart, axis === "time" ? { xLabel: "hours", xFormat: (hours) => `${short(hours)} h` } : { xLabel: "frames", xFormat: short });
+      const series = all.map(({ source, index, x, y, stage, low, high }) => ({
+        name: source.name, look: look(index), x, raw: raw && weight ? y : null,
+        ...Object.fromEntries(Object.entries({ y, low, high }).filter(([, values]) => values).map(([key, values]) => [key, smooth(values, stage, weight)])),
+      }));
+      // One axis for both kinds of success.
+      if (level === 0) most = Math.max(...series.flatMap(({ y }) => y));
+      const first = this.sources[all[0].index];
+      const alike = all.every(({ source }) => JSON.stringify(source.stages) === JSON.stringify(first.stages));
+      chart.show({
+        series, most: level === 1 ? most : undefined,
+        marks: axis === "frames" && alike ? first.stages.slice(1).map(([label, x]) => ({ label: `stage ${label}`, x })) : [],
+        levels: level !== undefined && first.paper ? [{ y: first.paper[level], label: "the paper's level" }] : [],
+      });
+      chart.element.dataset.points = String(all[0].x.length);
+      elements.push(chart.element);
+    }
+    if (elements.some((element, at) => this.grid.children[at] !== element) || this.grid.children.length !== elements.length) replace(this.grid, elements);
+    this.element.hidden = !elements.length && !this.hidden.size;
+    replace(this.keys, this.sources.length > 1 ? legend(this.sources.map(({ name }) => name), this.hidden, () => this.draw()) : []);
+  }
+}

@@ -1,0 +1,347 @@
+// A report: what runs came to, over seeds and beside the paper. `orchestrator report` puts its data into the page.
+
+import { css, h, hand, replace } from "./dom.js";
+import { action, count, metres, number, percent, short } from "./format.js";
+import { Chart, look } from "./chart.js";
+import { Curves, legend } from "./curves.js";
+
+/** `test-novel-best` in words. */
+function fieldName(key) {
+  const [place, objects, ...rest] = key.split("-");
+  return [place, `${objects} objects`, ...rest.map((word) => ({ drawn: "drawn episodes", best: "best checkpoint" })[word])].join(", ");
+}
+
+const range = ({ low, high }) => `${(100 * low).toFixed(1)} – ${(100 * high).toFixed(1)}`;
+const over = (value, below) => [value, below ? h("small", {}, below) : null];
+/** A percentage with its interval beneath. */
+const estimate = ({ point, interval }) => over(percent(point), interval && range(interval));
+
+/** A table. `heads`: names; those that begin with # are of numbers. `rows`: cells, and perhaps a class. */
+function table(heads, rows, spans = null) {
+  const kind = (at) => (heads[at].startsWith("#") ? "number" : null);
+  const cells = (all) => all.reduce((made, cell) => {
+    const { content = cell, columns = 1 } = cell?.columns ? cell : {};
+    made.row.push(h("td", { class: kind(made.at), colSpan: columns }, content));
+    made.at += columns;
+    return made;
+  }, { row: [], at: 0 }).row;
+  return h("div", { class: "scroll" }, h("table", { class: "tight" },
+    h("thead", {}, spans && h("tr", {}, spans.map(([columns, name]) => h("th", { colSpan: columns, class: "span" }, name))),
+      h("tr", {}, heads.map((head, at) => h("th", { scope: "col", class: kind(at) }, head.replace("#", ""))))),
+    h("tbody", {}, rows.map(({ kind: of = null, row }) => h("tr", { class: of }, cells(row))))));
+}
+
+const plain = (rows) => rows.map((row) => ({ row }));
+const section = (id, title, ...content) => h("section", { id, class: "stack" }, h("h2", {}, title), content);
+const says = (...text) => h("p", { class: "small soft wide" }, text);
+
+class Page {
+  constructor(root, { made, report, episodes }) {
+    Object.assign(this, { report, episodes, hidden: new Set(), missing: [] });
+    this.names = report.groups.map(({ label }) => label);
+    this.results = report.groups.flatMap((group, index) => group.results.map((result) => ({ group, index, result })));
+    this.fields = [...new Set(report.comparisons.map(({ field }) => field).concat(this.results.map(({ result }) => result.field)))];
+    this.fields = this.fields.filter((field) => this.results.some(({ result }) => result.field === field));
+    this.keys = h("div", { class: "legend small" });
+    this.redraws = [];
+    const parts = [this.headline(), this.evaluated(), this.comparisons(), this.curves(), this.validation(), this.limits(), this.strips(), this.sweeps(), this.prediction(), this.actions(), this.runs()].filter(Boolean);
+    const several = this.names.length > 1;
+    replace(root, h("div", { class: "stack report" },
+      h("div", { class: "row between" }, h("h1", {}, "Report"), h("span", { class: "small soft" }, made)),
+      h("nav", { class: "parts" }, parts.filter((part) => part.id).map((part) => h("a", { href: `#${part.id}` }, part.querySelector("h2").textContent))),
+      several ? this.keys : null,
+      report.episodes.map((sentence) => says(sentence)),
+      report.notes.length ? h("details", { class: "notice", open: true }, h("summary", {}, "Before you trust these figures"), h("ul", {}, report.notes.map((note) => h("li", {}, note)))) : null,
+      parts,
+      this.missing.length ? h("details", { id: "missing" }, h("summary", {}, "What is not here"), h("ul", {}, this.missing.map((why) => h("li", {}, why)))) : null));
+    this.redraw();
+  }
+
+  /** Draws anew what shows groups, without those that are hidden. */
+  redraw() {
+    replace(this.keys, legend(this.names, this.hidden, () => this.redraw()));
+    for (const redraw of this.redraws) redraw();
+  }
+
+  none(why) { this.missing.push(why); return null; }
+
+  /** Charts of curves of groups: `of` gives a group's columns for a chart's key. */
+  charts(keys, make, of) {
+    const charts = keys.map((key) => {
+      const chart = make(key);
+      this.redraws.push(() => chart.show({ ...chart.content, series: this.report.groups.flatMap((group, index) => {
+        const columns = this.hidden.has(group.label) ? null : of(group, key);
+        return columns ? [{ name: group.label, look: look(index), ...columns }] : [];
+      }) }));
+      return chart.element;
+    });
+    return h("div", { class: "grid" }, charts);
+  }
+
+  /** What the first thing to know is: of each group in its first field. */
+  headline() {
+    const entry = (name, value, more) => h("div", {}, h("dt", {}, name), h("dd", {}, value, more ? h("small", {}, " ", more) : null));
+    const cards = this.report.groups.slice(0, 6).map((group, index) => {
+      const [result] = group.results;
+      const frames = Math.max(...group.runs.map((run) => run.frames));
+      const of = (aggregate) => [percent(aggregate.mean.point), aggregate.mean.interval && range(aggregate.mean.interval)];
+      return h("section", { class: "card stack", style: { "border-top": `3px solid var(${look(index).colour})` } },
+        h("div", { class: "row between" }, h("h2", {}, group.label), h("span", { class: "small soft" }, result ? fieldName(result.field) : "not evaluated yet")),
+        h("dl", { class: "figures" }, result ? [
+          entry("SR", ...of(result.success)), entry("SRwoD", ...of(result.success_without_disturbance)),
+          entry("disturbance", metres(result.pooled.disturbance_m)), entry("episodes", count(result.pooled.episodes))] : null,
+        entry(group.runs.length === 1 ? "seed" : "seeds", group.runs.map((run) => run.seed).join(", ")), entry("frames", short(frames))),
+        group.differences.length ? says(`other than ${group.preset}: ${group.differences.join("; ")}`) : null);
+    });
+    return h("div", { class: "grid" }, cards);
+  }
+
+  /** Every group in every field. */
+  evaluated() {
+    if (!this.results.length) return this.none("Results: none of these runs has been evaluated yet (orchestrator eval RUN --split test --objects novel).");
+    const heads = ["group", "#seeds", "#episodes", "#SR, mean", "#SR, IQM", "#SRwoD, mean", "#SRwoD, IQM", "#SRwoD (per axis)", "#picked up", "#Done after", "#steps", "#d (m)", "#disturbed", "#ever", "#back again", "#failed", "#goal (m)"];
+    const row = ({ group, result }) => {
+      const { pooled, success, success_without_disturbance: undisturbed } = result;
+      return [group.label, count(result.seeds.length), count(pooled.episodes), estimate(success.mean), estimate(success.iqm), estimate(undisturbed.mean), estimate(undisturbed.iqm),
+        estimate(result.success_without_disturbance_per_axis.mean), percent(pooled.picked_up), number(pooled.done_after_pickup, 1), number(pooled.length, 1), number(pooled.disturbance_m, 3),
+        number(pooled.disturbed_objects), number(pooled.ever_disturbed_objects), percent(pooled.temporary_displacement), percent(pooled.failed_actions), number(pooled.object_goal_m)];
+    };
+    const fields = this.fields.map((field) => {
+      const found = this.results.filter(({ result }) => result.field === field);
+      return [h("h3", {}, fieldName(field)), table(heads, plain(found.map(row))), this.intervals(field, found)];
+    });
+    const safety = this.results.map(({ group, result: { field, pooled } }) => [group.label, fieldName(field), percent(pooled.success_but_unsafe), percent(pooled.unsafe_successes), number(pooled.worst_severity_m), number(pooled.cumulative_cost), number(pooled.exposure_steps, 1)]);
+    return section("results", "Results", fields,
+      says("SR and SRwoD: means and interquartile means (IQM) over seeds and kitchens with 95% intervals; one seed alone has none. The other figures are means over all episodes of all seeds together: “Done after”, actions from the pick-up to Done; d, the total displacement of all other objects at the end; how many objects are more than 0.01 m from their place at the end, and how many ever were; “back again”, episodes in which something was away from its place and is back; actions that failed; the distance from target to goal at the end."),
+      h("h3", {}, "Safety"),
+      says("SBU: share of episodes that succeed with d of 0.01 m or more, and the same of the successes; the largest displacement of one object at any time; steps of an episode that disturb, and steps after which something is displaced by 0.01 m or more."),
+      table(["group", "episodes of", "#SBU", "#of successes", "#worst severity (m)", "#cumulative cost", "#exposure (steps)"], plain(safety)));
+  }
+
+  /** The paper's row that a group stands beside. */
+  published(group, field) {
+    const rows = this.report.comparisons.flatMap(({ rows: all }) => all);
+    return rows.find(({ ours }) => ours.some((one) => one.group === group.label && one.field === field))?.paper;
+  }
+
+  /** Means with their intervals, and what the paper has. */
+  intervals(field, found) {
+    const chart = (title, figure) => {
+      const shown = () => found.filter(({ group }) => !this.hidden.has(group.label)).map(({ group, index, result }) => ({ name: group.label, colour: look(index).colour, ...result[figure].mean, paper: this.published(group, field)?.[figure] }));
+      const made = new Chart(`${title}, ${fieldName(field)}`, { share: true, rows: [], xLabel: "mean over seeds and kitchens; open diamond: the paper", xFormat: (value) => percent(value, 0) });
+      made.element.id = `${figure}-${field}`;
+      this.redraws.push(() => {
+        const all = shown();
+        const most = Math.max(0.05, ...all.flatMap(({ point, interval, paper }) => [point, interval?.high ?? 0, paper ?? 0]));
+        Object.assign(made, { rows: all.map(({ name }) => name), height: 62 + 24 * all.length });
+        made.show({
+          series: [], domain: [0, Math.min(1, most * 1.05)],
+          table: [["group", "mean", "low", "high", "paper"], ...all.map(({ name, point, interval, paper }) => [name, point, interval?.low, interval?.high, paper])],
+          read: (plot) => { const one = all[rowAt(plot)]; return one ? [`${one.name}: ${percent(one.point)}${one.interval ? ` (${range(one.interval)})` : ""}`] : []; },
+          paint: (plot, pen, unit) => all.forEach(({ colour, point, interval, paper }, row) => {
+            const y = plot.valToPos(row, "y", true), x = (value) => plot.valToPos(value, "x", true);
+            pen.fillStyle = css(colour);
+            if (interval) {
+              pen.globalAlpha = 0.32;
+              pen.fillRect(x(interval.low), y - 6 * unit, x(interval.high) - x(interval.low), 12 * unit);
+              pen.globalAlpha = 1;
+            }
+            pen.fillRect(x(point) - 1.5 * unit, y - 8 * unit, 3 * unit, 16 * unit);
+            if (paper === undefined) return;
+            pen.strokeStyle = css("--ink");
+            pen.lineWidth = 1.4 * unit;
+            pen.beginPath();
+            for (const [right, down] of [[0, -5], [5, 0], [0, 5], [-5, 0]]) pen.lineTo(x(paper) + right * unit, y + down * unit);
+            pen.closePath();
+            pen.stroke();
+          }),
+        });
+      });
+      return made.element;
+    };
+    return h("div", { class: "grid" }, chart("Success (SR)", "success"), chart("Success without disturbance (SRwoD)", "success_without_disturbance"));
+  }
+
+  /** The paper's tables with ours in them; rows of the paper that no group is are folded away. */
+  comparisons() {
+    const { comparisons, paper, statistics } = this.report;
+    const heads = (columns) => [...columns, "#seeds", ...["#mean", "#IQM", "#IQM of seeds"], ...["#mean", "#IQM", "#IQM of seeds"], "#mean"];
+    const published = ({ what, paper: row }, kind, seeds) => ({ kind, row: [...what, seeds, percent(row.success), "", percent(row.success_iqm), percent(row.success_without_disturbance), "", percent(row.success_without_disturbance_iqm), ""] });
+    const ours = (columns) => (one) => {
+      const [low, high] = one.frames;
+      const what = `ours: ${one.group}, ${one.field.endsWith("-best") ? "best checkpoint " : ""}after ${low === high ? count(low) : `${count(low)} to ${count(high)}`} frames`;
+      const both = [one.success, one.success_without_disturbance].flatMap((all) => [estimate(all.mean), estimate(all.iqm), percent(all.iqm_of_seeds)]);
+      return { kind: "ours", row: [{ columns, content: over(what, one.differences.join("; ")) }, count(one.success.seeds), ...both, estimate(one.success_without_disturbance_per_axis.mean)] };
+    };
+    const tables = comparisons.map(({ name, title, columns, rows }) => {
+      const spans = [[columns.length + 1, ""], [3, "SR"], [3, "SRwoD"], [1, "SRwoD (per axis)"]];
+      const [here, not] = [rows.filter((row) => row.ours.length), rows.filter((row) => !row.ours.length)];
+      const rest = not.length ? h("details", {}, h("summary", {}, here.length ? `The paper's other rows: ${not.length} of ${rows.length}` : `${title}: no group here is a row of this table and evaluated on its episodes`), table(heads(columns), not.map((row) => published(row, "absent", "not run")), spans)) : null;
+      return h("div", { id: `table-${name}`, class: "stack" }, here.length ? [h("h3", {}, title), table(heads(columns), here.flatMap((row) => [published(row, null, "paper"), ...row.ours.map(ours(columns.length))]), spans)] : null, rest);
+    });
+    return section("paper", "Beside the paper",
+      says(`Each row of the paper's tables (${paper}), and below it, shaded, our runs of its method, with the settings that are not its own. SRwoD is the paper's: successful with a total displacement of all other objects below 0.01 m; SRwoD (per axis): with no other object moved more than 0.01 m on any axis, as the program published with the paper measures it. Intervals: 95%, percentile bootstrap of ${count(statistics.resamples)} resamples, stratified by kitchen, as rliable defines it. The paper's IQM is the mean of the middle three of five seeds: ours by that definition is “IQM of seeds”.`),
+      tables);
+  }
+
+  curves() {
+    const { groups } = this.report;
+    const trained = groups.some(({ training }) => training.length);
+    if (!trained) return this.none("Learning curves: none of these runs has trained a rollout, or only their evaluations were given (name the runs' own folders, too).");
+    const sources = groups.map(({ label, stages, training }) => {
+      const of = new Map(training.map(({ metric, points }) => [metric, columns(points, stages)]));
+      return { name: label, stages: stages.map(({ name, begins_at: at }) => [name, at]), of: (metric) => of.get(metric) ?? {} };
+    });
+    const curves = new Curves(sources, { axes: ["frames"], key: "report", weight: 0.5, more: true, hidden: this.hidden });
+    curves.keys.hidden = true;
+    this.redraws.push(() => curves.draw());
+    curves.element.id = "training";
+    curves.element.append(says("Training episodes in bins of an eightieth of the run: mean over seeds; shaded, from the lowest seed to the highest; faint, without smoothing, which begins anew with each stage. The return is under the reward of the stage, so it jumps where the reward changes. While a run stands still no time passes."));
+    return curves.element;
+  }
+
+  validation() {
+    const of = ({ validation, stages }, key) => { const curve = validation.find(({ metric }) => metric === key); return curve && columns(curve.points, stages); };
+    if (!this.report.groups.some(({ validation }) => validation.length)) return this.none("Validation during training: no run has any (the table [validation] of its configuration).");
+    const titles = { success: "Success (SR) in validation", success_without_disturbance: "SRwoD in validation" };
+    return section("validation", "Validation during training",
+      this.charts(Object.keys(titles), (key) => new Chart(titles[key], { share: true, sync: "curves" }), of),
+      says("Episodes of the validation kitchens, where every seed was evaluated: mean over seeds; shaded, from the lowest seed to the highest."));
+  }
+
+  /** How success falls when less disturbance is forgiven. */
+  limits() {
+    if (!this.results.length) return null;
+    const of = (figure) => (group, field) => {
+      const points = group.results.find((result) => result.field === field)?.[figure];
+      const all = (pick) => points.map(({ mean, interval }) => (interval ? pick(interval) : mean));
+      return points && { x: points.map(({ at }) => at), y: points.map(({ mean }) => mean), ...(points.some(({ interval }) => interval) ? { low: all(({ low }) => low), high: all(({ high }) => high) } : {}) };
+    };
+    const chart = (title, options, marks) => (field) => { const made = new Chart(`${title}, ${fieldName(field)}`, { share: true, ...options }); made.content.marks = marks; return made; };
+    return section("disturbance", "Success and disturbance",
+      this.charts(this.fields, chart("Success within a displacement", { log: true, xLabel: "total displacement of all other objects below (m)", xFormat: short }, [{ x: 0.01, label: "SRwoD" }]), of("by_threshold")),
+      this.charts(this.fields, chart("Success with at most so many disturbed objects", { xLabel: "objects more than 0.01 m from their place", xFormat: short }), of("by_disturbed_objects")),
+      says("Mean over seeds and kitchens with 95% stratified-bootstrap intervals. SRwoD is the value at 0.01 m."));
+  }
+
+  /** One episode as two policies play it. */
+  strips() {
+    if (!this.episodes.length) return this.none("One episode before and after stage II: no run has recorded evaluations on the same episodes of weights from before stage II and from after it. A run keeps the checkpoint at each stage's end: orchestrator eval RUN/checkpoints/rollout-NUMBER.json --record all, and orchestrator eval RUN --record all.");
+    const figure = ({ caption, strips }, index) => {
+      const made = h("figure", { id: `episode-${index + 1}`, class: "card stack" }, strips.map(({ title, frames }) => h("div", {}, h("h3", {}, title),
+        h("div", { class: "strip-frames" }, frames.map(({ png, words }) => h("div", {}, h("img", { src: png, alt: words.join(", ") }), h("small", { class: "soft" }, words.join(", "))))))),
+      h("p", { class: "small soft" }, caption, " ", h("button", { class: "save", onclick: () => savePictures(made, `episode-${index + 1}.png`) }, "PNG")));
+      return made;
+    };
+    return section("episode", "One episode, before and after stage II", this.episodes.map(figure));
+  }
+
+  sweeps() {
+    const { sweeps } = this.report;
+    if (!sweeps.length) return this.none("λ_disturb: no two of these groups differ in λ_disturb alone and are evaluated on the same episodes (the presets lambda-0, lambda-1, lambda-5, ..., lambda-25 are the paper's sweep).");
+    const chart = ({ field, points }) => {
+      const made = new Chart(`λ_disturb, ${fieldName(field)}`, { share: true, xLabel: "λ_disturb", xFormat: short });
+      const measured = points.every(({ success }) => success.interval);
+      const series = [["success", "SR", []], ["success_without_disturbance", "SRwoD", [7, 3]]].map(([figure, name, dash]) => ({
+        name, look: { colour: "--ink", dash }, x: points.map((point) => point.lambda_disturb), y: points.map((point) => point[figure].point),
+        ...(measured ? { low: points.map((point) => point[figure].interval.low), high: points.map((point) => point[figure].interval.high) } : {}),
+      }));
+      made.show({ series });
+      return made.element;
+    };
+    return section("sweep", "λ_disturb", h("div", { class: "grid" }, sweeps.map(chart)), says("Runs that differ in λ_disturb only: mean over seeds and kitchens with 95% stratified-bootstrap intervals. Dashed: SRwoD."));
+  }
+
+  prediction() {
+    const rows = this.results.filter(({ result }) => result.pooled.disturb_prediction).map(({ group, result }) => {
+      const { precision, recall, recall_of_quiet: quiet, hits, misses, false_alarms: alarms, quiet: right } = result.pooled.disturb_prediction;
+      return [group.label, fieldName(result.field), percent(precision), percent(recall), percent(quiet), count(hits + misses + alarms + right)];
+    });
+    if (!rows.length) return this.none("Disturbance prediction: no evaluated run has the auxiliary task disturb.");
+    return section("prediction", "Disturbance prediction", table(["group", "episodes of", "#precision", "#recall", "#recall of quiet steps", "#steps"], plain(rows)),
+      says("Of the steps foretold to disturb, those that did (precision); of the steps that did, those foretold (recall)."));
+  }
+
+  /** What a policy does when. */
+  actions() {
+    const found = this.report.groups.filter(({ results }) => results[0]?.actions.actions.length);
+    if (!found.length) return null;
+    const chart = ({ label, results: [{ field, actions: { actions, counts_by_step: counts } }] }) => {
+      const totals = counts.map((all) => all.reduce((sum, one) => sum + one, 0));
+      const share = (step, of) => (totals[step] ? counts[step][of] / totals[step] : null);
+      const made = new Chart(`Actions, ${label}`, { rows: actions.map(action), xLabel: "step of the episode", xFormat: short, height: 62 + 14 * actions.length });
+      made.show({
+        series: [], domain: [0, counts.length],
+        table: [["action", "step", "share of running episodes"], ...actions.flatMap((name, of) => counts.map((_, step) => [name, step, share(step, of)]))],
+        read: (plot) => { const [step, row] = [stepAt(plot), rowAt(plot)]; const value = row in actions && step >= 0 && step < counts.length ? share(step, row) : null; return value === null ? [fieldName(field)] : [`${action(actions[row])}, step ${step}: ${percent(value)}`]; },
+        paint: (plot, pen) => {
+          const [wide, tall] = [plot.valToPos(1, "x", true) - plot.valToPos(0, "x", true), plot.valToPos(1, "y", true) - plot.valToPos(0, "y", true)];
+          actions.forEach((_, of) => counts.forEach((__, step) => {
+            const value = share(step, of);
+            if (value === null) return;
+            pen.fillStyle = heat(value);
+            pen.fillRect(plot.valToPos(step, "x", true), plot.valToPos(of - 0.5, "y", true), wide + 0.6, tall + 0.6);
+          }));
+        },
+      });
+      return made.element;
+    };
+    return section("actions", "Actions by step", h("div", { class: "grid broad" }, found.map(chart)),
+      says("Share of the episodes still running at a step in which each action was taken, over all seeds. Colours are logarithmic and the same on every map: ",
+        [0.001, 0.01, 0.1, 1].map((value) => [h("span", { class: "heat", style: { background: heat(value) } }), value === 0.001 ? "0.1% or less " : `${100 * value}% `])));
+  }
+
+  /** Which runs there are, and which of their evaluations count. */
+  runs() {
+    const runs = this.report.groups.flatMap(({ label, runs: all }) => all.map((run) => [run.name, label, String(run.seed), run.state, count(run.frames), count(run.budget), run.evaluations.join(", ") || "none yet"]));
+    const rate = ({ share, interval }) => over(percent(share), range(interval));
+    const counting = this.results.flatMap(({ group, result }) => result.seeds.map((seed) => [fieldName(result.field), group.label, String(seed.seed), seed.evaluation, count(seed.frames), count(seed.episodes), rate(seed.success), rate(seed.success_without_disturbance), rate(seed.success_without_disturbance_per_axis), seed.weights.slice(0, 12)]));
+    return section("runs", "Runs and evaluations", table(["run", "group", "#seed", "state", "#frames", "#of", "evaluations"], plain(runs)),
+      counting.length ? [h("h3", {}, "The evaluations that count"),
+        says("Of several evaluations of a run on the same kind of episodes that of the newest checkpoint counts, then the one with sampled actions, then the one with the most episodes, then the newest. Beneath a rate: Wilson's 95% interval over this policy's episodes, which says nothing about other seeds."),
+        table(["episodes of", "group", "#seed", "evaluation", "#frames", "#episodes", "#SR", "#SRwoD", "#SRwoD (per axis)", "weights"], plain(counting))] : null);
+  }
+}
+
+/** Points over training as columns; a band where there are several seeds. */
+function columns(points, stages) {
+  const all = (name) => points.map((point) => point[name]);
+  const stage = all("frames").map((frames) => stages.findLastIndex(({ begins_at: at }) => at < frames));
+  return { x: all("frames"), y: all("mean"), stage, ...(points.some(({ seeds }) => seeds > 1) ? { low: all("low"), high: all("high") } : {}) };
+}
+
+const rowAt = (plot) => (plot && plot.cursor.top >= 0 ? Math.round(plot.posToVal(plot.cursor.top, "y")) : -1);
+const stepAt = (plot) => (plot && plot.cursor.left >= 0 ? Math.floor(plot.posToVal(plot.cursor.left, "x")) : -1);
+
+// Cividis (Nuñez, Anderton and Renslow 2018) at eighths of its range: the same to colour-blind readers.
+const CIVIDIS = [[0, 34, 78], [26, 56, 111], [67, 78, 108], [97, 101, 111], [125, 124, 120], [155, 148, 118], [188, 174, 108], [222, 201, 88], [254, 232, 56]];
+
+/** The colour of a share, logarithmic from a thousandth. */
+function heat(share) {
+  const place = 8 * Math.max(0, 1 + Math.log10(Math.max(share, 0.001)) / 3);
+  const at = Math.min(7, Math.floor(place));
+  return `rgb(${CIVIDIS[at].map((from, part) => Math.round(from + (place - at) * (CIVIDIS[at + 1][part] - from))).join(", ")})`;
+}
+
+/** Strips of pictures as one picture. */
+function savePictures(figure, name) {
+  const strips = [...figure.querySelectorAll(".strip-frames")].map((strip) => [...strip.querySelectorAll("img")]);
+  const { naturalWidth: width, naturalHeight: height } = strips[0][0];
+  const canvas = h("canvas", { width: width * Math.max(...strips.map((strip) => strip.length)), height: (height + 24) * strips.length });
+  const pen = canvas.getContext("2d");
+  pen.fillStyle = "#ffffff";
+  pen.fillRect(0, 0, canvas.width, canvas.height);
+  Object.assign(pen, { fillStyle: "#22262c", font: "14px system-ui, sans-serif" });
+  strips.forEach((strip, row) => {
+    pen.fillText(figure.querySelectorAll("h3")[row].textContent, 4, (height + 24) * row + 17);
+    strip.forEach((image, at) => pen.drawImage(image, at * width, (height + 24) * row + 24));
+  });
+  canvas.toBlob((blob) => hand(blob, name));
+}
+
+const place = document.getElementById("report");
+if (place) {
+  document.title = "Stillroom report";
+  new Page(document.getElementById("content"), JSON.parse(place.textContent));
+  document.getElementById(location.hash.slice(1))?.scrollIntoView();
+}
