@@ -14,7 +14,7 @@ use proto::config::Config;
 use proto::evaluation::{RESULT_FILE, Subject};
 use proto::run_folder::{Item, RunFolder};
 use proto::trained::{History, Trained};
-use report::study::{ELAPSED_S, Evaluated, FRAMES_PER_S, Origin, Rollout, Run, Validated};
+use report::study::{Evaluated, Origin, Rollout, Run, Validated};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -175,14 +175,11 @@ fn rollouts(history: &History) -> Vec<Rollout> {
     let rollout = |trained: &Trained| {
         let took_s = trained.timing.total_s();
         elapsed_s += took_s;
-        let mut metrics = trained.metrics.to_map();
-        metrics.insert(ELAPSED_S.to_owned(), elapsed_s);
         // A rollout can be missing; how many frames the one after it had is not known then.
-        if took_s > 0.0 && trained.rollout == next {
-            metrics.insert(FRAMES_PER_S.to_owned(), trained.frames.saturating_sub(before) as f64 / took_s);
-        }
-        (next, before) = (trained.rollout + 1, trained.frames);
-        Rollout { frames: trained.frames, metrics }
+        let is_known = took_s > 0.0 && trained.rollout == next;
+        let frames_per_s = is_known.then(|| trained.frames.saturating_sub(before) as f64 / took_s);
+        (next, before) = (trained.rollout.saturating_add(1), trained.frames);
+        Rollout { frames: trained.frames, frames_per_s, elapsed_s, metrics: trained.metrics.clone() }
     };
     history.iter().map(rollout).collect()
 }
@@ -442,12 +439,10 @@ mod tests {
             });
         }
         let rollouts = rollouts(&history);
-        let figures = |name: &str| -> Vec<Option<f64>> {
-            rollouts.iter().map(|rollout| rollout.metrics.get(name).copied()).collect()
-        };
         // The third rollout is missing: how many of the frames until the fourth were its own is unknown.
-        assert_eq!(figures(FRAMES_PER_S), [Some(25.0), Some(50.0), None, Some(25.0)]);
-        assert_eq!(figures(ELAPSED_S), [4.0, 8.0, 12.0, 16.0].map(Some));
+        let rates: Vec<_> = rollouts.iter().map(|rollout| rollout.frames_per_s).collect();
+        assert_eq!(rates, [Some(25.0), Some(50.0), None, Some(25.0)]);
+        assert!(rollouts.iter().map(|rollout| rollout.elapsed_s).eq([4.0, 8.0, 12.0, 16.0]));
     }
 
     #[test]

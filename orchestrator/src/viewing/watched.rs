@@ -387,13 +387,12 @@ impl Watched {
             self.edition += 1;
         }
         for line in new.lines.iter().filter(|line| !line.is_empty()) {
-            match serde_json::from_slice::<Trained>(line) {
-                Ok(trained) => {
-                    let newest = self.history.iter().next_back().map(|trained| trained.rollout);
-                    self.edition += u64::from(newest.is_some_and(|newest| newest >= trained.rollout));
-                    self.history.insert(trained);
-                }
-                Err(_) => self.damaged += 1,
+            let before = self.history.len();
+            if self.history.insert_line(line) {
+                // It made others void.
+                self.edition += u64::from(self.history.len() <= before);
+            } else {
+                self.damaged += 1;
             }
         }
     }
