@@ -400,11 +400,11 @@ impl Watched {
     /// Reads what is new in its logs, for a while; what of them cannot be read, as sentences without an end.
     fn read_logs(&mut self) -> Vec<String> {
         let until = Instant::now() + GLANCE;
-        let logs = match logs_of(&self.folder) {
+        let mut logs = match logs_of(&self.folder) {
             Ok(logs) => logs,
             Err(error) => return vec![left_out("logs/", &error)],
         };
-        let (beginnings, note) = beginnings(&logs, LOG_BYTES_MOST);
+        let (beginnings, note) = beginnings(&mut logs, LOG_BYTES_MOST);
         let mut notes: Vec<String> = note.into_iter().collect();
         for (Found { name, path, .. }, from) in logs.into_iter().zip(beginnings) {
             let tail = || Tail::of(self.folder.clone(), path, from);
