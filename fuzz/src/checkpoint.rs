@@ -1,5 +1,5 @@
-//! Any bytes as each file that a checkpoint or a policy comes in: as tensors that a manifest vouches for, as a manifest, as
-//! figures, as a policy file, as weights to import. Each is read, or there is a reason why not.
+//! Any bytes as each file that a checkpoint or a policy comes in: as tensors that a manifest vouches for, as a manifest,
+//! as figures, as a policy file, as weights to import. Each is read, or there is a reason why not.
 
 use learner::agent::AgentState;
 use learner::checkpoint::{decode_tensors, read};

@@ -161,7 +161,8 @@ impl Scores {
             }
             if bytes > RESULTS_BYTES_MOST {
                 notes.push(format!(
-                    "validation/ has more than {RESULTS_BYTES_MOST} bytes of results without a line in validation.jsonl: those before rollout {} are left out",
+                    "validation/ has more than {RESULTS_BYTES_MOST} bytes of results without a line in validation.jsonl: \
+                     those before rollout {} are left out",
                     rollout + 1
                 ));
                 break;

@@ -114,8 +114,9 @@ class VectorEnv(Simulated, gymnasium.vector.VectorEnv):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begins episodes in all environments, or in those of `options["reset_mask"]` ([n] bool). If one cannot begin, all
-        stay as they are.
+        """Begins episodes in all environments, or in those of `options["reset_mask"]` ([n] bool).
+
+        If one cannot begin, all stay as they are.
 
         Args:
             seed: one for each environment, or s, which gives environment i the seed s + i, as Gymnasium's own do.
