@@ -105,6 +105,7 @@ def train(options: argparse.Namespace, hosts: list[Host], place: Path, count: in
     device = "eth0" if count > 1 else "lo"
     before = [host.sent(device) for host in hosts[:count]]
     (place / "token").write_text(os.urandom(16).hex())
+    (place / "token").chmod(0o600)
     children = []
     for rank, host in enumerate(hosts[:count]):
         words = [options.orchestrator.resolve(), "up", "--preset", options.preset, "--seed", "1", "--learners", "2"]

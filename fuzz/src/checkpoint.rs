@@ -1,12 +1,53 @@
-//! Any bytes as the tensors of a checkpoint whose manifest vouches for them: a state, or a reason why not.
+//! Any bytes as each file that a checkpoint or a policy comes in: as tensors that a manifest vouches for, as a manifest,
+//! as figures, as a policy file, as weights to import. Each is read, or there is a reason why not.
 
-use learner::checkpoint::read;
+use learner::agent::AgentState;
+use learner::checkpoint::{decode_tensors, read};
+use learner::import::import;
+use learner::process::facts_of;
+use proto::action::ActionSpace;
 use proto::checkpoint::{Machine, Manifest};
 use proto::config::CarriedGoal;
 use proto::digest::sha256;
+use proto::trained::History;
+use tch::{Device, Kind, Tensor};
+
+/// Whether one of the readers takes them.
+pub fn take(bytes: &[u8]) -> bool {
+    let (figures, _) = History::decode(bytes);
+    assert_eq!(History::decode(&figures.encode()).1, 0, "what was read can be written");
+    let taken = [is_state(bytes), said(Manifest::open(bytes)), is_policy(bytes), is_weights(bytes)];
+    taken.contains(&true)
+}
+
+/// Whether it is there. If not, the reason has words.
+fn said<T, E: ToString>(found: Result<T, E>) -> bool {
+    found.map_err(|problem| assert!(!problem.to_string().is_empty())).is_ok()
+}
+
+fn is_policy(bytes: &[u8]) -> bool {
+    match facts_of(bytes) {
+        Ok(facts) => facts.is_some(),
+        problem => said(problem),
+    }
+}
+
+/// Whether they have a place in a small network.
+fn is_weights(bytes: &[u8]) -> bool {
+    let space = ActionSpace::default();
+    let rows = space.actions().len() as i64 + 1;
+    let shapes = [("model.actor.weight", [2, 3]), ("model.previous_action_embedder.weight", [rows, 1])];
+    let place = |(name, shape): (&str, [i64; 2])| (name.to_owned(), Tensor::zeros(shape, (Kind::Float, Device::Cpu)));
+    let tensors = shapes.map(place).into();
+    let mut state = AgentState { tensors, adam_steps: 0, multiplier: 0.0, carried_goal: CarriedGoal::GoalToObject };
+    match decode_tensors(bytes) {
+        Ok(weights) => said(import(&weights, space, &mut state)),
+        problem => said(problem),
+    }
+}
 
 /// Whether they are a state that can be trained on.
-pub fn take(bytes: &[u8]) -> bool {
+fn is_state(bytes: &[u8]) -> bool {
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let manifest = Manifest {
         schema_version: proto::SCHEMA_VERSION,
@@ -45,10 +86,6 @@ pub fn take(bytes: &[u8]) -> bool {
             assert!(states.iter().all(|state| state.actions().len() <= 512 && state.episode < u32::MAX));
         }
         Err(rejected) => assert!(!rejected.reason.is_empty()),
-    }
-    // The manifest is a file that somebody gave us, too.
-    if let Err(problem) = Manifest::open(bytes) {
-        assert!(!problem.to_string().is_empty());
     }
     found.is_ok()
 }

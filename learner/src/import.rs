@@ -320,12 +320,12 @@ fn our_name(theirs: &str) -> Option<String> {
 fn adapt(name: &str, tensor: &Tensor, size: &[i64], space: ActionSpace, goal_first: bool) -> Tensor {
     let found = tensor.size();
     match name {
-        "previous_action_embedder.weight" if found.first().is_some_and(|&rows| rows + 1 == size[0]) => {
+        "previous_action_embedder.weight" if found.first() == Some(&(size[0] - 1)) => {
             let done = space.actions().iter().position(|&action| action == Action::DoneMidLevel);
             let done = done.expect("every action space has Done") as i64;
             Tensor::cat(&[tensor.narrow(0, done, 1), tensor.shallow_clone()], 0)
         }
-        "auxiliary.cpca16.action_embedder.weight" if found.first().is_some_and(|&rows| rows == size[0] + 1) => {
+        "auxiliary.cpca16.action_embedder.weight" if found.first() == Some(&(size[0] + 1)) => {
             tensor.narrow(0, 0, size[0])
         }
         OWN_WEIGHT if goal_first && found == size && size[1] == OBSERVATION => {

@@ -2,7 +2,7 @@
 
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 /// A number for each name, in the order of the names.
@@ -12,7 +12,7 @@ pub struct Figures {
     values: Box<[f64]>,
 }
 
-/// A rollout has a few dozen.
+/// A rollout has a few dozen, and so has a run.
 const NAMES_MOST: usize = 512;
 
 /// Names of figures, sorted.
@@ -59,24 +59,35 @@ impl<'de> Deserialize<'de> for Figures {
     }
 }
 
-/// Sets of names that were seen last, for figures to share.
+/// Names of the figures of a run.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct KnownNames(Vec<Names>);
+pub(crate) struct KnownNames {
+    /// Sets of them that were seen last, for figures to share.
+    sets: Vec<Names>,
+    all: BTreeSet<String>,
+}
 
 /// Rollouts have a few sets of names: with episodes that ended or without, with a Lagrangian multiplier or without.
 const KNOWN_MAX: usize = 8;
 
 impl KnownNames {
-    /// Makes the figures share their names with earlier ones that have the same.
-    pub fn share(&mut self, figures: &mut Figures) {
-        if let Some(index) = self.0.iter().position(|known| *known == figures.names) {
-            figures.names = Arc::clone(&self.0[index]);
-            return;
+    /// Makes the figures share their names with earlier ones that have the same; whether the run has not too many names
+    /// with them.
+    pub fn share(&mut self, figures: &mut Figures) -> bool {
+        if let Some(index) = self.sets.iter().position(|known| *known == figures.names) {
+            figures.names = Arc::clone(&self.sets[index]);
+            return true;
         }
-        if self.0.len() == KNOWN_MAX {
-            self.0.remove(0);
+        let new: Vec<&str> = figures.names().filter(|name| !self.all.contains(*name)).collect();
+        if self.all.len() + new.len() > NAMES_MOST {
+            return false;
         }
-        self.0.push(Arc::clone(&figures.names));
+        self.all.extend(new.into_iter().map(str::to_owned));
+        if self.sets.len() == KNOWN_MAX {
+            self.sets.remove(0);
+        }
+        self.sets.push(Arc::clone(&figures.names));
+        true
     }
 }
 
@@ -108,16 +119,12 @@ mod tests {
     fn the_same_names_are_kept_once_and_few_sets_are_remembered() {
         let mut known = KnownNames::default();
         let mut all: Vec<Figures> = (0..20).map(|_| figures(&["a", "b"])).collect();
-        for figures in &mut all {
-            known.share(figures);
-        }
+        assert!(all.iter_mut().all(|figures| known.share(figures)));
         assert!(all.iter().all(|figures| Arc::ptr_eq(&figures.names, &all[0].names)));
-        for number in 0..20 {
-            known.share(&mut figures(&[&number.to_string()]));
-        }
-        assert_eq!(known.0.len(), KNOWN_MAX);
+        let accepted = (0..1_000).filter(|number| known.share(&mut figures(&[&number.to_string()]))).count();
+        assert_eq!((accepted, known.sets.len()), (NAMES_MOST - 2, KNOWN_MAX), "no run has so many names");
         let mut late = figures(&["a", "b"]);
-        known.share(&mut late);
+        assert!(known.share(&mut late));
         assert!(!Arc::ptr_eq(&late.names, &all[0].names));
         assert_eq!(late, all[0]);
     }

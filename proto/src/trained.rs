@@ -78,9 +78,8 @@ impl History {
         let (mut history, mut damaged) = (Self::default(), 0);
         let mut lines = Lines::of(file);
         while let Some(line) = lines.read()? {
-            match serde_json::from_slice(line) {
-                Ok(trained) => history.insert(trained),
-                Err(_) => damaged += usize::from(line.ends_with(b"\n") && line != b"\n"),
+            if !history.insert_line(line) {
+                damaged += usize::from(line.ends_with(b"\n") && line != b"\n");
             }
         }
         Ok((history, damaged))
@@ -104,6 +103,16 @@ impl History {
             }
             Some(piece)
         })
+    }
+
+    /// Takes in the newest line of a file; false where it is damaged: no figures, or more names than a run has.
+    pub fn insert_line(&mut self, line: &[u8]) -> bool {
+        let Ok(mut trained) = serde_json::from_slice::<Trained>(line) else { return false };
+        let is_plausible = self.names.share(&mut trained.metrics);
+        if is_plausible {
+            self.insert(trained);
+        }
+        is_plausible
     }
 
     /// Takes in the newest line.
@@ -217,6 +226,17 @@ mod tests {
         let kept: Vec<_> = history.iter().map(|trained| (trained.rollout, trained.at_unix_s)).collect();
         assert_eq!(kept, [(0, 1), (1, 1), (2, 2), (3, 2)]);
         assert_eq!((history.frames(), damaged), (40, 1));
+    }
+
+    #[test]
+    fn lines_with_more_names_than_a_run_has_are_damaged() {
+        let line = |rollout: u64| {
+            let name = if rollout.is_multiple_of(2) { "a".to_owned() } else { rollout.to_string() };
+            let metrics = BTreeMap::from([(name, 1.0)]).into();
+            serde_json::to_string(&Trained { metrics, ..trained(rollout, 1) }).unwrap() + "\n"
+        };
+        let (history, damaged) = History::decode((0..2_000).map(line).collect::<String>().as_bytes());
+        assert_eq!((history.len(), damaged), (1_000 + 511, 1_000 - 511));
     }
 
     #[test]

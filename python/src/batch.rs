@@ -176,9 +176,14 @@ impl Batch {
         for (place, asked) in this.places.iter().zip(asked) {
             begun.push(asked.map(|asked| choose(place, asked)).transpose()?);
         }
+        // All are drawn before one begins: if one cannot be, all stay as they are.
+        let drawn = this.in_threads(py, |_, Task { index, place, .. }, _| {
+            let draw = |chosen| Ok((chosen, place.draw(chosen).map_err(value_error)?));
+            begun[*index].map(draw).transpose()
+        })?;
         let reports = this.in_threads(py, |worker, Task { index, place, frame }, settings| {
-            if let Some(chosen) = begun[*index] {
-                place.begin(chosen).map_err(value_error)?;
+            if let Some((chosen, episode)) = drawn[*index] {
+                place.begin(chosen, episode);
                 worker.look(place, settings.frame_side, frame);
             }
             Ok(report_of(place, settings, false, None))
@@ -422,7 +427,7 @@ fn act(
 ) -> PyResult<Report> {
     // In the mode `Disabled` that was refused; in `SameStep` only a restored moment can have ended.
     if place.ended() {
-        place.begin(place.next()).map_err(value_error)?;
+        place.begin_next().map_err(value_error)?;
         return Ok(report_of(place, settings, true, None));
     }
     place.step(action);
@@ -434,7 +439,7 @@ fn act(
     let mut depth_mm = vec![0; side * side];
     worker.look(place, side, &mut Frame::Millimetres(&mut depth_mm));
     let last = Some((depth_mm, report.seen));
-    place.begin(place.next()).map_err(value_error)?;
+    place.begin_next().map_err(value_error)?;
     Ok(Report { done: report.done, ..report_of(place, settings, false, last) })
 }
 

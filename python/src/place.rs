@@ -93,16 +93,26 @@ impl Place {
         Ok(Self { room, config, id, environment, chosen, actions, transition, advice, story })
     }
 
+    /// The episode that is meant.
+    pub fn draw(&self, chosen: Chosen) -> Result<Episode, ChoiceError> {
+        episode(&self.room, &self.config, self.id, chosen)
+    }
+
+    /// Begins the episode that follows by itself.
+    pub fn begin_next(&mut self) -> Result<(), ChoiceError> {
+        let next = self.next();
+        self.begin(next, self.draw(next)?);
+        Ok(())
+    }
+
     /// Begins an episode.
-    pub fn begin(&mut self, chosen: Chosen) -> Result<(), ChoiceError> {
-        let episode = episode(&self.room, &self.config, self.id, chosen)?;
+    pub fn begin(&mut self, chosen: Chosen, episode: Episode) {
         self.environment.begin_episode(chosen.number, episode);
         self.chosen = chosen;
         self.actions.clear();
         self.transition = None;
         self.advice = None;
         self.story = None;
-        Ok(())
     }
 
     /// The episode that follows by itself: the next of its series, after the last fixed one the first.

@@ -171,6 +171,18 @@ def test_ranges_are_said(kitchen: stillroom.Kitchen) -> None:
             call()
 
 
+def test_a_reset_that_fails_leaves_all_as_they_are(kitchen: stillroom.Kitchen) -> None:
+    env = many(kitchen, copy=True)
+    observations, infos = env.reset(seed=1)
+    chance = env.np_random.bit_generator.state
+    for seed in (None, 5, [5, 6, 7]):
+        with pytest.raises(ValueError, match="0 to 719, not 720"):
+            env.reset(seed=seed, options={"fixed": [0, 720, 1]})
+    assert env.np_random.bit_generator.state == chance
+    assert [env.state(index)["state_hash"] for index in range(3)] == infos["state_hash"].tolist()
+    assert same(dict(env._views), observations)
+
+
 def test_whatever_counts_as_an_integer_is_taken(kitchen: stillroom.Kitchen) -> None:
     expected = None
     for number in (3, np.int64(3), np.uint64(3), np.uint8(3), np.array(3)):

@@ -5,6 +5,7 @@ use proto::config::StageConfig;
 use proto::metric;
 use proto::stage::{position_at, total_frames};
 use serde::Serialize;
+use std::collections::BTreeMap;
 
 /// A bin of rollouts: its number in frames, and the stage that its rollouts belong to. A stage ends within a bin as a
 /// rule, and what comes after it in the bin is another task.
@@ -39,8 +40,7 @@ pub struct TrainingPoint {
 impl Curve {
     /// The metric over the rollouts; none where no run has it. Figures of episodes are weighted by how many ended.
     pub(crate) fn of_training(group: &Group<'_>, name: &str) -> Option<Self> {
-        let budget = group.runs.iter().map(|run| total_frames(&run.config.stages)).max()?;
-        let width = (budget as f64 / BINS as f64).max(1.0);
+        let width = group.runs.iter().map(|run| width(run)).reduce(f64::max)?;
         let seeds: Vec<Vec<(Bin, f64, f64)>> = group.runs.iter().map(|run| bins(run, name, width)).collect();
         Self::over(name, &seeds)
     }
@@ -81,24 +81,27 @@ impl Curve {
     }
 }
 
+/// Frames of one of the bins over a run's budget, or over what it was trained on beyond that.
+fn width(run: &Run) -> f64 {
+    let trained = run.rollouts.iter().map(|rollout| rollout.frames).max().unwrap_or(0);
+    (total_frames(&run.config.stages).max(trained) as f64 / BINS as f64).max(1.0)
+}
+
 /// (bin, mean frames, mean) of each bin that has any.
 fn bins(run: &Run, name: &str, width: f64) -> Vec<(Bin, f64, f64)> {
     let per_episode = name.starts_with("episode/") && name != metric::EPISODES;
-    let mut bins: Vec<(Bin, f64, f64, f64)> = Vec::new();
+    let mut bins: BTreeMap<Bin, (f64, f64, f64)> = BTreeMap::new();
     for rollout in &run.rollouts {
-        let Some(&value) = rollout.metrics.get(name).filter(|value| value.is_finite()) else { continue };
-        let weight = if per_episode { rollout.metrics.get(metric::EPISODES).copied().unwrap_or(0.0) } else { 1.0 };
+        let Some(value) = rollout.get(name).filter(|value| value.is_finite()) else { continue };
+        let weight = if per_episode { rollout.get(metric::EPISODES).unwrap_or(0.0) } else { 1.0 };
         if weight <= 0.0 {
             continue;
         }
         let bin = ((rollout.frames as f64 / width).ceil() as u64, stage_of(&run.config.stages, rollout));
-        let (frames, value) = (rollout.frames as f64 * weight, value * weight);
-        match bins.last_mut().filter(|last| last.0 == bin) {
-            Some(last) => *last = (bin, last.1 + frames, last.2 + value, last.3 + weight),
-            None => bins.push((bin, frames, value, weight)),
-        }
+        let sums = bins.entry(bin).or_default();
+        *sums = (sums.0 + rollout.frames as f64 * weight, sums.1 + value * weight, sums.2 + weight);
     }
-    bins.into_iter().map(|(bin, frames, value, weight)| (bin, frames / weight, value / weight)).collect()
+    bins.into_iter().map(|(bin, (frames, value, weight))| (bin, frames / weight, value / weight)).collect()
 }
 
 /// The stage that a rollout belongs to: that of its last frame. None crosses a stage's end.
@@ -111,7 +114,6 @@ mod tests {
     use super::*;
     use crate::study::{groups, tests::run};
     use proto::evaluation::Distribution;
-    use std::collections::BTreeMap;
 
     fn rollouts(count: u64, frames_each: u64, value: impl Fn(u64) -> f64) -> Vec<Rollout> {
         let rollout = |index: u64| Rollout {
@@ -120,7 +122,9 @@ mod tests {
                 (metric::RETURN.to_owned(), value(index)),
                 (metric::EPISODES.to_owned(), if index.is_multiple_of(2) { 1.0 } else { 3.0 }),
                 (metric::ENTROPY.to_owned(), value(index)),
-            ]),
+            ])
+            .into(),
+            ..Rollout::default()
         };
         (0..count).map(rollout).collect()
     }
@@ -138,6 +142,20 @@ mod tests {
         assert!(bins(&run, metric::SUCCESS, 20.0).is_empty());
         // How many end is no mean over those that do.
         assert_eq!(bins(&run, metric::EPISODES, 20.0), [((1, 0), 15.0, 2.0), ((2, 0), 35.0, 2.0)]);
+    }
+
+    /// The file of figures of somebody else's run: each point of it had a bin of its own, and the page took minutes.
+    #[test]
+    fn frames_beyond_the_budget_or_in_no_order_have_no_more_bins_than_others() {
+        let mut run = run("a", "demo", 1);
+        run.rollouts = rollouts(100_000, 1_000_000_000, |index| index as f64);
+        let most = 2 * BINS as usize;
+        for (index, rollout) in run.rollouts.iter_mut().enumerate() {
+            rollout.frames = (index as u64 * 7_919) % 100_000 * 1_000_000_000;
+        }
+        let runs = [run];
+        let groups = groups(&runs).unwrap();
+        assert!(Curve::of_training(&groups[0], metric::ENTROPY).unwrap().points.len() < most);
     }
 
     /// Stage I ended in the middle of a bin, and its curve seemed to fall there.

@@ -20,6 +20,7 @@
 //!         metrics: [(metric::EPISODES, 19.0), (metric::SUCCESS, 0.005 * index as f64)]
 //!             .map(|(name, value)| (name.to_owned(), value))
 //!             .into(),
+//!         ..Rollout::default()
 //!     };
 //!     Run {
 //!         name: format!("runs/demo-{seed}"),

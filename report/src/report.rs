@@ -6,7 +6,7 @@ use crate::format::{count, counted};
 use crate::paper::paper;
 use crate::results::{FieldResult, Missing};
 use crate::statistics::{CURVE_RESAMPLES, RESAMPLES};
-use crate::study::{Evaluated, Field, Group, Origin, Run, Source, StudyError, groups};
+use crate::study::{Evaluated, Field, Group, Origin, Rollout, Run, Source, StudyError, groups};
 use crate::sweep::{Sweep, sweeps};
 use proto::config::{EpisodeConfig, StageConfig};
 use proto::evaluation::{DISTURBANCE_THRESHOLDS_M, Distribution, describe};
@@ -234,8 +234,8 @@ fn note_conditions(group: &Group<'_>, field: Field, result: &FieldResult, notes:
 impl GroupReport {
     fn of(entry: &GroupResults<'_>) -> Self {
         let group = entry.group;
-        let metrics: BTreeSet<&String> =
-            group.runs.iter().flat_map(|run| &run.rollouts).flat_map(|rollout| rollout.metrics.keys()).collect();
+        let metrics: BTreeSet<&str> =
+            group.runs.iter().flat_map(|run| &run.rollouts).flat_map(Rollout::names).collect();
         let validation = [
             Curve::of_validation(group, "success", |point| point.success),
             Curve::of_validation(group, "success_without_disturbance", |point| point.success_without_disturbance),

@@ -56,7 +56,7 @@ pub(crate) fn sweeps(entries: &[GroupResults<'_>]) -> Vec<Sweep> {
 impl SweepPoint {
     fn of(entry: &GroupResults<'_>, result: &FieldResult) -> Self {
         Self {
-            lambda_disturb: f64::from(entry.group.runs[0].config.reward.lambda_disturb),
+            lambda_disturb: f64::from(entry.group.runs[0].config.reward.weights["lambda_disturb"]),
             group: entry.group.label.clone(),
             success: result.success.mean,
             success_without_disturbance: result.success_without_disturbance.mean,

@@ -122,6 +122,14 @@ impl Workshop {
         self.folder.path().join(name)
     }
 
+    /// Writes a file that other users may not read.
+    pub fn secret(&self, name: &str, text: &str) {
+        use std::os::unix::fs::OpenOptionsExt;
+        let mut options = std::fs::OpenOptions::new();
+        let file = options.write(true).create_new(true).mode(0o600).open(self.path(name));
+        file.and_then(|mut file| file.write_all(text.as_bytes())).expect("a writable folder");
+    }
+
     /// `orchestrator ARGS`, ready to be started, with nothing inherited that would change it.
     pub fn orchestrator(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(binary("orchestrator"));

@@ -14,8 +14,8 @@ mod tests;
 
 pub use part::Part;
 pub use store::{CheckpointError, Loaded, Rejected, Store, read};
-pub use tensors::{TensorsError, encode_tensors};
-pub(crate) use tensors::{decode, decode_tensors, encode};
+pub use tensors::{TensorsError, decode_tensors, encode_tensors};
+pub(crate) use tensors::{decode, encode};
 
 use crate::agent::AgentState;
 use crate::collector::Boundary;

@@ -71,7 +71,7 @@ pub fn encode_tensors(tensors: &BTreeMap<String, Tensor>) -> Result<Vec<u8>, Ten
 }
 
 /// The tensors of a safetensors file by name; of a checkpoint, those that are the agent's.
-pub(crate) fn decode_tensors(bytes: &[u8]) -> Result<BTreeMap<String, Tensor>, TensorsError> {
+pub fn decode_tensors(bytes: &[u8]) -> Result<BTreeMap<String, Tensor>, TensorsError> {
     agents_tensors(&SafeTensors::deserialize(bytes)?)
 }
 

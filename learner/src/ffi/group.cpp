@@ -18,6 +18,7 @@
 #include <algorithm>
 #include <cstdlib>
 #include <mutex>
+#include <optional>
 #include <set>
 
 // c10d's flight recorder notes every operation with a call stack, for a dump that nothing here asks for. It is one for
@@ -84,11 +85,17 @@ static std::pair<std::shared_ptr<::gloo::transport::Device>, Door> make_device(c
     TORCH_CHECK(false, "other threads open sockets all the time: which one is Gloo's cannot be told");
 }
 
+static Door door_of(int descriptor) {
+    struct stat status;
+    TORCH_CHECK(fstat(descriptor, &status) == 0, "there is no socket ", descriptor);
+    return {descriptor, status.st_ino};
+}
+
 // This member is connected to all others: a device that is not lazy waits for each. So every later connection is a
-// stranger's. Gloo listens as long as the group lives, accepts everybody, and ends the process when there are no
-// descriptors left. It cannot close its socket, so the kernel is told to drop what comes in there. Connections that
-// exist are not concerned. A kernel that knows no such filters (that
-// of some sandboxes) leaves the door open.
+// stranger's. Gloo and the store listen as long as the group lives, and accept everybody until there are no descriptors
+// left, which ends the process. They cannot close their sockets, so the kernel is told to drop what comes in there.
+// Connections that exist are not concerned. A kernel that knows no such filters (that of some sandboxes) leaves the door
+// open.
 static void close_door(const Door &door) {
     sock_filter drop_all = BPF_STMT(BPF_RET | BPF_K, 0);
     const sock_fprog filter{1, &drop_all};
@@ -96,6 +103,13 @@ static void close_door(const Door &door) {
     if (fstat(door.descriptor, &status) == 0 && status.st_ino == door.inode) {
         setsockopt(door.descriptor, SOL_SOCKET, SO_ATTACH_FILTER, &filter, sizeof filter);
     }
+}
+
+// The socket of the store is the orchestrator's, and the same at each start.
+static void open_door(const Door &door) {
+    const int unused = 0;
+    // It fails where there is no filter.
+    setsockopt(door.descriptor, SOL_SOCKET, SO_DETACH_FILTER, &unused, sizeof unused);
 }
 
 // Joins the group that meets in `store`; Gloo listens on `address` alone.
@@ -141,12 +155,19 @@ extern "C" int stillroom_group_meet(const char *host, uint16_t port, int listene
         // Gloo's own meeting waits for all.
         options.waitWorkers = false;
         options.timeout = std::chrono::milliseconds(joining_ms);
+        std::optional<Door> door;
         if (listener >= 0) {
             options.masterListenFd = listener;
+            door = door_of(listener);
+            open_door(*door);
         }
         auto tcp = c10::make_intrusive<c10d::TCPStore>(host, options);
         auto store = c10::make_intrusive<c10d::PrefixStore>(key, std::move(tcp));
         *group = join(std::move(store), address, rank, size, joining_ms, patience_ms);
+        // All are connected to the store, too: Gloo's addresses are in it.
+        if (door) {
+            close_door(*door);
+        }
     });
 }
 

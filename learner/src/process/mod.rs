@@ -31,6 +31,7 @@ pub use evaluation::{EvaluationArguments, evaluate};
 pub use failure::{is_non_finite, is_of_peers, is_unsaved};
 pub use import::{ImportArguments, import};
 pub use patience::{Patience, Waited};
+pub use weights::facts_of;
 
 use crate::agent::Agent;
 use crate::checkpoint::Store;

@@ -1,6 +1,7 @@
 //! `orchestrator view`: a page on runs, live, and any recorded episode from any camera.
 
 use super::play::{Player, PolicyArgs};
+use crate::hosts::token::refuse_public;
 use crate::preflight::programs;
 use crate::run::identity::host_name;
 use crate::showing::terminal;
@@ -196,7 +197,7 @@ fn token() -> Result<String> {
 
 /// The token in a file, which is made if it is not there.
 fn token_in(path: &Path) -> Result<String> {
-    use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+    use std::os::unix::fs::OpenOptionsExt;
     let text = match proto::bounded::read_text(path) {
         Ok(text) => text,
         Err(_) if !path.exists() => {
@@ -209,8 +210,7 @@ fn token_in(path: &Path) -> Result<String> {
         }
         Err(error) => return Err(error).with_context(|| path.display().to_string()),
     };
-    let shown = std::fs::metadata(path).is_ok_and(|file| file.mode() & 0o007 != 0);
-    ensure!(!shown, "every user of this machine may use the token in {0}: chmod 600 {0}", path.display());
+    refuse_public(path, &std::fs::metadata(path)?)?;
     let text = text.trim();
     let is_plain = text.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-_".contains(&byte));
     ensure!(

@@ -58,7 +58,11 @@ pub fn of(folder: &RunFolder, config: &Config, identity: &Identity) -> Result<Ve
     let mut list = List::default();
     let held = holder(folder)?;
     let is_evaluation = config.evaluation.is_some();
-    let summary = if is_evaluation { None } else { Summary::read(folder)? };
+    let summary = if is_evaluation { Ok(None) } else { Summary::read(folder) };
+    let summary = summary.unwrap_or_else(|error| {
+        tell(folder, [format!("{error:#}")].iter());
+        None
+    });
     let is_complete = summary.is_some() || is_evaluation && folder.has(&folder.root().join(RESULT_FILE));
     let state = state_of(identity, &held, is_complete).to_string();
     list.put("state", state.clone(), state);
@@ -117,10 +121,12 @@ fn of_stage(list: &mut List, stage: &StageMeans) {
 
 /// The newest of each kind, of those in the folder and below it.
 fn evaluations(list: &mut List, folder: &RunFolder) {
-    let below = evaluations_below(folder).unwrap_or_else(|error| {
-        tell(folder, [format!("{error:#}")].iter());
+    let mut notes = Vec::new();
+    let below = evaluations_below(folder, &mut notes).unwrap_or_else(|error| {
+        notes.push(format!("{error:#}"));
         Vec::new()
     });
+    tell(folder, notes.iter());
     let places = std::iter::once(folder.clone()).chain(below);
     let mut newest: BTreeMap<String, Evaluation> = BTreeMap::new();
     // One that was cut off, or is damaged, has no figures to compare.

@@ -6,7 +6,9 @@ mod settings;
 
 use crate::run::identity::Identity;
 use crate::showing::table::{aligned, cell};
+use crate::showing::terminal;
 use anyhow::{Result, ensure};
+use figures::Figure;
 use proto::config::Config;
 use proto::run_folder::RunFolder;
 use row::Row;
@@ -15,6 +17,13 @@ use std::path::PathBuf;
 
 /// Characters of a value in a table.
 const CELL_MAX: usize = 34;
+
+fn column(folder: &RunFolder) -> Result<(Config, Vec<Figure>)> {
+    let identity = Identity::read(folder)?;
+    let config = Config::of_run(folder)?;
+    let figures = figures::of(folder, &config, &identity)?;
+    Ok((config, figures))
+}
 
 /// Runs beside each other.
 #[derive(Debug, PartialEq, Serialize)]
@@ -27,22 +36,29 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// Reads the folders of runs and evaluations.
+    /// Reads the folders of runs and evaluations. One that cannot be read is named and left out, as long as there are two
+    /// others.
     pub fn read(paths: &[PathBuf]) -> Result<Self> {
-        let (mut configs, mut known) = (Vec::new(), Vec::new());
+        let (mut runs, mut configs, mut known) = (Vec::new(), Vec::new(), Vec::new());
+        let mut problems = Vec::new();
         for (number, path) in paths.iter().enumerate() {
             ensure!(!paths[..number].contains(path), "{} is given twice", path.display());
-            let folder = RunFolder::new(path);
-            let identity = Identity::read(&folder)?;
-            let config = Config::of_run(&folder)?;
-            known.push(figures::of(&folder, &config, &identity)?);
-            configs.push(config);
+            match column(&RunFolder::new(path)) {
+                Ok((config, figures)) => {
+                    runs.push(path.display().to_string());
+                    configs.push(config);
+                    known.push(figures);
+                }
+                Err(error) => problems.push((path, error)),
+            }
         }
-        Ok(Self {
-            runs: paths.iter().map(|path| path.display().to_string()).collect(),
-            configuration: settings::differences(&configs),
-            figures: figures::rows(&known),
-        })
+        if runs.len() < 2 && !problems.is_empty() {
+            return Err(problems.swap_remove(0).1);
+        }
+        for (path, error) in problems {
+            terminal::note(&format!("{} is left out: {error:#}", path.display()));
+        }
+        Ok(Self { runs, configuration: settings::differences(&configs), figures: figures::rows(&known) })
     }
 
     /// As people read it: a column a run.

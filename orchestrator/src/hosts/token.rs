@@ -6,8 +6,9 @@ use anyhow::{Context, Result, ensure};
 use hmac::{Hmac, KeyInit, Mac};
 use proto::digest::hex;
 use sha2::Sha256;
-use std::fs::File;
+use std::fs::{File, Metadata};
 use std::io::Read;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 /// A shorter one could be guessed by who has seen a proof.
@@ -41,8 +42,10 @@ impl Token {
         let named = file.map(Path::to_path_buf).or_else(|| std::env::var_os(TOKEN_FILE).map(PathBuf::from));
         if let Some(path) = named {
             let mut bytes = Vec::new();
-            let read = File::open(&path).and_then(|file| file.take(LONGEST).read_to_end(&mut bytes));
-            read.with_context(|| format!("cannot read the token in {}", path.display()))?;
+            let file = File::open(&path).and_then(|file| Ok((file.metadata()?, file)));
+            let read = file.and_then(|(metadata, file)| file.take(LONGEST).read_to_end(&mut bytes).map(|_| metadata));
+            let metadata = read.with_context(|| format!("cannot read the token in {}", path.display()))?;
+            refuse_public(&path, &metadata)?;
             return Self::new(&bytes).with_context(|| format!("the token in {}", path.display()));
         }
         let text = std::env::var(TOKEN).ok().with_context(|| {
@@ -111,6 +114,13 @@ impl Token {
     }
 }
 
+/// Refuses a token's file that every user may read or write. Its group may, as in a secret that Kubernetes mounts.
+pub fn refuse_public(path: &Path, file: &Metadata) -> Result<()> {
+    let is_public = file.is_file() && file.mode() & 0o007 != 0;
+    ensure!(!is_public, "every user of this machine may use the token in {0}: chmod 600 {0}", path.display());
+    Ok(())
+}
+
 fn words(side: &str, drawn: &Drawn<'_>) -> [String; 4] {
     [side.to_owned(), drawn.host.to_string(), drawn.guest.to_owned(), drawn.door.to_owned()]
 }
@@ -125,6 +135,7 @@ pub fn draw() -> Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::os::unix::fs::PermissionsExt;
 
     #[test]
     fn a_proof_is_of_one_side_one_host_one_meeting_and_one_token() {
@@ -146,13 +157,21 @@ mod tests {
     }
 
     #[test]
-    fn a_token_is_read_from_its_file_without_the_line_end_and_a_short_one_is_refused() {
+    fn a_token_is_read_from_its_file_without_the_line_end_and_a_short_or_public_one_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("token");
         std::fs::write(&path, "0123456789abcdef\n").unwrap();
+        let set_mode = |mode| std::fs::set_permissions(&path, std::fs::Permissions::from_mode(mode)).unwrap();
+        for public in [0o644, 0o602] {
+            set_mode(public);
+            let refused = Token::find(Some(&path)).unwrap_err().to_string();
+            assert!(refused.contains("every user of this machine") && refused.contains("chmod 600"), "{refused}");
+        }
+        set_mode(0o440);
         let drawn = Drawn { host: 1, guest: "a", door: "b" };
         let proof = Token::find(Some(&path)).unwrap().guest_proof(&drawn);
         assert!(Token::new(b"0123456789abcdef").unwrap().is_guests(&drawn, &proof));
+        set_mode(0o600);
         std::fs::write(&path, "secret\n").unwrap();
         let message = format!("{:#}", Token::find(Some(&path)).unwrap_err());
         assert!(message.contains("token") && message.contains("has 6 characters"), "{message}");

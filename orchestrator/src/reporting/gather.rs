@@ -14,7 +14,7 @@ use proto::config::Config;
 use proto::evaluation::{RESULT_FILE, Subject};
 use proto::run_folder::{Item, RunFolder};
 use proto::trained::{History, Trained};
-use report::study::{ELAPSED_S, Evaluated, FRAMES_PER_S, Origin, Rollout, Run, Validated};
+use report::study::{Evaluated, Origin, Rollout, Run, Validated};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -50,15 +50,17 @@ impl Given {
 }
 
 /// The runs meant by `paths`: run folders, evaluation folders, or folders that hold runs. Evaluations of a given run
-/// are attached to it. Other evaluations are grouped by their run, or by their weights if these are untrained. A named
-/// folder must be readable; an unreadable folder below it becomes a note.
+/// are attached to it. Other evaluations are grouped by their run, or by their weights if these are untrained. A folder
+/// that cannot be read becomes a note, as long as there is another.
 pub fn gather(paths: &[PathBuf]) -> Result<Gathered> {
     let mut runs: Vec<Given> = Vec::new();
     let mut outside: Vec<Outside> = Vec::new();
     let mut notes = Vec::new();
     for path in paths {
         let (mut found, before) = (Vec::new(), notes.len());
-        look(&RunFolder::new(path), DEPTH, &mut found, &mut notes).with_context(|| path.display().to_string())?;
+        if let Err(error) = look(&RunFolder::new(path), DEPTH, &mut found, &mut notes) {
+            notes.push(left_out(path, &error));
+        }
         if found.is_empty() && notes.len() == before {
             bail!("{} {}", path.display(), no_run(path)?);
         }
@@ -73,9 +75,8 @@ pub fn gather(paths: &[PathBuf]) -> Result<Gathered> {
             } else {
                 run(&folder, &mut notes).map(|(id, run)| runs.push(Given { place, id, run }))
             };
-            match read {
-                Err(error) if root != *path => notes.push(left_out(root, &error)),
-                read => read?,
+            if let Err(error) = read {
+                notes.push(left_out(root, &error));
             }
         }
     }
@@ -151,7 +152,10 @@ fn look(folder: &RunFolder, depth: usize, found: &mut Vec<RunFolder>, notes: &mu
 fn run(folder: &RunFolder, notes: &mut Vec<String>) -> Result<(String, Run)> {
     let path = folder.root();
     let identity = Identity::read(folder)?;
-    let complete = Summary::read(folder)?.is_some();
+    let summary = Summary::read(folder).unwrap_or_else(|error| {
+        notes.push(format!("{error:#}."));
+        None
+    });
     let held = holder(folder)?;
     let at_rest = held == Held::Free;
     let Figures { history, notes: about_figures } = Figures::read(folder, at_rest);
@@ -159,7 +163,7 @@ fn run(folder: &RunFolder, notes: &mut Vec<String>) -> Result<(String, Run)> {
     notes.extend(about_figures.into_iter().chain(about_scores).map(|note| format!("{}: {note}.", path.display())));
     let run = Run {
         name: path.display().to_string(),
-        origin: Origin::Run(state_of(&identity, &held, complete)),
+        origin: Origin::Run(state_of(&identity, &held, summary.is_some())),
         config: config_by_content(folder)?,
         rollouts: rollouts(&history),
         evaluations: evaluations_of(folder, notes)?,
@@ -175,14 +179,11 @@ fn rollouts(history: &History) -> Vec<Rollout> {
     let rollout = |trained: &Trained| {
         let took_s = trained.timing.total_s();
         elapsed_s += took_s;
-        let mut metrics = trained.metrics.to_map();
-        metrics.insert(ELAPSED_S.to_owned(), elapsed_s);
         // A rollout can be missing; how many frames the one after it had is not known then.
-        if took_s > 0.0 && trained.rollout == next {
-            metrics.insert(FRAMES_PER_S.to_owned(), trained.frames.saturating_sub(before) as f64 / took_s);
-        }
-        (next, before) = (trained.rollout + 1, trained.frames);
-        Rollout { frames: trained.frames, metrics }
+        let is_known = took_s > 0.0 && trained.rollout == next;
+        let frames_per_s = is_known.then(|| trained.frames.saturating_sub(before) as f64 / took_s);
+        (next, before) = (trained.rollout.saturating_add(1), trained.frames);
+        Rollout { frames: trained.frames, frames_per_s, elapsed_s, metrics: trained.metrics.clone() }
     };
     history.iter().map(rollout).collect()
 }
@@ -200,7 +201,10 @@ fn validation_of(scores: &[Score]) -> Vec<Validated> {
 /// The evaluations in a run's own folder, oldest first. One that cannot be read becomes a note.
 fn evaluations_of(folder: &RunFolder, notes: &mut Vec<String>) -> Result<Vec<Evaluated>> {
     let mut evaluations = Vec::new();
-    for one in evaluations_below(folder)? {
+    let mut about = Vec::new();
+    let below = evaluations_below(folder, &mut about)?;
+    notes.extend(about.iter().map(|note| format!("{}: {note}.", folder.root().display())));
+    for one in below {
         match evaluation(&one) {
             Ok(read) => evaluations.push(read),
             Err(error) => notes.push(left_out(one.root(), &error)),
@@ -441,16 +445,14 @@ mod tests {
             });
         }
         let rollouts = rollouts(&history);
-        let figures = |name: &str| -> Vec<Option<f64>> {
-            rollouts.iter().map(|rollout| rollout.metrics.get(name).copied()).collect()
-        };
         // The third rollout is missing: how many of the frames until the fourth were its own is unknown.
-        assert_eq!(figures(FRAMES_PER_S), [Some(25.0), Some(50.0), None, Some(25.0)]);
-        assert_eq!(figures(ELAPSED_S), [4.0, 8.0, 12.0, 16.0].map(Some));
+        let rates: Vec<_> = rollouts.iter().map(|rollout| rollout.frames_per_s).collect();
+        assert_eq!(rates, [Some(25.0), Some(50.0), None, Some(25.0)]);
+        assert!(rollouts.iter().map(|rollout| rollout.elapsed_s).eq([4.0, 8.0, 12.0, 16.0]));
     }
 
     #[test]
-    fn what_is_found_and_cannot_be_read_is_a_note_and_what_is_named_an_error() {
+    fn what_cannot_be_read_is_a_note_and_without_anything_else_an_error() {
         let temporary = tempfile::tempdir().unwrap();
         let at = |name: &str| temporary.path().join(name);
         begin(&at("all/good"), |_| {});
@@ -475,7 +477,9 @@ mod tests {
             assert!(note.is_some_and(|note| note.contains(why)), "{name}: {:#?}", gathered.notes);
         }
         for name in ["all/older", "all/torn"] {
-            assert!(gather(&[at("all/good"), at(name)]).is_err(), "{name}");
+            let gathered = gather(&[at("all/good"), at(name)]).unwrap();
+            assert!(gathered.runs.len() == 1 && gathered.notes.len() == 2, "{name}: {:#?}", gathered.notes);
+            assert!(gather(&[at(name)]).is_err(), "{name}");
         }
         let asked = EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 1);
         begin(&at("stopped"), |config| config.evaluation = Some(asked));

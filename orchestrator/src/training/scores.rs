@@ -103,14 +103,21 @@ pub fn result_folder(folder: &RunFolder, rollout: u64) -> RunFolder {
 /// Evaluations of a run's folder that are read.
 const EVALUATIONS_MOST: usize = 1000;
 
-/// The evaluations in a run's folder that have a result; one that was cut off has none.
-pub fn evaluations_below(folder: &RunFolder) -> Result<Vec<RunFolder>> {
+/// The evaluations in a run's folder that have a result; one that was cut off has none. What is left out is noted, as a
+/// sentence without an end.
+pub fn evaluations_below(folder: &RunFolder, notes: &mut Vec<String>) -> Result<Vec<RunFolder>> {
     let place = folder.root().join("evaluations");
     let items = folder.list(&place).with_context(|| place.display().to_string())?;
     let names = items.iter().filter(|item| item.is_folder).filter_map(|item| item.path.file_name());
     let folders = names.map(|name| folder.within("evaluations").within(name));
     let has_result = |one: &RunFolder| one.has(&one.root().join(RESULT_FILE));
-    Ok(folders.filter(has_result).take(EVALUATIONS_MOST).collect())
+    let mut below: Vec<RunFolder> = folders.filter(has_result).collect();
+    let more = below.len().saturating_sub(EVALUATIONS_MOST);
+    if more > 0 {
+        let all = counted(below.len() as u64, "result");
+        notes.push(format!("evaluations/ has {all}: only the last {EVALUATIONS_MOST} by name are read"));
+    }
+    Ok(below.split_off(more))
 }
 
 /// The results without a line that are read, bytes: thousands. A crash leaves one or two.
@@ -154,7 +161,8 @@ impl Scores {
             }
             if bytes > RESULTS_BYTES_MOST {
                 notes.push(format!(
-                    "validation/ has more than {RESULTS_BYTES_MOST} bytes of results without a line in                      validation.jsonl: those before rollout {} are left out",
+                    "validation/ has more than {RESULTS_BYTES_MOST} bytes of results without a line in validation.jsonl: \
+                     those before rollout {} are left out",
                     rollout + 1
                 ));
                 break;
@@ -222,6 +230,21 @@ pub mod tests {
         scored.push(validated(5, 0.2, 0.3));
         assert_eq!(best(&scored).unwrap().rollout, 4);
         assert!(best(&[]).is_none());
+    }
+
+    /// The others were left out in silence.
+    #[test]
+    fn of_more_evaluations_than_are_read_a_sentence_says_so() {
+        let temporary = tempfile::tempdir().unwrap();
+        for number in 0..=EVALUATIONS_MOST {
+            let one = temporary.path().join(format!("evaluations/{number}"));
+            std::fs::create_dir_all(&one).unwrap();
+            std::fs::write(one.join(RESULT_FILE), "").unwrap();
+        }
+        let mut notes = Vec::new();
+        let below = evaluations_below(&RunFolder::new(temporary.path()), &mut notes).unwrap();
+        assert!(below.len() == EVALUATIONS_MOST && below[0].root().ends_with("evaluations/1"));
+        assert_eq!(notes, ["evaluations/ has 1 001 results: only the last 1000 by name are read"]);
     }
 
     #[test]

@@ -8,7 +8,7 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap, VecDeque};
 use std::path::PathBuf;
 
-/// The logs of more processes than this are left out.
+/// Logs of a run that are read.
 const LOGS_MOST: usize = 2048;
 /// All logs together are read up to so many bytes; of longer ones the ends.
 const BYTES_MOST: u64 = 4 << 30;
@@ -23,9 +23,13 @@ pub struct Found {
     bytes: u64,
 }
 
+/// Those of a run. Of more than are read there is one more than these, which [`beginnings`] leaves out.
 pub fn logs_of(folder: &RunFolder) -> std::io::Result<Vec<Found>> {
     let mut found = logs_in(folder)?;
     for host in folder.host_folders() {
+        if found.len() > LOGS_MOST {
+            break;
+        }
         let number = host.root().file_name().and_then(|name| name.to_str()?.parse::<u32>().ok()).unwrap_or_default();
         let named = |found: Found| match found.name.as_str() {
             "orchestrator" => Found { name: format!("agent-{number}"), ..found },
@@ -33,7 +37,7 @@ pub fn logs_of(folder: &RunFolder) -> std::io::Result<Vec<Found>> {
         };
         found.extend(logs_in(&host)?.into_iter().map(named));
     }
-    found.truncate(LOGS_MOST);
+    found.truncate(LOGS_MOST + 1);
     Ok(found)
 }
 
@@ -46,11 +50,14 @@ fn logs_in(folder: &RunFolder) -> std::io::Result<Vec<Found>> {
 }
 
 /// Where reading each log begins, so that not more than `most` bytes of all are read; and what is said if that is not at
-/// its start.
-pub fn beginnings(logs: &[Found], most: u64) -> (Vec<u64>, Option<String>) {
+/// its start, or if there are too many logs: the last are left out.
+pub fn beginnings(logs: &mut Vec<Found>, most: u64) -> (Vec<u64>, Option<String>) {
+    let too_many =
+        (logs.len() > LOGS_MOST).then(|| format!("there are more than {LOGS_MOST} logs: the others are left out"));
+    logs.truncate(LOGS_MOST);
     let all: u64 = logs.iter().map(|log| log.bytes).fold(0, u64::saturating_add);
     if all <= most {
-        return (vec![0; logs.len()], None);
+        return (vec![0; logs.len()], too_many);
     }
     let each = most / logs.len() as u64;
     let begin = |log: &Found| log.bytes.saturating_sub(each);
@@ -60,7 +67,7 @@ pub fn beginnings(logs: &[Found], most: u64) -> (Vec<u64>, Option<String>) {
         if logs.len() == 1 { format!("has {}", bytes(all)) } else { format!("have {}", bytes(all)) },
         bytes(each)
     );
-    (logs.iter().map(begin).collect(), Some(said))
+    (logs.iter().map(begin).collect(), Some(too_many.into_iter().chain([said]).collect::<Vec<_>>().join("; ")))
 }
 
 /// A line of a log. They sort by time.
@@ -134,7 +141,7 @@ impl Logbook {
     pub fn read(&mut self, mut take: impl FnMut(&Entry, bool) -> Result<bool>) -> Result<bool> {
         let mut logs = logs_of(&self.folder).with_context(|| self.folder.logs().display().to_string())?;
         logs.retain(|log| self.wanted.is_empty() || self.wanted.iter().any(|wanted| is_of(&log.name, wanted)));
-        let (beginnings, note) = beginnings(&logs, BYTES_MOST);
+        let (beginnings, note) = beginnings(&mut logs, BYTES_MOST);
         self.note = note.or(self.note.take());
         for (Found { name, path, .. }, from) in logs.into_iter().zip(beginnings) {
             let new = || Book {
@@ -266,6 +273,18 @@ mod tests {
         assert_eq!(shown, [line.trim_end()]);
     }
 
+    /// They were left out in silence.
+    #[test]
+    fn of_more_logs_than_are_read_a_sentence_says_so() {
+        let (_temporary, folder) = run(&[("logs/orchestrator.log", "--- start one\n")]);
+        for number in 0..LOGS_MOST {
+            std::fs::write(folder.log(&format!("actor-{number}")), "").unwrap();
+        }
+        let mut book = Logbook::of(folder, vec![]);
+        assert!(lines(&mut book).is_empty(), "actors come first");
+        assert_eq!(book.note.as_deref(), Some("there are more than 2048 logs: the others are left out"));
+    }
+
     #[test]
     fn of_logs_without_end_the_ends_are_read() {
         let line = "2026-11-21T02:00:01.000000Z  INFO x\n";
@@ -274,10 +293,11 @@ mod tests {
         file.set_len(200 << 30).unwrap();
         std::io::Seek::seek(&mut file, std::io::SeekFrom::End(0)).unwrap();
         std::io::Write::write_all(&mut file, format!("\n{line}").as_bytes()).unwrap();
-        let logs = logs_of(&folder).unwrap();
-        let (from, said) = beginnings(&logs, 1 << 20);
+        let mut logs = logs_of(&folder).unwrap();
+        let (from, said) = beginnings(&mut logs, 1 << 20);
         assert_eq!(from, [0, (200 << 30) + 1 + line.len() as u64 - (1 << 19)]);
         assert!(said.unwrap().starts_with("2 logs have "));
-        assert_eq!(beginnings(&logs[..1], 1 << 20), (vec![0], None));
+        logs.truncate(1);
+        assert_eq!(beginnings(&mut logs, 1 << 20), (vec![0], None));
     }
 }

@@ -210,7 +210,12 @@ impl Runs for Gallery {
         {
             return cards.clone();
         }
-        let mut cards = self.cards(self.entries());
+        let (entries, left_out) = {
+            let mut roster = self.roster.lock().unwrap_or_else(PoisonError::into_inner);
+            (roster.look(), roster.left_out.clone())
+        };
+        let mut cards = self.cards(entries);
+        cards.extend(left_out);
         cards.sort_by(|a, b| b.created_unix_s.cmp(&a.created_unix_s).then_with(|| a.id.cmp(&b.id)));
         *list = Some((Instant::now(), cards.clone()));
         cards

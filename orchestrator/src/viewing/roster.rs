@@ -1,7 +1,8 @@
 //! Which runs there are, and what they are called in addresses.
 
 use proto::evaluation::RESULT_FILE;
-use proto::run_folder::RunFolder;
+use proto::run_folder::{Item, RunFolder};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use view::data::Card;
 
@@ -11,6 +12,8 @@ const DEPTH: usize = 3;
 const RUNS_MAX: usize = 2000;
 /// Nor are more folders looked at.
 const FOLDERS_MAX: usize = 20_000;
+/// Nor are more folders named that are too large.
+const PROBLEMS_MAX: usize = 10;
 
 /// A run or an evaluation.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -34,22 +37,33 @@ pub struct Roster {
     paths: Vec<PathBuf>,
     /// With their real paths.
     named: Vec<(PathBuf, Entry)>,
+    /// What the last look left out.
+    pub left_out: Vec<Card>,
+}
+
+/// A look at folders.
+#[derive(Default)]
+struct Look {
+    found: Vec<RunFolder>,
+    /// Folders that were looked at.
+    folders: usize,
+    left_out: Vec<Card>,
 }
 
 impl Roster {
     /// Of these run folders, or folders that hold runs.
     pub fn of(paths: Vec<PathBuf>) -> Self {
-        Self { paths, named: Vec::new() }
+        Self { paths, named: Vec::new(), left_out: Vec::new() }
     }
 
     /// Those that are there now.
     pub fn look(&mut self) -> Vec<Entry> {
-        let mut found = Vec::new();
-        let mut left = FOLDERS_MAX;
+        let mut look = Look::default();
         for path in &self.paths {
-            look(&RunFolder::new(path), DEPTH, &mut found, &mut left);
+            look.at(&RunFolder::new(path), DEPTH);
         }
-        found.truncate(RUNS_MAX);
+        let Look { found, left_out, .. } = look;
+        self.left_out = left_out;
         let mut entries: Vec<Entry> = Vec::new();
         for folder in found {
             let Ok(place) = std::fs::canonicalize(folder.root()) else { continue };
@@ -92,23 +106,45 @@ fn address_of(place: &Path) -> String {
     if name.trim_matches('.').is_empty() { "run".to_owned() } else { name }
 }
 
-/// Runs and evaluations at or below a folder; of a run's folder only its evaluations are searched. No link is followed.
-/// `left`: folders that may still be looked at.
-fn look(folder: &RunFolder, depth: usize, found: &mut Vec<RunFolder>, left: &mut usize) {
-    if found.len() >= RUNS_MAX || *left == 0 {
-        return;
+impl Look {
+    /// Finds runs and evaluations at or below a folder; of a run's folder only its evaluations are searched. No link is
+    /// followed.
+    fn at(&mut self, folder: &RunFolder, depth: usize) {
+        if self.found.len() == RUNS_MAX || self.folders == FOLDERS_MAX {
+            let said =
+                format!("{RUNS_MAX} runs were found, or {FOLDERS_MAX} folders looked at: the others are left out");
+            if self.left_out.iter().all(|card| card.problem.as_ref() != Some(&said)) {
+                self.leave_out(folder, said);
+            }
+            return;
+        }
+        self.folders += 1;
+        let items = self.items_of(folder);
+        let marks = [folder.identity(), folder.root().join(RESULT_FILE)];
+        let is_run = items.iter().any(|item| !item.is_folder && marks.contains(&item.path));
+        if is_run {
+            self.found.push(folder.clone());
+        }
+        let searched = if is_run { folder.within("evaluations") } else { folder.clone() };
+        let below = if is_run { self.items_of(&searched) } else { items };
+        for name in below.iter().filter(|item| item.is_folder && depth > 0).filter_map(|item| item.path.file_name()) {
+            self.at(&searched.within(name), depth - 1);
+        }
     }
-    *left -= 1;
-    let items = folder.list(folder.root()).unwrap_or_default();
-    let marks = [folder.identity(), folder.root().join(RESULT_FILE)];
-    let is_run = items.iter().any(|item| !item.is_folder && marks.contains(&item.path));
-    if is_run {
-        found.push(folder.clone());
+
+    /// What is in a folder; nothing where that cannot be read. One with too much in it is named.
+    fn items_of(&mut self, folder: &RunFolder) -> Vec<Item> {
+        folder.list(folder.root()).unwrap_or_else(|error| {
+            if error.kind() == ErrorKind::FileTooLarge && self.left_out.len() < PROBLEMS_MAX {
+                self.leave_out(folder, error.to_string());
+            }
+            Vec::new()
+        })
     }
-    let searched = if is_run { folder.within("evaluations") } else { folder.clone() };
-    let below = if is_run { searched.list(searched.root()).unwrap_or_default() } else { items };
-    for name in below.iter().filter(|item| item.is_folder && depth > 0).filter_map(|item| item.path.file_name()) {
-        look(&searched.within(name), depth - 1, found, left);
+
+    fn leave_out(&mut self, folder: &RunFolder, problem: String) {
+        let folder = folder.root().display().to_string();
+        self.left_out.push(Card { id: folder.clone(), folder, problem: Some(problem), ..Card::default() });
     }
 }
 
@@ -133,6 +169,19 @@ mod tests {
         assert_eq!(names(&mut roster), ["x", "strange-name-", "x-2", "x.e"], "each once, four levels down");
         std::fs::remove_dir_all(root.path().join("a")).unwrap();
         assert_eq!(names(&mut roster), ["strange-name-", "x-2", "x.e"], "names do not move on");
+    }
+
+    /// The others were left out in silence.
+    #[test]
+    fn of_more_runs_than_are_listed_a_row_says_so() {
+        let root = tempfile::tempdir().unwrap();
+        (0..=RUNS_MAX).for_each(|number| run(root.path(), &number.to_string()));
+        let mut roster = Roster::of(vec![root.path().to_path_buf()]);
+        assert_eq!(roster.look().len(), RUNS_MAX);
+        let said: Vec<&str> = roster.left_out.iter().filter_map(|card| card.problem.as_deref()).collect();
+        assert_eq!(said, ["2000 runs were found, or 20000 folders looked at: the others are left out"]);
+        std::fs::remove_dir_all(root.path().join("7")).unwrap();
+        assert_eq!((roster.look().len(), roster.left_out.len()), (RUNS_MAX, 0));
     }
 
     #[test]

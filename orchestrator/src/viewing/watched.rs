@@ -387,13 +387,12 @@ impl Watched {
             self.edition += 1;
         }
         for line in new.lines.iter().filter(|line| !line.is_empty()) {
-            match serde_json::from_slice::<Trained>(line) {
-                Ok(trained) => {
-                    let newest = self.history.iter().next_back().map(|trained| trained.rollout);
-                    self.edition += u64::from(newest.is_some_and(|newest| newest >= trained.rollout));
-                    self.history.insert(trained);
-                }
-                Err(_) => self.damaged += 1,
+            let before = self.history.len();
+            if self.history.insert_line(line) {
+                // It made others void.
+                self.edition += u64::from(self.history.len() <= before);
+            } else {
+                self.damaged += 1;
             }
         }
     }
@@ -401,11 +400,11 @@ impl Watched {
     /// Reads what is new in its logs, for a while; what of them cannot be read, as sentences without an end.
     fn read_logs(&mut self) -> Vec<String> {
         let until = Instant::now() + GLANCE;
-        let logs = match logs_of(&self.folder) {
+        let mut logs = match logs_of(&self.folder) {
             Ok(logs) => logs,
             Err(error) => return vec![left_out("logs/", &error)],
         };
-        let (beginnings, note) = beginnings(&logs, LOG_BYTES_MOST);
+        let (beginnings, note) = beginnings(&mut logs, LOG_BYTES_MOST);
         let mut notes: Vec<String> = note.into_iter().collect();
         for (Found { name, path, .. }, from) in logs.into_iter().zip(beginnings) {
             let tail = || Tail::of(self.folder.clone(), path, from);

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stillroom._stillroom import TARGETS, Kitchen, Snapshot, shown, whole
-from stillroom.simulated import Simulated
+from stillroom.simulated import Simulated, task_of
 from stillroom.spaces import (
     NUMBER_MAX,
     RENDER_MODES,
@@ -80,19 +80,7 @@ class ArmPointNav(Simulated, gymnasium.Env):
             raise ValueError("give either a kitchen or a scene")
         self.render_mode, self._render_side = pictures_of(render_mode, render_side)
         room = kitchen_of(1 if kitchen is None else kitchen) if scene is None else Kitchen(scene=scene)
-        task = {
-            "reward": reward,
-            "depth": depth,
-            "frame_side": frame_side,
-            "preset": preset,
-            "action_space": action_space,
-            "max_steps": max_steps,
-            "start_distance_max_m": start_distance_max_m,
-            "goal_distance_max_m": goal_distance_max_m,
-            "disturbance_weight": disturbance_weight,
-            "carried_goal": carried_goal,
-        }
-        self._make([room], [whole("number", number, NUMBER_MAX)], "Disabled", 1, task)
+        self._make([room], [whole("number", number, NUMBER_MAX)], "Disabled", 1, task_of(locals()))
         self._objects = room.objects
         self._ended = False
         self.observation_space = observation_space(self._views, len(self.action_names))
@@ -113,10 +101,10 @@ class ArmPointNav(Simulated, gymnasium.Env):
         """
         batch = self.batch
         series, seed, episode = choice_of(options_of(options), seed)
+        own = int(self.np_random.integers(2**63)) if seed is None and not self._begun[0] else seed
+        facts = batch.reset([(series, own, episode)])
+        # Only what begins changes anything.
         super().reset(seed=seed)
-        if seed is None and not self._begun[0]:
-            seed = int(self.np_random.integers(2**63))
-        facts = batch.reset([(series, seed, episode)])
         self._begun[0], self._ended = True, False
         return self._observation(), self._info(facts)
 

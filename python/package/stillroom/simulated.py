@@ -13,6 +13,17 @@ from stillroom._stillroom import Batch, Kitchen, Snapshot, shown
 from stillroom.spaces import settings_of
 
 
+TASK = [
+    *("reward", "depth", "frame_side", "preset", "action_space", "max_steps", "start_distance_max_m"),
+    *("goal_distance_max_m", "disturbance_weight", "carried_goal"),
+]
+
+
+def task_of(arguments: dict[str, Any]) -> dict[str, Any]:
+    """Those of an environment's arguments that are about its task."""
+    return {name: arguments[name] for name in TASK}
+
+
 class Simulated:
     """An environment, or many."""
 

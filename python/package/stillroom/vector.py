@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from stillroom._stillroom import Kitchen, Snapshot, choice, shown, whole
 from stillroom._stillroom import kitchens as kitchens_of
 from stillroom.env import moved
-from stillroom.simulated import Simulated
+from stillroom.simulated import Simulated, task_of
 from stillroom.spaces import (
     ENVIRONMENTS_MAX,
     RENDER_MODES,
@@ -97,21 +97,9 @@ class VectorEnv(Simulated, gymnasium.vector.VectorEnv):
         self.copy = flag("copy", copy)
         threads = len(os.sched_getaffinity(0)) if threads is None else whole("threads", threads, ENVIRONMENTS_MAX, 1)
         rooms, count = _kitchens(kitchens, scenes, self.num_envs)
-        task = {
-            "reward": reward,
-            "depth": depth,
-            "frame_side": frame_side,
-            "preset": preset,
-            "action_space": action_space,
-            "max_steps": max_steps,
-            "start_distance_max_m": start_distance_max_m,
-            "goal_distance_max_m": goal_distance_max_m,
-            "disturbance_weight": disturbance_weight,
-            "carried_goal": carried_goal,
-        }
         kitchen_of_each = [rooms[index % count] for index in range(self.num_envs)]
         numbers = [index // count for index in range(self.num_envs)]
-        self._make(kitchen_of_each, numbers, autoreset_mode.value, threads, task)
+        self._make(kitchen_of_each, numbers, autoreset_mode.value, threads, task_of(locals()))
         self.single_observation_space = observation_space(self._views, len(self.action_names))
         self.single_action_space = gymnasium.spaces.Discrete(len(self.action_names))
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -128,6 +116,8 @@ class VectorEnv(Simulated, gymnasium.vector.VectorEnv):
     ) -> tuple[Observation, dict[str, Any]]:
         """Begins episodes in all environments, or in those of `options["reset_mask"]` ([n] bool).
 
+        If one cannot begin, all stay as they are.
+
         Args:
             seed: one for each environment, or s, which gives environment i the seed s + i, as Gymnasium's own do.
             options: as of `ArmPointNav.reset`; a number may be a sequence [n].
@@ -138,9 +128,8 @@ class VectorEnv(Simulated, gymnasium.vector.VectorEnv):
         if seed is None:
             seeds: list[Any] = [None] * count
         elif is_single(seed):
-            first = whole("seed", seed, SEED_MAX - count + 1)
-            super().reset(seed=first)
-            seeds = [first + index for index in range(count)]
+            seed = whole("seed", seed, SEED_MAX - count + 1)
+            seeds = [seed + index for index in range(count)]
         else:
             seeds = items("seed", seed, count)
         chosen = {
@@ -155,6 +144,8 @@ class VectorEnv(Simulated, gymnasium.vector.VectorEnv):
             asked.append((series, own, number) if mask[index] else None)
         facts = batch.reset(asked)
         self._begun |= mask
+        if is_single(seed):
+            super().reset(seed=seed)
         return self._observations(), self._infos(facts)
 
     def step(

@@ -9,7 +9,8 @@ mod settings;
 pub use field::{Field, Source};
 pub use group::{Group, StudyError, groups};
 pub use pair::{EvaluatedPair, pair_of};
-pub use run::{ELAPSED_S, Evaluated, FRAMES_PER_S, Origin, Rollout, Run, Validated};
+pub(crate) use run::{ELAPSED_S, FRAMES_PER_S};
+pub use run::{Evaluated, Origin, Rollout, Run, Validated};
 pub use settings::differences_between;
 
 #[cfg(test)]

@@ -3,10 +3,10 @@
 use super::field::{Field, Source};
 use proto::config::Config;
 use proto::evaluation::{Distribution, EpisodeRecord, Evaluation};
+use proto::figures::Figures;
 use proto::run_folder::BEST;
 use proto::run_state::RunState;
 use serde::{Serialize, Serializer};
-use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -68,18 +68,38 @@ impl Serialize for Origin {
 }
 
 /// One trained rollout.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Rollout {
     /// Frames trained on, this rollout included.
     pub frames: u64,
-    /// Figures: see [`proto::metric`]; and [`FRAMES_PER_S`] and [`ELAPSED_S`].
-    pub metrics: BTreeMap<String, f64>,
+    /// Frames trained on a second, simulation, inference and update together; none where that is not known.
+    pub frames_per_s: Option<f64>,
+    /// Time trained until its end, seconds.
+    pub elapsed_s: f64,
+    /// Figures: see [`proto::metric`]. Rollouts share their names, of which a run has hundreds of thousands.
+    pub metrics: Figures,
 }
 
-/// Metric of a rollout: frames trained on a second, simulation, inference and update together.
-pub const FRAMES_PER_S: &str = "time/frames_per_second";
-/// Metric of a rollout: seconds trained until its end.
-pub const ELAPSED_S: &str = "time/elapsed_s";
+/// Metric of a rollout: [`Rollout::frames_per_s`].
+pub(crate) const FRAMES_PER_S: &str = "time/frames_per_second";
+/// Metric of a rollout: [`Rollout::elapsed_s`].
+pub(crate) const ELAPSED_S: &str = "time/elapsed_s";
+
+impl Rollout {
+    /// A metric of it.
+    pub(crate) fn get(&self, name: &str) -> Option<f64> {
+        match name {
+            FRAMES_PER_S => self.frames_per_s,
+            ELAPSED_S => Some(self.elapsed_s),
+            _ => self.metrics.get(name),
+        }
+    }
+
+    /// Names of all metrics.
+    pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
+        self.metrics.names().chain(self.frames_per_s.map(|_| FRAMES_PER_S)).chain([ELAPSED_S])
+    }
+}
 
 /// One evaluation.
 #[derive(Debug, Clone)]

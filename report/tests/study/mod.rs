@@ -9,7 +9,7 @@ use proto::kitchen::{KitchenId, Split};
 use proto::metric;
 use proto::random::{Key, Purpose, Random};
 use proto::run_state::{Ending, RunState};
-use report::study::{ELAPSED_S, Evaluated, FRAMES_PER_S, Origin, Rollout, Run, Validated};
+use report::study::{Evaluated, Origin, Rollout, Run, Validated};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -124,11 +124,10 @@ fn rollouts(config: &Config, ceiling: f64) -> Vec<Rollout> {
                 (metric::APPROXIMATE_KL, 0.002 + 0.004 * draw.uniform_open()),
                 (metric::VALUE_LOSS, 0.5 - 0.4 * part + 0.2 * draw.uniform_open()),
                 (metric::GRADIENT_NORM, if index == 1 { 40.0 } else { 0.5 + 0.5 * draw.uniform_open() }),
-                (FRAMES_PER_S, 2000.0 + 200.0 * draw.uniform_open()),
-                (ELAPSED_S, frames as f64 / 2100.0),
             ];
-            let metrics = metrics.map(|(name, value)| (name.to_owned(), value));
-            Rollout { frames, metrics: BTreeMap::from(metrics) }
+            let metrics = BTreeMap::from(metrics.map(|(name, value)| (name.to_owned(), value)));
+            let frames_per_s = Some(2000.0 + 200.0 * draw.uniform_open());
+            Rollout { frames, frames_per_s, elapsed_s: frames as f64 / 2100.0, metrics: metrics.into() }
         })
         .collect()
 }

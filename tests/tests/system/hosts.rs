@@ -33,8 +33,8 @@ pub struct Hosts {
 impl Hosts {
     pub fn new(folders: &[&'static str]) -> Self {
         let workshop = Workshop::new();
-        std::fs::write(workshop.path("token"), "0123456789abcdef0123456789abcdef\n").expect("a writable folder");
-        std::fs::write(workshop.path("wrong"), "another token that is long enough\n").expect("a writable folder");
+        workshop.secret("token", "0123456789abcdef0123456789abcdef\n");
+        workshop.secret("wrong", "another token that is long enough\n");
         // Free a moment ago; nobody else asks for this very one.
         let port = TcpListener::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).expect("a free port").port();
         let rendezvous = format!("127.0.0.1:{port}");

@@ -2,6 +2,8 @@
 //! sentence, which `doctor` says as well.
 
 use crate::figures::{Figures, validating};
+use rustix::process::Signal;
+use serde_json::Value;
 use std::ffi::OsStr;
 use std::os::unix::ffi::OsStrExt;
 use std::os::unix::fs::PermissionsExt;
@@ -56,10 +58,30 @@ int flock(int file, int operation) {
 }
 "#;
 
-/// The library, compiled into a workshop.
-fn disk(workshop: &Workshop) -> PathBuf {
-    let (source, library) = (workshop.path("disk.c"), workshop.path("disk.so"));
-    std::fs::write(&source, DISK).expect("a writable temporary folder");
+/// The clock of the day, as a library that programs are started with: `CLOCK` is a file with the seconds that it is ahead.
+const CLOCK: &str = r#"
+#define _GNU_SOURCE
+#include <fcntl.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <sys/syscall.h>
+#include <time.h>
+#include <unistd.h>
+int clock_gettime(clockid_t clock, struct timespec *now) {
+    int64_t ahead_s = 0;
+    int failed = syscall(SYS_clock_gettime, clock, now);
+    if (clock != CLOCK_REALTIME || failed) return failed;
+    int file = syscall(SYS_openat, AT_FDCWD, getenv("CLOCK"), O_RDONLY | O_CLOEXEC);
+    if (syscall(SYS_read, file, &ahead_s, sizeof ahead_s) == sizeof ahead_s) now->tv_sec += ahead_s;
+    syscall(SYS_close, file);
+    return 0;
+}
+"#;
+
+/// A library, compiled into a workshop.
+fn library(workshop: &Workshop, text: &str) -> PathBuf {
+    let (source, library) = (workshop.path("library.c"), workshop.path("library.so"));
+    std::fs::write(&source, text).expect("a writable temporary folder");
     let built = Command::new("cc").args(["-shared", "-fPIC", "-o"]).args([&library, &source]).arg("-ldl").status();
     assert!(built.expect("a C compiler").success());
     library
@@ -69,7 +91,7 @@ fn disk(workshop: &Workshop) -> PathBuf {
 #[test]
 fn a_run_on_a_disk_without_links_is_gone_on_with_and_has_its_best() {
     let workshop = validating();
-    let library = disk(&workshop);
+    let library = library(&workshop, DISK);
     let there = |mut command: Command| {
         command.env("LD_PRELOAD", &library).env("DISK", workshop.path("run"));
         command
@@ -99,7 +121,7 @@ fn a_run_on_a_disk_without_links_is_gone_on_with_and_has_its_best() {
 #[test]
 fn a_disk_without_locks_is_refused_and_what_is_on_it_is_shown() {
     let workshop = Workshop::new();
-    let library = disk(&workshop);
+    let library = library(&workshop, DISK);
     complete(workshop.up("run", 1, 2, 100)).result();
     let there = |arguments: &[&str]| {
         let mut command = workshop.orchestrator(arguments);
@@ -117,6 +139,52 @@ fn a_disk_without_locks_is_refused_and_what_is_on_it_is_shown() {
         let printed = there(&[command, "run"]);
         assert!(printed.success, "{printed:#?}");
     }
+}
+
+/// Wall time was 0 s, or a day.
+#[test]
+fn a_clock_that_is_set_while_a_run_goes_on_changes_no_wall_time() {
+    let workshop = Workshop::new();
+    let (library, clock) = (library(&workshop, CLOCK), workshop.path("clock"));
+    let set = |ahead_s: i64| std::fs::write(&clock, ahead_s.to_le_bytes()).unwrap();
+    let with = |mut command: Command| {
+        command.env("LD_PRELOAD", &library).env("CLOCK", &clock);
+        command
+    };
+    let json = |arguments: &[&str]| -> Value {
+        serde_json::from_str(&complete(with(workshop.orchestrator(arguments))).stdout).expect("JSON")
+    };
+    let undisturbed = complete(workshop.up("undisturbed", 1, 2, 1000)).result();
+    let (run, began) = (workshop.run("run"), Instant::now());
+    let child = start(with(workshop.up("run", 1, 2, 1000)));
+    run.wait_for_rollouts(1);
+    let mut before_s = 0.0;
+    let mut is_sound = |all_s: &Value| {
+        let all_s = all_s.as_f64().expect("seconds");
+        assert!(all_s > before_s && all_s < began.elapsed().as_secs_f64(), "{all_s} s after {before_s} s");
+        before_s = all_s;
+    };
+    for ahead_s in [86_400, -86_400] {
+        set(ahead_s);
+        run.wait_for_rollouts(run.metrics().len() + 3);
+        let status = json(&["status", "run", "--json"]);
+        assert_eq!(status["state"], "running");
+        is_sound(&status["wall"]["all_starts_s"]);
+    }
+    signal(child.id(), Signal::KILL);
+    finish(child);
+    set(30 * 86_400);
+    let resumed = complete(with(workshop.resume("run")));
+    assert_eq!(resumed.result(), undisturbed);
+    let summary: Value = serde_json::from_str(&std::fs::read_to_string(run.folder.summary()).unwrap()).unwrap();
+    is_sound(&summary["wall"]["all_starts_s"]);
+    set(0);
+    let status = json(&["status", "run", "--json"]);
+    assert_eq!(status["wall"], summary["wall"]);
+    let compared = json(&["compare", "run", "undisturbed", "--json"]);
+    let figures = compared["figures"].as_array().expect("figures");
+    let wall = figures.iter().find(|row| row["name"] == "wall time").expect("a row");
+    assert_eq!(wall["values"][0], summary["wall"]["all_starts_s"]);
 }
 
 /// `doctor` names a problem and `up` refuses, in the same words. `words`: some of them.

@@ -37,7 +37,7 @@ impl Cluster {
         for (name, text) in [("bin/srun", SRUN), ("bin/scontrol", SCONTROL), ("batch", BATCH)] {
             write_program(&workshop, name, text);
         }
-        std::fs::write(workshop.path("token"), "0123456789abcdef0123456789abcdef\n").expect("a writable folder");
+        workshop.secret("token", "0123456789abcdef0123456789abcdef\n");
         // The port is made of it: those of tests that run at the same time differ.
         Self { workshop, job: std::process::id().to_string() }
     }

@@ -138,6 +138,41 @@ fn a_file_without_end_is_named_and_the_rest_of_the_run_is_read() {
     }
 }
 
+/// A summary that was too long or a link was an error of the whole command.
+#[test]
+fn a_run_that_cannot_be_read_is_named_and_the_others_are_shown() {
+    let workshop = workshop();
+    let other = Command::new("cp").args(["-r", "runs/good", "runs/other"]).current_dir(workshop.path("")).status();
+    assert!(other.is_ok_and(|status| status.success()));
+    let bad = workshop.run("runs/bad").folder;
+    let files = [bad.identity(), bad.config(), bad.summary(), bad.orchestrator_lock(), bad.metrics()];
+    for (file, is_link) in files.iter().flat_map(|file| [(file, true), (file, false)]) {
+        copy(&workshop);
+        sparse(file);
+        if is_link {
+            std::fs::remove_file(file).and_then(|()| symlink("/etc/hostname", file)).unwrap();
+        }
+        for command in [
+            &["list"][..],
+            &["compare", "runs/bad", "runs/good", "runs/other"],
+            &["report", "runs/bad", "runs/good", "runs/other", "--out", "page"],
+            &["report", "runs", "--out", "page"],
+        ] {
+            let printed = complete(workshop.orchestrator(command));
+            let told = printed.stdout + &printed.stderr;
+            let page = std::fs::read_to_string(workshop.path("page/report.html")).unwrap_or_default();
+            let _ = std::fs::remove_dir_all(workshop.path("page"));
+            for run in ["runs/good", "runs/other"] {
+                assert!(told.contains(run) || page.contains(run), "{command:?}: {told}");
+            }
+            // A lock's length says nothing: what it holds is read up to a bound.
+            let is_said = if is_link { "a link or no plain file" } else { "are read" };
+            let is_lock = !is_link && *file == bad.orchestrator_lock();
+            assert!(printed.success && (told.contains(is_said) || is_lock), "{} {command:?}: {told}", file.display());
+        }
+    }
+}
+
 #[test]
 fn one_runs_folder_does_not_hold_up_the_page_of_another() {
     let workshop = workshop();
