@@ -9,7 +9,6 @@ mod settings;
 pub use field::{Field, Source};
 pub use group::{Group, StudyError, groups};
 pub use pair::{EvaluatedPair, pair_of};
-pub(crate) use run::{ELAPSED_S, FRAMES_PER_S};
 pub use run::{Evaluated, Origin, Rollout, Run, Validated};
 pub use settings::differences_between;
 

@@ -81,9 +81,9 @@ pub struct Rollout {
 }
 
 /// Metric of a rollout: [`Rollout::frames_per_s`].
-pub(crate) const FRAMES_PER_S: &str = "time/frames_per_second";
+const FRAMES_PER_S: &str = "time/frames_per_second";
 /// Metric of a rollout: [`Rollout::elapsed_s`].
-pub(crate) const ELAPSED_S: &str = "time/elapsed_s";
+const ELAPSED_S: &str = "time/elapsed_s";
 
 impl Rollout {
     /// A metric of it.
