@@ -58,8 +58,10 @@ fn the_report_shows_it(workshop: &Workshop) {
 fn the_report_s_page_is_whole(workshop: &Workshop, browser: &mut Browser) {
     browser.open(&format!("file://{}", workshop.path("report/report.html").display()));
     browser.wait_for("document.querySelectorAll('#episode-1 .strip-frames').length === 2");
-    let words = browser.value("[...document.querySelectorAll('#episode-1 .strip-frames')].map((strip) => [strip.previousSibling.textContent, \
-         ...[strip.firstChild, strip.lastChild].map((one) => one.innerText)])");
+    let words = browser.value(
+        "[...document.querySelectorAll('#episode-1 .strip-frames')].map((strip) => [strip.previousSibling.textContent, \
+         ...[strip.firstChild, strip.lastChild].map((one) => one.innerText)])",
+    );
     for (strip, when) in words.as_array().expect("strips").iter().zip(["before stage II", "after stage II"]) {
         let [title, first, last] = [0, 1, 2].map(|at| strip[at].as_str().expect("text"));
         assert!(title.starts_with(when) && first.contains("step 0 of "), "{strip}");
