@@ -6,6 +6,7 @@ Both follow from Cargo.lock and the sources that cargo has fetched. Standard lib
 """
 
 import argparse
+import hashlib
 import json
 import re
 import subprocess
@@ -68,6 +69,16 @@ def torch():
     return wheels
 
 
+def charts():
+    """The chart library of the page, a copy in the checkout: version, SHA-256 of its script, licence."""
+    folder = ROOT / "view/page/uPlot"
+    digest = hashlib.sha256((folder / "uPlot.iife.min.js").read_bytes()).hexdigest()
+    said = (folder / "README.md").read_text()
+    if digest not in said:
+        sys.exit(f"dist: error: {folder}/uPlot.iife.min.js is not the file that README.md beside it names")
+    return re.search(r"^# uPlot ([0-9.]+)$", said, re.MULTILINE)[1], digest, (folder / "LICENSE").read_text().strip()
+
+
 def component(package, checksum):
     made = {
         "type": "library",
@@ -112,6 +123,18 @@ def bill(data):
             "description": "Not in the archive: its set-up fetches this, or finds a torch that is there.",
             "hashes": [{"alg": "SHA-256", "content": digest}],
         })  # fmt: skip
+    number, digest, _ = charts()
+    place = f"pkg:npm/uplot@{number}"
+    components.append({
+        "type": "library",
+        "bom-ref": place,
+        "name": "uPlot",
+        "version": number,
+        "purl": place,
+        "scope": "required",
+        "licenses": [{"expression": "MIT"}],
+        "hashes": [{"alg": "SHA-256", "content": digest}],
+    })  # fmt: skip
     dependencies = [
         {"ref": reference(identity), "dependsOn": [reference(to) for to in linked[identity]]}
         for identity in sorted(linked, key=reference)
@@ -145,7 +168,8 @@ def licences(data):
     """The licence files of all that is linked and is not ours, each text once."""
     packages = {package["id"]: package for package in data["packages"]}
     members = set(data["workspace_members"])
-    texts, silent = {}, []
+    number, _, text = charts()
+    texts, silent = {text: [f"uPlot {number} (MIT)"]}, []
     for identity in linked_into_programs(data):
         if identity in members:
             continue

@@ -2,8 +2,7 @@
 
 use crate::method::{TEST_NOVEL, TEST_SEEN, VALIDATION_NOVEL, row_presets, rows_beside};
 use crate::paper::{Published, ResultRow, paper};
-use crate::report::GroupResults;
-use crate::results::{FieldResult, SeedResult};
+use crate::results::{FieldResult, GroupResults, SeedResult};
 use crate::statistics::Aggregate;
 use crate::study::{Field, Group, differences_between};
 use proto::config::Config;

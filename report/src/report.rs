@@ -4,7 +4,7 @@ use crate::comparison::{Comparison, comparisons};
 use crate::curves::Curve;
 use crate::format::{count, counted};
 use crate::paper::paper;
-use crate::results::{FieldResult, Missing};
+use crate::results::{FieldResult, GroupResults, Missing};
 use crate::statistics::{CURVE_RESAMPLES, RESAMPLES};
 use crate::study::{Evaluated, Field, Group, Origin, Rollout, Run, Source, StudyError, groups};
 use crate::sweep::{Sweep, sweeps};
@@ -82,20 +82,6 @@ pub struct RunReport {
     pub budget: u64,
     /// Its evaluations, whether they count or not.
     pub evaluations: Vec<String>,
-}
-
-/// A group with its results.
-#[derive(Debug, Clone)]
-pub struct GroupResults<'a> {
-    pub group: &'a Group<'a>,
-    /// In each field in which it was evaluated.
-    pub results: Vec<(Field, FieldResult)>,
-}
-
-impl GroupResults<'_> {
-    pub fn in_field(&self, field: Field) -> Option<&FieldResult> {
-        self.results.iter().find(|(found, _)| *found == field).map(|(_, result)| result)
-    }
 }
 
 /// What the user may choose.

@@ -34,6 +34,20 @@ pub struct FieldResult {
     pub actions: ActionShares,
 }
 
+/// A group with its results.
+#[derive(Debug, Clone)]
+pub struct GroupResults<'a> {
+    pub group: &'a Group<'a>,
+    /// In each field in which it was evaluated.
+    pub results: Vec<(Field, FieldResult)>,
+}
+
+impl GroupResults<'_> {
+    pub(crate) fn in_field(&self, field: Field) -> Option<&FieldResult> {
+        self.results.iter().find(|(found, _)| *found == field).map(|(_, result)| result)
+    }
+}
+
 /// One seed's part.
 #[derive(Debug, Clone, Serialize)]
 pub struct SeedResult {

@@ -1,7 +1,6 @@
 //! SR and `SRwoD` over `λ_disturb`.
 
-use crate::report::GroupResults;
-use crate::results::FieldResult;
+use crate::results::{FieldResult, GroupResults};
 use crate::statistics::Estimate;
 use crate::study::Field;
 use serde::Serialize;

@@ -142,7 +142,7 @@ export class Chart {
       pen.lineTo(x1, y1);
       pen.stroke();
     };
-    pen.fillStyle = css("--soft");
+    Object.assign(pen, { fillStyle: css("--soft"), textAlign: "left", textBaseline: "alphabetic" });
     for (const { x, label } of this.content.marks ?? []) {
       const at = plot.valToPos(x, "x", true);
       if (at <= left || at >= left + width) continue;

@@ -7,7 +7,7 @@ use sha2::{Digest, Sha256};
 
 /// One file.
 #[derive(Debug, Clone, Copy)]
-pub struct Asset {
+pub(crate) struct Asset {
     /// Its address.
     pub path: &'static str,
     pub kind: &'static str,
@@ -34,7 +34,7 @@ const MODULES: [&str; 5] = [
 ];
 
 /// All files.
-pub const ASSETS: &[Asset] = &[
+pub(crate) const ASSETS: &[Asset] = &[
     asset!("/", "text/html; charset=utf-8", "index.html"),
     asset!("/uPlot.css", "text/css; charset=utf-8", "uPlot/uPlot.min.css"),
     asset!("/style.css", "text/css; charset=utf-8", "style.css"),

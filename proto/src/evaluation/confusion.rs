@@ -45,7 +45,7 @@ impl Confusion {
     }
 
     /// Recall of quiet steps: share of steps without disturbance that were predicted as such; none without such steps.
-    pub fn recall_of_quiet(&self) -> Option<f64> {
+    pub(crate) fn recall_of_quiet(&self) -> Option<f64> {
         share(self.quiet, self.quiet + self.false_alarms)
     }
 }
