@@ -66,7 +66,7 @@ impl Learner {
         for part in parts {
             boundary.exchange = boundary.exchange.max(part.exchange);
             boundary.environments.extend(&part.environments);
-            boundary.running.extend(&part.running);
+            boundary.running.extend_from_slice(&part.running);
         }
         let agent = AgentState {
             tensors: BTreeMap::new(),
