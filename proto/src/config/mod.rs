@@ -65,7 +65,7 @@ pub struct Config {
     /// Reward weights.
     #[serde(default)]
     pub reward: RewardConfig,
-    /// Rewards beside those of the task, for stages to name.
+    /// Rewards beside those of the task, for stages to name (docs/own-parts.md).
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub rewards: Vec<Reward>,
     /// Auxiliary task.

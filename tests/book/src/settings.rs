@@ -35,8 +35,16 @@ pub fn settings_page(types: &Types) -> Result<String, BookError> {
         let mut rows = String::new();
         let mut inner = vec![];
         for field in types.fields(&name)? {
+            if field.kind == "BTreeMap<String,f32>" {
+                for weight in Config::default().reward.weights.into_keys() {
+                    let field = Field { name: weight.clone(), kind: "f32".to_owned(), doc: field.doc.clone() };
+                    rows += &row(types, &default, &format!("{path}.{weight}"), &field)?;
+                }
+                continue;
+            }
             let key = if path.is_empty() { field.name.clone() } else { format!("{path}.{}", field.name) };
-            let table = types.is_struct(within(&field.kind)) && within(&field.kind) != "KitchenRange";
+            let shown_whole = ["KitchenRange", "Reward"].contains(&within(&field.kind));
+            let table = types.is_struct(within(&field.kind)) && !shown_whole;
             if table {
                 inner.push((key, within(&field.kind).to_owned()));
             } else {
@@ -72,6 +80,7 @@ fn row(types: &Types, default: &Table, key: &str, field: &Field) -> Result<Strin
         ("Pin", _) => "true, false or list of whole numbers",
         ("KitchenRange", _) => "range",
         ("TargetCategory", _) => "lists of categories",
+        ("Reward", _) => "list of tables",
         (other, _) => return Err(BookError::NoWords { key: key.to_owned(), kind: other.to_owned() }),
     };
     let mut what = sentence(&field.doc);
