@@ -59,7 +59,7 @@ pub const ACTION_COUNT: usize = 21;
 /// the number of environments.
 pub const HOLD: u8 = 254;
 
-/// Wire value of "no action yet": the previous action at the start of an episode.
+/// "No action yet": the previous action at the start of an episode, as the policy is given it.
 pub const NO_ACTION: u8 = 255;
 
 impl Action {
