@@ -265,9 +265,9 @@ mod tests {
         assert_eq!(
             lines[1..4],
             [
-                "stage  reward  frames  episodes          return  success  SRwoD  disturbance",
-                "I      r        1 000        40   0.75 -> 18.75    50.0%      –      0.250 m",
-                "II     r′         500        20  20.00 -> 29.00    50.0%      –      0.250 m",
+                "stage  reward   frames  episodes          return  success  SRwoD  disturbance",
+                "I      r         1 000        40   0.75 -> 18.75    50.0%      –      0.250 m",
+                "II     r_prime     500        20  20.00 -> 29.00    50.0%      –      0.250 m",
             ]
         );
         assert_eq!(
