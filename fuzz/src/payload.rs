@@ -2,6 +2,7 @@
 
 use proto::config::Config;
 use proto::record::{RecordHeader, flag};
+use proto::task::Check;
 
 /// Whether it is trained on.
 pub fn take(bytes: &[u8]) -> bool {
@@ -12,7 +13,7 @@ pub fn take(bytes: &[u8]) -> bool {
     if header.check().is_err() {
         return false;
     }
-    if let Err(problem) = spec.check().record(record, header.has(flag::ACTED)) {
+    if let Err(problem) = Check::of(spec).record(record, header.has(flag::ACTED)) {
         assert!(!problem.to_string().is_empty());
         return false;
     }

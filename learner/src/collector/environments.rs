@@ -1,51 +1,13 @@
 //! The learner's authoritative list of environment states, and the check that actors agree with it.
 
-use super::Settings;
 use super::column_map::ColumnMap;
-use super::statistics::RunningEpisode;
+use super::settings::{Reward, Settings, Signals};
+use super::statistics::{Ended, RunningEpisode};
 use crate::rollout::Outcome;
 use proto::action::{Action, HOLD};
-use proto::config::Config;
 use proto::record::{End, RecordHeader, flag};
-use proto::task::{Check, Composition, Condition, Implausible, Layout, Measure};
+use proto::task::{Check, Implausible, Layout, Measure};
 use wire::message::EnvironmentState;
-
-/// The reward in force.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Reward {
-    pub composition: Composition,
-    /// PPO-Lagrangian's, if the reward has it.
-    pub multiplier: f32,
-}
-
-/// What a task says of its steps besides the reward.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Signals {
-    /// What the auxiliary task predicts.
-    pub label: Option<Condition>,
-    /// What PPO-Lagrangian constrains: index of the part among the channels, and its weight.
-    pub cost: Option<(usize, f32)>,
-}
-
-impl Signals {
-    /// Those of a run.
-    pub fn of(config: &Config) -> Self {
-        Self { label: config.label(), cost: config.spec().cost() }
-    }
-
-    /// Whether the label holds of a step. `part`: a part's number by the index of its channel.
-    pub(crate) fn labels(&self, part: impl Fn(usize) -> f32) -> bool {
-        self.label.is_some_and(|label| label.holds(part))
-    }
-}
-
-/// An episode that has ended.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Ended {
-    /// Its steps.
-    pub length: u32,
-    pub running: RunningEpisode,
-}
 
 /// What an action led to.
 #[derive(Debug, Clone, PartialEq)]
@@ -107,7 +69,7 @@ impl Environments {
         );
         let columns = column_map.columns();
         let (in_flight, ended) = (vec![None; columns], vec![false; columns]);
-        let (layout, soundness, measures) = (task.layout(), task.check(), task.measures());
+        let (layout, soundness, measures) = (task.layout(), Check::of(task), task.measures());
         Self {
             column_map,
             max_episode_steps,

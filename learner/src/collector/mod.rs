@@ -21,18 +21,20 @@ mod environments;
 mod error;
 mod lanes;
 mod noise;
+mod settings;
 mod statistics;
 mod tally;
 #[cfg(test)]
 mod tests;
 
 pub use column_map::ColumnMap;
-pub use environments::{Ended, Environments, Mismatch, Reward, Signals};
+pub use environments::{Environments, Mismatch};
 pub use error::ProtocolError;
 pub use lanes::{Lane, Pace};
 pub use noise::gumbel;
 pub(crate) use noise::gumbel_of;
-pub use statistics::{RolloutStatistics, RunningEpisode};
+pub use settings::{Reward, Settings, Signals};
+pub use statistics::{Ended, RolloutStatistics, RunningEpisode};
 
 use crate::agent::Batch;
 use crate::record::Inputs;
@@ -42,11 +44,9 @@ use environments::Settlement;
 use lanes::{Arrival, Lanes, Next};
 use proto::action::{HOLD, NO_ACTION};
 use proto::camera::DepthFrame;
-use proto::config::CarriedGoal;
 use proto::episode::EnvironmentId;
 use proto::record::{RecordHeader, flag};
 use proto::stage::RolloutShape;
-use proto::task::Spec;
 use tally::Tally;
 use wire::Receipt;
 use wire::message::{ActionHeader, EnvironmentState, ObservationHeader, RestoreHeader, can_follow, observation_kind};
@@ -90,28 +90,6 @@ impl Boundary {
             running: vec![RunningEpisode::default(); columns],
         }
     }
-}
-
-/// Constants of a collector.
-#[derive(Debug, Clone, Copy)]
-pub struct Settings {
-    pub column_map: ColumnMap,
-    pub task: &'static Spec,
-    /// Seed of the run, for the action noise.
-    pub seed: u64,
-    /// Actions of the policy head: Gumbel draws for each environment's step.
-    pub policy_actions: usize,
-    /// Step limit of an episode.
-    pub max_episode_steps: u32,
-    /// Sign of the goal vector while the target is held.
-    pub carried_goal: CarriedGoal,
-    /// Discount a step, of the cost that PPO-Lagrangian constrains.
-    pub gamma: f64,
-    /// Label and cost.
-    pub signals: Signals,
-    pub learner_incarnation: u32,
-    /// Whether there is a recorder, whose receipts are waited for.
-    pub recorded: bool,
 }
 
 /// What to do next.

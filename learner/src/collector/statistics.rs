@@ -1,6 +1,5 @@
 //! Statistics of the episodes that ended in a rollout.
 
-use super::environments::Ended;
 use crate::peers::{PeerError, Peers};
 use crate::shards::Shards;
 use proto::metric;
@@ -24,6 +23,14 @@ impl RunningEpisode {
         self.episode_return += f64::from(reward);
         self.discounted_cost += libm::pow(gamma, f64::from(step)) * f64::from(cost);
     }
+}
+
+/// An episode that has ended.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ended {
+    /// Its steps.
+    pub length: u32,
+    pub running: RunningEpisode,
 }
 
 /// Sums over one rollout of a shard. Filled in the fixed order of the batch, so that the sums do not depend on timing.

@@ -2,8 +2,7 @@
 //! depends on it.
 
 use super::column_map::ColumnMap;
-use super::environments::Ended;
-use super::statistics::RolloutStatistics;
+use super::statistics::{Ended, RolloutStatistics};
 use proto::task::Spec;
 use std::collections::VecDeque;
 

@@ -4,6 +4,7 @@
 mod environment;
 mod fake_actor;
 mod figures;
+mod refusals;
 mod taker;
 
 use super::*;
@@ -563,52 +564,4 @@ fn a_batch_has_the_goal_vector_with_the_configured_sign() {
             assert_eq!(collector.batch(&due(&collector)).input().goal_m, [expected], "{carried_goal}, {holding}");
         }
     }
-}
-
-#[test]
-fn an_outcome_that_does_not_follow_from_the_action_is_an_error() {
-    let column_map = ColumnMap::new(0, 1, 1);
-    let mut collector = collector(settings(column_map, 1), Boundary::start(1));
-    let mut actor = FakeActor::new(0, 1);
-    actor.restore = Some(collector.restore(0, 0));
-    let (header, sample) = actor.turn(column_map).unwrap().remove(0);
-    collector.receive(&header, sample).unwrap();
-    let in_force = reward("r");
-    collector.begin(RolloutShape { steps: 2, environments_in_last_step: 1, frames: 2 }, in_force, 1);
-    let first = due(&collector);
-    assert!(collector.settle(&first).is_empty(), "the first observation belongs to no action of this rollout");
-    let batch = collector.answer(&first, &[4]).remove(0);
-    actor.actions.push_back(batch);
-    let (header, sample) = actor.turn(column_map).unwrap().remove(0);
-    let mut refused = |change: &dyn Fn(&mut FakeSample)| {
-        let mut sample = sample.clone();
-        change(&mut sample);
-        let error = collector.receive(&header, sample).unwrap_err();
-        let text = error.to_string();
-        assert_eq!(error.is_non_finite(), text.contains("not finite"), "{text}");
-        text
-    };
-    assert!(refused(&|sample| sample.header_mut().flags = 0).contains("reports nothing of action 4"));
-    assert!(
-        refused(&|sample| Line::bytes_mut(&mut sample.0[0])[64] = 5)
-            .contains("action 5; sent was episode 0, step 0, action 4")
-    );
-    assert!(refused(&|sample| sample.header_mut().acted_step = 1).contains("step 1, action 4; sent was"));
-    assert!(
-        refused(&|sample| sample.header_mut().flags |= flag::TERMINATED | flag::TRUNCATED).contains("flags are 0x7")
-    );
-    assert!(refused(&|sample| sample.header_mut().flags |= flag::TERMINATED).contains("must be at episode 1, step 0"));
-    assert!(refused(&|sample| sample.reals("wrist_object_progress_m")[0] = f32::INFINITY).contains("not finite"));
-    assert!(refused(&|sample| sample.reals("wrist_object_m")[0] = f32::NAN).contains("not finite"));
-    assert!(refused(&|sample| sample.reals("goal_success")[0] = 1000.0).contains("goal_success is 1000"));
-    assert!(refused(&|sample| sample.reals("disturbance_m")[0] = 3e38).contains("disturbance_m is"));
-    assert_eq!(collector.receive(&header, sample.clone()), Ok(Received::Kept));
-    let second = due(&collector);
-    let settled = collector.settle(&second);
-    assert_eq!((settled.len(), settled[0].t, settled[0].column), (1, 0, 0));
-    let layout = Config::default().spec().layout();
-    let part = |index| layout.part(sample.record(0), index);
-    assert_eq!(settled[0].outcome.reward, reward("r").composition.of(part, 0.0));
-    assert_eq!(settled[0].outcome.label, sample.clone().reals("disturbance_progress_m")[0] <= -0.001);
-    assert!(collector.settle(&second).is_empty(), "an outcome is taken in once");
 }

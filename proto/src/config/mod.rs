@@ -16,6 +16,7 @@ mod presets;
 mod resolve;
 mod reward;
 mod setting;
+mod task;
 mod validate;
 
 pub use changes::{Difference, Lists, differences};

@@ -1,6 +1,7 @@
 //! The actions of a task.
 
-use super::{Dtype, SpecError};
+use super::channel::Dtype;
+use super::error::SpecError;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 

@@ -1,6 +1,6 @@
 //! A channel: one named array of numbers that an environment reports at every step.
 
-use super::SpecError;
+use super::error::SpecError;
 use serde::{Deserialize, Serialize};
 
 /// What a channel is for. What an action did comes before what is seen now.

@@ -4,7 +4,9 @@
 //! number that the task does not declare must not be trained on, and not be recorded as a fact. The checks are a few dozen
 //! comparisons for each step, next to an image of 100 kB.
 
-use super::{Channel, Field, Spec};
+use super::channel::Channel;
+use super::layout::{Field, HEADER_BYTES};
+use super::spec::Spec;
 use std::ops::Range;
 
 /// A number that the task does not declare.
@@ -34,7 +36,8 @@ pub struct Check {
 }
 
 impl Check {
-    pub(super) fn of(spec: &Spec) -> Self {
+    /// That of a task.
+    pub fn of(spec: &Spec) -> Self {
         let checks = |of_action: bool| {
             let pairs = spec.channels.iter().zip(&spec.layout().fields);
             pairs
@@ -44,7 +47,7 @@ impl Check {
         };
         let mut gaps = vec![];
         let layout = spec.layout();
-        let mut end = super::HEADER_BYTES;
+        let mut end = HEADER_BYTES;
         let mut fields: Vec<Field> = [layout.action, layout.previous_action].to_vec();
         fields.extend(layout.fields.iter().filter(|field| field.offset < layout.small_bytes));
         fields.sort_by_key(|field| field.offset);

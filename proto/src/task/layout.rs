@@ -8,7 +8,8 @@
 //! images                 each from a cache line on; the sums of their windows behind them
 //! ```
 
-use super::{Actions, Channel, Dtype};
+use super::actions::Actions;
+use super::channel::{Channel, Dtype};
 use crate::record::RecordHeader;
 use bytemuck::{AnyBitPattern, Pod};
 use std::ops::Range;

@@ -1,6 +1,5 @@
 //! Metrics of an episode, made of what its actions did.
 
-use super::{Channel, Spec, SpecError};
 use serde::{Deserialize, Serialize};
 
 /// A metric, as a task declares it: a number of each episode.
@@ -50,11 +49,11 @@ pub struct Clause {
 /// A metric, resolved.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measure {
-    over: Over,
+    pub(super) over: Over,
     /// Index of a channel.
-    value: Option<usize>,
+    pub(super) value: Option<usize>,
     /// Index of a channel, at least, below; a channel alone: not 0.
-    clauses: Vec<(usize, Option<f32>, Option<f32>)>,
+    pub(super) clauses: Vec<(usize, Option<f32>, Option<f32>)>,
 }
 
 impl Measure {
@@ -79,32 +78,5 @@ impl Measure {
             Over::Any | Over::Max => before.max(now),
             Over::Sum => before + now,
         }
-    }
-}
-
-impl Spec {
-    /// The task's metrics, resolved, in its order.
-    pub fn measures(&self) -> Vec<Measure> {
-        let measure = |metric: &Metric| self.measure(metric).expect("a task is checked when it is read");
-        self.metrics.iter().map(measure).collect()
-    }
-
-    pub(super) fn measure(&self, metric: &Metric) -> Result<Measure, SpecError> {
-        let wrong = |problem: String| SpecError::Metric { name: metric.name.clone(), problem };
-        let scalar = |channel: &Channel| channel.is_of_action() && channel.shape.is_empty();
-        let index = |name: &str| {
-            let found = self.channels.iter().position(|channel| channel.name == name && scalar(channel));
-            found.ok_or_else(|| wrong(format!("`{name}` is no scalar that an action leads to")))
-        };
-        if metric.value.is_some() != metric.all_of.is_empty() {
-            return Err(wrong("it is either the value of a channel or all of some clauses".to_owned()));
-        }
-        let value = metric.value.as_deref().map(index).transpose()?;
-        if value.is_some() && metric.over == Over::Any {
-            return Err(wrong("`any` is of clauses, not of a value".to_owned()));
-        }
-        let clause = |clause: &Clause| Ok((index(&clause.channel)?, clause.at_least, clause.below));
-        let clauses = metric.all_of.iter().map(clause).collect::<Result<_, SpecError>>()?;
-        Ok(Measure { over: metric.over, value, clauses })
     }
 }

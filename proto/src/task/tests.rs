@@ -1,5 +1,6 @@
 use super::*;
 use proptest::prelude::*;
+use std::collections::BTreeMap;
 
 /// A small task: an image, a vector, a scalar of eight bytes, two parts.
 const SMALL: &str = r#"
@@ -285,7 +286,7 @@ proptest! {
         for (place, word) in words {
             record[64 + 4 * place..][..4].copy_from_slice(&word.to_ne_bytes());
         }
-        if arm.check().record(&record, true).is_ok() {
+        if Check::of(arm).record(&record, true).is_ok() {
             for name in ["r", "r_prime", "lagrangian"] {
                 let reward = arm.composition(name, &[], &BTreeMap::new()).unwrap().of(parts(arm, &record), 15.0);
                 prop_assert!(reward.abs() < 2e6, "{reward}");
@@ -302,7 +303,7 @@ proptest! {
 fn numbers_that_a_task_does_not_declare_are_named() {
     let spec = small();
     let refused = |numbers: &[(&str, f32)], acted: bool| {
-        spec.check().record(&record(&spec, numbers), acted).map_err(|error| error.to_string())
+        Check::of(&spec).record(&record(&spec, numbers), acted).map_err(|error| error.to_string())
     };
     assert_eq!(refused(&[("near_m", -10.0), ("done", 1.0), ("kind", 1.0), ("goal_m", 100.0)], true), Ok(()));
     assert_eq!(refused(&[("near_m", 11.0)], false), Ok(()), "no action was taken");
@@ -313,5 +314,8 @@ fn numbers_that_a_task_does_not_declare_are_named() {
     assert_eq!(refused(&[("pushed_m", f32::INFINITY)], true).unwrap_err(), "its pushed_m is not finite");
     let mut gap = record(&spec, &[]);
     gap[90] = 1;
-    assert_eq!(spec.check().record(&gap, false).unwrap_err().to_string(), "its reserved byte is 1, which cannot be");
+    assert_eq!(
+        Check::of(&spec).record(&gap, false).unwrap_err().to_string(),
+        "its reserved byte is 1, which cannot be"
+    );
 }

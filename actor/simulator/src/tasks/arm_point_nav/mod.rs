@@ -184,7 +184,7 @@ static DECLARED: LazyLock<Declared> = LazyLock::new(|| {
         }
     }
     assert_eq!(done.len() + seen.len() + 1, spec.channels.len(), "task.toml declares other channels than the code");
-    Declared { layout, check: spec.check() }
+    Declared { layout, check: Check::of(spec) }
 });
 
 /// Writes what was done and is seen into a record, all but its header, its actions and its frame.

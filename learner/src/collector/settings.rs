@@ -1,0 +1,56 @@
+//! What a collector is given: constants of a run, and the reward of a rollout.
+
+use super::column_map::ColumnMap;
+use proto::config::{CarriedGoal, Config};
+use proto::task::{Composition, Condition, Spec};
+
+/// Constants of a collector.
+#[derive(Debug, Clone, Copy)]
+pub struct Settings {
+    pub column_map: ColumnMap,
+    pub task: &'static Spec,
+    /// Seed of the run, for the action noise.
+    pub seed: u64,
+    /// Actions of the policy head: Gumbel draws for each environment's step.
+    pub policy_actions: usize,
+    /// Step limit of an episode.
+    pub max_episode_steps: u32,
+    /// Sign of the goal vector while the target is held.
+    pub carried_goal: CarriedGoal,
+    /// Discount a step, of the cost that PPO-Lagrangian constrains.
+    pub gamma: f64,
+    /// Label and cost.
+    pub signals: Signals,
+    pub learner_incarnation: u32,
+    /// Whether there is a recorder, whose receipts are waited for.
+    pub recorded: bool,
+}
+
+/// The reward in force.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reward {
+    pub composition: Composition,
+    /// PPO-Lagrangian's, if the reward has it.
+    pub multiplier: f32,
+}
+
+/// What a task says of its steps besides the reward.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Signals {
+    /// What the auxiliary task predicts.
+    pub label: Option<Condition>,
+    /// What PPO-Lagrangian constrains: index of the part among the channels, and its weight.
+    pub cost: Option<(usize, f32)>,
+}
+
+impl Signals {
+    /// Those of a run.
+    pub fn of(config: &Config) -> Self {
+        Self { label: config.label(), cost: config.spec().cost() }
+    }
+
+    /// Whether the label holds of a step. `part`: a part's number by the index of its channel.
+    pub(crate) fn labels(&self, part: impl Fn(usize) -> f32) -> bool {
+        self.label.is_some_and(|label| label.holds(part))
+    }
+}

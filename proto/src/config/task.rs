@@ -1,0 +1,167 @@
+//! The task of a run, and the rewards that its stages name.
+
+use super::validate::check;
+use super::{Config, ConfigError, nearest};
+use crate::run_folder::RunFolder;
+use crate::task::{Composition, Condition, Spec, SpecError};
+
+impl Config {
+    /// The task's declaration.
+    ///
+    /// # Panics
+    /// If the configuration was not validated.
+    pub fn spec(&self) -> &'static Spec {
+        self.find_spec().expect("a validated configuration names a task that there is")
+    }
+
+    /// Refuses to go on with a run whose task was declared otherwise.
+    pub fn check_task(&self, run: &RunFolder) -> Result<(), ConfigError> {
+        let path = run.task();
+        let text = match run.read_text(&path) {
+            Ok(text) => text,
+            // A run of an older version.
+            Err(cause) if cause.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+            Err(cause) => return Err(ConfigError::Unreadable { path, cause }),
+        };
+        if Spec::parse(&text).is_ok_and(|written| written.means(self.spec())) {
+            return Ok(());
+        }
+        Err(ConfigError::OtherTask { path, name: self.task.clone() })
+    }
+
+    fn find_spec(&self) -> Result<&'static Spec, ConfigError> {
+        let tasks = Spec::built_in();
+        tasks.iter().find(|task| task.name == self.task).ok_or_else(|| ConfigError::UnknownTask {
+            name: self.task.clone(),
+            nearest: nearest(&self.task, tasks.iter().map(|task| task.name.as_str())),
+        })
+    }
+
+    /// A reward of the task's or of this configuration's, resolved.
+    ///
+    /// # Panics
+    /// If there is none of this name: stages of a validated configuration name rewards that there are.
+    pub fn reward(&self, name: &str) -> Composition {
+        self.find_reward(name).expect("a validated configuration names rewards that there are")
+    }
+
+    /// The same, of any name.
+    fn find_reward(&self, name: &str) -> Result<Composition, SpecError> {
+        self.spec().composition(name, &self.rewards, &self.reward.weights)
+    }
+
+    /// What the auxiliary task predicts.
+    pub fn label(&self) -> Option<Condition> {
+        self.spec().label()
+    }
+
+    /// Writes down the weights that the task gives and that nobody has set.
+    pub(super) fn complete_weights(&mut self) {
+        // An unknown task is refused when the configuration is validated.
+        let Ok(spec) = self.find_spec() else { return };
+        for (name, weight) in &spec.weights {
+            self.reward.weights.entry(name.clone()).or_insert(*weight);
+        }
+    }
+
+    /// The task is there, and has what the configuration names.
+    pub(super) fn validate_task(&self) -> Result<(), ConfigError> {
+        let spec = self.find_spec()?;
+        let wrong = |key: &str, cause: SpecError| ConfigError::Task { key: key.to_owned(), cause };
+        for (name, &weight) in &self.reward.weights {
+            check("reward", weight, weight.is_finite() && weight >= 0.0, "must be 0 or greater")?;
+            if !spec.weights.contains_key(name) {
+                let names: Vec<_> = spec.weights.keys().cloned().collect();
+                let problem = format!("task `{}` has no such weight; it has: {}", spec.name, names.join(", "));
+                return Err(wrong(&format!("reward.{name}"), SpecError::Reward { name: name.clone(), problem }));
+            }
+        }
+        for reward in &self.rewards {
+            self.find_reward(&reward.name).map_err(|cause| wrong("rewards", cause))?;
+        }
+        for stage in &self.stages {
+            let composition = self.find_reward(&stage.reward).map_err(|cause| wrong("stages.reward", cause))?;
+            if composition.has_multiplier() && spec.cost().is_none() {
+                let problem = format!("it has PPO-Lagrangian's multiplier, but task `{}` names no cost", spec.name);
+                let cause = SpecError::Reward { name: stage.reward.clone(), problem };
+                return Err(wrong("stages.reward", cause));
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Setting;
+    use super::*;
+    use std::collections::BTreeMap;
+
+    fn config(text: &str) -> Result<Config, String> {
+        Config::resolve_with("demo", Some((text, "mine.toml"))).map_err(|error| error.to_string())
+    }
+
+    /// The example of docs/own-parts.md: a reward in the configuration, no code.
+    #[test]
+    fn a_reward_by_count_takes_its_price_once_whatever_the_distance() {
+        // ANCHOR: count
+        let text = r#"
+        stages = [{ name = "I", reward = "r_count", frames = 1000 }]
+        [[rewards]]
+        name = "r_count"
+        base = "r"
+        terms = [{ part = "disturbance_progress_m", at_most = -0.001, weight = -0.5 }]
+        "#;
+        // ANCHOR_END: count
+        let config = config(text).unwrap();
+        let spec = config.spec();
+        let after = |progress_m: f32| {
+            let part =
+                |index: usize| if spec.channels[index].name == "disturbance_progress_m" { progress_m } else { 0.0 };
+            config.reward(&config.stages[0].reward).of(part, 0.0)
+        };
+        let undisturbed = after(0.0);
+        assert_eq!([after(-0.002), after(-3.0)], [undisturbed - 0.5; 2]);
+        // Putting something back earns nothing, and a tremble below the threshold costs nothing.
+        assert_eq!([after(3.0), after(-0.0005)], [undisturbed; 2]);
+        assert_eq!(Config::from_toml(&config.to_toml(), "round trip").unwrap(), config);
+    }
+
+    #[test]
+    fn a_weight_is_the_tasks_until_it_is_set() {
+        let default = config("").unwrap();
+        assert_eq!(default.reward.weights, BTreeMap::from([("lambda_disturb".to_owned(), 15.0)]));
+        let set: Setting = "reward.lambda_disturb=5".parse().unwrap();
+        let set = Config::resolve_set("demo", None, &[set]).unwrap();
+        assert_eq!(set.reward.weights["lambda_disturb"], 5.0);
+        let problem = config("[reward]\nlambda_distrub = 5").unwrap_err();
+        assert!(problem.contains("no such weight; it has: lambda_disturb"), "{problem}");
+        let problem = config("[reward]\nlambda_disturb = \"five\"").unwrap_err();
+        assert!(problem.starts_with("mine.toml:2: expected a number"), "{problem}");
+        let problem = config("task = \"arm_point_nab\"").unwrap_err();
+        assert!(problem.contains("did you mean `arm_point_nav`?"), "{problem}");
+        let problem = config("stages = [{ name = \"I\", reward = \"s\", frames = 9 }]").unwrap_err();
+        assert!(problem.contains("has no reward `s`"), "{problem}");
+    }
+
+    #[test]
+    fn a_run_goes_on_under_its_own_task_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = RunFolder::new(folder.path());
+        let config = config("").unwrap();
+        config.check_task(&run).unwrap();
+        let text = config.spec().text();
+        for (from, to, is_same) in [
+            ("", "", true),
+            ("Total displacement at the end", "Displacement at the end", true),
+            ("below = 0.01", "below = 0.02", false),
+            ("[cost]", "[costs]", false),
+        ] {
+            assert!(text.contains(from));
+            std::fs::write(run.task(), text.replacen(from, to, 1)).unwrap();
+            let checked = config.check_task(&run).map_err(|error| error.to_string());
+            assert_eq!(checked.is_ok(), is_same, "{to}");
+            assert!(is_same || checked.unwrap_err().contains("declared otherwise"));
+        }
+    }
+}

@@ -1,0 +1,26 @@
+//! What can be wrong with a declaration.
+
+/// What is wrong with a declaration.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum SpecError {
+    #[error("it is no task: {0}")]
+    Toml(String),
+    #[error("name `{0}`: a name has lower-case letters, digits and underscores, and begins with a letter")]
+    Name(String),
+    #[error("there are two of the name `{0}`")]
+    Double(String),
+    #[error("channel `{name}`: {problem}")]
+    Channel { name: String, problem: &'static str },
+    #[error("actions: {problem}")]
+    Actions { problem: String },
+    #[error("reward `{name}`: {problem}")]
+    Reward { name: String, problem: String },
+    #[error("metric `{name}`: {problem}")]
+    Metric { name: String, problem: String },
+    #[error("label: {0}")]
+    Label(String),
+    #[error("cost: {0}")]
+    Cost(String),
+    #[error("task `{task}` has no reward `{name}`, and neither has the configuration")]
+    UnknownReward { name: String, task: String },
+}

@@ -1,0 +1,130 @@
+//! Names in rewards and metrics become indices of channels, once.
+
+use super::channel::{Channel, Role};
+use super::error::SpecError;
+use super::metric::{Clause, Measure, Metric, Over};
+use super::reward::{Composition, Condition, Factor, MULTIPLIER, Reward, Scale, Term, Weight};
+use super::spec::Spec;
+use std::collections::BTreeMap;
+
+impl Spec {
+    /// The reward of this name: of `own`, a configuration's, before the task's. `weights`: those that a configuration sets.
+    pub fn composition(
+        &self,
+        name: &str,
+        own: &[Reward],
+        weights: &BTreeMap<String, f32>,
+    ) -> Result<Composition, SpecError> {
+        self.compose(name, own, weights, 0)
+    }
+
+    fn compose(
+        &self,
+        name: &str,
+        own: &[Reward],
+        weights: &BTreeMap<String, f32>,
+        depth: usize,
+    ) -> Result<Composition, SpecError> {
+        let unknown = || SpecError::UnknownReward { name: name.to_owned(), task: self.name.clone() };
+        let mut found = own.iter().chain(&self.rewards).filter(|reward| reward.name == name);
+        let reward = found.next().ok_or_else(unknown)?;
+        let wrong = |problem: String| SpecError::Reward { name: name.to_owned(), problem };
+        if depth > own.len() + self.rewards.len() {
+            return Err(wrong("its base is itself".to_owned()));
+        }
+        let mut composition = match &reward.base {
+            None => Composition { constant: reward.constant, terms: vec![] },
+            Some(base) => {
+                let mut base = self.compose(base, own, weights, depth + 1)?;
+                base.constant += reward.constant;
+                base
+            }
+        };
+        for term in &reward.terms {
+            let (factor, weight) = match term {
+                Term::Part(part, weight) => (Factor::Part(self.part(part).map_err(wrong)?), weight),
+                Term::Threshold { part, at_most, at_least, weight } => {
+                    (Factor::Threshold(self.threshold(part, *at_most, *at_least).map_err(wrong)?), weight)
+                }
+            };
+            let scale = match weight {
+                Weight::Number(weight) => Scale::Number(*weight),
+                Weight::Named(name) if name == MULTIPLIER => Scale::Multiplier,
+                Weight::Named(name) => {
+                    let default = || self.weights.get(name);
+                    let weight = weights.get(name).or_else(default);
+                    Scale::Number(*weight.ok_or_else(|| wrong(format!("there is no weight `{name}`")))?)
+                }
+            };
+            if matches!(scale, Scale::Number(weight) if !weight.is_finite()) {
+                return Err(wrong("a weight is not a finite number".to_owned()));
+            }
+            composition.terms.push((factor, scale));
+        }
+        Ok(composition)
+    }
+
+    /// The task's label, resolved.
+    pub fn label(&self) -> Option<Condition> {
+        let label = self.label.as_ref()?;
+        Some(self.threshold(&label.part, label.at_most, label.at_least).expect("a task is checked when it is read"))
+    }
+
+    /// Index among the channels, and weight, of the part that is the task's cost.
+    pub fn cost(&self) -> Option<(usize, f32)> {
+        let cost = self.cost.as_ref()?;
+        Some((self.part(&cost.part).expect("a task is checked when it is read"), cost.weight))
+    }
+
+    /// Index of a part of rewards among the channels.
+    pub(super) fn part(&self, name: &str) -> Result<usize, String> {
+        let is_part = |channel: &Channel| channel.role == Role::Part;
+        let known = || {
+            let parts = self.channels.iter().filter(|channel| is_part(channel));
+            let names: Vec<_> = parts.map(|channel| channel.name.as_str()).collect();
+            format!("there is no part `{name}`; this task has {}", names.join(", "))
+        };
+        self.channels.iter().position(|channel| channel.name == name && is_part(channel)).ok_or_else(known)
+    }
+
+    pub(super) fn threshold(
+        &self,
+        part: &str,
+        at_most: Option<f32>,
+        at_least: Option<f32>,
+    ) -> Result<Condition, String> {
+        let index = self.part(part)?;
+        if at_most.is_some() == at_least.is_some() || [at_most, at_least].into_iter().flatten().any(f32::is_nan) {
+            return Err(format!("the threshold of `{part}` is a number, either at_most or at_least"));
+        }
+        let (at_most, at_least) = (at_most.unwrap_or(f32::INFINITY), at_least.unwrap_or(f32::NEG_INFINITY));
+        Ok(Condition { part: index, at_most, at_least })
+    }
+}
+
+impl Spec {
+    /// The task's metrics, resolved, in its order.
+    pub fn measures(&self) -> Vec<Measure> {
+        let measure = |metric: &Metric| self.measure(metric).expect("a task is checked when it is read");
+        self.metrics.iter().map(measure).collect()
+    }
+
+    pub(super) fn measure(&self, metric: &Metric) -> Result<Measure, SpecError> {
+        let wrong = |problem: String| SpecError::Metric { name: metric.name.clone(), problem };
+        let scalar = |channel: &Channel| channel.is_of_action() && channel.shape.is_empty();
+        let index = |name: &str| {
+            let found = self.channels.iter().position(|channel| channel.name == name && scalar(channel));
+            found.ok_or_else(|| wrong(format!("`{name}` is no scalar that an action leads to")))
+        };
+        if metric.value.is_some() != metric.all_of.is_empty() {
+            return Err(wrong("it is either the value of a channel or all of some clauses".to_owned()));
+        }
+        let value = metric.value.as_deref().map(index).transpose()?;
+        if value.is_some() && metric.over == Over::Any {
+            return Err(wrong("`any` is of clauses, not of a value".to_owned()));
+        }
+        let clause = |clause: &Clause| Ok((index(&clause.channel)?, clause.at_least, clause.below));
+        let clauses = metric.all_of.iter().map(clause).collect::<Result<_, SpecError>>()?;
+        Ok(Measure { over: metric.over, value, clauses })
+    }
+}

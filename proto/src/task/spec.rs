@@ -1,0 +1,73 @@
+//! A task's declaration, read.
+
+use super::actions::Actions;
+use super::channel::Channel;
+use super::layout::{Field, HEADER_BYTES, Layout};
+use super::metric::Metric;
+use super::reward::{Cost, Label, Reward};
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+/// A task. It is sound: whatever it names is there.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Spec {
+    /// Lower-case, e.g. `arm_point_nav`.
+    pub name: String,
+    /// The most actions that an episode has, and a rebuild takes.
+    pub max_steps: u32,
+    pub actions: Actions,
+    pub channels: Vec<Channel>,
+    /// Rewards that stages can name, beside those of a configuration.
+    pub rewards: Vec<Reward>,
+    /// Weights that rewards name, and that a configuration can set.
+    pub weights: BTreeMap<String, f32>,
+    pub metrics: Vec<Metric>,
+    pub(super) cost: Option<Cost>,
+    pub(super) label: Option<Label>,
+    pub(super) layout: Layout,
+    pub(super) text: String,
+}
+
+impl Spec {
+    /// Where everything lies in a record.
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// A channel and its place.
+    pub fn channel(&self, name: &str) -> Option<(&Channel, Field)> {
+        let index = self.channels.iter().position(|channel| channel.name == name)?;
+        Some((&self.channels[index], self.layout.fields[index]))
+    }
+
+    /// The declaration as it was written, for the run folder.
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+
+    /// Whether two declarations say the same, but for their docs.
+    pub fn means(&self, other: &Self) -> bool {
+        let bare = |spec: &Self| {
+            let mut spec = spec.clone();
+            spec.text.clear();
+            spec.channels.iter_mut().for_each(|channel| channel.doc.clear());
+            spec.metrics.iter_mut().for_each(|metric| metric.doc.clear());
+            spec
+        };
+        bare(self) == bare(other)
+    }
+
+    /// Hash of where everything lies in a record: processes of unlike layouts cannot talk.
+    pub fn layout_hash(&self) -> u64 {
+        let mut text = String::new();
+        let (dtype, count) = self.actions.numbers();
+        let _ = writeln!(text, "header {HEADER_BYTES}\naction {dtype:?} {count}");
+        for (channel, field) in self.channels.iter().zip(&self.layout.fields) {
+            let Channel { name, dtype, shape, sums, .. } = channel;
+            let _ = writeln!(text, "{name} {dtype:?} {shape:?} {sums:?} {}", field.offset);
+        }
+        let digest = Sha256::digest(text);
+        u64::from_le_bytes(digest[..8].try_into().expect("a digest has 32 bytes"))
+    }
+}
