@@ -12,14 +12,13 @@
 //! use proto::run_state::{Ending, RunState};
 //! use report::study::{Origin, Rollout, Run};
 //! use report::{Options, Report};
+//! use std::collections::BTreeMap;
 //!
 //! let run = |seed: u64| {
 //!     let config = Config { seed, ..Config::resolve("demo", None).expect("a preset") };
 //!     let rollout = |index: u64| Rollout {
 //!         frames: 4_400 * index,
-//!         metrics: [(metric::EPISODES, 19.0), (metric::SUCCESS, 0.005 * index as f64)]
-//!             .map(|(name, value)| (name.to_owned(), value))
-//!             .into(),
+//!         metrics: BTreeMap::from([(metric::EPISODES.to_owned(), 19.0), (metric::SUCCESS.to_owned(), 0.01)]).into(),
 //!         ..Rollout::default()
 //!     };
 //!     Run {
