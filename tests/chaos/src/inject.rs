@@ -75,6 +75,8 @@ pub fn carry_out(fault: Fault, folder: &Path, place: &Place, session: &mut Sessi
             }
             wait_for_end(folder)?;
             disk.restore()?;
+            // What had filled the disk before may be back: its end had not reached the disk.
+            place.clear()?;
             landed(killed > 0)
         }
         Fault::KillAgain(who, ms) => match kill_and_await(who, folder, session)? {

@@ -83,7 +83,7 @@ fn tells_of_signals(line: &str, faults: &[Fault]) -> bool {
     if let Some(number) = number_of_deaths(line) {
         return number <= faults.iter().map(deaths).sum();
     }
-    if line.contains(" failed: signal: 9") {
+    if line.contains(" failed: its process was killed by signal 9 ") {
         return any(&|fault| match fault {
             Fault::Kill(who) => *who == Who::Child,
             Fault::KillTwo(one, other) => [one, other].contains(&&Who::Child),
@@ -91,7 +91,7 @@ fn tells_of_signals(line: &str, faults: &[Fault]) -> bool {
         });
     }
     // Of an evaluation; of a suite's run.
-    let ends_stopped = [" stopped", " failed: signal: 15 (SIGTERM)"].iter().any(|end| line.ends_with(end));
+    let ends_stopped = line.ends_with(" stopped") || line.contains(" failed: its process was killed by signal 15 ");
     line.starts_with("stopped after ") && is_stopped
         || ends_stopped && (is_stopped || any(&|fault| *fault == Fault::Terminate(Who::Child)))
 }
@@ -170,7 +170,7 @@ mod tests {
         ),
         ("memory", FAILURE, "error: cannot use the bells in /dev/shm/a: No space left on device (os error 28)"),
         ("few", FAILURE, "error: more actors than open files allow: it may have 48 (the hard limit, `ulimit -Hn`)"),
-        ("child killed", FAILURE, "tiny-5 failed: signal: 9 (SIGKILL) (all it said: suite/logs/tiny-5.log)"),
+        ("child killed", FAILURE, "tiny-5 failed: its process was killed by signal 9 (SIGKILL) (all it said: a.log)"),
         ("child stopped", FAILURE, "tiny-5 stopped"),
         ("deaths", FAILURE, "[   1.2s] ERROR actor-00 died 3 times while the run got no further, last with signal 9"),
         // A warning is no reason.

@@ -140,7 +140,7 @@ impl Place {
             None => self.files.clone(),
             Some(pid) => Path::new("/proc").join(pid.to_string()).join("root").join("dev/shm"),
         };
-        let path = folder.join("filler");
+        let path = folder.join(FILLER);
         let file = File::create(&path).with_context(|| path.display().to_string())?;
         let status = rustix::fs::fstatvfs(&file)?;
         let free = status.f_bavail * status.f_frsize;
@@ -155,6 +155,14 @@ impl Place {
             }
         }
         Ok(Filler { file, path })
+    }
+
+    /// Removes what an earlier full disk has left.
+    pub fn clear(&self) -> Result<()> {
+        match std::fs::remove_file(self.files.join(FILLER)) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error).context("cannot clear a disk"),
+            _ => Ok(()),
+        }
     }
 
     /// A file system of its own goes with it: what is needed to look into a failure is copied.
@@ -182,6 +190,9 @@ impl Drop for Place {
         }
     }
 }
+
+/// File that fills a file system.
+const FILLER: &str = "filler";
 
 /// What fills a file system.
 #[derive(Debug)]
