@@ -5,7 +5,7 @@
 //! Nothing is written of a recording that the simulator does not give as it was recorded.
 
 use crate::replay::film::Outcome;
-use crate::replay::{Theatre, rewards};
+use crate::replay::{Rewards, Theatre};
 use anyhow::{Context, Result, anyhow, ensure};
 use dataset::{About, Episode, Frames, Seen, Source, Step, Writer};
 use picture::{Moment, Scene, Standpoint, Task};
@@ -247,6 +247,7 @@ impl Work<'_> {
 /// An episode while it is simulated.
 struct Telling<'a> {
     config: &'a Config,
+    rewards: Rewards,
     setup: &'a DatasetSetup,
     actions: &'static [Action],
     seen: Vec<Seen>,
@@ -260,7 +261,16 @@ impl<'a> Telling<'a> {
     fn new(work: &Work<'a>, config: &'a Config) -> Self {
         let depth = Frames { name: "depth", side: FRAME_SIDE, is_depth: true, frames: Vec::new() };
         let (actions, setup) = (work.actions, work.setup);
-        Self { config, setup, actions, seen: Vec::new(), steps: Vec::new(), depth, moments: Vec::new() }
+        Self {
+            config,
+            rewards: Rewards::of(config),
+            setup,
+            actions,
+            seen: Vec::new(),
+            steps: Vec::new(),
+            depth,
+            moments: Vec::new(),
+        }
     }
 
     fn moment(
@@ -272,7 +282,7 @@ impl<'a> Telling<'a> {
         if let Some(transition) = transition {
             let action = environment.previous_action().context("an action led here")?;
             let action = self.number(action)?;
-            let (end, rewards) = (environment.end(), rewards(&transition, self.config));
+            let (end, rewards) = (environment.end(), self.rewards.of_step(&transition));
             self.steps.push(Step { action, transition, end, rewards });
         }
         let current = environment.current();

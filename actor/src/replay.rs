@@ -19,6 +19,7 @@ use proto::replay::{
     Aspect, Difference, RecordedEpisode, RecordedStep, ReplayImages, ReplaySetup, ReplayVerdict, STEP_ASPECTS,
     goal_digest, length_m, start_digest,
 };
+use proto::task::Composition;
 use simulator::depth::DepthCamera;
 use simulator::environment::Environment;
 use simulator::episodes::Programme;
@@ -130,6 +131,7 @@ impl Stage<'_> {
             differ(&mut verdict, 0, Aspect::Start);
         }
         watch(environment, camera, None)?;
+        let rewards = Rewards::of(config);
         for (step, (&index, &hash)) in recorded.actions.iter().zip(&recorded.hashes).enumerate() {
             let action =
                 Action::from_index(index).with_context(|| format!("step {step}: there is no action {index}"))?;
@@ -140,7 +142,7 @@ impl Stage<'_> {
             let taken = step as u64 + 1;
             compare(&mut verdict, taken, hash, environment.state_hash());
             if let Some(digests) = recorded.steps.get(step) {
-                let simulated = digests_of(environment, &transition, config);
+                let simulated = digests_of(environment, &transition, &rewards);
                 let aspects = STEP_ASPECTS.into_iter().zip(digests.iter().zip(&simulated));
                 for (aspect, _) in aspects.filter(|(_, (recorded, simulated))| recorded != simulated) {
                     differ(&mut verdict, taken, aspect);
@@ -192,7 +194,7 @@ fn start_of(environment: &Environment) -> u32 {
 }
 
 /// Digests of the step that was just taken, as a recorder would have recorded it.
-fn digests_of(environment: &Environment, transition: &Transition, config: &Config) -> [u32; STEP_ASPECTS.len()] {
+fn digests_of(environment: &Environment, transition: &Transition, rewards: &Rewards) -> [u32; STEP_ASPECTS.len()] {
     let end = environment.end();
     let ends = [end == Some(End::Terminated), end == Some(End::Truncated), end.is_some()];
     let parts = transition.reward;
@@ -204,7 +206,7 @@ fn digests_of(environment: &Environment, transition: &Transition, config: &Confi
         ends,
         target: transition.target,
         progress_m: [parts.wrist_object_progress_m, parts.object_goal_progress_m, parts.disturbance_progress_m],
-        rewards: rewards(transition, config),
+        rewards: rewards.of_step(transition),
         disturbance_m: [transition.disturbance_m, transition.peak_disturbance_m],
         disturbed_objects: transition.disturbed_objects,
         distances_m: [transition.wrist_object_m, transition.object_goal_m],
@@ -212,9 +214,19 @@ fn digests_of(environment: &Environment, transition: &Transition, config: &Confi
     step.digests()
 }
 
-/// r and r′ of a step.
-pub(crate) fn rewards(transition: &Transition, config: &Config) -> [f32; 2] {
-    ["r", "r_prime"].map(|name| config.reward(name).of(|index| transition.reward.part(index), 0.0))
+/// r and r′, as a configuration weighs them.
+pub(crate) struct Rewards([Composition; 2]);
+
+impl Rewards {
+    /// Those of a run.
+    pub fn of(config: &Config) -> Self {
+        Self(["r", "r_prime"].map(|name| config.reward(name)))
+    }
+
+    /// Of a step.
+    pub(crate) fn of_step(&self, transition: &Transition) -> [f32; 2] {
+        self.0.each_ref().map(|reward| reward.of(|index| transition.reward.part(index), 0.0))
+    }
 }
 
 /// Everything of an episode is of its length, or not there.

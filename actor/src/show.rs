@@ -4,6 +4,7 @@
 //! are the poses of each moment, from which every picture is drawn.
 
 use crate::process::whereabouts;
+use crate::replay::Rewards;
 use crate::replay::film::Outcome;
 use anyhow::{Context, Result, ensure};
 use picture::{Moment, Orbit, Scene, Task};
@@ -256,7 +257,8 @@ impl Telling {
         if let Some(hash) = recorded.start_hash {
             self.compare(0, hash, environment.state_hash());
         }
-        self.keep(environment, None, config);
+        let rewards = Rewards::of(config);
+        self.keep(environment, None, &rewards);
         let mut last = None;
         for (step, &index) in recorded.actions.iter().enumerate() {
             let action =
@@ -265,7 +267,7 @@ impl Telling {
             if let Some(&hash) = recorded.hashes.get(step) {
                 self.compare(step as u64 + 1, hash, environment.state_hash());
             }
-            self.keep(environment, Some(&transition), config);
+            self.keep(environment, Some(&transition), &rewards);
             last = Some(transition);
             if environment.ended() {
                 break;
@@ -283,7 +285,7 @@ impl Telling {
     }
 
     /// Keeps the moment that the environment is in.
-    fn keep(&mut self, environment: &Environment, transition: Option<&Transition>, config: &Config) {
+    fn keep(&mut self, environment: &Environment, transition: Option<&Transition>, rewards: &Rewards) {
         let (simulation, current) = (environment.simulation(), environment.current());
         let poses = simulation.things().poses();
         let (mut moved, mut displaced) = (Vec::new(), Vec::new());
@@ -304,7 +306,7 @@ impl Telling {
             moved.push((number, way.length(), [pose.translation.x, pose.translation.z]));
         }
         let parts = transition.map(|transition| transition.reward).unwrap_or_default();
-        let rewards = transition.map_or([0.0; 2], |transition| crate::replay::rewards(transition, config));
+        let rewards = transition.map_or([0.0; 2], |transition| rewards.of_step(transition));
         let [x, z] = current.base_position_m;
         let metres = |vector: [f32; 3]| Vec3::from(vector).length();
         self.shown.push(ShownMoment {

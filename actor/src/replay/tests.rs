@@ -34,7 +34,7 @@ fn recorded(config: &Config, episode: u32, actions: &[Action]) -> RecordedEpisod
         goals.push(goal_digest(holding == 1, if holding == 1 { object_to_goal_m } else { wrist_to_object_m }));
         let transition = environment.step(action);
         hashes.push(environment.state_hash());
-        steps.push(digests_of(&environment, &transition, config));
+        steps.push(digests_of(&environment, &transition, &Rewards::of(config)));
     }
     let actions = actions.iter().map(|action| action.index()).collect();
     RecordedEpisode { environment: id, episode, start_hash, actions, hashes, goals, start, steps }

@@ -76,6 +76,7 @@ impl Config {
                 return Err(wrong(&format!("reward.{name}"), SpecError::Reward { name: name.clone(), problem }));
             }
         }
+        spec.check_rewards(&self.rewards).map_err(|cause| wrong("rewards", cause))?;
         for reward in &self.rewards {
             self.find_reward(&reward.name).map_err(|cause| wrong("rewards", cause))?;
         }
@@ -140,6 +141,14 @@ mod tests {
         assert!(problem.starts_with("mine.toml:2: expected a number"), "{problem}");
         let problem = config("task = \"arm_point_nab\"").unwrap_err();
         assert!(problem.contains("did you mean `arm_point_nav`?"), "{problem}");
+        for (own, expected) in [
+            ("name = \"r\"", "two of the name `r`"),
+            ("name = \"R\"", "name `R`"),
+            ("name = \"mine\"\nconstant = inf", "constant is not a finite number"),
+        ] {
+            let problem = config(&format!("[[rewards]]\n{own}")).unwrap_err();
+            assert!(problem.starts_with("configuration: rewards: ") && problem.contains(expected), "{problem}");
+        }
         let problem = config("stages = [{ name = \"I\", reward = \"s\", frames = 9 }]").unwrap_err();
         assert!(problem.contains("has no reward `s`"), "{problem}");
     }

@@ -15,8 +15,6 @@ pub enum Role {
     Observation,
     /// For viewers and recordings alone.
     State,
-    /// For the critic alone: never part of an exported policy.
-    Privileged,
 }
 
 /// Type of a channel's numbers.

@@ -8,8 +8,6 @@ use serde::{Deserialize, Serialize};
 pub struct Metric {
     /// In files: `episode/NAME` among a run's figures, a column of tables.
     pub name: String,
-    /// In tables that people read, e.g. `SRwoD`.
-    pub label: String,
     /// Over which of an episode's steps.
     pub over: Over,
     /// The channel whose number it is.

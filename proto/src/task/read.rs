@@ -7,16 +7,15 @@ use super::layout::Layout;
 use super::metric::Metric;
 use super::reward::{Cost, Label, Reward};
 use super::spec::Spec;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::LazyLock;
 
 /// A task's declaration, as it is written.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Declaration {
     name: String,
-    max_steps: u32,
     #[serde(default)]
     weights: BTreeMap<String, f32>,
     actions: Actions,
@@ -44,12 +43,15 @@ impl Spec {
     /// Reads a declaration, and checks it.
     pub fn parse(text: &str) -> Result<Self, SpecError> {
         let declaration: Declaration = toml::from_str(text).map_err(|cause| SpecError::Toml(cause.to_string()))?;
-        let Declaration { name, max_steps, weights, actions, channels, rewards, cost, label, metrics } = declaration;
+        let Declaration { name, weights, actions, channels, rewards, cost, label, metrics } = declaration;
         actions.check()?;
         channels.iter().try_for_each(Channel::check)?;
         let (layout, text) = (Layout::of(&actions, &channels), text.to_owned());
-        let spec = Self { name, max_steps, actions, channels, rewards, weights, metrics, cost, label, layout, text };
-        spec.check_names()?;
+        let spec = Self { name, actions, channels, rewards, weights, metrics, cost, label, layout, text };
+        check_names(std::iter::once(&*spec.name))?;
+        check_names(spec.channels.iter().map(|channel| &*channel.name))?;
+        check_names(spec.metrics.iter().map(|metric| &*metric.name))?;
+        spec.check_rewards(&[])?;
         for reward in &spec.rewards {
             spec.composition(&reward.name, &[], &BTreeMap::new())?;
         }
@@ -68,28 +70,23 @@ impl Spec {
         Ok(spec)
     }
 
-    fn check_names(&self) -> Result<(), SpecError> {
-        let sound = |name: &str| {
-            let letter = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_';
-            name.len() <= 64 && name.starts_with(|first: char| first.is_ascii_lowercase()) && name.bytes().all(letter)
-        };
-        let groups: [Vec<&str>; 4] = [
-            vec![&self.name],
-            self.channels.iter().map(|channel| &*channel.name).collect(),
-            self.rewards.iter().map(|reward| &*reward.name).collect(),
-            self.metrics.iter().map(|metric| &*metric.name).collect(),
-        ];
-        for group in groups {
-            let mut seen = BTreeSet::new();
-            for name in group {
-                if !sound(name) {
-                    return Err(SpecError::Name(name.to_owned()));
-                }
-                if !seen.insert(name) {
-                    return Err(SpecError::Double(name.to_owned()));
-                }
-            }
-        }
-        Ok(())
+    /// Refuses rewards of a configuration with a name that is none, or that another one has.
+    pub(crate) fn check_rewards(&self, own: &[Reward]) -> Result<(), SpecError> {
+        check_names(self.rewards.iter().chain(own).map(|reward| &*reward.name))
     }
+}
+
+/// Refuses a name that is none, and one that is there twice.
+fn check_names<'a>(names: impl Iterator<Item = &'a str>) -> Result<(), SpecError> {
+    let letter = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_';
+    let mut seen = BTreeSet::new();
+    for name in names {
+        if name.len() > 64 || !name.starts_with(|first: char| first.is_ascii_lowercase()) || !name.bytes().all(letter) {
+            return Err(SpecError::Name(name.to_owned()));
+        }
+        if !seen.insert(name) {
+            return Err(SpecError::Double(name.to_owned()));
+        }
+    }
+    Ok(())
 }

@@ -8,7 +8,7 @@ use super::spec::Spec;
 use std::collections::BTreeMap;
 
 impl Spec {
-    /// The reward of this name: of `own`, a configuration's, before the task's. `weights`: those that a configuration sets.
+    /// The reward of this name: the task's, or of `own`, a configuration's. `weights`: those that a configuration sets.
     pub fn composition(
         &self,
         name: &str,
@@ -31,6 +31,9 @@ impl Spec {
         let wrong = |problem: String| SpecError::Reward { name: name.to_owned(), problem };
         if depth > own.len() + self.rewards.len() {
             return Err(wrong("its base is itself".to_owned()));
+        }
+        if !reward.constant.is_finite() {
+            return Err(wrong("its constant is not a finite number".to_owned()));
         }
         let mut composition = match &reward.base {
             None => Composition { constant: reward.constant, terms: vec![] },

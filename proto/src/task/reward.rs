@@ -54,7 +54,6 @@ pub enum Weight {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Label {
-    pub name: String,
     pub part: String,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_most: Option<f32>,

@@ -14,8 +14,6 @@ use std::fmt::Write as _;
 pub struct Spec {
     /// Lower-case, e.g. `arm_point_nav`.
     pub name: String,
-    /// The most actions that an episode has, and a rebuild takes.
-    pub max_steps: u32,
     pub actions: Actions,
     pub channels: Vec<Channel>,
     /// Rewards that stages can name, beside those of a configuration.

@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 /// A small task: an image, a vector, a scalar of eight bytes, two parts.
 const SMALL: &str = r#"
 name = "small"
-max_steps = 10
 weights = { price = 2.0 }
 actions = { kind = "box", bounds = [[-1.0, 1.0], [0.0, 2.0]] }
 rewards = [
@@ -15,7 +14,7 @@ rewards = [
     { name = "constrained", base = "r", terms = [["pushed_m", "multiplier"]] },
 ]
 cost = { part = "pushed_m", weight = -1.0 }
-label = { name = "push", part = "pushed_m", at_most = -0.1 }
+label = { part = "pushed_m", at_most = -0.1 }
 
 [[channels]]
 name = "near_m"
@@ -63,21 +62,18 @@ doc = "Whether it is there."
 
 [[metrics]]
 name = "success"
-label = "SR"
 over = "last"
 all_of = [{ channel = "done" }, { channel = "pushed_m", at_least = -0.5, below = 1 }]
 doc = "There, and little pushed."
 
 [[metrics]]
 name = "pushed"
-label = "P"
 over = "sum"
 value = "pushed_m"
 doc = "Pushed in all."
 
 [[metrics]]
 name = "ever"
-label = "E"
 over = "any"
 all_of = [{ channel = "done" }]
 doc = "There once."
@@ -166,6 +162,15 @@ fn the_papers_rewards_have_every_bit_of_its_equations() {
     }
 }
 
+/// Tables of evaluations have this threshold from a constant, figures of training from the declaration.
+#[test]
+fn tables_and_figures_have_one_threshold() {
+    let arm = Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").unwrap();
+    let clauses = arm.metrics.iter().flat_map(|metric| &metric.all_of);
+    let below: Vec<f32> = clauses.filter_map(|clause| clause.below).collect();
+    assert_eq!(below, [crate::reward::UNDISTURBED_THRESHOLD_M]);
+}
+
 #[test]
 fn a_reward_is_its_base_and_its_terms() {
     let spec = small();
@@ -248,12 +253,8 @@ fn a_declaration_that_is_not_sound_is_refused_with_its_place() {
         ("[\"near_m\", 1.0]", "[\"near_m\", true]", "part with its weight"),
         ("value = \"pushed_m\"", "value = \"goal_m\"", "`goal_m` is no scalar"),
         ("over = \"sum\"", "over = \"any\"", "`any` is of clauses"),
-        (
-            "label = { name = \"push\", part = \"pushed_m\"",
-            "label = { name = \"push\", part = \"kind\"",
-            "no part `kind`",
-        ),
-        ("max_steps = 10", "max_step = 10", "max_step"),
+        ("label = { part = \"pushed_m\"", "label = { part = \"kind\"", "no part `kind`"),
+        ("weights = {", "weight = {", "weight"),
     ] {
         let error = refused(from, to);
         assert!(error.contains(problem), "{to}: {error}");
