@@ -1,9 +1,9 @@
-//! Who acts together, tried out while a run trains.
+//! Which actors act together, measured while a run trains.
 //!
-//! A pace changes no bit of a run, only its time, and which one is the faster depends on the machine, the kitchens and
-//! the policy (BENCHMARKS.md, Batching by readiness): where actors set the pace it is better that the fast run ahead, where
+//! A pace changes no bit of a run, only its time. Which one is faster depends on the machine, the kitchens and the
+//! policy (BENCHMARKS.md, Batching by readiness): where actors set the pace it is better that the fast run ahead, where
 //! the GPU does it is better that all go together. So both are timed, now and then, and the faster one is kept. Learners
-//! wait for each other, so all are given the mean of their times, and decide alike.
+//! wait for each other, so all get the mean of their times, and decide alike.
 
 use crate::collector::Pace;
 use std::time::Duration;
