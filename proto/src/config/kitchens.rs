@@ -13,7 +13,7 @@ pub enum KitchenSource {
     Procedural,
 }
 
-/// Kitchens without end. Only `source` matters where that is `built_in`.
+/// Procedural kitchens. Only `source` matters where that is `built_in`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct KitchensConfig {

@@ -51,7 +51,7 @@ pub struct Config {
     /// after the last. Relative to the working directory; a run folder's configuration names its own copies, relative
     /// to itself.
     pub scenes: Vec<String>,
-    /// Kitchens without end instead of the training kitchens.
+    /// Procedural kitchens instead of the training kitchens.
     pub kitchens: KitchensConfig,
     /// Processes and environments.
     pub actors: ActorsConfig,
