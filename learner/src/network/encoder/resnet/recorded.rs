@@ -1,6 +1,5 @@
 //! Passes of training as CUDA graphs. Given to a GPU kernel by kernel, a pass over a small minibatch takes the CPU longer
-//! than the GPU, and beside actors on the same cores one over a large minibatch does, too (BENCHMARKS.md, Tried and
-//! not kept); a graph is one launch.
+//! than the GPU, and beside actors on the same cores one over a large minibatch does, too; a graph is one launch.
 //!
 //! What an encoder computes depends on the number of frames alone, so two graphs do for all passes over as many: the
 //! forward pass, and the backward pass, between which autograd does the rest of the network. They launch the kernels that
