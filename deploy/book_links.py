@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """Links of the book: a preprocessor of mdBook, and with --check DIR a check of the site that it made.
 
-Pages link to one another and to sources as files of the checkout, so that they can be read there. On the site a link to
-a document of the root leads to the chapter that includes it, and one to a source to the repository.
+Pages link to one another and to sources as files of the checkout, so that they can be read there. A page that is one
+line with a link to a document of the root becomes that document on the site; a link to the document leads to it, and
+one to a source to the repository.
 """
 import html.parser
 import json
@@ -14,7 +15,7 @@ import urllib.parse
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 SOURCES = "https://github.com/stillroom/stillroom/blob/main/"
-INCLUDE = re.compile(r"^\{\{#include (\.\./[A-Z]+\.md)\}\}$", re.MULTILINE)
+DOCUMENT = re.compile(r"\A[^\n]*\]\((\.\./[A-Z]+\.md)\)[^\n]*\n*\Z")
 LINK = re.compile(r"(\]\()([^)\s]+)(\))")
 
 
@@ -37,8 +38,8 @@ def main():
     found = list(chapters(book.get("items", book.get("sections", []))))
     included = {}
     for chapter in found:
-        for target in INCLUDE.findall(chapter["content"]):
-            included[posixpath.normpath(posixpath.join("docs", target))] = chapter["path"]
+        if document := DOCUMENT.match(chapter["content"]):
+            included[posixpath.normpath(posixpath.join("docs", document[1]))] = chapter["path"]
     pages = {chapter["path"] for chapter in found}
 
     def site(folder):
@@ -59,13 +60,9 @@ def main():
         return lambda text: LINK.sub(link, text)
 
     for chapter in found:
-        # What is included is rebased first: its links begin at the root.
-        def whole(match):
-            text = (ROOT / "docs" / match.group(1)).read_text(encoding="utf-8")
-            return outside_code(text, site(""))
-
-        if INCLUDE.search(chapter["content"]):
-            chapter["content"] = INCLUDE.sub(whole, chapter["content"])
+        if document := DOCUMENT.match(chapter["content"]):
+            text = (ROOT / "docs" / document[1]).read_text(encoding="utf-8")
+            chapter["content"] = outside_code(text, site(""))
         else:
             chapter["content"] = outside_code(chapter["content"], site("docs"))
     json.dump(book, sys.stdout)

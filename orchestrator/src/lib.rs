@@ -82,8 +82,9 @@ enum Command {
 
 /// The program: reads the command line, does what it asks for; its exit status. `version` is what `--version` prints.
 pub fn main(version: &'static str) -> ExitCode {
-    let matches = CommandLine::command().version(version).get_matches();
-    let line = CommandLine::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    let matches = CommandLine::command().version(version).try_get_matches();
+    let line = matches.and_then(|matches| CommandLine::from_arg_matches(&matches));
+    let line = line.unwrap_or_else(|error| command::tips::with_tip(error).exit());
     showing::terminal::init(line.verbose, Box::new(showing::events::LogLines));
     // Before any child is started: it inherits the limit.
     wire::descriptors::raise_limit();

@@ -111,7 +111,9 @@ enum SplitChoice {
 
 fn procedural(text: &str) -> Result<KitchenRange, String> {
     let range = text.strip_prefix("procedural:");
-    range.ok_or_else(|| format!("`{text}` names no kind of kitchens: procedural:5000..5100"))?.parse()
+    let wanted =
+        || "expected procedural:FIRST..END, for example procedural:5000..5100; --split chooses built-in kitchens";
+    range.ok_or_else(wanted)?.parse()
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]

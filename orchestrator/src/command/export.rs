@@ -37,8 +37,8 @@ pub struct ExportArgs {
     subjects: Vec<PathBuf>,
     /// onnx: a model for onnxruntime and others (operators of version 17); safetensors: a policy file, which `eval` and
     /// `view --policy` take: weights under PyTorch's module paths, and the configuration; npz: an archive of NumPy an
-    /// episode, of which `python -m stillroom.dataset` makes a LeRobotDataset or Parquet tables [default: safetensors
-    /// if --out ends so, onnx otherwise]
+    /// episode, of which `python -m stillroom.dataset` makes a LeRobotDataset or Parquet tables [default: as
+    /// --out ends, .onnx or .safetensors]
     #[arg(long)]
     format: Option<Format>,
     /// With safetensors: the weights as float16 instead of float32, half the bytes
@@ -90,8 +90,15 @@ enum Picture {
 
 impl Format {
     /// What a file of this name is expected to be.
-    fn of(out: &Path) -> Self {
-        if out.extension().is_some_and(|ending| ending == "safetensors") { Self::Safetensors } else { Self::Onnx }
+    fn of(out: &Path) -> Result<Self> {
+        match out.extension().and_then(|ending| ending.to_str()) {
+            Some("safetensors") => Ok(Self::Safetensors),
+            Some("onnx") => Ok(Self::Onnx),
+            _ => bail!(
+                "--out {}: call it policy.onnx (for onnxruntime) or policy.safetensors (PyTorch reads it), or give --format",
+                out.display()
+            ),
+        }
     }
 }
 
@@ -103,7 +110,7 @@ impl EpisodeArgs {
 
 /// Runs the command.
 pub fn run(args: &ExportArgs) -> Result<ExitCode> {
-    let format = args.format.unwrap_or_else(|| Format::of(&args.out));
+    let format = args.format.map_or_else(|| Format::of(&args.out), Ok)?;
     ensure!(!args.half || format == Format::Safetensors, "--half is for --format safetensors");
     match format {
         Format::Onnx | Format::Safetensors => export_policy(args, format).map(|()| ExitCode::SUCCESS),

@@ -8,6 +8,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 use view::data::{Card, Runs};
 
+/// Where runs are unless the user names another place.
+const RUNS: &str = "runs";
+
 /// List runs and evaluations with their state, the newest first
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -15,7 +18,7 @@ use view::data::{Card, Runs};
   orchestrator list /data/runs --json | jq -r '.[] | select(.state == \"running\") | .folder'")]
 pub struct ListArgs {
     /// Folders that hold runs, or runs
-    #[arg(value_name = "DIR", default_value = "runs")]
+    #[arg(value_name = "DIR", default_value = RUNS)]
     folders: Vec<PathBuf>,
     /// Print one JSON array
     #[arg(long)]
@@ -24,10 +27,11 @@ pub struct ListArgs {
 
 /// Runs the command.
 pub fn run(args: &ListArgs) -> Result<()> {
-    for folder in &args.folders {
+    let unused = args.folders == [PathBuf::from(RUNS)] && !args.folders[0].exists();
+    for folder in args.folders.iter().filter(|_| !unused) {
         ensure!(folder.is_dir(), "{} is not a folder: give one that holds runs", folder.display());
     }
-    let cards = Gallery::once(args.folders.clone()).list();
+    let cards = if unused { vec![] } else { Gallery::once(args.folders.clone()).list() };
     if args.json {
         terminal::out_json(&cards)?;
         return Ok(());

@@ -10,17 +10,22 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator man | man -l -                      reads it
+  orchestrator man up | man -l -                   reads that of a command
   orchestrator man man1                            writes orchestrator.1, orchestrator-up.1, ... into the folder man1")]
 pub struct ManArgs {
-    /// Folder for the pages of all commands; it is made if it is not there [default: prints the page of `orchestrator`]
-    #[arg(value_name = "DIR")]
+    /// A command, to print its page; or a folder for the pages of all, which is made if it is not there [default:
+    /// prints the page of `orchestrator`]
+    #[arg(value_name = "COMMAND|DIR")]
     folder: Option<PathBuf>,
 }
 
 /// Runs the command for this command line.
 pub fn run(args: &ManArgs, line: clap::Command) -> Result<()> {
-    let Some(folder) = &args.folder else {
+    let named = args.folder.as_ref().and_then(|name| line.find_subcommand(name));
+    let Some(folder) = args.folder.as_ref().filter(|_| named.is_none()) else {
         let mut page = Vec::new();
+        let line = named
+            .map_or_else(|| line.clone(), |command| command.clone().display_name(format!("orchestrator-{command}")));
         clap_mangen::Man::new(line).render(&mut page).context("the manual page")?;
         let page = String::from_utf8(page).context("the manual page is no text")?;
         terminal::out(page.trim_end());

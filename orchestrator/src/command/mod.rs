@@ -25,6 +25,7 @@ pub mod scale;
 pub mod status;
 pub mod stop;
 pub mod suite;
+pub mod tips;
 pub mod top;
 pub mod up;
 pub mod view;

@@ -29,10 +29,10 @@ pub struct Overrides {
     #[arg(long, value_name = "E", value_parser = clap::value_parser!(u32).range(1..=256))]
     pub envs_per_actor: Option<u32>,
     /// Seed of everything random
-    #[arg(long, value_name = "S", value_parser = one_seed)]
+    #[arg(long, value_name = "S", value_parser = one_seed, allow_negative_numbers = true)]
     pub seed: Option<u64>,
-    /// Frames of the whole run; all stages are scaled in proportion
-    #[arg(long, value_name = "F", value_parser = clap::value_parser!(u64).range(1..))]
+    /// Frames of the whole run (also as 2M or 2e6); all stages are scaled in proportion
+    #[arg(long, value_name = "F", value_parser = frames, allow_negative_numbers = true)]
     pub frames: Option<u64>,
 }
 
@@ -104,11 +104,25 @@ fn one_seed(text: &str) -> Result<u64, String> {
 
 /// Seeds are numbers that TOML, in which configurations are written, can hold.
 pub fn seed(text: &str) -> Result<u64, String> {
-    let seed = text.parse().map_err(|error| format!("{error}"))?;
-    if i64::try_from(seed).is_err() {
-        return Err(format!("must be at most {}", i64::MAX));
-    }
-    Ok(seed)
+    let seed = text.parse().ok().filter(|&seed| i64::try_from(seed).is_ok());
+    seed.ok_or_else(|| format!("a seed is a whole number from 0 to {}", i64::MAX))
+}
+
+/// A number of frames, as people write large numbers.
+pub fn frames(text: &str) -> Result<u64, String> {
+    let plain = text.replace('_', "");
+    let (digits, unit) = match plain.char_indices().last() {
+        Some((at, 'k' | 'K')) => (&plain[..at], 1e3),
+        Some((at, 'M')) => (&plain[..at], 1e6),
+        Some((at, 'G')) => (&plain[..at], 1e9),
+        _ => (&plain[..], 1.0),
+    };
+    // Doubles hold all whole numbers up to here.
+    let exact = |frames: &f64| frames.fract() == 0.0 && (1.0..=2f64.powi(53)).contains(frames);
+    let frames = digits.parse::<f64>().ok().map(|number| number * unit).filter(exact);
+    frames
+        .map(|frames| frames as u64)
+        .ok_or_else(|| "expected a number of frames: 2000000, 2_000_000, 2M or 2e6".into())
 }
 
 /// The preset to use when nobody asks for one.
@@ -140,7 +154,19 @@ mod tests {
     fn several_seeds_are_a_suite() {
         assert_eq!(one_seed("7"), Ok(7));
         assert!(one_seed("1,2,3").unwrap_err().contains("`orchestrator suite FILE --seed 1,2,3`"));
-        assert!(one_seed("x").unwrap_err().contains("invalid digit"));
+        for text in ["x", "-1", "1.5", "9223372036854775808"] {
+            assert_eq!(one_seed(text).unwrap_err(), "a seed is a whole number from 0 to 9223372036854775807", "{text}");
+        }
+    }
+
+    #[test]
+    fn frames_are_read_as_people_write_them() {
+        for (text, expected) in [("7", 7), ("1_000", 1000), ("1e6", 1_000_000), ("2M", 2_000_000), ("1.5k", 1500)] {
+            assert_eq!(frames(text), Ok(expected), "{text}");
+        }
+        for text in ["", "0", "-5", "M", "1.5", "1e99", "nan", "inf", "2m", "1e-3", "2MM"] {
+            assert!(frames(text).unwrap_err().contains("2M or 2e6"), "{text}");
+        }
     }
 
     #[test]

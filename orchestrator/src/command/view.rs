@@ -44,7 +44,7 @@ pub struct ViewArgs {
     #[arg(long, value_name = "N")]
     port: Option<u16>,
     /// Address to listen at
-    #[arg(long, value_name = "IP", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
+    #[arg(long, value_name = "IP", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST), value_parser = ip)]
     address: IpAddr,
     /// Show episodes of two evaluations or runs side by side
     #[arg(long, num_args = 2, value_names = ["A", "B"], conflicts_with = "runs")]
@@ -219,6 +219,13 @@ fn token_in(path: &Path) -> Result<String> {
         path.display()
     );
     Ok(text.to_owned())
+}
+
+fn ip(text: &str) -> Result<IpAddr, String> {
+    text.parse().map_err(|_| match text.parse::<SocketAddr>() {
+        Ok(both) => format!("give the port alone: --address {} --port {}", both.ip(), both.port()),
+        Err(_) => "expected an address of this machine, 127.0.0.1 or 0.0.0.0 for all".to_owned(),
+    })
 }
 
 /// The address that a browser opens.

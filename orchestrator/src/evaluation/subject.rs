@@ -6,6 +6,7 @@
 //! all of it itself.
 
 use crate::run::checkpoints::newest_whole;
+use crate::run::identity::perhaps;
 use anyhow::{Context, Result, bail, ensure};
 use export::Policy;
 use proto::config::Config;
@@ -98,10 +99,19 @@ pub fn network_differences(theirs: &Config, ours: &Config) -> Result<Vec<String>
     Ok(differences)
 }
 
-/// Finds the weights that `path` means.
-pub fn find(path: &Path) -> Result<Source> {
-    let path = RunFolder::through_best(std::path::absolute(path).with_context(|| path.display().to_string())?);
-    ensure!(path.exists(), "{} does not exist", path.display());
+/// Finds the weights that a path means.
+pub fn find(named: &Path) -> Result<Source> {
+    let path = RunFolder::through_best(std::path::absolute(named).with_context(|| named.display().to_string())?);
+    if !path.exists() {
+        let run = path.parent().map(RunFolder::new).filter(|_| path.ends_with("best"));
+        ensure!(
+            run.is_none_or(|run| !run.identity().exists()),
+            "{} does not exist: the run has no validation, which would choose it (`--set validation.every_frames=N`); \
+             the run's folder means its newest checkpoint",
+            path.display()
+        );
+        bail!("{} does not exist{}", path.display(), perhaps(named));
+    }
     let is_tensors = path.extension().is_some_and(|kind| kind == "safetensors");
     if is_tensors && !path.is_dir() && !path.with_extension("json").is_file() {
         let policy = Box::new(export::open(&path)?);
@@ -112,6 +122,12 @@ pub fn find(path: &Path) -> Result<Source> {
 
 fn find_checkpoint(path: &Path) -> Result<Found> {
     let named = RunFolder::new(if path.is_dir() { path } else { path.parent().unwrap_or(path) });
+    ensure!(
+        path.extension().is_none_or(|kind| kind != "onnx"),
+        "{} is a model for other programs, without its run's configuration: give the run, or a policy file \
+         (`orchestrator export RUN --out policy.safetensors`)",
+        path.display()
+    );
     let manifest = if path.is_dir() {
         let checkpoints = path.join("checkpoints");
         let place = if checkpoints.is_dir() { checkpoints.as_path() } else { path };
@@ -126,7 +142,7 @@ fn find_checkpoint(path: &Path) -> Result<Found> {
     ensure!(
         RolloutName::Manifest.rollout_of(&manifest).is_some() && named.has(&manifest),
         "{} is no checkpoint (those are called rollout-00000012.json) and no policy file (.safetensors)",
-        manifest.display()
+        path.display()
     );
     let mut folders = manifest.ancestors().skip(1).take(3);
     let Some(run) = folders.find(|folder| folder.join("config.toml").is_file()) else {

@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Read;
+use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 use wire::{WireAddress, is_run_id};
 
@@ -158,7 +159,7 @@ impl Identity {
                     );
                 }
                 if !folder.root().exists() {
-                    bail!("{root} does not exist: no run began there")
+                    bail!("{root} does not exist: no run began there{}", perhaps(folder.root()))
                 }
                 bail!("{root} is not a run folder: it has no run.toml")
             }
@@ -305,6 +306,12 @@ impl Moment {
 /// Whether a folder holds an evaluation: one that was cut off is made anew, not gone on with.
 pub fn is_evaluation(folder: &RunFolder) -> bool {
     Config::of_run(folder).is_ok_and(|config| config.evaluation.is_some())
+}
+
+/// Which run is probably meant by a path that is not there: one of that name where runs are.
+pub fn perhaps(path: &Path) -> String {
+    let there = Path::new("runs").join(path);
+    if path.is_relative() && there.is_dir() { format!(" (did you mean {}?)", quoted(&there)) } else { String::new() }
 }
 
 /// Seconds since 1970.

@@ -31,7 +31,7 @@ pub enum SettingError {
     UnknownKey {
         /// The last part of the key that is unknown.
         key: String,
-        /// The closest valid key.
+        /// The keys that end so, or the closest valid one.
         nearest: Option<String>,
     },
     /// A value of the wrong type.
@@ -81,8 +81,31 @@ impl FromStr for Setting {
         if let Some(&(key, instead)) = elsewhere.iter().find(|(key, _)| *key == first) {
             return Err(SettingError::SaidElsewhere { key, instead });
         }
-        Self::new(key, value_of(value)?)
+        Self::new(key, value_of(value)?).map_err(|error| match error {
+            SettingError::UnknownKey { key: unknown, nearest } => {
+                let ending = if unknown == key { ending_in(key) } else { None };
+                SettingError::UnknownKey { key: unknown, nearest: ending.or(nearest) }
+            }
+            other => other,
+        })
     }
+}
+
+/// The keys whose last part is this name.
+fn ending_in(name: &str) -> Option<String> {
+    fn collect(table: &Table, path: &str, name: &str, found: &mut Vec<String>) {
+        for (key, value) in table {
+            let path = format!("{path}{key}");
+            match value {
+                Value::Table(inner) => collect(inner, &format!("{path}."), name, found),
+                _ if key == name => found.push(path),
+                _ => {}
+            }
+        }
+    }
+    let mut found = vec![];
+    collect(&Config::default().to_table(), "", name, &mut found);
+    (!found.is_empty()).then(|| found.join("` or `"))
 }
 
 /// The value as TOML; a bare word that is no TOML is a string.
@@ -162,6 +185,11 @@ mod tests {
     fn mistakes_are_named() {
         assert_eq!(problem("ppo.lerning_rate=1"), "unknown key `lerning_rate` (did you mean `learning_rate`?)");
         assert_eq!(problem("ppoo.epochs=1"), "unknown key `ppoo` (did you mean `ppo`?)");
+        assert_eq!(problem("device=cuda"), "unknown key `device` (did you mean `learner.device`?)");
+        assert_eq!(
+            problem("learning_rate=1e-3"),
+            "unknown key `learning_rate` (did you mean `ppo.learning_rate` or `reward.lagrangian.learning_rate`?)"
+        );
         for (text, expected) in [
             ("ppo.epochs=four", "expected a whole number from 0 to 4294967295, found \"four\""),
             ("ppo.epochs=-1", "expected a whole number from 0 to 4294967295, found `-1`"),

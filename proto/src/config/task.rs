@@ -105,15 +105,15 @@ mod tests {
     /// The example of docs/own-parts.md: a reward in the configuration, no code.
     #[test]
     fn a_reward_by_count_takes_its_price_once_whatever_the_distance() {
-        // ANCHOR: count
         let text = r#"
+        # ANCHOR: count
         stages = [{ name = "I", reward = "r_count", frames = 1000 }]
         [[rewards]]
         name = "r_count"
         base = "r"
         terms = [{ part = "disturbance_progress_m", at_most = -0.001, weight = -0.5 }]
+        # ANCHOR_END: count
         "#;
-        // ANCHOR_END: count
         let config = config(text).unwrap();
         let spec = config.spec();
         let after = |progress_m: f32| {

@@ -1,10 +1,12 @@
 //! Calls into C that no crate makes for us.
 
-/// Ignores SIGINT for the rest of the process.
-pub fn ignore_interrupt() {
-    // SAFETY: SIG_IGN installs no handler, so nothing can run at a bad moment; the arguments are valid constants.
-    unsafe {
-        libc::signal(libc::SIGINT, libc::SIG_IGN);
+/// Ignores signals that ask a process to end, or to save, for the rest of the process.
+pub fn ignore_requests() {
+    for signal in [libc::SIGINT, libc::SIGTERM, libc::SIGHUP, libc::SIGUSR1] {
+        // SAFETY: SIG_IGN installs no handler, so nothing can run at a bad moment; the arguments are valid constants.
+        unsafe {
+            libc::signal(signal, libc::SIG_IGN);
+        }
     }
 }
 

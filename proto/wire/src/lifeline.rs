@@ -10,10 +10,11 @@ use std::os::fd::AsFd;
 /// Watches standard input on a thread of its own and calls `gone` when it ends, whatever the main thread is doing, also
 /// if it is blocked in shared memory for good.
 ///
-/// Makes Ctrl-C pass this process by: the terminal sends it to every process in the foreground, and only the
-/// orchestrator acts on it.
+/// Makes Ctrl-C and requests to end pass this process by: a terminal sends them to every process in the foreground, Slurm
+/// to every process of a job that it preempts, and only the orchestrator acts on them. It still needs this process to
+/// save.
 pub fn hold(gone: impl FnOnce() + Send + 'static) -> std::io::Result<()> {
-    ffi::ignore_interrupt();
+    ffi::ignore_requests();
     watch(std::io::stdin(), gone)
 }
 

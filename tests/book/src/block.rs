@@ -65,9 +65,14 @@ impl Block {
         self.info.split(',').next().unwrap_or_default()
     }
 
+    /// What it is a copy of: path from the root, and the name of an anchor in that file behind a colon.
+    pub fn from(&self) -> Option<&str> {
+        self.info.split(',').find_map(|attribute| attribute.strip_prefix("from="))
+    }
+
     /// What becomes of it, if it holds commands.
     pub fn how(&self) -> How {
-        let mut attributes = self.info.split(',').skip(1);
+        let mut attributes = self.info.split(',').skip(1).filter(|attribute| !attribute.starts_with("from="));
         match (attributes.next(), attributes.next()) {
             (Some("run"), None) => How::Run,
             (Some("run=small"), None) => How::RunSmall,

@@ -2,7 +2,8 @@
 //! all settings as it has to be.
 //!
 //! Every block of shell commands says what becomes of it: `sh,run` is run as it stands, `sh,run=small` with a tiny
-//! network and few frames for `orchestrator up`, `sh,norun=REASON` is not run.
+//! network and few frames for `orchestrator up`, `sh,norun=REASON` is not run. A block with `from=PATH:ANCHOR` is a copy of
+//! that source.
 
 mod block;
 mod page;
@@ -10,7 +11,7 @@ mod settings;
 mod types;
 
 pub use block::{Block, How, REASONS};
-pub use page::{Page, links, pages};
+pub use page::{Page, links, pages, source};
 pub use settings::settings_page;
 pub use types::Types;
 
@@ -46,8 +47,8 @@ pub enum BookError {
         /// Its type.
         kind: String,
     },
-    /// What is included is not there.
-    #[error("{page} includes {target}, where there is no anchor `{anchor}`")]
+    /// What is copied is not there.
+    #[error("{page} copies {target}, where there is no anchor `{anchor}`")]
     NoAnchor {
         /// The page.
         page: String,

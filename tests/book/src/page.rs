@@ -10,7 +10,7 @@ pub struct Page {
     pub path: String,
     /// Its title in the summary.
     pub title: String,
-    /// Its text, with other documents that it includes.
+    /// Its text, or that of the document of the root that it stands for.
     pub text: String,
 }
 
@@ -27,7 +27,7 @@ pub fn pages(root: &Path) -> Result<Vec<Page>, BookError> {
     links(&summary)
         .into_iter()
         .map(|(title, path)| {
-            let text = whole(root, &path, &read(&root.join("docs").join(&path))?)?;
+            let text = whole(root, read(&root.join("docs").join(&path))?)?;
             Ok(Page { path, title, text })
         })
         .collect()
@@ -44,28 +44,20 @@ pub fn links(text: &str) -> Vec<(String, String)> {
     found
 }
 
-/// A page's text with the documents that it includes; of what else it includes, it is checked that it is there.
-fn whole(root: &Path, page: &str, text: &str) -> Result<String, BookError> {
-    let mut result = String::new();
-    for line in text.lines() {
-        let included = line.trim().strip_prefix("{{#include ").and_then(|rest| rest.strip_suffix("}}"));
-        let document = match included {
-            Some(target) => {
-                let is_document = Path::new(target).extension().is_some_and(|ending| ending == "md");
-                Some(part(root, page, target)?).filter(|_| is_document)
-            }
-            None => None,
-        };
-        result.push_str(document.as_deref().unwrap_or(line));
-        result.push('\n');
+/// A page's text; of a page that is one line with a link to a document of the root, that document.
+fn whole(root: &Path, text: String) -> Result<String, BookError> {
+    let mut targets = links(&text).into_iter().map(|(_, target)| target);
+    match (text.trim_end().lines().count(), targets.next()) {
+        (1, Some(target)) => read(&root.join("docs").join(target)),
+        _ => Ok(text),
     }
-    Ok(result)
 }
 
-/// What `{{#include TARGET}}` puts into a page: a file, or what stands between `ANCHOR: name` and `ANCHOR_END: name`.
-fn part(root: &Path, page: &str, target: &str) -> Result<String, BookError> {
+/// The source that a block is a copy of: a file, or what stands between `ANCHOR: name` and `ANCHOR_END: name` in it, as
+/// far to the left as it goes. `target`: path from the root, and `:name`.
+pub fn source(root: &Path, page: &str, target: &str) -> Result<String, BookError> {
     let (path, anchor) = target.split_once(':').map_or((target, None), |(path, anchor)| (path, Some(anchor)));
-    let text = read(&root.join("docs").join(path))?;
+    let text = read(&root.join(path))?;
     let Some(anchor) = anchor else { return Ok(text) };
     let missing = || BookError::NoAnchor { page: page.to_owned(), target: path.to_owned(), anchor: anchor.to_owned() };
     let is = |mark: &str, line: &str| {
@@ -75,7 +67,9 @@ fn part(root: &Path, page: &str, target: &str) -> Result<String, BookError> {
     lines.find(|line| is("ANCHOR:", line)).ok_or_else(missing)?;
     let rest: Vec<&str> = lines.collect();
     let end = rest.iter().position(|line| is("ANCHOR_END:", line)).filter(|&end| end > 0).ok_or_else(missing)?;
-    Ok(rest[..end].join("\n"))
+    let indented = |line: &&str| line.len() - line.trim_start().len();
+    let margin = rest[..end].iter().filter(|line| !line.is_empty()).map(indented).min().unwrap_or(0);
+    Ok(rest[..end].iter().map(|line| format!("{}\n", line.get(margin..).unwrap_or_default())).collect())
 }
 
 #[cfg(test)]
@@ -92,9 +86,9 @@ mod tests {
     #[test]
     fn an_anchor_that_is_not_there_is_an_error() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-        assert!(part(&root, "a.md", "../README.md").unwrap().contains("Stillroom"));
-        let missing = part(&root, "a.md", "../README.md:nowhere").unwrap_err().to_string();
+        assert!(source(&root, "a.md", "README.md").unwrap().contains("Stillroom"));
+        let missing = source(&root, "a.md", "README.md:nowhere").unwrap_err().to_string();
         assert!(missing.contains("no anchor `nowhere`"), "{missing}");
-        assert!(part(&root, "a.md", "../nothing.md").is_err());
+        assert!(source(&root, "a.md", "nothing.md").is_err());
     }
 }

@@ -1,7 +1,7 @@
-//! The book is whole: its pages are in the summary, what they include is there, their commands say whether they are
+//! The book is whole: its pages are in the summary, what they copy is as its source, their commands say whether they are
 //! run, and the page of all settings is what the types say.
 
-use book::{Block, How, Types, links, pages, settings_page};
+use book::{Block, How, Types, links, pages, settings_page, source};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -65,12 +65,28 @@ fn every_block_of_commands_says_whether_it_is_run() {
 #[test]
 fn blocks_of_toml_are_toml() {
     for page in pages(&root()).unwrap() {
-        let written = |block: &Block| block.language() == "toml" && !block.text.starts_with("{{#include ");
-        for block in page.blocks().into_iter().filter(written) {
+        for block in page.blocks().into_iter().filter(|block| block.language() == "toml") {
             let parsed: Result<toml::Table, _> = block.text.parse();
             assert!(parsed.is_ok(), "docs/{}:{}: {}", page.path, block.line, parsed.unwrap_err());
         }
     }
+}
+
+/// Copied and not included, so that a page is whole where nothing renders it.
+#[test]
+fn a_copied_block_is_as_its_source() {
+    let root = root();
+    let mut copies = 0;
+    for page in pages(&root).unwrap() {
+        for block in page.blocks() {
+            let Some(from) = block.from() else { continue };
+            let source = source(&root, &page.path, from).unwrap();
+            assert_eq!(block.text, source, "docs/{}:{} is not as {from}", page.path, block.line);
+            copies += 1;
+        }
+        assert!(!page.text.contains("{{#"), "docs/{}: nothing fills this in on a code host", page.path);
+    }
+    assert!(copies >= 5, "{copies} blocks were compared");
 }
 
 /// What a `diff` changes stands in the sources: context and removed lines, one after the other.

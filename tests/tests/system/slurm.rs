@@ -125,6 +125,19 @@ fn a_job_is_queued_again_until_its_run_is_complete() {
     run.assert_nothing_left();
 }
 
+/// Slurm sends SIGTERM to every process of a job that it preempts, at the beginning of the grace time.
+#[test]
+fn a_job_that_is_preempted_is_saved_and_queued_again() {
+    let cluster = Cluster::new();
+    let job = cluster.start();
+    let everyone = cluster.run().processes("");
+    assert!(everyone.len() >= 2 + 2 + 4, "orchestrators, learners and actors: {everyone:?}");
+    everyone.into_iter().for_each(|process| signal(process, Signal::TERM));
+    assert_queued(&finish(job), "saved: the job is queued again");
+    assert_eq!(cluster.queued(), 1);
+    cluster.run().assert_nothing_left();
+}
+
 #[test]
 fn a_job_that_saves_nothing_is_not_queued_for_ever() {
     let cluster = Cluster::new();

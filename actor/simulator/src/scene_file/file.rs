@@ -78,6 +78,9 @@ const ROLES: &str = "`floor`, `fixed`, `surface`, `movable`, `ignore`";
 impl SceneFile {
     /// Reads a file.
     pub fn open(path: &Path) -> Result<Self, Problem> {
+        if path.extension().is_some_and(|kind| kind == "glb" || kind == "gltf") {
+            return Err(Problem::Geometry);
+        }
         let text = bounded::read_text(path).map_err(|cause| Problem::Unreadable { cause: cause.to_string() })?;
         let mut file: Self = toml::from_str(&text).map_err(|error: toml::de::Error| Problem::Toml {
             line: error.span().map_or(0, |span| text[..span.start].matches('\n').count() + 1),

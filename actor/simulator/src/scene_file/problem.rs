@@ -56,6 +56,11 @@ pub enum Problem {
         /// Why.
         cause: String,
     },
+    /// It is not the TOML file.
+    #[error(
+        "is geometry alone: give the scene's TOML file, which names it and says which node is floor (docs/scenes.md)"
+    )]
+    Geometry,
     /// The TOML file is not as it should be.
     #[error("line {line}: {problem}")]
     Toml {
