@@ -15,7 +15,7 @@ use proto::config::Config;
 use proto::dataset::{DatasetAnswer, DatasetRequest, DatasetSetup, Keep, PictureKind};
 use proto::replay::ReplayVerdict;
 use simulator::depth::DepthCamera;
-use simulator::environment::Environment;
+use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::Transition;
 use std::collections::BTreeMap;
 use std::io::{BufRead, Write};

@@ -10,10 +10,10 @@ use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::{KitchenId, Split};
 use proto::reward::UNDISTURBED_THRESHOLD_M;
-use simulator::environment::Environment;
-use simulator::episode::Episode;
 use simulator::kitchen::Kitchen;
+use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::check;
+use simulator::tasks::arm_point_nav::episode::Episode;
 use std::io::Write;
 use std::sync::Arc;
 
@@ -147,7 +147,7 @@ fn episodes(kitchen: &Kitchen, config: &Config, settings: &Settings) -> Result<V
         let sample = |number| Episode::sample(kitchen, &config.episode, config.seed, id, number);
         return Ok((0..settings.episodes).map(sample).collect());
     }
-    let mut fixed = simulator::episodes::fixed(kitchen)?;
+    let mut fixed = simulator::tasks::arm_point_nav::episodes::fixed(kitchen)?;
     ensure!(count <= fixed.len(), "kitchen {} has {} fixed episodes, not {count}", kitchen.id(), fixed.len());
     fixed.truncate(count);
     Ok(fixed)

@@ -21,11 +21,11 @@ use proto::replay::{
 };
 use proto::task::Composition;
 use simulator::depth::DepthCamera;
-use simulator::environment::Environment;
-use simulator::episodes::Programme;
 use simulator::kitchen::Kitchen;
 use simulator::source;
+use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::Transition;
+use simulator::tasks::arm_point_nav::episodes::Programme;
 use std::collections::BTreeMap;
 use std::io::{BufRead, Write};
 use std::path::PathBuf;
@@ -97,7 +97,7 @@ impl Theatre {
         let (kitchen, programme, camera) =
             self.kitchens.get_mut(&id.kitchen).context("the kitchen was just put there")?;
         match &mut self.stage {
-            Some((on_stage, environment)) if *on_stage == id => programme.start(environment, id, recorded.episode),
+            Some((on_stage, environment)) if *on_stage == id => environment.start_episode(recorded.episode),
             stage => *stage = Some((id, programme.environment(kitchen, id, recorded.episode, &self.config)?)),
         }
         let (_, environment) = self.stage.as_mut().context("the environment was just put there")?;

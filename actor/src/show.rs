@@ -20,12 +20,13 @@ use proto::show::{
 };
 use rapier3d::math::Vec3;
 use simulator::depth::DepthCamera;
-use simulator::environment::{DISTURBED_AXIS_M, Environment};
-use simulator::episode::GOAL_TOLERANCE_M;
-use simulator::episodes::Programme;
+use simulator::environment::DISTURBED_AXIS_M;
 use simulator::kitchen::Kitchen;
 use simulator::source;
+use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::Transition;
+use simulator::tasks::arm_point_nav::episode::GOAL_TOLERANCE_M;
+use simulator::tasks::arm_point_nav::episodes::Programme;
 use std::io::{BufRead, Write};
 use std::path::PathBuf;
 use std::sync::Arc;

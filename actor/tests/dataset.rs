@@ -8,8 +8,8 @@ use proto::dataset::{DatasetAnswer, DatasetRequest, DatasetSetup, Keep};
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::replay::{Aspect, Difference, RecordedEpisode};
-use simulator::environment::Environment;
 use simulator::source;
+use simulator::tasks::arm_point_nav::Environment;
 use std::path::Path;
 use std::sync::Arc;
 

@@ -3,7 +3,7 @@
 use numpy::{PyArray3, PyArrayMethods, PyReadwriteArray3};
 use pyo3::prelude::*;
 use simulator::depth::DepthCamera;
-use simulator::environment::Environment;
+use simulator::tasks::arm_point_nav::Environment;
 
 /// The frames' array: environments, rows, columns.
 pub enum Frames {

@@ -8,10 +8,10 @@ use proto::config::Config;
 use proto::episode::EnvironmentId;
 use serde::{Deserialize, Serialize};
 use simulator::depth::DepthCamera;
-use simulator::environment::Environment;
-use simulator::episode::Episode;
-use simulator::episodes::{self, EpisodesError};
+use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::Transition;
+use simulator::tasks::arm_point_nav::episode::Episode;
+use simulator::tasks::arm_point_nav::episodes::{self, EpisodesError};
 use std::sync::Arc;
 
 /// Where episodes come from. Each kind counts its own.

@@ -21,10 +21,10 @@ use moment::Moment;
 use plan::{Carriage, Stands};
 use proto::action::Action;
 use rapier3d::math::Vec3;
-use simulator::environment::Environment;
-use simulator::episode::Episode;
 use simulator::kitchen::Kitchen;
 use simulator::robot::configuration::Configuration;
+use simulator::tasks::arm_point_nav::Environment;
+use simulator::tasks::arm_point_nav::episode::Episode;
 use space::{Care, Space};
 use std::collections::VecDeque;
 

@@ -2,11 +2,11 @@
 
 use proto::action::Action;
 use rapier3d::math::{Pose3, Vec3};
-use simulator::environment::Environment;
-use simulator::episode::Episode;
 use simulator::kitchen::Kitchen;
 use simulator::robot::configuration::Configuration;
 use simulator::robot::links::{HAND, part_poses};
+use simulator::tasks::arm_point_nav::Environment;
+use simulator::tasks::arm_point_nav::episode::Episode;
 
 /// One moment of an episode, of an environment or only thought of.
 #[derive(Debug, Clone)]

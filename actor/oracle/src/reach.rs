@@ -99,7 +99,7 @@ impl<'a> Aim<'a> {
                 .and_then(|poses| space.held_pose(&poses))
                 .is_some_and(|pose| {
                     (pose.translation - *goal).abs().max_element()
-                        <= simulator::episode::GOAL_TOLERANCE_M - GOAL_SPARE_M
+                        <= simulator::tasks::arm_point_nav::episode::GOAL_TOLERANCE_M - GOAL_SPARE_M
                 }),
         }
     }

@@ -7,7 +7,7 @@ use super::model::Model;
 use super::moment::{Moment, Task};
 use super::visible::{NOTHING, Visible};
 use simulator::depth::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};
-use simulator::episode::GOAL_TOLERANCE_M;
+use simulator::tasks::arm_point_nav::episode::GOAL_TOLERANCE_M;
 
 /// Depth that is drawn black, millimetres.
 const BLACK_MM: u32 = 5_000;

@@ -1,9 +1,9 @@
 //! A moment of an episode, as pictures need it, and what the episode is about.
 
 use rapier3d::math::{Pose3, Vec3};
-use simulator::environment::Environment;
 use simulator::kitchen::Kitchen;
 use simulator::robot::links::PartPoses;
+use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::Transition;
 
 /// Moments whose places the outside camera is chosen for.

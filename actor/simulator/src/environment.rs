@@ -1,67 +1,67 @@
-//! One environment: an episode of the task in a kitchen. An action's outcome is a [`Transition`], the present
-//! observation a [`Current`].
+//! An environment as the actor process runs it, whatever the task; and what all environments in kitchens have in common.
 
 use crate::depth::{Backdrop, DepthCamera};
-use crate::episode::{Episode, at_goal};
 use crate::kitchen::Kitchen;
-use crate::physics::geometry::rotation_y;
 use crate::robot::configuration::Configuration;
 use crate::robot::links::world_from_camera;
-use crate::simulation::{Settling, Simulation, Substep};
-use crate::tasks::arm_point_nav::{Current, RewardParts, Transition};
-use proto::action::Action;
+use crate::simulation::{Settling, Simulation, Start, Substep};
 use proto::camera::SUMS_PIXELS;
-use proto::config::{Config, EpisodeConfig};
-use proto::episode::EnvironmentId;
+use proto::config::Config;
 use proto::record::End;
-use proto::reward::OBJECT_DISPLACEMENT_CAP_M;
 use rapier3d::math::{Pose3, Vec3};
 use std::sync::Arc;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// An object that moved further than this on some axis is disturbed, metres (reference).
 pub const DISTURBED_AXIS_M: f32 = 0.01;
+/// Displacement of one object counts at most this much, metres.
+pub const OBJECT_DISPLACEMENT_CAP_M: f32 = 10.0;
 
-/// Sub-steps of one piece of work of [`Environment::prepare`].
+/// Sub-steps of one piece of work of [`Base::prepare`].
 const SUBSTEPS_AT_ONCE: u32 = 8;
 
-/// Why an environment could not be made.
-#[derive(Debug, thiserror::Error)]
-pub enum EnvironmentError {
-    /// The kitchen is not the one the environment belongs to.
-    #[error("environment of kitchen {wanted} was given kitchen {given}")]
-    WrongKitchen {
-        /// The environment's kitchen.
-        wanted: proto::kitchen::KitchenId,
-        given: proto::kitchen::KitchenId,
-    },
+/// One environment of a task. The same configuration, environment, episode and actions give the same bits everywhere.
+pub trait Environment: Send {
+    /// Resets to the start of the environment's episode with this number.
+    fn begin(&mut self, number: u32);
+
+    /// Prepares that start, by a piece of work of about a quarter of a millisecond. Returns whether there is more to do.
+    /// The episode is the same without it.
+    fn prepare(&mut self, number: u32) -> bool;
+
+    /// Takes one action and writes what it did: the bytes are those of a record's action, and of its parts and outcomes.
+    /// It never resets the environment: [`Base::end`] shows when the episode has ended.
+    ///
+    /// # Panics
+    /// If the episode has ended, or the task has no such action.
+    fn act(&mut self, action: &[u8], done: &mut [u8]);
+
+    /// Writes what is seen now: these are the bytes of a record's observations and states, but for images.
+    fn observe(&self, seen: &mut [u8]);
+
+    /// What it has in common with the environments of other tasks.
+    fn base(&self) -> &Base;
+
+    fn base_mut(&mut self) -> &mut Base;
 }
 
-/// One environment: episode, physics world, robot and reward parts.
+/// The kitchen during an episode: its simulation, what was disturbed in it, and what its camera has seen.
 #[derive(Debug, Clone)]
-pub struct Environment {
+pub struct Base {
     kitchen: Arc<Kitchen>,
-    id: EnvironmentId,
-    seed: u64,
-    settings: EpisodeConfig,
     substeps: u32,
+    max_steps: u32,
     // The number that state hashes have.
     hashed_number: u32,
-    episode: Episode,
-    target: usize,
-    simulation: Simulation,
+    start: Start,
+    pub(crate) simulation: Simulation,
     // Position of every movable thing at step 0.
     origins: Vec<Vec3>,
     step: u32,
-    previous_action: Option<Action>,
     end: Option<End>,
-    // Distances after the last step; none before the first, whose progress is 0 by definition.
-    distances: Option<Distances>,
     displacement: Displacement,
     // Which movable things have been disturbed at some step of this episode.
     ever_disturbed: Vec<bool>,
-    peak_disturbance_m: f64,
-    peak_farthest_m: f32,
     // The revision of the things' poses that the disturbance was counted in.
     counted_revision: u32,
     // What the camera has seen stand still, and the bodies' poses of the last frame. Empty until the first.
@@ -77,105 +77,58 @@ pub struct Environment {
 #[derive(Debug, Clone)]
 struct Ahead {
     number: u32,
-    episode: Episode,
+    start: Start,
     settling: Settling,
 }
 
-/// How far everything movable but the target is from where it stood at step 0.
+/// How far everything movable, but what was set down, is from where it stood at step 0.
 #[derive(Debug, Clone, Copy, Default)]
-struct Displacement {
+pub struct Displacement {
     /// d: the sum, metres.
-    total_m: f64,
+    pub total_m: f64,
     /// Things further than [`DISTURBED_AXIS_M`] away on some axis.
-    disturbed: u32,
+    pub disturbed: u32,
     /// The farthest, metres.
-    farthest_m: f32,
+    pub farthest_m: f32,
 }
 
-#[derive(Debug, Clone, Copy)]
-struct Distances {
-    wrist_object_m: f32,
-    object_goal_m: f32,
-}
-
-impl Environment {
-    /// An environment at the start of its episode 0.
-    pub fn new(kitchen: Arc<Kitchen>, id: EnvironmentId, config: &Config) -> Result<Self, EnvironmentError> {
-        let episode = Episode::sample(&kitchen, &config.episode, config.seed, id, 0);
-        Self::checked(kitchen, id, config, 0, episode)
-    }
-
-    /// An environment at the start of a given episode, if this is its kitchen.
-    pub(crate) fn checked(
-        kitchen: Arc<Kitchen>,
-        id: EnvironmentId,
-        config: &Config,
-        episode_number: u32,
-        episode: Episode,
-    ) -> Result<Self, EnvironmentError> {
-        if kitchen.id() == id.kitchen {
-            Ok(Self::with_episode(kitchen, id, config, episode_number, episode))
-        } else {
-            Err(EnvironmentError::WrongKitchen { wanted: id.kitchen, given: kitchen.id() })
-        }
-    }
-
-    /// An environment at the start of a given episode: evaluation and tests choose their own.
-    pub fn with_episode(
-        kitchen: Arc<Kitchen>,
-        id: EnvironmentId,
-        config: &Config,
-        episode_number: u32,
-        episode: Episode,
-    ) -> Self {
-        let simulation = begin(&kitchen, config.simulation.substeps, &episode).finish();
-        let target = kitchen.target_movable(episode.category);
-        let mut environment = Self {
+impl Base {
+    /// The kitchen at the start of an episode of this number.
+    pub(crate) fn new(kitchen: Arc<Kitchen>, config: &Config, number: u32, start: Start) -> Self {
+        let substeps = config.simulation.substeps;
+        let simulation = Settling::new(Arc::clone(&kitchen), substeps, start).finish();
+        let mut base = Self {
             kitchen,
-            id,
-            seed: config.seed,
-            settings: config.episode,
-            substeps: config.simulation.substeps,
-            hashed_number: episode_number,
-            episode,
-            target,
+            substeps,
+            max_steps: config.episode.max_steps,
+            hashed_number: number,
+            start,
             simulation,
             origins: Vec::new(),
             step: 0,
-            previous_action: None,
             end: None,
-            distances: None,
             displacement: Displacement::default(),
             ever_disturbed: Vec::new(),
-            peak_disturbance_m: 0.0,
-            peak_farthest_m: 0.0,
             counted_revision: 0,
             backdrop: Backdrop::default(),
             world_from_bodies: Vec::new(),
             ahead: None,
             past: None,
         };
-        environment.begin_counting();
-        environment
+        base.begin_counting();
+        base
     }
 
-    /// Resets to the settled kitchen and samples the episode with this number.
-    pub fn start_episode(&mut self, episode: u32) {
-        self.begin_episode(episode, Episode::sample(&self.kitchen, &self.settings, self.seed, self.id, episode));
-    }
-
-    /// Resets to the settled kitchen and begins a given episode under this number.
-    pub fn begin_episode(&mut self, number: u32, episode: Episode) {
-        self.episode = episode;
-        self.hashed_number = number;
-        self.target = self.kitchen.target_movable(self.episode.category);
-        match self.ahead.take().filter(|ahead| ahead.number == number && ahead.episode == self.episode) {
+    /// Resets to the settled kitchen and begins an episode under this number.
+    pub(crate) fn begin(&mut self, number: u32, start: Start) {
+        (self.hashed_number, self.start) = (number, start);
+        match self.ahead.take().filter(|ahead| ahead.number == number && ahead.start == start) {
             Some(ahead) => {
                 // Whoever prepares has time for that, too.
                 let past = std::mem::replace(&mut self.simulation, ahead.settling.finish());
                 self.past = Some(Box::new(past));
             }
-            None => self.simulation = begin(&self.kitchen, self.substeps, &self.episode).finish(),
+            None => self.simulation = Settling::new(Arc::clone(&self.kitchen), self.substeps, start).finish(),
         }
         self.begin_counting();
     }
@@ -185,23 +138,17 @@ impl Environment {
         self.hashed_number = number;
     }
 
-    /// Prepares the start of the episode that [`Environment::start_episode`] begins with this number, by a piece of work
-    /// of about a quarter of a millisecond. Returns whether there is more to do. The episode is the same without it.
-    pub fn prepare_episode(&mut self, number: u32) -> bool {
-        self.prepare(number, |it| Episode::sample(&it.kitchen, &it.settings, it.seed, it.id, number))
-    }
-
-    /// The same for [`Environment::begin_episode`].
-    pub fn prepare(&mut self, number: u32, episode: impl FnOnce(&Self) -> Episode) -> bool {
+    /// A piece of work of [`Environment::prepare`] for an episode of this number that starts so.
+    pub(crate) fn prepare(&mut self, number: u32, start: impl FnOnce(&Kitchen) -> Start) -> bool {
         if self.past.take().is_some() {
             return true;
         }
         match &mut self.ahead {
             Some(ahead) if ahead.number == number => !ahead.settling.advance(SUBSTEPS_AT_ONCE),
             _ => {
-                let episode = episode(self);
-                let settling = begin(&self.kitchen, self.substeps, &episode);
-                self.ahead = Some(Box::new(Ahead { number, episode, settling }));
+                let start = start(&self.kitchen);
+                let settling = Settling::new(Arc::clone(&self.kitchen), self.substeps, start);
+                self.ahead = Some(Box::new(Ahead { number, start, settling }));
                 true
             }
         }
@@ -218,88 +165,27 @@ impl Environment {
         self.origins.extend(self.simulation.things().poses().iter().map(|pose| pose.translation));
         self.counted_revision = self.simulation.things().revision();
         self.step = 0;
-        self.previous_action = None;
         self.end = None;
-        self.distances = None;
         self.displacement = Displacement::default();
         self.ever_disturbed.clear();
         self.ever_disturbed.resize(self.origins.len(), false);
-        self.peak_disturbance_m = 0.0;
-        self.peak_farthest_m = 0.0;
     }
 
-    /// Takes one action. It never resets the environment; [`Self::end`] shows when the episode has ended.
-    ///
-    /// # Panics
-    /// If the episode has ended: the caller starts the next one first.
-    pub fn step(&mut self, action: Action) -> Transition {
-        assert!(!self.ended(), "the episode has ended: start the next one before the next action");
-        let was_holding = self.simulation.holding();
-        let succeeded = self.act(action);
-        let holding = self.simulation.holding();
-        let done = action == Action::DoneMidLevel;
+    /// Counts an action that was carried out, and what it displaced. `done`: it ends the episode. Returns the displacement
+    /// before it, and now.
+    pub(crate) fn count(&mut self, done: bool) -> [Displacement; 2] {
         self.step += 1;
-        self.previous_action = Some(action);
-        self.end =
-            if done { Some(End::Terminated) } else { (self.step >= self.settings.max_steps).then_some(End::Truncated) };
-
-        let now = Distances {
-            wrist_object_m: (self.simulation.wrist() - self.target_position()).length(),
-            object_goal_m: (self.target_position() - self.episode.goal).length(),
-        };
-        let before = self.distances.replace(now).unwrap_or(now);
-        let disturbance_before_m = self.displacement.total_m;
+        self.end = if done { Some(End::Terminated) } else { (self.step >= self.max_steps).then_some(End::Truncated) };
+        let before = self.displacement;
         let revision = self.simulation.things().revision();
         if std::mem::replace(&mut self.counted_revision, revision) != revision {
             self.displacement = self.measure_displacement();
         }
-        let Displacement { total_m: disturbance_m, disturbed, farthest_m } = self.displacement;
-        self.peak_disturbance_m = self.peak_disturbance_m.max(disturbance_m);
-        self.peak_farthest_m = self.peak_farthest_m.max(farthest_m);
-        let one_if = |condition: bool| f32::from(u8::from(condition));
-        Transition {
-            reward: RewardParts {
-                wrist_object_progress_m: before.wrist_object_m - now.wrist_object_m,
-                object_goal_progress_m: before.object_goal_m - now.object_goal_m,
-                disturbance_progress_m: (disturbance_before_m - disturbance_m) as f32,
-                failed_action: one_if(!succeeded),
-                picked_up: one_if(holding && !was_holding),
-                goal_success: one_if(done && succeeded),
-            },
-            disturbance_m: disturbance_m as f32,
-            peak_disturbance_m: self.peak_disturbance_m as f32,
-            wrist_object_m: now.wrist_object_m,
-            object_goal_m: now.object_goal_m,
-            disturbed_objects: disturbed,
-            ever_disturbed_objects: self.ever_disturbed.iter().filter(|&&ever| ever).count() as u32,
-            farthest_m,
-            peak_farthest_m: self.peak_farthest_m,
-            held: u32::from(holding),
-            target: u32::from(self.episode.category.index()),
-        }
-    }
-
-    /// What is seen now.
-    pub fn current(&self) -> Current {
-        let configuration = self.simulation.configuration();
-        let (wrist, target, goal) = (self.simulation.wrist(), self.target_position(), self.episode.goal);
-        let robot_from_world = rotation_y(-configuration.yaw_rad());
-        Current {
-            wrist_to_object_m: (robot_from_world * (target - wrist)).to_array(),
-            object_to_goal_m: (robot_from_world * (goal - target)).to_array(),
-            holding: u32::from(self.simulation.holding()),
-            current_target: u32::from(self.episode.category.index()),
-            base_position_m: [configuration.x_m, configuration.z_m],
-            base_yaw_rad: configuration.yaw_rad(),
-            camera_pitch_rad: configuration.camera_pitch_rad(),
-            wrist_position_m: wrist.to_array(),
-            target_position_m: target.to_array(),
-            goal_position_m: goal.to_array(),
-        }
+        [before, self.displacement]
     }
 
     /// Hash of everything that can be seen of the state: episode, step, every movable thing's pose, velocity and sleep
-    /// flag (of one that is held its pose alone), the robot's configuration, and whether it holds the target. The
+    /// flag (of one that is held its pose alone), the robot's configuration, and whether it holds something. The
     /// solver's own memory (contacts, islands) is not in it; where that differs, a later hash does.
     pub fn state_hash(&self) -> u64 {
         let configuration = self.simulation.configuration();
@@ -376,22 +262,22 @@ impl Environment {
         &self.kitchen
     }
 
-    /// The task.
-    pub fn episode(&self) -> &Episode {
-        &self.episode
-    }
-
-    /// Total displacement after the last step of everything movable but the target, metres.
+    /// Total displacement after the last step of everything movable but what was set down, metres.
     pub fn disturbance_m(&self) -> f32 {
         self.displacement.total_m as f32
     }
 
-    /// How far each movable thing is from where it stood at step 0, metres, capped as in the sum; 0 of the target.
+    /// How far each movable thing is from where it stood at step 0, metres, capped as in the sum; 0 of what was set down.
     pub fn displacements_m(&self) -> impl Iterator<Item = f32> + '_ {
         let poses = self.simulation.things().poses();
         self.origins.iter().zip(poses).enumerate().map(|(movable, (origin, pose))| {
-            if movable == self.target { 0.0 } else { displacement_m(pose.translation - *origin) }
+            if self.counts(movable) { displacement_m(pose.translation - *origin) } else { 0.0 }
         })
+    }
+
+    /// Things that were disturbed after some step of this episode so far.
+    pub fn ever_disturbed(&self) -> u32 {
+        self.ever_disturbed.iter().filter(|&&ever| ever).count() as u32
     }
 
     /// Whether the episode has ended.
@@ -404,14 +290,9 @@ impl Environment {
         self.end
     }
 
-    /// The last action of this episode; none before the first.
-    pub fn previous_action(&self) -> Option<Action> {
-        self.previous_action
-    }
-
     /// Actions after which an episode ends at the latest.
     pub fn max_steps(&self) -> u32 {
-        self.settings.max_steps
+        self.max_steps
     }
 
     /// The robot's configuration.
@@ -434,43 +315,16 @@ impl Environment {
         self.simulation.take_substeps()
     }
 
-    /// Carries an action out; whether it succeeded.
-    fn act(&mut self, action: Action) -> bool {
-        match action {
-            Action::PickUpMidLevel => self.simulation.pick_up(self.target),
-            Action::DoneMidLevel => {
-                let holding = self.simulation.holding();
-                self.simulation.idle();
-                holding && at_goal(self.target_position(), self.episode.goal)
-            }
-            Action::LookUp | Action::LookDown => match self.simulation.configuration().after(action) {
-                Some(next) => {
-                    self.simulation.look(next);
-                    true
-                }
-                None => self.stand_still(),
-            },
-            _ => match self.simulation.configuration().after(action) {
-                Some(next) => self.simulation.perform(next),
-                None => self.stand_still(),
-            },
-        }
+    /// Whether a thing's displacement counts.
+    fn counts(&self, movable: usize) -> bool {
+        self.start.set_down.is_none_or(|(target, _)| target != movable)
     }
 
-    fn target_position(&self) -> Vec3 {
-        self.simulation.movable_pose(self.target).translation
-    }
-
-    fn stand_still(&mut self) -> bool {
-        self.simulation.idle();
-        false
-    }
-
-    /// Looks at all movable things but the target, and notes which are disturbed.
+    /// Looks at all movable things that count, and notes which are disturbed.
     fn measure_displacement(&mut self) -> Displacement {
         let mut displacement = Displacement::default();
         for (movable, (origin, pose)) in self.origins.iter().zip(self.simulation.things().poses()).enumerate() {
-            if movable == self.target {
+            if !self.counts(movable) {
                 continue;
             }
             let moved = pose.translation - *origin;
@@ -490,13 +344,6 @@ impl Environment {
 /// How far a thing that was moved like this is from where it stood, capped, metres.
 fn displacement_m(moved: Vec3) -> f32 {
     moved.length().min(OBJECT_DISPLACEMENT_CAP_M)
-}
-
-fn begin(kitchen: &Arc<Kitchen>, substeps: u32, episode: &Episode) -> Settling {
-    let Episode { category, start, stand, .. } = episode;
-    let target = kitchen.target_movable(*category);
-    let configuration = Configuration::start(stand.x_m, stand.z_m, stand.yaw_ticks);
-    Settling::new(Arc::clone(kitchen), substeps, configuration, target, *start)
 }
 
 #[cfg(test)]

@@ -1,12 +1,12 @@
-//! The simulator: kitchens, robot, physics, a depth camera, and the environment of the task. A library without
+//! The simulator: kitchens, robot, physics, a depth camera, and the environments of the tasks. A library without
 //! processes: the rollout actor is one user of it, what proves, shows and measures is another.
 //!
-//! [`environment::Environment`] is the whole surface of the task. It is made in a kitchen, begins episodes, takes
-//! actions, returns what they did, and renders what the head camera sees:
+//! [`environment::Environment`] is what an actor needs of a task, [`tasks`] are those that there are. An environment is
+//! made in a kitchen, begins episodes, takes actions, returns what they did, and renders what the head camera sees:
 //!
 //! ```
 //! use proto::{action::Action, camera::FRAME_SIDE, config::Config, episode::EnvironmentId, kitchen::KitchenId};
-//! use simulator::{depth::DepthCamera, environment::Environment, kitchen::Kitchen};
+//! use simulator::{depth::DepthCamera, kitchen::Kitchen, tasks::arm_point_nav::Environment};
 //!
 //! let config = Config::default();
 //! let id = EnvironmentId { kitchen: KitchenId::new(7)?, number: 0 };
@@ -27,8 +27,6 @@
 
 pub mod depth;
 pub mod environment;
-pub mod episode;
-pub mod episodes;
 pub mod gltf_file;
 pub mod kitchen;
 pub mod mesh;

@@ -13,7 +13,7 @@
 
 mod settling;
 
-pub use settling::Settling;
+pub use settling::{Settling, Start};
 
 use crate::kitchen::Kitchen;
 use crate::physics::geometry::length;

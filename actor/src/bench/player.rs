@@ -7,8 +7,9 @@ use proto::config::Config;
 use proto::episode::EnvironmentId;
 use rapier3d::math::Pose3;
 use simulator::depth::DepthCamera;
-use simulator::environment::{Environment, EnvironmentError};
 use simulator::kitchen::Kitchen;
+use simulator::tasks::OpenError;
+use simulator::tasks::arm_point_nav::Environment;
 use std::hint::black_box;
 use std::sync::Arc;
 
@@ -37,7 +38,7 @@ impl Player {
         config: &Config,
         kind: PolicyKind,
         episodes: u32,
-    ) -> Result<Self, EnvironmentError> {
+    ) -> Result<Self, OpenError> {
         assert!(episodes > 0, "a player plays at least one episode");
         let mut environment = Environment::new(Arc::clone(kitchen), id, config)?;
         let mut written = Vec::new();

@@ -3,7 +3,7 @@
 use proto::action::{Action, ActionSpace};
 use proto::episode::EnvironmentId;
 use proto::random::{Key, Purpose};
-use simulator::environment::Environment;
+use simulator::tasks::arm_point_nav::Environment;
 use std::fmt;
 use std::str::FromStr;
 

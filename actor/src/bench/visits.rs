@@ -7,7 +7,7 @@ use proto::config::{Config, KitchenSource};
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use simulator::depth::Scenery;
-use simulator::environment::Environment;
+use simulator::tasks::arm_point_nav::Environment;
 use std::io::Write;
 use std::path::Path;
 use std::time::{Duration, Instant};

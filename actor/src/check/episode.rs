@@ -7,10 +7,10 @@ use crate::parallel::in_parallel;
 use oracle::Leg;
 use proto::config::Config;
 use rapier3d::math::Vec3;
-use simulator::episode::{Episode, at_goal};
 use simulator::kitchen::Kitchen;
 use simulator::robot::configuration::Configuration;
-use simulator::simulation::{CONTACT_TOLERANCE_M, OTHERS_DRIFT_M, Settling, Simulation};
+use simulator::simulation::{CONTACT_TOLERANCE_M, OTHERS_DRIFT_M, Settling, Simulation, Start};
+use simulator::tasks::arm_point_nav::episode::{Episode, at_goal};
 use std::sync::Arc;
 
 /// A target that is set down comes to rest within this distance, metres.
@@ -72,7 +72,8 @@ pub fn check(kitchen: &Arc<Kitchen>, config: &Config, episode: &Episode) -> Resu
     let robot = Configuration::start(stand.x_m, stand.z_m, stand.yaw_ticks);
     let substeps = config.simulation.substeps;
     for place in [episode.start, episode.goal] {
-        let simulation = Settling::new(Arc::clone(kitchen), substeps, robot, target, place).finish();
+        let start = Start { robot, set_down: Some((target, place)) };
+        let simulation = Settling::new(Arc::clone(kitchen), substeps, start).finish();
         rests(kitchen, &simulation, target, place)?;
         if simulation.depth_in_fixed_m() > CONTACT_TOLERANCE_M {
             return Err(Problem::StartPose);

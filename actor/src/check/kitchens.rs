@@ -9,13 +9,13 @@ use proto::kitchen::{KitchenId, Split, TargetCategory};
 use rapier3d::geometry::Aabb;
 use rapier3d::math::Vec3;
 use rapier3d::parry::bounding_volume::BoundingVolume;
-use simulator::environment::Environment;
-use simulator::episode::Episode;
-use simulator::episodes::{self, EpisodesError};
 use simulator::kitchen::layout::Plan;
 use simulator::kitchen::overlap::{Overlap, overlaps};
 use simulator::kitchen::{CONNECTED_LEAST, Kitchen, SPOTS_LEAST, ithor, likeness};
 use simulator::physics::geometry::Solid;
+use simulator::tasks::arm_point_nav::Environment;
+use simulator::tasks::arm_point_nav::episode::Episode;
+use simulator::tasks::arm_point_nav::episodes::{self, EpisodesError};
 use std::io::Write;
 use std::sync::Arc;
 

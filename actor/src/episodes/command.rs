@@ -4,9 +4,9 @@ use super::draw;
 use crate::check::episode::verdicts;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
-use simulator::episodes::format::File;
-use simulator::episodes::{EPISODES_PER_KITCHEN, FILE_HASH, fixed, kitchens};
 use simulator::kitchen::Kitchen;
+use simulator::tasks::arm_point_nav::episodes::format::File;
+use simulator::tasks::arm_point_nav::episodes::{EPISODES_PER_KITCHEN, FILE_HASH, fixed, kitchens};
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -61,7 +61,10 @@ fn generate(path: &Path) -> Result<()> {
     let hash = xxh3_64(&bytes);
     writeln!(out, "{}: {} bytes, hash {hash:#018x}", path.display(), bytes.len())?;
     if hash != FILE_HASH {
-        writeln!(out, "to be put into actor/simulator/src/episodes/fixed.rs as FILE_HASH (now {FILE_HASH:#018x})")?;
+        writeln!(
+            out,
+            "to be put into actor/simulator/src/tasks/arm_point_nav/episodes/fixed.rs as FILE_HASH (now {FILE_HASH:#018x})"
+        )?;
     }
     Ok(())
 }

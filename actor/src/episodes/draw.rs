@@ -5,9 +5,9 @@ use crate::parallel::in_parallel;
 use proto::config::Config;
 use proto::kitchen::KitchenId;
 use proto::random::{Key, Purpose};
-use simulator::episodes::format::{Record, Section};
-use simulator::episodes::{EPISODES_PER_KITCHEN, category, episode_of, fingerprint};
 use simulator::kitchen::Kitchen;
+use simulator::tasks::arm_point_nav::episodes::format::{Record, Section};
+use simulator::tasks::arm_point_nav::episodes::{EPISODES_PER_KITCHEN, category, episode_of, fingerprint};
 use std::sync::Arc;
 
 /// Seed of the fixed episodes.

@@ -6,9 +6,10 @@ use proto::config::Config;
 use proto::episode::EnvironmentId;
 use rapier3d::math::Pose3;
 use simulator::depth::DepthCamera;
-use simulator::environment::{Environment, EnvironmentError};
 use simulator::kitchen::Kitchen;
 use simulator::simulation::Substep;
+use simulator::tasks::OpenError;
+use simulator::tasks::arm_point_nav::Environment;
 use std::sync::Arc;
 
 /// An episode from its start to its end.
@@ -47,7 +48,7 @@ pub fn record(
     config: &Config,
     kind: PolicyKind,
     frame_limit: usize,
-) -> Result<Trace, EnvironmentError> {
+) -> Result<Trace, OpenError> {
     let id = EnvironmentId { kitchen: kitchen.id(), number: 0 };
     let mut environment = Environment::new(Arc::clone(kitchen), id, config)?;
     let mut trace = Trace { world_from_movables: movable_poses(&environment), ..Trace::default() };

@@ -1,161 +1,130 @@
-//! The environments of one actor: stepping them, rebuilding them, and showing what they see.
+//! The environments of one actor: stepping them, rebuilding them, and showing what they see. Whatever the task, and
+//! wherever they are.
 
-use super::larder::{Larder, Opened, Order};
+use super::larder::Larder;
+use super::scenes::Scenes;
 use super::whereabouts;
 use anyhow::{Context, Result, bail, ensure};
-use proto::action::{Action, HOLD};
-use proto::camera::{FRAME_SIDE, SUMS_PIXELS, WINDOW};
+use proto::action::HOLD;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::random::{Key, Purpose};
-use proto::record::{RecordHeader, flag};
-use proto::rota::Rota;
+use proto::record::RecordHeader;
 use proto::task::Layout;
-use simulator::depth::{DepthCamera, Scenery};
 use simulator::environment::Environment;
-use simulator::episodes::Programme;
-use simulator::kitchen::Body;
-use simulator::tasks::arm_point_nav::{self, Transition};
 use std::collections::VecDeque;
 use std::ops::Range;
 use wire::message::EnvironmentState;
 
-/// The kitchen that an environment goes to next is opened when so many episodes before that one are left: early enough
-/// that they take longer than opening it, late enough that few such kitchens wait.
-const OPENED_AHEAD: u32 = 3;
-
-/// Bits of [`RecordHeader::bulk`]: the frame, and its sums.
-const WHOLE: u32 = 1;
-const SUMS: u32 = 1 << 1;
-
 /// All environments of an actor.
 pub struct Environments {
     running: Vec<Running>,
-    /// The camera that they share. It holds the kitchen that all are in; or none of theirs, while each environment has
-    /// its own scenery for it.
-    camera: DepthCamera,
-    sceneries: Vec<Scenery>,
-    /// Where everything lies in a record.
-    layout: &'static Layout,
-    /// Whether frames are sent as their sums: where the network averages its input over such windows.
-    sums: bool,
-    course: Course,
+    scenes: Scenes,
+    engine: Engine,
     /// Environments whose next episode's start may be prepared further, first to last.
     unprepared: VecDeque<usize>,
 }
 
-/// Where environments play what.
-struct Course {
-    config: Config,
-    rota: Rota,
-    programme: Programme,
-    larder: Larder,
+/// What holds for all of them.
+struct Engine {
+    /// Where everything lies in a record.
+    layout: &'static Layout,
+    /// How many actions the task has.
+    actions: usize,
+    seed: u64,
+    /// Share of the episodes whose frames are recorded.
+    recorded: f64,
 }
 
 /// One environment in its current episode.
 struct Running {
-    /// What it is called where its kitchen does not matter.
+    /// What it is called wherever it is.
     home: EnvironmentId,
-    /// The same with the kitchen that it is in.
+    /// The same with the scene that it is in.
     id: EnvironmentId,
-    environment: Environment,
+    environment: Box<dyn Environment>,
     /// What the last exchange did, and which episode and state it led to.
     header: RecordHeader,
     /// The last action, 0 if none was taken; and that before what is seen now, 0 at an episode's start.
     actions: [u8; 2],
-    transition: Transition,
+    /// What the last action did: parts and outcomes, as in a record.
+    done: Vec<u8>,
 }
 
-impl Course {
-    /// An environment in the kitchen of this episode, at its start; and what the camera shows of that kitchen, if each
-    /// environment has its own.
-    fn enter(&self, home: EnvironmentId, episode: u32) -> Result<(EnvironmentId, Environment, Option<Scenery>)> {
-        let id = self.rota.place(home, episode);
-        let Opened { kitchen, scenery } = self.larder.take(home.number, id.kitchen)?;
-        let environment = self
-            .programme
-            .environment(&kitchen, id, episode, &self.config)
-            .with_context(|| format!("cannot set up environment {} of kitchen {}", id.number, id.kitchen))?;
-        let scenery = self.rota.moves().then(|| scenery.unwrap_or_else(|| Scenery::of(kitchen.bodies())));
-        Ok((id, environment, scenery))
-    }
-
+impl Engine {
     /// Whether the frames of an episode are recorded.
     fn records(&self, id: EnvironmentId, episode: u32) -> bool {
-        let Config { seed, recording, .. } = &self.config;
-        let key = Key::episode(*seed, Purpose::Recording, id.kitchen, id.number, episode);
-        recording.enabled && key.stream().uniform_open() < recording.depth_share
+        let key = Key::episode(self.seed, Purpose::Recording, id.kitchen, id.number, episode);
+        key.stream().uniform_open() < self.recorded
     }
 
-    /// Has the kitchen that the environment goes to after this episode made as soon as that is known, and opened when it
-    /// is near.
-    fn look_ahead(&self, home: EnvironmentId, episode: u32, just_entered: bool) {
-        let Some((then, next)) = self.rota.next_move(home, episode) else { return };
-        let open = then - episode <= OPENED_AHEAD;
-        if open || just_entered {
-            self.larder.order(Order { environment: home.number, kitchen: next.kitchen, open });
+    /// Notes that an environment is at the start of an episode.
+    fn begin(&self, running: &mut Running, episode: u32) {
+        let records = self.records(running.id, episode);
+        running.header.begin(episode, running.environment.base().state_hash(), records);
+        running.actions[1] = 0;
+    }
+
+    /// Begins an episode, in another scene where it is there.
+    fn start(&self, running: &mut Running, scenes: &mut Scenes, episode: u32) -> Result<()> {
+        let place = scenes.place(running.home, episode);
+        whereabouts::enter(place, episode);
+        let moves = place != running.id;
+        if moves {
+            let index = running.header.environment as usize;
+            (running.id, running.environment) = scenes.enter(index, running.home, episode)?;
+        } else {
+            running.environment.begin(episode);
         }
+        scenes.look_ahead(running.home, episode, moves);
+        self.begin(running, episode);
+        Ok(())
+    }
+
+    /// Takes an action; after the last one of an episode the environment stands at the start of the next. False if the
+    /// task has no such action.
+    fn act(&self, running: &mut Running, scenes: &mut Scenes, action: u8) -> Result<bool> {
+        if usize::from(action) >= self.actions {
+            return Ok(false);
+        }
+        whereabouts::enter(running.id, running.header.episode);
+        running.environment.act(&[action], &mut running.done);
+        let base = running.environment.base();
+        let end = base.end();
+        running.actions = [action; 2];
+        running.header.act(base.state_hash(), end);
+        if end.is_some() {
+            let next = running.next_episode().expect("four billion episodes outlast any run");
+            self.start(running, scenes, next)?;
+        }
+        Ok(true)
     }
 }
 
 impl Running {
-    /// Begins an episode; its scenery is another one where that is in another kitchen.
-    fn start(&mut self, course: &Course, scenery: Option<&mut Scenery>, episode: u32) -> Result<()> {
-        let place = course.rota.place(self.home, episode);
-        whereabouts::enter(place, episode);
-        let moves = place.kitchen != self.id.kitchen;
-        if moves {
-            let (id, environment, entered) = course.enter(self.home, episode)?;
-            (self.id, self.environment) = (id, environment);
-            if let Some((scenery, entered)) = scenery.zip(entered) {
-                *scenery = entered;
-            }
-        } else {
-            course.programme.start(&mut self.environment, self.id, episode);
-        }
-        course.look_ahead(self.home, episode, moves);
-        self.header.begin(episode, self.environment.state_hash(), course.records(self.id, episode));
-        self.actions[1] = 0;
-        Ok(())
-    }
-
-    /// Takes an action; after the last one of an episode the environment stands at the start of the next.
-    fn act(&mut self, course: &Course, scenery: Option<&mut Scenery>, action: Action) -> Result<()> {
-        whereabouts::enter(self.id, self.header.episode);
-        self.transition = self.environment.step(action);
-        let end = self.environment.end();
-        self.actions = [action.index(); 2];
-        self.header.act(self.environment.state_hash(), end);
-        if end.is_some() {
-            let next = self.next_episode().expect("four billion episodes outlast any run");
-            self.start(course, scenery, next)?;
-        }
-        Ok(())
-    }
-
     /// Nothing was done.
     fn hold(&mut self) {
         self.header.hold();
         self.actions[0] = 0;
-        self.transition = Transition::default();
+        self.done.fill(0);
     }
 
     fn next_episode(&self) -> Option<u32> {
         self.header.episode.checked_add(1)
     }
 
-    /// Does a piece of the next episode's start. Returns whether there is more to do. One in another kitchen, of which
-    /// there is one in every `kitchens.episodes_each`, is not prepared.
-    fn prepare(&mut self, course: &Course) -> bool {
+    /// Does a piece of the next episode's start. Returns whether there is more to do. One in another scene, of which there
+    /// is one in every `kitchens.episodes_each`, is not prepared.
+    fn prepare(&mut self, scenes: &Scenes) -> bool {
         let Some(next) = self.next_episode() else { return false };
-        let place = course.rota.place(self.home, next);
+        let place = scenes.place(self.home, next);
         whereabouts::enter(place, next);
-        if place.kitchen != self.id.kitchen {
-            self.environment.forget_past();
+        if place != self.id {
+            self.environment.base_mut().forget_past();
             return false;
         }
-        course.programme.prepare(&mut self.environment, place, next)
+        self.environment.prepare(next)
     }
 }
 
@@ -163,47 +132,43 @@ impl Environments {
     /// The environments of actor `actor`, each in its episode 0; with `kitchen` all in that one instead of their own.
     pub fn new(larder: Larder, kitchen: Option<KitchenId>, actor: u32, config: &Config) -> Result<Self> {
         let count = config.actors.environments_per_actor;
-        let rota = config.rota();
         let homes: Vec<EnvironmentId> = (0..count)
             .map(|index| {
                 let home = EnvironmentId::among(config.kitchens(), actor, index, count);
                 EnvironmentId { kitchen: kitchen.unwrap_or(home.kitchen), ..home }
             })
             .collect();
-        if rota.moves() {
-            order_all(&larder, homes.iter().map(|&home| rota.place(home, 0)).collect());
+        let mut scenes = Scenes::of(larder, config)?;
+        scenes.order(homes.iter().map(|&home| scenes.place(home, 0)));
+        let spec = config.spec();
+        let engine = Engine {
+            layout: spec.layout(),
+            actions: spec.actions.names().len(),
+            seed: config.seed,
+            recorded: if config.recording.enabled { config.recording.depth_share } else { 0.0 },
+        };
+        let mut running = Vec::new();
+        for (index, home) in homes.into_iter().enumerate() {
+            let (id, environment) = scenes.enter(index, home, 0)?;
+            scenes.look_ahead(home, 0, true);
+            let header = RecordHeader { environment: index as u32, ..RecordHeader::default() };
+            let done = vec![0; engine.layout.of_action.len()];
+            let mut one = Running { home, id, environment, header, actions: [0; 2], done };
+            engine.begin(&mut one, 0);
+            running.push(one);
         }
-        let home = *homes.first().context("an actor has environments")?;
-        let first = larder.take(home.number, rota.place(home, 0).kitchen)?;
-        let programme = Programme::of(config, &first.kitchen)?;
-        let course = Course { programme, config: config.clone(), rota, larder };
-        let (mut running, mut sceneries) = (Vec::new(), Vec::new());
-        for home in homes {
-            let (id, environment, scenery) = course.enter(home, 0)?;
-            course.look_ahead(home, 0, true);
-            let mut header = RecordHeader { environment: running.len() as u32, ..RecordHeader::default() };
-            header.begin(0, environment.state_hash(), course.records(id, 0));
-            running.push(Running { home, id, environment, header, actions: [0; 2], transition: Transition::default() });
-            sceneries.extend(scenery);
-        }
-        let shared: &[Body] = if sceneries.is_empty() { first.kitchen.bodies() } else { &[] };
-        let (unprepared, sums) = ((0..running.len()).collect(), config.network.input_pool as usize == WINDOW);
-        let layout = course.config.spec().layout();
-        Ok(Self { camera: DepthCamera::new(shared), sceneries, layout, sums, running, course, unprepared })
+        ensure!(!running.is_empty(), "an actor has environments");
+        Ok(Self { unprepared: (0..running.len()).collect(), running, scenes, engine })
     }
 
-    /// Triangles that the camera has to choose from, in the first environment's kitchen.
+    /// Triangles that the camera has to choose from, in the first environment's scene.
     pub fn triangles(&mut self) -> usize {
-        let Some(scenery) = self.sceneries.first_mut() else { return self.camera.triangles() };
-        self.camera.exchange(scenery);
-        let triangles = self.camera.triangles();
-        self.camera.exchange(scenery);
-        triangles
+        self.scenes.triangles()
     }
 
-    /// Bodies of the first environment's kitchen.
+    /// Bodies of the first environment's scene.
     pub fn bodies(&self) -> usize {
-        self.running[0].environment.kitchen().bodies().len()
+        self.running[0].environment.base().kitchen().bodies().len()
     }
 
     /// Prepares episodes that come next, by a piece of work of about a quarter of a millisecond: for whoever has nothing
@@ -211,7 +176,7 @@ impl Environments {
     /// while one environment does, everybody else waits for its actor.
     pub fn prepare(&mut self) -> bool {
         let Some(&index) = self.unprepared.front() else { return false };
-        if !self.running[index].prepare(&self.course) {
+        if !self.running[index].prepare(&self.scenes) {
             self.unprepared.pop_front();
         }
         true
@@ -220,28 +185,26 @@ impl Environments {
     /// Puts every environment into the state that its actions lead to. Nothing is rendered on the way, and what was
     /// simulated before does not matter.
     pub fn rebuild(&mut self, states: &[EnvironmentState]) -> Result<()> {
-        assert_eq!(states.len(), self.running.len(), "a restore holds one state an environment");
-        self.unprepared = (0..states.len()).collect();
-        let (rota, larder) = (&self.course.rota, &self.course.larder);
-        let places = self.running.iter().zip(states).map(|(running, state)| {
-            let place = rota.place(running.home, state.episode);
-            (place.kitchen != running.id.kitchen).then_some(place)
+        let Self { running, scenes, engine, unprepared } = self;
+        assert_eq!(states.len(), running.len(), "a restore holds one state an environment");
+        *unprepared = (0..states.len()).collect();
+        let places = running.iter().zip(states).map(|(running, state)| {
+            let place = scenes.place(running.home, state.episode);
+            (place != running.id).then_some(place)
         });
-        order_all(larder, places.flatten().collect());
-        for (index, (running, state)) in self.running.iter_mut().zip(states).enumerate() {
+        scenes.order(places.flatten());
+        for (running, state) in running.iter_mut().zip(states) {
             running.hold();
-            let mut scenery = self.sceneries.get_mut(index);
-            running.start(&self.course, scenery.as_deref_mut(), state.episode)?;
+            engine.start(running, scenes, state.episode)?;
             let actions = state
                 .actions
                 .get(..state.action_count as usize)
                 .with_context(|| format!("a restore claims {} actions in one episode", state.action_count))?;
             for (step, &action) in actions.iter().enumerate() {
-                let action = Action::from_index(action).with_context(|| {
-                    format!("a restore names action {action} at step {step} of {}: there is none", place(running))
-                })?;
                 let here = running.id;
-                running.act(&self.course, scenery.as_deref_mut(), action)?;
+                if !engine.act(running, scenes, action)? {
+                    bail!("a restore names action {action} at step {step} of {}: there is none", place(running));
+                }
                 let ended = running.header.end().is_some();
                 ensure!(
                     !ended || step + 1 == actions.len(),
@@ -263,11 +226,11 @@ impl Environments {
         assert_eq!(range.len(), actions.len(), "one action an environment");
         for (index, &action) in range.zip(actions) {
             let running = &mut self.running[index];
-            let (scenery, episode) = (self.sceneries.get_mut(index), running.header.episode);
-            match Action::from_index(action) {
-                Some(action) => running.act(&self.course, scenery, action)?,
-                None if action == HOLD => running.hold(),
-                None => bail!("the learner sent action {action} to {}: there is none", place(running)),
+            let episode = running.header.episode;
+            if action == HOLD {
+                running.hold();
+            } else if !self.engine.act(running, &mut self.scenes, action)? {
+                bail!("the learner sent action {action} to {}: there is none", place(running));
             }
             if running.header.episode != episode && !self.unprepared.contains(&index) {
                 self.unprepared.push_back(index);
@@ -276,46 +239,23 @@ impl Environments {
         Ok(())
     }
 
-    /// Writes the record of environment `index`, its frame in place. Where the network averages over windows only their sums
-    /// are written, and the whole frame as well if it is recorded; the whole frame alone where a sum exceeds 16 bits.
+    /// Writes the record of environment `index`, its images in place.
     ///
     /// # Panics
     /// If the record has not the task's size.
     pub fn observe(&mut self, index: usize, record: &mut [u8]) {
-        let Self { running, camera, sceneries, layout, sums, .. } = self;
-        let (running, mut own) = (&mut running[index], sceneries.get_mut(index));
+        let Self { running, scenes, engine: Engine { layout, .. }, .. } = self;
+        let running = &mut running[index];
         whereabouts::enter(running.id, running.header.episode);
-        if let Some(scenery) = own.as_deref_mut() {
-            camera.exchange(scenery);
-        }
-        let environment = &mut running.environment;
         record[..layout.small_bytes].fill(0);
         for (field, action) in [layout.action, layout.previous_action].into_iter().zip(running.actions) {
             record[field.offset] = action;
         }
-        arm_point_nav::write(record, &running.transition, &environment.current());
+        record[layout.of_action.clone()].copy_from_slice(&running.done);
+        running.environment.observe(&mut record[layout.seen.clone()]);
         let mut header = running.header;
-        let [whole, windows] = layout.images[..] else { panic!("the task has one image, which has sums") };
-        let frame: &mut [u16; SUMS_PIXELS] = windows.of_mut(record).try_into().expect("the sums of a frame");
-        if *sums && environment.look_for_sums(camera, frame) {
-            header.bulk |= SUMS;
-        }
-        if header.bulk == 0 || header.has(flag::RECORD_BULK) {
-            environment.look(camera, FRAME_SIDE, whole.of_mut(record));
-            header.bulk |= WHOLE;
-        }
+        scenes.look(index, running.environment.base_mut(), &mut header, record);
         *RecordHeader::of_mut(record) = header;
-        if let Some(scenery) = own {
-            camera.exchange(scenery);
-        }
-    }
-}
-
-/// Has the kitchens that environments are about to enter opened: the larder's thread begins at the other end, if there
-/// is a processor for it.
-fn order_all(larder: &Larder, places: Vec<EnvironmentId>) {
-    for place in places.into_iter().rev() {
-        larder.order(Order { environment: place.number, kitchen: place.kitchen, open: true });
     }
 }
 

@@ -1,8 +1,9 @@
-//! The rollout actor: E environments in one kitchen, or each in its own, and one connection to the learner.
+//! The rollout actor: E environments of a task and one connection to the learner.
 //!
 //! ```text
 //! protocol      who says what when: a pure state machine
 //! environments  the simulated environments, and how they are rebuilt from their actions
+//! scenes        where they are, and what their cameras see there
 //! larder        procedural kitchens, made ahead
 //! link          the actor's ends of the shared-memory services
 //! shm           observations written where they lie in shared memory
@@ -17,6 +18,7 @@ pub mod environments;
 pub mod larder;
 mod link;
 pub mod protocol;
+mod scenes;
 mod shm;
 pub mod whereabouts;
 

@@ -13,7 +13,7 @@ use proto::replay::{ImageFormat, ReplayImages};
 use proto::reward::UNDISTURBED_THRESHOLD_M;
 use rapier3d::math::Pose3;
 use simulator::depth::DepthCamera;
-use simulator::environment::Environment;
+use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::Transition;
 use std::path::Path;
 use std::sync::Arc;

@@ -8,9 +8,9 @@ use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::{KitchenId, KitchenRange};
 use proto::random::{Key, Purpose};
-use simulator::episode::Episode;
 use simulator::kitchen::layout::{FittedRoom, Plan};
 use simulator::kitchen::{Kitchen, likeness};
+use simulator::tasks::arm_point_nav::episode::Episode;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 

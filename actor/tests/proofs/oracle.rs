@@ -7,11 +7,11 @@ use oracle::Variant;
 use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
-use simulator::environment::Environment;
-use simulator::episode::{Episode, at_goal};
-use simulator::episodes::{self, EPISODES_PER_KITCHEN, EpisodesError, Programme, drawn};
 use simulator::kitchen::Kitchen;
 use simulator::kitchen::spots::Stand;
+use simulator::tasks::arm_point_nav::Environment;
+use simulator::tasks::arm_point_nav::episode::{Episode, at_goal};
+use simulator::tasks::arm_point_nav::episodes::{self, EPISODES_PER_KITCHEN, EpisodesError, Programme, drawn};
 
 use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet};
 use proto::kitchen::{KitchenId, Split, TargetCategory};
@@ -125,12 +125,12 @@ fn an_evaluations_environments_play_what_its_plan_says() {
     let mut environment = programme.environment(kitchen, id, 0, &config).unwrap();
     // Seen targets are the first six of each twelve; environment 1 of 4 has the second and the sixth.
     assert_eq!(*environment.episode(), fixed[1]);
-    programme.start(&mut environment, id, 1);
+    environment.start_episode(1);
     assert_eq!(*environment.episode(), fixed[5]);
     // One that is made at that episode stands where this one came to.
     assert_eq!(programme.environment(kitchen, id, 1, &config).unwrap().current(), environment.current());
     // It has run out: something to look at while it holds.
-    programme.start(&mut environment, id, 2);
+    environment.start_episode(2);
     assert_eq!(*environment.episode(), fixed[0]);
     let elsewhere = EnvironmentId { kitchen: KitchenId::new(2).unwrap(), number: 0 };
     assert!(programme.environment(kitchen, elsewhere, 0, &config).is_err());
@@ -161,7 +161,7 @@ fn the_state_hash_of_an_evaluated_episode_depends_on_no_number_of_environments()
             let (id, number) = (id(index % here), index / here);
             let mut made = programme.environment(kitchen, id, number, &config).unwrap();
             let mut begun = programme.environment(kitchen, id, 0, &config).unwrap();
-            programme.start(&mut begun, id, number);
+            begun.start_episode(number);
             let hashes = play(&mut made);
             assert_eq!(play(&mut begun), hashes, "episode {index}");
             hashes
@@ -231,11 +231,11 @@ fn an_evaluation_in_a_training_kitchen_plays_drawn_episodes() {
     let id = EnvironmentId { kitchen: id, number: 0 };
     let mut environment = programme.environment(&kitchen, id, 0, &config).unwrap();
     for (number, dealt) in [6, 7, 8].into_iter().enumerate() {
-        programme.start(&mut environment, id, number as u32);
+        environment.start_episode(number as u32);
         assert_eq!(*environment.episode(), drawn(&kitchen, &config.episode, dealt));
     }
     // It has run out: something to look at while it holds.
-    programme.start(&mut environment, id, 3);
+    environment.start_episode(3);
 
     if let Some(asked) = &mut config.evaluation {
         asked.distribution = Distribution::Fixed;

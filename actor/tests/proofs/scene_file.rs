@@ -6,11 +6,11 @@ use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use rapier3d::geometry::Aabb;
-use simulator::environment::Environment;
 use simulator::kitchen::{BodyRole, Kitchen};
 use simulator::physics::geometry::Solid;
 use simulator::scene_file::{self, Role, SceneFile};
 use simulator::shape::Primitive;
+use simulator::tasks::arm_point_nav::Environment;
 use std::path::Path;
 use std::sync::Arc;
 

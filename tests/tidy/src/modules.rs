@@ -70,6 +70,9 @@ impl Target {
                 self.child(at, item, test, folder, sources);
                 continue;
             }
+            if matches!(item, syn::Item::Macro(item) if item.mac.path.is_ident("include")) {
+                self.listed(at, folder, sources);
+            }
             if let Some(name) = name(item) {
                 self.modules[at].items.insert(plain(name));
             }
@@ -77,6 +80,16 @@ impl Target {
             reader.read(item);
             self.modules[at].uses.append(&mut reader.uses);
             self.modules[at].mentions.append(&mut reader.mentions);
+        }
+    }
+
+    /// Reads the folders beside a module that includes what a build script wrote: it lists them as modules.
+    fn listed(&mut self, parent: usize, folder: &str, sources: &Sources) {
+        let below =
+            sources.keys().filter_map(|path| path.strip_prefix(folder)?.strip_prefix('/')?.strip_suffix("/mod.rs"));
+        for name in below.filter(|name| !name.contains('/')) {
+            let item = syn::parse_str(&format!("pub mod {name};")).expect("a folder of modules has a module's name");
+            self.child(parent, &item, false, folder, sources);
         }
     }
 

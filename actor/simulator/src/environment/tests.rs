@@ -1,5 +1,10 @@
-use super::*;
+use crate::kitchen::Kitchen;
+use crate::tasks::arm_point_nav::Environment;
+use crate::tasks::arm_point_nav::episode::Episode;
+use proto::config::Config;
+use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
+use std::sync::Arc;
 
 #[test]
 fn a_prepared_start_is_used_for_its_episode_and_for_no_other() {

@@ -14,6 +14,7 @@
 //! settled    a kitchen, settled and asleep
 //! assembly   how a room comes to rest and becomes one
 //! reach      how far the arm comes
+//! floor      the free floor, and shortest ways on it
 //! spots      where episodes can begin and end
 //! overlap    things that stand in others
 //! draw       the draws of a kitchen's layout, by attempt
@@ -27,6 +28,7 @@ mod body;
 pub mod catalogue;
 mod density;
 mod draw;
+pub(crate) mod floor;
 mod generate;
 pub mod ithor;
 pub mod layout;

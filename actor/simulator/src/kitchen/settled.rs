@@ -1,6 +1,7 @@
 //! A kitchen, settled and asleep: what every environment in it shares.
 
 use super::body::Body;
+use super::floor::Floor;
 use super::ithor;
 use super::layout::Plan;
 use super::layout::floor_plan::Rectangle;
@@ -153,6 +154,13 @@ impl Kitchen {
     /// Robot poses at which an episode can begin.
     pub fn robot_stands(&self) -> &[Stand] {
         &self.stands
+    }
+
+    /// The floor that is free while everything stands where it settled.
+    pub(crate) fn free_floor(&self) -> Floor {
+        let poses = &self.settled_poses[self.movable_bodies()];
+        let movables: Vec<Aabb> = self.solids.iter().zip(poses).map(|(solid, pose)| solid.aabb(pose)).collect();
+        Floor::of(self.floor, &self.scene, &movables)
     }
 
     /// The settled physics world: episodes begin with copies of it.

@@ -1,5 +1,6 @@
 //! Where an episode can begin and end: free floor for the robot, free places for the target.
 
+use super::floor::{CELL_M, CLEARANCE_M, Floor};
 use super::placement::DROP_M;
 use super::reach::Reach;
 use super::room::Surface;
@@ -7,18 +8,13 @@ use crate::physics::fixed_scene::FixedScene;
 use crate::physics::gap::gap_m;
 use crate::physics::geometry::Solid;
 use crate::robot::configuration::Configuration;
-use crate::robot::dimensions::{BODY_HEIGHT_M, BODY_RADIUS_M};
 use crate::robot::links::{PART_COUNT, part_poses};
 use rapier3d::geometry::{Aabb, SharedShape};
 use rapier3d::math::{Pose3, Vec3};
 use rapier3d::parry::bounding_volume::BoundingVolume;
 
-/// Grid of floor positions, metres.
-const FLOOR_GRID_M: f32 = 0.125;
 /// An episode begins on every second of them in either direction: 0.25 m, AI2-THOR's default grid.
 const STAND_EVERY: usize = 2;
-/// Room that a robot position leaves about the body, metres.
-const FLOOR_CLEARANCE_M: f32 = 0.03;
 /// Grid of target positions, metres.
 const SPOT_GRID_M: f32 = 0.025;
 /// Room that a target position leaves to everything else, metres.
@@ -50,36 +46,23 @@ pub struct Stands {
 
 /// Finds where on the floor the robot can stand.
 pub fn stands(floor: (Vec3, Vec3), scene: &FixedScene, movables: &[Aabb], parts: &[Solid; PART_COUNT]) -> Stands {
-    let (low, high) = floor;
-    let columns = ((high.x - low.x) / FLOOR_GRID_M) as usize;
-    let rows = ((high.z - low.z) / FLOOR_GRID_M) as usize;
-    let at = |cell: usize| {
-        let (column, row) = (cell % columns, cell / columns);
-        (low.x + (column as f32 + 0.5) * FLOOR_GRID_M, low.z + (row as f32 + 0.5) * FLOOR_GRID_M)
-    };
-    let free: Vec<bool> = (0..columns * rows)
-        .map(|cell| {
-            let (x, z) = at(cell);
-            let reach = BODY_RADIUS_M + FLOOR_CLEARANCE_M;
-            let body = Aabb::new(Vec3::new(x - reach, 0.01, z - reach), Vec3::new(x + reach, BODY_HEIGHT_M, z + reach));
-            !scene.meets_aabb(&body) && !movables.iter().any(|other| other.intersects(&body))
-        })
-        .collect();
+    let grid = Floor::of(floor, scene, movables);
+    let columns = grid.columns();
     let mut poses = Vec::new();
-    let component = largest_component(&free, columns);
-    let connected_share = component.len() as f32 / free.iter().filter(|&&free| free).count().max(1) as f32;
-    let floor = component.iter().map(|&cell| at(cell)).collect();
+    let component = largest_component(&grid.free, columns);
+    let connected_share = component.len() as f32 / grid.free.iter().filter(|&&free| free).count().max(1) as f32;
+    let floor = component.iter().map(|&cell| grid.position(cell)).collect();
     for cell in component {
         if !(cell % columns).is_multiple_of(STAND_EVERY) || !(cell / columns).is_multiple_of(STAND_EVERY) {
             continue;
         }
-        let (x_m, z_m) = at(cell);
+        let (x_m, z_m) = grid.position(cell);
         for yaw_ticks in 0..8 {
             let configuration = Configuration::start(x_m, z_m, yaw_ticks);
             let Ok(part_poses) = part_poses(&configuration.posture()) else { continue };
             // The body was checked above; the arm's links remain.
             let clear = parts.iter().zip(&part_poses).skip(1).all(|(part, pose)| {
-                let aabb = part.aabb(pose).loosened(FLOOR_CLEARANCE_M);
+                let aabb = part.aabb(pose).loosened(CLEARANCE_M);
                 !scene.meets_aabb(&aabb) && !movables.iter().any(|other| other.intersects(&aabb))
             });
             if clear {
@@ -92,11 +75,10 @@ pub fn stands(floor: (Vec3, Vec3), scene: &FixedScene, movables: &[Aabb], parts:
 
 /// Cells of the floor on which episodes can begin: positions in x and z of the body's axis, row by row.
 fn stand_cells((low, high): (Vec3, Vec3)) -> impl Iterator<Item = (f32, f32)> {
-    let columns = ((high.x - low.x) / FLOOR_GRID_M) as usize;
-    let rows = ((high.z - low.z) / FLOOR_GRID_M) as usize;
-    let at = move |column: usize, row: usize| {
-        (low.x + (column as f32 + 0.5) * FLOOR_GRID_M, low.z + (row as f32 + 0.5) * FLOOR_GRID_M)
-    };
+    let columns = ((high.x - low.x) / CELL_M) as usize;
+    let rows = ((high.z - low.z) / CELL_M) as usize;
+    let at =
+        move |column: usize, row: usize| (low.x + (column as f32 + 0.5) * CELL_M, low.z + (row as f32 + 0.5) * CELL_M);
     (0..rows)
         .step_by(STAND_EVERY)
         .flat_map(move |row| (0..columns).step_by(STAND_EVERY).map(move |column| at(column, row)))

@@ -1,4 +1,4 @@
-//! How every episode starts: its target is set down and comes to rest. That is nearly all that starting an episode
+//! How every episode starts: what it sets down comes to rest. That is nearly all that starting an episode
 //! costs, and it can be done ahead, piece by piece, by whoever waits.
 
 use super::Simulation;
@@ -11,39 +11,43 @@ use std::sync::Arc;
 /// After an episode's target is set down, it has this many sub-steps to come to rest.
 const SETTLE_SUBSTEPS: u32 = 240;
 
-/// The settled kitchen with the robot at a start pose and one thing set down elsewhere, which comes to rest.
+/// Where an episode starts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Start {
+    /// How the robot stands there.
+    pub robot: Configuration,
+    /// The movable thing that is set down elsewhere than the kitchen has it, and where, metres.
+    pub set_down: Option<(usize, Vec3)>,
+}
+
+/// The settled kitchen at an episode's start: what was set down comes to rest.
 #[derive(Debug, Clone)]
 pub struct Settling {
     simulation: Simulation,
-    target: usize,
-    target_position: Vec3,
+    set_down: Option<(usize, Vec3)>,
     /// Sub-steps in which it can still come to rest.
     left: u32,
 }
 
 impl Settling {
-    /// Sets the target down.
+    /// Places the robot, and sets down what is to be.
     ///
     /// # Panics
     /// If the robot's start configuration is out of its arm's reach: it is a constant that is not.
-    pub fn new(
-        kitchen: Arc<Kitchen>,
-        substeps: u32,
-        configuration: Configuration,
-        target: usize,
-        target_position: Vec3,
-    ) -> Self {
-        let poses = part_poses(&configuration.posture()).expect("the start configuration is within the arm's reach");
+    pub fn new(kitchen: Arc<Kitchen>, substeps: u32, Start { robot, set_down }: Start) -> Self {
+        let poses = part_poses(&robot.posture()).expect("the start configuration is within the arm's reach");
         let mut world = kitchen.world.clone();
         let mut things = kitchen.things.clone();
-        world.put(kitchen.movables[target], Pose3::from_translation(target_position));
-        things.disturb(target);
+        if let Some((movable, place)) = set_down {
+            world.put(kitchen.movables[movable], Pose3::from_translation(place));
+            things.disturb(movable);
+        }
         let mut simulation = Simulation {
             kitchen,
             world,
             things,
             substeps,
-            configuration,
+            configuration: robot,
             poses,
             placed: false,
             awake: true,
@@ -58,7 +62,7 @@ impl Settling {
         // At least one sub-step, which updates the broad phase.
         simulation.place_robot();
         simulation.advance_world();
-        Self { simulation, target, target_position, left: SETTLE_SUBSTEPS }
+        Self { simulation, set_down, left: SETTLE_SUBSTEPS }
     }
 
     /// Lets so many sub-steps pass. Returns whether there is nothing more to wait for.
@@ -77,9 +81,8 @@ impl Settling {
         if simulation.awake {
             tracing::warn!(
                 kitchen = simulation.kitchen.id().number(),
-                target = self.target,
-                position_m = ?self.target_position.to_array(),
-                "the target did not come to rest where it was set down: stopped there"
+                set_down = ?self.set_down,
+                "what was set down did not come to rest: stopped there"
             );
         }
         simulation.world.put_to_sleep(&simulation.kitchen.movables);

@@ -3,7 +3,7 @@
 
 use super::support::{environment, kitchen, random_action, run};
 use proto::action::Action;
-use simulator::environment::Environment;
+use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::Transition;
 
 const STEPS: u32 = 200;

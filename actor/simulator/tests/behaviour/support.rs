@@ -5,8 +5,8 @@ use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::random::{Key, Purpose};
-use simulator::environment::Environment;
 use simulator::kitchen::Kitchen;
+use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::{Transition, check};
 use std::sync::Arc;
 

@@ -7,12 +7,12 @@ use proto::episode::EnvironmentId;
 use proto::kitchen::{KitchenId, TargetCategory};
 use proto::record::End;
 use rapier3d::math::Vec3;
-use simulator::environment::Environment;
-use simulator::episode::{Episode, GOAL_TOLERANCE_M};
 use simulator::kitchen::BodyRole;
 use simulator::kitchen::spots::Stand;
 use simulator::simulation::{CONTACT_TOLERANCE_M, OTHERS_DRIFT_M};
+use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::Transition;
+use simulator::tasks::arm_point_nav::episode::{Episode, GOAL_TOLERANCE_M};
 use std::f32::consts::FRAC_PI_4;
 use std::sync::Arc;
 

@@ -1,5 +1,5 @@
 use super::*;
-use proto::action::ACTION_COUNT;
+use proto::action::{ACTION_COUNT, Action};
 use proto::config::KitchenSource;
 use proto::random::{Key, Purpose};
 use std::cell::Cell;
@@ -37,7 +37,7 @@ fn played(environments: &mut Environments, before: impl Fn(&mut Environments)) -
             .collect();
         environments.act(0..actions.len(), &actions).unwrap();
         for index in 0..actions.len() {
-            let mut record = vec![Line([0; 64]); environments.layout.bytes / size_of::<Line>()];
+            let mut record = vec![Line([0; 64]); environments.engine.layout.bytes / size_of::<Line>()];
             let record = Line::bytes_mut(&mut record);
             environments.observe(index, record);
             let header = *RecordHeader::of(record);
@@ -54,13 +54,9 @@ fn environments(larder: Larder, config: &Config) -> Environments {
 
 /// Waits until the larder's thread has done all that can be done ahead.
 fn until_all_is_ready(environments: &mut Environments) {
-    let course = &environments.course;
     for running in &environments.running {
-        let next = course.rota.next_move(running.home, running.header.episode);
-        if next.is_some_and(|(then, _)| then - running.header.episode <= OPENED_AHEAD) {
-            while !course.larder.is_ready(running.home.number) {
-                std::thread::sleep(std::time::Duration::from_millis(1));
-            }
+        while !environments.scenes.is_ready(running.home, running.header.episode) {
+            std::thread::sleep(std::time::Duration::from_millis(1));
         }
     }
 }
@@ -117,9 +113,9 @@ fn a_restored_environment_is_in_the_kitchen_of_its_episode() {
         played(environments, |environments| while prepares && environments.prepare() {});
         environments.rebuild(&states).unwrap();
         for (running, state) in environments.running.iter().zip(&states) {
-            assert_eq!(running.id, environments.course.rota.place(running.home, state.episode));
+            assert_eq!(running.id, environments.scenes.place(running.home, state.episode));
             assert_eq!((running.header.episode, running.header.step), (state.episode, 2));
-            assert_eq!(running.environment.kitchen().id(), running.id.kitchen);
+            assert_eq!(running.environment.base().kitchen().id(), running.id.kitchen);
         }
     }
     let [restored, expected] = [restored, expected].map(|mut environments| played(&mut environments, |_| ()));

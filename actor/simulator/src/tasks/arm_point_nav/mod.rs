@@ -3,14 +3,37 @@
 //! What an environment reports of a step lies in a record as it is declared here, and as `task.toml` declares it: the
 //! first use compares the two.
 
+mod environment;
+pub mod episode;
+pub mod episodes;
+
+pub use environment::Environment;
+
+use crate::kitchen::Kitchen;
+use crate::tasks::run::{OpenError, Run};
 use bytemuck::{Pod, Zeroable};
+use episodes::Programme;
 use proto::config::CarriedGoal;
+use proto::episode::EnvironmentId;
 use proto::task::{Check, Implausible, LINE_BYTES, Layout, Spec};
 use std::mem::offset_of;
-use std::sync::LazyLock;
+use std::sync::{Arc, LazyLock};
 
 /// Its name in configurations.
 pub const NAME: &str = "arm_point_nav";
+
+/// An environment of a run, at the start of its episode with this number.
+pub(super) fn open(
+    run: &Arc<Run>,
+    kitchen: &Arc<Kitchen>,
+    id: EnvironmentId,
+    number: u32,
+) -> Result<Box<dyn crate::environment::Environment>, OpenError> {
+    LazyLock::force(&DECLARED);
+    let programme = Programme::planned(&run.config, run.plan.as_ref(), kitchen);
+    let programme = programme.map_err(|cause| OpenError::NoEpisodes(cause.to_string()))?;
+    Ok(Box::new(programme.environment(kitchen, id, number, &run.config)?))
+}
 
 /// Parts of one step's reward, before any weighting.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]

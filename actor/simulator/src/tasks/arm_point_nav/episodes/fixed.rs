@@ -4,8 +4,8 @@
 //! fingerprint of the kitchen it was drawn for.
 
 use super::format::{File, FormatError, Record};
-use crate::episode::Episode;
 use crate::kitchen::Kitchen;
+use crate::tasks::arm_point_nav::episode::Episode;
 use proto::kitchen::{KitchenId, Split, TargetCategory};
 use std::sync::OnceLock;
 use xxhash_rust::xxh3::{Xxh3, xxh3_64};

@@ -1,8 +1,8 @@
 //! Drawn episodes of an evaluation: as training draws its own, but the same for every policy and every seed.
 
 use super::fixed::category;
-use crate::episode::Episode;
 use crate::kitchen::Kitchen;
+use crate::tasks::arm_point_nav::episode::Episode;
 use proto::config::EpisodeConfig;
 use proto::random::{Key, Purpose};
 

@@ -1,0 +1,261 @@
+//! The environment: an episode of the task in a kitchen. An action's outcome is a [`Transition`], the present
+//! observation a [`Current`].
+
+use super::episode::{Episode, at_goal};
+use super::episodes::Programme;
+use super::{Current, RewardParts, Transition};
+use crate::environment::{self, Base};
+use crate::kitchen::Kitchen;
+use crate::physics::geometry::rotation_y;
+use crate::robot::configuration::Configuration;
+use crate::simulation::Start;
+use crate::tasks::run::{OpenError, check_kitchen};
+use bytemuck::bytes_of;
+use proto::action::Action;
+use proto::config::{Config, EpisodeConfig};
+use proto::episode::EnvironmentId;
+use rapier3d::math::Vec3;
+use std::ops::{Deref, DerefMut};
+use std::sync::Arc;
+
+/// One environment: the kitchen during an episode, what is to be done there, and reward parts.
+#[derive(Debug, Clone)]
+pub struct Environment {
+    base: Base,
+    id: EnvironmentId,
+    seed: u64,
+    settings: EpisodeConfig,
+    programme: Programme,
+    episode: Episode,
+    target: usize,
+    previous_action: Option<Action>,
+    // Distances after the last step; none before the first, whose progress is 0 by definition.
+    distances: Option<Distances>,
+    peak_disturbance_m: f64,
+    peak_farthest_m: f32,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Distances {
+    wrist_object_m: f32,
+    object_goal_m: f32,
+}
+
+impl Environment {
+    /// An environment at the start of its episode 0, that plays sampled episodes.
+    pub fn new(kitchen: Arc<Kitchen>, id: EnvironmentId, config: &Config) -> Result<Self, OpenError> {
+        check_kitchen(&kitchen, id)?;
+        let episode = Episode::sample(&kitchen, &config.episode, config.seed, id, 0);
+        Ok(Self::with_episode(kitchen, id, config, 0, episode))
+    }
+
+    /// An environment at the start of a given episode: evaluation and tests choose their own.
+    pub fn with_episode(
+        kitchen: Arc<Kitchen>,
+        id: EnvironmentId,
+        config: &Config,
+        episode_number: u32,
+        episode: Episode,
+    ) -> Self {
+        let (target, start) = (kitchen.target_movable(episode.category), start(&kitchen, &episode));
+        Self {
+            base: Base::new(kitchen, config, episode_number, start),
+            id,
+            seed: config.seed,
+            settings: config.episode,
+            programme: Programme::default(),
+            episode,
+            target,
+            previous_action: None,
+            distances: None,
+            peak_disturbance_m: 0.0,
+            peak_farthest_m: 0.0,
+        }
+    }
+
+    /// Has it play the episodes of a programme; it stands at the start of one, which has this number.
+    pub(super) fn follow(&mut self, programme: Programme, number: u32) {
+        self.programme = programme;
+        self.name_as_planned(number);
+    }
+
+    fn name_as_planned(&mut self, number: u32) {
+        if let Some(name) = self.programme.hashed_number(self.id, number) {
+            self.base.hash_as(name);
+        }
+    }
+
+    /// Resets to the settled kitchen and begins the episode with this number.
+    pub fn start_episode(&mut self, number: u32) {
+        let episode = self.programme.episode(self.kitchen(), &self.settings, self.seed, self.id, number);
+        self.begin_episode(number, episode);
+        self.name_as_planned(number);
+    }
+
+    /// Resets to the settled kitchen and begins a given episode under this number.
+    pub fn begin_episode(&mut self, number: u32, episode: Episode) {
+        self.base.begin(number, start(self.kitchen(), &episode));
+        self.target = self.kitchen().target_movable(episode.category);
+        self.episode = episode;
+        self.previous_action = None;
+        self.distances = None;
+        self.peak_disturbance_m = 0.0;
+        self.peak_farthest_m = 0.0;
+    }
+
+    /// Prepares the start of the episode that [`Environment::start_episode`] begins with this number, by a piece of work
+    /// of about a quarter of a millisecond. Returns whether there is more to do. The episode is the same without it.
+    pub fn prepare_episode(&mut self, number: u32) -> bool {
+        let Self { base, programme, settings, seed, id, .. } = self;
+        base.prepare(number, |kitchen| start(kitchen, &programme.episode(kitchen, settings, *seed, *id, number)))
+    }
+
+    /// Takes one action. It never resets the environment; [`Base::end`] shows when the episode has ended.
+    ///
+    /// # Panics
+    /// If the episode has ended: the caller starts the next one first.
+    pub fn step(&mut self, action: Action) -> Transition {
+        assert!(!self.ended(), "the episode has ended: start the next one before the next action");
+        let was_holding = self.simulation().holding();
+        let succeeded = self.carry_out(action);
+        let holding = self.simulation().holding();
+        let done = action == Action::DoneMidLevel;
+        self.previous_action = Some(action);
+        let now = Distances {
+            wrist_object_m: (self.simulation().wrist() - self.target_position()).length(),
+            object_goal_m: (self.target_position() - self.episode.goal).length(),
+        };
+        let before = self.distances.replace(now).unwrap_or(now);
+        let [before_it, displacement] = self.base.count(done);
+        self.peak_disturbance_m = self.peak_disturbance_m.max(displacement.total_m);
+        self.peak_farthest_m = self.peak_farthest_m.max(displacement.farthest_m);
+        let one_if = |condition: bool| f32::from(u8::from(condition));
+        Transition {
+            reward: RewardParts {
+                wrist_object_progress_m: before.wrist_object_m - now.wrist_object_m,
+                object_goal_progress_m: before.object_goal_m - now.object_goal_m,
+                disturbance_progress_m: (before_it.total_m - displacement.total_m) as f32,
+                failed_action: one_if(!succeeded),
+                picked_up: one_if(holding && !was_holding),
+                goal_success: one_if(done && succeeded),
+            },
+            disturbance_m: displacement.total_m as f32,
+            peak_disturbance_m: self.peak_disturbance_m as f32,
+            wrist_object_m: now.wrist_object_m,
+            object_goal_m: now.object_goal_m,
+            disturbed_objects: displacement.disturbed,
+            ever_disturbed_objects: self.ever_disturbed(),
+            farthest_m: displacement.farthest_m,
+            peak_farthest_m: self.peak_farthest_m,
+            held: u32::from(holding),
+            target: u32::from(self.episode.category.index()),
+        }
+    }
+
+    /// What is seen now.
+    pub fn current(&self) -> Current {
+        let configuration = self.simulation().configuration();
+        let (wrist, target, goal) = (self.simulation().wrist(), self.target_position(), self.episode.goal);
+        let robot_from_world = rotation_y(-configuration.yaw_rad());
+        Current {
+            wrist_to_object_m: (robot_from_world * (target - wrist)).to_array(),
+            object_to_goal_m: (robot_from_world * (goal - target)).to_array(),
+            holding: u32::from(self.simulation().holding()),
+            current_target: u32::from(self.episode.category.index()),
+            base_position_m: [configuration.x_m, configuration.z_m],
+            base_yaw_rad: configuration.yaw_rad(),
+            camera_pitch_rad: configuration.camera_pitch_rad(),
+            wrist_position_m: wrist.to_array(),
+            target_position_m: target.to_array(),
+            goal_position_m: goal.to_array(),
+        }
+    }
+
+    /// The task.
+    pub fn episode(&self) -> &Episode {
+        &self.episode
+    }
+
+    /// The last action of this episode; none before the first.
+    pub fn previous_action(&self) -> Option<Action> {
+        self.previous_action
+    }
+
+    /// Carries an action out; whether it succeeded.
+    fn carry_out(&mut self, action: Action) -> bool {
+        match action {
+            Action::PickUpMidLevel => self.base.simulation.pick_up(self.target),
+            Action::DoneMidLevel => {
+                let holding = self.simulation().holding();
+                self.base.simulation.idle();
+                holding && at_goal(self.target_position(), self.episode.goal)
+            }
+            Action::LookUp | Action::LookDown => match self.robot().after(action) {
+                Some(next) => {
+                    self.base.simulation.look(next);
+                    true
+                }
+                None => self.stand_still(),
+            },
+            _ => match self.robot().after(action) {
+                Some(next) => self.base.simulation.perform(next),
+                None => self.stand_still(),
+            },
+        }
+    }
+
+    fn target_position(&self) -> Vec3 {
+        self.simulation().movable_pose(self.target).translation
+    }
+
+    fn stand_still(&mut self) -> bool {
+        self.base.simulation.idle();
+        false
+    }
+}
+
+impl environment::Environment for Environment {
+    fn begin(&mut self, number: u32) {
+        self.start_episode(number);
+    }
+
+    fn prepare(&mut self, number: u32) -> bool {
+        self.prepare_episode(number)
+    }
+
+    fn act(&mut self, action: &[u8], done: &mut [u8]) {
+        let action = Action::from_index(action[0]).expect("only actions of the task are taken");
+        done[..size_of::<Transition>()].copy_from_slice(bytes_of(&self.step(action)));
+    }
+
+    fn observe(&self, seen: &mut [u8]) {
+        seen[..size_of::<Current>()].copy_from_slice(bytes_of(&self.current()));
+    }
+
+    fn base(&self) -> &Base {
+        &self.base
+    }
+
+    fn base_mut(&mut self) -> &mut Base {
+        &mut self.base
+    }
+}
+
+impl Deref for Environment {
+    type Target = Base;
+    fn deref(&self) -> &Base {
+        &self.base
+    }
+}
+
+impl DerefMut for Environment {
+    fn deref_mut(&mut self) -> &mut Base {
+        &mut self.base
+    }
+}
+
+fn start(kitchen: &Kitchen, episode: &Episode) -> Start {
+    let Episode { category, start, stand, .. } = *episode;
+    let robot = Configuration::start(stand.x_m, stand.z_m, stand.yaw_ticks);
+    Start { robot, set_down: Some((kitchen.target_movable(category), start)) }
+}
