@@ -9,6 +9,8 @@ pub enum SpecError {
     Name(String),
     #[error("there are two of the name `{0}`")]
     Double(String),
+    #[error("`{0}` is a name of the engine's own")]
+    Reserved(String),
     #[error("channel `{name}`: {problem}")]
     Channel { name: String, problem: &'static str },
     #[error("actions: {problem}")]

@@ -11,10 +11,12 @@ mod check;
 mod error;
 mod layout;
 mod metric;
+mod outcome;
 mod read;
 mod resolve;
 mod reward;
 mod spec;
+mod sums;
 #[cfg(test)]
 mod tests;
 
@@ -24,5 +26,7 @@ pub use check::{Check, Implausible};
 pub use error::SpecError;
 pub use layout::{Field, HEADER_BYTES, LINE_BYTES, Layout};
 pub use metric::{Clause, Measure, Metric, Over};
+pub use outcome::UNFINISHED;
 pub use reward::{Composition, Condition, Cost, Label, MULTIPLIER, Reward, Term, Weight};
 pub use spec::Spec;
+pub use sums::{Summing, Sums};

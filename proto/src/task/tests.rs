@@ -240,6 +240,8 @@ fn a_declaration_that_is_not_sound_is_refused_with_its_place() {
     for (from, to, problem) in [
         ("name = \"small\"", "name = \"Small\"", "name `Small`"),
         ("name = \"goal_m\"", "name = \"near_m\"", "two of the name `near_m`"),
+        ("name = \"goal_m\"", "name = \"kitchen\"", "`kitchen` is a name of the engine's own"),
+        ("name = \"ever\"", "name = \"reward_ever\"", "`reward_ever` is a name of the engine's own"),
         ("range = [-10, 10]", "range = [10, -10]", "the lower first"),
         ("range = [-10, 10]", "", "a floating-point number has a range"),
         ("range = [-10, 10]", "range = [nan, 10]", "the lower first"),
