@@ -8,10 +8,10 @@ use crate::physics::geometry::rotation_y;
 use crate::robot::configuration::Configuration;
 use crate::robot::links::world_from_camera;
 use crate::simulation::{Settling, Simulation, Substep};
-use crate::tasks::arm_point_nav::{Current, RewardParts, Transition};
+use crate::tasks::arm_point_nav::{Current, RewardParts, Transition, goal_m};
 use proto::action::Action;
 use proto::camera::SUMS_PIXELS;
-use proto::config::{Config, EpisodeConfig};
+use proto::config::{CarriedGoal, Config, EpisodeConfig};
 use proto::episode::EnvironmentId;
 use proto::record::End;
 use proto::reward::OBJECT_DISPLACEMENT_CAP_M;
@@ -44,6 +44,7 @@ pub struct Environment {
     id: EnvironmentId,
     seed: u64,
     settings: EpisodeConfig,
+    carried_goal: CarriedGoal,
     substeps: u32,
     // The number that state hashes have.
     hashed_number: u32,
@@ -135,6 +136,7 @@ impl Environment {
             id,
             seed: config.seed,
             settings: config.episode,
+            carried_goal: config.network.carried_goal,
             substeps: config.simulation.substeps,
             hashed_number: episode_number,
             episode,
@@ -284,10 +286,14 @@ impl Environment {
         let configuration = self.simulation.configuration();
         let (wrist, target, goal) = (self.simulation.wrist(), self.target_position(), self.episode.goal);
         let robot_from_world = rotation_y(-configuration.yaw_rad());
+        let holding = self.simulation.holding();
+        let wrist_to_object_m = (robot_from_world * (target - wrist)).to_array();
+        let object_to_goal_m = (robot_from_world * (goal - target)).to_array();
         Current {
-            wrist_to_object_m: (robot_from_world * (target - wrist)).to_array(),
-            object_to_goal_m: (robot_from_world * (goal - target)).to_array(),
-            holding: u32::from(self.simulation.holding()),
+            goal_m: goal_m(self.carried_goal, holding, wrist_to_object_m, object_to_goal_m),
+            wrist_to_object_m,
+            object_to_goal_m,
+            holding: u32::from(holding),
             current_target: u32::from(self.episode.category.index()),
             base_position_m: [configuration.x_m, configuration.z_m],
             base_yaw_rad: configuration.yaw_rad(),

@@ -51,6 +51,8 @@ const RESERVED: [&str; 29] = [
 struct Declaration {
     name: String,
     #[serde(default)]
+    formerly: Vec<String>,
+    #[serde(default)]
     weights: BTreeMap<String, f32>,
     actions: Actions,
     channels: Vec<Channel>,
@@ -77,11 +79,11 @@ impl Spec {
     /// Reads a declaration, and checks it.
     pub fn parse(text: &str) -> Result<Self, SpecError> {
         let declaration: Declaration = toml::from_str(text).map_err(|cause| SpecError::Toml(cause.to_string()))?;
-        let Declaration { name, weights, actions, channels, rewards, cost, label, metrics } = declaration;
+        let Declaration { name, formerly, weights, actions, channels, rewards, cost, label, metrics } = declaration;
         actions.check()?;
         channels.iter().try_for_each(Channel::check)?;
         let (layout, text) = (Layout::of(&actions, &channels), text.to_owned());
-        let spec = Self { name, actions, channels, rewards, weights, metrics, cost, label, layout, text };
+        let spec = Self { name, formerly, actions, channels, rewards, weights, metrics, cost, label, layout, text };
         check_names(std::iter::once(&*spec.name))?;
         check_own_names(spec.channels.iter().map(|channel| &*channel.name))?;
         check_own_names(spec.metrics.iter().map(|metric| &*metric.name))?;
