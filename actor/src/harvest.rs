@@ -4,19 +4,20 @@
 //! the input, they are written. No thread is more than a few episodes ahead of the writer, so that memory is bounded.
 //! Nothing is written of a recording that the simulator does not give as it was recorded.
 
-use crate::replay::film::Outcome;
-use crate::replay::{Rewards, Theatre};
-use anyhow::{Context, Result, anyhow, ensure};
-use dataset::{About, Episode, Frames, Seen, Source, Step, Writer};
-use picture::{Moment, Scene, Standpoint, Task};
+use crate::replay::film;
+use crate::replay::play::{Performance, Rules, Seen, play};
+use crate::replay::{Stage, Theatre};
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use dataset::{About, Episode, Frames, Moment, Source, Writer};
+use picture::{Scene, Standpoint, Words};
 use proto::action::Action;
 use proto::camera::FRAME_SIDE;
 use proto::config::Config;
-use proto::dataset::{DatasetAnswer, DatasetRequest, DatasetSetup, Keep, PictureKind};
+use proto::dataset::{DatasetAnswer, DatasetRequest, DatasetSetup, PictureKind};
 use proto::replay::ReplayVerdict;
+use proto::task::{Channel, Field, UNFINISHED};
 use simulator::depth::DepthCamera;
-use simulator::tasks::arm_point_nav::Environment;
-use simulator::tasks::arm_point_nav::Transition;
+use simulator::environment::{Base, Environment};
 use std::collections::BTreeMap;
 use std::io::{BufRead, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -37,15 +38,22 @@ pub fn run(input: impl BufRead + Send, mut output: impl Write) -> Result<()> {
     ensure!((8..=SIDE_MAX).contains(&setup.side_px), "pictures have 8 to {SIDE_MAX} pixels, not {}", setup.side_px);
     let configs = setup.configs.iter().map(|config| Config::from_toml(config, "a configuration of the recordings"));
     let configs = configs.collect::<Result<Vec<_>, _>>()?;
-    let actions = actions_of(&configs)?;
-    let source =
-        Source { actions: actions.iter().map(|action| action.name()).collect(), configs: setup.configs.clone() };
+    let rules = configs.iter().map(Rules::of).collect::<Result<Vec<_>, _>>()?;
+    let source = source_of(&configs, &rules, &setup)?;
+    let numbers = source.numbers.clone();
+    if let Some(metric) = &setup.keep {
+        let shares = source.spec.metrics.iter().filter(|metric| metric.value.is_none());
+        let names: Vec<&str> = shares.map(|metric| metric.name.as_str()).collect();
+        let has = names.contains(&metric.as_str());
+        ensure!(has, "--only {metric}: task `{}` has {}", source.spec.name, names.join(", "));
+    }
     let mut writer = Writer::create(Path::new(&setup.out), source)?;
     let threads = thread::available_parallelism().map_or(1, usize::from);
     let work = Work {
         configs: &configs,
+        rules: &rules,
         setup: &setup,
-        actions,
+        numbers,
         lines: Mutex::new((0, Box::new(lines))),
         board: Mutex::new(Board::default()),
         changed: Condvar::new(),
@@ -103,14 +111,19 @@ fn say(output: &mut impl Write, answer: &DatasetAnswer) -> Result<()> {
     output.write_all(b"\n").and_then(|()| output.flush()).context("cannot write an answer")
 }
 
-/// The actions by their numbers, which must be the same in all configurations.
-fn actions_of(configs: &[Config]) -> Result<&'static [Action]> {
-    let first = configs.first().context("there is no configuration")?.episode.action_space;
+/// What the data set is of: one task, and the same actions in all configurations.
+fn source_of(configs: &[Config], rules: &[Rules], setup: &DatasetSetup) -> Result<Source> {
+    let (config, rules_of_first) = configs.first().zip(rules.first()).context("there is no configuration")?;
+    let (space, spec) = (config.episode.action_space, rules_of_first.spec);
     ensure!(
-        configs.iter().all(|config| config.episode.action_space == first),
-        "the recordings have different action spaces: export them one by one"
+        configs.iter().all(|config| config.episode.action_space == space && config.task == spec.name),
+        "the recordings have different tasks or action spaces: export them one by one"
     );
-    Ok(first.actions())
+    let actions: Vec<String> = space.actions().iter().map(|action: &Action| action.name().to_owned()).collect();
+    let number = |name: &String| actions.iter().position(|own| own == name).map(|number| number as u32);
+    let numbers = spec.actions.names().iter().map(number).collect();
+    let rewards = rules_of_first.compared.rewards().map(str::to_owned).collect();
+    Ok(Source { spec, actions, numbers, rewards, configs: setup.configs.clone() })
 }
 
 /// An episode that was simulated.
@@ -137,8 +150,10 @@ type Lines<'a> = Box<dyn Iterator<Item = std::io::Result<String>> + Send + 'a>;
 
 struct Work<'a> {
     configs: &'a [Config],
+    rules: &'a [Rules],
     setup: &'a DatasetSetup,
-    actions: &'static [Action],
+    /// For each of the task's actions its number among the run's.
+    numbers: Vec<Option<u32>>,
     /// Number of the next line.
     lines: Mutex<(usize, Lines<'a>)>,
     board: Mutex<Board>,
@@ -214,19 +229,17 @@ impl Work<'_> {
         let config = self.configs.get(request.config).context("an episode has a configuration that is not there")?;
         let folder = || PathBuf::from(self.setup.folder.clone().unwrap_or_default());
         let theatre = theatres.entry(request.config).or_insert_with(|| Theatre::new(config.clone(), folder()));
-        let mut stage = theatre.open(recorded)?;
-        let mut telling = Telling::new(self, config);
-        let verdict = stage.play(recorded, config, |environment, camera, transition| {
-            telling.moment(environment, camera, transition)
-        })?;
-        let last = telling.steps.last().map(|step| &step.transition);
-        let outcome = Outcome::of(last, stage.environment.end());
-        let unfinished = outcome == Outcome::Unfinished;
-        let wanted = match self.setup.keep {
-            Keep::Ended => !unfinished,
-            Keep::Successes => matches!(outcome, Outcome::Success | Outcome::SuccessWithoutDisturbance),
-            Keep::Undisturbed => outcome == Outcome::SuccessWithoutDisturbance,
+        let Stage { environment, camera, fixed } = theatre.open(recorded)?;
+        let rules = &self.rules[request.config];
+        let mut telling = Telling::new(self, rules);
+        let Performance { verdict, outcome, metrics } =
+            play(rules, environment, recorded, |environment, seen| telling.moment(environment, camera, seen))?;
+        let unfinished = outcome == UNFINISHED;
+        let holds = |name: &String| {
+            let mut named = rules.spec.metrics.iter().zip(&metrics).filter(|(metric, _)| metric.name == *name);
+            named.any(|(_, number)| *number == Some(1.0))
         };
+        let wanted = !unfinished && self.setup.keep.as_ref().is_none_or(holds);
         if !wanted || verdict.first_difference.is_some() {
             return Ok(Told { verdict, unfinished, episode: None });
         }
@@ -234,95 +247,87 @@ impl Work<'_> {
             kitchen: recorded.environment.kitchen.number(),
             environment: recorded.environment.number,
             number: recorded.episode,
-            fixed: stage.fixed,
-            target: stage.environment.episode().category.name(),
-            outcome: outcome.word(),
+            fixed,
+            outcome,
+            metrics: metrics.into_iter().map(|number| number.unwrap_or(f64::NAN)).collect(),
             seed: config.seed,
         };
-        let episode = telling.finish(about, stage.environment);
+        let episode = telling.finish(about, environment.base());
         Ok(Told { verdict, unfinished, episode: Some(episode) })
     }
 }
 
 /// An episode while it is simulated.
 struct Telling<'a> {
-    config: &'a Config,
-    rewards: Rewards,
+    rules: &'a Rules,
     setup: &'a DatasetSetup,
-    actions: &'static [Action],
-    seen: Vec<Seen>,
-    steps: Vec<Step>,
-    depth: Frames,
-    /// For pictures; else none.
+    numbers: &'a [Option<u32>],
     moments: Vec<Moment>,
+    /// The task's image, if it has one of depth.
+    depth: Option<Frames>,
+    /// For pictures; else none.
+    drawn: Vec<picture::Moment>,
 }
 
 impl<'a> Telling<'a> {
-    fn new(work: &Work<'a>, config: &'a Config) -> Self {
-        let depth = Frames { name: "depth", side: FRAME_SIDE, is_depth: true, frames: Vec::new() };
-        let (actions, setup) = (work.actions, work.setup);
-        Self {
-            config,
-            rewards: Rewards::of(config),
-            setup,
-            actions,
-            seen: Vec::new(),
-            steps: Vec::new(),
-            depth,
-            moments: Vec::new(),
-        }
+    fn new(work: &'a Work, rules: &'a Rules) -> Self {
+        let depth = rules.spec.channels.iter().find(|channel| channel.is_bulk() && channel.unit == "mm");
+        let frames = |channel: &Channel| {
+            let name = channel.bare_name().to_owned();
+            Frames { name, side: FRAME_SIDE, is_depth: true, frames: Vec::new() }
+        };
+        let (numbers, setup) = (work.numbers.as_slice(), work.setup);
+        Self { rules, setup, numbers, moments: Vec::new(), depth: depth.map(frames), drawn: Vec::new() }
     }
 
-    fn moment(
-        &mut self,
-        environment: &mut Environment,
-        camera: &mut DepthCamera,
-        transition: Option<Transition>,
-    ) -> Result<()> {
-        if let Some(transition) = transition {
-            let action = environment.previous_action().context("an action led here")?;
-            let action = self.number(action)?;
-            let (end, rewards) = (environment.end(), self.rewards.of_step(&transition));
-            self.steps.push(Step { action, transition, end, rewards });
+    fn moment(&mut self, environment: &mut dyn Environment, camera: &mut DepthCamera, seen: &Seen) -> Result<()> {
+        let environment = environment.base_mut();
+        let layout = self.rules.spec.layout();
+        let mut record = seen.record.to_vec();
+        if seen.rewards.is_some() {
+            self.check(layout.action, &record)?;
+            // It is the one before what is seen now.
+            record.copy_within(layout.action.range(), layout.previous_action.offset);
         }
-        let current = environment.current();
-        let none = self.actions.len() as u32;
-        let previous_action = environment.previous_action().map_or(Ok(none), |action| self.number(action))?;
-        let goal_m = current.goal_vector_m(self.config.network.carried_goal);
-        self.seen.push(Seen { goal_m, previous_action, state_hash: environment.state_hash() });
-        let mut depth_mm = vec![0; FRAME_SIDE * FRAME_SIDE];
-        environment.look(camera, FRAME_SIDE, &mut depth_mm);
-        self.depth.frames.push(depth_mm.into_iter().flat_map(u16::to_le_bytes).collect());
+        let rewards = seen.rewards.unwrap_or_default().to_vec();
+        let (state_hash, end) = (environment.state_hash(), environment.end());
+        self.moments.push(Moment { record, state_hash, rewards, end });
+        if let Some(depth) = &mut self.depth {
+            let mut depth_mm = vec![0; FRAME_SIDE * FRAME_SIDE];
+            environment.look(camera, FRAME_SIDE, &mut depth_mm);
+            depth.frames.push(depth_mm.into_iter().flat_map(u16::to_le_bytes).collect());
+        }
         if !self.setup.pictures.is_empty() {
-            self.moments.push(Moment::of(environment, transition.as_ref()));
+            self.drawn.push(film::moment(environment, Words::default()));
         }
         Ok(())
     }
 
-    /// Number of an action among those of the run.
-    fn number(&self, action: Action) -> Result<u32> {
-        let number = self.actions.iter().position(|&own| own == action);
-        number.map(|number| number as u32).ok_or_else(|| anyhow!("action {} is none of the run's", action.name()))
+    /// An action is one of the run's.
+    fn check(&self, action: Field, record: &[u8]) -> Result<()> {
+        let number = action.number(record) as usize;
+        if self.numbers.get(number).is_some_and(Option::is_none) {
+            bail!("action {} is none of the run's", self.rules.spec.actions.names()[number]);
+        }
+        Ok(())
     }
 
-    fn finish(self, about: About, environment: &Environment) -> Episode {
-        let mut cameras = vec![self.depth];
-        if let Some(first) = self.moments.first() {
-            let (kitchen, episode) = (environment.kitchen(), environment.episode());
-            let target = kitchen.target_movable(episode.category);
-            let task = Task { target, goal: episode.goal, title: String::new() };
-            let scene = Scene::new(Arc::clone(kitchen), task, first);
+    fn finish(self, about: About, environment: &Base) -> Episode {
+        let mut cameras: Vec<Frames> = self.depth.into_iter().collect();
+        if let Some((first, last)) = self.drawn.first().zip(self.moments.last()) {
+            let task = film::task(self.rules, environment, &last.record, String::new());
+            let scene = Scene::new(Arc::clone(environment.kitchen()), task, first);
             let side = self.setup.side_px as usize;
             for &kind in &self.setup.pictures {
                 let from = match kind {
                     PictureKind::Robot => Standpoint::Robot,
-                    PictureKind::Outside => Standpoint::Outside(scene.best(&self.moments)),
+                    PictureKind::Outside => Standpoint::Outside(scene.best(&self.drawn)),
                 };
                 let photograph = |moment| scene.photograph(moment, &from, side).pixels.into_flattened();
-                let frames = self.moments.iter().map(photograph).collect();
-                cameras.push(Frames { name: kind.name(), side, is_depth: false, frames });
+                let frames = self.drawn.iter().map(photograph).collect();
+                cameras.push(Frames { name: kind.name().to_owned(), side, is_depth: false, frames });
             }
         }
-        Episode { about, seen: self.seen, steps: self.steps, cameras }
+        Episode { about, moments: self.moments, cameras }
     }
 }

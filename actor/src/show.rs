@@ -4,29 +4,25 @@
 //! are the poses of each moment, from which every picture is drawn.
 
 use crate::process::whereabouts;
-use crate::replay::Rewards;
-use crate::replay::film::Outcome;
+use crate::replay::film::{self, moment};
+use crate::replay::play::{Performance, Rules, Seen, play};
 use anyhow::{Context, Result, ensure};
-use picture::{Moment, Orbit, Scene, Task};
-use proto::action::Action;
+use picture::{Moment, Orbit, Scene, Words};
 use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::replay::{Aspect, Difference, RecordedEpisode, ReplaySetup};
+use proto::replay::{RecordedEpisode, ReplaySetup};
 use proto::show::{
-    SHOWN_SIDE_MAX, ShowAnswer, ShowOrbit, ShowRequest, ShowView, ShownEpisode, ShownMoment, ShownReward, ShownSolids,
+    SHOWN_SIDE_MAX, ShowAnswer, ShowOrbit, ShowRequest, ShowView, ShownEpisode, ShownMoment, ShownSolids, ShownTask,
     ShownThing,
 };
+use proto::task::Field;
 use rapier3d::math::Vec3;
 use simulator::depth::DepthCamera;
-use simulator::environment::DISTURBED_AXIS_M;
+use simulator::environment::{Base, DISTURBED_AXIS_M};
 use simulator::kitchen::Kitchen;
-use simulator::source;
-use simulator::tasks::arm_point_nav::Environment;
-use simulator::tasks::arm_point_nav::Transition;
-use simulator::tasks::arm_point_nav::episode::GOAL_TOLERANCE_M;
-use simulator::tasks::arm_point_nav::episodes::Programme;
+use simulator::{source, tasks};
 use std::io::{BufRead, Write};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -69,7 +65,7 @@ struct House {
     folder: Option<String>,
     id: KitchenId,
     kitchen: Arc<Kitchen>,
-    programme: Programme,
+    run: Arc<tasks::Run>,
 }
 
 /// An episode that is kept.
@@ -127,11 +123,16 @@ impl Stage {
         let house = self.house(setup, &config, recorded.environment)?;
         let kitchen = Arc::clone(&house.kitchen);
         let (id, number) = (recorded.environment, recorded.episode);
-        let mut environment = house.programme.environment(&kitchen, id, number, &config)?;
-        let told = Telling::of(&environment).play(&mut environment, recorded, &config)?;
-        let Telling { moments, displaced, shown, outcome, things, compared, first_difference, .. } = told;
-        let episode = *environment.episode();
-        let task = Task { target: kitchen.target_movable(episode.category), goal: episode.goal, title: String::new() };
+        let mut environment = tasks::open(&house.run, &kitchen, id, number)?;
+        let rules = Rules::of(&config)?;
+        let mut telling = Telling::of(environment.base());
+        let Performance { verdict, outcome, .. } = play(&rules, &mut *environment, recorded, |environment, seen| {
+            telling.keep(&rules, environment.base(), seen);
+            Ok(())
+        })?;
+        let Telling { moments, displaced, shown, things, record, .. } = telling;
+        let task = film::task(&rules, environment.base(), &record, String::new());
+        let goal_tolerance_m = task.goal_tolerance_m;
         let scene = Scene::new(Arc::clone(&kitchen), task, &moments[0]);
         let frame = scene.frame();
         let Orbit { centre, radius_m, yaw_rad, pitch_rad } = scene.best(&moments);
@@ -142,17 +143,17 @@ impl Stage {
         }
         self.kept.push(Kept { name, scene, moments, displaced, camera });
         Ok(ShownEpisode {
-            target: episode.category.name().to_owned(),
-            outcome: outcome.word().to_owned(),
-            goal_m: episode.goal.into(),
-            goal_tolerance_m: GOAL_TOLERANCE_M,
+            task: ShownTask::of(rules.spec, &config.reward.weights),
+            target: rules.target(&record).map(str::to_owned),
+            outcome,
+            goal_tolerance_m,
             orbit: ShowOrbit { centre_m: centre.into(), radius_m, yaw_rad, pitch_rad },
             plan_centre_m: [frame.centre.x, frame.centre.z],
             plan_half_width_m: frame.half_width_m,
             moments: shown,
             things,
-            compared,
-            first_difference,
+            compared: verdict.compared,
+            first_difference: verdict.first_difference,
         })
     }
 
@@ -166,13 +167,12 @@ impl Stage {
         } else {
             let folder = PathBuf::from(setup.folder.clone().unwrap_or_default());
             let kitchen = source::of_run(id.kitchen, config, &folder)?;
-            let programme = Programme::of(config, &kitchen)?;
             if self.houses.len() >= KITCHENS {
                 self.houses.remove(0);
             }
-            let kitchen = Arc::new(kitchen);
+            let (kitchen, run) = (Arc::new(kitchen), tasks::Run::of(config));
             let (config, folder) = (setup.config.clone(), setup.folder.clone());
-            self.houses.push(House { config, folder, id: id.kitchen, kitchen, programme });
+            self.houses.push(House { config, folder, id: id.kitchen, kitchen, run });
         }
         self.houses.last().context("the kitchen was just put there")
     }
@@ -224,7 +224,6 @@ fn checked(orbit: &ShowOrbit) -> Result<Orbit> {
 
 /// An episode while it is simulated.
 struct Telling {
-    target: usize,
     origins: Vec<Vec3>,
     moments: Vec<Moment>,
     displaced: Vec<Vec<usize>>,
@@ -232,67 +231,32 @@ struct Telling {
     /// Of each movable thing its number among `things`.
     listed: Vec<Option<u32>>,
     things: Vec<ShownThing>,
-    outcome: Outcome,
-    compared: u64,
-    first_difference: Option<Difference>,
+    /// The last moment's.
+    record: Vec<u8>,
 }
 
 impl Telling {
-    fn of(environment: &Environment) -> Self {
+    fn of(environment: &Base) -> Self {
         let poses = environment.simulation().things().poses();
         Self {
-            target: environment.kitchen().target_movable(environment.episode().category),
             origins: poses.iter().map(|pose| pose.translation).collect(),
             moments: Vec::new(),
             displaced: Vec::new(),
             shown: Vec::new(),
             listed: vec![None; poses.len()],
             things: Vec::new(),
-            outcome: Outcome::of(None, None),
-            compared: 0,
-            first_difference: None,
-        }
-    }
-
-    fn play(mut self, environment: &mut Environment, recorded: &RecordedEpisode, config: &Config) -> Result<Self> {
-        if let Some(hash) = recorded.start_hash {
-            self.compare(0, hash, environment.state_hash());
-        }
-        let rewards = Rewards::of(config);
-        self.keep(environment, None, &rewards);
-        let mut last = None;
-        for (step, &index) in recorded.actions.iter().enumerate() {
-            let action =
-                Action::from_index(index).with_context(|| format!("step {step}: there is no action {index}"))?;
-            let transition = environment.step(action);
-            if let Some(&hash) = recorded.hashes.get(step) {
-                self.compare(step as u64 + 1, hash, environment.state_hash());
-            }
-            self.keep(environment, Some(&transition), &rewards);
-            last = Some(transition);
-            if environment.ended() {
-                break;
-            }
-        }
-        self.outcome = Outcome::of(last.as_ref(), environment.end());
-        Ok(self)
-    }
-
-    fn compare(&mut self, step: u64, recorded: u64, simulated: u64) {
-        self.compared += 1;
-        if recorded != simulated {
-            self.first_difference.get_or_insert(Difference { step, aspect: Aspect::State });
+            record: Vec::new(),
         }
     }
 
     /// Keeps the moment that the environment is in.
-    fn keep(&mut self, environment: &Environment, transition: Option<&Transition>, rewards: &Rewards) {
-        let (simulation, current) = (environment.simulation(), environment.current());
-        let poses = simulation.things().poses();
+    fn keep(&mut self, rules: &Rules, environment: &Base, seen: &Seen) {
+        let target = film::target(rules, environment, seen.record);
+        let poses = environment.simulation().things().poses();
         let (mut moved, mut displaced) = (Vec::new(), Vec::new());
         for (thing, (origin, pose)) in self.origins.iter().zip(poses).enumerate() {
             let way = pose.translation - *origin;
-            if thing == self.target || way.length() < LISTED_M {
+            if Some(thing) == target || way.length() < LISTED_M {
                 continue;
             }
             if way.abs().max_element() > DISTURBED_AXIS_M {
@@ -306,35 +270,25 @@ impl Telling {
             });
             moved.push((number, way.length(), [pose.translation.x, pose.translation.z]));
         }
-        let parts = transition.map(|transition| transition.reward).unwrap_or_default();
-        let rewards = transition.map_or([0.0; 2], |transition| rewards.of_step(transition));
-        let [x, z] = current.base_position_m;
-        let metres = |vector: [f32; 3]| Vec3::from(vector).length();
-        self.shown.push(ShownMoment {
-            action: environment.previous_action().map(|action| action.name().to_owned()),
-            failed: transition.is_some_and(Transition::failed),
-            picked_up: transition.is_some_and(Transition::picked_up),
-            holding: simulation.holding(),
-            parts: ShownReward {
-                wrist_object_progress_m: parts.wrist_object_progress_m,
-                object_goal_progress_m: parts.object_goal_progress_m,
-                disturbance_progress_m: parts.disturbance_progress_m,
-                failed_action: parts.failed_action,
-                picked_up: parts.picked_up,
-                goal_success: parts.goal_success,
-            },
-            reward_r: rewards[0],
-            reward_r_prime: rewards[1],
-            wrist_object_m: metres(current.wrist_to_object_m),
-            object_goal_m: metres(current.object_to_goal_m),
-            disturbance_m: environment.disturbance_m(),
-            base: [x, z, current.base_yaw_rad],
-            wrist_m: current.wrist_position_m,
-            target_m: current.target_position_m,
-            moved,
-        });
+        self.shown.push(shown(rules, seen, moved));
         self.displaced.push(displaced);
-        self.moments.push(Moment::of(environment, transition));
+        self.moments.push(moment(environment, Words::default()));
+        seen.record.clone_into(&mut self.record);
+    }
+}
+
+/// A moment by the names of the task.
+fn shown(rules: &Rules, seen: &Seen, moved: Vec<(u32, f32, [f32; 2])>) -> ShownMoment {
+    let acted = seen.rewards.is_some();
+    let channels = rules.spec.channels.iter().zip(&rules.spec.layout().fields);
+    let channels = channels.filter(|(channel, _)| !channel.is_bulk() && (acted || !channel.is_of_action()));
+    let numbers = |field: &Field| field.numbers(seen.record).map(|number| number as f32).collect();
+    let rewards = rules.compared.rewards().map(str::to_owned).zip(seen.rewards.into_iter().flatten().copied());
+    ShownMoment {
+        action: rules.action(seen.record).filter(|_| acted).map(str::to_owned),
+        channels: channels.map(|(channel, field)| (channel.name.clone(), numbers(field))).collect(),
+        rewards: rewards.collect(),
+        moved,
     }
 }
 

@@ -4,10 +4,11 @@ use actor::harvest::run;
 use anyhow::Result;
 use proto::action::Action;
 use proto::config::Config;
-use proto::dataset::{DatasetAnswer, DatasetRequest, DatasetSetup, Keep};
+use proto::dataset::{DatasetAnswer, DatasetRequest, DatasetSetup};
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::replay::{Aspect, Difference, RecordedEpisode};
+use proto::replay::{Difference, RecordedEpisode};
+use simulator::environment::Environment;
 use simulator::source;
 use simulator::tasks::arm_point_nav::Environment;
 use std::path::Path;
@@ -23,7 +24,7 @@ fn setup(out: &Path, episodes: u64) -> DatasetSetup {
         out: out.to_str().expect("text").to_owned(),
         pictures: Vec::new(),
         side_px: 224,
-        keep: Keep::Ended,
+        keep: None,
         limit: None,
         episodes,
     }
@@ -44,8 +45,8 @@ fn episodes(numbers: std::ops::Range<u32>) -> Vec<RecordedEpisode> {
         };
         let hashes = WAY.iter().map(hash).collect();
         let actions = WAY.iter().map(|action| action.index()).collect();
-        let (goals, steps) = (Vec::new(), Vec::new());
-        RecordedEpisode { environment: id, episode, start_hash, actions, hashes, goals, start: None, steps }
+        let (digests, start) = (Vec::new(), Vec::new());
+        RecordedEpisode { environment: id, episode, start_hash, actions, hashes, digests, start }
     };
     numbers.map(&mut record).collect()
 }
@@ -90,9 +91,12 @@ fn episodes_are_written_in_their_order_and_as_many_as_wanted() {
     outcome.unwrap();
     assert!(matches!(three.last(), Some(DatasetAnswer::Written { episodes: 3, steps: 12, .. })));
 
-    let none = DatasetSetup { keep: Keep::Successes, ..setup(&folder.path().join("none"), 7) };
+    let none = DatasetSetup { keep: Some("success".to_owned()), ..setup(&folder.path().join("none"), 7) };
     assert_eq!(answers(&none, &all).1.last(), Some(&DatasetAnswer::Nothing));
     assert!(!folder.path().join("none").exists() && !folder.path().join("none.partial").exists());
+    let unknown = DatasetSetup { keep: Some("undisturbed".to_owned()), ..setup(&folder.path().join("none"), 7) };
+    let refused = answers(&unknown, &all).0.unwrap_err().to_string();
+    assert!(refused.contains("has success, success_without_disturbance, picked_up"), "{refused}");
 }
 
 #[test]
@@ -105,7 +109,7 @@ fn nothing_is_written_of_what_the_simulator_does_not_give_nor_of_half_an_input()
     outcome.unwrap();
     let Some(DatasetAnswer::Simulated { verdict, kept: false, .. }) = told.last() else { panic!("{told:?}") };
     assert_eq!(verdict.episode, 1);
-    assert_eq!(verdict.first_difference, Some(Difference { step: 1, aspect: Aspect::State }));
+    assert_eq!(verdict.first_difference, Some(Difference { step: 1, what: "state".to_owned() }));
     assert!(is_empty(folder.path()));
 
     let (outcome, _) = answers(&setup(&out, 3), &episodes(0..2));

@@ -17,8 +17,9 @@ pub struct DatasetSetup {
     pub pictures: Vec<PictureKind>,
     /// Width and height of these pictures.
     pub side_px: u32,
-    /// Which episodes are kept; those that the recording ends in the middle of never are.
-    pub keep: Keep,
+    /// The metric that is 1 of the episodes that are kept; none: all. Those that the recording ends in the middle of never
+    /// are.
+    pub keep: Option<String>,
     /// At most this many are kept.
     pub limit: Option<u64>,
     /// How many episodes follow: an input that ends before makes no data set.
@@ -43,17 +44,6 @@ impl PictureKind {
             Self::Outside => "outside",
         }
     }
-}
-
-/// Which episodes are kept.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Keep {
-    Ended,
-    /// Those that succeeded.
-    Successes,
-    /// Those that succeeded without disturbance.
-    Undisturbed,
 }
 
 /// Every further line of the input.

@@ -2,7 +2,10 @@
 //! results on its standard output, one JSON object per line.
 
 use crate::episode::EnvironmentId;
+use crate::record::End;
+use crate::task::{Composition, Field, Layout, Spec, SpecError};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// First line of the input.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -56,125 +59,101 @@ pub struct RecordedEpisode {
     pub episode: u32,
     /// Hash of its first state, if the recording holds it.
     pub start_hash: Option<u64>,
-    /// The actions, `A_large` indices, from step 0.
+    /// The actions from step 0, each as the bytes that it has in a record.
     pub actions: Vec<u8>,
-    /// State hash after each action; as many as `actions`.
+    /// State hash after each action.
     pub hashes: Vec<u64>,
-    /// [`goal_digest`] of the goal vector before each action, 0 if the recording does not contain it; as many as
-    /// `actions`, or none.
+    /// Digests of what [`Compared`] names, for each action; or none.
     #[serde(default)]
-    pub goals: Vec<u32>,
-    /// [`start_digest`] of the episode's beginning, if the recording holds it.
+    pub digests: Vec<u32>,
+    /// The same of the episode's beginning, if the recording holds it; otherwise none.
     #[serde(default)]
-    pub start: Option<u32>,
-    /// [`RecordedStep::digests`] of each action; as many as `actions`, or none.
-    #[serde(default)]
-    pub steps: Vec<[u32; STEP_ASPECTS.len()]>,
+    pub start: Vec<u32>,
 }
 
-/// What a replay compares, in words that people read.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Aspect {
-    /// Hash of the simulator's state.
-    State,
-    /// Goal vector before an action.
-    Goal,
-    /// Target and distances at the start.
-    Start,
-    /// What an action did: failed, picked up, held, Done, success, time limit, end.
-    Outcome,
-    /// Parts of the reward, and the two rewards composed of them.
-    Reward,
-    /// Disturbance now and at most, and objects disturbed.
-    Disturbance,
-    /// Distances left.
-    Distance,
-    /// The episode ends where the recording goes on.
-    Length,
+/// What differs where the simulator's state does, and where the recording goes on after an episode's end.
+pub const STATE: &str = "state";
+pub const LENGTH: &str = "length";
+
+/// What a replay compares of a step beside the simulator's state, by name: what the policy saw, what the action did, the
+/// task's rewards, and how the step ended the episode.
+#[derive(Debug, Clone)]
+pub struct Compared {
+    /// Channels but images, and whether they are of the action.
+    channels: Vec<(String, Field, bool)>,
+    /// The task's rewards, but those that training weighs as it goes.
+    rewards: Vec<(String, Composition)>,
 }
 
-/// The aspects that [`RecordedStep::digests`] covers, in its order.
-pub const STEP_ASPECTS: [Aspect; 4] = [Aspect::Outcome, Aspect::Reward, Aspect::Disturbance, Aspect::Distance];
+impl Compared {
+    /// That of a task, whose rewards a configuration weighs.
+    pub fn of(spec: &Spec, weights: &BTreeMap<String, f32>) -> Result<Self, SpecError> {
+        let channels = spec.channels.iter().zip(&spec.layout().fields).filter(|(channel, _)| !channel.is_bulk());
+        let rewards = spec.rewards.iter();
+        let rewards = rewards.map(|reward| Ok((reward.name.clone(), spec.composition(&reward.name, &[], weights)?)));
+        let mut rewards = rewards.collect::<Result<Vec<_>, SpecError>>()?;
+        rewards.retain(|(_, composition)| !composition.has_multiplier());
+        let channels = channels.map(|(channel, &field)| (channel.name.clone(), field, channel.is_of_action()));
+        Ok(Self { channels: channels.collect(), rewards })
+    }
 
-impl Aspect {
-    pub fn word(self) -> &'static str {
-        match self {
-            Self::State => "state",
-            Self::Goal => "goal vector",
-            Self::Start => "target or distances at the start",
-            Self::Outcome => "outcome",
-            Self::Reward => "reward",
-            Self::Disturbance => "disturbance",
-            Self::Distance => "distances",
-            Self::Length => "length",
-        }
+    /// What each digest is of.
+    pub fn names(&self) -> impl Iterator<Item = String> {
+        let channels = self.channels.iter().map(|(name, ..)| name.clone());
+        let rewards = self.rewards.iter().map(|(name, _)| format!("reward_{name}"));
+        channels.chain(rewards).chain(["end".to_owned()])
+    }
+
+    /// How many digests a step has.
+    pub fn count(&self) -> usize {
+        self.channels.len() + self.rewards.len() + 1
+    }
+
+    /// Whether a digest, by its place, is of what was seen.
+    pub fn is_seen(&self, at: usize) -> bool {
+        self.channels.get(at).is_some_and(|(_, _, of_action)| !of_action)
+    }
+
+    /// How many digests an episode's beginning has.
+    pub fn start_count(&self) -> usize {
+        self.channels.len()
+    }
+
+    /// Names of the rewards.
+    pub fn rewards(&self) -> impl ExactSizeIterator<Item = &str> {
+        self.rewards.iter().map(|(name, _)| &**name)
+    }
+
+    /// Writes the rewards of the action of this record.
+    pub fn reward(&self, layout: &Layout, record: &[u8], rewards: &mut Vec<f32>) {
+        rewards.clear();
+        let composed = self.rewards.iter().map(|(_, reward)| reward.of(|index| layout.part(record, index), 0.0));
+        rewards.extend(composed);
+    }
+
+    /// Appends the digests of a step. `seen`: the record from which its action was chosen, if that is known; `acted`: that
+    /// of what the action did.
+    pub fn step(&self, seen: Option<&[u8]>, acted: &[u8], rewards: &[f32], end: Option<End>, out: &mut Vec<u32>) {
+        out.extend(self.channels.iter().map(|(_, field, of_action)| {
+            let record = if *of_action { Some(acted) } else { seen };
+            record.map_or(0, |record| digest(field.bits(record)))
+        }));
+        out.extend(rewards.iter().map(|reward| digest([reward.to_bits().into()])));
+        out.push(digest([end.map_or(0, |end| 1 + u64::from(end == End::Truncated))]));
+    }
+
+    /// Digests of an episode's beginning: of what is seen in its first record.
+    pub fn start(&self, record: &[u8]) -> Vec<u32> {
+        let seen =
+            |(_, field, of_action): &(String, Field, bool)| if *of_action { 0 } else { digest(field.bits(record)) };
+        self.channels.iter().map(seen).collect()
     }
 }
 
-/// What a recording holds of a step beside its state.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-#[expect(clippy::struct_excessive_bools, reason = "the message has them")]
-pub struct RecordedStep {
-    pub failed: bool,
-    pub picked_up: bool,
-    pub success: bool,
-    pub holding: bool,
-    /// Whether the task ended the episode, whether the limit did, and whether it ended.
-    pub ends: [bool; 3],
-    pub target: u32,
-    /// Progress of wrist to object, of object to goal, and of disturbance, metres.
-    pub progress_m: [f32; 3],
-    /// r and r′.
-    pub rewards: [f32; 2],
-    /// Disturbance now and at most, metres.
-    pub disturbance_m: [f32; 2],
-    pub disturbed_objects: u32,
-    /// From wrist to object, and from object to goal, metres.
-    pub distances_m: [f32; 2],
-}
-
-impl RecordedStep {
-    /// Its digests, one for each of [`STEP_ASPECTS`].
-    pub fn digests(&self) -> [u32; STEP_ASPECTS.len()] {
-        let Self { failed, picked_up, success, holding, ends: [terminated, truncated, ended], target, .. } = *self;
-        let outcome = [failed, picked_up, success, holding, terminated, truncated, ended].map(u32::from);
-        [
-            digest(outcome.into_iter().chain([target])),
-            digest(self.progress_m.into_iter().chain(self.rewards).map(bits)),
-            digest(self.disturbance_m.map(bits).into_iter().chain([self.disturbed_objects])),
-            digest(self.distances_m.map(bits)),
-        ]
-    }
-}
-
-/// Digest of an episode's beginning: target, and its distances from wrist and goal.
-pub fn start_digest(target: u32, wrist_object_m: f32, object_goal_m: f32) -> u32 {
-    digest([target, bits(wrist_object_m), bits(object_goal_m)])
-}
-
-/// Length of a vector, as recordings hold it.
-pub fn length_m([x, y, z]: [f32; 3]) -> f32 {
-    (x * x + y * y + z * z).sqrt()
-}
-
-/// Bits of a number as it comes out of a recording: protobuf does not store the sign of zero.
-fn bits(number: f32) -> u32 {
-    (number + 0.0).to_bits()
-}
-
-/// FNV-1a over the words' bytes.
-fn digest(words: impl IntoIterator<Item = u32>) -> u32 {
-    fnv_1a(words.into_iter().flat_map(u32::to_le_bytes))
-}
-
-fn fnv_1a(bytes: impl IntoIterator<Item = u8>) -> u32 {
-    bytes.into_iter().fold(0x811C_9DC5, |digest, byte| (digest ^ u32::from(byte)).wrapping_mul(0x0100_0193))
-}
-
-/// Digest of a goal vector, and of which of its two kinds it is: FNV-1a over its bits. Never 0.
-pub fn goal_digest(holding: bool, goal_m: [f32; 3]) -> u32 {
-    fnv_1a(goal_m.into_iter().flat_map(f32::to_le_bytes).chain([u8::from(holding)])).max(1)
+/// FNV-1a over the numbers' bytes. Never 0, which stands for what was not recorded.
+fn digest(numbers: impl IntoIterator<Item = u64>) -> u32 {
+    let bytes = numbers.into_iter().flat_map(u64::to_le_bytes);
+    bytes.fold(0x811C_9DC5_u32, |digest, byte| (digest ^ u32::from(byte)).wrapping_mul(0x0100_0193)).max(1)
 }
 
 /// Every line of the output: the verdict on one episode, in input order.
@@ -193,55 +172,61 @@ pub struct ReplayVerdict {
 }
 
 /// Something that the simulator does not give as it was recorded.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Difference {
-    /// Actions taken until then; for a goal vector, before the action that was chosen from it.
+    /// Actions taken until then; for what was seen, before the action that was chosen from it.
     pub step: u64,
-    /// What differs.
-    pub aspect: Aspect,
+    /// What differs: [`STATE`], [`LENGTH`], or one of [`Compared::names`].
+    pub what: String,
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Alters one field of a step.
-    type Alter = fn(&mut RecordedStep);
-
+    /// Whatever byte of whatever channel, and whatever reward or end: one digest changes, and it is named.
     #[test]
-    fn every_recorded_field_of_a_step_is_in_its_aspect_s_digest() {
-        let base = RecordedStep { rewards: [1.0, 2.0], ..RecordedStep::default() };
-        let before = base.digests();
-        let cases: [(usize, Alter); 18] = [
-            (0, |step| step.failed = true),
-            (0, |step| step.picked_up = true),
-            (0, |step| step.success = true),
-            (0, |step| step.holding = true),
-            (0, |step| step.ends[0] = true),
-            (0, |step| step.ends[1] = true),
-            (0, |step| step.ends[2] = true),
-            (0, |step| step.target = 3),
-            (1, |step| step.progress_m[0] = 0.1),
-            (1, |step| step.progress_m[1] = 0.1),
-            (1, |step| step.progress_m[2] = 0.1),
-            (1, |step| step.rewards[0] = 1.5),
-            (1, |step| step.rewards[1] = 2.5),
-            (2, |step| step.disturbance_m[0] = 0.1),
-            (2, |step| step.disturbance_m[1] = 0.1),
-            (2, |step| step.disturbed_objects = 1),
-            (3, |step| step.distances_m[0] = 0.1),
-            (3, |step| step.distances_m[1] = 0.1),
-        ];
-        for (number, (aspect, alter)) in cases.into_iter().enumerate() {
-            let mut step = base;
-            alter(&mut step);
-            let after = step.digests();
-            let differing: Vec<_> = (0..4).filter(|&index| before[index] != after[index]).collect();
-            assert_eq!(differing, [aspect], "case {number}");
+    fn every_number_of_a_step_is_in_the_digest_of_its_name() {
+        for spec in Spec::built_in() {
+            let compared = Compared::of(spec, &BTreeMap::new()).unwrap();
+            let names: Vec<String> = compared.names().collect();
+            let record = vec![0; spec.layout().small_bytes];
+            let rewards = vec![0.5; compared.rewards().len()];
+            let digests = |seen: &[u8], acted: &[u8], rewards: &[f32], end| {
+                let mut out = vec![];
+                compared.step(Some(seen), acted, rewards, end, &mut out);
+                out
+            };
+            let base = digests(&record, &record, &rewards, None);
+            assert_eq!((base.len(), base.contains(&0)), (compared.count(), false));
+            let differing = |other: &[u32]| {
+                let pairs = names.iter().zip(base.iter().zip(other));
+                pairs.filter(|(_, (one, other))| one != other).map(|(name, _)| name.clone()).collect::<Vec<_>>()
+            };
+            for (channel, field) in spec.channels.iter().zip(&spec.layout().fields) {
+                for byte in field.range().filter(|_| !channel.is_bulk()) {
+                    let mut altered = record.clone();
+                    altered[byte] ^= 0x80;
+                    let seen = if channel.is_of_action() { &record } else { &altered };
+                    let acted = if channel.is_of_action() { &altered } else { &record };
+                    assert_eq!(differing(&digests(seen, acted, &rewards, None)), [&*channel.name]);
+                    let is_of_start = compared.start(&altered) != compared.start(&record);
+                    assert_eq!(is_of_start, !channel.is_of_action(), "{}", channel.name);
+                }
+            }
+            for (at, name) in compared.rewards().enumerate() {
+                let mut altered = rewards.clone();
+                altered[at] = -0.5;
+                assert_eq!(differing(&digests(&record, &record, &altered, None)), [format!("reward_{name}")]);
+            }
+            for end in [End::Terminated, End::Truncated] {
+                assert_eq!(differing(&digests(&record, &record, &rewards, Some(end))), ["end"]);
+            }
+            let mut unknown = vec![];
+            compared.step(None, &record, &rewards, None, &mut unknown);
+            let zeros = unknown.iter().filter(|&&digest| digest == 0).count();
+            let seen = spec.channels.iter().filter(|channel| !channel.is_bulk() && !channel.is_of_action()).count();
+            assert_eq!(zeros, seen, "what was not recorded is not compared");
         }
-        let negative = RecordedStep { progress_m: [-0.0, 0.0, 0.0], ..base };
-        assert_eq!(negative.digests(), before, "zero has no sign");
-        let starts = [start_digest(1, 0.5, 0.7), start_digest(2, 0.5, 0.7), start_digest(1, 0.6, 0.7)];
-        assert!(!starts.contains(&start_digest(1, 0.5, 0.8)) && starts[0] != starts[1] && starts[0] != starts[2]);
     }
 }

@@ -4,7 +4,9 @@
 //! Every answer is a line, too. [`ShowAnswer::Picture`] says how many bytes of PNG follow its line.
 
 use crate::replay::{Difference, RecordedEpisode, ReplaySetup};
+use crate::task::{Channel, Metric, Reward, Spec};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// Widest and highest picture that is drawn, pixels.
 pub const SHOWN_SIDE_MAX: u32 = 2048;
@@ -93,13 +95,12 @@ pub enum ShowAnswer {
 /// All that is told about an episode that was simulated again.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ShownEpisode {
-    /// Category of the target.
-    pub target: String,
-    /// How it ended: the words of film names, e.g. `success-without-disturbance`.
+    pub task: ShownTask,
+    /// Name of its `target`, if the task has such a channel.
+    pub target: Option<String>,
+    /// How it ended: [`Spec::outcome`].
     pub outcome: String,
-    /// Where the target is to be brought, metres.
-    pub goal_m: [f32; 3],
-    /// How near to it is enough on each axis, metres.
+    /// How near to `goal_position_m` is enough on each axis, metres.
     pub goal_tolerance_m: f32,
     /// The camera from which the way is seen best.
     pub orbit: ShowOrbit,
@@ -113,39 +114,53 @@ pub struct ShownEpisode {
     pub things: Vec<ShownThing>,
     /// States compared with the recording.
     pub compared: u64,
-    /// The first state that is not as recorded, if any.
+    /// The first thing that is not as recorded, if any.
     pub first_difference: Option<Difference>,
 }
 
+/// What of a task's declaration is shown.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ShownTask {
+    /// All but images.
+    pub channels: Vec<Channel>,
+    pub rewards: Vec<Reward>,
+    /// Of rewards, as the run has set them.
+    pub weights: BTreeMap<String, f32>,
+    pub metrics: Vec<Metric>,
+    /// Outcomes that are successes.
+    pub successes: Vec<String>,
+}
+
+impl ShownTask {
+    /// That of a run.
+    pub fn of(spec: &Spec, weights: &BTreeMap<String, f32>) -> Self {
+        Self {
+            channels: spec.channels.iter().filter(|channel| !channel.is_bulk()).cloned().collect(),
+            rewards: spec.rewards.clone(),
+            weights: weights.clone(),
+            metrics: spec.metrics.clone(),
+            successes: spec.good_outcomes().collect(),
+        }
+    }
+}
+
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct ShownMoment {
     /// Name of the action that led here; none at the start.
     pub action: Option<String>,
-    pub failed: bool,
-    /// It picked the target up.
-    pub picked_up: bool,
-    /// The target is held.
-    pub holding: bool,
-    /// Parts of its reward, as `proto::reward` adds them up.
-    pub parts: ShownReward,
-    /// Reward under r.
-    pub reward_r: f32,
-    /// Reward under r′.
-    pub reward_r_prime: f32,
-    /// Distance of wrist and target, metres.
-    pub wrist_object_m: f32,
-    /// Distance of target and goal, metres.
-    pub object_goal_m: f32,
-    /// Total displacement, metres.
-    pub disturbance_m: f32,
-    /// The robot's body (x, z), metres, and its yaw, radians.
-    pub base: [f32; 3],
-    /// The wrist, metres.
-    pub wrist_m: [f32; 3],
-    /// The target, metres.
-    pub target_m: [f32; 3],
+    /// Numbers of the task's channels but images: what is seen now, and after an action what that did.
+    pub channels: BTreeMap<String, Vec<f32>>,
+    /// The task's rewards of that action; none at the start.
+    pub rewards: BTreeMap<String, f32>,
     /// What is not where it stood: number in [`ShownEpisode::things`], how far (metres), and where it is now (x, z).
     pub moved: Vec<(u32, f32, [f32; 2])>,
+}
+
+impl ShownMoment {
+    /// Numbers of a channel, if there are as many.
+    pub fn numbers<const N: usize>(&self, channel: &str) -> Option<[f32; N]> {
+        self.channels.get(channel)?.as_slice().try_into().ok()
+    }
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -169,23 +184,6 @@ pub struct ShownSolid {
     pub ghost: bool,
     /// Three corners for each triangle, in the simulator's world, metres.
     pub corners_m: Vec<[f32; 3]>,
-}
-
-/// Parts of one step's reward.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct ShownReward {
-    /// Wrist nearer to the target, metres.
-    pub wrist_object_progress_m: f32,
-    /// Target nearer to the goal, metres.
-    pub object_goal_progress_m: f32,
-    /// Less displacement than before, metres.
-    pub disturbance_progress_m: f32,
-    /// 1 if the action failed.
-    pub failed_action: f32,
-    /// 1 if it picked the target up.
-    pub picked_up: f32,
-    /// 1 if it was a successful Done.
-    pub goal_success: f32,
 }
 
 /// A thing that was moved.

@@ -245,7 +245,7 @@ def test_what_is_not_to_be_written_is_not(orchestrator: Path, run: Path, tmp_pat
     mine.mkdir()
     there = call(orchestrator, "export", run, "--format", "npz", "--out", mine)
     assert there.returncode == 1 and "mine exists" in there.stderr
-    none = call(orchestrator, "export", run, "--format", "npz", "--only", "undisturbed", "--out", tmp_path / "none")
+    none = call(orchestrator, "export", run, "--format", "npz", "--only", "success_without_disturbance", "--out", tmp_path / "none")
     assert none.returncode == 1 and "nothing is written" in none.stderr
     filtered = call(orchestrator, "export", run, "--limit", 3, "--out", tmp_path / "policy.onnx")
     assert filtered.returncode == 1 and "choose episodes" in filtered.stderr

@@ -277,8 +277,6 @@ pub struct EpisodeQuery {
     pub target: Option<String>,
     /// Only with this outcome.
     pub outcome: Option<String>,
-    /// Only those that disturbed something, or only those that did not.
-    pub disturbed: Option<bool>,
     /// Only those that can be simulated again.
     pub recorded: Option<bool>,
     /// Column of numbers that `least` and `most` are about; empty: of none.
@@ -312,7 +310,12 @@ pub struct EpisodePage {
     /// The rows asked for.
     pub rows: Vec<EpisodeRow>,
     pub kitchens: Vec<u32>,
+    /// None of a task without targets.
     pub targets: Vec<String>,
+    /// Figures that rows have, beside their length.
+    pub columns: Vec<EpisodeColumn>,
+    /// Outcomes that are successes.
+    pub successes: Vec<String>,
     /// Tables that there are: `training`, and one for each validation.
     pub sources: Vec<String>,
     /// Share of the recordings that was taken in, 0..1.
@@ -331,23 +334,25 @@ pub struct EpisodeRow {
     pub episode: u32,
     /// Environment; unknown of an evaluation that did not record.
     pub environment: Option<u32>,
-    /// Category of the target.
-    pub target: String,
-    /// `success-without-disturbance`, `success`, `failure`, `time-limit`.
-    pub outcome: &'static str,
-    /// The target was picked up.
-    pub picked_up: bool,
+    /// Name of the target, of a task that has targets.
+    pub target: Option<String>,
+    /// E.g. `success-without-disturbance`, `failure`, `time-limit`.
+    pub outcome: String,
     /// Steps.
     pub length: u32,
-    pub failed_actions: Option<u32>,
-    /// Return under r, and under r′.
-    pub returns: Option<[f64; 2]>,
-    /// Displacement of all objects but the target at the end, metres.
-    pub disturbance_m: f32,
-    /// Objects disturbed at the end.
-    pub disturbed_objects: u32,
-    /// Distance left of target and goal, metres.
-    pub object_goal_m: f32,
+    /// The task's metrics, and returns under its rewards, as far as they are known.
+    pub figures: BTreeMap<String, f64>,
+}
+
+/// A figure of episodes.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct EpisodeColumn {
+    /// Its unit is its last word.
+    pub name: String,
+    /// What it is, as a sentence.
+    pub doc: String,
+    /// It is 1 or 0.
+    pub is_share: bool,
 }
 
 #[cfg(test)]

@@ -85,9 +85,8 @@ impl Runs for One {
             start_hash: None,
             actions: Vec::new(),
             hashes: Vec::new(),
-            goals: Vec::new(),
-            start: None,
-            steps: Vec::new(),
+            digests: Vec::new(),
+            start: Vec::new(),
         };
         self.read(run, (ReplaySetup { config: String::new(), folder: None, images: None }, episode))
     }

@@ -1,7 +1,6 @@
-//! An episode as data sets take it: what was seen before each action, what the action did, and pictures.
+//! An episode as data sets take it: a record and what the engine says for each moment, and pictures.
 
 use proto::record::End;
-use simulator::tasks::arm_point_nav::Transition;
 
 /// Which episode it is, and what became of it.
 #[derive(Debug, Clone)]
@@ -13,41 +12,30 @@ pub struct About {
     pub number: u32,
     /// In an evaluation: its number in the table of episodes.
     pub fixed: Option<u32>,
-    /// Category of the target.
-    pub target: &'static str,
     /// How it ended, in the words of an evaluation's table.
-    pub outcome: &'static str,
+    pub outcome: String,
+    /// The task's metrics; not a number where one is none.
+    pub metrics: Vec<f64>,
     pub seed: u64,
 }
 
-/// What the policy is given beside the frame.
-#[derive(Debug, Clone, Copy)]
-pub struct Seen {
-    /// Goal vector, robot's frame, metres.
-    pub goal_m: [f32; 3],
-    /// Number of the action before; the number of actions at the start.
-    pub previous_action: u32,
+/// A moment: the episode's start, or what an action led to.
+#[derive(Debug, Clone)]
+pub struct Moment {
+    /// All of the task's record but its header and images.
+    pub record: Vec<u8>,
     pub state_hash: u64,
-}
-
-/// What an action did.
-#[derive(Debug, Clone, Copy)]
-pub struct Step {
-    /// Number of the action among those of the run.
-    pub action: u32,
-    /// What it did.
-    pub transition: Transition,
-    /// How it ended the episode, if it did.
+    /// The task's rewards of the action; none at the start.
+    pub rewards: Vec<f32>,
+    /// How the action ended the episode, if it did.
     pub end: Option<End>,
-    /// r and r′.
-    pub rewards: [f32; 2],
 }
 
 /// Frames of one camera over an episode, one for each moment.
 #[derive(Debug, Clone)]
 pub struct Frames {
-    /// Name of the camera: `depth`, `robot` or `outside`.
-    pub name: &'static str,
+    /// Name of the camera: that of the task's image, `robot` or `outside`.
+    pub name: String,
     /// Width and height, pixels.
     pub side: usize,
     /// 16-bit millimetres; otherwise 8-bit RGB.
@@ -56,14 +44,11 @@ pub struct Frames {
     pub frames: Vec<Vec<u8>>,
 }
 
-/// An episode. There is one moment more than there are actions: the last one is what the last action led to.
+/// An episode. There is one moment more than there are actions: the first is its start.
 #[derive(Debug, Clone)]
 pub struct Episode {
     pub about: About,
-    /// What was seen, one more than there are steps.
-    pub seen: Vec<Seen>,
-    /// What was done.
-    pub steps: Vec<Step>,
-    /// The robot's depth frames, then pictures.
+    pub moments: Vec<Moment>,
+    /// The robot's frames, then pictures.
     pub cameras: Vec<Frames>,
 }

@@ -8,7 +8,7 @@ mod npz;
 mod page;
 mod writer;
 
-pub use episode::{About, Episode, Frames, Seen, Step};
+pub use episode::{About, Episode, Frames, Moment};
 pub use error::DatasetError;
 pub use page::{Size, Source};
 pub use writer::Writer;

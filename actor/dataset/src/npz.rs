@@ -2,18 +2,18 @@
 
 use crate::episode::{Episode, Frames};
 use crate::error::{DatasetError, disk};
-use crate::fields::{FIELDS, Value};
+use crate::page::Source;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 use zip::result::ZipResult;
 use zip::write::{SimpleFileOptions, ZipWriter};
 
-/// Writes an episode. `actions`: names of the actions, in the order of their numbers.
-pub fn write_episode(path: &Path, episode: &Episode, actions: &[&str]) -> Result<(), DatasetError> {
+/// Writes an episode.
+pub fn write_episode(path: &Path, episode: &Episode, source: &Source) -> Result<(), DatasetError> {
     let file = File::create_new(path).map_err(|source| disk(path, source))?;
     let mut archive = Archive(ZipWriter::new(BufWriter::new(file)));
-    let written = archive.episode(episode, actions).and_then(|()| archive.0.finish());
+    let written = archive.episode(episode, source).and_then(|()| archive.0.finish());
     let mut file = written.map_err(|source| DatasetError::Archive { path: path.to_path_buf(), source })?;
     file.flush().map_err(|source| disk(path, source))
 }
@@ -21,23 +21,17 @@ pub fn write_episode(path: &Path, episode: &Episode, actions: &[&str]) -> Result
 struct Archive(ZipWriter<BufWriter<File>>);
 
 impl Archive {
-    fn episode(&mut self, episode: &Episode, actions: &[&str]) -> ZipResult<()> {
+    fn episode(&mut self, episode: &Episode, source: &Source) -> ZipResult<()> {
         for frames in &episode.cameras {
             self.frames(frames)?;
         }
-        let goals: Vec<u8> = episode.seen.iter().flat_map(|seen| seen.goal_m).flat_map(f32::to_le_bytes).collect();
-        self.array("goal_m", "<f4", &[episode.seen.len(), 3], &goals)?;
-        let hashes: Vec<u8> = episode.seen.iter().flat_map(|seen| seen.state_hash.to_le_bytes()).collect();
-        self.array("state_hash", "<u8", &[episode.seen.len()], &hashes)?;
-        let previous: Vec<u8> =
-            episode.seen.iter().flat_map(|seen| i64::from(seen.previous_action).to_le_bytes()).collect();
-        self.array("previous_action", "<i8", &[episode.seen.len()], &previous)?;
-        for field in &FIELDS {
-            let (mut kind, mut bytes) = ("<i8", Vec::new());
-            for step in &episode.steps {
-                kind = append((field.of)(step), &mut bytes);
+        for column in source.columns() {
+            let (rows, mut bytes) = (column.rows(episode), Vec::new());
+            for (row, moment) in rows.iter().enumerate() {
+                column.append(moment, column.is_seen && row == 0, &source.numbers, &mut bytes);
             }
-            self.array(field.name, kind, &[episode.steps.len()], &bytes)?;
+            let shape = [&[rows.len()], &*column.shape].concat();
+            self.array(&column.name, column.kind, &shape, &bytes)?;
         }
         let about = &episode.about;
         let numbers = [
@@ -49,15 +43,26 @@ impl Archive {
         for (name, number) in numbers {
             self.array(name, "<i8", &[], &number.to_le_bytes())?;
         }
+        for (metric, number) in source.spec.metrics.iter().zip(&about.metrics) {
+            self.array(&format!("metric_{}", metric.name), "<f8", &[], &number.to_le_bytes())?;
+        }
         self.array("seed", "<u8", &[], &about.seed.to_le_bytes())?;
-        self.texts("target", &[], &[about.target])?;
-        self.texts("outcome", &[], &[about.outcome])?;
-        self.texts("action_names", &[actions.len()], actions)
+        self.texts("outcome", &[], &[&about.outcome])?;
+        for channel in source.spec.channels.iter().filter(|channel| !channel.names.is_empty()) {
+            let names: Vec<&str> = channel.names.iter().map(String::as_str).collect();
+            self.texts(&format!("{}_names", channel.name), &[names.len()], &names)?;
+        }
+        self.texts("task", &[], &[&source.spec.name])?;
+        let observations = source.observations();
+        self.texts("observation_names", &[observations.len()], &observations)?;
+        let actions: Vec<&str> = source.actions.iter().map(String::as_str).collect();
+        self.texts("action_names", &[actions.len()], &actions)
     }
 
     /// Texts of one width: zeros follow the shorter ones.
     fn texts(&mut self, name: &str, shape: &[usize], texts: &[&str]) -> ZipResult<()> {
-        let width = texts.iter().map(|text| text.chars().count()).max().unwrap_or(0);
+        // NumPy has no texts of no letters.
+        let width = texts.iter().map(|text| text.chars().count()).max().unwrap_or(0).max(1);
         let padded = texts.iter().flat_map(|text| text.chars().map(u32::from).chain(std::iter::repeat(0)).take(width));
         let letters: Vec<u8> = padded.flat_map(u32::to_le_bytes).collect();
         self.array(name, &format!("<U{width}"), shape, &letters)
@@ -87,19 +92,5 @@ impl Archive {
         self.0.write_all(format!("{description:<width$}\n", width = padded - 1).as_bytes())?;
         self.0.write_all(bytes)?;
         Ok(())
-    }
-}
-
-/// Appends a value; `NumPy`'s name of its type.
-fn append(value: Value, bytes: &mut Vec<u8>) -> &'static str {
-    match value {
-        Value::Bool(value) => bytes.push(u8::from(value)),
-        Value::Int(value) => bytes.extend(value.to_le_bytes()),
-        Value::Real(value) => bytes.extend(value.to_le_bytes()),
-    }
-    match value {
-        Value::Bool(_) => "|b1",
-        Value::Int(_) => "<i8",
-        Value::Real(_) => "<f4",
     }
 }

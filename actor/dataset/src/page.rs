@@ -1,13 +1,18 @@
 //! The page that says what is in a folder: names, units, and how to read it.
 
-use crate::fields::FIELDS;
+use proto::task::Spec;
 use std::fmt::Write;
 
 /// What a data set is of.
 #[derive(Debug, Clone)]
 pub struct Source {
-    /// Names of the actions, in the order of their numbers.
-    pub actions: Vec<&'static str>,
+    pub spec: &'static Spec,
+    /// Names of the run's actions, in the order of their numbers; none where actions are numbers themselves.
+    pub actions: Vec<String>,
+    /// For each of the task's actions its number among the run's.
+    pub numbers: Vec<Option<u32>>,
+    /// Names of the rewards that moments have.
+    pub rewards: Vec<String>,
     /// Configurations of the run, TOML.
     pub configs: Vec<String>,
 }
@@ -22,9 +27,10 @@ pub struct Size {
 }
 
 const READING: &str = "\
-An archive an episode: `numpy.load(\"episode-000000.npz\")`. Frames, `goal_m`, `previous_action` and `state_hash` have a row \
-before each action and one after the last; all else has a row an action, of the moment after it. Without rows: `kitchen`, \
-`environment`, `episode`, `fixed_episode` (-1 outside of evaluations), `target`, `outcome`, `seed`, and `action_names`. \
+An archive an episode: `numpy.load(\"episode-000000.npz\")`. Frames, and what below is *seen*, have a row before each action \
+and one after the last; all else has a row an action, of the moment after it. Without rows: `kitchen`, `environment`, \
+`episode`, `fixed_episode` (-1 outside of evaluations), `outcome`, `seed`, `task`, a `metric_NAME` for each metric of the \
+task, and lists of names: `action_names`, `observation_names`, and `NAME_names` of a number that stands for one of them. \
 `python -m stillroom.dataset lerobot|parquet THIS_FOLDER OUT` makes a LeRobotDataset or Parquet tables of it.\n";
 
 /// `README.md`.
@@ -37,24 +43,23 @@ pub fn page(source: &Source, size: Size, cameras: &[String]) -> String {
     );
     for camera in cameras {
         let (unit, what) = match camera.as_str() {
-            "depth" => ("mm", "depth along the robot's camera's axis, uint16, millimetres, 0: nothing seen"),
             "robot" => ("rgb", "what the robot's camera would see in colour"),
-            _ => ("rgb", "the room from outside"),
+            "outside" => ("rgb", "the room from outside"),
+            _ => ("mm", "depth along the robot's camera's axis, uint16, millimetres, 0: nothing seen"),
         };
         let _ = writeln!(page, "| {camera}_{unit} | {what} |");
     }
-    let _ = writeln!(
-        page,
-        "| goal_m | goal vector, robot's frame (x right, y up, z ahead), metres: wrist to target, and while it is held \
-         between target and goal, with the sign of `network.carried_goal` |"
-    );
-    page += "| previous_action | number of the action before, or how many actions there are |\n\
-             | state_hash | hash of the simulator's state |\n";
-    for field in &FIELDS {
-        let _ = writeln!(page, "| {} | {} |", field.name, field.about);
+    for column in source.columns() {
+        let seen = if column.is_seen { "seen: " } else { "" };
+        let _ = writeln!(page, "| {} | {seen}{} |", column.name, column.about);
+    }
+    for metric in &source.spec.metrics {
+        let _ = writeln!(page, "| metric_{} | {} |", metric.name, metric.doc);
     }
     let names: Vec<String> =
         source.actions.iter().enumerate().map(|(number, name)| format!("{number} {name}")).collect();
-    let _ = write!(page, "\nActions: {}.\n", names.join(", "));
+    if !names.is_empty() {
+        let _ = write!(page, "\nActions: {}.\n", names.join(", "));
+    }
     page
 }

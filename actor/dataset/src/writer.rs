@@ -40,12 +40,12 @@ impl Writer {
 
     pub fn add(&mut self, episode: &Episode) -> Result<(), DatasetError> {
         if self.size.episodes == 0 {
-            self.cameras = episode.cameras.iter().map(|frames| frames.name.to_owned()).collect();
+            self.cameras = episode.cameras.iter().map(|frames| frames.name.clone()).collect();
         }
         let path = self.partial.join(format!("episode-{:06}.npz", self.size.episodes));
-        write_episode(&path, episode, &self.source.actions)?;
+        write_episode(&path, episode, &self.source)?;
         self.size.episodes += 1;
-        self.size.steps += episode.steps.len() as u64;
+        self.size.steps += episode.moments.len() as u64 - 1;
         Ok(())
     }
 

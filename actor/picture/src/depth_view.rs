@@ -7,7 +7,6 @@ use super::model::Model;
 use super::moment::{Moment, Task};
 use super::visible::{NOTHING, Visible};
 use simulator::depth::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};
-use simulator::tasks::arm_point_nav::episode::GOAL_TOLERANCE_M;
 
 /// Depth that is drawn black, millimetres.
 const BLACK_MM: u32 = 5_000;
@@ -18,7 +17,7 @@ const RING_M: f32 = 0.09;
 
 /// The picture, side × side, of as many depths in millimetres. `seen`: the scene without the robot's body, and the
 /// target's number among its bodies.
-pub fn depth_view(task: &Task, moment: &Moment, seen: (&Model, u32), side: usize, depth_mm: &[u16]) -> Canvas {
+pub fn depth_view(task: &Task, moment: &Moment, seen: (&Model, Option<u32>), side: usize, depth_mm: &[u16]) -> Canvas {
     let (model, target) = seen;
     let projection = Projection::Central { tan_half_width: TAN_HALF_FIELD_OF_VIEW };
     let camera = Camera::new(moment.world_from_camera, projection, NEAR_M);
@@ -26,7 +25,7 @@ pub fn depth_view(task: &Task, moment: &Moment, seen: (&Model, u32), side: usize
     let mut canvas = Canvas::new(side, side, [0; 3]);
     for (pixel, (&depth, &triangle)) in canvas.pixels.iter_mut().zip(depth_mm.iter().zip(&visible.triangle)) {
         let grey = [brightness(depth); 3];
-        let is_target = triangle != NOTHING && model.triangles[triangle as usize].body == target;
+        let is_target = triangle != NOTHING && Some(model.triangles[triangle as usize].body) == target;
         *pixel = if is_target { mix(grey, TARGET, TINT) } else { grey };
     }
     mark(&mut canvas, &camera, task, moment, |x, y| match depth_mm[y * side + x] {
@@ -39,12 +38,16 @@ pub fn depth_view(task: &Task, moment: &Moment, seen: (&Model, u32), side: usize
 /// Marks target and goal in a picture; `depth_m`: of what it shows at a pixel.
 pub fn mark(canvas: &mut Canvas, camera: &Camera, task: &Task, moment: &Moment, depth_m: impl Fn(usize, usize) -> f32) {
     let (width, height) = (canvas.width, canvas.height);
-    let mut goal = Marks::new(camera, width, height, &depth_m);
-    goal.cube(task.goal, GOAL_TOLERANCE_M);
-    goal.lay(canvas, 0, 0, GOAL);
-    let mut target = Marks::new(camera, width, height, &depth_m);
-    target.ring(moment.things[task.target].translation, RING_M);
-    target.lay(canvas, 0, 0, TARGET);
+    if let Some(place) = task.goal {
+        let mut goal = Marks::new(camera, width, height, &depth_m);
+        goal.cube(place, task.goal_tolerance_m);
+        goal.lay(canvas, 0, 0, GOAL);
+    }
+    if let Some(thing) = task.target {
+        let mut target = Marks::new(camera, width, height, &depth_m);
+        target.ring(moment.things[thing].translation, RING_M);
+        target.lay(canvas, 0, 0, TARGET);
+    }
 }
 
 /// Near is bright; nothing, and everything far, is black.

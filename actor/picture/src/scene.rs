@@ -137,7 +137,7 @@ impl Scene {
         for (index, (body, pose)) in bodies[self.kitchen.movable_bodies()].iter().zip(&moment.things).enumerate() {
             let is_displaced = displaced.contains(&index);
             let colour = match index {
-                _ if index == self.task.target => TARGET,
+                _ if Some(index) == self.task.target => TARGET,
                 _ if is_displaced => DISPLACED,
                 _ => palette::colour(&body.category),
             };
@@ -159,7 +159,8 @@ impl Scene {
         let depth_mm = self.frame_mm(moment, camera, side);
         let (mut model, first) = self.at(&moment.things, &[]);
         model.add_robot(&moment.robot, false);
-        depth_view(&self.task, moment, (&model, first + self.task.target as u32), side, &depth_mm)
+        let target = self.task.target.map(|target| first + target as u32);
+        depth_view(&self.task, moment, (&model, target), side, &depth_mm)
     }
 
     /// The kitchen with its things in these poses, and the first thing's number among the bodies.
@@ -167,7 +168,7 @@ impl Scene {
         let mut model = self.fixed.clone();
         let colour = |thing: usize| {
             let displaced = displaced.contains(&thing).then_some(DISPLACED);
-            if thing == self.task.target { Some(TARGET) } else { displaced }
+            if Some(thing) == self.task.target { Some(TARGET) } else { displaced }
         };
         let first = model.add_things(&self.kitchen, things, colour);
         (model, first)
@@ -230,7 +231,8 @@ mod tests {
             words: Words::default(),
             things,
         };
-        let task = Task { target, goal: Vec3::new(0.0, 1.0, 0.0), title: String::new() };
+        let goal = Some(Vec3::new(0.0, 1.0, 0.0));
+        let task = Task { target: Some(target), goal, goal_tolerance_m: 0.1, title: String::new() };
         let other = usize::from(target == 0);
         (Scene::new(kitchen, task, &moment), moment, other)
     }

@@ -3,7 +3,7 @@
 use super::camera::Camera;
 use super::canvas::{Canvas, Rgb};
 use super::depth_view::{depth_view, mark};
-use super::marks::{GOAL, TARGET};
+use super::marks::TARGET;
 use super::model::Model;
 use super::moment::{Moment, Task, Words, points};
 use super::outside;
@@ -38,7 +38,7 @@ impl Storyboard {
     pub fn new(kitchen: Arc<Kitchen>, task: Task, moments: &[Moment], side: usize) -> Self {
         let fixed = Model::fixed_of(&kitchen);
         let mut model = fixed.clone();
-        let of_target = |thing: usize| (thing == task.target).then_some(TARGET);
+        let of_target = |thing: usize| (Some(thing) == task.target).then_some(TARGET);
         model.add_things(&kitchen, &moments[0].things, of_target);
         // Where the robot stands at first and at last it hides things, too.
         let mut with_robot = model.clone();
@@ -68,8 +68,9 @@ impl Storyboard {
         let (width, height) = Self::size(self.side);
         let mut canvas = Canvas::new(width, height, PAPER);
         let mut model = self.fixed.clone();
-        let of_target = |thing: usize| (thing == self.task.target).then_some(TARGET);
-        let target = model.add_things(&self.kitchen, &moment.things, of_target) + self.task.target as u32;
+        let of_target = |thing: usize| (Some(thing) == self.task.target).then_some(TARGET);
+        let things = model.add_things(&self.kitchen, &moment.things, of_target);
+        let target = self.task.target.map(|target| things + target as u32);
         let mut seen = model.clone();
         seen.add_robot(&moment.robot, false);
         model.add_robot(&moment.robot, true);
@@ -91,7 +92,7 @@ impl Storyboard {
     }
 }
 
-/// Title and outcome, then the action, then the distances in the colours of the marks.
+/// Title and outcome, then the action, then its measures.
 fn write(canvas: &mut Canvas, side: usize, title: &str, words: &Words) {
     let (text_px, left) = text(side);
     let line = |number: f32| 1.15 * text_px * number;
@@ -102,9 +103,7 @@ fn write(canvas: &mut Canvas, side: usize, title: &str, words: &Words) {
     }
     let end = canvas.text(&words.action, text_px, left, line(2.0), INK);
     canvas.text(&words.remark, text_px, end + 0.4 * text_px, line(2.0), BAD);
-    let end = canvas.text(&words.target, text_px, left, line(3.0), TARGET);
-    let end = canvas.text(&words.goal, text_px, end + space, line(3.0), GOAL);
-    canvas.text(&words.disturbance, text_px, end + space, line(3.0), FAINT);
+    canvas.text(&words.measures, text_px, left, line(3.0), FAINT);
 }
 
 /// Height of the text and its distance from the left edge, pixels.
@@ -117,6 +116,7 @@ fn text(side: usize) -> (f32, f32) {
 mod tests {
     use super::super::canvas::mix;
     use super::super::depth_view::{TINT, brightness};
+    use super::super::marks::GOAL;
     use super::*;
     use proto::config::SimulationConfig;
     use proto::kitchen::{KitchenId, TargetCategory};
@@ -145,7 +145,8 @@ mod tests {
             let robot = part_poses(&configuration.posture()).unwrap();
             Moment { things, robot, world_from_camera: camera, words: Words::default() }
         });
-        let task = Task { target, goal: camera * goal, title: "bring the Bread".to_owned() };
+        let goal = Some(camera * goal);
+        let task = Task { target: Some(target), goal, goal_tolerance_m: 0.1, title: "bring the Bread".to_owned() };
         let story = Storyboard::new(Arc::clone(&kitchen), task, &moments, SIDE);
         moments.map(|moment| story.draw(&moment, &vec![2_000; SIDE * SIDE]))
     }
@@ -184,10 +185,10 @@ mod tests {
     fn a_caption_shows_its_words_in_their_colours() {
         let (width, height) = Storyboard::size(448);
         let mut canvas = Canvas::new(width, height, PAPER);
-        let words = Words { remark: "failed".to_owned(), goal: "goal 1.00 m".to_owned(), ..Words::default() };
+        let words = Words { remark: "failed".to_owned(), measures: "goal 1.00 m".to_owned(), ..Words::default() };
         write(&mut canvas, 448, "Kitchen 26", &words);
         let has = |colour: Rgb| canvas.pixels.contains(&colour);
-        assert!(has(INK) && has(BAD) && has(GOAL) && !has(TARGET));
+        assert!(has(INK) && has(BAD) && has(FAINT) && !has(GOOD));
         let below = &canvas.pixels[(height - 448) * width..];
         assert!(below.iter().all(|pixel| *pixel == PAPER), "words reach into the views");
     }

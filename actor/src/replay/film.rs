@@ -4,17 +4,17 @@
 //! for the whole way.
 
 use super::picture::Sink;
+use super::play::{Rules, Seen};
 use anyhow::Result;
-use picture::{Moment, Storyboard, Task};
+use picture::{Moment, Storyboard, Task, Words};
 use proto::episode::EnvironmentId;
 use proto::kitchen::TargetCategory;
-use proto::record::End;
 use proto::replay::{ImageFormat, ReplayImages};
-use proto::reward::UNDISTURBED_THRESHOLD_M;
-use rapier3d::math::Pose3;
+use proto::task::{Channel, Field, Role, UNFINISHED};
+use rapier3d::math::{Pose3, Vec3};
 use simulator::depth::DepthCamera;
-use simulator::tasks::arm_point_nav::Environment;
-use simulator::tasks::arm_point_nav::Transition;
+use simulator::environment::Base;
+use simulator::tasks::arm_point_nav::episode::GOAL_TOLERANCE_M;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -30,111 +30,115 @@ pub struct Played {
 }
 
 impl Played {
-    /// Name of the file or folder of its pictures, without an ending: kitchen, episode, target, outcome. The words are
-    /// those of an evaluation's table.
-    fn name(self, target: TargetCategory, outcome: Outcome) -> String {
-        let (kitchen, target, outcome) = (self.environment.kitchen.number(), target.name(), outcome.word());
+    /// Name of the file or folder of its pictures, without an ending: kitchen, episode, target if the task has one,
+    /// outcome. The words are those of an evaluation's table.
+    fn name(self, target: Option<&str>, outcome: &str) -> String {
+        let kitchen = self.environment.kitchen.number();
         let of = match (self.fixed, self.environment.number, self.episode) {
             (Some(fixed), ..) => format!("episode-{fixed:03}"),
             (None, number, episode) => format!("environment-{number}-episode-{episode:06}"),
         };
-        format!("kitchen-{kitchen:02}-{of}-{target}-{outcome}")
+        let words = [Some(of.as_str()), target, Some(outcome)];
+        format!("kitchen-{kitchen:02}-{}", words.into_iter().flatten().collect::<Vec<_>>().join("-"))
     }
 
-    fn title(self, target: TargetCategory) -> String {
-        let (kitchen, target) = (self.environment.kitchen, target.name());
-        match self.fixed {
-            Some(fixed) => format!("Kitchen {kitchen}, episode {fixed}: bring the {target}"),
-            None => {
-                format!(
-                    "Kitchen {kitchen}, environment {}, episode {}: bring the {target}",
-                    self.environment.number, self.episode
-                )
-            }
-        }
-    }
-}
-
-/// How an episode ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Outcome {
-    /// With less disturbance than counts.
-    SuccessWithoutDisturbance,
-    /// With disturbance.
-    Success,
-    /// Done was declared elsewhere than at the goal.
-    Failure,
-    /// The last step that there may be.
-    TimeLimit,
-    /// The recording stops before its end.
-    Unfinished,
-}
-
-impl Outcome {
-    /// What the last transition tells of it, and how it ended the episode.
-    pub fn of(last: Option<&Transition>, end: Option<End>) -> Self {
-        match (last, end) {
-            (Some(last), Some(End::Terminated)) if last.succeeded() => {
-                let undisturbed = last.disturbance_m < UNDISTURBED_THRESHOLD_M;
-                if undisturbed { Self::SuccessWithoutDisturbance } else { Self::Success }
-            }
-            (_, Some(End::Terminated)) => Self::Failure,
-            (_, Some(End::Truncated)) => Self::TimeLimit,
-            (_, None) => Self::Unfinished,
-        }
-    }
-
-    /// As names of files have it.
-    pub fn word(self) -> &'static str {
-        match self {
-            Self::SuccessWithoutDisturbance => "success-without-disturbance",
-            Self::Success => "success",
-            Self::Failure => "failure",
-            Self::TimeLimit => "time-limit",
-            Self::Unfinished => "unfinished",
-        }
-    }
-
-    /// For the caption, and whether it is good news.
-    fn words(self) -> (String, bool) {
-        let words = match self {
-            Self::SuccessWithoutDisturbance => "success, nothing disturbed",
-            Self::Success => "success, with disturbance",
-            Self::Failure => "failure: Done away from the goal",
-            Self::TimeLimit => "failure: time limit",
-            Self::Unfinished => "the recording ends here",
+    fn title(self, target: Option<&str>) -> String {
+        let EnvironmentId { kitchen, number } = self.environment;
+        let title = match self.fixed {
+            Some(fixed) => format!("Kitchen {kitchen}, episode {fixed}"),
+            None => format!("Kitchen {kitchen}, environment {number}, episode {}", self.episode),
         };
-        (words.to_owned(), matches!(self, Self::SuccessWithoutDisturbance | Self::Success))
+        target.map_or_else(|| title.clone(), |target| format!("{title}: {target}"))
     }
+}
+
+/// An outcome for the caption, and whether it is good news.
+fn outcome_in_words(rules: &Rules, outcome: &str) -> (String, bool) {
+    let is_good = rules.spec.good_outcomes().any(|good| good == outcome);
+    if outcome == UNFINISHED {
+        ("the recording ends here".to_owned(), false)
+    } else {
+        (outcome.replace('-', " "), is_good)
+    }
+}
+
+/// Measures in a caption: more do not fit.
+const MEASURES: usize = 4;
+
+/// Caption of a moment, without its number and the episode's end: parts of rewards that are 1, and the first measures of
+/// what the action led to.
+fn words(rules: &Rules, seen: &Seen) -> Words {
+    let Some(_) = seen.rewards else { return Words::default() };
+    let pairs = || rules.spec.channels.iter().zip(&rules.spec.layout().fields);
+    let remarks = pairs().filter(|(channel, field)| {
+        channel.role == Role::Part && channel.values == [0.0, 1.0] && field.number(seen.record) == 1.0
+    });
+    let remarks: Vec<String> = remarks.map(|(channel, _)| channel.bare_name().replace('_', " ")).collect();
+    let is_measure =
+        |channel: &Channel| channel.role == Role::Outcome && channel.shape.is_empty() && !channel.unit.is_empty();
+    let measure = |(channel, field): (&Channel, &Field)| {
+        format!("{} {:.3} {}", channel.bare_name().replace('_', " "), field.number(seen.record), channel.unit)
+    };
+    let measures = pairs().filter(|(channel, _)| is_measure(channel)).take(MEASURES).map(measure);
+    Words {
+        action: rules.action(seen.record).unwrap_or_default().to_owned(),
+        remark: remarks.join(", "),
+        measures: measures.collect::<Vec<_>>().join("  "),
+        outcome: None,
+    }
+}
+
+/// A moment of an episode for pictures.
+pub(crate) fn moment(environment: &Base, words: Words) -> Moment {
+    Moment::of(environment.simulation(), environment.world_from_camera(), words)
+}
+
+/// What pictures of an episode mark. `record`: any of its records.
+pub(crate) fn task(rules: &Rules, environment: &Base, record: &[u8], title: String) -> Task {
+    let goal = rules.spec.channel("goal_position_m").map(|(_, field)| {
+        let [x, y, z] = std::array::from_fn(|axis| field.numbers(record).nth(axis).unwrap_or_default() as f32);
+        Vec3::new(x, y, z)
+    });
+    Task { target: target(rules, environment, record), goal, goal_tolerance_m: GOAL_TOLERANCE_M, title }
+}
+
+/// The movable thing that the task is about, if it names a category.
+pub(crate) fn target(rules: &Rules, environment: &Base, record: &[u8]) -> Option<usize> {
+    let name = rules.target(record)?;
+    let category = TargetCategory::ALL.into_iter().find(|category| category.name() == name)?;
+    Some(environment.kitchen().target_movable(category))
 }
 
 /// The moments of one episode.
 pub struct Film {
     played: Played,
     moments: Vec<Moment>,
-    last: Option<Transition>,
+    /// The last one's record.
+    record: Vec<u8>,
 }
 
 impl Film {
     /// An episode that is about to be simulated.
     pub fn new(played: Played) -> Self {
-        Self { played, moments: Vec::new(), last: None }
+        Self { played, moments: Vec::new(), record: Vec::new() }
     }
 
-    /// Keeps the moment that the environment is in; `transition`: what led there, none at the start.
-    pub fn keep(&mut self, environment: &Environment, transition: Option<Transition>) {
-        self.last = transition.or(self.last);
-        self.moments.push(Moment::of(environment, transition.as_ref()));
+    /// Keeps the moment that the environment is in.
+    pub fn keep(&mut self, rules: &Rules, environment: &Base, seen: &Seen) {
+        seen.record.clone_into(&mut self.record);
+        self.moments.push(moment(environment, words(rules, seen)));
     }
 
     /// Draws and writes everything; returns the number of pictures.
     pub fn develop(
         mut self,
         images: &ReplayImages,
-        environment: &Environment,
+        rules: &Rules,
+        outcome: &str,
+        environment: &Base,
         camera: &mut DepthCamera,
     ) -> Result<u64> {
-        let (kitchen, episode) = (environment.kitchen(), environment.episode());
+        let kitchen = environment.kitchen();
         let count = self.moments.len() - 1;
         for (step, moment) in self.moments.iter_mut().enumerate() {
             moment.words.action = match step {
@@ -142,16 +146,15 @@ impl Film {
                 _ => format!("step {step} of {count}: {}", moment.words.action),
             };
         }
-        let outcome = Outcome::of(self.last.as_ref(), environment.end());
         if let Some(last) = self.moments.last_mut() {
-            last.words.outcome = Some(outcome.words());
+            last.words.outcome = Some(outcome_in_words(rules, outcome));
         }
         let side = images.side as usize;
-        let name = self.played.name(episode.category, outcome);
+        let target = rules.target(&self.record);
+        let name = self.played.name(target, outcome);
         let mut sink = Sink::create(images, Path::new(&images.folder), &name, self.moments.len())?;
         let story = (images.format != ImageFormat::Png).then(|| {
-            let target = kitchen.target_movable(episode.category);
-            let task = Task { target, goal: episode.goal, title: self.played.title(episode.category) };
+            let task = task(rules, environment, &self.record, self.played.title(target));
             Storyboard::new(Arc::clone(kitchen), task, &self.moments, side)
         });
         let mut depth_mm = vec![0; side * side];
@@ -171,31 +174,35 @@ impl Film {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proto::config::Config;
     use proto::kitchen::KitchenId;
-    use simulator::tasks::arm_point_nav::RewardParts;
 
     #[test]
     fn files_are_called_by_kitchen_episode_target_and_outcome() {
         let environment = EnvironmentId { kitchen: KitchenId::new(26).unwrap(), number: 1 };
         let mut played = Played { environment, episode: 4, fixed: Some(7) };
-        let last = |goal_success: f32, disturbance_m: f32| {
-            let reward = RewardParts { goal_success, ..RewardParts::default() };
-            Some(Transition { reward, disturbance_m, ..Transition::default() })
-        };
-        let cases = [
-            (last(1.0, 0.0), Some(End::Terminated), "success-without-disturbance"),
-            (last(1.0, 0.02), Some(End::Terminated), "success"),
-            (last(0.0, 0.0), Some(End::Terminated), "failure"),
-            (last(0.0, 0.0), Some(End::Truncated), "time-limit"),
-            (last(0.0, 0.0), None, "unfinished"),
-            (None, None, "unfinished"),
-        ];
-        for (last, end, outcome) in cases {
-            let name = played.name(TargetCategory::SoapBottle, Outcome::of(last.as_ref(), end));
-            assert_eq!(name, format!("kitchen-26-episode-007-SoapBottle-{outcome}"));
-        }
+        assert_eq!(played.name(Some("SoapBottle"), "success"), "kitchen-26-episode-007-SoapBottle-success");
+        assert_eq!(played.title(None), "Kitchen 26, episode 7");
         played.fixed = None;
-        let name = played.name(TargetCategory::Mug, Outcome::Failure);
-        assert_eq!(name, "kitchen-26-environment-1-episode-000004-Mug-failure");
+        assert_eq!(played.name(None, "failure"), "kitchen-26-environment-1-episode-000004-failure");
+        assert_eq!(played.title(Some("Mug")), "Kitchen 26, environment 1, episode 4: Mug");
+    }
+
+    #[test]
+    fn a_caption_says_what_the_action_did_and_how_it_ended() {
+        let rules = Rules::of(&Config::default()).unwrap();
+        let mut record = vec![0; rules.spec.layout().small_bytes];
+        let mut set = |name: &str, number: f32| {
+            rules.spec.channel(name).unwrap().1.of_mut::<f32>(&mut record)[0] = number;
+        };
+        set("picked_up", 1.0);
+        set("wrist_object_m", 0.25);
+        let said = words(&rules, &Seen { record: &record, rewards: Some(&[]) });
+        assert_eq!((said.action.as_str(), said.remark.as_str()), ("MoveArmHeightP", "picked up"));
+        assert!(said.measures.contains("wrist object 0.250 m"), "{}", said.measures);
+        assert_eq!(words(&rules, &Seen { record: &record, rewards: None }).action, "");
+        let outcome = |word| outcome_in_words(&rules, word);
+        assert_eq!(outcome("success-without-disturbance"), ("success without disturbance".to_owned(), true));
+        assert_eq!([outcome("time-limit").1, outcome(UNFINISHED).1], [false, false]);
     }
 }

@@ -1,10 +1,10 @@
 //! Episodes as `actor replay` is given them.
 
 use super::*;
+use proto::action::Action;
 use proto::evaluation::{EvaluationConfig, ObjectSet};
 use proto::kitchen::Split;
-use proto::replay::ImageFormat;
-use simulator::tasks::arm_point_nav::Current;
+use proto::replay::{Difference, ImageFormat};
 
 /// An evaluation of one novel episode a kitchen, or a run.
 fn config(evaluation: bool) -> Config {
@@ -22,22 +22,34 @@ fn first_kitchen(config: &Config) -> EnvironmentId {
 
 /// An episode as the recorder would have recorded it.
 fn recorded(config: &Config, episode: u32, actions: &[Action]) -> RecordedEpisode {
-    let id = first_kitchen(config);
+    let (id, rules) = (first_kitchen(config), Rules::of(config).unwrap());
     let kitchen = Arc::new(source::of_run(id.kitchen, config, &PathBuf::new()).unwrap());
     let programme = Programme::of(config, &kitchen).unwrap();
     let mut environment = programme.environment(&kitchen, id, episode, config).unwrap();
-    let start_hash = Some(environment.state_hash());
-    let start = Some(start_of(&environment));
-    let (mut hashes, mut goals, mut steps) = (Vec::new(), Vec::new(), Vec::new());
-    for &action in actions {
-        let Current { holding, wrist_to_object_m, object_to_goal_m, .. } = environment.current();
-        goals.push(goal_digest(holding == 1, if holding == 1 { object_to_goal_m } else { wrist_to_object_m }));
-        let transition = environment.step(action);
-        hashes.push(environment.state_hash());
-        steps.push(digests_of(&environment, &transition, &Rewards::of(config)));
-    }
-    let actions = actions.iter().map(|action| action.index()).collect();
-    RecordedEpisode { environment: id, episode, start_hash, actions, hashes, goals, start, steps }
+    let actions: Vec<u8> = actions.iter().map(|action| action.index()).collect();
+    let hashes = vec![0; actions.len()];
+    let (digests, start) = (vec![], vec![]);
+    let mut recorded = RecordedEpisode { environment: id, episode, start_hash: None, actions, hashes, digests, start };
+    let bare = recorded.clone();
+    let (mut seen, mut step) = (vec![], 0);
+    play(&rules, &mut environment, &bare, |environment, moment| {
+        match moment.rewards {
+            None => {
+                recorded.start_hash = Some(environment.state_hash());
+                recorded.start = rules.compared.start(moment.record);
+            }
+            Some(rewards) => {
+                recorded.hashes[step] = environment.state_hash();
+                step += 1;
+                let end = environment.end();
+                rules.compared.step(Some(&seen), moment.record, rewards, end, &mut recorded.digests);
+            }
+        }
+        seen = moment.record.to_vec();
+        Ok(())
+    })
+    .unwrap();
+    recorded
 }
 
 fn replay(config: &Config, images: Option<ReplayImages>, episodes: &[RecordedEpisode]) -> Vec<ReplayVerdict> {
@@ -54,37 +66,45 @@ fn replay(config: &Config, images: Option<ReplayImages>, episodes: &[RecordedEpi
 const WAY: [Action; 4] =
     [Action::RotateRightContinuous, Action::MoveAheadContinuous, Action::LookDown, Action::DoneMidLevel];
 
+/// Whatever number of a recording is another one, it is found and called by its name: that of a channel, of a reward, or
+/// the end.
 #[test]
-fn a_goal_vector_that_the_simulator_does_not_give_is_a_difference() {
+fn every_recorded_number_is_compared_and_named() {
     let config = config(false);
     let good = recorded(&config, 3, &WAY);
-    let mut unknown = good.clone();
-    unknown.goals[1] = 0;
-    let mut wrong = good.clone();
-    wrong.goals[2] ^= 1;
-    let differences =
-        replay(&config, None, &[good, unknown, wrong]).into_iter().map(|verdict| verdict.first_difference);
-    let difference = Difference { step: 2, aspect: Aspect::Goal };
-    assert_eq!(differences.collect::<Vec<_>>(), [None, None, Some(difference)]);
-}
-
-#[test]
-fn all_that_was_recorded_of_a_step_is_compared() {
-    let config = config(false);
-    let good = recorded(&config, 3, &WAY);
-    for (number, aspect) in STEP_ASPECTS.into_iter().enumerate() {
+    let compared = Rules::of(&config).unwrap().compared;
+    let names: Vec<String> = compared.names().collect();
+    let (count, of_start) = (names.len(), compared.start_count());
+    assert_eq!((good.digests.len(), good.start.len()), (count * WAY.len(), of_start));
+    let altered = (0..count).map(|at| {
         let mut wrong = good.clone();
-        wrong.steps[2][number] ^= 1;
-        let verdict = replay(&config, None, &[wrong]).remove(0);
-        assert_eq!(verdict.first_difference, Some(Difference { step: 3, aspect }));
+        wrong.digests[2 * count + at] ^= 1;
+        wrong
+    });
+    let of_state = RecordedEpisode { hashes: vec![1; WAY.len()], ..good.clone() };
+    let unknown = RecordedEpisode { digests: vec![0; count * WAY.len()], start: vec![], ..good.clone() };
+    let all: Vec<RecordedEpisode> = altered.chain([of_state, unknown, good.clone()]).collect();
+    let mut verdicts = replay(&config, None, &all).into_iter().map(|verdict| verdict.first_difference);
+    let mut next = || verdicts.next().unwrap();
+    for (at, name) in names.iter().enumerate() {
+        let step = if compared.is_seen(at) { 2 } else { 3 };
+        assert_eq!(next(), Some(Difference { step, what: name.clone() }));
     }
-    let mut wrong = good.clone();
-    wrong.start = wrong.start.map(|start| start ^ 1);
-    let difference = replay(&config, None, &[wrong]).remove(0).first_difference;
-    assert_eq!(difference, Some(Difference { step: 0, aspect: Aspect::Start }));
-    // What an older recording does not hold is no difference.
-    let older = RecordedEpisode { start: None, steps: Vec::new(), ..good };
-    assert_eq!(replay(&config, None, &[older]).remove(0).first_difference, None);
+    assert_eq!(next(), Some(Difference { step: 1, what: "state".to_owned() }));
+    assert_eq!([next(), next()], [None, None], "what was not recorded is no difference");
+
+    let starts = (0..of_start).filter(|&at| compared.is_seen(at));
+    let altered: Vec<RecordedEpisode> = starts
+        .clone()
+        .map(|at| {
+            let mut wrong = good.clone();
+            wrong.start[at] ^= 1;
+            wrong
+        })
+        .collect();
+    let verdicts = replay(&config, None, &altered).into_iter().map(|verdict| verdict.first_difference.unwrap());
+    let expected = starts.map(|at| Difference { step: 0, what: names[at].clone() });
+    assert_eq!(verdicts.collect::<Vec<_>>(), expected.collect::<Vec<_>>());
 }
 
 #[test]
@@ -94,14 +114,13 @@ fn a_film_of_an_episode_that_diverges_announces_the_pictures_that_it_has() {
     for _ in 0..20 {
         longer.actions.push(Action::LookUp.index());
         longer.hashes.push(1);
-        longer.goals.push(0);
-        longer.steps.push([0; 4]);
     }
+    longer.digests.clear();
     let folder = tempfile::tempdir().unwrap();
     let images = ReplayImages { folder: folder.path().display().to_string(), format: ImageFormat::Apng, side: 48 };
     let verdict = replay(&config, Some(images), &[longer]).remove(0);
     assert_eq!(verdict.images, 5);
-    assert_eq!(verdict.first_difference, Some(Difference { step: 5, aspect: Aspect::Length }));
+    assert_eq!(verdict.first_difference, Some(Difference { step: 5, what: "length".to_owned() }));
     let file = std::fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap().path();
     let mut reader =
         png::Decoder::new(std::io::BufReader::new(std::fs::File::open(file).unwrap())).read_info().unwrap();

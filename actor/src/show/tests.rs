@@ -1,6 +1,7 @@
 //! Requests as `orchestrator view` sends them.
 
 use super::*;
+use proto::action::Action;
 use std::io::{BufReader, Read};
 
 /// The episode that these actions make of a run's first, with a state hash that is wrong after step `wrong`.
@@ -19,16 +20,7 @@ fn recorded(config: &Config, actions: &[Action], wrong: Option<usize>) -> Record
         hashes[wrong] ^= 1;
     }
     let actions = actions.iter().map(|action| action.index()).collect();
-    RecordedEpisode {
-        environment: id,
-        episode: 2,
-        start_hash,
-        actions,
-        hashes,
-        goals: Vec::new(),
-        start: None,
-        steps: Vec::new(),
-    }
+    RecordedEpisode { environment: id, episode: 2, start_hash, actions, hashes, digests: Vec::new(), start: Vec::new() }
 }
 
 fn open(config: &Config, name: &str, episode: RecordedEpisode) -> ShowRequest {
@@ -82,18 +74,21 @@ fn an_episode_is_opened_told_and_drawn() {
     ];
     let answers = ask(&requests);
     let ShowAnswer::Opened(shown) = &answers[0].0 else { panic!("{:?}", answers[0].0) };
-    assert_eq!((shown.moments.len(), shown.compared, shown.first_difference), (5, 5, None));
+    assert_eq!((shown.moments.len(), shown.compared, &shown.first_difference), (5, 5, &None));
     assert_eq!(shown.outcome, "failure");
     let actions: Vec<_> = shown.moments.iter().map(|moment| moment.action.as_deref()).collect();
     assert_eq!(actions[..2], [None, Some("RotateRightContinuous")]);
-    let [before, after] = [1, 2].map(|step| shown.moments[step].base);
+    let [before, after] = [1, 2].map(|step| shown.moments[step].numbers::<2>("base_position_m").unwrap());
     let way_m = (after[0] - before[0]).hypot(after[1] - before[1]);
-    assert!((way_m - 0.2).abs() < 1e-3 || shown.moments[2].failed, "it went {way_m} m");
-    let step = &shown.moments[1];
-    let composed = -0.01 - 0.03 * step.parts.failed_action
-        + step.parts.wrist_object_progress_m
-        + step.parts.object_goal_progress_m;
-    assert!((step.reward_r - composed).abs() < 1e-5);
+    let number = |step: usize, name: &str| shown.moments[step].channels[name][0];
+    assert!((way_m - 0.2).abs() < 1e-3 || number(2, "failed_action") == 1.0, "it went {way_m} m");
+    let composed = -0.01 - 0.03 * number(1, "failed_action")
+        + number(1, "wrist_object_progress_m")
+        + number(1, "object_goal_progress_m");
+    assert!((shown.moments[1].rewards["r"] - composed).abs() < 1e-5);
+    assert!(shown.moments[0].rewards.is_empty() && !shown.moments[0].channels.contains_key("failed_action"));
+    let small = shown.task.channels.len();
+    assert!(shown.moments[1..].iter().all(|moment| moment.channels.len() == small), "every channel but images");
     for (answer, picture) in &answers[1..] {
         assert!(matches!(answer, ShowAnswer::Picture { .. }) && picture.starts_with(b"\x89PNG"), "{answer:?}");
     }
@@ -106,7 +101,7 @@ fn a_state_that_is_not_as_recorded_is_named() {
     let config = Config::default();
     let answers = ask(&[open(&config, "a", recorded(&config, &WAY, Some(1)))]);
     let ShowAnswer::Opened(shown) = &answers[0].0 else { panic!("{:?}", answers[0].0) };
-    assert_eq!(shown.first_difference.map(|difference| difference.step), Some(2));
+    assert_eq!(shown.first_difference.as_ref().map(|difference| difference.step), Some(2));
 }
 
 #[test]
@@ -151,8 +146,9 @@ fn solids_are_of_the_moment_that_was_asked_for() {
     let ShowAnswer::Opened(shown) = &answers[1].0 else { panic!("it is open") };
     assert!(start.solids.len() > ahead.solids.len(), "without what never moves");
     let body = |of: &ShownSolids| of.solids.iter().find(|solid| solid.name == "robot/0").unwrap().corners_m[0];
+    let [start_m, ahead_m] = [0, 1].map(|step| shown.moments[step].numbers::<2>("base_position_m").unwrap());
     for (axis, base) in [(0, 0), (2, 1)] {
-        let moved = shown.moments[1].base[base] - shown.moments[0].base[base];
+        let moved = ahead_m[base] - start_m[base];
         assert!((body(ahead)[axis] - body(start)[axis] - moved).abs() < 1e-4);
     }
     assert_eq!(start.depth_mm.len(), FRAME_SIDE * FRAME_SIDE);

@@ -8,7 +8,7 @@ use crate::showing::format::{bytes, counted};
 use crate::showing::terminal;
 use anyhow::{Context, Result, bail, ensure};
 use export::{Policy, Precision};
-use proto::dataset::{DatasetRequest, DatasetSetup, Keep, PictureKind};
+use proto::dataset::{DatasetRequest, DatasetSetup, PictureKind};
 use proto::exit::EXIT_INCOMPLETE;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -55,9 +55,9 @@ pub struct ExportArgs {
 struct EpisodeArgs {
     #[command(flatten)]
     choice: Choice,
-    /// Only successes, or only those of them that disturbed nothing
-    #[arg(long, value_name = "WHICH")]
-    only: Option<Only>,
+    /// Only those of which this metric of the task is 1, e.g. `success_without_disturbance`
+    #[arg(long, value_name = "METRIC")]
+    only: Option<String>,
     /// At most this many episodes
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     limit: Option<u64>,
@@ -74,12 +74,6 @@ enum Format {
     Onnx,
     Safetensors,
     Npz,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum Only {
-    Success,
-    Undisturbed,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -183,11 +177,7 @@ fn export_episodes(args: &ExportArgs) -> Result<ExitCode> {
         out: out.to_str().context("--out has a name that is not text")?.to_owned(),
         pictures: kinds,
         side_px: side.unwrap_or(proto::camera::FRAME_SIDE as u32),
-        keep: match only {
-            None => Keep::Ended,
-            Some(Only::Success) => Keep::Successes,
-            Some(Only::Undisturbed) => Keep::Undisturbed,
-        },
+        keep: only.clone(),
         limit: *limit,
         episodes: episodes.len() as u64,
     };

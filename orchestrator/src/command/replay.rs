@@ -9,7 +9,7 @@ use crate::recording::simulate::{Totals, simulate};
 use crate::showing::terminal;
 use anyhow::{Context, Result, bail, ensure};
 use proto::exit::EXIT_INCOMPLETE;
-use proto::replay::{ImageFormat, RecordedEpisode, ReplayImages, ReplaySetup};
+use proto::replay::{Difference, ImageFormat, RecordedEpisode, ReplayImages, ReplaySetup};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -22,8 +22,8 @@ use std::process::ExitCode;
   orchestrator replay EVALUATION --kitchen 26 --episode 6,7 --images films --format video   numbers of episodes.csv
   orchestrator replay runs/a/recordings/incarnation-001.000.mcap --episode 7
 
-Compared are states, goal vectors, outcomes, rewards, disturbance and distances of every step, and each episode's end
-with its steps. Of a damaged recording everything that can be read is compared.
+Compared are the state after every step and every channel and reward of it by name, and each episode's end with its
+steps. Of a damaged recording everything that can be read is compared.
 
 Exit status: 0 if all agrees and nothing is missing, 1 if anything differs, 6 if the recordings are damaged or not complete.")]
 pub struct ReplayArgs {
@@ -114,12 +114,11 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
             Ok(ExitCode::from(EXIT_INCOMPLETE as u8))
         }
         None => Ok(ExitCode::SUCCESS),
-        Some((kitchen, environment, episode, step, aspect)) => {
-            let kinds = totals.aspects.iter().map(|(aspect, count)| format!("{} {count}", aspect.word()));
+        Some((kitchen, environment, episode, Difference { step, what })) => {
+            let kinds = totals.kinds.iter().map(|(what, count)| format!("{what} {count}"));
             bail!(
                 "the simulation differs from the recording, first in kitchen {kitchen}, environment {environment}, \
-                 episode {episode}, step {step}: {} (episodes by what differs first: {})",
-                aspect.word(),
+                 episode {episode}, step {step}: {what} (episodes by what differs first: {})",
                 kinds.collect::<Vec<_>>().join(", ")
             )
         }

@@ -4,15 +4,14 @@
 //! twice. Files are read in the order of time, however they are given, and steps of a newer learner incarnation replace
 //! what they redo, with everything after it. Each file is read under its own configuration.
 
-use super::assembly::{Assembly, Generation, Taken};
+use super::assembly::{Assembly, Generation};
+use super::declared::Declared;
+use super::form::{Carries, Reading, Told};
 use super::origin::{Origin, world_of};
 use super::reader::{Extent, RecordingError, read_with_trust};
 use super::wanted::{Known, Wanted};
 use crate::recording::recorder::segment::{IDENTITY_METADATA, identity};
-use crate::recording::schema::stillroom::{EpisodeEnd, EpisodeStart, Step};
 use mcap::records::Record;
-use prost::Message;
-use proto::SCHEMA_VERSION;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::evaluation::Plan;
@@ -102,6 +101,7 @@ pub fn gather(files: &[PathBuf], wanted: Wanted) -> Result<Recorded, RecordingEr
 struct Setting {
     text: String,
     failures_only: bool,
+    declared: Declared,
     /// What of it decides what the simulator does.
     world: Config,
     /// Which fixed episodes were played, in an evaluation.
@@ -149,45 +149,12 @@ struct Collection {
     faults: Vec<String>,
 }
 
-/// What a channel of one file carries, as far as episodes are concerned.
-#[derive(Clone, Copy)]
-enum Carries {
-    Step,
-    EpisodeStart,
-    EpisodeEnd,
-}
-
-/// A message about an episode.
-enum Carried {
-    Step(Box<Step>),
-    Start(EpisodeStart),
-    End(EpisodeEnd),
-}
-
-impl Carried {
-    fn decode(carries: Carries, data: &[u8]) -> Result<Self, prost::DecodeError> {
-        Ok(match carries {
-            Carries::Step => Self::Step(Box::new(Step::decode(data)?)),
-            Carries::EpisodeStart => Self::Start(EpisodeStart::decode(data)?),
-            Carries::EpisodeEnd => Self::End(EpisodeEnd::decode(data)?),
-        })
-    }
-
-    /// The episode as messages number it, and who played it.
-    fn whose(&self) -> ((u32, u32, u32), Generation) {
-        match self {
-            Self::Step(of) => ((of.kitchen, of.environment, of.episode), (of.incarnation, of.learner_incarnation)),
-            Self::Start(of) => ((of.kitchen, of.environment, of.episode), (of.incarnation, of.learner_incarnation)),
-            Self::End(of) => ((of.kitchen, of.environment, of.episode), (of.incarnation, of.learner_incarnation)),
-        }
-    }
-}
-
 impl Collection {
     fn add(&mut self, path: &Path, config: &str) -> Result<Extent, RecordingError> {
         let foreign = |problem: String| RecordingError::Foreign { path: path.to_path_buf(), problem };
         let config = self.configure(config).map_err(foreign)?;
-        let mut channels: HashMap<u16, Carries> = HashMap::new();
+        let mut schemas: HashMap<u16, Vec<u8>> = HashMap::new();
+        let mut channels: HashMap<u16, (Carries, Reading)> = HashMap::new();
         let mut identified = false;
         let mut undecodable = 0u64;
         let extent = read_with_trust(path, |record, trust| {
@@ -196,25 +163,25 @@ impl Collection {
                     self.identify(&metadata.metadata).map_err(foreign)?;
                     identified = true;
                 }
+                Record::Schema { header, data } => drop(schemas.insert(header.id, data.into_owned())),
                 Record::Channel(channel) => {
                     if !identified {
                         return Err(foreign("it was not written by this program, or its identity is lost".to_owned()));
                     }
-                    let carries = match channel.topic.as_str() {
-                        "/step" => Carries::Step,
-                        "/episode/start" => Carries::EpisodeStart,
-                        "/episode/end" => Carries::EpisodeEnd,
-                        _ => return Ok(()),
-                    };
-                    channels.insert(channel.id, carries);
+                    if let Some((carries, form)) = self.settings[config].declared.forms.of_topic(&channel.topic) {
+                        let schema = schemas.get(&channel.schema_id).map_or(&[][..], Vec::as_slice);
+                        let reading = Reading::of(form, schema);
+                        let reading = reading.map_err(|error| foreign(format!("{}: {error}", channel.topic)))?;
+                        channels.insert(channel.id, (carries, reading));
+                    }
                 }
                 Record::Message { header, data } => {
-                    let Some(carries) = channels.get(&header.channel_id) else { return Ok(()) };
+                    let Some((carries, reading)) = channels.get(&header.channel_id) else { return Ok(()) };
                     // A place that was altered may hold anything.
                     let doubtful = trust == Trust::Doubtful;
-                    match Carried::decode(*carries, &data) {
-                        Ok(carried) if doubtful && !self.is_credible(config, &carried) => undecodable += 1,
-                        Ok(carried) => self.take(config, carried).map_err(foreign)?,
+                    match reading.read(&data) {
+                        Ok(told) if doubtful && !self.is_credible(config, &told) => undecodable += 1,
+                        Ok(told) => self.take(config, *carries, told).map_err(foreign)?,
                         Err(_) if doubtful => undecodable += 1,
                         Err(cause) => return Err(foreign(cause.to_string())),
                     }
@@ -239,6 +206,7 @@ impl Collection {
         self.settings.push(Setting {
             text: config.to_owned(),
             failures_only: read.recording.failures_only,
+            declared: Declared::of(&read)?,
             plan: read.evaluation_plan(),
             kitchens: read.kitchens(),
             rota: read.rota(),
@@ -248,10 +216,6 @@ impl Collection {
     }
 
     fn identify(&mut self, metadata: &BTreeMap<String, String>) -> Result<(), String> {
-        let version = metadata.get(identity::SCHEMA_VERSION).map_or("none", String::as_str);
-        if version != SCHEMA_VERSION.to_string() {
-            return Err(format!("it has schema version {version}, this program speaks {SCHEMA_VERSION}"));
-        }
         let run_id = metadata.get(identity::RUN_ID).cloned().unwrap_or_default();
         match &self.run_id {
             Some(other) if *other != run_id => {
@@ -264,18 +228,10 @@ impl Collection {
         }
     }
 
-    fn take(&mut self, config: usize, carried: Carried) -> Result<(), String> {
-        match carried {
-            Carried::Step(step) => self.step(config, &step),
-            Carried::Start(start) => self.start(config, &start),
-            Carried::End(end) => self.end(config, end),
-        }
-    }
-
     /// Whether an altered message says what can follow those before it. One wrong incarnation would make everything
     /// after it void.
-    fn is_credible(&self, config: usize, carried: &Carried) -> bool {
-        let ((kitchen, environment, episode), generation) = carried.whose();
+    fn is_credible(&self, config: usize, told: &Told) -> bool {
+        let ((kitchen, environment, episode), generation) = told.engine.whose();
         let setting = &self.settings[config];
         let home =
             KitchenId::new(kitchen).ok().map(|kitchen| setting.home(EnvironmentId { kitchen, number: environment }));
@@ -286,43 +242,29 @@ impl Collection {
         // The first of an environment: from its file's start, and learners do not restart so often.
         let may_be_first = self.incarnation == Some(generation.0) && generation.1 <= FIRST_LEARNER_MAX;
         newest.map_or(may_be_first, |(newest, last)| *newest == generation && episode <= last.saturating_add(1))
-            && !matches!(carried, Carried::Step(step) if Taken::of(step).is_none())
     }
 
-    fn step(&mut self, config: usize, step: &Step) -> Result<(), String> {
-        self.steps += 1;
-        let taken = Taken::of(step).ok_or_else(|| format!("there is no action {}", step.action))?;
-        let generation = (step.incarnation, step.learner_incarnation);
-        let key = (step.kitchen, step.environment, step.episode);
-        let Some((assembly, settings)) = self.assembly(key, generation, config, step.fixed_episode)? else {
+    fn take(&mut self, config: usize, carries: Carries, told: Told) -> Result<(), String> {
+        let (key, generation) = told.engine.whose();
+        self.steps += u64::from(carries == Carries::Step);
+        let Some((assembly, settings)) = self.assembly(key, generation, config, told.engine.fixed_episode)? else {
             return Ok(());
         };
-        let at = step.step as usize;
-        if assembly.actions.is_empty() || at == 0 && generation > assembly.generation {
-            assembly.config = config;
-        } else if assembly.config != config && settings[assembly.config].world != settings[config].world {
-            // Nobody can simulate one episode in two worlds.
-            assembly.moved_to.get_or_insert((config, at));
-            return Ok(());
-        }
-        assembly.step(generation, at, &taken);
-        Ok(())
-    }
-
-    fn start(&mut self, config: usize, start: &EpisodeStart) -> Result<(), String> {
-        let generation = (start.incarnation, start.learner_incarnation);
-        let key = (start.kitchen, start.environment, start.episode);
-        if let Some((assembly, _)) = self.assembly(key, generation, config, start.fixed_episode)? {
-            assembly.begin(start);
-        }
-        Ok(())
-    }
-
-    fn end(&mut self, config: usize, end: EpisodeEnd) -> Result<(), String> {
-        let generation = (end.incarnation, end.learner_incarnation);
-        let key = (end.kitchen, end.environment, end.episode);
-        if let Some((assembly, _)) = self.assembly(key, generation, config, end.fixed_episode)? {
-            assembly.end(generation, end);
+        let declared = &settings[config].declared;
+        match carries {
+            Carries::Start => assembly.begin(declared, &told),
+            Carries::End => assembly.end(declared, told),
+            Carries::Step => {
+                let at = told.engine.step as usize;
+                if assembly.hashes.is_empty() || at == 0 && generation > assembly.generation {
+                    assembly.config = config;
+                } else if assembly.config != config && settings[assembly.config].world != settings[config].world {
+                    // Nobody can simulate one episode in two worlds.
+                    assembly.moved_to.get_or_insert((config, at));
+                    return Ok(());
+                }
+                assembly.step(declared, told);
+            }
         }
         Ok(())
     }
@@ -423,11 +365,11 @@ impl Collection {
                 continue;
             }
             // One without its first step is counted apart.
-            let headless = assembly.actions.is_empty() && (assembly.gap.is_some() || assembly.start.is_none());
+            let headless = assembly.hashes.is_empty() && (assembly.gap.is_some() || assembly.start_hash.is_none());
             let left = failures_only && self.is_left((kitchen, number, episode), assembly);
             if !headless
                 && !left
-                && let Some(fault) = assembly.fault(episode < last)
+                && let Some(fault) = assembly.fault(&setting.declared, episode < last)
             {
                 self.faults.push(format!("{}: {fault}", place(episode)));
             }
@@ -482,7 +424,7 @@ impl Collection {
             if self.is_void(key) || failures_only && self.is_left(key, &assembly) {
                 continue;
             }
-            if assembly.actions.is_empty() {
+            if assembly.hashes.is_empty() {
                 // A start without a step is an episode that had just begun; steps without the first are headless.
                 recorded.headless += u64::from(assembly.gap.is_some());
                 continue;
@@ -495,9 +437,8 @@ impl Collection {
                 start_hash: assembly.start_hash,
                 actions: assembly.actions,
                 hashes: assembly.hashes,
-                goals: assembly.goals,
+                digests: assembly.digests,
                 start: assembly.start,
-                steps: assembly.steps,
             });
         }
         Ok(recorded)

@@ -105,13 +105,12 @@ impl Harvest {
     fn take(&mut self, answer: DatasetAnswer) -> Result<bool> {
         match answer {
             DatasetAnswer::Simulated { verdict, unfinished, .. } => {
-                if let Some(Difference { step, aspect }) = verdict.first_difference {
+                if let Some(Difference { step, what }) = verdict.first_difference {
                     let EnvironmentId { kitchen, number } = verdict.environment;
                     bail!(
                         "no data set was written: the simulation differs from the recording in kitchen {kitchen}, \
-                         environment {number}, episode {}, step {step}: {}; `orchestrator replay` compares all of it",
-                        verdict.episode,
-                        aspect.word()
+                         environment {number}, episode {}, step {step}: {what}; `orchestrator replay` compares all of it",
+                        verdict.episode
                     );
                 }
                 self.simulated += 1;

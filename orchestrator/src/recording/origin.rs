@@ -1,7 +1,7 @@
 //! Where a recording comes from: what stands at its beginning.
 
 use super::reader::{RecordingError, open, read_source};
-use crate::recording::recorder::segment::{CONFIG_ATTACHMENT, IDENTITY_METADATA, identity};
+use crate::recording::recorder::segment::{CONFIG_ATTACHMENT, IDENTITY_METADATA, RECORDING_VERSION, identity};
 use mcap::records::{Metadata, Record};
 use proto::config::Config;
 use proto::run_folder::RunFolder;
@@ -20,6 +20,8 @@ pub struct Origin {
     /// None if the file does not hold it.
     pub place: Option<Place>,
     run_id: Option<String>,
+    /// Version of the file.
+    version: Option<u32>,
     /// Seed of the run, which the identity repeats.
     seed: Option<u64>,
     /// The run's configuration, TOML; none where it is lost or damaged.
@@ -53,6 +55,7 @@ impl Origin {
                 let place = number(identity::INCARNATION).zip(number(identity::SEGMENT));
                 origin.place = place.map(|(incarnation, segment)| (incarnation, host, segment));
                 origin.run_id = metadata.get(identity::RUN_ID).cloned();
+                origin.version = metadata.get(identity::VERSION).and_then(|version| version.parse().ok());
                 origin.seed = metadata.get(identity::SEED).and_then(|seed| seed.parse().ok());
                 Ok(())
             }
@@ -81,6 +84,19 @@ impl Origin {
         let start = |origin: &Self| origin.place.map(|place| place.0);
         if self.run_id.is_none() {
             return Err(foreign("it was not written by this program, or its identity is lost".to_owned()));
+        }
+        match self.version {
+            Some(RECORDING_VERSION) => {}
+            Some(older) if older < RECORDING_VERSION => {
+                return Err(foreign(
+                    "it was recorded by an older version; the programs of commit 0e4cae3e and before read it"
+                        .to_owned(),
+                ));
+            }
+            version => {
+                let version = version.map_or_else(|| "none".to_owned(), |version| version.to_string());
+                return Err(foreign(format!("it has version {version}, this program reads {RECORDING_VERSION}")));
+            }
         }
         let same_start =
             |other: &&Self| other.run_id == self.run_id && start(other) == start(self) && other.config.is_some();

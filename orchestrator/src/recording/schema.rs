@@ -1,4 +1,5 @@
-//! Messages of recordings: those of `schemas/` as Rust types, and their descriptors, both compiled by `make schemas`.
+//! Messages of recordings: those of `schemas/` as Rust types, and their descriptors, both compiled by `make schemas`. What
+//! is recorded of steps and episodes follows from the task: [`super::form`].
 //!
 //! A recording describes itself: with every channel goes the descriptor of its message, so that Foxglove, `mcap cat`
 //! or ten lines of Python read it without this program. Names and numbers of the `foxglove` messages are those that
@@ -7,6 +8,7 @@
 
 use prost::Message;
 use prost_types::{FileDescriptorProto, FileDescriptorSet};
+use std::sync::Arc;
 
 /// Well-known messages.
 pub mod foxglove {
@@ -23,7 +25,26 @@ pub mod stillroom {
 /// Encoding of schemas and of messages, as MCAP names it.
 pub const PROTOBUF: &str = "protobuf";
 
-/// The descriptor of one message, e.g. `stillroom.Step`: its file and all files that this one imports, imports first.
+/// A message, as recordings describe it.
+#[derive(Debug, Clone)]
+pub struct Schema {
+    /// E.g. `stillroom.Step`.
+    pub name: String,
+    /// Its file and all files that this one imports, imports first.
+    pub descriptor: Arc<[u8]>,
+}
+
+impl Schema {
+    /// A message of `schemas/`.
+    ///
+    /// # Panics
+    /// If there is none of this name.
+    pub fn of(message: &str) -> Self {
+        Self { name: message.to_owned(), descriptor: descriptor_of(message).into() }
+    }
+}
+
+/// The descriptor of one message, e.g. `foxglove.Log`: its file and all files that this one imports, imports first.
 ///
 /// # Panics
 /// If no schema defines the message.
@@ -53,22 +74,6 @@ fn add_with_imports(all: &FileDescriptorSet, file: &FileDescriptorProto, chosen:
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proto::action::Action;
-    use proto::kitchen::TargetCategory;
-
-    #[test]
-    fn enums_are_those_of_the_wire() {
-        for action in Action::ALL {
-            let recorded = stillroom::Action::try_from(i32::from(action.index())).unwrap();
-            assert_eq!(recorded.as_str_name(), action.name());
-        }
-        assert!(stillroom::Action::try_from(Action::ALL.len() as i32).is_err());
-        for category in TargetCategory::ALL {
-            let recorded = stillroom::TargetCategory::try_from(i32::from(category.index())).unwrap();
-            assert_eq!(recorded.as_str_name(), category.name());
-        }
-        assert!(stillroom::TargetCategory::try_from(TargetCategory::ALL.len() as i32).is_err());
-    }
 
     #[test]
     fn a_descriptor_holds_its_imports_before_their_users() {

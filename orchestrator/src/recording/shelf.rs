@@ -5,15 +5,15 @@
 //! with every flush; what comes before them stays. A chunk that cannot be read yet is looked at again later while its
 //! file grows; in a file at rest it is damage, which `orchestrator recover` repairs, and the file is read up to it.
 
-use super::assembly::{Assembly, Generation, Taken};
+use super::assembly::{Assembly, Generation};
+use super::declared::Declared;
 use super::episodes::home;
+use super::form::{Carries, MessageError, Reading, Told};
 use super::origin::Origin;
 use super::reader::RecordingError;
-use crate::recording::schema::stillroom::{EpisodeEnd, EpisodeStart, Step};
 use mcap::read::parse_record;
 use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use prost::Message;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::{KitchenId, Kitchens};
@@ -25,6 +25,7 @@ use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// A record longer than this is none.
@@ -54,11 +55,9 @@ pub struct Shelved {
     pub order: u64,
     /// Steps that were recorded.
     pub steps: u32,
-    /// One bit for each step: its action failed.
-    failed: Vec<u64>,
-    pub end: Option<EpisodeEnd>,
-    /// Category of its target, as recordings number it.
-    pub target: Option<i32>,
+    pub end: Option<Ended>,
+    /// Name of its `target`, if the task has such a channel.
+    pub target: Option<String>,
     /// Number of the fixed episode, in an evaluation.
     pub fixed: Option<u32>,
     /// Chunks with messages about it: number of the file, offsets of the first and the last.
@@ -67,11 +66,29 @@ pub struct Shelved {
     from_its_start: bool,
 }
 
-impl Shelved {
-    pub fn failed_actions(&self) -> u32 {
-        self.failed.iter().map(|word| word.count_ones()).sum()
-    }
+/// How an episode ended.
+#[derive(Debug, Clone, Default)]
+pub struct Ended {
+    /// Its outcome, in words.
+    pub outcome: String,
+    pub length: u32,
+    /// Returns and metrics, by name; without those that are not known.
+    pub figures: BTreeMap<String, f64>,
+}
 
+impl Ended {
+    fn of(declared: &Declared, end: &Told) -> Self {
+        let returns = declared.compared.rewards().map(|name| format!("return_{name}")).zip(&end.returns);
+        let metrics = declared.spec.metrics.iter().map(|metric| metric.name.clone()).zip(&end.metrics);
+        Self {
+            outcome: declared.spec.outcome(&end.metrics, end.engine.end()),
+            length: end.engine.length,
+            figures: returns.chain(metrics).filter_map(|(name, number)| Some((name, (*number)?))).collect(),
+        }
+    }
+}
+
+impl Shelved {
     /// Whether it can be simulated again.
     pub fn is_playable(&self) -> bool {
         self.from_its_start && self.steps > 0
@@ -82,10 +99,6 @@ impl Shelved {
         if generation > self.generation {
             self.generation = generation;
             self.steps = self.steps.min(step);
-            self.failed.truncate((step as usize).div_ceil(64));
-            if let Some(last) = self.failed.last_mut().filter(|_| !step.is_multiple_of(64)) {
-                *last &= (1 << (step % 64)) - 1;
-            }
             self.end = None;
         }
         generation == self.generation
@@ -99,13 +112,6 @@ impl Shelved {
     }
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Carries {
-    Step,
-    Start,
-    End,
-}
-
 /// A file of recordings.
 #[derive(Debug)]
 struct Volume {
@@ -113,18 +119,30 @@ struct Volume {
     /// Read up to here.
     offset: u64,
     length: u64,
-    channels: HashMap<u16, Carries>,
-    /// The configuration that it was recorded under, and its kitchens, once they were read.
-    config: Option<(String, Kitchens)>,
+    schemas: HashMap<u16, Vec<u8>>,
+    channels: HashMap<u16, (Carries, Reading)>,
+    /// What it was recorded under, once that was read.
+    config: Option<Arc<Setting>>,
     /// Nothing more is read of it.
     given_up: bool,
     /// All of its data was read, as long as its length stays.
     caught_up: bool,
 }
 
+/// What a file was recorded under.
+#[derive(Debug)]
+struct Setting {
+    /// Its configuration.
+    text: String,
+    kitchens: Kitchens,
+    declared: Declared,
+}
+
 /// What of a chunk matters here.
 enum Found {
-    Channel(u16, Carries),
+    Schema(u16, Vec<u8>),
+    /// Its number, that of its schema, its topic.
+    Channel(u16, u16, String),
     Message(u16, Vec<u8>),
 }
 
@@ -244,7 +262,8 @@ impl Shelf {
         for &(number, first, last) in &shelved.places {
             let volume = &self.volumes[number];
             let unreadable = |cause| RecordingError::Unreadable { path: volume.path.clone(), cause };
-            config = config.or_else(|| volume.config.as_ref().map(|(text, _)| text.clone()));
+            let Some(setting) = &volume.config else { continue };
+            config.get_or_insert_with(|| setting.text.clone());
             let file = self.folder.open(&volume.path).map_err(unreadable)?;
             let mut offset = first;
             while offset <= last {
@@ -252,9 +271,10 @@ impl Shelf {
                     Next::Chunk(body, end) => {
                         for found in contents(&body).unwrap_or_default() {
                             if let Found::Message(channel, data) = found
-                                && let Some(&carries) = volume.channels.get(&channel)
+                                && let Some((carries, reading)) = volume.channels.get(&channel)
+                                && let Ok(told) = reading.read(&data)
                             {
-                                assemble(&mut assembly, key, carries, &data);
+                                assemble(&mut assembly, key, *carries, told, &setting.declared);
                             }
                         }
                         end
@@ -264,16 +284,15 @@ impl Shelf {
                 };
             }
         }
-        let Some(config) = config.filter(|_| !assembly.actions.is_empty()) else { return Ok(None) };
+        let Some(config) = config.filter(|_| !assembly.hashes.is_empty()) else { return Ok(None) };
         let recorded = RecordedEpisode {
             environment: EnvironmentId { kitchen, number: key.1 },
             episode: key.2,
             start_hash: assembly.start_hash,
             actions: assembly.actions,
             hashes: assembly.hashes,
-            goals: assembly.goals,
+            digests: assembly.digests,
             start: assembly.start,
-            steps: assembly.steps,
         };
         Ok(Some((config, recorded)))
     }
@@ -298,9 +317,9 @@ impl Shelf {
             }
             let offset = mcap::MAGIC.len() as u64;
             self.numbers.insert(path.clone(), self.volumes.len());
-            let channels = HashMap::new();
+            let (schemas, channels) = (HashMap::new(), HashMap::new());
             let (given_up, caught_up) = (false, false);
-            self.volumes.push(Volume { path, offset, length, channels, config: None, given_up, caught_up });
+            self.volumes.push(Volume { path, offset, length, schemas, channels, config: None, given_up, caught_up });
         }
     }
 
@@ -316,7 +335,7 @@ impl Shelf {
         let volume = &mut self.volumes[number];
         if volume.config.is_none() {
             match config_of(&self.folder, &volume.path) {
-                Ok(config) => volume.config = Some(config),
+                Ok(config) => volume.config = Some(Arc::new(config)),
                 Err(_) if volume.offset >= volume.length || super::is_growing(&self.folder, &volume.path) => {
                     return false;
                 }
@@ -356,11 +375,23 @@ impl Shelf {
         let at = volume.offset;
         volume.offset = offset;
         for found in contents {
+            let volume = &mut self.volumes[number];
             match found {
-                Found::Channel(id, carries) => drop(self.volumes[number].channels.insert(id, carries)),
+                Found::Schema(id, descriptor) => drop(volume.schemas.insert(id, descriptor)),
+                Found::Channel(id, schema, topic) => {
+                    if let Err(problem) = volume.meet(id, schema, &topic) {
+                        let note = format!("{}: {topic}: {problem}", volume.path.display());
+                        volume.given_up = true;
+                        self.note(note);
+                        return false;
+                    }
+                }
                 Found::Message(channel, data) => {
-                    if let Some(&carries) = self.volumes[number].channels.get(&channel) {
-                        self.take((number, at), carries, &data);
+                    if let Some((carries, reading)) = volume.channels.get(&channel)
+                        && let Ok(told) = reading.read(&data)
+                    {
+                        let carries = *carries;
+                        self.take((number, at), carries, &told);
                     }
                 }
             }
@@ -368,38 +399,25 @@ impl Shelf {
         true
     }
 
-    fn take(&mut self, place: (usize, u64), carries: Carries, data: &[u8]) {
+    fn take(&mut self, place: (usize, u64), carries: Carries, told: &Told) {
+        let Some(setting) = self.volumes[place.0].config.clone() else { return };
+        let (whose, generation) = told.engine.whose();
+        let step = match carries {
+            Carries::Step => told.engine.step,
+            Carries::Start => 0,
+            Carries::End => told.engine.length,
+        };
+        let Some(shelved) = self.shelved(whose, generation, step, place) else { return };
         match carries {
+            Carries::Start => {}
             Carries::Step => {
-                let Ok(step) = Step::decode(data) else { return };
-                let generation = (step.incarnation, step.learner_incarnation);
-                let whose = (step.kitchen, step.environment, step.episode);
-                let Some(shelved) = self.shelved(whose, generation, step.step, place) else { return };
-                shelved.from_its_start |= step.step == 0;
-                shelved.target = Some(step.target);
-                shelved.fixed = step.fixed_episode;
-                shelved.steps = shelved.steps.max(step.step.saturating_add(1));
-                let word = step.step as usize / 64;
-                // A step's number is bounded by an episode's length; a damaged one costs no memory.
-                if word < 1024 {
-                    shelved.failed.resize(shelved.failed.len().max(word + 1), 0);
-                    shelved.failed[word] |= u64::from(step.action_failed) << (step.step % 64);
-                }
-            }
-            Carries::Start => {
-                let Ok(start) = EpisodeStart::decode(data) else { return };
-                let generation = (start.incarnation, start.learner_incarnation);
-                let whose = (start.kitchen, start.environment, start.episode);
-                if let Some(shelved) = self.shelved(whose, generation, 0, place) {
-                    shelved.target = Some(start.target);
-                }
+                shelved.from_its_start |= step == 0;
+                shelved.target = shelved.target.take().or_else(|| target(&setting.declared, told));
+                shelved.fixed = told.engine.fixed_episode;
+                shelved.steps = shelved.steps.max(step.saturating_add(1));
             }
             Carries::End => {
-                let Ok(end) = EpisodeEnd::decode(data) else { return };
-                let generation = (end.incarnation, end.learner_incarnation);
-                let whose = (end.kitchen, end.environment, end.episode);
-                let Some(shelved) = self.shelved(whose, generation, end.length, place) else { return };
-                shelved.end = Some(end);
+                shelved.end = Some(Ended::of(&setting.declared, told));
                 let ended = self.ended.entry(whose.0).or_default();
                 // A learner that went back plays some again.
                 ended.retain(|key| *key != whose);
@@ -421,7 +439,7 @@ impl Shelf {
     ) -> Option<&mut Shelved> {
         // One that is no kitchen has no episode that could be simulated.
         let place = EnvironmentId { kitchen: KitchenId::new(kitchen).ok()?, number: environment };
-        let home = home(self.volumes[number].config.as_ref()?.1, place);
+        let home = home(self.volumes[number].config.as_ref()?.kitchens, place);
         let home = (home.kitchen.number(), home.number);
         self.homes.insert((kitchen, environment), home);
         let newest = self.newest.entry(home).or_insert((generation, episode));
@@ -452,24 +470,30 @@ impl Shelf {
     }
 }
 
+impl Volume {
+    /// Notes what a channel carries.
+    fn meet(&mut self, id: u16, schema: u16, topic: &str) -> Result<(), MessageError> {
+        let Some(setting) = &self.config else { return Ok(()) };
+        if let Some((carries, form)) = setting.declared.forms.of_topic(topic) {
+            let descriptor = self.schemas.get(&schema).map_or(&[][..], Vec::as_slice);
+            self.channels.insert(id, (carries, Reading::of(form, descriptor)?));
+        }
+        Ok(())
+    }
+}
+
+/// Name of a step's target.
+fn target(declared: &Declared, step: &Told) -> Option<String> {
+    let (channel, field) = declared.spec.channel("target")?;
+    channel.names.get(field.number(&step.record) as usize).cloned()
+}
+
 /// Feeds one message to the assembly, if it is about this episode.
-fn assemble(assembly: &mut Assembly, key: Key, carries: Carries, data: &[u8]) {
-    let is_it = |kitchen: u32, environment: u32, episode: u32| (kitchen, environment, episode) == (key.0, key.1, key.2);
+fn assemble(assembly: &mut Assembly, key: Key, carries: Carries, told: Told, declared: &Declared) {
     match carries {
-        Carries::Step => {
-            let Ok(step) = Step::decode(data) else { return };
-            if is_it(step.kitchen, step.environment, step.episode)
-                && let Some(taken) = Taken::of(&step)
-            {
-                assembly.step((step.incarnation, step.learner_incarnation), step.step as usize, &taken);
-            }
-        }
-        Carries::Start => {
-            let Ok(start) = EpisodeStart::decode(data) else { return };
-            if is_it(start.kitchen, start.environment, start.episode) {
-                assembly.begin(&start);
-            }
-        }
+        _ if told.engine.whose().0 != key => {}
+        Carries::Step => assembly.step(declared, told),
+        Carries::Start => assembly.begin(declared, &told),
         Carries::End => {}
     }
 }
@@ -478,12 +502,8 @@ fn assemble(assembly: &mut Assembly, key: Key, carries: Carries, data: &[u8]) {
 fn contents(body: &[u8]) -> Option<Vec<Found>> {
     let mut found = Vec::new();
     each_record(body, |record| match record {
-        Record::Channel(channel) => match channel.topic.as_str() {
-            "/step" => found.push(Found::Channel(channel.id, Carries::Step)),
-            "/episode/start" => found.push(Found::Channel(channel.id, Carries::Start)),
-            "/episode/end" => found.push(Found::Channel(channel.id, Carries::End)),
-            _ => {}
-        },
+        Record::Schema { header, data } => found.push(Found::Schema(header.id, data.into_owned())),
+        Record::Channel(channel) => found.push(Found::Channel(channel.id, channel.schema_id, channel.topic)),
         Record::Message { header, data } => found.push(Found::Message(header.channel_id, data.into_owned())),
         _ => {}
     })?;
@@ -521,15 +541,14 @@ pub(super) fn each_record(body: &[u8], mut take: impl FnMut(Record)) -> Option<(
     Some(())
 }
 
-/// The configuration of a file, and its kitchens.
-fn config_of(folder: &RunFolder, path: &Path) -> Result<(String, Kitchens), RecordingError> {
+/// What a file was recorded under.
+fn config_of(folder: &RunFolder, path: &Path) -> Result<Setting, RecordingError> {
     let source = folder.open(path).and_then(FileSource::new);
     let source = source.map_err(|cause| RecordingError::Unreadable { path: path.to_path_buf(), cause })?;
     let text = Origin::read(path, source)?.configuration(path, std::iter::empty())?;
-    let problem =
-        |cause: toml::de::Error| RecordingError::Foreign { path: path.to_path_buf(), problem: cause.to_string() };
-    let kitchens = toml::from_str::<Config>(&text).map_err(problem)?.kitchens();
-    Ok((text, kitchens))
+    let foreign = |problem: String| RecordingError::Foreign { path: path.to_path_buf(), problem };
+    let config: Config = toml::from_str(&text).map_err(|cause| foreign(cause.to_string()))?;
+    Ok(Setting { kitchens: config.kitchens(), declared: Declared::of(&config).map_err(foreign)?, text })
 }
 
 pub(super) fn next(file: &File, offset: u64, length: u64) -> std::io::Result<Next> {

@@ -11,7 +11,7 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use proto::episode::EnvironmentId;
 use proto::exit::how;
 use proto::kitchen::KitchenId;
-use proto::replay::{Aspect, Difference, RecordedEpisode, ReplaySetup, ReplayVerdict};
+use proto::replay::{Difference, RecordedEpisode, ReplaySetup, ReplayVerdict};
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, BufWriter, ErrorKind, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
@@ -39,9 +39,9 @@ pub struct Totals {
     /// Episodes with a difference.
     pub different: u64,
     /// Kitchen, environment, episode, step of the first one, in that order, and what differs.
-    pub first: Option<(u32, u32, u32, u64, Aspect)>,
+    pub first: Option<(u32, u32, u32, Difference)>,
     /// Episodes with a difference by what differs first in them.
-    pub aspects: BTreeMap<Aspect, u64>,
+    pub kinds: BTreeMap<String, u64>,
 }
 
 impl Totals {
@@ -49,12 +49,12 @@ impl Totals {
         self.episodes += 1;
         self.compared += verdict.compared;
         self.images += verdict.images;
-        if let Some(Difference { step, aspect }) = verdict.first_difference {
+        if let Some(difference) = &verdict.first_difference {
             self.different += 1;
-            *self.aspects.entry(aspect).or_default() += 1;
+            *self.kinds.entry(difference.what.clone()).or_default() += 1;
             let EnvironmentId { kitchen, number } = verdict.environment;
-            let place = (kitchen.number(), number, verdict.episode, step, aspect);
-            self.first = Some(self.first.map_or(place, |first| first.min(place)));
+            let place = (kitchen.number(), number, verdict.episode, difference.clone());
+            self.first = self.first.take().into_iter().chain([place]).min();
         }
     }
 }
@@ -66,9 +66,9 @@ impl Totals {
         self.compared += other.compared;
         self.images += other.images;
         self.different += other.different;
-        self.first = [self.first, other.first].into_iter().flatten().min();
-        for (aspect, count) in other.aspects {
-            *self.aspects.entry(aspect).or_default() += count;
+        self.first = [self.first.take(), other.first].into_iter().flatten().min();
+        for (kind, count) in other.kinds {
+            *self.kinds.entry(kind).or_default() += count;
         }
     }
 }
@@ -128,7 +128,7 @@ fn divide(episodes: Vec<RecordedEpisode>, shares: usize) -> Vec<Vec<RecordedEpis
     }
     let mut kitchens: Vec<(usize, Vec<RecordedEpisode>)> = kitchens
         .into_values()
-        .map(|episodes| (episodes.iter().map(|episode| episode.actions.len() + 1).sum(), episodes))
+        .map(|episodes| (episodes.iter().map(|episode| episode.hashes.len() + 1).sum(), episodes))
         .collect();
     // The largest first, each to the smallest share so far. Stable, so the same files are always divided alike.
     kitchens.sort_by_key(|(steps, _)| std::cmp::Reverse(*steps));
@@ -283,9 +283,8 @@ mod tests {
             start_hash: None,
             actions: vec![0; steps],
             hashes: vec![0; steps],
-            goals: vec![0; steps],
-            start: None,
-            steps: Vec::new(),
+            digests: Vec::new(),
+            start: Vec::new(),
         }
     }
 
@@ -304,22 +303,23 @@ mod tests {
     #[test]
     fn the_first_difference_is_the_first_in_order_not_in_time() {
         let mut totals = Totals::default();
+        let reward_at = |step| Difference { step, what: "reward_r".to_owned() };
         let verdict = |kitchen: u32, difference: Option<u64>| ReplayVerdict {
             environment: EnvironmentId { kitchen: KitchenId::new(kitchen).unwrap(), number: 1 },
             episode: 2,
             compared: 3,
-            first_difference: difference.map(|step| Difference { step, aspect: Aspect::Reward }),
+            first_difference: difference.map(reward_at),
             images: 0,
         };
         for (kitchen, difference) in [(9, Some(1)), (3, Some(2)), (1, None)] {
             totals.add(&verdict(kitchen, difference));
         }
-        assert_eq!((totals.different, totals.first), (2, Some((3, 1, 2, 2, Aspect::Reward))));
+        assert_eq!((totals.different, totals.first.clone()), (2, Some((3, 1, 2, reward_at(2)))));
         let mut other = Totals::default();
         other.add(&verdict(2, Some(7)));
         totals.merge(other);
         assert_eq!((totals.episodes, totals.compared, totals.different), (4, 12, 3));
-        assert_eq!(totals.first, Some((2, 1, 2, 7, Aspect::Reward)));
-        assert_eq!(totals.aspects, BTreeMap::from([(Aspect::Reward, 3)]));
+        assert_eq!(totals.first, Some((2, 1, 2, reward_at(7))));
+        assert_eq!(totals.kinds, BTreeMap::from([("reward_r".to_owned(), 3)]));
     }
 }

@@ -3,49 +3,79 @@
 mod followed;
 mod shelved;
 
+use super::declared::Declared;
 use super::episodes::{Recorded, gather};
-use super::reader::RecordingError;
-use super::recorder::segment::{CONFIG_ATTACHMENT, IDENTITY_METADATA, identity};
+use super::form::{Carries, Told};
+use super::reader::{RecordingError, read};
+use super::recorder::segment::{CONFIG_ATTACHMENT, IDENTITY_METADATA, RECORDING_VERSION, identity};
 use super::repair::{Repair, repair};
-use super::schema::stillroom::{EpisodeEnd, EpisodeStart, Step};
 use super::wanted::Wanted;
 use mcap::Attachment;
-use mcap::records::{MessageHeader, Metadata};
-use prost::Message;
+use mcap::records::{MessageHeader, Metadata, Record};
 use proto::config::Config;
 use std::borrow::Cow;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+
+pub static ARM: LazyLock<Declared> = LazyLock::new(|| Declared::of(&Config::default()).unwrap());
 
 /// One message of a recording.
-#[derive(Debug, Clone, PartialEq)]
-enum Said {
-    Start(EpisodeStart),
-    Step(Step),
-    End(EpisodeEnd),
+pub type Said = (Carries, Told);
+
+/// What the messages about episodes in a file say, in their order.
+pub fn said(path: &Path, declared: &Declared) -> Vec<Said> {
+    let (mut schemas, mut channels, mut said) = (HashMap::new(), HashMap::new(), vec![]);
+    read::<RecordingError>(path, |record| {
+        match record {
+            Record::Schema { header, data } => drop(schemas.insert(header.id, data.into_owned())),
+            Record::Channel(channel) => {
+                if let Some((carries, form)) = declared.forms.of_topic(&channel.topic) {
+                    let reading = super::form::Reading::of(form, &schemas[&channel.schema_id]).unwrap();
+                    channels.insert(channel.id, (carries, reading));
+                }
+            }
+            Record::Message { header, data } => {
+                if let Some((carries, reading)) = channels.get(&header.channel_id) {
+                    said.push((*carries, reading.read(&data).unwrap()));
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    })
+    .unwrap();
+    said
+}
+
+/// Those on one topic.
+pub fn those(said: &[Said], carries: Carries) -> impl Iterator<Item = &Told> {
+    said.iter().filter(move |(of, _)| *of == carries).map(|(_, told)| told)
 }
 
 /// Four episodes of three steps in one environment, the last one unfinished after two; under this learner.
 fn episodes(learner_incarnation: u32) -> Vec<Said> {
     let mut said = Vec::new();
     for episode in 0..4 {
-        let (kitchen, incarnation) = (1, 1);
-        said.push(Said::Start(EpisodeStart {
-            kitchen,
-            episode,
-            incarnation,
-            learner_incarnation,
-            ..Default::default()
-        }));
+        let mut say = |carries: Carries, edit: &dyn Fn(&mut Told)| {
+            let forms = &ARM.forms;
+            let mut told = match carries {
+                Carries::Start => forms.start.empty(),
+                Carries::Step => forms.step.empty(),
+                Carries::End => forms.end.empty(),
+            };
+            let engine = &mut told.engine;
+            (engine.kitchen, engine.episode, engine.incarnation) = (1, episode, 1);
+            engine.learner_incarnation = learner_incarnation;
+            edit(&mut told);
+            said.push((carries, told));
+        };
+        say(Carries::Start, &|_| {});
         for step in 0..if episode == 3 { 2 } else { 3 } {
             let ended = step == 2;
-            let step = Step { kitchen, episode, step, incarnation, learner_incarnation, ended, ..Default::default() };
-            said.push(Said::Step(step));
+            say(Carries::Step, &|told| (told.engine.step, told.engine.terminated) = (step, ended));
             if ended {
-                let length = 3;
-                let end =
-                    EpisodeEnd { kitchen, episode, incarnation, learner_incarnation, length, ..Default::default() };
-                said.push(Said::End(end));
+                say(Carries::End, &|told| (told.engine.length, told.engine.terminated) = (3, true));
             }
         }
     }
@@ -53,7 +83,11 @@ fn episodes(learner_incarnation: u32) -> Vec<Said> {
 }
 
 fn step(episode: u32, step: u32) -> impl Fn(&Said) -> bool {
-    move |said| matches!(said, Said::Step(one) if (one.episode, one.step) == (episode, step))
+    move |(carries, told)| *carries == Carries::Step && (told.engine.episode, told.engine.step) == (episode, step)
+}
+
+fn end(episode: u32) -> impl Fn(&Said) -> bool {
+    move |(carries, told)| *carries == Carries::End && told.engine.episode == episode
 }
 
 /// A folder of recordings.
@@ -72,7 +106,7 @@ impl Shelf {
             (identity::RUN_ID, "run".to_owned()),
             (identity::INCARNATION, "1".to_owned()),
             (identity::SEGMENT, segment.to_string()),
-            (identity::SCHEMA_VERSION, proto::SCHEMA_VERSION.to_string()),
+            (identity::VERSION, RECORDING_VERSION.to_string()),
             (identity::SEED, config.seed.to_string()),
         ];
         let metadata = pairs.map(|(key, value)| (key.to_owned(), value)).into();
@@ -81,14 +115,16 @@ impl Shelf {
         let data = Cow::Borrowed(config.as_bytes());
         let (name, media_type) = (CONFIG_ATTACHMENT.to_owned(), "application/toml".to_owned());
         writer.attach(&Attachment { log_time: 0, create_time: 0, name, media_type, data }).unwrap();
-        let channels = ["/episode/start", "/step", "/episode/end"]
-            .map(|topic| writer.add_channel(0, topic, "protobuf", &BTreeMap::new()).unwrap());
-        for (number, said) in said.iter().enumerate() {
-            let (channel_id, data) = match said {
-                Said::Start(start) => (channels[0], start.encode_to_vec()),
-                Said::Step(step) => (channels[1], step.encode_to_vec()),
-                Said::End(end) => (channels[2], end.encode_to_vec()),
-            };
+        let forms = &ARM.forms;
+        let forms = [("/step", &forms.step), ("/episode/start", &forms.start), ("/episode/end", &forms.end)];
+        let channels = forms.map(|(topic, form)| {
+            let described = form.schema();
+            let schema = writer.add_schema(&described.name, "protobuf", &described.descriptor).unwrap();
+            writer.add_channel(schema, topic, "protobuf", &BTreeMap::new()).unwrap()
+        });
+        for (number, (carries, told)) in said.iter().enumerate() {
+            let (channel_id, mut data) = (channels[*carries as usize], vec![]);
+            forms[*carries as usize].1.write(told, &mut data);
             let time = number as u64;
             let header = MessageHeader { channel_id, sequence: 0, log_time: time, publish_time: time };
             writer.write_to_known_channel(&header, &data).unwrap();
@@ -126,30 +162,13 @@ fn steps_ends_and_episodes_that_are_missing_are_named() {
     let cases: Vec<(Vec<Said>, String)> = vec![
         (without(step(1, 2)), format!("{}: 1 of its 3 steps are missing at its end", place(1))),
         (without(step(1, 1)), format!("{}: step 1 is missing, and what comes after it cannot be replayed", place(1))),
+        (without(end(2)), format!("{}: its message on /episode/end is missing", place(2))),
         (
-            without(|said| matches!(said, Said::End(end) if end.episode == 2)),
-            format!("{}: its message on /episode/end is missing", place(2)),
-        ),
-        (
-            without(|said| step(2, 2)(said) || matches!(said, Said::End(end) if end.episode == 2)),
+            without(|said| step(2, 2)(said) || end(2)(said)),
             format!("{}: its steps from 2 on and its end are missing", place(2)),
         ),
-        (
-            without(|said| match said {
-                Said::Start(one) => one.episode == 1,
-                Said::Step(one) => one.episode == 1,
-                Said::End(one) => one.episode == 1,
-            }),
-            format!("{}: not recorded, though episode 2 is", place(1)),
-        ),
-        (
-            without(|said| match said {
-                Said::Start(one) => one.episode < 2,
-                Said::Step(one) => one.episode < 2,
-                Said::End(one) => one.episode < 2,
-            }),
-            format!("{} to 1: not recorded, though episode 2 is", place(0)),
-        ),
+        (without(|(_, told)| told.engine.episode == 1), format!("{}: not recorded, though episode 2 is", place(1))),
+        (without(|(_, told)| told.engine.episode < 2), format!("{} to 1: not recorded, though episode 2 is", place(0))),
     ];
     for (said, fault) in cases {
         assert_eq!(shelf.of(&said).faults, [fault]);
@@ -158,11 +177,7 @@ fn steps_ends_and_episodes_that_are_missing_are_named() {
     assert_eq!(shelf.of(&without(step(3, 1))).faults, Vec::<String>::new());
     let mut config = Config::default();
     config.recording.failures_only = true;
-    let said = without(|said| match said {
-        Said::Start(one) => one.episode < 2,
-        Said::Step(one) => one.episode < 2,
-        Said::End(one) => one.episode < 2,
-    });
+    let said = without(|(_, told)| told.engine.episode < 2);
     let recorded = gather(&[shelf.segment(0, &config, &said, same)], Wanted::default()).unwrap();
     assert_eq!(recorded.faults, Vec::<String>::new());
 }
@@ -196,21 +211,14 @@ fn a_segment_that_is_missing_is_named() {
 fn each_file_s_own_configuration_belongs_to_its_episodes() {
     let shelf = Shelf::new();
     let seeded = |seed| Config { seed, ..Config::default() };
-    let of = |episode: u32| {
-        without(move |said| match said {
-            Said::Start(one) => one.episode != episode,
-            Said::Step(one) => one.episode != episode,
-            Said::End(one) => one.episode != episode,
-        })
-    };
+    let of = |episode: u32| without(move |(_, told)| told.engine.episode != episode);
     let files = [shelf.segment(0, &seeded(1), &of(0), same), shelf.segment(1, &seeded(2), &of(1), same)];
     let recorded = gather(&files, Wanted::default()).unwrap();
     assert_eq!((recorded.config_of, recorded.faults), (vec![0, 1], Vec::new()));
     assert!(recorded.configs[0].contains("seed = 1") && recorded.configs[1].contains("seed = 2"));
 
     // One episode under two: its beginning is kept, and what has changed is named.
-    let cut: Vec<Said> =
-        of(0).into_iter().filter(|said| !matches!(said, Said::Start(_)) && !step(0, 0)(said)).collect();
+    let cut: Vec<Said> = of(0).into_iter().filter(|said| said.0 != Carries::Start && !step(0, 0)(said)).collect();
     let begun: Vec<Said> = of(0).into_iter().take(2).collect();
     let files = [shelf.segment(0, &seeded(1), &begun, same), shelf.segment(1, &seeded(2), &cut, same)];
     let recorded = gather(&files, Wanted::default()).unwrap();
@@ -313,4 +321,35 @@ fn a_repair_takes_no_name_that_is_in_use() -> Result<(), RecordingError> {
     }
     assert_eq!(std::fs::read_dir(shelf.0.path()).unwrap().count(), 4, "nothing is left behind");
     gather(&[path], Wanted::default()).map(drop)
+}
+
+/// Recordings of before, whose fields were those of one task.
+#[test]
+fn an_older_recording_is_refused_with_the_version_that_reads_it() {
+    let shelf = Shelf::new();
+    let path = shelf.segment(0, &Config::default(), &episodes(1), same);
+    let bytes = std::fs::read(&path).unwrap();
+    let key = b"schema_version";
+    let place = bytes.windows(key.len()).position(|window| window == key).unwrap() + key.len() + 4;
+    assert_eq!(bytes[place], b'4');
+    let refused = |version: u8| {
+        let mut other = bytes.clone();
+        other[place] = version;
+        std::fs::write(&path, other).unwrap();
+        gather(std::slice::from_ref(&path), Wanted::default()).unwrap_err().to_string()
+    };
+    assert!(
+        refused(b'3').ends_with("recorded by an older version; the programs of commit 0e4cae3e and before read it")
+    );
+    assert!(refused(b'5').contains("it has version 5, this program reads 4"));
+}
+
+/// What was recorded under another declaration has no digests to compare: it is refused by the field's name.
+#[test]
+fn a_recording_without_a_channel_of_the_task_is_refused_by_its_name() {
+    let spec =
+        proto::task::Spec::parse(&ARM.spec.text().replace("name = \"farthest_m\"", "name = \"nearest_m\"")).unwrap();
+    let other = Declared::task(Box::leak(Box::new(spec)), &BTreeMap::new()).unwrap();
+    let refused = super::form::Reading::of(&ARM.forms.step, &other.forms.step.schema().descriptor).unwrap_err();
+    assert!(refused.to_string().contains("no field `farthest_m` as the task declares it"), "{refused}");
 }

@@ -10,7 +10,7 @@ use base64::prelude::BASE64_STANDARD;
 use proto::evaluation::EpisodeRecord;
 use proto::replay::{RecordedEpisode, ReplaySetup};
 use proto::run_folder::RunFolder;
-use proto::show::{ShowAnswer, ShowOrbit, ShowRequest, ShowView, ShownEpisode, ShownMoment};
+use proto::show::{ShowAnswer, ShowOrbit, ShowRequest, ShowView, ShownEpisode};
 use report::study::{Evaluated, EvaluatedPair, Run, pair_of};
 use serde::Serialize;
 use std::time::Duration;
@@ -217,12 +217,10 @@ fn steps(moments: usize) -> impl Iterator<Item = usize> {
 }
 
 fn words(shown: &ShownEpisode, step: usize) -> Vec<String> {
-    let ShownMoment { disturbance_m, holding, .. } = &shown.moments[step];
     let last = shown.moments.len() - 1;
-    vec![
-        format!("step {step} of {last}{}", if *holding { ", in hand" } else { "" }),
-        format!("disturbance {disturbance_m:.2} m"),
-    ]
+    let disturbance_m = shown.moments[step].numbers("disturbance_m").map(|[number]| number);
+    let disturbance = disturbance_m.map(|disturbance_m| format!("disturbance {disturbance_m:.2} m"));
+    std::iter::once(format!("step {step} of {last}")).chain(disturbance).collect()
 }
 
 #[cfg(test)]

@@ -309,6 +309,7 @@ impl Watched {
         self.shelf.advance(LOOK);
         let mut sources = Vec::new();
         let config = Config::of_run(&self.folder)?;
+        let spec = config.spec();
         let rows: Vec<EpisodeRow> = if config.evaluation.is_some() {
             let recorded: HashMap<(u32, u32), EpisodeKey> = self
                 .shelf
@@ -320,12 +321,12 @@ impl Watched {
                 .collect();
             let played = records_in(&self.folder)?;
             let played = if played.is_empty() { journal::read(&self.folder)? } else { played };
-            played.iter().map(|record| table::row_of_record(record, &recorded)).collect()
+            played.iter().map(|record| table::row_of_record(spec, record, &recorded)).collect()
         } else {
             sources = self.sources();
             if let Some(rollout) = RolloutName::Folder.rollout_of(Path::new(&query.source)) {
                 let records = records_in(&result_folder(&self.folder, rollout))?;
-                records.iter().map(|record| table::row_of_record(record, &HashMap::new())).collect()
+                records.iter().map(|record| table::row_of_record(spec, record, &HashMap::new())).collect()
             } else {
                 let of = |(key, shelved): (_, &Shelved)| Some((shelved.order, table::row_of_shelved(key, shelved)?));
                 let mut ended: Vec<(u64, EpisodeRow)> = self.shelf.episodes().filter_map(of).collect();
@@ -333,7 +334,7 @@ impl Watched {
                 ended.into_iter().map(|(_, row)| row).collect()
             }
         };
-        let page = table::page(rows, query);
+        let page = table::page(spec, rows, query);
         Ok(EpisodePage { sources, indexed: self.shelf.indexed(), notes: self.shelf.notes.clone(), ..page })
     }
 
@@ -516,14 +517,17 @@ fn kitchens(shelf: &Shelf) -> Vec<Kitchen> {
         environments.sort_unstable();
         let ends: Vec<_> =
             shelf.newest_of(kitchen, NEWEST).filter_map(|shelved: &Shelved| shelved.end.as_ref()).collect();
-        let mean = |sum: f64| if ends.is_empty() { 0.0 } else { sum / ends.len() as f64 };
+        let mean = |metric: &str| {
+            let sum: f64 = ends.iter().filter_map(|end| end.figures.get(metric)).sum();
+            if ends.is_empty() { 0.0 } else { sum / ends.len() as f64 }
+        };
         Kitchen {
             kitchen,
             environments,
             episodes: ends.len() as u64,
-            success: mean(ends.iter().filter(|end| end.success).count() as f64),
-            success_without_disturbance: mean(ends.iter().filter(|end| end.success_undisturbed).count() as f64),
-            disturbance_m: mean(ends.iter().map(|end| f64::from(end.disturbance_m)).sum()),
+            success: mean("success"),
+            success_without_disturbance: mean("success_without_disturbance"),
+            disturbance_m: mean("disturbance_m"),
         }
     };
     environments.into_iter().map(of).collect()

@@ -30,6 +30,13 @@ pub enum Dtype {
     F64,
 }
 
+/// The number of this type that bytes begin with.
+macro_rules! number {
+    ($type:ty, $bytes:expr) => {
+        <$type>::from_ne_bytes($bytes[..size_of::<$type>()].try_into().expect("as long as the type"))
+    };
+}
+
 impl Dtype {
     /// Size of a number, and its alignment.
     pub fn bytes(self) -> usize {
@@ -41,24 +48,42 @@ impl Dtype {
         }
     }
 
+    /// The bits of the number in these bytes. A negative whole number has those of an `i64`.
+    ///
+    /// # Panics
+    /// If there are fewer bytes than one number has.
+    pub fn bits(self, bytes: &[u8]) -> u64 {
+        match self {
+            Self::U8 => bytes[0].into(),
+            Self::U16 => number!(u16, bytes).into(),
+            Self::I32 => i64::from(number!(i32, bytes)).cast_unsigned(),
+            Self::U32 | Self::F32 => number!(u32, bytes).into(),
+            Self::U64 | Self::F64 => number!(u64, bytes),
+        }
+    }
+
+    /// Writes the number with these bits; false if this type has none.
+    ///
+    /// # Panics
+    /// As [`Self::bits`].
+    pub fn write(self, bits: u64, bytes: &mut [u8]) -> bool {
+        bytes[..self.bytes()].copy_from_slice(&bits.to_le_bytes()[..self.bytes()]);
+        self.bits(bytes) == bits
+    }
+
     /// The number in these bytes, as a double: exact but for whole numbers beyond 2^53.
     ///
     /// # Panics
     /// If there are fewer bytes than one number has.
     pub fn read(self, bytes: &[u8]) -> f64 {
-        macro_rules! number {
-            ($type:ty) => {
-                <$type>::from_ne_bytes(bytes[..size_of::<$type>()].try_into().expect("as long as the type"))
-            };
-        }
         match self {
-            Self::U8 => number!(u8).into(),
-            Self::U16 => number!(u16).into(),
-            Self::I32 => number!(i32).into(),
-            Self::U32 => number!(u32).into(),
-            Self::U64 => number!(u64) as f64,
-            Self::F32 => number!(f32).into(),
-            Self::F64 => number!(f64),
+            Self::U8 => number!(u8, bytes).into(),
+            Self::U16 => number!(u16, bytes).into(),
+            Self::I32 => number!(i32, bytes).into(),
+            Self::U32 => number!(u32, bytes).into(),
+            Self::U64 => number!(u64, bytes) as f64,
+            Self::F32 => number!(f32, bytes).into(),
+            Self::F64 => number!(f64, bytes),
         }
     }
 }
@@ -95,6 +120,12 @@ pub struct Channel {
 }
 
 impl Channel {
+    /// Its name without its unit.
+    pub fn bare_name(&self) -> &str {
+        let unit = self.name.strip_suffix(&*self.unit).filter(|_| !self.unit.is_empty());
+        unit.and_then(|name| name.strip_suffix('_')).unwrap_or(&self.name)
+    }
+
     /// How many numbers it has.
     pub fn count(&self) -> usize {
         self.shape.iter().product()

@@ -9,6 +9,8 @@ pub enum SpecError {
     Name(String),
     #[error("there are two of the name `{0}`")]
     Double(String),
+    #[error("`{0}` is a name of the engine's own")]
+    Reserved(String),
     #[error("channel `{name}`: {problem}")]
     Channel { name: String, problem: &'static str },
     #[error("actions: {problem}")]
@@ -21,6 +23,11 @@ pub enum SpecError {
     Label(String),
     #[error("cost: {0}")]
     Cost(String),
+    #[error(
+        "task `{task}`: networks cannot take {what}. They take one image (u16, [224, 224], sums = 2), and f32 of 3 numbers \
+         in all"
+    )]
+    Input { task: String, what: String },
     #[error("task `{task}` has no reward `{name}`, and neither has the configuration")]
     UnknownReward { name: String, task: String },
 }

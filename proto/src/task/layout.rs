@@ -47,6 +47,11 @@ impl Field {
         record[self.range()].chunks_exact(self.dtype.bytes()).map(move |bytes| self.dtype.read(bytes))
     }
 
+    /// The bits of its numbers: [`Dtype::bits`].
+    pub fn bits(self, record: &[u8]) -> impl ExactSizeIterator<Item = u64> {
+        record[self.range()].chunks_exact(self.dtype.bytes()).map(move |bytes| self.dtype.bits(bytes))
+    }
+
     /// Its numbers as they lie, of a record that begins on a cache line.
     ///
     /// # Panics

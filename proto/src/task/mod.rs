@@ -9,12 +9,15 @@ mod actions;
 mod channel;
 mod check;
 mod error;
+mod inputs;
 mod layout;
 mod metric;
+mod outcome;
 mod read;
 mod resolve;
 mod reward;
 mod spec;
+mod sums;
 #[cfg(test)]
 mod tests;
 
@@ -22,7 +25,10 @@ pub use actions::Actions;
 pub use channel::{Channel, Dtype, Role};
 pub use check::{Check, Implausible};
 pub use error::SpecError;
+pub use inputs::{Inputs, VECTOR_NUMBERS};
 pub use layout::{Field, HEADER_BYTES, LINE_BYTES, Layout};
 pub use metric::{Clause, Measure, Metric, Over};
+pub use outcome::UNFINISHED;
 pub use reward::{Composition, Condition, Cost, Label, MULTIPLIER, Reward, Term, Weight};
 pub use spec::Spec;
+pub use sums::{Summing, Sums};

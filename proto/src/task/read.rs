@@ -11,11 +11,47 @@ use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::LazyLock;
 
+/// What the engine itself says of steps and episodes in recordings, data sets and tables. No channel or metric has such a
+/// name, nor one that begins with `reward_` or `return_`.
+const RESERVED: [&str; 29] = [
+    "action",
+    "action_names",
+    "actor",
+    "actor_incarnation",
+    "bulk_recorded",
+    "end",
+    "ended",
+    "environment",
+    "environment_index",
+    "episode",
+    "exchange",
+    "fixed_episode",
+    "incarnation",
+    "kitchen",
+    "learner_incarnation",
+    "length",
+    "outcome",
+    "outside",
+    "previous_action",
+    "robot",
+    "seed",
+    "stage",
+    "stage_version",
+    "state",
+    "state_hash",
+    "step",
+    "steps",
+    "terminated",
+    "truncated",
+];
+
 /// A task's declaration, as it is written.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Declaration {
     name: String,
+    #[serde(default)]
+    formerly: Vec<String>,
     #[serde(default)]
     weights: BTreeMap<String, f32>,
     actions: Actions,
@@ -43,14 +79,14 @@ impl Spec {
     /// Reads a declaration, and checks it.
     pub fn parse(text: &str) -> Result<Self, SpecError> {
         let declaration: Declaration = toml::from_str(text).map_err(|cause| SpecError::Toml(cause.to_string()))?;
-        let Declaration { name, weights, actions, channels, rewards, cost, label, metrics } = declaration;
+        let Declaration { name, formerly, weights, actions, channels, rewards, cost, label, metrics } = declaration;
         actions.check()?;
         channels.iter().try_for_each(Channel::check)?;
         let (layout, text) = (Layout::of(&actions, &channels), text.to_owned());
-        let spec = Self { name, actions, channels, rewards, weights, metrics, cost, label, layout, text };
+        let spec = Self { name, formerly, actions, channels, rewards, weights, metrics, cost, label, layout, text };
         check_names(std::iter::once(&*spec.name))?;
-        check_names(spec.channels.iter().map(|channel| &*channel.name))?;
-        check_names(spec.metrics.iter().map(|metric| &*metric.name))?;
+        check_own_names(spec.channels.iter().map(|channel| &*channel.name))?;
+        check_own_names(spec.metrics.iter().map(|metric| &*metric.name))?;
         spec.check_rewards(&[])?;
         for reward in &spec.rewards {
             spec.composition(&reward.name, &[], &BTreeMap::new())?;
@@ -73,6 +109,16 @@ impl Spec {
     /// Refuses rewards of a configuration with a name that is none, or that another one has.
     pub(crate) fn check_rewards(&self, own: &[Reward]) -> Result<(), SpecError> {
         check_names(self.rewards.iter().chain(own).map(|reward| &*reward.name))
+    }
+}
+
+/// The same as [`check_names`], and refuses those that the engine has.
+fn check_own_names<'a>(names: impl Iterator<Item = &'a str> + Clone) -> Result<(), SpecError> {
+    let is_reserved =
+        |name: &&str| RESERVED.contains(name) || name.starts_with("reward_") || name.starts_with("return_");
+    match names.clone().find(is_reserved) {
+        Some(name) => Err(SpecError::Reserved(name.to_owned())),
+        None => check_names(names),
     }
 }
 

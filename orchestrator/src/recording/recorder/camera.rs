@@ -10,32 +10,29 @@ use proto::camera::{FIELD_OF_VIEW_DEG, FRAME_SIDE, HEIGHT_M};
 /// Names of the frames of one environment. Every kitchen is a world of its own.
 #[derive(Debug, Clone)]
 pub struct FrameNames {
-    /// Floor of the kitchen.
-    pub world: String,
-    /// Robot's axis on the floor, x ahead.
-    pub robot: String,
-    /// Optical frame of the head camera: x right, y down, z into the picture.
-    pub camera: String,
-    /// Wrist of the arm.
-    pub wrist: String,
-    /// The object to bring.
-    pub target: String,
-    /// Where to bring it.
-    pub goal: String,
+    prefix: String,
+    camera: String,
 }
 
 impl FrameNames {
     /// Frames under a prefix such as `kitchen-01/0`.
     pub fn under(prefix: &str) -> Self {
-        let name = |part: &str| format!("{prefix}/{part}");
-        Self {
-            world: name("world"),
-            robot: name("robot"),
-            camera: name("camera"),
-            wrist: name("wrist"),
-            target: name("target"),
-            goal: name("goal"),
-        }
+        Self { prefix: prefix.to_owned(), camera: format!("{prefix}/camera") }
+    }
+
+    /// Floor of the kitchen.
+    pub fn world(&self) -> String {
+        self.of("world")
+    }
+
+    /// Optical frame of the head camera: x right, y down, z into the picture.
+    pub fn camera(&self) -> &str {
+        &self.camera
+    }
+
+    /// Of the robot's axis on the floor, x ahead (`robot`), or of something whose place the task says.
+    pub fn of(&self, what: &str) -> String {
+        format!("{}/{what}", self.prefix)
     }
 }
 
@@ -57,8 +54,8 @@ pub fn calibration(timestamp: Timestamp, frame_id: &str) -> CameraCalibration {
     }
 }
 
-/// Where robot, camera, wrist, target and goal are, in the simulator's world.
-#[derive(Debug, Clone, Copy, Default)]
+/// Where robot, camera, and all that the task says the place of are, in the simulator's world.
+#[derive(Debug, Clone, Default)]
 pub struct Places {
     /// x, z.
     pub base_position_m: [f32; 2],
@@ -66,41 +63,36 @@ pub struct Places {
     pub base_yaw_rad: f32,
     /// Positive downwards.
     pub camera_pitch_rad: f32,
-    pub wrist_position_m: [f32; 3],
-    pub target_position_m: [f32; 3],
-    pub goal_position_m: [f32; 3],
+    /// Others by their frames' names, e.g. `wrist`.
+    pub others_m: Vec<(String, [f32; 3])>,
 }
 
-/// Where robot, camera, wrist, target and goal are.
+/// Where robot, camera and all else are.
 pub fn transforms(timestamp: Timestamp, names: &FrameNames, places: &Places) -> Vec<FrameTransform> {
     let [x_m, z_m] = places.base_position_m;
     let at = |parent: &str, child: &str, translation: Vector3, rotation: Quaternion| FrameTransform {
         timestamp: Some(timestamp),
-        parent_frame_id: parent.to_owned(),
-        child_frame_id: child.to_owned(),
+        parent_frame_id: names.of(parent),
+        child_frame_id: names.of(child),
         translation: Some(translation),
         rotation: Some(rotation),
     };
-    let place = |child: &str, position_m: [f32; 3]| at(&names.world, child, ros_from_world(position_m), IDENTITY);
-    vec![
-        at(
-            &names.world,
-            &names.robot,
-            ros_from_world([x_m, 0.0, z_m]),
-            // The simulator's yaw is positive to the right; a positive turn about z up is to the left.
-            about_z(-f64::from(places.base_yaw_rad)),
-        ),
-        at(
-            &names.robot,
-            &names.camera,
-            Vector3 { x: 0.0, y: 0.0, z: HEIGHT_M },
-            // Downwards is a positive turn about the axis to the left.
-            product(&about_y(f64::from(places.camera_pitch_rad)), &BODY_FROM_OPTICAL),
-        ),
-        place(&names.wrist, places.wrist_position_m),
-        place(&names.target, places.target_position_m),
-        place(&names.goal, places.goal_position_m),
-    ]
+    let robot = at(
+        "world",
+        "robot",
+        ros_from_world([x_m, 0.0, z_m]),
+        // The simulator's yaw is positive to the right; a positive turn about z up is to the left.
+        about_z(-f64::from(places.base_yaw_rad)),
+    );
+    let camera = at(
+        "robot",
+        "camera",
+        Vector3 { x: 0.0, y: 0.0, z: HEIGHT_M },
+        // Downwards is a positive turn about the axis to the left.
+        product(&about_y(f64::from(places.camera_pitch_rad)), &BODY_FROM_OPTICAL),
+    );
+    let others = places.others_m.iter().map(|(name, place_m)| at("world", name, ros_from_world(*place_m), IDENTITY));
+    [robot, camera].into_iter().chain(others).collect()
 }
 
 /// A point of the simulator's world in right-handed axes.

@@ -1,125 +1,116 @@
-//! What the recorder reads in a record: places of channels, looked up by name once.
+//! What the recorder asks a task for by name: its images, and where the robot is.
 
 use crate::recording::recorder::camera::Places;
-use crate::recording::schema::stillroom::RobotVector;
-use crate::recording::schema::stillroom::step::Goal;
-use proto::task::{Field, LINE_BYTES, Layout, Spec};
+use crate::recording::schema::foxglove::RawImage;
+use prost_types::Timestamp;
+use proto::task::{Channel, Dtype, Field, Spec};
 
-/// The channels of a recording.
+/// The images of a task that Foxglove can draw.
 #[derive(Debug)]
-pub struct Channels {
-    pub layout: &'static Layout,
-    pub wrist_object_progress_m: Field,
-    pub object_goal_progress_m: Field,
-    pub disturbance_progress_m: Field,
-    pub failed_action: Field,
-    pub picked_up: Field,
-    pub goal_success: Field,
-    pub disturbance_m: Field,
-    pub peak_disturbance_m: Field,
-    pub wrist_object_m: Field,
-    pub object_goal_m: Field,
-    pub disturbed_objects: Field,
-    pub held: Field,
-    pub target: Field,
-    pub wrist_to_object_m: Field,
-    pub object_to_goal_m: Field,
-    pub holding: Field,
-    pub current_target: Field,
+pub struct Images(Vec<Image>);
+
+#[derive(Debug)]
+struct Image {
+    field: Field,
+    /// Its name without the unit.
+    name: String,
+    /// Its bit among the bulk channels.
+    bit: u32,
+    /// Reused for every frame.
+    message: RawImage,
+}
+
+impl Images {
+    /// Those of a task.
+    pub fn of(spec: &Spec) -> Self {
+        let images = spec.channels.iter().zip(&spec.layout().fields).filter(|(channel, _)| channel.is_bulk());
+        Self(images.filter_map(|(channel, &field)| Image::of(spec, channel, field)).collect())
+    }
+
+    /// How many there are.
+    pub fn count(&self) -> usize {
+        self.0.len()
+    }
+
+    /// What topics call them.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.0.iter().map(|image| &*image.name)
+    }
+
+    /// Whether a record whose header has these bits holds the image.
+    pub fn is_there(&self, image: usize, bulk: u32) -> bool {
+        bulk & self.0[image].bit != 0
+    }
+
+    /// The image of a record, where it lies.
+    pub fn message(&mut self, image: usize, timestamp: Timestamp, frame_id: &str, record: &[u8]) -> &RawImage {
+        let Image { field, message, .. } = &mut self.0[image];
+        message.timestamp = Some(timestamp);
+        frame_id.clone_into(&mut message.frame_id);
+        message.data.clear();
+        message.data.extend_from_slice(&record[field.range()]);
+        message
+    }
+}
+
+impl Image {
+    fn of(spec: &Spec, channel: &Channel, field: Field) -> Option<Self> {
+        let (encoding, pixel_bytes) = match (channel.dtype, channel.shape.as_slice()) {
+            (Dtype::U16, [_, _]) => ("16UC1", 2),
+            (Dtype::U8, [_, _]) => ("mono8", 1),
+            (Dtype::U8, [_, _, 3]) => ("rgb8", 3),
+            _ => return None,
+        };
+        let bit = 1 << spec.layout().images.iter().position(|&image| image == field)?;
+        let [height, width] = [0, 1].map(|side| channel.shape[side] as u32);
+        let step = width * pixel_bytes;
+        let message = RawImage { width, height, encoding: encoding.into(), step, ..RawImage::default() };
+        Some(Self { field, name: channel.bare_name().to_owned(), bit, message })
+    }
+}
+
+/// Where a task says where its robot is, and everything of which it says a place.
+#[derive(Debug)]
+pub struct Pose {
     base_position_m: Field,
     base_yaw_rad: Field,
     camera_pitch_rad: Field,
-    wrist_position_m: Field,
-    target_position_m: Field,
-    goal_position_m: Field,
-    pub depth_mm: Field,
+    /// Of each `NAME_position_m`.
+    others: Vec<(String, Field)>,
 }
 
-impl Channels {
-    /// Those of a task.
-    ///
-    /// # Panics
-    /// If it lacks one.
-    pub fn of(task: &'static Spec) -> Self {
-        let named =
-            |name: &str| task.channel(name).unwrap_or_else(|| panic!("task `{}` has no channel `{name}`", task.name)).1;
-        Self {
-            layout: task.layout(),
-            wrist_object_progress_m: named("wrist_object_progress_m"),
-            object_goal_progress_m: named("object_goal_progress_m"),
-            disturbance_progress_m: named("disturbance_progress_m"),
-            failed_action: named("failed_action"),
-            picked_up: named("picked_up"),
-            goal_success: named("goal_success"),
-            disturbance_m: named("disturbance_m"),
-            peak_disturbance_m: named("peak_disturbance_m"),
-            wrist_object_m: named("wrist_object_m"),
-            object_goal_m: named("object_goal_m"),
-            disturbed_objects: named("disturbed_objects"),
-            held: named("held"),
-            target: named("target"),
-            wrist_to_object_m: named("wrist_to_object_m"),
-            object_to_goal_m: named("object_to_goal_m"),
-            holding: named("holding"),
-            current_target: named("current_target"),
-            base_position_m: named("base_position_m"),
-            base_yaw_rad: named("base_yaw_rad"),
-            camera_pitch_rad: named("camera_pitch_rad"),
-            wrist_position_m: named("wrist_position_m"),
-            target_position_m: named("target_position_m"),
-            goal_position_m: named("goal_position_m"),
-            depth_mm: named("depth_mm"),
-        }
-    }
-
-    /// Cache lines of a record, and of its beginning: all but images.
-    pub fn lines(&self) -> [usize; 2] {
-        [self.layout.bytes, self.layout.small_bytes].map(|bytes| bytes / LINE_BYTES)
-    }
-
-    /// Whether a record whose header has these bits holds the frame.
-    pub fn has_frame(&self, bulk: u32) -> bool {
-        let place = self.layout.images.iter().position(|&image| image == self.depth_mm);
-        place.is_some_and(|place| bulk & 1 << place != 0)
-    }
-
-    /// What the goal sensor reads, and which of its two readings that is.
-    pub fn goal(&self, record: &[u8]) -> Goal {
-        let vector = |field: Field| {
-            let [x, y, z] = vector(field, record);
-            RobotVector { x, y, z }
+impl Pose {
+    /// That of a task; none if it does not say where its robot is.
+    pub fn of(spec: &Spec) -> Option<Self> {
+        let reals = |name: &str, count: usize| {
+            let (channel, field) = spec.channel(name)?;
+            (!channel.is_of_action() && field.dtype == Dtype::F32 && field.count == count).then_some(field)
         };
-        if is(self.holding, record) {
-            Goal::ObjectToGoalM(vector(self.object_to_goal_m))
-        } else {
-            Goal::WristToObjectM(vector(self.wrist_to_object_m))
-        }
+        let other = |channel: &Channel| {
+            let field = reals(&channel.name, 3)?;
+            Some((channel.name.strip_suffix("_position_m")?.to_owned(), field))
+        };
+        Some(Self {
+            base_position_m: reals("base_position_m", 2)?,
+            base_yaw_rad: reals("base_yaw_rad", 1)?,
+            camera_pitch_rad: reals("camera_pitch_rad", 1)?,
+            others: spec.channels.iter().filter_map(other).collect(),
+        })
     }
 
-    /// Where robot, camera, wrist, target and goal are.
+    /// Where all that is now.
     pub fn places(&self, record: &[u8]) -> Places {
+        let others = self.others.iter().map(|(name, field)| (name.clone(), vector(*field, record)));
         Places {
             base_position_m: vector(self.base_position_m, record),
             base_yaw_rad: self.base_yaw_rad.f32(record),
             camera_pitch_rad: self.camera_pitch_rad.f32(record),
-            wrist_position_m: vector(self.wrist_position_m, record),
-            target_position_m: vector(self.target_position_m, record),
-            goal_position_m: vector(self.goal_position_m, record),
+            others_m: others.collect(),
         }
     }
 }
 
 /// Numbers of a channel.
-pub fn vector<const N: usize>(field: Field, record: &[u8]) -> [f32; N] {
-    field.of(record).try_into().expect("as long as it is declared")
-}
-
-/// Whether a channel's number is not 0.
-pub fn is(field: Field, record: &[u8]) -> bool {
-    field.number(record) != 0.0
-}
-
-/// A channel's number, a whole one.
-pub fn whole(field: Field, record: &[u8]) -> u32 {
-    field.number(record) as u32
+fn vector<const N: usize>(field: Field, record: &[u8]) -> [f32; N] {
+    std::array::from_fn(|at| field.numbers(record).nth(at).expect("as many as it is declared with") as f32)
 }

@@ -1,26 +1,25 @@
 //! Turns observations into messages: the messages of each step and their topics.
 
+use crate::recording::declared::Declared;
+use crate::recording::form::{Carries, Engine, Form, Told};
 use crate::recording::recorder::camera::{self, FrameNames};
-use crate::recording::recorder::channels::{Channels, is, vector, whole};
+use crate::recording::recorder::channels::{Images, Pose};
 use crate::recording::recorder::held::{self, Held};
 use crate::recording::recorder::segment::{SegmentError, Segments, Topic};
-use crate::recording::schema::foxglove::{FrameTransforms, Log, RawImage, log};
-use crate::recording::schema::stillroom::step::Goal;
-use crate::recording::schema::stillroom::{EpisodeEnd, EpisodeStart, LearnerMetrics, StageSwitch, Step, Validation};
+use crate::recording::schema::Schema;
+use crate::recording::schema::foxglove::{FrameTransforms, Log, log};
+use crate::recording::schema::stillroom::{LearnerMetrics, StageSwitch, Validation};
 use prost::Message;
 use prost_types::Timestamp;
-use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::evaluation::Plan;
 use proto::event::Timing;
 use proto::kitchen::Kitchens;
 use proto::metric;
-use proto::record::{End, RecordHeader, flag};
-use proto::replay::length_m;
-use proto::reward::UNDISTURBED_THRESHOLD_M;
+use proto::record::{RecordHeader, flag};
 use proto::rota::Rota;
-use proto::task::Composition;
+use proto::task::{LINE_BYTES, Sums};
 use std::collections::BTreeMap;
 use wire::WireShape;
 use wire::message::{Halves, Line, ObservationHeader};
@@ -60,9 +59,10 @@ pub struct Scribe {
     environments: Vec<Environment>,
     shape: WireShape,
     incarnation: u32,
-    /// r and r′.
-    rewards: [Composition; 2],
-    channels: Channels,
+    declared: Declared,
+    images: Images,
+    /// Where the robot is, if the task says it.
+    pose: Option<Pose>,
     failures_only: bool,
     /// Which fixed episodes are played, in an evaluation.
     plan: Option<Plan>,
@@ -72,10 +72,10 @@ pub struct Scribe {
     frames_before: Option<u64>,
     /// Reused for every record: all but its images.
     small: Vec<Line>,
+    /// Reused for every step, start, and end of an episode.
+    told: [Told; 3],
     /// Reused for every message.
     buffer: Vec<u8>,
-    /// Reused for every frame.
-    image: RawImage,
 }
 
 struct Topics {
@@ -94,44 +94,52 @@ struct Environment {
     /// What it is called where its kitchen does not matter.
     home: EnvironmentId,
     frames: FrameNames,
-    depth: Topic,
-    calibration: Topic,
+    /// Of each image of the task: of itself and its calibration.
+    images: Vec<[Topic; 2]>,
     /// Observation that was last described, so that one that comes back after a HOLD is not described again.
     described: Option<(u32, u32, u32)>,
-    /// What the goal sensor reads in that observation.
-    goal: Option<Goal>,
+    /// The record of that observation, all but its images.
+    seen: Vec<u8>,
     /// Transition that was last accounted for: learner incarnation, episode, step. An actor that is restarted during a
     /// HOLD has no record of the HOLD and sends the action before it again, as the next exchange.
     taken: Option<(u32, u32, u32)>,
-    returns: Option<Returns>,
+    course: Option<Course>,
     /// What is held back of the episode in progress, where only failures are wanted.
     held: Held,
 }
 
-/// Returns of an episode so far; only for one seen from its first step without a gap.
-struct Returns {
+/// An episode so far; only one seen from its first step without a gap.
+struct Course {
     episode: u32,
     next_step: u32,
     learner_incarnation: u32,
-    r: f64,
-    r_prime: f64,
+    sums: Sums,
 }
 
 impl Scribe {
-    /// A scribe for all environments of `shape`.
-    pub fn new(mut segments: Segments, shape: WireShape, incarnation: u32, config: &Config) -> Self {
+    /// A scribe for all environments of `shape`, which are of this task.
+    pub fn new(
+        mut segments: Segments,
+        shape: WireShape,
+        incarnation: u32,
+        config: &Config,
+        declared: Declared,
+    ) -> Self {
+        let forms = &declared.forms;
         let topics = Topics {
-            step: segments.topic("/step".into(), "stillroom.Step"),
-            episode_start: segments.topic("/episode/start".into(), "stillroom.EpisodeStart"),
-            episode_end: segments.topic("/episode/end".into(), "stillroom.EpisodeEnd"),
-            transforms: segments.topic("/tf".into(), "foxglove.FrameTransforms"),
-            metrics: segments.topic("/learner/metrics".into(), "stillroom.LearnerMetrics"),
-            stage: segments.topic("/stage".into(), "stillroom.StageSwitch"),
-            evaluation: segments.topic("/evaluation".into(), "stillroom.Validation"),
-            log: segments.topic("/log".into(), "foxglove.Log"),
+            step: segments.topic("/step", &forms.step.schema()),
+            episode_start: segments.topic("/episode/start", &forms.start.schema()),
+            episode_end: segments.topic("/episode/end", &forms.end.schema()),
+            transforms: segments.topic("/tf", &Schema::of("foxglove.FrameTransforms")),
+            metrics: segments.topic("/learner/metrics", &Schema::of("stillroom.LearnerMetrics")),
+            stage: segments.topic("/stage", &Schema::of("stillroom.StageSwitch")),
+            evaluation: segments.topic("/evaluation", &Schema::of("stillroom.Validation")),
+            log: segments.topic("/log", &Schema::of("foxglove.Log")),
         };
         let per_actor = shape.environments_per_actor;
         let kitchens = config.kitchens();
+        let (images, pose) = (Images::of(declared.spec), Pose::of(declared.spec));
+        let [image, calibration] = ["foxglove.RawImage", "foxglove.CameraCalibration"].map(Schema::of);
         let environments = (0..shape.shares.actors())
             .flat_map(|actor| (0..per_actor).map(move |index| EnvironmentId::among(kitchens, actor, index, per_actor)))
             .map(|home| {
@@ -141,37 +149,32 @@ impl Scribe {
                     _ => format!("kitchen-{:02}/{}", home.kitchen.number(), home.number),
                 };
                 // Foxglove pairs an image with the calibration that shares its name up to the last slash.
-                let depth = segments.topic(format!("/depth/{prefix}/image"), "foxglove.RawImage");
-                let calibration = segments.topic(format!("/depth/{prefix}/calibration"), "foxglove.CameraCalibration");
-                let frames = FrameNames::under(&prefix);
+                let images = images.names().map(|name| {
+                    let topic = |what: &str| format!("/{name}/{prefix}/{what}");
+                    [segments.topic(topic("image"), &image), segments.topic(topic("calibration"), &calibration)]
+                });
                 Environment {
                     home,
-                    frames,
-                    depth,
-                    calibration,
+                    images: images.collect(),
+                    frames: FrameNames::under(&prefix),
                     described: None,
-                    goal: None,
+                    seen: vec![0; declared.spec.layout().small_bytes],
                     taken: None,
-                    returns: None,
+                    course: None,
                     held: Held::default(),
                 }
             })
             .collect();
-        let image = RawImage {
-            width: FRAME_SIDE as u32,
-            height: FRAME_SIDE as u32,
-            encoding: "16UC1".into(),
-            step: (FRAME_SIDE * size_of::<u16>()) as u32,
-            ..Default::default()
-        };
         Self {
             segments,
             topics,
             environments,
             shape,
             incarnation,
-            rewards: ["r", "r_prime"].map(|name| config.reward(name)),
-            channels: Channels::of(config.spec()),
+            told: [&forms.step, &forms.start, &forms.end].map(Form::empty),
+            declared,
+            images,
+            pose,
             small: Vec::new(),
             failures_only: config.recording.failures_only,
             plan: config.evaluation_plan(),
@@ -179,7 +182,6 @@ impl Scribe {
             counts: Counts::default(),
             frames_before: None,
             buffer: Vec::new(),
-            image,
         }
     }
 
@@ -194,7 +196,8 @@ impl Scribe {
     ) -> Result<u64, SegmentError> {
         let first = (header.actor * self.shape.environments_per_actor) as usize;
         let range = Halves::of(self.shape.environments_per_actor).range(header.half);
-        let [lines, small_lines] = self.channels.lines();
+        let layout = self.declared.spec.layout();
+        let [lines, small_lines] = [layout.bytes, layout.small_bytes].map(|bytes| bytes / LINE_BYTES);
         let mut small = std::mem::take(&mut self.small);
         let mut steps = 0;
         for (index, record) in range.zip(records.chunks_exact(lines)) {
@@ -252,13 +255,12 @@ impl Scribe {
             return Ok(());
         }
         known.described = described;
-        known.goal = Some(self.channels.goal(record));
+        known.seen.copy_from_slice(record);
         if seen.has(flag::EPISODE_START) {
             self.episode_start(time_ns, header, environment, record)?;
         }
-        // Both come of one draw in the actor. What is not there is not recorded: the learner refuses it.
-        if self.channels.has_frame(seen.bulk) && seen.has(flag::RECORD_BULK) {
-            self.depth(time_ns, environment, record, whole)?;
+        if seen.has(flag::RECORD_BULK) {
+            self.images(time_ns, environment, record, whole)?;
         }
         Ok(())
     }
@@ -349,6 +351,20 @@ impl Scribe {
         self.counts
     }
 
+    /// What messages about an environment's episode begin with.
+    fn engine(&self, header: &ObservationHeader, environment: usize, episode: u32) -> Engine {
+        let home = self.environments[environment].home;
+        Engine {
+            kitchen: self.rota.place(home, episode).kitchen.number(),
+            environment: home.number,
+            episode,
+            incarnation: self.incarnation,
+            learner_incarnation: header.learner_incarnation,
+            fixed_episode: self.plan.as_ref().and_then(|plan| plan.dealt(home, episode)),
+            ..Engine::default()
+        }
+    }
+
     fn step(
         &mut self,
         time_ns: u64,
@@ -356,53 +372,30 @@ impl Scribe {
         environment: usize,
         bytes: &[u8],
     ) -> Result<(), SegmentError> {
-        let (record, channels) = (RecordHeader::of(bytes), &self.channels);
-        let end = record.end();
-        let composed = |reward: &Composition| reward.of(|index| channels.layout.part(bytes, index), 0.0);
-        let [reward_r, reward_r_prime] = self.rewards.each_ref().map(composed);
-        let known = &mut self.environments[environment];
-        known.add_rewards(header.learner_incarnation, record, reward_r, reward_r_prime);
-        // The action was chosen from the observation that was described last.
-        let chosen_from = Some((header.learner_incarnation, record.acted_episode, record.acted_step));
-        let goal = if known.described == chosen_from { known.goal } else { None };
-        let home = known.home;
-        let message = Step {
-            kitchen: self.rota.place(home, record.acted_episode).kitchen.number(),
-            environment: home.number,
+        let record = RecordHeader::of(bytes);
+        let engine = Engine {
             actor: header.actor,
             environment_index: (environment as u32) % self.shape.environments_per_actor,
-            episode: record.acted_episode,
             step: record.acted_step,
             exchange: header.step,
-            incarnation: self.incarnation,
-            learner_incarnation: header.learner_incarnation,
             actor_incarnation: header.actor_incarnation,
             stage_version: header.stage_version,
-            action: bytes[channels.layout.action.offset].into(),
-            target: whole(channels.target, bytes) as i32,
-            action_failed: is(channels.failed_action, bytes),
-            holding: is(channels.held, bytes),
-            picked_up: is(channels.picked_up, bytes),
-            done: end == Some(End::Terminated),
-            success: is(channels.goal_success, bytes),
-            time_limit: end == Some(End::Truncated),
-            ended: end.is_some(),
             state_hash: record.outcome_hash,
-            wrist_object_progress_m: channels.wrist_object_progress_m.f32(bytes),
-            object_goal_progress_m: channels.object_goal_progress_m.f32(bytes),
-            disturbance_progress_m: channels.disturbance_progress_m.f32(bytes),
-            reward_r,
-            reward_r_prime,
-            disturbance_m: channels.disturbance_m.f32(bytes),
-            peak_disturbance_m: channels.peak_disturbance_m.f32(bytes),
-            disturbed_objects: whole(channels.disturbed_objects, bytes),
-            wrist_object_m: channels.wrist_object_m.f32(bytes),
-            object_goal_m: channels.object_goal_m.f32(bytes),
-            fixed_episode: fixed(self.plan.as_ref(), home, record.acted_episode),
-            goal,
+            ..self.engine(header, environment, record.acted_episode).ended(record.end())
         };
-        let place = (message.episode, message.step + 1);
-        self.write_of(environment, place, (self.topics.step, time_ns), &message)
+        let (declared, known, [told, ..]) = (&self.declared, &mut self.environments[environment], &mut self.told);
+        told.engine = engine;
+        // The action was chosen from the observation that was described last.
+        let chosen_from = Some((header.learner_incarnation, record.acted_episode, record.acted_step));
+        told.seen = known.described == chosen_from;
+        told.record.copy_from_slice(&known.seen);
+        let layout = declared.spec.layout();
+        for range in [layout.action.range(), layout.of_action.clone()] {
+            told.record[range.clone()].copy_from_slice(&bytes[range]);
+        }
+        declared.compared.reward(layout, bytes, &mut told.rewards);
+        known.follow(declared, told);
+        self.write_of(environment, Carries::Step, (engine.episode, engine.step + 1), time_ns)
     }
 
     fn episode_start(
@@ -412,24 +405,19 @@ impl Scribe {
         environment: usize,
         bytes: &[u8],
     ) -> Result<(), SegmentError> {
-        let (record, channels) = (RecordHeader::of(bytes), &self.channels);
-        let home = self.environments[environment].home;
-        let message = EpisodeStart {
-            kitchen: self.rota.place(home, record.episode).kitchen.number(),
-            environment: home.number,
-            episode: record.episode,
-            incarnation: self.incarnation,
-            learner_incarnation: header.learner_incarnation,
-            target: whole(channels.current_target, bytes) as i32,
+        let record = RecordHeader::of(bytes);
+        let engine = Engine {
             state_hash: record.state_hash,
-            depth_recorded: record.has(flag::RECORD_BULK),
-            wrist_object_m: length_m(vector(channels.wrist_to_object_m, bytes)),
-            object_goal_m: length_m(vector(channels.object_to_goal_m, bytes)),
-            fixed_episode: fixed(self.plan.as_ref(), home, record.episode),
+            bulk_recorded: record.has(flag::RECORD_BULK),
+            ..self.engine(header, environment, record.episode)
         };
-        self.write_of(environment, (message.episode, 0), (self.topics.episode_start, time_ns), &message)
+        let [_, told, _] = &mut self.told;
+        (told.engine, told.seen) = (engine, true);
+        told.record.copy_from_slice(bytes);
+        self.write_of(environment, Carries::Start, (engine.episode, 0), time_ns)
     }
 
+    /// After the episode's last step.
     fn episode_end(
         &mut self,
         time_ns: u64,
@@ -437,73 +425,66 @@ impl Scribe {
         environment: usize,
         bytes: &[u8],
     ) -> Result<(), SegmentError> {
-        let (record, channels) = (RecordHeader::of(bytes), &self.channels);
-        let (success, disturbance_m) = (is(channels.goal_success, bytes), channels.disturbance_m.f32(bytes));
-        let known = &mut self.environments[environment];
-        let returns = known.returns.take();
-        let home = known.home;
-        let message = EpisodeEnd {
-            kitchen: self.rota.place(home, record.acted_episode).kitchen.number(),
-            environment: home.number,
-            episode: record.acted_episode,
-            incarnation: self.incarnation,
-            learner_incarnation: header.learner_incarnation,
-            target: whole(channels.target, bytes) as i32,
-            length: record.acted_step + 1,
-            success,
-            success_undisturbed: success && disturbance_m < UNDISTURBED_THRESHOLD_M,
-            // What is held stays held until the episode ends.
-            picked_up: is(channels.held, bytes),
-            time_limit: record.end() == Some(End::Truncated),
-            disturbance_m: channels.disturbance_m.f32(bytes),
-            peak_disturbance_m: channels.peak_disturbance_m.f32(bytes),
-            disturbed_objects: whole(channels.disturbed_objects, bytes),
-            wrist_object_m: channels.wrist_object_m.f32(bytes),
-            object_goal_m: channels.object_goal_m.f32(bytes),
-            return_r: returns.as_ref().map(|returns| returns.r),
-            return_r_prime: returns.as_ref().map(|returns| returns.r_prime),
-            fixed_episode: fixed(self.plan.as_ref(), home, record.acted_episode),
-        };
-        let place = (message.episode, message.length + 1);
-        self.write_of(environment, place, (self.topics.episode_end, time_ns), &message)?;
-        self.release(environment, !message.success)
+        let record = RecordHeader::of(bytes);
+        let length = record.acted_step + 1;
+        let engine = self.engine(header, environment, record.acted_episode).ended(record.end());
+        let course = self.environments[environment].course.take();
+        let [last, _, told] = &mut self.told;
+        told.engine = Engine { length, ..engine };
+        self.declared.close(course.as_ref().map(|course| &course.sums), last, told);
+        let is_failure = !self.declared.succeeded(told);
+        self.write_of(environment, Carries::End, (engine.episode, length + 1), time_ns)?;
+        self.release(environment, is_failure)
     }
 
-    fn depth(&mut self, time_ns: u64, environment: usize, record: &[u8], whole: &[u8]) -> Result<(), SegmentError> {
-        let known = &self.environments[environment];
-        let (depth, calibration) = (known.depth, known.calibration);
-        self.image.timestamp = Some(timestamp(time_ns));
-        self.image.frame_id.clone_from(&known.frames.camera);
-        self.image.data.clear();
-        self.image.data.extend_from_slice(&whole[self.channels.depth_mm.range()]);
-        let intrinsics = camera::calibration(timestamp(time_ns), &known.frames.camera);
-        let places = self.channels.places(record);
-        let transforms = camera::transforms(timestamp(time_ns), &known.frames, &places);
-        let transforms = FrameTransforms { transforms };
-        self.write(self.topics.transforms, time_ns, &transforms)?;
-        self.write(calibration, time_ns, &intrinsics)?;
-        self.buffer.clear();
-        self.image.encode_raw(&mut self.buffer);
-        self.segments.write(depth, time_ns, &self.buffer)?;
-        self.counts.depth_frames += 1;
+    /// The images that are there, and where the camera is. What is not there is not recorded: the learner refuses it.
+    fn images(&mut self, time_ns: u64, environment: usize, record: &[u8], whole: &[u8]) -> Result<(), SegmentError> {
+        let bulk = RecordHeader::of(record).bulk;
+        for image in 0..self.images.count() {
+            if !self.images.is_there(image, bulk) {
+                continue;
+            }
+            let known = &self.environments[environment];
+            let ([topic, calibration], frames) = (known.images[image], &known.frames);
+            if let Some(pose) = &self.pose {
+                let intrinsics = camera::calibration(timestamp(time_ns), frames.camera());
+                let transforms = camera::transforms(timestamp(time_ns), frames, &pose.places(record));
+                self.write(self.topics.transforms, time_ns, &FrameTransforms { transforms })?;
+                self.write(calibration, time_ns, &intrinsics)?;
+            }
+            let frame_id = self.environments[environment].frames.camera();
+            let message = self.images.message(image, timestamp(time_ns), frame_id, whole);
+            self.buffer.clear();
+            message.encode_raw(&mut self.buffer);
+            self.segments.write(topic, time_ns, &self.buffer)?;
+            self.counts.depth_frames += 1;
+        }
         Ok(())
     }
 
-    /// Writes a message about an environment's episode, or holds it back at its place there.
+    /// Writes what is told of an environment's episode, or holds it back at its place there.
     fn write_of(
         &mut self,
         environment: usize,
+        carries: Carries,
         (episode, place): (u32, u32),
-        (topic, time_ns): (Topic, u64),
-        message: &impl Message,
+        time_ns: u64,
     ) -> Result<(), SegmentError> {
+        let Self { topics, declared: Declared { forms, .. }, told: [step, start, end], buffer, .. } = self;
+        let (topic, form, told) = match carries {
+            Carries::Step => (topics.step, &forms.step, step),
+            Carries::Start => (topics.episode_start, &forms.start, start),
+            Carries::End => (topics.episode_end, &forms.end, end),
+        };
+        buffer.clear();
+        form.write(told, buffer);
         if self.failures_only {
-            let message = held::Message { topic, time_ns, data: message.encode_to_vec() };
+            let message = held::Message { topic, time_ns, data: buffer.clone() };
             self.environments[environment].held.hold(episode, place, message);
             return Ok(());
         }
         self.count(topic);
-        self.write(topic, time_ns, message)
+        self.segments.write(topic, time_ns, &self.buffer)
     }
 
     /// Writes what is held of an environment's episode, or drops it.
@@ -529,21 +510,21 @@ impl Scribe {
 }
 
 impl Environment {
-    fn add_rewards(&mut self, learner_incarnation: u32, record: &RecordHeader, r: f32, r_prime: f32) {
-        let (episode, step) = (record.acted_episode, record.acted_step);
+    /// Adds a step to the episode so far.
+    fn follow(&mut self, declared: &Declared, told: &Told) {
+        let Engine { episode, step, learner_incarnation, .. } = told.engine;
         if step == 0 {
-            self.returns = Some(Returns { episode, next_step: 0, learner_incarnation, r: 0.0, r_prime: 0.0 });
+            self.course = Some(Course { episode, next_step: 0, learner_incarnation, sums: declared.nothing() });
         }
-        match &mut self.returns {
-            Some(returns)
-                if (returns.episode, returns.next_step, returns.learner_incarnation)
+        match &mut self.course {
+            Some(course)
+                if (course.episode, course.next_step, course.learner_incarnation)
                     == (episode, step, learner_incarnation) =>
             {
-                returns.next_step += 1;
-                returns.r += f64::from(r);
-                returns.r_prime += f64::from(r_prime);
+                course.next_step += 1;
+                declared.add(&mut course.sums, told);
             }
-            _ => self.returns = None,
+            course => *course = None,
         }
     }
 }
@@ -551,9 +532,4 @@ impl Environment {
 /// A wall-clock time as protobuf writes it.
 pub fn timestamp(time_ns: u64) -> Timestamp {
     Timestamp { seconds: (time_ns / 1_000_000_000) as i64, nanos: (time_ns % 1_000_000_000) as i32 }
-}
-
-/// The number in an evaluation's table of an environment's episode.
-fn fixed(plan: Option<&Plan>, environment: EnvironmentId, episode: u32) -> Option<u32> {
-    plan.and_then(|plan| plan.dealt(environment, episode))
 }

@@ -7,10 +7,9 @@
 
 use super::index::Index;
 use super::live::LiveFile;
-use crate::recording::schema::{PROTOBUF, descriptor_of};
+use crate::recording::schema::{PROTOBUF, Schema};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
-use proto::SCHEMA_VERSION;
 use proto::config::Config;
 use proto::disk::sync_folder;
 use proto::run_folder::RunFolder;
@@ -25,6 +24,8 @@ use std::rc::Rc;
 pub const CONFIG_ATTACHMENT: &str = "config.toml";
 /// Name of the metadata record that identifies the run.
 pub const IDENTITY_METADATA: &str = "stillroom";
+/// Version of recordings. Before 4 the fields of steps and episodes were those of one task.
+pub const RECORDING_VERSION: u32 = 4;
 /// Keys of that record.
 pub mod identity {
     /// Run id: letters and digits.
@@ -35,8 +36,8 @@ pub mod identity {
     pub const INCARNATION: &str = "incarnation";
     /// Number of the segment within the incarnation, from 0.
     pub const SEGMENT: &str = "segment";
-    /// Version of the recording's schemas and of all payloads.
-    pub const SCHEMA_VERSION: &str = "schema_version";
+    /// [`super::RECORDING_VERSION`] of the writer.
+    pub const VERSION: &str = "schema_version";
     pub const SEED: &str = "seed";
     /// Preset that the configuration came from.
     pub const PRESET: &str = "preset";
@@ -87,7 +88,7 @@ pub struct Topic(usize);
 #[derive(Debug)]
 struct TopicEntry {
     name: String,
-    message: &'static str,
+    schema: Schema,
     sequence: u32,
     /// Its number in the open segment, once something was written.
     channel: Option<u16>,
@@ -139,9 +140,10 @@ impl Segments {
         Ok(segments)
     }
 
-    /// Registers a topic that carries `message`, the full name of a message in `schemas/`.
-    pub fn topic(&mut self, name: String, message: &'static str) -> Topic {
-        self.topics.push(TopicEntry { name, message, sequence: 0, channel: None });
+    /// Registers a topic that carries these messages.
+    pub fn topic(&mut self, name: impl Into<String>, schema: &Schema) -> Topic {
+        let (name, schema) = (name.into(), schema.clone());
+        self.topics.push(TopicEntry { name, schema, sequence: 0, channel: None });
         Topic(self.topics.len() - 1)
     }
 
@@ -235,7 +237,7 @@ impl Segments {
             (identity::RUN_ID, self.preamble.run_id.clone()),
             (identity::INCARNATION, self.preamble.incarnation.to_string()),
             (identity::SEGMENT, segment.to_string()),
-            (identity::SCHEMA_VERSION, SCHEMA_VERSION.to_string()),
+            (identity::VERSION, RECORDING_VERSION.to_string()),
             (identity::SEED, config.seed.to_string()),
             (identity::PRESET, config.preset.clone()),
         ];
@@ -245,15 +247,14 @@ impl Segments {
     }
 
     fn announce(&mut self, topic: Topic) -> Result<u16, SegmentError> {
-        let TopicEntry { name, message, .. } = &self.topics[topic.0];
-        let (name, message) = (name.clone(), *message);
-        let descriptor = descriptor_of(message);
+        let TopicEntry { name, schema: Schema { name: message, descriptor }, .. } = &self.topics[topic.0];
+        let (name, message, descriptor) = (name.clone(), message.clone(), descriptor.clone());
         let (schema, channel) = self.writing(|writer| {
-            let schema = writer.add_schema(message, PROTOBUF, &descriptor)?;
+            let schema = writer.add_schema(&message, PROTOBUF, &descriptor)?;
             Ok((schema, writer.add_channel(schema, &name, PROTOBUF, &BTreeMap::new())?))
         })?;
         let mut index = self.index.borrow_mut();
-        index.schema(schema, message, PROTOBUF, &descriptor);
+        index.schema(schema, &message, PROTOBUF, &descriptor);
         index.channel(channel, schema, &name, PROTOBUF);
         drop(index);
         self.topics[topic.0].channel = Some(channel);

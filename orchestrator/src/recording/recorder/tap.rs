@@ -5,6 +5,7 @@ use super::note::{Note, RecorderError, RecorderSetup, RecordingSummary, now_ns};
 use super::scribe::{Counts, Scribe};
 use super::segment::{Preamble, SegmentError, Segments};
 use super::tally::Tally;
+use crate::recording::declared::Declared;
 use crate::showing::seldom::Seldom;
 use std::sync::OnceLock;
 use std::sync::mpsc::{Receiver, Sender};
@@ -159,7 +160,7 @@ struct Desk<'a> {
 }
 
 impl<'a> Desk<'a> {
-    fn new(setup: &RecorderSetup, failure: &'a OnceLock<String>, book: &'a ReceiptBook) -> Result<Self, SegmentError> {
+    fn new(setup: &RecorderSetup, failure: &'a OnceLock<String>, book: &'a ReceiptBook) -> Result<Self, RecorderError> {
         let time_ns = now_ns();
         let preamble = Preamble {
             run_id: setup.run_id.clone(),
@@ -168,7 +169,8 @@ impl<'a> Desk<'a> {
             config: setup.config.clone(),
         };
         let segments = Segments::create(setup.folder.clone(), preamble, time_ns)?;
-        let scribe = Scribe::new(segments, setup.shape, setup.incarnation, &setup.config);
+        let declared = Declared::of(&setup.config).map_err(RecorderError::Failed)?;
+        let scribe = Scribe::new(segments, setup.shape, setup.incarnation, &setup.config, declared);
         let halves = Halves::of(setup.shape.environments_per_actor);
         Ok(Self {
             scribe: Some(scribe),

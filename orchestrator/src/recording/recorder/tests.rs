@@ -2,16 +2,18 @@
 
 mod failures;
 mod live;
+mod made_up;
 mod receipts;
 mod throughput;
 
 use super::testing::{self, EPISODE_STEPS, FakeActor, Record, action, hash};
 use super::{Recorder, RecorderSetup};
 use crate::recording::episodes::gather;
+use crate::recording::form::{Carries, Told};
 use crate::recording::reader::{FileEnd, RecordingError, read, read_with_trust};
 use crate::recording::repair::{Repair, repair};
-use crate::recording::schema::stillroom::step::Goal;
-use crate::recording::schema::stillroom::{EpisodeEnd, EpisodeStart, LearnerMetrics, RobotVector, Step};
+use crate::recording::schema::stillroom::LearnerMetrics;
+use crate::recording::tests::{ARM, said, those};
 use crate::recording::wanted::Wanted;
 use mcap::records::Record as McapRecord;
 use proptest::prelude::*;
@@ -149,10 +151,14 @@ fn every_step_is_recorded_once_and_puts_its_episode_together() {
     assert_eq!(found["/stage"].len(), 1);
     let metrics = LearnerMetrics::decode(found["/learner/metrics"][0].as_slice()).unwrap();
     assert_eq!((metrics.policy_entropy, metrics.other["auxiliary/recall"]), (Some(3.0), 0.5));
-    let end = EpisodeEnd::decode(found["/episode/end"][0].as_slice()).unwrap();
+    let said = said(&summary.files[0], &ARM);
+    let end = those(&said, Carries::End).next().unwrap();
     // Five steps of -0.01, 10 for success, and 15 × -0.002 a step more under r′.
-    assert!((end.return_r.unwrap() - 9.95).abs() < 1e-5 && (end.return_r_prime.unwrap() - 9.8).abs() < 1e-5);
-    assert!(end.success && !end.success_undisturbed, "five steps of 2 mm are 10 mm");
+    let returns: Vec<f64> = end.returns.iter().map(|sum| sum.unwrap()).collect();
+    assert!((returns[0] - 9.95).abs() < 1e-5 && (returns[1] - 9.8).abs() < 1e-5, "{returns:?}");
+    let metric = |name: &str| end.metrics[ARM.spec.metrics.iter().position(|metric| metric.name == name).unwrap()];
+    assert_eq!(metric("success"), Some(1.0));
+    assert_eq!(metric("success_without_disturbance"), Some(0.0), "five steps of 2 mm are 10 mm");
 
     let recorded = gather(&summary.files, Wanted::default()).unwrap();
     assert_eq!(recorded.episodes.len() as u64, 3 * environments);
@@ -202,7 +208,7 @@ fn a_frame_that_is_not_there_is_not_recorded() {
 }
 
 #[test]
-fn a_step_holds_the_goal_of_the_observation_that_its_action_was_chosen_from() {
+fn a_step_holds_the_observation_that_its_action_was_chosen_from() {
     let bench = Bench::new("goal");
     let recorder = bench.start();
     let [actor, _] = bench.actors();
@@ -217,21 +223,34 @@ fn a_step_holds_the_goal_of_the_observation_that_its_action_was_chosen_from() {
     // The learner goes back to exchange 5, where episode 1 begins: what it saw then counts, not what was seen before.
     (5..=6).for_each(|step| send(2, step, 0.5));
     let summary = recorder.finish().unwrap();
-    let steps: Vec<Step> =
-        messages(&summary.files[0])["/step"].iter().map(|data| Step::decode(data.as_slice()).unwrap()).collect();
-    let wrist = |x: f32, y: f32| Some(Goal::WristToObjectM(RobotVector { x, y, z: 0.4 }));
-    let held = |y: f32, z: f32| Some(Goal::ObjectToGoalM(RobotVector { x: 0.0, y, z }));
-    let expected = [
-        wrist(0.3, 0.0),
-        wrist(0.3, 0.01),
-        held(0.0, 0.02),
-        held(0.0, 0.03),
-        held(0.0, 0.04),
-        wrist(0.3, 0.0),
-        wrist(0.8, 0.0),
-    ];
-    assert_eq!(steps.iter().map(|step| step.goal).collect::<Vec<_>>(), expected);
-    assert!(steps.iter().all(|step| step.fixed_episode.is_none()), "a run has no fixed episodes");
+    let said = said(&summary.files[0], &ARM);
+    let seen = |told: &Told| {
+        let numbers = |name: &str| ARM.spec.channel(name).unwrap().1.numbers(&told.record).collect::<Vec<_>>();
+        told.seen.then(|| (numbers("wrist_to_object_m"), numbers("holding")))
+    };
+    let expected = |step: u32, shift_m: f32| {
+        let wrist = [0.3 + shift_m, 0.01 * step as f32, 0.4].map(f64::from);
+        Some((wrist.to_vec(), vec![f64::from(u8::from(step >= 2))]))
+    };
+    let all: Vec<_> = those(&said, Carries::Step).map(seen).collect();
+    let expected: Vec<_> = [(0, 0.0), (1, 0.0), (2, 0.0), (3, 0.0), (4, 0.0), (0, 0.0), (0, 0.5)]
+        .map(|(step, shift_m)| expected(step, shift_m))
+        .into();
+    assert_eq!(all, expected);
+    assert!(said.iter().all(|(_, told)| told.engine.fixed_episode.is_none()), "a run has no fixed episodes");
+}
+
+/// A recorder that starts at a restore point has not seen what the action was chosen from.
+#[test]
+fn what_was_not_seen_is_not_recorded() {
+    let bench = Bench::new("unseen");
+    let recorder = bench.start();
+    let [actor, _] = bench.actors();
+    actor.send(1, 1, 0, |_| {});
+    actor.send(1, 1, 1, |record| record.header_mut().acted_step = 1);
+    let said = said(&recorder.finish().unwrap().files[0], &ARM);
+    let step = those(&said, Carries::Step).next().unwrap();
+    assert!(!step.seen && step.rewards[0] != 0.0);
 }
 
 #[test]
@@ -250,14 +269,12 @@ fn an_evaluations_episodes_have_the_numbers_of_its_table() {
     let kitchen = plan.episodes().next().expect("the plan has episodes").0;
     let id = proto::episode::EnvironmentId { kitchen, number: 2 };
     let [third, last] = [0, 1].map(|episode| plan.dealt(id, episode).unwrap());
-    let found = messages(&files[0]);
-    let starts =
-        found["/episode/start"].iter().map(|data| EpisodeStart::decode(data.as_slice()).unwrap().fixed_episode);
-    let ends = found["/episode/end"].iter().map(|data| EpisodeEnd::decode(data.as_slice()).unwrap().fixed_episode);
-    assert_eq!(starts.collect::<Vec<_>>(), [Some(third), Some(last), None]);
-    assert_eq!(ends.collect::<Vec<_>>(), [Some(third), Some(last)]);
-    let step = Step::decode(found["/step"][5].as_slice()).unwrap();
-    assert_eq!((step.episode, step.fixed_episode), (1, Some(last)));
+    let said = said(&files[0], &ARM);
+    let fixed = |carries| those(&said, carries).map(|told| told.engine.fixed_episode).collect::<Vec<_>>();
+    assert_eq!(fixed(Carries::Start), [Some(third), Some(last), None]);
+    assert_eq!(fixed(Carries::End), [Some(third), Some(last)]);
+    let step = those(&said, Carries::Step).nth(5).unwrap();
+    assert_eq!((step.engine.episode, step.engine.fixed_episode), (1, Some(last)));
 
     let wanted = Wanted { kitchen: Some(kitchen), episodes: vec![last], ..Wanted::default() };
     let recorded = gather(&files, wanted.clone()).unwrap();
@@ -341,8 +358,8 @@ fn a_rewind_is_recorded_again_and_readers_take_the_newest() {
     assert!(busy.contains("is still being written"), "{busy}");
     let summary = recorder.finish().unwrap();
     assert_eq!(summary.steps, 9 + 1);
-    let found = messages(&summary.files[0]);
-    let last = Step::decode(found["/step"].last().unwrap().as_slice()).unwrap();
+    let said = said(&summary.files[0], &ARM);
+    let last = those(&said, Carries::Step).last().unwrap().engine;
     assert_eq!((last.learner_incarnation, last.exchange, last.kitchen, last.environment), (2, 8, 1, 2));
 
     let recorded = gather(&summary.files, Wanted { episodes: vec![1], ..Wanted::default() }).unwrap();

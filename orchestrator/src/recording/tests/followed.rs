@@ -1,9 +1,8 @@
 //! Recordings as they grow, message by message.
 
-use super::{Said, Shelf, episodes, same, step};
+use super::{ARM, Carries, Said, Shelf, episodes, same, step};
 use crate::recording::follow::Follower;
-use crate::recording::schema::stillroom::Step;
-use prost::Message;
+use crate::recording::form::Reading;
 use proto::config::Config;
 use proto::run_folder::RunFolder;
 use std::time::Duration;
@@ -14,15 +13,15 @@ const PATIENCE: Duration = Duration::from_mins(1);
 fn told(follower: &mut Follower) -> Vec<(u32, u32)> {
     let recorded = follower.read(PATIENCE);
     let steps = recorded.iter().filter(|recorded| recorded.topic.name == "/step");
-    steps.map(|recorded| Step::decode(&*recorded.data).unwrap()).map(|step| (step.episode, step.step)).collect()
+    let place = |recorded: &view::feed::Recorded| {
+        let told = Reading::of(&ARM.forms.step, &recorded.topic.schema).unwrap().read(&recorded.data).unwrap();
+        (told.engine.episode, told.engine.step)
+    };
+    steps.map(place).collect()
 }
 
 fn of(said: &[Said]) -> Vec<(u32, u32)> {
-    let step = |said: &Said| match said {
-        Said::Step(step) => Some((step.episode, step.step)),
-        _ => None,
-    };
-    said.iter().filter_map(step).collect()
+    super::those(said, Carries::Step).map(|told| (told.engine.episode, told.engine.step)).collect()
 }
 
 #[test]

@@ -8,7 +8,7 @@ use crate::recording::follow::Follower;
 use crate::recording::recorder::camera::{self, FrameNames, Places};
 use crate::recording::schema::foxglove::packed_element_field::NumericType;
 use crate::recording::schema::foxglove::{FrameTransforms, PackedElementField, PointCloud, RawImage};
-use crate::recording::schema::{PROTOBUF, descriptor_of};
+use crate::recording::schema::{PROTOBUF, Schema};
 use prost::Message;
 use prost_types::Timestamp;
 use proto::camera::FRAME_SIDE;
@@ -49,7 +49,7 @@ static TOPICS: LazyLock<Topics> = LazyLock::new(|| {
             encoding: PROTOBUF.to_owned(),
             schema_name: message.to_owned(),
             schema_encoding: PROTOBUF.to_owned(),
-            schema: descriptor_of(message),
+            schema: Schema::of(message).descriptor.to_vec(),
         })
     };
     Topics {
@@ -91,20 +91,21 @@ impl Feed for Recordings {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let timestamp = Timestamp { seconds: now.as_secs() as i64, nanos: now.subsec_nanos() as i32 };
         let Some(moment) = shown.moments.last() else { return Vec::new() };
-        let [x_m, z_m, base_yaw_rad] = moment.base;
+        let others = moment
+            .channels
+            .keys()
+            .filter_map(|name| Some((name.strip_suffix("_position_m")?.to_owned(), moment.numbers(name)?)));
         let places = Places {
-            base_position_m: [x_m, z_m],
-            base_yaw_rad,
+            base_position_m: moment.numbers("base_position_m").unwrap_or_default(),
+            base_yaw_rad: moment.numbers("base_yaw_rad").map_or(0.0, |[yaw_rad]| yaw_rad),
             camera_pitch_rad: solids.camera_pitch_rad,
-            wrist_position_m: moment.wrist_m,
-            target_position_m: moment.target_m,
-            goal_position_m: shown.goal_m,
+            others_m: others.collect(),
         };
         let transforms = FrameTransforms { transforms: camera::transforms(timestamp, &self.names, &places) };
-        let camera = &self.names.camera;
+        let camera = self.names.camera();
         let image = RawImage {
             timestamp: Some(timestamp),
-            frame_id: camera.clone(),
+            frame_id: camera.to_owned(),
             width: FRAME_SIDE as u32,
             height: FRAME_SIDE as u32,
             encoding: "16UC1".into(),
@@ -113,7 +114,7 @@ impl Feed for Recordings {
         };
         let calibration = camera::calibration(timestamp, camera);
         let points = points_of(timestamp, camera, &calibration.k, &solids.depth_mm);
-        let scene = scene_of(timestamp, &self.names.world, shown, solids, whole);
+        let scene = scene_of(timestamp, &self.names.world(), shown, solids, whole);
         let at_ns = now.as_nanos() as u64;
         let of = |topic: &Arc<Topic>, data: Vec<u8>| Recorded { topic: Arc::clone(topic), at_ns, data };
         vec![
@@ -169,8 +170,9 @@ mod tests {
         let watched = text.split("\"/watch/").skip(1).filter_map(|rest| rest.split('"').next());
         let watched: Vec<String> = watched.map(|name| format!("\"/watch/{name}\"")).collect();
         assert!(watched.len() >= 5 && watched.iter().all(|topic| shown.contains(topic)), "{watched:?}");
-        assert!(text.contains("\"watch/robot\"") && FrameNames::under(PREFIX).robot == "watch/robot");
-        let metrics = prost_types::FileDescriptorSet::decode(&*descriptor_of("stillroom.LearnerMetrics")).unwrap();
+        assert!(text.contains("\"watch/robot\"") && FrameNames::under(PREFIX).of("robot") == "watch/robot");
+        let metrics =
+            prost_types::FileDescriptorSet::decode(&*Schema::of("stillroom.LearnerMetrics").descriptor).unwrap();
         let messages = metrics.file.iter().flat_map(|file| &file.message_type);
         let fields: Vec<&str> =
             messages.flat_map(|message| &message.field).map(prost_types::FieldDescriptorProto::name).collect();

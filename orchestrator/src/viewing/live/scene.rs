@@ -38,25 +38,31 @@ pub fn scene_of(
     let of_solid =
         |solid: &ShownSolid| SceneEntity { triangles: vec![triangles(solid)], ..entity(&solid.name, solid.ghost) };
     let mut entities: Vec<SceneEntity> = solids.solids.iter().map(of_solid).collect();
-    let target_m = shown.moments.last().map_or(shown.goal_m, |moment| moment.target_m);
-    let size = 2.0 * f64::from(shown.goal_tolerance_m);
-    entities.push(SceneEntity {
-        spheres: vec![SpherePrimitive {
-            pose: Some(Pose { position: Some(ros_from_world(shown.goal_m)), ..at_rest() }),
-            size: Some(Vector3 { x: size, y: size, z: size }),
-            color: Some(colour(GOAL, GHOST_ALPHA)),
-        }],
-        lines: vec![LinePrimitive {
-            r#type: LineType::LineStrip.into(),
-            pose: Some(at_rest()),
-            thickness: 2.0,
-            scale_invariant: true,
-            points: vec![point(target_m), point(shown.goal_m)],
-            color: Some(colour(GOAL, 1.0)),
-            ..LinePrimitive::default()
-        }],
-        ..entity("goal", false)
-    });
+    let moment = shown.moments.last();
+    let place = |name: &str| moment?.numbers(name);
+    if let Some(goal_m) = place("goal_position_m") {
+        let size = 2.0 * f64::from(shown.goal_tolerance_m);
+        // From what is to be brought there; else from the robot.
+        let on_floor = || moment?.numbers("base_position_m").map(|[x, z]| [x, 0.0, z]);
+        let from_m = place("target_position_m").or_else(on_floor).unwrap_or(goal_m);
+        entities.push(SceneEntity {
+            spheres: vec![SpherePrimitive {
+                pose: Some(Pose { position: Some(ros_from_world(goal_m)), ..at_rest() }),
+                size: Some(Vector3 { x: size, y: size, z: size }),
+                color: Some(colour(GOAL, GHOST_ALPHA)),
+            }],
+            lines: vec![LinePrimitive {
+                r#type: LineType::LineStrip.into(),
+                pose: Some(at_rest()),
+                thickness: 2.0,
+                scale_invariant: true,
+                points: vec![point(from_m), point(goal_m)],
+                color: Some(colour(GOAL, 1.0)),
+                ..LinePrimitive::default()
+            }],
+            ..entity("goal", false)
+        });
+    }
     SceneUpdate { deletions: if whole { vec![all_of_them] } else { Vec::new() }, entities }
 }
 
@@ -101,7 +107,7 @@ fn colour([r, g, b]: [u8; 3], a: f64) -> Color {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proto::show::{ShowOrbit, ShownMoment, ShownReward};
+    use proto::show::{ShowOrbit, ShownMoment, ShownTask};
 
     #[test]
     fn bodies_stand_where_they_are_and_face_outwards() {
@@ -110,27 +116,15 @@ mod tests {
         let body = ShownSolid { name: "thing/3 Mug".into(), colour: [255, 0, 51], ghost: false, corners_m };
         let ghost = ShownSolid { name: "ghost/3 Mug".into(), ghost: true, ..body.clone() };
         let solids = ShownSolids { solids: vec![body, ghost], camera_pitch_rad: 0.0, depth_mm: Vec::new() };
-        let moment = ShownMoment {
-            action: None,
-            failed: false,
-            picked_up: false,
-            holding: false,
-            parts: ShownReward::default(),
-            reward_r: 0.0,
-            reward_r_prime: 0.0,
-            wrist_object_m: 0.0,
-            object_goal_m: 0.0,
-            disturbance_m: 0.0,
-            base: [0.0; 3],
-            wrist_m: [0.0; 3],
-            target_m: [0.5, 1.0, 0.0],
-            moved: Vec::new(),
-        };
+        let places = [("target_position_m", vec![0.5, 1.0, 0.0]), ("goal_position_m", vec![0.0, 1.0, 0.0])];
+        let channels = places.map(|(name, place)| (name.to_owned(), place)).into();
+        let moment = ShownMoment { channels, ..ShownMoment::default() };
         let orbit = ShowOrbit { centre_m: [0.0; 3], radius_m: 1.0, yaw_rad: 0.0, pitch_rad: 0.0 };
+        let config = proto::config::Config::default();
         let shown = ShownEpisode {
-            target: "Mug".into(),
+            task: ShownTask::of(config.spec(), &config.reward.weights),
+            target: Some("Mug".into()),
             outcome: String::new(),
-            goal_m: [0.0, 1.0, 0.0],
             goal_tolerance_m: 0.1,
             orbit,
             plan_centre_m: [0.0; 2],

@@ -3,7 +3,7 @@
 
 use super::episode::{Episode, at_goal};
 use super::episodes::Programme;
-use super::{Current, RewardParts, Transition};
+use super::{Current, RewardParts, Transition, goal_m};
 use crate::environment::{self, Base};
 use crate::kitchen::Kitchen;
 use crate::physics::geometry::rotation_y;
@@ -12,7 +12,7 @@ use crate::simulation::Start;
 use crate::tasks::run::{OpenError, check_kitchen};
 use bytemuck::bytes_of;
 use proto::action::Action;
-use proto::config::{Config, EpisodeConfig};
+use proto::config::{CarriedGoal, Config, EpisodeConfig};
 use proto::episode::EnvironmentId;
 use rapier3d::math::Vec3;
 use std::ops::{Deref, DerefMut};
@@ -25,6 +25,7 @@ pub struct Environment {
     id: EnvironmentId,
     seed: u64,
     settings: EpisodeConfig,
+    carried_goal: CarriedGoal,
     programme: Programme,
     episode: Episode,
     target: usize,
@@ -63,6 +64,7 @@ impl Environment {
             id,
             seed: config.seed,
             settings: config.episode,
+            carried_goal: config.network.carried_goal,
             programme: Programme::default(),
             episode,
             target,
@@ -157,10 +159,14 @@ impl Environment {
         let configuration = self.simulation().configuration();
         let (wrist, target, goal) = (self.simulation().wrist(), self.target_position(), self.episode.goal);
         let robot_from_world = rotation_y(-configuration.yaw_rad());
+        let holding = self.simulation().holding();
+        let wrist_to_object_m = (robot_from_world * (target - wrist)).to_array();
+        let object_to_goal_m = (robot_from_world * (goal - target)).to_array();
         Current {
-            wrist_to_object_m: (robot_from_world * (target - wrist)).to_array(),
-            object_to_goal_m: (robot_from_world * (goal - target)).to_array(),
-            holding: u32::from(self.simulation().holding()),
+            goal_m: goal_m(self.carried_goal, holding, wrist_to_object_m, object_to_goal_m),
+            wrist_to_object_m,
+            object_to_goal_m,
+            holding: u32::from(holding),
             current_target: u32::from(self.episode.category.index()),
             base_position_m: [configuration.x_m, configuration.z_m],
             base_yaw_rad: configuration.yaw_rad(),

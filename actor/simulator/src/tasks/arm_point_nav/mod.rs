@@ -114,7 +114,9 @@ impl Transition {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct Current {
-    /// From wrist to target, robot's frame (x right, y up, z ahead), metres.
+    /// The goal vector that the policy is given ([`goal_m`]), robot's frame (x right, y up, z ahead), metres.
+    pub goal_m: [f32; 3],
+    /// From wrist to target, robot's frame, metres.
     pub wrist_to_object_m: [f32; 3],
     /// From target to goal, robot's frame, metres.
     pub object_to_goal_m: [f32; 3],
@@ -141,10 +143,21 @@ impl Current {
     pub fn holds(&self) -> bool {
         self.holding != 0
     }
+}
 
-    /// The goal vector that the policy is given, robot's frame, metres.
-    pub fn goal_vector_m(&self, carried: CarriedGoal) -> [f32; 3] {
-        carried.vector_m(self.holds(), self.wrist_to_object_m, self.object_to_goal_m)
+/// The goal vector that the policy is given, metres: from the wrist to the object, and while that is held between object
+/// and goal. The reference's sensor has that one from the goal to the object.
+pub fn goal_m(
+    carried: CarriedGoal,
+    holding: bool,
+    wrist_to_object_m: [f32; 3],
+    object_to_goal_m: [f32; 3],
+) -> [f32; 3] {
+    match carried {
+        _ if !holding => wrist_to_object_m,
+        CarriedGoal::ObjectToGoal => object_to_goal_m,
+        // 0 − 0 is 0, but −(0) would be −0, which has another azimuth.
+        CarriedGoal::GoalToObject => object_to_goal_m.map(|coordinate| 0.0 - coordinate),
     }
 }
 
@@ -189,6 +202,7 @@ static DECLARED: LazyLock<Declared> = LazyLock::new(|| {
     );
     let seen = places!(
         Current,
+        goal_m,
         wrist_to_object_m,
         object_to_goal_m,
         holding,
@@ -230,6 +244,20 @@ pub fn check(transition: &Transition, current: &Current) -> Result<(), Implausib
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn while_it_is_held_the_goal_is_told_with_the_configured_sign() {
+        let told = |carried, holding, to_goal| goal_m(carried, holding, [0.1, -0.2, 0.3], to_goal);
+        for (carried, held) in
+            [(CarriedGoal::GoalToObject, [1.0, 0.2, -2.0]), (CarriedGoal::ObjectToGoal, [-1.0, -0.2, 2.0])]
+        {
+            assert_eq!(told(carried, true, [-1.0, -0.2, 2.0]), held);
+            assert_eq!(told(carried, false, [-1.0, -0.2, 2.0]), [0.1, -0.2, 0.3]);
+        }
+        // The azimuth of (-1, -0) were -π.
+        let bits = told(CarriedGoal::GoalToObject, true, [1.0, 0.0, 0.0]).map(f32::to_bits);
+        assert_eq!(bits, [-1.0_f32, 0.0, 0.0].map(f32::to_bits));
+    }
 
     #[test]
     fn what_the_structures_hold_is_where_the_task_declares_it() {

@@ -3,6 +3,7 @@
 use super::*;
 use crate::recording::Recordings;
 use crate::recording::recorder::segment::{self, Preamble, Segments};
+use crate::recording::schema::Schema;
 
 /// What a program that seeks finds in a file: messages by topic, through the index at the file's end.
 fn indexed(path: &Path) -> BTreeMap<String, usize> {
@@ -32,7 +33,8 @@ fn a_file_is_complete_after_every_flush_and_its_index_is_the_one_it_ends_with() 
     let mut segments = Segments::create(RunFolder::new(temporary.path()), preamble, 0).unwrap();
     let path = segments.files()[0].clone();
     assert_eq!(indexed(&path), BTreeMap::new());
-    let topics = [segments.topic("/step".into(), "stillroom.Step"), segments.topic("/log".into(), "foxglove.Log")];
+    let topics =
+        [segments.topic("/step", &ARM.forms.step.schema()), segments.topic("/log", &Schema::of("foxglove.Log"))];
     let summary = || mcap::Summary::read(&std::fs::read(&path).unwrap()).unwrap().unwrap();
     for round in 0..5usize {
         for number in 0..=round {

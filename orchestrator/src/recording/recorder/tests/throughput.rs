@@ -3,6 +3,7 @@
 use super::super::scribe::Scribe;
 use super::super::segment::{Preamble, Segments};
 use super::super::testing;
+use crate::recording::declared::Declared;
 use proto::config::Config;
 use proto::record::{RecordHeader, flag};
 use proto::run_folder::RunFolder;
@@ -23,7 +24,8 @@ fn throughput_of_the_scribe() {
     for (name, flags, exchanges) in [("steps", 0, 20_000u64), ("depth frames", flag::RECORD_BULK, 100)] {
         let folder = RunFolder::new(folder.join(name));
         let segments = Segments::create(folder, preamble.clone(), 0).unwrap();
-        let mut scribe = Scribe::new(segments, shape, 1, &config);
+        let declared = Declared::of(&config).unwrap();
+        let mut scribe = Scribe::new(segments, shape, 1, &config, declared);
         let header = wire::message::ObservationHeader { learner_incarnation: 1, ..Default::default() };
         let mut half: Vec<_> = (0..8).flat_map(|environment| testing::record(environment, 0, flags).0).collect();
         let lines = half.len() / 8;

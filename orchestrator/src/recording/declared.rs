@@ -1,0 +1,57 @@
+//! A task as recordings need it: its messages, what of a step is compared, and what adds up over an episode.
+
+use super::form::{Forms, Told};
+use proto::config::Config;
+use proto::replay::Compared;
+use proto::task::{Spec, SpecError, Summing, Sums};
+use std::collections::BTreeMap;
+
+/// A task, its rewards weighed by a configuration.
+#[derive(Debug)]
+pub struct Declared {
+    pub spec: &'static Spec,
+    pub forms: Forms,
+    pub compared: Compared,
+    summing: Summing,
+}
+
+impl Declared {
+    /// That of a configuration. It need not be one that can be run.
+    pub fn of(config: &Config) -> Result<Self, String> {
+        let spec = Spec::built_in().iter().find(|spec| spec.name == config.task);
+        let spec = spec.ok_or_else(|| format!("its task is {:?}, which this program does not have", config.task))?;
+        Self::task(spec, &config.reward.weights).map_err(|cause| format!("its configuration: {cause}"))
+    }
+
+    /// A task with these weights.
+    pub fn task(spec: &'static Spec, weights: &BTreeMap<String, f32>) -> Result<Self, SpecError> {
+        let compared = Compared::of(spec, weights)?;
+        Ok(Self { spec, forms: Forms::of(spec, &compared), compared, summing: Summing::of(spec) })
+    }
+
+    /// Before an episode's first step.
+    pub fn nothing(&self) -> Sums {
+        self.summing.nothing(self.compared.rewards().len())
+    }
+
+    /// Adds a step.
+    pub fn add(&self, sums: &mut Sums, step: &Told) {
+        self.summing.add(sums, &step.record, &step.rewards);
+    }
+
+    /// Writes returns and metrics of an episode that ended with this step. Without `sums`, because steps are missing, only
+    /// what the last one says is known.
+    pub fn close(&self, sums: Option<&Sums>, last: &Told, end: &mut Told) {
+        for (at, sum) in end.returns.iter_mut().enumerate() {
+            *sum = sums.map(|sums| sums.returns[at]);
+        }
+        for (own, metric) in end.metrics.iter_mut().zip(self.summing.metrics(sums, &last.record)) {
+            *own = metric;
+        }
+    }
+
+    /// Whether an episode's end is a success.
+    pub fn succeeded(&self, end: &Told) -> bool {
+        self.spec.successes().any(|at| end.metrics[at] == Some(1.0))
+    }
+}

@@ -1,0 +1,629 @@
+//! The messages about episodes: `stillroom.Step`, `stillroom.EpisodeStart` and `stillroom.EpisodeEnd`, made of a task's
+//! declaration. The engine's fields come first, then the task's by their own names.
+//!
+//! A [`Form`] writes messages, and describes them in the recording. A [`Reading`] finds the fields of a recorded message by
+//! name, whatever their numbers were.
+
+#![expect(
+    clippy::inline_always,
+    reason = "each step is written here, in a crate that is compiled with little optimisation"
+)]
+
+use crate::recording::schema::Schema;
+use prost::Message;
+use prost::bytes::Buf;
+use prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, encoded_len_varint, skip_field};
+use prost_types::field_descriptor_proto::{Label, Type};
+use prost_types::{
+    DescriptorProto, EnumDescriptorProto, EnumValueDescriptorProto, FieldDescriptorProto, FileDescriptorProto,
+    FileDescriptorSet, OneofDescriptorProto,
+};
+use proto::record::End;
+use proto::replay::Compared;
+use proto::task::{Channel, Dtype, Field, Spec};
+use std::collections::{BTreeSet, HashMap};
+use std::sync::Arc;
+
+/// A field of the engine's.
+struct Own {
+    name: &'static str,
+    kind: Type,
+    get: fn(&Engine) -> Option<u64>,
+    set: fn(&mut Engine, u64) -> bool,
+}
+
+/// Fields of the engine's with their types in messages, those of each message, and the structure that holds them all.
+macro_rules! engine {
+    ($($(#[$doc:meta])* $name:ident: $type:ty, $kind:ident;)*) => {
+        /// What the engine says of a step or an episode. What a message does not have is 0 there.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+        pub struct Engine {
+            /// In an evaluation: number of the fixed episode in its kitchen, as in episodes.csv.
+            pub fixed_episode: Option<u32>,
+            $($(#[$doc])* pub $name: $type,)*
+        }
+
+        const OWN: &[Own] = &[
+            Own {
+                name: "fixed_episode",
+                kind: Type::Uint32,
+                get: |engine| engine.fixed_episode.map(u64::from),
+                set: |engine, bits| {
+                    engine.fixed_episode = u32::try_from(bits).ok();
+                    engine.fixed_episode.is_some()
+                },
+            },
+            $(Own {
+                name: stringify!($name),
+                kind: Type::$kind,
+                get: |engine| Some(u64::from(engine.$name)),
+                set: |engine, bits| <$type>::narrow(bits).map(|value| engine.$name = value).is_some(),
+            },)*
+        ];
+    };
+}
+
+engine! {
+    /// Kitchen number.
+    kitchen: u32, Uint32;
+    /// Number of the environment among those of its kitchen, over the whole run.
+    environment: u32, Uint32;
+    /// Actor process, and the environment's index in it.
+    actor: u32, Uint32;
+    environment_index: u32, Uint32;
+    /// Episode number within the environment.
+    episode: u32, Uint32;
+    /// Index of the action in its episode, from 0.
+    step: u32, Uint32;
+    /// Actions that the environment's half has been given since the run's first step, this one included.
+    exchange: u64, Uint64;
+    /// How often orchestrator, learner and actor had been started.
+    incarnation: u32, Uint32;
+    learner_incarnation: u32, Uint32;
+    actor_incarnation: u32, Uint32;
+    /// Version of the stage announcement in force.
+    stage_version: u64, Uint64;
+    /// The task ended the episode; the limit of steps did.
+    terminated: bool, Bool;
+    truncated: bool, Bool;
+    /// Hash of the simulator's state: after the action, before any reset; of an episode's start its first.
+    state_hash: u64, Fixed64;
+    /// Whether the images of this episode are recorded.
+    bulk_recorded: bool, Bool;
+    /// Actions taken.
+    length: u32, Uint32;
+}
+
+const STEP: [&str; 15] = [
+    "kitchen",
+    "environment",
+    "actor",
+    "environment_index",
+    "episode",
+    "step",
+    "exchange",
+    "incarnation",
+    "learner_incarnation",
+    "actor_incarnation",
+    "stage_version",
+    "terminated",
+    "truncated",
+    "state_hash",
+    "fixed_episode",
+];
+const START: [&str; 8] = [
+    "kitchen",
+    "environment",
+    "episode",
+    "incarnation",
+    "learner_incarnation",
+    "state_hash",
+    "bulk_recorded",
+    "fixed_episode",
+];
+const END: [&str; 9] = [
+    "kitchen",
+    "environment",
+    "episode",
+    "incarnation",
+    "learner_incarnation",
+    "length",
+    "terminated",
+    "truncated",
+    "fixed_episode",
+];
+
+/// A number of 64 bits as one of fewer, if it is one.
+trait Narrow: Sized {
+    fn narrow(bits: u64) -> Option<Self>;
+}
+
+impl Narrow for u32 {
+    fn narrow(bits: u64) -> Option<Self> {
+        Self::try_from(bits).ok()
+    }
+}
+
+impl Narrow for u64 {
+    fn narrow(bits: u64) -> Option<Self> {
+        Some(bits)
+    }
+}
+
+impl Narrow for bool {
+    fn narrow(bits: u64) -> Option<Self> {
+        (bits <= 1).then_some(bits == 1)
+    }
+}
+
+impl Engine {
+    /// The episode, and who played it.
+    pub fn whose(&self) -> ((u32, u32, u32), (u32, u32)) {
+        ((self.kitchen, self.environment, self.episode), (self.incarnation, self.learner_incarnation))
+    }
+
+    /// How the action ended the episode, if it did.
+    pub fn end(&self) -> Option<End> {
+        match (self.terminated, self.truncated) {
+            (true, _) => Some(End::Terminated),
+            (false, true) => Some(End::Truncated),
+            (false, false) => None,
+        }
+    }
+
+    /// The same, to be written.
+    pub fn ended(self, end: Option<End>) -> Self {
+        Self { terminated: end == Some(End::Terminated), truncated: end == Some(End::Truncated), ..self }
+    }
+}
+
+/// What a message says.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Told {
+    pub engine: Engine,
+    /// The small part of a record of the task: of a step its action, what that did, and what it was chosen from; of a
+    /// start what was seen first.
+    pub record: Vec<u8>,
+    /// What was seen is there: a recorder that missed it writes none.
+    pub seen: bool,
+    /// Of a step: the rewards that [`Compared`] names.
+    pub rewards: Vec<f32>,
+    /// Of an end: returns under those rewards, and the task's metrics. Those that a recorder cannot know, because it did
+    /// not see the whole episode, are absent.
+    pub returns: Vec<Option<f64>>,
+    pub metrics: Vec<Option<f64>>,
+}
+
+/// Where a field's numbers are in [`Told`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Place {
+    Engine(usize),
+    /// Of the record; whether it is of what was seen.
+    Record(Field, bool),
+    Reward(usize),
+    Return(usize),
+    Metric(usize),
+}
+
+/// A field of a message.
+#[derive(Debug, Clone)]
+struct Slot {
+    name: String,
+    place: Place,
+    kind: Type,
+    /// How its numbers lie in a message.
+    wire: WireType,
+    /// What it begins with there: number and type.
+    key: u64,
+    /// Names of its numbers.
+    names: Vec<String>,
+    /// Several numbers.
+    is_list: bool,
+    /// It can be absent, and 0 is written.
+    is_optional: bool,
+}
+
+/// A message, as this program writes it. A field's number is its position, from 1.
+#[derive(Debug, Clone)]
+pub struct Form {
+    message: &'static str,
+    slots: Vec<Slot>,
+    /// Bytes of a message at most.
+    longest: usize,
+    /// A message that says nothing.
+    empty: Told,
+}
+
+/// The messages of a task.
+#[derive(Debug, Clone)]
+pub struct Forms {
+    pub step: Form,
+    pub start: Form,
+    pub end: Form,
+}
+
+impl Forms {
+    /// Those of a task.
+    pub fn of(spec: &Spec, compared: &Compared) -> Self {
+        let layout = spec.layout();
+        let small = || spec.channels.iter().zip(&layout.fields).filter(|(channel, _)| !channel.is_bulk());
+        let channels = |of_action: bool| small().filter(move |(channel, _)| channel.is_of_action() == of_action);
+        let rewards: Vec<&str> = compared.rewards().collect();
+        let (dtype, count) = spec.actions.numbers();
+        let names = spec.actions.names();
+        let action = Slot {
+            names: names.to_vec(),
+            is_list: count > 1 || dtype == Dtype::F32,
+            ..Slot::new("action", Place::Record(layout.action, false), kind_of(dtype, names))
+        };
+        let number = |name: &str, place: Place, kind: Type, is_optional: bool| Slot {
+            is_optional,
+            ..Slot::new(name, place, kind)
+        };
+        let figures = |prefix: &'static str, place: fn(usize) -> Place, kind, is_optional| {
+            let rewards = rewards.iter().enumerate();
+            rewards.map(move |(at, name)| number(&format!("{prefix}_{name}"), place(at), kind, is_optional))
+        };
+        let metrics = spec.metrics.iter().enumerate();
+        let metrics = metrics.map(|(at, metric)| number(&metric.name, Place::Metric(at), Type::Double, true));
+        let seen = || channels(false).map(|(channel, &field)| of_channel(channel, field, true));
+        let acted = channels(true).map(|(channel, &field)| of_channel(channel, field, false));
+        let rewarded = figures("reward", Place::Reward, Type::Float, false);
+        let returned = figures("return", Place::Return, Type::Double, true);
+        let empty = Told {
+            record: vec![0; layout.small_bytes],
+            rewards: vec![0.0; rewards.len()],
+            returns: vec![None; rewards.len()],
+            metrics: vec![None; spec.metrics.len()],
+            ..Told::default()
+        };
+        let form = |message, own: &[&str], slots: Vec<Slot>| {
+            let mut slots: Vec<Slot> = own.iter().map(|&name| engine_slot(name)).chain(slots).collect();
+            for (number, slot) in (1..).zip(&mut slots) {
+                let wire = if slot.is_list { WireType::LengthDelimited } else { slot.wire };
+                slot.key = number << 3 | wire as u64;
+            }
+            let longest = slots.iter().map(Slot::longest).sum();
+            Form { message, slots, longest, empty: empty.clone() }
+        };
+        Self {
+            step: form("Step", &STEP, std::iter::once(action).chain(rewarded).chain(acted).chain(seen()).collect()),
+            start: form("EpisodeStart", &START, seen().collect()),
+            end: form("EpisodeEnd", &END, returned.chain(metrics).collect()),
+        }
+    }
+
+    /// The one of a topic.
+    pub fn of_topic(&self, topic: &str) -> Option<(Carries, &Form)> {
+        match topic {
+            "/step" => Some((Carries::Step, &self.step)),
+            "/episode/start" => Some((Carries::Start, &self.start)),
+            "/episode/end" => Some((Carries::End, &self.end)),
+            _ => None,
+        }
+    }
+}
+
+/// What a channel of a recording carries, as far as episodes are concerned.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Carries {
+    Step,
+    Start,
+    End,
+}
+
+fn engine_slot(name: &str) -> Slot {
+    let at = OWN.iter().position(|own| own.name == name).expect("the engine has what its messages name");
+    Slot { is_optional: name == "fixed_episode", ..Slot::new(name, Place::Engine(at), OWN[at].kind) }
+}
+
+fn of_channel(channel: &Channel, field: Field, is_seen: bool) -> Slot {
+    Slot {
+        names: channel.names.clone(),
+        is_list: !channel.shape.is_empty(),
+        is_optional: is_seen,
+        ..Slot::new(&channel.name, Place::Record(field, is_seen), kind_of(channel.dtype, &channel.names))
+    }
+}
+
+/// Type in messages of a number. One that stands for names has an enumeration, if they can be names there.
+fn kind_of(dtype: Dtype, names: &[String]) -> Type {
+    let is_name = |name: &String| {
+        let mut letters = name.chars();
+        let first = letters.next().is_some_and(|first| first.is_ascii_alphabetic() || first == '_');
+        first && letters.all(|letter| letter.is_ascii_alphanumeric() || letter == '_')
+    };
+    let distinct: BTreeSet<&String> = names.iter().collect();
+    match dtype {
+        _ if !names.is_empty() && names.iter().all(is_name) && distinct.len() == names.len() => Type::Enum,
+        Dtype::U8 | Dtype::U16 | Dtype::U32 => Type::Uint32,
+        Dtype::I32 => Type::Int32,
+        Dtype::U64 => Type::Uint64,
+        Dtype::F32 => Type::Float,
+        Dtype::F64 => Type::Double,
+    }
+}
+
+/// How a type's numbers lie in a message.
+fn wire_of(kind: Type) -> WireType {
+    match kind {
+        Type::Float => WireType::ThirtyTwoBit,
+        Type::Double | Type::Fixed64 => WireType::SixtyFourBit,
+        _ => WireType::Varint,
+    }
+}
+
+impl Slot {
+    /// One number that is always there.
+    fn new(name: &str, place: Place, kind: Type) -> Self {
+        let (name, wire) = (name.to_owned(), wire_of(kind));
+        Self { name, place, kind, wire, key: 0, names: vec![], is_list: false, is_optional: false }
+    }
+
+    /// Bytes that it can have at most: its key, the length of a list, its numbers.
+    fn longest(&self) -> usize {
+        let count = if let Place::Record(field, _) = self.place { field.count } else { 1 };
+        20 + 10 * count
+    }
+
+    #[inline(always)]
+    fn write(&self, told: &Told, out: &mut Cursor<'_>) {
+        let bits = match self.place {
+            Place::Record(_, true) if !told.seen => return,
+            Place::Record(field, _) if self.is_list => return self.write_list(field, &told.record, out),
+            Place::Record(field, _) => field.dtype.bits(&told.record[field.offset..]),
+            Place::Reward(at) => told.rewards[at].to_bits().into(),
+            Place::Engine(at) => match (OWN[at].get)(&told.engine) {
+                Some(bits) => bits,
+                None => return,
+            },
+            Place::Return(at) | Place::Metric(at) => {
+                let numbers = if matches!(self.place, Place::Return(_)) { &told.returns } else { &told.metrics };
+                match numbers[at] {
+                    Some(number) => number.to_bits(),
+                    None => return,
+                }
+            }
+        };
+        if bits != 0 || self.is_optional {
+            out.varint(self.key);
+            out.number(self.wire, bits);
+        }
+    }
+
+    fn write_list(&self, field: Field, record: &[u8], out: &mut Cursor<'_>) {
+        out.varint(self.key);
+        if self.wire == WireType::Varint {
+            let length: usize = field.bits(record).map(encoded_len_varint).sum();
+            out.varint(length as u64);
+            field.bits(record).for_each(|bits| out.varint(bits));
+        } else {
+            // As they lie in memory.
+            let numbers = &record[field.range()];
+            out.varint(numbers.len() as u64);
+            out.bytes[out.at..out.at + numbers.len()].copy_from_slice(numbers);
+            out.at += numbers.len();
+        }
+    }
+
+    /// Takes a number of this field, the one at this place in its list.
+    fn take(&self, at: usize, bits: u64, told: &mut Told) -> Result<(), MessageError> {
+        let fits = match self.place {
+            Place::Engine(own) => (OWN[own].set)(&mut told.engine, bits),
+            Place::Record(field, _) if at >= field.count => false,
+            Place::Record(field, is_seen) => {
+                told.seen |= is_seen;
+                let offset = field.offset + at * field.dtype.bytes();
+                field.dtype.write(bits, &mut told.record[offset..])
+            }
+            Place::Reward(at) => {
+                told.rewards[at] = f32::from_bits(bits as u32);
+                true
+            }
+            Place::Return(at) => {
+                told.returns[at] = Some(f64::from_bits(bits));
+                true
+            }
+            Place::Metric(at) => {
+                told.metrics[at] = Some(f64::from_bits(bits));
+                true
+            }
+        };
+        if fits { Ok(()) } else { Err(MessageError::Number { field: self.name.clone(), bits }) }
+    }
+}
+
+/// Room for a message, and where its next byte goes.
+struct Cursor<'a> {
+    bytes: &'a mut [u8],
+    at: usize,
+}
+
+impl Cursor<'_> {
+    #[inline(always)]
+    fn varint(&mut self, mut value: u64) {
+        while value >= 0x80 {
+            self.bytes[self.at] = value as u8 | 0x80;
+            self.at += 1;
+            value >>= 7;
+        }
+        self.bytes[self.at] = value as u8;
+        self.at += 1;
+    }
+
+    #[inline(always)]
+    fn number(&mut self, wire: WireType, bits: u64) {
+        let bytes = bits.to_le_bytes();
+        match wire {
+            WireType::ThirtyTwoBit => {
+                self.bytes[self.at..self.at + 4].copy_from_slice(&bytes[..4]);
+                self.at += 4;
+            }
+            WireType::SixtyFourBit => {
+                self.bytes[self.at..self.at + 8].copy_from_slice(&bytes);
+                self.at += 8;
+            }
+            _ => self.varint(bits),
+        }
+    }
+}
+
+impl Form {
+    /// A message that says nothing yet.
+    pub fn empty(&self) -> Told {
+        self.empty.clone()
+    }
+
+    /// Appends the message.
+    pub fn write(&self, told: &Told, out: &mut Vec<u8>) {
+        let begin = out.len();
+        out.resize(begin + self.longest, 0);
+        let mut cursor = Cursor { bytes: out, at: begin };
+        for slot in &self.slots {
+            slot.write(told, &mut cursor);
+        }
+        let end = cursor.at;
+        out.truncate(end);
+    }
+
+    /// How a recording describes it.
+    pub fn schema(&self) -> Schema {
+        let mut message = DescriptorProto { name: Some(self.message.to_owned()), ..DescriptorProto::default() };
+        for (number, slot) in (1..).zip(&self.slots) {
+            let mut field = FieldDescriptorProto {
+                name: Some(slot.name.clone()),
+                number: Some(number),
+                label: Some(if slot.is_list { Label::Repeated } else { Label::Optional }.into()),
+                r#type: Some(slot.kind.into()),
+                json_name: Some(slot.name.clone()),
+                ..FieldDescriptorProto::default()
+            };
+            if slot.kind == Type::Enum {
+                let named = names_of(slot);
+                field.type_name = Some(format!(".{PACKAGE}.{}.{}.Name", self.message, named.name()));
+                message.nested_type.push(named);
+            }
+            if slot.is_optional && !slot.is_list {
+                field.oneof_index = Some(message.oneof_decl.len() as i32);
+                field.proto3_optional = Some(true);
+                let name = Some(format!("_{}", slot.name));
+                message.oneof_decl.push(OneofDescriptorProto { name, options: None });
+            }
+            message.field.push(field);
+        }
+        let file = FileDescriptorProto {
+            name: Some(format!("{PACKAGE}/{}.proto", self.message)),
+            package: Some(PACKAGE.to_owned()),
+            message_type: vec![message],
+            syntax: Some("proto3".to_owned()),
+            ..FileDescriptorProto::default()
+        };
+        let descriptor = FileDescriptorSet { file: vec![file] }.encode_to_vec();
+        Schema { name: format!("{PACKAGE}.{}", self.message), descriptor: descriptor.into() }
+    }
+}
+
+const PACKAGE: &str = "stillroom";
+
+/// The enumeration of a field's names. It lies in a message of its own, because two may have a name in common.
+fn names_of(slot: &Slot) -> DescriptorProto {
+    let value = |(number, name): (i32, &String)| EnumValueDescriptorProto {
+        name: Some(name.clone()),
+        number: Some(number),
+        options: None,
+    };
+    let names = EnumDescriptorProto {
+        name: Some("Name".to_owned()),
+        value: (0..).zip(&slot.names).map(value).collect(),
+        ..EnumDescriptorProto::default()
+    };
+    // Fields begin with a small letter.
+    let (first, rest) = slot.name.split_at(1);
+    let name = Some(format!("{}{rest}", first.to_ascii_uppercase()));
+    DescriptorProto { name, enum_type: vec![names], ..DescriptorProto::default() }
+}
+
+/// A message that is none of its schema's, or a schema that is none of the task's.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum MessageError {
+    #[error("it has no schema, or a damaged one")]
+    NoSchema,
+    #[error("its messages have no field `{0}` as the task declares it: they were recorded under another declaration")]
+    NoField(String),
+    #[error("a message is damaged: {0}")]
+    Damaged(String),
+    #[error("a message's {field} is {bits:#x}, which cannot be")]
+    Number { field: String, bits: u64 },
+}
+
+impl From<prost::DecodeError> for MessageError {
+    fn from(cause: prost::DecodeError) -> Self {
+        Self::Damaged(cause.to_string())
+    }
+}
+
+/// How the messages of a recording's channel are read: the fields of a form by the numbers that they were recorded under.
+#[derive(Debug, Clone)]
+pub struct Reading {
+    form: Arc<Form>,
+    slots: HashMap<u32, usize>,
+}
+
+impl Reading {
+    /// Of what a recording says of its messages.
+    pub fn of(form: &Form, descriptor: &[u8]) -> Result<Self, MessageError> {
+        let set = FileDescriptorSet::decode(descriptor).map_err(|_| MessageError::NoSchema)?;
+        let mut messages = set.file.iter().flat_map(|file| &file.message_type);
+        let message = messages.find(|message| message.name() == form.message).ok_or(MessageError::NoSchema)?;
+        let number = |slot: &Slot| {
+            let is_it = |field: &&FieldDescriptorProto| {
+                let same = wire_of(field.r#type()) == slot.wire;
+                field.name() == slot.name && same && (field.label() == Label::Repeated) == slot.is_list
+            };
+            let field = message.field.iter().find(is_it);
+            field.map(|field| field.number() as u32).ok_or_else(|| MessageError::NoField(slot.name.clone()))
+        };
+        let slots = form.slots.iter().enumerate().map(|(at, slot)| Ok((number(slot)?, at)));
+        Ok(Self { slots: slots.collect::<Result<_, MessageError>>()?, form: Arc::new(form.clone()) })
+    }
+
+    /// Reads a message.
+    pub fn read(&self, mut data: &[u8]) -> Result<Told, MessageError> {
+        let mut told = self.form.empty();
+        while data.has_remaining() {
+            let (number, wire) = decode_key(&mut data)?;
+            let Some(&slot) = self.slots.get(&number) else {
+                skip_field(wire, number, &mut data, DecodeContext::default())?;
+                continue;
+            };
+            let slot = &self.form.slots[slot];
+            let own = slot.wire;
+            if wire == own && !slot.is_list {
+                slot.take(0, number_from(own, &mut data)?, &mut told)?;
+            } else if wire == WireType::LengthDelimited && slot.is_list {
+                let length = decode_varint(&mut data)?;
+                let damaged = || MessageError::Damaged(format!("its {} is cut off", slot.name));
+                let length = usize::try_from(length).ok().filter(|&length| length <= data.len()).ok_or_else(damaged)?;
+                let (mut list, rest) = data.split_at(length);
+                data = rest;
+                let mut at = 0;
+                while list.has_remaining() {
+                    slot.take(at, number_from(own, &mut list)?, &mut told)?;
+                    at += 1;
+                }
+            } else {
+                return Err(MessageError::Damaged(format!("its {} is of another type", slot.name)));
+            }
+        }
+        Ok(told)
+    }
+}
+
+fn number_from(wire: WireType, data: &mut &[u8]) -> Result<u64, MessageError> {
+    let cut = |_| MessageError::Damaged("it is cut off".to_owned());
+    match wire {
+        WireType::ThirtyTwoBit => data.try_get_u32_le().map(u64::from).map_err(cut),
+        WireType::SixtyFourBit => data.try_get_u64_le().map_err(cut),
+        _ => Ok(decode_varint(data)?),
+    }
+}
