@@ -213,7 +213,7 @@ impl Work<'_> {
         let recorded = &request.recorded;
         let config = self.configs.get(request.config).context("an episode has a configuration that is not there")?;
         let folder = || PathBuf::from(self.setup.folder.clone().unwrap_or_default());
-        let theatre = theatres.entry(request.config).or_insert_with(|| Theatre::new(config.clone(), folder()));
+        let theatre = theatres.entry(request.config).or_insert_with(|| Theatre::new(config, folder()));
         let mut stage = theatre.open(recorded)?;
         let mut telling = Telling::new(self, config);
         let verdict = stage.play(recorded, config, |environment, camera, transition| {
@@ -246,7 +246,6 @@ impl Work<'_> {
 
 /// An episode while it is simulated.
 struct Telling<'a> {
-    config: &'a Config,
     rewards: Rewards,
     setup: &'a DatasetSetup,
     actions: &'static [Action],
@@ -262,7 +261,6 @@ impl<'a> Telling<'a> {
         let depth = Frames { name: "depth", side: FRAME_SIDE, is_depth: true, frames: Vec::new() };
         let (actions, setup) = (work.actions, work.setup);
         Self {
-            config,
             rewards: Rewards::of(config),
             setup,
             actions,
@@ -288,8 +286,7 @@ impl<'a> Telling<'a> {
         let current = environment.current();
         let none = self.actions.len() as u32;
         let previous_action = environment.previous_action().map_or(Ok(none), |action| self.number(action))?;
-        let goal_m = current.goal_vector_m(self.config.network.carried_goal);
-        self.seen.push(Seen { goal_m, previous_action, state_hash: environment.state_hash() });
+        self.seen.push(Seen { goal_m: current.goal_m, previous_action, state_hash: environment.state_hash() });
         let mut depth_mm = vec![0; FRAME_SIDE * FRAME_SIDE];
         environment.look(camera, FRAME_SIDE, &mut depth_mm);
         self.depth.frames.push(depth_mm.into_iter().flat_map(u16::to_le_bytes).collect());

@@ -23,9 +23,9 @@ use proto::task::Composition;
 use simulator::depth::DepthCamera;
 use simulator::kitchen::Kitchen;
 use simulator::source;
+use simulator::tasks::Run;
 use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::Transition;
-use simulator::tasks::arm_point_nav::episodes::Programme;
 use std::collections::BTreeMap;
 use std::io::{BufRead, Write};
 use std::path::PathBuf;
@@ -45,7 +45,7 @@ pub fn run(input: impl BufRead, mut output: impl Write) -> Result<()> {
         ensure!((1..=SIDE_MAX).contains(&images.side), "images are 1 to {SIDE_MAX} pixels wide, not {}", images.side);
     }
     let folder = PathBuf::from(setup.folder.unwrap_or_default());
-    let mut theatre = Theatre::new(config.clone(), folder);
+    let mut theatre = Theatre::new(&config, folder);
     for (number, line) in lines.enumerate() {
         let line = line.context("cannot read an episode")?;
         let episode: RecordedEpisode =
@@ -59,11 +59,11 @@ pub fn run(input: impl BufRead, mut output: impl Write) -> Result<()> {
 
 /// Kitchens as they are needed, and the environment that was used last: episodes of one environment come in a row.
 pub(crate) struct Theatre {
-    /// Under which the episodes were recorded.
-    config: Config,
+    /// Under whose configuration the episodes were recorded.
+    run: Arc<Run>,
     /// The run folder: scenes are named relative to it.
     folder: PathBuf,
-    kitchens: BTreeMap<KitchenId, (Arc<Kitchen>, Programme, DepthCamera)>,
+    kitchens: BTreeMap<KitchenId, (Arc<Kitchen>, DepthCamera)>,
     stage: Option<(EnvironmentId, Environment)>,
 }
 
@@ -78,8 +78,8 @@ pub(crate) struct Stage<'a> {
 
 impl Theatre {
     /// For episodes that were recorded under this configuration, in the run of this folder.
-    pub fn new(config: Config, folder: PathBuf) -> Self {
-        Self { config, folder, kitchens: BTreeMap::new(), stage: None }
+    pub fn new(config: &Config, folder: PathBuf) -> Self {
+        Self { run: Run::of(config), folder, kitchens: BTreeMap::new(), stage: None }
     }
 
     /// The environment of an episode, at its start.
@@ -89,19 +89,17 @@ impl Theatre {
         if !self.kitchens.contains_key(&id.kitchen) {
             // Episodes in one kitchen come in a row, and procedural kitchens are too many to keep.
             self.kitchens.retain(|kitchen, _| !kitchen.is_procedural());
-            let kitchen = source::of_run(id.kitchen, &self.config, &self.folder)?;
+            let kitchen = source::of_run(id.kitchen, &self.run.config, &self.folder)?;
             let camera = DepthCamera::new(kitchen.bodies());
-            let programme = Programme::of(&self.config, &kitchen)?;
-            self.kitchens.insert(id.kitchen, (Arc::new(kitchen), programme, camera));
+            self.kitchens.insert(id.kitchen, (Arc::new(kitchen), camera));
         }
-        let (kitchen, programme, camera) =
-            self.kitchens.get_mut(&id.kitchen).context("the kitchen was just put there")?;
+        let (kitchen, camera) = self.kitchens.get_mut(&id.kitchen).context("the kitchen was just put there")?;
         match &mut self.stage {
             Some((on_stage, environment)) if *on_stage == id => environment.start_episode(recorded.episode),
-            stage => *stage = Some((id, programme.environment(kitchen, id, recorded.episode, &self.config)?)),
+            stage => *stage = Some((id, Environment::open(&self.run, Arc::clone(kitchen), id, recorded.episode)?)),
         }
         let (_, environment) = self.stage.as_mut().context("the environment was just put there")?;
-        Ok(Stage { environment, camera, fixed: programme.dealt(id, recorded.episode) })
+        Ok(Stage { environment, camera, fixed: self.run.dealt(id, recorded.episode) })
     }
 }
 

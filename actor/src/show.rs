@@ -23,10 +23,10 @@ use simulator::depth::DepthCamera;
 use simulator::environment::DISTURBED_AXIS_M;
 use simulator::kitchen::Kitchen;
 use simulator::source;
+use simulator::tasks::Run;
 use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::Transition;
 use simulator::tasks::arm_point_nav::episode::GOAL_TOLERANCE_M;
-use simulator::tasks::arm_point_nav::episodes::Programme;
 use std::io::{BufRead, Write};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -69,7 +69,6 @@ struct House {
     folder: Option<String>,
     id: KitchenId,
     kitchen: Arc<Kitchen>,
-    programme: Programme,
 }
 
 /// An episode that is kept.
@@ -127,7 +126,7 @@ impl Stage {
         let house = self.house(setup, &config, recorded.environment)?;
         let kitchen = Arc::clone(&house.kitchen);
         let (id, number) = (recorded.environment, recorded.episode);
-        let mut environment = house.programme.environment(&kitchen, id, number, &config)?;
+        let mut environment = Environment::open(&Run::of(&config), Arc::clone(&kitchen), id, number)?;
         let told = Telling::of(&environment).play(&mut environment, recorded, &config)?;
         let Telling { moments, displaced, shown, outcome, things, compared, first_difference, .. } = told;
         let episode = *environment.episode();
@@ -166,13 +165,12 @@ impl Stage {
         } else {
             let folder = PathBuf::from(setup.folder.clone().unwrap_or_default());
             let kitchen = source::of_run(id.kitchen, config, &folder)?;
-            let programme = Programme::of(config, &kitchen)?;
             if self.houses.len() >= KITCHENS {
                 self.houses.remove(0);
             }
             let kitchen = Arc::new(kitchen);
             let (config, folder) = (setup.config.clone(), setup.folder.clone());
-            self.houses.push(House { config, folder, id: id.kitchen, kitchen, programme });
+            self.houses.push(House { config, folder, id: id.kitchen, kitchen });
         }
         self.houses.last().context("the kitchen was just put there")
     }

@@ -1,9 +1,9 @@
 //! What the learner reads in a record: places of channels, looked up by name once.
 
 use proto::camera::{DepthFrame, WINDOW};
-use proto::config::{CarriedGoal, Config};
+use proto::config::Config;
 use proto::record::{RecordHeader, flag};
-use proto::task::{Field, LINE_BYTES, Spec};
+use proto::task::{Field, LINE_BYTES, Spec, VECTOR_NUMBERS};
 
 /// Place of a channel of this name.
 ///
@@ -14,38 +14,34 @@ pub(crate) fn named(task: &Spec, name: &str) -> Field {
 }
 
 /// What the policy is given beside the frame.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(crate) struct Inputs {
     previous_action: Field,
-    holding: Field,
-    wrist_to_object_m: Field,
-    object_to_goal_m: Field,
-    carried: CarriedGoal,
+    vector: Vec<Field>,
 }
 
 impl Inputs {
     /// Those of a task.
-    pub fn of(task: &Spec, carried: CarriedGoal) -> Self {
-        Self {
-            previous_action: task.layout().previous_action,
-            holding: named(task, "holding"),
-            wrist_to_object_m: named(task, "wrist_to_object_m"),
-            object_to_goal_m: named(task, "object_to_goal_m"),
-            carried,
-        }
+    pub fn of(task: &Spec) -> Self {
+        Self { previous_action: task.layout().previous_action, vector: inputs(task).vector }
     }
 
     /// The goal vector, metres.
-    pub fn goal_m(&self, record: &[u8]) -> [f32; 3] {
-        let vector = |field: Field| [0, 1, 2].map(|axis| field.of(record)[axis]);
-        let holding = self.holding.of::<u32>(record)[0] != 0;
-        self.carried.vector_m(holding, vector(self.wrist_to_object_m), vector(self.object_to_goal_m))
+    pub fn goal_m(&self, record: &[u8]) -> [f32; VECTOR_NUMBERS] {
+        let mut goal_m = [0.0; VECTOR_NUMBERS];
+        let numbers = self.vector.iter().flat_map(|field| field.of::<f32>(record));
+        goal_m.iter_mut().zip(numbers).for_each(|(place, number)| *place = *number);
+        goal_m
     }
 
     /// The action before what is seen; meaningless at an episode's start.
     pub fn previous_action(&self, record: &[u8]) -> u8 {
         record[self.previous_action.offset]
     }
+}
+
+fn inputs(task: &Spec) -> proto::task::Inputs {
+    task.inputs().expect("a validated configuration's task has what networks take")
 }
 
 /// What a network reads of a frame.
@@ -75,7 +71,7 @@ impl Frame {
     /// In the records of a run.
     pub fn of(config: &Config) -> Self {
         let layout = config.spec().layout();
-        let whole = named(config.spec(), "depth_mm");
+        let whole = inputs(config.spec()).image;
         let place = layout.images.iter().position(|&image| image == whole).expect("a frame is an image");
         Self {
             whole,

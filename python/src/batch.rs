@@ -462,10 +462,7 @@ fn choose(place: &Place, (series, seed, number): Asked) -> PyResult<Chosen> {
 fn report_of(place: &Place, settings: &Settings, reset: bool, last: Option<(Vec<u16>, Seen)>) -> Report {
     let current = place.environment.current();
     let facts = Facts::of(place, &current);
-    let seen = Seen {
-        goal_m: current.goal_vector_m(settings.carried_goal()),
-        previous_action: previous_action(settings, place),
-    };
+    let seen = Seen { goal_m: current.goal_m, previous_action: previous_action(settings, place) };
     Report { done: facts, now: facts, seen, last, reset }
 }
 

@@ -107,9 +107,4 @@ impl Settings {
     pub fn space(&self) -> &'static [Action] {
         self.config.episode.action_space.actions()
     }
-
-    /// What the goal vector points at while the target is held.
-    pub fn carried_goal(&self) -> CarriedGoal {
-        self.config.network.carried_goal
-    }
 }

@@ -133,11 +133,6 @@ impl Base {
         self.begin_counting();
     }
 
-    /// Has this episode's state hashes have another number than the environment's own count of episodes.
-    pub(crate) fn hash_as(&mut self, number: u32) {
-        self.hashed_number = number;
-    }
-
     /// A piece of work of [`Environment::prepare`] for an episode of this number that starts so.
     pub(crate) fn prepare(&mut self, number: u32, start: impl FnOnce(&Kitchen) -> Start) -> bool {
         if self.past.take().is_some() {

@@ -24,8 +24,7 @@ fn first_kitchen(config: &Config) -> EnvironmentId {
 fn recorded(config: &Config, episode: u32, actions: &[Action]) -> RecordedEpisode {
     let id = first_kitchen(config);
     let kitchen = Arc::new(source::of_run(id.kitchen, config, &PathBuf::new()).unwrap());
-    let programme = Programme::of(config, &kitchen).unwrap();
-    let mut environment = programme.environment(&kitchen, id, episode, config).unwrap();
+    let mut environment = Environment::open(&Run::of(config), Arc::clone(&kitchen), id, episode).unwrap();
     let start_hash = Some(environment.state_hash());
     let start = Some(start_of(&environment));
     let (mut hashes, mut goals, mut steps) = (Vec::new(), Vec::new(), Vec::new());

@@ -11,7 +11,7 @@ pub struct StepInput<'a> {
     pub columns: &'a [usize],
     /// Depth frames; may point into shared memory.
     pub frames: &'a [DepthFrame<'a>],
-    /// The goal vector as [`proto::config::CarriedGoal::vector_m`] makes it; robot's frame, metres.
+    /// The goal vector, robot's frame, metres.
     pub goal_m: &'a [[f32; 3]],
     /// `A_large` index of the previous action, or `NO_ACTION`.
     pub previous_action: &'a [u8],

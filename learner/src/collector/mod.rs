@@ -199,7 +199,7 @@ impl<S: HalfSample> Collector<S> {
             settings,
             lanes: Lanes::new(column_map.halves(), of_actors.collect(), exchange),
             environments: Environments::new(&settings, environments, running),
-            inputs: Inputs::of(settings.task, settings.carried_goal),
+            inputs: Inputs::of(settings.task),
             ids: (0..column_map.columns()).map(|column| column_map.environment(column)).collect(),
             shards,
             noise: vec![vec![]; column_map.columns()],

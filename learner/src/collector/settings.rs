@@ -1,7 +1,7 @@
 //! What a collector is given: constants of a run, and the reward of a rollout.
 
 use super::column_map::ColumnMap;
-use proto::config::{CarriedGoal, Config};
+use proto::config::Config;
 use proto::task::{Composition, Condition, Spec};
 
 /// Constants of a collector.
@@ -15,8 +15,6 @@ pub struct Settings {
     pub policy_actions: usize,
     /// Step limit of an episode.
     pub max_episode_steps: u32,
-    /// Sign of the goal vector while the target is held.
-    pub carried_goal: CarriedGoal,
     /// Discount a step, of the cost that PPO-Lagrangian constrains.
     pub gamma: f64,
     /// Label and cost.

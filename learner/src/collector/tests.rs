@@ -13,7 +13,7 @@ use environment::mix;
 use fake_actor::FakeActor;
 use proptest::prelude::*;
 use proto::camera::FRAME_PIXELS;
-use proto::config::{CarriedGoal, Config};
+use proto::config::Config;
 use std::collections::{BTreeMap, VecDeque};
 use taker::Taker;
 use wire::message::Line;
@@ -363,7 +363,6 @@ fn settings(column_map: ColumnMap, learner_incarnation: u32) -> Settings {
         seed: SEED,
         policy_actions: POLICY_ACTIONS,
         max_episode_steps: MAX_STEPS,
-        carried_goal: CarriedGoal::GoalToObject,
         gamma: 0.99,
         signals: Signals::of(&Config::default()),
         learner_incarnation,
@@ -546,22 +545,14 @@ fn an_actor_that_disagrees_is_named() {
 }
 
 #[test]
-fn a_batch_has_the_goal_vector_with_the_configured_sign() {
+fn a_batch_has_the_goal_vector_that_was_reported() {
     let column_map = ColumnMap::new(0, 1, 1);
-    for (carried_goal, sign) in [(CarriedGoal::GoalToObject, -1.0), (CarriedGoal::ObjectToGoal, 1.0)] {
-        for holding in [false, true] {
-            let settings = Settings { carried_goal, ..settings(column_map, 1) };
-            let mut collector = collector(settings, Boundary::start(1));
-            let mut actor = FakeActor::new(0, 1);
-            actor.restore = Some(collector.restore(0, 0));
-            let (header, mut sample) = actor.turn(column_map).unwrap().remove(0);
-            sample.wholes("holding")[0] = u32::from(holding);
-            let (channel, sign) = if holding { ("object_to_goal_m", sign) } else { ("wrist_to_object_m", 1.0) };
-            let expected = [0, 1, 2].map(|axis| sign * sample.reals(channel)[axis]);
-            collector.receive(&header, sample).unwrap();
-            let reward = reward("r");
-            collector.begin(RolloutShape { steps: 1, environments_in_last_step: 1, frames: 1 }, reward, 1);
-            assert_eq!(collector.batch(&due(&collector)).input().goal_m, [expected], "{carried_goal}, {holding}");
-        }
-    }
+    let mut collector = collector(settings(column_map, 1), Boundary::start(1));
+    let mut actor = FakeActor::new(0, 1);
+    actor.restore = Some(collector.restore(0, 0));
+    let (header, mut sample) = actor.turn(column_map).unwrap().remove(0);
+    sample.reals("goal_m").copy_from_slice(&[0.25, -1.5, 3.0]);
+    collector.receive(&header, sample).unwrap();
+    collector.begin(RolloutShape { steps: 1, environments_in_last_step: 1, frames: 1 }, reward("r"), 1);
+    assert_eq!(collector.batch(&due(&collector)).input().goal_m, [[0.25, -1.5, 3.0]]);
 }

@@ -70,7 +70,6 @@ impl<'a, W: Write> Conversation<'a, W> {
             policy_actions: config.episode.action_space.actions().len(),
             max_episode_steps: config.episode.max_steps,
             task: config.spec(),
-            carried_goal: config.network.carried_goal,
             gamma: config.ppo.gamma,
             signals: Signals::of(config),
             learner_incarnation: incarnation,

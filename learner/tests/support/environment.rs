@@ -33,9 +33,7 @@ struct Channels {
     picked_up: Field,
     goal_success: Field,
     held: Field,
-    wrist_to_object_m: Field,
-    object_to_goal_m: Field,
-    holding: Field,
+    goal_m: Field,
 }
 
 static CHANNELS: LazyLock<Channels> = LazyLock::new(|| {
@@ -49,9 +47,7 @@ static CHANNELS: LazyLock<Channels> = LazyLock::new(|| {
         picked_up: named("picked_up"),
         goal_success: named("goal_success"),
         held: named("held"),
-        wrist_to_object_m: named("wrist_to_object_m"),
-        object_to_goal_m: named("object_to_goal_m"),
-        holding: named("holding"),
+        goal_m: named("goal_m"),
     }
 });
 
@@ -129,9 +125,7 @@ impl FakeEnvironment {
         let hash = self.hash();
         record[task.layout().previous_action.offset] = self.state.actions().last().copied().unwrap_or(0);
         let vector = |words: [u64; 3]| words.map(|word| unit(mix([hash, word])));
-        CHANNELS.wrist_to_object_m.of_mut(record).copy_from_slice(&vector([1, 2, 3]));
-        CHANNELS.object_to_goal_m.of_mut(record).copy_from_slice(&vector([4, 5, 6]));
-        CHANNELS.holding.of_mut(record)[0] = u32::from(hash.is_multiple_of(2));
+        CHANNELS.goal_m.of_mut(record).copy_from_slice(&vector([1, 2, 3]));
         lines
     }
 }

@@ -429,7 +429,7 @@ impl Acting {
             lines[..small.len()].copy_from_slice(&small);
             let record = Line::bytes_mut(lines);
             if self.poisoned.load(Ordering::Relaxed) {
-                named("wrist_to_object_m").of_mut(record)[1] = f32::NAN;
+                named("goal_m").of_mut(record)[1] = f32::NAN;
             }
             let hash = environment.hash();
             for (row, line) in named("depth_mm").of_mut::<u16>(record).chunks_mut(224).enumerate() {

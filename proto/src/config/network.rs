@@ -52,20 +52,6 @@ pub enum CarriedGoal {
     ObjectToGoal,
 }
 
-impl CarriedGoal {
-    /// The goal vector that the policy is given, metres: from the wrist to the object, and while the object is held between
-    /// the object and the goal. Observations and recordings have that always from the object to the goal; the reference's
-    /// sensor has it the other way round.
-    pub fn vector_m(self, holding: bool, wrist_to_object_m: [f32; 3], object_to_goal_m: [f32; 3]) -> [f32; 3] {
-        match self {
-            _ if !holding => wrist_to_object_m,
-            Self::ObjectToGoal => object_to_goal_m,
-            // 0 − 0 is 0, but −(0) would be −0, which has another azimuth.
-            Self::GoalToObject => object_to_goal_m.map(|coordinate| 0.0 - coordinate),
-        }
-    }
-}
-
 impl fmt::Display for CarriedGoal {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         formatter.write_str(match self {

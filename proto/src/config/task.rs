@@ -23,7 +23,7 @@ impl Config {
             Err(cause) if cause.kind() == std::io::ErrorKind::NotFound => return Ok(()),
             Err(cause) => return Err(ConfigError::Unreadable { path, cause }),
         };
-        if Spec::parse(&text).is_ok_and(|written| written.means(self.spec())) {
+        if self.spec().continues(&text) {
             return Ok(());
         }
         Err(ConfigError::OtherTask { path, name: self.task.clone() })
@@ -76,6 +76,7 @@ impl Config {
                 return Err(wrong(&format!("reward.{name}"), SpecError::Reward { name: name.clone(), problem }));
             }
         }
+        spec.inputs().map_err(|cause| wrong("task", cause))?;
         spec.check_rewards(&self.rewards).map_err(|cause| wrong("rewards", cause))?;
         for reward in &self.rewards {
             self.find_reward(&reward.name).map_err(|cause| wrong("rewards", cause))?;

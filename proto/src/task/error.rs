@@ -21,6 +21,11 @@ pub enum SpecError {
     Label(String),
     #[error("cost: {0}")]
     Cost(String),
+    #[error(
+        "task `{task}`: networks cannot take {what}. They take one image (u16, [224, 224], sums = 2), and f32 of 3 numbers \
+         in all"
+    )]
+    Input { task: String, what: String },
     #[error("task `{task}` has no reward `{name}`, and neither has the configuration")]
     UnknownReward { name: String, task: String },
 }

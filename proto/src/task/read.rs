@@ -17,6 +17,8 @@ use std::sync::LazyLock;
 struct Declaration {
     name: String,
     #[serde(default)]
+    formerly: Vec<String>,
+    #[serde(default)]
     weights: BTreeMap<String, f32>,
     actions: Actions,
     channels: Vec<Channel>,
@@ -43,11 +45,11 @@ impl Spec {
     /// Reads a declaration, and checks it.
     pub fn parse(text: &str) -> Result<Self, SpecError> {
         let declaration: Declaration = toml::from_str(text).map_err(|cause| SpecError::Toml(cause.to_string()))?;
-        let Declaration { name, weights, actions, channels, rewards, cost, label, metrics } = declaration;
+        let Declaration { name, formerly, weights, actions, channels, rewards, cost, label, metrics } = declaration;
         actions.check()?;
         channels.iter().try_for_each(Channel::check)?;
         let (layout, text) = (Layout::of(&actions, &channels), text.to_owned());
-        let spec = Self { name, actions, channels, rewards, weights, metrics, cost, label, layout, text };
+        let spec = Self { name, formerly, actions, channels, rewards, weights, metrics, cost, label, layout, text };
         check_names(std::iter::once(&*spec.name))?;
         check_names(spec.channels.iter().map(|channel| &*channel.name))?;
         check_names(spec.metrics.iter().map(|metric| &*metric.name))?;

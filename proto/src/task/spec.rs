@@ -5,6 +5,7 @@ use super::channel::Channel;
 use super::layout::{Field, HEADER_BYTES, Layout};
 use super::metric::Metric;
 use super::reward::{Cost, Label, Reward};
+use crate::digest::sha256;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -14,6 +15,8 @@ use std::fmt::Write as _;
 pub struct Spec {
     /// Lower-case, e.g. `arm_point_nav`.
     pub name: String,
+    /// SHA-256 of texts that declared it before, under which a run goes on with the same bits.
+    pub formerly: Vec<String>,
     pub actions: Actions,
     pub channels: Vec<Channel>,
     /// Rewards that stages can name, beside those of a configuration.
@@ -44,11 +47,17 @@ impl Spec {
         &self.text
     }
 
-    /// Whether two declarations say the same, but for their docs.
-    pub fn means(&self, other: &Self) -> bool {
+    /// Whether a run that began under this text goes on with the same bits: it is a former one, or says the same but for
+    /// docs.
+    pub fn continues(&self, text: &str) -> bool {
+        self.formerly.contains(&sha256(text.as_bytes())) || Self::parse(text).is_ok_and(|written| written.means(self))
+    }
+
+    fn means(&self, other: &Self) -> bool {
         let bare = |spec: &Self| {
             let mut spec = spec.clone();
             spec.text.clear();
+            spec.formerly.clear();
             spec.channels.iter_mut().for_each(|channel| channel.doc.clear());
             spec.metrics.iter_mut().for_each(|metric| metric.doc.clear());
             spec

@@ -121,7 +121,7 @@ fn everything_has_its_place() {
 fn the_built_in_tasks_are_sound() {
     let arm = Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").unwrap();
     let layout = arm.layout();
-    assert_eq!((layout.of_action.clone(), layout.seen.clone(), layout.small_bytes), (72..136, 136..224, 256));
+    assert_eq!((layout.of_action.clone(), layout.seen.clone(), layout.small_bytes), (72..136, 136..232, 256));
     assert_eq!(layout.bytes, 125_696);
     let names: Vec<_> = crate::action::Action::ALL.iter().map(|action| action.name()).collect();
     assert_eq!(arm.actions.names(), names);
@@ -210,6 +210,31 @@ fn a_reward_is_its_base_and_its_terms() {
     );
 }
 
+/// A task with other observations panicked in a learner.
+#[test]
+fn observations_that_networks_cannot_take_are_refused_with_their_names() {
+    let frame = SMALL.replacen("[8, 8]", "[224, 224]", 1);
+    let inputs = |from: &str, to: &str| Spec::parse(&frame.replacen(from, to, 1)).unwrap().inputs();
+    let spec = Spec::parse(&frame).unwrap();
+    let place = |name| spec.channel(name).unwrap().1;
+    assert_eq!(inputs("", ""), Ok(Inputs { image: place("image"), vector: vec![place("goal_m")] }));
+    let second = "role = \"observation\"\ndtype = \"u8\"\nnames = [\"square\", \"round\"]";
+    for (from, to, problem) in [
+        ("[224, 224]", "[112, 112]", "cannot take its observation `image`"),
+        ("sums = 2", "", "cannot take its observation `image`"),
+        (
+            "role = \"outcome\"\ndtype = \"u8\"\nnames = [\"square\", \"round\"]",
+            second,
+            "cannot take its observation `kind`",
+        ),
+        ("shape = [3]", "shape = [2]", "cannot take its observations: 2 numbers of f32"),
+        ("role = \"observation\"\ndtype = \"u16\"", "role = \"state\"\ndtype = \"u16\"", "there is no image"),
+    ] {
+        let error = inputs(from, to).unwrap_err().to_string();
+        assert!(error.starts_with("task `small`: networks") && error.contains(problem), "{to}: {error}");
+    }
+}
+
 #[test]
 fn a_metric_follows_an_episode() {
     let spec = small();
@@ -266,8 +291,11 @@ fn unlike_layouts_have_unlike_hashes() {
     let hash = |from: &str, to: &str| Spec::parse(&SMALL.replacen(from, to, 1)).unwrap().layout_hash();
     let same = small().layout_hash();
     assert_eq!(hash("Where it is.", "Where it lies."), same);
-    let means = |from: &str, to: &str| Spec::parse(&SMALL.replacen(from, to, 1)).unwrap().means(&small());
-    assert!(means("Where it is.", "Where it lies.") && !means("\"price\"", "1.0"));
+    let continues = |from: &str, to: &str| small().continues(&SMALL.replacen(from, to, 1));
+    assert!(continues("Where it is.", "Where it lies.") && !continues("\"price\"", "1.0"));
+    let former = SMALL.replacen("\"price\"", "1.0", 1);
+    let named = format!("formerly = [\"{}\"]\n{SMALL}", crate::digest::sha256(former.as_bytes()));
+    assert!(Spec::parse(&named).unwrap().continues(&former) && small().continues(&named));
     assert_eq!(hash("\"price\"", "1.0"), same);
     for (from, to) in
         [("goal_m", "goal_mm"), ("[3]", "[4]"), ("sums = 2", ""), ("[0.0, 2.0]", "[0.0, 2.0], [0.0, 1.0]")]
@@ -295,7 +323,7 @@ proptest! {
             let number = |name: &str| arm.channel(name).unwrap().1.number(&record);
             prop_assert!((0.0..=1e5).contains(&number("disturbance_m")));
             prop_assert!(number("target") < 12.0 && [0.0, 1.0].contains(&number("picked_up")));
-            prop_assert!(record[224..256].iter().all(|&byte| byte == 0));
+            prop_assert!(record[232..256].iter().all(|&byte| byte == 0));
         }
     }
 }

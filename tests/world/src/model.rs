@@ -78,10 +78,8 @@ fn seen_by(config: &Config, id: EnvironmentId, environment: &FakeEnvironment) ->
     let (header, layout) = (RecordHeader::of(record), config.spec().layout());
     let mut noise = vec![];
     gumbel(config.seed, id, header.episode, header.step, NOISE, &mut noise);
-    let named = |name| config.spec().channel(name).map(|(_, field)| field).expect("the task has it");
-    let held = named("holding").number(record) != 0.0;
-    let (channel, sign) = if held { ("object_to_goal_m", -1.0) } else { ("wrist_to_object_m", 1.0) };
-    let goal_m = [0, 1, 2].map(|axis| sign * named(channel).of::<f32>(record)[axis]);
+    let (_, goal) = config.spec().channel("goal_m").expect("the task has it");
+    let goal_m = [0, 1, 2].map(|axis| goal.of::<f32>(record)[axis]);
     let start = header.has(flag::EPISODE_START);
     look(goal_m, &noise, if start { NO_ACTION } else { record[layout.previous_action.offset] }, start)
 }

@@ -289,7 +289,6 @@ impl Learner {
             policy_actions: NOISE,
             max_episode_steps: MAX_STEPS,
             task: config.spec(),
-            carried_goal: config.network.carried_goal,
             gamma: config.ppo.gamma,
             signals: Signals::of(config),
             learner_incarnation: self.incarnation,
