@@ -9,12 +9,12 @@ use crate::replay::{Rewards, Theatre};
 use anyhow::{Context, Result, anyhow, ensure};
 use dataset::{About, Episode, Frames, Seen, Source, Step, Writer};
 use picture::{Moment, Scene, Standpoint, Task};
-use proto::action::Action;
 use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::dataset::{DatasetAnswer, DatasetRequest, DatasetSetup, Keep, PictureKind};
 use proto::replay::ReplayVerdict;
 use simulator::depth::DepthCamera;
+use simulator::robot::action::Action;
 use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::Transition;
 use std::collections::BTreeMap;
@@ -104,13 +104,13 @@ fn say(output: &mut impl Write, answer: &DatasetAnswer) -> Result<()> {
 }
 
 /// The actions by their numbers, which must be the same in all configurations.
-fn actions_of(configs: &[Config]) -> Result<&'static [Action]> {
-    let first = configs.first().context("there is no configuration")?.episode.action_space;
+fn actions_of(configs: &[Config]) -> Result<Vec<Action>> {
+    let first = configs.first().context("there is no configuration")?;
     ensure!(
-        configs.iter().all(|config| config.episode.action_space == first),
+        configs.iter().all(|config| config.episode.action_space == first.episode.action_space),
         "the recordings have different action spaces: export them one by one"
     );
-    Ok(first.actions())
+    Ok(first.policy_actions().into_iter().filter_map(Action::from_index).collect())
 }
 
 /// An episode that was simulated.
@@ -138,7 +138,7 @@ type Lines<'a> = Box<dyn Iterator<Item = std::io::Result<String>> + Send + 'a>;
 struct Work<'a> {
     configs: &'a [Config],
     setup: &'a DatasetSetup,
-    actions: &'static [Action],
+    actions: Vec<Action>,
     /// Number of the next line.
     lines: Mutex<(usize, Lines<'a>)>,
     board: Mutex<Board>,
@@ -248,7 +248,7 @@ impl Work<'_> {
 struct Telling<'a> {
     rewards: Rewards,
     setup: &'a DatasetSetup,
-    actions: &'static [Action],
+    actions: Vec<Action>,
     seen: Vec<Seen>,
     steps: Vec<Step>,
     depth: Frames,
@@ -259,7 +259,7 @@ struct Telling<'a> {
 impl<'a> Telling<'a> {
     fn new(work: &Work<'a>, config: &'a Config) -> Self {
         let depth = Frames { name: "depth", side: FRAME_SIDE, is_depth: true, frames: Vec::new() };
-        let (actions, setup) = (work.actions, work.setup);
+        let (actions, setup) = (work.actions.clone(), work.setup);
         Self {
             rewards: Rewards::of(config),
             setup,

@@ -10,7 +10,6 @@ mod picture;
 use crate::process::whereabouts;
 use anyhow::{Context, Result, ensure};
 use film::{Film, Played};
-use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
@@ -22,6 +21,7 @@ use proto::replay::{
 use proto::task::Composition;
 use simulator::depth::DepthCamera;
 use simulator::kitchen::Kitchen;
+use simulator::robot::action::Action;
 use simulator::source;
 use simulator::tasks::Run;
 use simulator::tasks::arm_point_nav::Environment;

@@ -2,12 +2,12 @@
 
 use actor::harvest::run;
 use anyhow::Result;
-use proto::action::Action;
 use proto::config::Config;
 use proto::dataset::{DatasetAnswer, DatasetRequest, DatasetSetup, Keep};
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::replay::{Aspect, Difference, RecordedEpisode};
+use simulator::robot::action::Action;
 use simulator::source;
 use simulator::tasks::arm_point_nav::Environment;
 use std::path::Path;
