@@ -10,7 +10,6 @@ use crate::replay::{Stage, Theatre};
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use dataset::{About, Episode, Frames, Moment, Source, Writer};
 use picture::{Scene, Standpoint, Words};
-use proto::action::Action;
 use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::dataset::{DatasetAnswer, DatasetRequest, DatasetSetup, PictureKind};
@@ -119,7 +118,8 @@ fn source_of(configs: &[Config], rules: &[Rules], setup: &DatasetSetup) -> Resul
         configs.iter().all(|config| config.episode.action_space == space && config.task == spec.name),
         "the recordings have different tasks or action spaces: export them one by one"
     );
-    let actions: Vec<String> = space.actions().iter().map(|action: &Action| action.name().to_owned()).collect();
+    let actions = config.policy_actions().into_iter().map(|action| spec.actions.names()[usize::from(action)].clone());
+    let actions: Vec<String> = actions.collect();
     let number = |name: &String| actions.iter().position(|own| own == name).map(|number| number as u32);
     let numbers = spec.actions.names().iter().map(number).collect();
     let rewards = rules_of_first.compared.rewards().map(str::to_owned).collect();

@@ -2,13 +2,13 @@
 //! nothing may explode.
 
 use anyhow::{Context, Result, ensure};
-use proto::action::{Action, ActionSpace};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::random::{Key, Purpose};
 use simulator::kitchen::Kitchen;
 use simulator::physics::watch::Extremes;
+use simulator::robot::action::Action;
 use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::check;
 use std::io::Write;
@@ -71,8 +71,7 @@ pub fn soak(kitchen: &Arc<Kitchen>, steps: u64, seed: u64, config: &Config) -> R
     let config = Config { seed, ..config.clone() };
     let mut environment = Environment::new(Arc::clone(kitchen), id, &config)?;
     environment.watch();
-    let actions = ActionSpace::Large.actions();
-    let lasting: Vec<Action> = actions.iter().copied().filter(|&action| action != Action::DoneMidLevel).collect();
+    let lasting: Vec<Action> = Action::ALL.into_iter().filter(|&action| action != Action::DoneMidLevel).collect();
     let mut report = Report { steps, episodes: 1, ..Report::default() };
     let (mut episode, mut step) = (0, 0);
     let (mut action, mut repeats) = (Action::LookDown, 0);

@@ -3,13 +3,13 @@
 // A test is a place to unwrap; clippy knows only the functions marked as one, not their helpers.
 #![allow(clippy::unwrap_used)]
 
-use proto::action::{ACTION_COUNT, Action, HOLD};
 use proto::camera::{SUMS_PIXELS, sum_windows};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::random::{Key, Purpose};
-use proto::record::{RecordHeader, flag};
+use proto::record::{HOLD, RecordHeader, flag};
 use proto::task::Layout;
+use simulator::robot::action::Action;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
@@ -230,7 +230,7 @@ fn chosen(environment: u32, state: &EnvironmentState) -> u8 {
         episode: state.episode,
         step: state.action_count,
     };
-    Action::ALL[key.stream().below(ACTION_COUNT as u32) as usize].index()
+    Action::ALL[key.stream().below(Action::ALL.len() as u32) as usize].index()
 }
 
 fn layout() -> &'static Layout {

@@ -5,7 +5,6 @@ use learner::agent::AgentState;
 use learner::checkpoint::{decode_tensors, read};
 use learner::import::import;
 use learner::process::facts_of;
-use proto::action::ActionSpace;
 use proto::checkpoint::{Machine, Manifest};
 use proto::config::CarriedGoal;
 use proto::digest::sha256;
@@ -34,14 +33,12 @@ fn is_policy(bytes: &[u8]) -> bool {
 
 /// Whether they have a place in a small network.
 fn is_weights(bytes: &[u8]) -> bool {
-    let space = ActionSpace::default();
-    let rows = space.actions().len() as i64 + 1;
-    let shapes = [("model.actor.weight", [2, 3]), ("model.previous_action_embedder.weight", [rows, 1])];
+    let shapes = [("model.actor.weight", [2, 3]), ("model.previous_action_embedder.weight", [22, 1])];
     let place = |(name, shape): (&str, [i64; 2])| (name.to_owned(), Tensor::zeros(shape, (Kind::Float, Device::Cpu)));
     let tensors = shapes.map(place).into();
     let mut state = AgentState { tensors, adam_steps: 0, multiplier: 0.0, carried_goal: CarriedGoal::GoalToObject };
     match decode_tensors(bytes) {
-        Ok(weights) => said(import(&weights, space, &mut state)),
+        Ok(weights) => said(import(&weights, &mut state)),
         problem => said(problem),
     }
 }

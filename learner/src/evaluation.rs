@@ -3,12 +3,11 @@
 
 use crate::collector::{ColumnMap, Place, Signals, gumbel_of};
 use crate::record::named;
-use proto::action::HOLD;
 use proto::config::Config;
 use proto::evaluation::{Confusion, EpisodeEnd, EpisodeRecord, Plan, category_of};
 use proto::kitchen::KitchenId;
 use proto::random::{Key, Purpose};
-use proto::record::{End, RecordHeader};
+use proto::record::{End, HOLD, RecordHeader};
 use proto::reward::UNDISTURBED_THRESHOLD_M;
 use proto::task::{Composition, Field, Layout};
 

@@ -20,7 +20,6 @@
 use crate::agent::{AgentState, MODEL};
 use crate::auxiliary::TASKS;
 use crate::network::{ENCODERS, OBSERVATION, Unfit, VISUAL, fits};
-use proto::action::{Action, ActionSpace};
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -223,11 +222,7 @@ fn alternatives(names: &[String]) -> String {
 
 /// Puts a state dict's weights into an agent's state. The optimiser and the beliefs stay as they are. First all names are
 /// judged, then all shapes, then all values.
-pub fn import(
-    state_dict: &BTreeMap<String, Tensor>,
-    space: ActionSpace,
-    state: &mut AgentState,
-) -> Result<Imported, ImportError> {
+pub fn import(state_dict: &BTreeMap<String, Tensor>, state: &mut AgentState) -> Result<Imported, ImportError> {
     let names = Names::of(state_dict, state);
     let theirs = by_our_names(state_dict, &names)?;
     let goal_first = state_dict.keys().any(|name| names.bare(name).starts_with(GOAL_FIRST));
@@ -256,7 +251,7 @@ pub fn import(
         if !matches!(tensor.kind(), Kind::Float | Kind::Double | Kind::Half | Kind::BFloat16) {
             return Err(ImportError::Kind(name()));
         }
-        let tensor = adapt(ours, &tensor.to_kind(Kind::Float), &place.size(), space, goal_first);
+        let tensor = adapt(ours, &tensor.to_kind(Kind::Float), &place.size(), goal_first);
         let (found, wanted) = (tensor.size(), place.size());
         match fits(ours, Some(&tensor), &wanted) {
             Ok(tensor) => *place = tensor.contiguous(),
@@ -317,13 +312,12 @@ fn our_name(theirs: &str) -> Option<String> {
 }
 
 /// What differs in more than the name; see the module's text.
-fn adapt(name: &str, tensor: &Tensor, size: &[i64], space: ActionSpace, goal_first: bool) -> Tensor {
+fn adapt(name: &str, tensor: &Tensor, size: &[i64], goal_first: bool) -> Tensor {
     let found = tensor.size();
     match name {
         "previous_action_embedder.weight" if found.first() == Some(&(size[0] - 1)) => {
-            let done = space.actions().iter().position(|&action| action == Action::DoneMidLevel);
-            let done = done.expect("every action space has Done") as i64;
-            Tensor::cat(&[tensor.narrow(0, done, 1), tensor.shallow_clone()], 0)
+            // That of Done, the last action of either space.
+            Tensor::cat(&[tensor.narrow(0, size[0] - 2, 1), tensor.shallow_clone()], 0)
         }
         "auxiliary.cpca16.action_embedder.weight" if found.first() == Some(&(size[0] + 1)) => {
             tensor.narrow(0, 0, size[0])

@@ -1,6 +1,6 @@
 //! The contract between Stillroom's processes, and between them and their files.
 //!
-//! Everything that two processes, or a process and a file, must agree on lives here and nowhere else: the actions,
+//! Everything that two processes, or a process and a file, must agree on lives here and nowhere else: tasks,
 //! episodes, stages, the reward, what an environment reports of a step, the camera, the configuration, the records of
 //! evaluations, the events of a learner, and the layout of a run folder. This crate contains neither physics nor
 //! tensors, and no transport: what crosses shared memory, and how, is the crate `wire`.
@@ -14,7 +14,6 @@
 //! looks along +z and a positive yaw turns to the right (towards +x). A vector written "in the robot's frame" has
 //! its origin on the floor at the body's axis and turns with the body's yaw only.
 
-pub mod action;
 pub mod bounded;
 pub mod camera;
 pub mod checkpoint;

@@ -2,6 +2,12 @@
 
 use bytemuck::{Pod, Zeroable};
 
+/// In place of an action: the environment stands still for one exchange. No step is taken and none is counted.
+///
+/// The learner sends it to the environments that are left over when a stage's frame budget is not a multiple of the number
+/// of environments. No task has so many actions.
+pub const HOLD: u8 = 254;
+
 /// Bits of [`RecordHeader::flags`].
 pub mod flag {
     /// An action was taken. Unset at step 0 of the first episode after a (re)start, and after a HOLD. (An actor that is

@@ -26,10 +26,10 @@ mod settings;
 mod snapshot;
 mod state;
 
-use proto::action::Action;
 use proto::kitchen::{KitchenId, Split, TargetCategory};
 use pyo3::exceptions::PyImportError;
 use pyo3::prelude::*;
+use simulator::robot::action::Action;
 
 /// Numbers of the built-in kitchens of a split: `train`, `validation` or `test`.
 #[pyfunction]

@@ -3,11 +3,11 @@
 use crate::room::Room;
 use oracle::{Policy, Variant};
 use picture::{Canvas, Moment, Storyboard, Task};
-use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use serde::{Deserialize, Serialize};
 use simulator::depth::DepthCamera;
+use simulator::robot::action::Action;
 use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::Transition;
 use simulator::tasks::arm_point_nav::episode::Episode;

@@ -2,7 +2,6 @@
 
 use crate::argument::{chosen, real, text, whole};
 use crate::error::value_error;
-use proto::action::{Action, ActionSpace};
 use proto::config::{CarriedGoal, Config, ConfigError};
 use proto::episode::MAX_EPISODE_STEPS;
 use proto::task::Composition;
@@ -54,7 +53,7 @@ impl Settings {
         let mut config = Config::resolve(&text("preset", preset)?, None).map_err(value_error)?;
         let Config { episode, network, reward: weights, .. } = &mut config;
         if let Some(space) = action_space {
-            let spaces = [("large", ActionSpace::Large), ("small", ActionSpace::Small)];
+            let spaces = ["large", "small"].map(|name| (name, ActionSpace::named(name).expect("the task has both")));
             episode.action_space = chosen("action_space", space, &spaces)?;
         }
         if let Some(goal) = carried_goal {
@@ -104,7 +103,7 @@ impl Settings {
 
 impl Settings {
     /// The actions in the order of their numbers.
-    pub fn space(&self) -> &'static [Action] {
-        self.config.episode.action_space.actions()
+    pub fn space(&self) -> Vec<Action> {
+        self.config.policy_actions().into_iter().filter_map(Action::from_index).collect()
     }
 }

@@ -7,13 +7,13 @@
 use crate::error::value_error;
 use crate::place::{Chosen, Place};
 use crate::room::{Origin, Room};
-use proto::action::Action;
 use proto::config::{EpisodeConfig, SimulationConfig};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 use pyo3::types::{PyBytes, PyTuple};
 use serde::{Deserialize, Serialize};
+use simulator::robot::action::Action;
 use std::sync::Arc;
 
 /// Version of the form as bytes.
@@ -98,11 +98,11 @@ fn again(record: Record) -> PyResult<Snapshot> {
     }
     let config = proto::config::Config { episode: record.episode, simulation: record.simulation, ..Default::default() };
     config.validate().map_err(value_error)?;
-    let space = config.episode.action_space.actions();
+    let space = config.policy_actions();
     let room = Room::of(record.origin, config.simulation)?;
     let mut place = Place::new(room, Arc::new(config), record.environment, record.chosen).map_err(value_error)?;
     for index in record.actions {
-        let action = Action::from_index(index).filter(|action| space.contains(action) && !place.ended());
+        let action = Action::from_index(index).filter(|_| space.contains(&index) && !place.ended());
         let action = action.ok_or_else(|| PyValueError::new_err("the snapshot's actions are no episode"))?;
         place.step(action);
     }

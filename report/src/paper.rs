@@ -229,7 +229,7 @@ mod tests {
         }
         for row in &paper().action_space_valid {
             let config = config(&row.preset());
-            assert_eq!(config.episode.action_space.actions().len() == 13, row.action_space == "small", "{row:?}");
+            assert_eq!(config.episode.action_space.name(), row.action_space, "{row:?}");
             assert_eq!(config.auxiliary.task, task_of(&row.aux), "{row:?}");
             assert_eq!(config.stages.len() == 2, row.init == "finetune", "{row:?}");
             named.insert(row.preset());

@@ -4,8 +4,8 @@
 //! same, and the first that the search comes by stands for its cell.
 
 use super::search::Graph;
-use proto::action::Action;
 use rapier3d::math::Vec3;
+use simulator::robot::action::Action;
 use simulator::robot::configuration::{Configuration, MOVE_AHEAD_M};
 use simulator::robot::dimensions::{ARM_BASE_AHEAD_M, REACH_M};
 

@@ -19,9 +19,9 @@ mod space;
 
 use moment::Moment;
 use plan::{Carriage, Stands};
-use proto::action::Action;
 use rapier3d::math::Vec3;
 use simulator::kitchen::Kitchen;
+use simulator::robot::action::Action;
 use simulator::robot::configuration::Configuration;
 use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::episode::Episode;

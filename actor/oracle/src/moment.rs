@@ -1,8 +1,8 @@
 //! State of one moment for the planner: positions of all things, and what the robot holds.
 
-use proto::action::Action;
 use rapier3d::math::{Pose3, Vec3};
 use simulator::kitchen::Kitchen;
+use simulator::robot::action::Action;
 use simulator::robot::configuration::Configuration;
 use simulator::robot::links::{HAND, part_poses};
 use simulator::tasks::arm_point_nav::Environment;

@@ -5,7 +5,7 @@ use super::moment::Moment;
 use super::reach::{self, Aim};
 use super::search::Search;
 use super::space::{Care, Space};
-use proto::action::Action;
+use simulator::robot::action::Action;
 use simulator::robot::configuration::Configuration;
 
 /// Floor poses that a search expands.

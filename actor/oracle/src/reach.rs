@@ -3,10 +3,10 @@
 use super::moment::Moment;
 use super::search::{Graph, Search};
 use super::space::Space;
-use proto::action::Action;
 use rapier3d::geometry::Aabb;
 use rapier3d::math::{Pose3, Vec3};
 use simulator::physics::geometry::{Solid, rotation_y};
+use simulator::robot::action::Action;
 use simulator::robot::configuration::{
     ARM_HEIGHT_MAX_M, ARM_HEIGHT_MIN_M, ARM_HEIGHT_TICKS, Configuration, WRIST_STEP_M,
 };

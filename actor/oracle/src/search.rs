@@ -4,7 +4,7 @@
 //! because the answer is a collision query and most states never have their turn. The search hands out one state after
 //! the other, so that the caller decides what a goal is.
 
-use proto::action::Action;
+use simulator::robot::action::Action;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashSet};
 

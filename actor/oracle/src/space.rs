@@ -2,10 +2,10 @@
 
 use super::moment::Moment;
 use super::obstacles::Obstacles;
-use proto::action::Action;
 use rapier3d::math::Pose3;
 use simulator::kitchen::Kitchen;
 use simulator::physics::geometry::Solid;
+use simulator::robot::action::Action;
 use simulator::robot::configuration::{Configuration, Posture};
 use simulator::robot::links::{HAND, PartPoses, part_poses};
 use std::rc::Rc;

@@ -15,7 +15,7 @@ use xxhash_rust::xxh3::xxh3_64;
 /// An object that moved further than this on some axis is disturbed, metres (reference).
 pub const DISTURBED_AXIS_M: f32 = 0.01;
 /// Displacement of one object counts at most this much, metres.
-pub const OBJECT_DISPLACEMENT_CAP_M: f32 = 10.0;
+const OBJECT_DISPLACEMENT_CAP_M: f32 = 10.0;
 
 /// Sub-steps of one piece of work of [`Base::prepare`].
 const SUBSTEPS_AT_ONCE: u32 = 8;
@@ -131,11 +131,6 @@ impl Base {
             None => self.simulation = Settling::new(Arc::clone(&self.kitchen), self.substeps, start).finish(),
         }
         self.begin_counting();
-    }
-
-    /// Has this episode's state hashes have another number than the environment's own count of episodes.
-    pub(crate) fn hash_as(&mut self, number: u32) {
-        self.hashed_number = number;
     }
 
     /// A piece of work of [`Environment::prepare`] for an episode of this number that starts so.
@@ -276,7 +271,7 @@ impl Base {
     }
 
     /// Things that were disturbed after some step of this episode so far.
-    pub fn ever_disturbed(&self) -> u32 {
+    pub(crate) fn ever_disturbed(&self) -> u32 {
         self.ever_disturbed.iter().filter(|&&ever| ever).count() as u32
     }
 

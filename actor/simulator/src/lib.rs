@@ -5,8 +5,8 @@
 //! made in a kitchen, begins episodes, takes actions, returns what they did, and renders what the head camera sees:
 //!
 //! ```
-//! use proto::{action::Action, camera::FRAME_SIDE, config::Config, episode::EnvironmentId, kitchen::KitchenId};
-//! use simulator::{depth::DepthCamera, kitchen::Kitchen, tasks::arm_point_nav::Environment};
+//! use proto::{camera::FRAME_SIDE, config::Config, episode::EnvironmentId, kitchen::KitchenId};
+//! use simulator::{depth::DepthCamera, kitchen::Kitchen, robot::action::Action, tasks::arm_point_nav::Environment};
 //!
 //! let config = Config::default();
 //! let id = EnvironmentId { kitchen: KitchenId::new(7)?, number: 0 };

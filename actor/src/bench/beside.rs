@@ -11,9 +11,9 @@ use super::clock::processor_time;
 use crate::process::environments::Environments;
 use crate::process::larder::Larder;
 use anyhow::{Context, Result, ensure};
-use proto::action::HOLD;
 use proto::config::Config;
 use proto::kitchen::KitchenId;
+use proto::record::HOLD;
 use proto::record::RecordHeader;
 use std::hint::black_box;
 use std::io::{ErrorKind, Read, Write};
@@ -85,7 +85,7 @@ fn step(environments: &mut Environments, halves: Halves, actions: &[u8], slots: 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proto::action::Action;
+    use simulator::robot::action::Action;
 
     fn sums(actions: &[u8], steps: u32) -> Vec<u64> {
         let kitchen = KitchenId::new(1).unwrap();

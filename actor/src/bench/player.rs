@@ -1,13 +1,13 @@
 //! An environment that plays episodes whose actions were chosen beforehand; and what it saw on the way.
 
 use super::policy::{PolicyKind, script};
-use proto::action::Action;
 use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use rapier3d::math::Pose3;
 use simulator::depth::DepthCamera;
 use simulator::kitchen::Kitchen;
+use simulator::robot::action::Action;
 use simulator::tasks::OpenError;
 use simulator::tasks::arm_point_nav::Environment;
 use std::hint::black_box;

@@ -1,8 +1,8 @@
 //! Where the actions of a measurement come from.
 
-use proto::action::{Action, ActionSpace};
 use proto::episode::EnvironmentId;
 use proto::random::{Key, Purpose};
+use simulator::robot::action::Action;
 use simulator::tasks::arm_point_nav::Environment;
 use std::fmt;
 use std::str::FromStr;
@@ -81,9 +81,8 @@ fn random_action(id: EnvironmentId, episode: u32, step: u32) -> Action {
         episode,
         step,
     };
-    let actions = ActionSpace::Large.actions();
-    let lasting = actions.iter().filter(|&&action| action != Action::DoneMidLevel).count();
-    let action = actions[key.stream().below(lasting as u32) as usize];
+    let lasting = Action::ALL.iter().filter(|&&action| action != Action::DoneMidLevel).count();
+    let action = Action::ALL[key.stream().below(lasting as u32) as usize];
     assert!(action != Action::DoneMidLevel, "Done is the last of all actions");
     action
 }

@@ -2,7 +2,6 @@
 
 use super::episode;
 use anyhow::{Result, ensure};
-use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::{KitchenId, Split, TargetCategory};
@@ -13,6 +12,7 @@ use simulator::kitchen::layout::Plan;
 use simulator::kitchen::overlap::{Overlap, overlaps};
 use simulator::kitchen::{CONNECTED_LEAST, Kitchen, SPOTS_LEAST, ithor, likeness};
 use simulator::physics::geometry::Solid;
+use simulator::robot::action::Action;
 use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::episode::Episode;
 use simulator::tasks::arm_point_nav::episodes::{self, EpisodesError};

@@ -1,10 +1,10 @@
 //! Episodes as `actor replay` is given them.
 
 use super::*;
-use proto::action::Action;
 use proto::evaluation::{EvaluationConfig, ObjectSet};
 use proto::kitchen::Split;
 use proto::replay::{Difference, ImageFormat};
+use simulator::robot::action::Action;
 
 /// An evaluation of one novel episode a kitchen, or a run.
 fn config(evaluation: bool) -> Config {
@@ -24,24 +24,23 @@ fn first_kitchen(config: &Config) -> EnvironmentId {
 fn recorded(config: &Config, episode: u32, actions: &[Action]) -> RecordedEpisode {
     let (id, rules) = (first_kitchen(config), Rules::of(config).unwrap());
     let kitchen = Arc::new(source::of_run(id.kitchen, config, &PathBuf::new()).unwrap());
-    let programme = Programme::of(config, &kitchen).unwrap();
-    let mut environment = programme.environment(&kitchen, id, episode, config).unwrap();
+    let mut environment = tasks::open(&tasks::Run::of(config), &kitchen, id, episode).unwrap();
     let actions: Vec<u8> = actions.iter().map(|action| action.index()).collect();
     let hashes = vec![0; actions.len()];
     let (digests, start) = (vec![], vec![]);
     let mut recorded = RecordedEpisode { environment: id, episode, start_hash: None, actions, hashes, digests, start };
     let bare = recorded.clone();
     let (mut seen, mut step) = (vec![], 0);
-    play(&rules, &mut environment, &bare, |environment, moment| {
+    play(&rules, &mut *environment, &bare, |environment, moment| {
         match moment.rewards {
             None => {
-                recorded.start_hash = Some(environment.state_hash());
+                recorded.start_hash = Some(environment.base().state_hash());
                 recorded.start = rules.compared.start(moment.record);
             }
             Some(rewards) => {
-                recorded.hashes[step] = environment.state_hash();
+                recorded.hashes[step] = environment.base().state_hash();
                 step += 1;
-                let end = environment.end();
+                let end = environment.base().end();
                 rules.compared.step(Some(&seen), moment.record, rewards, end, &mut recorded.digests);
             }
         }

@@ -8,8 +8,7 @@ use std::io::{BufReader, Read};
 fn recorded(config: &Config, actions: &[Action], wrong: Option<usize>) -> RecordedEpisode {
     let id = EnvironmentId { kitchen: config.kitchens().of_actor(0).unwrap(), number: 0 };
     let kitchen = Arc::new(source::of_run(id.kitchen, config, &PathBuf::new()).unwrap());
-    let programme = Programme::of(config, &kitchen).unwrap();
-    let mut environment = programme.environment(&kitchen, id, 2, config).unwrap();
+    let mut environment = Environment::open(&Run::of(config), Arc::clone(&kitchen), id, 2).unwrap();
     let start_hash = Some(environment.state_hash());
     let mut hashes = Vec::new();
     for &action in actions {

@@ -4,14 +4,15 @@ use actor::check::episode as check;
 use actor::oracle_table::{Outcome, play};
 use actor::parallel::in_parallel;
 use oracle::Variant;
-use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use simulator::kitchen::Kitchen;
 use simulator::kitchen::spots::Stand;
+use simulator::robot::action::Action;
+use simulator::tasks::Run;
 use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::episode::{Episode, at_goal};
-use simulator::tasks::arm_point_nav::episodes::{self, EPISODES_PER_KITCHEN, EpisodesError, Programme, drawn};
+use simulator::tasks::arm_point_nav::episodes::{self, EPISODES_PER_KITCHEN, EpisodesError, drawn};
 
 use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet};
 use proto::kitchen::{KitchenId, Split, TargetCategory};
@@ -120,20 +121,20 @@ fn an_evaluations_environments_play_what_its_plan_says() {
     config.actors.environments_per_actor = 2;
     config.evaluation = Some(EvaluationConfig::fixed(Split::Test, ObjectSet::Seen, 6));
     let fixed = episodes::fixed(kitchen).unwrap();
-    let programme = Programme::of(&config, kitchen).unwrap();
+    let run = Run::of(&config);
     let id = EnvironmentId { kitchen: kitchen.id(), number: 1 };
-    let mut environment = programme.environment(kitchen, id, 0, &config).unwrap();
+    let mut environment = Environment::open(&run, Arc::clone(kitchen), id, 0).unwrap();
     // Seen targets are the first six of each twelve; environment 1 of 4 has the second and the sixth.
     assert_eq!(*environment.episode(), fixed[1]);
     environment.start_episode(1);
     assert_eq!(*environment.episode(), fixed[5]);
     // One that is made at that episode stands where this one came to.
-    assert_eq!(programme.environment(kitchen, id, 1, &config).unwrap().current(), environment.current());
+    assert_eq!(Environment::open(&run, Arc::clone(kitchen), id, 1).unwrap().current(), environment.current());
     // It has run out: something to look at while it holds.
     environment.start_episode(2);
     assert_eq!(*environment.episode(), fixed[0]);
     let elsewhere = EnvironmentId { kitchen: KitchenId::new(2).unwrap(), number: 0 };
-    assert!(programme.environment(kitchen, elsewhere, 0, &config).is_err());
+    assert!(Environment::open(&run, Arc::clone(kitchen), elsewhere, 0).is_err());
 }
 
 #[test]
@@ -155,12 +156,12 @@ fn the_state_hash_of_an_evaluated_episode_depends_on_no_number_of_environments()
         (config.actors.count, config.actors.environments_per_actor) = (actors, environments);
         let asked = EvaluationConfig::fixed(Split::Test, ObjectSet::Seen, 7);
         config.evaluation = Some(EvaluationConfig { hashes_by_kitchen, ..asked });
-        let programme = Programme::of(&config, kitchen).unwrap();
+        let run = Run::of(&config);
         let here = environments * (actors / 5);
         let of = |index: u32| {
             let (id, number) = (id(index % here), index / here);
-            let mut made = programme.environment(kitchen, id, number, &config).unwrap();
-            let mut begun = programme.environment(kitchen, id, 0, &config).unwrap();
+            let mut made = Environment::open(&run, Arc::clone(kitchen), id, number).unwrap();
+            let mut begun = Environment::open(&run, Arc::clone(kitchen), id, 0).unwrap();
             begun.start_episode(number);
             let hashes = play(&mut made);
             assert_eq!(play(&mut begun), hashes, "episode {index}");
@@ -227,9 +228,9 @@ fn an_evaluation_in_a_training_kitchen_plays_drawn_episodes() {
         distribution: Distribution::Run,
         ..EvaluationConfig::fixed(Split::Train, ObjectSet::Novel, 3)
     });
-    let programme = Programme::of(&config, &kitchen).unwrap();
+    let run = Run::of(&config);
     let id = EnvironmentId { kitchen: id, number: 0 };
-    let mut environment = programme.environment(&kitchen, id, 0, &config).unwrap();
+    let mut environment = Environment::open(&run, Arc::clone(&kitchen), id, 0).unwrap();
     for (number, dealt) in [6, 7, 8].into_iter().enumerate() {
         environment.start_episode(number as u32);
         assert_eq!(*environment.episode(), drawn(&kitchen, &config.episode, dealt));
@@ -240,7 +241,8 @@ fn an_evaluation_in_a_training_kitchen_plays_drawn_episodes() {
     if let Some(asked) = &mut config.evaluation {
         asked.distribution = Distribution::Fixed;
     }
-    assert_eq!(Programme::of(&config, &kitchen).unwrap_err(), EpisodesError::NotFixed(kitchen.id()));
+    let problem = Environment::open(&Run::of(&config), Arc::clone(&kitchen), id, 0).unwrap_err().to_string();
+    assert_eq!(problem, EpisodesError::NotFixed(kitchen.id()).to_string());
 }
 
 #[test]

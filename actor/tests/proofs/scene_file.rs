@@ -1,13 +1,13 @@
 //! Scenes from files: a kitchen that goes out as glTF and comes back, and what is said of scenes that cannot be used.
 
 use actor::kitchen_export;
-use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use rapier3d::geometry::Aabb;
 use simulator::kitchen::{BodyRole, Kitchen};
 use simulator::physics::geometry::Solid;
+use simulator::robot::action::Action;
 use simulator::scene_file::{self, Role, SceneFile};
 use simulator::shape::Primitive;
 use simulator::tasks::arm_point_nav::Environment;

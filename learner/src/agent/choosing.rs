@@ -15,7 +15,7 @@ impl Agent {
     pub(super) fn step_together(&mut self, rows: &[usize], input: &StepInput) -> Result<StepOutput, AgentError> {
         input.check();
         let count = input.columns.len();
-        let actions = self.config.episode.action_space.actions().len();
+        let actions = self.config.policy_actions().len();
         let steps = self.rollout.as_ref().expect("step is called between begin_rollout and update").shape().steps;
         // Whose last action is taken chooses none, and needs no noise.
         let silence = rows.iter().all(|&t| t == steps).then(|| vec![0.0; count * actions]);
@@ -51,7 +51,7 @@ impl Agent {
     ) -> Result<Vec<Chosen>, AgentError> {
         let Inference { kept, beliefs, log_probs, values } = self.infer(input, steps)?;
         let rollout = self.rollout.as_mut().expect("step is called between begin_rollout and update");
-        let actions = self.config.episode.action_space.actions().len();
+        let actions = self.config.policy_actions().len();
         let choose = |((log_probs, noise), &value): ((&[f32], &[f32]), &f32)| {
             let action = sample(log_probs, noise);
             Chosen { log_prob: log_probs[action], value, action, finite: true }
@@ -79,16 +79,16 @@ impl Agent {
     pub(super) fn seen(&self, input: &StepInput) -> Result<Vec<Step>, AgentError> {
         let StepInput { columns, goal_m, previous_action, episode_start, .. } = *input;
         let rows = columns.len();
-        let mut steps = Vec::with_capacity(rows);
+        let (space, mut steps) = (self.config.policy_actions(), Vec::with_capacity(rows));
         for (row, &column) in columns.iter().enumerate() {
             if !goal_m[row].iter().all(|coordinate| coordinate.is_finite()) {
                 return Err(AgentError::NonFinite { what: format!("column {column}: goal sensor") });
             }
-            let action = previous_action[row];
+            let action = (!episode_start[row]).then_some(previous_action[row]);
             steps.push(Step {
                 goal: goal_coordinates(self.config.network.goal, goal_m[row]),
-                previous_action: table_row(self.config.episode.action_space, action)
-                    .ok_or(AgentError::UnknownAction { column, action })?,
+                previous_action: table_row(&space, action)
+                    .ok_or(AgentError::UnknownAction { column, action: previous_action[row] })?,
                 episode_start: episode_start[row],
                 ..Step::default()
             });
@@ -135,7 +135,7 @@ impl Agent {
 
     /// Notes what was chosen for each column at its row, or its value after the last.
     fn note(&mut self, rows: &[usize], columns: &[usize], choices: Vec<(Step, Chosen)>) -> StepOutput {
-        let space = self.config.episode.action_space.actions();
+        let space = self.config.policy_actions();
         let rollout = self.rollout.as_mut().expect("step is called between begin_rollout and update");
         let mut output = StepOutput::default();
         for ((mut step, choice), (&t, &column)) in choices.into_iter().zip(rows.iter().zip(columns)) {
@@ -146,7 +146,7 @@ impl Agent {
                 (step.action, step.log_prob, step.value) = (action as i64, log_prob, value);
                 rollout.note(t, column, step);
             }
-            output.actions.push(space[action].index());
+            output.actions.push(space[action]);
             output.log_probs.push(log_prob);
             output.values.push(value);
         }

@@ -148,7 +148,7 @@ impl Agent {
     /// When the input's slices differ in length.
     pub fn act(&mut self, input: &StepInput) -> Result<Choice, AgentError> {
         input.check();
-        let space = self.config.episode.action_space.actions();
+        let space = self.config.policy_actions();
         assert_eq!(input.gumbel.len(), input.columns.len() * space.len(), "noise for every action of every column");
         let steps = self.seen(input)?;
         let Inference { beliefs, log_probs, .. } = self.infer(input, &steps)?;
@@ -161,7 +161,7 @@ impl Agent {
             let logits = logits.gather(1, &column_indices(&chosen, self.device).unsqueeze(1), false);
             to_vec(&logits).into_iter().map(|logit| logit > 0.0).collect()
         });
-        Ok(Choice { actions: chosen.into_iter().map(|action| space[action].index()).collect(), disturbs })
+        Ok(Choice { actions: chosen.into_iter().map(|action| space[action]).collect(), disturbs })
     }
 
     /// Records the outcome of a column's action in step `t`. Not called for a column that held.

@@ -13,7 +13,7 @@ pub struct StepInput<'a> {
     pub frames: &'a [DepthFrame<'a>],
     /// The goal vector, robot's frame, metres.
     pub goal_m: &'a [[f32; 3]],
-    /// `A_large` index of the previous action, or `NO_ACTION`.
+    /// Index of the previous action; meaningless at an episode's first observation.
     pub previous_action: &'a [u8],
     /// True at an episode's first observation: the belief is zeroed before it is used.
     pub episode_start: &'a [bool],

@@ -51,7 +51,7 @@ pub(super) struct Done {
 
 /// The configured network with weights drawn from the seed, in the configured precision.
 pub(super) fn build(config: &Config, device: Device) -> Result<(Network, Auxiliary), AgentError> {
-    let actions = config.episode.action_space.actions().len() as i64;
+    let actions = config.policy_actions().len() as i64;
     let (mut network, auxiliary) = Network::new(config, device, |layout, hidden| {
         Auxiliary::new(&config.auxiliary, layout, Sizes { hidden, actions })
     });

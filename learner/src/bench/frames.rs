@@ -5,7 +5,6 @@ use crate::collector::{ColumnMap, gumbel};
 use crate::record::{Frame, FramePart};
 use anyhow::{Context, Result, ensure};
 use iceoryx2::sample::Sample;
-use proto::action::NO_ACTION;
 use proto::camera::{FRAME_PIXELS, FRAME_SIDE, SUMS_PIXELS, WINDOW, sum_windows};
 use proto::config::Config;
 use proto::record::RecordHeader;
@@ -99,7 +98,7 @@ impl Frames {
             publishers.push(publisher);
         }
         let map = ColumnMap::of(0, config);
-        let actions = config.episode.action_space.actions().len();
+        let actions = config.policy_actions().len();
         let ports = (subscriber, publishers);
         let (seed, frame) = (config.seed, Frame::of(config));
         Ok(Self { halves, map, frame, seed, actions, _ports: ports, _host: host, _swept: swept })
@@ -130,7 +129,7 @@ impl Frames {
             at: vec![step; columns.len()],
             frames,
             goal_m: columns.iter().map(|&column| [0.1, 0.2, (column % 7) as f32 * 0.3]).collect(),
-            previous_action: starts.iter().map(|&start| if start { NO_ACTION } else { 16 }).collect(),
+            previous_action: vec![16; starts.len()],
             episode_start: starts,
             gumbel: noise,
             columns,

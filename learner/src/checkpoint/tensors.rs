@@ -12,8 +12,8 @@
 
 use crate::collector::{Boundary, RunningEpisode};
 use crate::network::Unfit;
-use proto::action::Action;
 use proto::episode::MAX_EPISODE_STEPS;
+use proto::task::Spec;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::BTreeMap;
 use tch::{Kind, Tensor};
@@ -117,6 +117,11 @@ pub fn encode(tensors: &BTreeMap<String, Tensor>, boundary: &Boundary) -> Result
     serialize(&entries)
 }
 
+/// How many actions any task has.
+fn most_actions() -> usize {
+    Spec::built_in().iter().map(|spec| spec.actions.names().len()).max().unwrap_or(0)
+}
+
 /// What [`encode`] wrote, of environments that stood at `exchange`.
 pub fn decode(bytes: &[u8], exchange: u64) -> Result<(BTreeMap<String, Tensor>, Boundary), TensorsError> {
     let file = SafeTensors::deserialize(bytes)?;
@@ -155,7 +160,8 @@ pub fn decode(bytes: &[u8], exchange: u64) -> Result<(BTreeMap<String, Tensor>, 
         if state.episode > EPISODE_MOST {
             return Err(wrong(EPISODE, format!("has an episode {}, and no run gets so far", state.episode)));
         }
-        if let Some(action) = state.actions().iter().find(|&&action| Action::from_index(action).is_none()) {
+        // The actor refuses what its task has not.
+        if let Some(action) = state.actions().iter().find(|&&action| usize::from(action) >= most_actions()) {
             return Err(wrong(ACTIONS, format!("has an action {action}: there is none")));
         }
         boundary.environments.push(state);

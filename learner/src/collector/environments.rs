@@ -4,8 +4,7 @@ use super::column_map::ColumnMap;
 use super::settings::{Reward, Settings, Signals};
 use super::statistics::{Ended, RunningEpisode};
 use crate::rollout::Outcome;
-use proto::action::{Action, HOLD};
-use proto::record::{End, RecordHeader, flag};
+use proto::record::{End, HOLD, RecordHeader, flag};
 use proto::task::{Check, Implausible, Layout, Measure};
 use wire::message::EnvironmentState;
 
@@ -45,6 +44,8 @@ pub struct Environments {
     gamma: f64,
     signals: Signals,
     layout: &'static Layout,
+    /// How many actions the task has.
+    actions: usize,
     soundness: Check,
     measures: Vec<Measure>,
     states: Vec<EnvironmentState>,
@@ -70,12 +71,14 @@ impl Environments {
         let columns = column_map.columns();
         let (in_flight, ended) = (vec![None; columns], vec![false; columns]);
         let (layout, soundness, measures) = (task.layout(), Check::of(task), task.measures());
+        let actions = task.actions.names().len();
         Self {
             column_map,
             max_episode_steps,
             gamma,
             signals,
             layout,
+            actions,
             soundness,
             measures,
             states,
@@ -122,7 +125,7 @@ impl Environments {
         if action == HOLD {
             return;
         }
-        assert!(Action::from_index(action).is_some(), "the agent answers with A_large indices, not {action}");
+        assert!(usize::from(action) < self.actions, "the agent answers with actions of the task, not {action}");
         self.states[column].push(action);
         self.in_flight[column] = Some(action);
     }

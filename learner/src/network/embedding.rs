@@ -3,7 +3,6 @@
 use super::initialize::Initial;
 use super::layers::Linear;
 use super::parameters::{Layout, ParameterId, Parameters};
-use proto::action::{Action, ActionSpace, NO_ACTION};
 use proto::config::GoalCoordinates;
 use std::f64::consts::{FRAC_PI_2, PI};
 use tch::Tensor;
@@ -73,14 +72,10 @@ impl ActionEmbedding {
     }
 }
 
-/// Row of the embedding for a previous action given as its wire value (`A_large` index or `NO_ACTION`); `None` if the
-/// policy has no such action.
-pub(crate) fn table_row(space: ActionSpace, previous_action: u8) -> Option<i64> {
-    if previous_action == NO_ACTION {
-        return Some(0);
-    }
-    let action = Action::from_index(previous_action)?;
-    space.actions().iter().position(|&other| other == action).map(|index| index as i64 + 1)
+/// Row of the embedding for a previous action, if there was one, among those of the policy; `None` if it has no such action.
+pub(crate) fn table_row(space: &[u8], previous_action: Option<u8>) -> Option<i64> {
+    let Some(action) = previous_action else { return Some(0) };
+    space.iter().position(|&other| other == action).map(|index| index as i64 + 1)
 }
 
 #[cfg(test)]
@@ -123,10 +118,11 @@ mod tests {
 
     #[test]
     fn previous_actions_have_rows_of_their_own() {
-        assert_eq!(table_row(ActionSpace::Large, NO_ACTION), Some(0));
-        assert_eq!(table_row(ActionSpace::Large, 20), Some(21));
-        assert_eq!(table_row(ActionSpace::Small, Action::DoneMidLevel.index()), Some(13));
-        assert_eq!(table_row(ActionSpace::Small, Action::LookUp.index()), None);
-        assert_eq!(table_row(ActionSpace::Large, 21), None);
+        let [large, small]: [Vec<u8>; 2] = [(0..21).collect(), vec![0, 1, 16, 20]];
+        assert_eq!(
+            [table_row(&large, None), table_row(&large, Some(20)), table_row(&large, Some(21))],
+            [Some(0), Some(21), None]
+        );
+        assert_eq!([table_row(&small, Some(20)), table_row(&small, Some(14))], [Some(4), None]);
     }
 }

@@ -96,7 +96,7 @@ impl Network {
     pub fn new<T>(config: &Config, device: Device, declare: impl FnOnce(&mut Layout, i64) -> T) -> (Self, T) {
         let mut layout = Layout::default();
         let preparation = FramePreparation::new(config.network.input_pool, device);
-        let actions = config.episode.action_space.actions().len() as i64;
+        let actions = config.policy_actions().len() as i64;
         let hidden = i64::from(config.network.hidden);
 
         let encoder = (encoder::entry(config.network.encoder).declare)(&mut layout, preparation.side());

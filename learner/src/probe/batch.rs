@@ -217,7 +217,7 @@ fn shape(file: &Tensors) -> Result<([i64; 2], RolloutShape, Vec<bool>), TensorsE
 
 /// What was seen and chosen in each cell, and what it led to.
 fn rows(file: &Tensors, cells: [i64; 2], config: &Config) -> Result<(Vec<Step>, Vec<Outcome>), TensorsError> {
-    let actions = config.episode.action_space.actions().len() as i64;
+    let actions = config.policy_actions().len() as i64;
     let goals = goals(file, cells, config)?;
     let previous = file.integers("previous_action", &cells, 0..actions + 1)?;
     let start = file.flags("episode_start", &cells)?;

@@ -131,7 +131,7 @@ pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<(), ProbeErr
     // What weights are of may be more than can be.
     config.validate()?;
 
-    let actions = config.episode.action_space.actions().len() as i64;
+    let actions = config.policy_actions().len() as i64;
     let (mut network, auxiliary) = Network::new(&config, device, |layout, hidden| {
         Auxiliary::new(&config.auxiliary, layout, Sizes { hidden, actions })
     });

@@ -3,9 +3,9 @@
 use crate::auxiliary::TASKS;
 use crate::checkpoint::TensorsError;
 use crate::network::ENCODERS;
-use proto::action::ActionSpace;
 use proto::camera::FRAME_SIDE;
 use proto::config::{AuxiliaryTask, Config, INPUT_POOLS};
+use proto::task::ActionSpace;
 use std::collections::BTreeMap;
 use tch::Tensor;
 
@@ -32,10 +32,12 @@ pub fn fit(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> Result<()
 
     let actor = "actor.weight";
     let (actions, hidden) = (side(actor, 0)?, side(actor, 1)?);
-    config.episode.action_space = [ActionSpace::Large, ActionSpace::Small]
-        .into_iter()
-        .find(|space| space.actions().len() as i64 == actions)
-        .ok_or_else(|| wrong(actor, format!("has {actions} actions; there are spaces of 21 and 13")))?;
+    let spaces: Vec<(usize, ActionSpace)> =
+        ActionSpace::all().filter_map(|space| Some((config.spec().actions.of(space)?.len(), space))).collect();
+    let found = spaces.iter().find(|(count, _)| *count as i64 == actions);
+    let counts: Vec<String> = spaces.iter().map(|(count, _)| count.to_string()).collect();
+    let none = || wrong(actor, format!("has {actions} actions; there are spaces of {}", counts.join(" and ")));
+    config.episode.action_space = found.ok_or_else(none)?.1;
     config.network.hidden = u32::try_from(hidden).map_err(|_| wrong(actor, format!("is {hidden} wide")))?;
     config.network.previous_action = weights.contains_key("previous_action_embedder.weight");
     let has_task = |name: &str| weights.keys().any(|weight| weight.starts_with(&format!("auxiliary.{name}.")));
@@ -68,9 +70,10 @@ mod tests {
             config.network.input_pool = input_pool;
             config.network.hidden = 16;
             config.network.previous_action = index % 2 == 0;
-            config.episode.action_space = if index < 3 { ActionSpace::Small } else { ActionSpace::Large };
+            config.episode.action_space =
+                if index < 3 { ActionSpace::named("small").unwrap() } else { ActionSpace::default() };
             config.auxiliary.task = tasks[index % tasks.len()];
-            let actions = config.episode.action_space.actions().len() as i64;
+            let actions = config.policy_actions().len() as i64;
             let (network, _) = Network::new(&config, Device::Cpu, |layout, hidden| {
                 Auxiliary::new(&config.auxiliary, layout, Sizes { hidden, actions })
             });

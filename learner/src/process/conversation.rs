@@ -67,7 +67,7 @@ impl<'a, W: Write> Conversation<'a, W> {
         let settings = Settings {
             column_map: ColumnMap::of(rank, config),
             seed: config.seed,
-            policy_actions: config.episode.action_space.actions().len(),
+            policy_actions: config.policy_actions().len(),
             max_episode_steps: config.episode.max_steps,
             task: config.spec(),
             gamma: config.ppo.gamma,

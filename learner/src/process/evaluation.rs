@@ -60,11 +60,11 @@ pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
     let mut agent = Agent::new(&config, device)?;
     let Trained { rollout, frames } = match &asked.checkpoint {
         None => Trained { rollout: 0, frames: 0 },
-        Some(from) => weights::load_any(&mut agent, Path::new(from), config.episode.action_space)?,
+        Some(from) => weights::load_any(&mut agent, Path::new(from))?,
     };
     let column_map = ColumnMap::of(RANK, &config);
     let seed = (!asked.deterministic).then_some(config.seed);
-    let policy_actions = config.episode.action_space.actions().len();
+    let policy_actions = config.policy_actions().len();
     let examination = Examination::new(plan, column_map, &config, seed, policy_actions);
     let ports = Ports::open(&wire, &config, RANK)?;
     let speaker = Speaker { rank: RANK, incarnation, ports: &ports, gone: &gone };

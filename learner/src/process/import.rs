@@ -59,7 +59,7 @@ pub fn import(arguments: &ImportArguments, mut output: impl Write) -> Result<()>
         let told = told_by(naming, from, &bytes)?;
         // Another network's names and shapes are others, and this says why.
         told.iter().try_for_each(|told| told.refuse_other_network(&config))?;
-        let imported = import::import(&state_dict, config.episode.action_space, &mut state)?;
+        let imported = import::import(&state_dict, &mut state)?;
         told.iter().try_for_each(|told| OtherSign::refuse(told.sign, &config.network))?;
         anyhow::Ok((told, imported))
     };

@@ -4,7 +4,6 @@ use crate::agent::Agent;
 use crate::checkpoint::{self, decode_tensors};
 use crate::import;
 use anyhow::{Context, Result, anyhow, bail, ensure};
-use proto::action::ActionSpace;
 use proto::checkpoint::Manifest;
 use proto::policy_file::{BYTES_MOST, PolicyFacts, PolicyFileError};
 use safetensors::SafeTensors;
@@ -20,9 +19,9 @@ pub struct Trained {
 }
 
 /// Loads the weights of a checkpoint, by its manifest, or of a policy file.
-pub fn load_any(agent: &mut Agent, from: &Path, space: ActionSpace) -> Result<Trained> {
+pub fn load_any(agent: &mut Agent, from: &Path) -> Result<Trained> {
     if from.extension().is_some_and(|kind| kind == "safetensors") {
-        return load_policy(agent, from, space).with_context(|| from.display().to_string());
+        return load_policy(agent, from).with_context(|| from.display().to_string());
     }
     let Manifest { rollout, frames, .. } = load(agent, from)?;
     Ok(Trained { rollout, frames })
@@ -55,12 +54,12 @@ pub fn facts_of(bytes: &[u8]) -> Result<Option<PolicyFacts>> {
 }
 
 /// Its weights have 16 or 32 bits; the network computes with 32.
-fn load_policy(agent: &mut Agent, file: &Path, space: ActionSpace) -> Result<Trained> {
+fn load_policy(agent: &mut Agent, file: &Path) -> Result<Trained> {
     let bytes = proto::bounded::read(file, BYTES_MOST)?;
     let facts = facts_of(&bytes)?.ok_or(PolicyFileError::Nameless)?;
     let mut state = agent.state();
     state.carried_goal = facts.origin.carried_goal;
-    let imported = import::import(&decode_tensors(&bytes)?, space, &mut state)?;
+    let imported = import::import(&decode_tensors(&bytes)?, &mut state)?;
     let fresh = imported.fresh.join(", ");
     ensure!(imported.fresh.is_empty(), "it has nothing for {fresh}, which this configuration asks for");
     agent.load_weights(&state).context("it is of another network")?;

@@ -5,9 +5,9 @@ use learner::agent::Agent;
 use learner::auxiliary::{Disturb, Sizes};
 use learner::import::import;
 use learner::network::{ActorCriticOutput, Network, Observations, Staging, goal_coordinates};
-use proto::action::ActionSpace;
 use proto::camera::DepthFrame;
 use proto::config::{AuxiliaryTask, Config, Encoder, GoalCoordinates};
+use proto::task::ActionSpace;
 use std::collections::BTreeMap;
 use std::path::Path;
 use tch::{Device, Kind, Tensor};
@@ -30,7 +30,7 @@ fn configuration_of(name: &str) -> Config {
         config.network.input_pool = 1;
         config.network.goal = GoalCoordinates::Cartesian;
         config.network.previous_action = false;
-        config.episode.action_space = ActionSpace::Small;
+        config.episode.action_space = ActionSpace::named("small").expect("the task has it");
         config.auxiliary.task = AuxiliaryTask::None;
     }
     config
@@ -42,17 +42,16 @@ fn an_imported_network_says_what_allenacts_says() {
     let expected = fixture("import");
     for name in ["disturb_free", "original"] {
         let config = configuration_of(name);
-        let space = config.episode.action_space;
         let hidden = i64::from(config.network.hidden);
         let mut state = Agent::new(&config, Device::Cpu).expect("a fresh agent").state();
-        let imported = import(&allenact(name), space, &mut state).expect("it is a state dict of this network");
+        let imported = import(&allenact(name), &mut state).expect("it is a state dict of this network");
         assert_eq!(imported.fresh, Vec::<String>::new());
         let tasks = |prefix: &str| imported.left_out.iter().filter(|name| name.starts_with(prefix)).count();
         let left_out = (tasks("auxiliary.inverse_dynamics."), tasks("auxiliary.cpca16."), imported.left_out.len());
         assert_eq!(left_out, if name == "original" { (0, 0, 0) } else { (2, 9, 11) });
 
         let (network, head) = Network::new(&config, Device::Cpu, |layout, hidden| {
-            let actions = space.actions().len() as i64;
+            let actions = config.policy_actions().len() as i64;
             (name != "original").then(|| Disturb::new(layout, Sizes { hidden, actions }, 2.0))
         });
         tch::no_grad(|| {
@@ -89,11 +88,10 @@ fn an_imported_network_says_what_allenacts_says() {
 fn names_that_are_wrapped_are_those_of_the_same_weights() {
     for name in ["disturb_free", "original"] {
         let config = configuration_of(name);
-        let space = config.episode.action_space;
         let agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
         let imported = |state_dict: &BTreeMap<String, Tensor>| {
             let mut state = agent.state();
-            let imported = import(state_dict, space, &mut state).expect("it is a state dict of this network");
+            let imported = import(state_dict, &mut state).expect("it is a state dict of this network");
             (imported, state.tensors)
         };
         let plain = allenact(name);
@@ -136,7 +134,7 @@ fn refused(change: &dyn Fn(&mut BTreeMap<String, Tensor>)) -> String {
     let mut state = Agent::new(&config, Device::Cpu).expect("a fresh agent").state();
     let mut state_dict = allenact("disturb_free");
     change(&mut state_dict);
-    import(&state_dict, config.episode.action_space, &mut state).expect_err("it does not fit").to_string()
+    import(&state_dict, &mut state).expect_err("it does not fit").to_string()
 }
 
 fn zeros(size: &[i64]) -> Tensor {
@@ -176,14 +174,13 @@ fn names_are_judged_before_shapes_and_shapes_before_values() {
 #[test]
 fn what_is_imported_and_what_is_refused() {
     let mut config = configuration_of("disturb_free");
-    let space = config.episode.action_space;
     let state_dict = || allenact("disturb_free");
 
     // Another task's head.
     config.auxiliary.task = AuxiliaryTask::Cpca16;
     let agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
     let mut state = agent.state();
-    import(&state_dict(), space, &mut state).expect("its head is there, too");
+    import(&state_dict(), &mut state).expect("its head is there, too");
     let theirs = &state_dict()["aux_models.CPCA_16.action_embedder.fc.weight"];
     let ours = &state.tensors["model.auxiliary.cpca16.action_embedder.weight"];
     assert!(ours.equal(&theirs.narrow(0, 0, 21)) && theirs.size() == [22, 16]);
@@ -194,12 +191,12 @@ fn what_is_imported_and_what_is_refused() {
     let mut without = state_dict();
     without.retain(|name, _| !name.starts_with("aux_models."));
     let mut fresh = agent.state();
-    let imported = import(&without, space, &mut fresh).expect("a head may be missing");
+    let imported = import(&without, &mut fresh).expect("a head may be missing");
     assert_eq!(imported.fresh.len(), 9);
     let head = "model.auxiliary.cpca16.classifier.0.weight";
     assert!(fresh.tensors[head].equal(&agent.state().tensors[head]));
     let mut copy = agent.state();
-    let imported = import(&state.tensors, space, &mut copy).expect("our own names");
+    let imported = import(&state.tensors, &mut copy).expect("our own names");
     assert_eq!((imported.fresh.len(), imported.left_out.len()), (0, 0));
     assert!(state.tensors.iter().filter(|(name, _)| name.starts_with("model.")).all(|(n, w)| copy.tensors[n].equal(w)));
 

@@ -3,13 +3,13 @@
 use crate::shared::{assert_close, assert_probes, depth_mm, fixture, goal_m, noise_tensor, weight_values};
 use learner::auxiliary::{Disturb, Sizes};
 use learner::network::{ActorCriticOutput, Network, Observations, Packing, RawFrame, Staging, goal_coordinates};
-use proto::action::ActionSpace;
 use proto::camera::DepthFrame;
 use proto::config::{Config, Encoder, GoalCoordinates};
+use proto::task::ActionSpace;
 use tch::{Device, Kind, Tensor};
 
 fn network_matches(name: &str, config: &Config) {
-    let actions = config.episode.action_space.actions().len() as i64;
+    let actions = config.policy_actions().len() as i64;
     let hidden = i64::from(config.network.hidden);
     let (network, head) =
         Network::new(config, Device::Cpu, |layout, hidden| Disturb::new(layout, Sizes { hidden, actions }, 2.0));
@@ -92,6 +92,6 @@ fn the_baselines_network_is_pytorchs() {
     config.network.goal = GoalCoordinates::Cartesian;
     config.network.previous_action = false;
     config.network.hidden = 64;
-    config.episode.action_space = ActionSpace::Small;
+    config.episode.action_space = ActionSpace::named("small").expect("the task has it");
     network_matches("cnn", &config);
 }

@@ -6,9 +6,9 @@ use learner::agent::Agent;
 use learner::auxiliary::{Auxiliary, Sizes};
 use learner::network::Network;
 use learner::ppo::metrics::SCALARS;
-use proto::action::ActionSpace;
 use proto::config::{AuxiliaryTask, Config, Encoder, EncoderPrecision};
 use proto::metric;
+use proto::task::ActionSpace;
 use std::collections::BTreeMap;
 use std::process::Command;
 use tch::{Device, Kind, Tensor};
@@ -60,18 +60,18 @@ fn a_probe_finds_what_the_reference_finds() {
     let folder = tempfile::tempdir().expect("a folder for the files");
     let path = |name: &str| folder.path().join(name);
     for (task, auxiliary, encoder, space, hidden, settings) in [
-        ("disturb", AuxiliaryTask::Disturb, Encoder::Cnn, ActionSpace::Small, 32, "ppo.normalize_advantages = true\n"),
-        ("cpca16", AuxiliaryTask::Cpca16, Encoder::Cnn, ActionSpace::Large, 24, "network.goal = \"cartesian\"\n"),
-        ("inverse_dynamics", AuxiliaryTask::InverseDynamics, Encoder::Resnet, ActionSpace::Large, 48, ""),
+        ("disturb", AuxiliaryTask::Disturb, Encoder::Cnn, "small", 32, "ppo.normalize_advantages = true\n"),
+        ("cpca16", AuxiliaryTask::Cpca16, Encoder::Cnn, "large", 24, "network.goal = \"cartesian\"\n"),
+        ("inverse_dynamics", AuxiliaryTask::InverseDynamics, Encoder::Resnet, "large", 48, ""),
     ] {
         let mut config = Config::default();
         config.network.encoder = encoder;
         config.network.input_pool = if encoder == Encoder::Cnn { 4 } else { 2 };
         config.network.previous_action = task != "cpca16";
         config.network.hidden = hidden;
-        config.episode.action_space = space;
+        config.episode.action_space = ActionSpace::named(space).unwrap();
         config.auxiliary.task = auxiliary;
-        let actions = space.actions().len() as i64;
+        let actions = config.policy_actions().len() as i64;
         let (network, _) = Network::new(&config, Device::Cpu, |layout, hidden| {
             Auxiliary::new(&config.auxiliary, layout, Sizes { hidden, actions })
         });

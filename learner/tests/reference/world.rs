@@ -4,14 +4,17 @@ use crate::shared::{depth_mm, goal_m, noise, noise_f32};
 use learner::agent::{Agent, AgentError, StepInput, StepOutput};
 use learner::network::RawFrame;
 use learner::rollout::Outcome;
-use proto::action::{ActionSpace, NO_ACTION};
 use proto::camera::DepthFrame;
 use proto::config::{Config, Encoder};
 use proto::stage::RolloutShape;
+use proto::task::ActionSpace;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use tch::Tensor;
 use wire::message::Halves;
+
+/// No action yet.
+const NO_ACTION: u8 = 255;
 
 /// A world of noise that an agent acts in: the script's `run_fixture`.
 pub struct World {
@@ -33,7 +36,7 @@ pub fn small_config() -> Config {
     config.network.encoder = Encoder::Cnn;
     config.network.input_pool = 4;
     config.network.hidden = 32;
-    config.episode.action_space = ActionSpace::Small;
+    config.episode.action_space = ActionSpace::named("small").expect("the task has it");
     config.ppo.rollout_steps = 6;
     config.ppo.epochs = 2;
     config.ppo.learning_rate = 1e-3;

@@ -1,10 +1,9 @@
 //! A stand-in for an actor's environment: every number in it is a hash of (kitchen, environment, episode, actions), so
 //! it can be rebuilt from its state as a real one can, and any mistake in bookkeeping shows in all that follows.
 
-use proto::action::{Action, HOLD};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
-use proto::record::{End, RecordHeader};
+use proto::record::{End, HOLD, RecordHeader};
 use proto::task::{Field, Spec};
 use std::sync::LazyLock;
 use wire::message::{EnvironmentState, Line};
@@ -110,7 +109,7 @@ impl FakeEnvironment {
             record[task.layout().action.offset] = action;
             let success = is_done(action) && hash.is_multiple_of(3);
             let held = success || hash.is_multiple_of(2);
-            let picked_up = held && action == Action::PickUpMidLevel.index();
+            let picked_up = held && action == 19;
             for (field, number) in [
                 (CHANNELS.wrist_object_progress_m, unit(mix([hash, 1]))),
                 (CHANNELS.disturbance_progress_m, unit(mix([hash, 2])) * 0.004),
@@ -131,5 +130,5 @@ impl FakeEnvironment {
 }
 
 fn is_done(action: u8) -> bool {
-    action == Action::DoneMidLevel.index()
+    action == 20
 }

@@ -1,15 +1,14 @@
 //! The page that goes with a policy: what it takes and gives, in which units, and ten lines that let it act.
 
 use crate::policy::Policy;
-use proto::action::{Action, ActionSpace};
 use proto::config::{CarriedGoal, GoalCoordinates};
 use std::fmt::Write;
 
 /// What somebody who has only `model` (its file's name), an ONNX model of this policy, needs to know; Markdown.
 pub fn guide(policy: &Policy, model: &str) -> String {
     let network = &policy.config.network;
-    let space = policy.config.episode.action_space.actions();
-    let (hidden, actions) = (network.hidden, space.len());
+    let names = policy.action_names();
+    let (hidden, actions) = (network.hidden, names.len());
     let origin = &policy.origin;
     let held = match policy.carried_goal() {
         CarriedGoal::GoalToObject => "object - goal",
@@ -53,13 +52,13 @@ Actions by number: {names}. The file's metadata hold these names and the units, 
 
 With `pip install onnxruntime` and the package `stillroom`:
 ",
-        names = space.iter().map(|action| action.name()).collect::<Vec<_>>().join(", "),
+        names = names.join(", "),
     ));
-    text.push_str(&program(policy, model, space));
+    text.push_str(&program(policy, model, actions));
     text
 }
 
-fn program(policy: &Policy, model: &str, space: &[Action]) -> String {
+fn program(policy: &Policy, model: &str, actions: usize) -> String {
     let episode = &policy.config.episode;
     let names = if policy.config.network.previous_action {
         r#"("depth", "goal", "previous_action")"#
@@ -86,15 +85,11 @@ while not ended:
 print("success" if info["success"] else "failure", "after", info["step"], "steps")
 ```
 "#,
-        action_space = match episode.action_space {
-            ActionSpace::Large => "large",
-            ActionSpace::Small => "small",
-        },
+        action_space = episode.action_space,
         carried_goal = policy.carried_goal(),
         max_steps = episode.max_steps,
         start = episode.start_distance_max_m,
         goal = episode.goal_distance_max_m,
         hidden = policy.config.network.hidden,
-        actions = space.len(),
     )
 }

@@ -118,11 +118,16 @@ impl Policy {
         Ok(Self { origin, config, weights: weights.collect::<Result<_, _>>()? })
     }
 
+    /// Names of the actions, by their numbers.
+    pub(crate) fn action_names(&self) -> Vec<&'static str> {
+        let names = self.config.spec().actions.names();
+        self.config.policy_actions().into_iter().map(|action| names[usize::from(action)].as_str()).collect()
+    }
+
     /// What somebody who has only the policy wants to know, by name; lists are JSON.
     pub(crate) fn facts(&self) -> BTreeMap<String, String> {
         let network = &self.config.network;
-        let space = self.config.episode.action_space;
-        let actions: Vec<&str> = space.actions().iter().map(|action| action.name()).collect();
+        let actions = self.action_names();
         let goal = match network.goal {
             GoalCoordinates::Polar => "polar",
             GoalCoordinates::Cartesian => "cartesian",

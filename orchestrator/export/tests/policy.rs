@@ -30,7 +30,7 @@ fn config() -> Config {
 }
 
 fn tensors(config: &Config) -> Tensors {
-    let actions = config.episode.action_space.actions().len();
+    let actions = config.policy_actions().len();
     let mut tensors = Tensors::new();
     let mut add = |name: &str, shape: &[usize]| {
         let count: usize = shape.iter().product();
@@ -246,15 +246,16 @@ fn a_file_that_is_no_policy_is_named_with_the_reason() {
 
 #[test]
 fn the_page_says_what_the_policy_wants() {
-    let page = guide(&read(&tensors(&config())).unwrap(), "fetch.onnx");
-    let actions = config().episode.action_space.actions();
+    let config = config();
+    let page = guide(&read(&tensors(&config)).unwrap(), "fetch.onnx");
+    let (actions, names) = (config.policy_actions(), config.spec().actions.names());
     for expected in [
         "# fetch.onnx",
         "after 4000 frames",
         "while the object is held goal - object",
         &format!("| belief | float32 | rows, {HIDDEN} |"),
         &format!("| log_probs | float32 | rows, {} |", actions.len()),
-        actions[0].name(),
+        &*names[usize::from(actions[0])],
         "carried_goal=\"object_to_goal\"",
         "InferenceSession(\"fetch.onnx\")",
     ] {

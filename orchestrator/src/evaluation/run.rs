@@ -142,7 +142,7 @@ impl EvaluationRun {
         };
         let steps = records.iter().map(|(record, _)| u64::from(record.length)).sum();
         let cost = Cost { at_unix_s: unix_now(), wall_s: audience.wall().as_secs_f64(), steps };
-        let evaluation = Evaluation::of(subject, conditions, cost, &records);
+        let evaluation = Evaluation::of(self.config.spec(), subject, conditions, cost, &records);
         let table: Vec<_> = records.into_iter().map(|(record, _)| record).collect();
         let table = write_table(&table, self.asked.distribution);
         for (name, text) in [(TABLE_FILE, table), (RESULT_FILE, json(&evaluation)?)] {

@@ -89,8 +89,8 @@ pub fn network_differences(theirs: &Config, ours: &Config) -> Result<Vec<String>
     if theirs.episode.action_space != ours.episode.action_space {
         differences.push(format!(
             "episode.action_space has {} actions, there {}",
-            ours.episode.action_space.actions().len(),
-            theirs.episode.action_space.actions().len()
+            ours.policy_actions().len(),
+            theirs.policy_actions().len()
         ));
     }
     if theirs.auxiliary.task != ours.auxiliary.task {

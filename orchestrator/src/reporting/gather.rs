@@ -264,7 +264,7 @@ mod tests {
             environments_per_actor: 1,
             device: "cpu".into(),
         };
-        let result = Evaluation::of(subject, conditions, Cost::default(), &[(record, vec![20])]);
+        let result = Evaluation::of(config.spec(), subject, conditions, Cost::default(), &[(record, vec![20])]);
         std::fs::create_dir_all(folder).unwrap();
         std::fs::write(folder.join(RESULT_FILE), serde_json::to_string(&result).unwrap()).unwrap();
         std::fs::write(folder.join(TABLE_FILE), write_table(&[record], Distribution::Fixed)).unwrap();

@@ -1,8 +1,8 @@
 //! Settings of episodes.
 
-use crate::action::ActionSpace;
 use crate::evaluation::Distribution;
 use crate::kitchen::Split;
+use crate::task::ActionSpace;
 use serde::{Deserialize, Serialize};
 
 /// What an episode is.
@@ -11,17 +11,23 @@ use serde::{Deserialize, Serialize};
 pub struct EpisodeConfig {
     /// Horizon T: an episode ends after this many actions.
     pub max_steps: u32,
-    /// Actions the policy may choose from.
+    /// Actions the policy may choose from: `large`, all of the task's, or a subset that it names.
     pub action_space: ActionSpace,
     /// Robot starts at most this far from the target on the floor plane, metres; 0 = anywhere in the kitchen.
     pub start_distance_max_m: f32,
-    /// The goal is at most this far from the target's start, metres; 0 = anywhere in the kitchen.
+    /// The goal is at most this far from where the way to it begins, metres: in `ArmPointNav` the target's start, in
+    /// `PointNav` the robot's, along the floor. 0 = anywhere in the kitchen.
     pub goal_distance_max_m: f32,
 }
 
 impl Default for EpisodeConfig {
     fn default() -> Self {
-        Self { max_steps: 200, action_space: ActionSpace::Large, start_distance_max_m: 0.0, goal_distance_max_m: 0.0 }
+        Self {
+            max_steps: 200,
+            action_space: ActionSpace::default(),
+            start_distance_max_m: 0.0,
+            goal_distance_max_m: 0.0,
+        }
     }
 }
 

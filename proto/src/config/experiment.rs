@@ -143,7 +143,6 @@ pub(super) fn all() -> Vec<Preset> {
 mod tests {
     use super::super::{AuxiliaryTask, CarriedGoal, Config, Encoder, GoalCoordinates};
     use super::*;
-    use crate::action::ActionSpace;
     use std::collections::BTreeSet;
 
     fn config(name: &str) -> Config {
@@ -190,7 +189,7 @@ mod tests {
         assert_eq!((&*scratch.stages[0].reward, scratch.stages[0].frames), ("r_prime", 45_000_000));
 
         let ablation = config("ablation-cnn-plain-action-polar");
-        assert_eq!(ablation.episode.action_space, ActionSpace::Small);
+        assert_eq!(ablation.episode.action_space.name(), "small");
         assert!(ablation.network.previous_action && !ablation.ppo.normalize_advantages);
         assert_eq!(ablation.network.goal, GoalCoordinates::Polar);
 

@@ -7,11 +7,16 @@ use super::preset::{Preset, overlay};
 use std::sync::LazyLock;
 
 /// Presets with a file of their own.
-const FILES: [(&str, &str, &str); 11] = [
+const FILES: [(&str, &str, &str); 12] = [
     (
         "demo",
         "both stages in minutes on two CPU cores: small encoder, episodes that begin near the target",
         include_str!("../../presets/demo.toml"),
+    ),
+    (
+        "point-nav-demo",
+        "PointNav in minutes on two CPU cores: drive to a point near the start, by depth and relative goal",
+        include_str!("../../presets/point-nav-demo.toml"),
     ),
     (
         "paper",

@@ -45,6 +45,15 @@ impl Config {
         self.find_reward(name).expect("a validated configuration names rewards that there are")
     }
 
+    /// The actions that the policy chooses from, in the order of its head.
+    ///
+    /// # Panics
+    /// If the configuration was not validated.
+    pub fn policy_actions(&self) -> Vec<u8> {
+        let actions = self.spec().actions.of(self.episode.action_space);
+        actions.expect("a validated configuration names a subset that there is")
+    }
+
     /// The same, of any name.
     fn find_reward(&self, name: &str) -> Result<Composition, SpecError> {
         self.spec().composition(name, &self.rewards, &self.reward.weights)
@@ -77,6 +86,10 @@ impl Config {
             }
         }
         spec.inputs().map_err(|cause| wrong("task", cause))?;
+        if spec.actions.of(self.episode.action_space).is_none() {
+            let problem = format!("task `{}` has no subset `{}`", spec.name, self.episode.action_space);
+            return Err(wrong("episode.action_space", SpecError::Actions { problem }));
+        }
         spec.check_rewards(&self.rewards).map_err(|cause| wrong("rewards", cause))?;
         for reward in &self.rewards {
             self.find_reward(&reward.name).map_err(|cause| wrong("rewards", cause))?;
@@ -150,6 +163,13 @@ mod tests {
             let problem = config(&format!("[[rewards]]\n{own}")).unwrap_err();
             assert!(problem.starts_with("configuration: rewards: ") && problem.contains(expected), "{problem}");
         }
+        let problem = config("task = \"point_nav\"\nepisode.action_space = \"small\"").unwrap_err();
+        assert!(problem.contains("task `point_nav` has no subset `small`"), "{problem}");
+        let problem = config("episode.action_space = \"tiny\"").unwrap_err();
+        assert!(problem.contains("no action space `tiny`; there are large, small"), "{problem}");
+        let small = config("episode.action_space = \"small\"").unwrap().policy_actions();
+        assert_eq!(small, [0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20]);
+        assert_eq!(config("").unwrap().policy_actions(), (0..21).collect::<Vec<u8>>());
         let problem = config("stages = [{ name = \"I\", reward = \"s\", frames = 9 }]").unwrap_err();
         assert!(problem.contains("has no reward `s`"), "{problem}");
     }

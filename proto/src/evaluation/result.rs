@@ -4,8 +4,8 @@ use super::asked::ObjectSet;
 use super::distribution::{Distribution, describe};
 use super::figures::Figures;
 use super::record::EpisodeRecord;
-use crate::action::ActionSpace;
 use crate::kitchen::{KitchenId, KitchenRange, Split, TargetCategory};
+use crate::task::{ActionSpace, Spec};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
@@ -150,7 +150,13 @@ pub struct Evaluation {
 impl Evaluation {
     /// Sums up: `records` in table order ([`super::Plan::episodes`]), with the actions taken in each (`A_large`
     /// indices).
-    pub fn of(subject: Subject, conditions: Conditions, cost: Cost, records: &[(EpisodeRecord, Vec<u8>)]) -> Self {
+    pub fn of(
+        spec: &Spec,
+        subject: Subject,
+        conditions: Conditions,
+        cost: Cost,
+        records: &[(EpisodeRecord, Vec<u8>)],
+    ) -> Self {
         let figures = |test: &dyn Fn(&EpisodeRecord) -> bool| {
             Figures::of(records.iter().map(|(record, _)| record).filter(|record| test(record)))
         };
@@ -169,6 +175,7 @@ impl Evaluation {
             kitchens: kitchens.collect(),
             categories: categories.into_iter().filter(|category| category.figures.episodes > 0).collect(),
             action_counts: ActionCounts::of(
+                spec,
                 conditions.action_space,
                 conditions.max_steps,
                 records.iter().map(|(_, actions)| actions.as_slice()),
@@ -181,38 +188,38 @@ impl Evaluation {
 }
 
 impl ActionCounts {
-    /// Counts the actions (`A_large` indices) of episodes of at most `max_steps` steps. What does not belong to the
-    /// action space is left out: a policy cannot take it.
-    pub fn of<'a>(space: ActionSpace, max_steps: u32, episodes: impl Iterator<Item = &'a [u8]>) -> Self {
-        let actions = space.actions();
+    /// Counts the actions of episodes of at most `max_steps` steps. What does not belong to the action space is left out:
+    /// a policy cannot take it.
+    fn of<'a>(spec: &Spec, space: ActionSpace, max_steps: u32, episodes: impl Iterator<Item = &'a [u8]>) -> Self {
+        let actions = spec.actions.of(space).unwrap_or_default();
         let mut by_step = vec![vec![0; actions.len()]; max_steps as usize];
         for episode in episodes {
-            for (row, &taken) in by_step.iter_mut().zip(episode) {
-                if let Some(column) = actions.iter().position(|action| action.index() == taken) {
+            for (row, taken) in by_step.iter_mut().zip(episode) {
+                if let Some(column) = actions.iter().position(|action| action == taken) {
                     row[column] += 1;
                 }
             }
         }
-        Self { actions: actions.iter().map(|action| action.name().to_owned()).collect(), by_step }
+        let name = |action: u8| spec.actions.names()[usize::from(action)].clone();
+        Self { actions: actions.into_iter().map(name).collect(), by_step }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::action::Action;
 
     #[test]
     fn every_step_of_every_episode_is_counted_once() {
-        let ahead = Action::ALL[16].index();
-        let done = Action::ALL[20].index();
+        let (ahead, done) = (16, 20);
+        let spec = Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").unwrap();
         let episodes: [&[u8]; 2] = [&[ahead, ahead, done], &[done]];
-        let counts = ActionCounts::of(ActionSpace::Large, 5, episodes.into_iter());
+        let counts = ActionCounts::of(spec, ActionSpace::default(), 5, episodes.into_iter());
         assert_eq!((counts.actions.len(), counts.by_step.len()), (21, 5));
         let sums: Vec<u32> = counts.by_step.iter().map(|row| row.iter().sum()).collect();
         assert_eq!(sums, [2, 1, 1, 0, 0]);
         assert_eq!((counts.by_step[0][16], counts.by_step[0][20], counts.by_step[2][20]), (1, 1, 1));
-        let small = ActionCounts::of(ActionSpace::Small, 5, episodes.into_iter());
+        let small = ActionCounts::of(spec, ActionSpace::named("small").unwrap(), 5, episodes.into_iter());
         assert_eq!((small.actions.len(), small.by_step[1].iter().sum::<u32>()), (13, 1));
     }
 }

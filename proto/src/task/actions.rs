@@ -2,8 +2,10 @@
 
 use super::channel::Dtype;
 use super::error::SpecError;
-use serde::{Deserialize, Serialize};
+use super::spec::Spec;
+use serde::{Deserialize, Deserializer, Serialize, de};
 use std::collections::BTreeMap;
+use std::fmt;
 
 /// The actions, as a task declares them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -32,6 +34,18 @@ impl Actions {
         }
     }
 
+    /// The actions of a space, in the order of a policy's head; none if the task has no such subset.
+    pub fn of(&self, space: ActionSpace) -> Option<Vec<u8>> {
+        let all = self.names();
+        let subset = match self {
+            _ if space == ActionSpace::default() => all,
+            Self::Discrete { subsets, .. } => subsets.get(space.0)?,
+            Self::Box { .. } => return None,
+        };
+        let index = |name: &String| all.iter().position(|other| other == name).map(|index| index as u8);
+        subset.iter().map(index).collect()
+    }
+
     /// Names of the actions; none of numbers.
     pub fn names(&self) -> &[String] {
         match self {
@@ -43,7 +57,7 @@ impl Actions {
     pub(super) fn check(&self) -> Result<(), SpecError> {
         let wrong = |problem: String| Err(SpecError::Actions { problem });
         match self {
-            // Two values of the byte are kept for the engine.
+            // 254 is HOLD.
             Self::Discrete { names, .. } if !(1..=254).contains(&names.len()) => {
                 wrong("there are 1 to 254 of them".to_owned())
             }
@@ -51,6 +65,9 @@ impl Actions {
                 let is_double = |index: usize| names[..index].contains(&names[index]);
                 if let Some(index) = (0..names.len()).find(|&index| is_double(index)) {
                     return wrong(format!("`{}` is there twice", names[index]));
+                }
+                if subsets.contains_key(ALL) {
+                    return wrong(format!("a subset is named `{ALL}`, as all of them are"));
                 }
                 let strange = subsets.values().flatten().find(|name| !names.contains(name));
                 strange.map_or(Ok(()), |name| wrong(format!("a subset has `{name}`, which is none of them")))
@@ -67,5 +84,54 @@ impl Actions {
                 }
             }
         }
+    }
+}
+
+/// Name of the space of all actions.
+const ALL: &str = "large";
+
+/// Which of a task's actions a policy may choose from: `large`, all of them, or a subset that the task names.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
+pub struct ActionSpace(&'static str);
+
+impl ActionSpace {
+    /// That of a name; none if no task that is built in has one.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::all().find(|space| space.0 == name)
+    }
+
+    pub fn name(self) -> &'static str {
+        self.0
+    }
+
+    /// All that tasks which are built in have.
+    pub fn all() -> impl Iterator<Item = Self> {
+        let subsets = Spec::built_in().iter().flat_map(|spec| match &spec.actions {
+            Actions::Discrete { subsets, .. } => subsets.keys().map(|name| Self(name)).collect(),
+            Actions::Box { .. } => vec![],
+        });
+        std::iter::once(Self::default()).chain(subsets)
+    }
+}
+
+impl Default for ActionSpace {
+    fn default() -> Self {
+        Self(ALL)
+    }
+}
+
+impl fmt::Display for ActionSpace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.0)
+    }
+}
+
+impl<'de> Deserialize<'de> for ActionSpace {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let name = String::deserialize(deserializer)?;
+        Self::named(&name).ok_or_else(|| {
+            let known: Vec<&str> = Self::all().map(Self::name).collect();
+            de::Error::custom(format!("there is no action space `{name}`; there are {}", known.join(", ")))
+        })
     }
 }

@@ -21,7 +21,7 @@ mod sums;
 #[cfg(test)]
 mod tests;
 
-pub use actions::Actions;
+pub use actions::{ActionSpace, Actions};
 pub use channel::{Channel, Dtype, Role};
 pub use check::{Check, Implausible};
 pub use error::SpecError;

@@ -4,7 +4,6 @@
 //! The crate `proto` defines what the processes exchange; this one carries it from process to process.
 //!
 //! ```
-//! use proto::action::Action;
 //! use proto::config::Config;
 //! use proto::record::RecordHeader;
 //! use proto::shares::Shares;
@@ -31,7 +30,7 @@
 //!
 //! // The learner answers with one byte an environment.
 //! let (actions, answers) = (learner.action_publisher(0)?, actor.action_subscriber(0)?);
-//! actions.loan_slice_uninit(1)?.write_from_slice(&[Action::MoveAheadContinuous.index()]).send()?;
+//! actions.loan_slice_uninit(1)?.write_from_slice(&[16]).send()?;
 //! assert_eq!(answers.receive()?.expect("it was sent").payload(), [16]);
 //!
 //! # drop((sample, observations, seen, actions, answers, learner, actor));

@@ -62,7 +62,8 @@ pub struct ObservationHeader {
     pub reserved: u32,
 }
 
-/// Header of an action batch. The payload is one byte an environment of the half: an `A_large` index or `HOLD`.
+/// Header of an action batch. The payload is one byte an environment of the half: the index of an
+/// action of the task, or [`proto::record::HOLD`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
 #[type_name("stillroom/ActionHeader/1")]
 #[repr(C)]
@@ -101,7 +102,7 @@ pub struct EnvironmentState {
     pub episode: u32,
     /// Actions taken in it so far.
     pub action_count: u32,
-    /// The actions, `A_large` indices; only the first `action_count` are meaningful, the rest are 0.
+    /// The actions, by their indices; only the first `action_count` are meaningful, the rest are 0.
     pub actions: [u8; MAX_EPISODE_STEPS],
 }
 

@@ -95,7 +95,7 @@ fn evaluated(config: &Config, split: Split, objects: ObjectSet, skill: f64, care
         environments_per_actor: 32,
         device: "cpu, 1 thread".into(),
     };
-    let result = Evaluation::of(subject, conditions, Cost::default(), &records);
+    let result = Evaluation::of(config.spec(), subject, conditions, Cost::default(), &records);
     let episodes = records.into_iter().map(|(record, _)| record).collect();
     let split = if split == Split::Test { "test" } else { "valid" };
     let name = format!("20261121-{split}-{}", objects.name());

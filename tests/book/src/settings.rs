@@ -5,6 +5,7 @@
 use crate::types::Field;
 use crate::{BookError, Types};
 use proto::config::{Config, ConfigError, Setting};
+use proto::task::ActionSpace;
 use std::fmt::Write;
 use toml::{Table, Value};
 
@@ -71,7 +72,7 @@ fn within(kind: &str) -> &str {
 fn row(types: &Types, default: &Table, key: &str, field: &Field) -> Result<String, BookError> {
     let variants = types.variants(within(&field.kind)).filter(|_| !field.kind.starts_with("Vec<Vec"));
     let kind = match (within(&field.kind), &variants) {
-        (_, Some(_)) => "word",
+        (_, Some(_)) | ("ActionSpace", _) => "word",
         ("u32" | "u64" | "KitchenId", _) => "whole number",
         ("f32" | "f64", _) => "number",
         ("bool", _) => "true or false",
@@ -168,11 +169,11 @@ fn allowed(key: &str, kind: &str, whole_kind: &str) -> String {
     if !answers.is_empty() {
         return answers.join("; ");
     }
-    let free = match kind {
-        "u32" | "u64" => "0 or greater",
-        _ => "",
-    };
-    free.to_owned()
+    match kind {
+        "u32" | "u64" => "0 or greater".to_owned(),
+        "ActionSpace" => ActionSpace::all().map(|space| format!("`{space}`")).collect::<Vec<_>>().join(", "),
+        _ => String::new(),
+    }
 }
 
 /// Values that are out of most ranges.

@@ -4,10 +4,9 @@
 use crate::environment::{FakeEnvironment, mix};
 use crate::setup::{ACTIONS, MAX_STEPS, NOISE, Setup};
 use learner::collector::{Signals, gumbel};
-use proto::action::{HOLD, NO_ACTION};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
-use proto::record::{End, RecordHeader, flag};
+use proto::record::{End, HOLD, RecordHeader, flag};
 use proto::stage::{RolloutShape, position_at, total_frames};
 use std::collections::BTreeMap;
 use wire::message::{EnvironmentState, Line};
@@ -81,7 +80,7 @@ fn seen_by(config: &Config, id: EnvironmentId, environment: &FakeEnvironment) ->
     let (_, goal) = config.spec().channel("goal_m").expect("the task has it");
     let goal_m = [0, 1, 2].map(|axis| goal.of::<f32>(record)[axis]);
     let start = header.has(flag::EPISODE_START);
-    look(goal_m, &noise, if start { NO_ACTION } else { record[layout.previous_action.offset] }, start)
+    look(goal_m, &noise, record[layout.previous_action.offset], start)
 }
 
 impl Model {

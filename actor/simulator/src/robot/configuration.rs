@@ -3,7 +3,7 @@
 //! Everything but the floor position counts in the actions' own steps, so an action undone is undone exactly.
 
 use super::arm::{self, Joints, Unreachable};
-use proto::action::Action;
+use crate::robot::action::Action;
 use rapier3d::math::Vec3;
 use std::f32::consts::PI;
 

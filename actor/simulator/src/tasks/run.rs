@@ -10,7 +10,7 @@ use std::sync::Arc;
 /// What a run's environments are made by.
 #[derive(Debug, Clone)]
 pub struct Run {
-    pub(super) config: Config,
+    pub config: Config,
     /// Which episodes an evaluation deals to them.
     pub(super) plan: Option<Arc<Plan>>,
 }

@@ -2,7 +2,7 @@
 //! the process, whatever came before, on every x86-64 machine, in debug and release (`make check-determinism`).
 
 use super::support::{environment, kitchen, random_action, run};
-use proto::action::Action;
+use simulator::robot::action::Action;
 use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::Transition;
 

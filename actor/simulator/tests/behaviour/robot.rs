@@ -2,11 +2,11 @@
 //! the robot's own body.
 
 use proptest::prelude::*;
-use proto::action::Action;
 use rapier3d::math::{Pose3, Vec3};
 use serde_json::Value;
 use simulator::physics::gap::gap_m;
 use simulator::physics::geometry::Solid;
+use simulator::robot::action::Action;
 use simulator::robot::arm::{self, Joints};
 use simulator::robot::configuration::{Configuration, Posture};
 use simulator::robot::dimensions::{FOREARM_LENGTH_M, SCALE, UPPER_ARM_LENGTH_M, WRIST_LENGTH_M};

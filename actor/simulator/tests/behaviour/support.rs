@@ -1,11 +1,11 @@
 //! Kitchens, environments and a random policy for tests.
 
-use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::random::{Key, Purpose};
 use simulator::kitchen::Kitchen;
+use simulator::robot::action::Action;
 use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::{Transition, check};
 use std::sync::Arc;

@@ -1,7 +1,6 @@
 //! The simulator as a whole: kitchens at rest, and the task itself.
 
 use super::support::{environment, kitchen, random_action, reward, run, sound_step};
-use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::{KitchenId, TargetCategory};
@@ -9,6 +8,7 @@ use proto::record::End;
 use rapier3d::math::Vec3;
 use simulator::kitchen::BodyRole;
 use simulator::kitchen::spots::Stand;
+use simulator::robot::action::Action;
 use simulator::simulation::{CONTACT_TOLERANCE_M, OTHERS_DRIFT_M};
 use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::Transition;

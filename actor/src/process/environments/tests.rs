@@ -1,7 +1,7 @@
 use super::*;
-use proto::action::{ACTION_COUNT, Action};
 use proto::config::KitchenSource;
 use proto::random::{Key, Purpose};
+use simulator::robot::action::Action;
 use std::cell::Cell;
 use std::path::Path;
 use wire::message::Line;
@@ -20,6 +20,8 @@ fn config(episodes_each: u32) -> Config {
 
 /// What all environments do and see in so many steps, as a learner gets it; each step waits for `before`.
 fn played(environments: &mut Environments, before: impl Fn(&mut Environments)) -> Vec<(RecordHeader, u64)> {
+    let count = environments.engine.actions;
+    let ending = if count == 4 { 0 } else { Action::DoneMidLevel.index() };
     let mut seen = Vec::new();
     let mut random =
         Key { seed: 5, purpose: Purpose::RandomPolicy, kitchen: 0, environment: 0, episode: 0, step: 0 }.stream();
@@ -27,13 +29,7 @@ fn played(environments: &mut Environments, before: impl Fn(&mut Environments)) -
         before(environments);
         // Every third action ends an episode.
         let actions: Vec<u8> = (0..environments.running.len())
-            .map(|_| {
-                if random.below(3) == 0 {
-                    Action::DoneMidLevel.index()
-                } else {
-                    random.below(ACTION_COUNT as u32) as u8
-                }
-            })
+            .map(|_| if random.below(3) == 0 { ending } else { random.below(count as u32) as u8 })
             .collect();
         environments.act(0..actions.len(), &actions).unwrap();
         for index in 0..actions.len() {
@@ -85,7 +81,8 @@ fn what_is_prepared_while_waiting_does_not_matter_to_a_single_bit() {
     let procedural = config(5);
     let mut built_in = Config::default();
     built_in.actors.environments_per_actor = 3;
-    for config in [procedural, built_in] {
+    let other_task = Config { task: "point_nav".to_owned(), ..built_in.clone() };
+    for config in [procedural, built_in, other_task] {
         let environments = || environments(Larder::without_thread(&config, folder.path()), &config);
         let expected = played(&mut environments(), |_| ());
         for most in [1, 4, usize::MAX] {
@@ -103,10 +100,15 @@ fn what_is_prepared_while_waiting_does_not_matter_to_a_single_bit() {
 /// An actor that starts again is told where its environments stand, in kitchens far from those of their first episodes.
 #[test]
 fn a_restored_environment_is_in_the_kitchen_of_its_episode() {
+    for task in ["arm_point_nav", "point_nav"] {
+        restore(&Config { task: task.to_owned(), ..config(2) });
+    }
+}
+
+fn restore(config: &Config) {
     let folder = tempfile::tempdir().unwrap();
-    let config = config(2);
-    let mut restored = environments(Larder::of(&config, folder.path()).unwrap(), &config);
-    let mut expected = environments(Larder::without_thread(&config, folder.path()), &config);
+    let mut restored = environments(Larder::of(config, folder.path()).unwrap(), config);
+    let mut expected = environments(Larder::without_thread(config, folder.path()), config);
     let states: Vec<EnvironmentState> =
         [9, 0, 4].map(|episode| EnvironmentState { episode, action_count: 2, ..bytemuck::Zeroable::zeroed() }).into();
     for (environments, prepares) in [(&mut restored, true), (&mut expected, false)] {

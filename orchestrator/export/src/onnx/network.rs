@@ -45,7 +45,7 @@ struct Convolution {
 
 pub(super) fn graph(policy: &Policy) -> Result<Graph> {
     let network = &policy.config.network;
-    let (hidden, actions) = (network.hidden as usize, policy.config.episode.action_space.actions().len());
+    let (hidden, actions) = (network.hidden as usize, policy.config.policy_actions().len());
     let mut maker = Maker { policy, builder: Builder::new("policy") };
     let side = FRAME_SIDE as i64;
     let depth = maker.builder.input("depth", Element::Uint16, &[side, side], "Depth, millimetres.");

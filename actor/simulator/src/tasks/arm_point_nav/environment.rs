@@ -2,17 +2,17 @@
 //! observation a [`Current`].
 
 use super::episode::{Episode, at_goal};
-use super::episodes::Programme;
-use super::{Current, RewardParts, Transition, goal_m};
+use super::episodes::{episode, fixed_of};
+use super::step::{Current, RewardParts, Transition, goal_m};
 use crate::environment::{self, Base};
 use crate::kitchen::Kitchen;
 use crate::physics::geometry::rotation_y;
+use crate::robot::action::Action;
 use crate::robot::configuration::Configuration;
 use crate::simulation::Start;
-use crate::tasks::run::{OpenError, check_kitchen};
+use crate::tasks::run::{OpenError, Run, check_kitchen};
 use bytemuck::bytes_of;
-use proto::action::Action;
-use proto::config::{CarriedGoal, Config, EpisodeConfig};
+use proto::config::Config;
 use proto::episode::EnvironmentId;
 use rapier3d::math::Vec3;
 use std::ops::{Deref, DerefMut};
@@ -22,11 +22,10 @@ use std::sync::Arc;
 #[derive(Debug, Clone)]
 pub struct Environment {
     base: Base,
+    run: Arc<Run>,
     id: EnvironmentId,
-    seed: u64,
-    settings: EpisodeConfig,
-    carried_goal: CarriedGoal,
-    programme: Programme,
+    /// The kitchen's, in an evaluation that plays them.
+    fixed: Option<Arc<[Episode]>>,
     episode: Episode,
     target: usize,
     previous_action: Option<Action>,
@@ -43,11 +42,19 @@ struct Distances {
 }
 
 impl Environment {
-    /// An environment at the start of its episode 0, that plays sampled episodes.
-    pub fn new(kitchen: Arc<Kitchen>, id: EnvironmentId, config: &Config) -> Result<Self, OpenError> {
+    /// An environment of a run, at the start of its episode with this number.
+    pub fn open(run: &Arc<Run>, kitchen: Arc<Kitchen>, id: EnvironmentId, number: u32) -> Result<Self, OpenError> {
         check_kitchen(&kitchen, id)?;
-        let episode = Episode::sample(&kitchen, &config.episode, config.seed, id, 0);
-        Ok(Self::with_episode(kitchen, id, config, 0, episode))
+        let fixed = fixed_of(run, &kitchen).map_err(|cause| OpenError::NoEpisodes(cause.to_string()))?;
+        let episode = episode(run, &kitchen, fixed.as_deref(), id, number);
+        let hashed = run.hashed_number(id, number);
+        let environment = Self::with(Arc::clone(run), kitchen, id, hashed, episode);
+        Ok(Self { fixed, ..environment })
+    }
+
+    /// An environment at the start of its episode 0 under a configuration.
+    pub fn new(kitchen: Arc<Kitchen>, id: EnvironmentId, config: &Config) -> Result<Self, OpenError> {
+        Self::open(&Run::of(config), kitchen, id, 0)
     }
 
     /// An environment at the start of a given episode: evaluation and tests choose their own.
@@ -58,14 +65,16 @@ impl Environment {
         episode_number: u32,
         episode: Episode,
     ) -> Self {
+        Self::with(Run::of(config), kitchen, id, episode_number, episode)
+    }
+
+    fn with(run: Arc<Run>, kitchen: Arc<Kitchen>, id: EnvironmentId, hashed_number: u32, episode: Episode) -> Self {
         let (target, start) = (kitchen.target_movable(episode.category), start(&kitchen, &episode));
         Self {
-            base: Base::new(kitchen, config, episode_number, start),
+            base: Base::new(kitchen, &run.config, hashed_number, start),
+            run,
             id,
-            seed: config.seed,
-            settings: config.episode,
-            carried_goal: config.network.carried_goal,
-            programme: Programme::default(),
+            fixed: None,
             episode,
             target,
             previous_action: None,
@@ -75,23 +84,10 @@ impl Environment {
         }
     }
 
-    /// Has it play the episodes of a programme; it stands at the start of one, which has this number.
-    pub(super) fn follow(&mut self, programme: Programme, number: u32) {
-        self.programme = programme;
-        self.name_as_planned(number);
-    }
-
-    fn name_as_planned(&mut self, number: u32) {
-        if let Some(name) = self.programme.hashed_number(self.id, number) {
-            self.base.hash_as(name);
-        }
-    }
-
     /// Resets to the settled kitchen and begins the episode with this number.
     pub fn start_episode(&mut self, number: u32) {
-        let episode = self.programme.episode(self.kitchen(), &self.settings, self.seed, self.id, number);
-        self.begin_episode(number, episode);
-        self.name_as_planned(number);
+        let episode = episode(&self.run, self.kitchen(), self.fixed.as_deref(), self.id, number);
+        self.begin_episode(self.run.hashed_number(self.id, number), episode);
     }
 
     /// Resets to the settled kitchen and begins a given episode under this number.
@@ -108,8 +104,10 @@ impl Environment {
     /// Prepares the start of the episode that [`Environment::start_episode`] begins with this number, by a piece of work
     /// of about a quarter of a millisecond. Returns whether there is more to do. The episode is the same without it.
     pub fn prepare_episode(&mut self, number: u32) -> bool {
-        let Self { base, programme, settings, seed, id, .. } = self;
-        base.prepare(number, |kitchen| start(kitchen, &programme.episode(kitchen, settings, *seed, *id, number)))
+        let Self { base, run, fixed, id, .. } = self;
+        base.prepare(run.hashed_number(*id, number), |kitchen| {
+            start(kitchen, &episode(run, kitchen, fixed.as_deref(), *id, number))
+        })
     }
 
     /// Takes one action. It never resets the environment; [`Base::end`] shows when the episode has ended.
@@ -163,7 +161,7 @@ impl Environment {
         let wrist_to_object_m = (robot_from_world * (target - wrist)).to_array();
         let object_to_goal_m = (robot_from_world * (goal - target)).to_array();
         Current {
-            goal_m: goal_m(self.carried_goal, holding, wrist_to_object_m, object_to_goal_m),
+            goal_m: goal_m(self.run.config.network.carried_goal, holding, wrist_to_object_m, object_to_goal_m),
             wrist_to_object_m,
             object_to_goal_m,
             holding: u32::from(holding),

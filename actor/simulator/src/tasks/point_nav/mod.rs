@@ -8,10 +8,10 @@ use crate::kitchen::Kitchen;
 use crate::kitchen::floor::{Floor, Ways};
 use crate::kitchen::spots::Stand;
 use crate::physics::geometry::rotation_y;
+use crate::robot::action::Action;
 use crate::robot::configuration::Configuration;
 use crate::simulation::Start;
 use crate::tasks::run::{OpenError, Run};
-use proto::action::Action;
 use proto::config::EpisodeConfig;
 use proto::episode::EnvironmentId;
 use proto::random::{Key, Purpose, Random};
@@ -120,14 +120,13 @@ fn start(episode: &Episode) -> Start {
 impl Environment for PointNav {
     fn begin(&mut self, number: u32) {
         self.episode = episode(&self.run, self.base.kitchen(), &self.floor, self.id, number);
-        self.base.begin(number, start(&self.episode));
-        self.base.hash_as(self.run.hashed_number(self.id, number));
+        self.base.begin(self.run.hashed_number(self.id, number), start(&self.episode));
         (self.goal_distance_m, self.path_m) = (self.episode.way_m, 0.0);
     }
 
     fn prepare(&mut self, number: u32) -> bool {
         let Self { base, run, id, floor, .. } = self;
-        base.prepare(number, |kitchen| start(&episode(run, kitchen, floor, *id, number)))
+        base.prepare(run.hashed_number(*id, number), |kitchen| start(&episode(run, kitchen, floor, *id, number)))
     }
 
     fn act(&mut self, action: &[u8], done: &mut [u8]) {

@@ -16,4 +16,4 @@ mod programme;
 pub use drawn::drawn;
 pub use fixed::{EpisodesError, FILE_HASH, category, episode_of, fingerprint, fixed, kitchens};
 pub use format::EPISODES_PER_KITCHEN;
-pub use programme::Programme;
+pub(super) use programme::{episode, fixed_of};

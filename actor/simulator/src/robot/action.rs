@@ -1,8 +1,7 @@
-//! The discrete actions of `ArmPointNav`, in the order of the reference implementation (`docs/method.md`, Actions).
+//! What the robot can be told to do: `ManipulaTHOR`'s actions, in the order of the reference implementation
+//! (`docs/method.md`, Actions), which is `ArmPointNav`'s.
 
-use serde::{Deserialize, Serialize};
-
-/// One action of `A_large`. The discriminant is the index the network's policy head uses.
+/// One action of `A_large`. The discriminant is its index there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum Action {
@@ -50,21 +49,9 @@ pub enum Action {
     DoneMidLevel = 20,
 }
 
-/// Number of actions in `A_large`.
-pub const ACTION_COUNT: usize = 21;
-
-/// Wire value that asks an environment to stand still for one exchange: no step is taken and none is counted.
-///
-/// The learner sends it to the environments that are left over when a stage's frame budget is not a multiple of
-/// the number of environments.
-pub const HOLD: u8 = 254;
-
-/// "No action yet": the previous action at the start of an episode, as the policy is given it.
-pub const NO_ACTION: u8 = 255;
-
 impl Action {
     /// All actions of `A_large` in policy-head order.
-    pub const ALL: [Self; ACTION_COUNT] = [
+    pub const ALL: [Self; 21] = [
         Self::MoveArmHeightP,
         Self::MoveArmHeightM,
         Self::MoveArmXP,
@@ -126,42 +113,6 @@ impl Action {
     }
 }
 
-/// Which actions the policy may choose from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, Default)]
-#[serde(rename_all = "snake_case")]
-pub enum ActionSpace {
-    /// The 21 actions of `A_large`.
-    #[default]
-    Large,
-    /// The 13 actions of `A_small`: arm height, wrist position, driving, pick up, done.
-    Small,
-}
-
-impl ActionSpace {
-    /// The actions in policy-head order: index `i` of the policy is `actions()[i]`.
-    pub fn actions(self) -> &'static [Action] {
-        const SMALL: [Action; 13] = [
-            Action::MoveArmHeightP,
-            Action::MoveArmHeightM,
-            Action::MoveArmXP,
-            Action::MoveArmXM,
-            Action::MoveArmYP,
-            Action::MoveArmYM,
-            Action::MoveArmZP,
-            Action::MoveArmZM,
-            Action::MoveAheadContinuous,
-            Action::RotateRightContinuous,
-            Action::RotateLeftContinuous,
-            Action::PickUpMidLevel,
-            Action::DoneMidLevel,
-        ];
-        match self {
-            Self::Large => &Action::ALL,
-            Self::Small => &SMALL,
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -172,8 +123,6 @@ mod tests {
             assert_eq!(usize::from(action.index()), i);
             assert_eq!(Action::from_index(i as u8), Some(*action));
         }
-        assert_eq!(Action::from_index(ACTION_COUNT as u8), None);
-        assert_eq!(Action::from_index(HOLD), None);
-        assert_eq!(ActionSpace::Small.actions().len(), 13);
+        assert_eq!(Action::from_index(Action::ALL.len() as u8), None);
     }
 }
