@@ -31,13 +31,13 @@ SAME = (
     "farthest_m",
     "wrist_object_m",
     "object_goal_m",
-    "success",
     "picked_up",
-    "holding",
-    "action_failed",
     "disturbed_objects",
     "ever_disturbed_objects",
+    "target",
 )
+# The same under another one.
+OTHER = {"goal_success": "success", "held": "holding", "failed_action": "action_failed"}
 PARTS = ("wrist_object_progress_m", "object_goal_progress_m", "disturbance_progress_m")
 
 
@@ -112,23 +112,24 @@ def test_tables_hold_what_the_environment_gives(orchestrator: Path, run: Path, t
         for step, row in rows.iterrows():
             before, told = truth["seen"][step], truth["told"][step + 1]
             assert np.array_equal(depth_of(row["depth_png"]), before["depth"]), "bit for bit"
-            goal = np.array([row["goal_x_m"], row["goal_y_m"], row["goal_z_m"]], np.float32)
-            assert np.array_equal(goal, before["goal"])
+            assert np.array_equal(np.array(row["goal_m"], np.float32), before["goal"])
             assert row["previous_action"] == before["previous_action"]
             assert np.float32(truth["rewards"][step]) == np.float32(row["reward_r_prime"])
             for name in SAME:
                 # Distances are told once of the vectors and once of the places.
                 close = 1e-6 if name in ("wrist_object_m", "object_goal_m") else 0
-                assert row[name] == pytest.approx(told[name], abs=close, rel=0), name
+                assert row[name] == (told[name] if name == "target" else pytest.approx(told[name], abs=close, rel=0)), name
+            for name, theirs in OTHER.items():
+                assert row[name] == told[theirs], name
             for name in PARTS:
                 assert np.float32(row[name]) == np.float32(told["reward_parts"][name]), name
             assert (row["terminated"], row["truncated"]) == (told["terminated"], told["truncated"])
             assert row["ended"] == (step + 1 == len(rows))
-            assert row["target"] == about["target"] == told["target"]
         assert np.array_equal(depth_of(about["last_depth_png"]), truth["seen"][-1]["depth"])
-        last = [about[f"last_goal_{axis}_m"] for axis in "xyz"]
-        assert np.array_equal(np.array(last, np.float32), truth["seen"][-1]["goal"])
+        assert np.array_equal(np.array(about["last_goal_m"], np.float32), truth["seen"][-1]["goal"])
         assert about["return_r_prime"] == pytest.approx(sum(truth["rewards"]))
+        assert about["success"] == truth["told"][-1]["success"]
+        assert about["disturbance_m"] == pytest.approx(truth["told"][-1]["disturbance_m"])
         assert about["outcome"] in ("failure", "time-limit", "success", "success-without-disturbance")
 
 
@@ -142,7 +143,8 @@ def test_arrays_hold_what_tables_hold(orchestrator: Path, run: Path, tmp_path: P
     for number, file in enumerate(files):
         episode = np.load(file, allow_pickle=False)
         rows = steps[steps["episode_index"] == number].reset_index(drop=True)
-        assert str(episode["target"]) == rows["target"][0] and int(episode["kitchen"]) == rows["kitchen"][0]
+        assert episode["target_names"][episode["target"][0]] == rows["target"][0]
+        assert int(episode["kitchen"]) == rows["kitchen"][0]
         assert episode["depth_mm"].shape == (len(rows) + 1, 224, 224) and episode["depth_mm"].dtype == np.uint16
         for name in ("robot", "outside"):
             pictures = episode[f"{name}_rgb"]
@@ -150,12 +152,12 @@ def test_arrays_hold_what_tables_hold(orchestrator: Path, run: Path, tmp_path: P
             assert np.array_equal(pictures[0], np.asarray(Image.open(io.BytesIO(rows[f"{name}_png"][0]))))
         for step, row in rows.iterrows():
             assert np.array_equal(episode["depth_mm"][step], depth_of(row["depth_png"]))
-        for name in ("action", "reward_r", "disturbance_m", "success", "ended"):
+        for name in ("action", "reward_r", "disturbance_m", "goal_success", "ended"):
             assert np.array_equal(episode[name], rows[name]), name
             assert episode[name].dtype == rows[name].dtype
         assert np.array_equal(episode["state_hash"][1:], rows["state_hash"].to_numpy())
         assert np.array_equal(episode["previous_action"][1:], rows["action"])
-        assert np.array_equal(episode["goal_m"][:-1, 0], rows["goal_x_m"])
+        assert np.array_equal(episode["goal_m"][:-1], np.stack(rows["goal_m"]))
 
 
 @pytest.fixture(scope="module")
@@ -235,7 +237,8 @@ def test_lerobots_own_reader_takes_it(
             row = dataset[at]
             assert np.array_equal(row["observation.images.depth"].numpy()[0], episode["depth_mm"][step])
             assert np.array_equal(row["observation.state"].numpy(), episode["goal_m"][step])
-            assert row["action"].item() == action and str(episode["target"]) in row["task"]
+            assert row["action"].item() == action
+            assert row["task"].endswith(f"target {episode['target_names'][episode['target'][0]]}")
             assert row["next.reward"].item() == episode["reward_r_prime"][step]
             at += 1
 

@@ -2,23 +2,33 @@
 
 use crate::Run;
 use prost::Message;
+use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor};
 use std::collections::BTreeMap;
 
-/// What is needed of a `stillroom.Step`; readers of protobuf pass over fields that they do not know.
-#[derive(Clone, PartialEq, Message)]
+/// What is needed of a `stillroom.Step`.
 // Names of the recorded message.
 #[allow(clippy::struct_field_names)]
 struct Step {
-    #[prost(uint32, tag = "1")]
     kitchen: u32,
-    #[prost(uint32, tag = "2")]
     environment: u32,
-    #[prost(uint32, tag = "5")]
     episode: u32,
-    #[prost(uint32, tag = "6")]
     step: u32,
-    #[prost(bool, tag = "20")]
     ended: bool,
+}
+
+impl Step {
+    fn of(message: &DynamicMessage) -> Self {
+        let value = |name: &str| message.get_field_by_name(name).expect("a field of steps").into_owned();
+        let number = |name: &str| value(name).as_u32().expect("a number");
+        let is = |name: &str| value(name).as_bool().expect("yes or no");
+        Self {
+            kitchen: number("kitchen"),
+            environment: number("environment"),
+            episode: number("episode"),
+            step: number("step"),
+            ended: is("terminated") || is("truncated"),
+        }
+    }
 }
 
 /// What is needed of a `foxglove.RawImage`.
@@ -66,10 +76,17 @@ impl RecordedSteps {
         let mut recorded = Self::default();
         for path in run.recordings() {
             let bytes = std::fs::read(&path).expect("a readable recording");
+            let mut kind: Option<MessageDescriptor> = None;
             for message in mcap::MessageStream::new(&bytes).expect("an MCAP file") {
                 let message = message.expect("a whole message");
                 if message.channel.topic == "/step" {
-                    recorded.add(&Step::decode(&*message.data).expect("a step"));
+                    let schema = message.channel.schema.as_ref().expect("a schema");
+                    let kind = kind.get_or_insert_with(|| {
+                        let pool = DescriptorPool::decode(&*schema.data).expect("a descriptor");
+                        pool.get_message_by_name(&schema.name).expect("a step")
+                    });
+                    let step = DynamicMessage::decode(kind.clone(), &*message.data).expect("a step");
+                    recorded.add(&Step::of(&step));
                 }
             }
         }

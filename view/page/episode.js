@@ -46,7 +46,7 @@ class Player {
 
   /** The next step at which something was displaced further, round to the first. */
   nextDisturbance() {
-    const steps = this.stages.flatMap(({ episode }) => episode.moments.map((moment, at) => (at && moment.disturbance_m > episode.moments[at - 1].disturbance_m + 0.005 ? at : 0))).filter(Boolean).sort((a, b) => a - b);
+    const steps = this.stages.flatMap((stage) => stage.growth()).sort((a, b) => a - b);
     if (!steps.length) { say("Nothing is disturbed in this episode."); return this.step; }
     return steps.find((at) => at > this.step) ?? steps[0];
   }
@@ -112,7 +112,7 @@ export async function showEpisode(root, run, key, query, signal) {
           h("p", { class: "small faint" }, "Drag to turn, wheel to zoom, shift-drag to move. Pink ring: the target. Green box: the goal. Violet: displaced, with a ghost where it stood.")),
         player.element, stage.proof()),
       h("div", { class: "side" }, figure("What the robot sees", h("div", { class: "picture" }, stage.depth)), figure("Floor plan and way", stage.plan.element),
-        h("section", { class: "card stack" }, stage.moved, stage.parts))));
+        h("section", { class: "card stack" }, stage.moved, stage.parts, stage.channels))));
   player.go(Number(query.get("step") ?? 0));
 }
 
@@ -121,7 +121,7 @@ async function index(run, signal) {
   const page = await json(`/api/runs/${encodeURIComponent(run)}/episodes?recorded=true&sort=kitchen&limit=500`, { signal });
   // Only a training run has sources: there an environment's number counts, too.
   const where = (row) => (page.sources.length ? `${row.kitchen}/${row.environment}` : row.kitchen);
-  const rows = new Map(page.rows.map((row) => [`${where(row)}:${row.episode}:${row.target}`, row]));
+  const rows = new Map(page.rows.map((row) => [`${where(row)}:${row.episode}:${row.target ?? ""}`, row]));
   return { rows, cut: page.matching > page.rows.length };
 }
 
@@ -139,8 +139,8 @@ export async function showCompare(root, runs, query, signal) {
   const place = h("div", { class: "stack" });
   const label = (name) => {
     const [kitchen, episode, target] = name.split(":");
-    const ends = [ones, others].map((all) => outcome(all.get(name).outcome)[0]);
-    return `kitchen ${kitchen}, episode ${episode}, ${target}: ${ends.join(" | ")}`;
+    const ends = [ones, others].map((all) => outcome(all.get(name).outcome));
+    return `kitchen ${kitchen}, episode ${episode}${target ? `, ${target}` : ""}: ${ends.join(" | ")}`;
   };
   const base = (name) => `#/compare/${runs.map(encodeURIComponent).join("/")}?episode=${encodeURIComponent(name)}`;
   const picker = h("select", { onchange: () => { location.hash = base(picker.value); } }, both.map((name) => h("option", { value: name, selected: name === asked }, label(name))));
@@ -155,7 +155,7 @@ export async function showCompare(root, runs, query, signal) {
   stages[1].orbit.camera = structuredClone(stages[0].orbit.camera);
   replace(place,
     h("div", { class: "twins" }, stages.map((stage) => h("section", { class: "card stack", "aria-label": stage.run },
-      h("div", { class: "row between" }, h("a", { href: `#/run/${encodeURIComponent(stage.run)}/episode/${stage.key}` }, stage.run), h("span", { class: outcome(stage.episode.outcome)[1] }, outcome(stage.episode.outcome)[0])),
+      h("div", { class: "row between" }, h("a", { href: `#/run/${encodeURIComponent(stage.run)}/episode/${stage.key}` }, stage.run), h("span", { class: stage.kind() }, outcome(stage.episode.outcome))),
       stage.problem, stage.orbit.element, stage.words, h("div", { class: "grid" }, h("div", { class: "picture" }, stage.depth), stage.plan.element), stage.moved, stage.proof()))),
     player.element);
   player.go(Number(query.get("step") ?? 0));

@@ -1,17 +1,14 @@
 // The table of episodes: filtered and sorted by the server, a page at a time.
 
 import { every, h, json, notice, replace } from "./dom.js";
-import { count, metres, number, outcome, outcomes, percent } from "./format.js";
+import { count, number, outcome, percent, words } from "./format.js";
 
-const COLUMNS = [
-  ["Kitchen", "kitchen", ""], ["Episode", "episode", "number"], ["Target", "target", ""], ["Outcome", "outcome", ""],
-  ["Disturbance", "disturbance", "number"], ["Objects", "objects", "number"], ["Failed", "failed", "number optional"],
-  ["Steps", "length", "number"], ["Return", "return", "number optional"], ["Left to goal", "distance", "number optional"],
-];
+// What every task's episodes have.
+const COLUMNS = [["Kitchen", "kitchen", ""], ["Episode", "episode", "number"], ["Target", "target", ""], ["Outcome", "outcome", ""], ["Steps", "length", "number"]];
 const PAGE = 50;
 
 export async function showEpisodes(root, run, query, signal) {
-  const asked = { source: "", kitchen: "", target: "", outcome: "", disturbed: "", recorded: "", range: "length", least: "", most: "", sort: "", descending: "", offset: "0" };
+  const asked = { source: "", kitchen: "", target: "", outcome: "", recorded: "", range: "length", least: "", most: "", sort: "", descending: "", offset: "0" };
   for (const name of Object.keys(asked)) if (query.has(name)) asked[name] = query.get(name);
   const encoded = encodeURIComponent(run);
   const selects = {};
@@ -31,14 +28,16 @@ export async function showEpisodes(root, run, query, signal) {
   const limit = (name, label) => h("input", { type: "number", step: "any", class: "limit", value: asked[name], "aria-label": label, oninput: (event) => change(name, event.target.value) });
   const status = h("p", { class: "soft small", role: "status" });
   const notes = h("div", {});
-  const heads = COLUMNS.map(([label, name, kind]) => h("th", { scope: "col", class: kind, "aria-sort": "none", "data-column": name }, h("button", {
+  const sorter = ([label, name, kind]) => h("th", { scope: "col", class: kind, "aria-sort": "none", "data-column": name }, h("button", {
     onclick: () => {
       // Largest first, smallest first, and back to the newest first.
-      const words = asked.sort !== name ? [name, "true"] : asked.descending === "true" ? [name, ""] : ["", ""];
-      [asked.sort, asked.descending] = words;
+      const order = asked.sort !== name ? [name, "true"] : asked.descending === "true" ? [name, ""] : ["", ""];
+      [asked.sort, asked.descending] = order;
       change("offset", "0");
     },
-  }, label)));
+  }, label));
+  const head = h("tr", {});
+  let heads = [];
   const body = h("tbody");
   const back = h("button", { onclick: () => change("offset", String(Math.max(0, Number(asked.offset) - PAGE))) }, "Previous");
   const on = h("button", { onclick: () => change("offset", String(Number(asked.offset) + PAGE)) }, "Next");
@@ -46,30 +45,25 @@ export async function showEpisodes(root, run, query, signal) {
     h("div", { class: "row between" }, h("h1", {}, "Episodes"), status),
     notes,
     h("div", { class: "row", role: "group", "aria-label": "Filters" },
-      select("source", "of"), select("kitchen", "kitchen"), select("target", "target"), select("outcome", "outcome"), select("disturbed", "disturbance"), select("recorded", "recording"),
+      select("source", "of"), select("kitchen", "kitchen"), select("target", "target"), select("outcome", "outcome"), select("recorded", "recording"),
       h("span", { class: "row range" }, select("range", "with"), h("label", {}, "from", limit("least", "at least")), h("label", {}, "to", limit("most", "at most")))),
-    h("div", { class: "card scroll" }, h("table", { class: "episodes" }, h("thead", {}, h("tr", {}, heads)), body)),
+    h("div", { class: "card scroll" }, h("table", { class: "episodes" }, h("thead", {}, head), body)),
     h("div", { class: "row" }, back, on));
-  options("outcome", [["", "any"], ["any-success", "any success"], ["any-failure", "any failure"], ...outcomes.map((word) => [word, outcome(word)[0]])]);
-  options("range", [["length", "steps"], ["disturbance", "disturbance, m"], ["objects", "objects disturbed"], ["failed", "failed actions"], ["return", "return"], ["distance", "left to goal, m"]]);
-  options("disturbed", [["", "any"], ["true", "some object"], ["false", "none"]]);
   options("recorded", [["", "any"], ["true", "can be simulated"], ["false", "not recorded"]]);
 
-  const row = (each) => {
-    const [words, kind] = outcome(each.outcome);
+  const kind = (word, successes) => (successes.indexOf(word) === 0 ? "good" : successes.includes(word) ? "warn" : word === "failure" ? "bad" : "soft");
+  /** A figure: of a share whether it is so. */
+  const figure = (value, { is_share: share }) => (value === undefined ? "–" : share ? (value ? "yes" : "no") : number(value, Number.isInteger(value) ? 0 : 3));
+  const row = (each, { columns, successes }) => {
     const address = each.key && `#/run/${encoded}/episode/${each.key}`;
     const where = each.environment === null ? String(each.kitchen) : `${each.kitchen} / ${each.environment}`;
     return h("tr", { class: address ? "link" : null, onclick: (event) => { if (address && !event.target.closest("a")) location.hash = address; } },
       h("td", {}, where),
       h("td", { class: "number" }, address ? h("a", { href: address }, count(each.episode)) : h("span", { title: "its actions were not recorded" }, count(each.episode))),
-      h("td", {}, each.target),
-      h("td", { class: kind }, words),
-      h("td", { class: "number" }, metres(each.disturbance_m)),
-      h("td", { class: "number" }, String(each.disturbed_objects)),
-      h("td", { class: "number optional" }, each.failed_actions ?? "–"),
+      h("td", {}, each.target ?? ""),
+      h("td", { class: kind(each.outcome, successes) }, outcome(each.outcome)),
       h("td", { class: "number" }, String(each.length)),
-      h("td", { class: "number optional" }, each.returns ? number(each.returns[0]) : "–"),
-      h("td", { class: "number optional" }, metres(each.object_goal_m, 2)));
+      columns.map((column) => h("td", { class: "number optional" }, figure(each.figures[column.name], column))));
   };
   let shown = "", latest = 0;
   async function load() {
@@ -90,13 +84,23 @@ export async function showEpisodes(root, run, query, signal) {
       options("source", page.sources.length ? page.sources.map((name) => [name === "training" ? "" : name, name === "training" ? "training" : name.replace("rollout-", "validation ").replace(/ 0+(?=\d)/, " ")]) : [["", "the evaluation"]]);
       options("kitchen", [["", "all"], ...page.kitchens.map((kitchen) => [String(kitchen), String(kitchen)])]);
       options("target", [["", "all"], ...page.targets.map((target) => [target, target])]);
-      heads.forEach((head, at) => head.setAttribute("aria-sort", asked.sort !== COLUMNS[at][1] ? "none" : asked.descending === "true" ? "descending" : "ascending"));
+      const { columns, successes } = page;
+      const outcomes = [...successes, "failure", "time-limit"].map((word) => [word, outcome(word)]);
+      options("outcome", [["", "any"], ["any-success", "any success"], ["any-failure", "any failure"], ...outcomes]);
+      const figures = columns.map(({ name, doc }) => [words(name), name, "number optional", doc]);
+      options("range", [["length", "steps"], ...figures.map(([label, name]) => [name, label])]);
+      if (heads.length !== COLUMNS.length + figures.length) {
+        heads = [...COLUMNS, ...figures].map(sorter);
+        figures.forEach(([, , , doc], at) => { heads[COLUMNS.length + at].title = doc; });
+        replace(head, heads);
+      }
+      heads.forEach((one) => one.setAttribute("aria-sort", asked.sort !== one.dataset.column ? "none" : asked.descending === "true" ? "descending" : "ascending"));
       const text = JSON.stringify(page.rows);
       if (text === shown) return;
       shown = text;
       replace(notes, page.notes.map((note) => notice(note)));
       const focused = body.contains(document.activeElement) ? document.activeElement.getAttribute("href") : null;
-      replace(body, page.rows.length ? page.rows.map(row) : h("tr", {}, h("td", { colSpan: COLUMNS.length, class: "soft" }, page.total ? "No episode passes the filters." : "No episode has ended yet.")));
+      replace(body, page.rows.length ? page.rows.map((each) => row(each, page)) : h("tr", {}, h("td", { colSpan: heads.length, class: "soft" }, page.total ? "No episode passes the filters." : "No episode has ended yet.")));
       if (focused) body.querySelector(`[href="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
     } catch (error) {
       if (!signal.aborted) { shown = ""; replace(notes, notice(error.message, "error")); }

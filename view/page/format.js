@@ -31,15 +31,17 @@ export function duration(seconds) {
 export const date = (unix) => (unix ? new Date(unix * 1000).toLocaleString(undefined, { dateStyle: "medium", timeStyle: "short" }) : missing);
 export const bytes = (value) => (known(value) ? (value >= 2 ** 30 ? `${(value / 2 ** 30).toFixed(1)} GiB` : `${Math.round(value / 2 ** 20)} MiB`) : missing);
 
-const OUTCOMES = {
-  "success-without-disturbance": ["success, undisturbed", "good"],
-  success: ["success, disturbed", "warn"],
-  failure: ["failure", "bad"],
-  "time-limit": ["time limit", "soft"],
-  unfinished: ["goes on", "soft"],
-};
-export const outcome = (word) => OUTCOMES[word] ?? [word, "soft"];
-export const outcomes = Object.keys(OUTCOMES).filter((word) => word !== "unfinished");
+/** An outcome in words: "time-limit" is "time limit". */
+export const outcome = (word) => (word === "unfinished" ? "goes on" : word.replaceAll("-", " "));
+
+/** A name of the task's in words, without its unit: "wrist_object_m" is "wrist object". */
+export const words = (name, unit = "") => (unit && name.endsWith(`_${unit}`) ? name.slice(0, -unit.length - 1) : name).replaceAll("_", " ");
+
+/** Numbers of a channel as people read them. */
+export function quantity({ name, unit, names, dtype }, numbers, named = true) {
+  const one = (value) => names?.[value] ?? (dtype.startsWith("f") ? value.toFixed(3) : String(value));
+  return `${named ? `${words(name, unit)} ` : ""}${numbers.map(one).join(", ")}${unit ? ` ${unit}` : ""}`;
+}
 
 /** An action's name in words: "MoveAheadContinuous" is "move ahead". */
 export const action = (name) => (name ? name.replace(/(Continuous|MidLevel)$/, "").replace(/([a-z])([A-Z])/g, "$1 $2").replace(/\b(P|M)$/, (sign) => (sign === "P" ? "+" : "−")).replace(/([XYZ])P$/, "$1 +").replace(/([XYZ])M$/, "$1 −").replace(/HeightP$/, "Height +").replace(/HeightM$/, "Height −").toLowerCase() : "start");

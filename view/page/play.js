@@ -57,7 +57,7 @@ class Theatre {
     const end = h("span", {});
     replace(this.place, h("div", { class: "theatre" },
       h("div", { class: "stack" }, h("section", { class: "card stack", "aria-label": "The room" },
-        h("div", { class: "row between" }, h("strong", {}, `fetch: ${stage.episode.target}`), end), stage.problem, stage.orbit.element, stage.words,
+        h("div", { class: "row between" }, h("strong", {}, stage.episode.target ?? ""), end), stage.problem, stage.orbit.element, stage.words,
         h("p", { class: "small faint" }, "Drag to turn, wheel to zoom. Pink ring: the target. Green box: the goal. Violet: displaced."))),
       h("div", { class: "side" }, h("figure", { class: "card" }, h("figcaption", {}, "What the robot sees"), h("div", { class: "picture" }, stage.depth)), h("figure", { class: "card" }, h("figcaption", {}, "Floor plan and way"), stage.plan.element),
         h("section", { class: "card" }, stage.moved))));
@@ -71,9 +71,9 @@ class Theatre {
         step += 1;
         await pause(1000 / Math.max(SPEED, (stage.last - step) / CATCH_UP), signal);
       } else if (stage.episode.outcome !== "unfinished") {
-        const [words, kind] = outcome(stage.episode.outcome);
-        replace(end, h("span", { class: kind }, words));
-        say(`${stage.episode.target}: ${words}`);
+        const ended = outcome(stage.episode.outcome);
+        replace(end, h("span", { class: stage.kind() }, ended));
+        say([stage.episode.target, ended].filter(Boolean).join(": "));
         await pause(END, signal);
         return;
       } else {

@@ -164,7 +164,7 @@ class Depths {
     await tile.painter.paint(pictureAddress(this.run, key, { view: "depth", step, width: 224, of: step }), this.signal);
     tile.shown = key;
     tile.canvas.dataset.step = String(step);
-    tile.caption.textContent = `kitchen ${name} · ${episode.target} · step ${step}`;
+    tile.caption.textContent = [`kitchen ${name}`, episode.target, `step ${step}`].filter(Boolean).join(" · ");
   }
 }
 

@@ -1,7 +1,7 @@
 // One episode on stage: the room from a free camera, what the robot sees, the floor plan, and what happens.
 
 import { ask, css, h, json, replace, svg } from "./dom.js";
-import { action, metres, number, outcome, signed } from "./format.js";
+import { action, metres, number, outcome, quantity, signed, words } from "./format.js";
 
 export function pictureAddress(run, key, query) {
   const words = new URLSearchParams(Object.entries(query).map(([name, value]) => [name, String(value)]));
@@ -148,31 +148,62 @@ class PlanView {
     new Painter(this.canvas).paint(stage.address({ view: "plan", step: 0, width: 640 }), stage.signal).catch((error) => stage.fail(error));
   }
 
+  /** Only what the task has channels for is drawn. */
   draw(step) {
-    const { moments, goal_m: goal, goal_tolerance_m: reach, things } = this.stage.episode;
+    const { moments, goal_tolerance_m: reach, things } = this.stage.episode;
     const now = moments[step];
-    const points = (all, place) => all.map((moment) => place(moment).map((value) => value.toFixed(3)).join(",")).join(" ");
-    const base = ({ base: [x, z] }) => [x, -z];
-    const target = ({ target_m: [x, , z] }) => [x, -z];
-    const [x, z, yaw] = now.base;
-    const carried = moments.slice(0, step + 1).filter((moment) => moment.holding);
+    // Of a place in the room that on the floor; of two numbers both are.
+    const place = (moment, name) => { const at = moment.channels[name]; return at && [at[0], -at.at(-1)]; };
+    const points = (all, name) => all.map((moment) => place(moment, name)?.map((value) => value.toFixed(3)).join(",") ?? "").join(" ");
+    const [base, target, goal] = [place(now, "base_position_m"), place(now, "target_position_m"), place(now, "goal_position_m")];
+    const yaw = now.channels.base_yaw_rad?.[0] ?? 0;
+    const carried = moments.slice(0, step + 1).filter(({ channels }) => channels.holding?.[0]);
     const moved = now.moved.map(([number, , [toX, toZ]]) => {
       const [fromX, fromZ] = things[number].stood_m;
       return [svg("line", { class: "moved", x1: fromX, y1: -fromZ, x2: toX, y2: -toZ }), svg("circle", { class: "moved", cx: toX, cy: -toZ, r: 0.045 })];
     });
     replace(this.overlay,
-      svg("polyline", { class: "way ahead", points: points(moments.slice(step), base) }),
-      svg("polyline", { class: "way", points: points(moments.slice(0, step + 1), base) }),
-      svg("polyline", { class: "carried", points: points(carried, target) }),
-      svg("rect", { class: "goal", x: goal[0] - reach, y: -goal[2] - reach, width: 2 * reach, height: 2 * reach }),
+      svg("polyline", { class: "way ahead", points: points(moments.slice(step), "base_position_m") }),
+      svg("polyline", { class: "way", points: points(moments.slice(0, step + 1), "base_position_m") }),
+      svg("polyline", { class: "carried", points: points(carried, "target_position_m") }),
+      goal ? svg("rect", { class: "goal", x: goal[0] - reach, y: goal[1] - reach, width: 2 * reach, height: 2 * reach }) : null,
       moved,
-      svg("path", { class: "robot", d: "M0 -0.24 L0.17 0.17 L0 0.08 L-0.17 0.17 Z", transform: `translate(${x} ${-z}) rotate(${(yaw * 180) / Math.PI})` }),
-      svg("circle", { class: "target", cx: now.target_m[0], cy: -now.target_m[2], r: 0.06 }));
-    this.overlay.setAttribute("aria-label", `Floor plan: the robot at ${x.toFixed(2)}, ${z.toFixed(2)} m, ${step} of ${moments.length - 1} steps taken`);
+      base ? svg("path", { class: "robot", d: "M0 -0.24 L0.17 0.17 L0 0.08 L-0.17 0.17 Z", transform: `translate(${base}) rotate(${(yaw * 180) / Math.PI})` }) : null,
+      target ? svg("circle", { class: "target", cx: target[0], cy: target[1], r: 0.06 }) : null);
+    const where = base ? `the robot at ${base[0].toFixed(2)}, ${(-base[1]).toFixed(2)} m, ` : "";
+    this.overlay.setAttribute("aria-label", `Floor plan: ${where}${step} of ${moments.length - 1} steps taken`);
   }
 }
 
-/** Disturbance and reward over the steps; a click goes there. */
+/** The terms of a reward, those of its base first: name, weight, and whether a part holds. Without what training weighs. */
+function terms(task, name) {
+  const reward = task.rewards.find((one) => one.name === name);
+  const own = reward.terms.map((term) => {
+    const [part, weight] = Array.isArray(term) ? term : [term.part, term.weight];
+    const holds = Array.isArray(term) ? (value) => value : (value) => Number(value <= (term.at_most ?? Infinity) && value >= (term.at_least ?? -Infinity));
+    return { part, weight: typeof weight === "number" ? weight : task.weights[weight] ?? 0, holds };
+  });
+  const base = reward.base ? terms(task, reward.base) : { constant: 0, all: [] };
+  return { constant: base.constant + (reward.constant ?? 0), all: [...base.all, ...own] };
+}
+
+/** The first metric with a limit: which channel has it, and what it is. */
+function limit({ metrics }) {
+  const clauses = metrics.flatMap(({ all_of: all }) => all ?? []);
+  const bound = (clause) => clause.below ?? clause.at_most ?? clause.at_least ?? clause.above;
+  const found = clauses.find((clause) => typeof bound(clause) === "number");
+  return found ? { channel: found.channel, bound: bound(found) } : null;
+}
+
+/** Parts of the reward that are 1 at a moment, and whether they are good news. */
+function marks({ task }, moment) {
+  const [first] = task.rewards;
+  const isMark = ({ role, values }) => role === "part" && values?.join() === "0,1";
+  const weight = (name) => terms(task, first.name).all.find(({ part }) => part === name)?.weight ?? 0;
+  return task.channels.filter((channel) => isMark(channel) && moment.channels[channel.name]?.[0] === 1).map(({ name }) => ({ name, good: weight(name) >= 0 }));
+}
+
+/** The task's first reward, and the channel that its metrics limit, over the steps; a click goes there. */
 export class Strip {
   constructor(stages, go) {
     Object.assign(this, { stages, step: 0 });
@@ -191,7 +222,10 @@ export class Strip {
     const pen = this.canvas.getContext("2d");
     pen.scale(ratio, ratio);
     const x = (at) => 2 + (at / Math.max(1, this.steps)) * (width - 4);
-    const most = Math.max(0.05, ...this.stages.flatMap(({ episode }) => episode.moments.map((moment) => moment.disturbance_m)));
+    const { task } = this.stages[0].episode;
+    const [first, limited] = [task.rewards[0]?.name, limit(task)];
+    const height_of = (moment) => moment.channels[limited?.channel]?.[0] ?? 0;
+    const most = Math.max(5 * (limited?.bound ?? 0), 1e-9, ...this.stages.flatMap(({ episode }) => episode.moments.map(height_of)));
     pen.fillStyle = css("--wash");
     pen.fillRect(0, height - 13, width, 13);
     this.stages.forEach(({ episode }, index) => {
@@ -199,18 +233,18 @@ export class Strip {
       const lane = (height - 13) / this.stages.length;
       const middle = lane * index + lane * 0.62;
       episode.moments.forEach((moment, at) => {
-        const tall = CLAMP(Math.sqrt(Math.abs(moment.reward_r)) * 8, 0, lane * 0.6) * Math.sign(moment.reward_r);
-        pen.fillStyle = moment.reward_r < 0 ? css("--faint") : ink;
+        const reward = moment.rewards[first] ?? 0;
+        const tall = CLAMP(Math.sqrt(Math.abs(reward)) * 8, 0, lane * 0.6) * Math.sign(reward);
+        pen.fillStyle = reward < 0 ? css("--faint") : ink;
         pen.fillRect(x(at) - 1, middle - Math.max(tall, 0), Math.max(1.5, width / this.steps - 1.5), Math.abs(tall));
         const tick = height - 13 + (index * 13) / this.stages.length;
-        const mark = moment.picked_up ? css("--target") : moment.failed ? css("--bad") : null;
-        if (mark) { pen.fillStyle = mark; pen.fillRect(x(at) - 1, tick + 2, moment.picked_up ? 5 : 2.5, 13 / this.stages.length - 4); }
+        for (const { good } of marks(episode, moment)) { pen.fillStyle = css(good ? "--target" : "--bad"); pen.fillRect(x(at) - 1, tick + 2, good ? 5 : 2.5, 13 / this.stages.length - 4); }
       });
       pen.strokeStyle = css("--ghost");
       pen.lineWidth = 1.6;
       pen.setLineDash(index ? [4, 3] : []);
       pen.beginPath();
-      episode.moments.forEach((moment, at) => pen.lineTo(x(at), height - 15 - (moment.disturbance_m / most) * (height - 20)));
+      if (limited) episode.moments.forEach((moment, at) => pen.lineTo(x(at), height - 15 - (height_of(moment) / most) * (height - 20)));
       pen.stroke();
       pen.setLineDash([]);
     });
@@ -218,11 +252,6 @@ export class Strip {
     pen.fillRect(x(step) - 0.75, 0, 1.5, height);
   }
 }
-
-const PARTS = [
-  ["each step", () => -0.01], ["failed action", (parts) => -0.03 * parts.failed_action], ["wrist nearer to the target", (parts) => parts.wrist_object_progress_m],
-  ["picked up", (parts) => 5 * parts.picked_up], ["target nearer to the goal", (parts) => parts.object_goal_progress_m], ["Done at the goal", (parts) => 10 * parts.goal_success],
-];
 
 /** An episode that is open. */
 export class Stage {
@@ -240,6 +269,7 @@ export class Stage {
     this.words = h("div", { class: "row" });
     this.parts = h("div", {});
     this.moved = h("div", {});
+    this.channels = h("div", {});
   }
 
   get last() { return this.episode.moments.length - 1; }
@@ -253,15 +283,30 @@ export class Stage {
 
   /** What is to be said above the pictures. */
   title() {
-    const [words, kind] = outcome(this.episode.outcome);
     const [kitchen, environment, number] = this.key.split("-");
-    return h("div", { class: "row" }, h("h1", {}, `${this.episode.target}, kitchen ${kitchen}`), h("span", { class: kind }, words), h("span", { class: "soft small" }, `environment ${environment}, episode ${number}, ${this.last} steps`));
+    const place = [this.episode.target, `kitchen ${kitchen}`].filter(Boolean).join(", ");
+    return h("div", { class: "row" }, h("h1", {}, place), h("span", { class: this.kind() }, outcome(this.episode.outcome)), h("span", { class: "soft small" }, `environment ${environment}, episode ${number}, ${this.last} steps`));
+  }
+
+  /** Whether it ended well, as a class: the first success demands most. */
+  kind() {
+    const { outcome: ended, task: { successes } } = this.episode;
+    const at = successes.indexOf(ended);
+    return at === 0 ? "good" : at > 0 ? "warn" : ended === "failure" ? "bad" : "soft";
+  }
+
+  /** The next step at which what its metrics limit has become greater, if they limit something. */
+  growth() {
+    const { moments, task } = this.episode;
+    const limited = limit(task);
+    const grown = (at) => moments[at].channels[limited.channel][0] - (moments[at - 1].channels[limited.channel]?.[0] ?? 0) > limited.bound / 2;
+    return limited ? moments.map((moment, at) => at).filter((at) => at && grown(at)) : [];
   }
 
   /** Whether the simulation gives what was recorded. */
   proof() {
     const { compared, first_difference: difference } = this.episode;
-    if (difference) return h("p", { class: "notice error" }, `The simulation differs from the recording from step ${difference.step} on (${difference.aspect}): what is shown from there is not what happened.`);
+    if (difference) return h("p", { class: "notice error" }, `The simulation differs from the recording from step ${difference.step} on (${words(difference.what)}): what is shown from there is not what happened.`);
     return h("p", { class: "small faint" }, `Simulated again from its actions; all ${compared} states are as recorded.`);
   }
 
@@ -273,28 +318,43 @@ export class Stage {
     this.depth.setAttribute("aria-label", `What the robot's depth camera sees at step ${this.step}`);
     this.depthPainter.paint(this.address({ view: "depth", step: this.step, width: 224 }), this.signal).then((painted) => { if (painted) this.depth.dataset.step = String(this.step); }, (error) => this.fail(error));
     this.plan.draw(this.step);
+    const { task } = this.episode;
+    const limited = task.channels.find(({ name }) => name === limit(task)?.channel);
     replace(this.words, h("strong", {}, `step ${this.step}`), h("span", {}, action(now.action)),
-      now.failed ? h("span", { class: "bad" }, "failed") : null, now.picked_up ? h("span", { class: "good" }, "picked up") : null,
-      h("span", { class: "soft" }, now.holding ? "in hand" : `wrist ${metres(now.wrist_object_m, 2)} from it`), h("span", { class: "soft" }, `goal ${metres(now.object_goal_m, 2)}`));
+      marks(this.episode, now).map(({ name, good }) => h("span", { class: good ? "good" : "bad" }, words(name))),
+      limited && now.channels[limited.name] ? h("span", { class: "soft" }, quantity(limited, now.channels[limited.name])) : null);
     this.rewards(now);
     this.displaced(now);
+    const told = task.channels.filter(({ name }) => now.channels[name]);
+    replace(this.channels, h("details", {}, h("summary", { class: "small" }, "All that is recorded of this step"), h("table", { class: "parts small" },
+      h("tbody", {}, told.map((channel) => h("tr", { title: channel.doc }, h("td", {}, words(channel.name, channel.unit)), h("td", {}, quantity(channel, now.channels[channel.name], false))))))));
   }
 
+  /** What the task's first reward is made of, and the others. */
   rewards(now) {
-    const shown = this.step ? PARTS.map(([name, of]) => [name, of(now.parts)]).filter(([name, value]) => value !== 0 || name === "each step") : [];
-    const sum = (kind) => this.episode.moments.slice(0, this.step + 1).reduce((all, moment) => all + moment[kind], 0);
+    const { task, moments } = this.episode;
+    const [first] = task.rewards;
+    if (!first) return;
+    const { constant, all } = terms(task, first.name);
+    const doc = (part) => task.channels.find(({ name }) => name === part)?.doc ?? "";
+    const unit = (part) => task.channels.find(({ name }) => name === part)?.unit;
+    const shown = this.step ? all.map(({ part, weight, holds }) => [part, weight * holds(now.channels[part][0])]).filter(([, value]) => value !== 0) : [];
+    const sum = (name) => moments.slice(0, this.step + 1).reduce((total, { rewards }) => total + (rewards[name] ?? 0), 0);
+    const names = Object.keys(moments.at(-1).rewards);
+    // Their order is the declaration's.
+    const rewards = task.rewards.map(({ name }) => name).filter((name) => names.includes(name));
     replace(this.parts, h("table", { class: "parts small" },
-      h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Reward of this step"), h("th", { scope: "col" }, "r"))),
-      h("tbody", {}, shown.map(([name, value]) => h("tr", {}, h("td", {}, name), h("td", {}, signed(value)))),
-        h("tr", { class: "total" }, h("td", {}, "r"), h("td", {}, signed(now.reward_r))),
-        h("tr", {}, h("td", {}, "r′, with disturbance"), h("td", {}, signed(now.reward_r_prime))),
-        h("tr", {}, h("td", { class: "soft" }, "return so far, r and r′"), h("td", { class: "soft" }, `${number(sum("reward_r"))}, ${number(sum("reward_r_prime"))}`)))));
+      h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Reward of this step"), h("th", { scope: "col" }, first.name))),
+      h("tbody", {}, this.step ? h("tr", {}, h("td", {}, "each step"), h("td", {}, signed(constant))) : null,
+        shown.map(([part, value]) => h("tr", { title: doc(part) }, h("td", {}, words(part, unit(part))), h("td", {}, signed(value)))),
+        rewards.map((name, at) => h("tr", { class: at ? null : "total" }, h("td", {}, words(name)), h("td", {}, signed(now.rewards[name] ?? 0)))),
+        rewards.map((name) => h("tr", {}, h("td", { class: "soft" }, `return so far, ${words(name)}`), h("td", { class: "soft" }, number(sum(name))))))));
   }
 
   displaced(now) {
     const rows = [...now.moved].sort((a, b) => b[1] - a[1]).map(([thing, far]) => h("tr", {}, h("td", {}, this.episode.things[thing].category), h("td", {}, metres(far))));
     replace(this.moved, h("table", { class: "parts small" },
-      h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Displaced"), h("th", { scope: "col" }, metres(now.disturbance_m)))),
+      h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Displaced"), h("th", { scope: "col" }, metres(now.moved.reduce((total, [, far]) => total + far, 0))))),
       h("tbody", {}, rows.length ? rows : h("tr", {}, h("td", { colSpan: 2, class: "soft" }, "Nothing is displaced.")))));
   }
 }

@@ -1,7 +1,7 @@
 //! Requests as `orchestrator view` sends them.
 
 use super::*;
-use proto::action::Action;
+use simulator::robot::action::Action;
 use std::io::{BufReader, Read};
 
 /// The episode that these actions make of a run's first, with a state hash that is wrong after step `wrong`.

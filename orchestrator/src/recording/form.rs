@@ -474,16 +474,17 @@ impl Form {
         self.empty.clone()
     }
 
-    /// Appends the message.
-    pub fn write(&self, told: &Told, out: &mut Vec<u8>) {
-        let begin = out.len();
-        out.resize(begin + self.longest, 0);
-        let mut cursor = Cursor { bytes: out, at: begin };
+    /// Writes the message into `room`, which is as long as any from the first one on.
+    pub fn write<'a>(&self, told: &Told, room: &'a mut Vec<u8>) -> &'a [u8] {
+        if room.len() < self.longest {
+            room.resize(self.longest, 0);
+        }
+        let mut cursor = Cursor { bytes: room, at: 0 };
         for slot in &self.slots {
             slot.write(told, &mut cursor);
         }
         let end = cursor.at;
-        out.truncate(end);
+        &room[..end]
     }
 
     /// How a recording describes it.

@@ -123,11 +123,11 @@ impl Shelf {
             writer.add_channel(schema, topic, "protobuf", &BTreeMap::new()).unwrap()
         });
         for (number, (carries, told)) in said.iter().enumerate() {
-            let (channel_id, mut data) = (channels[*carries as usize], vec![]);
-            forms[*carries as usize].1.write(told, &mut data);
+            let (channel_id, mut room) = (channels[*carries as usize], vec![]);
+            let data = forms[*carries as usize].1.write(told, &mut room);
             let time = number as u64;
             let header = MessageHeader { channel_id, sequence: 0, log_time: time, publish_time: time };
-            writer.write_to_known_channel(&header, &data).unwrap();
+            writer.write_to_known_channel(&header, data).unwrap();
         }
         writer.finish().unwrap();
         path

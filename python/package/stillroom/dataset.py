@@ -26,11 +26,10 @@ FPS = 5
 FILE_BYTES = 100 << 20
 FILES_EACH = 1000
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
-# Arrays that have a row more than there were actions, and names without rows.
-SEEN = ("goal_m", "previous_action", "state_hash")
-ABOUT = ("kitchen", "environment", "episode", "fixed_episode", "target", "outcome", "seed", "action_names")
+# Names without rows.
+ABOUT = ("kitchen", "environment", "episode", "fixed_episode", "outcome", "seed")
 # Columns of LeRobot's that are not `next.NAME`.
-LEROBOT = {"action": "action", "reward_r_prime": "next.reward", "ended": "next.done"}
+LEROBOT = {"action": "action", "ended": "next.done"}
 
 
 def to_parquet(arrays: Path, out: Path) -> None:
@@ -45,25 +44,27 @@ def to_parquet(arrays: Path, out: Path) -> None:
     rows, first, writer = [], 0, None
     for number, episode in enumerate(_episodes(arrays)):
         count = len(episode["action"])
-        goals = {f"goal_{axis}_m": episode["goal_m"][:, index] for index, axis in enumerate("xyz")}
+        seen = _seen(episode)
+        hashes = seen.pop("state_hash")
         pictures = {f"{camera}_png": _pngs(frames) for camera, frames in _cameras(episode).items()}
         columns: dict[str, Any] = {"episode_index": np.full(count, number), "step": np.arange(count)}
-        columns |= {name: np.full(count, episode[name]) for name in ("kitchen", "environment", "episode", "target")}
-        columns |= {name: values[:-1] for name, values in (pictures | goals).items()}
-        columns |= {"previous_action": episode["previous_action"][:-1], **_of_steps(episode)}
-        columns["state_hash"] = episode["state_hash"][1:]
+        columns |= {name: np.full(count, episode[name]) for name in ("kitchen", "environment", "episode")}
+        columns |= {name: values[:-1] for name, values in pictures.items()}
+        columns |= {name: _rows(episode, name, values[:-1]) for name, values in seen.items()}
+        columns |= {name: _rows(episode, name, values) for name, values in _of_steps(episode).items()}
+        columns["state_hash"] = hashes[1:]
         table = pa.table(columns)
         if writer is None:
             names = json.dumps([str(name) for name in episode["action_names"]])
             writer = pq.ParquetWriter(out / "steps.parquet", table.schema.with_metadata({"actions": names}))
         writer.write_table(table.cast(writer.schema))
         row: dict[str, Any] = {"episode_index": number, "first_row": first, "steps": count}
-        row |= {name: episode[name][()] for name in ABOUT if name != "action_names"}
-        row |= {f"return_{name}": episode[f"reward_{name}"].astype(np.float64).sum() for name in ("r", "r_prime")}
-        last = ("success", "disturbance_m", "peak_disturbance_m", "disturbed_objects", "ever_disturbed_objects")
-        row |= {name: episode[name][-1] for name in last}
-        row["success_without_disturbance"] = str(episode["outcome"]) == "success-without-disturbance"
-        row |= {f"last_{name}": values[-1] for name, values in (pictures | goals).items()}
+        row |= {name: episode[name][()] for name in ABOUT}
+        rewards = {name: values for name, values in episode.items() if name.startswith("reward_")}
+        row |= {f"return_{name[7:]}": values.astype(np.float64).sum() for name, values in rewards.items()}
+        row |= {name[7:]: episode[name][()] for name in episode if name.startswith("metric_")}
+        row |= {f"last_{name}": values[-1] for name, values in pictures.items()}
+        row |= {f"last_{name}": _rows(episode, name, values)[-1] for name, values in seen.items()}
         rows.append({name: value.item() if isinstance(value, np.generic) else value for name, value in row.items()})
         first += count
     if writer is None:
@@ -93,13 +94,19 @@ def to_lerobot(arrays: Path, out: Path) -> None:
     picture = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
     for number, episode in enumerate(_episodes(arrays)):
         count = len(episode["action"])
-        task = f"Pick up the {episode['target']}, bring it to its goal, and move nothing else."
+        names_of = {name: _rows(episode, name, values) for name, values in _of_steps(episode).items() if _has_names(episode, name)}
+        task = ", ".join([str(episode["task"]).replace("_", " "), *(f"{name} {values[0]}" for name, values in names_of.items())])
         if task not in tasks:
             tasks.append(task)
         cameras = {f"observation.images.{name}": frames[:-1] for name, frames in _cameras(episode).items()}
-        numbers: dict[str, Array] = {"observation.state": episode["goal_m"][:-1]}
+        observed = [episode[name][:-1].reshape(count, -1) for name in episode["observation_names"]]
+        numbers: dict[str, Array] = {"observation.state": np.hstack(observed).astype(np.float32)} if observed else {}
         numbers["observation.previous_action"] = episode["previous_action"][:-1]
-        numbers |= {LEROBOT.get(name, f"next.{name}"): values for name, values in _of_steps(episode).items()}
+        steps = _of_steps(episode)
+        # The task's last reward has all of its parts.
+        last = [name for name in steps if name.startswith("reward_")][-1:]
+        names_there = LEROBOT | dict.fromkeys(last, "next.reward")
+        numbers |= {names_there.get(name, f"next.{name}"): values for name, values in steps.items()}
         numbers |= {name: np.full(count, episode[name]) for name in ("kitchen", "environment")}
         numbers["episode_number"] = np.full(count, episode["episode"])
         numbers["timestamp"] = (np.arange(count) / FPS).astype(np.float32)
@@ -113,7 +120,12 @@ def to_lerobot(arrays: Path, out: Path) -> None:
         stats = {name: _stats(frames.reshape(count, *frames.shape[1:3], -1)) for name, frames in cameras.items()}
         stats |= {name: _stats(values.reshape(count, -1)) for name, values in numbers.items()}
         if not features:
-            features = _features(cameras, numbers)
+            axes = [
+                f"{name}_{axis}" if episode[name].ndim > 1 else str(name)
+                for name in episode["observation_names"]
+                for axis in range(episode[name][0].size)
+            ]
+            features = _features(cameras, numbers, axes)
             names = [str(name) for name in episode["action_names"]]
         data.add(pa.table(columns))
         row: dict[str, Any] = {"episode_index": number, "tasks": [task], "length": count}
@@ -192,13 +204,39 @@ def _episodes(arrays: Path) -> Iterator[dict[str, Array]]:
             yield dict(archive)
 
 
+def _is_image(values: Array) -> bool:
+    return values.ndim >= 3 and values.dtype in (np.uint8, np.uint16)
+
+
 def _cameras(episode: dict[str, Array]) -> dict[str, Array]:
-    found = {name.rsplit("_", 1)[0]: values for name, values in episode.items() if values.ndim >= 3}
-    return dict(sorted(found.items(), key=lambda item: item[0] != "depth"))
+    found = {name.rsplit("_", 1)[0]: values for name, values in episode.items() if _is_image(values)}
+    return dict(sorted(found.items(), key=lambda item: item[0] in ("robot", "outside")))
+
+
+def _with_rows(episode: dict[str, Array], count: int) -> dict[str, Array]:
+    """The arrays of so many rows but images and lists of names."""
+    names = {name for name, values in episode.items() if name.endswith("_names") or values.ndim == 0 or _is_image(values)}
+    return {name: values for name, values in episode.items() if name not in names and len(values) == count}
+
+
+def _seen(episode: dict[str, Array]) -> dict[str, Array]:
+    """What has a row more than there were actions."""
+    return _with_rows(episode, len(episode["state_hash"]))
 
 
 def _of_steps(episode: dict[str, Array]) -> dict[str, Array]:
-    return {name: values for name, values in episode.items() if values.ndim == 1 and name not in (*SEEN, *ABOUT)}
+    return _with_rows(episode, len(episode["state_hash"]) - 1)
+
+
+def _has_names(episode: dict[str, Array], name: str) -> bool:
+    return name != "action" and f"{name}_names" in episode
+
+
+def _rows(episode: dict[str, Array], name: str, values: Array) -> Any:
+    """Numbers that stand for names as those; several numbers a row as lists."""
+    if _has_names(episode, name):
+        values = episode[f"{name}_names"][values]
+    return values.tolist() if values.ndim > 1 else values
 
 
 def _pngs(frames: Array) -> list[bytes]:
@@ -212,7 +250,7 @@ def _pngs(frames: Array) -> list[bytes]:
     return pngs
 
 
-def _features(cameras: dict[str, Array], numbers: dict[str, Array]) -> dict[str, Any]:
+def _features(cameras: dict[str, Array], numbers: dict[str, Array], axes: list[str]) -> dict[str, Any]:
     features: dict[str, Any] = {}
     for name, frames in cameras.items():
         is_depth = frames.ndim == 3
@@ -220,8 +258,8 @@ def _features(cameras: dict[str, Array], numbers: dict[str, Array]) -> dict[str,
         shape = [*frames.shape[1:3], 1 if is_depth else frames.shape[3]]
         features[name] = {"dtype": "image", "shape": shape, "names": ["height", "width", "channels"], "info": info}
     for name, values in numbers.items():
-        axes = ["goal_x_m", "goal_y_m", "goal_z_m"] if name == "observation.state" else None
-        features[name] = {"dtype": str(values.dtype), "shape": [*values.shape[1:]] or [1], "names": axes}
+        of = axes if name == "observation.state" else None
+        features[name] = {"dtype": str(values.dtype), "shape": [*values.shape[1:]] or [1], "names": of}
     return features
 
 

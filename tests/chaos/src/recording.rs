@@ -3,137 +3,71 @@
 
 use anyhow::{Context, Result};
 use mcap::read::Options;
-use prost::Message;
+use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor};
 use proto::run_folder::RunFolder;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
 /// Kitchen, environment, episode, step (0 for the starts and ends of episodes).
 type Key = (u32, u32, u32, u32);
 
-/// What is the same in every copy of a step: all but who was started how often.
-#[derive(Clone, PartialEq, Message)]
-// Names and flags of the recorded message.
-#[allow(clippy::struct_field_names, clippy::struct_excessive_bools)]
-struct Step {
-    #[prost(uint32, tag = "1")]
-    kitchen: u32,
-    #[prost(uint32, tag = "2")]
-    environment: u32,
-    #[prost(uint32, tag = "5")]
-    episode: u32,
-    #[prost(uint32, tag = "6")]
-    step: u32,
-    #[prost(uint32, tag = "8")]
-    incarnation: u32,
-    #[prost(uint32, tag = "9")]
-    learner_incarnation: u32,
-    #[prost(int32, tag = "12")]
-    action: i32,
-    #[prost(int32, tag = "13")]
-    target: i32,
-    #[prost(bool, tag = "14")]
-    action_failed: bool,
-    #[prost(bool, tag = "15")]
-    holding: bool,
-    #[prost(bool, tag = "16")]
-    picked_up: bool,
-    #[prost(bool, tag = "17")]
-    done: bool,
-    #[prost(bool, tag = "18")]
-    success: bool,
-    #[prost(bool, tag = "19")]
-    time_limit: bool,
-    #[prost(bool, tag = "20")]
-    ended: bool,
-    #[prost(fixed64, tag = "21")]
-    state_hash: u64,
-    #[prost(float, tag = "22")]
-    wrist_object_progress_m: f32,
-    #[prost(float, tag = "23")]
-    object_goal_progress_m: f32,
-    #[prost(float, tag = "24")]
-    disturbance_progress_m: f32,
-    #[prost(float, tag = "25")]
-    reward_r: f32,
-    #[prost(float, tag = "26")]
-    reward_r_prime: f32,
-    #[prost(float, tag = "27")]
-    disturbance_m: f32,
-    #[prost(float, tag = "28")]
-    peak_disturbance_m: f32,
-    #[prost(uint32, tag = "29")]
-    disturbed_objects: u32,
-    #[prost(float, tag = "30")]
-    wrist_object_m: f32,
-    #[prost(float, tag = "31")]
-    object_goal_m: f32,
-    /// One of the two vectors of the goal sensor, as it was encoded; neither where the recorder had not seen the
-    /// observation before.
-    #[prost(bytes = "vec", optional, tag = "32")]
-    wrist_to_object_m: Option<Vec<u8>>,
-    #[prost(bytes = "vec", optional, tag = "33")]
-    object_to_goal_m: Option<Vec<u8>>,
+/// Who was started how often, and what depends on it: not the same in every copy of a message.
+const STARTS: [&str; 7] = [
+    "actor",
+    "environment_index",
+    "exchange",
+    "incarnation",
+    "learner_incarnation",
+    "actor_incarnation",
+    "stage_version",
+];
+
+/// What a message says, but for who was started how often.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+struct Copy {
+    /// What is in every copy.
+    always: Vec<u8>,
+    /// What may be absent: a recorder that was started in the middle of an episode has not seen it.
+    sometimes: BTreeMap<String, String>,
 }
 
-/// What is the same in every copy of an episode's start.
-#[derive(Clone, PartialEq, Message)]
-struct EpisodeStart {
-    #[prost(uint32, tag = "1")]
-    kitchen: u32,
-    #[prost(uint32, tag = "2")]
-    environment: u32,
-    #[prost(uint32, tag = "3")]
-    episode: u32,
-    #[prost(int32, tag = "6")]
-    target: i32,
-    #[prost(fixed64, tag = "7")]
-    state_hash: u64,
-    #[prost(bool, tag = "8")]
-    depth_recorded: bool,
-    #[prost(float, tag = "9")]
-    wrist_object_m: f32,
-    #[prost(float, tag = "10")]
-    object_goal_m: f32,
+impl Copy {
+    fn of(mut message: DynamicMessage) -> Self {
+        for name in STARTS {
+            message.clear_field_by_name(name);
+        }
+        let fields: Vec<_> = message.descriptor().fields().collect();
+        let mut sometimes = BTreeMap::new();
+        for field in fields.iter().filter(|field| field.supports_presence() || field.is_list()) {
+            if message.has_field(field) {
+                sometimes.insert(field.name().to_owned(), message.get_field(field).to_string());
+                message.clear_field(field);
+            }
+        }
+        Self { always: prost_reflect::prost::Message::encode_to_vec(&message), sometimes }
+    }
 }
 
-/// What is the same in every copy of an episode's end. (Returns are missing where a recording begins in its middle.)
-#[derive(Clone, PartialEq, Message)]
-// Names and flags of the recorded message.
-#[allow(clippy::struct_field_names, clippy::struct_excessive_bools)]
-struct EpisodeEnd {
-    #[prost(uint32, tag = "1")]
-    kitchen: u32,
-    #[prost(uint32, tag = "2")]
-    environment: u32,
-    #[prost(uint32, tag = "3")]
-    episode: u32,
-    #[prost(int32, tag = "6")]
-    target: i32,
-    #[prost(uint32, tag = "7")]
-    length: u32,
-    #[prost(bool, tag = "8")]
-    success: bool,
-    #[prost(bool, tag = "9")]
-    success_undisturbed: bool,
-    #[prost(bool, tag = "10")]
-    picked_up: bool,
-    #[prost(bool, tag = "11")]
-    time_limit: bool,
-    #[prost(float, tag = "12")]
-    disturbance_m: f32,
-    #[prost(float, tag = "13")]
-    peak_disturbance_m: f32,
-    #[prost(uint32, tag = "14")]
-    disturbed_objects: u32,
+fn number(message: &DynamicMessage, name: &str) -> u32 {
+    message.get_field_by_name(name).and_then(|value| value.as_u32()).unwrap_or_default()
+}
+
+fn key_of(message: &DynamicMessage) -> Key {
+    let [kitchen, environment, episode, step] =
+        ["kitchen", "environment", "episode", "step"].map(|name| number(message, name));
+    (kitchen, environment, episode, step)
+}
+
+fn generation_of(message: &DynamicMessage) -> (u32, u32) {
+    (number(message, "incarnation"), number(message, "learner_incarnation"))
 }
 
 /// All that the files of a run hold of its episodes.
 #[derive(Debug, Default)]
 pub struct Recording {
-    steps: BTreeMap<Key, Vec<Step>>,
-    starts: BTreeMap<Key, Vec<EpisodeStart>>,
-    ends: BTreeMap<Key, Vec<EpisodeEnd>>,
+    steps: BTreeMap<Key, Vec<Copy>>,
+    starts: BTreeMap<Key, Vec<Copy>>,
+    ends: BTreeMap<Key, Vec<Copy>>,
     /// Steps in the order of the files, each with who took it: (orchestrator's, learner's start).
     order: Vec<(Key, (u32, u32))>,
 }
@@ -149,27 +83,17 @@ impl Recording {
     }
 
     fn add(&mut self, path: &Path) -> Result<()> {
-        each_message(path, |topic, data| {
-            match topic {
+        each_message(path, |topic, message| {
+            let key = key_of(&message);
+            let copies = match topic {
                 "/step" => {
-                    let step = Step::decode(data)?;
-                    let key = step.key();
-                    self.order.push((key, step.generation()));
-                    let step = Step { incarnation: 0, learner_incarnation: 0, ..step };
-                    self.steps.entry(key).or_default().push(step);
+                    self.order.push((key, generation_of(&message)));
+                    &mut self.steps
                 }
-                "/episode/start" => {
-                    let start = EpisodeStart::decode(data)?;
-                    let key = (start.kitchen, start.environment, start.episode, 0);
-                    self.starts.entry(key).or_default().push(start);
-                }
-                "/episode/end" => {
-                    let end = EpisodeEnd::decode(data)?;
-                    self.ends.entry((end.kitchen, end.environment, end.episode, 0)).or_default().push(end);
-                }
-                _ => {}
-            }
-            Ok(())
+                "/episode/start" => &mut self.starts,
+                _ => &mut self.ends,
+            };
+            copies.entry(key).or_default().push(Copy::of(message));
         })
     }
 
@@ -186,19 +110,9 @@ impl Recording {
     /// What differs from an undisturbed run's: what is missing, what is there besides, what is other.
     pub fn differences(&self, reference: &Self) -> Vec<String> {
         let mut found = vec![];
-        let with_goal = |copies: &[Step]| {
-            let known = |step: &&Step| step.wrist_to_object_m.is_some() || step.object_to_goal_m.is_some();
-            copies.iter().find(known).cloned()
-        };
-        let without = |step: &Step| Step { wrist_to_object_m: None, object_to_goal_m: None, ..step.clone() };
-        let same_step = |one: &[Step], other: &[Step]| {
-            one.iter().all(|step| without(step) == without(&other[0])) && with_goal(one) == with_goal(other)
-        };
-        compare("steps", &self.steps, &reference.steps, same_step, &mut found);
-        let all = |one: &[EpisodeStart], other: &[EpisodeStart]| one.iter().all(|copy| copy == &other[0]);
-        compare("starts of episodes", &self.starts, &reference.starts, all, &mut found);
-        let all = |one: &[EpisodeEnd], other: &[EpisodeEnd]| one.iter().all(|copy| copy == &other[0]);
-        compare("ends of episodes", &self.ends, &reference.ends, all, &mut found);
+        compare("steps", &self.steps, &reference.steps, &mut found);
+        compare("starts of episodes", &self.starts, &reference.starts, &mut found);
+        compare("ends of episodes", &self.ends, &reference.ends, &mut found);
         found
     }
 }
@@ -207,12 +121,10 @@ impl Recording {
 pub fn steps_that_count(folder: &RunFolder) -> Result<u64> {
     let mut order = vec![];
     for path in &files(folder) {
-        each_message(path, |topic, data| {
+        each_message(path, |topic, message| {
             if topic == "/step" {
-                let step = Step::decode(data)?;
-                order.push((step.key(), step.generation()));
+                order.push((key_of(&message), generation_of(&message)));
             }
-            Ok(())
         })
         .with_context(|| path.display().to_string())?;
     }
@@ -246,42 +158,51 @@ fn files(folder: &RunFolder) -> Vec<PathBuf> {
     files
 }
 
-fn each_message(path: &Path, mut take: impl FnMut(&str, &[u8]) -> Result<()>) -> Result<()> {
+/// Hands on every message about steps and episodes, by the schemas that the file has of them.
+fn each_message(path: &Path, mut take: impl FnMut(&str, DynamicMessage)) -> Result<()> {
     let bytes = std::fs::read(path)?;
     // The start of a recording that was killed before its first flush.
     if bytes.is_empty() {
         return Ok(());
     }
+    let mut kinds: HashMap<String, MessageDescriptor> = HashMap::new();
     // A file that was cut off ends without the magic; what is before its end is held to be whole.
     for message in mcap::MessageStream::new_with_options(&bytes, Options::IgnoreEndMagic.into())? {
         let message = message?;
-        take(&message.channel.topic, &message.data)?;
+        let topic = message.channel.topic.as_str();
+        if !["/step", "/episode/start", "/episode/end"].contains(&topic) {
+            continue;
+        }
+        if !kinds.contains_key(topic) {
+            let schema = message.channel.schema.as_ref().context("a channel without a schema")?;
+            let kind = DescriptorPool::decode(&*schema.data)?.get_message_by_name(&schema.name);
+            kinds.insert(topic.to_owned(), kind.context("a schema without its message")?);
+        }
+        take(topic, DynamicMessage::decode(kinds[topic].clone(), &*message.data)?);
     }
     Ok(())
 }
 
-impl Step {
-    fn key(&self) -> Key {
-        (self.kitchen, self.environment, self.episode, self.step)
+/// What is in some copy, if no two copies contradict each other.
+fn merged(copies: &[Copy]) -> Option<Copy> {
+    let mut all = copies.first()?.clone();
+    for Copy { always, sometimes } in copies {
+        let agrees = |(name, value): (&String, &String)| all.sometimes.get(name).is_none_or(|other| other == value);
+        if *always != all.always || !sometimes.iter().all(agrees) {
+            return None;
+        }
+        all.sometimes.extend(sometimes.clone());
     }
-
-    fn generation(&self) -> (u32, u32) {
-        (self.incarnation, self.learner_incarnation)
-    }
+    Some(all)
 }
 
-fn compare<T>(
-    what: &str,
-    ours: &BTreeMap<Key, Vec<T>>,
-    theirs: &BTreeMap<Key, Vec<T>>,
-    same: impl Fn(&[T], &[T]) -> bool,
-    found: &mut Vec<String>,
-) {
+fn compare(what: &str, ours: &BTreeMap<Key, Vec<Copy>>, theirs: &BTreeMap<Key, Vec<Copy>>, found: &mut Vec<String>) {
     let place = |(kitchen, environment, episode, step): &Key| format!("{kitchen}/{environment} {episode}:{step}");
     let some = |keys: &[&Key]| keys.iter().take(3).map(|key| place(key)).collect::<Vec<_>>().join(", ");
     let missing: Vec<_> = theirs.keys().filter(|key| !ours.contains_key(key)).collect();
     let besides: Vec<_> = ours.keys().filter(|key| !theirs.contains_key(key)).collect();
-    let other = |(key, copies): &(&Key, &Vec<T>)| theirs.get(key).is_some_and(|their| !same(copies, their));
+    let same = |ours: &[Copy], theirs: &[Copy]| merged(ours).is_some_and(|ours| Some(ours) == merged(theirs));
+    let other = |(key, copies): &(&Key, &Vec<Copy>)| theirs.get(key).is_some_and(|their| !same(copies, their));
     let other: Vec<_> = ours.iter().filter(other).map(|(key, _)| key).collect();
     for (how, keys) in [("missing", missing), ("besides", besides), ("other", other)] {
         if !keys.is_empty() {
@@ -294,14 +215,14 @@ fn compare<T>(
 mod tests {
     use super::*;
 
-    fn step(episode: u32, number: u32, hash: u64) -> Step {
-        Step { kitchen: 1, environment: 0, episode, step: number, state_hash: hash, ..Default::default() }
+    fn step(episode: u32, number: u32, hash: u8) -> (Key, Copy) {
+        ((1, 0, episode, number), Copy { always: vec![hash], ..Copy::default() })
     }
 
-    fn recording(steps: &[Step]) -> Recording {
+    fn recording(steps: &[(Key, Copy)]) -> Recording {
         let mut recording = Recording::default();
-        for step in steps {
-            recording.steps.entry((1, 0, step.episode, step.step)).or_default().push(step.clone());
+        for (key, step) in steps {
+            recording.steps.entry(*key).or_default().push(step.clone());
         }
         recording
     }
@@ -320,13 +241,17 @@ mod tests {
     }
 
     #[test]
-    fn a_goal_must_be_in_one_copy() {
-        let goal = |step: Step, goal| Step { wrist_to_object_m: goal, ..step };
-        let reference = recording(&[goal(step(0, 0, 1), Some(vec![1]))]);
-        let once = recording(&[step(0, 0, 1), goal(step(0, 0, 1), Some(vec![1]))]);
+    fn what_was_seen_must_be_in_one_copy() {
+        let seen = |goal: &str| {
+            let (key, step) = step(0, 0, 1);
+            (key, Copy { sometimes: BTreeMap::from([("goal_m".to_owned(), goal.to_owned())]), ..step })
+        };
+        let reference = recording(&[seen("1")]);
+        let once = recording(&[step(0, 0, 1), seen("1")]);
         assert!(once.differences(&reference).is_empty());
         assert_eq!(recording(&[step(0, 0, 1)]).differences(&reference).len(), 1);
-        assert_eq!(recording(&[goal(step(0, 0, 1), Some(vec![2]))]).differences(&reference).len(), 1);
+        assert_eq!(recording(&[seen("2")]).differences(&reference).len(), 1);
+        assert_eq!(recording(&[seen("2"), seen("1")]).differences(&reference).len(), 1);
     }
 
     #[test]

@@ -26,7 +26,7 @@ fn the_pictures_of_the_documents_are_made_where_they_are_asked_for() {
     // An episode that shows something: a success that disturbed. Long ones make long films.
     let name = browser.value("location.hash.split('/')[2]");
     let name = name.as_str().expect("a name").to_owned();
-    let filters = "outcome=success&range=length&least=12&most=30&sort=disturbance&descending=true";
+    let filters = "outcome=success&range=length&least=12&most=30&sort=disturbance_m&descending=true";
     browser.value(&format!("location.hash = '#/run/{name}/episodes?{filters}'"));
     browser.wait_for("document.querySelector('table.episodes tr.link a')");
     browser.value("document.querySelector('table.episodes tr.link a').click()");

@@ -65,7 +65,7 @@ fn a_run_is_shown_while_it_trains_and_trains_as_if_nobody_looked() {
     assert_eq!(shown["outcome"], row["outcome"]);
     assert_eq!(shown["target"], row["target"]);
     let last = &moments[moments.len() - 1];
-    assert_eq!(last["disturbance_m"], row["disturbance_m"]);
+    assert_eq!(last["channels"]["disturbance_m"][0], row["figures"]["disturbance_m"]);
     let picture = |query: &str| viewer.get(&format!("{address}/picture?{query}"));
     let one = picture("view=depth&step=0&width=64");
     assert!(one.status == 200 && is_png(&one.body));

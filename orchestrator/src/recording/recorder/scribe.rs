@@ -74,7 +74,9 @@ pub struct Scribe {
     small: Vec<Line>,
     /// Reused for every step, start, and end of an episode.
     told: [Told; 3],
-    /// Reused for every message.
+    /// Room for each of these messages.
+    room: Vec<u8>,
+    /// Reused for every other message.
     buffer: Vec<u8>,
 }
 
@@ -181,6 +183,7 @@ impl Scribe {
             rota: config.rota(),
             counts: Counts::default(),
             frames_before: None,
+            room: Vec::new(),
             buffer: Vec::new(),
         }
     }
@@ -470,21 +473,21 @@ impl Scribe {
         (episode, place): (u32, u32),
         time_ns: u64,
     ) -> Result<(), SegmentError> {
-        let Self { topics, declared: Declared { forms, .. }, told: [step, start, end], buffer, .. } = self;
+        let Self { topics, declared: Declared { forms, .. }, told: [step, start, end], .. } = self;
         let (topic, form, told) = match carries {
             Carries::Step => (topics.step, &forms.step, step),
             Carries::Start => (topics.episode_start, &forms.start, start),
             Carries::End => (topics.episode_end, &forms.end, end),
         };
-        buffer.clear();
-        form.write(told, buffer);
+        let data = form.write(told, &mut self.room);
         if self.failures_only {
-            let message = held::Message { topic, time_ns, data: buffer.clone() };
+            let message = held::Message { topic, time_ns, data: data.to_vec() };
             self.environments[environment].held.hold(episode, place, message);
             return Ok(());
         }
+        self.segments.write(topic, time_ns, data)?;
         self.count(topic);
-        self.segments.write(topic, time_ns, &self.buffer)
+        Ok(())
     }
 
     /// Writes what is held of an environment's episode, or drops it.

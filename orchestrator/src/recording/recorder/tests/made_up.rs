@@ -191,9 +191,9 @@ proptest! {
         for form in [&declared.forms.step, &declared.forms.end] {
             let reading = crate::recording::form::Reading::of(form, &form.schema().descriptor).unwrap();
             if let Ok(told) = reading.read(&bytes) {
-                let mut again = vec![];
-                form.write(&told, &mut again);
-                prop_assert_eq!(format!("{:?}", reading.read(&again).unwrap()), format!("{told:?}"));
+                let mut room = vec![];
+                let again = form.write(&told, &mut room);
+                prop_assert_eq!(format!("{:?}", reading.read(again).unwrap()), format!("{told:?}"));
             }
         }
     }
