@@ -69,7 +69,8 @@ impl Environments {
         );
         let columns = column_map.columns();
         let (in_flight, ended) = (vec![None; columns], vec![false; columns]);
-        let (layout, soundness, measures) = (task.layout(), Check::of(task), task.measures());
+        let (layout, soundness, measures) =
+            (task.layout(), Check::of(task), task.rollout_metrics().map(|(_, one)| one).collect());
         Self {
             column_map,
             max_episode_steps,

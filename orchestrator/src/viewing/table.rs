@@ -1,9 +1,10 @@
 //! Episodes as rows: from recordings, from the tables of evaluations; filtered, sorted, a page at a time.
 
 use crate::recording::shelf::{Key, Shelved};
-use proto::evaluation::{EpisodeEnd, EpisodeRecord};
+use proto::evaluation::EpisodeRecord;
 use proto::kitchen::TargetCategory;
-use proto::reward::UNDISTURBED_THRESHOLD_M;
+use proto::record::End;
+use proto::task::Spec;
 use std::cmp::Ordering;
 use std::collections::{BTreeSet, HashMap};
 use view::data::{EpisodeKey, EpisodePage, EpisodeQuery, EpisodeRow, ROWS, ROWS_MAX};
@@ -31,24 +32,26 @@ pub fn row_of_shelved((kitchen, environment, episode): Key, shelved: &Shelved) -
 }
 
 /// An episode of an evaluation. `recorded`: the recordings' episodes by kitchen and number in it.
-pub fn row_of_record(record: &EpisodeRecord, recorded: &HashMap<(u32, u32), EpisodeKey>) -> EpisodeRow {
+pub fn row_of_record(spec: &Spec, record: &EpisodeRecord, recorded: &HashMap<(u32, u32), EpisodeKey>) -> EpisodeRow {
     let kitchen = record.kitchen.number();
     let key = recorded.get(&(kitchen, record.episode)).copied();
-    let undisturbed = record.succeeded_within(UNDISTURBED_THRESHOLD_M);
+    let known = |name: &str| record.number(spec.column(name)?);
+    let number = |name: &str| known(name).unwrap_or(0.0);
+    let is = |name: &str| number(name) == 1.0;
     EpisodeRow {
         key,
         kitchen,
         episode: record.episode,
         environment: key.map(|key| key.environment),
-        target: record.category.name().to_owned(),
-        outcome: outcome(record.success, undisturbed, record.end == EpisodeEnd::TimeLimit),
-        picked_up: record.picked_up,
+        target: record.category.map_or("", TargetCategory::name).to_owned(),
+        outcome: outcome(is("success"), is("success_without_disturbance"), record.end == End::Truncated),
+        picked_up: is("picked_up"),
         length: record.length,
-        failed_actions: Some(record.failed_actions),
-        returns: Some([record.return_r, record.return_r_prime]),
-        disturbance_m: record.disturbance_m,
-        disturbed_objects: record.disturbed_objects,
-        object_goal_m: record.object_goal_m,
+        failed_actions: known("failed_actions").map(|count| count as u32),
+        returns: known("return_r").zip(known("return_r_prime")).map(|(r, r_prime)| [r, r_prime]),
+        disturbance_m: number("disturbance_m") as f32,
+        disturbed_objects: number("disturbed_objects") as u32,
+        object_goal_m: number("object_goal_m") as f32,
     }
 }
 

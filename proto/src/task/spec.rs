@@ -2,6 +2,7 @@
 
 use super::actions::Actions;
 use super::channel::Channel;
+use super::figure::{Curve, Figure};
 use super::layout::{Field, HEADER_BYTES, Layout};
 use super::metric::Metric;
 use super::reward::{Cost, Label, Reward};
@@ -21,6 +22,10 @@ pub struct Spec {
     /// Weights that rewards name, and that a configuration can set.
     pub weights: BTreeMap<String, f32>,
     pub metrics: Vec<Metric>,
+    /// Figures over episodes beside the means of metrics.
+    pub figures: Vec<Figure>,
+    pub curves: Vec<Curve>,
+    pub(super) headline: Option<String>,
     pub(super) cost: Option<Cost>,
     pub(super) label: Option<Label>,
     pub(super) layout: Layout,
@@ -44,13 +49,17 @@ impl Spec {
         &self.text
     }
 
-    /// Whether two declarations say the same, but for their docs.
+    /// Whether two declarations say the same of a run: of docs, words and figures of evaluations nothing depends.
     pub fn means(&self, other: &Self) -> bool {
         let bare = |spec: &Self| {
             let mut spec = spec.clone();
             spec.text.clear();
             spec.channels.iter_mut().for_each(|channel| channel.doc.clear());
-            spec.metrics.iter_mut().for_each(|metric| metric.doc.clear());
+            spec.metrics.retain(|metric| metric.curve);
+            for Metric { label, unit, doc, .. } in &mut spec.metrics {
+                [label, unit, doc].into_iter().for_each(String::clear);
+            }
+            (spec.figures, spec.curves) = (vec![], vec![]);
             spec
         };
         bare(self) == bare(other)
