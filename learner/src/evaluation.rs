@@ -2,14 +2,12 @@
 //! tensors.
 
 use crate::collector::{ColumnMap, Place, Signals, gumbel_of};
-use crate::record::named;
 use proto::config::Config;
-use proto::evaluation::{Confusion, EpisodeEnd, EpisodeRecord, Plan, category_of};
+use proto::evaluation::{Confusion, EpisodeRecord, Plan, category_of, has_targets};
 use proto::kitchen::KitchenId;
 use proto::random::{Key, Purpose};
-use proto::record::{End, HOLD, RecordHeader};
-use proto::reward::UNDISTURBED_THRESHOLD_M;
-use proto::task::{Composition, Field, Layout};
+use proto::record::{HOLD, RecordHeader};
+use proto::task::{Composition, Layout, Measure};
 
 /// The episode of a column.
 #[derive(Debug, Clone, Default)]
@@ -19,13 +17,11 @@ struct Course {
     /// Episodes that this column has ended.
     played: u32,
     actions: Vec<u8>,
-    pickup_step: Option<u32>,
-    failed_actions: u32,
-    disturbing_steps: u32,
-    displaced_steps: u32,
-    return_r: f64,
-    return_r_prime: f64,
-    /// The disturbance head's prediction for the action in flight.
+    /// By reward.
+    returns: Vec<f64>,
+    /// What is known of each metric ([`Measure::after`]).
+    metrics: Vec<f64>,
+    /// The prediction of the label for the action in flight.
     foretold: Option<bool>,
     confusion: Option<Confusion>,
 }
@@ -33,52 +29,17 @@ struct Course {
 /// An episode that has ended: its record, and the actions taken (`A_large` indices).
 pub type Played = (EpisodeRecord, Vec<u8>);
 
-/// Channels that an episode's record is made of.
-#[derive(Debug, Clone)]
-struct Channels {
-    layout: &'static Layout,
-    failed_action: Field,
-    goal_success: Field,
-    held: Field,
-    disturbance_m: Field,
-    peak_disturbance_m: Field,
-    disturbed_objects: Field,
-    ever_disturbed_objects: Field,
-    farthest_m: Field,
-    peak_farthest_m: Field,
-    wrist_object_m: Field,
-    object_goal_m: Field,
-}
-
-impl Channels {
-    fn of(config: &Config) -> Self {
-        let named = |name| named(config.spec(), name);
-        Self {
-            layout: config.spec().layout(),
-            failed_action: named("failed_action"),
-            goal_success: named("goal_success"),
-            held: named("held"),
-            disturbance_m: named("disturbance_m"),
-            peak_disturbance_m: named("peak_disturbance_m"),
-            disturbed_objects: named("disturbed_objects"),
-            ever_disturbed_objects: named("ever_disturbed_objects"),
-            farthest_m: named("farthest_m"),
-            peak_farthest_m: named("peak_farthest_m"),
-            wrist_object_m: named("wrist_object_m"),
-            object_goal_m: named("object_goal_m"),
-        }
-    }
-}
-
 /// All columns of an evaluation.
 #[derive(Debug, Clone)]
 pub(crate) struct Examination {
     plan: Plan,
     column_map: ColumnMap,
-    /// r and r′.
-    rewards: [Composition; 2],
+    layout: &'static Layout,
+    has_targets: bool,
+    /// Those that an episode has returns under.
+    rewards: Vec<Composition>,
+    measures: Vec<Measure>,
     signals: Signals,
-    channels: Channels,
     /// None: take the most probable action.
     seed: Option<u64>,
     policy_actions: usize,
@@ -91,14 +52,17 @@ impl Examination {
     /// a seed the most probable one is taken.
     pub fn new(plan: Plan, column_map: ColumnMap, config: &Config, seed: Option<u64>, policy_actions: usize) -> Self {
         let course = |column| Course { episode: plan.dealt(column_map.environment(column), 0), ..Course::default() };
+        let spec = config.spec();
         Self {
             courses: (0..column_map.columns()).map(course).collect(),
             remaining: plan.len(),
             plan,
             column_map,
-            rewards: ["r", "r_prime"].map(|name| config.reward(name)),
+            layout: spec.layout(),
+            has_targets: has_targets(spec),
+            rewards: spec.plain_rewards().map(|name| config.reward(name)).collect(),
+            measures: spec.measures(),
             signals: Signals::of(config),
-            channels: Channels::of(config),
             seed,
             policy_actions,
         }
@@ -143,25 +107,21 @@ impl Examination {
     pub fn settle(&mut self, column: usize, record: &[u8]) -> Option<Played> {
         let course = &mut self.courses[column];
         let episode = course.episode?;
-        let (header, channels) = (RecordHeader::of(record), &self.channels);
-        let part = |index| channels.layout.part(record, index);
-        let reward = |reward: &Composition| f64::from(reward.of(part, 0.0));
-        let [r, r_prime] = &self.rewards;
-        course.return_r += reward(r);
-        course.return_r_prime += reward(r_prime);
-        let (label, held) = (self.signals.labels(part), channels.held.number(record) != 0.0);
-        let disturbance_m = channels.disturbance_m.f32(record);
-        course.failed_actions += u32::from(channels.failed_action.f32(record) != 0.0);
-        course.disturbing_steps += u32::from(label);
-        course.displaced_steps += u32::from(disturbance_m >= UNDISTURBED_THRESHOLD_M);
-        if held {
-            course.pickup_step.get_or_insert(course.actions.len() as u32);
+        let (header, layout) = (RecordHeader::of(record), self.layout);
+        let part = |index| layout.part(record, index);
+        course.returns.resize(self.rewards.len(), 0.0);
+        for (sum, reward) in course.returns.iter_mut().zip(&self.rewards) {
+            *sum += f64::from(reward.of(part, 0.0));
+        }
+        course.metrics.resize(self.measures.len(), 0.0);
+        for (metric, measure) in course.metrics.iter_mut().zip(&self.measures) {
+            *metric = measure.after(|index| layout.fields[index].number(record), *metric);
         }
         if let Some(foretold) = course.foretold.take() {
             let confusion = course.confusion.get_or_insert_default();
             // As in training, an episode's last step does not count.
             if header.end().is_none() {
-                confusion.count(foretold, label);
+                confusion.count(foretold, self.signals.labels(part));
             }
         }
         let end = header.end()?;
@@ -171,33 +131,16 @@ impl Examination {
         let next = Course { episode: self.plan.dealt(environment, count), played: count, ..Course::default() };
         let ended = std::mem::replace(course, next);
         self.remaining -= 1;
+        let metrics = self.measures.iter().zip(&ended.metrics);
+        let metrics = metrics.map(|(measure, &known)| measure.of_episode(known));
         let played = EpisodeRecord {
             kitchen,
             episode,
-            category: category_of(episode),
-            end: match end {
-                End::Terminated => EpisodeEnd::Done,
-                End::Truncated => EpisodeEnd::TimeLimit,
-            },
-            success: channels.goal_success.f32(record) != 0.0,
-            // What is held stays held until the episode ends.
-            picked_up: held,
-            pickup_step: ended.pickup_step,
+            category: self.has_targets.then(|| category_of(episode)),
+            end,
             length: ended.actions.len() as u32,
-            failed_actions: ended.failed_actions,
-            return_r: ended.return_r,
-            return_r_prime: ended.return_r_prime,
-            disturbance_m,
-            peak_disturbance_m: channels.peak_disturbance_m.f32(record),
-            disturbed_objects: channels.disturbed_objects.number(record) as u32,
-            ever_disturbed_objects: channels.ever_disturbed_objects.number(record) as u32,
-            farthest_m: channels.farthest_m.f32(record),
-            peak_farthest_m: channels.peak_farthest_m.f32(record),
-            disturbing_steps: Some(ended.disturbing_steps),
-            displaced_steps: Some(ended.displaced_steps),
-            wrist_object_m: channels.wrist_object_m.f32(record),
-            object_goal_m: channels.object_goal_m.f32(record),
-            disturb_prediction: ended.confusion,
+            numbers: ended.returns.iter().copied().map(Some).chain(metrics).collect(),
+            prediction: ended.confusion,
             state_hash: header.outcome_hash,
         };
         Some((played, ended.actions))
@@ -209,6 +152,8 @@ mod tests {
     use super::*;
     use proto::evaluation::{EvaluationConfig, ObjectSet};
     use proto::kitchen::{Kitchens, Split};
+    use proto::record::End;
+    use proto::task::Dtype;
     use std::collections::BTreeSet;
     use wire::message::Line;
 
@@ -224,20 +169,19 @@ mod tests {
         let mut lines = vec![Line([0; 64]); config.spec().layout().small_bytes / size_of::<Line>()];
         let record = Line::bytes_mut(&mut lines);
         RecordHeader::of_mut(record).act(9, end);
-        let same = [
-            ("disturbance_m", 0.5),
-            ("peak_disturbance_m", 0.6),
-            ("wrist_object_m", 1.0),
-            ("object_goal_m", 2.0),
-            ("farthest_m", 0.3),
-            ("peak_farthest_m", 0.4),
-        ];
-        for &(name, number) in same.iter().chain(numbers) {
-            named(config.spec(), name).of_mut(record)[0] = number;
+        for &(name, number) in numbers {
+            let (_, field) = config.spec().channel(name).unwrap();
+            match field.dtype {
+                Dtype::F32 => field.of_mut(record)[0] = number,
+                _ => field.of_mut(record)[0] = number as u32,
+            }
         }
-        named(config.spec(), "disturbed_objects").of_mut(record)[0] = 1_u32;
-        named(config.spec(), "ever_disturbed_objects").of_mut(record)[0] = 2_u32;
         lines
+    }
+
+    /// A number of an episode; NaN where it has none.
+    fn number(record: &EpisodeRecord, name: &str) -> f64 {
+        record.number(Config::default().spec().column(name).unwrap()).unwrap_or(f64::NAN)
     }
 
     fn settle(examination: &mut Examination, column: usize, record: &[Line]) -> Option<Played> {
@@ -262,7 +206,10 @@ mod tests {
                 let (record, actions) = settle(&mut examination, column, &last).unwrap();
                 assert_eq!((record.length, actions.as_slice()), (1, &[20][..]));
                 assert_eq!(record.kitchen, column_map.environment(column).kitchen);
-                assert!(record.success && record.end == EpisodeEnd::Done && record.disturb_prediction.is_none());
+                assert!(
+                    number(&record, "success") == 1.0 && record.end == End::Terminated && record.prediction.is_none()
+                );
+                assert_eq!(record.category, Some(category_of(record.episode)));
                 assert!(seen.insert((record.kitchen, record.episode)));
             }
         }
@@ -280,27 +227,44 @@ mod tests {
         for (step, (foretold, progress_m)) in steps.into_iter().enumerate() {
             assert!(played.is_none());
             assert_eq!(examination.choose(2, step as u8, Some(foretold)), step as u8);
-            let mut outcome = record(
+            let flag = |set: bool| f32::from(u8::from(set));
+            let outcome = record(
                 (step == 4).then_some(End::Truncated),
                 &[
                     ("disturbance_progress_m", progress_m),
                     ("disturbance_m", if step == 3 { 0.009 } else { 0.01 }),
-                    ("failed_action", f32::from(u8::from(step == 1))),
+                    ("failed_action", flag(step == 1)),
+                    ("picked_up", flag(step == 2)),
+                    ("held", flag(step >= 2)),
+                    ("disturbed_objects", 1.0),
+                    ("ever_disturbed_objects", 2.0),
+                    ("peak_farthest_m", 0.4),
                 ],
             );
-            named(Config::default().spec(), "held").of_mut(Line::bytes_mut(&mut outcome))[0] = u32::from(step >= 2);
             played = settle(&mut examination, 2, &outcome);
         }
         let (record, actions) = played.unwrap();
         assert_eq!(actions, [0, 1, 2, 3, 4]);
-        assert_eq!((record.end, record.success, record.picked_up), (EpisodeEnd::TimeLimit, false, true));
-        assert_eq!((record.pickup_step, record.length, record.failed_actions), (Some(3), 5, 1));
-        assert_eq!((record.disturbing_steps, record.displaced_steps), (Some(3), Some(4)));
+        assert_eq!((record.end, record.length, record.state_hash), (End::Truncated, 5, 9));
+        for (name, expected) in [
+            ("success", 0.0),
+            ("picked_up", 1.0),
+            ("pickup_step", 3.0),
+            ("steps_after_pickup", 2.0),
+            ("failed_actions", 1.0),
+            ("disturbing_steps", 3.0),
+            ("displaced_steps", 4.0),
+            ("ever_disturbed_objects", 2.0),
+            ("temporary_displacement", 1.0),
+            ("peak_farthest_m", f64::from(0.4f32)),
+        ] {
+            assert_eq!(number(&record, name), expected, "{name}");
+        }
         let counts = Confusion { hits: 1, misses: 1, false_alarms: 1, quiet: 1 };
-        assert_eq!(record.disturb_prediction, Some(counts));
-        assert!((record.return_r + 5.0 * 0.01 + 0.03).abs() < 1e-6);
-        assert!((record.return_r_prime - record.return_r + 15.0 * 0.5039).abs() < 1e-5);
-        assert_eq!((record.ever_disturbed_objects, record.peak_farthest_m, record.state_hash), (2, 0.4, 9));
+        assert_eq!(record.prediction, Some(counts));
+        let returns = ["return_r", "return_r_prime"].map(|name| number(&record, name));
+        assert!((returns[0] + 5.0 * 0.01 + 0.03 - 5.0).abs() < 1e-6);
+        assert!((returns[1] - returns[0] + 15.0 * 0.5039).abs() < 1e-5);
     }
 
     /// However the episodes are dealt out, the noise of an episode's step is the same.

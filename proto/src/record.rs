@@ -1,6 +1,7 @@
 //! The header of a record: what the engine knows of an environment's last action and of its state now, whatever the task.
 
 use bytemuck::{Pod, Zeroable};
+use serde::{Deserialize, Serialize};
 
 /// In place of an action: the environment stands still for one exchange. No step is taken and none is counted.
 ///
@@ -29,12 +30,23 @@ const FLAGS: u32 = (flag::RECORD_BULK << 1) - 1;
 const OF_ACTION: u32 = flag::ACTED | flag::TERMINATED | flag::TRUNCATED;
 
 /// How an episode ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum End {
     /// The task is over, well or not.
     Terminated,
     /// The limit of steps is reached.
     Truncated,
+}
+
+impl End {
+    /// `terminated` or `truncated`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Terminated => "terminated",
+            Self::Truncated => "truncated",
+        }
+    }
 }
 
 /// What the engine knows of an environment. The default is all zero: no action was taken.

@@ -15,11 +15,15 @@ import stillroom
 
 CONFIG = 'preset = "demo"\nseed = 3\n\n[ppo]\nlearning_rate = 1e-3\n'
 EPISODES = (
-    "kitchen,episode,category,objects,end,success,success_without_disturbance,picked_up,length,return_r,"
-    "disturbance_m,disturb_hits,state_hash\n"
-    "26,6,Potato,novel,done,1,0,1,102,17.7,0.25,,f704605d84d5a5a5\n"
-    "27,7,Mug,novel,time_limit,0,0,0,200,-1.5,0,3,00000000000000ff\n"
+    "kitchen,episode,category,objects,end,length,return_r,success,disturbance_m,pickup_step,prediction_hits,"
+    "state_hash\n"
+    "26,6,Potato,novel,terminated,102,17.7,1,0.25,40,,f704605d84d5a5a5\n"
+    "27,7,Mug,novel,truncated,200,-1.5,0,0,,3,00000000000000ff\n"
 )
+KINDS = {"length": "count", "return_r": "f64", "success": "share", "disturbance_m": "f32", "pickup_step": "count"}
+DESCRIBED = [
+    {"name": name, "kind": kind, "label": "", "unit": "", "doc": f"What {name} is."} for name, kind in KINDS.items()
+]
 
 
 def line(rollout: int, frames: int, **metrics: float) -> str:
@@ -82,9 +86,11 @@ def test_rollouts_that_the_file_has_lost_are_those_of_the_checkpoint(tmp_path: P
 
 def test_episodes_have_types(tmp_path: Path) -> None:
     result = {
+        "format": 2,
+        "described": DESCRIBED,
         "subject": {"preset": "demo", "frames": 4000, "weights": "ab"},
         "conditions": {"split": "test", "deterministic": False},
-        "overall": {"episodes": 2, "success": 0.5, "disturbance_m": None, "disturb_prediction": {"hits": 3}},
+        "overall": {"episodes": 2, "success": 0.5, "disturbance_m": None, "prediction": {"hits": 3}},
         "kitchens": [],
     }
     files = {"evaluation.json": json.dumps(result), "episodes.csv": EPISODES}
@@ -94,7 +100,10 @@ def test_episodes_have_types(tmp_path: Path) -> None:
     assert list(table["success"]) == [True, False] and table["success"].dtype == bool
     assert list(table["state_hash"]) == [0xF704605D84D5A5A5, 255] and table["state_hash"].dtype == np.uint64
     assert table["disturbance_m"].dtype == np.float32 and table["return_r"].dtype == np.float64
-    assert table["disturb_hits"].isna().tolist() == [True, False] and table["disturb_hits"][1] == 3
+    assert table["prediction_hits"].isna().tolist() == [True, False] and table["prediction_hits"][1] == 3
+    assert table["pickup_step"].isna().tolist() == [False, True] and table["pickup_step"][0] == 40
+    assert table.attrs["units"]["disturbance_m"] == "What disturbance_m is, metres"
+    assert evaluation.evaluations.attrs["units"]["success"] == "What success is, share, 0 to 1"
     assert table["category"].dtype == "category"
     assert table.groupby("category", observed=True)["length"].mean()["Mug"] == 200
     assert evaluation.evaluations.loc["e", "success"] == 0.5
@@ -131,12 +140,20 @@ def test_what_cannot_be_read_is_said(tmp_path: Path) -> None:
     ]
     evaluation = CONFIG + "[evaluation]\n"
     for name, table, problem in [
-        ("flag", EPISODES.replace("done,1,0", "done,2,0"), "column success: a flag is neither 0 nor 1"),
+        ("flag", EPISODES.replace("17.7,1", "17.7,2"), "column success: a flag is neither 0 nor 1"),
         ("column", EPISODES.replace("length", "lenght"), "there is no column lenght"),
         ("cells", EPISODES + "1,2\n", "is no table of episodes"),
         ("hash", EPISODES.replace("f704605d84d5a5a5", "1f704605d84d5a5a5"), "column state_hash"),
     ]:
-        cases.append((folder(tmp_path / name, **{"config.toml": evaluation, "episodes.csv": table}), problem))
+        result = json.dumps({"format": 2, "described": DESCRIBED})
+        files = {"config.toml": evaluation, "evaluation.json": result, "episodes.csv": table}
+        cases.append((folder(tmp_path / name, **files), problem))
+    for name, result, problem in [
+        ("older", {"schema_version": 3}, "result of an older version, which the package of commit 0e4cae3e reads"),
+        ("later", {"format": 9}, "has format 9, this package reads format 2"),
+    ]:
+        files = {"evaluations/e/evaluation.json": json.dumps(result)}
+        cases.append((folder(tmp_path / name, **files), problem))
     for path, problem in cases:
         with pytest.raises(stillroom.RunError, match=problem):
             stillroom.read_run(path)

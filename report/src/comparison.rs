@@ -8,6 +8,7 @@ use crate::study::{Field, Group, differences_between};
 use proto::config::Config;
 use proto::kitchen::KitchenId;
 use serde::Serialize;
+use std::collections::BTreeMap;
 
 /// One of the paper's tables with ours beside it.
 #[derive(Debug, Clone, Serialize)]
@@ -54,12 +55,8 @@ pub struct Ours {
     pub frames: (u64, u64),
     /// Episodes a seed.
     pub episodes: u64,
-    /// SR.
-    pub success: Aggregate,
-    /// `SRwoD`.
-    pub success_without_disturbance: Aggregate,
-    /// `SRwoD` by the largest displacement on an axis.
-    pub success_without_disturbance_per_axis: Aggregate,
+    /// Of each metric that is printed, by name.
+    pub metrics: BTreeMap<String, Aggregate>,
 }
 
 /// The paper's tables with ours beside them, in its order.
@@ -148,9 +145,7 @@ impl Ours {
             seeds: result.seeds.clone(),
             frames: (frames().min().unwrap_or(0), frames().max().unwrap_or(0)),
             episodes: result.seeds.first().map_or(0, |seed| seed.episodes),
-            success: result.success,
-            success_without_disturbance: result.success_without_disturbance,
-            success_without_disturbance_per_axis: result.success_without_disturbance_per_axis,
+            metrics: result.metrics.clone(),
         }
     }
 }

@@ -48,10 +48,10 @@ impl Curve {
     /// A figure of the evaluations during training; none where there were none. Only where every seed that was
     /// evaluated has a point: a run skips an evaluation when the next one is due, and a mean over other seeds is
     /// another mean.
-    pub(crate) fn of_validation(group: &Group<'_>, name: &str, figure: impl Fn(&Validated) -> f64) -> Option<Self> {
-        let point = |point: &Validated| ((point.frames, 0), point.frames as f64, figure(point));
+    pub(crate) fn of_validation(group: &Group<'_>, name: &str) -> Option<Self> {
+        let point = |point: &Validated| Some(((point.frames, 0), point.frames as f64, *point.figures.get(name)?));
         let seeds: Vec<Vec<(Bin, f64, f64)>> =
-            group.runs.iter().map(|run| run.validation.iter().map(point).collect()).collect();
+            group.runs.iter().map(|run| run.validation.iter().filter_map(point).collect()).collect();
         let evaluated = seeds.iter().filter(|seed| !seed.is_empty()).count();
         let mut curve = Self::over(name, &seeds)?;
         curve.points.retain(|point| point.seeds == evaluated);
@@ -191,13 +191,14 @@ mod tests {
         let mut runs = [run("a", "demo", 1), run("b", "demo", 2), run("c", "demo", 3)];
         let at = |frames: &[u64], success: f64| -> Vec<Validated> {
             let distribution = Distribution::Fixed;
-            let point = |&frames: &u64| Validated { frames, distribution, success, success_without_disturbance: 0.0 };
+            let figures = BTreeMap::from([("success".to_owned(), success)]);
+            let point = |&frames: &u64| Validated { frames, distribution, figures: figures.clone() };
             frames.iter().map(point).collect()
         };
         runs[0].validation = at(&[100, 200, 300], 0.2);
         runs[1].validation = at(&[100, 300, 400], 0.4);
         let groups = groups(&runs).unwrap();
-        let curve = Curve::of_validation(&groups[0], "success", |point| point.success).unwrap();
+        let curve = Curve::of_validation(&groups[0], "success").unwrap();
         let points: Vec<(f64, usize)> = curve.points.iter().map(|point| (point.frames, point.seeds)).collect();
         // The third has no validations at all.
         assert_eq!(points, [(100.0, 2), (300.0, 2)]);

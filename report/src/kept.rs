@@ -4,6 +4,7 @@
 use crate::comparison::{Comparison, comparisons};
 use crate::format::{percent, share};
 use crate::method::{TEST_NOVEL, TEST_SEEN};
+use crate::paper::METRICS;
 use crate::statistics::{Aggregate, Estimate, RESAMPLES, Scores, ScoresError};
 use proto::kitchen::KitchenId;
 use serde::{Deserialize, Serialize};
@@ -93,6 +94,7 @@ impl Kept {
                     self.rows.len() - 1
                 });
                 let row = &mut self.rows[index];
+                let [success, undisturbed] = METRICS;
                 for new in &ours.seeds {
                     match row.seeds.iter().find(|known| known.seed == new.seed) {
                         Some(known) if known.weights != new.weights => {
@@ -111,8 +113,8 @@ impl Kept {
                             frames: new.frames,
                             episodes: new.episodes,
                             weights: new.weights.clone(),
-                            success: new.success_by_kitchen.clone(),
-                            success_without_disturbance: new.success_without_disturbance_by_kitchen.clone(),
+                            success: new.by_kitchen[success].clone(),
+                            success_without_disturbance: new.by_kitchen[undisturbed].clone(),
                         }),
                     }
                 }

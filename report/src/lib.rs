@@ -49,5 +49,5 @@ mod sweep;
 
 pub use kept::{Kept, KeptError};
 pub use method::level_of;
-pub use report::{GroupReport, IntervalMethod, Options, Report, RunReport, StageReport};
+pub use report::{GroupReport, IntervalMethod, Options, Report, RunReport, StageReport, TaskReport};
 pub use sweep::{Sweep, SweepPoint};

@@ -18,6 +18,7 @@ pub const VALIDATION_NOVEL: Field = Field::new(Split::Validation, ObjectSet::Nov
 /// What makes a method, whatever it is called, in whatever batches and for however long it is trained.
 #[derive(Debug, PartialEq)]
 struct Method<'a> {
+    environment: &'a str,
     /// Of all stages, weights included.
     rewards: Vec<Composition>,
     /// PPO-Lagrangian's first multiplier, where a stage has one.
@@ -34,6 +35,7 @@ impl<'a> Method<'a> {
         let rewards: Vec<_> = config.whole_curriculum().iter().map(|stage| config.reward(&stage.reward)).collect();
         let has_multiplier = rewards.iter().any(Composition::has_multiplier);
         Self {
+            environment: &config.task,
             multiplier: has_multiplier.then_some(config.reward.lagrangian.initial),
             task: config.auxiliary.task,
             // The same is seen with either sign.

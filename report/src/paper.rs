@@ -3,6 +3,9 @@
 use serde::{Deserialize, Serialize};
 use std::sync::LazyLock;
 
+/// Names of the metrics that the paper reports, SR and `SRwoD`.
+pub(crate) const METRICS: [&str; 2] = ["success", "success_without_disturbance"];
+
 /// All tables. Rates are percentages.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]

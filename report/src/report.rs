@@ -9,7 +9,8 @@ use crate::statistics::{CURVE_RESAMPLES, RESAMPLES};
 use crate::study::{Evaluated, Field, Group, Origin, Rollout, Run, Source, StudyError, groups};
 use crate::sweep::{Sweep, sweeps};
 use proto::config::{EpisodeConfig, StageConfig};
-use proto::evaluation::{DISTURBANCE_THRESHOLDS_M, Distribution, describe};
+use proto::evaluation::{Distribution, ObjectSet, describe};
+use proto::task::{Curve as TaskCurve, Described, Spec};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -24,10 +25,12 @@ pub struct Report {
     pub statistics: IntervalMethod,
     /// Which episodes the figures are of, a sentence each.
     pub episodes: Vec<String>,
+    /// The tasks of the groups, by name.
+    pub tasks: BTreeMap<String, TaskReport>,
     pub groups: Vec<GroupReport>,
     /// The paper's tables with ours beside them.
     pub comparisons: Vec<Comparison>,
-    /// Groups that differ in `λ_disturb` only.
+    /// Groups that differ in one weight of the rewards only.
     pub sweeps: Vec<Sweep>,
     /// Remarks that a reader needs to judge the figures.
     pub notes: Vec<String>,
@@ -44,10 +47,22 @@ pub struct IntervalMethod {
     pub curve_resamples: u32,
 }
 
+/// What the figures of a task are.
+#[derive(Debug, Clone, Serialize)]
+pub struct TaskReport {
+    /// Its numbers, of an episode and over episodes, in the order in which they are printed.
+    pub described: Vec<Described>,
+    /// Metrics by which policies are ranked, in the order in which they are printed.
+    pub ranking: Vec<String>,
+    pub curves: Vec<TaskCurve>,
+}
+
 #[derive(Debug, Clone, Serialize)]
 pub struct GroupReport {
     /// Its name.
     pub label: String,
+    /// Name of its task.
+    pub task: String,
     pub preset: String,
     /// Settings that are not the preset's.
     pub differences: Vec<String>,
@@ -58,7 +73,7 @@ pub struct GroupReport {
     pub results: Vec<FieldResult>,
     /// Every metric over training.
     pub training: Vec<Curve>,
-    /// SR and `SRwoD` on validation episodes over training.
+    /// The metrics by which policies are ranked, on validation episodes over training.
     pub validation: Vec<Curve>,
 }
 
@@ -85,16 +100,10 @@ pub struct RunReport {
 }
 
 /// What the user may choose.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Options {
-    /// Thresholds of the `SRwoD` curve, metres, ascending.
-    pub thresholds_m: Vec<f32>,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self { thresholds_m: DISTURBANCE_THRESHOLDS_M.to_vec() }
-    }
+    /// Limits of the task's first curve, ascending; none: its own.
+    pub limits: Option<Vec<f32>>,
 }
 
 impl Report {
@@ -117,6 +126,7 @@ impl Report {
             paper: paper().source.clone(),
             statistics: IntervalMethod { interval: 0.95, resamples: RESAMPLES, curve_resamples: CURVE_RESAMPLES },
             episodes: episodes_of(&groups),
+            tasks: groups.iter().map(|group| TaskReport::of(group.runs[0].config.spec())).collect(),
             groups: entries.iter().map(GroupReport::of).collect(),
             comparisons: comparisons(&entries),
             sweeps: sweeps(&entries),
@@ -156,8 +166,8 @@ fn episodes_of(groups: &[Group<'_>]) -> Vec<String> {
 /// A group's results in all fields; what keeps it from having one becomes a note.
 fn results(group: &Group<'_>, options: &Options, notes: &mut Vec<String>) -> Vec<(Field, FieldResult)> {
     let mut results = Vec::new();
-    for field in Field::ALL {
-        match FieldResult::of(group, field, &options.thresholds_m) {
+    for field in Field::all() {
+        match FieldResult::of(group, field, options.limits.as_deref()) {
             Ok((result, without)) => {
                 if !without.is_empty() {
                     let (label, field, without) = (&group.label, field.name(), without.join(", "));
@@ -196,7 +206,8 @@ fn note_older(group: &Group<'_>, field: Field, notes: &mut Vec<String>) {
 
 /// Remarks on how the episodes of a result were made.
 fn note_conditions(group: &Group<'_>, field: Field, result: &FieldResult, notes: &mut Vec<String>) {
-    let (label, is_fixed, field) = (&group.label, field.source == Source::Fixed, field.name());
+    let is_papers = field.source == Source::Fixed && field.objects != ObjectSet::NoTargets;
+    let (label, field) = (&group.label, field.name());
     if result.seeds.iter().any(|seed| seed.deterministic) {
         notes.push(format!(
             "{label}: on {field}, seeds were evaluated with the most probable action, not sampled ones."
@@ -208,7 +219,7 @@ fn note_conditions(group: &Group<'_>, field: Field, result: &FieldResult, notes:
     }
     let full = result.kitchens.len() as u64 * 360;
     let episodes = result.seeds.first().map_or(0, |seed| seed.episodes);
-    if is_fixed && (episodes < full || result.kitchens.len() < 5) {
+    if is_papers && (episodes < full || result.kitchens.len() < 5) {
         notes.push(format!(
             "{label}: on {field}, {} in {} instead of the paper's 1800 in 5.",
             counted(episodes, "episode"),
@@ -217,24 +228,36 @@ fn note_conditions(group: &Group<'_>, field: Field, result: &FieldResult, notes:
     }
 }
 
+/// Names of the metrics by which policies are ranked, in the order of the declaration.
+fn ranking(spec: &Spec) -> Vec<String> {
+    let ranking = spec.ranking();
+    spec.metrics.iter().filter(|metric| ranking.contains(metric)).map(|metric| metric.name.clone()).collect()
+}
+
+impl TaskReport {
+    /// With the task's name.
+    fn of(spec: &Spec) -> (String, Self) {
+        let (described, ranking, curves) = (spec.described(), ranking(spec), spec.curves.clone());
+        (spec.name.clone(), Self { described, ranking, curves })
+    }
+}
+
 impl GroupReport {
     fn of(entry: &GroupResults<'_>) -> Self {
         let group = entry.group;
         let metrics: BTreeSet<&str> =
             group.runs.iter().flat_map(|run| &run.rollouts).flat_map(Rollout::names).collect();
-        let validation = [
-            Curve::of_validation(group, "success", |point| point.success),
-            Curve::of_validation(group, "success_without_disturbance", |point| point.success_without_disturbance),
-        ];
+        let ranking = ranking(group.runs[0].config.spec());
         Self {
             label: group.label.clone(),
+            task: group.runs[0].config.task.clone(),
             preset: group.preset.clone(),
             differences: group.differences.clone(),
             stages: stages(&group.runs[0].config.stages),
             runs: group.runs.iter().map(|run| RunReport::of(run)).collect(),
             results: entry.results.iter().map(|(_, result)| result.clone()).collect(),
             training: metrics.into_iter().filter_map(|name| Curve::of_training(group, name)).collect(),
-            validation: validation.into_iter().flatten().collect(),
+            validation: ranking.iter().filter_map(|name| Curve::of_validation(group, name)).collect(),
         }
     }
 }

@@ -3,11 +3,11 @@
 use crate::format::counted;
 use crate::statistics::{Aggregate, CURVE_RESAMPLES, Interval, RESAMPLES, Scores, wilson};
 use crate::study::{Evaluated, Field, Group, Run};
-use proto::evaluation::{EpisodeRecord, Figures, OBJECT_COUNTS};
+use proto::evaluation::{EpisodeRecord, Figures};
 use proto::kitchen::KitchenId;
-use proto::reward::UNDISTURBED_THRESHOLD_M;
+use proto::task::{Column, Curve, Kind};
 use serde::Serialize;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Everything about one group in one field. Rates are shares 0..=1.
 #[derive(Debug, Clone, Serialize)]
@@ -18,17 +18,11 @@ pub struct FieldResult {
     pub kitchens: Vec<KitchenId>,
     /// One a seed, the rows of the score matrices.
     pub seeds: Vec<SeedResult>,
-    /// SR.
-    pub success: Aggregate,
-    /// `SRwoD`: d < 0.01 m.
-    pub success_without_disturbance: Aggregate,
-    /// `SRwoD` by the largest displacement on an axis: no object moved more than 0.01 m on any.
-    pub success_without_disturbance_per_axis: Aggregate,
-    /// `SRwoD` over the threshold.
-    pub by_threshold: Vec<LimitPoint>,
-    /// Success with at most so many disturbed objects.
-    pub by_disturbed_objects: Vec<LimitPoint>,
-    /// All other figures, over the episodes of all seeds together.
+    /// Of each metric that is printed, by name.
+    pub metrics: BTreeMap<String, Aggregate>,
+    /// The task's curves, by name.
+    pub curves: BTreeMap<String, Vec<LimitPoint>>,
+    /// All figures, over the episodes of all seeds together.
     pub pooled: Figures,
     /// How often each action was taken at each step, over all seeds together: names, and \[steps\]\[actions\] counts.
     pub actions: ActionShares,
@@ -63,16 +57,10 @@ pub struct SeedResult {
     pub deterministic: bool,
     /// SHA-256 of the weights.
     pub weights: String,
-    /// SR by kitchen.
-    pub success_by_kitchen: Vec<f64>,
-    /// `SRwoD` by kitchen.
-    pub success_without_disturbance_by_kitchen: Vec<f64>,
-    /// SR over all its episodes.
-    pub success: Rate,
-    /// `SRwoD` over all its episodes.
-    pub success_without_disturbance: Rate,
-    /// `SRwoD` by the largest displacement on an axis, over all its episodes.
-    pub success_without_disturbance_per_axis: Rate,
+    /// Of each metric that is printed, by name: its mean in each kitchen.
+    pub by_kitchen: BTreeMap<String, Vec<f64>>,
+    /// Of those that are shares: over all its episodes.
+    pub rates: BTreeMap<String, Rate>,
 }
 
 /// A rate over the episodes of one policy.
@@ -83,10 +71,10 @@ pub struct Rate {
     pub interval: Interval,
 }
 
-/// Success within one limit on the disturbance.
+/// A point of a curve over limits.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct LimitPoint {
-    /// Threshold in metres, or number of objects.
+    /// The limit.
     pub at: f64,
     /// Mean over seeds and kitchens.
     pub mean: f64,
@@ -113,8 +101,9 @@ pub(crate) enum Missing {
 }
 
 impl FieldResult {
-    /// Of a group; with the names of runs that have no evaluation in the field.
-    pub(crate) fn of(group: &Group<'_>, field: Field, thresholds_m: &[f32]) -> Result<(Self, Vec<String>), Missing> {
+    /// Of a group; with the names of runs that have no evaluation in the field. `limits`: of the task's first curve, instead
+    /// of its own.
+    pub(crate) fn of(group: &Group<'_>, field: Field, limits: Option<&[f32]>) -> Result<(Self, Vec<String>), Missing> {
         let evaluated: Vec<(&Run, &Evaluated)> =
             group.runs.iter().filter_map(|run| Some((*run, run.evaluation_in(field)?))).collect();
         if evaluated.is_empty() {
@@ -123,54 +112,52 @@ impl FieldResult {
         let without = group.runs.iter().filter(|run| run.evaluation_in(field).is_none());
         let without = without.map(|run| run.name.clone()).collect();
         let episodes = SeedEpisodes::of(&evaluated, field)?;
-        let success = episodes.scores(&|record| record.success);
-        let undisturbed = episodes.scores(&|record| record.succeeded_within(UNDISTURBED_THRESHOLD_M));
-        let undisturbed_per_axis = episodes.scores(&EpisodeRecord::succeeded_undisturbed_per_axis);
-        let within = |&limit_m: &f32| {
-            let scores = episodes.scores(&|record| record.succeeded_within(limit_m));
-            LimitPoint::of(shortest(limit_m), &scores)
-        };
-        let at_most = |objects: u32| {
-            let scores = episodes.scores(&|record| record.success && record.disturbed_objects <= objects);
-            LimitPoint::of(f64::from(objects), &scores)
+        let spec = group.runs[0].config.spec();
+        let printed = || spec.columns().into_iter().enumerate().filter(|(_, column)| !column.label.is_empty());
+        let scores: BTreeMap<String, Scores> = printed()
+            .filter_map(|(index, one)| {
+                Some((one.name, episodes.scores(&|record| record.number(Column::Number(index)))?))
+            })
+            .collect();
+        let shares: Vec<(String, Column)> = printed()
+            .filter(|(_, one)| one.kind == Kind::Share && scores.contains_key(&one.name))
+            .map(|(index, one)| (one.name, Column::Number(index)))
+            .collect();
+        let curve = |(place, curve): (usize, &Curve)| {
+            let point = |&limit: &f32| {
+                let within = spec.is_within(curve, limit);
+                let scores = episodes.scores(&|record| Some(f64::from(u8::from(within(record)))))?;
+                Some(LimitPoint::of(shortest(limit), &scores))
+            };
+            let limits = limits.filter(|_| place == 0).unwrap_or_else(|| curve.limits().0);
+            (curve.name.clone(), limits.iter().filter_map(point).collect())
         };
         let seed = |(row, ((run, evaluated), episodes)): (usize, (&(&Run, &Evaluated), &Vec<&EpisodeRecord>))| {
-            SeedResult::of(run, evaluated, episodes, [success.row(row), undisturbed.row(row)])
+            let by_kitchen = scores.iter().map(|(name, scores)| (name.clone(), scores.row(row).to_vec()));
+            let rates = shares.iter().map(|(name, column)| (name.clone(), rate(episodes, *column)));
+            let subject = &evaluated.result.subject;
+            SeedResult {
+                seed: run.config.seed,
+                run: run.name.clone(),
+                evaluation: evaluated.name.clone(),
+                frames: subject.frames,
+                episodes: episodes.len() as u64,
+                deterministic: evaluated.result.conditions.deterministic,
+                weights: subject.weights.clone(),
+                by_kitchen: by_kitchen.collect(),
+                rates: rates.collect(),
+            }
         };
         let result = Self {
             field: field.key(),
             seeds: evaluated.iter().zip(&episodes.by_seed).enumerate().map(seed).collect(),
-            success: Aggregate::of(&success, RESAMPLES),
-            success_without_disturbance: Aggregate::of(&undisturbed, RESAMPLES),
-            success_without_disturbance_per_axis: Aggregate::of(&undisturbed_per_axis, RESAMPLES),
-            by_threshold: thresholds_m.iter().map(within).collect(),
-            by_disturbed_objects: (0..OBJECT_COUNTS).map(at_most).collect(),
-            pooled: Figures::of(episodes.by_seed.iter().flatten().copied()),
+            metrics: scores.iter().map(|(name, scores)| (name.clone(), Aggregate::of(scores, RESAMPLES))).collect(),
+            curves: spec.curves.iter().enumerate().map(curve).collect(),
+            pooled: Figures::of(spec, episodes.by_seed.iter().flatten().copied()),
             actions: ActionShares::sum(evaluated.iter().map(|(_, evaluated)| *evaluated)),
             kitchens: episodes.kitchens,
         };
         Ok((result, without))
-    }
-}
-
-impl SeedResult {
-    /// Of a run's episodes in the field, with its SR and `SRwoD` by kitchen.
-    fn of(run: &Run, evaluated: &Evaluated, episodes: &[&EpisodeRecord], by_kitchen: [&[f64]; 2]) -> Self {
-        let subject = &evaluated.result.subject;
-        Self {
-            seed: run.config.seed,
-            run: run.name.clone(),
-            evaluation: evaluated.name.clone(),
-            frames: subject.frames,
-            episodes: episodes.len() as u64,
-            deterministic: evaluated.result.conditions.deterministic,
-            weights: subject.weights.clone(),
-            success_by_kitchen: by_kitchen[0].to_vec(),
-            success_without_disturbance_by_kitchen: by_kitchen[1].to_vec(),
-            success: rate(episodes, &|record| record.success),
-            success_without_disturbance: rate(episodes, &|record| record.succeeded_within(UNDISTURBED_THRESHOLD_M)),
-            success_without_disturbance_per_axis: rate(episodes, &EpisodeRecord::succeeded_undisturbed_per_axis),
-        }
     }
 }
 
@@ -194,13 +181,18 @@ impl<'a> SeedEpisodes<'a> {
         Ok(Self { kitchens: same_kitchens(evaluated, &by_seed)?, by_seed })
     }
 
-    /// The share of good episodes, \[seeds × kitchens\].
-    fn scores(&self, good: &dyn Fn(&EpisodeRecord) -> bool) -> Scores {
-        let row = |episodes: &Vec<&EpisodeRecord>| -> Vec<f64> {
-            self.kitchens.iter().map(|&kitchen| rate_in(episodes, kitchen, good)).collect()
+    /// The mean of a number of each episode, \[seeds × kitchens\]; none where a kitchen's episodes do not have it.
+    fn scores(&self, number: &dyn Fn(&EpisodeRecord) -> Option<f64>) -> Option<Scores> {
+        let mean = |episodes: &[&EpisodeRecord], kitchen: KitchenId| {
+            let here = episodes.iter().filter(|record| record.kitchen == kitchen);
+            let numbers: Vec<f64> = here.filter_map(|record| number(record)).collect();
+            (!numbers.is_empty()).then(|| numbers.iter().sum::<f64>() / numbers.len() as f64)
         };
-        let rows: Vec<Vec<f64>> = self.by_seed.iter().map(row).collect();
-        Scores::new(&rows).expect("one row a seed, one column a kitchen, at least one of each")
+        let row = |episodes: &Vec<&EpisodeRecord>| -> Option<Vec<f64>> {
+            self.kitchens.iter().map(|&kitchen| mean(episodes, kitchen)).collect()
+        };
+        let rows: Vec<Vec<f64>> = self.by_seed.iter().map(row).collect::<Option<_>>()?;
+        Some(Scores::new(&rows).expect("one row a seed, one column a kitchen, at least one of each"))
     }
 }
 
@@ -254,14 +246,9 @@ fn same_kitchens(evaluated: &[(&Run, &Evaluated)], by_seed: &[Vec<&EpisodeRecord
     Ok(first.into_iter().map(|(kitchen, _)| kitchen).collect::<BTreeSet<_>>().into_iter().collect())
 }
 
-fn rate_in(episodes: &[&EpisodeRecord], kitchen: KitchenId, good: &dyn Fn(&EpisodeRecord) -> bool) -> f64 {
-    let here: Vec<_> = episodes.iter().filter(|record| record.kitchen == kitchen).collect();
-    here.iter().filter(|record| good(record)).count() as f64 / here.len() as f64
-}
-
-fn rate(episodes: &[&EpisodeRecord], good: &dyn Fn(&EpisodeRecord) -> bool) -> Rate {
-    let (successes, trials) = (episodes.iter().filter(|record| good(record)).count() as u64, episodes.len() as u64);
-    let interval = wilson(successes, trials).expect("an evaluation in the field has episodes there");
+fn rate(episodes: &[&EpisodeRecord], column: Column) -> Rate {
+    let (successes, trials) = (episodes.iter().filter(|record| record.has_all(&[column])).count(), episodes.len());
+    let interval = wilson(successes as u64, trials as u64).expect("an evaluation in the field has episodes there");
     Rate { share: successes as f64 / trials as f64, interval }
 }
 

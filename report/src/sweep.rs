@@ -1,14 +1,17 @@
-//! SR and `SRwoD` over `λ_disturb`.
+//! Metrics over a weight of the rewards.
 
 use crate::results::{FieldResult, GroupResults};
 use crate::statistics::Estimate;
 use crate::study::Field;
 use serde::Serialize;
+use std::collections::BTreeMap;
 use toml::Table;
 
-/// Groups that differ in `λ_disturb` only.
+/// Groups that differ in one weight of the rewards only.
 #[derive(Debug, Clone, Serialize)]
 pub struct Sweep {
+    /// Its name, e.g. `lambda_disturb`.
+    pub weight: String,
     /// `test-novel`, ...
     pub field: String,
     pub points: Vec<SweepPoint>,
@@ -16,36 +19,36 @@ pub struct Sweep {
 
 #[derive(Debug, Clone, Serialize)]
 pub struct SweepPoint {
-    /// `λ_disturb`.
-    pub lambda_disturb: f64,
+    /// Of the weight.
+    pub value: f64,
     pub group: String,
-    /// SR, mean over seeds and kitchens.
-    pub success: Estimate,
-    /// `SRwoD`, mean over seeds and kitchens.
-    pub success_without_disturbance: Estimate,
+    /// Of each metric by which policies are ranked, by name: the mean over seeds and kitchens.
+    pub metrics: BTreeMap<String, Estimate>,
 }
 
 /// All sweeps over at least two values.
 pub(crate) fn sweeps(entries: &[GroupResults<'_>]) -> Vec<Sweep> {
-    let mut families: Vec<(Table, Vec<&GroupResults<'_>>)> = Vec::new();
+    let mut families: Vec<(&str, Table, Vec<&GroupResults<'_>>)> = Vec::new();
     for entry in entries.iter().filter(|entry| !entry.group.untrained() && !entry.group.unknown()) {
-        let mut rest = entry.group.settings.clone();
-        if let Some(reward) = rest.get_mut("reward").and_then(toml::Value::as_table_mut) {
-            reward.remove("lambda_disturb");
-        }
-        match families.iter_mut().find(|(settings, _)| *settings == rest) {
-            Some((_, members)) => members.push(entry),
-            None => families.push((rest, vec![entry])),
+        for weight in entry.group.runs[0].config.reward.weights.keys() {
+            let mut rest = entry.group.settings.clone();
+            if let Some(reward) = rest.get_mut("reward").and_then(toml::Value::as_table_mut) {
+                reward.remove(weight);
+            }
+            match families.iter_mut().find(|(name, settings, _)| name == weight && *settings == rest) {
+                Some((_, _, members)) => members.push(entry),
+                None => families.push((weight, rest, vec![entry])),
+            }
         }
     }
     let mut sweeps = Vec::new();
-    for (_, members) in families {
-        for field in Field::ALL {
-            let mut points: Vec<SweepPoint> =
-                members.iter().filter_map(|entry| Some(SweepPoint::of(entry, entry.in_field(field)?))).collect();
-            points.sort_by(|a, b| a.lambda_disturb.total_cmp(&b.lambda_disturb));
-            if points.array_windows().any(|[a, b]| a.lambda_disturb != b.lambda_disturb) {
-                sweeps.push(Sweep { field: field.key(), points });
+    for (weight, _, members) in families {
+        for field in Field::all() {
+            let point = |entry: &&GroupResults<'_>| Some(SweepPoint::of(weight, entry, entry.in_field(field)?));
+            let mut points: Vec<SweepPoint> = members.iter().filter_map(point).collect();
+            points.sort_by(|a, b| a.value.total_cmp(&b.value));
+            if points.array_windows().any(|[a, b]| a.value != b.value) {
+                sweeps.push(Sweep { weight: weight.to_owned(), field: field.key(), points });
             }
         }
     }
@@ -53,12 +56,13 @@ pub(crate) fn sweeps(entries: &[GroupResults<'_>]) -> Vec<Sweep> {
 }
 
 impl SweepPoint {
-    fn of(entry: &GroupResults<'_>, result: &FieldResult) -> Self {
+    fn of(weight: &str, entry: &GroupResults<'_>, result: &FieldResult) -> Self {
+        let config = &entry.group.runs[0].config;
+        let mean = |name: &String| Some((name.clone(), result.metrics.get(name)?.mean));
         Self {
-            lambda_disturb: f64::from(entry.group.runs[0].config.reward.weights["lambda_disturb"]),
+            value: f64::from(config.reward.weights[weight]),
             group: entry.group.label.clone(),
-            success: result.success.mean,
-            success_without_disturbance: result.success_without_disturbance.mean,
+            metrics: config.spec().ranking().iter().filter_map(|metric| mean(&metric.name)).collect(),
         }
     }
 }

@@ -88,19 +88,19 @@ fn the_page_fits_screens_and_gives_its_charts_away() {
 
 fn the_numbers_are_on_the_page(browser: &mut Browser, report: &Report, folder: &Path) {
     let group = &report.groups[0];
-    let success = group.results[0].success.mean;
+    let success = group.results[0].metrics["success"].mean;
     let interval = success.interval.expect("five seeds");
     let percent = |share: f64| format!("{:.1}", 100.0 * share);
     let cell = browser.value("document.querySelector('#results tbody td:nth-child(4)').innerText");
     let expected = format!("{}%\n{} – {}", percent(success.point), percent(interval.low), percent(interval.high));
     assert_eq!(cell, expected.as_str());
     let chart = "#success-test-novel .save";
-    let table = browser.download(&format!("{chart}:nth-child(2)"), folder, "success-sr-test-novel-objects.csv");
+    let table = browser.download(&format!("{chart}:nth-child(2)"), folder, "sr-test-novel-objects.csv");
     let table = String::from_utf8(table).expect("text");
     let row = table.lines().find_map(|line| line.strip_prefix(&format!("{},", group.label))).expect("the first group");
     let numbers: Vec<f64> = row.split(',').filter_map(|number| number.parse().ok()).collect();
     assert_eq!(numbers, [success.point, interval.low, interval.high, 0.813], "and what the paper has");
-    let picture = browser.download(chart, folder, "success-sr-test-novel-objects.png");
+    let picture = browser.download(chart, folder, "sr-test-novel-objects.png");
     let [width, height] = [16, 20].map(|at| u32::from_be_bytes(picture[at..at + 4].try_into().expect("a header")));
     assert!(picture.starts_with(b"\x89PNG") && width == 1440 && height > 500, "{width} × {height}");
     // A click on its name hides a group everywhere, and shows it again.

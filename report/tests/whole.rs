@@ -5,6 +5,7 @@ mod study;
 use proto::config::FromConfig;
 use proto::evaluation::Distribution;
 use proto::kitchen::{KitchenRange, Split};
+use proto::task::Column;
 use report::comparison::Comparison;
 use report::study::{Run, pair_of};
 use report::{Kept, Options, Report};
@@ -21,31 +22,38 @@ fn the_numbers_are_those_of_the_tables() {
     let row = report.comparisons[0].rows.iter().find(|row| row.preset == "disturb-two-stage").expect("a row");
     assert_eq!(row.ours.len(), 1, "the group of its own name; lambda-15 is not there");
     let ours = &row.ours[0];
-    assert_eq!((ours.success.seeds, ours.episodes), (5, 1800));
+    let success = ours.metrics["success"];
+    assert_eq!((success.seeds, ours.episodes), (5, 1800));
     // The mean by hand, over the seeds' own result files.
     let rates: Vec<f64> =
-        runs[..5].iter().map(|run| run.evaluations[0].result.overall.success.expect("episodes")).collect();
+        runs[..5].iter().map(|run| run.evaluations[0].result.overall.get("success").expect("episodes")).collect();
     let mean = rates.iter().sum::<f64>() / 5.0;
-    assert!((ours.success.mean.point - mean).abs() < 1e-12);
-    let interval = ours.success.mean.interval.expect("five seeds");
+    assert!((success.mean.point - mean).abs() < 1e-12);
+    let interval = success.mean.interval.expect("five seeds");
     assert!(interval.low < mean && mean < interval.high && interval.high - interval.low < 0.1, "{interval:?}");
     let mut sorted = rates;
     sorted.sort_by(f64::total_cmp);
-    assert!((ours.success.iqm_of_seeds - sorted[1..4].iter().sum::<f64>() / 3.0).abs() < 1e-12);
+    assert!((success.iqm_of_seeds - sorted[1..4].iter().sum::<f64>() / 3.0).abs() < 1e-12);
     // The made-up episodes disturb an object just where their displacement is a centimetre or more.
-    let [paper, axis] = [ours.success_without_disturbance, ours.success_without_disturbance_per_axis];
+    let [paper, axis] = ["", "_per_axis"].map(|kind| ours.metrics[&format!("success_without_disturbance{kind}")]);
     assert_eq!(paper.mean.point, axis.mean.point);
     // SRwoD over the threshold passes through SRwoD, and never falls.
     let result = &report.groups[0].results[0];
-    let at = |threshold_m: f64| result.by_threshold.iter().find(|point| point.at == threshold_m).expect("a point").mean;
-    assert_eq!(result.by_disturbed_objects[0].mean, result.success_without_disturbance_per_axis.mean.point);
-    assert!((at(0.01) - result.success_without_disturbance.mean.point).abs() < 1e-12);
-    assert!(result.by_threshold.is_sorted_by(|a, b| a.mean <= b.mean));
-    assert!(result.by_disturbed_objects.is_sorted_by(|a, b| a.mean <= b.mean));
+    for (curve, metric, label) in [
+        ("success_by_displacement", "success_without_disturbance", "SRwoD"),
+        ("success_by_disturbed_objects", "success_without_disturbance_per_axis", "SRwoD (per axis)"),
+    ] {
+        let task = &report.tasks["arm_point_nav"];
+        let mark = task.curves.iter().find(|one| one.name == curve).expect("a curve").marks[label];
+        let points = &result.curves[curve];
+        let at = points.iter().find(|point| point.at as f32 == mark).expect("a point");
+        assert!((at.mean - result.metrics[metric].mean.point).abs() < 1e-12);
+        assert!(points.is_sorted_by(|a, b| a.mean <= b.mean));
+    }
     // One sweep a field, over 1, 5, 15, 25.
     assert_eq!(report.sweeps.len(), 3);
-    let lambdas: Vec<f64> = report.sweeps[0].points.iter().map(|point| point.lambda_disturb).collect();
-    assert_eq!(lambdas, [1.0, 5.0, 15.0, 25.0]);
+    let lambdas: Vec<f64> = report.sweeps[0].points.iter().map(|point| point.value).collect();
+    assert_eq!((lambdas, report.sweeps[0].weight.as_str()), (vec![1.0, 5.0, 15.0, 25.0], "lambda_disturb"));
     // The same runs give the same numbers.
     let again = made(&runs);
     assert_eq!(serde_json::to_string(&again).expect("numbers"), serde_json::to_string(&report).expect("numbers"));
@@ -66,7 +74,7 @@ fn a_table_over_two_reports_is_that_of_one() {
     assert_eq!(table(&[&first, &rest]), all);
     assert_eq!(table(&[&whole, &first]), all, "a run that is there already changes nothing");
     let row = whole[0].rows.iter().find(|row| row.preset == "disturb-two-stage").expect("a row");
-    let mean = row.ours[0].success.mean;
+    let mean = row.ours[0].metrics["success"].mean;
     let interval = mean.interval.expect("five seeds");
     let percent = |share: f64| format!("{:.1}", 100.0 * share);
     let [mean, low, high] = [mean.point, interval.low, interval.high].map(percent);
@@ -218,13 +226,19 @@ fn the_pair_is_of_the_same_episodes_and_of_weights_from_both_sides_of_the_stage(
     let mut runs = with([260_000, 440_000, 440_000]);
     let [number, other] = [3, 5].map(|at| runs[0].evaluations[0].episodes[at].episode);
     let kitchen = runs[0].evaluations[0].episodes[3].kitchen;
+    let spec = runs[0].config.spec();
+    let mut set = |of: usize, at: usize, name: &str, number: f64| {
+        let Some(Column::Number(column)) = spec.column(name) else { panic!("{name}") };
+        runs[0].evaluations[of].episodes[at].numbers[column] = Some(number);
+    };
     for at in [3, 5] {
-        for (of, disturbance_m) in [(0, 20.0 + at as f32), (1, 0.0)] {
-            let record = &mut runs[0].evaluations[of].episodes[at];
-            (record.disturbance_m, record.success) = (disturbance_m, true);
+        for (of, return_r_prime) in [(0, -300.0 - at as f64), (1, 14.0)] {
+            set(of, at, "return_r_prime", return_r_prime);
+            set(of, at, "success", 1.0);
+            set(of, at, "success_without_disturbance", 1.0);
         }
     }
-    runs[0].evaluations[1].episodes[5].success = false;
+    set(1, 5, "success_without_disturbance", 0.0);
     let pair = pair_of(&runs[0], &runs, |_| true).expect("a pair");
     let [earlier, later] = pair.episodes[0];
     assert_eq!(

@@ -1,20 +1,24 @@
 // A report: what runs came to, over seeds and beside the paper. `orchestrator report` puts its data into the page.
 
 import { css, h, hand, replace } from "./dom.js";
-import { action, count, metres, number, percent, short } from "./format.js";
+import { action, count, number, percent, short } from "./format.js";
 import { Chart, look } from "./chart.js";
 import { Curves, legend } from "./curves.js";
 
 /** `test-novel-best` in words. */
 function fieldName(key) {
-  const [place, objects, ...rest] = key.split("-");
-  return [place, `${objects} objects`, ...rest.map((word) => ({ drawn: "drawn episodes", best: "best checkpoint" })[word])].join(", ");
+  const words = { novel: "novel objects", seen: "seen objects", drawn: "drawn episodes", best: "best checkpoint" };
+  return key.split("-").map((word) => words[word] ?? word).join(", ");
 }
 
-const range = ({ low, high }) => `${(100 * low).toFixed(1)} – ${(100 * high).toFixed(1)}`;
+const SHARE = { kind: "share" };
+/** A figure that `one` describes, as people read it; the unit stands in its heading. */
+const shown = ({ kind, unit }, value) => (kind === "share" ? percent(value) : number(value, { m: 3, steps: 1 }[unit] ?? 2));
+const heading = ({ label, unit }) => (unit === "m" ? `${label} (m)` : label);
+const range = (one, { low, high }) => [low, high].map((value) => shown(one, value).replace("%", "")).join(" – ");
 const over = (value, below) => [value, below ? h("small", {}, below) : null];
-/** A percentage with its interval beneath. */
-const estimate = ({ point, interval }) => over(percent(point), interval && range(interval));
+/** A figure with its interval beneath. */
+const estimate = (one, { point, interval }) => over(shown(one, point), interval && range(one, interval));
 
 /** A table. `heads`: names; those that begin with # are of numbers. `rows`: cells, and perhaps a class. */
 function table(heads, rows, spans = null) {
@@ -84,39 +88,54 @@ class Page {
     const cards = this.report.groups.slice(0, 6).map((group, index) => {
       const [result] = group.results;
       const frames = Math.max(...group.runs.map((run) => run.frames));
-      const of = (aggregate) => [percent(aggregate.mean.point), aggregate.mean.interval && range(aggregate.mean.interval)];
+      const { ranking } = this.report.tasks[group.task];
+      const chief = this.printed(group.task, result).filter(({ name, kind }) => ranking.includes(name) || kind !== "share");
+      const of = (one, { point, interval }) => [shown(one, point), interval && range(one, interval)];
       return h("section", { class: "card stack", style: { "border-top": `3px solid var(${look(index).colour})` } },
         h("div", { class: "row between" }, h("h2", {}, group.label), h("span", { class: "small soft" }, result ? fieldName(result.field) : "not evaluated yet")),
         h("dl", { class: "figures" }, result ? [
-          entry("SR", ...of(result.success)), entry("SRwoD", ...of(result.success_without_disturbance)),
-          entry("disturbance", metres(result.pooled.disturbance_m)), entry("episodes", count(result.pooled.episodes))] : null,
+          chief.map((one) => entry(heading(one), ...of(one, result.metrics[one.name].mean))), entry("episodes", count(result.pooled.episodes))] : null,
         entry(group.runs.length === 1 ? "seed" : "seeds", group.runs.map((run) => run.seed).join(", ")), entry("frames", short(frames))),
         group.differences.length ? says(`other than ${group.preset}: ${group.differences.join("; ")}`) : null);
     });
     return h("div", { class: "grid" }, cards);
   }
 
+  /** The metrics of a task that are printed and that a result has, in the order of the declaration. */
+  printed(task, result) { return this.report.tasks[task].described.filter(({ name, label }) => label && result?.metrics[name]); }
+
+  /** These results by task: each with its name. */
+  byTask(found) { return Object.keys(this.report.tasks).map((task) => [task, found.filter(({ group }) => group.task === task)]).filter(([, some]) => some.length); }
+
   /** Every group in every field. */
   evaluated() {
     if (!this.results.length) return this.none("Results: none of these runs has been evaluated yet (orchestrator eval RUN --split test --objects novel).");
-    const heads = ["group", "#seeds", "#episodes", "#SR, mean", "#SR, IQM", "#SRwoD, mean", "#SRwoD, IQM", "#SRwoD (per axis)", "#picked up", "#Done after", "#steps", "#d (m)", "#disturbed", "#ever", "#back again", "#failed", "#goal (m)"];
-    const row = ({ group, result }) => {
-      const { pooled, success, success_without_disturbance: undisturbed } = result;
-      return [group.label, count(result.seeds.length), count(pooled.episodes), estimate(success.mean), estimate(success.iqm), estimate(undisturbed.mean), estimate(undisturbed.iqm),
-        estimate(result.success_without_disturbance_per_axis.mean), percent(pooled.picked_up), number(pooled.done_after_pickup, 1), number(pooled.length, 1), number(pooled.disturbance_m, 3),
-        number(pooled.disturbed_objects), number(pooled.ever_disturbed_objects), percent(pooled.temporary_displacement), percent(pooled.failed_actions), number(pooled.object_goal_m)];
+    const metrics = ([task, found]) => {
+      const { ranking } = this.report.tasks[task];
+      const printed = this.printed(task, found[0].result);
+      const both = (one) => ranking.includes(one.name);
+      const heads = printed.flatMap((one) => (both(one) ? [`#${heading(one)}, mean`, `#${heading(one)}, IQM`] : [`#${heading(one)}`]));
+      const row = ({ group, result: { seeds, pooled, metrics: all } }) => [group.label, count(seeds.length), count(pooled.episodes),
+        ...printed.flatMap((one) => { const { mean, iqm } = all[one.name]; return both(one) ? [estimate(one, mean), estimate(one, iqm)] : [estimate(one, mean)]; })];
+      return table(["group", "#seeds", "#episodes", ...heads], plain(found.map(row)));
     };
     const fields = this.fields.map((field) => {
       const found = this.results.filter(({ result }) => result.field === field);
-      return [h("h3", {}, fieldName(field)), table(heads, plain(found.map(row))), this.intervals(field, found)];
+      return [h("h3", {}, fieldName(field)), this.byTask(found).map(metrics), this.byTask(found).map(([task, some]) => this.intervals(task, field, some))];
     });
-    const safety = this.results.map(({ group, result: { field, pooled } }) => [group.label, fieldName(field), percent(pooled.success_but_unsafe), percent(pooled.unsafe_successes), number(pooled.worst_severity_m), number(pooled.cumulative_cost), number(pooled.exposure_steps, 1)]);
+    const further = ([task, found]) => {
+      const columns = this.report.tasks[task].described.filter(({ name, label }) => label && !found[0].result.metrics[name]);
+      const row = ({ group, result: { field, pooled } }) => [group.label, fieldName(field), ...columns.map((one) => shown(one, pooled[one.name]))];
+      return [table(["group", "episodes of", ...columns.map((one) => `#${heading(one)}`)], plain(found.map(row))), this.docs(columns)];
+    };
     return section("results", "Results", fields,
-      says("SR and SRwoD: means and interquartile means (IQM) over seeds and kitchens with 95% intervals; one seed alone has none. The other figures are means over all episodes of all seeds together: “Done after”, actions from the pick-up to Done; d, the total displacement of all other objects at the end; how many objects are more than 0.01 m from their place at the end, and how many ever were; “back again”, episodes in which something was away from its place and is back; actions that failed; the distance from target to goal at the end."),
-      h("h3", {}, "Safety"),
-      says("SBU: share of episodes that succeed with d of 0.01 m or more, and the same of the successes; the largest displacement of one object at any time; steps of an episode that disturb, and steps after which something is displaced by 0.01 m or more."),
-      table(["group", "episodes of", "#SBU", "#of successes", "#worst severity (m)", "#cumulative cost", "#exposure (steps)"], plain(safety)));
+      says("Means and interquartile means (IQM) over seeds and kitchens with 95% intervals; one seed alone has none."),
+      this.byTask(this.results).map(([task, [{ result }]]) => this.docs(this.printed(task, result))),
+      h("h3", {}, "Over all episodes of all seeds together"), this.byTask(this.results).map(further));
   }
+
+  /** What the task says of these figures. */
+  docs(described) { return says(described.map(({ label, doc }) => `${label}: ${doc}`).join(" ")); }
 
   /** The paper's row that a group stands beside. */
   published(group, field) {
@@ -125,19 +144,21 @@ class Page {
   }
 
   /** Means with their intervals, and what the paper has. */
-  intervals(field, found) {
-    const chart = (title, figure) => {
-      const shown = () => found.filter(({ group }) => !this.hidden.has(group.label)).map(({ group, index, result }) => ({ name: group.label, colour: look(index).colour, ...result[figure].mean, paper: this.published(group, field)?.[figure] }));
-      const made = new Chart(`${title}, ${fieldName(field)}`, { share: true, rows: [], xLabel: "mean over seeds and kitchens; open diamond: the paper", xFormat: (value) => percent(value, 0) });
+  intervals(task, field, found) {
+    const { described, ranking } = this.report.tasks[task];
+    const chart = (one) => {
+      const { name: figure, label: title } = one;
+      const visible = () => found.filter(({ group }) => !this.hidden.has(group.label)).map(({ group, index, result }) => ({ name: group.label, colour: look(index).colour, ...result.metrics[figure].mean, paper: this.published(group, field)?.[figure] }));
+      const made = new Chart(`${title}, ${fieldName(field)}`, { share: one.kind === "share", rows: [], xLabel: "mean over seeds and kitchens; open diamond: the paper", xFormat: (value) => (one.kind === "share" ? percent(value, 0) : short(value)) });
       made.element.id = `${figure}-${field}`;
       this.redraws.push(() => {
-        const all = shown();
+        const all = visible();
         const most = Math.max(0.05, ...all.flatMap(({ point, interval, paper }) => [point, interval?.high ?? 0, paper ?? 0]));
         Object.assign(made, { rows: all.map(({ name }) => name), height: 62 + 24 * all.length });
         made.show({
-          series: [], domain: [0, Math.min(1, most * 1.05)],
+          series: [], domain: [0, one.kind === "share" ? Math.min(1, most * 1.05) : most * 1.05],
           table: [["group", "mean", "low", "high", "paper"], ...all.map(({ name, point, interval, paper }) => [name, point, interval?.low, interval?.high, paper])],
-          read: (plot) => { const one = all[rowAt(plot)]; return one ? [`${one.name}: ${percent(one.point)}${one.interval ? ` (${range(one.interval)})` : ""}`] : []; },
+          read: (plot) => { const at = all[rowAt(plot)]; return at ? [`${at.name}: ${shown(one, at.point)}${at.interval ? ` (${range(one, at.interval)})` : ""}`] : []; },
           paint: (plot, pen, unit) => all.forEach(({ colour, point, interval, paper }, row) => {
             const y = plot.valToPos(row, "y", true), x = (value) => plot.valToPos(value, "x", true);
             pen.fillStyle = css(colour);
@@ -159,7 +180,7 @@ class Page {
       });
       return made.element;
     };
-    return h("div", { class: "grid" }, chart("Success (SR)", "success"), chart("Success without disturbance (SRwoD)", "success_without_disturbance"));
+    return h("div", { class: "grid" }, described.filter(({ name }) => ranking.includes(name) && found.every(({ result }) => result.metrics[name])).map(chart));
   }
 
   /** The paper's tables with ours in them; rows of the paper that no group is are folded away. */
@@ -170,8 +191,9 @@ class Page {
     const ours = (columns) => (one) => {
       const [low, high] = one.frames;
       const what = `ours: ${one.group}, ${one.field.endsWith("-best") ? "best checkpoint " : ""}after ${low === high ? count(low) : `${count(low)} to ${count(high)}`} frames`;
-      const both = [one.success, one.success_without_disturbance].flatMap((all) => [estimate(all.mean), estimate(all.iqm), percent(all.iqm_of_seeds)]);
-      return { kind: "ours", row: [{ columns, content: over(what, one.differences.join("; ")) }, count(one.success.seeds), ...both, estimate(one.success_without_disturbance_per_axis.mean)] };
+      const { success, success_without_disturbance: undisturbed, success_without_disturbance_per_axis: perAxis } = one.metrics;
+      const both = [success, undisturbed].flatMap((all) => [estimate(SHARE, all.mean), estimate(SHARE, all.iqm), percent(all.iqm_of_seeds)]);
+      return { kind: "ours", row: [{ columns, content: over(what, one.differences.join("; ")) }, count(success.seeds), ...both, estimate(SHARE, perAxis.mean)] };
     };
     const tables = comparisons.map(({ name, title, columns, rows }) => {
       const spans = [[columns.length + 1, ""], [3, "SR"], [3, "SRwoD"], [1, "SRwoD (per axis)"]];
@@ -203,25 +225,28 @@ class Page {
   validation() {
     const of = ({ validation, stages }, key) => { const curve = validation.find(({ metric }) => metric === key); return curve && columns(curve.points, stages); };
     if (!this.report.groups.some(({ validation }) => validation.length)) return this.none("Validation during training: no run has any (the table [validation] of its configuration).");
-    const titles = { success: "Success (SR) in validation", success_without_disturbance: "SRwoD in validation" };
+    const ranked = Object.values(this.report.tasks).flatMap(({ described, ranking }) => described.filter(({ name }) => ranking.includes(name)));
+    const titles = new Map(ranked.map(({ name, label, kind }) => [name, [`${label} in validation`, { share: kind === "share", sync: "curves" }]]));
     return section("validation", "Validation during training",
-      this.charts(Object.keys(titles), (key) => new Chart(titles[key], { share: true, sync: "curves" }), of),
+      this.charts([...titles.keys()], (key) => new Chart(...titles.get(key)), of),
       says("Episodes of the validation kitchens, where every seed was evaluated: mean over seeds; shaded, from the lowest seed to the highest."));
   }
 
-  /** How success falls when less disturbance is forgiven. */
+  /** The curves over limits that a task declares. */
   limits() {
-    if (!this.results.length) return null;
-    const of = (figure) => (group, field) => {
-      const points = group.results.find((result) => result.field === field)?.[figure];
-      const all = (pick) => points.map(({ mean, interval }) => (interval ? pick(interval) : mean));
-      return points && { x: points.map(({ at }) => at), y: points.map(({ mean }) => mean), ...(points.some(({ interval }) => interval) ? { low: all(({ low }) => low), high: all(({ high }) => high) } : {}) };
-    };
-    const chart = (title, options, marks) => (field) => { const made = new Chart(`${title}, ${fieldName(field)}`, { share: true, ...options }); made.content.marks = marks; return made; };
-    return section("disturbance", "Success and disturbance",
-      this.charts(this.fields, chart("Success within a displacement", { log: true, xLabel: "total displacement of all other objects below (m)", xFormat: short }, [{ x: 0.01, label: "SRwoD" }]), of("by_threshold")),
-      this.charts(this.fields, chart("Success with at most so many disturbed objects", { xLabel: "objects more than 0.01 m from their place", xFormat: short }), of("by_disturbed_objects")),
-      says("Mean over seeds and kitchens with 95% stratified-bootstrap intervals. SRwoD is the value at 0.01 m."));
+    const parts = this.byTask(this.results).flatMap(([task, found]) => this.report.tasks[task].curves.map(({ name, label, doc, marks }) => {
+      const of = (group, field) => {
+        const points = group.task === task && group.results.find((result) => result.field === field)?.curves[name];
+        if (!points?.length) return null;
+        const all = (pick) => points.map(({ mean, interval }) => (interval ? pick(interval) : mean));
+        return { x: points.map(({ at }) => at), y: points.map(({ mean }) => mean), ...(points.some(({ interval }) => interval) ? { low: all(({ low }) => low), high: all(({ high }) => high) } : {}) };
+      };
+      const log = found.every(({ result }) => result.curves[name].every(({ at }) => at > 0));
+      const make = (field) => { const made = new Chart(`${label}, ${fieldName(field)}`, { share: true, log, xLabel: label, xFormat: short }); made.content.marks = Object.entries(marks).map(([word, x]) => ({ x, label: word })); return made; };
+      return [this.charts(this.fields.filter((field) => found.some(({ result }) => result.field === field)), make, of), says(doc)];
+    }));
+    if (!parts.length) return null;
+    return section("limits", "Within limits", parts, says("Mean over seeds and kitchens with 95% stratified-bootstrap intervals."));
   }
 
   /** One episode as two policies play it. */
@@ -238,28 +263,31 @@ class Page {
 
   sweeps() {
     const { sweeps } = this.report;
-    if (!sweeps.length) return this.none("λ_disturb: no two of these groups differ in λ_disturb alone and are evaluated on the same episodes (the presets lambda-0, lambda-1, lambda-5, ..., lambda-25 are the paper's sweep).");
-    const chart = ({ field, points }) => {
-      const made = new Chart(`λ_disturb, ${fieldName(field)}`, { share: true, xLabel: "λ_disturb", xFormat: short });
-      const measured = points.every(({ success }) => success.interval);
-      const series = [["success", "SR", []], ["success_without_disturbance", "SRwoD", [7, 3]]].map(([figure, name, dash]) => ({
-        name, look: { colour: "--ink", dash }, x: points.map((point) => point.lambda_disturb), y: points.map((point) => point[figure].point),
-        ...(measured ? { low: points.map((point) => point[figure].interval.low), high: points.map((point) => point[figure].interval.high) } : {}),
-      }));
+    if (!sweeps.length) return this.none("Weights of rewards: no two of these groups differ in one weight alone and are evaluated on the same episodes (the presets lambda-0, lambda-1, lambda-5, ..., lambda-25 are the paper's sweep of lambda_disturb).");
+    const chart = ({ weight, field, points }) => {
+      const made = new Chart(`${weight}, ${fieldName(field)}`, { share: true, xLabel: weight, xFormat: short });
+      const { described } = this.report.tasks[this.report.groups.find(({ label }) => label === points[0].group).task];
+      const ranked = described.filter(({ name }) => points.every(({ metrics }) => metrics[name]));
+      const series = ranked.map(({ name, label }, index) => {
+        const all = (pick) => points.map(({ metrics }) => pick(metrics[name]));
+        const measured = points.every(({ metrics }) => metrics[name].interval);
+        return { name: label, look: { colour: "--ink", dash: index ? [7, 3] : [] }, x: points.map(({ value }) => value), y: all(({ point }) => point),
+          ...(measured ? { low: all(({ interval }) => interval.low), high: all(({ interval }) => interval.high) } : {}) };
+      });
       made.show({ series });
       return made.element;
     };
-    return section("sweep", "λ_disturb", h("div", { class: "grid" }, sweeps.map(chart)), says("Runs that differ in λ_disturb only: mean over seeds and kitchens with 95% stratified-bootstrap intervals. Dashed: SRwoD."));
+    return section("sweep", "Weights of rewards", h("div", { class: "grid" }, sweeps.map(chart)), says("Runs that differ in one weight of their rewards only: mean over seeds and kitchens with 95% stratified-bootstrap intervals. Dashed: the second of the metrics."));
   }
 
   prediction() {
-    const rows = this.results.filter(({ result }) => result.pooled.disturb_prediction).map(({ group, result }) => {
-      const { precision, recall, recall_of_quiet: quiet, hits, misses, false_alarms: alarms, quiet: right } = result.pooled.disturb_prediction;
+    const rows = this.results.filter(({ result }) => result.pooled.prediction).map(({ group, result }) => {
+      const { precision, recall, recall_of_quiet: quiet, hits, misses, false_alarms: alarms, quiet: right } = result.pooled.prediction;
       return [group.label, fieldName(result.field), percent(precision), percent(recall), percent(quiet), count(hits + misses + alarms + right)];
     });
-    if (!rows.length) return this.none("Disturbance prediction: no evaluated run has the auxiliary task disturb.");
-    return section("prediction", "Disturbance prediction", table(["group", "episodes of", "#precision", "#recall", "#recall of quiet steps", "#steps"], plain(rows)),
-      says("Of the steps foretold to disturb, those that did (precision); of the steps that did, those foretold (recall)."));
+    if (!rows.length) return this.none("Prediction of the label: no evaluated policy has the auxiliary task that predicts it.");
+    return section("prediction", "Prediction of the label", table(["group", "episodes of", "#precision", "#recall", "#recall of quiet steps", "#steps"], plain(rows)),
+      says("The label is a yes or no of each step, such as whether it disturbs. Of the steps foretold to have it, those that did (precision); of the steps that did, those foretold (recall)."));
   }
 
   /** What a policy does when. */
@@ -294,12 +322,16 @@ class Page {
   /** Which runs there are, and which of their evaluations count. */
   runs() {
     const runs = this.report.groups.flatMap(({ label, runs: all }) => all.map((run) => [run.name, label, String(run.seed), run.state, count(run.frames), count(run.budget), run.evaluations.join(", ") || "none yet"]));
-    const rate = ({ share, interval }) => over(percent(share), range(interval));
-    const counting = this.results.flatMap(({ group, result }) => result.seeds.map((seed) => [fieldName(result.field), group.label, String(seed.seed), seed.evaluation, count(seed.frames), count(seed.episodes), rate(seed.success), rate(seed.success_without_disturbance), rate(seed.success_without_disturbance_per_axis), seed.weights.slice(0, 12)]));
+    const counting = ([task, found]) => {
+      const shares = this.printed(task, found[0].result).filter(({ kind }) => kind === "share");
+      const rate = (one, { share, interval }) => over(percent(share), range(one, interval));
+      const rows = found.flatMap(({ group, result }) => result.seeds.map((seed) => [fieldName(result.field), group.label, String(seed.seed), seed.evaluation, count(seed.frames), count(seed.episodes), ...shares.map((one) => rate(one, seed.rates[one.name])), seed.weights.slice(0, 12)]));
+      return table(["episodes of", "group", "#seed", "evaluation", "#frames", "#episodes", ...shares.map((one) => `#${one.label}`), "weights"], plain(rows));
+    };
     return section("runs", "Runs and evaluations", table(["run", "group", "#seed", "state", "#frames", "#of", "evaluations"], plain(runs)),
-      counting.length ? [h("h3", {}, "The evaluations that count"),
+      this.results.length ? [h("h3", {}, "The evaluations that count"),
         says("Of several evaluations of a run on the same kind of episodes that of the newest checkpoint counts, then the one with sampled actions, then the one with the most episodes, then the newest. Beneath a rate: Wilson's 95% interval over this policy's episodes, which says nothing about other seeds."),
-        table(["episodes of", "group", "#seed", "evaluation", "#frames", "#episodes", "#SR", "#SRwoD", "#SRwoD (per axis)", "weights"], plain(counting))] : null);
+        this.byTask(this.results).map(counting)] : null);
   }
 }
 

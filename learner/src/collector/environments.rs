@@ -70,7 +70,8 @@ impl Environments {
         );
         let columns = column_map.columns();
         let (in_flight, ended) = (vec![None; columns], vec![false; columns]);
-        let (layout, soundness, measures) = (task.layout(), Check::of(task), task.measures());
+        let (layout, soundness) = (task.layout(), Check::of(task));
+        let measures = task.rollout_metrics().map(|(_, one)| one).collect();
         let actions = task.actions.names().len();
         Self {
             column_map,

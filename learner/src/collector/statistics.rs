@@ -3,7 +3,7 @@
 use crate::peers::{PeerError, Peers};
 use crate::shards::Shards;
 use proto::metric;
-use proto::task::{Metric, Spec};
+use proto::task::Spec;
 use std::collections::BTreeMap;
 
 /// Figures of an episode in progress. Checkpoints save them, so that metrics continue after a resume.
@@ -13,7 +13,7 @@ pub struct RunningEpisode {
     pub episode_return: f64,
     /// Σ `γ^t` cost so far.
     pub discounted_cost: f64,
-    /// The task's metrics so far, in its order; none at the start, where all are 0.
+    /// The task's metrics of rollouts so far, in its order; none at the start, where all are 0.
     pub metrics: Vec<f64>,
 }
 
@@ -36,21 +36,21 @@ pub struct Ended {
 /// Sums over one rollout of a shard. Filled in the fixed order of the batch, so that the sums do not depend on timing.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RolloutStatistics {
-    of_task: &'static [Metric],
+    task: &'static Spec,
     frames: u64,
     reward: f64,
     episodes: u64,
     episode_return: f64,
     length: f64,
     discounted_cost: f64,
-    /// In the task's order.
+    /// Of those that are figures of rollouts, in the task's order.
     metrics: Vec<f64>,
 }
 
 impl RolloutStatistics {
     /// Of nothing yet.
     pub fn of(task: &'static Spec) -> Self {
-        Self::summed(&task.metrics, &vec![0.0; Self::SUMS + task.metrics.len()])
+        Self::summed(task, &vec![0.0; Self::SUMS + task.rollout_metrics().count()])
     }
 
     pub(crate) fn add_step(&mut self, reward: f32) {
@@ -74,9 +74,9 @@ impl RolloutStatistics {
     /// # Panics
     /// If `own` has not one for each of them.
     pub fn over(own: &[Self], shards: &Shards, peers: &Peers) -> Result<Self, PeerError> {
-        let of_task = own.first().expect("a learner has a shard").of_task;
+        let task = own.first().expect("a learner has a shard").task;
         let sums: Vec<Vec<f64>> = own.iter().map(Self::sums).collect();
-        Ok(Self::summed(of_task, &shards.sum(&sums, peers)?))
+        Ok(Self::summed(task, &shards.sum(&sums, peers)?))
     }
 
     /// Sums besides those of metrics.
@@ -90,11 +90,11 @@ impl RolloutStatistics {
     }
 
     /// What [`Self::sums`] gave.
-    fn summed(of_task: &'static [Metric], sums: &[f64]) -> Self {
+    fn summed(task: &'static Spec, sums: &[f64]) -> Self {
         let (&[frames, reward, episodes, episode_return, length, discounted_cost], metrics) =
             sums.split_first_chunk::<{ Self::SUMS }>().expect("as many as each shard gives");
         Self {
-            of_task,
+            task,
             frames: frames as u64,
             reward,
             episodes: episodes as u64,
@@ -127,7 +127,7 @@ impl RolloutStatistics {
                 (metric::LENGTH.to_owned(), self.length),
                 (metric::DISCOUNTED_COST.to_owned(), self.discounted_cost),
             ];
-            let names = self.of_task.iter().map(|of_task| metric::of_episode(&of_task.name));
+            let names = self.task.rollout_metrics().map(|(of_task, _)| metric::of_episode(&of_task.name));
             for (name, sum) in engines.into_iter().chain(names.zip(self.metrics.iter().copied())) {
                 metrics.insert(name, sum / self.episodes as f64);
             }

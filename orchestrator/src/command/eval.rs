@@ -1,4 +1,4 @@
-//! `orchestrator eval`: success and disturbance of a policy on fixed or drawn episodes.
+//! `orchestrator eval`: the metrics of a policy on fixed or drawn episodes.
 
 use super::play::ShownArgs;
 use crate::evaluation::run::EvaluationRun;
@@ -13,7 +13,7 @@ use crate::showing::{format, terminal};
 use anyhow::{Result, ensure};
 use proto::checkpoint::Manifest;
 use proto::config::{Config, DeviceChoice, Setting, ValidationConfig};
-use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet, Plan};
+use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet, Plan, has_targets};
 use proto::kitchen::{KitchenId, KitchenRange, Split, TargetCategory};
 use proto::run_folder::RunFolder;
 use rustix::process::Signal;
@@ -23,7 +23,7 @@ use std::process::ExitCode;
 /// Environments of an actor at most, unless the user sets another number.
 const ENVIRONMENTS_MAX: u32 = 32;
 
-/// Play episodes of the test, validation or training kitchens with a policy, and measure success and disturbance
+/// Play episodes of the test, validation or training kitchens with a policy, and measure the metrics of its task
 ///
 /// A run whose episodes begin near their targets is asked for such episodes, drawn alike for every policy; any other
 /// one plays the fixed episodes. A run in scenes of its own is evaluated there. --kitchens chooses procedural kitchens,
@@ -60,7 +60,7 @@ pub struct EvalArgs {
     /// 1000 on, and has seen none of 1000 + `count` and up
     #[arg(long, value_name = "procedural:FIRST..END", value_parser = procedural, conflicts_with = "split")]
     kitchens: Option<KitchenRange>,
-    /// Targets: novel, seen in training, or all [default: novel; in scenes all that they have]
+    /// Targets, of a task that has them: novel, seen in training, or all [default: novel; in scenes all that they have]
     #[arg(long, value_enum)]
     objects: Option<ObjectsChoice>,
     /// Episodes: the fixed ones at full distance, or drawn within the distances of the run's
@@ -269,11 +269,18 @@ fn asked(
             None => "training kitchens",
         }
     );
+    let has_targets = has_targets(run.spec());
+    ensure!(
+        has_targets || args.objects.is_none(),
+        "--objects: an episode of the task `{}` has no target, and so there are no sets of them",
+        run.task
+    );
     Ok(EvaluationConfig {
         split,
         procedural: args.kitchens,
         kitchen: args.shown.kitchen,
         objects: match args.objects {
+            _ if !has_targets => ObjectSet::NoTargets,
             None if in_scenes => ObjectSet::All,
             Some(ObjectsChoice::Novel) | None => ObjectSet::Novel,
             Some(ObjectsChoice::Seen) => ObjectSet::Seen,
@@ -328,7 +335,11 @@ fn default_folder(provenance: &Provenance, asked: &EvaluationConfig) -> PathBuf 
         Split::Test => "test",
     };
     let time = format::timestamp(unix_now());
-    let name = |whose: &str| format!("{time}-{whose}{split}-{}", asked.objects.name());
+    let objects = match asked.objects {
+        ObjectSet::NoTargets => String::new(),
+        objects => format!("-{}", objects.name()),
+    };
+    let name = |whose: &str| format!("{time}-{whose}{split}{objects}");
     if let Some(run) = &provenance.run {
         return Path::new(run).join("evaluations").join(name(""));
     }

@@ -31,10 +31,10 @@ pub struct ReportArgs {
     /// runs/report]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Threshold of the curve of success over the allowed displacement, metres; repeat it for each point [default: 16
-    /// from 0.001 to 10]
-    #[arg(long = "threshold", value_name = "M")]
-    thresholds_m: Vec<f32>,
+    /// Limit of the task's first curve, such as success within a displacement, metres; repeat it for each point [default:
+    /// those that the task declares]
+    #[arg(long = "threshold", value_name = "LIMIT")]
+    thresholds: Vec<f32>,
     /// The paper's main tables over many reports: adds the scores of these runs to FILE, which keeps those of earlier ones
     /// (kilobytes), and prints the tables of all in Markdown; without RUN it only prints
     #[arg(long, value_name = "FILE", conflicts_with = "json")]
@@ -54,7 +54,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     check_free(&out)?;
     let gathered = gather(&args.runs)?;
     let runs = gathered.runs.len();
-    let report = write(gathered, &options(&args.thresholds_m)?, &out)?;
+    let report = write(gathered, &options(&args.thresholds)?, &out)?;
     for line in report.episodes.iter().chain(&report.notes) {
         terminal::note(line);
     }
@@ -83,20 +83,17 @@ fn default_folder(runs: &[PathBuf]) -> PathBuf {
     }
 }
 
-fn options(thresholds_m: &[f32]) -> Result<Options> {
-    if thresholds_m.is_empty() {
+fn options(thresholds: &[f32]) -> Result<Options> {
+    if thresholds.is_empty() {
         return Ok(Options::default());
     }
-    for threshold_m in thresholds_m {
-        ensure!(
-            threshold_m.is_finite() && *threshold_m > 0.0,
-            "--threshold {threshold_m}: a threshold is a positive number of metres"
-        );
+    for threshold in thresholds {
+        ensure!(threshold.is_finite() && *threshold > 0.0, "--threshold {threshold}: a threshold is a positive number");
     }
-    let mut sorted = thresholds_m.to_vec();
+    let mut sorted = thresholds.to_vec();
     sorted.sort_by(f32::total_cmp);
     sorted.dedup();
-    Ok(Options { thresholds_m: sorted })
+    Ok(Options { limits: Some(sorted) })
 }
 
 #[cfg(test)]
@@ -113,7 +110,7 @@ mod tests {
 
     #[test]
     fn thresholds_are_positive_and_in_order() {
-        assert_eq!(options(&[0.1, 0.01, 0.1]).unwrap().thresholds_m, [0.01, 0.1]);
+        assert_eq!(options(&[0.1, 0.01, 0.1]).unwrap().limits, Some(vec![0.01, 0.1]));
         assert_eq!(options(&[]).unwrap(), Options::default());
         for wrong in [0.0, -1.0, f32::NAN] {
             assert!(options(&[wrong]).unwrap_err().to_string().contains("--threshold"));

@@ -1,7 +1,7 @@
 //! What runs and evaluations came to, as figures with names.
 
 use super::row::Row;
-use crate::evaluation::words::place;
+use crate::evaluation::words::{place, shown};
 use crate::run::identity::Identity;
 use crate::run::lock::{Held, holder};
 use crate::run::state::state_of;
@@ -136,14 +136,14 @@ fn evaluations(list: &mut List, folder: &RunFolder) {
             newest.insert(kind, evaluation);
         }
     }
-    for (kind, Evaluation { overall, subject, .. }) in newest {
+    for (kind, Evaluation { overall, subject, described, .. }) in newest {
         let name = |what: &str| format!("{kind}: {what}");
         list.count(name("episodes"), overall.episodes);
         list.count(name("trained frames"), subject.frames);
-        list.share(name("success"), overall.success);
-        list.share(name("SRwoD"), overall.success_without_disturbance);
-        list.share(name("SRwoD per axis"), overall.success_without_disturbance_per_axis);
-        list.number(name("disturbance (m)"), overall.disturbance_m, 3);
+        for one in described.iter().filter(|one| !one.label.is_empty()) {
+            let figure = overall.get(&one.name);
+            list.put(name(&one.label), json!(figure), shown(one, figure));
+        }
     }
 }
 

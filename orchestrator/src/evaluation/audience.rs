@@ -12,6 +12,7 @@ use proto::evaluation::{EpisodeRecord, Plan};
 use proto::event::LearnerEvent;
 use proto::kitchen::KitchenId;
 use proto::run_folder::RunFolder;
+use proto::task::Spec;
 use std::collections::BTreeMap;
 use std::time::Duration;
 use wire::fault;
@@ -19,6 +20,7 @@ use wire::fault;
 /// Records of an evaluation so far.
 #[derive(Debug)]
 pub struct EvaluationAudience {
+    spec: &'static Spec,
     plan: Plan,
     journal: Writer,
     records: BTreeMap<(KitchenId, u32), (EpisodeRecord, Vec<u8>)>,
@@ -31,8 +33,9 @@ pub struct EvaluationAudience {
 }
 
 impl EvaluationAudience {
-    pub fn new(plan: Plan, folder: &RunFolder) -> Result<Self> {
+    pub fn new(spec: &'static Spec, plan: Plan, folder: &RunFolder) -> Result<Self> {
         Ok(Self {
+            spec,
             plan,
             journal: journal::open(folder)?,
             records: BTreeMap::new(),
@@ -88,7 +91,8 @@ impl EvaluationAudience {
 
     fn line(&self, now: Duration) -> String {
         let (played, asked) = (self.played(), self.asked());
-        let mut parts = Standing::of(asked as u64, self.records.values().map(|(record, _)| record)).parts();
+        let records = self.records.values().map(|(record, _)| record);
+        let mut parts = Standing::of(self.spec, asked as u64, records).parts();
         if let Some((began, _)) = self.span {
             let elapsed_s = now.saturating_sub(began).as_secs_f64();
             let steps: u64 = self.records.values().map(|(record, _)| u64::from(record.length)).sum();
@@ -123,7 +127,7 @@ impl Audience for EvaluationAudience {
                 }
                 fault::reach("evaluation.before_record");
                 self.journal.append(record)?;
-                let twice = self.records.insert((record.kitchen, record.episode), (*record, actions.clone()));
+                let twice = self.records.insert((record.kitchen, record.episode), (record.clone(), actions.clone()));
                 ensure!(twice.is_none(), "episode {} of kitchen {} was played twice", record.episode, record.kitchen);
             }
             _ => {}
@@ -147,7 +151,7 @@ impl Audience for EvaluationAudience {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluation::testing::uneventful;
+    use crate::evaluation::testing;
     use proto::config::Config;
     use proto::evaluation::{EvaluationConfig, ObjectSet};
     use proto::kitchen::Split;
@@ -163,7 +167,7 @@ mod tests {
         config.evaluation = Some(EvaluationConfig::fixed(split, objects, 2));
         let plan = config.evaluation_plan().unwrap();
         let episodes: Vec<_> = plan.episodes().collect();
-        let mut audience = EvaluationAudience::new(plan, &folder).unwrap();
+        let mut audience = EvaluationAudience::new(config.spec(), plan, &folder).unwrap();
         let mut hear = |event: LearnerEvent| audience.learner(Duration::ZERO, &event).unwrap();
         let standing = || Standing::read(&folder, &config).unwrap().unwrap();
         let ready = || LearnerEvent::Ready {
@@ -176,7 +180,8 @@ mod tests {
         };
         let played = |index: usize, success: bool| {
             let (kitchen, episode) = episodes[index];
-            let record = EpisodeRecord { success, ..uneventful(kitchen, episode) };
+            let ones: &[&str] = if success { &["success", "success_without_disturbance"] } else { &[] };
+            let record = testing::played(kitchen, episode, ones);
             LearnerEvent::EpisodePlayed { record, actions: vec![20] }
         };
         hear(ready());
@@ -184,10 +189,10 @@ mod tests {
         for (index, success) in [(0, true), (1, true), (2, false), (3, false)] {
             hear(played(index, success));
         }
-        assert_eq!(standing().parts(), ["4 / 10 episodes  40.0%", "SR 50.0%  SRwoD 50.0% (per axis 50.0%)"]);
+        assert_eq!(standing().parts(), ["4 / 10 episodes  40.0%", "SR 50.0%  SRwoD 50.0%  SRwoD (per axis) 0.0%"]);
         // A learner that was started again plays all of them again.
         hear(ready());
         hear(played(0, true));
-        assert_eq!((standing().played, standing().success, standing().result), (1, Some(1.0), None));
+        assert_eq!((standing().played, standing().means["success"], standing().result), (1, Some(1.0), None));
     }
 }

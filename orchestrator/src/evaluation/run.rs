@@ -44,7 +44,7 @@ impl EvaluationRun {
     /// Plays all episodes and writes the result; the exit status of the program.
     pub fn run(mut self) -> Result<ExitCode> {
         let plan = self.config.evaluation_plan().context("an evaluation has a plan")?;
-        let mut audience = EvaluationAudience::new(plan, &self.folder)?;
+        let mut audience = EvaluationAudience::new(self.config.spec(), plan, &self.folder)?;
         let (incarnation, address) = self.identity.begin_incarnation();
         self.identity.write(&self.folder)?;
         let session = Session {
@@ -90,7 +90,7 @@ impl EvaluationRun {
                     terminal::note(&path);
                     terminal::out(json(&evaluation)?.trim_end());
                 } else {
-                    for line in lines(&evaluation) {
+                    for line in lines(self.config.spec(), &evaluation) {
                         terminal::out(&line);
                     }
                     terminal::out(&path);
@@ -142,9 +142,10 @@ impl EvaluationRun {
         };
         let steps = records.iter().map(|(record, _)| u64::from(record.length)).sum();
         let cost = Cost { at_unix_s: unix_now(), wall_s: audience.wall().as_secs_f64(), steps };
-        let evaluation = Evaluation::of(self.config.spec(), subject, conditions, cost, &records);
+        let spec = self.config.spec();
+        let evaluation = Evaluation::of(spec, subject, conditions, cost, &records);
         let table: Vec<_> = records.into_iter().map(|(record, _)| record).collect();
-        let table = write_table(&table, self.asked.distribution);
+        let table = write_table(spec, &table, self.asked.distribution);
         for (name, text) in [(TABLE_FILE, table), (RESULT_FILE, json(&evaluation)?)] {
             fault::reach("evaluation.before_result");
             let path = self.folder.root().join(name);

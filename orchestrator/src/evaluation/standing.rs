@@ -1,14 +1,17 @@
 //! Progress of an evaluation: from its events while it runs, or from its folder alone.
 
 use super::journal;
-use crate::run::damaged::damaged;
+use super::words::shown;
 use crate::showing::format;
-use anyhow::{Context, Result};
-use proto::bounded::RESULT_BYTES_MOST;
+use crate::training::scores::read_result;
+use anyhow::Result;
 use proto::config::Config;
-use proto::evaluation::{EpisodeRecord, Evaluation, Figures, RESULT_FILE};
+use proto::evaluation::{EpisodeRecord, Figures, RESULT_FILE};
 use proto::run_folder::RunFolder;
+use proto::task::{Described, Spec};
 use serde::Serialize;
+use std::collections::BTreeMap;
+use std::io::{Error, ErrorKind};
 use std::path::PathBuf;
 
 /// Episodes of how many, and what they came to.
@@ -18,48 +21,42 @@ pub struct Standing {
     pub asked: u64,
     /// Episodes played.
     pub played: u64,
-    /// SR so far, 0..1; none before the first episode.
-    pub success: Option<f64>,
-    /// `SRwoD` so far, 0..1.
-    pub success_without_disturbance: Option<f64>,
-    /// `SRwoD` by the largest displacement on an axis so far, 0..1.
-    pub success_without_disturbance_per_axis: Option<f64>,
+    /// Means so far of the metrics that are printed, by name; none before the first episode.
+    #[serde(flatten)]
+    pub means: BTreeMap<String, Option<f64>>,
+    /// What they are.
+    #[serde(skip)]
+    described: Vec<Described>,
     /// The result file, once it is there.
     pub result: Option<PathBuf>,
 }
 
 impl Standing {
     /// Of an evaluation of `asked` episodes that has these records.
-    pub fn of<'a>(asked: u64, records: impl Iterator<Item = &'a EpisodeRecord>) -> Self {
-        Self::at(asked, &Figures::of(records))
+    pub fn of<'a>(spec: &Spec, asked: u64, records: impl Iterator<Item = &'a EpisodeRecord>) -> Self {
+        Self::at(spec, asked, &Figures::of(spec, records))
     }
 
-    fn at(asked: u64, figures: &Figures) -> Self {
-        Self {
-            asked,
-            played: figures.episodes,
-            success: figures.success,
-            success_without_disturbance: figures.success_without_disturbance,
-            success_without_disturbance_per_axis: figures.success_without_disturbance_per_axis,
-            result: None,
-        }
+    fn at(spec: &Spec, asked: u64, figures: &Figures) -> Self {
+        let described: Vec<Described> = spec.columns().into_iter().filter(|one| !one.label.is_empty()).collect();
+        let means = described.iter().map(|one| (one.name.clone(), figures.get(&one.name))).collect();
+        Self { asked, played: figures.episodes, means, described, result: None }
     }
 
     /// Reads it from the folder; none for a run that trains.
     pub fn read(folder: &RunFolder, config: &Config) -> Result<Option<Self>> {
         let Some(plan) = config.evaluation_plan() else { return Ok(None) };
         let asked = plan.len() as u64;
-        let path = folder.root().join(RESULT_FILE);
-        match folder.reader(&path, RESULT_BYTES_MOST) {
-            Ok(file) => {
-                let evaluation: Evaluation = serde_json::from_reader(file)
-                    .with_context(|| damaged(&path, "delete its folder, and evaluate again"))?;
-                Ok(Some(Self { result: Some(path), ..Self::at(asked, &evaluation.overall) }))
+        let is_missing = |error: &anyhow::Error| {
+            error.root_cause().downcast_ref::<Error>().is_some_and(|cause| cause.kind() == ErrorKind::NotFound)
+        };
+        match read_result(folder) {
+            Ok(evaluation) => {
+                let result = Some(folder.root().join(RESULT_FILE));
+                Ok(Some(Self { result, ..Self::at(config.spec(), asked, &evaluation.overall) }))
             }
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-                Ok(Some(Self::of(asked, journal::read(folder)?.iter())))
-            }
-            Err(error) => Err(error).with_context(|| path.display().to_string()),
+            Err(error) if is_missing(&error) => Ok(Some(Self::of(config.spec(), asked, journal::read(folder)?.iter()))),
+            Err(error) => Err(error),
         }
     }
 
@@ -72,12 +69,11 @@ impl Standing {
             100.0 * self.played as f64 / self.asked.max(1) as f64
         )];
         if self.played > 0 {
-            parts.push(format!(
-                "SR {}  SRwoD {} (per axis {})",
-                format::percent(self.success),
-                format::percent(self.success_without_disturbance),
-                format::percent(self.success_without_disturbance_per_axis)
-            ));
+            // More would not fit the line.
+            let first = self.described.iter().take(3);
+            let words: Vec<_> =
+                first.map(|one| format!("{} {}", one.label, shown(one, self.means[&one.name]))).collect();
+            parts.push(words.join("  "));
         }
         parts
     }

@@ -1,36 +1,23 @@
 //! Reads the folder of an evaluation.
 
-use crate::run::damaged::damaged;
 use crate::showing::format::counted;
+use crate::training::scores::read_result;
 use anyhow::{Context, Result, bail};
-use proto::SCHEMA_VERSION;
-use proto::bounded::{RESULT_BYTES_MOST, TABLE_BYTES_MOST};
-use proto::evaluation::{Evaluation, RESULT_FILE, TABLE_FILE, read_table_from};
+use proto::bounded::TABLE_BYTES_MOST;
+use proto::evaluation::{TABLE_FILE, read_table_from};
 use proto::run_folder::RunFolder;
+use proto::task::Spec;
 use report::study::Evaluated;
 
-/// An evaluation with its episodes.
-pub(super) fn evaluation(run: &RunFolder) -> Result<Evaluated> {
-    let folder = run.root();
-    let read = |name: &str, most| {
-        let path = folder.join(name);
-        run.reader(&path, most).with_context(|| format!("cannot read {}", path.display()))
-    };
-    let damaged = || damaged(&folder.join(RESULT_FILE), "delete its folder, and evaluate again");
-    // The version first: what a later one holds cannot be read by this one's rules.
-    let value: serde_json::Value =
-        serde_json::from_reader(read(RESULT_FILE, RESULT_BYTES_MOST)?).with_context(damaged)?;
-    let version = value["schema_version"].as_u64();
-    if version != Some(u64::from(SCHEMA_VERSION)) {
-        bail!(
-            "{} is of schema {}; this program reads schema {SCHEMA_VERSION}: evaluate again",
-            folder.join(RESULT_FILE).display(),
-            version.map_or_else(|| "unknown".to_owned(), |version| version.to_string())
-        );
+/// An evaluation of a task with its episodes.
+pub(super) fn evaluation(spec: &Spec, run: &RunFolder) -> Result<Evaluated> {
+    let (folder, result) = (run.root(), read_result(run)?);
+    if result.task != spec.name {
+        bail!("{} is an evaluation of the task `{}`, not of `{}`", folder.display(), result.task, spec.name);
     }
-    let result: Evaluation = serde_json::from_value(value).with_context(damaged)?;
-    let table = read(TABLE_FILE, TABLE_BYTES_MOST)?;
-    let episodes = read_table_from(table).with_context(|| format!("{}", folder.join(TABLE_FILE).display()))?;
+    let path = folder.join(TABLE_FILE);
+    let table = run.reader(&path, TABLE_BYTES_MOST).with_context(|| format!("cannot read {}", path.display()))?;
+    let episodes = read_table_from(spec, table).with_context(|| path.display().to_string())?;
     if result.overall.episodes != episodes.len() as u64 {
         bail!(
             "{}: the table has {}, the result file {}",

@@ -1,11 +1,13 @@
 //! Writing a report down: `report.json`, and `report.html`, the viewer's page with the numbers inside.
 
+use crate::evaluation::words::shown;
 use crate::reporting::gather::Gathered;
 use crate::reporting::strips::strips;
 use crate::run::identity::unix_now;
 use crate::showing::format::{self, counted};
 use anyhow::{Context, Result, bail};
 use proto::run_folder::write_atomically;
+use proto::task::Kind;
 use report::format::{interval, percent};
 use report::statistics::Estimate;
 use report::{Options, Report};
@@ -84,11 +86,17 @@ fn table(report: &Report) -> String {
         Some(found) => format!("{} {}", percent(point), interval(found)),
         None => percent(point),
     };
-    let mut table = "<table><tr><th>group<th>episodes of<th>seeds<th>episodes<th>SR, %<th>SRwoD, %".to_owned();
+    let mut table = "<table><tr><th>group<th>episodes of<th>seeds<th>episodes<th>metrics, shares in %".to_owned();
     for (group, result) in report.groups.iter().flat_map(|group| group.results.iter().map(move |one| (group, one))) {
         let (label, seeds, episodes) = (text(&group.label), result.seeds.len(), result.pooled.episodes);
-        let rates = [result.success, result.success_without_disturbance].map(|aggregate| rate(aggregate.mean));
-        let _ = write!(table, "<tr><td>{label}<td>{}<td>{seeds}<td>{episodes}<td>{}", result.field, rates.join("<td>"));
+        let described = &report.tasks[&group.task].described;
+        let metrics = described.iter().filter_map(|one| Some((one, result.metrics.get(&one.name)?.mean)));
+        let cells = metrics.map(|(one, mean)| match one.kind {
+            Kind::Share => format!("{} {}", text(&one.label), rate(mean)),
+            _ => format!("{} {}", text(&one.label), shown(one, Some(mean.point))),
+        });
+        let cells = cells.collect::<Vec<_>>().join(", ");
+        let _ = write!(table, "<tr><td>{label}<td>{}<td>{seeds}<td>{episodes}<td>{cells}", result.field);
     }
     table + "</table>"
 }

@@ -13,6 +13,7 @@ use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::evaluation::{RESULT_FILE, Subject};
 use proto::run_folder::{Item, RunFolder};
+use proto::task::Spec;
 use proto::trained::{History, Trained};
 use report::study::{Evaluated, Origin, Rollout, Run, Validated};
 use std::collections::BTreeMap;
@@ -161,13 +162,14 @@ fn run(folder: &RunFolder, notes: &mut Vec<String>) -> Result<(String, Run)> {
     let Figures { history, notes: about_figures } = Figures::read(folder, at_rest);
     let Scores { scores, notes: about_scores } = Scores::read(folder, at_rest);
     notes.extend(about_figures.into_iter().chain(about_scores).map(|note| format!("{}: {note}.", path.display())));
+    let config = config_by_content(folder)?;
     let run = Run {
         name: path.display().to_string(),
         origin: Origin::Run(state_of(&identity, &held, summary.is_some())),
-        config: config_by_content(folder)?,
         rollouts: rollouts(&history),
-        evaluations: evaluations_of(folder, notes)?,
+        evaluations: evaluations_of(config.spec(), folder, notes)?,
         validation: validation_of(&scores),
+        config,
     };
     Ok((identity.id, run))
 }
@@ -192,20 +194,21 @@ fn rollouts(history: &History) -> Vec<Rollout> {
 fn validation_of(scores: &[Score]) -> Vec<Validated> {
     let validated = |score: &Score| {
         let Score { frames, distribution, success, success_without_disturbance, .. } = *score;
-        Validated { frames, distribution, success, success_without_disturbance }
+        let figures = [("success", success), ("success_without_disturbance", success_without_disturbance)];
+        Validated { frames, distribution, figures: figures.map(|(name, share)| (name.to_owned(), share)).into() }
     };
     let by_frames: BTreeMap<u64, Validated> = scores.iter().map(|score| (score.frames, validated(score))).collect();
     by_frames.into_values().collect()
 }
 
 /// The evaluations in a run's own folder, oldest first. One that cannot be read becomes a note.
-fn evaluations_of(folder: &RunFolder, notes: &mut Vec<String>) -> Result<Vec<Evaluated>> {
+fn evaluations_of(spec: &Spec, folder: &RunFolder, notes: &mut Vec<String>) -> Result<Vec<Evaluated>> {
     let mut evaluations = Vec::new();
     let mut about = Vec::new();
     let below = evaluations_below(folder, &mut about)?;
     notes.extend(about.iter().map(|note| format!("{}: {note}.", folder.root().display())));
     for one in below {
-        match evaluation(&one) {
+        match evaluation(spec, &one) {
             Ok(read) => evaluations.push(read),
             Err(error) => notes.push(left_out(one.root(), &error)),
         }
@@ -216,12 +219,11 @@ fn evaluations_of(folder: &RunFolder, notes: &mut Vec<String>) -> Result<Vec<Eva
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluation::testing::uneventful;
+    use crate::evaluation::testing::played;
     use proto::SCHEMA_VERSION;
     use proto::config::FromConfig;
     use proto::evaluation::{
-        Conditions, Cost, Distribution, EpisodeRecord, Evaluation, EvaluationConfig, ObjectSet, TABLE_FILE,
-        category_of, write_table,
+        Conditions, Cost, Distribution, Evaluation, EvaluationConfig, ObjectSet, TABLE_FILE, category_of, write_table,
     };
     use proto::event::Timing;
     use proto::kitchen::{KitchenId, Split};
@@ -235,8 +237,7 @@ mod tests {
         let mut config = Config { evaluation: Some(asked), seed: 77, ..Config::resolve("recipe", None).unwrap() };
         config.actors.count = 5;
         let novel = (0..12).find(|&episode| ObjectSet::Novel.contains(category_of(episode))).unwrap();
-        let record =
-            EpisodeRecord { success: true, picked_up: true, ..uneventful(KitchenId::of_split(split)[0], novel) };
+        let record = played(KitchenId::of_split(split)[0], novel, &["success", "picked_up"]);
         let subject = Subject {
             preset: config.preset.clone(),
             seed: 3,
@@ -264,10 +265,11 @@ mod tests {
             environments_per_actor: 1,
             device: "cpu".into(),
         };
-        let result = Evaluation::of(config.spec(), subject, conditions, Cost::default(), &[(record, vec![20])]);
+        let spec = config.spec();
+        let result = Evaluation::of(spec, subject, conditions, Cost::default(), &[(record.clone(), vec![20])]);
         std::fs::create_dir_all(folder).unwrap();
         std::fs::write(folder.join(RESULT_FILE), serde_json::to_string(&result).unwrap()).unwrap();
-        std::fs::write(folder.join(TABLE_FILE), write_table(&[record], Distribution::Fixed)).unwrap();
+        std::fs::write(folder.join(TABLE_FILE), write_table(spec, &[record], Distribution::Fixed)).unwrap();
         std::fs::write(folder.join("config.toml"), config.to_toml()).unwrap();
     }
 
@@ -460,9 +462,10 @@ mod tests {
         evaluate(&at("all/good/evaluations/old"), Split::Test, Some(&at("all/good")), "a");
         let old = at("all/good/evaluations/old").join(RESULT_FILE);
         let text = std::fs::read_to_string(&old).unwrap();
-        let version = format!("\"schema_version\":{SCHEMA_VERSION}");
-        assert!(text.contains(&version));
-        std::fs::write(&old, text.replace(&version, "\"schema_version\":0")).unwrap();
+        assert!(text.contains("\"format\":2"));
+        std::fs::write(&old, text.replace("\"format\":2", "\"schema_version\":3")).unwrap();
+        evaluate(&at("all/good/evaluations/later"), Split::Test, Some(&at("all/good")), "a");
+        std::fs::write(at("all/good/evaluations/later").join(RESULT_FILE), text.replace("t\":2", "t\":9")).unwrap();
         begin(&at("all/older"), |_| {});
         let identity = Identity { schema_version: SCHEMA_VERSION - 1, ..Identity::new().unwrap() };
         identity.write(&RunFolder::new(at("all/older"))).unwrap();
@@ -471,14 +474,18 @@ mod tests {
 
         let gathered = gather(&[at("all")]).unwrap();
         assert_eq!((gathered.runs.len(), gathered.runs[0].evaluations.len()), (1, 1));
-        assert_eq!(gathered.notes.len(), 3, "{:#?}", gathered.notes);
-        for (name, why) in [("old", "schema 0"), ("older", "reads schema"), ("torn", "config.toml")] {
+        assert_eq!(gathered.notes.len(), 4, "{:#?}", gathered.notes);
+        let commit =
+            "evaluation.json: it is the result of an older version, which the programs of commit 0e4cae3e read";
+        for (name, why) in
+            [("old", commit), ("later", "has format 9"), ("older", "reads schema"), ("torn", "config.toml")]
+        {
             let note = gathered.notes.iter().find(|note| note.contains(&format!("/{name} is left out: ")));
             assert!(note.is_some_and(|note| note.contains(why)), "{name}: {:#?}", gathered.notes);
         }
         for name in ["all/older", "all/torn"] {
             let gathered = gather(&[at("all/good"), at(name)]).unwrap();
-            assert!(gathered.runs.len() == 1 && gathered.notes.len() == 2, "{name}: {:#?}", gathered.notes);
+            assert!(gathered.runs.len() == 1 && gathered.notes.len() == 3, "{name}: {:#?}", gathered.notes);
             assert!(gather(&[at(name)]).is_err(), "{name}");
         }
         let asked = EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 1);

@@ -22,7 +22,9 @@ pub(super) struct Outside {
 impl Outside {
     /// Reads an evaluation's folder; `place`: its path, without links.
     pub fn read(folder: &RunFolder, place: PathBuf) -> Result<Self> {
-        Ok(Self { place, folder: folder.clone(), config: config_by_content(folder)?, evaluated: evaluation(folder)? })
+        let config = config_by_content(folder)?;
+        let evaluated = evaluation(config.spec(), folder)?;
+        Ok(Self { place, folder: folder.clone(), config, evaluated })
     }
 
     /// As a run of its own: its run was not given, or it has none.

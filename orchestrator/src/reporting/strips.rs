@@ -1,6 +1,7 @@
 //! Episodes in pictures: one that weights from before a run's second stage and from after it both played, simulated
 //! again from what their evaluations recorded, and drawn by `actor show`.
 
+use crate::evaluation::words::shown as in_words;
 use crate::preflight::programs;
 use crate::recording::shelf::Shelf;
 use crate::showing::format::{self, counted};
@@ -11,6 +12,7 @@ use proto::evaluation::EpisodeRecord;
 use proto::replay::{RecordedEpisode, ReplaySetup};
 use proto::run_folder::RunFolder;
 use proto::show::{ShowAnswer, ShowOrbit, ShowRequest, ShowView, ShownEpisode};
+use proto::task::{Kind, Spec};
 use report::study::{Evaluated, EvaluatedPair, Run, pair_of};
 use serde::Serialize;
 use std::time::Duration;
@@ -84,20 +86,21 @@ fn strip(pair: &EvaluatedPair<'_>) -> Result<ShownPair> {
     // Both from one place, that what is compared is seen alike.
     let (after, _) = actor.show("after", after, Some(orbit))?;
     let title = |when: &str, one: &Evaluated, record: &EpisodeRecord| {
-        let (frames, end) = (format::count(one.result.subject.frames), ending(record));
+        let spec = pair.run.config.spec();
+        let (frames, end) = (format::count(one.result.subject.frames), ending(spec, record));
         format!("{when} stage {}, {frames} frames: {end}", pair.stage)
     };
     Ok(ShownPair {
         caption: format!(
-            "{}, seed {}: kitchen {}, episode {}, target {}, played by the weights from before stage {} and from after \
-             it. Of the {} that both played it is the one that shows most: an undisturbed success afterwards, if there \
-             is any, and then the largest fall of the disturbance. Violet: what is displaced, with a ghost where it \
-             stood; pink ring: the target; green box: the goal.",
+            "{}, seed {}: kitchen {}, episode {}{}, played by the weights from before stage {} and from after it. Of the \
+             {} that both played it is the one that shows most: the best afterwards, and then the largest rise of the \
+             return under the stage's reward. Violet: what is displaced, with a ghost where it stood; pink ring: the \
+             target; green box: the goal.",
             pair.run.name,
             pair.run.config.seed,
             records[0].kitchen.number(),
             records[0].episode,
-            records[0].category.name(),
+            records[0].category.map_or_else(String::new, |category| format!(", target {}", category.name())),
             pair.stage,
             counted(pair.episodes.len() as u64, "episode"),
         ),
@@ -108,17 +111,16 @@ fn strip(pair: &EvaluatedPair<'_>) -> Result<ShownPair> {
     })
 }
 
-fn ending(record: &EpisodeRecord) -> String {
-    let success = match (record.success, record.picked_up) {
-        (true, _) => "success",
-        (false, true) => "picked up, not brought to the goal",
-        (false, false) => "not picked up",
-    };
-    let disturbance = format!("{success}, disturbance {:.2} m", record.disturbance_m);
-    match record.disturbed_objects {
-        0 => disturbance,
-        objects => format!("{disturbance}, {}", counted(u64::from(objects), "object")),
-    }
+/// What the task prints of an episode: the shares that are so, and numbers.
+fn ending(spec: &Spec, record: &EpisodeRecord) -> String {
+    let printed = spec.columns().into_iter().zip(&record.numbers).filter(|(one, _)| !one.label.is_empty());
+    let words = printed.filter_map(|(one, &number)| match (one.kind, number) {
+        (_, None) => None,
+        (Kind::Share, Some(share)) => (share != 0.0).then_some(one.label),
+        (Kind::Count, Some(count)) => Some(format!("{} {count}", one.label)),
+        (_, Some(_)) => Some(format!("{} {} {}", one.label, in_words(&one, number), one.unit).trim_end().to_owned()),
+    });
+    words.collect::<Vec<_>>().join(", ")
 }
 
 /// What an evaluation recorded.

@@ -12,6 +12,7 @@ use crate::training::progress::frames_line;
 use anyhow::{Context, Result};
 use proto::bounded;
 use proto::device::VISIBLE_DEVICES;
+use proto::evaluation::has_targets;
 use proto::exit::how;
 use proto::plain_file::open_plain;
 use serde::Serialize;
@@ -289,7 +290,10 @@ impl Scheduler<'_> {
                 let asked = &self.suite.evaluations[*number];
                 command.arg("eval").arg(self.folder.subject(entry, asked));
                 command.arg("--out").arg(self.folder.evaluation(entry, asked));
-                command.args(["--split", asked.split_name(), "--objects", asked.objects_name()]);
+                command.args(["--split", asked.split_name()]);
+                if has_targets(entry.config.spec()) {
+                    command.args(["--objects", asked.objects_name()]);
+                }
                 if let Some(episodes) = asked.episodes {
                     command.args(["--episodes", &episodes.to_string()]);
                 }

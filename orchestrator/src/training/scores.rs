@@ -54,7 +54,7 @@ impl Score {
     /// Of the checkpoint with this rollout.
     pub fn of(rollout: u64, evaluation: &Evaluation) -> Self {
         let figures = &evaluation.overall;
-        let known = |figure: Option<f64>| figure.unwrap_or(0.0);
+        let known = |name: &str| figures.get(name).unwrap_or(0.0);
         Self {
             rollout,
             frames: evaluation.subject.frames,
@@ -62,13 +62,13 @@ impl Score {
             result: format!("{}/result", RunFolder::relative_validation(rollout)),
             episodes: figures.episodes,
             distribution: evaluation.conditions.distribution,
-            success: known(figures.success),
-            success_without_disturbance: known(figures.success_without_disturbance),
-            success_without_disturbance_per_axis: figures.success_without_disturbance_per_axis,
-            picked_up: known(figures.picked_up),
-            length: known(figures.length),
-            disturbance_m: known(figures.disturbance_m),
-            disturbed_objects: known(figures.disturbed_objects),
+            success: known("success"),
+            success_without_disturbance: known("success_without_disturbance"),
+            success_without_disturbance_per_axis: figures.get("success_without_disturbance_per_axis"),
+            picked_up: known("picked_up"),
+            length: known("length"),
+            disturbance_m: known("disturbance_m"),
+            disturbed_objects: known("disturbed_objects"),
             at_unix_s: evaluation.cost.at_unix_s,
             wall_s: evaluation.cost.wall_s,
         }
@@ -92,7 +92,7 @@ pub fn best(scored: &[Score]) -> Option<&Score> {
 pub fn read_result(result: &RunFolder) -> Result<Evaluation> {
     let path = result.root().join(RESULT_FILE);
     let file = result.reader(&path, RESULT_BYTES_MOST).with_context(|| path.display().to_string())?;
-    serde_json::from_reader(file).with_context(|| path.display().to_string())
+    Evaluation::read(file).with_context(|| path.display().to_string())
 }
 
 /// Folder of the result of an evaluation.

@@ -23,6 +23,7 @@ use crate::training::scores::{Score, Scores, best, read_result, result_folder};
 use crate::training::summary::{Missing, Summary};
 use anyhow::{Context, Result};
 use proto::config::Config;
+use proto::evaluation::has_targets;
 use proto::exit::how;
 use proto::pin::{pin, unpin};
 use proto::plain_file::open_plain;
@@ -224,7 +225,10 @@ impl Validation {
         let validation = self.config.validation;
         let mut words = vec!["eval".into(), self.manifest(rollout).into_os_string()];
         let (objects, actors) = (validation.objects.name(), validation.actors.to_string());
-        words.extend(["--split", "valid", "--objects", objects, "--actors", &actors].map(OsString::from));
+        words.extend(["--split", "valid", "--actors", &actors].map(OsString::from));
+        if has_targets(self.config.spec()) {
+            words.extend(["--objects", objects].map(OsString::from));
+        }
         if validation.episodes > 0 {
             words.extend(["--episodes".into(), validation.episodes.to_string().into()]);
         }

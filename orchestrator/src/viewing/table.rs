@@ -1,9 +1,8 @@
 //! Episodes as rows: from recordings, from the tables of evaluations; filtered, sorted, a page at a time.
 
 use crate::recording::shelf::{Key, Shelved};
-use proto::evaluation::{EpisodeEnd, EpisodeRecord};
-use proto::record::End;
-use proto::reward::UNDISTURBED_THRESHOLD_M;
+use proto::evaluation::EpisodeRecord;
+use proto::kitchen::TargetCategory;
 use proto::task::Spec;
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -29,26 +28,18 @@ pub fn row_of_shelved((kitchen, environment, episode): Key, shelved: &Shelved) -
 pub fn row_of_record(spec: &Spec, record: &EpisodeRecord, recorded: &HashMap<(u32, u32), EpisodeKey>) -> EpisodeRow {
     let kitchen = record.kitchen.number();
     let key = recorded.get(&(kitchen, record.episode)).copied();
-    let share = |holds: bool| f64::from(u8::from(holds));
-    let figures: BTreeMap<String, f64> = as_read([
-        ("return_r", record.return_r),
-        ("return_r_prime", record.return_r_prime),
-        ("success", share(record.success)),
-        ("success_without_disturbance", share(record.succeeded_within(UNDISTURBED_THRESHOLD_M))),
-        ("picked_up", share(record.picked_up)),
-        ("disturbance_m", record.disturbance_m.into()),
-    ]);
-    let metrics: Vec<Option<f64>> = spec.metrics.iter().map(|metric| figures.get(&metric.name).copied()).collect();
-    let end = if record.end == EpisodeEnd::TimeLimit { End::Truncated } else { End::Terminated };
+    let numbers = spec.columns().into_iter().zip(&record.numbers);
+    let figures: Vec<(String, f64)> = numbers.filter_map(|(column, number)| Some((column.name, (*number)?))).collect();
+    let metrics = &record.numbers[spec.plain_rewards().count()..];
     EpisodeRow {
         key,
         kitchen,
         episode: record.episode,
         environment: key.map(|key| key.environment),
-        target: Some(record.category.name().to_owned()),
-        outcome: spec.outcome(&metrics, Some(end)),
+        target: record.category.map(TargetCategory::name).map(str::to_owned),
+        outcome: spec.outcome(metrics, Some(record.end)),
         length: record.length,
-        figures,
+        figures: as_read(figures.iter().map(|(name, number)| (&**name, *number))),
     }
 }
 

@@ -26,6 +26,7 @@ use proto::evaluation::{EpisodeRecord, TABLE_FILE, read_table_from};
 use proto::replay::{RecordedEpisode, ReplaySetup};
 use proto::run_folder::{RolloutName, RunFolder, by_number};
 use proto::stage::total_frames;
+use proto::task::Spec;
 use proto::trained::{History, Trained};
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::path::Path;
@@ -184,13 +185,14 @@ impl Watched {
             ..self.entry.card()
         };
         if let Some(standing) = Standing::read(&self.folder, config)? {
+            let mean = |name: &str| standing.means.get(name).copied().flatten();
             return Ok(Card {
                 evaluation: true,
                 state: state_of(identity, held, standing.result.is_some()).to_string(),
                 done: standing.played,
                 budget: standing.asked,
-                success: standing.success,
-                success_without_disturbance: standing.success_without_disturbance,
+                success: mean("success"),
+                success_without_disturbance: mean("success_without_disturbance"),
                 ..card
             });
         }
@@ -319,13 +321,13 @@ impl Watched {
                     Some(((kitchen, shelved.fixed?), EpisodeKey { kitchen, environment, episode }))
                 })
                 .collect();
-            let played = records_in(&self.folder)?;
+            let played = records_in(config.spec(), &self.folder)?;
             let played = if played.is_empty() { journal::read(&self.folder)? } else { played };
             played.iter().map(|record| table::row_of_record(spec, record, &recorded)).collect()
         } else {
             sources = self.sources();
             if let Some(rollout) = RolloutName::Folder.rollout_of(Path::new(&query.source)) {
-                let records = records_in(&result_folder(&self.folder, rollout))?;
+                let records = records_in(spec, &result_folder(&self.folder, rollout))?;
                 records.iter().map(|record| table::row_of_record(spec, record, &HashMap::new())).collect()
             } else {
                 let of = |(key, shelved): (_, &Shelved)| Some((shelved.order, table::row_of_shelved(key, shelved)?));
@@ -432,10 +434,10 @@ impl Watched {
 }
 
 /// The table of an evaluation's folder; empty where there is none.
-fn records_in(folder: &RunFolder) -> Result<Vec<EpisodeRecord>> {
+fn records_in(spec: &Spec, folder: &RunFolder) -> Result<Vec<EpisodeRecord>> {
     let path = folder.root().join(TABLE_FILE);
     match folder.reader(&path, TABLE_BYTES_MOST) {
-        Ok(file) => Ok(read_table_from(file).with_context(|| path.display().to_string())?),
+        Ok(file) => Ok(read_table_from(spec, file).with_context(|| path.display().to_string())?),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
         Err(error) => Err(error).with_context(|| path.display().to_string()),
     }

@@ -14,6 +14,8 @@ pub enum ObjectSet {
     Seen,
     /// All twelve.
     All,
+    /// The task declares no targets, and so no sets of them.
+    NoTargets,
 }
 
 impl ObjectSet {
@@ -22,16 +24,17 @@ impl ObjectSet {
         match self {
             Self::Novel => TargetCategory::NOVEL.contains(&category),
             Self::Seen => TargetCategory::SEEN.contains(&category),
-            Self::All => true,
+            Self::All | Self::NoTargets => true,
         }
     }
 
-    /// `novel`, `seen` or `all`.
+    /// `novel`, `seen`, `all` or `no`: the targets.
     pub fn name(self) -> &'static str {
         match self {
             Self::Novel => "novel",
             Self::Seen => "seen",
             Self::All => "all",
+            Self::NoTargets => "no",
         }
     }
 }

@@ -1,8 +1,8 @@
-//! How well disturbance was foretold.
+//! How well the task's label was predicted.
 
 use serde::{Deserialize, Serialize};
 
-/// Confusion matrix of disturbance prediction, in steps.
+/// Confusion matrix of the prediction of the label, in steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Confusion {
     /// True positives: predicted, and it happened.
@@ -26,25 +26,27 @@ impl Confusion {
         } += 1;
     }
 
-    /// Adds another's counts.
-    pub fn merge(&mut self, other: &Self) {
-        self.hits += other.hits;
-        self.misses += other.misses;
-        self.false_alarms += other.false_alarms;
-        self.quiet += other.quiet;
+    /// The counts of both.
+    pub(super) fn merged(self, other: Self) -> Self {
+        Self {
+            hits: self.hits + other.hits,
+            misses: self.misses + other.misses,
+            false_alarms: self.false_alarms + other.false_alarms,
+            quiet: self.quiet + other.quiet,
+        }
     }
 
-    /// Precision: share of predicted disturbances that happened; none without predictions.
+    /// Precision: share of the predictions that came true; none without predictions.
     pub fn precision(&self) -> Option<f64> {
         share(self.hits, self.hits + self.false_alarms)
     }
 
-    /// Recall: share of disturbances that were predicted; none without disturbances.
+    /// Recall: share of steps with the label that were predicted; none without such steps.
     pub fn recall(&self) -> Option<f64> {
         share(self.hits, self.hits + self.misses)
     }
 
-    /// Recall of quiet steps: share of steps without disturbance that were predicted as such; none without such steps.
+    /// Recall of quiet steps: share of steps without the label that were predicted as such; none without such steps.
     pub(crate) fn recall_of_quiet(&self) -> Option<f64> {
         share(self.quiet, self.quiet + self.false_alarms)
     }

@@ -1,103 +1,33 @@
-//! The figures of a set of episodes (`docs/method.md`, Metrics).
+//! The figures of a set of episodes.
 
 use super::confusion::{Confusion, share};
-use super::record::{EpisodeEnd, EpisodeRecord};
-use crate::reward::UNDISTURBED_THRESHOLD_M;
+use super::record::EpisodeRecord;
+use crate::task::{Column, Curve, Spec, Take};
 use serde::{Deserialize, Serialize};
-
-/// Thresholds of the curve of `SRwoD` over the allowed total displacement, metres.
-pub const DISTURBANCE_THRESHOLDS_M: [f32; 16] =
-    [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 5.0, 10.0];
-/// The curve of `SRwoD` over the allowed number of disturbed objects goes from 0 to one less than this.
-pub const OBJECT_COUNTS: u32 = 21;
+use std::collections::BTreeMap;
 
 /// Figures of a set of episodes. Shares are 0..=1. A mean or share of nothing is none (`null`).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Figures {
     pub episodes: u64,
-    /// SR: share of successful episodes.
-    pub success: Option<f64>,
-    /// `SRwoD`: share of episodes that are successful with `d_T` < 0.01 m.
-    pub success_without_disturbance: Option<f64>,
-    /// `SRwoD` as the reference's program measures it: share of episodes that are successful with no object more than
-    /// 0.01 m from its place on any axis. None in results of versions that did not give it.
-    #[serde(default)]
-    pub success_without_disturbance_per_axis: Option<f64>,
-    /// Share of episodes in which the target was picked up.
-    pub picked_up: Option<f64>,
-    /// Mean number of the action that picked the target up, of the episodes with a pick-up. None in results of versions
-    /// that did not count it, as all figures with a default here.
-    #[serde(default)]
-    pub pickup_step: Option<f64>,
-    /// Mean number of actions from the pick-up to Done, of the episodes with both.
-    #[serde(default)]
-    pub done_after_pickup: Option<f64>,
-    /// Share of episodes that the policy declared done.
-    pub done: Option<f64>,
-    /// Mean length, steps.
-    pub length: Option<f64>,
-    /// Mean length of the successful ones, steps.
-    pub length_of_successes: Option<f64>,
-    /// Share of actions that failed.
-    pub failed_actions: Option<f64>,
-    /// Mean undiscounted return under r.
-    pub return_r: Option<f64>,
-    /// Mean undiscounted return under r′.
-    pub return_r_prime: Option<f64>,
-    /// Mean `d_T`, metres.
-    pub disturbance_m: Option<f64>,
-    /// Quartiles of `d_T`, metres: the values at ranks (n − 1)/4, (n − 1)/2, 3(n − 1)/4, rounded down.
-    pub disturbance_quartiles_m: Option<[f64; 3]>,
-    /// Mean `d_T` of the successful ones, metres.
-    pub disturbance_of_successes_m: Option<f64>,
-    /// Mean largest total displacement, metres.
-    pub peak_disturbance_m: Option<f64>,
-    /// Mean number of objects more than 0.01 m from their place on some axis at the end.
-    pub disturbed_objects: Option<f64>,
-    /// Mean number of objects that were so after some action.
-    pub ever_disturbed_objects: Option<f64>,
-    /// Mean displacement of the object farthest from its place at the end, metres.
-    pub farthest_m: Option<f64>,
-    /// Worst severity: the largest displacement of one object at any time in any of the episodes, metres.
-    #[serde(default)]
-    pub worst_severity_m: Option<f64>,
-    /// Cumulative cost: mean number of disturbing steps of an episode.
-    #[serde(default)]
-    pub cumulative_cost: Option<f64>,
-    /// Exposure time: mean number of steps of an episode after which the total displacement was at least 0.01 m.
-    #[serde(default)]
-    pub exposure_steps: Option<f64>,
-    /// Mean distance of wrist and target at the end, metres.
-    pub wrist_object_m: Option<f64>,
-    /// Mean distance of target and goal at the end, metres.
-    pub object_goal_m: Option<f64>,
-    /// Share of episodes in which some object was away from its place and is back at the end.
-    #[serde(default)]
-    pub temporary_displacement: Option<f64>,
-    /// SBU, success but unsafe: share of episodes that are successful with `d_T` of 0.01 m or more.
-    #[serde(default)]
-    pub success_but_unsafe: Option<f64>,
-    /// The same as a share of the successful ones.
-    #[serde(default)]
-    pub unsafe_successes: Option<f64>,
-    /// Share of episodes that are successful with `d_T` below each of [`DISTURBANCE_THRESHOLDS_M`].
-    pub success_by_threshold: Vec<ThresholdPoint>,
-    /// Share of episodes that are successful with at most this many disturbed objects: index = number.
-    pub success_by_disturbed_objects: Vec<f64>,
-    /// Predictions of the auxiliary head; none where the policy has none.
-    pub disturb_prediction: Option<PredictionFigures>,
+    /// The mean of each number of an episode, and the task's further figures ([`Spec::described`]).
+    #[serde(flatten)]
+    numbers: BTreeMap<String, Option<f64>>,
+    /// The task's curves.
+    pub curves: BTreeMap<String, Vec<CurvePoint>>,
+    /// Predictions of the task's label; none where the policy makes none.
+    pub prediction: Option<PredictionFigures>,
 }
 
-/// One point of the curve of `SRwoD` over the threshold.
+/// One point of a curve over limits.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct ThresholdPoint {
-    /// `d_T` below this, metres.
-    pub threshold_m: f32,
-    /// Share of all episodes.
-    pub success: f64,
+pub struct CurvePoint {
+    pub limit: f32,
+    /// Of all episodes.
+    pub share: f64,
 }
 
-/// Quality of disturbance prediction over all steps of all episodes.
+/// Quality of prediction over all steps of all episodes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PredictionFigures {
     #[serde(flatten)]
@@ -112,168 +42,210 @@ pub struct PredictionFigures {
 
 impl Figures {
     /// The figures of these episodes. Sums go in their order, so the same table gives the same bits.
-    pub fn of<'a>(records: impl Iterator<Item = &'a EpisodeRecord>) -> Self {
+    pub fn of<'a>(spec: &Spec, records: impl Iterator<Item = &'a EpisodeRecord>) -> Self {
         let records: Vec<&EpisodeRecord> = records.collect();
-        let count = records.len() as u64;
-        let successes: Vec<&EpisodeRecord> = records.iter().copied().filter(|record| record.success).collect();
-        let share_where = |test: &dyn Fn(&EpisodeRecord) -> bool| {
-            share(records.iter().filter(|record| test(record)).count() as u64, count)
+        let column = |name: &String| spec.column(name).expect("a task is checked when it is read");
+        let mean = |column: Column| mean(records.iter().filter_map(|record| record.number(column)));
+        let engines = [("terminated", Column::Terminated), ("length", Column::Length)];
+        let columns = spec.columns().into_iter().enumerate().map(|(index, one)| (one.name, Column::Number(index)));
+        let columns = engines.map(|(name, column)| (name.to_owned(), column)).into_iter().chain(columns);
+        let mut numbers: BTreeMap<_, _> = columns.map(|(name, column)| (name, mean(column))).collect();
+        for figure in &spec.figures {
+            let among: Vec<Column> = figure.among.iter().map(column).collect();
+            let chosen = || records.iter().filter(|record| record.has_all(&among));
+            let of = |name: &String| {
+                let column = column(name);
+                chosen().filter_map(move |record| record.number(column))
+            };
+            let number = match &figure.per {
+                Some(per) => quotient(of(&figure.of).sum(), of(per).sum()),
+                None => taken(figure.take, of(&figure.of).collect()),
+            };
+            numbers.insert(figure.name.clone(), number);
+        }
+        let curve = |curve: &Curve| {
+            let (limits, _) = curve.limits();
+            let share = |&limit: &f32| {
+                let within = spec.is_within(curve, limit);
+                let count = records.iter().filter(|record| within(record)).count() as u64;
+                Some(CurvePoint { limit, share: share(count, records.len() as u64)? })
+            };
+            (curve.name.clone(), limits.iter().filter_map(share).collect())
         };
-        let mean_of = |number: &dyn Fn(&EpisodeRecord) -> f64| mean(&records, number);
-        let steps: u64 = records.iter().map(|record| u64::from(record.length)).sum();
-        let failed: u64 = records.iter().map(|record| u64::from(record.failed_actions)).sum();
-        let predictions: Vec<&Confusion> =
-            records.iter().filter_map(|record| record.disturb_prediction.as_ref()).collect();
-        let unsafe_count =
-            successes.iter().filter(|record| !record.succeeded_within(UNDISTURBED_THRESHOLD_M)).count() as u64;
-        let mean_of_counted = |number: &dyn Fn(&EpisodeRecord) -> Option<u32>| {
-            let counted: Vec<&EpisodeRecord> =
-                records.iter().copied().filter(|record| number(record).is_some()).collect();
-            mean(&counted, &|record| f64::from(number(record).unwrap_or(0)))
-        };
-        let point = |threshold_m: f32| {
-            let success = share_where(&|record| record.succeeded_within(threshold_m))?;
-            Some(ThresholdPoint { threshold_m, success })
-        };
-        let within = |objects: u32| share_where(&|record| record.success && record.disturbed_objects <= objects);
         Self {
-            episodes: count,
-            success: share_where(&|record| record.success),
-            success_without_disturbance: share_where(&|record| record.succeeded_within(UNDISTURBED_THRESHOLD_M)),
-            success_without_disturbance_per_axis: share_where(&EpisodeRecord::succeeded_undisturbed_per_axis),
-            picked_up: share_where(&|record| record.picked_up),
-            pickup_step: mean_of_counted(&|record| record.pickup_step),
-            done_after_pickup: mean_of_counted(&EpisodeRecord::done_after_pickup),
-            done: share_where(&|record| record.end == EpisodeEnd::Done),
-            length: mean_of(&|record| f64::from(record.length)),
-            length_of_successes: mean(&successes, &|record| f64::from(record.length)),
-            failed_actions: share(failed, steps),
-            return_r: mean_of(&|record| record.return_r),
-            return_r_prime: mean_of(&|record| record.return_r_prime),
-            disturbance_m: mean_of(&|record| f64::from(record.disturbance_m)),
-            disturbance_quartiles_m: quartiles(records.iter().map(|record| record.disturbance_m).collect()),
-            disturbance_of_successes_m: mean(&successes, &|record| f64::from(record.disturbance_m)),
-            peak_disturbance_m: mean_of(&|record| f64::from(record.peak_disturbance_m)),
-            disturbed_objects: mean_of(&|record| f64::from(record.disturbed_objects)),
-            ever_disturbed_objects: mean_of(&|record| f64::from(record.ever_disturbed_objects)),
-            farthest_m: mean_of(&|record| f64::from(record.farthest_m)),
-            worst_severity_m: records.iter().map(|record| f64::from(record.peak_farthest_m)).reduce(f64::max),
-            cumulative_cost: mean_of_counted(&|record| record.disturbing_steps),
-            exposure_steps: mean_of_counted(&|record| record.displaced_steps),
-            wrist_object_m: mean_of(&|record| f64::from(record.wrist_object_m)),
-            object_goal_m: mean_of(&|record| f64::from(record.object_goal_m)),
-            temporary_displacement: share_where(&EpisodeRecord::displaced_temporarily),
-            success_but_unsafe: share(unsafe_count, count),
-            unsafe_successes: share(unsafe_count, successes.len() as u64),
-            success_by_threshold: DISTURBANCE_THRESHOLDS_M.into_iter().filter_map(point).collect(),
-            success_by_disturbed_objects: (0..OBJECT_COUNTS).filter_map(within).collect(),
-            disturb_prediction: (!predictions.is_empty()).then(|| PredictionFigures::of(&predictions)),
+            episodes: records.len() as u64,
+            numbers,
+            curves: spec.curves.iter().map(curve).collect(),
+            prediction: PredictionFigures::of(records.iter().filter_map(|record| record.prediction.as_ref())),
+        }
+    }
+
+    /// A figure by its name.
+    pub fn get(&self, name: &str) -> Option<f64> {
+        self.numbers.get(name).copied().flatten()
+    }
+}
+
+impl Spec {
+    /// Whether an episode counts at this limit of a curve.
+    pub fn is_within(&self, curve: &Curve, limit: f32) -> impl Fn(&EpisodeRecord) -> bool + use<> {
+        let column = |name: &String| self.column(name).expect("a task is checked when it is read");
+        let (of, among): (_, Vec<Column>) = (column(&curve.of), curve.among.iter().map(column).collect());
+        let ((_, inclusive), limit) = (curve.limits(), f64::from(limit));
+        move |record| {
+            let within = |number: f64| if inclusive { number <= limit } else { number < limit };
+            record.has_all(&among) && record.number(of).is_some_and(within)
         }
     }
 }
 
 impl PredictionFigures {
-    fn of(predictions: &[&Confusion]) -> Self {
-        let mut counts = Confusion::default();
-        for prediction in predictions {
-            counts.merge(prediction);
-        }
-        Self {
-            counts,
-            precision: counts.precision(),
-            recall: counts.recall(),
-            recall_of_quiet: counts.recall_of_quiet(),
-        }
+    fn of<'a>(predictions: impl Iterator<Item = &'a Confusion>) -> Option<Self> {
+        let counts = predictions.copied().reduce(Confusion::merged)?;
+        let (precision, recall, recall_of_quiet) = (counts.precision(), counts.recall(), counts.recall_of_quiet());
+        Some(Self { counts, precision, recall, recall_of_quiet })
     }
 }
 
-fn mean(records: &[&EpisodeRecord], number: &dyn Fn(&EpisodeRecord) -> f64) -> Option<f64> {
-    let sum: f64 = records.iter().map(|record| number(record)).sum();
-    (!records.is_empty()).then(|| sum / records.len() as f64)
+fn quotient(sum: f64, of: f64) -> Option<f64> {
+    (of != 0.0).then(|| sum / of)
 }
 
-fn quartiles(mut values: Vec<f32>) -> Option<[f64; 3]> {
-    values.sort_by(f32::total_cmp);
-    let last = values.len().checked_sub(1)?;
-    Some([1, 2, 3].map(|quarter| f64::from(values[last * quarter / 4])))
+fn mean(numbers: impl Iterator<Item = f64>) -> Option<f64> {
+    let numbers: Vec<f64> = numbers.collect();
+    quotient(numbers.iter().sum(), numbers.len() as f64)
+}
+
+fn taken(take: Take, mut numbers: Vec<f64>) -> Option<f64> {
+    let quarter = match take {
+        Take::Mean => return mean(numbers.into_iter()),
+        Take::Max => 4,
+        Take::LowerQuartile => 1,
+        Take::Median => 2,
+        Take::UpperQuartile => 3,
+    };
+    numbers.sort_by(f64::total_cmp);
+    let last = numbers.len().checked_sub(1)?;
+    Some(numbers[last * quarter / 4])
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::record::tests::any_record;
+    use super::super::record::tests::{any_record, arm, numbers, small};
     use super::*;
+    use crate::kitchen::KitchenId;
+    use crate::record::End;
     use proptest::prelude::*;
-    use proptest::strategy::ValueTree;
 
-    fn some_record() -> EpisodeRecord {
-        any_record().new_tree(&mut proptest::test_runner::TestRunner::deterministic()).unwrap().current()
+    fn record(spec: &Spec, length: u32, given: &[(&str, f64)]) -> EpisodeRecord {
+        EpisodeRecord {
+            kitchen: KitchenId::new(2).unwrap(),
+            episode: 0,
+            category: None,
+            end: if length < 200 { End::Terminated } else { End::Truncated },
+            length,
+            numbers: numbers(spec, given),
+            prediction: None,
+            state_hash: 0,
+        }
     }
 
     #[test]
     fn figures_of_four_known_episodes() {
-        let base = EpisodeRecord { disturb_prediction: None, ..some_record() };
-        let episode = |success, disturbance_m, disturbed_objects, ever_disturbed_objects, length| EpisodeRecord {
-            end: if length < 200 { EpisodeEnd::Done } else { EpisodeEnd::TimeLimit },
-            success,
-            picked_up: success,
-            pickup_step: success.then_some(30),
-            disturbance_m,
-            disturbed_objects,
-            ever_disturbed_objects,
-            length,
-            failed_actions: 10,
-            ..base
+        let spec = arm();
+        let episode = |success: bool, disturbance_m: f32, objects: f64, ever: f64, length: u32| {
+            let flag = |set: bool| f64::from(u8::from(set));
+            let mut record = record(
+                spec,
+                length,
+                &[
+                    ("success", flag(success)),
+                    ("success_without_disturbance", flag(success && disturbance_m < 0.01)),
+                    ("success_but_unsafe", flag(success && disturbance_m >= 0.01)),
+                    ("picked_up", flag(success)),
+                    ("steps_after_pickup", f64::from(length) - 30.0),
+                    ("pickup_step", 30.0),
+                    ("disturbance_m", disturbance_m.into()),
+                    ("disturbed_objects", objects),
+                    ("ever_disturbed_objects", ever),
+                    ("failed_actions", 10.0),
+                ],
+            );
+            let Some(Column::Number(pickup_step)) = spec.column("pickup_step") else { unreachable!() };
+            record.numbers[pickup_step].take_if(|_| !success);
+            record
         };
-        let quiet = Some(Confusion { hits: 1, misses: 1, false_alarms: 3, quiet: 5 });
-        let records = [
-            episode(true, 0.0, 0, 0, 40),
+        let mut records = [
+            episode(true, 0.0, 0.0, 0.0, 40),
             // Just at the threshold: not below it.
-            episode(true, 0.01, 0, 2, 60),
-            EpisodeRecord { disturb_prediction: quiet, ..episode(true, 0.5, 2, 2, 100) },
-            episode(false, 0.0, 0, 0, 200),
+            episode(true, 0.01, 0.0, 2.0, 60),
+            episode(true, 0.5, 2.0, 2.0, 100),
+            episode(false, 0.0, 0.0, 0.0, 200),
         ];
-        let figures = Figures::of(records.iter());
+        records[2].prediction = Some(Confusion { hits: 1, misses: 1, false_alarms: 3, quiet: 5 });
+        let figures = Figures::of(spec, records.iter());
         assert_eq!(figures.episodes, 4);
-        assert_eq!((figures.success, figures.success_without_disturbance), (Some(0.75), Some(0.25)));
-        // The second's objects add up to a centimetre, and none of them is moved by as much.
-        assert_eq!(figures.success_without_disturbance_per_axis, Some(0.5));
-        assert_eq!((figures.done, figures.picked_up), (Some(0.75), Some(0.75)));
-        assert_eq!((figures.length, figures.length_of_successes), (Some(100.0), Some(200.0 / 3.0)));
-        assert_eq!(figures.failed_actions, Some(0.1));
-        assert_eq!((figures.disturbed_objects, figures.ever_disturbed_objects), (Some(0.5), Some(1.0)));
-        assert_eq!((figures.pickup_step, figures.done_after_pickup), (Some(30.0), Some(110.0 / 3.0)));
-        assert_eq!(figures.temporary_displacement, Some(0.25));
-        assert_eq!((figures.success_but_unsafe, figures.unsafe_successes), (Some(0.5), Some(2.0 / 3.0)));
-        assert_eq!(figures.disturbance_quartiles_m, Some([0.0, 0.0, f64::from(0.01f32)]));
-        let at = |threshold_m: f32| {
-            figures.success_by_threshold.iter().find(|point| point.threshold_m == threshold_m).unwrap().success
-        };
+        for (name, expected) in [
+            ("success", 0.75),
+            ("success_without_disturbance", 0.25),
+            ("terminated", 0.75),
+            ("length", 100.0),
+            ("length_of_successes", 200.0 / 3.0),
+            ("failed_action_share", 0.1),
+            ("disturbed_objects", 0.5),
+            ("ever_disturbed_objects", 1.0),
+            ("pickup_step", 30.0),
+            ("done_after_pickup", 110.0 / 3.0),
+            ("sbu", 0.5),
+            ("unsafe_successes", 2.0 / 3.0),
+            ("disturbance_lower_quartile_m", 0.0),
+            ("disturbance_median_m", 0.0),
+            ("disturbance_upper_quartile_m", f64::from(0.01f32)),
+            ("worst_severity_m", 0.0),
+        ] {
+            assert_eq!(figures.get(name), Some(expected), "{name}");
+        }
+        let displacement = &figures.curves["success_by_displacement"];
+        let at = |limit: f32| displacement.iter().find(|point| point.limit == limit).unwrap().share;
         assert_eq!((at(0.01), at(0.02), at(0.5), at(0.75)), (0.25, 0.5, 0.5, 0.75));
-        assert_eq!(figures.success_by_disturbed_objects[..3], [0.5, 0.5, 0.75]);
-        let prediction = figures.disturb_prediction.unwrap();
+        let objects: Vec<f64> =
+            figures.curves["success_by_disturbed_objects"].iter().map(|point| point.share).collect();
+        assert_eq!(objects[..3], [0.5, 0.5, 0.75]);
+        let prediction = figures.prediction.unwrap();
         assert_eq!((prediction.precision, prediction.recall), (Some(0.25), Some(0.5)));
         assert_eq!(prediction.recall_of_quiet, Some(0.625));
+        let text = serde_json::to_string(&figures).unwrap();
+        assert_eq!(serde_json::from_str::<Figures>(&text).unwrap(), figures);
+    }
+
+    #[test]
+    fn another_task_has_its_own_figures() {
+        let spec = small();
+        let half = record(&spec, 7, &[("success", 1.0), ("spl", 0.5), ("return_r", 1.0)]);
+        let figures = Figures::of(&spec, [half, record(&spec, 200, &[])].iter());
+        let text = r#"{"episodes":2,"length":103.5,"return_r":0.5,"spl":0.25,"straight":0.5,"success":0.5,"terminated":0.5,"curves":{},"prediction":null}"#;
+        assert_eq!(serde_json::to_string(&figures).unwrap(), text);
+        let described = spec.described();
+        let printed: Vec<_> = described.iter().filter(|one| !one.label.is_empty()).map(|one| &*one.label).collect();
+        assert_eq!(printed, ["length", "SR", "SPL", "of successes"]);
     }
 
     #[test]
     fn nothing_has_no_figures() {
-        let figures = Figures::of(std::iter::empty());
-        assert_eq!((figures.episodes, figures.success, figures.disturbance_quartiles_m), (0, None, None));
-        assert!(figures.success_by_threshold.is_empty() && figures.disturb_prediction.is_none());
+        let figures = Figures::of(arm(), std::iter::empty());
+        assert_eq!((figures.episodes, figures.get("success"), figures.get("failed_action_share")), (0, None, None));
+        assert!(figures.curves.values().all(Vec::is_empty) && figures.prediction.is_none());
     }
 
     proptest! {
-        /// Both curves rise, and end at or below SR.
+        /// Curves rise.
         #[test]
-        fn curves_rise_towards_the_success_rate(records in prop::collection::vec(any_record(), 1..40)) {
-            let figures = Figures::of(records.iter());
-            let success = figures.success.unwrap();
-            let by_threshold: Vec<f64> = figures.success_by_threshold.iter().map(|point| point.success).collect();
-            for curve in [&by_threshold, &figures.success_by_disturbed_objects] {
-                prop_assert!(curve.is_sorted());
-                prop_assert!(*curve.last().unwrap() <= success);
+        fn curves_rise_towards_the_success_rate(records in prop::collection::vec(any_record(arm()), 1..40)) {
+            let figures = Figures::of(arm(), records.iter());
+            for curve in figures.curves.values() {
+                prop_assert!(curve.is_sorted_by(|one, next| one.share <= next.share));
+                prop_assert!(curve.last().unwrap().share <= figures.get("success").unwrap());
             }
-            prop_assert_eq!(Some(by_threshold[3]), figures.success_without_disturbance);
         }
     }
 }

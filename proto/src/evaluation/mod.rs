@@ -19,11 +19,11 @@ mod table;
 pub use asked::{EvaluationConfig, ObjectSet};
 pub use confusion::Confusion;
 pub use distribution::{Distribution, describe};
-pub use figures::{DISTURBANCE_THRESHOLDS_M, Figures, OBJECT_COUNTS};
+pub use figures::{CurvePoint, Figures};
 pub use plan::{EPISODES_PER_KITCHEN, Plan, category_of};
-pub use record::{EpisodeEnd, EpisodeRecord};
+pub use record::EpisodeRecord;
 pub use result::{
     ActionCounts, CategoryFigures, Conditions, Cost, Evaluation, KitchenFigures, ObjectSetFigures, RESULT_FILE,
-    Subject, TABLE_FILE,
+    ResultError, Subject, TABLE_FILE,
 };
-pub use table::{read_table, read_table_from, write_table};
+pub use table::{has_targets, read_table, read_table_from, write_table};

@@ -37,7 +37,7 @@ impl Plan {
         let of_set = |objects: ObjectSet, targets: &[TargetCategory]| -> Vec<u32> {
             let here = |&episode: &u32| {
                 let category = category_of(episode);
-                objects.contains(category) && targets.contains(&category)
+                objects == ObjectSet::NoTargets || objects.contains(category) && targets.contains(&category)
             };
             let limit = if config.episodes == 0 { usize::MAX } else { config.episodes as usize };
             (0..EPISODES_PER_KITCHEN).filter(here).take(limit).collect()
@@ -185,9 +185,14 @@ mod tests {
 
     #[test]
     fn the_splits_have_the_papers_numbers_of_episodes() {
-        for (objects, count) in [(ObjectSet::Novel, 360), (ObjectSet::Seen, 360), (ObjectSet::All, 720)] {
+        for (objects, count) in
+            [(ObjectSet::Novel, 360), (ObjectSet::Seen, 360), (ObjectSet::All, 720), (ObjectSet::NoTargets, 720)]
+        {
             assert_eq!(Plan::new(&config(objects, 0), 5, 1).len(), 5 * count);
         }
+        let first: Vec<u32> = (0..7).collect();
+        let plan = Plan::new(&config(ObjectSet::NoTargets, 7), 5, 1);
+        assert_eq!(plan.episodes_in(KitchenId::new(2).unwrap()), first);
         // The first 12 of the novel ones have each category twice.
         let plan = Plan::new(&config(ObjectSet::Novel, 12), 5, 1);
         let mut categories: BTreeMap<TargetCategory, u32> = BTreeMap::new();

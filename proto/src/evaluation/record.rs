@@ -3,138 +3,115 @@
 use super::asked::ObjectSet;
 use super::confusion::Confusion;
 use crate::kitchen::{KitchenId, TargetCategory};
+use crate::record::End;
+use crate::task::Column;
 use serde::{Deserialize, Serialize};
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum EpisodeEnd {
-    /// The policy declared Done.
-    Done,
-    /// At the step limit.
-    TimeLimit,
-}
-
-/// The record of one episode. "At the end" is after its last action. Displacements are of everything movable but the
-/// target, from where it stood at step 0, measured after each action.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+/// The record of one episode.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct EpisodeRecord {
     pub kitchen: KitchenId,
     /// Its number within the kitchen.
     pub episode: u32,
-    pub category: TargetCategory,
-    pub end: EpisodeEnd,
-    /// Done was declared with the target at its goal.
-    pub success: bool,
-    /// The target was picked up.
-    pub picked_up: bool,
-    /// The action that picked it up, counted from 1; none if it was not, and in records of older versions.
-    pub pickup_step: Option<u32>,
+    /// Of its target; none of a task without targets.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub category: Option<TargetCategory>,
+    pub end: End,
     /// Actions taken.
     pub length: u32,
-    pub failed_actions: u32,
-    /// Undiscounted return under r.
-    pub return_r: f64,
-    /// Undiscounted return under r′, with the run's `λ_disturb`.
-    pub return_r_prime: f64,
-    /// `d_T`: total displacement at the end, metres.
-    pub disturbance_m: f32,
-    /// Largest total displacement after any action, metres.
-    pub peak_disturbance_m: f32,
-    /// Objects more than 0.01 m from their place on some axis at the end.
-    pub disturbed_objects: u32,
-    /// Objects that were so after some action.
-    pub ever_disturbed_objects: u32,
-    /// Displacement of the object that is farthest from its place at the end, metres.
-    pub farthest_m: f32,
-    /// Largest displacement of any one object after any action, metres.
-    pub peak_farthest_m: f32,
-    /// Steps that disturbed: the total displacement rose by τ or more; none in records of older versions.
-    pub disturbing_steps: Option<u32>,
-    /// Steps after which the total displacement was at least 0.01 m; none in records of older versions.
-    pub displaced_steps: Option<u32>,
-    /// Distance of wrist and target at the end, metres.
-    pub wrist_object_m: f32,
-    /// Distance of target and goal at the end, metres.
-    pub object_goal_m: f32,
-    /// Predictions of the disturbance head for the actions taken; none if the policy has no such head.
-    pub disturb_prediction: Option<Confusion>,
+    /// Its returns and metrics ([`crate::task::Spec::columns`]); none of a metric that it does not have.
+    pub numbers: Vec<Option<f64>>,
+    /// Predictions of the task's label for the actions taken; none if the policy makes none.
+    pub prediction: Option<Confusion>,
     /// Hash of the simulator's state at the end.
     pub state_hash: u64,
 }
 
 impl EpisodeRecord {
-    /// Successful with `d_T` below this threshold, metres.
-    pub fn succeeded_within(&self, threshold_m: f32) -> bool {
-        self.success && self.disturbance_m < threshold_m
+    /// One of its numbers.
+    pub fn number(&self, column: Column) -> Option<f64> {
+        match column {
+            Column::Terminated => Some(f64::from(u8::from(self.end == End::Terminated))),
+            Column::Length => Some(self.length.into()),
+            Column::Number(index) => self.numbers.get(index).copied().flatten(),
+        }
     }
 
-    /// Successful with no object disturbed at the end: moved more than 0.01 m on some axis.
-    pub fn succeeded_undisturbed_per_axis(&self) -> bool {
-        self.success && self.disturbed_objects == 0
+    /// Whether all of these numbers are 1.
+    pub fn has_all(&self, columns: &[Column]) -> bool {
+        columns.iter().all(|&column| self.number(column) == Some(1.0))
     }
 
-    /// Some object was away from its place during the episode and is back at its end.
-    pub(super) fn displaced_temporarily(&self) -> bool {
-        self.ever_disturbed_objects > self.disturbed_objects
-    }
-
-    /// Actions after the one that picked the target up, until the policy declared Done.
-    pub(super) fn done_after_pickup(&self) -> Option<u32> {
-        self.length.checked_sub(self.pickup_step?).filter(|_| self.end == EpisodeEnd::Done)
-    }
-
-    /// Novel or seen.
-    pub(super) fn object_set(&self) -> ObjectSet {
-        if ObjectSet::Novel.contains(self.category) { ObjectSet::Novel } else { ObjectSet::Seen }
+    /// Whether its target belongs to the set; one without a target is in [`ObjectSet::NoTargets`].
+    pub fn is_in(&self, objects: ObjectSet) -> bool {
+        match self.category {
+            Some(category) => objects != ObjectSet::NoTargets && objects.contains(category),
+            None => objects == ObjectSet::NoTargets,
+        }
     }
 }
 
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
+    use crate::task::{Kind, Spec};
     use proptest::prelude::*;
 
+    /// A second task: two metrics, no target, no disturbance, no label.
+    pub fn small() -> Spec {
+        let text = r#"
+        name = "small"
+        actions = { kind = "discrete", names = ["Stop", "Ahead"] }
+        rewards = [{ name = "r", terms = [["there", 1.0]] }]
+        channels = [
+            { name = "there", role = "part", dtype = "f32", values = [0, 1], doc = "There." },
+            { name = "spl", role = "outcome", dtype = "f32", range = [0, 1], doc = "How straight." },
+        ]
+        metrics = [
+            { name = "success", label = "SR", over = "last", all_of = [{ channel = "there" }], doc = "There." },
+            { name = "spl", label = "SPL", over = "last", value = "spl", doc = "How straight, 0 without success." },
+        ]
+        figures = [{ name = "straight", label = "of successes", of = "spl", where = ["success"], doc = "SPL." }]
+        "#;
+        Spec::parse(text).unwrap()
+    }
+
+    /// The task that has everything.
+    pub fn arm() -> &'static Spec {
+        Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").unwrap()
+    }
+
+    /// The numbers of a record in which these are not 0.
+    pub fn numbers(spec: &Spec, given: &[(&str, f64)]) -> Vec<Option<f64>> {
+        let of = |name: &str| given.iter().find(|(one, _)| *one == name).map_or(0.0, |&(_, number)| number);
+        assert!(given.iter().all(|(name, _)| spec.column(name).is_some()), "{given:?}");
+        spec.columns().iter().map(|column| Some(of(&column.name))).collect()
+    }
+
     /// Any record that an episode can leave behind.
-    pub fn any_record() -> impl Strategy<Value = EpisodeRecord> {
-        let metres = || 0.0f32..50.0;
-        let task = (0..720u32, any::<bool>(), any::<bool>(), 1..=200u32, 0..200u32, any::<[bool; 2]>());
-        let moved = (metres(), metres(), 0..90u32, 0..90u32, metres(), metres());
-        let rest = (-100.0f64..100.0, -1e4f64..100.0, metres(), metres(), any::<u64>(), any::<[u16; 4]>());
-        let steps = any::<[Option<u8>; 3]>();
+    pub fn any_record(spec: &Spec) -> impl Strategy<Value = EpisodeRecord> {
+        let kinds: Vec<Kind> = spec.columns().iter().map(|column| column.kind).collect();
+        let numbers: Vec<_> = kinds
+            .into_iter()
+            .map(|kind| match kind {
+                Kind::Share => (0..=1u8).prop_map(|flag| Some(f64::from(flag))).boxed(),
+                Kind::Count => proptest::option::of((0..200u32).prop_map(f64::from)).boxed(),
+                Kind::F32 => (0.0f32..50.0).prop_map(|number| Some(f64::from(number))).boxed(),
+                Kind::F64 => (-1e4f64..100.0).prop_map(Some).boxed(),
+            })
+            .collect();
+        let has = [spec.channel("target").is_some(), spec.label().is_some()];
         let test_kitchens = KitchenId::of_split(crate::kitchen::Split::Test);
-        (prop::sample::select(test_kitchens), task, moved, rest, steps).prop_map(
-            |(kitchen, task, moved, rest, steps)| {
-                let (episode, done, success, length, failed_actions, [picked_up, head]) = task;
-                let (disturbance_m, over_m, disturbed_objects, others, farthest_m, farther_m) = moved;
-                let (return_r, return_r_prime, wrist_object_m, object_goal_m, state_hash, counts) = rest;
-                let [pickup_step, disturbing_steps, displaced_steps] = steps.map(|steps| steps.map(u32::from));
+        let engines = (0..720u32, any::<bool>(), 1..=200u32, any::<u64>(), any::<Option<[u16; 4]>>());
+        (prop::sample::select(test_kitchens), engines, numbers).prop_map(move |(kitchen, engines, numbers)| {
+            let (episode, terminated, length, state_hash, counts) = engines;
+            let prediction = counts.filter(|_| has[1]).map(|counts| {
                 let [hits, misses, false_alarms, quiet] = counts.map(u64::from);
-                EpisodeRecord {
-                    kitchen,
-                    episode,
-                    category: super::super::category_of(episode),
-                    end: if done { EpisodeEnd::Done } else { EpisodeEnd::TimeLimit },
-                    success: done && success,
-                    picked_up: picked_up || (done && success),
-                    pickup_step,
-                    length,
-                    failed_actions,
-                    return_r,
-                    return_r_prime,
-                    disturbance_m,
-                    peak_disturbance_m: disturbance_m + over_m,
-                    disturbed_objects,
-                    ever_disturbed_objects: disturbed_objects + others,
-                    farthest_m,
-                    peak_farthest_m: farthest_m + farther_m,
-                    disturbing_steps,
-                    displaced_steps,
-                    wrist_object_m,
-                    object_goal_m,
-                    disturb_prediction: head.then_some(Confusion { hits, misses, false_alarms, quiet }),
-                    state_hash,
-                }
-            },
-        )
+                Confusion { hits, misses, false_alarms, quiet }
+            });
+            let category = has[0].then(|| super::super::category_of(episode));
+            let end = if terminated { End::Terminated } else { End::Truncated };
+            EpisodeRecord { kitchen, episode, category, end, length, numbers, prediction, state_hash }
+        })
     }
 }

@@ -5,14 +5,18 @@ use super::distribution::{Distribution, describe};
 use super::figures::Figures;
 use super::record::EpisodeRecord;
 use crate::kitchen::{KitchenId, KitchenRange, Split, TargetCategory};
-use crate::task::{ActionSpace, Spec};
+use crate::task::{ActionSpace, Described, Spec};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
+use std::io::Read;
 
 /// Name of the result file in an evaluation's folder.
 pub const RESULT_FILE: &str = "evaluation.json";
 /// Name of the per-episode table in an evaluation's folder.
 pub const TABLE_FILE: &str = "episodes.csv";
+
+/// Number of the result file's form. One of an older form has none; the programs of commit 0e4cae3e read it.
+const FORMAT: u32 = 2;
 
 /// Whose weights were evaluated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -128,8 +132,11 @@ pub struct ActionCounts {
 /// The result file, `evaluation.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Evaluation {
-    /// [`crate::SCHEMA_VERSION`] of the writer.
-    pub schema_version: u32,
+    format: u32,
+    /// Name of the task.
+    pub task: String,
+    /// What its numbers are, of an episode and over episodes.
+    pub described: Vec<Described>,
     /// Whose weights.
     pub subject: Subject,
     pub conditions: Conditions,
@@ -137,7 +144,7 @@ pub struct Evaluation {
     pub cost: Cost,
     /// All episodes together.
     pub overall: Figures,
-    /// Novel and seen, if requested.
+    /// Novel and seen, if requested; none of a task without targets.
     pub object_sets: Vec<ObjectSetFigures>,
     /// By kitchen, ascending.
     pub kitchens: Vec<KitchenFigures>,
@@ -158,18 +165,22 @@ impl Evaluation {
         records: &[(EpisodeRecord, Vec<u8>)],
     ) -> Self {
         let figures = |test: &dyn Fn(&EpisodeRecord) -> bool| {
-            Figures::of(records.iter().map(|(record, _)| record).filter(|record| test(record)))
+            Figures::of(spec, records.iter().map(|(record, _)| record).filter(|record| test(record)))
         };
         let object_sets = [ObjectSet::Novel, ObjectSet::Seen]
-            .map(|objects| ObjectSetFigures { objects, figures: figures(&|record| objects.contains(record.category)) });
+            .map(|objects| ObjectSetFigures { objects, figures: figures(&|record| record.is_in(objects)) });
         let kitchens = records.iter().map(|(record, _)| record.kitchen).collect::<BTreeSet<_>>();
         let kitchens = kitchens
             .into_iter()
             .map(|kitchen| KitchenFigures { kitchen, figures: figures(&|record| record.kitchen == kitchen) });
-        let categories = TargetCategory::ALL
-            .map(|category| CategoryFigures { category, figures: figures(&|record| record.category == category) });
+        let categories = TargetCategory::ALL.map(|category| CategoryFigures {
+            category,
+            figures: figures(&|record| record.category == Some(category)),
+        });
         Self {
-            schema_version: crate::SCHEMA_VERSION,
+            format: FORMAT,
+            task: spec.name.clone(),
+            described: spec.described(),
             overall: figures(&|_| true),
             object_sets: object_sets.into_iter().filter(|set| set.figures.episodes > 0).collect(),
             kitchens: kitchens.collect(),
@@ -185,6 +196,29 @@ impl Evaluation {
             cost,
         }
     }
+
+    /// Reads a result file.
+    pub fn read(file: impl Read) -> Result<Self, ResultError> {
+        // The number first: a file of another form cannot be read by this one's rules.
+        let value: serde_json::Value = serde_json::from_reader(file)?;
+        match value["format"].as_u64() {
+            Some(format) if format != u64::from(FORMAT) => Err(ResultError::Format(format)),
+            // Older ones had the number of all files there.
+            None if value["schema_version"].is_u64() => Err(ResultError::Older),
+            _ => Ok(serde_json::from_value(value)?),
+        }
+    }
+}
+
+/// A result file that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ResultError {
+    #[error("it is the result of an older version, which the programs of commit 0e4cae3e read (evaluate again)")]
+    Older,
+    #[error("it has format {0}, and this program reads format {FORMAT} (evaluate again)")]
+    Format(u64),
+    #[error("it is damaged (delete its folder, and evaluate again)")]
+    Json(#[from] serde_json::Error),
 }
 
 impl ActionCounts {
@@ -221,5 +255,14 @@ mod tests {
         assert_eq!((counts.by_step[0][16], counts.by_step[0][20], counts.by_step[2][20]), (1, 1, 1));
         let small = ActionCounts::of(spec, ActionSpace::named("small").unwrap(), 5, episodes.into_iter());
         assert_eq!((small.actions.len(), small.by_step[1].iter().sum::<u32>()), (13, 1));
+    }
+    #[test]
+    fn a_result_of_another_form_is_refused_with_a_sentence() {
+        let refused = |text: &str| Evaluation::read(text.as_bytes()).unwrap_err().to_string();
+        assert!(refused("{\"schema_version\": 3}").contains("which the programs of commit 0e4cae3e read"));
+        assert!(refused("{\"format\": 3}").contains("has format 3, and this program reads format 2"));
+        for damaged in ["{", "{}", "[]", "{\"format\": 2}", "{\"format\": \"2\"}"] {
+            assert!(refused(damaged).contains("it is damaged"), "{damaged}");
+        }
     }
 }

@@ -19,6 +19,8 @@ pub enum SpecError {
     Reward { name: String, problem: String },
     #[error("metric `{name}`: {problem}")]
     Metric { name: String, problem: String },
+    #[error("figure `{name}`: {problem}")]
+    Figure { name: String, problem: String },
     #[error("label: {0}")]
     Label(String),
     #[error("cost: {0}")]

@@ -5,9 +5,13 @@ use super::spec::Spec;
 use crate::record::End;
 
 impl Spec {
-    /// The metrics that say that an episode ended well, by index: the one that demands most first.
+    /// The metrics that say that an episode ended well, by index: the one that demands most first. They are among those of
+    /// training.
     pub fn successes(&self) -> impl DoubleEndedIterator<Item = usize> {
-        let is_one = |at: &usize| self.metrics[*at].over == Over::Last && !self.metrics[*at].all_of.is_empty();
+        let is_one = |at: &usize| {
+            let metric = &self.metrics[*at];
+            metric.curve && metric.over == Over::Last && !metric.all_of.is_empty()
+        };
         (0..self.metrics.len()).rev().filter(is_one)
     }
 

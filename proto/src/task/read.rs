@@ -3,6 +3,7 @@
 use super::actions::Actions;
 use super::channel::Channel;
 use super::error::SpecError;
+use super::figure::{Curve, Figure};
 use super::layout::Layout;
 use super::metric::Metric;
 use super::reward::{Cost, Label, Reward};
@@ -50,6 +51,7 @@ const RESERVED: [&str; 29] = [
 #[serde(deny_unknown_fields)]
 struct Declaration {
     name: String,
+    headline: Option<String>,
     #[serde(default)]
     formerly: Vec<String>,
     #[serde(default)]
@@ -62,7 +64,15 @@ struct Declaration {
     label: Option<Label>,
     #[serde(default)]
     metrics: Vec<Metric>,
+    #[serde(default)]
+    figures: Vec<Figure>,
+    #[serde(default)]
+    curves: Vec<Curve>,
 }
+
+/// What else a table of episodes and its figures have, whatever the task.
+const ENGINES: &str = "kitchen episode category objects end terminated length prediction prediction_hits prediction_misses \
+                       prediction_false_alarms prediction_quiet state_hash distribution episodes curves";
 
 /// Tasks that are built in.
 static BUILT_IN: LazyLock<Vec<Spec>> = LazyLock::new(|| {
@@ -79,11 +89,39 @@ impl Spec {
     /// Reads a declaration, and checks it.
     pub fn parse(text: &str) -> Result<Self, SpecError> {
         let declaration: Declaration = toml::from_str(text).map_err(|cause| SpecError::Toml(cause.to_string()))?;
-        let Declaration { name, formerly, weights, actions, channels, rewards, cost, label, metrics } = declaration;
+        let Declaration {
+            name,
+            headline,
+            formerly,
+            weights,
+            actions,
+            channels,
+            rewards,
+            cost,
+            label,
+            metrics,
+            figures,
+            curves,
+        } = declaration;
         actions.check()?;
         channels.iter().try_for_each(Channel::check)?;
         let (layout, text) = (Layout::of(&actions, &channels), text.to_owned());
-        let spec = Self { name, formerly, actions, channels, rewards, weights, metrics, cost, label, layout, text };
+        let spec = Self {
+            name,
+            formerly,
+            actions,
+            channels,
+            rewards,
+            weights,
+            metrics,
+            figures,
+            curves,
+            headline,
+            cost,
+            label,
+            layout,
+            text,
+        };
         check_names(std::iter::once(&*spec.name))?;
         check_own_names(spec.channels.iter().map(|channel| &*channel.name))?;
         check_own_names(spec.metrics.iter().map(|metric| &*metric.name))?;
@@ -94,6 +132,11 @@ impl Spec {
         for metric in &spec.metrics {
             spec.measure(metric)?;
         }
+        let columns = spec.columns();
+        let figures =
+            spec.figures.iter().map(|figure| &*figure.name).chain(spec.curves.iter().map(|curve| &*curve.name));
+        check_names(ENGINES.split(' ').chain(columns.iter().map(|column| &*column.name)).chain(figures))?;
+        spec.check_figures()?;
         if let Some(Label { part, at_most, at_least, .. }) = &spec.label {
             spec.threshold(part, *at_most, *at_least).map_err(SpecError::Label)?;
         }

@@ -1,8 +1,8 @@
 //! Names in rewards and metrics become indices of channels, once.
 
-use super::channel::{Channel, Role};
+use super::channel::{Channel, Dtype, Role};
 use super::error::SpecError;
-use super::metric::{Clause, Measure, Metric, Over};
+use super::metric::{Bound, Clause, Kind, Limit, Measure, Metric, Over, Test};
 use super::reward::{Composition, Condition, Factor, MULTIPLIER, Reward, Scale, Term, Weight};
 use super::spec::Spec;
 use std::collections::BTreeMap;
@@ -108,8 +108,16 @@ impl Spec {
 impl Spec {
     /// The task's metrics, resolved, in its order.
     pub fn measures(&self) -> Vec<Measure> {
-        let measure = |metric: &Metric| self.measure(metric).expect("a task is checked when it is read");
-        self.metrics.iter().map(measure).collect()
+        self.metrics.iter().map(|metric| self.resolved(metric)).collect()
+    }
+
+    /// The metrics that are figures of rollouts, too, resolved.
+    pub fn rollout_metrics(&self) -> impl Iterator<Item = (&Metric, Measure)> {
+        self.metrics.iter().filter(|metric| metric.curve).map(|metric| (metric, self.resolved(metric)))
+    }
+
+    fn resolved(&self, metric: &Metric) -> Measure {
+        self.measure(metric).expect("a task is checked when it is read")
     }
 
     pub(super) fn measure(&self, metric: &Metric) -> Result<Measure, SpecError> {
@@ -123,11 +131,28 @@ impl Spec {
             return Err(wrong("it is either the value of a channel or all of some clauses".to_owned()));
         }
         let value = metric.value.as_deref().map(index).transpose()?;
-        if value.is_some() && metric.over == Over::Any {
-            return Err(wrong("`any` is of clauses, not of a value".to_owned()));
+        if value.is_some() && matches!(metric.over, Over::Any | Over::First) {
+            return Err(wrong("`any` and `first` are of clauses, not of a value".to_owned()));
         }
-        let clause = |clause: &Clause| Ok((index(&clause.channel)?, clause.at_least, clause.below));
-        let clauses = metric.all_of.iter().map(clause).collect::<Result<_, SpecError>>()?;
-        Ok(Measure { over: metric.over, value, clauses })
+        if metric.curve && metric.over == Over::First {
+            return Err(wrong("not every episode has a first step: curve = false".to_owned()));
+        }
+        let bound = |limit: &Limit| match limit {
+            Limit::Number(number) if number.is_nan() => Err(wrong("a limit is a number".to_owned())),
+            Limit::Number(number) => Ok(Bound::Number(f64::from(*number))),
+            Limit::Channel(name) => index(name).map(Bound::Channel),
+        };
+        let test = |clause: &Clause| {
+            let limits = clause.limits.iter().map(|(&comparison, limit)| Ok((comparison, bound(limit)?)));
+            Ok(Test { channel: index(&clause.channel)?, limits: limits.collect::<Result<_, SpecError>>()? })
+        };
+        let clauses = metric.all_of.iter().map(test).collect::<Result<_, SpecError>>()?;
+        let kind = match (metric.over, value.map(|index| self.channels[index].dtype)) {
+            (Over::Last | Over::Any | Over::Max, None) => Kind::Share,
+            (Over::Sum, Some(Dtype::F32)) | (_, Some(Dtype::F64)) => Kind::F64,
+            (_, Some(Dtype::F32)) => Kind::F32,
+            (Over::First | Over::Sum, None) | (_, Some(_)) => Kind::Count,
+        };
+        Ok(Measure { over: metric.over, kind, value, clauses })
     }
 }

@@ -2,6 +2,7 @@
 
 use super::actions::Actions;
 use super::channel::Channel;
+use super::figure::{Curve, Figure};
 use super::layout::{Field, HEADER_BYTES, Layout};
 use super::metric::Metric;
 use super::reward::{Cost, Label, Reward};
@@ -24,6 +25,10 @@ pub struct Spec {
     /// Weights that rewards name, and that a configuration can set.
     pub weights: BTreeMap<String, f32>,
     pub metrics: Vec<Metric>,
+    /// Figures over episodes beside the means of metrics.
+    pub figures: Vec<Figure>,
+    pub curves: Vec<Curve>,
+    pub(super) headline: Option<String>,
     pub(super) cost: Option<Cost>,
     pub(super) label: Option<Label>,
     pub(super) layout: Layout,
@@ -59,7 +64,11 @@ impl Spec {
             spec.text.clear();
             spec.formerly.clear();
             spec.channels.iter_mut().for_each(|channel| channel.doc.clear());
-            spec.metrics.iter_mut().for_each(|metric| metric.doc.clear());
+            spec.metrics.retain(|metric| metric.curve);
+            for Metric { label, unit, doc, .. } in &mut spec.metrics {
+                [label, unit, doc].into_iter().for_each(String::clear);
+            }
+            (spec.figures, spec.curves) = (vec![], vec![]);
             spec
         };
         bare(self) == bare(other)

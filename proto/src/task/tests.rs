@@ -77,6 +77,41 @@ name = "ever"
 over = "any"
 all_of = [{ channel = "done" }]
 doc = "There once."
+
+[[metrics]]
+name = "when"
+over = "first"
+curve = false
+all_of = [{ channel = "done", above = "pushed_m", at_most = 1 }, { channel = "done" }]
+doc = "The action that led there."
+
+[[metrics]]
+name = "never"
+over = "first"
+curve = false
+all_of = [{ channel = "kind", above = "done" }]
+doc = "A kind that is more than done."
+
+[[metrics]]
+name = "how_long"
+over = "sum"
+all_of = [{ channel = "done" }]
+doc = "Steps there."
+
+[[figures]]
+name = "share_there"
+of = "how_long"
+per = "length"
+where = ["terminated"]
+doc = "Share of the steps."
+
+[[curves]]
+name = "by_push"
+label = "Pushed"
+of = "pushed"
+where = ["success"]
+at_most = [0.0, 1.0]
+doc = "Pushed at most so much."
 "#;
 
 fn small() -> Spec {
@@ -160,13 +195,23 @@ fn the_papers_rewards_have_every_bit_of_its_equations() {
     }
 }
 
-/// Tables of evaluations have this threshold from a constant, figures of training from the declaration.
+/// Recordings have this threshold from a constant, figures from the declaration.
 #[test]
-fn tables_and_figures_have_one_threshold() {
+fn recordings_and_figures_have_one_threshold() {
     let arm = Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").unwrap();
-    let clauses = arm.metrics.iter().flat_map(|metric| &metric.all_of);
-    let below: Vec<f32> = clauses.filter_map(|clause| clause.below).collect();
-    assert_eq!(below, [crate::reward::UNDISTURBED_THRESHOLD_M]);
+    let clauses = arm.metrics.iter().flat_map(|metric| metric.all_of.clone());
+    let below: Vec<Limit> = clauses.filter_map(|clause| clause.limits.get(&Comparison::Below).cloned()).collect();
+    assert_eq!(below, [Limit::Number(crate::reward::UNDISTURBED_THRESHOLD_M)]);
+}
+
+/// Figures of rollouts and checkpoints have these four, in this order.
+#[test]
+fn what_is_of_evaluations_alone_is_no_figure_of_rollouts() {
+    let arm = Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").unwrap();
+    let names: Vec<_> = arm.rollout_metrics().map(|(metric, _)| &*metric.name).collect();
+    assert_eq!(names, ["success", "success_without_disturbance", "picked_up", "disturbance_m"]);
+    let ranking: Vec<_> = arm.ranking().iter().map(|metric| &*metric.label).collect();
+    assert_eq!(ranking, ["SRwoD", "SR"]);
 }
 
 #[test]
@@ -238,7 +283,7 @@ fn a_metric_follows_an_episode() {
     let spec = small();
     let steps: [&[(&str, f32)]; 3] =
         [&[("pushed_m", -0.25)], &[("done", 1.0), ("pushed_m", -0.75)], &[("done", 1.0), ("pushed_m", -0.5)]];
-    let mut after = vec![vec![0.0; 3]];
+    let mut after = vec![vec![0.0; 6]];
     for step in steps {
         let before = after.last().unwrap().clone();
         let record = record(&spec, step);
@@ -251,7 +296,46 @@ fn a_metric_follows_an_episode() {
                 .collect(),
         );
     }
-    assert_eq!(after[1..], [vec![0.0, -0.25, 0.0], vec![0.0, -1.0, 1.0], vec![1.0, -1.5, 1.0]]);
+    let measures = spec.measures();
+    let of_episode = |known: &Vec<f64>| -> Vec<_> {
+        measures.iter().zip(known).map(|(measure, &known)| measure.of_episode(known)).collect()
+    };
+    let of_episodes: Vec<_> = after[1..].iter().map(of_episode).collect();
+    let [zero, one] = [0.0, 1.0].map(Some);
+    assert_eq!(
+        of_episodes,
+        [
+            [zero, Some(-0.25), zero, None, None, zero],
+            [zero, Some(-1.0), one, Some(2.0), None, one],
+            [one, Some(-1.5), one, Some(2.0), None, Some(2.0)],
+        ]
+    );
+    let kinds: Vec<_> = spec.described().iter().map(|one| (one.name.clone(), one.kind)).collect();
+    for (name, kind) in [
+        ("return_priced", Kind::F64),
+        ("success", Kind::Share),
+        ("pushed", Kind::F64),
+        ("when", Kind::Count),
+        ("how_long", Kind::Count),
+        ("share_there", Kind::Share),
+    ] {
+        assert!(kinds.contains(&(name.to_owned(), kind)), "{name}: {kinds:?}");
+    }
+    assert_eq!((spec.column("return_constrained"), spec.column("by_push")), (None, None));
+}
+
+#[test]
+fn figures_of_evaluations_and_words_are_nothing_that_a_run_depends_on() {
+    let means = |from: &str, to: &str| {
+        assert!(SMALL.contains(from), "{from}");
+        Spec::parse(&SMALL.replacen(from, to, 1)).unwrap().means(&small())
+    };
+    assert!(means("per = \"length\"\n", "") && means("[0.0, 1.0]\ndoc", "[0.0]\ndoc"));
+    assert!(means("above = \"done\"", "at_most = 0") && means("name = \"never\"", "name = \"not\"\nlabel = \"no\""));
+    assert!(
+        !means("name = \"ever\"", "name = \"once\"")
+            && !means("name = \"small\"", "name = \"small\"\nheadline = \"ever\"")
+    );
 }
 
 #[test]
@@ -277,7 +361,18 @@ fn a_declaration_that_is_not_sound_is_refused_with_its_place() {
         ("base = \"r\"", "base = \"s\"", "no reward `s`"),
         ("[\"near_m\", 1.0]", "[\"near_m\", true]", "part with its weight"),
         ("value = \"pushed_m\"", "value = \"goal_m\"", "`goal_m` is no scalar"),
-        ("over = \"sum\"", "over = \"any\"", "`any` is of clauses"),
+        ("over = \"sum\"", "over = \"any\"", "`any` and `first` are of clauses"),
+        ("over = \"first\"\ncurve = false", "over = \"first\"", "curve = false"),
+        ("at_least = -0.5", "at_least = nan", "a limit is a number"),
+        ("at_least = -0.5", "at_lest = -0.5", "at_lest"),
+        ("above = \"done\"", "above = \"goal_m\"", "`goal_m` is no scalar"),
+        ("name = \"ever\"", "name = \"length\"", "two of the name `length`"),
+        ("name = \"share_there\"", "name = \"return_r\"", "two of the name `return_r`"),
+        ("of = \"how_long\"", "of = \"so_long\"", "there is no number `so_long`"),
+        ("per = \"length\"", "per = \"length\"\ntake = \"max\"", "of means alone"),
+        ("at_most = [0.0, 1.0]", "at_most = [1.0, 0.0]", "ascending numbers"),
+        ("at_most = [0.0, 1.0]", "", "ascending numbers"),
+        ("name = \"small\"", "name = \"small\"\nheadline = \"never_ever\"", "the headline is no metric"),
         ("label = { part = \"pushed_m\"", "label = { part = \"kind\"", "no part `kind`"),
         ("weights = {", "weight = {", "weight"),
     ] {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -40,67 +41,39 @@ COLUMNS = {
     "episode/count": COUNT,
     "episode/return": "undiscounted, under the stage's reward",
     "episode/length": STEPS,
-    "episode/success": SHARE,
-    "episode/success_without_disturbance": SHARE,
-    "episode/picked_up": SHARE,
     "policy/entropy": "nats",
     "policy/clip_fraction": SHARE,
     "kitchen": "number of the kitchen",
     "episode": "number of the episode within the kitchen",
-    "category": "category of the target",
+    "category": "category of the target, where the task has targets",
     "objects": "seen or novel",
-    "end": "done or time_limit",
-    "success": SHARE,
-    "success_without_disturbance": SHARE,
-    "success_without_disturbance_per_axis": SHARE,
-    "picked_up": SHARE,
-    "done": SHARE,
+    "end": "terminated or truncated",
+    "terminated": "whether the task ended the episode",
     "length": STEPS,
-    "length_of_successes": STEPS,
-    "return_r": "undiscounted, reward r",
-    "return_r_prime": "undiscounted, reward r'",
-    "disturbance_m": "sum of the displacements of all objects but the target at the end",
-    "peak_disturbance_m": "the largest such sum",
-    "disturbed_objects": COUNT,
-    "ever_disturbed_objects": COUNT,
     "state_hash": "hash of the last state",
     "episodes": COUNT,
     "budget": "frames that it is to have",
     "weights": "SHA-256 of the weights",
 }
 
-# Columns of episodes.csv by type; a file may lack some, but has no others.
+# Columns of episodes.csv by type, beside the returns and metrics of the task, which evaluation.json describes.
 EPISODES = {
     "kitchen": "int64",
     "episode": "int64",
     "category": "category",
     "objects": "category",
     "end": "category",
-    "success": "bool",
-    "success_without_disturbance": "bool",
-    "picked_up": "bool",
-    "pickup_step": "Int64",
     "length": "int64",
-    "failed_actions": "int64",
-    "return_r": "float64",
-    "return_r_prime": "float64",
-    "disturbance_m": "float32",
-    "peak_disturbance_m": "float32",
-    "disturbed_objects": "int64",
-    "ever_disturbed_objects": "int64",
-    "farthest_m": "float32",
-    "peak_farthest_m": "float32",
-    "disturbing_steps": "Int64",
-    "displaced_steps": "Int64",
-    "wrist_object_m": "float32",
-    "object_goal_m": "float32",
-    "disturb_hits": "Int64",
-    "disturb_misses": "Int64",
-    "disturb_false_alarms": "Int64",
-    "disturb_quiet": "Int64",
+    "prediction_hits": "Int64",
+    "prediction_misses": "Int64",
+    "prediction_false_alarms": "Int64",
+    "prediction_quiet": "Int64",
     "state_hash": "uint64",
     "distribution": "category",
 }
+KINDS = {"share": "bool", "count": "Int64", "f32": "float32", "f64": "float64"}
+# Of evaluation.json. One of an older form has none.
+FORMAT = 2
 INTEGERS = ("rollout", "frames", "stage", "incarnation", "episodes", "budget", "seed", "parameters", "steps", "kitchen")
 
 
@@ -179,14 +152,15 @@ def _run(path: Path) -> Run:
     if "evaluation" in config:
         return _evaluation(path, config)
     summary = _json(path / "summary.json") or {}
-    folders = sorted(file.parent for file in path.glob("evaluations/*/evaluation.json"))
+    results = {file.parent: _result(file.parent) for file in sorted(path.glob("evaluations/*/evaluation.json"))}
+    declared = _declared(path)
     return Run(
         path=path,
         kind="run",
-        metrics=_metrics(path),
-        validation=_validation(path / "validation.jsonl"),
-        episodes=_all_episodes(folders),
-        evaluations=_results(folders),
+        metrics=_metrics(path, declared),
+        validation=_validation(path / "validation.jsonl", declared),
+        episodes=_all_episodes(results),
+        evaluations=_results(results),
         stages=_stages(summary),
         summary=summary,
         config=config,
@@ -194,18 +168,42 @@ def _run(path: Path) -> Run:
 
 
 def _evaluation(path: Path, config: dict[str, Any]) -> Run:
-    folders = [path] if (path / "evaluation.json").exists() else []
+    results = {path: _result(path)} if (path / "evaluation.json").exists() else {}
+    described = _described(results.values())
     return Run(
         path=path,
         kind="evaluation",
-        metrics=_metrics(path),
-        validation=_validation(path / "validation.jsonl"),
-        episodes=_episodes(path / "episodes.csv"),
-        evaluations=_results(folders),
+        metrics=_metrics(path, described),
+        validation=_validation(path / "validation.jsonl", described),
+        episodes=_episodes(path / "episodes.csv", described),
+        evaluations=_results(results),
         stages=_stages({}),
-        summary=_json(path / "evaluation.json") or {},
+        summary=results.get(path, {}),
         config=config,
     )
+
+
+def _result(folder: Path) -> dict[str, Any]:
+    """The result file of an evaluation."""
+    path = folder / "evaluation.json"
+    result = _json(path) or {}
+    if "format" not in result and "schema_version" in result:
+        raise RunError(f"{path} is the result of an older version, which the package of commit 0e4cae3e reads")
+    if result.get("format") != FORMAT:
+        raise RunError(f"{path} has format {result.get('format')}, this package reads format {FORMAT}")
+    return result
+
+
+def _described(results: Iterable[dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """What the numbers of these results are, by name."""
+    return {one["name"]: one for result in results for one in result.get("described", [])}
+
+
+def _declared(folder: Path) -> dict[str, dict[str, Any]]:
+    """What the metrics of a run are, by name: its task declares them."""
+    metrics = tomllib.loads(_read(folder / "task.toml") or "").get("metrics", [])
+    is_share = [one.get("over") in ("last", "any") and "all_of" in one for one in metrics]
+    return {one["name"]: one | {"kind": "share" if share else "f64"} for one, share in zip(metrics, is_share)}
 
 
 def _read(path: Path) -> str | None:
@@ -270,7 +268,7 @@ def _of_checkpoint(folder: Path) -> list[dict[str, Any]]:
     return []
 
 
-def _metrics(folder: Path) -> pd.DataFrame:
+def _metrics(folder: Path, described: dict[str, dict[str, Any]]) -> pd.DataFrame:
     lines = {line["rollout"]: line for line in [*_of_checkpoint(folder), *_lines(folder / "metrics.jsonl", voids=True)]}
     rows = []
     for line in (lines[rollout] for rollout in sorted(lines)):
@@ -278,32 +276,33 @@ def _metrics(folder: Path) -> pd.DataFrame:
         row.update({f"timing/{name}": value for name, value in line.get("timing", {}).items()})
         row.update(line.get("metrics", {}))
         rows.append(row)
-    return _frame(rows, "rollout", ["rollout", "frames", "stage", "at_unix_s", "incarnation"])
+    return _frame(rows, "rollout", ["rollout", "frames", "stage", "at_unix_s", "incarnation"], described)
 
 
-def _validation(path: Path) -> pd.DataFrame:
-    names = ["rollout", "frames", "weights", "result", "episodes", "success", "success_without_disturbance"]
-    return _frame(_lines(path, voids=False), "rollout", [*names, "at_unix_s"])
+def _validation(path: Path, described: dict[str, dict[str, Any]]) -> pd.DataFrame:
+    names = ["rollout", "frames", "weights", "result", "episodes", "at_unix_s"]
+    return _frame(_lines(path, voids=False), "rollout", names, described)
 
 
-def _episodes(path: Path | None) -> pd.DataFrame:
+def _episodes(path: Path | None, described: dict[str, dict[str, Any]]) -> pd.DataFrame:
     """A table of episodes; one without rows where there is no file."""
     import pandas as pd
 
     text = None if path is None else _read(path)
+    kinds = EPISODES | {name: KINDS[one["kind"]] for name, one in described.items() if name not in EPISODES}
     rows = list(csv.reader((text or ",".join(EPISODES)).splitlines()))
     names = rows[0] if rows else []
-    unknown = [name for name in names if name not in EPISODES]
+    unknown = [name for name in names if name not in kinds]
     if not names or unknown or any(len(row) != len(names) for row in rows[1:]):
         raise RunError(f"{path} is no table of episodes" + (f": there is no column {unknown[0]}" if unknown else ""))
     columns: dict[str, Any] = {}
     for index, name in enumerate(names):
         values: list[Any] = [row[index] for row in rows[1:]]
         try:
-            columns[name] = _typed(values, EPISODES[name], is_hash=name == "state_hash")
+            columns[name] = _typed(values, kinds[name], is_hash=name == "state_hash")
         except (ValueError, OverflowError) as error:
             raise RunError(f"{path}, column {name}: {error}") from error
-    return _told(pd.DataFrame(columns))
+    return _told(pd.DataFrame(columns), described)
 
 
 def _typed(values: list[Any], kind: str, is_hash: bool) -> Any:
@@ -312,46 +311,47 @@ def _typed(values: list[Any], kind: str, is_hash: bool) -> Any:
     if is_hash:
         values = [int(value, 16) for value in values]
     elif kind == "bool":
-        if any(value not in ("0", "1") for value in values):
+        if any(value not in ("0", "1", "") for value in values):
             raise ValueError("a flag is neither 0 nor 1")
-        values = [value == "1" for value in values]
+        # An older table lacks the column's numbers.
+        kind = "boolean" if "" in values else "bool"
+        values = [value == "1" if value else None for value in values]
     elif kind == "Int64":
         values = [int(value) if value else None for value in values]
     elif kind == "int64":
         values = [int(value) for value in values]
     elif kind.startswith("float"):
-        values = [float(value) for value in values]
+        values = [float(value) if value else float("nan") for value in values]
     return pd.Series(values, dtype=kind)
 
 
-def _all_episodes(folders: list[Path]) -> pd.DataFrame:
+def _all_episodes(results: dict[Path, dict[str, Any]]) -> pd.DataFrame:
     import pandas as pd
 
     tables = []
-    for folder in folders:
-        table = _episodes(folder / "episodes.csv")
+    for folder, result in results.items():
+        table = _episodes(folder / "episodes.csv", _described([result]))
         table.insert(0, "evaluation", folder.name)
         tables.append(table.astype(dict.fromkeys(table.select_dtypes("category").columns, "object")))
     if not tables:
-        table = _episodes(None)
+        table = _episodes(None, {})
         table.insert(0, "evaluation", pd.Series([], dtype="object"))
-        return _told(table)
+        return _told(table, {})
     whole = pd.concat(tables, ignore_index=True)
     kinds = {name: kind for name, kind in EPISODES.items() if kind == "category" and name in whole}
-    return _told(whole.astype(kinds))
+    return _told(whole.astype(kinds), _described(results.values()))
 
 
-def _results(folders: list[Path]) -> pd.DataFrame:
+def _results(results: dict[Path, dict[str, Any]]) -> pd.DataFrame:
     rows = []
-    for folder in folders:
-        result = _json(folder / "evaluation.json") or {}
+    for folder, result in results.items():
         row: dict[str, Any] = {"evaluation": folder.name}
         for part in ("subject", "conditions", "cost", "overall"):
             for name, value in _flat(result.get(part, {})).items():
                 if not isinstance(value, list):
                     row[f"{part}.{name}" if part in ("subject", "conditions") else name] = value
         rows.append(row)
-    return _frame(rows, "evaluation", ["evaluation", "episodes", "success", "success_without_disturbance"])
+    return _frame(rows, "evaluation", ["evaluation", "episodes"], _described(results.values()))
 
 
 def _stages(summary: dict[str, Any]) -> pd.DataFrame:
@@ -361,10 +361,12 @@ def _stages(summary: dict[str, Any]) -> pd.DataFrame:
         for part in ("whole", "first_tenth", "last_tenth"):
             row.update({f"{part}/{name}": value for name, value in (stage.get(part) or {}).items()})
         rows.append(row)
-    return _frame(rows, "name", ["name", "reward", "frames", "budget"])
+    return _frame(rows, "name", ["name", "reward", "frames", "budget"], {})
 
 
-def _frame(rows: list[dict[str, Any]], index: str, names: list[str]) -> pd.DataFrame:
+def _frame(
+    rows: list[dict[str, Any]], index: str, names: list[str], described: dict[str, dict[str, Any]]
+) -> pd.DataFrame:
     """Rows of figures with their types: counts, texts, and all else as 64-bit floats, NaN where a row lacks one."""
     import pandas as pd
 
@@ -384,19 +386,19 @@ def _frame(rows: list[dict[str, Any]], index: str, names: list[str]) -> pd.DataF
     frame = pd.DataFrame(columns)
     if index == "rollout":
         frame["rollout"] = frame["rollout"].astype("int64")
-    return _told(frame.set_index(index))
+    return _told(frame.set_index(index), described)
 
 
-def _told(frame: pd.DataFrame) -> pd.DataFrame:
-    """Says what its columns are."""
+def _told(frame: pd.DataFrame, described: dict[str, dict[str, Any]]) -> pd.DataFrame:
+    """Says what its columns are; `described`: those of the task, by name."""
     units = {}
     for name in map(str, frame.columns):
         last = name.rpartition("/")[2].rpartition(".")[2]
-        about = COLUMNS.get(name) or COLUMNS.get(last) or ""
-        if about == SHARE and frame[name].dtype == bool:
-            about = "true or false"
-        unit = next((unit for end, unit in UNITS.items() if last.endswith(end)), "")
-        told = ", ".join(part for part in (about, unit) if part)
+        one = described.get(last, {})
+        about = one.get("doc", "").rstrip(".") or COLUMNS.get(name) or COLUMNS.get(last) or ""
+        share = SHARE if one.get("kind") == "share" and frame[name].dtype == float else ""
+        unit = next((unit for end, unit in UNITS.items() if last.endswith(end)), one.get("unit", ""))
+        told = ", ".join(part for part in (about, share, unit) if part)
         if told:
             units[name] = told
     frame.attrs["units"] = units

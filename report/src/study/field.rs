@@ -32,7 +32,7 @@ impl Source {
 pub struct Field {
     /// Kitchens.
     pub split: Split,
-    /// Targets: novel or seen.
+    /// Targets: novel or seen, or that there are none.
     pub objects: ObjectSet,
     /// Fixed or drawn.
     pub source: Source,
@@ -40,38 +40,22 @@ pub struct Field {
     pub best: bool,
 }
 
-/// Kinds of episodes.
-const KINDS: usize = 14;
-
 impl Field {
     /// All that can be evaluated, the paper's first table first.
-    pub(crate) const ALL: [Self; 2 * KINDS] = {
-        let mut all = [Self::NEWEST[0]; 2 * KINDS];
-        let mut index = 0;
-        while index < KINDS {
-            all[2 * index] = Self::NEWEST[index];
-            all[2 * index + 1] = Self::NEWEST[index].of_best();
-            index += 1;
-        }
-        all
-    };
-
-    const NEWEST: [Self; KINDS] = [
-        Self::new(Split::Test, ObjectSet::Novel, Source::Fixed),
-        Self::new(Split::Test, ObjectSet::Seen, Source::Fixed),
-        Self::new(Split::Validation, ObjectSet::Novel, Source::Fixed),
-        Self::new(Split::Validation, ObjectSet::Seen, Source::Fixed),
-        Self::new(Split::Test, ObjectSet::Novel, Source::Drawn),
-        Self::new(Split::Test, ObjectSet::Seen, Source::Drawn),
-        Self::new(Split::Validation, ObjectSet::Novel, Source::Drawn),
-        Self::new(Split::Validation, ObjectSet::Seen, Source::Drawn),
-        Self::new(Split::Train, ObjectSet::Novel, Source::Drawn),
-        Self::new(Split::Train, ObjectSet::Seen, Source::Drawn),
-        Self::new(Split::Train, ObjectSet::Novel, Source::Scenes),
-        Self::new(Split::Train, ObjectSet::Seen, Source::Scenes),
-        Self::new(Split::Train, ObjectSet::Novel, Source::Procedural),
-        Self::new(Split::Train, ObjectSet::Seen, Source::Procedural),
-    ];
+    pub(crate) fn all() -> impl Iterator<Item = Self> {
+        let places = [
+            (Split::Test, Source::Fixed),
+            (Split::Validation, Source::Fixed),
+            (Split::Test, Source::Drawn),
+            (Split::Validation, Source::Drawn),
+            (Split::Train, Source::Drawn),
+            (Split::Train, Source::Scenes),
+            (Split::Train, Source::Procedural),
+        ];
+        let sets = [ObjectSet::Novel, ObjectSet::Seen, ObjectSet::NoTargets];
+        let newest = places.into_iter().flat_map(move |(split, source)| sets.map(|set| Self::new(split, set, source)));
+        newest.flat_map(|field| [field, field.of_best()])
+    }
 
     /// These episodes.
     pub(crate) const fn new(split: Split, objects: ObjectSet, source: Source) -> Self {
@@ -87,14 +71,22 @@ impl Field {
     pub(crate) fn name(self) -> String {
         let drawn = if self.source == Source::Fixed { "" } else { ", drawn episodes" };
         let best = if self.best { ", best checkpoint" } else { "" };
-        format!("{}, {} objects{drawn}{best}", self.place(), self.objects.name())
+        let objects = match self.objects {
+            ObjectSet::NoTargets => String::new(),
+            objects => format!(", {} objects", objects.name()),
+        };
+        format!("{}{objects}{drawn}{best}", self.place())
     }
 
-    /// `test-novel`, `test-novel-drawn` or `test-novel-best`, for file names.
+    /// `test-novel`, `test-novel-drawn` or `test-novel-best`, `test` without targets, for file names.
     pub(crate) fn key(self) -> String {
         let drawn = if self.source == Source::Drawn { "-drawn" } else { "" };
         let best = if self.best { "-best" } else { "" };
-        format!("{}-{}{drawn}{best}", self.place(), self.objects.name())
+        let objects = match self.objects {
+            ObjectSet::NoTargets => String::new(),
+            objects => format!("-{}", objects.name()),
+        };
+        format!("{}{objects}{drawn}{best}", self.place())
     }
 
     fn place(self) -> &'static str {

@@ -2,7 +2,7 @@
 
 use super::run::{Evaluated, Run};
 use proto::evaluation::EpisodeRecord;
-use proto::reward::UNDISTURBED_THRESHOLD_M;
+use proto::task::Column;
 
 /// Evaluations of weights from before a run's second stage and from after it, on the same episodes.
 #[derive(Debug, Clone)]
@@ -15,8 +15,8 @@ pub struct EvaluatedPair<'a> {
     pub before: &'a Evaluated,
     /// Of weights from after it.
     pub after: &'a Evaluated,
-    /// The episodes that both played, those first that show most: undisturbed successes afterwards, by how much less
-    /// they disturb.
+    /// The episodes that both played, those first that show most: the best by the task's ranking afterwards, by how much
+    /// their return under the stage's reward rose.
     pub episodes: Vec<[&'a EpisodeRecord; 2]>,
 }
 
@@ -24,10 +24,13 @@ pub struct EvaluatedPair<'a> {
 /// before its first stage, whichever run evaluated them.
 pub fn pair_of<'a>(run: &'a Run, all: &'a [Run], usable: impl Fn(&Evaluated) -> bool) -> Option<EvaluatedPair<'a>> {
     let (boundary, stage) = match (&run.config.from, run.config.stages.as_slice()) {
-        (Some(_), [first, ..]) => (0, &first.name),
-        (None, [first, second, ..]) => (first.frames, &second.name),
+        (Some(_), [first, ..]) => (0, first),
+        (None, [first, second, ..]) => (first.frames, second),
         _ => return None,
     };
+    let spec = run.config.spec();
+    let ranking: Vec<Column> = spec.ranking().iter().filter_map(|metric| spec.column(&metric.name)).collect();
+    let stage_return = spec.column(&format!("return_{}", stage.reward));
     let earlier = |evaluated: &&Evaluated| match &run.config.from {
         Some(from) => evaluated.result.subject.weights == from.weights,
         None => (1..=boundary).contains(&evaluated.result.subject.frames),
@@ -39,9 +42,9 @@ pub fn pair_of<'a>(run: &'a Run, all: &'a [Run], usable: impl Fn(&Evaluated) -> 
     let after = run.evaluations.iter().filter(|one| usable(one) && one.result.subject.frames > boundary);
     for after in after {
         for before in before.iter().filter(|before| alike(before, after)) {
-            let episodes = in_common(before, after);
+            let episodes = in_common(before, after, &ranking, stage_return);
             if !episodes.is_empty() {
-                pairs.push(EvaluatedPair { run, stage: stage.clone(), before, after, episodes });
+                pairs.push(EvaluatedPair { run, stage: stage.name.clone(), before, after, episodes });
             }
         }
     }
@@ -68,7 +71,12 @@ fn alike(a: &Evaluated, b: &Evaluated) -> bool {
     which(a) == which(b)
 }
 
-fn in_common<'a>(before: &'a Evaluated, after: &'a Evaluated) -> Vec<[&'a EpisodeRecord; 2]> {
+fn in_common<'a>(
+    before: &'a Evaluated,
+    after: &'a Evaluated,
+    ranking: &[Column],
+    stage_return: Option<Column>,
+) -> Vec<[&'a EpisodeRecord; 2]> {
     let same = |one: &EpisodeRecord, other: &EpisodeRecord| {
         (one.kitchen, one.episode, one.category) == (other.kitchen, other.episode, other.category)
     };
@@ -77,15 +85,14 @@ fn in_common<'a>(before: &'a Evaluated, after: &'a Evaluated) -> Vec<[&'a Episod
         Some([earlier, later])
     });
     let mut both: Vec<[&EpisodeRecord; 2]> = found.collect();
-    let shown = |[earlier, later]: &[&EpisodeRecord; 2]| {
-        (later.succeeded_within(UNDISTURBED_THRESHOLD_M), later.success, earlier.disturbance_m - later.disturbance_m)
+    let number = |record: &EpisodeRecord, column| record.number(column).unwrap_or(0.0);
+    let shown = |[earlier, later]: &[&EpisodeRecord; 2]| -> Vec<f64> {
+        let rise = stage_return.map(|column| number(later, column) - number(earlier, column));
+        ranking.iter().map(|&column| number(later, column)).chain(rise).collect()
     };
     both.sort_by(|a, b| {
-        let (a_shown, b_shown) = (shown(a), shown(b));
-        (b_shown.0, b_shown.1)
-            .cmp(&(a_shown.0, a_shown.1))
-            .then(b_shown.2.total_cmp(&a_shown.2))
-            .then((a[0].kitchen, a[0].episode).cmp(&(b[0].kitchen, b[0].episode)))
+        let order = shown(b).iter().zip(shown(a)).map(|(b, a)| b.total_cmp(&a)).find(|order| order.is_ne());
+        order.unwrap_or_else(|| (a[0].kitchen, a[0].episode).cmp(&(b[0].kitchen, b[0].episode)))
     });
     both
 }

@@ -7,6 +7,7 @@ use proto::figures::Figures;
 use proto::run_folder::BEST;
 use proto::run_state::RunState;
 use serde::{Serialize, Serializer};
+use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -115,16 +116,14 @@ pub struct Evaluated {
 }
 
 /// One evaluation during training.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Validated {
     /// Frames trained on.
     pub frames: u64,
     /// Fixed episodes, or drawn as the run draws its own.
     pub distribution: Distribution,
-    /// SR.
-    pub success: f64,
-    /// `SRwoD`.
-    pub success_without_disturbance: f64,
+    /// Means of metrics, by name.
+    pub figures: BTreeMap<String, f64>,
 }
 
 impl Evaluated {
@@ -138,7 +137,7 @@ impl Evaluated {
         let conditions = &self.result.conditions;
         let in_field =
             conditions.split == field.split && Source::of(conditions) == field.source && self.of_best() == field.best;
-        self.episodes.iter().filter(move |record| in_field && field.objects.contains(record.category))
+        self.episodes.iter().filter(move |record| in_field && record.is_in(field.objects))
     }
 }
 

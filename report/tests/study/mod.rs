@@ -2,12 +2,13 @@
 
 use proto::config::Config;
 use proto::evaluation::{
-    Conditions, Confusion, Cost, Distribution, EPISODES_PER_KITCHEN, EpisodeEnd, EpisodeRecord, Evaluation, ObjectSet,
-    Subject, category_of,
+    Conditions, Confusion, Cost, Distribution, EPISODES_PER_KITCHEN, EpisodeRecord, Evaluation, ObjectSet, Subject,
+    category_of,
 };
 use proto::kitchen::{KitchenId, Split};
 use proto::metric;
 use proto::random::{Key, Purpose, Random};
+use proto::record::End;
 use proto::run_state::{Ending, RunState};
 use report::study::{Evaluated, Origin, Rollout, Run, Validated};
 use std::collections::BTreeMap;
@@ -18,8 +19,8 @@ fn random(seed: u64, kitchen: u32, episode: u32) -> Random {
 }
 
 /// An episode that succeeds with chance `skill`, and disturbs less the larger `care` is.
-fn episode(seed: u64, kitchen: KitchenId, episode: u32, skill: f64, care: f64) -> (EpisodeRecord, Vec<u8>) {
-    let mut draw = random(seed, kitchen.number(), episode);
+fn episode(config: &Config, kitchen: KitchenId, episode: u32, skill: f64, care: f64) -> (EpisodeRecord, Vec<u8>) {
+    let mut draw = random(config.seed, kitchen.number(), episode);
     let success = draw.uniform_open() < skill * (0.8 + 0.1 * f64::from(kitchen.number() % 5));
     let disturbance_m = if draw.uniform_open() < care { 0.0 } else { 0.002 * (1.0 / draw.uniform_open()).powf(1.7) };
     let length = if success { 40 + draw.below(100) } else { 200 };
@@ -33,29 +34,34 @@ fn episode(seed: u64, kitchen: KitchenId, episode: u32, skill: f64, care: f64) -
         })
         .collect();
     let disturbed_objects = if disturbance_m < 0.01 { 0 } else { 1 + (disturbance_m * 4.0) as u32 };
+    let flag = |set: bool| f64::from(u8::from(set));
+    let return_r = if success { 14.0 } else { -1.0 };
+    let numbers = BTreeMap::from([
+        ("return_r", return_r),
+        ("return_r_prime", return_r - 15.0 * disturbance_m),
+        ("success", flag(success)),
+        ("success_without_disturbance", flag(success && disturbance_m < 0.01)),
+        ("success_without_disturbance_per_axis", flag(success && disturbed_objects == 0)),
+        ("success_but_unsafe", flag(success && disturbed_objects > 0)),
+        ("picked_up", flag(success || draw.uniform_open() < 0.3)),
+        ("failed_actions", f64::from(length / 9)),
+        ("disturbance_m", disturbance_m.min(9.0)),
+        ("disturbed_objects", disturbed_objects.into()),
+        ("ever_disturbed_objects", f64::from(disturbed_objects) + flag(draw.uniform_open() < 0.1)),
+        ("peak_farthest_m", 0.4),
+        ("disturbing_steps", disturbed_objects.into()),
+        ("displaced_steps", f64::from(disturbed_objects) * 20.0),
+        ("object_goal_m", if success { 0.04 } else { 0.9 }),
+    ]);
+    let number = |name: &str| Some(numbers.get(name).copied().unwrap_or(0.0));
     let record = EpisodeRecord {
         kitchen,
         episode,
-        category: category_of(episode),
-        end: if success { EpisodeEnd::Done } else { EpisodeEnd::TimeLimit },
-        success,
-        picked_up: success || draw.uniform_open() < 0.3,
-        pickup_step: success.then_some(length / 2),
+        category: Some(category_of(episode)),
+        end: if success { End::Terminated } else { End::Truncated },
         length,
-        failed_actions: length / 9,
-        return_r: if success { 14.0 } else { -1.0 },
-        return_r_prime: if success { 14.0 } else { -1.0 } - 15.0 * disturbance_m,
-        disturbance_m: disturbance_m.min(9.0) as f32,
-        peak_disturbance_m: disturbance_m.min(9.0) as f32,
-        disturbed_objects,
-        ever_disturbed_objects: disturbed_objects + u32::from(draw.uniform_open() < 0.1),
-        farthest_m: 0.4,
-        peak_farthest_m: 0.4,
-        disturbing_steps: Some(disturbed_objects),
-        displaced_steps: Some(disturbed_objects * 20),
-        wrist_object_m: 0.1,
-        object_goal_m: if success { 0.04 } else { 0.9 },
-        disturb_prediction: Some(Confusion { hits: 4, misses: 3, false_alarms: 6, quiet: u64::from(length) }),
+        numbers: config.spec().columns().iter().map(|column| number(&column.name)).collect(),
+        prediction: Some(Confusion { hits: 4, misses: 3, false_alarms: 6, quiet: u64::from(length) }),
         state_hash: 7,
     };
     (record, actions)
@@ -66,7 +72,7 @@ fn evaluated(config: &Config, split: Split, objects: ObjectSet, skill: f64, care
         .into_iter()
         .flat_map(|kitchen| (0..EPISODES_PER_KITCHEN).map(move |number| (kitchen, number)))
         .filter(|&(_, number)| objects.contains(category_of(number)))
-        .map(|(kitchen, number)| episode(config.seed, kitchen, number, skill, care))
+        .map(|(kitchen, number)| episode(config, kitchen, number, skill, care))
         .collect();
     let subject = Subject {
         preset: config.preset.clone(),
@@ -136,11 +142,14 @@ fn rollouts(config: &Config, ceiling: f64) -> Vec<Rollout> {
 pub fn run(preset: &str, seed: u64, (skill, care): (f64, f64)) -> Run {
     let config = Config { seed, ..Config::resolve(preset, None).expect("a preset") };
     let luck = 0.02 * seed as f64;
-    let validation = (1..=9).map(|index| Validated {
-        frames: index * 5_000_000,
-        distribution: Distribution::Fixed,
-        success: skill * index as f64 / 9.0 - luck,
-        success_without_disturbance: skill * care * index as f64 / 9.0 - luck,
+    let validation = (1..=9).map(|index| {
+        let success = skill * index as f64 / 9.0;
+        let figures = [("success", success - luck), ("success_without_disturbance", care * success - luck)];
+        Validated {
+            frames: index * 5_000_000,
+            distribution: Distribution::Fixed,
+            figures: figures.map(|(name, share)| (name.to_owned(), share)).into(),
+        }
     });
     Run {
         name: format!("runs/{preset}-{seed}"),
@@ -153,7 +162,7 @@ pub fn run(preset: &str, seed: u64, (skill, care): (f64, f64)) -> Run {
         ]
         .map(|(split, objects, skill)| evaluated(&config, split, objects, skill - luck, care))
         .into(),
-        validation: validation.filter(|point| point.success_without_disturbance > 0.0).collect(),
+        validation: validation.filter(|point| point.figures["success_without_disturbance"] > 0.0).collect(),
         config,
     }
 }

@@ -1,5 +1,8 @@
 //! Evaluations of real weights by real processes: the same table whatever happens on the way.
 
+use proto::config::Config;
+use proto::evaluation::read_table;
+use proto::record::End;
 use std::path::PathBuf;
 use std::process::Command;
 use std::time::{Duration, Instant};
@@ -36,7 +39,7 @@ fn the_same_table_twice_and_with_processes_killed() {
     good(&complete(eval_fresh(&workshop, "first", &[])));
     let undisturbed = table(&workshop, "first");
     assert_eq!(undisturbed.lines().count(), 1 + 5 * 12, "{undisturbed}");
-    let records = proto::evaluation::read_table(&undisturbed).unwrap();
+    let records = read_table(Config::default().spec(), &undisturbed).unwrap();
     assert!(records.iter().all(|record| (1..=24).contains(&record.length)));
 
     good(&complete(eval_fresh(&workshop, "again", &[])));
@@ -93,7 +96,8 @@ fn figures_are_those_of_the_table() {
     let workshop = Workshop::new();
     let printed = complete(eval_fresh(&workshop, "out", &["--record", "all"]));
     good(&printed);
-    let records = proto::evaluation::read_table(&table(&workshop, "out")).unwrap();
+    let spec = Config::default().spec();
+    let records = read_table(spec, &table(&workshop, "out")).unwrap();
     let result = result(&workshop, "out");
     let steps: u64 = records.iter().map(|record| u64::from(record.length)).sum();
     assert_eq!(result["cost"]["steps"].as_u64(), Some(steps));
@@ -104,10 +108,13 @@ fn figures_are_those_of_the_table() {
     let by_step = result["action_counts"]["by_step"].as_array().unwrap();
     let taken: u64 = by_step.iter().flat_map(|row| row.as_array().unwrap()).map(|count| count.as_u64().unwrap()).sum();
     assert_eq!((by_step.len(), taken), (24, steps));
-    let disturbed = records.iter().map(|record| f64::from(record.disturbed_objects)).sum::<f64>() / 60.0;
-    assert!((result["overall"]["disturbed_objects"].as_f64().unwrap() - disturbed).abs() < 1e-12);
-    // The demo's policy has the disturbance head: every step but each episode's last is judged.
-    let prediction = &result["overall"]["disturb_prediction"];
+    for (index, column) in spec.columns().iter().enumerate() {
+        let numbers: Vec<f64> = records.iter().filter_map(|record| record.numbers[index]).collect();
+        let mean = (!numbers.is_empty()).then(|| numbers.iter().sum::<f64>() / numbers.len() as f64);
+        assert_eq!(result["overall"][&column.name].as_f64(), mean, "{}", column.name);
+    }
+    // The demo's policy predicts the label: every step but each episode's last is judged.
+    let prediction = &result["overall"]["prediction"];
     let judged: u64 =
         ["hits", "misses", "false_alarms", "quiet"].iter().map(|name| prediction[*name].as_u64().unwrap()).sum();
     assert_eq!(judged, steps - 60);
@@ -133,13 +140,14 @@ fn figures_are_those_of_the_table() {
     assert!(filmed.stdout.contains(&format!("episodes: 1\nstates compared: {}", record.length + 1)), "{filmed:#?}");
     let films: Vec<_> =
         std::fs::read_dir(workshop.path("films")).unwrap().map(|file| file.unwrap().file_name()).collect();
-    let outcome = match (record.end, record.success) {
-        (proto::evaluation::EpisodeEnd::TimeLimit, _) => "time-limit",
-        (proto::evaluation::EpisodeEnd::Done, false) => "failure",
-        (proto::evaluation::EpisodeEnd::Done, true) if record.disturbance_m < 0.01 => "success-without-disturbance",
-        (proto::evaluation::EpisodeEnd::Done, true) => "success",
+    let is = |name: &str| record.has_all(&[spec.column(name).unwrap()]);
+    let outcome = match (record.end, is("success"), is("success_without_disturbance")) {
+        (End::Truncated, ..) => "time-limit",
+        (End::Terminated, false, _) => "failure",
+        (End::Terminated, true, true) => "success-without-disturbance",
+        (End::Terminated, true, false) => "success",
     };
-    let category = record.category.name();
+    let category = record.category.unwrap().name();
     let name = format!("kitchen-{:02}-episode-{:03}-{category}-{outcome}.png", record.kitchen.number(), record.episode);
     assert_eq!(films, [std::ffi::OsString::from(name)]);
     let last = records.iter().map(|record| record.episode).max().unwrap();

@@ -120,7 +120,7 @@ fn kitchens_never_seen_are_evaluated_alike_whoever_dies() {
     let printed = complete(evaluate("first"));
     assert!(printed.success, "{printed:#?}");
     assert!(printed.stderr.contains("3 procedural kitchens (5000..5003)"), "{printed:#?}");
-    let records = proto::evaluation::read_table(&table("first")).unwrap();
+    let records = proto::evaluation::read_table(proto::config::Config::default().spec(), &table("first")).unwrap();
     let mut kitchens: BTreeMap<u32, u32> = BTreeMap::new();
     for record in &records {
         *kitchens.entry(record.kitchen.number()).or_default() += 1;

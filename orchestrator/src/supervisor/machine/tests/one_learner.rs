@@ -352,7 +352,7 @@ fn a_learner_that_never_gets_ready_is_started_again_once() {
 
 /// What an evaluation's learner says of an episode that ended.
 fn played(episode: u32) -> LearnerEvent {
-    let record = crate::evaluation::testing::uneventful(KitchenId::new(2).unwrap(), episode);
+    let record = crate::evaluation::testing::played(KitchenId::new(2).unwrap(), episode, &[]);
     LearnerEvent::EpisodePlayed { record, actions: vec![20] }
 }
 
