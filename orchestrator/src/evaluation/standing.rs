@@ -8,7 +8,9 @@ use proto::bounded::RESULT_BYTES_MOST;
 use proto::config::Config;
 use proto::evaluation::{EpisodeRecord, Evaluation, Figures, RESULT_FILE};
 use proto::run_folder::RunFolder;
+use proto::task::Spec;
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// Episodes of how many, and what they came to.
@@ -61,6 +63,12 @@ impl Standing {
             }
             Err(error) => Err(error).with_context(|| path.display().to_string()),
         }
+    }
+
+    /// Means of the task's metrics so far, by name; without those that are not known.
+    pub fn figures(&self, task: &Spec) -> BTreeMap<String, f64> {
+        let own = serde_json::to_value(self).unwrap_or_default();
+        task.metrics.iter().filter_map(|metric| Some((metric.name.clone(), own[&metric.name].as_f64()?))).collect()
     }
 
     /// As people read it, in parts.

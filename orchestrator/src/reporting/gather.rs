@@ -156,15 +156,15 @@ fn run(folder: &RunFolder, notes: &mut Vec<String>) -> Result<(String, Run)> {
         notes.push(format!("{error:#}."));
         None
     });
-    let held = holder(folder)?;
+    let (config, held) = (config_by_content(folder)?, holder(folder)?);
     let at_rest = held == Held::Free;
     let Figures { history, notes: about_figures } = Figures::read(folder, at_rest);
-    let Scores { scores, notes: about_scores } = Scores::read(folder, at_rest);
+    let Scores { scores, notes: about_scores } = Scores::read(folder, config.spec(), at_rest);
     notes.extend(about_figures.into_iter().chain(about_scores).map(|note| format!("{}: {note}.", path.display())));
     let run = Run {
         name: path.display().to_string(),
         origin: Origin::Run(state_of(&identity, &held, summary.is_some())),
-        config: config_by_content(folder)?,
+        config,
         rollouts: rollouts(&history),
         evaluations: evaluations_of(folder, notes)?,
         validation: validation_of(&scores),
@@ -191,8 +191,10 @@ fn rollouts(history: &History) -> Vec<Rollout> {
 /// Evaluations during training, in order of frames.
 fn validation_of(scores: &[Score]) -> Vec<Validated> {
     let validated = |score: &Score| {
-        let Score { frames, distribution, success, success_without_disturbance, .. } = *score;
-        Validated { frames, distribution, success, success_without_disturbance }
+        let Score { frames, distribution, figures, .. } = score;
+        let figure = |name: &str| figures.get(name).copied().unwrap_or(0.0);
+        let [success, success_without_disturbance] = ["success", "success_without_disturbance"].map(figure);
+        Validated { frames: *frames, distribution: *distribution, success, success_without_disturbance }
     };
     let by_frames: BTreeMap<u64, Validated> = scores.iter().map(|score| (score.frames, validated(score))).collect();
     by_frames.into_values().collect()

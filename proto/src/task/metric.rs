@@ -8,6 +8,12 @@ use serde::{Deserialize, Serialize};
 pub struct Metric {
     /// In files: `episode/NAME` among a run's figures, a column of tables.
     pub name: String,
+    /// What tables and screens print; else the name.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub label: Option<String>,
+    /// SI unit of a value.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
     /// Over which of an episode's steps.
     pub over: Over,
     /// The channel whose number it is.
@@ -17,6 +23,25 @@ pub struct Metric {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub all_of: Vec<Clause>,
     pub doc: String,
+}
+
+/// A metric as tables and screens show its mean.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct ShownMetric {
+    pub name: String,
+    pub label: String,
+    pub unit: Option<String>,
+    /// Whether it is a share of episodes.
+    pub share: bool,
+}
+
+impl Metric {
+    /// As tables and screens show it.
+    pub fn shown(&self) -> ShownMetric {
+        let (name, unit) = (self.name.clone(), self.unit.clone());
+        let label = self.label.clone().unwrap_or_else(|| name.clone());
+        ShownMetric { name, label, unit, share: self.value.is_none() && self.over != Over::Sum }
+    }
 }
 
 /// Over which steps of an episode.

@@ -25,6 +25,6 @@ pub use check::{Check, Implausible};
 pub use error::SpecError;
 pub use inputs::{Inputs, VECTOR_NUMBERS};
 pub use layout::{Field, HEADER_BYTES, LINE_BYTES, Layout};
-pub use metric::{Clause, Measure, Metric, Over};
+pub use metric::{Clause, Measure, Metric, Over, ShownMetric};
 pub use reward::{Composition, Condition, Cost, Label, MULTIPLIER, Reward, Term, Weight};
 pub use spec::Spec;

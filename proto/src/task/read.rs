@@ -28,6 +28,9 @@ struct Declaration {
     label: Option<Label>,
     #[serde(default)]
     metrics: Vec<Metric>,
+    headline: Option<String>,
+    #[serde(default)]
+    shown: Vec<String>,
 }
 
 /// Tasks that are built in.
@@ -45,11 +48,26 @@ impl Spec {
     /// Reads a declaration, and checks it.
     pub fn parse(text: &str) -> Result<Self, SpecError> {
         let declaration: Declaration = toml::from_str(text).map_err(|cause| SpecError::Toml(cause.to_string()))?;
-        let Declaration { name, formerly, weights, actions, channels, rewards, cost, label, metrics } = declaration;
+        let Declaration { name, formerly, weights, actions, channels, rewards, cost, label, metrics, headline, shown } =
+            declaration;
         actions.check()?;
         channels.iter().try_for_each(Channel::check)?;
         let (layout, text) = (Layout::of(&actions, &channels), text.to_owned());
-        let spec = Self { name, formerly, actions, channels, rewards, weights, metrics, cost, label, layout, text };
+        let spec = Self {
+            name,
+            formerly,
+            actions,
+            channels,
+            rewards,
+            weights,
+            metrics,
+            headline,
+            shown,
+            cost,
+            label,
+            layout,
+            text,
+        };
         check_names(std::iter::once(&*spec.name))?;
         check_names(spec.channels.iter().map(|channel| &*channel.name))?;
         check_names(spec.metrics.iter().map(|metric| &*metric.name))?;
@@ -59,6 +77,9 @@ impl Spec {
         }
         for metric in &spec.metrics {
             spec.measure(metric)?;
+        }
+        if let Some(name) = spec.headline.iter().chain(&spec.shown).find(|name| spec.metric(name).is_none()) {
+            return Err(SpecError::Metric { name: name.clone(), problem: "there is none of this name".to_owned() });
         }
         if let Some(Label { part, at_most, at_least, .. }) = &spec.label {
             spec.threshold(part, *at_most, *at_least).map_err(SpecError::Label)?;

@@ -3,7 +3,7 @@
 use super::actions::Actions;
 use super::channel::Channel;
 use super::layout::{Field, HEADER_BYTES, Layout};
-use super::metric::Metric;
+use super::metric::{Metric, ShownMetric};
 use super::reward::{Cost, Label, Reward};
 use crate::digest::sha256;
 use sha2::{Digest, Sha256};
@@ -24,6 +24,10 @@ pub struct Spec {
     /// Weights that rewards name, and that a configuration can set.
     pub weights: BTreeMap<String, f32>,
     pub metrics: Vec<Metric>,
+    /// The metric by which policies are ranked; else the first.
+    pub headline: Option<String>,
+    /// The metrics that screens and tables of a run show, in this order; empty: all.
+    pub shown: Vec<String>,
     pub(super) cost: Option<Cost>,
     pub(super) label: Option<Label>,
     pub(super) layout: Layout,
@@ -40,6 +44,30 @@ impl Spec {
     pub fn channel(&self, name: &str) -> Option<(&Channel, Field)> {
         let index = self.channels.iter().position(|channel| channel.name == name)?;
         Some((&self.channels[index], self.layout.fields[index]))
+    }
+
+    /// The metric of this name.
+    pub fn metric(&self, name: &str) -> Option<&Metric> {
+        self.metrics.iter().find(|metric| metric.name == name)
+    }
+
+    /// The metrics that screens and tables of a run show.
+    pub fn shown(&self) -> Vec<ShownMetric> {
+        if self.shown.is_empty() {
+            return self.metrics.iter().map(Metric::shown).collect();
+        }
+        self.shown.iter().filter_map(|name| self.metric(name)).map(Metric::shown).collect()
+    }
+
+    /// The same, then all others: a learning curve is drawn of each.
+    pub fn charted(&self) -> Vec<ShownMetric> {
+        let others = self.metrics.iter().filter(|metric| !self.shown.is_empty() && !self.shown.contains(&metric.name));
+        self.shown().into_iter().chain(others.map(Metric::shown)).collect()
+    }
+
+    /// By which policies are ranked: names of metrics, the weightiest first.
+    pub fn ranks(&self) -> impl Iterator<Item = &str> {
+        self.headline.iter().chain(self.metrics.first().map(|metric| &metric.name)).map(String::as_str)
     }
 
     /// The declaration as it was written, for the run folder.
@@ -59,7 +87,10 @@ impl Spec {
             spec.text.clear();
             spec.formerly.clear();
             spec.channels.iter_mut().for_each(|channel| channel.doc.clear());
-            spec.metrics.iter_mut().for_each(|metric| metric.doc.clear());
+            (spec.headline, spec.shown) = (None, vec![]);
+            for metric in &mut spec.metrics {
+                (metric.label, metric.unit, metric.doc) = (None, None, String::new());
+            }
             spec
         };
         bare(self) == bare(other)

@@ -278,6 +278,7 @@ fn a_declaration_that_is_not_sound_is_refused_with_its_place() {
         ("[\"near_m\", 1.0]", "[\"near_m\", true]", "part with its weight"),
         ("value = \"pushed_m\"", "value = \"goal_m\"", "`goal_m` is no scalar"),
         ("over = \"sum\"", "over = \"any\"", "`any` is of clauses"),
+        ("weights = {", "headline = \"succes\"\nweights = {", "metric `succes`: there is none"),
         ("label = { part = \"pushed_m\"", "label = { part = \"kind\"", "no part `kind`"),
         ("weights = {", "weight = {", "weight"),
     ] {
