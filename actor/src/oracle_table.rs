@@ -9,11 +9,10 @@ use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::{KitchenId, Split};
-use proto::reward::UNDISTURBED_THRESHOLD_M;
 use simulator::environment::Environment;
 use simulator::episode::Episode;
 use simulator::kitchen::Kitchen;
-use simulator::tasks::arm_point_nav::check;
+use simulator::tasks::arm_point_nav::{UNDISTURBED_THRESHOLD_M, check};
 use std::io::Write;
 use std::sync::Arc;
 

@@ -77,7 +77,7 @@ impl Spec {
 
     /// Whether a run that began under this text goes on with the same bits: it is a former one, or says the same but for
     /// docs.
-    pub fn continues(&self, text: &str) -> bool {
+    pub(crate) fn continues(&self, text: &str) -> bool {
         self.formerly.contains(&sha256(text.as_bytes())) || Self::parse(text).is_ok_and(|written| written.means(self))
     }
 

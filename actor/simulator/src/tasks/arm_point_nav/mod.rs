@@ -11,6 +11,8 @@ use std::sync::LazyLock;
 
 /// Its name in configurations.
 pub const NAME: &str = "arm_point_nav";
+/// A success with less total displacement than this is one without disturbance, metres: as `task.toml` declares it.
+pub const UNDISTURBED_THRESHOLD_M: f32 = 0.01;
 
 /// Parts of one step's reward, before any weighting.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
@@ -234,6 +236,19 @@ mod tests {
         // The azimuth of (-1, -0) were -π.
         let bits = told(CarriedGoal::GoalToObject, true, [1.0, 0.0, 0.0]).map(f32::to_bits);
         assert_eq!(bits, [-1.0_f32, 0.0, 0.0].map(f32::to_bits));
+    }
+
+    #[test]
+    fn the_metric_has_the_threshold_of_the_code() {
+        let spec = Spec::built_in().iter().find(|spec| spec.name == NAME).unwrap();
+        let (metric, measure) =
+            spec.metrics.iter().zip(spec.measures()).find(|(metric, _)| metric.name.contains("without")).unwrap();
+        let below = UNDISTURBED_THRESHOLD_M.next_down();
+        for (displaced_m, is_so) in [(below, 1.0), (UNDISTURBED_THRESHOLD_M, 0.0)] {
+            let number =
+                |index: usize| if spec.channels[index].name == "disturbance_m" { f64::from(displaced_m) } else { 1.0 };
+            assert_eq!(measure.after(number, 0.0), is_so, "{}", metric.name);
+        }
     }
 
     #[test]
