@@ -8,12 +8,10 @@ use oracle::{Policy, Variant};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::{KitchenId, Split};
-use proto::reward::UNDISTURBED_THRESHOLD_M;
 use simulator::kitchen::Kitchen;
 use simulator::robot::action::Action;
-use simulator::tasks::arm_point_nav::Environment;
-use simulator::tasks::arm_point_nav::check;
 use simulator::tasks::arm_point_nav::episode::Episode;
+use simulator::tasks::arm_point_nav::{Environment, UNDISTURBED_THRESHOLD_M, check};
 use std::io::Write;
 use std::sync::Arc;
 

@@ -7,14 +7,6 @@ pub const EPISODES: &str = "episode/count";
 pub const RETURN: &str = "episode/return";
 /// Length in steps.
 pub const LENGTH: &str = "episode/length";
-/// Success rate, 0..1.
-pub const SUCCESS: &str = "episode/success";
-/// Rate of success without disturbance (d < 0.01 m), 0..1.
-pub const SUCCESS_UNDISTURBED: &str = "episode/success_without_disturbance";
-/// Rate of episodes in which the target was picked up, 0..1.
-pub const PICKED_UP: &str = "episode/picked_up";
-/// Total displacement at the end, metres.
-pub const DISTURBANCE: &str = "episode/disturbance_m";
 /// Σ `γ^t` cost of an episode: what PPO-Lagrangian constrains.
 pub const DISCOUNTED_COST: &str = "episode/discounted_cost";
 /// Learners that ended this rollout early, because most others had finished (DD-PPO); absent with one learner, or
@@ -45,17 +37,20 @@ pub const AUXILIARY_LOSS: &str = "loss/auxiliary";
 
 /// A metric that the task declares: its mean over the episodes that ended.
 pub fn of_episode(metric: &str) -> String {
-    format!("episode/{metric}")
+    format!("{EPISODE}{metric}")
 }
 
-pub const ALL: [&str; 20] = [
+/// The metric of a task whose figure this is; none of another one.
+pub fn of_task(figure: &str) -> Option<&str> {
+    figure.strip_prefix(EPISODE).filter(|_| !ALL.contains(&figure))
+}
+
+const EPISODE: &str = "episode/";
+
+pub const ALL: [&str; 16] = [
     EPISODES,
     RETURN,
     LENGTH,
-    SUCCESS,
-    SUCCESS_UNDISTURBED,
-    PICKED_UP,
-    DISTURBANCE,
     DISCOUNTED_COST,
     PREEMPTED,
     EXCHANGED,

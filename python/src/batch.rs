@@ -189,8 +189,8 @@ impl Batch {
             Ok(report_of(place, settings, false, None))
         })?;
         this.put(py, &reports)?;
-        let rows: Vec<Facts> = reports.iter().map(|report| report.now).collect();
-        Ok(facts::table(py, &rows)?.into_any())
+        let rows: Vec<Facts> = reports.into_iter().map(|report| report.now).collect();
+        Ok(facts::table(py, this.settings.config.spec(), &rows)?.into_any())
     }
 
     /// Takes an action in each environment. Returns rewards, terminated, truncated, facts after the actions, facts now
@@ -267,8 +267,8 @@ impl Batch {
             Ok(report_of(place, settings, false, None))
         })?;
         this.put(py, &reports)?;
-        let rows: Vec<Facts> = reports.iter().map(|report| report.now).collect();
-        Ok(facts::table(py, &rows)?.into_any())
+        let rows: Vec<Facts> = reports.into_iter().map(|report| report.now).collect();
+        Ok(facts::table(py, this.settings.config.spec(), &rows)?.into_any())
     }
 
     /// What the oracle would do now in each environment; in one whose episode has ended, action 0.
@@ -384,13 +384,13 @@ impl Batch {
 
     /// What `step` returns.
     fn told<'py>(&self, py: Python<'py>, reports: &[Report]) -> PyResult<Bound<'py, PyTuple>> {
+        let task = self.settings.config.spec();
         let reward = |report: &Report| {
-            let parts = report.done.parts();
-            let reward = f64::from(self.settings.reward.of(|index| parts.part(index), 0.0));
+            let reward = f64::from(self.settings.reward.of(|index| report.done.part(task, index), 0.0));
             if report.reset { 0.0 } else { reward }
         };
-        let rows: Vec<Facts> = reports.iter().map(|report| report.done).collect();
-        let done = facts::table(py, &rows)?;
+        let rows: Vec<Facts> = reports.iter().map(|report| report.done.clone()).collect();
+        let done = facts::table(py, task, &rows)?;
         let mut last = Vec::new();
         for (index, report) in reports.iter().enumerate() {
             if let Some((depth_mm, seen)) = &report.last {
@@ -402,7 +402,7 @@ impl Batch {
         let now = if last.is_empty() {
             done.clone()
         } else {
-            facts::table(py, &reports.iter().map(|report| report.now).collect::<Vec<_>>())?
+            facts::table(py, task, &reports.iter().map(|report| report.now.clone()).collect::<Vec<_>>())?
         };
         (
             facts::column(py, reports, reward),
@@ -463,7 +463,7 @@ fn report_of(place: &Place, settings: &Settings, reset: bool, last: Option<(Vec<
     let current = place.environment.current();
     let facts = Facts::of(place, &current);
     let seen = Seen { goal_m: current.goal_m, previous_action: previous_action(settings, place) };
-    Report { done: facts, now: facts, seen, last, reset }
+    Report { done: facts.clone(), now: facts, seen, last, reset }
 }
 
 /// Number of the action that led here; the number of actions if none did.

@@ -1,38 +1,45 @@
-//! What is told of a step beside the observation, and of an episode's start: one row for each environment.
+//! What is told of a step beside the observation, and of an episode's start: one row for each environment. Names and types
+//! are the task's.
 
 use crate::place::Place;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use proto::record::End;
 use proto::replay::length_m;
+use proto::task::{Channel, Dtype, Field, Measure, Role, Spec};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use simulator::tasks::arm_point_nav::{Current, RewardParts, Transition};
+use simulator::tasks::arm_point_nav::{self, Current};
+
+/// Keys that users have known longer than the channels.
+const CALLED: [(&str, &str); 2] = [("held", "holding"), ("failed_action", "action_failed")];
 
 /// What is told. At an episode's start nothing was done, so what it did is false and 0.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Facts {
     state_hash: u64,
     episode: i64,
     step: i64,
     end: Option<End>,
-    done: Transition,
-    target: i64,
-    wrist_object_m: f32,
-    object_goal_m: f32,
+    /// The task's bytes, as a learner is told them.
+    record: Vec<u8>,
 }
 
 impl Facts {
     /// Of the moment that an environment is in.
     pub fn of(place: &Place, current: &Current) -> Self {
+        let mut done = place.transition.unwrap_or_default();
+        // Known at an episode's start, too.
+        done.target = current.current_target;
+        done.wrist_object_m = length_m(current.wrist_to_object_m);
+        done.object_goal_m = length_m(current.object_to_goal_m);
+        let mut record = vec![0; place.config.spec().layout().small_bytes];
+        arm_point_nav::write(&mut record, &done, current);
         Self {
             state_hash: place.environment.state_hash(),
             episode: i64::from(place.chosen.number),
             step: place.actions.len() as i64,
             end: place.environment.end(),
-            done: place.transition.unwrap_or_default(),
-            target: i64::from(current.current_target),
-            wrist_object_m: length_m(current.wrist_to_object_m),
-            object_goal_m: length_m(current.object_to_goal_m),
+            record,
         }
     }
 
@@ -41,54 +48,66 @@ impl Facts {
         self.end
     }
 
-    pub fn parts(&self) -> RewardParts {
-        self.done.reward
+    /// A part of the reward by the index of its channel.
+    pub fn part(&self, task: &Spec, index: usize) -> f32 {
+        task.layout().part(&self.record, index)
     }
 }
 
-/// A dictionary of arrays \[environments\] by name, as `stillroom.types` describes it.
-pub fn table<'py>(py: Python<'py>, rows: &[Facts]) -> PyResult<Bound<'py, PyDict>> {
-    let table = PyDict::new(py);
+/// A dictionary of arrays \[environments\] by name, as `stillroom.types` describes it: what an action led to, parts of
+/// rewards, and of each share among the metrics whether it is so after this step.
+pub fn table<'py>(py: Python<'py>, task: &Spec, rows: &[Facts]) -> PyResult<Bound<'py, PyDict>> {
+    let (table, parts) = (PyDict::new(py), PyDict::new(py));
     table.set_item("state_hash", column(py, rows, |facts| facts.state_hash))?;
-    for (name, figure) in [
-        ("episode_number", (|facts| facts.episode) as fn(&Facts) -> i64),
-        ("step", |facts| facts.step),
-        ("target", |facts| facts.target),
-        ("disturbed_objects", |facts| i64::from(facts.done.disturbed_objects)),
-        ("ever_disturbed_objects", |facts| i64::from(facts.done.ever_disturbed_objects)),
-    ] {
-        table.set_item(name, column(py, rows, figure))?;
+    table.set_item("episode_number", column(py, rows, |facts| facts.episode))?;
+    table.set_item("step", column(py, rows, |facts| facts.step))?;
+    for (channel, &field) in task.channels.iter().zip(&task.layout().fields) {
+        let called = CALLED.iter().find(|(name, _)| *name == channel.name).map(|(_, called)| *called);
+        match channel.role {
+            Role::Part => {
+                parts.set_item(&channel.name, column(py, rows, |facts| field.f32(&facts.record)))?;
+                if let Some(called) = called {
+                    table.set_item(called, column(py, rows, |facts| field.number(&facts.record) != 0.0))?;
+                }
+            }
+            Role::Outcome if channel.shape.is_empty() => {
+                put(py, &table, called.unwrap_or(&channel.name), channel, field, rows)?;
+            }
+            Role::Outcome | Role::Observation | Role::State => {}
+        }
     }
-    for (name, is) in [
-        ("success", Transition::succeeded as fn(&Transition) -> bool),
-        ("picked_up", Transition::picked_up),
-        ("holding", Transition::holds),
-        ("action_failed", Transition::failed),
-    ] {
-        table.set_item(name, column(py, rows, |facts| is(&facts.done)))?;
-    }
-    for (name, figure) in [
-        ("disturbance_m", (|facts| facts.done.disturbance_m) as fn(&Facts) -> f32),
-        ("peak_disturbance_m", |facts| facts.done.peak_disturbance_m),
-        ("farthest_m", |facts| facts.done.farthest_m),
-        ("wrist_object_m", |facts| facts.wrist_object_m),
-        ("object_goal_m", |facts| facts.object_goal_m),
-    ] {
-        table.set_item(name, column(py, rows, figure))?;
-    }
-    let parts = PyDict::new(py);
-    for (name, part) in [
-        ("wrist_object_progress_m", (|parts| parts.wrist_object_progress_m) as fn(&RewardParts) -> f32),
-        ("object_goal_progress_m", |parts| parts.object_goal_progress_m),
-        ("disturbance_progress_m", |parts| parts.disturbance_progress_m),
-        ("failed_action", |parts| parts.failed_action),
-        ("picked_up", |parts| parts.picked_up),
-        ("goal_success", |parts| parts.goal_success),
-    ] {
-        parts.set_item(name, column(py, rows, |facts| part(&facts.done.reward)))?;
+    for (metric, measure) in task.metrics.iter().zip(task.measures()) {
+        if metric.shown().share {
+            table.set_item(&metric.name, column(py, rows, |facts| holds(&measure, task, facts)))?;
+        }
     }
     table.set_item("reward_parts", parts)?;
     Ok(table)
+}
+
+/// Whether a share's clauses hold after a step.
+fn holds(measure: &Measure, task: &Spec, facts: &Facts) -> bool {
+    measure.after(|index| task.layout().fields[index].number(&facts.record), 0.0) != 0.0
+}
+
+/// A channel's numbers by their type in Python.
+fn put(
+    py: Python<'_>,
+    table: &Bound<'_, PyDict>,
+    name: &str,
+    channel: &Channel,
+    field: Field,
+    rows: &[Facts],
+) -> PyResult<()> {
+    let number = |facts: &Facts| field.number(&facts.record);
+    match channel.dtype {
+        _ if channel.values == [0.0, 1.0] => table.set_item(name, column(py, rows, |facts| number(facts) != 0.0)),
+        Dtype::F32 => table.set_item(name, column(py, rows, |facts| field.f32(&facts.record))),
+        Dtype::F64 => table.set_item(name, column(py, rows, number)),
+        Dtype::U8 | Dtype::U16 | Dtype::I32 | Dtype::U32 | Dtype::U64 => {
+            table.set_item(name, column(py, rows, |facts| number(facts) as i64))
+        }
+    }
 }
 
 /// One figure of each row.

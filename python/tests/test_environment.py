@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tomllib
+
 import gymnasium
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from gymnasium.utils.env_checker import check_env
 
 import stillroom
 from conftest import REPOSITORY, pushing, random_action, same
+from stillroom.types import Info, RewardParts
 
 # Of actor/simulator/tests/behaviour/determinism.rs: kitchen, hash of the first state, fold over 200 steps.
 GOLDEN = [
@@ -120,6 +123,17 @@ def test_the_privileged_state_agrees_with_what_is_seen(kitchens: dict) -> None:
     assert np.array_equal(place, state["target_position_m"])
     assert len(kitchens[1].objects) == len(kitchens[1].masses_kg) == len(state["object_rotations_xyzw"])
     assert np.allclose(np.linalg.norm(state["object_rotations_xyzw"], axis=1), 1.0, atol=1e-4)
+
+
+def test_what_is_told_is_what_the_task_declares(kitchens: dict) -> None:
+    declared = tomllib.loads((REPOSITORY / "actor/simulator/src/tasks/arm_point_nav/task.toml").read_text())
+
+    def named(role: str) -> list[str]:
+        return [channel["name"] for channel in declared["channels"] if channel["role"] == role]
+
+    _, info = stillroom.ArmPointNav(kitchens[1]).reset(seed=2)
+    assert list(info["reward_parts"]) == named("part") == list(RewardParts.__annotations__)
+    assert set(info) == set(Info.__annotations__) and set(named("outcome")) - set(info) == {"held"}
 
 
 def test_a_scene_of_your_own() -> None:

@@ -139,7 +139,7 @@ mod tests {
             [((1, 0), (10.0 + 3.0 * 20.0) / 4.0, 3.0 / 4.0), ((2, 0), (30.0 + 3.0 * 40.0) / 4.0, 11.0 / 4.0)];
         assert_eq!(returns, expected);
         assert_eq!(bins(&run, metric::ENTROPY, 20.0), [((1, 0), 15.0, 0.5), ((2, 0), 35.0, 2.5)]);
-        assert!(bins(&run, metric::SUCCESS, 20.0).is_empty());
+        assert!(bins(&run, "episode/success", 20.0).is_empty());
         // How many end is no mean over those that do.
         assert_eq!(bins(&run, metric::EPISODES, 20.0), [((1, 0), 15.0, 2.0), ((2, 0), 35.0, 2.0)]);
     }

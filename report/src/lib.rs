@@ -18,7 +18,7 @@
 //!     let config = Config { seed, ..Config::resolve("demo", None).expect("a preset") };
 //!     let rollout = |index: u64| Rollout {
 //!         frames: 4_400 * index,
-//!         metrics: BTreeMap::from([(metric::EPISODES.to_owned(), 19.0), (metric::SUCCESS.to_owned(), 0.01)]).into(),
+//!         metrics: BTreeMap::from([(metric::EPISODES.to_owned(), 19.0), ("episode/success".to_owned(), 0.01)]).into(),
 //!         ..Rollout::default()
 //!     };
 //!     Run {

@@ -69,12 +69,13 @@ pub fn rows_beside(group: &Group<'_>) -> BTreeSet<&'static str> {
     rows_of_method(&group.runs[0].config)
 }
 
-/// SR and `SRwoD` on the test kitchens with novel targets of the paper's row that has a configuration's method, if there
-/// is one; shares 0..=1.
-pub fn level_of(config: &Config) -> Option<[f64; 2]> {
+/// Metrics on the test kitchens with novel targets of the paper's row that has a configuration's method, if there is one;
+/// shares 0..=1.
+pub fn level_of(config: &Config) -> Option<BTreeMap<String, f64>> {
     let rows = rows_of_method(config);
     let (_, level) = rows_of(TEST_NOVEL).into_iter().find(|(preset, _)| rows.contains(preset.as_str()))?;
-    Some([level.success, level.success_without_disturbance])
+    let levels = [("success", level.success), ("success_without_disturbance", level.success_without_disturbance)];
+    Some(levels.map(|(name, level)| (name.to_owned(), level)).into())
 }
 
 /// Names of the paper's rows of a configuration's method: see [`rows_beside`].
@@ -144,7 +145,9 @@ mod tests {
             assert!(changed(name, |_| {}).contains(&name.as_str()), "{name}");
         }
         let level = |preset: &str| level_of(&Config::resolve(preset, None).unwrap());
-        assert_eq!([level("lambda-15"), level("demo")], [Some([81.3 / 100.0, 47.1 / 100.0]), None]);
+        let known = level("lambda-15").unwrap();
+        assert_eq!([known["success"], known["success_without_disturbance"]], [81.3 / 100.0, 47.1 / 100.0]);
+        assert_eq!(level("demo"), None);
     }
 
     #[test]

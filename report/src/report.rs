@@ -10,6 +10,7 @@ use crate::study::{Evaluated, Field, Group, Origin, Rollout, Run, Source, StudyE
 use crate::sweep::{Sweep, sweeps};
 use proto::config::{EpisodeConfig, StageConfig};
 use proto::evaluation::{Distribution, ObjectSet, describe};
+use proto::task::ShownMetric;
 use proto::task::{Curve as TaskCurve, Described, Spec};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
@@ -68,6 +69,8 @@ pub struct GroupReport {
     pub differences: Vec<String>,
     /// What its runs are trained for, in order.
     pub stages: Vec<StageReport>,
+    /// The task's metrics.
+    pub metrics: Vec<ShownMetric>,
     pub runs: Vec<RunReport>,
     /// Where it was evaluated.
     pub results: Vec<FieldResult>,
@@ -254,6 +257,7 @@ impl GroupReport {
             preset: group.preset.clone(),
             differences: group.differences.clone(),
             stages: stages(&group.runs[0].config.stages),
+            metrics: group.runs[0].config.spec().charted(),
             runs: group.runs.iter().map(|run| RunReport::of(run)).collect(),
             results: entry.results.iter().map(|(_, result)| result.clone()).collect(),
             training: metrics.into_iter().filter_map(|name| Curve::of_training(group, name)).collect(),

@@ -2,15 +2,12 @@
 
 import { h, remember, remembered, replace } from "./dom.js";
 import { Chart, look, smooth } from "./chart.js";
-import { count, metres, number, short } from "./format.js";
+import { count, figure, number, short } from "./format.js";
 
-/** Metric, title, options, and which level of the paper it has. */
-const MEASURES = [
-  ["episode/success", "Success", { share: true }, 0],
-  ["episode/success_without_disturbance", "Success without disturbance", { share: true }, 1],
-  ["episode/disturbance_m", "Disturbance, m", { zero: true, format: (value) => metres(value) }],
+/** Figure, title, options, and the metric that it is the mean of: those of the task, and what every task has. */
+const measures = (metrics) => [
+  ...metrics.map((metric) => [`episode/${metric.name}`, metric.unit ? `${metric.label}, ${metric.unit}` : metric.label, metric.share ? { share: true } : { zero: true, format: (value) => figure(metric, value) }, metric]),
   ["episode/return", "Return", { format: (value) => number(value) }],
-  ["episode/picked_up", "Picked up", { share: true }],
   ["time/frames_per_second", "Frames a second", { zero: true, format: (value) => count(value) }],
 ];
 const MORE = [
@@ -24,10 +21,10 @@ const MORE = [
   ["optimizer/gradient_norm", "Gradient norm", {}],
   ["optimizer/learning_rate", "Learning rate", {}],
   ["lagrangian/multiplier", "PPO-Lagrangian's multiplier", {}],
-  ["auxiliary/precision", "Precision of foretold disturbance", { share: true }],
-  ["auxiliary/recall_disturb", "Recall of disturbing steps", { share: true }],
-  ["auxiliary/recall_no_disturb", "Recall of quiet steps", { share: true }],
-  ["auxiliary/label_rate", "Steps that disturb", { share: true }],
+  ["auxiliary/precision", "Precision of the predicted label", { share: true }],
+  ["auxiliary/recall_disturb", "Recall of steps with the label", { share: true }],
+  ["auxiliary/recall_no_disturb", "Recall of steps without it", { share: true }],
+  ["auxiliary/label_rate", "Steps with the label", { share: true }],
   ["time/elapsed_s", "Time trained, hours", { zero: true, per: 3600 }],
 ];
 
@@ -42,8 +39,8 @@ export function legend(names, hidden, changed) {
 }
 
 export class Curves {
-  /** `sources`: each a name, stages (name and first frame), perhaps the paper's levels, and `of(metric, axis)`, which is
-   * the columns x, y, stage, and perhaps low and high. */
+  /** `sources`: each a name, the task's metrics, stages (name and first frame), perhaps the paper's levels by metric, and
+   * `of(figure, axis)`, which is the columns x, y, stage, and perhaps low and high. */
   constructor(sources, { axes = ["frames", "time"], key = "curves", weight: lasting = 0.9, more = false, hidden = new Set(), signal } = {}) {
     Object.assign(this, { sources, hidden, signal, charts: new Map() });
     this.settings = { weight: lasting, axis: "frames", raw: true, more, ...remembered(key, {}) };
@@ -64,8 +61,9 @@ export class Curves {
   draw() {
     const { weight, axis, raw, more } = this.settings;
     const elements = [];
+    const metrics = [...new Map(this.sources.flatMap((source) => source.metrics ?? []).map((metric) => [metric.name, metric])).values()];
     let most;
-    for (const [name, title, options, level] of [...MEASURES, ...(more ? MORE : [])]) {
+    for (const [name, title, options, metric] of [...measures(metrics), ...(more ? MORE : [])]) {
       const scaled = (columns) => (options.per && columns.y ? { ...columns, ...Object.fromEntries(["y", "low", "high"].map((key) => [key, columns[key]?.map((value) => value / options.per)])) } : columns);
       const all = this.sources.map((source, index) => ({ source, index, ...scaled(source.of(name, axis)) })).filter(({ y, source }) => y?.length && !this.hidden.has(source.name));
       if (!all.length) continue;
@@ -80,14 +78,14 @@ export class Curves {
         name: source.name, look: look(index), x, raw: raw && weight ? y : null,
         ...Object.fromEntries(Object.entries({ y, low, high }).filter(([, values]) => values).map(([key, values]) => [key, smooth(values, stage, weight)])),
       }));
-      // One axis for both kinds of success.
-      if (level === 0) most = Math.max(...series.flatMap(({ y }) => y));
+      // One axis for all shares: others are mostly parts of the first.
+      if (metric?.share) most ??= Math.max(...series.flatMap(({ y }) => y));
       const first = this.sources[all[0].index];
       const alike = all.every(({ source }) => JSON.stringify(source.stages) === JSON.stringify(first.stages));
       chart.show({
-        series, most: level === 1 ? most : undefined,
+        series, most: metric?.share ? most : undefined,
         marks: axis === "frames" && alike ? first.stages.slice(1).map(([label, x]) => ({ label: `stage ${label}`, x })) : [],
-        levels: level !== undefined && first.paper ? [{ y: first.paper[level], label: "the paper's level" }] : [],
+        levels: metric && metric.name in (first.paper ?? {}) ? [{ y: first.paper[metric.name], label: "the paper's level" }] : [],
       });
       chart.element.dataset.points = String(all[0].x.length);
       elements.push(chart.element);

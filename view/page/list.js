@@ -1,7 +1,7 @@
 // The list of runs with their state.
 
 import { every, h, json, notice, replace } from "./dom.js";
-import { count, date, duration, metres, percent } from "./format.js";
+import { count, date, duration, figure } from "./format.js";
 
 export const stateWord = (state) => h("span", { class: `state ${state.replace(/ /g, "-")}` }, state || "?");
 
@@ -16,12 +16,14 @@ export async function showList(root, signal) {
   const beside = h("button", { disabled: true, onclick: () => { location.hash = `#/compare/${[...chosen].join("/")}`; } }, "Side by side");
   const body = h("tbody");
   const empty = h("p", { class: "soft" });
-  const heads = ["", "Run", "State", "Progress", "Success", "Undisturbed", "Disturbance", "Left", "Begun"];
-  const optional = new Set(["Disturbance", "Begun", "Undisturbed"]);
+  const head = h("thead");
+  // Of all tasks that runs here have.
+  let metrics = [];
+  const heads = () => ["", "Run", "State", "Progress", ...metrics, "Left", "Begun"].map((name, at) => h("th", { scope: "col", class: at > 4 && name !== "Left" ? "optional" : null }, name || h("span", { class: "unseen" }, "Choose")));
   replace(root,
     h("div", { class: "row between" }, h("h1", {}, "Runs"), h("div", { class: "row" }, together, beside)),
     h("div", { class: "card scroll" },
-      h("table", {}, h("thead", {}, h("tr", {}, heads.map((head) => h("th", { scope: "col", class: optional.has(head) ? "optional" : null }, head || h("span", { class: "unseen" }, "Choose"))))), body), empty));
+      h("table", {}, head, body), empty));
 
   const row = (card) => {
     const box = h("input", {
@@ -33,16 +35,17 @@ export async function showList(root, signal) {
       },
     });
     const link = h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, card.id);
-    if (card.problem) return h("tr", {}, h("td", {}), h("td", {}, card.id), h("td", { colSpan: 7 }, h("span", { class: "bad small" }, card.problem)));
+    if (card.problem) return h("tr", {}, h("td", {}), h("td", {}, card.id), h("td", { colSpan: 4 + metrics.length }, h("span", { class: "bad small" }, card.problem)));
     const done = `${count(card.done)} of ${count(card.budget)} ${card.evaluation ? "episodes" : "frames"}`;
     return h("tr", {},
       h("td", {}, box),
       h("td", {}, link, h("div", { class: "faint small" }, `${card.evaluation ? "evaluation · " : ""}${card.preset} · seed ${card.seed}`)),
       h("td", {}, stateWord(card.state)),
       h("td", {}, progress(card.done / card.budget, done), h("div", { class: "faint small" }, done)),
-      h("td", {}, percent(card.success)),
-      h("td", { class: "optional" }, percent(card.success_without_disturbance)),
-      h("td", { class: "optional" }, metres(card.disturbance_m)),
+      metrics.map((label, at) => {
+        const metric = card.metrics.find((each) => each.label === label);
+        return h("td", { class: at ? "optional" : null }, metric ? figure(metric, card.figures[metric.name]) : "");
+      }),
       h("td", {}, card.state === "running" ? duration(card.left_s) : ""),
       h("td", { class: "optional soft small" }, date(card.created_unix_s)));
   };
@@ -54,12 +57,14 @@ export async function showList(root, signal) {
       if (text === shown) return;
       shown = text;
       const focused = document.activeElement?.getAttribute("aria-label") ?? document.activeElement?.getAttribute("href");
+      metrics = [...new Set(cards.flatMap((card) => card.metrics.map(({ label }) => label)))];
+      replace(head, h("tr", {}, heads()));
       replace(body, cards.map(row));
       // Rows are new elements: the keyboard stays where it was.
       if (focused) body.querySelector(`[aria-label="${CSS.escape(focused)}"], [href="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
       empty.textContent = cards.length ? "" : "No run yet. Start one with `orchestrator up`: it appears here.";
     } catch (error) {
-      if (!signal.aborted) { shown = ""; replace(body, h("tr", {}, h("td", { colSpan: 9 }, notice(error.message, "error")))); }
+      if (!signal.aborted) { shown = ""; replace(body, h("tr", {}, h("td", { colSpan: 6 + metrics.length }, notice(error.message, "error")))); }
     }
   });
 }

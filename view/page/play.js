@@ -1,7 +1,7 @@
 // A policy that plays: one of its environments after the other, step by step, as fast as steps come.
 
 import { h, json, notice, replace, say } from "./dom.js";
-import { count, outcome, percent } from "./format.js";
+import { count, figure, outcome } from "./format.js";
 import { Stage } from "./stage.js";
 
 /** Steps a second, as a policy plays by default; what lies behind what goes on is caught up with within two seconds. */
@@ -44,7 +44,7 @@ class Theatre {
     if (!places.includes(this.chosen)) this.chosen = places[0] ?? null;
     this.link.href = `#/run/${encodeURIComponent(newest.id)}`;
     this.link.hidden = false;
-    if (card.done) this.tally.textContent = `${count(card.done)} episodes played, ${percent(card.success, 0)} successful, ${percent(card.success_without_disturbance, 0)} without disturbance`;
+    if (card.done) this.tally.textContent = [`${count(card.done)} episodes played`, ...card.metrics.filter(({ name }) => name in card.figures).map((metric) => `${metric.label} ${figure(metric, card.figures[metric.name], 0)}`)].join(", ");
     return this.chosen !== null;
   }
 

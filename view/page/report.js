@@ -210,9 +210,9 @@ class Page {
     const { groups } = this.report;
     const trained = groups.some(({ training }) => training.length);
     if (!trained) return this.none("Learning curves: none of these runs has trained a rollout, or only their evaluations were given (name the runs' own folders, too).");
-    const sources = groups.map(({ label, stages, training }) => {
+    const sources = groups.map(({ label, stages, metrics, training }) => {
       const of = new Map(training.map(({ metric, points }) => [metric, columns(points, stages)]));
-      return { name: label, stages: stages.map(({ name, begins_at: at }) => [name, at]), of: (metric) => of.get(metric) ?? {} };
+      return { name: label, metrics, stages: stages.map(({ name, begins_at: at }) => [name, at]), of: (metric) => of.get(metric) ?? {} };
     });
     const curves = new Curves(sources, { axes: ["frames"], key: "report", weight: 0.5, more: true, hidden: this.hidden });
     curves.keys.hidden = true;

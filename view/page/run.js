@@ -2,20 +2,20 @@
 
 import { every, follow, h, json, notice, remember, remembered, replace } from "./dom.js";
 import { Curves } from "./curves.js";
-import { bytes, count, date, duration, metres, number, percent, short } from "./format.js";
+import { bytes, count, date, duration, figure, number, percent, short } from "./format.js";
 import { progress, stateWord } from "./list.js";
 import { Painter, pictureAddress } from "./stage.js";
 
 /** The curves of one run: columns that grow. */
 class Columns {
-  constructor(run) { Object.assign(this, { run, name: run, edition: 0, frames: [], stage: [], elapsed_s: [], series: {}, stages: [], paper: null }); }
+  constructor(run) { Object.assign(this, { run, name: run, edition: 0, frames: [], stage: [], elapsed_s: [], series: {}, stages: [], metrics: [], paper: {} }); }
 
   /** Asks for what is new; whether there was anything. */
   async grow(signal) {
     const told = await json(`/api/runs/${encodeURIComponent(this.run)}/curves?edition=${this.edition}&known=${this.frames.length}`, { signal });
     const fresh = told.edition !== this.edition;
     if (fresh || told.from === 0) Object.assign(this, { frames: [], stage: [], elapsed_s: [], series: {} });
-    Object.assign(this, { edition: told.edition, stages: told.stages, paper: told.paper });
+    Object.assign(this, { edition: told.edition, stages: told.stages, metrics: told.metrics, paper: told.paper });
     if (!told.frames.length) return fresh;
     const before = this.frames.length;
     for (const column of ["frames", "stage", "elapsed_s"]) this[column].push(...told[column]);
@@ -39,9 +39,7 @@ function figures(live) {
     entry(card.evaluation ? "episodes" : "frames", count(card.done), `of ${count(card.budget)}`),
     card.left_s !== null ? entry("time left", duration(card.left_s)) : null,
     card.evaluation ? null : entry("frames a second", count(live.frames_per_s)),
-    entry("success", percent(card.success)),
-    entry("undisturbed", percent(card.success_without_disturbance)),
-    card.evaluation ? null : entry("disturbance", metres(card.disturbance_m)),
+    card.metrics.filter(({ name }) => !card.evaluation || name in card.figures).map((metric) => entry(metric.label, figure(metric, card.figures[metric.name]))),
     live.cores ? entry("processor", number(working, 1), `of ${live.cores} cores`) : null,
     live.gpus.map((gpu) => entry(`GPU ${gpu.index}`, percent(gpu.busy, 0), bytes(gpu.used_mib * 2 ** 20))),
     entry("wall time", duration(live.wall_s)),
@@ -72,15 +70,15 @@ function timeline(live) {
 
 function kitchens(live, run) {
   if (!live.kitchens.length) return h("p", { class: "soft small" }, "No episode has ended in the recordings yet.");
-  const most = Math.max(0.01, ...live.kitchens.map((kitchen) => kitchen.disturbance_m));
+  const { metrics } = live.card;
+  const most = ({ share, name }) => (share ? 1 : Math.max(0.01, ...live.kitchens.map((kitchen) => kitchen.figures[name] ?? 0)));
+  const inks = ["--run-0", "--run-2", "--run-1", "--run-3", "--run-4", "--run-5"];
   const cell = (share, text, ink) => h("div", { class: "meter" }, h("div", { class: "bar" }, h("i", { style: { width: `${100 * share}%`, background: ink } })), h("span", { class: "small soft" }, text));
   return h("div", { class: "scroll" }, h("table", { class: "tight" },
-    h("thead", {}, h("tr", {}, ["Kitchen", "Success", "Undisturbed", "Disturbance"].map((head) => h("th", { scope: "col" }, head)))),
+    h("thead", {}, h("tr", {}, ["Kitchen", ...metrics.map(({ label }) => label)].map((head) => h("th", { scope: "col" }, head)))),
     h("tbody", {}, live.kitchens.map((kitchen) => h("tr", {},
       h("td", {}, h("a", { href: `#/run/${encodeURIComponent(run)}/episodes?kitchen=${kitchen.kitchen}` }, String(kitchen.kitchen))),
-      h("td", {}, cell(kitchen.success, percent(kitchen.success, 0), "var(--run-0)")),
-      h("td", {}, cell(kitchen.success_without_disturbance, percent(kitchen.success_without_disturbance, 0), "var(--run-2)")),
-      h("td", {}, cell(kitchen.disturbance_m / most, metres(kitchen.disturbance_m), "var(--run-1)")))))));
+      metrics.map((metric, at) => h("td", {}, cell((kitchen.figures[metric.name] ?? 0) / most(metric), figure(metric, kitchen.figures[metric.name], 0), `var(${inks[at % inks.length]})`))))))));
 }
 
 function workers(live) {
@@ -204,8 +202,8 @@ export async function showRun(root, runs, signal) {
     update("warnings", parts.warnings, live.warnings, () => (live.warnings.length ? lines(live.warnings.slice(-8)) : h("p", { class: "soft small" }, "None.")));
     update("log", parts.log, [live.log, live.starts], () => [lines(live.log), h("details", {}, h("summary", { class: "small soft" }, `${live.starts.length} ${live.starts.length === 1 ? "start" : "starts"}`), starts(live)), live.recordings ? h("p", { class: "small faint" }, live.recordings) : null]);
     update("validation", parts.validation, live.validation, () => (live.validation.length ? card("Validation", h("div", { class: "scroll" }, h("table", {},
-      h("thead", {}, h("tr", {}, ["Frames", "Success", "Undisturbed", "Disturbance"].map((name) => h("th", { scope: "col" }, name)))),
-      h("tbody", {}, live.validation.slice(-8).map((one) => h("tr", {}, h("td", {}, count(one.frames)), h("td", {}, percent(one.success)), h("td", {}, percent(one.success_without_disturbance)), h("td", {}, metres(one.disturbance_m)))))))) : null));
+      h("thead", {}, h("tr", {}, ["Frames", ...live.card.metrics.map(({ label }) => label)].map((name) => h("th", { scope: "col" }, name)))),
+      h("tbody", {}, live.validation.slice(-8).map((one) => h("tr", {}, h("td", {}, count(one.frames)), live.card.metrics.map((metric) => h("td", {}, figure(metric, one.figures[metric.name]))))))))) : null));
     depths.know(live);
     if (live.rollouts !== rollouts) {
       rollouts = live.rollouts;

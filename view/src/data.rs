@@ -2,6 +2,7 @@
 
 use crate::feed::Feed;
 use proto::replay::{RecordedEpisode, ReplaySetup};
+use proto::task::ShownMetric;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -53,12 +54,10 @@ pub struct Card {
     pub done: u64,
     /// Of so many.
     pub budget: u64,
-    /// Rate of success lately, 0..1.
-    pub success: Option<f64>,
-    /// Rate of success without disturbance lately, 0..1.
-    pub success_without_disturbance: Option<f64>,
-    /// Mean disturbance lately, metres.
-    pub disturbance_m: Option<f64>,
+    /// The task's metrics that are shown.
+    pub metrics: Vec<ShownMetric>,
+    /// Their means lately, by name; without those that are not known.
+    pub figures: BTreeMap<String, f64>,
     /// Time left, seconds, of one that runs.
     pub left_s: Option<f64>,
     /// What of it is not read, if something is not.
@@ -97,7 +96,7 @@ pub struct Live {
     pub log: Vec<LogLine>,
     /// Evaluations of its checkpoints on validation kitchens.
     pub validation: Vec<Validated>,
-    /// Success and disturbance by kitchen over the newest episodes of each.
+    /// Means by kitchen over the newest episodes of each.
     pub kitchens: Vec<Kitchen>,
     /// The recordings in a line.
     pub recordings: Option<String>,
@@ -187,12 +186,8 @@ pub struct Validated {
     pub rollout: u64,
     /// Frames that its weights were trained on.
     pub frames: u64,
-    /// SR.
-    pub success: f64,
-    /// `SRwoD`.
-    pub success_without_disturbance: f64,
-    /// Mean disturbance, metres.
-    pub disturbance_m: f64,
+    /// Means of the task's metrics, by name.
+    pub figures: BTreeMap<String, f64>,
 }
 
 /// What came of the newest episodes in a kitchen.
@@ -202,12 +197,8 @@ pub struct Kitchen {
     pub environments: Vec<u32>,
     /// Episodes looked at.
     pub episodes: u64,
-    /// Rate of success.
-    pub success: f64,
-    /// Rate of success without disturbance.
-    pub success_without_disturbance: f64,
-    /// Mean disturbance, metres.
-    pub disturbance_m: f64,
+    /// Means of the task's metrics, by name.
+    pub figures: BTreeMap<String, f64>,
 }
 
 /// Learning curves: columns of equal length.
@@ -226,8 +217,10 @@ pub struct Curves {
     pub series: BTreeMap<String, Vec<Option<f32>>>,
     /// Name and first frame of each stage.
     pub stages: Vec<(String, u64)>,
-    /// SR and `SRwoD` of the paper's row of this method, 0..1.
-    pub paper: Option<[f64; 2]>,
+    /// The task's metrics, those first that are shown.
+    pub metrics: Vec<ShownMetric>,
+    /// Those of the paper's row of this method, by name.
+    pub paper: BTreeMap<String, f64>,
 }
 
 /// Which episode: kitchen, environment in it, number in the environment. In addresses `3-0-41`.

@@ -3,6 +3,7 @@
 //! Names carry their unit, and every one of them a help and a type. Values that are not known are left out.
 
 use crate::data::{Card, Live, Runs, Worker};
+use proto::task::ShownMetric;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
@@ -14,14 +15,14 @@ const KITCHENS_MAX: usize = 128;
 
 /// What all samples of a name have in common.
 struct Family {
-    name: &'static str,
-    help: &'static str,
+    name: String,
+    help: String,
     samples: Vec<(Vec<(&'static str, String)>, f64)>,
 }
 
 impl Family {
-    fn gauge(name: &'static str, help: &'static str) -> Self {
-        Self { name, help, samples: Vec::new() }
+    fn gauge(name: impl Into<String>, help: impl Into<String>) -> Self {
+        Self { name: name.into(), help: help.into(), samples: Vec::new() }
     }
 
     fn add(&mut self, labels: Vec<(&'static str, String)>, value: impl Into<Option<f64>>) {
@@ -46,6 +47,47 @@ impl Family {
             writeln!(text, "{name}{labels} {value}")?;
         }
         Ok(())
+    }
+}
+
+/// Families of a task's metrics, of one thing each.
+struct OfMetrics {
+    /// What they are of, in names and in words.
+    of: &'static str,
+    help: &'static str,
+    families: Vec<Family>,
+}
+
+impl OfMetrics {
+    fn new(of: &'static str, help: &'static str) -> Self {
+        Self { of, help, families: Vec::new() }
+    }
+
+    fn add(&mut self, metrics: &[ShownMetric], figures: &BTreeMap<String, f64>, labels: &[(&'static str, String)]) {
+        for metric in metrics {
+            let name = format!("stillroom_{}_{}", self.of, unit_last(metric));
+            let place = self.families.iter().position(|family| family.name == name).unwrap_or_else(|| {
+                let kind = if metric.share { "a share of episodes, 0 to 1" } else { "a mean over episodes" };
+                self.families.push(Family::gauge(name, format!("{} {}: {kind}.", metric.label, self.help)));
+                self.families.len() - 1
+            });
+            self.families[place].add(labels.to_vec(), figures.get(&metric.name).copied());
+        }
+    }
+}
+
+/// A metric's name with its unit as Prometheus wants it.
+fn unit_last(metric: &ShownMetric) -> String {
+    let ShownMetric { name, unit, share, .. } = metric;
+    let unit = unit.as_deref().unwrap_or_default();
+    let bare = name.strip_suffix(unit).and_then(|name| name.strip_suffix('_')).unwrap_or(name);
+    match unit {
+        "" if *share => format!("{name}_ratio"),
+        "" => name.clone(),
+        "m" => format!("{bare}_meters"),
+        "s" => format!("{bare}_seconds"),
+        "rad" => format!("{bare}_radians"),
+        unit => format!("{bare}_{unit}"),
     }
 }
 
@@ -96,13 +138,7 @@ fn of_cards(cards: &[Card]) -> Vec<Family> {
     let mut budget = Family::gauge("stillroom_run_budget_frames", "Frames that it is to be trained on.");
     let mut played = Family::gauge("stillroom_evaluation_episodes", "Episodes that an evaluation has played.");
     let mut asked = Family::gauge("stillroom_evaluation_budget_episodes", "Episodes that it is to play.");
-    let mut success = Family::gauge("stillroom_run_success_ratio", "Share of successful episodes lately, 0 to 1.");
-    let mut undisturbed = Family::gauge(
-        "stillroom_run_success_without_disturbance_ratio",
-        "Share of episodes that succeeded without disturbance lately, 0 to 1.",
-    );
-    let mut disturbance =
-        Family::gauge("stillroom_run_disturbance_meters", "Mean displacement at the end of episodes lately.");
+    let mut metrics = OfMetrics::new("run", "lately");
     let mut left = Family::gauge("stillroom_run_left_seconds", "Time left at the rate of the moment.");
     for card in cards {
         let run = || of_run(&card.id);
@@ -114,12 +150,11 @@ fn of_cards(cards: &[Card]) -> Vec<Family> {
         let (done, of) = if card.evaluation { (&mut played, &mut asked) } else { (&mut frames, &mut budget) };
         done.add(run(), card.done as f64);
         of.add(run(), card.budget as f64);
-        success.add(run(), card.success);
-        undisturbed.add(run(), card.success_without_disturbance);
-        disturbance.add(run(), card.disturbance_m);
+        metrics.add(&card.metrics, &card.figures, &run());
         left.add(run(), card.left_s);
     }
-    vec![info, running, created, frames, budget, played, asked, success, undisturbed, disturbance, left]
+    let before = [info, running, created, frames, budget, played, asked];
+    before.into_iter().chain(metrics.families).chain([left]).collect()
 }
 
 fn of_progress(lives: &BTreeMap<&str, Live>) -> Vec<Family> {
@@ -146,42 +181,25 @@ fn of_progress(lives: &BTreeMap<&str, Live>) -> Vec<Family> {
 
 fn of_learning(lives: &BTreeMap<&str, Live>) -> Vec<Family> {
     let mut figures = Family::gauge("stillroom_rollout_figure", "A figure of the newest rollout, by its name.");
-    let [mut success, mut undisturbed, mut disturbance] = [
-        ("stillroom_kitchen_success_ratio", "Share of successful episodes among a kitchen's newest, 0 to 1."),
-        (
-            "stillroom_kitchen_success_without_disturbance_ratio",
-            "Share of episodes among a kitchen's newest that succeeded without disturbance, 0 to 1.",
-        ),
-        ("stillroom_kitchen_disturbance_meters", "Mean displacement at the end of a kitchen's newest episodes."),
-    ]
-    .map(|(name, help)| Family::gauge(name, help));
-    let [mut validated, mut validated_undisturbed, mut validated_at] = [
-        ("stillroom_validation_success_ratio", "Share of successful episodes in the newest validation, 0 to 1."),
-        (
-            "stillroom_validation_success_without_disturbance_ratio",
-            "Share of episodes in the newest validation that succeeded without disturbance, 0 to 1.",
-        ),
-        ("stillroom_validation_frames", "Frames that the newest validation's weights were trained on."),
-    ]
-    .map(|(name, help)| Family::gauge(name, help));
+    let mut of_kitchens = OfMetrics::new("kitchen", "among a kitchen's newest episodes");
+    let mut of_validation = OfMetrics::new("validation", "in the newest validation");
+    let mut validated_at =
+        Family::gauge("stillroom_validation_frames", "Frames that the newest validation's weights were trained on.");
     for (run, live) in lives {
         for (name, value) in &live.newest {
             figures.add(with(run, "figure", name), f64::from(*value));
         }
+        let metrics = &live.card.metrics;
         let kitchens = if live.kitchens.len() > KITCHENS_MAX { &[] } else { &live.kitchens[..] };
         for kitchen in kitchens.iter().filter(|kitchen| kitchen.episodes > 0) {
-            let labels = || with(run, "kitchen", &kitchen.kitchen);
-            success.add(labels(), kitchen.success);
-            undisturbed.add(labels(), kitchen.success_without_disturbance);
-            disturbance.add(labels(), kitchen.disturbance_m);
+            of_kitchens.add(metrics, &kitchen.figures, &with(run, "kitchen", &kitchen.kitchen));
         }
         if let Some(newest) = live.validation.iter().max_by_key(|validated| validated.frames) {
-            validated.add(of_run(run), newest.success);
-            validated_undisturbed.add(of_run(run), newest.success_without_disturbance);
+            of_validation.add(metrics, &newest.figures, &of_run(run));
             validated_at.add(of_run(run), newest.frames as f64);
         }
     }
-    vec![figures, success, undisturbed, disturbance, validated, validated_undisturbed, validated_at]
+    std::iter::once(figures).chain(of_kitchens.families).chain(of_validation.families).chain([validated_at]).collect()
 }
 
 fn of_machine(lives: &BTreeMap<&str, Live>) -> Vec<Family> {

@@ -16,8 +16,8 @@ use simulator::tasks::arm_point_nav::episodes::{self, EPISODES_PER_KITCHEN, Epis
 
 use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet};
 use proto::kitchen::{KitchenId, Split, TargetCategory};
-use proto::reward::UNDISTURBED_THRESHOLD_M;
 use rapier3d::math::Vec3;
+use simulator::tasks::arm_point_nav::UNDISTURBED_THRESHOLD_M;
 use std::sync::{Arc, OnceLock};
 
 /// Every category once.

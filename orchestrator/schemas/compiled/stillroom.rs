@@ -31,14 +31,6 @@ pub struct LearnerMetrics {
     pub episode_return: ::core::option::Option<f64>,
     #[prost(double, optional, tag = "12")]
     pub episode_length: ::core::option::Option<f64>,
-    #[prost(double, optional, tag = "13")]
-    pub episode_success: ::core::option::Option<f64>,
-    #[prost(double, optional, tag = "14")]
-    pub episode_success_without_disturbance: ::core::option::Option<f64>,
-    #[prost(double, optional, tag = "15")]
-    pub episode_picked_up: ::core::option::Option<f64>,
-    #[prost(double, optional, tag = "16")]
-    pub episode_disturbance_m: ::core::option::Option<f64>,
     #[prost(double, optional, tag = "17")]
     pub rollout_reward: ::core::option::Option<f64>,
     #[prost(double, optional, tag = "18")]
@@ -57,7 +49,7 @@ pub struct LearnerMetrics {
     pub optimizer_gradient_norm: ::core::option::Option<f64>,
     #[prost(double, optional, tag = "25")]
     pub optimizer_learning_rate: ::core::option::Option<f64>,
-    /// Every other figure by its name, e.g. those of the auxiliary task.
+    /// Every other figure by its name: the task's metrics as episode/NAME, those of the auxiliary task.
     #[prost(btree_map = "string, double", tag = "26")]
     pub other: ::prost::alloc::collections::BTreeMap<::prost::alloc::string::String, f64>,
 }
@@ -82,7 +74,7 @@ pub struct StageSwitch {
     pub rollout: u64,
 }
 /// Figures of an evaluation on the validation kitchens, made while the run trained. Topic /evaluation.
-#[derive(Clone, Copy, PartialEq, ::prost::Message)]
+#[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Validation {
     /// First rollout that is not in the checkpoint.
     #[prost(uint64, tag = "1")]
@@ -92,21 +84,13 @@ pub struct Validation {
     pub frames: u64,
     #[prost(uint64, tag = "3")]
     pub episodes: u64,
-    /// Shares of all episodes, 0..1.
-    #[prost(double, tag = "4")]
-    pub success: f64,
-    #[prost(double, tag = "5")]
-    pub success_without_disturbance: f64,
-    #[prost(double, tag = "6")]
-    pub picked_up: f64,
-    /// Means.
+    /// Mean length, steps.
     #[prost(double, tag = "7")]
     pub length: f64,
-    #[prost(double, tag = "8")]
-    pub disturbance_m: f64,
-    #[prost(double, tag = "9")]
-    pub disturbed_objects: f64,
     /// The best so far.
     #[prost(bool, tag = "10")]
     pub best: bool,
+    /// Means of the task's metrics, by name.
+    #[prost(btree_map = "string, double", tag = "11")]
+    pub figures: ::prost::alloc::collections::BTreeMap<::prost::alloc::string::String, f64>,
 }

@@ -57,8 +57,8 @@ fn cells(card: &Card) -> Vec<String> {
     }
     let what = if card.evaluation { "episodes" } else { "frames" };
     let done = format!("{} / {} {what}", format::count(card.done), format::count(card.budget));
-    let figures =
-        format!("SR {}  SRwoD {}", format::percent(card.success), format::percent(card.success_without_disturbance));
+    let metrics = card.metrics.iter().filter(|metric| metric.unit.is_none());
+    let figures = format::metrics(metrics, &card.figures, "  ");
     let left = card.left_s.and_then(|left_s| Duration::try_from_secs_f64(left_s).ok());
     let left = left.map_or_else(String::new, |left| format!("{} left", format::duration(left)));
     let subject = format!("{}, seed {}", card.preset, card.seed);
@@ -68,6 +68,7 @@ fn cells(card: &Card) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proto::config::Config;
 
     #[test]
     fn columns_stand_below_each_other_and_a_damaged_run_is_named() {
@@ -77,7 +78,8 @@ mod tests {
             preset: "demo".to_owned(),
             done,
             budget: 440_000,
-            success: Some(0.5),
+            metrics: Config::default().spec().shown(),
+            figures: [("success".to_owned(), 0.5)].into(),
             ..Card::default()
         };
         let broken = Card { problem: Some("no run.toml".to_owned()), ..card("runs/c", 0) };

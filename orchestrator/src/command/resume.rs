@@ -24,6 +24,7 @@ use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::run_folder::RunFolder;
 use proto::shell::quoted;
+use proto::task::ShownMetric;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -255,6 +256,7 @@ fn same_run(run: &Config, mut asked: Config) -> Result<Counts> {
 /// Shows a complete run, after what can be mended in its files alone; none of one that lacks what a start makes up.
 fn finished(summary: &Summary, folder: &RunFolder) -> Result<Option<ExitCode>> {
     let config = Config::of_run(folder).ok();
+    let metrics = config.as_ref().map_or_else(Vec::new, |config| config.spec().shown());
     let validation = config.map(|config| Validation::open(folder, &config)).transpose()?.flatten();
     if validation.as_ref().is_some_and(Validation::is_busy) || summary.missing.contains(&Missing::TensorBoard) {
         terminal::note("this run has reached its budget, and lacks what is made up now");
@@ -264,17 +266,17 @@ fn finished(summary: &Summary, folder: &RunFolder) -> Result<Option<ExitCode>> {
     if missing != summary.missing {
         let mended = Summary { missing, ..summary.clone() };
         mended.write(folder)?;
-        return Ok(Some(show(&mended, folder)));
+        return Ok(Some(show(&mended, &metrics, folder)));
     }
-    Ok(Some(show(summary, folder)))
+    Ok(Some(show(summary, &metrics, folder)))
 }
 
 /// Shows a complete run as it was shown when it ended.
-fn show(summary: &Summary, folder: &RunFolder) -> ExitCode {
+fn show(summary: &Summary, metrics: &[ShownMetric], folder: &RunFolder) -> ExitCode {
     terminal::note("this run is complete");
     ended(folder, &summary.id, &SessionEnd::Complete, Some(summary));
     if !events::are_told() {
-        for line in summary.lines(folder, &SessionEnd::Complete) {
+        for line in summary.lines(metrics, folder, &SessionEnd::Complete) {
             terminal::out(&line);
         }
     }

@@ -90,7 +90,7 @@ impl Work {
         }
         let at_rest = *held == Held::Free;
         let Figures { history, mut notes } = Figures::read(folder, at_rest);
-        notes.extend(Scores::read(folder, at_rest).notes);
+        notes.extend(Scores::read(folder, config.spec(), at_rest).notes);
         let summary = Summary::read(folder)?;
         notes
             .extend(summary.iter().flat_map(|summary| &summary.missing).map(|missing| format!("{missing} is missing")));
@@ -126,10 +126,11 @@ impl Work {
     fn lines(&self, config: &Config, goes_on: bool, starts: usize) -> Vec<String> {
         match self {
             Self::Training { recent, stages, wall, silent_s, usual_s, notes, .. } => {
+                let metrics = config.spec().shown();
                 let mut lines = vec![frames_line(&config.stages, recent)];
-                lines.extend(Some(figures_line(recent)).filter(|figures| !figures.is_empty()));
+                lines.extend(Some(figures_line(&metrics, recent)).filter(|figures| !figures.is_empty()));
                 if !stages.is_empty() {
-                    lines.extend(table(stages));
+                    lines.extend(table(&metrics, stages));
                 }
                 if starts > 0 {
                     lines.push(wall.text(starts as u32));

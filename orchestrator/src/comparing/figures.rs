@@ -6,9 +6,9 @@ use crate::run::identity::Identity;
 use crate::run::lock::{Held, holder};
 use crate::run::state::state_of;
 use crate::showing::{format, terminal};
-use crate::training::means::{EpisodeMeans, StageMeans, by_stage};
+use crate::training::means::{StageMeans, by_stage};
 use crate::training::metrics::Figures;
-use crate::training::scores::{Scores, best, evaluations_below, read_result};
+use crate::training::scores::{Scores, best, evaluations_below, figures_of, read_result};
 use crate::training::summary::Summary;
 use crate::training::wall::{Wall, signs_of_life};
 use anyhow::Result;
@@ -16,6 +16,7 @@ use proto::config::Config;
 use proto::evaluation::{Distribution, Evaluation, RESULT_FILE};
 use proto::run_folder::RunFolder;
 use proto::stage::total_frames;
+use proto::task::Spec;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -44,12 +45,18 @@ impl List {
         self.put(name, value, format::count(value));
     }
 
-    fn share(&mut self, name: impl Into<String>, value: Option<f64>) {
-        self.put(name, json!(value), format::percent(value));
-    }
-
     fn number(&mut self, name: impl Into<String>, value: Option<f64>, decimals: usize) {
         self.put(name, json!(value), format::number(value, decimals));
+    }
+
+    /// The metrics of a task that are shown, of one thing.
+    fn metrics(&mut self, of: &str, task: &Spec, figures: &BTreeMap<String, f64>) {
+        for metric in task.shown() {
+            let value = figures.get(&metric.name).copied();
+            let unit = metric.unit.as_ref().map_or_else(String::new, |unit| format!(" ({unit})"));
+            let shown = if metric.share { format::percent(value) } else { format::number(value, 3) };
+            self.put(format!("{of}: {}{unit}", metric.label), json!(value), shown);
+        }
     }
 }
 
@@ -72,14 +79,14 @@ pub fn of(folder: &RunFolder, config: &Config, identity: &Identity) -> Result<Ve
             list.put("weights", summary.weights.clone(), summary.weights.chars().take(DIGITS).collect());
         }
     }
-    evaluations(&mut list, folder);
+    evaluations(&mut list, config.spec(), folder);
     Ok(list.0)
 }
 
 fn training(list: &mut List, folder: &RunFolder, config: &Config, identity: &Identity, held: &Held) {
     let at_rest = *held == Held::Free;
     let Figures { history, notes } = Figures::read(folder, at_rest);
-    let Scores { scores, notes: more } = Scores::read(folder, at_rest);
+    let Scores { scores, notes: more } = Scores::read(folder, config.spec(), at_rest);
     tell(folder, notes.iter().chain(&more));
     list.count("frames", history.frames());
     list.count("of frames", total_frames(&config.stages));
@@ -90,12 +97,10 @@ fn training(list: &mut List, folder: &RunFolder, config: &Config, identity: &Ide
     let wall = Duration::try_from_secs_f64(wall_s).unwrap_or_default();
     list.put("wall time", wall_s, format::duration(wall));
     for stage in by_stage(&config.stages, &history) {
-        of_stage(list, &stage);
+        of_stage(list, config.spec(), &stage);
     }
-    if let Some(best) = best(&scores) {
-        list.share("best validation: success", Some(best.success));
-        list.share("best validation: SRwoD", Some(best.success_without_disturbance));
-        list.number("best validation: disturbance (m)", Some(best.disturbance_m), 3);
+    if let Some(best) = best(&scores, config.spec()) {
+        list.metrics("best validation", config.spec(), &best.figures);
         list.count("best validation: at frame", best.frames);
     }
 }
@@ -105,22 +110,20 @@ fn tell<'a>(folder: &RunFolder, notes: impl Iterator<Item = &'a String>) {
     notes.for_each(|note| terminal::note(&format!("{}: {note}", folder.root().display())));
 }
 
-/// Of the last tenth, or of the whole stage before that is reached.
-fn of_stage(list: &mut List, stage: &StageMeans) {
-    let late = if stage.last_tenth == EpisodeMeans::default() { stage.whole } else { stage.last_tenth };
-    let name = |what: &str| format!("stage {}: {what}", stage.name);
+/// Of a stage, lately.
+fn of_stage(list: &mut List, task: &Spec, stage: &StageMeans) {
+    let (late, of) = (stage.late(), format!("stage {}", stage.name));
+    let name = |what: &str| format!("{of}: {what}");
     list.count(name("episodes"), stage.whole.episodes);
     list.number(name("return"), late.mean_return, 2);
-    list.share(name("success"), late.success);
-    list.share(name("SRwoD"), late.success_without_disturbance);
-    list.number(name("disturbance (m)"), late.disturbance_m, 3);
+    list.metrics(&of, task, &late.figures);
     if let Some(multiplier) = stage.multiplier {
         list.number(name("multiplier"), Some(multiplier), 4);
     }
 }
 
 /// The newest of each kind, of those in the folder and below it.
-fn evaluations(list: &mut List, folder: &RunFolder) {
+fn evaluations(list: &mut List, task: &Spec, folder: &RunFolder) {
     let mut notes = Vec::new();
     let below = evaluations_below(folder, &mut notes).unwrap_or_else(|error| {
         notes.push(format!("{error:#}"));

@@ -157,10 +157,10 @@ fn run(folder: &RunFolder, notes: &mut Vec<String>) -> Result<(String, Run)> {
         notes.push(format!("{error:#}."));
         None
     });
-    let held = holder(folder)?;
+    let (config, held) = (config_by_content(folder)?, holder(folder)?);
     let at_rest = held == Held::Free;
     let Figures { history, notes: about_figures } = Figures::read(folder, at_rest);
-    let Scores { scores, notes: about_scores } = Scores::read(folder, at_rest);
+    let Scores { scores, notes: about_scores } = Scores::read(folder, config.spec(), at_rest);
     notes.extend(about_figures.into_iter().chain(about_scores).map(|note| format!("{}: {note}.", path.display())));
     let config = config_by_content(folder)?;
     let run = Run {
@@ -193,9 +193,8 @@ fn rollouts(history: &History) -> Vec<Rollout> {
 /// Evaluations during training, in order of frames.
 fn validation_of(scores: &[Score]) -> Vec<Validated> {
     let validated = |score: &Score| {
-        let Score { frames, distribution, success, success_without_disturbance, .. } = *score;
-        let figures = [("success", success), ("success_without_disturbance", success_without_disturbance)];
-        Validated { frames, distribution, figures: figures.map(|(name, share)| (name.to_owned(), share)).into() }
+        let Score { frames, distribution, figures, .. } = score;
+        Validated { frames: *frames, distribution: *distribution, figures: figures.clone() }
     };
     let by_frames: BTreeMap<u64, Validated> = scores.iter().map(|score| (score.frames, validated(score))).collect();
     by_frames.into_values().collect()

@@ -9,6 +9,7 @@ use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style, Stylize};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Gauge, Paragraph};
+use std::collections::BTreeMap;
 use std::time::Duration;
 use view::data::{Card, Live};
 
@@ -156,15 +157,14 @@ fn machine(live: &Live) -> Line<'static> {
         let memory = format!("{}/{} GiB", gpu.used_mib >> 10, gpu.total_mib >> 10);
         parts.push(format!("GPU {} {:.0}% {memory}", gpu.index, 100.0 * gpu.busy));
     }
+    let metrics = |figures: &BTreeMap<String, f64>| {
+        format::metrics(live.card.metrics.iter().filter(|metric| metric.unit.is_none()), figures, "  ")
+    };
     if live.card.evaluation {
-        let Card { success, success_without_disturbance, .. } = live.card;
-        let [success, undisturbed] = [success, success_without_disturbance].map(format::percent);
-        parts.push(format!("SR {success}  SRwoD {undisturbed}"));
+        parts.push(metrics(&live.card.figures));
     }
     if let Some(last) = live.validation.last() {
-        let [success, undisturbed] = [last.success, last.success_without_disturbance].map(|share| 100.0 * share);
-        let frames = format::count(last.frames);
-        parts.push(format!("validation at {frames}: SR {success:.1}%  SRwoD {undisturbed:.1}%"));
+        parts.push(format!("validation at {}: {}", format::count(last.frames), metrics(&last.figures)));
     }
     Line::from(format!(" {}", parts.join("  |  ")))
 }

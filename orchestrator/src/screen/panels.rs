@@ -5,6 +5,7 @@ use super::model::{Lines, Model};
 use crate::showing::format;
 use proto::metric;
 use proto::printable::printable;
+use proto::task::ShownMetric;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Rect};
 use ratatui::style::{Color, Style, Stylize};
@@ -24,25 +25,29 @@ pub fn chart(frame: &mut Frame, area: Rect, model: &Model, live: &Live, number: 
     let of = |name: &str| pieces(&model.curves, name, places);
     let last = |pieces: &[Piece]| pieces.last().and_then(|piece| piece.points.last()).map(|(_, value)| *value);
     let card = &live.card;
-    let (first, second) = match number {
-        0 => (of(metric::RETURN), Vec::new()),
-        1 => (of(metric::SUCCESS), of(metric::SUCCESS_UNDISTURBED)),
-        _ => (of(metric::DISTURBANCE), Vec::new()),
+    // Two shares have a chart, and one value has.
+    let charted: Vec<&ShownMetric> = match number {
+        0 => vec![],
+        1 => card.metrics.iter().filter(|metric| metric.share).take(2).collect(),
+        _ => card.metrics.iter().filter(|metric| !metric.share).take(1).collect(),
     };
-    let title = match number {
-        0 => vec![Span::from(format!(" return {} ", format::number(last(&first), 2)))],
-        1 => vec![
-            Span::from(format!(" SR {}  ", format::percent(card.success.or_else(|| last(&first))))),
-            Span::from(format!("SRwoD {} ", format::percent(card.success_without_disturbance))).fg(SECOND),
-        ],
-        _ => {
-            let disturbance_m = card.disturbance_m.or_else(|| last(&first));
-            vec![Span::from(format!(" disturbance {} m ", format::number(disturbance_m, 3)))]
-        }
+    let mut curves = charted.iter().map(|metric| of(&metric::of_episode(&metric.name)));
+    let (plain, plain_name) = if number == 0 { (metric::RETURN, "return") } else { (metric::LENGTH, "length") };
+    let (first, second) = (curves.next().unwrap_or_else(|| of(plain)), curves.next().unwrap_or_default());
+    let title = if charted.is_empty() {
+        vec![Span::from(format!(" {plain_name} {} ", format::number(last(&first), 2)))]
+    } else {
+        let text = |metric: &ShownMetric, pieces: &[Piece]| {
+            let value = card.figures.get(&metric.name).copied().or_else(|| last(pieces));
+            format!(" {} {} ", metric.label, format::metric(metric, value))
+        };
+        let spans = charted.iter().zip([&first, &second]).map(|(metric, pieces)| Span::from(text(metric, pieces)));
+        spans.zip([Color::Reset, SECOND]).map(|(span, color)| span.fg(color)).collect()
     };
+    let is_share = charted.first().is_some_and(|metric| metric.share);
     let [least, greatest] = match number {
-        1 => [0.0, 1.0],
-        2 => [0.0, range(first.iter()).map_or(1.0, |[_, greatest]| greatest.max(1e-3))],
+        _ if is_share => [0.0, 1.0],
+        1 | 2 => [0.0, range(first.iter()).map_or(1.0, |[_, greatest]| greatest.max(1e-3))],
         _ => range(first.iter()).unwrap_or([0.0, 1.0]),
     };
     let line = |points, color| {
@@ -56,7 +61,7 @@ pub fn chart(frame: &mut Frame, area: Rect, model: &Model, live: &Live, number: 
     let lines = lines.chain(first.iter().map(|piece| line(&piece.points, STAGES[piece.stage % STAGES.len()])));
     let frames = model.curves.frames.last().copied().unwrap_or(0);
     let label = |value: f64| match number {
-        1 => format!("{:.0}%", 100.0 * value),
+        _ if is_share => format!("{:.0}%", 100.0 * value),
         0 if greatest - least > 5.0 => format!("{value:.1}"),
         _ => format!("{value:.2}"),
     };
@@ -151,18 +156,15 @@ fn folded(line: &LogLine, width: usize) -> Vec<Line<'static>> {
 
 /// What came of the newest episodes of each kitchen.
 pub fn kitchens(frame: &mut Frame, area: Rect, live: &Live) {
+    let metrics = &live.card.metrics;
     let row = |kitchen: &Kitchen| {
-        let cells = [
-            kitchen.kitchen.to_string(),
-            kitchen.episodes.to_string(),
-            format::percent(Some(kitchen.success)),
-            format::percent(Some(kitchen.success_without_disturbance)),
-            format!("{:.3} m", kitchen.disturbance_m),
-        ];
-        Row::new(cells.map(Cell::from))
+        let figures = metrics.iter().map(|metric| format::metric(metric, kitchen.figures.get(&metric.name).copied()));
+        Row::new([kitchen.kitchen.to_string(), kitchen.episodes.to_string()].into_iter().chain(figures).map(Cell::from))
     };
-    let widths = [9, 9, 8, 8, 9].map(Constraint::Length);
-    let head = Row::new(["kitchen", "episodes", "SR", "SRwoD", "moved"]).bold();
+    let widths = metrics.iter().map(|metric| (metric.label.chars().count() as u16 + 1).max(7));
+    let widths = [8, 9].into_iter().chain(widths).map(Constraint::Length);
+    let labels = metrics.iter().map(|metric| metric.label.as_str());
+    let head = Row::new(["kitchen", "episodes"].into_iter().chain(labels)).bold();
     let table = Table::new(live.kitchens.iter().map(row), widths).header(head).column_spacing(0);
     frame.render_widget(table.block(Block::bordered().title(" newest episodes ")), area);
 }

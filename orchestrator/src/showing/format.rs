@@ -2,6 +2,8 @@
 
 pub use report::format::{NOTHING, count, counted, number};
 
+use proto::task::ShownMetric;
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// Bytes in binary units with three significant figures: `512 B`, `1.50 GiB`.
@@ -40,6 +42,25 @@ pub fn rate(per_second: f64) -> String {
 /// A share as a percentage with one decimal: `50.0%`; a dash for none.
 pub fn percent(share: Option<f64>) -> String {
     share.map_or_else(|| NOTHING.to_owned(), |share| format!("{:.1}%", 100.0 * share))
+}
+
+/// A metric's mean: a percentage of a share, else three decimals and its unit; a dash for none.
+pub fn metric(metric: &ShownMetric, value: Option<f64>) -> String {
+    match (value, &metric.unit) {
+        (value, _) if metric.share => percent(value),
+        (Some(value), Some(unit)) => format!("{value:.3} {unit}"),
+        (value, _) => number(value, 3),
+    }
+}
+
+/// Metrics with their means.
+pub fn metrics<'a>(
+    metrics: impl IntoIterator<Item = &'a ShownMetric>,
+    figures: &BTreeMap<String, f64>,
+    between: &str,
+) -> String {
+    let each = metrics.into_iter().map(|one| format!("{} {}", one.label, metric(one, figures.get(&one.name).copied())));
+    each.collect::<Vec<_>>().join(between)
 }
 
 /// Seconds since 1970 as `YYYYMMDD-HHMMSS` (UTC): sorts by time and is a valid file name everywhere.

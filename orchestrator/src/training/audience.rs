@@ -31,13 +31,13 @@ pub struct TrainingAudience {
 impl TrainingAudience {
     /// Goes on with what the folder holds, in this start.
     pub fn open(folder: &RunFolder, config: &Config, start: &Incarnation) -> Result<Self> {
-        let board = || Board::of(folder, &config.stages, start.number);
+        let board = || Board::of(folder, config, start.number);
         Ok(Self {
             journal: Journal::open(folder)?,
             board: config.recording.tensorboard.then(board),
             start: start.clone(),
             stages: config.stages.clone(),
-            progress: Progress::new(config.stages.clone(), config.ppo.overlap),
+            progress: Progress::new(config),
             validation: Validation::open(folder, config)?,
         })
     }

@@ -5,21 +5,25 @@ use proto::event::Timing;
 use proto::metric;
 use proto::stage::total_frames;
 use proto::trained::{History, Trained};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Episode figures over some rollouts: means over the episodes that ended in them.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct EpisodeMeans {
     /// Episodes that ended.
     pub episodes: u64,
     /// Mean undiscounted return.
     pub mean_return: Option<f64>,
-    /// Success rate, 0..1.
-    pub success: Option<f64>,
-    /// Rate of success without disturbance, 0..1.
-    pub success_without_disturbance: Option<f64>,
-    /// Mean total displacement at the end, metres.
-    pub disturbance_m: Option<f64>,
+    /// Means of the task's metrics, by name.
+    #[serde(flatten, deserialize_with = "known")]
+    pub figures: BTreeMap<String, f64>,
+}
+
+/// Older versions wrote null for what is not known.
+pub(super) fn known<'de, D: Deserializer<'de>>(deserializer: D) -> Result<BTreeMap<String, f64>, D::Error> {
+    let figures = BTreeMap::<String, Option<f64>>::deserialize(deserializer)?;
+    Ok(figures.into_iter().filter_map(|(name, value)| Some((name, value?))).collect())
 }
 
 impl EpisodeMeans {
@@ -36,12 +40,14 @@ impl EpisodeMeans {
             }
             (weight > 0.0).then(|| sum / weight)
         };
+        let names: BTreeSet<&str> = rollouts.clone().flat_map(|trained| trained.metrics.names()).collect();
         Self {
             episodes: rollouts.clone().map(episodes).sum::<f64>() as u64,
             mean_return: mean(metric::RETURN),
-            success: mean(metric::SUCCESS),
-            success_without_disturbance: mean(metric::SUCCESS_UNDISTURBED),
-            disturbance_m: mean(metric::DISTURBANCE),
+            figures: names
+                .into_iter()
+                .filter_map(|name| Some((metric::of_task(name)?.to_owned(), mean(name)?)))
+                .collect(),
         }
     }
 }
@@ -64,6 +70,13 @@ pub struct StageMeans {
     pub first_tenth: EpisodeMeans,
     /// Over the last tenth of its budget; empty until the stage gets there.
     pub last_tenth: EpisodeMeans,
+}
+
+impl StageMeans {
+    /// Over the last tenth, or the whole stage before that is reached.
+    pub fn late(&self) -> &EpisodeMeans {
+        if self.last_tenth == EpisodeMeans::default() { &self.whole } else { &self.last_tenth }
+    }
 }
 
 /// The figures of every stage that has begun.
@@ -167,7 +180,6 @@ pub fn recent(stages: &[StageConfig], history: &History) -> Recent {
 #[cfg(test)]
 pub mod tests {
     use super::*;
-    use std::collections::BTreeMap;
 
     /// Two stages of 1000 and 500 frames.
     pub fn stages() -> Vec<StageConfig> {
@@ -184,8 +196,8 @@ pub mod tests {
                 // Episode counts differ, so that a plain mean would be caught.
                 (metric::EPISODES.to_owned(), if rollout % 2 == 0 { 1.0 } else { 3.0 }),
                 (metric::RETURN.to_owned(), rollout as f64),
-                (metric::SUCCESS.to_owned(), 0.5),
-                (metric::DISTURBANCE.to_owned(), 0.25),
+                ("episode/success".to_owned(), 0.5),
+                ("episode/disturbance_m".to_owned(), 0.25),
             ]);
             history.insert(Trained {
                 rollout,
@@ -213,7 +225,17 @@ pub mod tests {
         assert_eq!(figures[1].frames, 500);
         assert_eq!(figures[1].first_tenth.mean_return, Some(20.0));
         assert_eq!(figures[1].last_tenth.mean_return, Some(29.0));
-        assert_eq!(figures[1].last_tenth.success_without_disturbance, None, "what was never reported stays unknown");
+        let known = BTreeMap::from([("disturbance_m".to_owned(), 0.25), ("success".to_owned(), 0.5)]);
+        assert_eq!(figures[1].last_tenth.figures, known, "what was never reported stays unknown");
+    }
+
+    #[test]
+    fn older_means_are_read() {
+        let older = r#"{"episodes":3,"mean_return":null,"success":0.5,"success_without_disturbance":null}"#;
+        let read: EpisodeMeans = serde_json::from_str(older).unwrap();
+        assert_eq!(read.figures, BTreeMap::from([("success".to_owned(), 0.5)]));
+        let written = r#"{"episodes":3,"mean_return":null,"success":0.5}"#;
+        assert_eq!(serde_json::to_string(&read).unwrap(), written);
     }
 
     #[test]

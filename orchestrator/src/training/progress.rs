@@ -1,13 +1,14 @@
 //! Live progress: one line that renews itself on a terminal, below the log; a longer one every few seconds elsewhere.
 //!
-//! No crate for progress bars: theirs count to a total, these lines show stages, shares of time and success.
+//! No crate for progress bars: theirs count to a total, these lines show stages, shares of time and metrics.
 
 use super::means::{EpisodeMeans, Recent, recent};
 use crate::showing::format;
 use crate::showing::terminal::Live;
-use proto::config::StageConfig;
+use proto::config::{Config, StageConfig};
 use proto::event::LearnerEvent;
 use proto::stage::position_at;
+use proto::task::ShownMetric;
 use proto::trained::History;
 use std::time::Duration;
 
@@ -40,6 +41,7 @@ const WAITING_SHOWN: Duration = Duration::from_secs(12);
 /// Shows how a run gets on.
 #[derive(Debug)]
 pub struct Progress {
+    metrics: Vec<ShownMetric>,
     stages: Vec<StageConfig>,
     overlap: bool,
     doing: Doing,
@@ -49,10 +51,11 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Of a run with these stages. `overlap`: updates run while the next rollout is collected.
-    pub fn new(stages: Vec<StageConfig>, overlap: bool) -> Self {
+    /// Of a run. `overlap`: updates run while the next rollout is collected.
+    pub fn new(config: &Config) -> Self {
         let (doing, since, waiting) = (Doing::Starting, Duration::ZERO, None);
-        Self { stages, overlap, doing, since, waiting, live: Live::default() }
+        let (metrics, stages, overlap) = (config.spec().shown(), config.stages.clone(), config.ppo.overlap);
+        Self { metrics, stages, overlap, doing, since, waiting, live: Live::default() }
     }
 
     /// Records an event of the learner.
@@ -102,9 +105,9 @@ impl Progress {
             let recent = recent(&self.stages, history);
             let doing = self.doing(now, validating);
             let line = if let Some(columns) = self.live.columns() {
-                short_line(&self.stages, &recent, &doing, self.is_usual(now), columns)
+                short_line(&self.metrics, &self.stages, &recent, &doing, self.is_usual(now), columns)
             } else {
-                let parts = [frames_line(&self.stages, &recent), figures_line(&recent), doing];
+                let parts = [frames_line(&self.stages, &recent), figures_line(&self.metrics, &recent), doing];
                 parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(BETWEEN)
             };
             self.live.show(line);
@@ -150,29 +153,36 @@ impl Progress {
 const BETWEEN: &str = "  |  ";
 
 /// What fits into a line of a terminal, the most important first.
-fn short_line(stages: &[StageConfig], recent: &Recent, doing: &str, is_usual: bool, columns: usize) -> String {
+fn short_line(
+    metrics: &[ShownMetric],
+    stages: &[StageConfig],
+    recent: &Recent,
+    doing: &str,
+    is_usual: bool,
+    columns: usize,
+) -> String {
     let percent = 100.0 * recent.frames as f64 / recent.budget.max(1) as f64;
     let stage = recent.stage.and_then(|stage| stages.get(stage));
     let stage = stage.map_or_else(String::new, |stage| format!("{}  ", stage.name));
     let (frames, budget) = (format::count(recent.frames), format::count(recent.budget));
-    let figure = |name: &str, share: Option<f64>| share.map(|share| format!("{name} {}", format::percent(Some(share))));
-    let EpisodeMeans { mean_return, success, success_without_disturbance, disturbance_m, .. } = recent.episodes;
+    let EpisodeMeans { mean_return, figures, .. } = &recent.episodes;
+    let known = metrics.iter().filter(|metric| figures.contains_key(&metric.name));
+    let known = known.map(|metric| Some(format::metrics([metric], figures, "")));
     let Recent { simulate, infer, update, .. } = recent;
     let shares = [simulate, infer, update].map(|share| format!("{:.0}", 100.0 * share)).join("/");
-    let parts = [
+    let before = [
         Some(format!("{stage}{frames} / {budget}  {percent:.1}%")),
         Some(doing.to_owned()).filter(|_| !is_usual),
         time_left(recent),
         recent.frames_per_s.map(|rate| format!("{} frames/s", format::rate(rate))),
-        figure("SR", success),
-        figure("SRwoD", success_without_disturbance),
-        disturbance_m.map(|disturbance_m| format!("disturbance {disturbance_m:.3} m")),
+    ];
+    let after = [
         mean_return.map(|mean_return| format!("return {mean_return:.2}")),
         Some(doing.to_owned()).filter(|_| is_usual),
         recent.frames_per_s.map(|_| format!("simulate/infer/update {shares}%")),
     ];
     let mut line = String::new();
-    for part in parts.into_iter().flatten() {
+    for part in before.into_iter().chain(known).chain(after).flatten() {
         let before = if line.is_empty() { "" } else { " | " };
         if [line.as_str(), before, &part].iter().map(|text| text.chars().count()).sum::<usize>() > columns {
             break;
@@ -208,25 +218,26 @@ pub fn frames_line(stages: &[StageConfig], recent: &Recent) -> String {
     parts.join(BETWEEN)
 }
 
-/// Return, success, disturbance; empty before the first episode has ended.
-pub fn figures_line(recent: &Recent) -> String {
-    let EpisodeMeans { episodes, mean_return, success, success_without_disturbance, disturbance_m } = recent.episodes;
-    if episodes == 0 {
+/// The return and the task's metrics; empty before the first episode has ended.
+pub fn figures_line(metrics: &[ShownMetric], recent: &Recent) -> String {
+    let EpisodeMeans { episodes, mean_return, figures } = &recent.episodes;
+    if *episodes == 0 {
         return String::new();
     }
-    format!(
-        "return {}  success {}  SRwoD {}  disturbance {} m",
-        format::number(mean_return, 2),
-        format::percent(success),
-        format::percent(success_without_disturbance),
-        format::number(disturbance_m, 3),
-    )
+    format!("return {}  {}", format::number(*mean_return, 2), format::metrics(metrics, figures, "  "))
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::means::tests::{history, stages};
     use super::*;
+    use std::collections::BTreeMap;
+
+    fn config(overlap: bool) -> Config {
+        let mut config = Config { stages: stages(), ..Config::default() };
+        config.ppo.overlap = overlap;
+        config
+    }
 
     #[test]
     fn lines_read_as_they_should() {
@@ -235,13 +246,40 @@ mod tests {
             frames_line(&stages(), &recent),
             "stage II (r_prime)  1 100 / 1 500 frames  73.3%  |  25.0 frames/s: simulate 40% infer 20% update 30%  |  16 s left"
         );
-        assert_eq!(figures_line(&recent), "return 20.75  success 50.0%  SRwoD –  disturbance 0.250 m");
+        let figures = "return 20.75  SR 50.0%  SRwoD –  disturbance 0.250 m";
+        assert_eq!(figures_line(&config(false).spec().shown(), &recent), figures);
+    }
+
+    /// Only `ArmPointNav`'s metrics were shown of any task.
+    #[test]
+    fn another_tasks_metrics_are_shown_in_their_own_words() {
+        let metric = |name: &str, label: &str, share: bool| ShownMetric {
+            name: name.to_owned(),
+            label: label.to_owned(),
+            unit: (!share).then(|| "m".to_owned()),
+            share,
+        };
+        let metrics = [metric("arrived", "SR", true), metric("path_m", "path", false)];
+        let mut history = history(22);
+        let mut newest = history.iter().next_back().unwrap().clone();
+        newest.metrics = [("episode/count", 1.0), ("episode/arrived", 0.75), ("episode/path_m", 3.5)]
+            .map(|(name, value)| (name.to_owned(), value))
+            .into_iter()
+            .collect::<BTreeMap<_, _>>()
+            .into();
+        history.rewind_to(20);
+        history.insert(newest);
+        let recent = recent(&stages(), &history);
+        assert_eq!(figures_line(&metrics, &recent), "return –  SR 75.0%  path 3.500 m");
+        let line = short_line(&metrics, &stages(), &recent, "updating", true, 200);
+        assert!(line.contains("frames/s | SR 75.0% | path 3.500 m | updating"), "{line}");
     }
 
     #[test]
     fn one_line_of_a_terminal_has_what_fits_and_what_is_wrong_first() {
         let recent = recent(&stages(), &history(22));
-        let line = |doing, is_usual, columns| short_line(&stages(), &recent, doing, is_usual, columns);
+        let metrics = config(false).spec().shown();
+        let line = |doing, is_usual, columns| short_line(&metrics, &stages(), &recent, doing, is_usual, columns);
         let all = "II  1 100 / 1 500  73.3% | 16 s left | 25.0 frames/s | SR 50.0% | disturbance 0.250 m | \
                    return 20.75 | updating | simulate/infer/update 40/20/30%";
         assert_eq!(line("updating", true, 200), all);
@@ -256,7 +294,7 @@ mod tests {
     fn at_the_end_nothing_is_left_but_the_validation_that_is_waited_for() {
         let seconds = Duration::from_secs;
         let finished = |complete| LearnerEvent::Finished { rank: 0, frames: 1500, weights: "f".repeat(64), complete };
-        let mut progress = Progress::new(stages(), false);
+        let mut progress = Progress::new(&config(false));
         progress.learner_died(seconds(3));
         assert_eq!(progress.doing(seconds(4), true), "learner starts, 1 s");
         progress.learner(seconds(10), &finished(true));
@@ -278,7 +316,7 @@ mod tests {
         let seconds = Duration::from_secs;
         let end = stages()[0].frames;
         let doing = |overlap, frames| {
-            let mut progress = Progress::new(stages(), overlap);
+            let mut progress = Progress::new(&config(overlap));
             progress.learner(seconds(1), &LearnerEvent::RolloutCollected { rank: 0, rollout: 7, frames, here: 50 });
             progress.doing(seconds(3), false)
         };
@@ -290,7 +328,7 @@ mod tests {
     #[test]
     fn an_actor_that_is_waited_for_is_named_as_long_as_that_is_said() {
         let seconds = Duration::from_secs;
-        let mut progress = Progress::new(stages(), false);
+        let mut progress = Progress::new(&config(false));
         progress.learner(
             seconds(10),
             &LearnerEvent::RolloutTrained {
@@ -319,6 +357,6 @@ mod tests {
     fn before_the_first_rollout_there_are_only_frames() {
         let recent = recent(&stages(), &History::default());
         assert_eq!(frames_line(&stages(), &recent), "0 / 1 500 frames  0.0%");
-        assert_eq!(figures_line(&recent), "");
+        assert_eq!(figures_line(&[], &recent), "");
     }
 }

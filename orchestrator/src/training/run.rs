@@ -266,7 +266,7 @@ impl TrainingRun {
         if are_told() {
             // Nothing else comes on standard output.
         } else if let Some(summary) = &summary {
-            for line in summary.lines(&self.folder, &outcome.end) {
+            for line in summary.lines(&self.config.spec().shown(), &self.folder, &outcome.end) {
                 terminal::out(&line);
             }
         } else if let SessionEnd::Stopped | SessionEnd::Requeued | SessionEnd::Interrupted = outcome.end {

@@ -5,11 +5,13 @@
 
 use crate::run::json_lines;
 use crate::showing::format::counted;
+use crate::training::means::known;
 use crate::training::metrics::left_out;
 use anyhow::{Context, Result};
 use proto::bounded::RESULT_BYTES_MOST;
-use proto::evaluation::{Distribution, Evaluation, RESULT_FILE};
+use proto::evaluation::{Distribution, Evaluation, Figures, RESULT_FILE};
 use proto::run_folder::{RolloutName, RunFolder};
+use proto::task::{Metric, Spec};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -29,54 +31,38 @@ pub struct Score {
     /// Fixed ones, or drawn as the run draws its own.
     #[serde(default)]
     pub distribution: Distribution,
-    /// SR.
-    pub success: f64,
-    /// `SRwoD`.
-    pub success_without_disturbance: f64,
-    /// `SRwoD` by the largest displacement on an axis; none in lines of versions that did not give it.
-    #[serde(default)]
-    pub success_without_disturbance_per_axis: Option<f64>,
-    /// Share of episodes in which the target was picked up.
-    pub picked_up: f64,
     /// Mean length, steps.
     pub length: f64,
-    /// Mean total displacement at the end, metres.
-    pub disturbance_m: f64,
-    /// Mean number of disturbed objects at the end.
-    pub disturbed_objects: f64,
     /// When, seconds since 1970.
     pub at_unix_s: u64,
     /// What it took, seconds.
     pub wall_s: f64,
+    /// Means of the task's metrics, by name.
+    #[serde(flatten, deserialize_with = "known")]
+    pub figures: BTreeMap<String, f64>,
 }
 
 impl Score {
     /// Of the checkpoint with this rollout.
-    pub fn of(rollout: u64, evaluation: &Evaluation) -> Self {
-        let figures = &evaluation.overall;
-        let known = |name: &str| figures.get(name).unwrap_or(0.0);
+    pub fn of(rollout: u64, evaluation: &Evaluation, task: &Spec) -> Self {
+        let overall = &evaluation.overall;
         Self {
             rollout,
             frames: evaluation.subject.frames,
             weights: evaluation.subject.weights.clone(),
             result: format!("{}/result", RunFolder::relative_validation(rollout)),
-            episodes: figures.episodes,
+            episodes: overall.episodes,
             distribution: evaluation.conditions.distribution,
-            success: known("success"),
-            success_without_disturbance: known("success_without_disturbance"),
-            success_without_disturbance_per_axis: figures.get("success_without_disturbance_per_axis"),
-            picked_up: known("picked_up"),
-            length: known("length"),
-            disturbance_m: known("disturbance_m"),
-            disturbed_objects: known("disturbed_objects"),
+            length: overall.get("length").unwrap_or(0.0),
             at_unix_s: evaluation.cost.at_unix_s,
             wall_s: evaluation.cost.wall_s,
+            figures: figures_of(overall, task),
         }
     }
 
-    /// At least as good: by `SRwoD`, then SR, then the longer training.
-    fn beats(&self, other: &Self) -> bool {
-        let key = |one: &Self| (one.success_without_disturbance, one.success);
+    /// At least as good: by the task's ranks, then the longer training.
+    fn beats(&self, other: &Self, task: &Spec) -> bool {
+        let key = |one: &Self| task.ranks().map(|name| one.figures.get(name).copied()).collect::<Vec<_>>();
         match key(self).partial_cmp(&key(other)) {
             Some(std::cmp::Ordering::Equal) | None => self.frames >= other.frames,
             Some(order) => order.is_gt(),
@@ -84,8 +70,15 @@ impl Score {
     }
 }
 
-pub fn best(scored: &[Score]) -> Option<&Score> {
-    scored.iter().reduce(|best, one| if one.beats(best) { one } else { best })
+/// Means of the task's metrics in an evaluation, by name; without those that are not known.
+pub fn figures_of(overall: &Figures, task: &Spec) -> BTreeMap<String, f64> {
+    let known = |metric: &Metric| Some((metric.name.clone(), overall.get(&metric.name)?));
+    task.metrics.iter().filter_map(known).collect()
+}
+
+/// The one that the task ranks first.
+pub fn best<'a>(scored: &'a [Score], task: &Spec) -> Option<&'a Score> {
+    scored.iter().reduce(|best, one| if one.beats(best, task) { one } else { best })
 }
 
 /// Reads the result file in an evaluation's folder.
@@ -135,7 +128,7 @@ pub struct Scores {
 impl Scores {
     /// Reads a run's folder. `at_rest`: nobody works on the run, so every result should have its line. A file that cannot
     /// be read is left out, and named.
-    pub fn read(folder: &RunFolder, at_rest: bool) -> Self {
+    pub fn read(folder: &RunFolder, task: &Spec, at_rest: bool) -> Self {
         let path = folder.validation_log();
         let mut notes = Vec::new();
         let (lines, damaged) = json_lines::read::<Score>(folder, &path, RESULT_BYTES_MOST).unwrap_or_else(|error| {
@@ -171,7 +164,7 @@ impl Scores {
             bytes += length.min(RESULT_BYTES_MOST / 4);
             match read_result(&result_folder(folder, rollout)) {
                 Ok(evaluation) => {
-                    scores.insert(rollout, Score::of(rollout, &evaluation));
+                    scores.insert(rollout, Score::of(rollout, &evaluation, task));
                     added += 1;
                 }
                 Err(error) => notes.push(format!("the result of a validation cannot be used: {error:#}")),
@@ -210,26 +203,27 @@ pub mod tests {
             result: String::new(),
             episodes: 10,
             distribution: Distribution::Fixed,
-            success,
-            success_without_disturbance: undisturbed,
-            success_without_disturbance_per_axis: None,
-            picked_up: 0.0,
             length: 1.0,
-            disturbance_m: 0.0,
-            disturbed_objects: 0.0,
             at_unix_s: 0,
             wall_s: 1.0,
+            figures: [("success", success), ("success_without_disturbance", undisturbed)]
+                .map(|(name, value)| (name.to_owned(), value))
+                .into(),
         }
+    }
+
+    fn task() -> &'static Spec {
+        proto::config::Config::default().spec()
     }
 
     #[test]
     fn the_best_is_undisturbed_then_successful_then_trained_longer() {
         let mut scored = vec![validated(1, 0.1, 0.9), validated(2, 0.2, 0.3), validated(3, 0.2, 0.4)];
-        assert_eq!(best(&scored).unwrap().rollout, 3);
+        assert_eq!(best(&scored, task()).unwrap().rollout, 3);
         scored.push(validated(4, 0.2, 0.4));
         scored.push(validated(5, 0.2, 0.3));
-        assert_eq!(best(&scored).unwrap().rollout, 4);
-        assert!(best(&[]).is_none());
+        assert_eq!(best(&scored, task()).unwrap().rollout, 4);
+        assert!(best(&[], task()).is_none());
     }
 
     /// The others were left out in silence.
@@ -252,7 +246,7 @@ pub mod tests {
         let temporary = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(temporary.path());
         let read = || {
-            let Scores { scores, notes } = Scores::read(&folder, true);
+            let Scores { scores, notes } = Scores::read(&folder, task(), true);
             (scores.iter().map(|score| score.rollout).collect::<Vec<_>>(), notes.join(". "))
         };
         assert_eq!(read(), (vec![], String::new()));

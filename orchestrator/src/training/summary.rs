@@ -6,13 +6,14 @@ use crate::run::damaged::damaged;
 use crate::run::identity::Identity;
 use crate::showing::format;
 use crate::supervisor::event::SessionEnd;
-use crate::training::means::{EpisodeMeans, StageMeans, by_stage};
+use crate::training::means::{StageMeans, by_stage};
 use crate::training::next_steps;
 use crate::training::wall::Wall;
 use anyhow::{Context, Result};
 use proto::SCHEMA_VERSION;
 use proto::config::Config;
 use proto::run_folder::{RolloutName, RunFolder, write_atomically};
+use proto::task::ShownMetric;
 use proto::trained::History;
 use serde::{Deserialize, Serialize};
 use std::fmt::{Display, Formatter};
@@ -152,7 +153,7 @@ impl Summary {
     }
 
     /// As people read it. A failed run has no result, so the two lines for scripts are missing then.
-    pub fn lines(&self, folder: &RunFolder, end: &SessionEnd) -> Vec<String> {
+    pub fn lines(&self, metrics: &[ShownMetric], folder: &RunFolder, end: &SessionEnd) -> Vec<String> {
         let state = end.ending();
         let mut lines = vec![format!(
             "run {} {state}: preset {}, seed {}, {} of {} frames",
@@ -162,7 +163,7 @@ impl Summary {
             format::count(self.frames),
             format::count(self.budget)
         )];
-        lines.extend(table(&self.stages));
+        lines.extend(table(metrics, &self.stages));
         lines.extend(self.stages.iter().filter_map(|stage| {
             stage.multiplier.map(|multiplier| format!("stage {}: multiplier λ {multiplier:.4}", stage.name))
         }));
@@ -215,27 +216,25 @@ fn recordings(folder: &RunFolder) -> Vec<PathBuf> {
 }
 
 /// One row a stage; returns are first tenth → last tenth, the other figures are of the last tenth.
-pub fn table(stages: &[StageMeans]) -> Vec<String> {
-    let header = ["stage", "reward", "frames", "episodes", "return", "success", "SRwoD", "disturbance"];
-    let mut rows: Vec<[String; 8]> = vec![header.map(str::to_owned)];
+pub fn table(metrics: &[ShownMetric], stages: &[StageMeans]) -> Vec<String> {
+    let header = ["stage", "reward", "frames", "episodes", "return"].map(str::to_owned);
+    let mut rows: Vec<Vec<String>> =
+        vec![header.into_iter().chain(metrics.iter().map(|metric| metric.label.clone())).collect()];
     for stage in stages {
-        // Before the last tenth is reached, the whole stage is what there is.
-        let late = if stage.last_tenth == EpisodeMeans::default() { stage.whole } else { stage.last_tenth };
-        rows.push([
+        let late = stage.late();
+        let of_engine = [
             stage.name.clone(),
             stage.reward.clone(),
             format::count(stage.frames),
             format::count(stage.whole.episodes),
             format!("{} -> {}", format::number(stage.first_tenth.mean_return, 2), format::number(late.mean_return, 2)),
-            format::percent(late.success),
-            format::percent(late.success_without_disturbance),
-            late.disturbance_m.map_or_else(|| format::NOTHING.to_owned(), |value| format!("{value:.3} m")),
-        ]);
+        ];
+        let of_task = metrics.iter().map(|metric| format::metric(metric, late.figures.get(&metric.name).copied()));
+        rows.push(of_engine.into_iter().chain(of_task).collect());
     }
-    let widths: [usize; 8] =
-        std::array::from_fn(|column| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0));
+    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
     let align = |(column, cell): (usize, &String)| {
-        let padding = " ".repeat(widths[column] - cell.chars().count());
+        let padding = " ".repeat(width(column) - cell.chars().count());
         if column < 2 { format!("{cell}{padding}") } else { format!("{padding}{cell}") }
     };
     rows.iter().map(|row| row.iter().enumerate().map(align).collect::<Vec<_>>().join("  ")).collect()
@@ -245,6 +244,10 @@ pub fn table(stages: &[StageMeans]) -> Vec<String> {
 mod tests {
     use super::*;
     use crate::training::means::tests::{history, stages};
+
+    fn metrics() -> Vec<ShownMetric> {
+        Config::default().spec().shown()
+    }
 
     fn summary() -> Summary {
         let config = Config { stages: stages(), ..Config::default() };
@@ -258,16 +261,16 @@ mod tests {
 
     #[test]
     fn the_last_lines_are_weights_and_frames() {
-        let lines = summary().lines(&RunFolder::new("/nowhere/run"), &SessionEnd::Stopped);
+        let lines = summary().lines(&metrics(), &RunFolder::new("/nowhere/run"), &SessionEnd::Stopped);
         assert!(lines[0].starts_with("run 0a1b stopped: "), "{}", lines[0]);
         assert_eq!(lines[lines.len() - 2], format!("weights: {}", "f".repeat(64)));
         assert_eq!(lines[lines.len() - 1], "frames: 1500");
         assert_eq!(
             lines[1..4],
             [
-                "stage  reward   frames  episodes          return  success  SRwoD  disturbance",
-                "I      r         1 000        40   0.75 -> 18.75    50.0%      –      0.250 m",
-                "II     r_prime     500        20  20.00 -> 29.00    50.0%      –      0.250 m",
+                "stage  reward   frames  episodes          return     SR  SRwoD  disturbance",
+                "I      r         1 000        40   0.75 -> 18.75  50.0%      –      0.250 m",
+                "II     r_prime     500        20  20.00 -> 29.00  50.0%      –      0.250 m",
             ]
         );
         assert_eq!(
@@ -283,7 +286,7 @@ mod tests {
             let lost_rollouts = lost_rollouts(history);
             let summary = Summary { lost_rollouts, ..summary() };
             assert_eq!(serde_json::to_string(&summary).unwrap().contains("lost"), lost_rollouts > 0);
-            summary.lines(&RunFolder::new("/nowhere/run"), &SessionEnd::Complete).join("\n")
+            summary.lines(&metrics(), &RunFolder::new("/nowhere/run"), &SessionEnd::Complete).join("\n")
         };
         assert!(!lines(&history).contains("lost"));
         let last = history.iter().next_back().unwrap().clone();
@@ -294,7 +297,8 @@ mod tests {
 
     #[test]
     fn a_failed_run_is_called_so_and_has_no_result() {
-        let lines = summary().lines(&RunFolder::new("/nowhere/run"), &SessionEnd::Failed("disk full".to_owned()));
+        let lines =
+            summary().lines(&metrics(), &RunFolder::new("/nowhere/run"), &SessionEnd::Failed("disk full".to_owned()));
         assert!(lines[0].starts_with("run 0a1b failed: "), "{}", lines[0]);
         assert!(!lines.iter().any(|line| line.starts_with("weights:") || line.starts_with("frames:")));
     }
@@ -314,6 +318,6 @@ mod tests {
         std::fs::write(folder.summary(), older.to_string()).unwrap();
         let older = Summary::read(&folder).unwrap().unwrap();
         assert_eq!(older, Summary { wall: None, ..summary });
-        assert!(!older.lines(&folder, &SessionEnd::Complete).iter().any(|line| line.contains("wall")));
+        assert!(!older.lines(&metrics(), &folder, &SessionEnd::Complete).iter().any(|line| line.contains("wall")));
     }
 }

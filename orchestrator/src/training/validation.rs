@@ -17,6 +17,7 @@ use crate::run::checkpoints::read_manifest;
 use crate::run::cut_off::remove_evaluation;
 use crate::run::json_lines::{Writer, set_content};
 use crate::run::lifeline::this_program;
+use crate::showing::format;
 use crate::training::events;
 use crate::training::next_steps;
 use crate::training::scores::{Score, Scores, best, read_result, result_folder};
@@ -71,7 +72,7 @@ impl Validation {
         if config.validation.every_frames == 0 {
             return Ok(None);
         }
-        let Scores { scores, notes } = Scores::read(folder, true);
+        let Scores { scores, notes } = Scores::read(folder, config.spec(), true);
         for note in notes {
             tracing::warn!("{note}");
         }
@@ -129,6 +130,10 @@ impl Validation {
         &self.scores
     }
 
+    fn best(&self) -> Option<&Score> {
+        best(&self.scores, self.config.spec())
+    }
+
     /// Has the file say what is known.
     fn mend_log(&self) -> Result<()> {
         let mut wanted = Vec::new();
@@ -149,7 +154,7 @@ impl Validation {
         let is_pinned = self.manifest(rollout).is_file();
         if self.is_scored(rollout) {
             // A learner that went back comes by again.
-            if is_pinned && best(&self.scores).is_some_and(|best| best.rollout != rollout) {
+            if is_pinned && self.best().is_some_and(|best| best.rollout != rollout) {
                 self.unpin(rollout);
             }
             return;
@@ -294,7 +299,7 @@ impl Validation {
     /// Takes in a result: a line, and the best is crowned.
     fn conclude(&mut self, rollout: u64, recorder: Option<&Recorder>) -> Result<()> {
         let evaluation = read_result(&result_folder(&self.folder, rollout))?;
-        let one = Score::of(rollout, &evaluation);
+        let one = Score::of(rollout, &evaluation, self.config.spec());
         fault::reach("validation.before_line");
         let mut log = Writer::open(&self.folder.validation_log())?;
         log.append(&one)?;
@@ -303,13 +308,13 @@ impl Validation {
         log.sync()?;
         self.scores.push(one.clone());
         self.try_to_crown();
-        let is_best = best(&self.scores).is_some_and(|best| best.rollout == rollout);
+        let is_best = self.best().is_some_and(|best| best.rollout == rollout);
+        let shown = self.config.spec().shown();
         tracing::info!(
-            "validation at {} frames, {}: success {:.1}%, SRwoD {:.1}%{}",
+            "validation at {} frames, {}: {}{}",
             one.frames,
             evaluation.conditions.episodes_played(),
-            100.0 * one.success,
-            100.0 * one.success_without_disturbance,
+            format::metrics(shown.iter().filter(|metric| metric.unit.is_none()), &one.figures, ", "),
             if is_best { ", the best so far" } else { "" }
         );
         if let Some(recorder) = recorder {
@@ -317,13 +322,9 @@ impl Validation {
                 rollout,
                 frames: one.frames,
                 episodes: one.episodes,
-                success: one.success,
-                success_without_disturbance: one.success_without_disturbance,
-                picked_up: one.picked_up,
                 length: one.length,
-                disturbance_m: one.disturbance_m,
-                disturbed_objects: one.disturbed_objects,
                 best: is_best,
+                figures: one.figures,
             });
         }
         Ok(())
@@ -332,7 +333,7 @@ impl Validation {
     /// Has `RUN/best` name the best checkpoint, then lets go of the others that have been scored. False with a warning
     /// where it cannot be written: the next validation or start tries again.
     fn try_to_crown(&self) -> bool {
-        let Some(best) = best(&self.scores) else { return true };
+        let Some(best) = self.best() else { return true };
         if self.folder.best_rollout() != Some(best.rollout) {
             if let Err(error) = self.folder.set_best(best.rollout) {
                 tracing::warn!("{} does not name the best checkpoint: {error}", self.folder.best().display());

@@ -16,7 +16,7 @@ use crate::showing::format;
 use crate::showing::log_line::LogLine as Parsed;
 use crate::training::means::{by_stage, recent};
 use crate::training::metrics::left_out;
-use crate::training::scores::{Scores, result_folder};
+use crate::training::scores::{Score, Scores, result_folder};
 use crate::training::summary::Summary;
 use crate::training::wall::{Wall, elapsed_s, signs_of_life};
 use anyhow::{Context, Result};
@@ -181,6 +181,7 @@ impl Watched {
             seed: config.seed,
             preset: config.preset.clone(),
             created_unix_s: identity.created_unix_s,
+            metrics: config.spec().shown(),
             note: self.left_out.first().cloned(),
             ..self.entry.card()
         };
@@ -191,23 +192,20 @@ impl Watched {
                 state: state_of(identity, held, standing.result.is_some()).to_string(),
                 done: standing.played,
                 budget: standing.asked,
-                success: mean("success"),
-                success_without_disturbance: mean("success_without_disturbance"),
+                figures: standing.figures(config.spec()),
                 ..card
             });
         }
         let recent = recent(&config.stages, &self.history);
         let complete = Summary::read(&self.folder)?.is_some();
         // Of a run that has ended the last tenth tells more than its last moment.
-        let last_tenth = || by_stage(&config.stages, &self.history).last().map(|stage| stage.last_tenth);
+        let last_tenth = || by_stage(&config.stages, &self.history).pop().map(|stage| stage.last_tenth);
         let lately = complete.then(last_tenth).flatten().unwrap_or(recent.episodes);
         Ok(Card {
             state: state_of(identity, held, complete).to_string(),
             done: recent.frames,
             budget: recent.budget,
-            success: lately.success,
-            success_without_disturbance: lately.success_without_disturbance,
-            disturbance_m: lately.disturbance_m,
+            figures: lately.figures,
             left_s: recent.left_s.filter(|_| *held != Held::Free && !complete),
             ..card
         })
@@ -232,7 +230,7 @@ impl Watched {
         if self.damaged > 0 {
             notes.push(format!("metrics.jsonl has {}", format::counted(self.damaged as u64, "damaged line")));
         }
-        let scores = Scores::read(&self.folder, at_rest);
+        let scores = Scores::read(&self.folder, config.spec(), at_rest);
         notes.extend(scores.notes);
         let cores = std::thread::available_parallelism().ok().map(usize::from);
         notes.extend(self.read_logs());
@@ -250,7 +248,7 @@ impl Watched {
             gpus: if here.is_some() { self.processes.gpus() } else { Vec::new() },
             warnings: log.map_or(&empty, |log| &log.warnings).iter().cloned().collect(),
             log: log.map_or(&empty, |log| &log.lines).iter().cloned().collect(),
-            validation: scores.scores.iter().map(validated).collect(),
+            validation: scores.scores.into_iter().map(validated).collect(),
             kitchens: kitchens(&self.shelf),
             recordings: Recordings::of(&self.folder).map(|recordings| recordings.line()),
             indexed: self.shelf.indexed(),
@@ -281,7 +279,8 @@ impl Watched {
             edition: self.edition,
             from,
             stages: stages.collect(),
-            paper: report::level_of(&config),
+            metrics: config.spec().charted(),
+            paper: report::level_of(&config).unwrap_or_default(),
             elapsed_s: elapsed_s(&self.history).skip(from).collect(),
             ..Curves::default()
         };
@@ -499,18 +498,12 @@ fn workers(logs: &BTreeMap<String, Log>, processes: &[Process]) -> Vec<Worker> {
     workers
 }
 
-fn validated(score: &crate::training::scores::Score) -> Validated {
-    Validated {
-        rollout: score.rollout,
-        frames: score.frames,
-        success: score.success,
-        success_without_disturbance: score.success_without_disturbance,
-        disturbance_m: score.disturbance_m,
-    }
+fn validated(score: Score) -> Validated {
+    Validated { rollout: score.rollout, frames: score.frames, figures: score.figures }
 }
 
 /// Means over the newest episodes of each kitchen.
-fn kitchens(shelf: &Shelf) -> Vec<Kitchen> {
+fn kitchens(spec: &Spec, shelf: &Shelf) -> Vec<Kitchen> {
     let mut environments: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     for (kitchen, environment) in shelf.environments() {
         environments.entry(kitchen).or_default().push(environment);
@@ -527,9 +520,7 @@ fn kitchens(shelf: &Shelf) -> Vec<Kitchen> {
             kitchen,
             environments,
             episodes: ends.len() as u64,
-            success: mean("success"),
-            success_without_disturbance: mean("success_without_disturbance"),
-            disturbance_m: mean("disturbance_m"),
+            figures: spec.shown().into_iter().map(|metric| (metric.name.clone(), mean(&metric.name))).collect(),
         }
     };
     environments.into_iter().map(of).collect()

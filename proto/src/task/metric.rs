@@ -32,6 +32,26 @@ fn yes() -> bool {
     true
 }
 
+/// A metric as tables and screens show its mean.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct ShownMetric {
+    pub name: String,
+    pub label: String,
+    pub unit: Option<String>,
+    /// Whether it is a share of episodes.
+    pub share: bool,
+}
+
+impl Metric {
+    /// As tables and screens show it.
+    pub fn shown(&self) -> ShownMetric {
+        let text = |text: &String| (!text.is_empty()).then(|| text.clone());
+        let label = text(&self.label).unwrap_or_else(|| self.name.clone());
+        let share = self.value.is_none() && matches!(self.over, Over::Last | Over::Any);
+        ShownMetric { name: self.name.clone(), label, unit: text(&self.unit), share }
+    }
+}
+
 /// Over which steps of an episode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

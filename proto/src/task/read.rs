@@ -68,6 +68,8 @@ struct Declaration {
     figures: Vec<Figure>,
     #[serde(default)]
     curves: Vec<Curve>,
+    #[serde(default)]
+    shown: Vec<String>,
 }
 
 /// What else a table of episodes and its figures have, whatever the task.
@@ -102,6 +104,7 @@ impl Spec {
             metrics,
             figures,
             curves,
+            shown,
         } = declaration;
         actions.check()?;
         channels.iter().try_for_each(Channel::check)?;
@@ -117,6 +120,7 @@ impl Spec {
             figures,
             curves,
             headline,
+            shown,
             cost,
             label,
             layout,
@@ -137,6 +141,10 @@ impl Spec {
             spec.figures.iter().map(|figure| &*figure.name).chain(spec.curves.iter().map(|curve| &*curve.name));
         check_names(ENGINES.split(' ').chain(columns.iter().map(|column| &*column.name)).chain(figures))?;
         spec.check_figures()?;
+        let unknown = |name: &&String| !spec.metrics.iter().any(|metric| metric.curve && metric.name == **name);
+        if let Some(name) = spec.shown.iter().find(unknown) {
+            return Err(SpecError::Metric { name: name.clone(), problem: "there is none of this name".to_owned() });
+        }
         if let Some(Label { part, at_most, at_least, .. }) = &spec.label {
             spec.threshold(part, *at_most, *at_least).map_err(SpecError::Label)?;
         }

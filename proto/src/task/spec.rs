@@ -4,7 +4,7 @@ use super::actions::Actions;
 use super::channel::Channel;
 use super::figure::{Curve, Figure};
 use super::layout::{Field, HEADER_BYTES, Layout};
-use super::metric::Metric;
+use super::metric::{Metric, ShownMetric};
 use super::reward::{Cost, Label, Reward};
 use crate::digest::sha256;
 use sha2::{Digest, Sha256};
@@ -29,6 +29,8 @@ pub struct Spec {
     pub figures: Vec<Figure>,
     pub curves: Vec<Curve>,
     pub(super) headline: Option<String>,
+    /// The metrics that screens and tables of a run show, in this order; empty: all of training.
+    pub(super) shown: Vec<String>,
     pub(super) cost: Option<Cost>,
     pub(super) label: Option<Label>,
     pub(super) layout: Layout,
@@ -47,6 +49,25 @@ impl Spec {
         Some((&self.channels[index], self.layout.fields[index]))
     }
 
+    /// The metric of this name.
+    pub fn metric(&self, name: &str) -> Option<&Metric> {
+        self.metrics.iter().find(|metric| metric.name == name)
+    }
+
+    /// The metrics that screens and tables of a run show.
+    pub fn shown(&self) -> Vec<ShownMetric> {
+        if self.shown.is_empty() {
+            return self.metrics.iter().filter(|metric| metric.curve).map(Metric::shown).collect();
+        }
+        self.shown.iter().filter_map(|name| self.metric(name)).map(Metric::shown).collect()
+    }
+
+    /// The same, then the others of training: a learning curve is drawn of each.
+    pub fn charted(&self) -> Vec<ShownMetric> {
+        let is_other = |metric: &&Metric| metric.curve && !self.shown.is_empty() && !self.shown.contains(&metric.name);
+        self.shown().into_iter().chain(self.metrics.iter().filter(is_other).map(Metric::shown)).collect()
+    }
+
     /// The declaration as it was written, for the run folder.
     pub fn text(&self) -> &str {
         &self.text
@@ -54,7 +75,7 @@ impl Spec {
 
     /// Whether a run that began under this text goes on with the same bits: it is a former one, or says the same but for
     /// docs.
-    pub fn continues(&self, text: &str) -> bool {
+    pub(crate) fn continues(&self, text: &str) -> bool {
         self.formerly.contains(&sha256(text.as_bytes())) || Self::parse(text).is_ok_and(|written| written.means(self))
     }
 
@@ -69,6 +90,7 @@ impl Spec {
                 [label, unit, doc].into_iter().for_each(String::clear);
             }
             (spec.figures, spec.curves) = (vec![], vec![]);
+            (spec.headline, spec.shown) = (None, vec![]);
             spec
         };
         bare(self) == bare(other)

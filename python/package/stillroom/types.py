@@ -52,6 +52,8 @@ class Info(TypedDict):
     """Category of the target."""
     success: bool
     """This step was a Done with the target at its goal."""
+    success_without_disturbance: bool
+    """The same, with a `disturbance_m` of less than 0.01."""
     picked_up: bool
     """This step picked the target up."""
     holding: bool
@@ -64,6 +66,8 @@ class Info(TypedDict):
     """The largest sum of this episode so far, metres."""
     farthest_m: float
     """Displacement of the object that is farthest from its place, metres."""
+    peak_farthest_m: float
+    """The largest displacement of any one object in this episode so far, metres."""
     disturbed_objects: int
     """Objects other than the target that are more than 0.01 m from their place on some axis."""
     ever_disturbed_objects: int

@@ -119,9 +119,9 @@ fn rollouts(config: &Config, ceiling: f64) -> Vec<Rollout> {
             let metrics = [
                 (metric::EPISODES, 19.0),
                 (metric::RETURN, 14.0 * success - 1.0),
-                (metric::SUCCESS, success),
-                (metric::SUCCESS_UNDISTURBED, success * (0.4 + 0.2 * part)),
-                (metric::DISTURBANCE, 0.4 - 0.25 * part + 0.05 * draw.uniform_open()),
+                ("episode/success", success),
+                ("episode/success_without_disturbance", success * (0.4 + 0.2 * part)),
+                ("episode/disturbance_m", 0.4 - 0.25 * part + 0.05 * draw.uniform_open()),
                 ("auxiliary/precision", 0.1 + 0.5 * part + 0.05 * draw.uniform_open()),
                 ("auxiliary/recall_disturb", 0.2 + 0.4 * part + 0.05 * draw.uniform_open()),
                 ("auxiliary/recall_no_disturb", 0.99 - 0.02 * part),

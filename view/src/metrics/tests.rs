@@ -1,10 +1,15 @@
 use super::*;
 use crate::data::{Gpu, Kitchen, Stage, Start, Validated};
+use proto::task::Spec;
 use std::collections::BTreeSet;
 use std::path::Path;
 
 /// A run of which everything is known, and one that is at rest.
 fn text() -> String {
+    let named = |values: [f64; 3]| {
+        let names = ["success", "success_without_disturbance", "disturbance_m"].map(str::to_owned);
+        names.into_iter().zip(values).collect::<BTreeMap<_, _>>()
+    };
     let worker = |name: &str, pid| Worker {
         name: name.to_owned(),
         pid,
@@ -21,9 +26,8 @@ fn text() -> String {
         state: "running".to_owned(),
         done: 4864,
         budget: 45_000_000,
-        success: Some(0.25),
-        success_without_disturbance: Some(0.125),
-        disturbance_m: Some(0.5),
+        metrics: Spec::built_in()[0].shown(),
+        figures: named([0.25, 0.125, 0.5]),
         left_s: Some(f64::INFINITY),
         ..Card::default()
     };
@@ -40,22 +44,9 @@ fn text() -> String {
         cores: Some(2),
         gpus: vec![Gpu { index: 0, name: "H200".into(), busy: 0.5, used_mib: 1, total_mib: 2 }],
         validation: [(9, 0.5), (4, 0.25)]
-            .map(|(frames, success)| Validated {
-                rollout: 1,
-                frames,
-                success,
-                success_without_disturbance: 0.0,
-                disturbance_m: 0.0,
-            })
+            .map(|(frames, success)| Validated { rollout: 1, frames, figures: named([success, 0.0, 0.0]) })
             .to_vec(),
-        kitchens: vec![Kitchen {
-            kitchen: 6,
-            environments: vec![0],
-            episodes: 50,
-            success: 0.75,
-            success_without_disturbance: 0.5,
-            disturbance_m: 0.25,
-        }],
+        kitchens: vec![Kitchen { kitchen: 6, environments: vec![0], episodes: 50, figures: named([0.75, 0.5, 0.25]) }],
         newest: BTreeMap::from([("loss/policy".to_owned(), -0.5), ("episode/return".to_owned(), f32::NAN)]),
         ..Live::default()
     };
@@ -156,6 +147,24 @@ fn what_is_exported_is_text_that_prometheus_reads() {
 }
 
 #[test]
+fn another_task_has_families_of_its_own_metrics() {
+    let metric = |name: &str, unit: Option<&str>, share| ShownMetric {
+        name: name.to_owned(),
+        label: name.to_uppercase(),
+        unit: unit.map(str::to_owned),
+        share,
+    };
+    let metrics = vec![metric("spl", None, false), metric("path_m", Some("m"), false), metric("stopped", None, true)];
+    let figures = BTreeMap::from([("spl".to_owned(), 0.5), ("path_m".to_owned(), 3.0)]);
+    let card = Card { id: "c".to_owned(), metrics, figures, ..Card::default() };
+    let samples = parsed(&exposition(&[card], &BTreeMap::new()));
+    assert_eq!(value(&samples, "stillroom_run_spl", &[("run", "c")]), Some(0.5));
+    assert_eq!(value(&samples, "stillroom_run_path_meters", &[("run", "c")]), Some(3.0));
+    assert_eq!(value(&samples, "stillroom_run_stopped_ratio", &[]), None, "what is not known is left out");
+    assert!(!samples.iter().any(|(name, ..)| name.contains("success")));
+}
+
+#[test]
 fn the_dashboard_asks_for_nothing_that_is_not_exported() {
     let samples = parsed(&text());
     let exported: BTreeSet<&str> = samples.iter().map(|(name, ..)| name.as_str()).collect();
@@ -172,7 +181,9 @@ fn the_dashboard_asks_for_nothing_that_is_not_exported() {
         assert!(!names.is_empty() && names.iter().all(|name| exported.contains(name)), "{query}");
         // Of labels and figures, too.
         for figure in query.split("figure=\"").skip(1).filter_map(|rest| rest.split('"').next()) {
-            assert!(proto::metric::ALL.contains(&figure), "{query}");
+            let task = &Spec::built_in()[0];
+            let is_declared = proto::metric::of_task(figure).is_some_and(|name| task.metric(name).is_some());
+            assert!(is_declared || proto::metric::ALL.contains(&figure), "{query}");
         }
     }
 }

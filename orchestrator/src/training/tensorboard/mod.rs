@@ -11,22 +11,19 @@ use crate::run::identity::{host_name, unix_now};
 use crate::training::scores::Score;
 use anyhow::Result;
 use events::{EventFile, Point, marks_in};
-use proto::config::StageConfig;
+use proto::config::{Config, StageConfig};
 use proto::metric;
 use proto::run_folder::RunFolder;
+use proto::task::Spec;
 use proto::trained::{History, Trained};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::PathBuf;
 
 /// Tags that others use, too (CleanRL's); every other figure keeps its name.
-const TAGS: [(&str, &str); 16] = [
+const TAGS: [(&str, &str); 12] = [
     (metric::EPISODES, "charts/episodes"),
     (metric::RETURN, "charts/episodic_return"),
     (metric::LENGTH, "charts/episodic_length"),
-    (metric::SUCCESS, "charts/success_rate"),
-    (metric::SUCCESS_UNDISTURBED, "charts/success_without_disturbance_rate"),
-    (metric::PICKED_UP, "charts/picked_up_rate"),
-    (metric::DISTURBANCE, "charts/disturbance_m"),
     (metric::REWARD, "charts/reward"),
     (metric::LEARNING_RATE, "charts/learning_rate"),
     (metric::POLICY_LOSS, "losses/policy_loss"),
@@ -38,6 +35,18 @@ const TAGS: [(&str, &str); 16] = [
     (metric::GRADIENT_NORM, "losses/gradient_norm"),
 ];
 
+/// The tag of a rollout's figure.
+fn tag(task: &Spec, name: &str) -> String {
+    let known = || TAGS.iter().find(|(metric, _)| *metric == name).map_or(name, |(_, tag)| tag).to_owned();
+    metric::of_task(name).map_or_else(known, |name| tag_of_task(task, name))
+}
+
+/// The tag of a task's metric.
+fn tag_of_task(task: &Spec, name: &str) -> String {
+    let rate = if task.metric(name).is_some_and(|metric| metric.shown().share) { "_rate" } else { "" };
+    format!("charts/{name}{rate}")
+}
+
 /// Name of the validations' folder.
 const VALIDATION: &str = "validation";
 
@@ -45,6 +54,7 @@ const VALIDATION: &str = "validation";
 #[derive(Debug)]
 pub struct Board {
     root: PathBuf,
+    task: &'static Spec,
     /// Folders of the stages, in order.
     stages: Vec<String>,
     /// What comes behind the time in the names of files.
@@ -58,13 +68,14 @@ pub struct Board {
 }
 
 impl Board {
-    /// Of a run with these stages; nothing is written yet.
-    pub fn of(folder: &RunFolder, stages: &[StageConfig], incarnation: u32) -> Self {
+    /// Of a run; nothing is written yet.
+    pub fn of(folder: &RunFolder, config: &Config, incarnation: u32) -> Self {
         let plain = |name: &str| name.replace(|letter: char| !letter.is_ascii_alphanumeric(), "-");
         let stage = |(number, stage): (usize, &StageConfig)| format!("stage-{}-{}", number + 1, plain(&stage.name));
         Self {
             root: folder.tensorboard(),
-            stages: stages.iter().enumerate().map(stage).collect(),
+            task: config.spec(),
+            stages: config.stages.iter().enumerate().map(stage).collect(),
             name: format!("{}.{incarnation:03}", host_name()),
             files: HashMap::new(),
             validated: None,
@@ -83,7 +94,7 @@ impl Board {
         self.attempt(|board| {
             let mut newest = history.iter().rev();
             let Some(trained) = newest.next() else { return Ok(()) };
-            let point = point_of(newest.next(), trained);
+            let point = point_of(board.task, newest.next(), trained);
             board.add(&board.stage(trained), &point)
         });
     }
@@ -94,7 +105,7 @@ impl Board {
             return;
         }
         self.attempt(|board| {
-            let mut wanted: Vec<Point> = scores.iter().map(point_of_score).collect();
+            let mut wanted: Vec<Point> = scores.iter().map(|score| point_of_score(board.task, score)).collect();
             wanted.sort_by_key(|point| point.step);
             board.have_say(VALIDATION, wanted.into_iter())?;
             board.validated = Some(scores.len());
@@ -134,9 +145,9 @@ impl Board {
         // A point for each rollout is made when it is its turn: all of a long run together are tens of megabytes.
         for folder in folders {
             let before = [None].into_iter().chain(history.iter().map(Some));
-            let stages = self.stages.clone();
+            let (stages, task) = (self.stages.clone(), self.task);
             let own = before.zip(history.iter()).filter(|(_, trained)| stage_of(&stages, trained) == folder);
-            self.have_say(&folder, own.map(|(before, trained)| point_of(before, trained)))?;
+            self.have_say(&folder, own.map(|(before, trained)| point_of(task, before, trained)))?;
         }
         Ok(())
     }
@@ -178,10 +189,9 @@ fn stage_of(stages: &[String], trained: &Trained) -> String {
 }
 
 /// A rollout's figures; `before`: the one that is known before it.
-fn point_of(before: Option<&Trained>, trained: &Trained) -> Point {
-    let tag = |name: &str| TAGS.iter().find(|(metric, _)| *metric == name).map_or(name, |(_, tag)| tag).to_owned();
+fn point_of(task: &Spec, before: Option<&Trained>, trained: &Trained) -> Point {
     let mut values: BTreeMap<String, f32> =
-        trained.metrics.iter().map(|(name, value)| (tag(name), value as f32)).collect();
+        trained.metrics.iter().map(|(name, value)| (tag(task, name), value as f32)).collect();
     let timing = &trained.timing;
     let frames_before = match before {
         Some(before) => (before.rollout + 1 == trained.rollout).then_some(before.frames),
@@ -205,17 +215,10 @@ fn point_of(before: Option<&Trained>, trained: &Trained) -> Point {
     Point { step: trained.frames, at_unix_s: trained.at_unix_s, values }
 }
 
-fn point_of_score(score: &Score) -> Point {
-    let values = [
-        ("charts/success_rate", score.success),
-        ("charts/success_without_disturbance_rate", score.success_without_disturbance),
-        ("charts/picked_up_rate", score.picked_up),
-        ("charts/episodic_length", score.length),
-        ("charts/disturbance_m", score.disturbance_m),
-        ("charts/disturbed_objects", score.disturbed_objects),
-    ];
-    let values = values.map(|(tag, value)| (tag.to_owned(), value as f32));
-    Point { step: score.frames, at_unix_s: score.at_unix_s, values: BTreeMap::from(values) }
+fn point_of_score(task: &Spec, score: &Score) -> Point {
+    let of_task = score.figures.iter().map(|(name, value)| (tag_of_task(task, name), *value as f32));
+    let values = of_task.chain([("charts/episodic_length".to_owned(), score.length as f32)]).collect();
+    Point { step: score.frames, at_unix_s: score.at_unix_s, values }
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use crate::training::means::tests::{history, stages};
 
 /// A run's board in its first start, and the folder.
 fn board(incarnation: u32, folder: &RunFolder) -> Board {
-    Board::of(folder, &stages(), incarnation)
+    Board::of(folder, &Config { stages: stages(), ..Config::default() }, incarnation)
 }
 
 /// Steps that TensorBoard shows of a folder, with their returns.
@@ -122,6 +122,8 @@ fn validations_are_curves_whenever_they_come() {
     };
     let shown = || {
         let points = points_in(&folder.tensorboard().join("validation"));
+        // The tag of a share ends so, that of a value does not.
+        assert!(points.iter().all(|point| point.values["charts/disturbance_m"] == 0.5));
         points.iter().map(|point| (point.step, point.values["charts/success_rate"])).collect::<Vec<_>>()
     };
     let mut first = board(1, &folder);

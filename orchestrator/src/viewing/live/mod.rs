@@ -177,7 +177,7 @@ mod tests {
         let fields: Vec<&str> =
             messages.flat_map(|message| &message.field).map(prost_types::FieldDescriptorProto::name).collect();
         let figures: Vec<&str> =
-            text.split("/learner/metrics.").skip(1).filter_map(|rest| rest.split('"').next()).collect();
+            text.split("/learner/metrics.").skip(1).filter_map(|rest| rest.split(['"', '[']).next()).collect();
         assert!(figures.len() >= 5 && figures.iter().all(|figure| fields.contains(figure)), "{figures:?}");
     }
 
