@@ -7,7 +7,6 @@ use proto::dataset::{DatasetAnswer, DatasetRequest, DatasetSetup};
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::replay::{Difference, RecordedEpisode};
-use simulator::environment::Environment;
 use simulator::robot::action::Action;
 use simulator::source;
 use simulator::tasks::arm_point_nav::Environment;

@@ -6,9 +6,7 @@ use proto::record::{RecordHeader, flag};
 use proto::task::{Field, LINE_BYTES, Spec, VECTOR_NUMBERS};
 
 /// Place of a channel of this name.
-///
-/// # Panics
-/// If the task has none.
+#[cfg(test)]
 pub(crate) fn named(task: &Spec, name: &str) -> Field {
     task.channel(name).unwrap_or_else(|| panic!("task `{}` has no channel `{name}`", task.name)).1
 }

@@ -39,7 +39,6 @@ pub mod printable;
 pub mod random;
 pub mod record;
 pub mod replay;
-pub mod reward;
 pub mod rota;
 pub mod run_folder;
 pub mod run_state;

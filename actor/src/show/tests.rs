@@ -8,12 +8,13 @@ use std::io::{BufReader, Read};
 fn recorded(config: &Config, actions: &[Action], wrong: Option<usize>) -> RecordedEpisode {
     let id = EnvironmentId { kitchen: config.kitchens().of_actor(0).unwrap(), number: 0 };
     let kitchen = Arc::new(source::of_run(id.kitchen, config, &PathBuf::new()).unwrap());
-    let mut environment = Environment::open(&Run::of(config), Arc::clone(&kitchen), id, 2).unwrap();
-    let start_hash = Some(environment.state_hash());
+    let mut environment = tasks::open(&tasks::Run::of(config), &kitchen, id, 2).unwrap();
+    let start_hash = Some(environment.base().state_hash());
+    let mut done = vec![0; config.spec().layout().of_action.len()];
     let mut hashes = Vec::new();
     for &action in actions {
-        environment.step(action);
-        hashes.push(environment.state_hash());
+        environment.act(&[action.index()], &mut done);
+        hashes.push(environment.base().state_hash());
     }
     if let Some(wrong) = wrong {
         hashes[wrong] ^= 1;

@@ -8,7 +8,7 @@ use crate::run::state::state_of;
 use crate::showing::{format, terminal};
 use crate::training::means::{StageMeans, by_stage};
 use crate::training::metrics::Figures;
-use crate::training::scores::{Scores, best, evaluations_below, figures_of, read_result};
+use crate::training::scores::{Scores, best, evaluations_below, read_result};
 use crate::training::summary::Summary;
 use crate::training::wall::{Wall, signs_of_life};
 use anyhow::Result;
@@ -79,7 +79,7 @@ pub fn of(folder: &RunFolder, config: &Config, identity: &Identity) -> Result<Ve
             list.put("weights", summary.weights.clone(), summary.weights.chars().take(DIGITS).collect());
         }
     }
-    evaluations(&mut list, config.spec(), folder);
+    evaluations(&mut list, folder);
     Ok(list.0)
 }
 
@@ -123,7 +123,7 @@ fn of_stage(list: &mut List, task: &Spec, stage: &StageMeans) {
 }
 
 /// The newest of each kind, of those in the folder and below it.
-fn evaluations(list: &mut List, task: &Spec, folder: &RunFolder) {
+fn evaluations(list: &mut List, folder: &RunFolder) {
     let mut notes = Vec::new();
     let below = evaluations_below(folder, &mut notes).unwrap_or_else(|error| {
         notes.push(format!("{error:#}"));

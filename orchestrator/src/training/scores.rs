@@ -62,7 +62,9 @@ impl Score {
 
     /// At least as good: by the task's ranks, then the longer training.
     fn beats(&self, other: &Self, task: &Spec) -> bool {
-        let key = |one: &Self| task.ranks().map(|name| one.figures.get(name).copied()).collect::<Vec<_>>();
+        let key = |one: &Self| {
+            task.ranking().into_iter().map(|metric| one.figures.get(&metric.name).copied()).collect::<Vec<_>>()
+        };
         match key(self).partial_cmp(&key(other)) {
             Some(std::cmp::Ordering::Equal) | None => self.frames >= other.frames,
             Some(order) => order.is_gt(),

@@ -186,7 +186,6 @@ impl Watched {
             ..self.entry.card()
         };
         if let Some(standing) = Standing::read(&self.folder, config)? {
-            let mean = |name: &str| standing.means.get(name).copied().flatten();
             return Ok(Card {
                 evaluation: true,
                 state: state_of(identity, held, standing.result.is_some()).to_string(),
@@ -249,7 +248,7 @@ impl Watched {
             warnings: log.map_or(&empty, |log| &log.warnings).iter().cloned().collect(),
             log: log.map_or(&empty, |log| &log.lines).iter().cloned().collect(),
             validation: scores.scores.into_iter().map(validated).collect(),
-            kitchens: kitchens(&self.shelf),
+            kitchens: kitchens(config.spec(), &self.shelf),
             recordings: Recordings::of(&self.folder).map(|recordings| recordings.line()),
             indexed: self.shelf.indexed(),
             notes,

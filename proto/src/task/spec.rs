@@ -79,7 +79,7 @@ impl Spec {
         self.formerly.contains(&sha256(text.as_bytes())) || Self::parse(text).is_ok_and(|written| written.means(self))
     }
 
-    fn means(&self, other: &Self) -> bool {
+    pub(super) fn means(&self, other: &Self) -> bool {
         let bare = |spec: &Self| {
             let mut spec = spec.clone();
             spec.text.clear();

@@ -195,15 +195,6 @@ fn the_papers_rewards_have_every_bit_of_its_equations() {
     }
 }
 
-/// Recordings have this threshold from a constant, figures from the declaration.
-#[test]
-fn recordings_and_figures_have_one_threshold() {
-    let arm = Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").unwrap();
-    let clauses = arm.metrics.iter().flat_map(|metric| metric.all_of.clone());
-    let below: Vec<Limit> = clauses.filter_map(|clause| clause.limits.get(&Comparison::Below).cloned()).collect();
-    assert_eq!(below, [Limit::Number(crate::reward::UNDISTURBED_THRESHOLD_M)]);
-}
-
 /// Figures of rollouts and checkpoints have these four, in this order.
 #[test]
 fn what_is_of_evaluations_alone_is_no_figure_of_rollouts() {
