@@ -149,7 +149,9 @@ impl Account {
             _ if unknown.len() == 1 => Cost::Lost(missing),
             _ => Cost::Unknown,
         };
-        unknown.into_iter().for_each(|finding| finding.cost = cost);
+        for finding in unknown {
+            finding.cost = cost;
+        }
         self.costly |= others;
         self.lost += missing;
         self.lost_unknown = false;

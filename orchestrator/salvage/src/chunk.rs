@@ -82,8 +82,8 @@ impl<E> Reader<'_, E> {
         let Some(mut chunk) = self.inside.take() else { return Ok(None) };
 
         let range = offset..if need == Need::Checksum { end } else { until };
-        let times_ns = Some((header.message_start_time, header.message_end_time));
-        let times_ns = times_ns.filter(|(from, to)| from <= to && *to != 0);
+        let said_ns = Some((header.message_start_time, header.message_end_time));
+        let times_ns = said_ns.filter(|(from, to)| from <= to && *to != 0);
         let lost = if !is_known {
             let name = header.compression.escape_debug();
             Some(format!("a chunk's compression `{name}` is not known (only zstd and lz4 are)"))
@@ -101,6 +101,13 @@ impl<E> Reader<'_, E> {
             self.finding(range, problem, Cost::Unknown, times_ns);
         } else if is_whole && need == Need::Nothing {
             self.finding(range, "the head of a chunk was altered", Cost::Nothing, None);
+        }
+        let times = chunk.places.values().flatten().map(|(time_ns, _)| *time_ns);
+        let seen_ns = times.clone().min().zip(times.max());
+        // Some writers leave both times 0.
+        let is_timed = seen_ns.is_none() || [Some((0, 0)), seen_ns].contains(&said_ns);
+        if is_whole && !(is_timed && header.uncompressed_size == bytes.len() as u64) {
+            self.odd_chunk.get_or_insert(offset);
         }
         chunk.places.values_mut().for_each(|messages| messages.sort_unstable());
         self.indexed = (trust, chunk.places);

@@ -2,7 +2,6 @@
 
 use crate::account::{Cost, Finding};
 use crate::reader::{Outcome, Reader, Trust};
-use crate::summary::Summary;
 use mcap::records::{Channel, MessageHeader, Record, SchemaHeader};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -30,16 +29,9 @@ impl Definitions {
 }
 
 impl<E> Reader<'_, E> {
-    /// The summary, where its word counts more than that of an altered chunk.
-    fn correction(&self, trust: Trust) -> Option<&Summary> {
-        self.summary.as_ref().filter(|summary| summary.intact && trust == Trust::Doubtful)
-    }
-
     /// Hands a schema on, if it is new. `place` is where it or its chunk is.
-    pub(crate) fn schema(&mut self, place: u64, schema: Schema, trust: Trust) -> Outcome<(), E> {
+    pub(crate) fn schema(&mut self, place: u64, schema: Schema) -> Outcome<(), E> {
         let id = schema.0.id;
-        let correction = self.correction(trust).and_then(|summary| summary.schemas.get(&id));
-        let schema = correction.cloned().unwrap_or(schema);
         let known = self.definitions.schemas.get(&id);
         if known == Some(&schema) {
             return Ok(());
@@ -56,11 +48,8 @@ impl<E> Reader<'_, E> {
     }
 
     /// Hands a channel on, if it is new, and before it its schema, if only the summary has that.
-    pub(crate) fn channel(&mut self, place: u64, channel: Channel, trust: Trust) -> Outcome<(), E> {
-        let id = channel.id;
-        let correction = self.correction(trust).and_then(|summary| summary.channels.get(&id));
-        let channel = correction.cloned().unwrap_or(channel);
-        let schema_id = channel.schema_id;
+    pub(crate) fn channel(&mut self, place: u64, channel: Channel) -> Outcome<(), E> {
+        let (id, schema_id) = (channel.id, channel.schema_id);
         let known = self.definitions.channels.get(&id).map(|known| known.as_ref() == Ok(&channel));
         if known == Some(true) {
             return Ok(());
@@ -68,7 +57,7 @@ impl<E> Reader<'_, E> {
         if !self.definitions.schemas.contains_key(&schema_id)
             && let Some(schema) = self.summary.as_ref().and_then(|summary| summary.schemas.get(&schema_id))
         {
-            self.schema(place, schema.clone(), Trust::Sound)?;
+            self.schema(place, schema.clone())?;
         }
         let pairs = channel.metadata.iter().map(|(key, value)| key.len() + value.len() + 64);
         let bytes = channel.topic.len() + channel.message_encoding.len() + pairs.sum::<usize>();
@@ -92,7 +81,7 @@ impl<E> Reader<'_, E> {
         if !self.definitions.channels.contains_key(&id)
             && let Some(channel) = self.summary.as_ref().and_then(|summary| summary.channels.get(&id))
         {
-            self.channel(place, channel.clone(), Trust::Sound)?;
+            self.channel(place, channel.clone())?;
         }
         let channel = self.definitions.channels.entry(id);
         if let Err(lost) = channel.or_insert_with(|| Err(unreadable(place, id, "it is not in the file"))) {

@@ -91,11 +91,6 @@ impl Frame {
     pub fn rest(self, source: &dyn Source, until: u64) -> Result<Option<u64>> {
         if self.end() > until { Ok(None) } else { rest(source, self.opcode, self.content()..self.end(), false) }
     }
-
-    /// Whether a record of this kind and length is here.
-    pub fn is(self, opcode: u8, length: u64) -> bool {
-        (self.opcode, self.length) == (opcode, length)
-    }
 }
 
 /// `inside_maps`: the texts in a map are looked at, too.
@@ -115,7 +110,7 @@ fn rest(source: &dyn Source, opcode: u8, content: Range<u64>, inside_maps: bool)
         });
         let fits = match field {
             _ if at > content.end => false,
-            Field::Entries(size) => (at - start - 4) % size == 0,
+            Field::Entries(size) => (at - start - 4).is_multiple_of(*size),
             Field::Map if inside_maps => {
                 let mut pair = start + 4;
                 while pair < at {

@@ -90,12 +90,16 @@ pub fn read<E>(
         time_ns: None,
         region: None,
         others: [0; 2],
+        odd_chunk: None,
     };
     if !is_marked {
         reader.finding(0..start, "the magic bytes at the beginning were altered", Cost::Nothing, None);
     }
     reader.records(source, start..end)?;
     reader.finish();
+    if let Some(chunk) = reader.odd_chunk {
+        reader.finding(chunk..chunk, "the header of a chunk does not agree with its content", Cost::Nothing, None);
+    }
     reader.account.findings.sort_by_key(|finding| finding.offset);
     Ok(reader.account)
 }
@@ -136,6 +140,8 @@ pub(crate) struct Reader<'a, E> {
     pub region: Option<usize>,
     /// Attachments and metadata that were read.
     pub others: [u32; 2],
+    /// Where a chunk is whose header does not agree with its content.
+    pub odd_chunk: Option<u64>,
 }
 
 impl<E> Reader<'_, E> {

@@ -32,7 +32,7 @@ impl<E> Reader<'_, E> {
             // What is left over in a chunk would be messages; the file's marks have one length.
             (None, _) | (Some(1..), op::CHUNK | op::DATA_END | op::FOOTER) => false,
             // Where bytes are gone in one of these, it reaches into what follows it.
-            (Some(_), op::CHUNK | op::ATTACHMENT | PRIVATE..) | (Some(1..), _) => goes_on(source, frame.end())?,
+            (Some(_), op::CHUNK | op::ATTACHMENT | PRIVATE..) | (Some(1..), _) => self.goes_on(source, frame.end())?,
             (Some(0), _) => true,
         };
         // The content of these kinds may be anything: what proves to be something else is that.
@@ -59,9 +59,12 @@ impl<E> Reader<'_, E> {
         }
         let inside = self.inside.as_ref().map(|chunk| (chunk.offset, chunk.trust));
         let (place, trust) = inside.unwrap_or((range.start, Trust::Sound));
+        let intact = self.summary.as_ref().is_some_and(|summary| summary.intact);
         match record {
-            Record::Schema { header, data } => self.schema(place, (header, data.into_owned()), trust)?,
-            Record::Channel(channel) => self.channel(place, channel, trust)?,
+            // The summary's word counts more than that of an altered chunk.
+            Record::Schema { .. } | Record::Channel(_) if trust == Trust::Doubtful && intact => {}
+            Record::Schema { header, data } => self.schema(place, (header, data.into_owned()))?,
+            Record::Channel(channel) => self.channel(place, channel)?,
             Record::Message { header, data } => {
                 if let Some(chunk) = &mut self.inside {
                     chunk.places.entry(header.channel_id).or_default().push((header.log_time, frame.offset));
@@ -99,10 +102,9 @@ impl<E> Reader<'_, E> {
                 }
                 self.hand_on(record, Trust::Sound)?;
             }
+            Record::MessageIndex(_) if self.is_index(frame)? || self.indexed.0 == Trust::Doubtful => {}
             Record::MessageIndex(_) => {
-                if !self.is_index(frame)? && self.indexed.0 == Trust::Sound {
-                    self.finding(range, "an index does not describe what is there", Cost::Nothing, None);
-                }
+                self.finding(range, "an index does not describe what is there", Cost::Nothing, None);
             }
             Record::DataEnd(end) if self.data_end.is_none() => {
                 self.data_end = Some(frame.end());
@@ -141,7 +143,9 @@ impl<E> Reader<'_, E> {
         let frame = Frame::at(source, range.start)?;
         let opcode = frame.map_or(0, |frame| frame.opcode);
         let (next, cost) = match frame.map(Frame::end) {
-            Some(end) if end <= range.end && goes_on(source, end)? => (Some(end), cost_of(opcode)),
+            Some(end) if self.inside.is_none() && end <= range.end && self.goes_on(source, end)? => {
+                (Some(end), cost_of(opcode))
+            }
             // The file ends in this chunk, as both its lengths say.
             Some(end)
                 if opcode == op::CHUNK
@@ -179,23 +183,24 @@ impl<E> Reader<'_, E> {
                 Ok(chunk_header(source, frame.offset)?.is_some_and(|(header, ..)| is_known(&header.compression)))
             }
             op::MESSAGE if !self.has_channel(peek(source, frame.content())?.map_or(0, u16::from_le_bytes)) => Ok(false),
-            _ => goes_on(source, frame.end()),
+            _ => self.goes_on(source, frame.end()),
         }
+    }
+
+    /// Whether reading can go on here: a record begins, or the source ends; a file may be cut off.
+    fn goes_on(&self, source: &dyn Source, offset: u64) -> io::Result<bool> {
+        // The end mark is shorter than a head.
+        let Some(frame) = Frame::at(source, offset)? else { return Ok(true) };
+        if frame.end() > source.length() {
+            let may_be = (1..=op::DATA_END).contains(&frame.opcode) && frame.length < 1 << 40;
+            return Ok(may_be && self.inside.is_none());
+        }
+        Ok(frame.rest(source, source.length())?.is_some())
     }
 
     fn misplaced(&mut self, range: Range<u64>, opcode: u8) {
         self.finding(range, format!("a record of type 0x{opcode:02x} may not stand here"), Cost::Nothing, None);
     }
-}
-
-/// Whether reading can go on here: a record begins, or the source ends, cut off or not.
-fn goes_on(source: &dyn Source, offset: u64) -> io::Result<bool> {
-    // The end mark is shorter than a head.
-    let Some(frame) = Frame::at(source, offset)? else { return Ok(true) };
-    if frame.end() > source.length() {
-        return Ok((1..=op::DATA_END).contains(&frame.opcode) && frame.length < 1 << 40);
-    }
-    Ok(frame.rest(source, source.length())?.is_some())
 }
 
 /// What it costs that a record of this kind cannot be read, if its length is known.

@@ -21,8 +21,6 @@ const KEPT_BYTES_MAX: u64 = 64 << 20;
 pub(crate) struct Summary {
     /// Where it begins: the data ends here.
     pub start: u64,
-    /// Where it begins, as the footer says; 0 for nowhere.
-    said: u64,
     /// Where the file should end: behind the end mark.
     end: u64,
     /// Its checksum agrees; without one, its records follow each other up to the footer.
@@ -41,12 +39,12 @@ impl Summary {
         let mark = tail + mark as u64;
         // Head and content of the footer.
         let Some(footer) = mark.checked_sub(9 + 20) else { return Ok(None) };
-        let readable = Frame::at(source, footer)?.is_some_and(|frame| frame.is(op::FOOTER, 20));
+        let readable = Frame::at(source, footer)?.is_some_and(|frame| (frame.opcode, frame.length) == (op::FOOTER, 20));
         let said = peek(source, footer + 9)?.filter(|_| readable).map_or(u64::MAX, u64::from_le_bytes);
         let saved = peek(source, mark - 4)?.map_or(0, u32::from_le_bytes);
         let mut tries = MARKS_MAX;
         let marked = find_frame(source, footer.saturating_sub(SUMMARY_BYTES)..footer, |frame| {
-            let is_mark = frame.is(op::DATA_END, 4) && tries > 0;
+            let is_mark = (frame.opcode, frame.length) == (op::DATA_END, 4) && tries > 0;
             tries -= u32::from(is_mark);
             Ok(is_mark && (frame.end() == said || reaches(source, frame.end(), footer)?))
         })?;
@@ -57,7 +55,7 @@ impl Summary {
             None => return Ok(None),
         };
         let intact = if saved == 0 { reaches(source, start, footer)? } else { saved == sum(source, start..mark - 4)? };
-        let mut summary = Self { start, said, end: mark + MAGIC.len() as u64, intact, ..Self::default() };
+        let mut summary = Self { start, end: mark + MAGIC.len() as u64, intact, ..Self::default() };
         summary.read_records(source, footer)?;
         Ok(Some(summary))
     }
@@ -90,7 +88,6 @@ impl Summary {
     pub fn problem(&self, data_end: Option<u64>, length: u64) -> Option<&'static str> {
         let checks = [
             (data_end == Some(self.start), "the end of the data is not marked"),
-            ([0, self.start].contains(&self.said), "the footer does not point to the summary"),
             (self.intact, "the summary's checksum does not agree"),
             (self.end == length, "something comes after the end mark"),
         ];
