@@ -2,29 +2,15 @@
 
 use crate::account::Cost;
 use crate::layout::{Frame, parse};
-use crate::reader::{Outcome, Reader, Trust};
 use crate::source::{Source, peek};
+use crate::state::{Chunk, Outcome, Places, Reader, Trust};
 use mcap::records::{ChunkHeader, Record, op};
-use std::collections::HashMap;
 use std::io::{self, Cursor, Read, copy};
 
 /// Opcode, length, two times, size, checksum, and length of the compression's name, bytes.
 const HEAD_BYTES: u64 = 9 + 32;
 /// Longest name of a compression that is looked at, bytes.
 const NAME_BYTES_MAX: u32 = 64;
-
-/// Log time and place of a chunk's messages, by channel, as its indexes have them.
-pub(crate) type Places = HashMap<u16, Vec<(u64, u64)>>;
-
-/// A chunk that is being read.
-#[derive(Debug)]
-pub(crate) struct Chunk {
-    pub offset: u64,
-    pub trust: Trust,
-    pub places: Places,
-    /// It has bytes in which no record can be recognised.
-    pub unreadable: bool,
-}
 
 /// What must be right for a chunk to be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,32 +1,10 @@
 //! Schemas, channels, and the messages of channels.
 
 use crate::account::{Cost, Finding};
-use crate::reader::{Outcome, Reader, Trust};
-use mcap::records::{Channel, MessageHeader, Record, SchemaHeader};
+use crate::state::{Outcome, Reader, Trust};
+use crate::summary::Schema;
+use mcap::records::{Channel, MessageHeader, Record};
 use std::borrow::Cow;
-use std::collections::BTreeMap;
-
-/// What is kept of schemas and channels at most, bytes.
-const KEPT_BYTES_MAX: usize = 64 << 20;
-
-/// A schema as a record carries it.
-pub(crate) type Schema = (SchemaHeader, Vec<u8>);
-
-/// Schemas and channels that were handed on.
-#[derive(Debug, Default)]
-pub(crate) struct Definitions {
-    schemas: BTreeMap<u16, Schema>,
-    /// Or what is lost with a channel.
-    channels: BTreeMap<u16, Result<Channel, Finding>>,
-    kept_bytes: usize,
-}
-
-impl Definitions {
-    fn keep(&mut self, bytes: usize) -> bool {
-        self.kept_bytes += bytes + 64;
-        self.kept_bytes <= KEPT_BYTES_MAX
-    }
-}
 
 impl<E> Reader<'_, E> {
     /// Hands a schema on, if it is new. `place` is where it or its chunk is.

@@ -22,9 +22,11 @@ mod reader;
 mod records;
 mod rewrite;
 mod source;
+mod state;
 mod summary;
 
 pub use account::{Account, Cost, Finding, REPAIR_METADATA};
-pub use reader::{Limits, ReadError, Trust, read};
+pub use reader::read;
 pub use rewrite::rewrite;
 pub use source::{FileSource, Source};
+pub use state::{Limits, ReadError, Trust};

@@ -1,60 +1,11 @@
-//! A reading: what begins and ends it, and what is known in its middle.
+//! A reading: how it begins and ends.
 
-use crate::account::{Account, Cost, Finding};
-use crate::chunk::{Chunk, Places};
-use crate::definitions::Definitions;
+use crate::account::{Account, Cost};
 use crate::layout::{Frame, MAGIC, parse};
 use crate::source::{Source, peek};
+use crate::state::{Definitions, Limits, Places, ReadError, Reader, Trust};
 use crate::summary::Summary;
 use mcap::records::{Header, Record, op};
-use std::ops::Range;
-
-/// What is read at most. A file that wants more is read as far as they go, and a finding says so.
-#[derive(Debug, Clone, Copy)]
-pub struct Limits {
-    pub record_bytes: u64,
-    /// Bytes of one chunk, unpacked.
-    pub chunk_bytes: u64,
-    /// Bytes that are read and unpacked, all together: this many ...
-    pub total_bytes: u64,
-    /// ... and this many for each byte of the file.
-    pub total_factor: u64,
-}
-
-impl Default for Limits {
-    /// Depth frames shrink 3 to 40 times; a black frame shrinks a thousandfold, but the file holds others, too.
-    fn default() -> Self {
-        Self { record_bytes: 256 << 20, chunk_bytes: 128 << 20, total_bytes: 256 << 20, total_factor: 128 }
-    }
-}
-
-/// Whether what was read is as it was written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Trust {
-    /// Nothing speaks against it.
-    Sound,
-    /// It comes from a place that was altered.
-    Doubtful,
-}
-
-/// Why reading ended early.
-#[derive(Debug, thiserror::Error)]
-pub enum ReadError<E> {
-    /// An empty file.
-    #[error("it is empty")]
-    Empty,
-    /// It is no MCAP file.
-    #[error("it does not begin with MCAP's magic bytes")]
-    NotMcap,
-    /// The file system returned an error.
-    #[error(transparent)]
-    Io(#[from] std::io::Error),
-    /// What took the records wants no more.
-    #[error(transparent)]
-    Visit(E),
-}
-
-pub(crate) type Outcome<T, E> = Result<T, ReadError<E>>;
 
 /// Hands every record of the data to `visit`, those inside chunks in their place: header, schemas, channels, messages,
 /// attachments, metadata and private records. Channels come before their messages, schemas before their channels.
@@ -116,57 +67,7 @@ pub(crate) fn header(source: &dyn Source) -> std::io::Result<Option<Header>> {
     }
 }
 
-/// What is known in the middle of a file.
-pub(crate) struct Reader<'a, E> {
-    pub source: &'a dyn Source,
-    pub limits: Limits,
-    visit: &'a mut dyn FnMut(Record<'_>, Trust) -> Result<(), E>,
-    pub account: Account,
-    pub definitions: Definitions,
-    pub summary: Option<Summary>,
-    /// Bytes that may still be read and unpacked.
-    pub budget: u64,
-    /// The chunk whose content is read.
-    pub inside: Option<Chunk>,
-    /// The messages of the chunk before, and whether it was sound.
-    pub indexed: (Trust, Places),
-    /// Where the mark of the data's end ends.
-    pub data_end: Option<u64>,
-    /// From here on nothing could be read, if the file was cut.
-    pub cut_at: u64,
-    /// Log time of the message before.
-    pub time_ns: Option<u64>,
-    /// Number of the finding about a region that the next message ends.
-    pub region: Option<usize>,
-    /// Attachments and metadata that were read.
-    pub others: [u32; 2],
-    /// Where a chunk is whose header does not agree with its content.
-    pub odd_chunk: Option<u64>,
-}
-
 impl<E> Reader<'_, E> {
-    pub fn hand_on(&mut self, record: Record<'_>, trust: Trust) -> Outcome<(), E> {
-        (self.visit)(record, trust).map_err(ReadError::Visit)
-    }
-
-    /// Takes so many bytes from the budget, if it has them.
-    pub fn afford(&mut self, bytes: u64) -> bool {
-        let rest = self.budget.checked_sub(bytes);
-        self.budget = rest.unwrap_or(self.budget);
-        rest.is_some()
-    }
-
-    pub fn finding(&mut self, range: Range<u64>, problem: impl Into<String>, cost: Cost, times_ns: Option<(u64, u64)>) {
-        let (offset, bytes) = (range.start, range.end - range.start);
-        self.account.add(Finding { offset, bytes, problem: problem.into(), cost, times_ns });
-    }
-
-    /// A finding about bytes that are lost: between the messages before and after them.
-    pub fn region(&mut self, range: Range<u64>, problem: &str, cost: Cost) {
-        self.finding(range, problem, cost, self.time_ns.map(|time_ns| (time_ns, time_ns)));
-        self.region = (self.account.further == 0).then(|| self.account.findings.len() - 1);
-    }
-
     /// What the file's end says, beside what was read.
     fn finish(&mut self) {
         self.settle_channels();

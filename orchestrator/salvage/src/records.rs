@@ -3,8 +3,8 @@
 use crate::account::{Cost, REPAIR_METADATA};
 use crate::chunk::{Need, chunk_header, is_known};
 use crate::layout::{Frame, MAGIC, PRIVATE, attachment_agrees, find_frame, parse, sum};
-use crate::reader::{Outcome, Reader, Trust};
 use crate::source::{Source, peek};
+use crate::state::{Outcome, Reader, Trust};
 use mcap::records::{Record, op};
 use std::io;
 use std::ops::Range;

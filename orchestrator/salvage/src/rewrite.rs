@@ -1,8 +1,9 @@
 //! A whole file of what can be read of another.
 
 use crate::account::{Account, REPAIR_METADATA};
-use crate::reader::{Limits, ReadError, Trust, header, read};
+use crate::reader::{header, read};
 use crate::source::Source;
+use crate::state::{Limits, ReadError, Trust};
 use mcap::records::{Metadata, Record};
 use mcap::write::PrivateRecordOptions;
 use mcap::{Attachment, McapError, WriteOptions, Writer};

@@ -1,10 +1,14 @@
 //! Where the bytes come from: a file, or memory.
 
 use std::borrow::Cow;
+use std::cell::RefCell;
 use std::fs::File;
 use std::io::{ErrorKind, Result};
 use std::ops::Range;
 use std::os::unix::fs::FileExt;
+
+/// Shorter reads of a file are served from a block of this size.
+const BLOCK_BYTES: u64 = 4096;
 
 /// Bytes that can be read at any place.
 pub trait Source {
@@ -39,13 +43,15 @@ impl Source for &[u8] {
 pub struct FileSource {
     file: File,
     length: u64,
+    /// Offset and bytes of the block that was read last.
+    block: RefCell<(u64, Vec<u8>)>,
 }
 
 impl FileSource {
     /// Reads this file.
     pub fn new(file: File) -> Result<Self> {
         let length = file.metadata()?.len();
-        Ok(Self { file, length })
+        Ok(Self { file, length, block: RefCell::default() })
     }
 
     /// As if it had no more than so many bytes.
@@ -61,8 +67,19 @@ impl Source for FileSource {
     }
 
     fn bytes(&self, range: Range<u64>) -> Result<Cow<'_, [u8]>> {
-        let mut bytes = vec![0; (range.end - range.start) as usize];
-        self.file.read_exact_at(&mut bytes, range.start)?;
-        Ok(bytes.into())
+        let count = (range.end - range.start) as usize;
+        if count as u64 >= BLOCK_BYTES {
+            let mut bytes = vec![0; count];
+            self.file.read_exact_at(&mut bytes, range.start)?;
+            return Ok(bytes.into());
+        }
+        let (start, block) = &mut *self.block.borrow_mut();
+        if range.start < *start || range.end > *start + block.len() as u64 {
+            *start = range.start;
+            block.resize(BLOCK_BYTES.min(self.length.saturating_sub(*start)) as usize, 0);
+            self.file.read_exact_at(block, *start)?;
+        }
+        let found = block.get((range.start - *start) as usize..).and_then(|rest| rest.get(..count));
+        Ok(found.ok_or(ErrorKind::UnexpectedEof)?.to_vec().into())
     }
 }

@@ -1,9 +1,8 @@
 //! The end of a file: what it repeats of the data, and its statistics.
 
-use crate::definitions::Schema;
 use crate::layout::{Frame, MAGIC, PRIVATE, find_frame, parse, sum};
 use crate::source::{Source, peek};
-use mcap::records::{Channel, Record, Statistics, op};
+use mcap::records::{Channel, Record, SchemaHeader, Statistics, op};
 use std::collections::BTreeMap;
 use std::io::Result;
 
@@ -15,6 +14,9 @@ const SUMMARY_BYTES: u64 = 4 << 20;
 const MARKS_MAX: u32 = 16;
 /// Schemas and channels of this size are kept, all together.
 const KEPT_BYTES_MAX: u64 = 64 << 20;
+
+/// A schema as a record carries it.
+pub(crate) type Schema = (SchemaHeader, Vec<u8>);
 
 /// A file's summary, read before its data.
 #[derive(Debug, Default)]
