@@ -1,299 +1,140 @@
-//! Chunks: unpacked, checked, gone through, and compared with their indexes.
+//! Chunks: unpacked, checked, and read.
 
-use crate::account::{Cost, Finding, Problem};
-use crate::definitions::Schema;
-use crate::last_chunk::LastChunk;
-use crate::layout::{Frame, HEAD_BYTES, PRIVATE, Shape, map_fits, next_frame, shape};
+use crate::account::Cost;
+use crate::layout::{Frame, parse};
 use crate::source::{Source, peek};
-use crate::state::{Reader, Stop, Trust};
-use crate::unpack::{Unpacked, is_known, unpack};
-use mcap::parse_record;
-use mcap::records::{ChunkHeader, MessageIndex, Record, op};
-use std::collections::HashMap;
+use crate::state::{Chunk, Outcome, Places, Reader, Trust};
+use mcap::records::{ChunkHeader, Record, op};
+use std::io::{self, Cursor, Read, copy};
 
+/// Opcode, length, two times, size, checksum, and length of the compression's name, bytes.
+const HEAD_BYTES: u64 = 9 + 32;
 /// Longest name of a compression that is looked at, bytes.
-const COMPRESSION_NAME_MAX: u32 = 64;
+const NAME_BYTES_MAX: u32 = 64;
 
-/// What goes through a chunk has found.
-#[derive(Debug, Default)]
-struct Seen {
-    count: u64,
-    times_ns: Option<(u64, u64)>,
-    messages: HashMap<u16, Vec<(u64, u64)>>,
-    /// Bytes in which no record can be recognised.
-    unreadable: bool,
-    /// Kind of the first record that may not be in a chunk.
-    misplaced: Option<u8>,
+/// What must be right for a chunk to be read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Need {
+    /// Its checksum: it may be no chunk at all.
+    Checksum,
+    /// Nothing more: its lengths were found to agree.
+    Lengths,
+    /// Nothing: what can be unpacked of it is read.
+    Nothing,
 }
 
-/// Header and packed bytes of what begins as a chunk at `offset`; of its own sizes only the compressed one is used, and
-/// it may reach beyond the source's end.
-pub fn header_at(source: &impl Source, offset: u64) -> std::io::Result<Option<(ChunkHeader, u64)>> {
-    let content = offset + HEAD_BYTES;
-    let Some(head) = peek::<32>(source, content)? else { return Ok(None) };
-    let long = |at: usize| head[at..at + 8].try_into().map_or(0, u64::from_le_bytes);
-    let short = |at: usize| head[at..at + 4].try_into().map_or(0, u32::from_le_bytes);
-    let name_length = short(28);
-    if name_length > COMPRESSION_NAME_MAX || content + 32 + u64::from(name_length) > source.length() {
+/// Header of what begins as a chunk at `offset`, and where its packed bytes begin and end, which may be beyond the
+/// source's end. None where no chunk of a sensible compression begins.
+pub(crate) fn chunk_header(source: &dyn Source, offset: u64) -> io::Result<Option<(ChunkHeader, u64, u64)>> {
+    let name_bytes = peek(source, offset + HEAD_BYTES - 4)?.map_or(u32::MAX, u32::from_le_bytes);
+    let data = offset + HEAD_BYTES + u64::from(name_bytes) + 8;
+    if name_bytes > NAME_BYTES_MAX || data > source.length() {
         return Ok(None);
     }
-    let mut name = vec![0; name_length as usize];
-    source.peek(content + 32, &mut name)?;
-    let data = content + 32 + u64::from(name_length);
-    let (Ok(compression), Some(size)) = (String::from_utf8(name), peek(source, data)?) else { return Ok(None) };
-    let header = ChunkHeader {
-        message_start_time: long(0),
-        message_end_time: long(8),
-        uncompressed_size: long(16),
-        uncompressed_crc: short(24),
-        compression,
-        compressed_size: u64::from_le_bytes(size),
-    };
-    Ok(Some((header, data + 8)))
+    // Without its packed bytes, of which there may be too many.
+    let mut content = source.bytes(offset + 9..data)?.into_owned();
+    let size = content.len() - 8..;
+    content[size].fill(0);
+    let Some(Record::Chunk { header, .. }) = parse(op::CHUNK, &content) else { return Ok(None) };
+    let compressed_size = peek(source, data - 8)?.map_or(0, u64::from_le_bytes);
+    Ok(Some((ChunkHeader { compressed_size, ..header }, data, data.saturating_add(compressed_size))))
 }
 
-impl<S: Source> Reader<'_, S> {
-    /// A chunk, or what there is of it: `complete` if its lengths agree.
-    pub(crate) fn chunk_record(
-        &mut self,
-        offset: u64,
-        end: u64,
-        header: &ChunkHeader,
-        (packed, complete): (&[u8], bool),
-    ) -> Result<(), Stop> {
-        let mut out = Vec::new();
-        let limit = self.limits.chunk_bytes.min(self.budget);
-        let unpacked = unpack(&header.compression, packed, limit, &mut out);
-        self.budget = self.budget.saturating_sub((packed.len() + out.len()) as u64);
-        self.ending.chunk_at(offset, end - offset);
-        let sum_agrees = match header.uncompressed_crc {
-            // It was not calculated.
-            0 => complete,
-            sum => sum == crc32fast::hash(&out),
-        };
-        let trust = if unpacked == Unpacked::Whole && sum_agrees { Trust::Sound } else { Trust::Doubtful };
-        let seen = self.inside(offset, &out, header, trust)?;
-        if header.uncompressed_crc == 0 {
-            self.unchecked += seen.count;
+impl<E> Reader<'_, E> {
+    /// Reads the chunk at `offset`, which reaches to `until` at most, if it has what it needs; returns its end.
+    pub(crate) fn chunk(&mut self, offset: u64, until: u64, need: Need) -> Outcome<Option<u64>, E> {
+        let Some((header, data, end)) = chunk_header(self.source, offset)? else { return Ok(None) };
+        let (is_known, sum) = (is_known(&header.compression), header.uncompressed_crc);
+        let most = self.limits.chunk_bytes.min(self.budget);
+        let sizes = header.compressed_size.max(header.uncompressed_size);
+        if match need {
+            Need::Checksum => !is_known || sum == 0 || end > until || sizes > most,
+            Need::Lengths => false,
+            Need::Nothing => !is_known || data > until,
+        } {
+            return Ok(None);
         }
-        let times_ns = (header.message_start_time, header.message_end_time);
+        let packed = self.source.bytes(data..end.min(until).min(data + self.limits.record_bytes.min(self.budget)))?;
+        let (bytes, is_all) = unpack(&header.compression, &packed, most);
+        self.budget = self.budget.saturating_sub((packed.len() + bytes.len()) as u64);
+        let sum_agrees = if sum == 0 { need == Need::Lengths } else { sum == crc32fast::hash(&bytes) };
+        let is_whole = is_known && is_all && sum_agrees;
+        if need == Need::Checksum && !is_whole {
+            return Ok(None);
+        }
+        let trust = if is_whole { Trust::Sound } else { Trust::Doubtful };
+        self.inside = Some(Chunk { offset, trust, places: Places::new(), unreadable: false });
+        self.records(&&bytes[..], 0..bytes.len() as u64)?;
+        let Some(mut chunk) = self.inside.take() else { return Ok(None) };
+
+        let range = offset..if need == Need::Checksum { end } else { until };
+        let said_ns = Some((header.message_start_time, header.message_end_time));
+        let times_ns = said_ns.filter(|(from, to)| from <= to && *to != 0);
+        let lost = if !is_known {
+            let name = header.compression.escape_debug();
+            Some(format!("a chunk's compression `{name}` is not known (only zstd and lz4 are)"))
+        } else if !is_all || need == Need::Nothing && !is_whole {
+            Some("a chunk cannot be unpacked to its end, or is bigger than is read".to_owned())
+        } else {
+            chunk.unreadable.then(|| "no record can be recognised in a part of a chunk".to_owned())
+        };
+        let count = chunk.places.values().map(Vec::len).sum::<usize>() as u64;
+        if !is_whole && (lost.is_none() || count > 0) {
+            let problem = "a chunk's checksum does not agree with its content";
+            self.finding(range.clone(), problem, Cost::Doubt(count), times_ns);
+        }
+        if let Some(problem) = lost {
+            self.finding(range, problem, Cost::Unknown, times_ns);
+        } else if is_whole && need == Need::Nothing {
+            self.finding(range, "the head of a chunk was altered", Cost::Nothing, None);
+        }
+        let times = chunk.places.values().flatten().map(|(time_ns, _)| *time_ns);
+        let seen_ns = times.clone().min().zip(times.max());
         // Some writers leave both times 0.
-        let times_agree = times_ns == (0, 0) || seen.times_ns.is_none_or(|seen| seen == times_ns);
-        let header_agrees = times_agree && header.uncompressed_size == out.len() as u64;
-        let problem = match unpacked {
-            Unpacked::Unknown => Some((Problem::Compression(header.compression.clone()), Cost::Lost(None))),
-            Unpacked::Limit => {
-                let what = "what is in a chunk is bigger than is read, or all chunks together are";
-                Some((Problem::Limit(what), Cost::Lost(None)))
-            }
-            Unpacked::Part => Some((Problem::ChunkPart, Cost::Lost(None))),
-            Unpacked::Whole if !complete && !sum_agrees => Some((Problem::ChunkPart, Cost::Lost(None))),
-            Unpacked::Whole if !complete => Some((Problem::Head("chunk"), Cost::Nothing)),
-            Unpacked::Whole if !sum_agrees && seen.unreadable => Some((Problem::ChunkSum, Cost::Lost(None))),
-            Unpacked::Whole if !sum_agrees => Some((Problem::ChunkSum, Cost::Doubt(seen.count))),
-            Unpacked::Whole if seen.unreadable => Some((Problem::Unreadable, Cost::Lost(None))),
-            Unpacked::Whole if !header_agrees => Some((Problem::ChunkHeader, Cost::Nothing)),
-            Unpacked::Whole => None,
-        };
-        if let Some(opcode) = seen.misplaced {
-            self.finding(offset, end - offset, Problem::Misplaced(opcode), Cost::Nothing);
+        let is_timed = seen_ns.is_none() || [Some((0, 0)), seen_ns].contains(&said_ns);
+        if is_whole && !(is_timed && header.uncompressed_size == bytes.len() as u64) {
+            self.odd_chunk.get_or_insert(offset);
         }
-        let times_ns = Some(times_ns).filter(|(from, to)| from <= to && *to != 0).or(seen.times_ns);
-        let finding = problem.map(|(problem, cost)| Finding { offset, bytes: end - offset, problem, cost, times_ns });
-        self.chunk = Some(LastChunk {
-            offset,
-            finding,
-            seen: seen.count,
-            messages: seen.messages,
-            indexed: None,
-            index_broken: false,
-            complete,
-        });
-        Ok(())
+        chunk.places.values_mut().for_each(|messages| messages.sort_unstable());
+        self.indexed = (trust, chunk.places);
+        Ok(Some(end.min(until)))
     }
 
-    /// What begins as a chunk at `offset` and reaches to `end` at most: as much as can be unpacked. False where it
-    /// cannot be a chunk.
-    pub(crate) fn part_of_chunk(&mut self, offset: u64, end: u64) -> Result<bool, Stop> {
-        let Some((header, data)) = header_at(self.source, offset)? else { return Ok(false) };
-        if !is_known(&header.compression) || data > end {
-            return Ok(false);
-        }
-        let packed_end = data.saturating_add(header.compressed_size).min(end);
-        let length = (packed_end - data).min(self.limits.record_bytes).min(self.budget);
-        let mut packed = vec![0; length as usize];
-        self.source.read(data, &mut packed)?;
-        self.chunk_record(offset, end, &header, (&packed, false))?;
-        Ok(true)
-    }
-
-    /// Whether what lies at `offset` is a chunk, whatever its head says: its checksum proves it. It is read then, and its
-    /// end returned. `altered`: its head says something else.
-    pub(crate) fn proven_chunk(&mut self, offset: u64, altered: bool) -> Result<Option<u64>, Stop> {
-        let Some((header, data)) = header_at(self.source, offset)? else { return Ok(None) };
-        let end = data.checked_add(header.compressed_size).filter(|end| *end <= self.source.length());
-        let Some(end) = end.filter(|_| is_known(&header.compression) && header.uncompressed_crc != 0) else {
-            return Ok(None);
-        };
-        if header.compressed_size.max(header.uncompressed_size) > self.limits.chunk_bytes.min(self.budget) {
-            return Ok(None);
-        }
-        let mut packed = vec![0; header.compressed_size as usize];
-        self.source.read(data, &mut packed)?;
-        let mut out = Vec::new();
-        let unpacked = unpack(&header.compression, &packed, header.uncompressed_size, &mut out);
-        self.budget = self.budget.saturating_sub((packed.len() + out.len()) as u64);
-        if unpacked != Unpacked::Whole || crc32fast::hash(&out) != header.uncompressed_crc {
-            return Ok(None);
-        }
-        self.settle();
-        if altered {
-            self.finding(offset, HEAD_BYTES, Problem::Head("chunk"), Cost::Nothing);
-        }
-        self.chunk_record(offset, end, &header, (&packed, true))?;
-        Ok(Some(end))
-    }
-
-    /// Whether the content at `start..end` is an index of the chunk before, whatever its head says.
-    pub(crate) fn is_index(&mut self, start: u64, end: u64) -> Result<bool, Stop> {
-        if self.chunk.is_none()
-            || end - start > self.limits.record_bytes
-            || shape(self.source, op::MESSAGE_INDEX, start, end)? != Shape::Exact
+    /// Whether the content of this record is an index of the chunk before, whatever its head says.
+    pub(crate) fn is_index(&mut self, frame: Frame) -> io::Result<bool> {
+        let Some(id) = peek(self.source, frame.content())? else { return Ok(false) };
+        let messages = self.indexed.1.get(&u16::from_le_bytes(id)).map_or(0, Vec::len);
+        if frame.length != 6 + 16 * messages as u64 || frame.end() > self.source.length() || !self.afford(frame.length)
         {
             return Ok(false);
         }
-        let mut content = vec![0; (end - start) as usize];
-        self.source.read(start, &mut content)?;
-        let Ok(Record::MessageIndex(index)) = parse_record(op::MESSAGE_INDEX, &content) else { return Ok(false) };
-        let Some(chunk) = &mut self.chunk else { return Ok(false) };
-        let is_index = !index.records.is_empty() && chunk.describes(&index);
-        if is_index {
-            *chunk.indexed.get_or_insert(0) += index.records.len() as u64;
-        }
-        Ok(is_index)
+        let content = self.source.bytes(frame.content()..frame.end())?;
+        let Some(Record::MessageIndex(index)) = parse(op::MESSAGE_INDEX, &content) else { return Ok(false) };
+        let mut entries: Vec<_> = index.records.iter().map(|entry| (entry.log_time, entry.offset)).collect();
+        entries.sort_unstable();
+        Ok(self.indexed.1.get(&index.channel_id).map_or(entries.is_empty(), |messages| *messages == entries))
     }
+}
 
-    pub(crate) fn message_index(&mut self, offset: u64, end: u64, index: &MessageIndex) {
-        self.ending.index_at(offset);
-        let wrong = match &mut self.chunk {
-            Some(chunk) => {
-                *chunk.indexed.get_or_insert(0) += index.records.len() as u64;
-                chunk.finding.is_none() && !chunk.describes(index)
-            }
-            None => true,
-        };
-        if wrong {
-            if let Some(chunk) = &mut self.chunk {
-                chunk.lose_index();
-            }
-            self.finding(offset, end - offset, Problem::Index, Cost::Nothing);
-        }
-    }
+/// Whether chunks with this compression can be unpacked.
+pub(crate) fn is_known(compression: &str) -> bool {
+    matches!(compression, "" | "zstd" | "lz4")
+}
 
-    /// The chunk before has no more indexes: what they tell of it is known.
-    pub(crate) fn settle(&mut self) {
-        let Some(chunk) = self.chunk.take() else { return };
-        let missing = chunk.indexed.map(|indexed| indexed.saturating_sub(chunk.seen));
-        match (chunk.finding, missing) {
-            (Some(mut finding), missing) => {
-                finding.cost = match (finding.cost, missing) {
-                    (Cost::Lost(None), Some(_)) if chunk.index_broken || !chunk.complete => Cost::Lost(None),
-                    (Cost::Lost(None), Some(0)) => Cost::Doubt(chunk.seen),
-                    (_, Some(missing @ 1..)) => Cost::Lost(Some(missing)),
-                    (cost, _) => cost,
-                };
-                self.account.add(finding);
-            }
-            (None, Some(_)) if chunk.indexed != Some(chunk.seen) && !chunk.index_broken => {
-                self.finding(chunk.offset, 0, Problem::Index, Cost::Nothing);
-            }
-            _ => {}
-        }
-    }
-
-    /// Goes through the unpacked bytes of a chunk.
-    fn inside(&mut self, offset: u64, bytes: &[u8], header: &ChunkHeader, trust: Trust) -> Result<Seen, Stop> {
-        let mut seen = Seen::default();
-        let mut at = 0;
-        while at < bytes.len() as u64 {
-            let end = match Frame::at(&bytes, at)? {
-                Some(frame) => self.inside_record(offset, bytes, frame, trust, &mut seen)?,
-                None => None,
-            };
-            at = if let Some(end) = end {
-                end
-            } else {
-                seen.unreadable = true;
-                let found = next_frame(&bytes, at + 1, bytes.len() as u64, |frame| {
-                    Ok(self.is_plausible_inside(bytes, frame, header))
-                })?;
-                found.map_or(bytes.len() as u64, |frame| frame.offset)
-            };
-        }
-        Ok(seen)
-    }
-
-    /// One record of a chunk; its end, or none if it cannot be read.
-    fn inside_record(
-        &mut self,
-        offset: u64,
-        bytes: &[u8],
-        frame: Frame,
-        trust: Trust,
-        seen: &mut Seen,
-    ) -> Result<Option<u64>, Stop> {
-        let Some(end) = frame.end(bytes.len() as u64) else { return Ok(None) };
-        if shape(&bytes, frame.opcode, frame.content(), end)? == Shape::Wrong {
-            return Ok(None);
-        }
-        let content = &bytes[frame.content() as usize..end as usize];
-        if !matches!(frame.opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE | PRIVATE..) {
-            seen.misplaced.get_or_insert(frame.opcode);
-            return Ok(Some(end));
-        }
-        if !map_fits(frame.opcode, content) {
-            return Ok(None);
-        }
-        match parse_record(frame.opcode, content) {
-            Ok(Record::Schema { header, data }) => {
-                self.schema(offset, Schema { header, data: data.into_owned() }, trust)?;
-            }
-            Ok(Record::Channel(channel)) => self.channel(offset, channel, trust)?,
-            Ok(Record::Message { header, data }) => {
-                let time_ns = header.log_time;
-                let (from, to) = seen.times_ns.unwrap_or((time_ns, time_ns));
-                seen.times_ns = Some((from.min(time_ns), to.max(time_ns)));
-                seen.messages.entry(header.channel_id).or_default().push((time_ns, frame.offset));
-                seen.count += 1;
-                self.message(offset, header, &data, trust)?;
-            }
-            Ok(record) => self.hand_on(record, trust)?,
-            Err(_) => return Ok(None),
-        }
-        Ok(Some(end))
-    }
-
-    /// Whether a record may begin here, in a chunk in which something cannot be read.
-    fn is_plausible_inside(&self, bytes: &[u8], frame: Frame, header: &ChunkHeader) -> bool {
-        let length = bytes.len() as u64;
-        let exact = |frame: Frame| {
-            let end = frame.end(length)?;
-            (shape(&bytes, frame.opcode, frame.content(), end).ok()? == Shape::Exact).then_some(end)
-        };
-        let Some(end) = exact(frame) else { return false };
-        let goes_on = end == length
-            || matches!(Frame::at(&bytes, end), Ok(Some(next))
-                if matches!(next.opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE) && exact(next).is_some());
-        match frame.opcode {
-            op::SCHEMA | op::CHANNEL => goes_on,
-            op::MESSAGE => {
-                let content = &bytes[frame.content() as usize..];
-                let channel = u16::from_le_bytes([content[0], content[1]]);
-                let time_ns = content[6..14].try_into().map_or(0, u64::from_le_bytes);
-                let in_time = (header.message_start_time..=header.message_end_time).contains(&time_ns);
-                goes_on && in_time && self.definitions.has_channel(channel)
-            }
-            _ => false,
-        }
-    }
+/// What can be unpacked, `limit` bytes at most, and whether that is all.
+fn unpack(compression: &str, packed: &[u8], limit: u64) -> (Vec<u8>, bool) {
+    // Not into the vector itself, for which `copy` reads larger portions: one that ends in an error is lost.
+    let mut out = Cursor::new(Vec::new());
+    let unpacked = match compression {
+        "" => copy(&mut packed.take(limit + 1), &mut out),
+        // The decoder itself refuses frames that want more than 128 MiB of memory.
+        "zstd" => zstd::stream::read::Decoder::with_buffer(packed)
+            .and_then(|decoder| copy(&mut decoder.take(limit + 1), &mut out)),
+        "lz4" => copy(&mut lz4_flex::frame::FrameDecoder::new(packed).take(limit + 1), &mut out),
+        _ => Ok(0),
+    };
+    let mut out = out.into_inner();
+    let is_all = unpacked.is_ok() && out.len() as u64 <= limit;
+    out.truncate(limit as usize);
+    (out, is_all)
 }

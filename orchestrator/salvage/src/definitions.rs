@@ -1,161 +1,97 @@
-//! Schemas and channels: which messages can be read.
+//! Schemas, channels, and the messages of channels.
 
-use mcap::records::{Channel, Record, SchemaHeader};
+use crate::account::{Cost, Finding};
+use crate::state::{Outcome, Reader, Trust};
+use crate::summary::Schema;
+use mcap::records::{Channel, MessageHeader, Record};
 use std::borrow::Cow;
-use std::collections::{HashMap, HashSet};
 
-/// What is kept of schemas and channels at most, bytes.
-const KEPT_BYTES_MAX: u64 = 64 << 20;
-
-/// A schema as a record carries it.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Schema {
-    /// Number, name and encoding.
-    pub header: SchemaHeader,
-    /// The description itself.
-    pub data: Vec<u8>,
-}
-
-/// What became of a definition.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Defined {
-    /// It is new, and stands.
-    New,
-    /// It repeats what is known.
-    Known,
-    /// It cannot be one, or contradicts an earlier one.
-    Refused,
-}
-
-/// Why a channel's messages cannot be read.
-type Why = &'static str;
-
-/// Schemas and channels so far.
-#[derive(Debug, Default)]
-pub struct Definitions {
-    schemas: HashMap<u16, Schema>,
-    contested: HashSet<u16>,
-    channels: HashMap<u16, Result<Channel, Why>>,
-    /// Those of the file's summary, for what is lost or altered in the data.
-    spare_schemas: HashMap<u16, Schema>,
-    spare_channels: HashMap<u16, Channel>,
-    /// The summary has a checksum, and it agrees.
-    spare_proven: bool,
-    kept_bytes: u64,
-}
-
-/// What keeping a channel takes, bytes.
-fn channel_bytes(channel: &Channel) -> usize {
-    let pairs = channel.metadata.iter().map(|(key, value)| key.len() + value.len() + 64);
-    channel.topic.len() + channel.message_encoding.len() + pairs.sum::<usize>()
-}
-
-/// What keeping a schema takes, bytes.
-fn schema_bytes(header: &SchemaHeader, data: &[u8]) -> usize {
-    header.name.len() + header.encoding.len() + data.len()
-}
-
-impl Definitions {
-    /// Takes a record of the file's summary.
-    pub fn spare(&mut self, record: &Record<'_>, proven: bool) {
-        self.spare_proven = proven;
-        match record {
-            Record::Schema { header, data } if header.id != 0 && self.keep(schema_bytes(header, data)) => {
-                let schema = Schema { header: header.clone(), data: data.to_vec() };
-                self.spare_schemas.entry(header.id).or_insert(schema);
-            }
-            Record::Channel(channel) if self.keep(channel_bytes(channel)) => {
-                self.spare_channels.entry(channel.id).or_insert_with(|| channel.clone());
-            }
-            _ => {}
+impl<E> Reader<'_, E> {
+    /// Hands a schema on, if it is new. `place` is where it or its chunk is.
+    pub(crate) fn schema(&mut self, place: u64, schema: Schema) -> Outcome<(), E> {
+        let id = schema.0.id;
+        let known = self.definitions.schemas.get(&id);
+        if known == Some(&schema) {
+            return Ok(());
         }
+        let bytes = schema.0.name.len() + schema.0.encoding.len() + schema.1.len();
+        if known.is_some() || id == 0 || !self.definitions.keep(bytes) {
+            let cost = if id == 0 { Cost::Nothing } else { Cost::Record };
+            self.finding(place..place, format!("schema {id} is not valid, or contradicts an earlier one"), cost, None);
+            return Ok(());
+        }
+        let (header, data) = schema.clone();
+        self.definitions.schemas.insert(id, schema);
+        self.hand_on(Record::Schema { header, data: data.into() }, Trust::Sound)
     }
 
-    /// Takes a schema of the data. `doubtful`: its chunk was altered, so the summary's word counts more.
-    pub fn schema(&mut self, schema: Schema, doubtful: bool) -> Defined {
-        let id = schema.header.id;
-        let schema = match self.spare_schemas.get(&id) {
-            Some(spare) if doubtful && self.spare_proven => spare.clone(),
-            _ => schema,
-        };
-        match self.schemas.get(&id).map(|known| *known == schema) {
-            Some(true) => Defined::Known,
-            Some(false) => {
-                self.contested.insert(id);
-                Defined::Refused
-            }
-            None if id != 0 && self.keep(schema_bytes(&schema.header, &schema.data)) => {
-                self.schemas.insert(id, schema);
-                Defined::New
-            }
-            None => Defined::Refused,
+    /// Hands a channel on, if it is new, and before it its schema, if only the summary has that.
+    pub(crate) fn channel(&mut self, place: u64, channel: Channel) -> Outcome<(), E> {
+        let (id, schema_id) = (channel.id, channel.schema_id);
+        let known = self.definitions.channels.get(&id).map(|known| known.as_ref() == Ok(&channel));
+        if known == Some(true) {
+            return Ok(());
         }
+        if !self.definitions.schemas.contains_key(&schema_id)
+            && let Some(schema) = self.summary.as_ref().and_then(|summary| summary.schemas.get(&schema_id))
+        {
+            self.schema(place, schema.clone())?;
+        }
+        let pairs = channel.metadata.iter().map(|(key, value)| key.len() + value.len() + 64);
+        let bytes = channel.topic.len() + channel.message_encoding.len() + pairs.sum::<usize>();
+        let channel = if known.is_some() {
+            Err("two different channels have this number")
+        } else if schema_id != 0 && !self.definitions.schemas.contains_key(&schema_id) {
+            Err("its schema is not in the file")
+        } else if !self.definitions.keep(bytes) {
+            Err("there are too many channels")
+        } else {
+            self.hand_on(Record::Channel(channel.clone()), Trust::Sound)?;
+            Ok(channel)
+        };
+        self.definitions.channels.insert(id, channel.map_err(|why| unreadable(place, id, why)));
+        Ok(())
     }
 
-    /// Takes a channel of the data.
-    pub fn channel(&mut self, channel: Channel, doubtful: bool) -> Defined {
-        let id = channel.id;
-        let channel = match self.spare_channels.get(&id) {
-            Some(spare) if doubtful && self.spare_proven => spare.clone(),
-            _ => channel,
-        };
-        let known = self.channels.get(&id).map(|known| known.as_ref() == Ok(&channel));
-        let outcome = match known {
-            Some(true) => return Defined::Known,
-            Some(false) => Err("two different channels have this number"),
-            None if !self.keep(channel_bytes(&channel)) => Err("there are too many channels"),
-            None if self.contested.contains(&channel.schema_id) => {
-                Err("two different schemas have its schema's number")
-            }
-            None if !self.has_schema(channel.schema_id) => Err("its schema is not in the file"),
-            None => Ok(channel),
-        };
-        let defined = if outcome.is_ok() { Defined::New } else { Defined::Refused };
-        self.channels.insert(id, outcome);
-        defined
+    /// Hands a message on if its channel is known.
+    pub(crate) fn message(&mut self, place: u64, header: MessageHeader, data: &[u8], trust: Trust) -> Outcome<(), E> {
+        let (id, time_ns) = (header.channel_id, header.log_time);
+        if !self.definitions.channels.contains_key(&id)
+            && let Some(channel) = self.summary.as_ref().and_then(|summary| summary.channels.get(&id))
+        {
+            self.channel(place, channel.clone())?;
+        }
+        let channel = self.definitions.channels.entry(id);
+        if let Err(lost) = channel.or_insert_with(|| Err(unreadable(place, id, "it is not in the file"))) {
+            lost.cost = Cost::Lost(if let Cost::Lost(count) = lost.cost { count + 1 } else { 1 });
+            let (from, to) = lost.times_ns.unwrap_or((time_ns, time_ns));
+            lost.times_ns = Some((from.min(time_ns), to.max(time_ns)));
+            return Ok(());
+        }
+        if let Some(region) = self.region.take().and_then(|region| self.account.findings.get_mut(region)) {
+            region.times_ns = Some((self.time_ns.unwrap_or(time_ns), time_ns));
+        }
+        self.time_ns = Some(time_ns);
+        self.account.messages += 1;
+        self.account.doubtful += u64::from(trust == Trust::Doubtful);
+        self.hand_on(Record::Message { header, data: Cow::Borrowed(data) }, trust)
     }
 
     /// Whether messages of this channel can be read, now or with the summary's help.
-    pub fn has_channel(&self, id: u16) -> bool {
-        self.channels.get(&id).map_or(self.spare_channels.contains_key(&id), Result::is_ok)
+    pub(crate) fn has_channel(&self, id: u16) -> bool {
+        let spare = || self.summary.as_ref().is_some_and(|summary| summary.channels.contains_key(&id));
+        self.definitions.channels.get(&id).map_or_else(spare, Result::is_ok)
     }
 
-    /// The channel of a message: whether it is known, or why it cannot be read. One that only the summary has is
-    /// defined by this.
-    pub fn find(&mut self, id: u16) -> (Defined, Result<&Channel, Why>) {
-        let defined = match (self.channels.contains_key(&id), self.spare_channels.get(&id)) {
-            (false, Some(spare)) => {
-                let spare = spare.clone();
-                self.channel(spare, false)
-            }
-            _ => Defined::Known,
-        };
-        let channel = match self.channels.get(&id) {
-            Some(Ok(channel)) => Ok(channel),
-            Some(Err(why)) => Err(*why),
-            None => Err("it is not in the file"),
-        };
-        (defined, channel)
-    }
-
-    /// The schema of a channel as a record, if it has one.
-    pub fn schema_record(&self, id: u16) -> Option<Record<'_>> {
-        let schema = self.schemas.get(&id)?;
-        Some(Record::Schema { header: schema.header.clone(), data: Cow::Borrowed(&schema.data) })
-    }
-
-    fn has_schema(&mut self, id: u16) -> bool {
-        if id != 0
-            && !self.schemas.contains_key(&id)
-            && let Some(spare) = self.spare_schemas.get(&id)
-        {
-            self.schemas.insert(id, spare.clone());
+    /// Adds the channels that could not be read to the account.
+    pub(crate) fn settle_channels(&mut self) {
+        for lost in std::mem::take(&mut self.definitions.channels).into_values().filter_map(Result::err) {
+            self.account.add(lost);
         }
-        id == 0 || self.schemas.contains_key(&id)
     }
+}
 
-    fn keep(&mut self, bytes: usize) -> bool {
-        self.kept_bytes += bytes as u64 + 64;
-        self.kept_bytes <= KEPT_BYTES_MAX
-    }
+fn unreadable(offset: u64, id: u16, why: &str) -> Finding {
+    let problem = format!("messages of channel {id} cannot be read: {why}");
+    Finding { offset, bytes: 0, problem, cost: Cost::Nothing, times_ns: None }
 }

@@ -7,44 +7,26 @@
 //! with their number. [`rewrite`] makes a whole file of what was read.
 //!
 //! ```
-//! use salvage::{Limits, Trust, read, rewrite};
-//!
-//! let mut writer = mcap::Writer::new(std::io::Cursor::new(Vec::new()))?;
-//! let channel = writer.add_channel(0, "/topic", "json", &Default::default())?;
-//! let header = mcap::records::MessageHeader { channel_id: channel, sequence: 0, log_time: 1, publish_time: 1 };
-//! writer.write_to_known_channel(&header, b"{}")?;
-//! writer.finish()?;
-//! let mut file = writer.into_inner().into_inner();
-//!
-//! file.truncate(file.len() - 20);
-//! let account = read(&&file[..], &Limits::default(), |_, trust| {
-//!     assert_eq!(trust, Trust::Sound);
-//!     Ok::<_, std::convert::Infallible>(())
-//! })
-//! .unwrap();
-//! assert_eq!((account.messages, account.is_whole(), account.is_lossless()), (1, false, true));
-//!
-//! let mut repaired = std::io::Cursor::new(Vec::new());
-//! rewrite(&&file[..], &Limits::default(), mcap::WriteOptions::new(), &mut repaired).unwrap();
+//! let file = mcap::Writer::new(std::io::Cursor::new(Vec::new()))?.into_inner().into_inner();
+//! let visit = |_: mcap::records::Record<'_>, _| Ok::<_, std::convert::Infallible>(());
+//! let account = salvage::read(&&file[..], &salvage::Limits::default(), visit).unwrap();
+//! assert!(account.cut && !account.is_lossless());
 //! # Ok::<(), mcap::McapError>(())
 //! ```
 
 mod account;
 mod chunk;
 mod definitions;
-mod ending;
-mod landmarks;
-mod last_chunk;
 mod layout;
 mod reader;
-mod resync;
+mod records;
 mod rewrite;
 mod source;
 mod state;
-mod unpack;
+mod summary;
 
-pub use account::{Account, Cost, Finding, Problem, REPAIR_METADATA};
-pub use reader::{ReadError, read};
-pub use rewrite::{RewriteError, rewrite};
+pub use account::{Account, Cost, Finding, REPAIR_METADATA};
+pub use reader::read;
+pub use rewrite::rewrite;
 pub use source::{FileSource, Source};
-pub use state::{Limits, Trust};
+pub use state::{Limits, ReadError, Trust};

@@ -1,33 +1,30 @@
 //! Where the bytes come from: a file, or memory.
 
+use std::borrow::Cow;
 use std::cell::RefCell;
 use std::fs::File;
 use std::io::{ErrorKind, Result};
+use std::ops::Range;
 use std::os::unix::fs::FileExt;
 
-/// Bytes of a file that are read at once.
-const WINDOW_BYTES: usize = 256 << 10;
+/// Shorter reads of a file are served from a block of this size.
+const BLOCK_BYTES: u64 = 4096;
 
 /// Bytes that can be read at any place.
 pub trait Source {
     /// How many there are.
     fn length(&self) -> u64;
 
-    /// Fills `buffer` with those from `offset` on; all of them must be there. What comes next is read soon.
-    fn read(&self, offset: u64, buffer: &mut [u8]) -> Result<()>;
-
-    /// The same for a short look at some place: nothing is read ahead.
-    fn peek(&self, offset: u64, buffer: &mut [u8]) -> Result<()>;
+    /// The bytes of this range; all of them must be there.
+    fn bytes(&self, range: Range<u64>) -> Result<Cow<'_, [u8]>>;
 }
 
 /// The `N` bytes from `offset` on, if there are so many.
-pub fn peek<const N: usize>(source: &impl Source, offset: u64) -> Result<Option<[u8; N]>> {
-    let mut bytes = [0; N];
-    if offset.checked_add(N as u64).is_none_or(|end| end > source.length()) {
-        return Ok(None);
+pub fn peek<const N: usize>(source: &dyn Source, offset: u64) -> Result<Option<[u8; N]>> {
+    match offset.checked_add(N as u64) {
+        Some(end) if end <= source.length() => Ok(source.bytes(offset..end)?.as_ref().try_into().ok()),
+        _ => Ok(None),
     }
-    source.peek(offset, &mut bytes)?;
-    Ok(Some(bytes))
 }
 
 impl Source for &[u8] {
@@ -35,15 +32,9 @@ impl Source for &[u8] {
         self.len() as u64
     }
 
-    fn read(&self, offset: u64, buffer: &mut [u8]) -> Result<()> {
-        let rest =
-            usize::try_from(offset).ok().and_then(|offset| self.get(offset..)).ok_or(ErrorKind::UnexpectedEof)?;
-        buffer.copy_from_slice(rest.get(..buffer.len()).ok_or(ErrorKind::UnexpectedEof)?);
-        Ok(())
-    }
-
-    fn peek(&self, offset: u64, buffer: &mut [u8]) -> Result<()> {
-        self.read(offset, buffer)
+    fn bytes(&self, range: Range<u64>) -> Result<Cow<'_, [u8]>> {
+        let found = self.get(range.start as usize..range.end as usize);
+        Ok(Cow::Borrowed(found.ok_or(ErrorKind::UnexpectedEof)?))
     }
 }
 
@@ -52,31 +43,21 @@ impl Source for &[u8] {
 pub struct FileSource {
     file: File,
     length: u64,
-    /// Where it begins, and what was read there.
-    window: RefCell<(u64, Vec<u8>)>,
+    /// Offset and bytes of the block that was read last.
+    block: RefCell<(u64, Vec<u8>)>,
 }
 
 impl FileSource {
     /// Reads this file.
     pub fn new(file: File) -> Result<Self> {
         let length = file.metadata()?.len();
-        Ok(Self { file, length, window: RefCell::default() })
+        Ok(Self { file, length, block: RefCell::default() })
     }
 
     /// As if it had no more than so many bytes.
     #[must_use]
     pub fn up_to(self, most: u64) -> Self {
         Self { length: self.length.min(most), ..self }
-    }
-
-    /// Copies from the window, if all is in it.
-    fn copy(&self, offset: u64, buffer: &mut [u8]) -> bool {
-        let window = self.window.borrow();
-        let (start, bytes) = &*window;
-        let Some(at) = offset.checked_sub(*start).and_then(|at| usize::try_from(at).ok()) else { return false };
-        let Some(found) = bytes.get(at..).and_then(|rest| rest.get(..buffer.len())) else { return false };
-        buffer.copy_from_slice(found);
-        true
     }
 }
 
@@ -85,21 +66,20 @@ impl Source for FileSource {
         self.length
     }
 
-    fn read(&self, offset: u64, buffer: &mut [u8]) -> Result<()> {
-        if self.copy(offset, buffer) {
-            return Ok(());
+    fn bytes(&self, range: Range<u64>) -> Result<Cow<'_, [u8]>> {
+        let count = (range.end - range.start) as usize;
+        if count as u64 >= BLOCK_BYTES {
+            let mut bytes = vec![0; count];
+            self.file.read_exact_at(&mut bytes, range.start)?;
+            return Ok(bytes.into());
         }
-        if buffer.len() >= WINDOW_BYTES {
-            return self.file.read_exact_at(buffer, offset);
+        let (start, block) = &mut *self.block.borrow_mut();
+        if range.start < *start || range.end > *start + block.len() as u64 {
+            *start = range.start;
+            block.resize(BLOCK_BYTES.min(self.length.saturating_sub(*start)) as usize, 0);
+            self.file.read_exact_at(block, *start)?;
         }
-        let length = (WINDOW_BYTES as u64).min(self.length.saturating_sub(offset)) as usize;
-        let mut bytes = vec![0; length];
-        self.file.read_exact_at(&mut bytes, offset)?;
-        *self.window.borrow_mut() = (offset, bytes);
-        if self.copy(offset, buffer) { Ok(()) } else { Err(ErrorKind::UnexpectedEof.into()) }
-    }
-
-    fn peek(&self, offset: u64, buffer: &mut [u8]) -> Result<()> {
-        if self.copy(offset, buffer) { Ok(()) } else { self.file.read_exact_at(buffer, offset) }
+        let found = block.get((range.start - *start) as usize..).and_then(|rest| rest.get(..count));
+        Ok(found.ok_or(ErrorKind::UnexpectedEof)?.to_vec().into())
     }
 }

@@ -4,7 +4,7 @@ use super::reader::{Extent, RecordingError, open};
 use crate::recording::recorder::segment::{in_words, write_options};
 use mcap::McapError;
 use proto::disk::sync_folder;
-use salvage::{Limits, ReadError, RewriteError, rewrite};
+use salvage::{Limits, ReadError, rewrite};
 use std::fs::File;
 use std::io::{BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -68,12 +68,10 @@ pub fn repair(path: &Path, output: Option<&Path>) -> Result<Repair, RepairError>
     let partial = Partial(partial);
     let mut out = BufWriter::new(file);
     let account = rewrite(&source, &Limits::default(), write_options(), &mut out).map_err(|error| match error {
-        RewriteError::Write(cause) | RewriteError::Read(ReadError::Visit(cause)) => failed(cause),
-        RewriteError::Read(ReadError::Empty) => RecordingError::Empty(path.to_path_buf()).into(),
-        RewriteError::Read(ReadError::NotMcap) => RecordingError::NotMcap(path.to_path_buf()).into(),
-        RewriteError::Read(ReadError::Io(cause)) => {
-            RecordingError::Unreadable { path: path.to_path_buf(), cause }.into()
-        }
+        ReadError::Visit(cause) => failed(cause),
+        ReadError::Empty => RecordingError::Empty(path.to_path_buf()).into(),
+        ReadError::NotMcap => RecordingError::NotMcap(path.to_path_buf()).into(),
+        ReadError::Io(cause) => RecordingError::Unreadable { path: path.to_path_buf(), cause }.into(),
     })?;
     out.flush().and_then(|()| out.get_ref().sync_all()).map_err(|cause| failed(cause.into()))?;
     let extent = Extent::of(account, live);
