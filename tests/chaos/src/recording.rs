@@ -3,7 +3,7 @@
 
 use anyhow::{Context, Result};
 use mcap::read::Options;
-use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor};
+use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor, ReflectMessage};
 use proto::run_folder::RunFolder;
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
