@@ -6,9 +6,10 @@
 
 use super::assembly::{Assembly, Generation};
 use super::declared::Declared;
-use super::form::{Carries, Reading, Told};
+use super::form::{Carries, Told};
 use super::origin::{Origin, world_of};
 use super::reader::{Extent, RecordingError, read_with_trust};
+use super::reading::Reading;
 use super::wanted::{Known, Wanted};
 use crate::recording::recorder::segment::{IDENTITY_METADATA, identity};
 use mcap::records::Record;

@@ -1,181 +1,25 @@
 //! The messages about episodes: `stillroom.Step`, `stillroom.EpisodeStart` and `stillroom.EpisodeEnd`, made of a task's
 //! declaration. The engine's fields come first, then the task's by their own names.
 //!
-//! A [`Form`] writes messages, and describes them in the recording. A [`Reading`] finds the fields of a recorded message by
-//! name, whatever their numbers were.
+//! A [`Form`] writes messages, and describes them in the recording. [`super::reading`] reads them.
 
 #![expect(
     clippy::inline_always,
     reason = "each step is written here, in a crate that is compiled with little optimisation"
 )]
 
+use super::engine::{END, Engine, OWN, START, STEP};
 use crate::recording::schema::Schema;
 use prost::Message;
-use prost::bytes::Buf;
-use prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, encoded_len_varint, skip_field};
+use prost::encoding::{WireType, encoded_len_varint};
 use prost_types::field_descriptor_proto::{Label, Type};
 use prost_types::{
     DescriptorProto, EnumDescriptorProto, EnumValueDescriptorProto, FieldDescriptorProto, FileDescriptorProto,
     FileDescriptorSet, OneofDescriptorProto,
 };
-use proto::record::End;
 use proto::replay::Compared;
 use proto::task::{Channel, Dtype, Field, Spec};
-use std::collections::{BTreeSet, HashMap};
-use std::sync::Arc;
-
-/// A field of the engine's.
-struct Own {
-    name: &'static str,
-    kind: Type,
-    get: fn(&Engine) -> Option<u64>,
-    set: fn(&mut Engine, u64) -> bool,
-}
-
-/// Fields of the engine's with their types in messages, those of each message, and the structure that holds them all.
-macro_rules! engine {
-    ($($(#[$doc:meta])* $name:ident: $type:ty, $kind:ident;)*) => {
-        /// What the engine says of a step or an episode. What a message does not have is 0 there.
-        #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-        pub struct Engine {
-            /// In an evaluation: number of the fixed episode in its kitchen, as in episodes.csv.
-            pub fixed_episode: Option<u32>,
-            $($(#[$doc])* pub $name: $type,)*
-        }
-
-        const OWN: &[Own] = &[
-            Own {
-                name: "fixed_episode",
-                kind: Type::Uint32,
-                get: |engine| engine.fixed_episode.map(u64::from),
-                set: |engine, bits| {
-                    engine.fixed_episode = u32::try_from(bits).ok();
-                    engine.fixed_episode.is_some()
-                },
-            },
-            $(Own {
-                name: stringify!($name),
-                kind: Type::$kind,
-                get: |engine| Some(u64::from(engine.$name)),
-                set: |engine, bits| <$type>::narrow(bits).map(|value| engine.$name = value).is_some(),
-            },)*
-        ];
-    };
-}
-
-engine! {
-    /// Kitchen number.
-    kitchen: u32, Uint32;
-    /// Number of the environment among those of its kitchen, over the whole run.
-    environment: u32, Uint32;
-    /// Actor process, and the environment's index in it.
-    actor: u32, Uint32;
-    environment_index: u32, Uint32;
-    /// Episode number within the environment.
-    episode: u32, Uint32;
-    /// Index of the action in its episode, from 0.
-    step: u32, Uint32;
-    /// Actions that the environment's half has been given since the run's first step, this one included.
-    exchange: u64, Uint64;
-    /// How often orchestrator, learner and actor had been started.
-    incarnation: u32, Uint32;
-    learner_incarnation: u32, Uint32;
-    actor_incarnation: u32, Uint32;
-    /// Version of the stage announcement in force.
-    stage_version: u64, Uint64;
-    /// The task ended the episode; the limit of steps did.
-    terminated: bool, Bool;
-    truncated: bool, Bool;
-    /// Hash of the simulator's state: after the action, before any reset; of an episode's start its first.
-    state_hash: u64, Fixed64;
-    /// Whether the images of this episode are recorded.
-    bulk_recorded: bool, Bool;
-    /// Actions taken.
-    length: u32, Uint32;
-}
-
-const STEP: [&str; 15] = [
-    "kitchen",
-    "environment",
-    "actor",
-    "environment_index",
-    "episode",
-    "step",
-    "exchange",
-    "incarnation",
-    "learner_incarnation",
-    "actor_incarnation",
-    "stage_version",
-    "terminated",
-    "truncated",
-    "state_hash",
-    "fixed_episode",
-];
-const START: [&str; 8] = [
-    "kitchen",
-    "environment",
-    "episode",
-    "incarnation",
-    "learner_incarnation",
-    "state_hash",
-    "bulk_recorded",
-    "fixed_episode",
-];
-const END: [&str; 9] = [
-    "kitchen",
-    "environment",
-    "episode",
-    "incarnation",
-    "learner_incarnation",
-    "length",
-    "terminated",
-    "truncated",
-    "fixed_episode",
-];
-
-/// A number of 64 bits as one of fewer, if it is one.
-trait Narrow: Sized {
-    fn narrow(bits: u64) -> Option<Self>;
-}
-
-impl Narrow for u32 {
-    fn narrow(bits: u64) -> Option<Self> {
-        Self::try_from(bits).ok()
-    }
-}
-
-impl Narrow for u64 {
-    fn narrow(bits: u64) -> Option<Self> {
-        Some(bits)
-    }
-}
-
-impl Narrow for bool {
-    fn narrow(bits: u64) -> Option<Self> {
-        (bits <= 1).then_some(bits == 1)
-    }
-}
-
-impl Engine {
-    /// The episode, and who played it.
-    pub fn whose(&self) -> ((u32, u32, u32), (u32, u32)) {
-        ((self.kitchen, self.environment, self.episode), (self.incarnation, self.learner_incarnation))
-    }
-
-    /// How the action ended the episode, if it did.
-    pub fn end(&self) -> Option<End> {
-        match (self.terminated, self.truncated) {
-            (true, _) => Some(End::Terminated),
-            (false, true) => Some(End::Truncated),
-            (false, false) => None,
-        }
-    }
-
-    /// The same, to be written.
-    pub fn ended(self, end: Option<End>) -> Self {
-        Self { terminated: end == Some(End::Terminated), truncated: end == Some(End::Truncated), ..self }
-    }
-}
+use std::collections::BTreeSet;
 
 /// What a message says.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -196,7 +40,7 @@ pub struct Told {
 
 /// Where a field's numbers are in [`Told`].
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Place {
+pub enum Place {
     Engine(usize),
     /// Of the record; whether it is of what was seen.
     Record(Field, bool),
@@ -207,18 +51,18 @@ enum Place {
 
 /// A field of a message.
 #[derive(Debug, Clone)]
-struct Slot {
-    name: String,
-    place: Place,
+pub struct Slot {
+    pub name: String,
+    pub place: Place,
     kind: Type,
     /// How its numbers lie in a message.
-    wire: WireType,
+    pub wire: WireType,
     /// What it begins with there: number and type.
     key: u64,
     /// Names of its numbers.
     names: Vec<String>,
     /// Several numbers.
-    is_list: bool,
+    pub is_list: bool,
     /// It can be absent, and 0 is written.
     is_optional: bool,
 }
@@ -226,8 +70,8 @@ struct Slot {
 /// A message, as this program writes it. A field's number is its position, from 1.
 #[derive(Debug, Clone)]
 pub struct Form {
-    message: &'static str,
-    slots: Vec<Slot>,
+    pub message: &'static str,
+    pub slots: Vec<Slot>,
     /// Bytes of a message at most.
     longest: usize,
     /// A message that says nothing.
@@ -345,7 +189,7 @@ fn kind_of(dtype: Dtype, names: &[String]) -> Type {
 }
 
 /// How a type's numbers lie in a message.
-fn wire_of(kind: Type) -> WireType {
+pub fn wire_of(kind: Type) -> WireType {
     match kind {
         Type::Float => WireType::ThirtyTwoBit,
         Type::Double | Type::Fixed64 => WireType::SixtyFourBit,
@@ -404,32 +248,6 @@ impl Slot {
             out.bytes[out.at..out.at + numbers.len()].copy_from_slice(numbers);
             out.at += numbers.len();
         }
-    }
-
-    /// Takes a number of this field, the one at this place in its list.
-    fn take(&self, at: usize, bits: u64, told: &mut Told) -> Result<(), MessageError> {
-        let fits = match self.place {
-            Place::Engine(own) => (OWN[own].set)(&mut told.engine, bits),
-            Place::Record(field, _) if at >= field.count => false,
-            Place::Record(field, is_seen) => {
-                told.seen |= is_seen;
-                let offset = field.offset + at * field.dtype.bytes();
-                field.dtype.write(bits, &mut told.record[offset..])
-            }
-            Place::Reward(at) => {
-                told.rewards[at] = f32::from_bits(bits as u32);
-                true
-            }
-            Place::Return(at) => {
-                told.returns[at] = Some(f64::from_bits(bits));
-                true
-            }
-            Place::Metric(at) => {
-                told.metrics[at] = Some(f64::from_bits(bits));
-                true
-            }
-        };
-        if fits { Ok(()) } else { Err(MessageError::Number { field: self.name.clone(), bits }) }
     }
 }
 
@@ -542,89 +360,4 @@ fn names_of(slot: &Slot) -> DescriptorProto {
     let (first, rest) = slot.name.split_at(1);
     let name = Some(format!("{}{rest}", first.to_ascii_uppercase()));
     DescriptorProto { name, enum_type: vec![names], ..DescriptorProto::default() }
-}
-
-/// A message that is none of its schema's, or a schema that is none of the task's.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum MessageError {
-    #[error("it has no schema, or a damaged one")]
-    NoSchema,
-    #[error("its messages have no field `{0}` as the task declares it: they were recorded under another declaration")]
-    NoField(String),
-    #[error("a message is damaged: {0}")]
-    Damaged(String),
-    #[error("a message's {field} is {bits:#x}, which cannot be")]
-    Number { field: String, bits: u64 },
-}
-
-impl From<prost::DecodeError> for MessageError {
-    fn from(cause: prost::DecodeError) -> Self {
-        Self::Damaged(cause.to_string())
-    }
-}
-
-/// How the messages of a recording's channel are read: the fields of a form by the numbers that they were recorded under.
-#[derive(Debug, Clone)]
-pub struct Reading {
-    form: Arc<Form>,
-    slots: HashMap<u32, usize>,
-}
-
-impl Reading {
-    /// Of what a recording says of its messages.
-    pub fn of(form: &Form, descriptor: &[u8]) -> Result<Self, MessageError> {
-        let set = FileDescriptorSet::decode(descriptor).map_err(|_| MessageError::NoSchema)?;
-        let mut messages = set.file.iter().flat_map(|file| &file.message_type);
-        let message = messages.find(|message| message.name() == form.message).ok_or(MessageError::NoSchema)?;
-        let number = |slot: &Slot| {
-            let is_it = |field: &&FieldDescriptorProto| {
-                let same = wire_of(field.r#type()) == slot.wire;
-                field.name() == slot.name && same && (field.label() == Label::Repeated) == slot.is_list
-            };
-            let field = message.field.iter().find(is_it);
-            field.map(|field| field.number() as u32).ok_or_else(|| MessageError::NoField(slot.name.clone()))
-        };
-        let slots = form.slots.iter().enumerate().map(|(at, slot)| Ok((number(slot)?, at)));
-        Ok(Self { slots: slots.collect::<Result<_, MessageError>>()?, form: Arc::new(form.clone()) })
-    }
-
-    /// Reads a message.
-    pub fn read(&self, mut data: &[u8]) -> Result<Told, MessageError> {
-        let mut told = self.form.empty();
-        while data.has_remaining() {
-            let (number, wire) = decode_key(&mut data)?;
-            let Some(&slot) = self.slots.get(&number) else {
-                skip_field(wire, number, &mut data, DecodeContext::default())?;
-                continue;
-            };
-            let slot = &self.form.slots[slot];
-            let own = slot.wire;
-            if wire == own && !slot.is_list {
-                slot.take(0, number_from(own, &mut data)?, &mut told)?;
-            } else if wire == WireType::LengthDelimited && slot.is_list {
-                let length = decode_varint(&mut data)?;
-                let damaged = || MessageError::Damaged(format!("its {} is cut off", slot.name));
-                let length = usize::try_from(length).ok().filter(|&length| length <= data.len()).ok_or_else(damaged)?;
-                let (mut list, rest) = data.split_at(length);
-                data = rest;
-                let mut at = 0;
-                while list.has_remaining() {
-                    slot.take(at, number_from(own, &mut list)?, &mut told)?;
-                    at += 1;
-                }
-            } else {
-                return Err(MessageError::Damaged(format!("its {} is of another type", slot.name)));
-            }
-        }
-        Ok(told)
-    }
-}
-
-fn number_from(wire: WireType, data: &mut &[u8]) -> Result<u64, MessageError> {
-    let cut = |_| MessageError::Damaged("it is cut off".to_owned());
-    match wire {
-        WireType::ThirtyTwoBit => data.try_get_u32_le().map(u64::from).map_err(cut),
-        WireType::SixtyFourBit => data.try_get_u64_le().map_err(cut),
-        _ => Ok(decode_varint(data)?),
-    }
 }

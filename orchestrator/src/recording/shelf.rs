@@ -8,9 +8,10 @@
 use super::assembly::{Assembly, Generation};
 use super::declared::Declared;
 use super::episodes::home;
-use super::form::{Carries, MessageError, Reading, Told};
+use super::form::{Carries, Told};
 use super::origin::Origin;
 use super::reader::RecordingError;
+use super::reading::{MessageError, Reading};
 use mcap::read::parse_record;
 use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};

@@ -31,7 +31,7 @@ pub fn said(path: &Path, declared: &Declared) -> Vec<Said> {
             Record::Schema { header, data } => drop(schemas.insert(header.id, data.into_owned())),
             Record::Channel(channel) => {
                 if let Some((carries, form)) = declared.forms.of_topic(&channel.topic) {
-                    let reading = super::form::Reading::of(form, &schemas[&channel.schema_id]).unwrap();
+                    let reading = super::reading::Reading::of(form, &schemas[&channel.schema_id]).unwrap();
                     channels.insert(channel.id, (carries, reading));
                 }
             }
@@ -350,6 +350,6 @@ fn a_recording_without_a_channel_of_the_task_is_refused_by_its_name() {
     let spec =
         proto::task::Spec::parse(&ARM.spec.text().replace("name = \"farthest_m\"", "name = \"nearest_m\"")).unwrap();
     let other = Declared::task(Box::leak(Box::new(spec)), &BTreeMap::new()).unwrap();
-    let refused = super::form::Reading::of(&ARM.forms.step, &other.forms.step.schema().descriptor).unwrap_err();
+    let refused = super::reading::Reading::of(&ARM.forms.step, &other.forms.step.schema().descriptor).unwrap_err();
     assert!(refused.to_string().contains("no field `farthest_m` as the task declares it"), "{refused}");
 }

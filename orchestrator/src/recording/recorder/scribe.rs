@@ -1,7 +1,8 @@
 //! Turns observations into messages: the messages of each step and their topics.
 
 use crate::recording::declared::Declared;
-use crate::recording::form::{Carries, Engine, Form, Told};
+use crate::recording::engine::Engine;
+use crate::recording::form::{Carries, Form, Told};
 use crate::recording::recorder::camera::{self, FrameNames};
 use crate::recording::recorder::channels::{Images, Pose};
 use crate::recording::recorder::held::{self, Held};

@@ -2,7 +2,7 @@
 
 use super::{ARM, Carries, Said, Shelf, episodes, same, step};
 use crate::recording::follow::Follower;
-use crate::recording::form::Reading;
+use crate::recording::reading::Reading;
 use proto::config::Config;
 use proto::run_folder::RunFolder;
 use std::time::Duration;

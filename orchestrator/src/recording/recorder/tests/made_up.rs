@@ -189,7 +189,7 @@ proptest! {
     fn any_bytes_are_a_message_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..64)) {
         let declared = made_up();
         for form in [&declared.forms.step, &declared.forms.end] {
-            let reading = crate::recording::form::Reading::of(form, &form.schema().descriptor).unwrap();
+            let reading = crate::recording::reading::Reading::of(form, &form.schema().descriptor).unwrap();
             if let Ok(told) = reading.read(&bytes) {
                 let mut room = vec![];
                 let again = form.write(&told, &mut room);
