@@ -7,7 +7,7 @@ use proto::evaluation::{Confusion, EpisodeRecord, Plan, category_of, has_targets
 use proto::kitchen::KitchenId;
 use proto::random::{Key, Purpose};
 use proto::record::{HOLD, RecordHeader};
-use proto::task::{Composition, Layout, Measure};
+use proto::task::{Composition, Layout, Summing, Sums};
 
 /// The episode of a column.
 #[derive(Debug, Clone, Default)]
@@ -17,10 +17,8 @@ struct Course {
     /// Episodes that this column has ended.
     played: u32,
     actions: Vec<u8>,
-    /// By reward.
-    returns: Vec<f64>,
-    /// What is known of each metric ([`Measure::after`]).
-    metrics: Vec<f64>,
+    /// Returns and metrics; none before the first action.
+    sums: Option<Sums>,
     /// The prediction of the label for the action in flight.
     foretold: Option<bool>,
     confusion: Option<Confusion>,
@@ -38,7 +36,7 @@ pub(crate) struct Examination {
     has_targets: bool,
     /// Those that an episode has returns under.
     rewards: Vec<Composition>,
-    measures: Vec<Measure>,
+    summing: Summing,
     signals: Signals,
     /// None: take the most probable action.
     seed: Option<u64>,
@@ -61,7 +59,7 @@ impl Examination {
             layout: spec.layout(),
             has_targets: has_targets(spec),
             rewards: spec.plain_rewards().map(|name| config.reward(name)).collect(),
-            measures: spec.measures(),
+            summing: Summing::of(spec),
             signals: Signals::of(config),
             seed,
             policy_actions,
@@ -109,14 +107,9 @@ impl Examination {
         let episode = course.episode?;
         let (header, layout) = (RecordHeader::of(record), self.layout);
         let part = |index| layout.part(record, index);
-        course.returns.resize(self.rewards.len(), 0.0);
-        for (sum, reward) in course.returns.iter_mut().zip(&self.rewards) {
-            *sum += f64::from(reward.of(part, 0.0));
-        }
-        course.metrics.resize(self.measures.len(), 0.0);
-        for (metric, measure) in course.metrics.iter_mut().zip(&self.measures) {
-            *metric = measure.after(|index| layout.fields[index].number(record), *metric);
-        }
+        let rewards: Vec<f32> = self.rewards.iter().map(|reward| reward.of(part, 0.0)).collect();
+        let sums = course.sums.get_or_insert_with(|| self.summing.nothing(rewards.len()));
+        self.summing.add(sums, record, &rewards);
         if let Some(foretold) = course.foretold.take() {
             let confusion = course.confusion.get_or_insert_default();
             // As in training, an episode's last step does not count.
@@ -131,15 +124,15 @@ impl Examination {
         let next = Course { episode: self.plan.dealt(environment, count), played: count, ..Course::default() };
         let ended = std::mem::replace(course, next);
         self.remaining -= 1;
-        let metrics = self.measures.iter().zip(&ended.metrics);
-        let metrics = metrics.map(|(measure, &known)| measure.of_episode(known));
+        let sums = ended.sums?;
+        let metrics = self.summing.metrics(Some(&sums), record);
         let played = EpisodeRecord {
             kitchen,
             episode,
             category: self.has_targets.then(|| category_of(episode)),
             end,
             length: ended.actions.len() as u32,
-            numbers: ended.returns.iter().copied().map(Some).chain(metrics).collect(),
+            numbers: sums.returns.iter().copied().map(Some).chain(metrics).collect(),
             prediction: ended.confusion,
             state_hash: header.outcome_hash,
         };

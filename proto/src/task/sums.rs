@@ -47,7 +47,7 @@ impl Summing {
         last: &'a [u8],
     ) -> impl ExactSizeIterator<Item = Option<f64>> + 'a {
         self.measures.iter().enumerate().map(move |(at, measure)| match sums {
-            Some(sums) => Some(sums.metrics[at]),
+            Some(sums) => measure.of_episode(sums.metrics[at]),
             None if measure.over == Over::Last => {
                 Some(measure.after(|index| self.layout.fields[index].number(last), 0.0))
             }
