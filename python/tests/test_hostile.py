@@ -245,7 +245,8 @@ def test_no_run_folder_raises_another_error(tmp_path: Path, seed: int) -> None:
     score = {"rollout": 4, "frames": 900, "weights": "ab", "result": "r", "episodes": 8, "success": 1, "at_unix_s": 1}
     stage = {"name": "I", "reward": "r", "frames": 9, "budget": 9, "whole": {"x": 1}, "last_tenth": {"y": 2}}
     described = [{"name": "success", "kind": "share", "unit": "", "doc": "Yes."}]
-    result = {"format": 2, "described": described, "subject": {"preset": "demo"}, "conditions": {}, "overall": {"episodes": 2}, "cost": {"s": 1}}
+    result = {"subject": {"preset": "demo"}, "conditions": {}, "overall": {"episodes": 2}, "cost": {"s": 1}}
+    result |= {"format": 2, "described": described}
     read = 0
     for number in range(150):
         folder = tmp_path / str(number)

@@ -126,7 +126,7 @@ fn what_is_said_of_a_damaged_file_helps() {
     let evaluation = evaluation.as_ref().expect("a readable folder").path();
     cut(&evaluation.join("evaluation.json"));
     let without = report();
-    let note = "evaluation.json is damaged (delete its folder, and evaluate again)";
+    let note = "evaluation.json: it is damaged (delete its folder, and evaluate again)";
     assert!(without.success && without.stderr.contains(note), "{without:#?}");
     std::fs::remove_dir_all(&evaluation).expect("a folder to delete");
     evaluated();
