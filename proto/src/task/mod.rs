@@ -15,11 +15,12 @@ mod metric;
 mod read;
 mod resolve;
 mod reward;
+mod space;
 mod spec;
 #[cfg(test)]
 mod tests;
 
-pub use actions::{ActionSpace, Actions};
+pub use actions::Actions;
 pub use channel::{Channel, Dtype, Role};
 pub use check::{Check, Implausible};
 pub use error::SpecError;
@@ -27,4 +28,5 @@ pub use inputs::{Inputs, VECTOR_NUMBERS};
 pub use layout::{Field, HEADER_BYTES, LINE_BYTES, Layout};
 pub use metric::{Clause, Measure, Metric, Over};
 pub use reward::{Composition, Condition, Cost, Label, MULTIPLIER, Reward, Term, Weight};
+pub use space::ActionSpace;
 pub use spec::Spec;
