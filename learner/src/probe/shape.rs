@@ -33,7 +33,7 @@ pub fn fit(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> Result<()
     let actor = "actor.weight";
     let (actions, hidden) = (side(actor, 0)?, side(actor, 1)?);
     let spaces: Vec<(usize, ActionSpace)> =
-        ActionSpace::all().filter_map(|space| Some((config.spec().actions.of(space)?.len(), space))).collect();
+        ActionSpace::all().filter_map(|space| Some((space.of(&config.spec().actions)?.len(), space))).collect();
     let found = spaces.iter().find(|(count, _)| *count as i64 == actions);
     let counts: Vec<String> = spaces.iter().map(|(count, _)| count.to_string()).collect();
     let none = || wrong(actor, format!("has {actions} actions; there are spaces of {}", counts.join(" and ")));

@@ -50,7 +50,7 @@ impl Config {
     /// # Panics
     /// If the configuration was not validated.
     pub fn policy_actions(&self) -> Vec<u8> {
-        let actions = self.spec().actions.of(self.episode.action_space);
+        let actions = self.episode.action_space.of(&self.spec().actions);
         actions.expect("a validated configuration names a subset that there is")
     }
 
@@ -86,7 +86,7 @@ impl Config {
             }
         }
         spec.inputs().map_err(|cause| wrong("task", cause))?;
-        if spec.actions.of(self.episode.action_space).is_none() {
+        if self.episode.action_space.of(&spec.actions).is_none() {
             let problem = format!("task `{}` has no subset `{}`", spec.name, self.episode.action_space);
             return Err(wrong("episode.action_space", SpecError::Actions { problem }));
         }

@@ -225,7 +225,7 @@ impl ActionCounts {
     /// Counts the actions of episodes of at most `max_steps` steps. What does not belong to the action space is left out:
     /// a policy cannot take it.
     fn of<'a>(spec: &Spec, space: ActionSpace, max_steps: u32, episodes: impl Iterator<Item = &'a [u8]>) -> Self {
-        let actions = spec.actions.of(space).unwrap_or_default();
+        let actions = space.of(&spec.actions).unwrap_or_default();
         let mut by_step = vec![vec![0; actions.len()]; max_steps as usize];
         for episode in episodes {
             for (row, taken) in by_step.iter_mut().zip(episode) {

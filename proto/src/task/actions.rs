@@ -2,10 +2,8 @@
 
 use super::channel::Dtype;
 use super::error::SpecError;
-use super::spec::Spec;
-use serde::{Deserialize, Deserializer, Serialize, de};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::fmt;
 
 /// The actions, as a task declares them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -32,18 +30,6 @@ impl Actions {
             Self::Discrete { .. } => (Dtype::U8, 1),
             Self::Box { bounds } => (Dtype::F32, bounds.len()),
         }
-    }
-
-    /// The actions of a space, in the order of a policy's head; none if the task has no such subset.
-    pub fn of(&self, space: ActionSpace) -> Option<Vec<u8>> {
-        let all = self.names();
-        let subset = match self {
-            _ if space == ActionSpace::default() => all,
-            Self::Discrete { subsets, .. } => subsets.get(space.0)?,
-            Self::Box { .. } => return None,
-        };
-        let index = |name: &String| all.iter().position(|other| other == name).map(|index| index as u8);
-        subset.iter().map(index).collect()
     }
 
     /// Names of the actions; none of numbers.
@@ -88,50 +74,4 @@ impl Actions {
 }
 
 /// Name of the space of all actions.
-const ALL: &str = "large";
-
-/// Which of a task's actions a policy may choose from: `large`, all of them, or a subset that the task names.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
-pub struct ActionSpace(&'static str);
-
-impl ActionSpace {
-    /// That of a name; none if no task that is built in has one.
-    pub fn named(name: &str) -> Option<Self> {
-        Self::all().find(|space| space.0 == name)
-    }
-
-    pub fn name(self) -> &'static str {
-        self.0
-    }
-
-    /// All that tasks which are built in have.
-    pub fn all() -> impl Iterator<Item = Self> {
-        let subsets = Spec::built_in().iter().flat_map(|spec| match &spec.actions {
-            Actions::Discrete { subsets, .. } => subsets.keys().map(|name| Self(name)).collect(),
-            Actions::Box { .. } => vec![],
-        });
-        std::iter::once(Self::default()).chain(subsets)
-    }
-}
-
-impl Default for ActionSpace {
-    fn default() -> Self {
-        Self(ALL)
-    }
-}
-
-impl fmt::Display for ActionSpace {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.0)
-    }
-}
-
-impl<'de> Deserialize<'de> for ActionSpace {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let name = String::deserialize(deserializer)?;
-        Self::named(&name).ok_or_else(|| {
-            let known: Vec<&str> = Self::all().map(Self::name).collect();
-            de::Error::custom(format!("there is no action space `{name}`; there are {}", known.join(", ")))
-        })
-    }
-}
+pub(super) const ALL: &str = "large";

@@ -18,12 +18,13 @@ mod outcome;
 mod read;
 mod resolve;
 mod reward;
+mod space;
 mod spec;
 mod sums;
 #[cfg(test)]
 mod tests;
 
-pub use actions::{ActionSpace, Actions};
+pub use actions::Actions;
 pub use channel::{Channel, Dtype, Role};
 pub use check::{Check, Implausible};
 pub use error::SpecError;
@@ -33,5 +34,6 @@ pub use layout::{Field, HEADER_BYTES, LINE_BYTES, Layout};
 pub use metric::{Clause, Comparison, Kind, Limit, Measure, Metric, Over, ShownMetric};
 pub use outcome::UNFINISHED;
 pub use reward::{Composition, Condition, Cost, Label, MULTIPLIER, Reward, Term, Weight};
+pub use space::ActionSpace;
 pub use spec::Spec;
 pub use sums::{Summing, Sums};

@@ -109,8 +109,12 @@ fn restore(config: &Config) {
     let folder = tempfile::tempdir().unwrap();
     let mut restored = environments(Larder::of(config, folder.path()).unwrap(), config);
     let mut expected = environments(Larder::without_thread(config, folder.path()), config);
-    let states: Vec<EnvironmentState> =
-        [9, 0, 4].map(|episode| EnvironmentState { episode, action_count: 2, ..bytemuck::Zeroable::zeroed() }).into();
+    // Action 1 ends no episode in either task.
+    let states = [9, 0, 4].map(|episode| {
+        let mut state = EnvironmentState::start_of(episode);
+        [1, 1].into_iter().for_each(|action| state.push(action));
+        state
+    });
     for (environments, prepares) in [(&mut restored, true), (&mut expected, false)] {
         played(environments, |environments| while prepares && environments.prepare() {});
         environments.rebuild(&states).unwrap();
