@@ -60,10 +60,9 @@ impl Standing {
         }
     }
 
-    /// Means of the task's metrics so far, by name; without those that are not known.
-    pub fn figures(&self, task: &Spec) -> BTreeMap<String, f64> {
-        let own = serde_json::to_value(self).unwrap_or_default();
-        task.metrics.iter().filter_map(|metric| Some((metric.name.clone(), own[&metric.name].as_f64()?))).collect()
+    /// The means that are known.
+    pub fn known(&self) -> BTreeMap<String, f64> {
+        self.means.iter().filter_map(|(name, mean)| Some((name.clone(), (*mean)?))).collect()
     }
 
     /// As people read it, in parts.

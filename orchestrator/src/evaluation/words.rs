@@ -119,9 +119,11 @@ mod tests {
         let kitchen = KitchenId::new(2).unwrap();
         let arm = Config::default().spec();
         let printed = result(arm, ObjectSet::Novel, played(kitchen, 6, &["success", "picked_up"]));
-        let head = "              episodes  length      SR   SRwoD  SRwoD (per axis)  picked up  d_T (m)  disturbed";
+        let head =
+            "              episodes  length      SR   SRwoD  SRwoD (per axis)  picked up  disturbance (m)  disturbed";
         assert_eq!(printed[1], head);
-        let all = "all                  1     1.0  100.0%    0.0%              0.0%     100.0%    0.000       0.00";
+        let all =
+            "all                  1     1.0  100.0%    0.0%              0.0%     100.0%            0.000       0.00";
         assert_eq!(printed[printed.len() - 4], all);
         assert!(printed[printed.len() - 3].starts_with("success but unsafe 0.0%, unsafe of the successes 0.0%, worst"));
 

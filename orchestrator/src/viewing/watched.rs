@@ -191,7 +191,7 @@ impl Watched {
                 state: state_of(identity, held, standing.result.is_some()).to_string(),
                 done: standing.played,
                 budget: standing.asked,
-                figures: standing.figures(config.spec()),
+                figures: standing.known(),
                 ..card
             });
         }
