@@ -41,7 +41,7 @@ pub fn run(input: impl BufRead + Send, mut output: impl Write) -> Result<()> {
     let source = source_of(&configs, &rules, &setup)?;
     let numbers = source.numbers.clone();
     if let Some(metric) = &setup.keep {
-        let shares = source.spec.metrics.iter().filter(|metric| metric.value.is_none());
+        let shares = source.spec.metrics.iter().filter(|metric| metric.is_share());
         let names: Vec<&str> = shares.map(|metric| metric.name.as_str()).collect();
         let has = names.contains(&metric.as_str());
         ensure!(has, "--only {metric}: task `{}` has {}", source.spec.name, names.join(", "));

@@ -77,7 +77,7 @@ pub fn table<'py>(py: Python<'py>, task: &Spec, rows: &[Facts]) -> PyResult<Boun
         }
     }
     for (metric, measure) in task.metrics.iter().zip(task.measures()) {
-        if metric.curve && metric.shown().share {
+        if metric.curve && metric.is_share() {
             table.set_item(&metric.name, column(py, rows, |facts| holds(&measure, task, facts)))?;
         }
     }

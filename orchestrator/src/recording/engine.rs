@@ -76,46 +76,14 @@ engine! {
 }
 
 /// Those of a step, in the order of their numbers.
-pub const STEP: [&str; 15] = [
-    "kitchen",
-    "environment",
-    "actor",
-    "environment_index",
-    "episode",
-    "step",
-    "exchange",
-    "incarnation",
-    "learner_incarnation",
-    "actor_incarnation",
-    "stage_version",
-    "terminated",
-    "truncated",
-    "state_hash",
-    "fixed_episode",
-];
+pub const STEP: &str = "kitchen environment actor environment_index episode step exchange incarnation \
+    learner_incarnation actor_incarnation stage_version terminated truncated state_hash fixed_episode";
 /// Those of an episode's start.
-pub const START: [&str; 8] = [
-    "kitchen",
-    "environment",
-    "episode",
-    "incarnation",
-    "learner_incarnation",
-    "state_hash",
-    "bulk_recorded",
-    "fixed_episode",
-];
+pub const START: &str = "kitchen environment episode incarnation learner_incarnation state_hash bulk_recorded \
+    fixed_episode";
 /// Those of its end.
-pub const END: [&str; 9] = [
-    "kitchen",
-    "environment",
-    "episode",
-    "incarnation",
-    "learner_incarnation",
-    "length",
-    "terminated",
-    "truncated",
-    "fixed_episode",
-];
+pub const END: &str = "kitchen environment episode incarnation learner_incarnation length terminated truncated \
+    fixed_episode";
 
 /// A number of 64 bits as one of fewer, if it is one.
 trait Narrow: Sized {

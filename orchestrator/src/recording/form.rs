@@ -121,8 +121,8 @@ impl Forms {
             metrics: vec![None; spec.metrics.len()],
             ..Told::default()
         };
-        let form = |message, own: &[&str], slots: Vec<Slot>| {
-            let mut slots: Vec<Slot> = own.iter().map(|&name| engine_slot(name)).chain(slots).collect();
+        let form = |message, own: &'static str, slots: Vec<Slot>| {
+            let mut slots: Vec<Slot> = own.split(' ').map(engine_slot).chain(slots).collect();
             for (number, slot) in (1..).zip(&mut slots) {
                 let wire = if slot.is_list { WireType::LengthDelimited } else { slot.wire };
                 slot.key = number << 3 | wire as u64;
@@ -131,9 +131,9 @@ impl Forms {
             Form { message, slots, longest, empty: empty.clone() }
         };
         Self {
-            step: form("Step", &STEP, std::iter::once(action).chain(rewarded).chain(acted).chain(seen()).collect()),
-            start: form("EpisodeStart", &START, seen().collect()),
-            end: form("EpisodeEnd", &END, returned.chain(metrics).collect()),
+            step: form("Step", STEP, std::iter::once(action).chain(rewarded).chain(acted).chain(seen()).collect()),
+            start: form("EpisodeStart", START, seen().collect()),
+            end: form("EpisodeEnd", END, returned.chain(metrics).collect()),
         }
     }
 

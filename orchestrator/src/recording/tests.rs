@@ -347,8 +347,7 @@ fn an_older_recording_is_refused_with_the_version_that_reads_it() {
 /// What was recorded under another declaration has no digests to compare: it is refused by the field's name.
 #[test]
 fn a_recording_without_a_channel_of_the_task_is_refused_by_its_name() {
-    let spec =
-        proto::task::Spec::parse(&ARM.spec.text().replace("name = \"farthest_m\"", "name = \"nearest_m\"")).unwrap();
+    let spec = proto::task::Spec::parse(&ARM.spec.text().replace("\"farthest_m\"", "\"nearest_m\"")).unwrap();
     let other = Declared::task(Box::leak(Box::new(spec)), &BTreeMap::new()).unwrap();
     let refused = super::reading::Reading::of(&ARM.forms.step, &other.forms.step.schema().descriptor).unwrap_err();
     assert!(refused.to_string().contains("no field `farthest_m` as the task declares it"), "{refused}");

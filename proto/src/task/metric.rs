@@ -43,12 +43,16 @@ pub struct ShownMetric {
 }
 
 impl Metric {
+    /// Whether it is 1 or 0 of an episode: its mean is a share of episodes.
+    pub fn is_share(&self) -> bool {
+        self.value.is_none() && matches!(self.over, Over::Last | Over::Any)
+    }
+
     /// As tables and screens show it.
     pub fn shown(&self) -> ShownMetric {
         let text = |text: &String| (!text.is_empty()).then(|| text.clone());
         let label = text(&self.label).unwrap_or_else(|| self.name.clone());
-        let share = self.value.is_none() && matches!(self.over, Over::Last | Over::Any);
-        ShownMetric { name: self.name.clone(), label, unit: text(&self.unit), share }
+        ShownMetric { name: self.name.clone(), label, unit: text(&self.unit), share: self.is_share() }
     }
 }
 

@@ -14,37 +14,10 @@ use std::sync::LazyLock;
 
 /// What the engine itself says of steps and episodes in recordings, data sets and tables. No channel or metric has such a
 /// name, nor one that begins with `reward_` or `return_`.
-const RESERVED: [&str; 29] = [
-    "action",
-    "action_names",
-    "actor",
-    "actor_incarnation",
-    "bulk_recorded",
-    "end",
-    "ended",
-    "environment",
-    "environment_index",
-    "episode",
-    "exchange",
-    "fixed_episode",
-    "incarnation",
-    "kitchen",
-    "learner_incarnation",
-    "length",
-    "outcome",
-    "outside",
-    "previous_action",
-    "robot",
-    "seed",
-    "stage",
-    "stage_version",
-    "state",
-    "state_hash",
-    "step",
-    "steps",
-    "terminated",
-    "truncated",
-];
+const RESERVED: &str = "action action_names actor actor_incarnation bulk_recorded end ended environment \
+                        environment_index episode exchange fixed_episode incarnation kitchen learner_incarnation \
+                        length outcome outside previous_action robot seed stage stage_version state state_hash step \
+                        steps terminated truncated";
 
 /// A task's declaration, as it is written.
 #[derive(Deserialize)]
@@ -165,8 +138,9 @@ impl Spec {
 
 /// The same as [`check_names`], and refuses those that the engine has.
 fn check_own_names<'a>(names: impl Iterator<Item = &'a str> + Clone) -> Result<(), SpecError> {
-    let is_reserved =
-        |name: &&str| RESERVED.contains(name) || name.starts_with("reward_") || name.starts_with("return_");
+    let is_reserved = |name: &&str| {
+        RESERVED.split(' ').any(|own| own == *name) || name.starts_with("reward_") || name.starts_with("return_")
+    };
     match names.clone().find(is_reserved) {
         Some(name) => Err(SpecError::Reserved(name.to_owned())),
         None => check_names(names),

@@ -90,7 +90,7 @@ impl Spec {
                 [label, unit, doc].into_iter().for_each(String::clear);
             }
             (spec.figures, spec.curves) = (vec![], vec![]);
-            (spec.headline, spec.shown) = (None, vec![]);
+            spec.shown.clear();
             spec
         };
         bare(self) == bare(other)

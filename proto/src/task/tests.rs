@@ -252,15 +252,12 @@ fn observations_that_networks_cannot_take_are_refused_with_their_names() {
     let spec = Spec::parse(&frame).unwrap();
     let place = |name| spec.channel(name).unwrap().1;
     assert_eq!(inputs("", ""), Ok(Inputs { image: place("image"), vector: vec![place("goal_m")] }));
-    let second = "role = \"observation\"\ndtype = \"u8\"\nnames = [\"square\", \"round\"]";
+    let shade = "[[channels]]\nname = \"shade\"\nrole = \"observation\"\ndtype = \"u8\"\nnames = [\"dark\"]\ndoc = \"\"\n";
+    let second = &format!("{shade}\n[[metrics]]");
     for (from, to, problem) in [
         ("[224, 224]", "[112, 112]", "cannot take its observation `image`"),
         ("sums = 2", "", "cannot take its observation `image`"),
-        (
-            "role = \"outcome\"\ndtype = \"u8\"\nnames = [\"square\", \"round\"]",
-            second,
-            "cannot take its observation `kind`",
-        ),
+        ("[[metrics]]", second, "cannot take its observation `shade`"),
         ("shape = [3]", "shape = [2]", "cannot take its observations: 2 numbers of f32"),
         ("role = \"observation\"\ndtype = \"u16\"", "role = \"state\"\ndtype = \"u16\"", "there is no image"),
     ] {
@@ -357,7 +354,7 @@ fn a_declaration_that_is_not_sound_is_refused_with_its_place() {
         ("at_least = -0.5", "at_least = nan", "a limit is a number"),
         ("at_least = -0.5", "at_lest = -0.5", "at_lest"),
         ("above = \"done\"", "above = \"goal_m\"", "`goal_m` is no scalar"),
-        ("name = \"ever\"", "name = \"length\"", "two of the name `length`"),
+        ("name = \"ever\"", "name = \"length\"", "a name of the engine's own"),
         ("name = \"share_there\"", "name = \"return_r\"", "two of the name `return_r`"),
         ("of = \"how_long\"", "of = \"so_long\"", "there is no number `so_long`"),
         ("per = \"length\"", "per = \"length\"\ntake = \"max\"", "of means alone"),

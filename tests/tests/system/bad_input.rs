@@ -51,7 +51,7 @@ fn mistakes_on_the_command_line() {
     refused(&complete(workshop.orchestrator(&["up", "--seed", "1,2,3"])), "`orchestrator suite FILE --seed 1,2,3`");
     for command in [&["up"][..], &["config"], &["eval"], &["suite", "table.toml"]] {
         let command = [command, &["--seed", "9223372036854775808"]].concat();
-        refused(&complete(workshop.orchestrator(&command)), "must be at most 9223372036854775807");
+        refused(&complete(workshop.orchestrator(&command)), "a seed is a whole number from 0 to 9223372036854775807");
     }
     // No device: where this is broken it would be gone.
     assert!(Command::new("mkfifo").arg(workshop.path("pipe")).status().unwrap().success());
