@@ -32,7 +32,9 @@ const AHEAD_EACH: usize = 2;
 /// Reads a setup and episodes from `input` until it ends, writes the data set, and answers on `output`.
 pub fn run(input: impl BufRead + Send, mut output: impl Write) -> Result<()> {
     let mut lines = input.lines();
-    let first = lines.next().context("the input is empty: its first line is the setup")??;
+    // The process that wanted the episodes has ended before it said which.
+    let Some(first) = lines.next() else { return Ok(()) };
+    let first = first.context("cannot read the setup")?;
     let setup: DatasetSetup = serde_json::from_str(&first).context("the first line is not a setup")?;
     ensure!((8..=SIDE_MAX).contains(&setup.side_px), "pictures have 8 to {SIDE_MAX} pixels, not {}", setup.side_px);
     let configs = setup.configs.iter().map(|config| Config::from_toml(config, "a configuration of the recordings"));

@@ -30,7 +30,8 @@ const SIDE_MAX: u32 = 4096;
 /// Reads a setup and episodes from `input` until it ends, writes a verdict on each to `output`.
 pub fn run(input: impl BufRead, mut output: impl Write) -> Result<()> {
     let mut lines = input.lines();
-    let first = lines.next().context("the input is empty: its first line is the replay's setup")?;
+    // The process that wanted the replay has ended before it said what.
+    let Some(first) = lines.next() else { return Ok(()) };
     let setup: ReplaySetup =
         serde_json::from_str(&first.context("cannot read the setup")?).context("the first line is not a setup")?;
     let config = Config::from_toml(&setup.config, "the setup's configuration")?;

@@ -54,8 +54,10 @@ fn as_read<'a>(figures: impl IntoIterator<Item = (&'a str, f64)>) -> BTreeMap<St
 
 /// The columns of a task's figures: its metrics, then returns.
 fn columns(spec: &Spec) -> Vec<EpisodeColumn> {
-    let metrics = spec.metrics.iter().map(|metric| {
-        EpisodeColumn { name: metric.name.clone(), doc: metric.doc.clone(), is_share: metric.is_share() }
+    let metrics = spec.metrics.iter().map(|metric| EpisodeColumn {
+        name: metric.name.clone(),
+        doc: metric.doc.clone(),
+        is_share: metric.is_share(),
     });
     let returns = spec.rewards.iter().filter_map(|reward| {
         let doc = format!("Undiscounted return under {}.", reward.name);

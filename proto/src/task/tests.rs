@@ -252,7 +252,8 @@ fn observations_that_networks_cannot_take_are_refused_with_their_names() {
     let spec = Spec::parse(&frame).unwrap();
     let place = |name| spec.channel(name).unwrap().1;
     assert_eq!(inputs("", ""), Ok(Inputs { image: place("image"), vector: vec![place("goal_m")] }));
-    let shade = "[[channels]]\nname = \"shade\"\nrole = \"observation\"\ndtype = \"u8\"\nnames = [\"dark\"]\ndoc = \"\"\n";
+    let shade =
+        "[[channels]]\nname = \"shade\"\nrole = \"observation\"\ndtype = \"u8\"\nnames = [\"dark\"]\ndoc = \"\"\n";
     let second = &format!("{shade}\n[[metrics]]");
     for (from, to, problem) in [
         ("[224, 224]", "[112, 112]", "cannot take its observation `image`"),

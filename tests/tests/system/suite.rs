@@ -224,7 +224,7 @@ fn a_report_of_two_seeds_has_numbers_and_says_what_is_missing() {
     let numbers = std::fs::read_to_string(workshop.path("both/report.json")).expect("numbers");
     let numbers: Value = serde_json::from_str(&numbers).expect("JSON");
     let result = &numbers["groups"][0]["results"][0];
-    assert_eq!((&result["field"], &result["success"]["seeds"]), (&"test-novel-drawn".into(), &1.into()));
+    assert_eq!((&result["field"], &result["metrics"]["success"]["seeds"]), (&"test-novel-drawn".into(), &1.into()));
     assert_eq!(result["pooled"]["episodes"], 30);
 
     refused(&complete(workshop.orchestrator(&["report", "seed-5", "--out", "seed-5"])), "no report");
