@@ -126,8 +126,12 @@ fn differing(declared: &Declared, end: &Told, last: &Told, sums: Option<&Sums>) 
     let returns = declared.compared.rewards().map(|name| format!("return_{name}"));
     let metrics = declared.spec.metrics.iter().map(|metric| metric.name.clone());
     let numbers = end.returns.iter().zip(&own.returns).chain(end.metrics.iter().zip(&own.metrics));
-    // A recorder or reader that did not see all of the episode knows none.
-    let differ = |pair: (&Option<f64>, &Option<f64>)| matches!(pair, (Some(recorded), Some(own)) if recorded.to_bits() != own.to_bits());
+    // A recorder or reader that did not see all of the episode knows some of them alone.
+    let is_whole = sums.is_some() && end.returns.first().is_some_and(Option::is_some);
+    let differ = |(recorded, own): (&Option<f64>, &Option<f64>)| match (recorded, own) {
+        (Some(recorded), Some(own)) => recorded.to_bits() != own.to_bits(),
+        (recorded, own) => is_whole && recorded.is_some() != own.is_some(),
+    };
     let ends = [
         ("terminated", end.engine.terminated != last.engine.terminated),
         ("truncated", end.engine.truncated != last.engine.truncated),
