@@ -69,7 +69,8 @@ pub fn source(root: &Path, page: &str, target: &str) -> Result<String, BookError
     let end = rest.iter().position(|line| is("ANCHOR_END:", line)).filter(|&end| end > 0).ok_or_else(missing)?;
     let indented = |line: &&str| line.len() - line.trim_start().len();
     let margin = rest[..end].iter().filter(|line| !line.is_empty()).map(indented).min().unwrap_or(0);
-    Ok(rest[..end].iter().map(|line| format!("{}\n", line.get(margin..).unwrap_or_default())).collect())
+    let cut: Vec<&str> = rest[..end].iter().map(|line| line.get(margin..).unwrap_or_default()).collect();
+    Ok(cut.join("\n") + "\n")
 }
 
 #[cfg(test)]
