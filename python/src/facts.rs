@@ -4,7 +4,6 @@
 use crate::place::Place;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use proto::record::End;
-use proto::replay::length_m;
 use proto::task::{Channel, Dtype, Field, Measure, Role, Spec};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -30,8 +29,9 @@ impl Facts {
         let mut done = place.transition.unwrap_or_default();
         // Known at an episode's start, too.
         done.target = current.current_target;
-        done.wrist_object_m = length_m(current.wrist_to_object_m);
-        done.object_goal_m = length_m(current.object_to_goal_m);
+        let length = |[x, y, z]: [f32; 3]| (x * x + y * y + z * z).sqrt();
+        done.wrist_object_m = length(current.wrist_to_object_m);
+        done.object_goal_m = length(current.object_to_goal_m);
         let mut record = vec![0; place.config.spec().layout().small_bytes];
         arm_point_nav::write(&mut record, &done, current);
         Self {

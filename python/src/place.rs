@@ -2,7 +2,7 @@
 
 use crate::room::Room;
 use oracle::{Policy, Variant};
-use picture::{Canvas, Moment, Storyboard, Task};
+use picture::{Canvas, Moment, Storyboard, Task, Words};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use serde::{Deserialize, Serialize};
@@ -10,7 +10,7 @@ use simulator::depth::DepthCamera;
 use simulator::robot::action::Action;
 use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::Transition;
-use simulator::tasks::arm_point_nav::episode::Episode;
+use simulator::tasks::arm_point_nav::episode::{Episode, GOAL_TOLERANCE_M};
 use simulator::tasks::arm_point_nav::episodes::{self, EpisodesError};
 use std::sync::Arc;
 
@@ -156,17 +156,33 @@ impl Place {
         action
     }
 
+    /// What is said below a picture.
+    fn words(&self) -> Words {
+        let remark = match &self.transition {
+            Some(done) if done.picked_up() => "picked up",
+            Some(done) if done.failed() => "failed",
+            _ => "",
+        };
+        let action = self.actions.last().map_or("", |action| action.name());
+        Words {
+            action: format!("step {} {action}", self.actions.len()),
+            remark: remark.to_owned(),
+            measures: format!("disturbance {:.3} m", self.environment.disturbance_m()),
+            outcome: None,
+        }
+    }
+
     /// A picture for people: the depth view, the room from outside, and what happens in words.
     pub fn picture(&mut self, side: usize) -> Canvas {
-        let mut moment = Moment::of(&self.environment, self.transition.as_ref());
-        moment.words.action = format!("step {} {}", self.actions.len(), moment.words.action);
+        let moment = Moment::of(self.environment.simulation(), self.environment.world_from_camera(), self.words());
         let story = match self.story.take() {
             Some(story) if story.side() == side => story,
             _ => {
                 let (episode, kitchen) = (self.environment.episode(), &self.room.kitchen);
                 let target = kitchen.target_movable(episode.category);
                 let title = format!("Kitchen {}: bring the {}", kitchen.id(), episode.category.name());
-                let task = Task { target, goal: episode.goal, title };
+                let goal_tolerance_m = GOAL_TOLERANCE_M;
+                let task = Task { target: Some(target), goal: Some(episode.goal), goal_tolerance_m, title };
                 Arc::new(Storyboard::new(Arc::clone(kitchen), task, std::slice::from_ref(&moment), side))
             }
         };

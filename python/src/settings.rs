@@ -4,9 +4,10 @@ use crate::argument::{chosen, real, text, whole};
 use crate::error::value_error;
 use proto::config::{CarriedGoal, Config, ConfigError};
 use proto::episode::MAX_EPISODE_STEPS;
-use proto::task::Composition;
+use proto::task::{ActionSpace, Composition};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use simulator::robot::action::Action;
 use std::sync::Arc;
 
 /// Width and height of a frame that can be asked for, pixels.

@@ -132,7 +132,9 @@ fn a_job_that_is_preempted_is_saved_and_queued_again() {
     let job = cluster.start();
     let everyone = cluster.run().processes("");
     assert!(everyone.len() >= 2 + 2 + 4, "orchestrators, learners and actors: {everyone:?}");
-    everyone.into_iter().for_each(|process| signal(process, Signal::TERM));
+    for process in everyone {
+        signal(process, Signal::TERM);
+    }
     assert_queued(&finish(job), "saved: the job is queued again");
     assert_eq!(cluster.queued(), 1);
     cluster.run().assert_nothing_left();

@@ -112,7 +112,9 @@ fn restore(config: &Config) {
     // Action 1 ends no episode in either task.
     let states = [9, 0, 4].map(|episode| {
         let mut state = EnvironmentState::start_of(episode);
-        [1, 1].into_iter().for_each(|action| state.push(action));
+        for action in [1, 1] {
+            state.push(action);
+        }
         state
     });
     for (environments, prepares) in [(&mut restored, true), (&mut expected, false)] {

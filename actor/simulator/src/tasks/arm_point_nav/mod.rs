@@ -6,7 +6,7 @@ pub mod episodes;
 mod step;
 
 pub use environment::Environment;
-pub use step::{Current, RewardParts, Transition, check};
+pub use step::{Current, RewardParts, Transition, check, write};
 
 use crate::kitchen::Kitchen;
 use crate::tasks::run::{OpenError, Run};

@@ -211,7 +211,7 @@ pub fn assert_declared() {
 ///
 /// # Panics
 /// If the record is shorter than the task's layout.
-fn write(record: &mut [u8], transition: &Transition, current: &Current) {
+pub fn write(record: &mut [u8], transition: &Transition, current: &Current) {
     let layout = DECLARED.layout;
     record[layout.of_action.start..][..size_of::<Transition>()].copy_from_slice(bytemuck::bytes_of(transition));
     record[layout.seen.start..][..size_of::<Current>()].copy_from_slice(bytemuck::bytes_of(current));
