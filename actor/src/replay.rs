@@ -1,7 +1,7 @@
 //! `actor replay`: proves that recorded episodes happen again, and draws them.
 //!
 //! Input and output are the lines of [`proto::replay`]. Nothing but the configuration and the actions of an episode
-//! is needed to simulate it. All that was recorded of it is compared on the way ([`play`]).
+//! is needed to simulate it. All that was recorded of it is compared on the way (`replay/play.rs`).
 
 pub(crate) mod film;
 mod picture;

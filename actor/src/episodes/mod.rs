@@ -1,7 +1,7 @@
 //! `actor episodes`: the fixed episodes, drawn anew or checked.
 //!
 //! `draw` makes them from a fixed seed, [`crate::check::episode`] says what an episode must satisfy, and
-//! [`simulator::tasks::arm_point_nav::episodes`] keeps the file. Its hash is [`simulator::episodes::FILE_HASH`].
+//! [`simulator::tasks::arm_point_nav::episodes`] keeps the file and its hash.
 
 pub mod command;
 mod draw;

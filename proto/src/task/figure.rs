@@ -70,7 +70,7 @@ pub enum Column {
     Terminated,
     /// Its actions.
     Length,
-    /// Of the returns and metrics, by index ([`Spec::columns`]).
+    /// Of the returns and metrics, by index ([`crate::task::Spec::columns`]).
     Number(usize),
 }
 
