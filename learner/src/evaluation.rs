@@ -24,7 +24,7 @@ struct Course {
     confusion: Option<Confusion>,
 }
 
-/// An episode that has ended: its record, and the actions taken (`A_large` indices).
+/// An episode that has ended: its record, and the actions taken, indices of the task's.
 pub type Played = (EpisodeRecord, Vec<u8>);
 
 /// All columns of an evaluation.

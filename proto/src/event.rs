@@ -82,7 +82,7 @@ pub enum LearnerEvent {
     EpisodePlayed {
         /// Its result.
         record: EpisodeRecord,
-        /// The actions taken, `A_large` indices.
+        /// The actions taken, indices of the task's.
         actions: Vec<u8>,
     },
     /// The learner waits for an actor that does not answer.

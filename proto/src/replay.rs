@@ -89,12 +89,10 @@ impl Compared {
     /// That of a task, whose rewards a configuration weighs.
     pub fn of(spec: &Spec, weights: &BTreeMap<String, f32>) -> Result<Self, SpecError> {
         let channels = spec.channels.iter().zip(&spec.layout().fields).filter(|(channel, _)| !channel.is_bulk());
-        let rewards = spec.rewards.iter();
-        let rewards = rewards.map(|reward| Ok((reward.name.clone(), spec.composition(&reward.name, &[], weights)?)));
-        let mut rewards = rewards.collect::<Result<Vec<_>, SpecError>>()?;
-        rewards.retain(|(_, composition)| !composition.has_multiplier());
+        let rewards = spec.plain_rewards();
+        let rewards = rewards.map(|name| Ok((name.to_owned(), spec.composition(name, &[], weights)?)));
         let channels = channels.map(|(channel, &field)| (channel.name.clone(), field, channel.is_of_action()));
-        Ok(Self { channels: channels.collect(), rewards })
+        Ok(Self { channels: channels.collect(), rewards: rewards.collect::<Result<_, SpecError>>()? })
     }
 
     /// What each digest is of.

@@ -26,10 +26,10 @@ mod settings;
 mod snapshot;
 mod state;
 
+use proto::config::Config;
 use proto::kitchen::{KitchenId, Split, TargetCategory};
 use pyo3::exceptions::PyImportError;
 use pyo3::prelude::*;
-use simulator::robot::action::Action;
 
 /// Numbers of the built-in kitchens of a split: `train`, `validation` or `test`.
 #[pyfunction]
@@ -50,7 +50,7 @@ fn _stillroom(module: &Bound<'_, PyModule>) -> PyResult<()> {
         ));
     }
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
-    module.add("ACTIONS", Action::ALL.map(Action::name).to_vec())?;
+    module.add("ACTIONS", Config::default().spec().actions.names().to_vec())?;
     module.add("TARGETS", TargetCategory::ALL.map(TargetCategory::name).to_vec())?;
     module.add("FRAME_SIDE", proto::camera::FRAME_SIDE)?;
     module.add("CheckpointError", module.py().get_type::<checkpoint::CheckpointError>())?;

@@ -163,7 +163,8 @@ impl Place {
             Some(done) if done.failed() => "failed",
             _ => "",
         };
-        let action = self.actions.last().map_or("", |action| action.name());
+        let names = self.config.spec().actions.names();
+        let action = self.actions.last().map_or("", |action| &names[usize::from(action.index())]);
         Words {
             action: format!("step {} {action}", self.actions.len()),
             remark: remark.to_owned(),

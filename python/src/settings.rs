@@ -92,7 +92,8 @@ impl Settings {
     /// Names of the actions, in the order of their numbers.
     #[getter]
     fn actions(&self) -> Vec<&'static str> {
-        self.space().iter().map(|action| action.name()).collect()
+        let names = self.config.spec().actions.names();
+        self.config.policy_actions().into_iter().map(|action| names[usize::from(action)].as_str()).collect()
     }
 
     /// Actions after which an episode ends at the latest.

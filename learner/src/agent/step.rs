@@ -72,7 +72,7 @@ impl Batch<'_> {
 /// What the policy chose, one entry a column of the input.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct StepOutput {
-    /// `A_large` indices.
+    /// Indices of the task's actions.
     pub actions: Vec<u8>,
     /// Log-probability of the action.
     pub log_probs: Vec<f32>,
@@ -83,7 +83,7 @@ pub struct StepOutput {
 /// What the policy chose outside of a rollout, one entry a column of the input.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Choice {
-    /// `A_large` indices.
+    /// Indices of the task's actions.
     pub actions: Vec<u8>,
     /// Whether the disturbance head predicts that the action disturbs something; none without the auxiliary task
     /// `disturb`.

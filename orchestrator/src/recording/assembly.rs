@@ -232,7 +232,10 @@ mod tests {
         let mut end = ARM.forms.end.empty();
         (end.engine.learner_incarnation, end.engine.length, end.engine.terminated) = (1, 3, true);
         ARM.close(Some(&sums), &steps[2], &mut end);
-        assert!(end.returns.iter().all(|&sum| sum == Some(9.75)) && end.metrics.iter().any(Option::is_some));
+        assert!(end.returns.iter().all(|&sum| sum == Some(9.75)));
+        // The target is never picked up.
+        let unknown = ARM.spec.metrics.iter().zip(&end.metrics).filter(|(_, number)| number.is_none());
+        assert_eq!(unknown.map(|(metric, _)| &*metric.name).collect::<Vec<_>>(), ["pickup_step"]);
         (steps, end)
     }
 

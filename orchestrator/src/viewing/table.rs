@@ -3,7 +3,7 @@
 use crate::recording::shelf::{Key, Shelved};
 use proto::evaluation::EpisodeRecord;
 use proto::kitchen::TargetCategory;
-use proto::task::Spec;
+use proto::task::{Described, Kind, Spec};
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use view::data::{EpisodeColumn, EpisodeKey, EpisodePage, EpisodeQuery, EpisodeRow, ROWS, ROWS_MAX};
@@ -54,18 +54,10 @@ fn as_read<'a>(figures: impl IntoIterator<Item = (&'a str, f64)>) -> BTreeMap<St
 
 /// The columns of a task's figures: its metrics, then returns.
 fn columns(spec: &Spec) -> Vec<EpisodeColumn> {
-    let metrics = spec.metrics.iter().map(|metric| EpisodeColumn {
-        name: metric.name.clone(),
-        doc: metric.doc.clone(),
-        is_share: metric.is_share(),
-    });
-    let returns = spec.rewards.iter().filter_map(|reward| {
-        let doc = format!("Undiscounted return under {}.", reward.name);
-        let composition = spec.composition(&reward.name, &[], &spec.weights).ok()?;
-        let column = EpisodeColumn { name: format!("return_{}", reward.name), doc, is_share: false };
-        (!composition.has_multiplier()).then_some(column)
-    });
-    metrics.chain(returns).collect()
+    let mut columns = spec.columns();
+    columns.rotate_left(spec.plain_rewards().count());
+    let column = |Described { name, doc, kind, .. }| EpisodeColumn { name, doc, is_share: kind == Kind::Share };
+    columns.into_iter().map(column).collect()
 }
 
 /// Takes the rows that are asked for, in the order that is asked for; `rows` come with the newest last.

@@ -155,8 +155,8 @@ pub struct Evaluation {
 }
 
 impl Evaluation {
-    /// Sums up: `records` in table order ([`super::Plan::episodes`]), with the actions taken in each (`A_large`
-    /// indices).
+    /// Sums up: `records` in table order ([`super::Plan::episodes`]), with the actions taken in each (indices
+    /// of the task's).
     pub fn of(
         spec: &Spec,
         subject: Subject,

@@ -34,7 +34,9 @@ impl Summing {
         for (sum, &reward) in sums.returns.iter_mut().zip(rewards) {
             *sum += f64::from(reward);
         }
-        for (metric, measure) in sums.metrics.iter_mut().zip(&self.measures) {
+        // Those of the last step are made of its record alone, when it is known.
+        let running = sums.metrics.iter_mut().zip(&self.measures).filter(|(_, measure)| measure.over != Over::Last);
+        for (metric, measure) in running {
             *metric = measure.after(|index| self.layout.fields[index].number(record), *metric);
         }
     }
@@ -46,12 +48,9 @@ impl Summing {
         sums: Option<&'a Sums>,
         last: &'a [u8],
     ) -> impl ExactSizeIterator<Item = Option<f64>> + 'a {
-        self.measures.iter().enumerate().map(move |(at, measure)| match sums {
-            Some(sums) => measure.of_episode(sums.metrics[at]),
-            None if measure.over == Over::Last => {
-                Some(measure.after(|index| self.layout.fields[index].number(last), 0.0))
-            }
-            None => None,
+        self.measures.iter().enumerate().map(move |(at, measure)| match measure.over {
+            Over::Last => Some(measure.after(|index| self.layout.fields[index].number(last), 0.0)),
+            _ => measure.of_episode(sums?.metrics[at]),
         })
     }
 }

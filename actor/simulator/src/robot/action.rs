@@ -84,33 +84,6 @@ impl Action {
     pub fn index(self) -> u8 {
         self as u8
     }
-
-    /// The name AllenAct uses.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::MoveArmHeightP => "MoveArmHeightP",
-            Self::MoveArmHeightM => "MoveArmHeightM",
-            Self::MoveArmXP => "MoveArmXP",
-            Self::MoveArmXM => "MoveArmXM",
-            Self::MoveArmYP => "MoveArmYP",
-            Self::MoveArmYM => "MoveArmYM",
-            Self::MoveArmZP => "MoveArmZP",
-            Self::MoveArmZM => "MoveArmZM",
-            Self::RotateArmWristPitchP => "RotateArmWristPitchP",
-            Self::RotateArmWristPitchM => "RotateArmWristPitchM",
-            Self::RotateArmWristYawP => "RotateArmWristYawP",
-            Self::RotateArmWristYawM => "RotateArmWristYawM",
-            Self::RotateArmElbowP => "RotateArmElbowP",
-            Self::RotateArmElbowM => "RotateArmElbowM",
-            Self::LookUp => "LookUp",
-            Self::LookDown => "LookDown",
-            Self::MoveAheadContinuous => "MoveAheadContinuous",
-            Self::RotateRightContinuous => "RotateRightContinuous",
-            Self::RotateLeftContinuous => "RotateLeftContinuous",
-            Self::PickUpMidLevel => "PickUpMidLevel",
-            Self::DoneMidLevel => "DoneMidLevel",
-        }
-    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! What an environment reports of a step. It lies in a record as it is declared here, and as `task.toml` declares it: the
 //! first use compares the two.
 
+use crate::robot::action::Action;
 use bytemuck::{Pod, Zeroable};
 use proto::config::CarriedGoal;
 use proto::task::{Check, Implausible, LINE_BYTES, Layout, Spec};
@@ -156,6 +157,8 @@ struct Declared {
 static DECLARED: LazyLock<Declared> = LazyLock::new(|| {
     let spec = Spec::built_in().iter().find(|spec| spec.name == NAME).expect("the task is built in");
     let layout = spec.layout();
+    let actions = Action::ALL.map(|action| format!("{action:?}"));
+    assert_eq!(spec.actions.names(), actions, "task.toml declares other actions than the robot has");
     let done = places!(
         Transition,
         reward.wrist_object_progress_m,
