@@ -6,10 +6,10 @@
 
 use crate::replay::film;
 use crate::replay::play::{Performance, Rules, Seen, play};
-use crate::replay::{Stage, Theatre};
+use crate::replay::{Player, Started};
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use dataset::{About, Episode, Frames, Moment, Source, Writer};
-use picture::{Scene, Standpoint, Words};
+use picture::{Captions, Scene, Standpoint};
 use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::dataset::{DatasetAnswer, DatasetRequest, DatasetSetup, PictureKind};
@@ -212,13 +212,13 @@ impl Work<'_> {
 
     /// A thread: simulates episodes until there are no more.
     fn simulate(&self) {
-        let mut theatres: BTreeMap<usize, Theatre> = BTreeMap::new();
+        let mut players: BTreeMap<usize, Player> = BTreeMap::new();
         while let Some((number, line)) = self.take() {
             let told = line.and_then(|line| {
                 let parsed = serde_json::from_str(&line).with_context(|| format!("line {} is no episode", number + 2));
                 let parsed = parsed?;
                 // The writer waits for this episode, also if the physics panic in it.
-                catch_unwind(AssertUnwindSafe(|| self.tell(&mut theatres, &parsed)))
+                catch_unwind(AssertUnwindSafe(|| self.tell(&mut players, &parsed)))
                     .unwrap_or_else(|_| Err(anyhow!("the simulation of line {} failed", number + 2)))
             });
             self.board().done.insert(number, told);
@@ -226,12 +226,12 @@ impl Work<'_> {
         }
     }
 
-    fn tell(&self, theatres: &mut BTreeMap<usize, Theatre>, request: &DatasetRequest) -> Result<Told> {
+    fn tell(&self, players: &mut BTreeMap<usize, Player>, request: &DatasetRequest) -> Result<Told> {
         let recorded = &request.recorded;
         let config = self.configs.get(request.config).context("an episode has a configuration that is not there")?;
         let folder = || PathBuf::from(self.setup.folder.clone().unwrap_or_default());
-        let theatre = theatres.entry(request.config).or_insert_with(|| Theatre::new(config.clone(), folder()));
-        let Stage { environment, camera, fixed } = theatre.open(recorded)?;
+        let player = players.entry(request.config).or_insert_with(|| Player::new(config.clone(), folder()));
+        let Started { environment, camera, fixed } = player.open(recorded)?;
         let rules = &self.rules[request.config];
         let mut telling = Telling::new(self, rules);
         let Performance { verdict, outcome, metrics } =
@@ -300,7 +300,7 @@ impl<'a> Telling<'a> {
             depth.frames.push(depth_mm.into_iter().flat_map(u16::to_le_bytes).collect());
         }
         if !self.setup.pictures.is_empty() {
-            self.drawn.push(film::moment(environment, Words::default()));
+            self.drawn.push(film::moment(environment, Captions::default()));
         }
         Ok(())
     }

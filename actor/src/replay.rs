@@ -40,12 +40,12 @@ pub fn run(input: impl BufRead, mut output: impl Write) -> Result<()> {
     }
     let folder = PathBuf::from(setup.folder.unwrap_or_default());
     let rules = Rules::of(&config)?;
-    let mut theatre = Theatre::new(config, folder);
+    let mut player = Player::new(config, folder);
     for (number, line) in lines.enumerate() {
         let line = line.context("cannot read an episode")?;
         let episode: RecordedEpisode =
             serde_json::from_str(&line).with_context(|| format!("line {} is not an episode", number + 2))?;
-        let verdict = perform(&mut theatre, setup.images.as_ref(), &rules, &episode)?;
+        let verdict = perform(&mut player, setup.images.as_ref(), &rules, &episode)?;
         serde_json::to_writer(&mut output, &verdict).context("cannot write a verdict")?;
         output.write_all(b"\n").and_then(|()| output.flush()).context("cannot write a verdict")?;
     }
@@ -53,18 +53,18 @@ pub fn run(input: impl BufRead, mut output: impl Write) -> Result<()> {
 }
 
 /// Kitchens as they are needed, and the environment that was used last: episodes of one environment come in a row.
-pub(crate) struct Theatre {
+pub(crate) struct Player {
     /// Under which the episodes were recorded.
     config: Config,
     /// The run folder: scenes are named relative to it.
     folder: PathBuf,
     run: Arc<tasks::Run>,
     kitchens: BTreeMap<KitchenId, (Arc<Kitchen>, DepthCamera)>,
-    stage: Option<(EnvironmentId, Box<dyn Environment>)>,
+    environment_in_use: Option<(EnvironmentId, Box<dyn Environment>)>,
 }
 
 /// An environment at the start of an episode.
-pub(crate) struct Stage<'a> {
+pub(crate) struct Started<'a> {
     pub environment: &'a mut dyn Environment,
     /// A camera for its kitchen.
     pub camera: &'a mut DepthCamera,
@@ -72,14 +72,14 @@ pub(crate) struct Stage<'a> {
     pub fixed: Option<u32>,
 }
 
-impl Theatre {
+impl Player {
     /// For episodes that were recorded under this configuration, in the run of this folder.
     pub fn new(config: Config, folder: PathBuf) -> Self {
-        Self { run: tasks::Run::of(&config), config, folder, kitchens: BTreeMap::new(), stage: None }
+        Self { run: tasks::Run::of(&config), config, folder, kitchens: BTreeMap::new(), environment_in_use: None }
     }
 
     /// The environment of an episode, at its start.
-    pub fn open(&mut self, recorded: &RecordedEpisode) -> Result<Stage<'_>> {
+    pub fn open(&mut self, recorded: &RecordedEpisode) -> Result<Started<'_>> {
         let id = recorded.environment;
         whereabouts::enter(id, recorded.episode);
         if !self.kitchens.contains_key(&id.kitchen) {
@@ -90,23 +90,25 @@ impl Theatre {
             self.kitchens.insert(id.kitchen, (Arc::new(kitchen), camera));
         }
         let (kitchen, camera) = self.kitchens.get_mut(&id.kitchen).context("the kitchen was just put there")?;
-        match &mut self.stage {
-            Some((on_stage, environment)) if *on_stage == id => environment.begin(recorded.episode),
-            stage => *stage = Some((id, tasks::open(&self.run, kitchen, id, recorded.episode)?)),
+        match &mut self.environment_in_use {
+            Some((in_use, environment)) if *in_use == id => environment.begin(recorded.episode),
+            environment_in_use => {
+                *environment_in_use = Some((id, tasks::open(&self.run, kitchen, id, recorded.episode)?))
+            }
         }
-        let (_, environment) = self.stage.as_mut().context("the environment was just put there")?;
-        Ok(Stage { environment: &mut **environment, camera, fixed: self.run.dealt(id, recorded.episode) })
+        let (_, environment) = self.environment_in_use.as_mut().context("the environment was just put there")?;
+        Ok(Started { environment: &mut **environment, camera, fixed: self.run.dealt(id, recorded.episode) })
     }
 }
 
 /// Simulates an episode, and draws it if that is asked for.
 fn perform(
-    theatre: &mut Theatre,
+    player: &mut Player,
     images: Option<&ReplayImages>,
     rules: &Rules,
     recorded: &RecordedEpisode,
 ) -> Result<ReplayVerdict> {
-    let Stage { environment, camera, fixed } = theatre.open(recorded)?;
+    let Started { environment, camera, fixed } = player.open(recorded)?;
     let played = Played { environment: recorded.environment, episode: recorded.episode, fixed };
     let mut film = images.map(|_| Film::new(played));
     let Performance { mut verdict, outcome, .. } = play(rules, environment, recorded, |environment, moment| {

@@ -7,7 +7,7 @@ use crate::process::whereabouts;
 use crate::replay::film::{self, moment};
 use crate::replay::play::{Performance, Rules, Seen, play};
 use anyhow::{Context, Result, ensure};
-use picture::{Moment, Orbit, Scene, Words};
+use picture::{Captions, Moment, Orbit, Scene};
 use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
@@ -40,11 +40,11 @@ const SIDE_MIN: u32 = 8;
 
 /// Answers requests from `input` until it ends.
 pub fn run(input: impl BufRead, mut output: impl Write) -> Result<()> {
-    let mut stage = Stage::default();
+    let mut in_use = KitchensInUse::default();
     for line in input.lines() {
         let line = line.context("cannot read a request")?;
         let request: ShowRequest = serde_json::from_str(&line).context("a line is not a request")?;
-        let (answer, picture) = match stage.answer(request) {
+        let (answer, picture) = match in_use.answer(request) {
             Ok(answered) => answered,
             Err(error) => (ShowAnswer::Failed { problem: format!("{error:#}") }, Vec::new()),
         };
@@ -80,12 +80,12 @@ struct Kept {
 
 /// What is kept, the last used last.
 #[derive(Default)]
-struct Stage {
+struct KitchensInUse {
     houses: Vec<House>,
     kept: Vec<Kept>,
 }
 
-impl Stage {
+impl KitchensInUse {
     fn answer(&mut self, request: ShowRequest) -> Result<(ShowAnswer, Vec<u8>)> {
         match request {
             ShowRequest::Open { name, setup, episode } => {
@@ -272,7 +272,7 @@ impl Telling {
         }
         self.shown.push(shown(rules, seen, moved));
         self.displaced.push(displaced);
-        self.moments.push(moment(environment, Words::default()));
+        self.moments.push(moment(environment, Captions::default()));
         seen.record.clone_into(&mut self.record);
     }
 }

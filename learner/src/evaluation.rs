@@ -1,7 +1,7 @@
 //! Runs planned episodes with a policy: chosen actions, outcomes, and columns without further episodes. No I/O, no
 //! tensors.
 
-use crate::collector::{ColumnMap, Place, Signals, gumbel_of};
+use crate::collector::{ColumnMap, Decision, Signals, gumbel_of};
 use proto::config::Config;
 use proto::evaluation::{Confusion, EpisodeRecord, Plan, category_of, has_targets};
 use proto::kitchen::KitchenId;
@@ -78,7 +78,7 @@ impl Examination {
     }
 
     /// Appends the noise for one column's step: a function of (seed, kitchen, episode, step) and nothing else.
-    pub fn noise(&self, place: Place, noise: &mut Vec<f32>) {
+    pub fn noise(&self, place: Decision, noise: &mut Vec<f32>) {
         let (Some(seed), Some(episode)) = (self.seed, self.courses[place.column].episode) else {
             noise.resize(noise.len() + self.policy_actions, 0.0);
             return;
@@ -272,7 +272,7 @@ mod tests {
             }
             let environment = column_map.environment(column);
             let mut noise = vec![];
-            examination.noise(Place { column, environment, episode: number, step }, &mut noise);
+            examination.noise(Decision { column, environment, episode: number, step }, &mut noise);
             assert_eq!(noise.len(), 4);
             noise
         };

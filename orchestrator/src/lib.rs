@@ -5,26 +5,26 @@
 //! tests: the supervisor's machine ([`Supervisor`]) and the recorder's ledger ([`Ledger`]).
 
 mod command;
-mod comparing;
+mod comparison;
 mod evaluation;
 mod hosts;
+mod output;
 mod preflight;
 mod process_end;
 mod recording;
-mod reporting;
+mod report_builder;
 mod run;
-mod screen;
-mod showing;
 mod suite;
 mod supervisor;
 mod training;
-mod viewing;
+mod tui;
+mod viewer;
 
 pub use recording::recorder::{Gap, Ledger, Tally, Verdict};
 pub use supervisor::clock::Clock;
+pub use supervisor::deadlines::Deadlines;
 pub use supervisor::event::{Action, Event, Exit, Outcome, Process, Saved, SessionEnd};
 pub use supervisor::machine::Supervisor;
-pub use supervisor::policy::Policy;
 
 use anyhow::Context;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -85,7 +85,7 @@ pub fn main(version: &'static str) -> ExitCode {
     let matches = CommandLine::command().version(version).try_get_matches();
     let line = matches.and_then(|matches| CommandLine::from_arg_matches(&matches));
     let line = line.unwrap_or_else(|error| command::tips::with_tip(error).exit());
-    showing::terminal::init(line.verbose, Box::new(showing::events::LogLines));
+    output::terminal::init(line.verbose, Box::new(output::events::LogLines));
     // Before any child is started: it inherits the limit.
     wire::descriptors::raise_limit();
     let done = |()| ExitCode::SUCCESS;
@@ -116,9 +116,9 @@ pub fn main(version: &'static str) -> ExitCode {
         Command::Completions(args) => command::completions::run(args, CommandLine::command()).map(done),
         Command::Man(args) => command::man::run(args, CommandLine::command()).map(done),
     });
-    let result = result.and_then(|code| showing::terminal::demand_written().map(|()| code));
+    let result = result.and_then(|code| output::terminal::demand_written().map(|()| code));
     result.unwrap_or_else(|error| {
-        showing::terminal::note(&format!("error: {error:#}"));
+        output::terminal::note(&format!("error: {error:#}"));
         ExitCode::FAILURE
     })
 }

@@ -26,7 +26,7 @@ impl EnvironmentId {
     ///
     /// Actors beyond the kitchens repeat them; their environments continue the numbering. Where every environment has
     /// procedural kitchens of its own, it is called by the first of them all, and its number counts all environments of
-    /// the run; `Rota` tells which kitchen it is in.
+    /// the run; `KitchenSchedule` tells which kitchen it is in.
     pub fn among(kitchens: Kitchens, actor: u32, index: u32, environments_per_actor: u32) -> Self {
         match kitchens {
             Kitchens::Procedural(range) => {

@@ -182,7 +182,7 @@ pub enum Kitchens {
     One(KitchenId),
     /// This many scenes of the run's own.
     Scenes(usize),
-    /// Procedural ones: every environment has one of its own, and another one later (`Rota`).
+    /// Procedural ones: every environment has one of its own, and another one later (`KitchenSchedule`).
     Procedural(KitchenRange),
 }
 

@@ -2,10 +2,10 @@
 //!
 //! Nothing depends on the number of threads: an environment's step is a function of its own state alone.
 
+use crate::episode_player::{Chosen, EpisodePlayer, Series};
 use crate::error::value_error;
 use crate::facts::{self, Facts};
 use crate::frames::{Frame, Frames};
-use crate::place::{Chosen, Place, Series};
 use crate::room::Kitchen;
 use crate::settings::Settings;
 use crate::snapshot::Snapshot;
@@ -51,7 +51,7 @@ struct Worker {
 }
 
 impl Worker {
-    fn look(&mut self, place: &mut Place, side: usize, frame: &mut Frame) {
+    fn look(&mut self, place: &mut EpisodePlayer, side: usize, frame: &mut Frame) {
         let kitchen = &place.room.kitchen;
         let at = Arc::as_ptr(kitchen).addr();
         if !self.cameras.contains_key(&at) {
@@ -73,7 +73,7 @@ struct Seen {
 /// One environment in a thread's hands.
 struct Task<'a> {
     index: usize,
-    place: &'a mut Place,
+    place: &'a mut EpisodePlayer,
     frame: Frame<'a>,
 }
 
@@ -95,7 +95,7 @@ struct Report {
 pub struct Batch {
     settings: Settings,
     autoreset: Autoreset,
-    places: Vec<Place>,
+    places: Vec<EpisodePlayer>,
     workers: Vec<Worker>,
     frames: Frames,
     goals_m: Py<PyArray2<f32>>,
@@ -125,7 +125,8 @@ impl Batch {
         };
         let chosen = Chosen { series: Series::Sampled, number: 0, seed: 0 };
         let config: &Arc<Config> = &settings.config;
-        let make = |(kitchen, number): (Kitchen, u32)| Place::new(kitchen.room, Arc::clone(config), number, chosen);
+        let make =
+            |(kitchen, number): (Kitchen, u32)| EpisodePlayer::new(kitchen.room, Arc::clone(config), number, chosen);
         let places = py.detach(|| kitchens.into_iter().zip(numbers).map(make).collect::<Result<Vec<_>, _>>());
         let places = places.map_err(value_error)?;
         let count = places.len();
@@ -295,7 +296,7 @@ fn alone<'py>(batch: &Bound<'py, Batch>) -> PyResult<PyRefMut<'py, Batch>> {
 }
 
 impl Batch {
-    fn place(&self, index: usize) -> PyResult<&Place> {
+    fn place(&self, index: usize) -> PyResult<&EpisodePlayer> {
         let count = self.places.len();
         let missing = || PyIndexError::new_err(format!("there are environments 0 to {}, not {index}", count - 1));
         self.places.get(index).ok_or_else(missing)
@@ -420,7 +421,7 @@ impl Batch {
 /// Takes an action, or begins an episode where one is due; what is seen now is not drawn yet.
 fn act(
     worker: &mut Worker,
-    place: &mut Place,
+    place: &mut EpisodePlayer,
     action: Action,
     autoreset: Autoreset,
     settings: &Settings,
@@ -444,7 +445,7 @@ fn act(
 }
 
 /// The episode that an environment is asked to begin.
-fn choose(place: &Place, (series, seed, number): Asked) -> PyResult<Chosen> {
+fn choose(place: &EpisodePlayer, (series, seed, number): Asked) -> PyResult<Chosen> {
     let before = place.chosen;
     let series = match series.as_deref() {
         None => before.series,
@@ -459,7 +460,7 @@ fn choose(place: &Place, (series, seed, number): Asked) -> PyResult<Chosen> {
 }
 
 /// What is told of an environment now.
-fn report_of(place: &Place, settings: &Settings, reset: bool, last: Option<(Vec<u16>, Seen)>) -> Report {
+fn report_of(place: &EpisodePlayer, settings: &Settings, reset: bool, last: Option<(Vec<u16>, Seen)>) -> Report {
     let current = place.environment.current();
     let facts = Facts::of(place, &current);
     let seen = Seen { goal_m: current.goal_m, previous_action: previous_action(settings, place) };
@@ -467,7 +468,7 @@ fn report_of(place: &Place, settings: &Settings, reset: bool, last: Option<(Vec<
 }
 
 /// Number of the action that led here; the number of actions if none did.
-fn previous_action(settings: &Settings, place: &Place) -> i64 {
+fn previous_action(settings: &Settings, place: &EpisodePlayer) -> i64 {
     let space = settings.space();
     let Some(previous) = place.environment.previous_action() else { return space.len() as i64 };
     space.iter().position(|&action| action == previous).expect("an environment takes actions of its space only") as i64

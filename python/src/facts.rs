@@ -1,7 +1,7 @@
 //! What is told of a step beside the observation, and of an episode's start: one row for each environment. Names and types
 //! are the task's.
 
-use crate::place::Place;
+use crate::episode_player::EpisodePlayer;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use proto::record::End;
 use proto::task::{Channel, Dtype, Field, Measure, Role, Spec};
@@ -25,7 +25,7 @@ pub struct Facts {
 
 impl Facts {
     /// Of the moment that an environment is in.
-    pub fn of(place: &Place, current: &Current) -> Self {
+    pub fn of(place: &EpisodePlayer, current: &Current) -> Self {
         let mut done = place.transition.unwrap_or_default();
         // Known at an episode's start, too.
         done.target = current.current_target;

@@ -17,10 +17,10 @@
 mod argument;
 mod batch;
 mod checkpoint;
+mod episode_player;
 mod error;
 mod facts;
 mod frames;
-mod place;
 mod room;
 mod settings;
 mod snapshot;

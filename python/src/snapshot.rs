@@ -4,8 +4,8 @@
 //! simulates them again, which takes as long as physics took the first time and gives the same bits; the state's hash is
 //! compared.
 
+use crate::episode_player::{Chosen, EpisodePlayer};
 use crate::error::value_error;
-use crate::place::{Chosen, Place};
 use crate::room::{Origin, Room};
 use proto::config::{EpisodeConfig, SimulationConfig};
 use pyo3::exceptions::{PyTypeError, PyValueError};
@@ -23,7 +23,7 @@ const VERSION: u32 = 1;
 #[pyclass(frozen, module = "stillroom._stillroom")]
 pub struct Snapshot {
     /// Everything about it.
-    pub place: Place,
+    pub place: EpisodePlayer,
 }
 
 /// The form as bytes (JSON).
@@ -100,7 +100,8 @@ fn again(record: Record) -> PyResult<Snapshot> {
     config.validate().map_err(value_error)?;
     let space = config.policy_actions();
     let room = Room::of(record.origin, config.simulation)?;
-    let mut place = Place::new(room, Arc::new(config), record.environment, record.chosen).map_err(value_error)?;
+    let mut place =
+        EpisodePlayer::new(room, Arc::new(config), record.environment, record.chosen).map_err(value_error)?;
     for index in record.actions {
         let action = Action::from_index(index).filter(|_| space.contains(&index) && !place.ended());
         let action = action.ok_or_else(|| PyValueError::new_err("the snapshot's actions are no episode"))?;

@@ -1,12 +1,12 @@
 //! Everything about a moment, for users who may know it: planners, critics, figures.
 
-use crate::place::Place;
+use crate::episode_player::EpisodePlayer;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 /// The privileged state, as `stillroom.types.State` describes it.
-pub fn state<'py>(py: Python<'py>, place: &Place) -> PyResult<Bound<'py, PyDict>> {
+pub fn state<'py>(py: Python<'py>, place: &EpisodePlayer) -> PyResult<Bound<'py, PyDict>> {
     let (environment, current) = (&place.environment, place.environment.current());
     let simulation = environment.simulation();
     let poses = simulation.things().poses();

@@ -106,7 +106,7 @@ export async function showEpisode(root, run, key, query, signal) {
   const stage = await Stage.open(run, key, signal);
   const player = new Player([stage], signal, keep(`#/run/${encodeURIComponent(run)}/episode/${key}`));
   replace(root, stage.title(), stage.problem,
-    h("div", { class: "theatre" },
+    h("div", { class: "scene_renderer" },
       h("div", { class: "stack" },
         h("section", { class: "card stack", "aria-label": "The room" }, stage.orbit.element, stage.words,
           h("p", { class: "small faint" }, "Drag to turn, wheel to zoom, shift-drag to move. Pink ring: the target. Green box: the goal. Violet: displaced, with a ghost where it stood.")),

@@ -17,7 +17,7 @@ const pause = (milliseconds, signal) => new Promise((resolve) => {
 });
 
 /** The environment that is watched. The evaluation may be another one when all episodes have been played. */
-class Theatre {
+class SceneRenderer {
   constructor(root, signal) {
     Object.assign(this, { signal, run: null, chosen: null, live: null });
     this.title = h("h1", {}, "A policy at work");
@@ -55,7 +55,7 @@ class Theatre {
     const { signal, run, chosen } = this;
     const stage = await Stage.open(run, key, signal);
     const end = h("span", {});
-    replace(this.place, h("div", { class: "theatre" },
+    replace(this.place, h("div", { class: "scene_renderer" },
       h("div", { class: "stack" }, h("section", { class: "card stack", "aria-label": "The room" },
         h("div", { class: "row between" }, h("strong", {}, stage.episode.target ?? ""), end), stage.problem, stage.orbit.element, stage.words,
         h("p", { class: "small faint" }, "Drag to turn, wheel to zoom. Pink ring: the target. Green box: the goal. Violet: displaced."))),
@@ -94,19 +94,19 @@ class Theatre {
 }
 
 export async function showPlay(root, signal) {
-  const theatre = new Theatre(root, signal);
+  const scene_renderer = new SceneRenderer(root, signal);
   let shown = null;
   while (!signal.aborted) {
     try {
-      const key = await theatre.look() ? await theatre.newest() : null;
-      const place = `${theatre.run} ${key}`;
+      const key = await scene_renderer.look() ? await scene_renderer.newest() : null;
+      const place = `${scene_renderer.run} ${key}`;
       if (key === null || place === shown) { await pause(LOOK, signal); continue; }
-      await theatre.show(key);
+      await scene_renderer.show(key);
       shown = place;
     } catch (error) {
       if (signal.aborted || error.name === "AbortError") return;
       // A round of episodes is over, or the viewer has ended.
-      replace(theatre.place, notice(error.message, "error"));
+      replace(scene_renderer.place, notice(error.message, "error"));
       await pause(2000, signal);
     }
   }

@@ -1,7 +1,7 @@
 //! Answers as JSON, and refusals.
 
 use crate::data::Problem;
-use crate::theatre::TheatreError;
+use crate::scene_renderer::TheatreError;
 use axum::http::StatusCode;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};

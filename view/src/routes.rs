@@ -4,11 +4,11 @@ use crate::answer::{Refusal, json, text};
 use crate::data::{EpisodeKey, EpisodeQuery, Problem, Runs};
 use crate::foxglove;
 use crate::guard;
-use crate::hub::Hub;
 use crate::metrics;
 use crate::page::ASSETS;
 use crate::readings::Readings;
-use crate::theatre::Theatre;
+use crate::run_feeds::RunFeeds;
+use crate::scene_renderer::SceneRenderer;
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, Request, State};
 use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
@@ -28,8 +28,8 @@ use tokio::sync::Semaphore;
 #[derive(Clone)]
 struct Server {
     readings: Readings,
-    hub: Hub,
-    theatre: Theatre,
+    run_feeds: RunFeeds,
+    scene_renderer: SceneRenderer,
     /// Room for programs that watch over a WebSocket.
     watchers: Arc<Semaphore>,
     /// What the command line asked to be opened.
@@ -50,11 +50,11 @@ pub struct Opening {
 }
 
 /// All addresses; what holds anything of a run needs the token.
-pub fn router(runs: Arc<dyn Runs>, theatre: Theatre, token: Arc<str>, opening: Opening) -> Router {
+pub fn router(runs: Arc<dyn Runs>, scene_renderer: SceneRenderer, token: Arc<str>, opening: Opening) -> Router {
     let server = Server {
-        hub: Hub::new(Arc::clone(&runs)),
+        run_feeds: RunFeeds::new(Arc::clone(&runs)),
         readings: Readings::of(runs),
-        theatre,
+        scene_renderer,
         watchers: Arc::new(Semaphore::new(foxglove::CLIENTS)),
         opening: Arc::new(opening),
     };
@@ -90,8 +90,9 @@ impl Server {
 
     /// What a program that watches is told from.
     fn watched(&self) -> foxglove::Sources {
-        let (readings, theatre, room) = (self.readings.clone(), self.theatre.clone(), Arc::clone(&self.watchers));
-        foxglove::Sources { readings, theatre, room }
+        let (readings, scene_renderer, room) =
+            (self.readings.clone(), self.scene_renderer.clone(), Arc::clone(&self.watchers));
+        foxglove::Sources { readings, scene_renderer, room }
     }
 
     async fn answer<T, F>(&self, ask: F) -> Result<Response, Refusal>
@@ -102,12 +103,12 @@ impl Server {
         self.read(move |runs| ask(runs).map(|value| text(&value))).await.map(json)
     }
 
-    /// Has the theatre open an episode.
+    /// Has the scene renderer open an episode.
     async fn open(&self, run: &str, key: EpisodeKey, name: &str) -> Result<ShowAnswer, Refusal> {
         let owned = run.to_owned();
         let (setup, episode) = self.read(move |runs| runs.recorded(&owned, key)).await?;
         let request = ShowRequest::Open { name: name.to_owned(), setup, episode: Box::new(episode) };
-        let (answer, _) = self.theatre.ask(request).await?;
+        let (answer, _) = self.scene_renderer.ask(request).await?;
         match answer {
             ShowAnswer::Failed { problem } => Err(Refusal(StatusCode::UNPROCESSABLE_ENTITY, problem)),
             answer => Ok(answer),
@@ -122,7 +123,7 @@ struct WatchQuery {
 }
 
 impl WatchQuery {
-    fn place(&self) -> Result<Option<foxglove::Place>, Refusal> {
+    fn place(&self) -> Result<Option<foxglove::EnvironmentKey>, Refusal> {
         let wrong = || Refusal(StatusCode::BAD_REQUEST, "watch is KITCHEN-ENVIRONMENT, e.g. 6-0".to_owned());
         let place = |text: &String| {
             let (kitchen, environment) = text.split_once('-').ok_or_else(wrong)?;
@@ -177,7 +178,7 @@ async fn follow(
     let asked = run.clone();
     // An unknown run is an error now, not a stream of them.
     server.read(move |runs| runs.live(&asked).map(drop)).await?;
-    let receiver = server.hub.follow(&run);
+    let receiver = server.run_feeds.follow(&run);
     let events = unfold((receiver, true), |(mut receiver, first)| async move {
         let ready = first && !receiver.borrow_and_update().is_empty();
         if !ready {
@@ -302,7 +303,7 @@ async fn picture(
     let (name, view) = (name_of(&run, key), query.view()?);
     let (width, height) = (query.width, query.height.unwrap_or(query.width));
     let request = ShowRequest::Draw { name: name.clone(), step: query.step, view, width, height, fine: query.fine };
-    let ask = || async { server.theatre.ask(request.clone()).await };
+    let ask = || async { server.scene_renderer.ask(request.clone()).await };
     let (mut answer, mut bytes) = ask().await?;
     if answer == ShowAnswer::NotOpen {
         // The simulator was started again, or has opened many others since.

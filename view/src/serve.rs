@@ -2,7 +2,7 @@
 
 use crate::data::Runs;
 use crate::routes::{Opening, router};
-use crate::theatre::Theatre;
+use crate::scene_renderer::SceneRenderer;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use std::future::Future;
@@ -55,7 +55,7 @@ pub async fn serve(
 ) -> Result<(), ServeError> {
     let Settings { actor, token, open, compare, play } = settings;
     let opening = Opening { runs: open, compare, play, version: env!("CARGO_PKG_VERSION") };
-    let router = router(runs, Theatre::new(actor), token.into(), opening);
+    let router = router(runs, SceneRenderer::new(actor), token.into(), opening);
     let room = Arc::new(Semaphore::new(CONNECTIONS));
     tokio::pin!(end);
     loop {

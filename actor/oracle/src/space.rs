@@ -36,7 +36,7 @@ impl Care {
 
 /// What is on the magnet.
 #[derive(Clone)]
-struct Held<'a> {
+struct HeldObject<'a> {
     solid: &'a Solid,
     hand_from_body: Pose3,
 }
@@ -48,7 +48,7 @@ pub struct Space<'a> {
     fixed: Rc<Obstacles>,
     movable: Rc<Obstacles>,
     target: Rc<Obstacles>,
-    held: Option<Held<'a>>,
+    held: Option<HeldObject<'a>>,
     care: Care,
     driving: bool,
 }
@@ -70,7 +70,7 @@ impl<'a> Space<'a> {
             }
         }
         let solid = &kitchen.solids()[moment.target];
-        let held = moment.held.map(|hand_from_body| Held { solid, hand_from_body });
+        let held = moment.held.map(|hand_from_body| HeldObject { solid, hand_from_body });
         let [fixed, movable, target] = [fixed, movable, target].map(Rc::new);
         Self { kitchen, fixed, movable, target, held, care, driving: false }
     }

@@ -13,7 +13,7 @@
 //! marks    lines over a picture: ring about the target, box about the goal
 //! moment   a moment of an episode: where everything is, what happens
 //! depth_view   what the robot's depth camera sees
-//! storyboard   a moment of an episode: depth, the room from outside, words
+//! storyboard   a moment of an episode: depth, the room from outside, captions
 //! scene    an episode from any camera: what was displaced, with a ghost where it stood
 //! ```
 //!
@@ -25,18 +25,18 @@ mod depth_view;
 mod marks;
 mod model;
 mod moment;
-mod outside;
 pub mod palette;
 mod scene;
 mod shade;
 mod sky;
 mod storyboard;
 mod view;
+mod viewpoint;
 mod visible;
 
 pub use canvas::{Canvas, PictureError, Rgb};
-pub use moment::{Moment, Task, Words};
-pub use outside::Orbit;
+pub use moment::{Captions, Moment, Task};
 pub use scene::{Scene, Standpoint};
 pub use storyboard::Storyboard;
 pub use view::Views;
+pub use viewpoint::Orbit;

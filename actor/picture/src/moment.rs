@@ -31,13 +31,18 @@ pub struct Moment {
     /// Pose of the head camera.
     pub world_from_camera: Pose3,
     /// What happens.
-    pub words: Words,
+    pub captions: Captions,
 }
 
 impl Moment {
     /// The moment that a simulation is in.
-    pub fn of(simulation: &Simulation, world_from_camera: Pose3, words: Words) -> Self {
-        Self { things: simulation.things().poses().to_vec(), robot: *simulation.part_poses(), world_from_camera, words }
+    pub fn of(simulation: &Simulation, world_from_camera: Pose3, captions: Captions) -> Self {
+        Self {
+            things: simulation.things().poses().to_vec(),
+            robot: *simulation.part_poses(),
+            world_from_camera,
+            captions,
+        }
     }
 
     /// Pose of every body that the depth camera sees, in the kitchen's order.
@@ -52,7 +57,7 @@ impl Moment {
 
 /// What is said below the title.
 #[derive(Debug, Clone, Default)]
-pub struct Words {
+pub struct Captions {
     /// The step, and the action that led here.
     pub action: String,
     /// What is to be noted of it: failed, picked up.

@@ -6,12 +6,12 @@ use super::depth_view::{depth_view, mark};
 use super::marks::TARGET;
 use super::model::Model;
 use super::moment::{Moment, Task, points};
-use super::outside::{self, Orbit};
 use super::palette;
 use super::shade::Exposure;
 use super::sky::{Dome, Lit};
 use super::storyboard::PAPER;
 use super::view::{PlanFrame, robot_camera};
+use super::viewpoint::{self, Orbit};
 use super::visible::Visible;
 use proto::show::ShownSolid;
 use rapier3d::math::{Pose3, Vec3};
@@ -73,7 +73,7 @@ impl Scene {
         for moment in moments.iter().take(1).chain(moments.last()) {
             model.add_robot(&moment.robot, true);
         }
-        outside::best(&model, &points(&self.task, moments))
+        viewpoint::best(&model, &points(&self.task, moments))
     }
 
     /// The room from a free camera. `displaced`: things that are not where they stood, by their places.
@@ -212,7 +212,7 @@ fn solid(name: String, colour: Rgb, shape: &Shape, world_from_body: &Pose3) -> S
 
 #[cfg(test)]
 mod tests {
-    use super::super::moment::Words;
+    use super::super::moment::Captions;
     use super::*;
     use proto::config::SimulationConfig;
     use proto::kitchen::{KitchenId, TargetCategory};
@@ -228,7 +228,7 @@ mod tests {
         let moment = Moment {
             robot: part_poses(&configuration.posture()).unwrap(),
             world_from_camera: world_from_camera(&configuration.posture(), configuration.camera_pitch_rad()),
-            words: Words::default(),
+            captions: Captions::default(),
             things,
         };
         let goal = Some(Vec3::new(0.0, 1.0, 0.0));

@@ -1,14 +1,14 @@
-//! An episode in pictures: what the robot's depth camera sees, the room from outside, and what happens in words.
+//! An episode in pictures: what the robot's depth camera sees, the room from outside, and what happens in captions.
 
 use super::camera::Camera;
 use super::canvas::{Canvas, Rgb};
 use super::depth_view::{depth_view, mark};
 use super::marks::TARGET;
 use super::model::Model;
-use super::moment::{Moment, Task, Words, points};
-use super::outside;
+use super::moment::{Captions, Moment, Task, points};
 use super::shade::Exposure;
 use super::sky::{self, Lit};
+use super::viewpoint;
 use simulator::kitchen::Kitchen;
 use std::sync::Arc;
 
@@ -45,7 +45,7 @@ impl Storyboard {
         for moment in [&moments[0], &moments[moments.len() - 1]] {
             with_robot.add_robot(&moment.robot, true);
         }
-        let outside = outside::best(&with_robot, &points(&task, moments)).camera();
+        let outside = viewpoint::best(&with_robot, &points(&task, moments)).camera();
         let exposure = Exposure::take(&model, &outside, side, side, PAPER);
         let waiting: Vec<Lit> = exposure.waiting().collect();
         let light = sky::light(&model, &waiting);
@@ -77,7 +77,7 @@ impl Storyboard {
         let top = height - self.side;
         canvas.place(&depth_view(&self.task, moment, (&seen, target), self.side, depth_mm), 0, top);
         self.draw_outside(&mut canvas, top, moment, &model);
-        write(&mut canvas, self.side, &self.task.title, &moment.words);
+        write(&mut canvas, self.side, &self.task.title, &moment.captions);
         canvas
     }
 
@@ -93,17 +93,17 @@ impl Storyboard {
 }
 
 /// Title and outcome, then the action, then its measures.
-fn write(canvas: &mut Canvas, side: usize, title: &str, words: &Words) {
+fn write(canvas: &mut Canvas, side: usize, title: &str, captions: &Captions) {
     let (text_px, left) = text(side);
     let line = |number: f32| 1.15 * text_px * number;
     let space = 1.2 * text_px;
     let end = canvas.text(title, text_px, left, line(1.0), INK);
-    if let Some((outcome, good)) = &words.outcome {
+    if let Some((outcome, good)) = &captions.outcome {
         canvas.text(outcome, text_px, end + space, line(1.0), if *good { GOOD } else { BAD });
     }
-    let end = canvas.text(&words.action, text_px, left, line(2.0), INK);
-    canvas.text(&words.remark, text_px, end + 0.4 * text_px, line(2.0), BAD);
-    canvas.text(&words.measures, text_px, left, line(3.0), FAINT);
+    let end = canvas.text(&captions.action, text_px, left, line(2.0), INK);
+    canvas.text(&captions.remark, text_px, end + 0.4 * text_px, line(2.0), BAD);
+    canvas.text(&captions.measures, text_px, left, line(3.0), FAINT);
 }
 
 /// Height of the text and its distance from the left edge, pixels.
@@ -143,7 +143,7 @@ mod tests {
             let mut things = kitchen.settled_poses()[kitchen.movable_bodies()].to_vec();
             things[target] = camera * Pose3::translation(aside_m, 0.0, AHEAD_M);
             let robot = part_poses(&configuration.posture()).unwrap();
-            Moment { things, robot, world_from_camera: camera, words: Words::default() }
+            Moment { things, robot, world_from_camera: camera, captions: Captions::default() }
         });
         let goal = Some(camera * goal);
         let task = Task { target: Some(target), goal, goal_tolerance_m: 0.1, title: "bring the Bread".to_owned() };
@@ -185,11 +185,12 @@ mod tests {
     fn a_caption_shows_its_words_in_their_colours() {
         let (width, height) = Storyboard::size(448);
         let mut canvas = Canvas::new(width, height, PAPER);
-        let words = Words { remark: "failed".to_owned(), measures: "goal 1.00 m".to_owned(), ..Words::default() };
-        write(&mut canvas, 448, "Kitchen 26", &words);
+        let captions =
+            Captions { remark: "failed".to_owned(), measures: "goal 1.00 m".to_owned(), ..Captions::default() };
+        write(&mut canvas, 448, "Kitchen 26", &captions);
         let has = |colour: Rgb| canvas.pixels.contains(&colour);
         assert!(has(INK) && has(BAD) && has(FAINT) && !has(GOOD));
         let below = &canvas.pixels[(height - 448) * width..];
-        assert!(below.iter().all(|pixel| *pixel == PAPER), "words reach into the views");
+        assert!(below.iter().all(|pixel| *pixel == PAPER), "captions reach into the views");
     }
 }

@@ -60,7 +60,7 @@ pub struct Simulation {
     placed: bool,
     /// Whether anything moves by itself.
     awake: bool,
-    held: Option<Held>,
+    held: Option<HeldObject>,
     began_at_rest: bool,
     watch: Option<Box<Watch>>,
     /// The robot's path since the last call of [`Simulation::take_substeps`], if it is recorded.
@@ -82,7 +82,7 @@ pub struct Substep {
 
 /// The thing on the magnet.
 #[derive(Debug, Clone, Copy)]
-struct Held {
+struct HeldObject {
     movable: usize,
     hand_from_body: Pose3,
 }
@@ -186,7 +186,7 @@ impl Simulation {
         }
         // It goes with the hand from now on.
         self.world.take_hold(self.kitchen.movables[movable]);
-        self.held = Some(Held { movable, hand_from_body: self.poses[HAND].inverse() * pose });
+        self.held = Some(HeldObject { movable, hand_from_body: self.poses[HAND].inverse() * pose });
         self.things.carry(movable, &pose, &self.kitchen.solids[movable]);
         // What leans on it wakes up in this sub-step.
         self.place_robot();

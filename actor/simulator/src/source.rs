@@ -1,8 +1,8 @@
 //! Where a run's kitchens come from: the generator, the scene files that its configuration names, or the procedural
 //! kitchens that were kept in its folder.
 
-use crate::kitchen::preserve::{Preserve, PreserveError};
-use crate::kitchen::{Kitchen, KitchenError, Lot};
+use crate::kitchen::found_kitchen::{FoundKitchen, FoundKitchenError};
+use crate::kitchen::{Kitchen, KitchenError, KitchenKey};
 use crate::scene_file::{self, SceneError};
 use proto::config::Config;
 use proto::kitchen::KitchenId;
@@ -47,10 +47,10 @@ pub enum SourceError {
 /// run folder. A procedural kitchen that is kept there is opened; one that is not is made, which takes longer.
 pub fn of_run(id: KitchenId, config: &Config, folder: &Path) -> Result<Kitchen, SourceError> {
     if id.is_procedural() {
-        let lot = Lot::new(id, config.kitchens.seed);
-        return match kept(lot, config, folder) {
-            Some(preserve) => Ok(preserve.open()?),
-            None => Ok(Kitchen::generate(lot, &config.simulation)?),
+        let kitchen_key = KitchenKey::new(id, config.kitchens.seed);
+        return match kept(kitchen_key, config, folder) {
+            Some(found) => Ok(found.open()?),
+            None => Ok(Kitchen::generate(kitchen_key, &config.simulation)?),
         };
     }
     let Some(index) = id.scene_index() else { return Ok(Kitchen::build(id, &config.simulation)?) };
@@ -72,54 +72,56 @@ pub fn of_run_and_kept(id: KitchenId, config: &Config, folder: &Path) -> Result<
     if !id.is_procedural() {
         return of_run(id, config, folder);
     }
-    let lot = Lot::new(id, config.kitchens.seed);
-    let preserve = match kept(lot, config, folder) {
-        Some(preserve) => preserve,
-        None => make_and_keep(lot, config, folder)?,
+    let kitchen_key = KitchenKey::new(id, config.kitchens.seed);
+    let found = match kept(kitchen_key, config, folder) {
+        Some(found) => found,
+        None => make_and_keep(kitchen_key, config, folder)?,
     };
-    Ok(preserve.open()?)
+    Ok(found.open()?)
 }
 
 /// Makes a procedural kitchen and keeps it in the folder, if it is not there; returns whether it was made.
 pub fn keep_ready(id: KitchenId, config: &Config, folder: &Path) -> Result<bool, SourceError> {
-    let lot = Lot::new(id, config.kitchens.seed);
-    let there = kept(lot, config, folder).is_some();
+    let kitchen_key = KitchenKey::new(id, config.kitchens.seed);
+    let there = kept(kitchen_key, config, folder).is_some();
     if !there {
-        make_and_keep(lot, config, folder)?;
+        make_and_keep(kitchen_key, config, folder)?;
     }
     Ok(!there)
 }
 
 /// What the folder keeps of a kitchen; none where that is missing or cannot be used.
-fn kept(lot: Lot, config: &Config, folder: &Path) -> Option<Preserve> {
-    let path = path_of(lot.id(), folder);
+fn kept(kitchen_key: KitchenKey, config: &Config, folder: &Path) -> Option<FoundKitchen> {
+    let path = path_of(kitchen_key.id(), folder);
     let bytes = RunFolder::new(folder).read(&path, KITCHEN_BYTES_MOST).ok()?;
-    match Preserve::from_bytes(&bytes, lot, config.simulation) {
-        Ok(preserve) => Some(preserve),
+    match FoundKitchen::from_bytes(&bytes, kitchen_key, config.simulation) {
+        Ok(found) => Some(found),
         Err(problem) => {
             let path = path.display();
             match problem {
-                PreserveError::Checksum | PreserveError::Impossible => {
+                FoundKitchenError::Checksum | FoundKitchenError::Impossible => {
                     tracing::warn!("{path} is damaged and is made anew: {problem}");
                 }
-                PreserveError::Version | PreserveError::Other => tracing::debug!("{path} is made anew: {problem}"),
+                FoundKitchenError::Version | FoundKitchenError::Other => {
+                    tracing::debug!("{path} is made anew: {problem}")
+                }
             }
             None
         }
     }
 }
 
-fn make_and_keep(lot: Lot, config: &Config, folder: &Path) -> Result<Preserve, SourceError> {
-    let preserve = Preserve::make(lot, &config.simulation)?;
-    let path = path_of(lot.id(), folder);
-    if let Err(error) = write(&path, &preserve.to_bytes()) {
+fn make_and_keep(kitchen_key: KitchenKey, config: &Config, folder: &Path) -> Result<FoundKitchen, SourceError> {
+    let found = FoundKitchen::make(kitchen_key, &config.simulation)?;
+    let path = path_of(kitchen_key.id(), folder);
+    if let Err(error) = write(&path, &found.to_bytes()) {
         tracing::warn!(
             "cannot keep kitchen {} in {}: {error}; it is made again when it is needed",
-            lot.id(),
+            kitchen_key.id(),
             path.display()
         );
     }
-    Ok(preserve)
+    Ok(found)
 }
 
 fn path_of(id: KitchenId, folder: &Path) -> PathBuf {
@@ -186,15 +188,15 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let mut config = Config::default();
         config.kitchens.source = KitchenSource::Procedural;
-        let lot = Lot::new(KitchenId::new(1001).unwrap(), config.kitchens.seed);
-        let path = path_of(lot.id(), folder.path());
+        let kitchen_key = KitchenKey::new(KitchenId::new(1001).unwrap(), config.kitchens.seed);
+        let path = path_of(kitchen_key.id(), folder.path());
         std::fs::create_dir(path.parent().unwrap()).unwrap();
         // To open it would be to wait for ever.
         assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
-        assert_eq!(kept(lot, &config, folder.path()), None);
+        assert_eq!(kept(kitchen_key, &config, folder.path()), None);
         std::fs::remove_file(&path).unwrap();
         std::fs::File::create(&path).unwrap().set_len(100 << 30).unwrap();
-        assert_eq!(kept(lot, &config, folder.path()), None);
+        assert_eq!(kept(kitchen_key, &config, folder.path()), None);
 
         let precious = folder.path().join("precious");
         std::fs::write(&precious, "precious").unwrap();

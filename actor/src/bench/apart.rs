@@ -1,9 +1,9 @@
 //! Environments that are each in a kitchen of its own, beside as many in one: what it costs that they share nothing.
 
+use super::action_source::PolicyKind;
 use super::clock::seconds_per_call;
 use super::memory;
 use super::player::Player;
-use super::policy::PolicyKind;
 use super::visits;
 use crate::parallel::in_parallel;
 use anyhow::{Context, Result, ensure};

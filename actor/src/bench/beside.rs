@@ -9,7 +9,7 @@
 
 use super::clock::processor_time;
 use crate::process::environments::Environments;
-use crate::process::larder::Larder;
+use crate::process::prefetcher::KitchenPrefetcher;
 use anyhow::{Context, Result, ensure};
 use proto::config::Config;
 use proto::kitchen::KitchenId;
@@ -43,8 +43,8 @@ pub fn run(options: Options, mut input: impl Read, mut output: impl Write) -> Re
     config.validate()?;
     ensure!(steps > 0, "a turn has a step at least");
     // The kitchens of these environments are not kept in a folder.
-    let larder = Larder::without_thread(&config, Path::new(""));
-    let mut environments = Environments::new(larder, Some(kitchen), 0, &config)?;
+    let prefetcher = KitchenPrefetcher::without_thread(&config, Path::new(""));
+    let mut environments = Environments::new(prefetcher, Some(kitchen), 0, &config)?;
     let record = vec![Line([0; 64]); config.spec().layout().bytes / size_of::<Line>()];
     let mut slots = vec![record; count as usize];
     let mut actions = vec![0; count as usize * steps as usize];

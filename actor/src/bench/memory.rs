@@ -1,7 +1,7 @@
 //! Memory of a further environment, measured in a process that does nothing else.
 
+use super::action_source::PolicyKind;
 use super::player::Player;
-use super::policy::PolicyKind;
 use anyhow::{Context, Result, ensure};
 use proto::camera::FRAME_PIXELS;
 use proto::config::Config;

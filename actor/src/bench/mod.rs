@@ -5,19 +5,19 @@
 //! in turn. The environments stand in different phases of their episodes, as in a rollout. Time is the thread's own
 //! time on a processor, so that other programs of the machine do not count.
 
+pub mod action_source;
 pub mod apart;
 pub mod beside;
 mod clock;
 pub mod memory;
 pub mod player;
-pub mod policy;
 mod report;
 mod visits;
 
+use action_source::PolicyKind;
 use anyhow::{Result, ensure};
 use clock::seconds_per_call;
 use player::{Player, View};
-use policy::PolicyKind;
 use proto::camera::{FRAME_PIXELS, FRAME_SIDE};
 use proto::config::Config;
 use proto::episode::EnvironmentId;

@@ -1,6 +1,6 @@
 //! An environment that plays episodes whose actions were chosen beforehand; and what it saw on the way.
 
-use super::policy::{PolicyKind, script};
+use super::action_source::{PolicyKind, script};
 use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::episode::EnvironmentId;

@@ -1,6 +1,6 @@
 //! The measurements of many kitchens as a table for people, or as JSON.
 
-use super::policy::PolicyKind;
+use super::action_source::PolicyKind;
 use proto::kitchen::KitchenId;
 use serde_json::{Value, json};
 use std::io::{self, Write};

@@ -1,7 +1,7 @@
 //! What it costs an actor's step that an environment goes on to another kitchen.
 
 use super::clock::processor_time;
-use crate::process::larder::{Larder, Opened, Order};
+use crate::process::prefetcher::{KitchenPrefetcher, Opened, Order};
 use anyhow::{Result, ensure};
 use proto::config::{Config, KitchenSource};
 use proto::episode::EnvironmentId;
@@ -51,8 +51,8 @@ struct Change {
 pub(super) fn run(kitchens: &[KitchenId], folder: &Path, mut out: impl Write) -> Result<()> {
     let mut config = Config::default();
     config.kitchens.source = KitchenSource::Procedural;
-    let at_once = measure(kitchens, &Larder::without_thread(&config, folder), &config, false)?;
-    let ahead = measure(kitchens, &Larder::of(&config, folder)?, &config, true)?;
+    let at_once = measure(kitchens, &KitchenPrefetcher::without_thread(&config, folder), &config, false)?;
+    let ahead = measure(kitchens, &KitchenPrefetcher::of(&config, folder)?, &config, true)?;
     writeln!(out, "an episode begins in {:.2} ms; in another kitchen it takes", at_once.episode.mean_ms())?;
     for (when, change) in [("opened at once", at_once), ("opened ahead", ahead)] {
         let Change { open, environment, scenery, leave, .. } = &change;
@@ -70,20 +70,20 @@ pub(super) fn run(kitchens: &[KitchenId], folder: &Path, mut out: impl Write) ->
     Ok(())
 }
 
-fn measure(kitchens: &[KitchenId], larder: &Larder, config: &Config, ahead: bool) -> Result<Change> {
+fn measure(kitchens: &[KitchenId], prefetcher: &KitchenPrefetcher, config: &Config, ahead: bool) -> Result<Change> {
     let mut change = Change::default();
     let mut here = None;
     for &kitchen in kitchens {
         let id = EnvironmentId { kitchen, number: 0 };
         if ahead {
-            larder.order(Order { environment: id.number, kitchen, open: true });
+            prefetcher.order(Order { environment: id.number, kitchen, open: true });
             let begun = Instant::now();
-            while !larder.is_ready(id.number) {
+            while !prefetcher.is_ready(id.number) {
                 ensure!(begun.elapsed() < Duration::from_mins(5), "nobody opens kitchen {kitchen}");
                 std::thread::sleep(Duration::from_millis(1));
             }
         }
-        let Opened { kitchen, scenery } = change.open.on(|| larder.take(id.number, kitchen))?;
+        let Opened { kitchen, scenery } = change.open.on(|| prefetcher.take(id.number, kitchen))?;
         let mut environment = change.environment.on(|| Environment::new(kitchen, id, config))?;
         let bodies = environment.kitchen().bodies();
         let scenery = change.scenery.on(|| scenery.unwrap_or_else(|| Scenery::of(bodies)));

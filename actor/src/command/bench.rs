@@ -1,7 +1,7 @@
 //! `actor bench`, the hidden command that it calls in a process of its own, and the one that `make bench-python` calls.
 
 use actor::arguments::numbered;
-use actor::bench::policy::PolicyKind;
+use actor::bench::action_source::PolicyKind;
 use actor::bench::{self, apart, beside, memory};
 use anyhow::{Context, Result};
 use proto::kitchen::{KitchenChoice, KitchenId};

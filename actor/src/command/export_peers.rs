@@ -1,6 +1,6 @@
 //! `actor export-peers`.
 
-use actor::bench::policy::PolicyKind;
+use actor::bench::action_source::PolicyKind;
 use actor::export;
 use anyhow::Result;
 use proto::kitchen::KitchenChoice;

@@ -24,7 +24,7 @@ mod mjcf;
 mod npy;
 mod trace;
 
-use crate::bench::policy::PolicyKind;
+use crate::bench::action_source::PolicyKind;
 use anyhow::{Context, Result};
 use proto::camera::FRAME_SIDE;
 use proto::config::Config;

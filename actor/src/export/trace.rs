@@ -1,6 +1,6 @@
 //! One episode under a policy, as another engine needs it: where everything begins, and the robot's way.
 
-use crate::bench::policy::{PolicyKind, script};
+use crate::bench::action_source::{PolicyKind, script};
 use proto::camera::{FRAME_PIXELS, FRAME_SIDE};
 use proto::config::Config;
 use proto::episode::EnvironmentId;

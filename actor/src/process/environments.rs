@@ -1,7 +1,7 @@
 //! The environments of one actor: stepping them, rebuilding them, and showing what they see. Whatever the task, and
 //! wherever they are.
 
-use super::larder::Larder;
+use super::prefetcher::KitchenPrefetcher;
 use super::scenes::Scenes;
 use super::whereabouts;
 use anyhow::{Context, Result, bail, ensure};
@@ -129,7 +129,7 @@ impl Running {
 
 impl Environments {
     /// The environments of actor `actor`, each in its episode 0; with `kitchen` all in that one instead of their own.
-    pub fn new(larder: Larder, kitchen: Option<KitchenId>, actor: u32, config: &Config) -> Result<Self> {
+    pub fn new(prefetcher: KitchenPrefetcher, kitchen: Option<KitchenId>, actor: u32, config: &Config) -> Result<Self> {
         let count = config.actors.environments_per_actor;
         let homes: Vec<EnvironmentId> = (0..count)
             .map(|index| {
@@ -137,7 +137,7 @@ impl Environments {
                 EnvironmentId { kitchen: kitchen.unwrap_or(home.kitchen), ..home }
             })
             .collect();
-        let mut scenes = Scenes::of(larder, config)?;
+        let mut scenes = Scenes::of(prefetcher, config)?;
         scenes.order(homes.iter().map(|&home| scenes.place(home, 0)));
         let spec = config.spec();
         let engine = Engine {

@@ -4,7 +4,7 @@
 //! protocol      who says what when: a pure state machine
 //! environments  the simulated environments, and how they are rebuilt from their actions
 //! scenes        where they are, and what their cameras see there
-//! larder        procedural kitchens, made ahead
+//! prefetcher        procedural kitchens, made ahead
 //! link          the actor's ends of the shared-memory services
 //! shm           observations written where they lie in shared memory
 //! whereabouts   which environment is being simulated, for last words
@@ -15,8 +15,8 @@
 //! closes or it is killed, and holds nothing that cannot be rebuilt.
 
 pub mod environments;
-pub mod larder;
 mod link;
+pub mod prefetcher;
 pub mod protocol;
 mod scenes;
 mod shm;
@@ -24,8 +24,8 @@ pub mod whereabouts;
 
 use anyhow::{Context, Result, ensure};
 use environments::Environments;
-use larder::Larder;
 use link::{Arrived, Link};
+use prefetcher::KitchenPrefetcher;
 use proto::bounded;
 use proto::config::Config;
 use proto::kitchen::KitchenId;
@@ -63,10 +63,11 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
     let started = Instant::now();
     let folder = settings.config.parent().unwrap_or(Path::new(""));
     ensure!(
-        settings.kitchen.is_none() || !config.rota().moves(),
+        settings.kitchen.is_none() || !config.kitchen_schedule().moves(),
         "--kitchen cannot be used where environments go from kitchen to kitchen"
     );
-    let mut environments = Environments::new(Larder::of(&config, folder)?, kitchen, settings.actor, &config)?;
+    let mut environments =
+        Environments::new(KitchenPrefetcher::of(&config, folder)?, kitchen, settings.actor, &config)?;
     let kitchen_ms = started.elapsed().as_millis() as u64;
     let recorder = config.recording.enabled;
     let link = Link::open(&settings.wire, WireShape::of(&config), settings.actor, recorder)?;

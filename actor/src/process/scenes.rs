@@ -1,12 +1,12 @@
 //! Where the environments of an actor are, and what their cameras see there.
 
-use super::larder::{Larder, Opened, Order};
+use super::prefetcher::{KitchenPrefetcher, Opened, Order};
 use anyhow::{Context, Result, bail};
 use proto::camera::{FRAME_SIDE, SUMS_PIXELS, WINDOW};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
+use proto::kitchen_schedule::KitchenSchedule;
 use proto::record::{RecordHeader, flag};
-use proto::rota::Rota;
 use proto::task::Field;
 use simulator::depth::{DepthCamera, Scenery};
 use simulator::environment::{Base, Environment};
@@ -24,8 +24,8 @@ const SUMS: u32 = 1 << 1;
 /// The kitchens that environments are in, and the camera that looks at them.
 pub(super) struct Scenes {
     run: Arc<Run>,
-    rota: Rota,
-    larder: Larder,
+    kitchen_schedule: KitchenSchedule,
+    prefetcher: KitchenPrefetcher,
     /// The camera that environments share. It holds the kitchen that all are in; or none of theirs, while each environment
     /// has its own scenery for it.
     camera: DepthCamera,
@@ -39,14 +39,14 @@ pub(super) struct Scenes {
 
 impl Scenes {
     /// Those of a run, before any environment is in one.
-    pub fn of(larder: Larder, config: &Config) -> Result<Self> {
+    pub fn of(prefetcher: KitchenPrefetcher, config: &Config) -> Result<Self> {
         let [whole, windows] = config.spec().layout().images[..] else {
             bail!("task `{}` has not one image with its sums, which is what a camera in a kitchen sees", config.task)
         };
         Ok(Self {
             run: Run::of(config),
-            rota: config.rota(),
-            larder,
+            kitchen_schedule: config.kitchen_schedule(),
+            prefetcher,
             camera: DepthCamera::new(&[]),
             sceneries: Vec::new(),
             frame: [whole, windows],
@@ -56,14 +56,14 @@ impl Scenes {
 
     /// An environment as it is called in its episode of this number, with the scene that it is in then.
     pub fn place(&self, home: EnvironmentId, episode: u32) -> EnvironmentId {
-        self.rota.place(home, episode)
+        self.kitchen_schedule.place(home, episode)
     }
 
-    /// Has the kitchens that environments are about to enter opened: the larder's thread begins at the other end, if there
-    /// is a processor for it.
+    /// Has the kitchens that environments are about to enter opened: the prefetcher's thread begins at the other end,
+    /// if there is a processor for it.
     pub fn order(&self, places: impl DoubleEndedIterator<Item = EnvironmentId>) {
-        for place in places.rev().filter(|_| self.rota.moves()) {
-            self.larder.order(Order { environment: place.number, kitchen: place.kitchen, open: true });
+        for place in places.rev().filter(|_| self.kitchen_schedule.moves()) {
+            self.prefetcher.order(Order { environment: place.number, kitchen: place.kitchen, open: true });
         }
     }
 
@@ -75,14 +75,14 @@ impl Scenes {
         episode: u32,
     ) -> Result<(EnvironmentId, Box<dyn Environment>)> {
         let id = self.place(home, episode);
-        let Opened { kitchen, scenery } = self.larder.take(home.number, id.kitchen)?;
+        let Opened { kitchen, scenery } = self.prefetcher.take(home.number, id.kitchen)?;
         let environment = tasks::open(&self.run, &kitchen, id, episode)
             .with_context(|| format!("cannot set up environment {} of kitchen {}", id.number, id.kitchen))?;
-        if self.rota.moves() || index == 0 {
+        if self.kitchen_schedule.moves() || index == 0 {
             let mut scenery = scenery.unwrap_or_else(|| Scenery::of(kitchen.bodies()));
             match self.sceneries.get_mut(index) {
                 Some(own) => *own = scenery,
-                None if self.rota.moves() => self.sceneries.push(scenery),
+                None if self.kitchen_schedule.moves() => self.sceneries.push(scenery),
                 None => self.camera.exchange(&mut scenery),
             }
         }
@@ -92,10 +92,10 @@ impl Scenes {
     /// Has the kitchen that the environment goes to after this episode made as soon as that is known, and opened when it
     /// is near.
     pub fn look_ahead(&self, home: EnvironmentId, episode: u32, just_entered: bool) {
-        let Some((then, next)) = self.rota.next_move(home, episode) else { return };
+        let Some((then, next)) = self.kitchen_schedule.next_move(home, episode) else { return };
         let open = then - episode <= OPENED_AHEAD;
         if open || just_entered {
-            self.larder.order(Order { environment: home.number, kitchen: next.kitchen, open });
+            self.prefetcher.order(Order { environment: home.number, kitchen: next.kitchen, open });
         }
     }
 
@@ -134,7 +134,7 @@ impl Scenes {
     /// Whether all is opened ahead for an environment that can be.
     #[cfg(test)]
     pub fn is_ready(&self, home: EnvironmentId, episode: u32) -> bool {
-        let next = self.rota.next_move(home, episode);
-        next.is_none_or(|(then, _)| then - episode > OPENED_AHEAD) || self.larder.is_ready(home.number)
+        let next = self.kitchen_schedule.next_move(home, episode);
+        next.is_none_or(|(then, _)| then - episode > OPENED_AHEAD) || self.prefetcher.is_ready(home.number)
     }
 }

@@ -6,7 +6,7 @@
 use super::picture::Sink;
 use super::play::{Rules, Seen};
 use anyhow::Result;
-use picture::{Moment, Storyboard, Task, Words};
+use picture::{Captions, Moment, Storyboard, Task};
 use proto::episode::EnvironmentId;
 use proto::kitchen::TargetCategory;
 use proto::replay::{ImageFormat, ReplayImages};
@@ -67,8 +67,8 @@ const MEASURES: usize = 4;
 
 /// Caption of a moment, without its number and the episode's end: parts of rewards that are 1, and the first measures of
 /// what the action led to.
-fn words(rules: &Rules, seen: &Seen) -> Words {
-    let Some(_) = seen.rewards else { return Words::default() };
+fn words(rules: &Rules, seen: &Seen) -> Captions {
+    let Some(_) = seen.rewards else { return Captions::default() };
     let pairs = || rules.spec.channels.iter().zip(&rules.spec.layout().fields);
     let remarks = pairs().filter(|(channel, field)| {
         channel.role == Role::Part && channel.values == [0.0, 1.0] && field.number(seen.record) == 1.0
@@ -80,7 +80,7 @@ fn words(rules: &Rules, seen: &Seen) -> Words {
         format!("{} {:.3} {}", channel.bare_name().replace('_', " "), field.number(seen.record), channel.unit)
     };
     let measures = pairs().filter(|(channel, _)| is_measure(channel)).take(MEASURES).map(measure);
-    Words {
+    Captions {
         action: rules.action(seen.record).unwrap_or_default().to_owned(),
         remark: remarks.join(", "),
         measures: measures.collect::<Vec<_>>().join("  "),
@@ -89,7 +89,7 @@ fn words(rules: &Rules, seen: &Seen) -> Words {
 }
 
 /// A moment of an episode for pictures.
-pub(crate) fn moment(environment: &Base, words: Words) -> Moment {
+pub(crate) fn moment(environment: &Base, words: Captions) -> Moment {
     Moment::of(environment.simulation(), environment.world_from_camera(), words)
 }
 
@@ -141,13 +141,13 @@ impl Film {
         let kitchen = environment.kitchen();
         let count = self.moments.len() - 1;
         for (step, moment) in self.moments.iter_mut().enumerate() {
-            moment.words.action = match step {
+            moment.captions.action = match step {
                 0 => format!("step 0 of {count}"),
-                _ => format!("step {step} of {count}: {}", moment.words.action),
+                _ => format!("step {step} of {count}: {}", moment.captions.action),
             };
         }
         if let Some(last) = self.moments.last_mut() {
-            last.words.outcome = Some(outcome_in_words(rules, outcome));
+            last.captions.outcome = Some(outcome_in_words(rules, outcome));
         }
         let side = images.side as usize;
         let target = rules.target(&self.record);

@@ -64,7 +64,7 @@ pub enum Next {
 
 /// One actor's half.
 #[derive(Debug)]
-struct Standing<S> {
+struct HalfProgress<S> {
     step: u64,
     sample: Option<S>,
     /// The newest exchange of which the recorder has its observations.
@@ -81,7 +81,7 @@ pub struct Lanes<S> {
     pace: Pace,
     halves: u32,
     /// By actor, then half.
-    all: Vec<Standing<S>>,
+    all: Vec<HalfProgress<S>>,
     /// Which shard each actor is of.
     shards: Vec<usize>,
     /// Exchange that the rollout began with.
@@ -104,16 +104,16 @@ pub enum Arrival {
 impl<S> Lanes<S> {
     /// All wait for the observations of exchange `from`, and go in lockstep. `shards`: of each actor.
     pub fn new(halves: u32, shards: Vec<usize>, from: u64) -> Self {
-        let standing = || Standing { step: from, sample: None, recorded: None, settled: false, valued: false };
+        let standing = || HalfProgress { step: from, sample: None, recorded: None, settled: false, valued: false };
         let all = (0..shards.len() * halves as usize).map(|_| standing()).collect();
         Self { pace: Pace::Lockstep, halves, all, shards, from, first: from }
     }
 
-    fn at(&self, index: u32, half: u32) -> &Standing<S> {
+    fn at(&self, index: u32, half: u32) -> &HalfProgress<S> {
         &self.all[(index * self.halves + half) as usize]
     }
 
-    fn at_mut(&mut self, index: u32, half: u32) -> &mut Standing<S> {
+    fn at_mut(&mut self, index: u32, half: u32) -> &mut HalfProgress<S> {
         &mut self.all[(index * self.halves + half) as usize]
     }
 
@@ -201,12 +201,12 @@ impl<S> Lanes<S> {
     }
 
     /// Row of the rollout that a lane is at.
-    fn row(&self, lane: &Standing<S>) -> usize {
+    fn row(&self, lane: &HalfProgress<S>) -> usize {
         (lane.step - self.from) as usize
     }
 
     /// Lanes that are not through with the rollout, ascending.
-    fn open(&self) -> impl Iterator<Item = (Lane, &Standing<S>)> {
+    fn open(&self) -> impl Iterator<Item = (Lane, &HalfProgress<S>)> {
         let open = (0..).zip(&self.all).filter(|(_, lane)| !lane.valued);
         open.map(|(place, lane): (u32, _)| {
             (Lane { index: place / self.halves, half: place % self.halves, t: self.row(lane) }, lane)
@@ -215,7 +215,7 @@ impl<S> Lanes<S> {
 
     /// Rows of the rollout whose outcomes are taken in from every lane.
     pub fn settled_rows(&self) -> usize {
-        let of = |lane: &Standing<S>| self.row(lane).saturating_sub(usize::from(!lane.settled));
+        let of = |lane: &HalfProgress<S>| self.row(lane).saturating_sub(usize::from(!lane.settled));
         self.all.iter().map(of).min().unwrap_or(0)
     }
 
@@ -254,7 +254,7 @@ impl<S> Lanes<S> {
     /// of its actors' environments.
     fn next_ready(&self, recorded: bool) -> Next {
         // What the recorder has not seen cannot be answered, and the others need not wait for that.
-        let is_there = |lane: &Lane, standing: &Standing<S>| {
+        let is_there = |lane: &Lane, standing: &HalfProgress<S>| {
             standing.sample.is_some() && (!recorded || self.is_recorded(lane.index, lane.half))
         };
         let open = self.open().count();

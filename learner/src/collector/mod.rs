@@ -146,7 +146,7 @@ pub struct Settled {
 
 /// Whose action is about to be chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Place {
+pub struct Decision {
     pub column: usize,
     pub environment: EnvironmentId,
     /// Episode number within the environment.
@@ -430,7 +430,7 @@ impl<S: HalfSample> Collector<S> {
     ///
     /// # Panics
     /// If the observations are not here.
-    pub(crate) fn batch_with(&self, lanes: &[Lane], mut noise: impl FnMut(Place, &mut Vec<f32>)) -> Batch<'_> {
+    pub(crate) fn batch_with(&self, lanes: &[Lane], mut noise: impl FnMut(Decision, &mut Vec<f32>)) -> Batch<'_> {
         let Settings { column_map, policy_actions, .. } = self.settings;
         let count = lanes.iter().map(|lane| column_map.half(lane.half).len()).sum();
         let mut batch = Batch {
@@ -455,7 +455,7 @@ impl<S: HalfSample> Collector<S> {
                 batch.episode_start.push(start);
                 let environment = self.ids[column];
                 let RecordHeader { episode, step, .. } = *header;
-                noise(Place { column, environment, episode, step }, &mut batch.gumbel);
+                noise(Decision { column, environment, episode, step }, &mut batch.gumbel);
             }
         }
         batch

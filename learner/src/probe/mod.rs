@@ -4,11 +4,11 @@
 //! What runs is what training runs with that configuration on that device: the first epoch of an update
 //! ([`crate::ppo::Update::gradient`]), without its optimiser step.
 
+mod architecture;
 mod batch;
 mod first_epoch;
-mod shape;
 
-pub use shape::fit;
+pub use architecture::fit;
 
 use crate::agent::{MODEL, weights_of};
 use crate::auxiliary::{Auxiliary, Sizes};

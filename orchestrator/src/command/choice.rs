@@ -1,10 +1,10 @@
 //! Which recorded episodes a command is about: recordings, and filters among their episodes.
 
+use crate::output::format::counted;
 use crate::recording::episodes::{Recorded, gather};
 use crate::recording::files_at;
 use crate::recording::reader::RecordingError;
 use crate::recording::wanted::Wanted;
-use crate::showing::format::counted;
 use crate::training::summary::Summary;
 use anyhow::{Result, bail};
 use proto::config::Config;

@@ -1,8 +1,8 @@
 //! `orchestrator clean`: frees the shared memory of dead runs.
 
+use crate::output::format::{self, counted};
+use crate::output::terminal;
 use crate::run::remains::{Remains, processes_of, survey, sweep};
-use crate::showing::format::{self, counted};
-use crate::showing::terminal;
 use anyhow::{Result, bail};
 use std::time::Duration;
 

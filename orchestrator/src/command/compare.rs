@@ -1,7 +1,7 @@
 //! `orchestrator compare`: runs beside each other.
 
-use crate::comparing::Comparison;
-use crate::showing::terminal;
+use crate::comparison::Comparison;
+use crate::output::terminal;
 use anyhow::{Result, bail, ensure};
 use std::path::PathBuf;
 

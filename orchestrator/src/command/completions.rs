@@ -1,6 +1,6 @@
 //! `orchestrator completions`: what a shell needs to complete our command line.
 
-use crate::showing::terminal;
+use crate::output::terminal;
 use anyhow::{Context, Result};
 use clap_complete::Shell;
 

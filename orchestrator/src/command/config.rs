@@ -1,9 +1,9 @@
 //! `orchestrator config`: the effective configuration.
 
 use super::overrides::{Overrides, default_preset};
+use crate::output::terminal;
 use crate::preflight::tools::Tools;
 use crate::run::checkpoints::newest_readable;
-use crate::showing::terminal;
 use anyhow::{Context, Result, ensure};
 use proto::config::Config;
 use proto::run_folder::{RolloutName, RunFolder, write_atomically};

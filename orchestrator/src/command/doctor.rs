@@ -1,13 +1,13 @@
 //! `orchestrator doctor`: everything that `up` would check, all of it, as a table.
 
 use super::overrides::{Overrides, default_preset};
+use crate::output::{format, terminal};
 use crate::preflight::all::check_all;
 use crate::preflight::tools::Tools;
 use crate::preflight::{Finding, programs, temporary};
 use crate::run::create::check_free;
 use crate::run::remains::survey;
 use crate::run::scenes;
-use crate::showing::{format, terminal};
 use crate::supervisor::session::shape;
 use anyhow::Result;
 use proto::device::Torch;

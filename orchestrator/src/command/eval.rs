@@ -3,13 +3,13 @@
 use super::play::ShownArgs;
 use crate::evaluation::run::EvaluationRun;
 use crate::evaluation::subject::{Found, Provenance, Source, find};
-use crate::evaluation::words::{episodes_of, place};
+use crate::evaluation::text::{episodes_of, place};
+use crate::output::{format, terminal};
 use crate::preflight::all::demand_all;
 use crate::preflight::tools::Tools;
 use crate::run::create::{check_free, create, new_folder};
 use crate::run::identity::unix_now;
 use crate::run::{lifeline, scenes};
-use crate::showing::{format, terminal};
 use anyhow::{Result, ensure};
 use proto::checkpoint::Manifest;
 use proto::config::{Config, DeviceChoice, Setting, ValidationConfig};

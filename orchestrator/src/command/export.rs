@@ -2,10 +2,10 @@
 
 use crate::command::choice::{Choice, Chosen, nothing_in};
 use crate::evaluation::subject::{Source, find};
+use crate::output::format::{bytes, counted};
+use crate::output::terminal;
 use crate::recording::episodes::Recorded;
 use crate::recording::harvest::{Harvest, harvest};
-use crate::showing::format::{bytes, counted};
-use crate::showing::terminal;
 use anyhow::{Context, Result, bail, ensure};
 use export::{Policy, Precision};
 use proto::dataset::{DatasetRequest, DatasetSetup, PictureKind};

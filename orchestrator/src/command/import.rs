@@ -1,12 +1,12 @@
 //! `orchestrator import`: a run that begins with weights of elsewhere. (Those of a run of ours: `up --from`.)
 
 use super::overrides::Overrides;
+use crate::output::log_line::error_in;
+use crate::output::terminal;
 use crate::preflight::tools::Tools;
 use crate::run::create::{check_free, prepare};
 use crate::run::identity::Identity;
 use crate::run::scenes;
-use crate::showing::log_line::error_in;
-use crate::showing::terminal;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use export::PolicyError;
 use proto::config::{Config, presets};

@@ -1,8 +1,8 @@
 //! `orchestrator list`: runs with their state, a line each.
 
-use crate::showing::table::aligned;
-use crate::showing::{format, terminal};
-use crate::viewing::Gallery;
+use crate::output::table::aligned;
+use crate::output::{format, terminal};
+use crate::viewer::RunReaders;
 use anyhow::{Result, ensure};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -31,7 +31,7 @@ pub fn run(args: &ListArgs) -> Result<()> {
     for folder in args.folders.iter().filter(|_| !unused) {
         ensure!(folder.is_dir(), "{} is not a folder: give one that holds runs", folder.display());
     }
-    let cards = if unused { vec![] } else { Gallery::once(args.folders.clone()).list() };
+    let cards = if unused { vec![] } else { RunReaders::once(args.folders.clone()).list() };
     if args.json {
         terminal::out_json(&cards)?;
         return Ok(());

@@ -1,10 +1,10 @@
 //! `orchestrator logs`: what the processes of a run have logged, by time.
 
+use crate::output::terminal;
 use crate::run::identity::Identity;
-use crate::run::lock::{Held, holder};
-use crate::showing::terminal;
+use crate::run::lock::{LockState, holder};
 use crate::suite;
-use crate::viewing::logbook::{Entry, Logbook, logs_of};
+use crate::viewer::logbook::{Entry, Logbook, logs_of};
 use anyhow::{Context, Result, bail, ensure};
 use proto::run_folder::RunFolder;
 use std::path::PathBuf;
@@ -44,7 +44,7 @@ pub fn run(args: &LogsArgs) -> Result<()> {
     suite::refuse(folder.root())?;
     Identity::read(&folder)?;
     let mut book = Logbook::of(folder.clone(), args.process.clone());
-    let running = || holder(&folder).map(|held| held != Held::Free);
+    let running = || holder(&folder).map(|held| held != LockState::Free);
     // A process that is yet to be started has no log yet.
     let unknown = book.unknown()?;
     if !(unknown.is_empty() || args.follow && running()?) {

@@ -1,6 +1,6 @@
 //! `orchestrator man`: manual pages, from the command line's own definition.
 
-use crate::showing::terminal;
+use crate::output::terminal;
 use anyhow::{Context, Result};
 use std::path::PathBuf;
 

@@ -5,9 +5,9 @@
 //! ends it stops the child and removes the folder; when it is killed the kernel interrupts the child, which does that.
 
 use crate::evaluation::subject::find;
+use crate::output::log_line::error_in;
 use crate::run::identity::Identity;
 use crate::run::lifeline::{follow, this_program};
-use crate::showing::log_line::error_in;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::exit::how;

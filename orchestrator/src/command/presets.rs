@@ -1,6 +1,6 @@
 //! `orchestrator presets`: what `--preset` takes.
 
-use crate::showing::terminal;
+use crate::output::terminal;
 use anyhow::Result;
 use proto::config::presets;
 

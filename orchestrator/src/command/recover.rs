@@ -1,8 +1,8 @@
 //! `orchestrator recover`: a whole recording from one that was cut off or damaged.
 
+use crate::output::format::counted;
+use crate::output::terminal;
 use crate::recording::repair::{Repair, repair};
-use crate::showing::format::counted;
-use crate::showing::terminal;
 use anyhow::Result;
 use proto::exit::EXIT_INCOMPLETE;
 use std::path::PathBuf;

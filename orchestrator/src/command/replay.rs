@@ -3,10 +3,10 @@
 //! What is to be compared comes from [`crate::recording::episodes`]; how, is in [`crate::recording::simulate`].
 
 use crate::command::choice::{Choice, Chosen, nothing_in};
+use crate::output::terminal;
 use crate::recording::episodes::Recorded;
 use crate::recording::ffmpeg;
 use crate::recording::simulate::{Totals, simulate};
-use crate::showing::terminal;
 use anyhow::{Context, Result, bail, ensure};
 use proto::exit::EXIT_INCOMPLETE;
 use proto::replay::{Difference, ImageFormat, RecordedEpisode, ReplayImages, ReplaySetup};

@@ -1,10 +1,10 @@
 //! `orchestrator report`: what runs came to, beside the paper.
 
-use crate::reporting::files::{NUMBERS, PAGE, check_free, write};
-use crate::reporting::gather::gather;
-use crate::reporting::kept;
-use crate::showing::format::counted;
-use crate::showing::terminal;
+use crate::output::format::counted;
+use crate::output::terminal;
+use crate::report_builder::files::{NUMBERS, PAGE, check_free, write};
+use crate::report_builder::gather::gather;
+use crate::report_builder::kept;
 use anyhow::{Result, ensure};
 use report::Options;
 use std::path::{Path, PathBuf};

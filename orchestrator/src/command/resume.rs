@@ -1,5 +1,8 @@
 //! `orchestrator resume`: goes on with a run from its last checkpoint.
 
+use crate::output::events;
+use crate::output::format::{self, counted};
+use crate::output::terminal;
 use crate::preflight::all::demand_all;
 use crate::preflight::tools::Tools;
 use crate::run::checkpoints::{newest_whole, read_manifest};
@@ -8,12 +11,9 @@ use crate::run::lock::{RunLock, wait_for_learners};
 use crate::run::process_state::stopped;
 use crate::run::remains;
 use crate::run::signal::wake_learner;
-use crate::showing::events;
-use crate::showing::format::{self, counted};
-use crate::showing::terminal;
 use crate::suite;
+use crate::supervisor::deadlines::Deadlines;
 use crate::supervisor::event::SessionEnd;
-use crate::supervisor::policy::Policy;
 use crate::training::budget::Budget;
 use crate::training::events::ended;
 use crate::training::next_steps;
@@ -106,7 +106,7 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     let mut config = Config::of_run(&folder)?;
     config.check_task(&folder)?;
     let tools = Tools::find()?;
-    let patience = Policy::of(&config).silence;
+    let patience = Deadlines::of(&config).silence;
     settle(&folder, &identity, config.learner.count.max(args.learners.unwrap_or(0)), patience)?;
     // Only now nobody trains any more.
     let trained = frames_of_checkpoint(&folder)?;
@@ -209,7 +209,7 @@ pub fn go_on(folder: RunFolder, asked: Config, started: Started, patience: Durat
         return Ok(status);
     }
     let tools = Tools::find()?;
-    settle(&folder, &identity, config.learner.count.max(learners), Policy::of(&config).silence)?;
+    settle(&folder, &identity, config.learner.count.max(learners), Deadlines::of(&config).silence)?;
     // Only now nobody trains any more.
     frames_of_checkpoint(&folder)?;
     let actors = identity.actors_for(asked_actors, config.actors.count);

@@ -1,11 +1,11 @@
 //! `orchestrator scale`: another number of actors for a run that another process runs.
 
 use super::stop::Log;
+use crate::output::format::{self, counted};
+use crate::output::terminal;
 use crate::run::identity::{Identity, host_name, is_evaluation};
-use crate::run::lock::{Held, Holder, holder};
+use crate::run::lock::{Holder, LockState, holder};
 use crate::run::scale::{ScaleRequest, with_actors};
-use crate::showing::format::{self, counted};
-use crate::showing::terminal;
 use crate::suite;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
@@ -78,9 +78,11 @@ pub fn run(args: &ScaleArgs) -> Result<()> {
         }
         let held = holder(&folder)?;
         match &held {
-            Held::By(now) if now.incarnation > asked.incarnation => return done(&folder, now.incarnation, &request),
-            Held::Free => bail!("{root} has ended before its number of actors changed"),
-            Held::By(_) | Held::Unsigned => {}
+            LockState::By(now) if now.incarnation > asked.incarnation => {
+                return done(&folder, now.incarnation, &request);
+            }
+            LockState::Free => bail!("{root} has ended before its number of actors changed"),
+            LockState::By(_) | LockState::Unsigned => {}
         }
         if begin.elapsed() > Duration::from_secs(args.timeout) {
             bail!("{root} has not changed within {} s; it still may", args.timeout);
@@ -96,16 +98,18 @@ fn signed(folder: &RunFolder, actors: u32) -> Result<Holder> {
     let begin = Instant::now();
     loop {
         match holder(folder)? {
-            Held::By(holder) if holder.host != host_name() => bail!("{root} is run on {}: scale it there", holder.host),
-            Held::By(holder) => return Ok(holder),
-            Held::Free => {
+            LockState::By(holder) if holder.host != host_name() => {
+                bail!("{root} is run on {}: scale it there", holder.host)
+            }
+            LockState::By(holder) => return Ok(holder),
+            LockState::Free => {
                 let run = quoted(folder.root());
                 bail!("{root} does not run: `orchestrator resume {run} --actors {actors}` goes on with that number")
             }
-            Held::Unsigned if begin.elapsed() > Duration::from_mins(1) => {
+            LockState::Unsigned if begin.elapsed() > Duration::from_mins(1) => {
                 bail!("{root} is about to start for a minute already: try again when it trains")
             }
-            Held::Unsigned => std::thread::sleep(LOOK),
+            LockState::Unsigned => std::thread::sleep(LOOK),
         }
     }
 }

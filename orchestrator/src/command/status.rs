@@ -1,14 +1,14 @@
 //! `orchestrator status`: how a run or an evaluation stands, from its folder alone; works while it runs and after a
 //! crash.
 
-use crate::evaluation::standing::Standing;
+use crate::evaluation::progress::Progress;
+use crate::output::format;
+use crate::output::terminal;
 use crate::recording::Recordings;
 use crate::run::identity::{Identity, Incarnation};
-use crate::run::lock::{Held, holder};
+use crate::run::lock::{LockState, holder};
 use crate::run::process_state::{Stopped, stopped};
 use crate::run::state::state_of;
-use crate::showing::format;
-use crate::showing::terminal;
 use crate::suite;
 use crate::training::means::{Recent, StageMeans, by_stage, recent};
 use crate::training::metrics::Figures;
@@ -80,15 +80,15 @@ enum Work {
         notes: Vec<String>,
     },
     /// An evaluation trains nothing: its configuration's stages are its run's.
-    Evaluation { evaluation: Standing },
+    Evaluation { evaluation: Progress },
 }
 
 impl Work {
-    fn read(folder: &RunFolder, config: &Config, identity: &Identity, held: &Held) -> Result<Self> {
-        if let Some(evaluation) = Standing::read(folder, config)? {
+    fn read(folder: &RunFolder, config: &Config, identity: &Identity, held: &LockState) -> Result<Self> {
+        if let Some(evaluation) = Progress::read(folder, config)? {
             return Ok(Self::Evaluation { evaluation });
         }
-        let at_rest = *held == Held::Free;
+        let at_rest = *held == LockState::Free;
         let Figures { history, mut notes } = Figures::read(folder, at_rest);
         notes.extend(Scores::read(folder, config.spec(), at_rest).notes);
         let summary = Summary::read(folder)?;
@@ -190,8 +190,8 @@ pub fn run(args: &StatusArgs) -> Result<()> {
         incarnations: identity.incarnations.clone(),
         recordings: Recordings::of(&folder),
         stopped: match &held {
-            Held::By(holder) if holder.is_here() => stopped(holder.pid),
-            Held::By(_) | Held::Free | Held::Unsigned => Vec::new(),
+            LockState::By(holder) if holder.is_here() => stopped(holder.pid),
+            LockState::By(_) | LockState::Free | LockState::Unsigned => Vec::new(),
         },
         work,
     };
@@ -200,8 +200,8 @@ pub fn run(args: &StatusArgs) -> Result<()> {
         return Ok(());
     }
     let by = match &held {
-        Held::By(holder) => format!(" ({holder})"),
-        Held::Free | Held::Unsigned => String::new(),
+        LockState::By(holder) => format!(" ({holder})"),
+        LockState::Free | LockState::Unsigned => String::new(),
     };
     let Status { id, state, preset, seed, incarnations, recordings, stopped, work } = status;
     terminal::out(&format!("{} {id} {state}{by}: preset {preset}, seed {seed}", work.name()));
@@ -211,7 +211,7 @@ pub fn run(args: &StatusArgs) -> Result<()> {
             terminal::out(reason);
         }
     }
-    if let Held::By(holder) = &held {
+    if let LockState::By(holder) = &held {
         for process in &stopped {
             terminal::out(&stopped_line(process, holder.pid));
         }
@@ -219,14 +219,14 @@ pub fn run(args: &StatusArgs) -> Result<()> {
     for line in identity.changes_of_shape() {
         terminal::out(&line);
     }
-    for line in work.lines(&config, held != Held::Free, incarnations.len()) {
+    for line in work.lines(&config, held != LockState::Free, incarnations.len()) {
         terminal::out(&line);
     }
     if let Some(recordings) = recordings {
         terminal::out(&recordings.line());
     }
     // An evaluation is not gone on with.
-    if held == Held::Free && !work.is_complete() && matches!(work, Work::Training { .. }) {
+    if held == LockState::Free && !work.is_complete() && matches!(work, Work::Training { .. }) {
         let hosts = incarnations.last().and_then(|start| start.shape).map_or(1, |shape| shape.hosts);
         terminal::out(&format!("go on with: {}", next_steps::go_on(&next_steps::program(), folder.root(), hosts)));
     }

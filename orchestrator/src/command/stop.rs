@@ -1,12 +1,12 @@
 //! `orchestrator stop`: an orderly stop of a run that another process runs. While it waits it shows what the
 //! orchestrator says.
 
+use crate::output::log_line::LogLine;
+use crate::output::terminal;
 use crate::run::identity::{Identity, is_evaluation};
-use crate::run::lock::{Held, Holder, holder};
+use crate::run::lock::{Holder, LockState, holder};
 use crate::run::process_state::stopped;
 use crate::run::signal::ask_to_stop;
-use crate::showing::log_line::LogLine;
-use crate::showing::terminal;
 use crate::suite;
 use anyhow::{Result, bail};
 use proto::run_folder::RunFolder;
@@ -60,10 +60,10 @@ pub fn run(args: &StopArgs) -> Result<()> {
     loop {
         log.show();
         match holder(&folder)? {
-            Held::Free => break,
-            Held::By(holder) if !holder.is_here() => bail!("nobody was asked: {root} is run by {holder}; {THERE}"),
+            LockState::Free => break,
+            LockState::By(holder) if !holder.is_here() => bail!("nobody was asked: {root} is run by {holder}; {THERE}"),
             // The start that follows a scale is the same process's: it is asked, too.
-            Held::By(signed) if asked != Some((signed.pid, signed.incarnation)) => {
+            LockState::By(signed) if asked != Some((signed.pid, signed.incarnation)) => {
                 match ask_to_stop(signed.pid, &folder.orchestrator_lock()) {
                     Ok(true) => {
                         tracing::info!("asked pid {} to {asked_to}", signed.pid);
@@ -72,7 +72,7 @@ pub fn run(args: &StopArgs) -> Result<()> {
                     not_asked => {
                         // A holder that is just ending, or just starting, looks like a stranger for a moment.
                         std::thread::sleep(LOOK);
-                        if holder(&folder)? == Held::By(signed.clone()) {
+                        if holder(&folder)? == LockState::By(signed.clone()) {
                             not_asked?;
                             bail!(
                                 "nobody was asked: {root} is run by {signed}, and no process here has that number; {THERE}"
@@ -81,7 +81,7 @@ pub fn run(args: &StopArgs) -> Result<()> {
                     }
                 }
             }
-            Held::By(Holder { pid, .. }) if stopped(pid).iter().any(|process| process.pid == pid) => {
+            LockState::By(Holder { pid, .. }) if stopped(pid).iter().any(|process| process.pid == pid) => {
                 if asleep.get_or_insert_with(Instant::now).elapsed() > ASLEEP {
                     bail!(
                         "the orchestrator of {root} (pid {pid}) is itself stopped by a signal, so it cannot {asked_to}: \
@@ -90,7 +90,7 @@ pub fn run(args: &StopArgs) -> Result<()> {
                 }
             }
             // It is just starting, or has been asked.
-            Held::Unsigned | Held::By(_) => asleep = None,
+            LockState::Unsigned | LockState::By(_) => asleep = None,
         }
         if begin.elapsed() > Duration::from_secs(args.timeout) {
             bail!("{root} has not stopped within {} s; it still may", args.timeout);

@@ -1,13 +1,13 @@
 //! `orchestrator suite`: presets times seeds, and the report on them.
 
+use crate::output::format::counted;
+use crate::output::table::aligned;
+use crate::output::terminal;
 use crate::preflight::{device, libtorch, programs};
-use crate::reporting::files;
-use crate::reporting::gather::gather;
-use crate::reporting::kept;
-use crate::showing::format::counted;
-use crate::showing::table::aligned;
-use crate::showing::terminal;
-use crate::suite::{Asked, Standing, Suite, SuiteEntry, SuiteFolder, SuiteOutcome, run as work, standings};
+use crate::report_builder::files;
+use crate::report_builder::gather::gather;
+use crate::report_builder::kept;
+use crate::suite::{Asked, EntryProgress, Suite, SuiteEntry, SuiteFolder, SuiteOutcome, run as work, standings};
 use crate::supervisor::session::EXIT_INTERRUPTED;
 use crate::training::next_steps::program;
 use anyhow::{Context, Result, ensure};
@@ -128,7 +128,7 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     let outcome = work(&suite, &folder, &args.gpus)?;
     let runs = standings(&suite, &folder)?;
     if !args.json {
-        let row = |run: &Standing| vec![run.name.clone(), run.status.status.text()];
+        let row = |run: &EntryProgress| vec![run.name.clone(), run.status.status.text()];
         for line in aligned(&runs.iter().map(row).collect::<Vec<_>>()) {
             terminal::out(&line);
         }

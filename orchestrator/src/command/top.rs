@@ -1,8 +1,8 @@
 //! `orchestrator top`: a run on a terminal, live.
 
-use crate::screen::session::show;
 use crate::suite;
-use crate::viewing::Gallery;
+use crate::tui::session::show;
+use crate::viewer::RunReaders;
 use anyhow::{Context, Result, bail, ensure};
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -29,15 +29,15 @@ const NICENESS: i32 = 10;
 
 /// Runs the command.
 pub fn run(args: &TopArgs) -> Result<()> {
-    let (gallery, run) = match &args.run {
+    let (readers, run) = match &args.run {
         Some(folder) => {
             suite::refuse(folder)?;
             // Refuses what is no run, with the reason.
             crate::run::identity::Identity::read(&proto::run_folder::RunFolder::new(folder))?;
-            let gallery = Gallery::of(vec![folder.clone()]);
-            let name = gallery.names_of(std::slice::from_ref(folder)).pop();
+            let readers = RunReaders::of(vec![folder.clone()]);
+            let name = readers.names_of(std::slice::from_ref(folder)).pop();
             let name = name.with_context(|| format!("{} is not the folder of a run", folder.display()))?;
-            (gallery, name)
+            (readers, name)
         }
         None => newest(Path::new("runs"))?,
     };
@@ -53,15 +53,15 @@ pub fn run(args: &TopArgs) -> Result<()> {
     }
     // Where it is refused it is as important as others.
     let _ = rustix::process::setpriority_process(None, NICENESS);
-    show(gallery, run)
+    show(readers, run)
 }
 
 /// The newest run below a folder, evaluations left out.
-fn newest(folder: &Path) -> Result<(Gallery, String)> {
+fn newest(folder: &Path) -> Result<(RunReaders, String)> {
     ensure!(folder.is_dir(), "there is no folder {}/ here: give the folder of a run", folder.display());
-    let gallery = Gallery::of(vec![folder.to_path_buf()]);
-    let newest = gallery.list().into_iter().find(|card| !card.evaluation && card.problem.is_none());
+    let readers = RunReaders::of(vec![folder.to_path_buf()]);
+    let newest = readers.list().into_iter().find(|card| !card.evaluation && card.problem.is_none());
     let newest =
         newest.with_context(|| format!("there is no run below {}/: give the folder of one", folder.display()))?;
-    Ok((gallery, newest.id))
+    Ok((readers, newest.id))
 }

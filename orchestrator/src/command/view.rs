@@ -2,10 +2,10 @@
 
 use super::play::{Player, PolicyArgs};
 use crate::hosts::token::refuse_public;
+use crate::output::terminal;
 use crate::preflight::programs;
 use crate::run::identity::host_name;
-use crate::showing::terminal;
-use crate::viewing::Gallery;
+use crate::viewer::RunReaders;
 use anyhow::{Context, Result, bail, ensure};
 use std::convert::Infallible;
 use std::io::{Read, Write};
@@ -73,7 +73,7 @@ const NICENESS: i32 = 10;
 /// Runs the command.
 pub fn run(args: &ViewArgs) -> Result<()> {
     let player = Player::of(&args.policy)?;
-    let (gallery, open) = gallery(args, player.as_ref())?;
+    let (readers, open) = readers(args, player.as_ref())?;
     let listener = listen(args)?;
     let address = listener.local_addr().context("the listener has no address")?;
     let token = match &args.token_file {
@@ -91,18 +91,18 @@ pub fn run(args: &ViewArgs) -> Result<()> {
     // Where it is refused the server is as important as others.
     let _ = rustix::process::setpriority_process(None, NICENESS);
     terminal::out(&format!("view: {place}"));
-    let runs = || crate::showing::format::counted(gallery.count() as u64, "run");
+    let runs = || crate::output::format::counted(readers.count() as u64, "run");
     let shows = || format!("shows {} until Ctrl-C; it only reads, and ends no run", runs());
     let plays = |player: &Player| format!("{} plays until Ctrl-C, on the CPU", player.policy().display());
     terminal::note(&player.as_ref().map_or_else(shows, plays));
     let page = if args.open { open_browser(&place) } else { None };
-    serve_until_interrupted(listener, Arc::new(gallery), settings, player, page)
+    serve_until_interrupted(listener, Arc::new(readers), settings, player, page)
 }
 
 /// The runs that are shown, and those that the page opens with.
-fn gallery(args: &ViewArgs, player: Option<&Player>) -> Result<(Gallery, Vec<String>)> {
+fn readers(args: &ViewArgs, player: Option<&Player>) -> Result<(RunReaders, Vec<String>)> {
     if let Some(player) = player {
-        return Ok((Gallery::of(vec![player.root().to_owned()]), Vec::new()));
+        return Ok((RunReaders::of(vec![player.root().to_owned()]), Vec::new()));
     }
     let asked = if args.compare.is_empty() { &args.runs } else { &args.compare };
     for path in asked {
@@ -114,13 +114,13 @@ fn gallery(args: &ViewArgs, player: Option<&Player>) -> Result<(Gallery, Vec<Str
              with --policy FILE"
         );
     }
-    let gallery = Gallery::of(if asked.is_empty() { vec![PathBuf::from("runs")] } else { asked.clone() });
-    let (count, open) = (gallery.count(), gallery.names_of(asked));
+    let readers = RunReaders::of(if asked.is_empty() { vec![PathBuf::from("runs")] } else { asked.clone() });
+    let (count, open) = (readers.count(), readers.names_of(asked));
     if count == 0 && !asked.is_empty() {
         bail!("there is no run in {} (a run has a run.toml)", asked[0].display());
     }
     ensure!(args.compare.is_empty() || open.len() == 2, "--compare takes the folders of two different runs");
-    Ok((gallery, open))
+    Ok((readers, open))
 }
 
 fn serve_until_interrupted(

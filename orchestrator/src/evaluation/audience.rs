@@ -1,11 +1,11 @@
 //! Receives the learner's events while episodes are played: it keeps the records and shows the progress.
 
 use super::journal;
-use super::standing::Standing;
+use super::progress::Progress;
+use crate::output::format;
+use crate::output::terminal::Live;
 use crate::recording::recorder::Recorder;
 use crate::run::json_lines::Writer;
-use crate::showing::format;
-use crate::showing::terminal::Live;
 use crate::supervisor::shell::Audience;
 use anyhow::{Result, ensure};
 use proto::evaluation::{EpisodeRecord, Plan};
@@ -92,7 +92,7 @@ impl EvaluationAudience {
     fn line(&self, now: Duration) -> String {
         let (played, asked) = (self.played(), self.asked());
         let records = self.records.values().map(|(record, _)| record);
-        let mut parts = Standing::of(self.spec, asked as u64, records).parts();
+        let mut parts = Progress::of(self.spec, asked as u64, records).parts();
         if let Some((began, _)) = self.span {
             let elapsed_s = now.saturating_sub(began).as_secs_f64();
             let steps: u64 = self.records.values().map(|(record, _)| u64::from(record.length)).sum();
@@ -161,7 +161,7 @@ mod tests {
         let temporary = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(temporary.path());
         let mut config = Config::resolve("demo", None).unwrap();
-        assert_eq!(Standing::read(&folder, &config).unwrap(), None, "a run");
+        assert_eq!(Progress::read(&folder, &config).unwrap(), None, "a run");
         config.actors.count = 5;
         let (split, objects) = (Split::Test, ObjectSet::Novel);
         config.evaluation = Some(EvaluationConfig::fixed(split, objects, 2));
@@ -169,7 +169,7 @@ mod tests {
         let episodes: Vec<_> = plan.episodes().collect();
         let mut audience = EvaluationAudience::new(config.spec(), plan, &folder).unwrap();
         let mut hear = |event: LearnerEvent| audience.learner(Duration::ZERO, &event).unwrap();
-        let standing = || Standing::read(&folder, &config).unwrap().unwrap();
+        let standing = || Progress::read(&folder, &config).unwrap().unwrap();
         let ready = || LearnerEvent::Ready {
             rank: 0,
             rollout: 0,

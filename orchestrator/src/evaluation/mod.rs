@@ -4,9 +4,9 @@
 
 mod audience;
 pub mod journal;
+pub mod progress;
 pub mod run;
-pub mod standing;
 pub mod subject;
 #[cfg(test)]
 pub mod testing;
-pub mod words;
+pub mod text;

@@ -1,13 +1,13 @@
 //! An evaluation, from its folder to its result files.
 
 use super::audience::EvaluationAudience;
-use super::words::{episodes_of, lines};
+use super::text::{episodes_of, lines};
 use super::{journal, subject};
+use crate::output::format::counted;
+use crate::output::terminal;
 use crate::preflight::tools::Tools;
 use crate::run::identity::{Ended, Identity, unix_now};
 use crate::run::lock::RunLock;
-use crate::showing::format::counted;
-use crate::showing::terminal;
 use crate::supervisor::event::{Outcome, Saved, SessionEnd};
 use crate::supervisor::session::{EXIT_INTERRUPTED, Session, begin_log, shape};
 use anyhow::{Context, Result};

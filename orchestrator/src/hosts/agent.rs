@@ -3,18 +3,18 @@
 
 use super::address;
 use super::handshake::{HandshakeError, ask};
+use super::host_folder::{HostFolder, prepare};
 use super::link::{Mouth, receive, receive_bytes, serve};
 use super::membership::Membership;
-use super::place::{Place, prepare};
 use super::rendezvous::{Invitation, Patience, Reply};
 use super::token::Token;
+use crate::output::format::counted;
+use crate::output::terminal;
 use crate::recording::recorder::{Recorder, RecorderSetup};
 use crate::run::remains;
-use crate::showing::format::counted;
-use crate::showing::terminal;
-use crate::supervisor::company::{Order, Word};
 use crate::supervisor::event::{Event, Exit, Process};
 use crate::supervisor::process::{Launch, LearnersNetwork, Processes};
+use crate::supervisor::remote_hosts::{Order, Word};
 use crate::supervisor::session::{begin_log, part_of, placed, recorded};
 use crate::supervisor::shell::{QUEUE, SWEEPS_AFTER_DEATH, Signals, TICK};
 use anyhow::{Context, Result, bail};
@@ -171,7 +171,7 @@ impl Agent {
     /// Says on both hosts what this one's command asks for otherwise. Host 0 decides what the run is, so it is not done.
     fn compare(
         &self,
-        place: &Place,
+        place: &HostFolder,
         invitation: &Invitation,
         otherwise: Otherwise<'_>,
         mouth: &Mouth<Word>,
@@ -243,13 +243,13 @@ impl Agent {
 
     async fn work(
         &self,
-        place: Place,
+        place: HostFolder,
         invitation: &Invitation,
         network: LearnersNetwork,
         (mouth, orders): (&Mouth<Word>, mpsc::Receiver<Heard>),
         (patience, signals): (Patience, &mut Option<Signals>),
     ) -> Result<Ended> {
-        let Place { folder, config, address, hosts, tools, mut lock } = place;
+        let HostFolder { folder, config, address, hosts, tools, mut lock } = place;
         let signals = Signals::kept(signals, true)?;
         lock.sign(invitation.incarnation)?;
         let run = std::path::absolute(folder.root()).context("run folder")?;

@@ -8,8 +8,8 @@
 pub mod address;
 pub mod agent;
 mod handshake;
+mod host_folder;
 mod link;
 pub mod membership;
-mod place;
 pub mod rendezvous;
 pub mod token;

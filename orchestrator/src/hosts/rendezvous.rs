@@ -1,16 +1,16 @@
 //! Host 0's door: it waits until all other hosts have come, tells them what the run is, and hands them over to the
-//! supervision as its company.
+//! supervision as its remote_hosts.
 
 use super::address;
 use super::handshake::{HandshakeError, admit};
 use super::link::{Mouth, send, send_bytes, serve};
 use super::membership::Membership;
 use super::token::Token;
+use crate::output::warning_limiter::WarningLimiter;
 use crate::run::identity::host_name;
 use crate::run::scenes;
-use crate::showing::seldom::Seldom;
-use crate::supervisor::company::{Company, Heard, Obeys, Order, Other, Word};
 use crate::supervisor::process::LearnersNetwork;
+use crate::supervisor::remote_hosts::{Heard, Obeys, Order, Other, RemoteHosts, Word};
 use crate::supervisor::session::Together;
 use crate::supervisor::shell::QUEUE;
 use anyhow::{Context, Result, bail};
@@ -187,7 +187,7 @@ impl Rendezvous {
             listener: Some(Arc::new(listener)),
         };
         tracing::info!("all {} hosts are here", self.hosts);
-        Ok(Together { hosts, company: Company::new(hosts, others, early, inbox), network })
+        Ok(Together { hosts, remote_hosts: RemoteHosts::new(hosts, others, early, inbox), network })
     }
 
     /// Tells the hosts that come that there is nothing to do; does not wait long for those that do not.
@@ -204,7 +204,7 @@ impl Rendezvous {
     fn admit_all(&self, patience: Duration) -> Result<BTreeMap<u32, TcpStream>> {
         let deadline = Instant::now() + patience;
         let (sender, proved) = channel();
-        let (unproved, seldom) = (Arc::new(()), Arc::new(Seldom::default()));
+        let (unproved, limiter) = (Arc::new(()), Arc::new(WarningLimiter::default()));
         let mut guests: BTreeMap<u32, TcpStream> = BTreeMap::new();
         loop {
             for (host, mut stream) in proved.try_iter() {
@@ -213,7 +213,7 @@ impl Rendezvous {
                     guests.insert(host, stream);
                 } else {
                     let text = format!("it calls itself host {host}, and here are hosts 0 to {}", self.hosts - 1);
-                    seldom.warn("hosts refused", format_args!("a host is refused: {text}"));
+                    limiter.warn("hosts refused", format_args!("a host is refused: {text}"));
                     let _ = send(&mut stream, &Reply::Refused(text));
                 }
             }
@@ -233,15 +233,15 @@ impl Rendezvous {
             match self.listener.accept() {
                 Ok((stream, address)) if Arc::strong_count(&unproved) <= UNPROVED => {
                     let busy = Arc::clone(&unproved);
-                    self.prove((stream, address), sender.clone(), busy, Arc::clone(&seldom));
+                    self.prove((stream, address), sender.clone(), busy, Arc::clone(&limiter));
                 }
-                Ok((_, address)) => seldom.warn(
+                Ok((_, address)) => limiter.warn(
                     "connections refused at once",
                     format_args!("{address} is refused: too many connections prove nothing"),
                 ),
                 Err(error) if error.kind() == ErrorKind::WouldBlock => std::thread::sleep(LOOK),
                 Err(error) => {
-                    seldom.warn("connections lost", format_args!("the rendezvous: {error}"));
+                    limiter.warn("connections lost", format_args!("the rendezvous: {error}"));
                     std::thread::sleep(LOOK);
                 }
             }
@@ -254,9 +254,9 @@ impl Rendezvous {
         (mut stream, address): (TcpStream, SocketAddr),
         sender: Sender<(u32, TcpStream)>,
         busy: Arc<()>,
-        seldom: Arc<Seldom>,
+        limiter: Arc<WarningLimiter>,
     ) {
-        let (token, here) = (self.token.clone(), Arc::clone(&seldom));
+        let (token, here) = (self.token.clone(), Arc::clone(&limiter));
         let prove = move || {
             let proved = stream
                 .set_nonblocking(false)
@@ -272,7 +272,7 @@ impl Rendezvous {
                         HandshakeError::Stranger => "connections without the token",
                         HandshakeError::Connection(_) | HandshakeError::Source(_) => "connections that prove nothing",
                     };
-                    seldom.warn(kind, format_args!("a connection from {address} is refused: {error}"));
+                    limiter.warn(kind, format_args!("a connection from {address} is refused: {error}"));
                 }
             }
             drop(busy);

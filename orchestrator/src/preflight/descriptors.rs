@@ -5,7 +5,7 @@
 //! 76 actors and 2 learners. They do not depend on the number of environments.
 
 use super::Finding;
-use crate::showing::format::counted;
+use crate::output::format::counted;
 use proto::config::Config;
 use proto::shares::Shares;
 

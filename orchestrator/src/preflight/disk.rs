@@ -1,7 +1,7 @@
 //! Whether the disk holds what a run writes: checkpoints must fit, recordings should.
 
 use super::Finding;
-use crate::showing::format::bytes;
+use crate::output::format::bytes;
 use proto::config::Config;
 use proto::disk::is_not_offered;
 use proto::stage::total_frames;

@@ -3,8 +3,8 @@
 //! The library that the programs were built with is found by itself. `LIBTORCH` names another one, for example a torch
 //! with CUDA: its `lib` folder then comes first for the learner.
 
+use crate::output::log_line::error_in;
 use crate::process_end::{Answer, ask};
-use crate::showing::log_line::error_in;
 use anyhow::{Context, Result, bail};
 use proto::device::Torch;
 use std::ffi::{OsStr, OsString};

@@ -2,7 +2,7 @@
 //! otherwise the kernel would kill one of them without an error message.
 
 use super::Finding;
-use crate::showing::format::{bytes, counted};
+use crate::output::format::{bytes, counted};
 use proto::camera::FRAME_PIXELS;
 use proto::config::Config;
 use proto::kitchen::Kitchens;

@@ -2,7 +2,7 @@
 //! the limit kills the writer with SIGBUS. So the need is computed and compared before anything is created.
 
 use super::Finding;
-use crate::showing::format::{bytes, counted};
+use crate::output::format::{bytes, counted};
 use proto::config::Config;
 use proto::shares::Shares;
 use rustix::fs::{Access, access, statvfs};

@@ -17,8 +17,8 @@ use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::evaluation::Plan;
 use proto::kitchen::{KitchenId, Kitchens};
+use proto::kitchen_schedule::KitchenSchedule;
 use proto::replay::RecordedEpisode;
-use proto::rota::Rota;
 use salvage::Trust;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
@@ -109,14 +109,14 @@ struct Setting {
     plan: Option<Plan>,
     kitchens: Kitchens,
     /// Which of them an environment was in.
-    rota: Rota,
+    kitchen_schedule: KitchenSchedule,
 }
 
 impl Setting {
     /// Where the episode with this key was played.
     fn place(&self, (home, number, episode): Key) -> EnvironmentId {
         let kitchen = KitchenId::new(home).expect("checked when it was read");
-        self.rota.place(EnvironmentId { kitchen, number }, episode)
+        self.kitchen_schedule.place(EnvironmentId { kitchen, number }, episode)
     }
 
     /// What an environment is called where its kitchen does not matter.
@@ -210,7 +210,7 @@ impl Collection {
             declared: Declared::of(&read)?,
             plan: read.evaluation_plan(),
             kitchens: read.kitchens(),
-            rota: read.rota(),
+            kitchen_schedule: read.kitchen_schedule(),
             world: world_of(&read),
         });
         Ok(self.settings.len() - 1)
@@ -236,7 +236,7 @@ impl Collection {
         let setting = &self.settings[config];
         let home =
             KitchenId::new(kitchen).ok().map(|kitchen| setting.home(EnvironmentId { kitchen, number: environment }));
-        if home.is_none_or(|home| setting.rota.place(home, episode).kitchen.number() != kitchen) {
+        if home.is_none_or(|home| setting.kitchen_schedule.place(home, episode).kitchen.number() != kitchen) {
             return false;
         }
         let newest = home.and_then(|home| self.newest.get(&(home.kitchen.number(), home.number)));
@@ -282,7 +282,7 @@ impl Collection {
         let of = EnvironmentId { kitchen, number: environment };
         let setting = &self.settings[config];
         let home = setting.home(of);
-        let was_in = setting.rota.place(home, episode).kitchen;
+        let was_in = setting.kitchen_schedule.place(home, episode).kitchen;
         if was_in != kitchen {
             return Err(format!(
                 "episode {episode} of environment {environment} is said to be in kitchen {kitchen}, but it was in {was_in}"
@@ -336,7 +336,7 @@ impl Collection {
     /// Looks for what is missing of the episodes, and says where.
     fn examine(&mut self, failures_only: bool, from_the_start: bool) {
         // Of an environment that moves, those in one kitchen do not follow each other.
-        let moves = self.settings.iter().any(|setting| setting.rota.moves());
+        let moves = self.settings.iter().any(|setting| setting.kitchen_schedule.moves());
         let some_kitchens = self.wanted.kitchen.is_some() || self.wanted.environment.is_some();
         let all = self.wanted.episodes.is_empty() && !failures_only && !(moves && some_kitchens);
         let mut before: Option<Key> = None;

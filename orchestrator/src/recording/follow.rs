@@ -1,7 +1,7 @@
 //! A run's newest recording as it grows: every message that is new in it, as it was recorded.
 
+use super::episode_index::{Next, each_record, next};
 use super::is_growing;
-use super::shelf::{Next, each_record, next};
 use mcap::records::Record;
 use proto::run_folder::RunFolder;
 use std::borrow::Cow;

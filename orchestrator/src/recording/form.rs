@@ -40,7 +40,7 @@ pub struct Told {
 
 /// Where a field's numbers are in [`Told`].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Place {
+pub enum FieldSource {
     Engine(usize),
     /// Of the record; whether it is of what was seen.
     Record(Field, bool),
@@ -53,7 +53,7 @@ pub enum Place {
 #[derive(Debug, Clone)]
 pub struct Slot {
     pub name: String,
-    pub place: Place,
+    pub place: FieldSource,
     kind: Type,
     /// How its numbers lie in a message.
     pub wire: WireType,
@@ -98,22 +98,22 @@ impl Forms {
         let action = Slot {
             names: names.to_vec(),
             is_list: count > 1 || dtype == Dtype::F32,
-            ..Slot::new("action", Place::Record(layout.action, false), kind_of(dtype, names))
+            ..Slot::new("action", FieldSource::Record(layout.action, false), kind_of(dtype, names))
         };
-        let number = |name: &str, place: Place, kind: Type, is_optional: bool| Slot {
+        let number = |name: &str, place: FieldSource, kind: Type, is_optional: bool| Slot {
             is_optional,
             ..Slot::new(name, place, kind)
         };
-        let figures = |prefix: &'static str, place: fn(usize) -> Place, kind, is_optional| {
+        let figures = |prefix: &'static str, place: fn(usize) -> FieldSource, kind, is_optional| {
             let rewards = rewards.iter().enumerate();
             rewards.map(move |(at, name)| number(&format!("{prefix}_{name}"), place(at), kind, is_optional))
         };
         let metrics = spec.metrics.iter().enumerate();
-        let metrics = metrics.map(|(at, metric)| number(&metric.name, Place::Metric(at), Type::Double, true));
+        let metrics = metrics.map(|(at, metric)| number(&metric.name, FieldSource::Metric(at), Type::Double, true));
         let seen = || channels(false).map(|(channel, &field)| of_channel(channel, field, true));
         let acted = channels(true).map(|(channel, &field)| of_channel(channel, field, false));
-        let rewarded = figures("reward", Place::Reward, Type::Float, false);
-        let returned = figures("return", Place::Return, Type::Double, true);
+        let rewarded = figures("reward", FieldSource::Reward, Type::Float, false);
+        let returned = figures("return", FieldSource::Return, Type::Double, true);
         let empty = Told {
             record: vec![0; layout.small_bytes],
             rewards: vec![0.0; rewards.len()],
@@ -158,7 +158,7 @@ pub enum Carries {
 
 fn engine_slot(name: &str) -> Slot {
     let at = OWN.iter().position(|own| own.name == name).expect("the engine has what its messages name");
-    Slot { is_optional: name == "fixed_episode", ..Slot::new(name, Place::Engine(at), OWN[at].kind) }
+    Slot { is_optional: name == "fixed_episode", ..Slot::new(name, FieldSource::Engine(at), OWN[at].kind) }
 }
 
 fn of_channel(channel: &Channel, field: Field, is_seen: bool) -> Slot {
@@ -166,7 +166,7 @@ fn of_channel(channel: &Channel, field: Field, is_seen: bool) -> Slot {
         names: channel.names.clone(),
         is_list: !channel.shape.is_empty(),
         is_optional: is_seen,
-        ..Slot::new(&channel.name, Place::Record(field, is_seen), kind_of(channel.dtype, &channel.names))
+        ..Slot::new(&channel.name, FieldSource::Record(field, is_seen), kind_of(channel.dtype, &channel.names))
     }
 }
 
@@ -199,30 +199,30 @@ pub fn wire_of(kind: Type) -> WireType {
 
 impl Slot {
     /// One number that is always there.
-    fn new(name: &str, place: Place, kind: Type) -> Self {
+    fn new(name: &str, place: FieldSource, kind: Type) -> Self {
         let (name, wire) = (name.to_owned(), wire_of(kind));
         Self { name, place, kind, wire, key: 0, names: vec![], is_list: false, is_optional: false }
     }
 
     /// Bytes that it can have at most: its key, the length of a list, its numbers.
     fn longest(&self) -> usize {
-        let count = if let Place::Record(field, _) = self.place { field.count } else { 1 };
+        let count = if let FieldSource::Record(field, _) = self.place { field.count } else { 1 };
         20 + 10 * count
     }
 
     #[inline(always)]
     fn write(&self, told: &Told, out: &mut Cursor<'_>) {
         let bits = match self.place {
-            Place::Record(_, true) if !told.seen => return,
-            Place::Record(field, _) if self.is_list => return self.write_list(field, &told.record, out),
-            Place::Record(field, _) => field.dtype.bits(&told.record[field.offset..]),
-            Place::Reward(at) => told.rewards[at].to_bits().into(),
-            Place::Engine(at) => match (OWN[at].get)(&told.engine) {
+            FieldSource::Record(_, true) if !told.seen => return,
+            FieldSource::Record(field, _) if self.is_list => return self.write_list(field, &told.record, out),
+            FieldSource::Record(field, _) => field.dtype.bits(&told.record[field.offset..]),
+            FieldSource::Reward(at) => told.rewards[at].to_bits().into(),
+            FieldSource::Engine(at) => match (OWN[at].get)(&told.engine) {
                 Some(bits) => bits,
                 None => return,
             },
-            Place::Return(at) | Place::Metric(at) => {
-                let numbers = if matches!(self.place, Place::Return(_)) { &told.returns } else { &told.metrics };
+            FieldSource::Return(at) | FieldSource::Metric(at) => {
+                let numbers = if matches!(self.place, FieldSource::Return(_)) { &told.returns } else { &told.metrics };
                 match numbers[at] {
                     Some(number) => number.to_bits(),
                     None => return,

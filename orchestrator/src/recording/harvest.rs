@@ -1,8 +1,8 @@
 //! A data set of recorded episodes: `actor dataset` simulates and writes them, this starts it and listens.
 
+use crate::output::terminal::Live;
 use crate::preflight::programs;
 use crate::process_end::wait_for_child;
-use crate::showing::terminal::Live;
 use anyhow::{Context, Result, anyhow, bail};
 use proto::dataset::{DatasetAnswer, DatasetRequest, DatasetSetup};
 use proto::episode::EnvironmentId;

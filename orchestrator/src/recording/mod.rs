@@ -1,13 +1,14 @@
 //! Recordings: [`recorder`] makes them, in the messages of [`schema`] and, of steps and episodes, of [`form`], which follow
 //! from the task ([`declared`], [`engine`]). Reading them back: [`reader`] goes through a file however damaged it is,
 //! [`reading`] takes its messages, [`origin`] knows where it comes from, [`episodes`] puts together what can be re-simulated
-//! (each of them an [`assembly`]), [`shelf`] finds single episodes in recordings that grow, [`follow`] hands on what is new
-//! in them, [`wanted`] chooses among it, [`simulate`] simulates it, [`harvest`] makes a data set of it, [`repair`] makes a
-//! whole file of a damaged one. [`ffmpeg`] is looked for where films are to be made.
+//! (each of them an [`assembly`]), [`episode_index`] finds single episodes in recordings that grow, [`follow`] hands on
+//! what is new in them, [`wanted`] chooses among it, [`simulate`] simulates it, [`harvest`] makes a data set of it,
+//! [`repair`] makes a whole file of a damaged one. [`ffmpeg`] is looked for where films are to be made.
 
 mod assembly;
 mod declared;
 mod engine;
+pub mod episode_index;
 pub mod episodes;
 pub mod ffmpeg;
 pub mod follow;
@@ -19,13 +20,12 @@ mod reading;
 pub mod recorder;
 pub mod repair;
 pub mod schema;
-pub mod shelf;
 pub mod simulate;
 #[cfg(test)]
 mod tests;
 pub mod wanted;
 
-use crate::showing::format;
+use crate::output::format;
 use proto::run_folder::{Item, RunFolder};
 use reader::RecordingError;
 use serde::Serialize;

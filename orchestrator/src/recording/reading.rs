@@ -1,7 +1,7 @@
 //! Recorded messages about episodes, read: the fields of a [`Form`] are found by name, whatever their numbers were.
 
 use super::engine::OWN;
-use super::form::{Form, Place, Slot, Told, wire_of};
+use super::form::{FieldSource, Form, Slot, Told, wire_of};
 use prost::Message;
 use prost::bytes::Buf;
 use prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, skip_field};
@@ -89,22 +89,22 @@ impl Reading {
 /// Takes a number of a field, the one at this place in its list.
 fn take(slot: &Slot, at: usize, bits: u64, told: &mut Told) -> Result<(), MessageError> {
     let fits = match slot.place {
-        Place::Engine(own) => (OWN[own].set)(&mut told.engine, bits),
-        Place::Record(field, _) if at >= field.count => false,
-        Place::Record(field, is_seen) => {
+        FieldSource::Engine(own) => (OWN[own].set)(&mut told.engine, bits),
+        FieldSource::Record(field, _) if at >= field.count => false,
+        FieldSource::Record(field, is_seen) => {
             told.seen |= is_seen;
             let offset = field.offset + at * field.dtype.bytes();
             field.dtype.write(bits, &mut told.record[offset..])
         }
-        Place::Reward(at) => {
+        FieldSource::Reward(at) => {
             told.rewards[at] = f32::from_bits(bits as u32);
             true
         }
-        Place::Return(at) => {
+        FieldSource::Return(at) => {
             told.returns[at] = Some(f64::from_bits(bits));
             true
         }
-        Place::Metric(at) => {
+        FieldSource::Metric(at) => {
             told.metrics[at] = Some(f64::from_bits(bits));
             true
         }

@@ -4,9 +4,9 @@
 //! `actor replay`, which takes the actions again and compares the hash of every state on the way, and draws what the
 //! camera saw where that is asked for. The work is divided by kitchen over as many actors as there are cores.
 
+use crate::output::terminal;
 use crate::preflight::programs;
 use crate::process_end::wait_for_child;
-use crate::showing::terminal;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use proto::episode::EnvironmentId;
 use proto::exit::how;

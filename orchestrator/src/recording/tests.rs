@@ -91,9 +91,9 @@ fn end(episode: u32) -> impl Fn(&Said) -> bool {
 }
 
 /// A folder of recordings.
-struct Shelf(tempfile::TempDir);
+struct RecordingsFolder(tempfile::TempDir);
 
-impl Shelf {
+impl RecordingsFolder {
     fn new() -> Self {
         Self(tempfile::tempdir().unwrap())
     }
@@ -149,7 +149,7 @@ fn same(config: String) -> String {
 
 #[test]
 fn nothing_is_missing_of_a_recording_that_was_not_altered() {
-    let recorded = Shelf::new().of(&episodes(1));
+    let recorded = RecordingsFolder::new().of(&episodes(1));
     assert_eq!((recorded.faults, recorded.damaged_files, recorded.headless), (Vec::new(), 0, 0));
     assert_eq!(recorded.episodes.len(), 4);
     assert!(recorded.from_the_start && recorded.complaints.is_empty());
@@ -157,7 +157,7 @@ fn nothing_is_missing_of_a_recording_that_was_not_altered() {
 
 #[test]
 fn steps_ends_and_episodes_that_are_missing_are_named() {
-    let shelf = Shelf::new();
+    let episode_index = RecordingsFolder::new();
     let place = |episode: u32| format!("kitchen 1, environment 0, episode {episode}");
     let cases: Vec<(Vec<Said>, String)> = vec![
         (without(step(1, 2)), format!("{}: 1 of its 3 steps are missing at its end", place(1))),
@@ -171,14 +171,14 @@ fn steps_ends_and_episodes_that_are_missing_are_named() {
         (without(|(_, told)| told.engine.episode < 2), format!("{} to 1: not recorded, though episode 2 is", place(0))),
     ];
     for (said, fault) in cases {
-        assert_eq!(shelf.of(&said).faults, [fault]);
+        assert_eq!(episode_index.of(&said).faults, [fault]);
     }
     // An episode that runs when a recording ends has no end yet; where only failures are kept, others are not there.
-    assert_eq!(shelf.of(&without(step(3, 1))).faults, Vec::<String>::new());
+    assert_eq!(episode_index.of(&without(step(3, 1))).faults, Vec::<String>::new());
     let mut config = Config::default();
     config.recording.failures_only = true;
     let said = without(|(_, told)| told.engine.episode < 2);
-    let recorded = gather(&[shelf.segment(0, &config, &said, same)], Wanted::default()).unwrap();
+    let recorded = gather(&[episode_index.segment(0, &config, &said, same)], Wanted::default()).unwrap();
     assert_eq!(recorded.faults, Vec::<String>::new());
 }
 
@@ -187,7 +187,7 @@ fn what_a_rewind_made_void_is_not_missing() {
     // The learner goes back to the second step of episode 1 and stops there: episodes 2 and 3 are void.
     let mut said = episodes(1);
     said.extend(episodes(2).into_iter().filter(step(1, 1)));
-    let recorded = Shelf::new().of(&said);
+    let recorded = RecordingsFolder::new().of(&said);
     assert_eq!(recorded.faults, Vec::<String>::new());
     let handed_out: Vec<_> = recorded.episodes.iter().map(|one| (one.episode, one.actions.len())).collect();
     assert_eq!(handed_out, [(0, 3), (1, 2)], "and nobody plays what never happened");
@@ -195,24 +195,25 @@ fn what_a_rewind_made_void_is_not_missing() {
 
 #[test]
 fn a_segment_that_is_missing_is_named() {
-    let (shelf, config) = (Shelf::new(), Config::default());
+    let (episode_index, config) = (RecordingsFolder::new(), Config::default());
     let [first, rest] = [&episodes(1)[..7], &episodes(1)[7..]];
-    let files = [shelf.segment(0, &config, first, same), shelf.segment(2, &config, rest, same)];
+    let files = [episode_index.segment(0, &config, first, same), episode_index.segment(2, &config, rest, same)];
     let recorded = gather(&files, Wanted::default()).unwrap();
     assert_eq!(recorded.faults, ["incarnation-001.001.mcap is missing"]);
     let last = gather(&files[1..], Wanted::default()).unwrap();
     assert!(!last.from_the_start);
-    let second = shelf.segment(1, &config, rest, same);
+    let second = episode_index.segment(1, &config, rest, same);
     let [first, _] = files;
     assert_eq!(gather(&[first, second], Wanted::default()).unwrap().faults, Vec::<String>::new());
 }
 
 #[test]
 fn each_file_s_own_configuration_belongs_to_its_episodes() {
-    let shelf = Shelf::new();
+    let episode_index = RecordingsFolder::new();
     let seeded = |seed| Config { seed, ..Config::default() };
     let of = |episode: u32| without(move |(_, told)| told.engine.episode != episode);
-    let files = [shelf.segment(0, &seeded(1), &of(0), same), shelf.segment(1, &seeded(2), &of(1), same)];
+    let files =
+        [episode_index.segment(0, &seeded(1), &of(0), same), episode_index.segment(1, &seeded(2), &of(1), same)];
     let recorded = gather(&files, Wanted::default()).unwrap();
     assert_eq!((recorded.config_of, recorded.faults), (vec![0, 1], Vec::new()));
     assert!(recorded.configs[0].contains("seed = 1") && recorded.configs[1].contains("seed = 2"));
@@ -220,7 +221,7 @@ fn each_file_s_own_configuration_belongs_to_its_episodes() {
     // One episode under two: its beginning is kept, and what has changed is named.
     let cut: Vec<Said> = of(0).into_iter().filter(|said| said.0 != Carries::Start && !step(0, 0)(said)).collect();
     let begun: Vec<Said> = of(0).into_iter().take(2).collect();
-    let files = [shelf.segment(0, &seeded(1), &begun, same), shelf.segment(1, &seeded(2), &cut, same)];
+    let files = [episode_index.segment(0, &seeded(1), &begun, same), episode_index.segment(1, &seeded(2), &cut, same)];
     let recorded = gather(&files, Wanted::default()).unwrap();
     assert_eq!(recorded.episodes[0].actions.len(), 1);
     let fault =
@@ -229,16 +230,16 @@ fn each_file_s_own_configuration_belongs_to_its_episodes() {
     // Another budget is no other world.
     let mut longer = seeded(1);
     longer.stages[0].frames += 1;
-    let files = [shelf.segment(0, &seeded(1), &begun, same), shelf.segment(1, &longer, &cut, same)];
+    let files = [episode_index.segment(0, &seeded(1), &begun, same), episode_index.segment(1, &longer, &cut, same)];
     let recorded = gather(&files, Wanted::default()).unwrap();
     assert_eq!((recorded.episodes[0].actions.len(), recorded.faults), (3, Vec::new()));
 }
 
 #[test]
 fn a_configuration_that_is_not_the_one_recorded_under_is_refused() {
-    let shelf = Shelf::new();
+    let episode_index = RecordingsFolder::new();
     let edited =
-        shelf.segment(0, &Config::default(), &episodes(1), |config| config.replace("seed = 1\n", "seed = 2\n"));
+        episode_index.segment(0, &Config::default(), &episodes(1), |config| config.replace("seed = 1\n", "seed = 2\n"));
     let refused = gather(&[edited], Wanted::default()).unwrap_err().to_string();
     assert!(refused.contains("recorded with seed 1, but its configuration says 2"), "{refused}");
 }
@@ -253,9 +254,11 @@ fn alter_configuration(path: &Path) {
 
 #[test]
 fn a_damaged_configuration_is_taken_from_where_it_is_whole() {
-    let (shelf, config) = (Shelf::new(), Config::default());
-    let files =
-        [shelf.segment(0, &config, &episodes(1)[..7], same), shelf.segment(1, &config, &episodes(1)[7..], same)];
+    let (episode_index, config) = (RecordingsFolder::new(), Config::default());
+    let files = [
+        episode_index.segment(0, &config, &episodes(1)[..7], same),
+        episode_index.segment(1, &config, &episodes(1)[7..], same),
+    ];
     alter_configuration(&files[0]);
     let recorded = gather(&files, Wanted::default()).unwrap();
     assert_eq!((recorded.episodes.len(), recorded.configs.len()), (4, 1));
@@ -263,9 +266,9 @@ fn a_damaged_configuration_is_taken_from_where_it_is_whole() {
     let alone = gather(&files[..1], Wanted::default()).unwrap_err().to_string();
     assert!(alone.contains("0.mcap") && alone.contains("give the run's folder"), "{alone}");
     // In a run's folder that folder has it.
-    let recordings = shelf.0.path().join("recordings");
+    let recordings = episode_index.0.path().join("recordings");
     std::fs::create_dir(&recordings).unwrap();
-    std::fs::write(shelf.0.path().join("config.toml"), config.to_toml()).unwrap();
+    std::fs::write(episode_index.0.path().join("config.toml"), config.to_toml()).unwrap();
     let moved = recordings.join("0.mcap");
     std::fs::copy(&files[0], &moved).unwrap();
     assert_eq!(gather(&[moved], Wanted::default()).unwrap().configs, [config.to_toml()]);
@@ -273,8 +276,8 @@ fn a_damaged_configuration_is_taken_from_where_it_is_whole() {
 
 #[test]
 fn a_file_that_is_being_written_is_called_that_and_not_damaged() {
-    let shelf = Shelf::new();
-    let path = shelf.segment(0, &Config::default(), &episodes(1), same);
+    let episode_index = RecordingsFolder::new();
+    let path = episode_index.segment(0, &Config::default(), &episodes(1), same);
     let writer = std::fs::File::options().write(true).open(&path).unwrap();
     let length = writer.metadata().unwrap().len();
     writer.set_len(length - 100).unwrap();
@@ -293,13 +296,13 @@ fn a_file_that_is_being_written_is_called_that_and_not_damaged() {
 
 #[test]
 fn a_repaired_file_says_what_it_lost_and_is_never_called_complete_by_a_replay() {
-    let shelf = Shelf::new();
-    let path = shelf.segment(0, &Config::default(), &episodes(1), same);
+    let episode_index = RecordingsFolder::new();
+    let path = episode_index.segment(0, &Config::default(), &episodes(1), same);
     alter_configuration(&path);
     let Repair::Repaired { extent, .. } = repair(&path, None).unwrap() else { panic!("it is damaged") };
     assert!(extent.is_incomplete());
     assert!(extent.complaints(&path).iter().any(|line| line.contains("checksum of attachment `config.toml`")));
-    let again = shelf.segment(1, &Config::default(), &[], same);
+    let again = episode_index.segment(1, &Config::default(), &[], same);
     let recorded = gather(&[path, again], Wanted::default()).unwrap();
     assert_eq!(recorded.damaged_files, 1);
     assert!(recorded.complaints[0].contains("was repaired, and not all was there"), "{:?}", recorded.complaints);
@@ -308,26 +311,26 @@ fn a_repaired_file_says_what_it_lost_and_is_never_called_complete_by_a_replay() 
 
 #[test]
 fn a_repair_takes_no_name_that_is_in_use() -> Result<(), RecordingError> {
-    let shelf = Shelf::new();
-    let path = shelf.segment(0, &Config::default(), &episodes(1), same);
+    let episode_index = RecordingsFolder::new();
+    let path = episode_index.segment(0, &Config::default(), &episodes(1), same);
     let whole = std::fs::read(&path).unwrap();
     std::fs::write(&path, &whole[..whole.len() - 60]).unwrap();
     for name in ["0.mcap.partial", "0.mcap.partial-2"] {
-        std::fs::write(shelf.0.path().join(name), "precious").unwrap();
+        std::fs::write(episode_index.0.path().join(name), "precious").unwrap();
     }
     repair(&path, None).unwrap();
     for name in ["0.mcap.partial", "0.mcap.partial-2"] {
-        assert_eq!(std::fs::read_to_string(shelf.0.path().join(name)).unwrap(), "precious");
+        assert_eq!(std::fs::read_to_string(episode_index.0.path().join(name)).unwrap(), "precious");
     }
-    assert_eq!(std::fs::read_dir(shelf.0.path()).unwrap().count(), 4, "nothing is left behind");
+    assert_eq!(std::fs::read_dir(episode_index.0.path()).unwrap().count(), 4, "nothing is left behind");
     gather(&[path], Wanted::default()).map(drop)
 }
 
 /// Recordings of before, whose fields were those of one task.
 #[test]
 fn an_older_recording_is_refused_with_the_version_that_reads_it() {
-    let shelf = Shelf::new();
-    let path = shelf.segment(0, &Config::default(), &episodes(1), same);
+    let episode_index = RecordingsFolder::new();
+    let path = episode_index.segment(0, &Config::default(), &episodes(1), same);
     let bytes = std::fs::read(&path).unwrap();
     let key = b"schema_version";
     let place = bytes.windows(key.len()).position(|window| window == key).unwrap() + key.len() + 4;

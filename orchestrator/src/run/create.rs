@@ -1,7 +1,7 @@
 //! A new run folder, of a run or of an evaluation.
 
 use super::identity::{Identity, is_evaluation};
-use super::lock::{Held, RunLock, holder};
+use super::lock::{LockState, RunLock, holder};
 use super::scenes;
 use super::unfinished::{clear, is_cut_off};
 use crate::preflight::temporary;
@@ -26,11 +26,11 @@ pub fn check_free(folder: &RunFolder) -> Result<()> {
         }
     }
     match holder(folder)? {
-        Held::By(holder) => bail!("run folder {root} is already in use: {holder} runs it"),
-        Held::Unsigned if !folder.identity().exists() => {
+        LockState::By(holder) => bail!("run folder {root} is already in use: {holder} runs it"),
+        LockState::Unsigned if !folder.identity().exists() => {
             bail!("run folder {root} is already in use: another orchestrator begins in it")
         }
-        Held::Unsigned | Held::Free => {}
+        LockState::Unsigned | LockState::Free => {}
     }
     if is_cut_off(folder).with_context(|| format!("run folder {root}"))? {
         return Ok(());

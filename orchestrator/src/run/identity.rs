@@ -2,7 +2,7 @@
 
 use super::damaged::damaged;
 use super::unfinished::is_cut_off;
-use crate::showing::format::{self, counted};
+use crate::output::format::{self, counted};
 use anyhow::{Context, Result, bail};
 use proto::SCHEMA_VERSION;
 use proto::config::Config;
@@ -61,7 +61,7 @@ pub struct Incarnation {
     pub seen_wall_s: Option<f64>,
     /// The processes that it has, and from where on.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub shape: Option<Shape>,
+    pub shape: Option<ProcessCounts>,
     /// How it ended; absent while it runs and after a crash.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended: Option<Ended>,
@@ -87,7 +87,7 @@ impl Incarnation {
 
 /// The processes of an incarnation. Actors and learners are those of all hosts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Shape {
+pub struct ProcessCounts {
     pub hosts: u32,
     pub learners: u32,
     pub actors: u32,
@@ -97,7 +97,7 @@ pub struct Shape {
     pub frames: u64,
 }
 
-impl Shape {
+impl ProcessCounts {
     fn processes(self) -> [u32; 3] {
         [self.hosts, self.learners, self.actors]
     }
@@ -208,7 +208,7 @@ impl Identity {
     }
 
     /// Notes what processes the last incarnation has, and from where on.
-    pub fn note_shape(&mut self, shape: Shape) {
+    pub fn note_shape(&mut self, shape: ProcessCounts) {
         if let Some(last) = self.incarnations.last_mut() {
             last.shape = Some(shape);
         }
@@ -228,7 +228,7 @@ impl Identity {
 
     /// Where the number of hosts, learners or actors changed, a line each.
     pub fn changes_of_shape(&self) -> Vec<String> {
-        let shapes: Vec<Shape> = self.incarnations.iter().filter_map(|start| start.shape).collect();
+        let shapes: Vec<ProcessCounts> = self.incarnations.iter().filter_map(|start| start.shape).collect();
         let changed = shapes.windows(2).filter(|pair| pair[0].processes() != pair[1].processes());
         changed
             .map(|pair| {
@@ -379,7 +379,7 @@ mod tests {
         assert_eq!(identity.actors_for(5, 4), 5, "another command's number counts");
         for (actors, rollout) in [(4, 0), (4, 3), (3, 7)] {
             identity.begin_incarnation();
-            identity.note_shape(Shape { hosts: 1, learners: 2, actors, rollout, frames: 1200 * rollout });
+            identity.note_shape(ProcessCounts { hosts: 1, learners: 2, actors, rollout, frames: 1200 * rollout });
         }
         identity.note_scale(4);
         identity.note_scale(3);

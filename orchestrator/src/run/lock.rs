@@ -123,7 +123,7 @@ fn refuse_links(folder: &RunFolder) -> Result<()> {
 
 /// Whether someone holds a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Held {
+pub enum LockState {
     /// Nobody.
     Free,
     By(Holder),
@@ -132,18 +132,18 @@ pub enum Held {
 }
 
 /// Who holds the run in `folder` now.
-pub fn holder(folder: &RunFolder) -> Result<Held> {
+pub fn holder(folder: &RunFolder) -> Result<LockState> {
     let path = folder.orchestrator_lock();
     let file = match folder.open(&path) {
         Ok(file) => file,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Held::Free),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(LockState::Free),
         Err(error) => return Err(error).with_context(|| path.display().to_string()),
     };
     match file.try_lock_shared() {
-        Ok(()) => Ok(Held::Free),
-        Err(TryLockError::WouldBlock) => Ok(holder_in(&file).map_or(Held::Unsigned, Held::By)),
+        Ok(()) => Ok(LockState::Free),
+        Err(TryLockError::WouldBlock) => Ok(holder_in(&file).map_or(LockState::Unsigned, LockState::By)),
         // Where nobody can hold a lock, nobody works: a run that was copied there can be looked at.
-        Err(TryLockError::Error(error)) if is_not_offered(&error) => Ok(Held::Free),
+        Err(TryLockError::Error(error)) if is_not_offered(&error) => Ok(LockState::Free),
         Err(TryLockError::Error(error)) => Err(error).with_context(|| path.display().to_string()),
     }
 }
@@ -214,19 +214,19 @@ mod tests {
     #[test]
     fn a_folder_is_held_by_one_and_names_the_holder() {
         let (_temporary, folder) = folder();
-        assert_eq!(holder(&folder).unwrap(), Held::Free);
+        assert_eq!(holder(&folder).unwrap(), LockState::Free);
         let mut lock = RunLock::acquire(&folder).unwrap();
-        assert_eq!(holder(&folder).unwrap(), Held::Unsigned);
+        assert_eq!(holder(&folder).unwrap(), LockState::Unsigned);
         lock.sign(3).unwrap();
         let expected = Holder::this_process(3);
         assert!(expected.pid_namespace.is_some() && expected.is_here(), "{expected:?}");
-        assert_eq!(holder(&folder).unwrap(), Held::By(expected));
+        assert_eq!(holder(&folder).unwrap(), LockState::By(expected));
         let message = RunLock::acquire(&folder).unwrap_err().to_string();
         assert!(message.contains("already in use: pid"), "{message}");
         drop(lock);
-        assert_eq!(holder(&folder).unwrap(), Held::Free);
+        assert_eq!(holder(&folder).unwrap(), LockState::Free);
         let _unsigned = RunLock::acquire(&folder).unwrap();
-        assert_eq!(holder(&folder).unwrap(), Held::Unsigned, "the signature of the holder before");
+        assert_eq!(holder(&folder).unwrap(), LockState::Unsigned, "the signature of the holder before");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! What `orchestrator scale` asks of the orchestrator that runs: a file of the run folder, which that one looks for.
 
 use super::damaged::damaged;
-use crate::showing::format::counted;
+use crate::output::format::counted;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};

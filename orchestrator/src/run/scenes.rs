@@ -3,11 +3,11 @@
 //!
 //! This program links no physics: `actor check --scene` reads and judges them.
 
+use crate::output::format::counted;
+use crate::output::log_line::error_in;
+use crate::output::terminal;
 use crate::preflight::{Finding, programs};
 use crate::process_end::{self, Answer};
-use crate::showing::format::counted;
-use crate::showing::log_line::error_in;
-use crate::showing::terminal;
 use anyhow::{Context, Result, bail, ensure};
 use proto::bounded;
 use proto::config::Config;

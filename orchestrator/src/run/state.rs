@@ -1,16 +1,18 @@
 //! How a run stands, from its folder.
 
 use super::identity::Identity;
-use super::lock::Held;
+use super::lock::LockState;
 use proto::run_state::{Ending, RunState};
 
 /// The state of a run with this lock. `complete`: its result is there, whatever its last session noted.
-pub fn state_of(identity: &Identity, held: &Held, complete: bool) -> RunState {
+pub fn state_of(identity: &Identity, held: &LockState, complete: bool) -> RunState {
     match (held, identity.incarnations.last()) {
-        (Held::By(_) | Held::Unsigned, _) => RunState::Running,
-        (Held::Free, _) if complete => RunState::Ended(Ending::Complete),
-        (Held::Free, None) => RunState::NotStarted,
-        (Held::Free, Some(last)) => last.ended.as_ref().map_or(RunState::CutOff, |ended| RunState::Ended(ended.how)),
+        (LockState::By(_) | LockState::Unsigned, _) => RunState::Running,
+        (LockState::Free, _) if complete => RunState::Ended(Ending::Complete),
+        (LockState::Free, None) => RunState::NotStarted,
+        (LockState::Free, Some(last)) => {
+            last.ended.as_ref().map_or(RunState::CutOff, |ended| RunState::Ended(ended.how))
+        }
     }
 }
 
@@ -23,10 +25,10 @@ mod tests {
     fn who_holds_a_run_comes_first_then_its_result_then_its_last_word() {
         let mut identity = Identity::new().unwrap();
         let state = |identity: &Identity, held, complete| state_of(identity, &held, complete).to_string();
-        assert_eq!(state(&identity, Held::Free, false), "not started");
+        assert_eq!(state(&identity, LockState::Free, false), "not started");
         identity.begin_incarnation();
-        assert_eq!(state(&identity, Held::Unsigned, false), "running");
-        assert_eq!(state(&identity, Held::Free, false), "cut off");
+        assert_eq!(state(&identity, LockState::Unsigned, false), "running");
+        assert_eq!(state(&identity, LockState::Free, false), "cut off");
         for (how, word) in [
             (Ending::Complete, "complete"),
             (Ending::Stopped, "stopped"),
@@ -41,8 +43,8 @@ mod tests {
                 weights: None,
                 reason: None,
             });
-            assert_eq!(state(&identity, Held::Free, false), word);
+            assert_eq!(state(&identity, LockState::Free, false), word);
         }
-        assert_eq!(state(&identity, Held::Free, true), "complete");
+        assert_eq!(state(&identity, LockState::Free, true), "complete");
     }
 }

@@ -3,7 +3,7 @@
 
 use super::grid::{Point, points};
 use crate::evaluation::subject::network_differences;
-use crate::showing::format::counted;
+use crate::output::format::counted;
 use anyhow::{Context, Result, bail, ensure};
 use proto::bounded;
 use proto::config::{Config, check_settings, overlay};

@@ -12,10 +12,10 @@
 //! ```
 
 use super::file::{Asked, AskedCheckpoint, Suite, SuiteEntry};
-use crate::reporting::files::PAGE;
+use crate::report_builder::files::PAGE;
 use crate::run::cut_off::remove_evaluation;
 use crate::run::identity::is_evaluation;
-use crate::run::lock::{Held, holder};
+use crate::run::lock::{LockState, holder};
 use crate::run::scenes;
 use crate::run::unfinished::is_cut_off;
 use crate::training::summary::Summary;
@@ -279,9 +279,9 @@ fn refuse_unknown(folder: &RunFolder) -> Result<()> {
 /// Who works in a folder.
 fn held(folder: &RunFolder) -> Result<Option<String>> {
     Ok(match holder(folder)? {
-        Held::Free => None,
-        Held::Unsigned => Some("a process that has just begun".into()),
-        Held::By(holder) => Some(holder.to_string()),
+        LockState::Free => None,
+        LockState::Unsigned => Some("a process that has just begun".into()),
+        LockState::By(holder) => Some(holder.to_string()),
     })
 }
 

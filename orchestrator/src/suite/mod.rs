@@ -13,4 +13,4 @@ mod state;
 
 pub use file::{Asked, Suite, SuiteEntry};
 pub use folder::{SuiteFolder, refuse};
-pub use scheduler::{Standing, SuiteOutcome, run, standings};
+pub use scheduler::{EntryProgress, SuiteOutcome, run, standings};

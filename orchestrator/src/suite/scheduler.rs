@@ -3,9 +3,9 @@
 use super::file::{Suite, SuiteEntry};
 use super::folder::{Next, Step, SuiteFolder};
 use super::state::{RunStatus, State, Status};
+use crate::output::log_line::error_in;
+use crate::output::terminal;
 use crate::run::lifeline::this_program;
-use crate::showing::log_line::error_in;
-use crate::showing::terminal;
 use crate::training::means::recent;
 use crate::training::metrics::read_history;
 use crate::training::progress::frames_line;
@@ -361,7 +361,7 @@ fn last_words(log: &Path, begin: u64, exit: ExitStatus) -> String {
 }
 
 #[derive(Debug, Serialize)]
-pub struct Standing {
+pub struct EntryProgress {
     pub name: String,
     pub folder: String,
     /// State and tries.
@@ -370,10 +370,10 @@ pub struct Standing {
 }
 
 /// How every run stands, for the end of a call.
-pub fn standings(suite: &Suite, folder: &SuiteFolder) -> Result<Vec<Standing>> {
+pub fn standings(suite: &Suite, folder: &SuiteFolder) -> Result<Vec<EntryProgress>> {
     let text = bounded::read_text(&folder.state()).context("suite.json")?;
     let mut state: State = serde_json::from_str(&text).context("suite.json")?;
-    let standing = |entry: &SuiteEntry| Standing {
+    let standing = |entry: &SuiteEntry| EntryProgress {
         name: entry.name.clone(),
         folder: folder.run(entry).root().display().to_string(),
         status: state.runs.remove(&entry.name).unwrap_or_default(),

@@ -12,7 +12,7 @@ struct Child {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum ChildState {
-    /// Not running; to be started at the given time, if any. [`super::gang`] holds the start time of learners.
+    /// Not running; to be started at the given time, if any. [`super::learner_group`] holds the start time of learners.
     Down { restart_at: Option<Duration> },
     /// Running.
     Up { since: Duration, killed: Option<Duration> },

@@ -1,6 +1,6 @@
 //! The vocabulary of supervision: processes and their ends, what happens, what is to be done about it, how it all ends.
 
-use super::stage::StageSwitch;
+use super::stage_machine::StageSwitch;
 use proto::event::LearnerEvent;
 use proto::kitchen::Kitchens;
 use proto::run_state::Ending;

@@ -6,8 +6,8 @@
 //! ```
 //! Where a run is saved only to go on with another number of actors, a death leads from Saving back to Running.
 //!
-//! Learners run, save and die together ([`super::gang`]), and rank 0 reports for all. If one dies, the others are
-//! killed, because they can neither continue nor save.
+//! Learners run, save and die together ([`super::learner_group`]), and rank 0 reports for all. If one dies, the others
+//! are killed, because they can neither continue nor save.
 //!
 //! Every state has a deadline: learners must become ready, their actors must connect, rollouts must come, a stop must
 //! be acknowledged, and a process that was asked to exit must exit. Learners whose actors do not connect fail the run at
@@ -19,17 +19,17 @@
 //! Time is the duration since the orchestrator began.
 
 use super::children::Children;
-use super::deadlines::{self, Overdue};
+use super::deadlines::Deadlines;
 use super::event::{Action, Event, Exit, Level, Outcome, Process, Saved, SessionEnd};
-use super::gang::{Bereaved, Gang};
-use super::pace::Work;
-use super::policy::Policy;
-use super::restart::{RestartHistory, Verdict};
-use super::stage::StageMachine;
-use super::words::{
+use super::learner_group::{Bereaved, LearnerGroup};
+use super::messages::{
     also, connected, died_at_stop, given_up, immortal, killed_for_it, killed_unready, learners_given_up, quote, ready,
     recorder_stands_still, rewinds, unanswering,
 };
+use super::overdue::{self, Overdue};
+use super::pace::Work;
+use super::restart::{RestartHistory, Verdict};
+use super::stage_machine::StageMachine;
 use proto::config::StageConfig;
 use proto::event::LearnerEvent;
 use proto::exit::{EXIT_LOST_PEERS, EXIT_UNSAVED};
@@ -62,12 +62,12 @@ enum Phase {
 
 #[derive(Debug)]
 pub struct Supervisor {
-    policy: Policy,
+    deadlines: Deadlines,
     stages: StageMachine,
     /// The rollout before which the learners are to save, because the number of actors changes.
     stops_before: Option<u64>,
     children: Children,
-    gang: Gang,
+    learner_group: LearnerGroup,
     actor_histories: Vec<RestartHistory>,
     phase: Phase,
     outcome: Option<Outcome>,
@@ -82,20 +82,20 @@ pub struct Supervisor {
 
 impl Supervisor {
     /// A supervisor that has not started anything. An evaluation has no stages, and a budget of no frames to train on.
-    pub fn new(policy: Policy, stages: Vec<StageConfig>) -> Self {
+    pub fn new(deadlines: Deadlines, stages: Vec<StageConfig>) -> Self {
         Self {
-            policy,
+            deadlines,
             stages: StageMachine::new(stages),
             stops_before: None,
-            children: Children::new(policy.learners, policy.actors),
-            gang: Gang::new(policy.learners),
-            actor_histories: vec![RestartHistory::default(); policy.actors as usize],
+            children: Children::new(deadlines.learners, deadlines.actors),
+            learner_group: LearnerGroup::new(deadlines.learners),
+            actor_histories: vec![RestartHistory::default(); deadlines.actors as usize],
             phase: Phase::Running,
             outcome: None,
             frames_reached: 0,
             episodes: 0,
             episodes_reached: 0,
-            held_up_s: vec![[0.0; 2]; policy.learners as usize],
+            held_up_s: vec![[0.0; 2]; deadlines.learners as usize],
             actions: Vec::new(),
         }
     }
@@ -103,7 +103,7 @@ impl Supervisor {
     /// Starts everything.
     pub fn start(&mut self, now: Duration) -> Vec<Action> {
         self.start_learners(now);
-        for actor in 0..self.policy.actors {
+        for actor in 0..self.deadlines.actors {
             self.spawn(Process::Actor(actor), now);
         }
         std::mem::take(&mut self.actions)
@@ -159,15 +159,15 @@ impl Supervisor {
     }
 
     fn start_learners(&mut self, now: Duration) {
-        self.gang.begin(now);
+        self.learner_group.begin(now);
         self.episodes = 0;
-        for rank in self.gang.ranks() {
+        for rank in self.learner_group.ranks() {
             self.spawn(Process::Learner(rank), now);
         }
     }
 
     fn kill_learners(&mut self, now: Duration) {
-        for rank in self.gang.ranks() {
+        for rank in self.learner_group.ranks() {
             self.kill(now, Process::Learner(rank));
         }
     }
@@ -182,12 +182,12 @@ impl Supervisor {
     /// Whether the learners can still go on, or save: each is there, or has left in good order.
     fn learners_are_whole(&self) -> bool {
         let lives = |rank| self.children.alive_since(Process::Learner(rank)).is_some();
-        self.gang.ranks().all(|rank| lives(rank) || self.gang.has_finished(rank))
+        self.learner_group.ranks().all(|rank| lives(rank) || self.learner_group.has_finished(rank))
     }
 
     /// Whether no learner runs.
     fn learners_are_down(&self) -> bool {
-        self.gang.ranks().all(|rank| self.children.is_down(Process::Learner(rank)))
+        self.learner_group.ranks().all(|rank| self.children.is_down(Process::Learner(rank)))
     }
 
     fn exited(&mut self, now: Duration, process: Process, incarnation: u32, exit: &Exit, last_words: &[String]) {
@@ -198,7 +198,7 @@ impl Supervisor {
         let exit = if was_killed { &Exit::Killed } else { exit };
         if self.is_to_go_on()
             && let Process::Learner(rank) = process
-            && !self.gang.has_finished(rank)
+            && !self.learner_group.has_finished(rank)
         {
             self.run_on(now);
         }
@@ -206,7 +206,7 @@ impl Supervisor {
             Phase::Running => {
                 match process {
                     // It has exited: rank 0's event decides the outcome.
-                    Process::Learner(rank) if self.gang.has_finished(rank) => {}
+                    Process::Learner(rank) if self.learner_group.has_finished(rank) => {}
                     Process::Learner(rank) => self.learner_died(now, rank, exit, last_words),
                     Process::Actor(actor) => self.actor_died(now, actor, exit, last_words),
                 }
@@ -216,7 +216,7 @@ impl Supervisor {
                 }
             }
             Phase::Saving { failure, .. } => match process {
-                Process::Learner(rank) if self.gang.has_finished(rank) => {}
+                Process::Learner(rank) if self.learner_group.has_finished(rank) => {}
                 Process::Learner(_) => {
                     let died = died_at_stop(process, self.evaluates(), exit, last_words);
                     let reason = also(failure.as_deref(), &died);
@@ -224,11 +224,11 @@ impl Supervisor {
                     self.leave(now, SessionEnd::Failed(reason), None);
                 }
                 Process::Actor(_) => {
-                    self.report(Level::Warning, format!("{} died: {exit}", process.describe(self.policy.kitchens)));
+                    self.report(Level::Warning, format!("{} died: {exit}", process.describe(self.deadlines.kitchens)));
                 }
             },
             Phase::Leaving { .. } => {
-                if !self.gang.has_finished(0) {
+                if !self.learner_group.has_finished(0) {
                     self.kill_broken(now);
                 }
                 self.finish_if_alone();
@@ -242,9 +242,9 @@ impl Supervisor {
         let who = Process::Learner(rank);
         // A learner that exits with an error at its first start has a cause that a retry does not remove, such as an
         // unreadable checkpoint or a missing device.
-        let follows = self.gang.is_falling();
+        let follows = self.learner_group.is_falling();
         if !follows && *exit == LOST_PEERS {
-            self.gang.bereaved(now, rank, last_words);
+            self.learner_group.bereaved(now, rank, last_words);
             if !self.learners_are_down() {
                 return;
             }
@@ -253,7 +253,7 @@ impl Supervisor {
         }
         let refused = !follows
             && self.children.incarnation(who) == 1
-            && !self.gang.is_ready(rank)
+            && !self.learner_group.is_ready(rank)
             && matches!(exit, Exit::Code(_) | Exit::NotStarted(_));
         if refused {
             return self.fail(now, format!("{who} could not begin: {exit}{}", quote(last_words)));
@@ -261,7 +261,7 @@ impl Supervisor {
         if *exit == Exit::Code(EXIT_UNSAVED) {
             return self.fail(now, format!("{who} could not save{}", quote(last_words)));
         }
-        if self.gang.met_non_finite_again(exit) {
+        if self.learner_group.met_non_finite_again(exit) {
             let met = format!("{who} met non-finite numbers twice after the same checkpoint{}", quote(last_words));
             return self.fail(now, met);
         }
@@ -272,8 +272,8 @@ impl Supervisor {
 
     /// A learner ended because it lost another, and no cause is known: report its own end as the cause.
     fn fall_bereaved(&mut self, now: Duration, patience: Duration) {
-        if !self.gang.is_falling()
-            && let Some(Bereaved { rank, last_words, .. }) = self.gang.take_bereaved(now, patience)
+        if !self.learner_group.is_falling()
+            && let Some(Bereaved { rank, last_words, .. }) = self.learner_group.take_bereaved(now, patience)
         {
             self.fall(now, rank, &LOST_PEERS, &last_words);
         }
@@ -282,8 +282,8 @@ impl Supervisor {
     /// The learners fall, because of this one.
     fn fall(&mut self, now: Duration, rank: u32, exit: &Exit, last_words: &[String]) {
         let who = Process::Learner(rank);
-        let learners = self.gang.size();
-        match self.gang.fell(now, &self.policy.restart) {
+        let learners = self.learner_group.size();
+        match self.learner_group.fell(now, &self.deadlines.restart) {
             Verdict::RestartAt(_) => {
                 let next = self.children.incarnation(who) + 1;
                 let rewinds = rewinds(learners, self.evaluates());
@@ -300,8 +300,8 @@ impl Supervisor {
     /// An actor died that should be running.
     fn actor_died(&mut self, now: Duration, actor: u32, exit: &Exit, last_words: &[String]) {
         let process = Process::Actor(actor);
-        let who = process.describe(self.policy.kitchens);
-        match self.actor_histories[actor as usize].died(now, &self.policy.restart) {
+        let who = process.describe(self.deadlines.kitchens);
+        match self.actor_histories[actor as usize].died(now, &self.deadlines.restart) {
             Verdict::RestartAt(at) => {
                 self.children.restart(process, at);
                 let next = self.children.incarnation(process) + 1;
@@ -313,7 +313,7 @@ impl Supervisor {
 
     fn start_due(&mut self, now: Duration) {
         // All start together or none: a learner without the others would wait for them.
-        if self.gang.is_due(now) && self.learners_are_down() {
+        if self.learner_group.is_due(now) && self.learners_are_down() {
             self.start_learners(now);
         }
         for process in self.children.due(now) {
@@ -322,7 +322,7 @@ impl Supervisor {
     }
 
     fn progress(&mut self) {
-        self.gang.progress();
+        self.learner_group.progress();
         for history in &mut self.actor_histories {
             history.progress();
         }
@@ -333,9 +333,9 @@ impl Supervisor {
     fn learner_spoke(&mut self, now: Duration, event: LearnerEvent) {
         match event {
             // Whoever falls with another comes to nothing.
-            LearnerEvent::Ready { .. } if self.gang.is_falling() => {}
+            LearnerEvent::Ready { .. } if self.learner_group.is_falling() => {}
             LearnerEvent::Ready { rank, rollout, frames, device, parameters, checkpoint } => {
-                self.gang.ready(rank, now);
+                self.learner_group.ready(rank, now);
                 self.report(Level::Info, ready(rank, &device, parameters, checkpoint, frames));
                 match self.phase {
                     Phase::Running if rank == 0 => self.begin(now, rollout, frames),
@@ -344,21 +344,21 @@ impl Supervisor {
                 }
             }
             LearnerEvent::ActorsConnected { rank } => {
-                if self.gang.connected(rank) {
-                    self.report(Level::Info, connected(self.policy.actors));
+                if self.learner_group.connected(rank) {
+                    self.report(Level::Info, connected(self.deadlines.actors));
                 }
             }
             LearnerEvent::RolloutCollected { rollout, frames, .. } => {
-                self.gang.collected(now);
+                self.learner_group.collected(now);
                 if self.phase == Phase::Running && !self.ends_before(rollout + 1) {
                     self.allow(rollout + 1, frames);
-                } else if self.ends_before(rollout + 1) && self.policy.overlap {
+                } else if self.ends_before(rollout + 1) && self.deadlines.overlap {
                     // Its update is reported only when the learners know what comes next.
                     self.end_shape(now);
                 }
             }
             LearnerEvent::RolloutTrained { rollout, frames, .. } => {
-                self.gang.goes_on(now, Work::Collect);
+                self.learner_group.goes_on(now, Work::Collect);
                 if frames > self.frames_reached {
                     self.frames_reached = frames;
                     self.progress();
@@ -368,7 +368,7 @@ impl Supervisor {
                 }
             }
             LearnerEvent::EpisodePlayed { .. } => {
-                self.gang.goes_on(now, Work::Play);
+                self.learner_group.goes_on(now, Work::Play);
                 self.episodes += 1;
                 // One that was started again plays the first ones again: that is no progress.
                 if self.episodes > self.episodes_reached {
@@ -377,20 +377,20 @@ impl Supervisor {
                 }
             }
             LearnerEvent::CheckpointBegun { .. } => {
-                self.gang.goes_on(now, Work::Save);
+                self.learner_group.goes_on(now, Work::Save);
                 self.save_begins(now);
             }
-            LearnerEvent::CheckpointWritten { .. } => self.gang.goes_on(now, Work::Collect),
+            LearnerEvent::CheckpointWritten { .. } => self.learner_group.goes_on(now, Work::Collect),
             LearnerEvent::WaitingForActor { actor, waited_s, .. } => {
-                self.gang.waits(now);
+                self.learner_group.waits(now);
                 self.waits_for(now, actor, waited_s);
             }
             LearnerEvent::WaitingForRecorder { rank, waited_s } => {
-                self.gang.waits_for_recorder(now);
+                self.learner_group.waits_for_recorder(now);
                 self.waits_for_recorder(rank, waited_s);
             }
             LearnerEvent::Finished { rank, frames, weights, complete } => {
-                self.gang.finished(rank);
+                self.learner_group.finished(rank);
                 if rank == 0 {
                     self.finished(now, Saved { frames, weights }, complete);
                 }
@@ -417,11 +417,11 @@ impl Supervisor {
         let process = Process::Actor(actor);
         let Some(since) = self.children.alive_since(process) else { return };
         let waited = Duration::try_from_secs_f64(waited_s).unwrap_or_default().min(now.saturating_sub(since));
-        let patience = self.policy.actor_patience(self.gang.pace());
+        let patience = self.deadlines.actor_patience(self.learner_group.pace());
         if self.phase != Phase::Running || waited < patience / 3 {
             return;
         }
-        let who = process.describe(self.policy.kitchens);
+        let who = process.describe(self.deadlines.kitchens);
         self.report(Level::Warning, unanswering(&who, waited, (waited < patience).then_some(patience)));
         if waited >= patience {
             self.kill(now, process);
@@ -471,7 +471,7 @@ impl Supervisor {
     fn tick(&mut self, now: Duration) {
         match self.phase.clone() {
             Phase::Running => {
-                self.fall_bereaved(now, self.policy.killed);
+                self.fall_bereaved(now, self.deadlines.killed);
                 self.check_learners(now);
                 self.check_killed(now);
                 // Not when one of them has just ended the run.
@@ -491,7 +491,7 @@ impl Supervisor {
         if !self.learners_are_whole() {
             return;
         }
-        match deadlines::of_learners(&self.gang, &self.policy, now) {
+        match overdue::of_learners(&self.learner_group, &self.deadlines, now) {
             Some(Overdue::Fails(reason)) => self.fail(now, reason),
             Some(Overdue::Kills(warning)) => {
                 self.report(Level::Warning, warning);
@@ -505,25 +505,25 @@ impl Supervisor {
 
     /// A learner is not ready in time. One that hung at its start comes up at the next.
     fn unready(&mut self, now: Duration, late: String) {
-        if self.gang.started_late_again() {
+        if self.learner_group.started_late_again() {
             return self.fail(now, late);
         }
-        self.report(Level::Warning, killed_unready(self.gang.size(), &late));
+        self.report(Level::Warning, killed_unready(self.learner_group.size(), &late));
         self.kill_learners(now);
     }
 
     fn warn(&mut self, warning: String, silent: Duration) {
         self.report(Level::Warning, warning);
-        self.gang.warned(silent);
+        self.learner_group.warned(silent);
     }
 
     /// Learners that do not save in time hang: no more is asked of them.
     fn check_saving(&mut self, now: Duration, failure: Option<&str>, waited: Duration, patience: Duration) {
         let done = if self.evaluates() { "stopped" } else { "saved" };
-        match deadlines::of_stop(&self.gang, &self.policy, (waited, patience), done) {
+        match overdue::of_stop(&self.learner_group, &self.deadlines, (waited, patience), done) {
             Some(Overdue::Warns(warning, silent)) => self.warn(warning, silent),
             Some(Overdue::Fails(late)) if self.is_to_go_on() => {
-                self.report(Level::Warning, killed_for_it(self.gang.size(), &late));
+                self.report(Level::Warning, killed_for_it(self.learner_group.size(), &late));
                 self.run_on(now);
                 self.kill_learners(now);
             }
@@ -540,11 +540,11 @@ impl Supervisor {
     /// SIGKILL is answered at once, unless the kernel itself is stuck (a dead network file system, a lost GPU).
     fn check_killed(&mut self, now: Duration) {
         let killed_long_ago =
-            |killed: Option<Duration>| killed.is_some_and(|killed| now.saturating_sub(killed) > self.policy.killed);
+            |killed: Option<Duration>| killed.is_some_and(|killed| now.saturating_sub(killed) > self.deadlines.killed);
         if self.phase == Phase::Running
             && let Some((process, _)) = self.children.up().into_iter().find(|(_, killed)| killed_long_ago(*killed))
         {
-            self.fail(now, immortal(&process.describe(self.policy.kitchens)));
+            self.fail(now, immortal(&process.describe(self.deadlines.kitchens)));
         }
     }
 
@@ -553,15 +553,15 @@ impl Supervisor {
         let mut stuck = vec![];
         for (process, killed) in self.children.up() {
             let patience = match process {
-                Process::Learner(_) => self.policy.learner_leaves,
-                Process::Actor(_) => self.policy.actor_leaves,
+                Process::Learner(_) => self.deadlines.learner_leaves,
+                Process::Actor(_) => self.deadlines.actor_leaves,
             };
             match killed {
                 None if waited > patience => {
                     self.report(Level::Warning, format!("{process} does not leave and is killed"));
                     self.kill(now, process);
                 }
-                Some(killed) if now.saturating_sub(killed) > self.policy.killed => stuck.push(process.to_string()),
+                Some(killed) if now.saturating_sub(killed) > self.deadlines.killed => stuck.push(process.to_string()),
                 _ => {}
             }
         }

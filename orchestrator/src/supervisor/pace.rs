@@ -1,7 +1,7 @@
 //! How long the learners take from one event of progress to the next, as measured in this session. Pure.
 //!
 //! What a machine needs for a rollout or an update spans four orders of magnitude, so no constant tells a learner that
-//! hangs from one that works. The longest of the last times does: see [`super::policy::Policy::patience`].
+//! hangs from one that works. The longest of the last times does: see [`super::deadlines::Deadlines::patience`].
 
 use std::collections::VecDeque;
 use std::fmt::{Display, Formatter};

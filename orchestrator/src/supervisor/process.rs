@@ -6,9 +6,9 @@
 //! to the terminal. A learner writes its events to standard output ([`proto::event`]).
 
 use super::event::{Event, Exit, Process};
+use crate::output::log_line::LogLine;
 use crate::preflight::placement::{Placement, start_on};
 use crate::preflight::programs::Programs;
-use crate::showing::log_line::LogLine;
 use proto::device::{VISIBLE_DEVICES, device_name};
 use proto::event::LearnerEvent;
 use proto::hosts::MEETING_KEY;

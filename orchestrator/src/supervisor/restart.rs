@@ -60,18 +60,18 @@ impl RestartHistory {
     }
 
     /// The process died at `now`.
-    pub fn died(&mut self, now: Duration, policy: &RestartPolicy) -> Verdict {
+    pub fn died(&mut self, now: Duration, deadlines: &RestartPolicy) -> Verdict {
         self.deaths += 1;
         self.recent.push_back(now);
-        while self.recent.front().is_some_and(|&first| now.saturating_sub(first) > policy.window) {
+        while self.recent.front().is_some_and(|&first| now.saturating_sub(first) > deadlines.window) {
             self.recent.pop_front();
         }
-        if self.recent.len() > policy.in_window || self.deaths > policy.in_all {
+        if self.recent.len() > deadlines.in_window || self.deaths > deadlines.in_all {
             return Verdict::GiveUp { deaths: self.deaths };
         }
         let pause = match self.recent.len() {
             0 | 1 => Duration::ZERO,
-            recent => policy.first_pause.saturating_mul(1 << (recent - 2).min(16)).min(policy.longest_pause),
+            recent => deadlines.first_pause.saturating_mul(1 << (recent - 2).min(16)).min(deadlines.longest_pause),
         };
         Verdict::RestartAt(now + pause)
     }
@@ -87,12 +87,12 @@ mod tests {
 
     #[test]
     fn a_crash_loop_is_given_up_after_growing_pauses() {
-        let policy = RestartPolicy::default();
+        let deadlines = RestartPolicy::default();
         let mut history = RestartHistory::default();
         let mut now = seconds(10.0);
         let mut pauses = vec![];
         loop {
-            match history.died(now, &policy) {
+            match history.died(now, &deadlines) {
                 Verdict::RestartAt(at) => {
                     pauses.push(at.saturating_sub(now).as_millis());
                     now = at;
@@ -108,19 +108,19 @@ mod tests {
 
     #[test]
     fn slow_deaths_are_bounded_too() {
-        let policy = RestartPolicy::default();
+        let deadlines = RestartPolicy::default();
         let mut history = RestartHistory::default();
-        let restarts = (0..).map(|i| history.died(seconds(30.0 * f64::from(i)), &policy));
-        assert_eq!(restarts.take_while(|verdict| matches!(verdict, Verdict::RestartAt(_))).count(), policy.in_all);
+        let restarts = (0..).map(|i| history.died(seconds(30.0 * f64::from(i)), &deadlines));
+        assert_eq!(restarts.take_while(|verdict| matches!(verdict, Verdict::RestartAt(_))).count(), deadlines.in_all);
     }
 
     #[test]
     fn progress_forgives() {
-        let policy = RestartPolicy::default();
+        let deadlines = RestartPolicy::default();
         let mut history = RestartHistory::default();
         for i in 0..1000 {
             let now = seconds(f64::from(i));
-            assert!(matches!(history.died(now, &policy), Verdict::RestartAt(_)), "death {i}");
+            assert!(matches!(history.died(now, &deadlines), Verdict::RestartAt(_)), "death {i}");
             history.progress();
         }
     }

@@ -1,18 +1,18 @@
 //! One session: one start of the orchestrator on a run folder, from the claim on names in shared memory to the last
 //! process's end. A run's and an evaluation's alike. `run.toml` counts them as incarnations.
 
-use super::company::Company;
 use super::event::{Outcome, SessionEnd};
 use super::process::{Launch, LearnersNetwork};
+use super::remote_hosts::RemoteHosts;
 use super::shell::{Audience, Shell, Signals};
+use crate::output::format::{self, counted};
+use crate::output::terminal;
 use crate::preflight::cores;
 use crate::preflight::placement::Placement;
 use crate::preflight::tools::Tools;
 use crate::recording::recorder::{Recorder, RecorderSetup};
 use crate::run::lock::RunLock;
 use crate::run::remains;
-use crate::showing::format::{self, counted};
-use crate::showing::terminal;
 use anyhow::{Context, Result};
 use proto::config::{ActorsConfig, Config};
 use proto::hosts::Hosts;
@@ -53,7 +53,7 @@ pub struct Together {
     /// Hosts with what is divided among them.
     pub hosts: Hosts,
     /// The other hosts.
-    pub company: Company,
+    pub remote_hosts: RemoteHosts,
     /// Where the learners meet.
     pub network: LearnersNetwork,
 }
@@ -126,9 +126,9 @@ impl Session<'_> {
             first: [0, 0],
             network: together.as_ref().map(|together| together.network.clone()),
         };
-        let company = together.as_mut().map(|together| &mut together.company);
+        let remote_hosts = together.as_mut().map(|together| &mut together.remote_hosts);
         let scaled = config.evaluation.is_none().then_some((folder, incarnation));
-        let shell = Shell { config, host: &host, recorder: recorder.as_ref(), signals, company, scaled };
+        let shell = Shell { config, host: &host, recorder: recorder.as_ref(), signals, remote_hosts, scaled };
         let mut outcome = shell.supervise(launch, audience).await;
         fault::reach("orchestrator.before_recorder_finish");
         let saved = outcome.as_ref().ok().and_then(|outcome| outcome.saved.as_ref()).map(|saved| saved.frames);
@@ -137,12 +137,12 @@ impl Session<'_> {
         let lost = matches!(&outcome, Ok(Outcome { end: SessionEnd::HostLost(_), .. }));
         let patience = if lost { RECORDED_AFTER_LOSS } else { RECORDED };
         if let Some(together) = together
-            && let [first, rest @ ..] = &together.company.finish(saved, patience).await[..]
+            && let [first, rest @ ..] = &together.remote_hosts.finish(saved, patience).await[..]
         {
             for missing in rest {
                 tracing::error!("{missing}");
             }
-            if together.company.is_short()
+            if together.remote_hosts.is_short()
                 && let Ok(Outcome { end: end @ (SessionEnd::Scaled(_) | SessionEnd::Requeued), .. }) = &mut outcome
             {
                 // It was to go on, and without that host it does not.

@@ -5,15 +5,15 @@
 //! longest part being the sweep after a death.
 
 use super::clock::Clock;
-use super::company::{Company, Heard, Order, Word};
+use super::deadlines::Deadlines;
 use super::event::{Action, Event, Exit, Level, Outcome, Process, SessionEnd};
 use super::machine::Supervisor;
-use super::policy::Policy;
 use super::process::{Launch, Processes};
-use super::stage::StageSwitch;
+use super::remote_hosts::{Heard, Order, RemoteHosts, Word};
+use super::stage_machine::StageSwitch;
+use crate::output::events::tell;
 use crate::recording::recorder::Recorder;
 use crate::run::scale::ScaleRequest;
-use crate::showing::events::tell;
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::event::LearnerEvent;
@@ -136,7 +136,7 @@ pub struct Shell<'a> {
     /// Requests to stop.
     pub signals: &'a mut Signals,
     /// The other hosts, if there are some.
-    pub company: Option<&'a mut Company>,
+    pub remote_hosts: Option<&'a mut RemoteHosts>,
     /// Where another number of actors may be asked for, and of which start.
     pub scaled: Option<(&'a RunFolder, u32)>,
 }
@@ -145,7 +145,7 @@ impl Shell<'_> {
     /// Runs everything to its end.
     pub async fn supervise(self, launch: Launch, audience: &mut impl Audience) -> Result<Outcome> {
         let stages = if self.config.evaluation.is_some() { Vec::new() } else { self.config.stages.clone() };
-        let mut machine = Supervisor::new(Policy::of(self.config), stages);
+        let mut machine = Supervisor::new(Deadlines::of(self.config), stages);
         let announcer = self.host.wire().announcer()?;
         let (sender, inbox) = mpsc::channel(QUEUE);
         let mut tick = tokio::time::interval(TICK);
@@ -241,8 +241,8 @@ impl<A: Audience> Supervision<'_, A> {
             },
             Action::Announce(announcement) => {
                 fault::reach("orchestrator.before_announce");
-                if let Some(company) = &self.shell.company {
-                    company.order_all(&Order::Announce(announcement.into()));
+                if let Some(remote_hosts) = &self.shell.remote_hosts {
+                    remote_hosts.order_all(&Order::Announce(announcement.into()));
                 }
                 self.announcer.announce(announcement)?;
                 fault::reach("orchestrator.after_announce");
@@ -289,31 +289,31 @@ impl<A: Audience> Supervision<'_, A> {
         tokio::select! {
             event = self.shell.signals.next() => event,
             Some(event) = self.inbox.recv() => event,
-            (host, heard) = heard(&mut self.shell.company) => self.event_of(host, heard),
+            (host, heard) = heard(&mut self.shell.remote_hosts) => self.event_of(host, heard),
             _ = self.tick.tick() => Event::Tick,
         }
     }
 
     /// The host of a process of another host.
     fn elsewhere(&self, process: Process) -> Option<u32> {
-        self.shell.company.as_ref().map(|company| company.host_of(process)).filter(|&host| host > 0)
+        self.shell.remote_hosts.as_ref().map(|remote_hosts| remote_hosts.host_of(process)).filter(|&host| host > 0)
     }
 
     fn order(&self, host: u32, order: Order) {
-        if let Some(company) = &self.shell.company {
-            company.order(host, order);
+        if let Some(remote_hosts) = &self.shell.remote_hosts {
+            remote_hosts.order(host, order);
         }
     }
 
     /// What is heard of another host, as an event of the run.
     fn event_of(&mut self, host: u32, heard: Heard) -> Event {
-        let Some(company) = &self.shell.company else { return Event::Tick };
+        let Some(remote_hosts) = &self.shell.remote_hosts else { return Event::Tick };
         match heard {
             Heard::Lost(reason) => Event::HostLost {
-                processes: company.processes_of(host),
+                processes: remote_hosts.processes_of(host),
                 reason: match self.refusals.remove(&host) {
-                    Some(why) => format!("{} cannot go on: {why}", company.name(host)),
-                    None => format!("{} was lost: {reason}", company.name(host)),
+                    Some(why) => format!("{} cannot go on: {why}", remote_hosts.name(host)),
+                    None => format!("{} was lost: {reason}", remote_hosts.name(host)),
                 },
             },
             Heard::Said(word) => match word {
@@ -321,7 +321,7 @@ impl<A: Audience> Supervision<'_, A> {
                     Event::Exited { process, incarnation, exit, last_words }
                 }
                 Word::Learner { incarnation, event } => Event::Learner { incarnation, event },
-                Word::CannotWrite(reason) => Event::CannotWrite(format!("{}: {reason}", company.name(host))),
+                Word::CannotWrite(reason) => Event::CannotWrite(format!("{}: {reason}", remote_hosts.name(host))),
                 Word::Stop { requeue } => {
                     self.requeue |= requeue;
                     Event::Stop
@@ -407,7 +407,7 @@ impl<A: Audience> Supervision<'_, A> {
         while self.audience.is_busy() && !self.asked_to_stop {
             tokio::select! {
                 _ = self.shell.signals.next() => self.asked_to_stop = true,
-                (host, heard) = heard(&mut self.shell.company) => match self.event_of(host, heard) {
+                (host, heard) = heard(&mut self.shell.remote_hosts) => match self.event_of(host, heard) {
                     Event::Stop | Event::Interrupt => self.asked_to_stop = true,
                     Event::HostLost { reason, .. } => tracing::warn!("{reason}"),
                     _ => {}
@@ -438,9 +438,9 @@ impl<A: Audience> Supervision<'_, A> {
 }
 
 /// What is heard next of another host; nothing where there is none.
-async fn heard(company: &mut Option<&mut Company>) -> (u32, Heard) {
-    match company {
-        Some(company) => company.heard().await,
+async fn heard(remote_hosts: &mut Option<&mut RemoteHosts>) -> (u32, Heard) {
+    match remote_hosts {
+        Some(remote_hosts) => remote_hosts.heard().await,
         None => std::future::pending().await,
     }
 }

@@ -4,7 +4,7 @@
 //! summary is removed first and the configuration replaced after it. So a crash leaves the run with its old budget,
 //! which the next resume finds reached and sums up again, or with the new one.
 
-use crate::showing::{format, terminal};
+use crate::output::{format, terminal};
 use anyhow::{Context, Result};
 use proto::config::{Config, StageConfig};
 use proto::disk::sync_folder;

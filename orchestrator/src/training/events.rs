@@ -3,8 +3,8 @@
 use super::means::recent;
 use super::scores::Score;
 use super::summary::Summary;
+use crate::output::events::tell;
 use crate::run::identity::Identity;
-use crate::showing::events::tell;
 use crate::supervisor::event::SessionEnd;
 use proto::config::{Config, StageConfig};
 use proto::event::LearnerEvent;

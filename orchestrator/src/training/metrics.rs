@@ -5,9 +5,9 @@
 //! it, so whenever a learner begins, the file is made to say what its checkpoint says: missing lines are added, and
 //! those behind it removed, because these rollouts are trained again.
 
+use crate::output::format::counted;
 use crate::run::checkpoints::newest_readable;
 use crate::run::json_lines::{Writer, is_content};
-use crate::showing::format::counted;
 use anyhow::{Context, Result};
 use proto::bounded::FIGURES_BYTES_MOST;
 use proto::checkpoint::Manifest;

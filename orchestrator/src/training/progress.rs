@@ -3,8 +3,8 @@
 //! No crate for progress bars: theirs count to a total, these lines show stages, shares of time and metrics.
 
 use super::means::{EpisodeMeans, Recent, recent};
-use crate::showing::format;
-use crate::showing::terminal::Live;
+use crate::output::format;
+use crate::output::terminal::Live;
 use proto::config::{Config, StageConfig};
 use proto::event::LearnerEvent;
 use proto::stage::position_at;

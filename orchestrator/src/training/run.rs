@@ -2,17 +2,17 @@
 
 use super::audience::TrainingAudience;
 use crate::hosts::rendezvous::{Incomplete, Rendezvous};
+use crate::output::events::are_told;
+use crate::output::format;
+use crate::output::terminal;
 use crate::preflight::all::demand_all;
 use crate::preflight::tools::Tools;
 use crate::run::checkpoints::newest_readable;
-use crate::run::identity::{Ended, Identity, Shape, unix_now};
+use crate::run::identity::{Ended, Identity, ProcessCounts, unix_now};
 use crate::run::lock::RunLock;
 use crate::run::scale::with_actors;
-use crate::showing::events::are_told;
-use crate::showing::format;
-use crate::showing::terminal;
-use crate::supervisor::company::Order;
 use crate::supervisor::event::{Outcome, Saved, SessionEnd};
+use crate::supervisor::remote_hosts::Order;
 use crate::supervisor::session::{EXIT_INTERRUPTED, Session, Together, begin_log, part_of, shape};
 use crate::supervisor::shell::Signals;
 use crate::training::metrics::read_history;
@@ -119,7 +119,7 @@ impl TrainingRun {
             Ok((Outcome { end: SessionEnd::Scaled(actors), saved }, Ok(()), _, together)) => {
                 let before = self.scale(actors, saved)?;
                 if let Some(together) = together {
-                    together.company.order_all(&Order::Again);
+                    together.remote_hosts.order_all(&Order::Again);
                 }
                 Ok(Next::Start(before))
             }
@@ -136,7 +136,7 @@ impl TrainingRun {
                     }
                 };
                 if let Some(together) = together {
-                    together.company.order_all(&Order::Dismiss { status, text });
+                    together.remote_hosts.order_all(&Order::Dismiss { status, text });
                 }
                 reported.map(Next::End)
             }
@@ -165,12 +165,12 @@ impl TrainingRun {
     }
 
     /// The processes of the start that begins.
-    fn shape(&self) -> Result<Shape> {
+    fn shape(&self) -> Result<ProcessCounts> {
         let (newest, _) = newest_readable(&self.folder)?;
         let (rollout, frames) = newest.map_or((0, 0), |manifest| (manifest.rollout, manifest.frames));
         let hosts = self.hosts();
         let (learners, actors) = (self.config.learner.count, self.config.actors.count);
-        Ok(Shape { hosts, learners, actors, rollout, frames })
+        Ok(ProcessCounts { hosts, learners, actors, rollout, frames })
     }
 
     /// Notes the end of a start that is followed by one with another number of actors. Where this machine cannot have so

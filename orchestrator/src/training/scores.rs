@@ -3,8 +3,8 @@
 //! Each evaluation's result file lies in `RUN/validation/rollout-K/result/`, so a line that is missing or damaged is
 //! made from it.
 
+use crate::output::format::counted;
 use crate::run::json_lines;
-use crate::showing::format::counted;
 use crate::training::means::known;
 use crate::training::metrics::left_out;
 use anyhow::{Context, Result};

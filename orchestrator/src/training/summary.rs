@@ -1,10 +1,10 @@
 //! The end of a run: `summary.json` and what is printed. Its last two lines are for scripts: `weights: ` and 64 hex
 //! digits, `frames: ` and a count; a run that failed has neither.
 
+use crate::output::format;
 use crate::recording::files_at;
 use crate::run::damaged::damaged;
 use crate::run::identity::Identity;
-use crate::showing::format;
 use crate::supervisor::event::SessionEnd;
 use crate::training::means::{StageMeans, by_stage};
 use crate::training::next_steps;

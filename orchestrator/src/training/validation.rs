@@ -10,6 +10,7 @@
 //! otherwise: its checkpoint stays pinned, and the summary names it ([`Validation::missing`]). So the lines, and which
 //! checkpoint is the best, do not depend on what was killed.
 
+use crate::output::format;
 use crate::process_end::wait_for_child;
 use crate::recording::recorder::Recorder;
 use crate::recording::schema::stillroom;
@@ -17,7 +18,6 @@ use crate::run::checkpoints::read_manifest;
 use crate::run::cut_off::remove_evaluation;
 use crate::run::json_lines::{Writer, set_content};
 use crate::run::lifeline::this_program;
-use crate::showing::format;
 use crate::training::events;
 use crate::training::next_steps;
 use crate::training::scores::{Score, Scores, best, read_result, result_folder};

@@ -5,8 +5,8 @@
 //! `metrics.jsonl`. The next start may remove that line, so it notes the time in `run.toml` first. Where an older version
 //! noted no length, the clock of the day counts.
 
+use crate::output::format;
 use crate::run::identity::{Identity, Incarnation, Moment, Sign, unix_now};
-use crate::showing::format;
 use proto::trained::History;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -32,7 +32,7 @@ pub use setting::{Setting, SettingError, check_settings};
 
 use crate::evaluation::{EvaluationConfig, ObjectSet, Plan};
 use crate::kitchen::Kitchens;
-use crate::rota::Rota;
+use crate::kitchen_schedule::KitchenSchedule;
 use crate::shares::Shares;
 use crate::task::Reward;
 use serde::{Deserialize, Serialize};
@@ -459,11 +459,13 @@ impl Config {
     }
 
     /// Which kitchen every environment plays each of its episodes in.
-    pub fn rota(&self) -> Rota {
+    pub fn kitchen_schedule(&self) -> KitchenSchedule {
         match (self.kitchens(), self.evaluation_plan()) {
-            (Kitchens::Procedural(_), Some(plan)) => Rota::planned(plan),
-            (Kitchens::Procedural(range), None) => Rota::drawn(self.seed, range, self.kitchens.episodes_each),
-            (Kitchens::Split(_) | Kitchens::One(_) | Kitchens::Scenes(_), _) => Rota::settled(),
+            (Kitchens::Procedural(_), Some(plan)) => KitchenSchedule::planned(plan),
+            (Kitchens::Procedural(range), None) => {
+                KitchenSchedule::drawn(self.seed, range, self.kitchens.episodes_each)
+            }
+            (Kitchens::Split(_) | Kitchens::One(_) | Kitchens::Scenes(_), _) => KitchenSchedule::settled(),
         }
     }
 

@@ -10,15 +10,16 @@
 mod asked;
 mod confusion;
 mod distribution;
+mod episode_table;
 mod figures;
 mod plan;
 mod record;
 mod result;
-mod table;
 
 pub use asked::{EvaluationConfig, ObjectSet};
 pub use confusion::Confusion;
 pub use distribution::{Distribution, describe};
+pub use episode_table::{has_targets, read_table, read_table_from, write_table};
 pub use figures::{CurvePoint, Figures};
 pub use plan::{EPISODES_PER_KITCHEN, Plan, category_of};
 pub use record::EpisodeRecord;
@@ -26,4 +27,3 @@ pub use result::{
     ActionCounts, CategoryFigures, Conditions, Cost, Evaluation, KitchenFigures, ObjectSetFigures, RESULT_FILE,
     ResultError, Subject, TABLE_FILE,
 };
-pub use table::{has_targets, read_table, read_table_from, write_table};

@@ -10,9 +10,9 @@
 //! is killed asleep leaves its word marked, and a ring for it wakes nobody.
 
 use crate::address::WireAddress;
+use crate::dimensions::WireShape;
 use crate::error::WireError;
-use crate::shape::WireShape;
-use crate::shm::Words;
+use crate::shm::SharedWords;
 use rustix::io::Errno;
 use rustix::thread::futex::{self, Flags, Timespec};
 use std::cell::Cell;
@@ -45,7 +45,7 @@ pub enum Sleeper {
 /// The words of an incarnation, from which bells and wakeups are made.
 #[derive(Clone)]
 pub struct Bells {
-    words: Arc<Words>,
+    words: Arc<SharedWords>,
     shape: WireShape,
 }
 
@@ -59,12 +59,12 @@ impl Bells {
     /// Makes the file: the orchestrator's part.
     pub(crate) fn create(address: &WireAddress, shape: WireShape) -> Result<(), WireError> {
         let path = address.bells();
-        Words::create(&path, places(shape) * STRIDE).map_err(|cause| failed(address, cause))
+        SharedWords::create(&path, places(shape) * STRIDE).map_err(|cause| failed(address, cause))
     }
 
     /// Those of an orchestrator incarnation.
     pub fn open(address: &WireAddress, shape: WireShape) -> Result<Self, WireError> {
-        let words = Words::open(&address.bells(), places(shape) * STRIDE, true);
+        let words = SharedWords::open(&address.bells(), places(shape) * STRIDE, true);
         Ok(Self { words: Arc::new(words.map_err(|cause| failed(address, cause))?), shape })
     }
 
@@ -118,7 +118,7 @@ fn has_reached(word: u32, target: u32) -> bool {
 /// Wakes one or several processes. Any thread may ring.
 #[derive(Clone)]
 pub struct Bell {
-    words: Arc<Words>,
+    words: Arc<SharedWords>,
     places: Vec<usize>,
 }
 
@@ -160,7 +160,7 @@ impl Bell {
 
 /// Where a process sleeps until a bell of its own rings. One thread of it does.
 pub struct Wakeup {
-    words: Arc<Words>,
+    words: Arc<SharedWords>,
     place: usize,
     seen: Cell<Seen>,
 }

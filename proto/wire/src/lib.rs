@@ -49,6 +49,7 @@ mod address;
 mod announcer;
 mod bells;
 pub mod descriptors;
+mod dimensions;
 mod error;
 mod ffi;
 pub mod lifeline;
@@ -57,7 +58,6 @@ pub mod message;
 pub mod processor;
 mod receipts;
 mod services;
-mod shape;
 mod shm;
 mod sweeper;
 pub mod version;
@@ -65,6 +65,7 @@ pub mod version;
 pub use address::{PREFIX_MARK, SHARED_MEMORY, WireAddress, is_run_id, temporary_folder};
 pub use announcer::Announcer;
 pub use bells::{Bell, Bells, Sleeper, Wakeup};
+pub use dimensions::WireShape;
 pub use error::WireError;
 pub use ffi::give_memory_back;
 pub use proto::fault;
@@ -73,4 +74,3 @@ pub use services::{
     ActionPublisher, ActionSubscriber, Ipc, ObservationPublisher, ObservationReaders, ObservationSubscriber,
     RestorePublisher, RestoreSubscriber, StageSubscriber, UpdateConnections, Wire, WireHost,
 };
-pub use shape::WireShape;

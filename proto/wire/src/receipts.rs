@@ -11,7 +11,7 @@
 
 use crate::address::WireAddress;
 use crate::error::WireError;
-use crate::shm::Words;
+use crate::shm::SharedWords;
 use rustix::time::{ClockId, clock_gettime};
 use std::fmt::Debug;
 use std::time::{Duration, Instant};
@@ -113,20 +113,21 @@ fn now_ms() -> u64 {
     now.tv_sec as u64 * 1000 + now.tv_nsec as u64 / 1_000_000
 }
 
-fn map(address: &WireAddress, actors: u32, writable: bool) -> Result<Words, WireError> {
+fn map(address: &WireAddress, actors: u32, writable: bool) -> Result<SharedWords, WireError> {
     let path = address.receipts();
-    Words::open(&path, words(actors), writable)
+    SharedWords::open(&path, words(actors), writable)
         .map_err(|cause| WireError::Receipts { path: path.display().to_string(), cause })
 }
 
 /// Makes the file: the orchestrator's part.
 pub(crate) fn create(address: &WireAddress, actors: u32) -> Result<(), WireError> {
     let path = address.receipts();
-    Words::create(&path, words(actors)).map_err(|cause| WireError::Receipts { path: path.display().to_string(), cause })
+    SharedWords::create(&path, words(actors))
+        .map_err(|cause| WireError::Receipts { path: path.display().to_string(), cause })
 }
 
 /// What learners and actors read.
-pub struct Receipts(Words);
+pub struct Receipts(SharedWords);
 
 impl Debug for Receipts {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -172,7 +173,7 @@ impl Receipts {
 }
 
 /// What the recorder writes.
-pub struct ReceiptBook(Words);
+pub struct ReceiptBook(SharedWords);
 
 impl Debug for ReceiptBook {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -273,7 +274,7 @@ mod tests {
     fn a_reader_cannot_write() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("words");
-        Words::create(&path, 1).unwrap();
-        Words::open(&path, 1, false).unwrap().store(0, 1);
+        SharedWords::create(&path, 1).unwrap();
+        SharedWords::open(&path, 1, false).unwrap().store(0, 1);
     }
 }

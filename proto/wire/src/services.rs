@@ -18,10 +18,10 @@
 
 use crate::address::WireAddress;
 use crate::bells::{Bell, Bells, Sleeper};
+use crate::dimensions::WireShape;
 use crate::error::WireError;
 use crate::message::{ActionHeader, EnvironmentState, Line, ObservationHeader, RestoreHeader, StageAnnouncement};
 use crate::receipts;
-use crate::shape::WireShape;
 use crate::sweeper::Sweeper;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;

@@ -10,7 +10,7 @@ use std::ptr::NonNull;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
 /// A mapped file of words.
-pub struct Words {
+pub struct SharedWords {
     start: NonNull<AtomicU64>,
     count: usize,
     writable: bool,
@@ -18,11 +18,11 @@ pub struct Words {
 
 // SAFETY: the mapping belongs to the process, not to a thread, and lives as long as this; all use it through atomics
 // only.
-unsafe impl Send for Words {}
+unsafe impl Send for SharedWords {}
 // SAFETY: as above.
-unsafe impl Sync for Words {}
+unsafe impl Sync for SharedWords {}
 
-impl Words {
+impl SharedWords {
     /// Makes the file, all zero, for this user alone. It is written, not only made long: a full disk is an error here,
     /// and not a fatal signal at a first store.
     pub fn create(path: &Path, count: usize) -> Result<()> {
@@ -87,7 +87,7 @@ impl Words {
     }
 }
 
-impl Drop for Words {
+impl Drop for SharedWords {
     fn drop(&mut self) {
         // SAFETY: exactly the mapping that `open` made; no reference into it outlives self.
         let _ = unsafe { rustix::mm::munmap(self.start.as_ptr().cast(), self.count * size_of::<u64>()) };

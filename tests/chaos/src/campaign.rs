@@ -1,11 +1,11 @@
 //! Cases one after another, until as many faults have happened as are wanted, each compared with an undisturbed run of
 //! its configuration.
 
+use crate::case_folder::{CaseFolder, Medium};
 use crate::evaluation::{self, Evaluated};
 use crate::fault::{Case, Fate, Fault};
-use crate::place::{Medium, Place};
 use crate::privileges::Privileges;
-use crate::shape::{Kind, SHAPES, Shape};
+use crate::run_kind::{Kind, RUN_KINDS, RunKind};
 use crate::suite::{self, Done};
 use crate::tally::Tally;
 use crate::training::{self, Complete};
@@ -61,7 +61,7 @@ enum Reference {
     Suite(Done),
 }
 
-struct Desk {
+struct Queue {
     next: u32,
     tally: Tally,
     passed: u64,
@@ -75,9 +75,9 @@ struct Work<'a> {
     root: PathBuf,
     privileges: Privileges,
     begun: Instant,
-    /// By the place of the shape among [`SHAPES`]: made when it is first needed.
+    /// By the place of the shape among [`RUN_KINDS`]: made when it is first needed.
     references: Vec<OnceLock<Result<Reference, String>>>,
-    desk: Mutex<Desk>,
+    queue: Mutex<Queue>,
 }
 
 impl Campaign {
@@ -100,8 +100,8 @@ impl Campaign {
             root: temporary.path().to_path_buf(),
             privileges: Privileges::probe(),
             begun: Instant::now(),
-            references: SHAPES.iter().map(|_| OnceLock::new()).collect(),
-            desk: Mutex::new(Desk {
+            references: RUN_KINDS.iter().map(|_| OnceLock::new()).collect(),
+            queue: Mutex::new(Queue {
                 next: self.first,
                 tally: Tally::default(),
                 passed: 0,
@@ -121,7 +121,7 @@ impl Campaign {
             }
         });
         let all_is_well = work.report();
-        let is_kept = self.case.is_some() || !work.desk().failed.is_empty();
+        let is_kept = self.case.is_some() || !work.queue().failed.is_empty();
         if is_kept {
             println!("files: {}", temporary.keep().display());
         }
@@ -148,9 +148,9 @@ fn describe(case: &Case) {
 }
 
 impl Work<'_> {
-    fn desk(&self) -> std::sync::MutexGuard<'_, Desk> {
+    fn queue(&self) -> std::sync::MutexGuard<'_, Queue> {
         // What is counted stays right whoever panics.
-        self.desk.lock().unwrap_or_else(PoisonError::into_inner)
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// One case after another.
@@ -161,20 +161,20 @@ impl Work<'_> {
             let mut tally = Tally::default();
             let outcome = self.case(&case, &mut tally);
             let seconds = begun.elapsed().as_secs_f64();
-            let mut desk = self.desk();
-            desk.tally.absorb(&tally);
-            let so_far = desk.tally.total(Fate::Landed);
+            let mut queue = self.queue();
+            queue.tally.absorb(&tally);
+            let so_far = queue.tally.total(Fate::Landed);
             let happened = tally.total(Fate::Landed);
             match outcome {
                 Ok(starts) => {
-                    desk.passed += 1;
+                    queue.passed += 1;
                     println!(
                         "case {number:4}  good    {:32} {happened} faults, {starts} starts, {seconds:.1} s ({so_far} so far)",
                         case.shape.name
                     );
                 }
                 Err(error) => {
-                    desk.failed.push(number);
+                    queue.failed.push(number);
                     println!("case {number:4}  FAILED  {:32} {happened} faults, {seconds:.1} s", case.shape.name);
                     for planned in &case.faults {
                         println!("           {planned}");
@@ -189,19 +189,19 @@ impl Work<'_> {
 
     /// The number of the next case; none if enough has happened.
     fn take(&self) -> Option<u32> {
-        let mut desk = self.desk();
+        let mut queue = self.queue();
         if let Some(only) = self.campaign.case {
-            return (std::mem::replace(&mut desk.next, u32::MAX) != u32::MAX).then_some(only);
+            return (std::mem::replace(&mut queue.next, u32::MAX) != u32::MAX).then_some(only);
         }
-        let over = desk.broken
+        let over = queue.broken
             || self.begun.elapsed() >= Duration::from_mins(self.campaign.minutes)
-            || desk.tally.total(Fate::Landed) >= self.campaign.faults
-            || desk.failed.len() >= FAILURES_MAX;
+            || queue.tally.total(Fate::Landed) >= self.campaign.faults
+            || queue.failed.len() >= FAILURES_MAX;
         if over {
             return None;
         }
-        let number = (desk.next..u32::MAX).find(|&number| self.campaign.is_wanted(number))?;
-        desk.next = number + 1;
+        let number = (queue.next..u32::MAX).find(|&number| self.campaign.is_wanted(number))?;
+        queue.next = number + 1;
         Some(number)
     }
 
@@ -223,7 +223,7 @@ impl Work<'_> {
         };
         let own_memory = has(|fault| matches!(fault, Fault::FullMemory(_)));
         let reference = self.reference(case.shape)?;
-        let place = Place::new(self.folder(case.number), medium, own_memory)?;
+        let place = CaseFolder::new(self.folder(case.number), medium, own_memory)?;
         let outcome = match play(case, &place, self.privileges, tally) {
             Ok(outcome) => compare(case.shape, &outcome, reference),
             Err(error) => Err(error),
@@ -240,12 +240,12 @@ impl Work<'_> {
         }
     }
 
-    fn reference(&self, shape: Shape) -> Result<&Reference> {
-        let index = SHAPES.iter().position(|(_, one)| *one == shape).context("a shape of the list")?;
+    fn reference(&self, shape: RunKind) -> Result<&Reference> {
+        let index = RUN_KINDS.iter().position(|(_, one)| *one == shape).context("a shape of the list")?;
         let made = self.references[index].get_or_init(|| {
             let undisturbed = Case { number: 0, shape, faults: vec![] };
             let make = || {
-                let place = Place::new(self.root.join(format!("reference-{index}")), Medium::Shared, false)?;
+                let place = CaseFolder::new(self.root.join(format!("reference-{index}")), Medium::Shared, false)?;
                 let outcome = play(&undisturbed, &place, self.privileges, &mut Tally::default())?;
                 place.remove()?;
                 Ok::<_, anyhow::Error>(outcome)
@@ -254,35 +254,35 @@ impl Work<'_> {
         });
         made.as_ref().map_err(|error| {
             // Nothing can be compared.
-            self.desk().broken = true;
+            self.queue().broken = true;
             anyhow!("undisturbed: {error}")
         })
     }
 
     fn report(&self) -> bool {
-        let desk = self.desk();
-        for line in desk.tally.lines() {
+        let queue = self.queue();
+        for line in queue.tally.lines() {
             println!("{line}");
         }
-        let happened = desk.tally.total(Fate::Landed);
+        let happened = queue.tally.total(Fate::Landed);
         let minutes = self.begun.elapsed().as_secs_f64() / 60.0;
         println!(
             "{happened} faults in {} runs in {minutes:.1} minutes, seed {}: {} as undisturbed, {} not {:?}",
-            desk.passed + desk.failed.len() as u64,
+            queue.passed + queue.failed.len() as u64,
             self.campaign.seed,
-            desk.passed,
-            desk.failed.len(),
-            desk.failed
+            queue.passed,
+            queue.failed.len(),
+            queue.failed
         );
         let enough = self.campaign.case.is_some() || happened >= self.campaign.faults;
-        if !enough && desk.failed.len() < FAILURES_MAX {
+        if !enough && queue.failed.len() < FAILURES_MAX {
             println!("only {happened} of {} faults in {} minutes", self.campaign.faults, self.campaign.minutes);
         }
-        desk.failed.is_empty() && enough
+        queue.failed.is_empty() && enough
     }
 }
 
-fn play(case: &Case, place: &Place, privileges: Privileges, tally: &mut Tally) -> Result<Reference> {
+fn play(case: &Case, place: &CaseFolder, privileges: Privileges, tally: &mut Tally) -> Result<Reference> {
     Ok(match case.shape.kind {
         Kind::Training => Reference::Training(Box::new(training::train(case, place, privileges, tally)?)),
         Kind::Evaluation => Reference::Evaluation(evaluation::evaluate(case, place, privileges, tally)?),
@@ -291,7 +291,7 @@ fn play(case: &Case, place: &Place, privileges: Privileges, tally: &mut Tally) -
 }
 
 /// Starts that a case took; an error with all that differs.
-fn compare(shape: Shape, outcome: &Reference, reference: &Reference) -> Result<usize> {
+fn compare(shape: RunKind, outcome: &Reference, reference: &Reference) -> Result<usize> {
     let (differences, starts) = match (outcome, reference) {
         (Reference::Training(ours), Reference::Training(theirs)) => (trained(shape, ours, theirs), ours.starts),
         (Reference::Evaluation(ours), Reference::Evaluation(theirs)) => (ours.differences(theirs), ours.starts),
@@ -302,7 +302,7 @@ fn compare(shape: Shape, outcome: &Reference, reference: &Reference) -> Result<u
     Ok(starts)
 }
 
-fn trained(shape: Shape, ours: &Complete, theirs: &Complete) -> Vec<String> {
+fn trained(shape: RunKind, ours: &Complete, theirs: &Complete) -> Vec<String> {
     let mut found = vec![];
     if !ours.unsaid.is_empty() {
         found.push(format!("damaged, and no start said so: {:?}", ours.unsaid));

@@ -1,11 +1,11 @@
 //! An evaluation, disturbed: its table and its figures are those of an undisturbed one. One whose orchestrator dies is
 //! made again, in another folder.
 
+use crate::case_folder::{CaseFolder, Start};
 use crate::evidence::{first_difference, result};
 use crate::fault::{Case, Fate, Phase};
 use crate::inject::disturb_by_time;
 use crate::judge::explain;
-use crate::place::{Place, Start};
 use crate::privileges::Privileges;
 use crate::session::{Session, wait_for_end};
 use crate::tally::Tally;
@@ -42,7 +42,7 @@ impl Evaluated {
 }
 
 /// Evaluates until there is a result.
-pub fn evaluate(case: &Case, place: &Place, privileges: Privileges, tally: &mut Tally) -> Result<Evaluated> {
+pub fn evaluate(case: &Case, place: &CaseFolder, privileges: Privileges, tally: &mut Tally) -> Result<Evaluated> {
     std::fs::write(place.path("config.toml"), case.shape.config())?;
     let mut plan: VecDeque<_> = case.faults.iter().copied().collect();
     for starts in 1..=STARTS_MAX {

@@ -3,7 +3,7 @@
 use crate::draw::Draw;
 use crate::points::{CREATION, EVALUATION, Point, SUITE, TRAINING, VALIDATION};
 use crate::privileges::Privileges;
-use crate::shape::{Kind, SHAPES, Shape};
+use crate::run_kind::{Kind, RUN_KINDS, RunKind};
 use std::fmt::{Display, Formatter};
 
 /// As many open files as every shape has room with.
@@ -122,7 +122,7 @@ pub struct Case {
     /// Its number under the seed.
     pub number: u32,
     /// What is disturbed.
-    pub shape: Shape,
+    pub shape: RunKind,
     /// By what, in order.
     pub faults: Vec<Planned>,
 }
@@ -181,14 +181,14 @@ impl Fault {
     }
 }
 
-fn anyone(shape: &Shape, draw: &mut Draw) -> Who {
+fn anyone(shape: &RunKind, draw: &mut Draw) -> Who {
     let learner = Who::Learner(draw.within(0..=u64::from(shape.learners) - 1) as u32);
     let actor = Who::Actor(draw.within(0..=u64::from(shape.actors) - 1) as u32);
     let child = if shape.validates || shape.kind == Kind::Suite { 2 } else { 0 };
     draw.weighed(&[(2, Who::Orchestrator), (2, learner), (3, actor), (child, Who::Child)])
 }
 
-fn other_than(one: Who, shape: &Shape, draw: &mut Draw) -> Who {
+fn other_than(one: Who, shape: &RunKind, draw: &mut Draw) -> Who {
     loop {
         let other = anyone(shape, draw);
         if other != one {
@@ -197,7 +197,7 @@ fn other_than(one: Who, shape: &Shape, draw: &mut Draw) -> Who {
     }
 }
 
-fn fault(shape: &Shape, is_first: bool, draw: &mut Draw) -> Fault {
+fn fault(shape: &RunKind, is_first: bool, draw: &mut Draw) -> Fault {
     let training = shape.kind == Kind::Training;
     let who = anyone(shape, draw);
     let two = Fault::KillTwo(who, other_than(who, shape, draw));
@@ -247,7 +247,7 @@ impl Case {
     /// The case of this number under this seed.
     pub fn draw(seed: u64, number: u32) -> Self {
         let mut draw = Draw::new(seed, number);
-        let shape = draw.weighed(SHAPES);
+        let shape = draw.weighed(RUN_KINDS);
         let count = draw.within(2..=5);
         // The end is left alone: what comes after it does not happen.
         let latest = shape.rollouts().saturating_sub(3);
@@ -323,7 +323,7 @@ mod tests {
     fn all_shapes_and_classes_are_drawn() {
         let cases: Vec<Case> = (0..400).map(|number| Case::draw(1, number)).collect();
         let shapes: BTreeSet<_> = cases.iter().map(|case| case.shape.name).collect();
-        assert_eq!(shapes.len(), SHAPES.len());
+        assert_eq!(shapes.len(), RUN_KINDS.len());
         let classes: BTreeSet<_> =
             cases.iter().flat_map(|case| &case.faults).map(|planned| planned.fault.class()).collect();
         assert_eq!(classes.len(), 20, "{classes:?}");

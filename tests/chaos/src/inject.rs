@@ -1,7 +1,7 @@
 //! Faults, carried out: those that happen to processes that run, and those that happen to files in between.
 
+use crate::case_folder::CaseFolder;
 use crate::fault::{Damage, Fate, Fault, Journal, Phase, Planned, Who};
-use crate::place::Place;
 use crate::privileges::Privileges;
 use crate::processes::{find, of_folder, signal};
 use crate::session::{Session, wait_for_end};
@@ -25,7 +25,7 @@ const METRICS: &str = "metrics.jsonl";
 pub fn disturb_by_time(
     plan: &mut VecDeque<Planned>,
     folder: &Path,
-    place: &Place,
+    place: &CaseFolder,
     privileges: Privileges,
     session: &mut Session<'_>,
 ) -> Result<Vec<(Fault, Fate)>> {
@@ -49,7 +49,7 @@ pub fn disturb_by_time(
 }
 
 /// Lets a fault happen to what runs under `folder`, of which `session` is the first command.
-pub fn carry_out(fault: Fault, folder: &Path, place: &Place, session: &mut Session<'_>) -> Result<Fate> {
+pub fn carry_out(fault: Fault, folder: &Path, place: &CaseFolder, session: &mut Session<'_>) -> Result<Fate> {
     let first = session.pid();
     let find = |who| find(who, folder, first);
     let hit = |who, how| find(who).is_some_and(|pid| signal(pid, how));

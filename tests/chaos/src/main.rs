@@ -15,6 +15,7 @@
 //! ```
 
 mod campaign;
+mod case_folder;
 mod disk;
 mod draw;
 mod evaluation;
@@ -23,13 +24,12 @@ mod fault;
 mod inject;
 mod judge;
 mod leftovers;
-mod place;
 mod points;
 mod privileges;
 mod processes;
 mod recording;
+mod run_kind;
 mod session;
-mod shape;
 mod slope;
 mod soak;
 mod suite;

@@ -1,7 +1,7 @@
 //! One start of a command, watched until it ends.
 
+use crate::case_folder::{CaseFolder, Start};
 use crate::fault::Fault;
-use crate::place::{Place, Start};
 use crate::processes;
 use anyhow::{Result, bail};
 use rustix::process::Signal;
@@ -19,7 +19,7 @@ const ORPHANS_LEAVE: Duration = Duration::from_mins(1);
 pub struct Session<'a> {
     /// What its output is called.
     pub name: String,
-    place: &'a Place,
+    place: &'a CaseFolder,
     child: Child,
     begun: Instant,
     status: Option<ExitStatus>,
@@ -79,7 +79,7 @@ impl Ended {
 
 impl<'a> Session<'a> {
     /// Starts `orchestrator ARGUMENTS`.
-    pub fn start(place: &'a Place, name: String, arguments: &[&str], start: &Start) -> Result<Self> {
+    pub fn start(place: &'a CaseFolder, name: String, arguments: &[&str], start: &Start) -> Result<Self> {
         let child = place.start(&name, arguments, start)?;
         Ok(Self { name, place, child, begun: Instant::now(), status: None, deadline: DEADLINE })
     }

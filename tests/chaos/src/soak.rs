@@ -3,10 +3,10 @@
 //! A slope is the least-squares line through the samples of a process's life, pooled over all lives of processes of the
 //! same name: a restart moves the level and not the slope. The first minute of a life is left out.
 
+use crate::case_folder::{CaseFolder, Medium, Start};
 use crate::draw::Draw;
 use crate::fault::Who;
 use crate::leftovers;
-use crate::place::{Medium, Place, Start};
 use crate::processes::{find, of_folder, signal};
 use crate::recording::steps_that_count;
 use crate::session::{Session, wait_for_end};
@@ -61,7 +61,7 @@ struct Life {
 
 struct Watch<'a> {
     soak: &'a Soak,
-    place: &'a Place,
+    place: &'a CaseFolder,
     folder: RunFolder,
     draw: Draw,
     begun: Instant,
@@ -77,7 +77,7 @@ impl Soak {
     /// Runs it; whether all is as it should be.
     pub fn run(&self) -> Result<bool> {
         let temporary = tempfile::Builder::new().prefix("soak-").tempdir().context("a temporary folder")?;
-        let place = Place::new(temporary.path().join("soak"), Medium::Shared, false)?;
+        let place = CaseFolder::new(temporary.path().join("soak"), Medium::Shared, false)?;
         let now = Instant::now();
         let mut watch = Watch {
             soak: self,

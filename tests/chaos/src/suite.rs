@@ -1,10 +1,10 @@
 //! A suite, disturbed: called until all is done, its weights and tables are those of an undisturbed one.
 
+use crate::case_folder::{CaseFolder, Start};
 use crate::evidence::{first_difference, result};
 use crate::fault::{Case, Fate, Fault, Phase};
 use crate::inject::disturb_by_time;
 use crate::judge::explain;
-use crate::place::{Place, Start};
 use crate::privileges::Privileges;
 use crate::session::{Session, wait_for_end};
 use crate::tally::Tally;
@@ -49,7 +49,7 @@ impl Done {
 }
 
 /// Calls the suite until all is done.
-pub fn complete(case: &Case, place: &Place, privileges: Privileges, tally: &mut Tally) -> Result<Done> {
+pub fn complete(case: &Case, place: &CaseFolder, privileges: Privileges, tally: &mut Tally) -> Result<Done> {
     std::fs::write(place.path("suite.toml"), case.shape.suite())?;
     let folder = place.path("suite");
     let out = folder.display().to_string();

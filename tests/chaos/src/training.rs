@@ -1,15 +1,15 @@
 //! A run that trains: started, disturbed, resumed until it is complete.
 
+use crate::case_folder::{CaseFolder, Start};
 use crate::evidence::Evidence;
 use crate::fault::{Case, Fate, Fault, Phase, Planned};
 use crate::inject::{carry_out, damage};
 use crate::judge::explain;
 use crate::leftovers;
-use crate::place::{Place, Start};
 use crate::privileges::Privileges;
 use crate::processes::signal;
+use crate::run_kind::RunKind;
 use crate::session::{Ended, Session, wait_for_end};
-use crate::shape::Shape;
 use crate::tally::Tally;
 use anyhow::{Result, ensure};
 use proto::exit::EXIT_INCOMPLETE;
@@ -39,8 +39,8 @@ pub struct Complete {
 }
 
 struct Training<'a> {
-    shape: Shape,
-    place: &'a Place,
+    shape: RunKind,
+    place: &'a CaseFolder,
     folder: RunFolder,
     plan: VecDeque<Planned>,
     privileges: Privileges,
@@ -56,7 +56,7 @@ struct Training<'a> {
 }
 
 /// Runs a case to its end and reads what it left. What happened on the way is counted in `tally`.
-pub fn train(case: &Case, place: &Place, privileges: Privileges, tally: &mut Tally) -> Result<Complete> {
+pub fn train(case: &Case, place: &CaseFolder, privileges: Privileges, tally: &mut Tally) -> Result<Complete> {
     let shape = case.shape;
     std::fs::write(place.path("config.toml"), shape.config())?;
     if let Some(disk) = place.disk() {
@@ -96,7 +96,7 @@ pub fn train(case: &Case, place: &Place, privileges: Privileges, tally: &mut Tal
 }
 
 /// Repairs the recordings, as one does after a power failure: the end of one that was open may be damaged.
-fn recover(place: &Place, folder: &RunFolder) -> Result<()> {
+fn recover(place: &CaseFolder, folder: &RunFolder) -> Result<()> {
     let mut recordings: Vec<_> = std::fs::read_dir(folder.recordings())?.flatten().map(|entry| entry.path()).collect();
     recordings.sort_unstable();
     for (number, path) in recordings.iter().enumerate() {
@@ -114,7 +114,7 @@ fn recover(place: &Place, folder: &RunFolder) -> Result<()> {
 }
 
 /// Simulates the recordings again; what was printed.
-fn replay(place: &Place, folder: &Path) -> Result<String> {
+fn replay(place: &CaseFolder, folder: &Path) -> Result<String> {
     let path = folder.display().to_string();
     let ended = Session::start(place, "replay".to_owned(), &["replay", &path], &Start::default())?.wait()?;
     // What a power failure took from the end of a recording is told again; the steps were made again.
@@ -181,7 +181,7 @@ impl Training<'_> {
         if self.folder.identity().exists() {
             return vec!["resume".to_owned(), folder];
         }
-        let Shape { actors, environments, learners, frames, .. } = self.shape;
+        let RunKind { actors, environments, learners, frames, .. } = self.shape;
         let words = "up --preset demo --config config.toml --seed 5 --run";
         let mut arguments: Vec<String> = words.split(' ').map(str::to_owned).collect();
         arguments.push(folder);

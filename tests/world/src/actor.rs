@@ -84,7 +84,7 @@ impl Actor {
     fn look(&mut self, world: &mut World) -> Next {
         let Some(Ports { actions, .. }) = self.ports else { return Next::After(1) };
         if self.protocol.is_strange() {
-            self.protocol.on_met(world.desks[self.session].met.get(&self.number).copied().unwrap_or(0));
+            self.protocol.on_met(world.shared[self.session].met.get(&self.number).copied().unwrap_or(0));
         }
         let mut arrived = Vec::new();
         while let Some(batch) =

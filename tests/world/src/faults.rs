@@ -128,8 +128,8 @@ fn carry_out(world: &mut World, fault: Fault) -> bool {
         Fault::StopOrchestrator(micros) => stop(world, 0, orchestrator, micros),
         Fault::Lag(micros) => {
             let until = world.now + micros;
-            world.desks.iter_mut().for_each(|desk| desk.lags_until = until);
-            !world.desks.is_empty()
+            world.shared.iter_mut().for_each(|shared| shared.lags_until = until);
+            !world.shared.is_empty()
         }
         Fault::AskToStop => tell_orchestrator(world, Event::Stop),
         Fault::Interrupt => tell_orchestrator(world, Event::Interrupt),

@@ -106,7 +106,7 @@ pub enum Note {
 
 /// What a session and its recorder share; and the recorder's receipts, which learners and actors read.
 #[derive(Debug, Default)]
-pub struct Desk {
+pub struct Shared {
     /// The recorder has its ports.
     pub ready: bool,
     /// The recorder is to finish.
@@ -153,7 +153,7 @@ pub struct World {
     /// By session and incarnation of the learners.
     pub meetings: BTreeMap<(usize, u32), Meeting>,
     /// By session.
-    pub desks: Vec<Desk>,
+    pub shared: Vec<Shared>,
     /// Who holds the learners' locks, by rank.
     pub locks: BTreeMap<u32, TaskId>,
     /// How the sessions that came to an outcome ended.
@@ -195,7 +195,7 @@ impl World {
             disk: SimulatedDisk::default(),
             wires: vec![],
             meetings: BTreeMap::new(),
-            desks: vec![],
+            shared: vec![],
             locks: BTreeMap::new(),
             outcomes: vec![],
             cut_in_save: None,

@@ -1,4 +1,5 @@
-//! The recorder's thread: the real ledger in a shell that follows `orchestrator/src/recording/recorder/tap.rs`.
+//! The recorder's thread: the real ledger in a shell that follows
+//! `orchestrator/src/recording/recorder/recorder_thread.rs`.
 //!
 //! A recording here is a file of records of one size, each with a digest of itself: what is torn is seen.
 
@@ -88,7 +89,7 @@ impl Recorder {
         match header.kind {
             observation_kind::OBSERVATIONS => {}
             observation_kind::HELLO if self.ledger.has(header.actor) => {
-                world.desks[self.session].met.insert(header.actor, header.actor_incarnation);
+                world.shared[self.session].met.insert(header.actor, header.actor_incarnation);
                 return;
             }
             _ => return,
@@ -125,7 +126,7 @@ impl Recorder {
         }
         self.tally.record(header.learner_incarnation, steps);
         let receipt = Receipt { learner_incarnation: header.learner_incarnation, step: header.step };
-        world.desks[self.session].receipts.insert((header.actor, header.half), receipt);
+        world.shared[self.session].receipts.insert((header.actor, header.half), receipt);
     }
 
     /// Rings for each learner that has new receipts.
@@ -154,7 +155,7 @@ impl Recorder {
                 if !self.failed {
                     let written = Written { learner_incarnation, rollout: rollout + 1 };
                     world.note(|| format!("recorder: {written:?}"));
-                    world.desks[self.session].written = Some(written);
+                    world.shared[self.session].written = Some(written);
                 }
                 ring_learner(world, self.session, 0, me);
             }
@@ -164,7 +165,7 @@ impl Recorder {
     fn fail(&mut self, world: &mut World, why: String) {
         world.note(|| format!("recorder: {why}"));
         self.failed = true;
-        world.desks[self.session].failure = Some(why);
+        world.shared[self.session].failure = Some(why);
     }
 
     fn write(&mut self, column: usize, episode: u32, step: u32, hash: u64) {
@@ -190,27 +191,27 @@ impl Program for Recorder {
     fn turn(&mut self, world: &mut World, me: TaskId) -> Next {
         if self.ports.is_empty() {
             self.open(world, me);
-            world.desks[self.session].ready = true;
+            world.shared[self.session].ready = true;
         }
-        let lag = world.desks[self.session].lags_until.saturating_sub(world.now);
+        let lag = world.shared[self.session].lags_until.saturating_sub(world.now);
         if lag > 0 {
             return Next::After(lag);
         }
         let taken = self.drain(world);
         self.tell(world, me);
-        while let Some(note) = world.desks[self.session].notes.pop_front() {
+        while let Some(note) = world.shared[self.session].notes.pop_front() {
             self.heed(world, me, note);
         }
-        if world.desks[self.session].finish {
+        if world.shared[self.session].finish {
             if taken > 0 {
                 return Next::After(QUIET);
             }
             self.flush(world);
             if !self.failed && world.disk.sync_whole(&path(self.session)).is_err() {
-                world.desks[self.session].failure = Some("it cannot be synchronised".to_owned());
+                world.shared[self.session].failure = Some("it cannot be synchronised".to_owned());
             }
-            world.desks[self.session].confirmed = self.tally.frames();
-            world.desks[self.session].finished = true;
+            world.shared[self.session].confirmed = self.tally.frames();
+            world.shared[self.session].finished = true;
             return Next::Wait(u64::from(u32::MAX));
         }
         if world.now - self.flushed >= FLUSH_INTERVAL {

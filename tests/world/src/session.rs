@@ -1,13 +1,13 @@
 //! The orchestrator's loop: the real supervisor in a shell that follows `orchestrator/src/supervisor/shell.rs`.
 
 use crate::actor::Actor;
-use crate::kernel::{Desk, Label, MILLISECOND, Next, Note, Program, SECOND, World};
+use crate::kernel::{Label, MILLISECOND, Next, Note, Program, SECOND, Shared, World};
 use crate::learner::Learner;
 use crate::recorder::Recorder;
 use crate::service::TaskId;
 use crate::setup::Mutation;
 use crate::wire::Wire;
-use orchestrator::{Action, Clock, Event, Exit, Outcome, Policy, Process, Supervisor};
+use orchestrator::{Action, Clock, Deadlines, Event, Exit, Outcome, Process, Supervisor};
 use proto::event::LearnerEvent;
 use std::collections::{BTreeMap, VecDeque};
 use wire::message::StageAnnouncement;
@@ -54,7 +54,7 @@ impl Session {
         Self {
             number: world.wires.len(),
             phase: Phase::Starting,
-            machine: Supervisor::new(Policy::of(config), config.stages.clone()),
+            machine: Supervisor::new(Deadlines::of(config), config.stages.clone()),
             pending: VecDeque::new(),
             own_events: VecDeque::new(),
             children: BTreeMap::new(),
@@ -73,7 +73,7 @@ impl Session {
         let mut wire = Wire::new(world.setup.config.shares());
         self.announcer = wire.stage.publish(me).expect("nobody else announces");
         world.wires.push(wire);
-        world.desks.push(Desk::default());
+        world.shared.push(Shared::default());
         let recorder = Recorder::new(world, self.number);
         world.spawn(Label::Recorder, Some(me), 1, Box::new(recorder), 200);
         self.phase = Phase::Recorder;
@@ -81,7 +81,7 @@ impl Session {
     }
 
     fn begin(&mut self, world: &mut World) -> Next {
-        if !world.desks[self.number].ready {
+        if !world.shared[self.number].ready {
             self.phase = Phase::Recorder;
             return Next::After(MILLISECOND);
         }
@@ -146,7 +146,7 @@ impl Session {
             }
             Action::SwitchStage(_) => {}
             Action::Finish(outcome) => {
-                world.desks[self.number].finish = true;
+                world.shared[self.number].finish = true;
                 for recorder in world.tasks(|label| label == Label::Recorder) {
                     world.ring(recorder);
                 }
@@ -215,7 +215,7 @@ impl Session {
             }
             _ => return,
         };
-        world.desks[self.number].notes.push_back(note);
+        world.shared[self.number].notes.push_back(note);
         for recorder in world.tasks(|label| label == Label::Recorder) {
             world.ring(recorder);
         }
@@ -238,7 +238,7 @@ impl Session {
                     self.sweeps -= 1;
                     self.sweep(world);
                 }
-                let failure = world.desks[self.number].failure.clone();
+                let failure = world.shared[self.number].failure.clone();
                 if let Some(failure) = failure.filter(|_| !std::mem::replace(&mut self.recording_failed, true)) {
                     self.own_events.push_back(Event::CannotWrite(failure));
                 }
@@ -255,7 +255,7 @@ impl Program for Session {
             Phase::Recorder => self.begin(world),
             Phase::Running => self.run(world, me),
             Phase::Finishing(outcome) => {
-                if !world.desks[self.number].finished {
+                if !world.shared[self.number].finished {
                     self.phase = Phase::Finishing(outcome);
                     return Next::After(20 * MILLISECOND);
                 }

@@ -1,6 +1,6 @@
 //! Who starts the run, resumes it until it is complete, and then looks at what it left behind.
 
-use crate::kernel::{Desk, Label, MILLISECOND, Next, Program, SECOND, World};
+use crate::kernel::{Label, MILLISECOND, Next, Program, SECOND, Shared, World};
 use crate::model::StepName;
 use crate::recorder::recorded;
 use crate::service::TaskId;
@@ -65,7 +65,7 @@ impl Program for User {
 /// What a session has saved is recorded, as the recorder counts it; a stop can leave a rollout aside that it has
 /// confirmed.
 fn confirmed(world: &mut World, session: usize, outcome: &Outcome) {
-    let Desk { confirmed, failure, .. } = &world.desks[session];
+    let Shared { confirmed, failure, .. } = &world.shared[session];
     if let (Some(saved), None) = (&outcome.saved, failure)
         && *confirmed < Some(saved.frames)
         && !world.setup.has(Mutation::IgnoresReceipts)

@@ -10,7 +10,7 @@ use crate::answer::Refusal;
 use crate::data::{EpisodeKey, Problem, Runs};
 use crate::feed::{Feed, Recorded};
 use crate::readings::Readings;
-use crate::theatre::Theatre;
+use crate::scene_renderer::SceneRenderer;
 use axum::body::Body;
 use axum::extract::Request;
 use axum::http::header::{
@@ -23,7 +23,7 @@ use hyper::upgrade::{OnUpgrade, Upgraded};
 use hyper_util::rt::TokioIo;
 use proto::replay::{RecordedEpisode, ReplaySetup};
 use proto::show::{ShowAnswer, ShowRequest, ShownEpisode, ShownSolids};
-use protocol::{Desk, agreed};
+use protocol::{Subscriptions, agreed};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
@@ -45,13 +45,13 @@ type Socket = WebSocketStream<TokioIo<Upgraded>>;
 type Newest = (EpisodeKey, ReplaySetup, RecordedEpisode);
 
 /// The environment that is shown: kitchen and number in it.
-pub type Place = (u32, u32);
+pub type EnvironmentKey = (u32, u32);
 
 /// What a client is told from.
 pub struct Sources {
     pub readings: Readings,
     /// Simulates episodes again.
-    pub theatre: Theatre,
+    pub scene_renderer: SceneRenderer,
     /// Room for [`CLIENTS`].
     pub room: Arc<Semaphore>,
 }
@@ -60,7 +60,7 @@ pub struct Sources {
 pub async fn connect(
     sources: Sources,
     run: Option<String>,
-    watch: Option<Place>,
+    watch: Option<EnvironmentKey>,
     mut request: Request,
 ) -> Result<Response, Refusal> {
     let refused = |what: &str| Refusal(StatusCode::BAD_REQUEST, what.to_owned());
@@ -72,7 +72,15 @@ pub async fn connect(
     })?;
     let (run, feed) = sources.readings.read(move |runs| begin(runs, run)).await?;
     let upgrade = request.extensions_mut().remove::<OnUpgrade>().ok_or_else(|| refused("no way to a WebSocket"))?;
-    let session = Session { sources, run, feed: Some(feed), watch, desk: Desk::default(), sent: None, last: None };
+    let session = Session {
+        sources,
+        run,
+        feed: Some(feed),
+        watch,
+        subscriptions: Subscriptions::default(),
+        sent: None,
+        last: None,
+    };
     tokio::spawn(session.serve(upgrade, place));
     let head: [(HeaderName, String); 4] = [
         (CONNECTION, "upgrade".to_owned()),
@@ -116,7 +124,7 @@ fn begin(runs: &dyn Runs, run: Option<String>) -> Result<(String, Box<dyn Feed>)
 }
 
 /// What is recorded of the newest episode of an environment.
-fn newest(runs: &dyn Runs, run: &str, place: Option<Place>) -> Result<Newest, Problem> {
+fn newest(runs: &dyn Runs, run: &str, place: Option<EnvironmentKey>) -> Result<Newest, Problem> {
     let first = || {
         let kitchens = runs.live(run).ok()?.kitchens;
         kitchens.iter().find_map(|kitchen| Some((kitchen.kitchen, *kitchen.environments.first()?)))
@@ -134,8 +142,8 @@ struct Session {
     run: String,
     /// Away while it is read.
     feed: Option<Box<dyn Feed>>,
-    watch: Option<Place>,
-    desk: Desk,
+    watch: Option<EnvironmentKey>,
+    subscriptions: Subscriptions,
     /// The kitchen whose room was sent whole.
     sent: Option<u32>,
     last: Option<LastMoment>,
@@ -157,7 +165,7 @@ impl Session {
     }
 
     async fn talk(&mut self, mut socket: Socket) -> Result<(), Error> {
-        let greeting = Desk::greeting(&format!("Stillroom: {}", self.run), &self.run);
+        let greeting = Subscriptions::greeting(&format!("Stillroom: {}", self.run), &self.run);
         send(&mut socket, Message::text(greeting)).await?;
         let mut ticks = tokio::time::interval(EVERY);
         ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
@@ -165,7 +173,7 @@ impl Session {
         loop {
             tokio::select! {
                 said = socket.next() => match said {
-                    Some(Ok(Message::Text(text))) => self.desk.take(&text),
+                    Some(Ok(Message::Text(text))) => self.subscriptions.take(&text),
                     Some(Ok(Message::Close(_))) | None => return Ok(()),
                     Some(Ok(_)) => {}
                     Some(Err(error)) => return Err(error),
@@ -192,11 +200,11 @@ impl Session {
         let Ok((feed, recorded)) = read.await else { return Ok(false) };
         let of_moment = feed.moment_topics();
         let topics = [feed.topics(), of_moment.clone()].concat();
-        for offer in self.desk.offer(&topics) {
+        for offer in self.subscriptions.offer(&topics) {
             send(socket, Message::text(offer)).await?;
         }
         self.tell_all(socket, &recorded).await?;
-        if with_moment && of_moment.iter().any(|topic| self.desk.wants(topic)) {
+        if with_moment && of_moment.iter().any(|topic| self.subscriptions.wants(topic)) {
             let moment = self.moment(&*feed).await.unwrap_or_else(|Refusal(_, problem)| {
                 tracing::debug!("no moment for Foxglove: {problem}");
                 Vec::new()
@@ -208,7 +216,7 @@ impl Session {
     }
 
     async fn tell_all(&self, socket: &mut Socket, recorded: &[Recorded]) -> Result<(), Error> {
-        for message in recorded.iter().flat_map(|recorded| self.desk.messages(recorded)) {
+        for message in recorded.iter().flat_map(|recorded| self.subscriptions.messages(recorded)) {
             send(socket, Message::binary(message)).await?;
         }
         Ok(())
@@ -216,7 +224,7 @@ impl Session {
 
     /// What the environment looks like now. After a failure the next look tries again.
     async fn moment(&mut self, feed: &dyn Feed) -> Result<Vec<Recorded>, Refusal> {
-        if self.desk.has_newcomers() {
+        if self.subscriptions.has_newcomers() {
             self.sent = None;
         }
         let (run, place) = (self.run.clone(), self.watch);
@@ -247,14 +255,14 @@ impl Session {
             ShowAnswer::Failed { problem } => Refusal(StatusCode::UNPROCESSABLE_ENTITY, problem),
             other => Refusal(StatusCode::INTERNAL_SERVER_ERROR, format!("another answer than asked for: {other:?}")),
         };
-        let theatre = &self.sources.theatre;
+        let scene_renderer = &self.sources.scene_renderer;
         let open = ShowRequest::Open { name: name.clone(), setup, episode: Box::new(episode) };
-        let shown = match theatre.ask(open).await?.0 {
+        let shown = match scene_renderer.ask(open).await?.0 {
             ShowAnswer::Opened(shown) => shown,
             other => return Err(failed(other)),
         };
         let step = shown.moments.len().saturating_sub(1) as u32;
-        match theatre.ask(ShowRequest::Solids { name, step, fixed }).await?.0 {
+        match scene_renderer.ask(ShowRequest::Solids { name, step, fixed }).await?.0 {
             ShowAnswer::Solids(solids) => Ok((shown, solids)),
             other => Err(failed(other)),
         }

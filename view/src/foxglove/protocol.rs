@@ -74,7 +74,7 @@ struct Subscription {
 
 /// What one client was offered and what it wants of it.
 #[derive(Debug, Default)]
-pub struct Desk {
+pub struct Subscriptions {
     channels: HashMap<String, (u64, Arc<Topic>)>,
     /// The last channel's number.
     last: u64,
@@ -84,7 +84,7 @@ pub struct Desk {
     is_new: bool,
 }
 
-impl Desk {
+impl Subscriptions {
     /// The first message to a client.
     pub fn greeting(name: &str, session_id: &str) -> String {
         crate::answer::text(&Told::ServerInfo { name, capabilities: [], session_id })
@@ -195,39 +195,45 @@ mod tests {
 
     #[test]
     fn messages_are_as_the_protocol_describes_them() {
-        let greeting = parsed(&Desk::greeting("Stillroom", "a/1"));
+        let greeting = parsed(&Subscriptions::greeting("Stillroom", "a/1"));
         assert_eq!(greeting, json!({"op": "serverInfo", "name": "Stillroom", "capabilities": [], "sessionId": "a/1"}));
-        let mut desk = Desk::default();
-        let [offer] = &desk.offer(&[topic("/step", b"\x00\xff")])[..] else { panic!("one message") };
+        let mut subscriptions = Subscriptions::default();
+        let [offer] = &subscriptions.offer(&[topic("/step", b"\x00\xff")])[..] else { panic!("one message") };
         let channel = json!({"id": 1, "topic": "/step", "encoding": "protobuf", "schemaName": "a.B",
             "schemaEncoding": "protobuf", "schema": "AP8="});
         assert_eq!(parsed(offer), json!({"op": "advertise", "channels": [channel]}));
-        desk.take(r#"{"op": "subscribe", "subscriptions": [{"id": 7, "channelId": 1}]}"#);
+        subscriptions.take(r#"{"op": "subscribe", "subscriptions": [{"id": 7, "channelId": 1}]}"#);
         let recorded = Recorded { topic: topic("/step", b""), at_ns: 0x0102, data: vec![9, 8] };
-        assert_eq!(desk.messages(&recorded), [[1, 7, 0, 0, 0, 2, 1, 0, 0, 0, 0, 0, 0, 9, 8]]);
+        assert_eq!(subscriptions.messages(&recorded), [[1, 7, 0, 0, 0, 2, 1, 0, 0, 0, 0, 0, 0, 9, 8]]);
     }
 
     #[test]
     fn only_what_is_wanted_is_told_and_only_what_is_new_is_offered() {
-        let mut desk = Desk::default();
+        let mut subscriptions = Subscriptions::default();
         let (step, log) = (topic("/step", b"1"), topic("/log", b"1"));
-        assert_eq!(desk.offer(&[Arc::clone(&step), Arc::clone(&log)]).len(), 1);
-        assert!(desk.offer(&[Arc::clone(&step), Arc::clone(&log)]).is_empty());
+        assert_eq!(subscriptions.offer(&[Arc::clone(&step), Arc::clone(&log)]).len(), 1);
+        assert!(subscriptions.offer(&[Arc::clone(&step), Arc::clone(&log)]).is_empty());
         for nonsense in ["", "{}", "[]", r#"{"op": "subscribe"}"#, r#"{"op": "getParameters", "id": "1"}"#] {
-            desk.take(nonsense);
+            subscriptions.take(nonsense);
         }
-        desk.take(r#"{"op": "subscribe", "subscriptions": [{"id": 0, "channelId": 2}, {"id": 1, "channelId": 3}]}"#);
-        assert!(!desk.wants(&step) && desk.wants(&log) && desk.has_newcomers() && !desk.has_newcomers());
+        subscriptions
+            .take(r#"{"op": "subscribe", "subscriptions": [{"id": 0, "channelId": 2}, {"id": 1, "channelId": 3}]}"#);
+        assert!(
+            !subscriptions.wants(&step)
+                && subscriptions.wants(&log)
+                && subscriptions.has_newcomers()
+                && !subscriptions.has_newcomers()
+        );
         // A newer version of the program goes on with the run.
         let other = topic("/log", b"2");
-        let changed = desk.offer(&[step, Arc::clone(&other)]);
+        let changed = subscriptions.offer(&[step, Arc::clone(&other)]);
         let [void, offer] = &changed[..] else { panic!("{changed:?}") };
         assert_eq!(parsed(void), json!({"op": "unadvertise", "channelIds": [2]}));
         assert_eq!(parsed(offer)["channels"][0]["id"], 3);
-        assert!(!desk.wants(&other));
-        desk.take(r#"{"op": "subscribe", "subscriptions": [{"id": 0, "channelId": 3}]}"#);
-        assert!(desk.wants(&other));
-        desk.take(r#"{"op": "unsubscribe", "subscriptionIds": [0]}"#);
-        assert!(!desk.wants(&other));
+        assert!(!subscriptions.wants(&other));
+        subscriptions.take(r#"{"op": "subscribe", "subscriptions": [{"id": 0, "channelId": 3}]}"#);
+        assert!(subscriptions.wants(&other));
+        subscriptions.take(r#"{"op": "unsubscribe", "subscriptionIds": [0]}"#);
+        assert!(!subscriptions.wants(&other));
     }
 }

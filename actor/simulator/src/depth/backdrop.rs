@@ -20,12 +20,12 @@ pub struct Backdrop {
     pub(super) sums: Option<(Vec<u16>, bool)>,
     /// Triangles of the bodies in it that are in view.
     pub(super) view_set_triangles: usize,
-    bodies: Vec<Standing>,
+    bodies: Vec<DrawnBody>,
 }
 
 /// A body as it was in the last frame.
 #[derive(Debug, Clone, Copy)]
-struct Standing {
+struct DrawnBody {
     pose: [u32; 7],
     in_backdrop: bool,
 }
@@ -57,22 +57,22 @@ impl Backdrop {
         let drawn_for = Some((pose_bits(world_from_camera), side));
         let first = self.bodies.len() != world_from_bodies.len();
         if first {
-            let standing = |pose| Standing { pose: pose_bits(pose), in_backdrop: false };
-            self.bodies = world_from_bodies.iter().map(standing).collect();
+            let body = |pose| DrawnBody { pose: pose_bits(pose), in_backdrop: false };
+            self.bodies = world_from_bodies.iter().map(body).collect();
         }
         let same_view = !first && self.drawn_for == drawn_for;
         let mut redraw = if same_view { Redraw::Foreground } else { Redraw::Everything };
-        for ((standing, pose), role) in self.bodies.iter_mut().zip(world_from_bodies).zip(roles) {
+        for ((body, pose), role) in self.bodies.iter_mut().zip(world_from_bodies).zip(roles) {
             let pose = pose_bits(pose);
-            let moved = standing.pose != pose;
-            standing.pose = pose;
+            let moved = body.pose != pose;
+            body.pose = pose;
             if same_view {
-                if moved && standing.in_backdrop {
-                    standing.in_backdrop = false;
+                if moved && body.in_backdrop {
+                    body.in_backdrop = false;
                     redraw = Redraw::Everything;
                 }
             } else {
-                standing.in_backdrop = !moved && *role != BodyRole::Robot;
+                body.in_backdrop = !moved && *role != BodyRole::Robot;
             }
         }
         self.drawn_for = drawn_for;

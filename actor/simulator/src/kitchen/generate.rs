@@ -2,9 +2,9 @@
 
 use super::assembly::{Demands, Flaw};
 use super::draw::{ATTEMPTS_EACH, at_attempt, draw_fitted};
+use super::kitchen_key::KitchenKey;
 use super::layout::floor_plan::Rectangle;
 use super::layout::{FittedRoom, Plan};
-use super::lot::Lot;
 use super::overlap::overlaps;
 use super::room::{Room, Thing};
 use super::settled::Kitchen;
@@ -44,7 +44,7 @@ pub enum KitchenError {
     },
     /// What was kept of it is not of this program.
     #[error("kitchen {kitchen}: what was kept of it does not fit this program: {problem}")]
-    Preserve {
+    FoundKitchen {
         kitchen: KitchenId,
         /// What is wrong.
         problem: String,
@@ -63,10 +63,10 @@ pub struct DrawnRoom {
 }
 
 /// Draws a kitchen's room, for the `attempt`th time from 0, and furnishes it; the error is what found no place.
-pub fn draw_room(kitchen: impl Into<Lot>, attempt: u32) -> Result<DrawnRoom, String> {
-    let lot = kitchen.into();
-    let (fitted, mut random) = draw_fitted(lot, attempt)?;
-    if lot.id().is_procedural()
+pub fn draw_room(kitchen: impl Into<KitchenKey>, attempt: u32) -> Result<DrawnRoom, String> {
+    let kitchen_key = kitchen.into();
+    let (fitted, mut random) = draw_fitted(kitchen_key, attempt)?;
+    if kitchen_key.id().is_procedural()
         && let Some((id, distance)) = likeness::nearest(&fitted)
         && distance < likeness::least_distance()
     {
@@ -76,8 +76,9 @@ pub fn draw_room(kitchen: impl Into<Lot>, attempt: u32) -> Result<DrawnRoom, Str
     for fixture in &fitted.fixtures {
         scene.add(&Solid::of(&fixture.shape), &fixture.pose);
     }
-    let lot = at_attempt(lot, attempt);
-    let things = placement::place(lot, &fitted, &scene, &mut random).map_err(|what| format!("a place for {what}"))?;
+    let kitchen_key = at_attempt(kitchen_key, attempt);
+    let things =
+        placement::place(kitchen_key, &fitted, &scene, &mut random).map_err(|what| format!("a place for {what}"))?;
     Ok(DrawnRoom::of(fitted, things))
 }
 
@@ -103,15 +104,15 @@ impl DrawnRoom {
 
 impl Kitchen {
     /// Draws rooms until one comes to rest with nothing wrong.
-    pub(super) fn search(lot: Lot, simulation: SimulationConfig) -> Result<Self, KitchenError> {
-        let id = lot.id();
+    pub(super) fn search(kitchen_key: KitchenKey, simulation: SimulationConfig) -> Result<Self, KitchenError> {
+        let id = kitchen_key.id();
         if id.scene_index().is_some() {
             return Err(KitchenError::NotBuiltIn { kitchen: id });
         }
         let attempts = if id.is_procedural() { ATTEMPTS_EACH * EDITIONS } else { ATTEMPTS };
         let mut reason = String::new();
         for attempt in 0..attempts {
-            let outcome = draw_room(lot, attempt).and_then(|drawn| {
+            let outcome = draw_room(kitchen_key, attempt).and_then(|drawn| {
                 let flaw = |flaws: Vec<Flaw>| flaws.first().map_or_else(String::new, ToString::to_string);
                 drawn.settle(id, simulation.timestep_s).map_err(flaw)?.acceptable()
             });

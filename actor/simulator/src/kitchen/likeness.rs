@@ -7,8 +7,8 @@
 //! place.
 
 use super::draw::draw_fitted;
+use super::kitchen_key::KitchenKey;
 use super::layout::FittedRoom;
-use super::lot::Lot;
 use super::settled::Kitchen;
 use crate::physics::geometry::Solid;
 use crate::shape::Shape;
@@ -108,7 +108,7 @@ struct Kept {
 static KEPT: LazyLock<Kept> = LazyLock::new(|| {
     let of = |&(number, attempt): &(u32, u32)| {
         let id = KitchenId::built_in(number).ok().filter(|id| id.split() != Split::Train)?;
-        Some((id, Footprint::of(&draw_fitted(Lot::from(id), attempt).ok()?.0)))
+        Some((id, Footprint::of(&draw_fitted(KitchenKey::from(id), attempt).ok()?.0)))
     };
     let footprints: Vec<(KitchenId, Footprint)> = DRAWN_AT.iter().filter_map(of).collect();
     let mut least = 1.0_f32;
@@ -148,7 +148,7 @@ mod tests {
 
     fn room(number: u32) -> FittedRoom {
         let id = KitchenId::new(number).unwrap();
-        (0..32).find_map(|attempt| Some(draw_fitted(Lot::from(id), attempt).ok()?.0)).unwrap()
+        (0..32).find_map(|attempt| Some(draw_fitted(KitchenKey::from(id), attempt).ok()?.0)).unwrap()
     }
 
     #[test]
@@ -176,7 +176,7 @@ mod tests {
         // What is nearest to one of them is itself.
         let (number, attempt) = DRAWN_AT[4];
         let id = KitchenId::new(number).unwrap();
-        let room = draw_fitted(Lot::from(id), attempt).unwrap().0;
+        let room = draw_fitted(KitchenKey::from(id), attempt).unwrap().0;
         assert_eq!(nearest(&room), Some((id, 0.0)));
     }
 }

@@ -4,7 +4,7 @@
 //! ```text
 //! catalogue  what things there are
 //! ithor      what iTHOR's kitchens hold
-//! lot        which kitchen is generated, and the set of 29 that it belongs to
+//! kitchen_key        which kitchen is generated, and the set of 29 that it belongs to
 //! quota      who of a set gets what
 //! layout     the room and its fixtures
 //! density    how things are strewn
@@ -29,14 +29,14 @@ pub mod catalogue;
 mod density;
 mod draw;
 pub(crate) mod floor;
+pub mod found_kitchen;
 mod generate;
 pub mod ithor;
+mod kitchen_key;
 pub mod layout;
 pub mod likeness;
-mod lot;
 pub mod overlap;
 mod placement;
-pub mod preserve;
 mod quota;
 mod reach;
 pub mod room;
@@ -47,5 +47,5 @@ pub(crate) use assembly::Demands;
 pub use assembly::Flaw;
 pub use body::{Body, BodyRole};
 pub use generate::{CONNECTED_LEAST, DrawnRoom, KitchenError, SPOTS_LEAST, draw_room};
-pub use lot::Lot;
+pub use kitchen_key::KitchenKey;
 pub use settled::{Kitchen, Matter};

@@ -7,9 +7,9 @@
 
 use super::catalogue::{CATEGORIES, Category, Pattern, Place, Presence, pattern};
 use super::density;
+use super::kitchen_key::KitchenKey;
 use super::layout::floor_plan::Rectangle;
 use super::layout::{FittedRoom, Seat, Worktop, WorktopKind};
-use super::lot::Lot;
 use super::quota;
 use super::room::Thing;
 use crate::physics::fixed_scene::FixedScene;
@@ -49,7 +49,7 @@ struct Furnishing<'a> {
 
 /// Draws which things a kitchen holds and where they stand. The error is the category that found no room.
 pub fn place(
-    kitchen: Lot,
+    kitchen: KitchenKey,
     layout: &FittedRoom,
     scene: &FixedScene,
     random: &mut Random,

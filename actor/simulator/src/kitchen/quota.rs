@@ -5,25 +5,25 @@
 //! number of their own, and the answer follows from the rank. This is stratified sampling, and each kitchen can still
 //! be generated alone.
 
-use super::lot::{Lot, SET};
+use super::kitchen_key::{KitchenKey, SET};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// The kitchen's place, from 0, among its set in a random order that belongs to `question`.
-pub(super) fn rank(kitchen: Lot, question: &str) -> usize {
+pub(super) fn rank(kitchen: KitchenKey, question: &str) -> usize {
     let question = xxh3_64(question.as_bytes()) as u32;
-    let score = |kitchen: Lot| (kitchen.place(question).stream().next_u32(), kitchen.id());
+    let score = |kitchen: KitchenKey| (kitchen.place(question).stream().next_u32(), kitchen.id());
     let own = score(kitchen);
     kitchen.set().into_iter().filter(|&other| score(other) < own).count()
 }
 
 /// The kitchen's rank as a share in (0, 1).
-pub(super) fn quantile(kitchen: Lot, question: &str) -> f32 {
+pub(super) fn quantile(kitchen: KitchenKey, question: &str) -> f32 {
     (rank(kitchen, question) as f32 + 0.5) / kitchens()
 }
 
 /// The kitchen's rank as a share in 0..=1 of what is measured and not counted. One of the 29 lies at the middle of its
 /// place, a procedural one anywhere in it: with all sets together every size occurs.
-pub(super) fn measure(kitchen: Lot, question: &str) -> f32 {
+pub(super) fn measure(kitchen: KitchenKey, question: &str) -> f32 {
     let rank = rank(kitchen, question) as f32;
     if !kitchen.id().is_procedural() {
         return rank / (kitchens() - 1.0);
@@ -33,13 +33,13 @@ pub(super) fn measure(kitchen: Lot, question: &str) -> f32 {
 }
 
 /// Whether the kitchen is among the `share` of kitchens that have it.
-pub(super) fn among(kitchen: Lot, question: &str, share: f32) -> bool {
+pub(super) fn among(kitchen: KitchenKey, question: &str, share: f32) -> bool {
     rank(kitchen, question) < holders(share)
 }
 
 /// How many a kitchen has, if a `share` of the kitchens has any and those have `mean` on average. Holders differ by
 /// one at most.
-pub(super) fn count(kitchen: Lot, question: &str, share: f32, mean: f32) -> u32 {
+pub(super) fn count(kitchen: KitchenKey, question: &str, share: f32, mean: f32) -> u32 {
     count_of_rank(rank(kitchen, question), share, mean)
 }
 
@@ -69,8 +69,8 @@ mod tests {
     use super::*;
     use proto::kitchen::KitchenId;
 
-    fn sets() -> Vec<Vec<Lot>> {
-        let set = |number| Lot::new(KitchenId::new(number).unwrap(), 3).set();
+    fn sets() -> Vec<Vec<KitchenKey>> {
+        let set = |number| KitchenKey::new(KitchenId::new(number).unwrap(), 3).set();
         vec![set(1), set(1000), set(1029)]
     }
 
@@ -84,8 +84,8 @@ mod tests {
             sorted.sort_unstable();
             assert_eq!(sorted, (0..29).collect::<Vec<_>>());
         }
-        let other_seed = Lot::new(KitchenId::new(1000).unwrap(), 4).set();
-        let ranks = |set: &[Lot]| set.iter().map(|&id| rank(id, "width")).collect::<Vec<_>>();
+        let other_seed = KitchenKey::new(KitchenId::new(1000).unwrap(), 4).set();
+        let ranks = |set: &[KitchenKey]| set.iter().map(|&id| rank(id, "width")).collect::<Vec<_>>();
         assert_ne!(ranks(&other_seed), ranks(&sets()[1]));
     }
 

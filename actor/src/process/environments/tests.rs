@@ -44,11 +44,11 @@ fn played(environments: &mut Environments, before: impl Fn(&mut Environments)) -
     seen
 }
 
-fn environments(larder: Larder, config: &Config) -> Environments {
-    Environments::new(larder, None, 0, config).unwrap()
+fn environments(prefetcher: KitchenPrefetcher, config: &Config) -> Environments {
+    Environments::new(prefetcher, None, 0, config).unwrap()
 }
 
-/// Waits until the larder's thread has done all that can be done ahead.
+/// Waits until the prefetcher's thread has done all that can be done ahead.
 fn until_all_is_ready(environments: &mut Environments) {
     for running in &environments.running {
         while !environments.scenes.is_ready(running.home, running.header.episode) {
@@ -62,15 +62,15 @@ fn what_is_opened_ahead_does_not_matter_to_a_single_bit() {
     let folder = tempfile::tempdir().unwrap();
     for episodes_each in [1, 5] {
         let config = config(episodes_each);
-        let larder = |folder: &Path| Larder::of(&config, folder).unwrap();
-        let at_once = Larder::without_thread(&config, folder.path());
+        let prefetcher = |folder: &Path| KitchenPrefetcher::of(&config, folder).unwrap();
+        let at_once = KitchenPrefetcher::without_thread(&config, folder.path());
         let expected = played(&mut environments(at_once, &config), |_| ());
         let kitchens: std::collections::BTreeSet<u32> =
             expected.iter().map(|(header, _)| header.acted_episode / episodes_each).collect();
         assert!(kitchens.len() > 2, "environments went from kitchen to kitchen: {kitchens:?}");
-        let ahead = played(&mut environments(larder(folder.path()), &config), until_all_is_ready);
+        let ahead = played(&mut environments(prefetcher(folder.path()), &config), until_all_is_ready);
         assert!(ahead == expected, "opened ahead");
-        let in_time_or_not = played(&mut environments(larder(folder.path()), &config), |_| ());
+        let in_time_or_not = played(&mut environments(prefetcher(folder.path()), &config), |_| ());
         assert!(in_time_or_not == expected, "opened in time or not");
     }
 }
@@ -83,7 +83,7 @@ fn what_is_prepared_while_waiting_does_not_matter_to_a_single_bit() {
     built_in.actors.environments_per_actor = 3;
     let other_task = Config { task: "point_nav".to_owned(), ..built_in.clone() };
     for config in [procedural, built_in, other_task] {
-        let environments = || environments(Larder::without_thread(&config, folder.path()), &config);
+        let environments = || environments(KitchenPrefetcher::without_thread(&config, folder.path()), &config);
         let expected = played(&mut environments(), |_| ());
         for most in [1, 4, usize::MAX] {
             let done = Cell::new(0);
@@ -107,8 +107,8 @@ fn a_restored_environment_is_in_the_kitchen_of_its_episode() {
 
 fn restore(config: &Config) {
     let folder = tempfile::tempdir().unwrap();
-    let mut restored = environments(Larder::of(config, folder.path()).unwrap(), config);
-    let mut expected = environments(Larder::without_thread(config, folder.path()), config);
+    let mut restored = environments(KitchenPrefetcher::of(config, folder.path()).unwrap(), config);
+    let mut expected = environments(KitchenPrefetcher::without_thread(config, folder.path()), config);
     // Action 1 ends no episode in either task.
     let states = [9, 0, 4].map(|episode| {
         let mut state = EnvironmentState::start_of(episode);

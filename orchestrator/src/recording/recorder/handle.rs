@@ -1,8 +1,8 @@
 //! The recorder's handle in the orchestrator: it starts the recorder, sends it notes, and finishes it.
 
+use super::message_writer::RolloutMetrics;
 use super::note::{Note, RecorderError, RecorderSetup, RecordingSummary, START_DEADLINE, now_ns};
-use super::scribe::RolloutMetrics;
-use super::tap;
+use super::recorder_thread;
 use crate::recording::schema::foxglove::log::Level;
 use crate::recording::schema::stillroom::{StageSwitch, Validation};
 use proto::event::LearnerEvent;
@@ -46,7 +46,7 @@ impl Recorder {
                 .name("recorder".to_owned())
                 // Ports of shared memory stay on the thread that made them.
                 .spawn(move || {
-                    let result = tap::run(&setup, &inbox, &failure, &ready);
+                    let result = recorder_thread::run(&setup, &inbox, &failure, &ready);
                     if let Err(error) = &result {
                         // The first reason is kept.
                         let _ = failure.set(error.to_string());

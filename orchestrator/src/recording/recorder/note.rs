@@ -1,6 +1,6 @@
 //! Messages between the orchestrator and the recorder's thread.
 
-use super::scribe::RolloutMetrics;
+use super::message_writer::RolloutMetrics;
 use super::segment::SegmentError;
 use super::tally::Gap;
 use crate::recording::schema::foxglove::log::Level;

@@ -1,6 +1,6 @@
 //! Recordings as they grow, message by message.
 
-use super::{ARM, Carries, Said, Shelf, episodes, same, step};
+use super::{ARM, Carries, RecordingsFolder, Said, episodes, same, step};
 use crate::recording::follow::Follower;
 use crate::recording::reading::Reading;
 use proto::config::Config;
@@ -26,7 +26,7 @@ fn of(said: &[Said]) -> Vec<(u32, u32)> {
 
 #[test]
 fn what_was_there_is_told_of_by_its_newest_and_what_is_new_wholly_over_several_files() {
-    let folder = Shelf::new();
+    let folder = RecordingsFolder::new();
     let mut follower = Follower::of(RunFolder::new(folder.0.path()));
     assert!(told(&mut follower).is_empty(), "no file yet");
     let said = episodes(1);

@@ -1,8 +1,8 @@
-//! The shelf that grows with recordings has what a reading of them all gathers.
+//! The episode index that grows with recordings has what a reading of them all gathers.
 
-use super::{Said, Shelf, episodes, same, step};
+use super::{RecordingsFolder, Said, episodes, same, step};
+use crate::recording::episode_index::EpisodeIndex;
 use crate::recording::episodes::gather;
-use crate::recording::shelf;
 use crate::recording::wanted::Wanted;
 use proto::config::{Config, KitchenSource};
 use proto::episode::EnvironmentId;
@@ -13,8 +13,8 @@ use std::time::Duration;
 
 const PATIENCE: Duration = Duration::from_mins(1);
 
-/// Every episode that the shelf can take out.
-fn all(shelf: &shelf::Shelf) -> Vec<RecordedEpisode> {
+/// Every episode that the episode index can take out.
+fn all(shelf: &EpisodeIndex) -> Vec<RecordedEpisode> {
     let keys: Vec<_> = shelf.episodes().filter(|(_, shelved)| shelved.is_playable()).map(|(key, _)| key).collect();
     keys.into_iter().map(|key| shelf.take_out(key).unwrap().expect("it is on the shelf").1).collect()
 }
@@ -25,8 +25,8 @@ fn gathered(files: &[PathBuf]) -> Vec<RecordedEpisode> {
 
 #[test]
 fn episodes_over_two_files_are_found_as_the_files_appear() {
-    let folder = Shelf::new();
-    let mut shelf = shelf::Shelf::of(RunFolder::new(folder.0.path()));
+    let folder = RecordingsFolder::new();
+    let mut shelf = EpisodeIndex::of(RunFolder::new(folder.0.path()));
     assert!(shelf.advance(PATIENCE) && shelf.episodes().count() == 0);
     let said = episodes(1);
     // Cut in the middle of episode 1.
@@ -49,11 +49,11 @@ fn episodes_over_two_files_are_found_as_the_files_appear() {
 
 #[test]
 fn what_a_newer_learner_went_back_behind_is_void() {
-    let folder = Shelf::new();
+    let folder = RecordingsFolder::new();
     let mut said: Vec<Said> = episodes(1);
     said.extend(episodes(2).into_iter().filter(step(1, 1)));
     let file = folder.segment(0, &Config::default(), &said, same);
-    let mut shelf = shelf::Shelf::of(RunFolder::new(folder.0.path()));
+    let mut shelf = EpisodeIndex::of(RunFolder::new(folder.0.path()));
     assert!(shelf.advance(PATIENCE));
     let told: Vec<_> = shelf.episodes().map(|((_, _, episode), shelved)| (episode, shelved.steps)).collect();
     assert_eq!(told, [(0, 3), (1, 2)], "episodes 2 and 3 are void, and step 2 of episode 1");
@@ -67,15 +67,15 @@ fn episodes_are_void_in_whichever_kitchen_they_were() {
     let mut config = Config::default();
     (config.kitchens.source, config.kitchens.episodes_each) = (KitchenSource::Procedural, 1);
     let home = EnvironmentId::among(config.kitchens(), 0, 0, 1);
-    let kitchen = |episode| config.rota().place(home, episode).kitchen.number();
+    let kitchen = |episode| config.kitchen_schedule().place(home, episode).kitchen.number();
     let mut said = episodes(1);
     said.extend(episodes(2).into_iter().filter(step(1, 1)));
     for (_, told) in &mut said {
         told.engine.kitchen = kitchen(told.engine.episode);
     }
-    let folder = Shelf::new();
+    let folder = RecordingsFolder::new();
     let file = folder.segment(0, &config, &said, same);
-    let mut shelf = shelf::Shelf::of(RunFolder::new(folder.0.path()));
+    let mut shelf = EpisodeIndex::of(RunFolder::new(folder.0.path()));
     assert!(shelf.advance(PATIENCE));
     let mut counted: Vec<_> = shelf.episodes().map(|((_, _, episode), _)| episode).collect();
     counted.sort_unstable();
@@ -87,14 +87,14 @@ fn episodes_are_void_in_whichever_kitchen_they_were() {
 
 #[test]
 fn a_damaged_file_is_read_up_to_its_damage_and_named() {
-    let folder = Shelf::new();
+    let folder = RecordingsFolder::new();
     let file = folder.segment(0, &Config::default(), &episodes(1), same);
     let mut bytes = std::fs::read(&file).unwrap();
     // The one chunk's content: its last bytes are before the index.
     let chunk = bytes.windows(4).rposition(|window| window == [0x28, 0xb5, 0x2f, 0xfd]).unwrap();
     bytes[chunk + 20] ^= 0xff;
     std::fs::write(&file, bytes).unwrap();
-    let mut shelf = shelf::Shelf::of(RunFolder::new(folder.0.path()));
+    let mut shelf = EpisodeIndex::of(RunFolder::new(folder.0.path()));
     assert!(shelf.advance(PATIENCE));
     assert_eq!(all(&shelf), []);
     let expected = format!("orchestrator recover {}", file.display());

@@ -2,7 +2,7 @@
 
 use super::{Phase, Supervisor};
 use crate::supervisor::event::{Action, Level, Outcome, Process, Saved, SessionEnd};
-use crate::supervisor::words::stopping;
+use crate::supervisor::messages::stopping;
 use std::time::Duration;
 
 impl Supervisor {
@@ -50,7 +50,7 @@ impl Supervisor {
         // A new learner hears the last announcement first. If that is the stop, it leaves where it stands: too early.
         let announcement = self.stages.go_on();
         self.actions.push(Action::Announce(announcement));
-        for actor in (0..self.policy.actors).map(Process::Actor) {
+        for actor in (0..self.deadlines.actors).map(Process::Actor) {
             if self.children.is_down(actor) {
                 self.children.restart(actor, now);
             }
@@ -61,7 +61,7 @@ impl Supervisor {
         if self.phase == Phase::Running {
             self.save(now, None);
             if matches!(self.phase, Phase::Saving { .. }) {
-                self.report(Level::Info, stopping(self.gang.size(), self.evaluates()));
+                self.report(Level::Info, stopping(self.learner_group.size(), self.evaluates()));
             }
         } else if let Phase::Saving { goes_on, .. } = &mut self.phase {
             // From now on it is a stop like any other.
@@ -98,7 +98,7 @@ impl Supervisor {
 
     fn report_interrupt(&mut self) {
         if matches!(self.phase, Phase::Saving { .. }) {
-            let text = stopping(self.gang.size(), self.evaluates());
+            let text = stopping(self.learner_group.size(), self.evaluates());
             self.report(Level::Info, format!("{text}; Ctrl-C again ends everything at once"));
         }
     }
@@ -110,14 +110,14 @@ impl Supervisor {
 
     /// Has the learners save, if they can: they agree on where, so it takes all of them.
     fn save(&mut self, now: Duration, failure: Option<String>) {
-        if self.learners_are_whole() && (self.gang.all_ready_since().is_some() || failure.is_none()) {
-            let (work, first) = self.gang.work();
-            let patience = match self.gang.starting_for(now) {
-                Some(starting) => self.policy.learner_ready.saturating_sub(starting) + self.policy.first_save,
-                None => self.policy.stop(work, self.gang.pace(), first),
+        if self.learners_are_whole() && (self.learner_group.all_ready_since().is_some() || failure.is_none()) {
+            let (work, first) = self.learner_group.work();
+            let patience = match self.learner_group.starting_for(now) {
+                Some(starting) => self.deadlines.learner_ready.saturating_sub(starting) + self.deadlines.first_save,
+                None => self.deadlines.stop(work, self.learner_group.pace(), first),
             };
             self.phase = Phase::Saving { failure, since: now, patience, goes_on: false };
-            self.gang.waits(now);
+            self.learner_group.waits(now);
             self.announce_stop();
         } else {
             self.leave(now, failure.map_or(SessionEnd::Stopped, SessionEnd::Failed), None);
@@ -126,8 +126,8 @@ impl Supervisor {
 
     /// The checkpoint of a stop has begun: from now on the stop waits for a disk.
     pub(super) fn save_begins(&mut self, now: Duration) {
-        let (work, first) = self.gang.work();
-        let left = self.policy.stop(work, self.gang.pace(), first);
+        let (work, first) = self.learner_group.work();
+        let left = self.deadlines.stop(work, self.learner_group.pace(), first);
         if let Phase::Saving { since, patience, .. } = &mut self.phase {
             (*since, *patience) = (now, left);
         }

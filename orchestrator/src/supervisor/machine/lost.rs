@@ -19,7 +19,7 @@ impl Supervisor {
             Phase::Leaving { .. } => {
                 // It ends as it would have: all that matters was saved before.
                 self.report(Level::Warning, reason);
-                if !self.gang.has_finished(0) {
+                if !self.learner_group.has_finished(0) {
                     self.kill_broken(now);
                 }
                 self.finish_if_alone();

@@ -6,7 +6,7 @@ mod scaling;
 mod several_learners;
 
 use super::*;
-use crate::supervisor::stage::StageSwitch;
+use crate::supervisor::stage_machine::StageSwitch;
 use proptest::prelude::*;
 use proto::config::Config;
 use proto::event::Timing;
@@ -27,11 +27,11 @@ fn stages() -> Vec<StageConfig> {
     vec![stage("I", "r", 500), stage("II", "r_prime", 333)]
 }
 
-fn policy(learners: u32) -> Policy {
+fn deadlines(learners: u32) -> Deadlines {
     let mut config = Config { stages: stages(), ..Config::default() };
     config.actors.count = ACTORS;
     config.learner.count = learners;
-    Policy::of(&config)
+    Deadlines::of(&config)
 }
 
 impl Supervisor {
@@ -80,7 +80,7 @@ impl World {
     fn with(learners: u32) -> Self {
         let mut world = Self {
             learners,
-            supervisor: Supervisor::new(policy(learners), stages()),
+            supervisor: Supervisor::new(deadlines(learners), stages()),
             now: Duration::ZERO,
             up: BTreeMap::new(),
             spawned: BTreeMap::new(),
@@ -110,10 +110,12 @@ impl World {
         self.carry_out(actions);
         let starts: BTreeSet<u32> = self.ranks().map(|rank| self.spawned[&Process::Learner(rank)]).collect();
         assert_eq!(starts.len(), 1, "learners are started together, and meet by their incarnation");
-        let gone = |rank| !self.up.contains_key(&Process::Learner(rank)) && !self.supervisor.gang.has_finished(rank);
+        let gone =
+            |rank| !self.up.contains_key(&Process::Learner(rank)) && !self.supervisor.learner_group.has_finished(rank);
         // Once rank 0 has saved, they only have to leave. Who is the reason of another's end is given time to say why.
-        let waits = !self.supervisor.is_stopping() && self.supervisor.gang.awaits_a_reason();
-        if !waits && self.outcome.is_none() && !self.supervisor.gang.has_finished(0) && self.ranks().any(gone) {
+        let waits = !self.supervisor.is_stopping() && self.supervisor.learner_group.awaits_a_reason();
+        if !waits && self.outcome.is_none() && !self.supervisor.learner_group.has_finished(0) && self.ranks().any(gone)
+        {
             for process in self.ranks().map(Process::Learner) {
                 let left = self.up.contains_key(&process) && !self.killed.contains(&process);
                 assert!(!left, "{process} is left to wait for one that is dead");
@@ -140,7 +142,7 @@ impl World {
                     let starts = self.spawned.entry(process).or_default();
                     *starts += 1;
                     assert_eq!(incarnation, *starts, "incarnations count starts");
-                    let allowed = (policy(1).restart.in_all as u32 + 1) * (self.high_water_marks + 1) + 1;
+                    let allowed = (deadlines(1).restart.in_all as u32 + 1) * (self.high_water_marks + 1) + 1;
                     assert!(*starts <= allowed, "{process} was started {starts} times");
                     self.up.insert(process, incarnation);
                     if let Process::Learner(rank) = process {
@@ -217,7 +219,7 @@ impl World {
             });
         }
         if let Some(complete) = self.agreed {
-            return if self.supervisor.gang.has_finished(rank) {
+            return if self.supervisor.learner_group.has_finished(rank) {
                 self.exit(Process::Learner(rank), Exit::Code(0));
             } else {
                 self.finishes(rank, complete);

@@ -111,7 +111,7 @@ impl Learner {
         let own = |(&(actor, half), &receipt): (&(u32, u32), &Receipt)| {
             actors.contains(&actor).then_some((actor, half, receipt))
         };
-        let receipts: Vec<_> = world.desks[self.session].receipts.iter().filter_map(own).collect();
+        let receipts: Vec<_> = world.shared[self.session].receipts.iter().filter_map(own).collect();
         for (actor, half, receipt) in receipts {
             self.collector().recorded(actor, half, receipt);
         }
@@ -346,14 +346,14 @@ impl Learner {
             return next;
         }
         let stop = self.stop_asked(world);
-        let desk = &world.desks[self.session];
+        let shared = &world.shared[self.session];
         let is_written =
             |written: &Written| written.learner_incarnation == self.incarnation && written.rollout > self.rollout;
         let waited = world.now - began;
         let word = match stop {
-            _ if desk.written.as_ref().is_some_and(is_written) => WRITTEN,
+            _ if shared.written.as_ref().is_some_and(is_written) => WRITTEN,
             Some(Stop::OrchestratorGone) => ORCHESTRATOR_GONE,
-            Some(Stop::Announced) if desk.failure.is_some() || waited >= WRITING_PATIENCE => STOP_ANNOUNCED,
+            Some(Stop::Announced) if shared.failure.is_some() || waited >= WRITING_PATIENCE => STOP_ANNOUNCED,
             _ if waited >= WRITING_DEADLINE => FAULT,
             _ => return self.stay(Phase::Recording { sum, collected, began }, Next::Wait(LOOK)),
         };

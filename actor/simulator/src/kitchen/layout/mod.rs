@@ -27,7 +27,7 @@ mod run;
 mod shell;
 mod wall;
 
-use super::lot::Lot;
+use super::kitchen_key::KitchenKey;
 use super::room::{Fixture, Surface};
 use super::{ithor, quota};
 use draft::{Draft, Style};
@@ -95,7 +95,7 @@ pub struct FittedRoom {
 
 impl FittedRoom {
     /// Lays a kitchen out. The error is what found no place.
-    pub fn draw(kitchen: impl Into<Lot>, random: &mut Random) -> Result<Self, &'static str> {
+    pub fn draw(kitchen: impl Into<KitchenKey>, random: &mut Random) -> Result<Self, &'static str> {
         let kitchen = kitchen.into();
         let brief = RoomBrief::of(kitchen);
         let walls = walls(&brief, random);
@@ -150,7 +150,7 @@ struct AtWall {
 }
 
 impl Draft<'_> {
-    fn lay_out(&mut self, kitchen: Lot, brief: &RoomBrief) -> Result<(), &'static str> {
+    fn lay_out(&mut self, kitchen: KitchenKey, brief: &RoomBrief) -> Result<(), &'static str> {
         let runs = self.runs(brief)?;
         self.before_door = self.doorway().ok_or("the door")?;
         self.windows(kitchen, &runs);
@@ -306,7 +306,7 @@ impl Draft<'_> {
     }
 
     /// The window over the sink, and another one where a wall is free.
-    fn windows(&mut self, kitchen: Lot, runs: &[AtWall]) {
+    fn windows(&mut self, kitchen: KitchenKey, runs: &[AtWall]) {
         let (share, mean) = ithor::share_and_mean("Window");
         let rank = quota::rank(kitchen, "Window");
         let windows = quota::count_of_rank(rank, share, mean);
@@ -344,7 +344,7 @@ impl Draft<'_> {
     }
 
     /// What hangs over the runs at walls, and the microwave.
-    fn above(&mut self, kitchen: Lot, mut wall_shelves: bool, runs: &[AtWall]) {
+    fn above(&mut self, kitchen: KitchenKey, mut wall_shelves: bool, runs: &[AtWall]) {
         let room = self.room().high - self.room().low;
         let small = room.x * room.z < SMALL_ROOM_M2;
         let microwave_above = small || quota::among(kitchen, "microwave above the stove", MICROWAVE_ABOVE_SHARE);

@@ -1,7 +1,7 @@
 //! Plans: how large a kitchen is, which walls carry runs of counters, and in which order units stand in them.
 
 use super::run::{Slot, Unit};
-use crate::kitchen::lot::Lot;
+use crate::kitchen::kitchen_key::KitchenKey;
 use crate::kitchen::{ithor, quota};
 use proto::kitchen::KitchenId;
 use std::collections::BTreeMap;
@@ -99,16 +99,16 @@ impl Plan {
 const DRAWN: [(&str, f32); 2] = [("DiningTable", 0.8), ("Stool", 0.85)];
 
 impl RoomBrief {
-    pub fn of(kitchen: Lot) -> Self {
+    pub fn of(kitchen: KitchenKey) -> Self {
         static BUILT_IN: LazyLock<BTreeMap<KitchenId, RoomBrief>> =
-            LazyLock::new(|| all(&KitchenId::all().map(Lot::from).collect::<Vec<_>>()));
+            LazyLock::new(|| all(&KitchenId::all().map(KitchenKey::from).collect::<Vec<_>>()));
         if kitchen.id().is_built_in() { BUILT_IN[&kitchen.id()] } else { all(&kitchen.set())[&kitchen.id()] }
     }
 }
 
 /// The briefs of all kitchens of a set, which share out tables and seats among them.
-fn all(set: &[Lot]) -> BTreeMap<KitchenId, RoomBrief> {
-    let is_procedural = set.iter().any(|lot| lot.id().is_procedural());
+fn all(set: &[KitchenKey]) -> BTreeMap<KitchenId, RoomBrief> {
+    let is_procedural = set.iter().any(|kitchen_key| kitchen_key.id().is_procedural());
     let numbers = |category, rank| {
         let (share, mean) = ithor::share_and_mean(category);
         let drawn = DRAWN.into_iter().find(|&(name, _)| is_procedural && name == category);
@@ -120,7 +120,7 @@ fn all(set: &[Lot]) -> BTreeMap<KitchenId, RoomBrief> {
         let [x, z] = size_m(id);
         x * z * (0.8 + 0.4 * quota::quantile(id, "DiningTable"))
     });
-    let has_table = |id: Lot| numbers("DiningTable", table_ranks[&id.id()]) > 0;
+    let has_table = |id: KitchenKey| numbers("DiningTable", table_ranks[&id.id()]) > 0;
     let plans: BTreeMap<KitchenId, (Plan, bool)> =
         set.iter().map(|&id| (id.id(), plan(id, size_m(id), has_table(id)))).collect();
     // Stools stand at islands and peninsulas first, then at tables.
@@ -140,12 +140,12 @@ fn all(set: &[Lot]) -> BTreeMap<KitchenId, RoomBrief> {
         _ => Shelves::None,
     };
     set.iter()
-        .map(|&lot| {
-            let id = lot.id();
+        .map(|&kitchen_key| {
+            let id = kitchen_key.id();
             let (plan, main_along_x) = plans[&id];
             let brief = RoomBrief {
                 plan,
-                size_m: size_m(lot),
+                size_m: size_m(kitchen_key),
                 main_along_x,
                 tables: numbers("DiningTable", table_ranks[&id]),
                 chairs: numbers("Chair", table_ranks[&id]),
@@ -158,14 +158,14 @@ fn all(set: &[Lot]) -> BTreeMap<KitchenId, RoomBrief> {
 }
 
 /// Each kitchen's place, from 0, when all are ordered by a score, highest first.
-fn ranks(set: &[Lot], score: impl Fn(Lot) -> f32) -> BTreeMap<KitchenId, usize> {
+fn ranks(set: &[KitchenKey], score: impl Fn(KitchenKey) -> f32) -> BTreeMap<KitchenId, usize> {
     let mut order: Vec<(f32, KitchenId)> = set.iter().map(|&id| (score(id), id.id())).collect();
     order.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
     order.into_iter().enumerate().map(|(rank, (_, id))| (id, rank)).collect()
 }
 
 /// Inner size along x and z, metres: iTHOR's distribution, through least, median and largest.
-fn size_m(kitchen: Lot) -> [f32; 2] {
+fn size_m(kitchen: KitchenKey) -> [f32; 2] {
     let size = |question, [least, median, largest]: [f32; 3]| {
         // Nine tenths of the rooms lie in the lower half of what is above the median.
         let knots = [(0.0, least), (0.5, median), (0.9, 0.5 * (median + largest)), (1.0, largest)];
@@ -182,7 +182,7 @@ fn interpolate(knots: &[(f32, f32)], at: f32) -> f32 {
 }
 
 /// A plan that fits, and whether its main wall lies along x.
-fn plan(kitchen: Lot, size_m: [f32; 2], has_table: bool) -> (Plan, bool) {
+fn plan(kitchen: KitchenKey, size_m: [f32; 2], has_table: bool) -> (Plan, bool) {
     let [x, z] = size_m;
     let options: Vec<(Plan, bool)> = Plan::ALL
         .into_iter()

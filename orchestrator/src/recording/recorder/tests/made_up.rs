@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::recording::declared::Declared;
-use crate::recording::recorder::scribe::Scribe;
+use crate::recording::recorder::message_writer::MessageWriter;
 use crate::recording::recorder::segment::{Preamble, Segments};
 use proptest::prelude::*;
 use prost_reflect::{DescriptorPool, DynamicMessage, Value};
@@ -110,12 +110,12 @@ fn recorded(folder: &Path) -> (Declared, PathBuf) {
     let declared = made_up();
     let shape = WireShape::new(Shares::of_one(1), 1, declared.spec);
     let spec = declared.spec;
-    let mut scribe = Scribe::new(segments, shape, 1, &config, declared);
+    let mut message_writer = MessageWriter::new(segments, shape, 1, &config, declared);
     for step in 0..=3 {
         let header = ObservationHeader { step: step.into(), learner_incarnation: 1, ..Default::default() };
-        scribe.observations(u64::from(step), &header, &record(spec, step), step > 0).unwrap();
+        message_writer.observations(u64::from(step), &header, &record(spec, step), step > 0).unwrap();
     }
-    scribe.segments().finish().unwrap();
+    message_writer.segments().finish().unwrap();
     (made_up(), path)
 }
 

@@ -1,6 +1,6 @@
 //! How fast steps and depth frames are written: a measurement.
 
-use super::super::scribe::Scribe;
+use super::super::message_writer::MessageWriter;
 use super::super::segment::{Preamble, Segments};
 use super::super::testing;
 use crate::recording::declared::Declared;
@@ -25,7 +25,7 @@ fn throughput_of_the_scribe() {
         let folder = RunFolder::new(folder.join(name));
         let segments = Segments::create(folder, preamble.clone(), 0).unwrap();
         let declared = Declared::of(&config).unwrap();
-        let mut scribe = Scribe::new(segments, shape, 1, &config, declared);
+        let mut message_writer = MessageWriter::new(segments, shape, 1, &config, declared);
         let header = wire::message::ObservationHeader { learner_incarnation: 1, ..Default::default() };
         let mut half: Vec<_> = (0..8).flat_map(|environment| testing::record(environment, 0, flags).0).collect();
         let lines = half.len() / 8;
@@ -36,12 +36,12 @@ fn throughput_of_the_scribe() {
                 *RecordHeader::of_mut(Line::bytes_mut(record)) = testing::header(environment, step, flags);
             }
             let header = wire::message::ObservationHeader { step, ..header };
-            scribe.observations(step * 1_000_000, &header, &half, step > 0).unwrap();
+            message_writer.observations(step * 1_000_000, &header, &half, step > 0).unwrap();
         }
-        scribe.segments().finish().unwrap();
+        message_writer.segments().finish().unwrap();
         let seconds = started.elapsed().as_secs_f64();
-        let counts = scribe.counts();
-        let bytes = scribe.segments().bytes();
+        let counts = message_writer.counts();
+        let bytes = message_writer.segments().bytes();
         assert!(counts.steps > 0 && (flags == 0) == (counts.depth_frames == 0), "{name}");
         println!(
             "{name}: {:.0} steps/s, {:.0} depth frames/s, {:.1} bytes a step",

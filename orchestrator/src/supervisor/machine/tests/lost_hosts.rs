@@ -45,7 +45,7 @@ fn a_host_lost_while_learners_that_lost_it_end_is_the_reason_and_not_they() {
 fn a_host_lost_after_all_is_saved_takes_nothing_away() {
     let mut world = three();
     world.feed(Event::Stop);
-    while !world.supervisor.gang.has_finished(0) {
+    while !world.supervisor.learner_group.has_finished(0) {
         world.step(true);
     }
     world.lose_last_host();

@@ -40,7 +40,7 @@ fn a_stop_saves_and_can_be_told_from_completion() {
 #[test]
 fn a_stopped_evaluation_is_not_said_to_save() {
     let interrupted = |stages: Vec<StageConfig>| {
-        let mut supervisor = Supervisor::new(policy(1), stages);
+        let mut supervisor = Supervisor::new(deadlines(1), stages);
         supervisor.start(Duration::ZERO);
         let said = supervisor.on_event(Duration::from_secs(1), Event::Interrupt).into_iter().find_map(|action| {
             let Action::Report(Level::Info, text) = action else { return None };
@@ -203,7 +203,7 @@ fn a_silent_learner_is_killed_and_a_dead_ones_words_are_ignored() {
     world.step(false);
     world.step(false);
     // Nobody knows yet how long a rollout takes.
-    assert_eq!(seconds_until_a_kill(&mut world), policy(1).silence.as_secs() + 1);
+    assert_eq!(seconds_until_a_kill(&mut world), deadlines(1).silence.as_secs() + 1);
     assert_eq!(world.killed.iter().copied().collect::<Vec<_>>(), [LEARNER]);
     world.obey();
     assert_eq!(world.spawned[&LEARNER], 2);
@@ -218,7 +218,7 @@ fn a_silent_learner_is_killed_and_a_dead_ones_words_are_ignored() {
 /// A learner whose rollouts and updates take two seconds each hangs: in a rollout, and in an update.
 #[test]
 fn the_end_of_a_process_that_is_not_there_changes_nothing() {
-    let mut supervisor = Supervisor::new(policy(1), Vec::new());
+    let mut supervisor = Supervisor::new(deadlines(1), Vec::new());
     supervisor.start(Duration::ZERO);
     for (process, incarnation) in [(Process::Actor(ACTORS + 7), 1), (Process::Actor(0), 2)] {
         let exit = Exit::Signal(9);
@@ -366,7 +366,7 @@ fn an_evaluation_is_complete_without_a_frame_and_playing_again_is_no_progress() 
         parameters: 1,
         checkpoint: None,
     };
-    let mut supervisor = Supervisor::new(policy(1), Vec::new());
+    let mut supervisor = Supervisor::new(deadlines(1), Vec::new());
     let mut now = Duration::ZERO;
     supervisor.start(now);
     let mut incarnation = 1;
@@ -386,12 +386,12 @@ fn an_evaluation_is_complete_without_a_frame_and_playing_again_is_no_progress() 
         let actions = supervisor.on_event(now, Event::Tick);
         incarnation += 1;
         let spawned = Action::Spawn { process: LEARNER, incarnation };
-        assert!(actions.contains(&spawned) || !supervisor.gang.is_ready(0), "{actions:?}");
+        assert!(actions.contains(&spawned) || !supervisor.learner_group.is_ready(0), "{actions:?}");
         assert!(incarnation < 100, "a learner that gets no further is given up");
     };
     assert!(failed.iter().any(|action| matches!(action, Action::CloseLifeline(_))));
 
-    let mut supervisor = Supervisor::new(policy(1), Vec::new());
+    let mut supervisor = Supervisor::new(deadlines(1), Vec::new());
     supervisor.start(now);
     let finished = LearnerEvent::Finished { rank: 0, frames: 0, weights: "w".into(), complete: true };
     for event in [ready(), played(0), played(1), finished] {

@@ -43,7 +43,7 @@ fn the_learners_save_exactly_before_the_rollout_that_is_asked_for() {
 #[test]
 fn learners_that_collect_beside_their_update_are_not_waited_for() {
     let mut world = World::new();
-    world.supervisor.policy.overlap = true;
+    world.supervisor.deadlines.overlap = true;
     world.feed(Event::Scale { before: Some(4) });
     while world.trained < 3 || !world.collected {
         world.step(true);

@@ -3,7 +3,7 @@
 use super::*;
 
 /// Three learners that have trained three rollouts and saved the last; all else has been said.
-fn gang() -> World {
+fn learner_group() -> World {
     let mut world = World::with(3);
     while world.trained < 3 {
         world.step(true);
@@ -15,7 +15,7 @@ fn gang() -> World {
 #[test]
 fn whoever_of_the_learners_dies_takes_the_others_along_and_all_go_on_together() {
     for rank in 0..3 {
-        let mut world = gang();
+        let mut world = learner_group();
         world.exit(Process::Learner(rank), Exit::Signal(9));
         let others: Vec<Process> = (0..3).filter(|&other| other != rank).map(Process::Learner).collect();
         assert_eq!(world.killed.iter().copied().collect::<Vec<_>>(), others);
@@ -52,7 +52,7 @@ fn whoever_of_the_learners_dies_takes_the_others_along_and_all_go_on_together() 
 
 #[test]
 fn a_learner_that_speaks_while_its_peer_is_dead_is_not_listened_to() {
-    let mut world = gang();
+    let mut world = learner_group();
     world.exit(Process::Learner(1), Exit::Signal(9));
     for rank in [0, 2] {
         world.exit(Process::Learner(rank), Exit::Signal(9));
@@ -77,8 +77,8 @@ fn a_learner_that_speaks_while_its_peer_is_dead_is_not_listened_to() {
 
 #[test]
 fn a_fall_is_one_death_in_the_count() {
-    let mut world = gang();
-    let falls = policy(3).restart.in_window as u32;
+    let mut world = learner_group();
+    let falls = deadlines(3).restart.in_window as u32;
     for fall in 0..=falls {
         assert_eq!(world.outcome, None);
         assert!(!world.supervisor.is_stopping(), "fall {fall}");
@@ -102,7 +102,7 @@ fn a_fall_is_one_death_in_the_count() {
 
 #[test]
 fn non_finite_numbers_of_all_learners_are_one_fall() {
-    let mut world = gang();
+    let mut world = learner_group();
     for (fall, exits) in [[EXIT_NON_FINITE; 3], [1, EXIT_NON_FINITE, EXIT_NON_FINITE]].iter().enumerate() {
         assert!(!world.supervisor.is_stopping(), "fall {fall}");
         for (rank, &code) in exits.iter().enumerate() {
@@ -117,7 +117,7 @@ fn non_finite_numbers_of_all_learners_are_one_fall() {
 #[test]
 fn who_lost_another_is_not_the_reason_and_the_reason_is_waited_for() {
     // At their first start, too: that is no refusal.
-    for mut world in [gang(), World::with(3)] {
+    for mut world in [learner_group(), World::with(3)] {
         world.exit(Process::Learner(2), Exit::Code(EXIT_LOST_PEERS));
         world.exit(Process::Learner(1), Exit::Code(EXIT_LOST_PEERS));
         assert!(world.deaths().is_empty() && world.killed.is_empty(), "the reason can still say what it has to");
@@ -133,13 +133,13 @@ fn who_lost_another_is_not_the_reason_and_the_reason_is_waited_for() {
 fn where_nobody_is_the_reason_who_lost_another_falls_with_all() {
     // One hangs: it is ended with the rest. All lost one another: there is nobody to wait for.
     for everyone in [false, true] {
-        let mut world = gang();
+        let mut world = learner_group();
         world.exit(Process::Learner(1), Exit::Code(EXIT_LOST_PEERS));
         world.exit(Process::Learner(2), Exit::Code(EXIT_LOST_PEERS));
         if everyone {
             world.exit(Process::Learner(0), Exit::Code(EXIT_LOST_PEERS));
         } else {
-            world.pass(policy(3).killed);
+            world.pass(deadlines(3).killed);
             assert!(world.killed.contains(&LEARNER));
             world.exit(LEARNER, Exit::Signal(9));
         }
@@ -168,7 +168,7 @@ fn learners_may_leave_in_any_order() {
     // At the budget, and at a stop.
     for stopped in [false, true] {
         for order in [[0, 1, 2], [2, 1, 0], [1, 0, 2]] {
-            let mut world = gang();
+            let mut world = learner_group();
             if stopped {
                 world.feed(Event::Stop);
             }
@@ -194,7 +194,7 @@ fn learners_may_leave_in_any_order() {
 
 #[test]
 fn a_stop_when_one_has_already_left_lets_the_others_save() {
-    let mut world = gang();
+    let mut world = learner_group();
     while world.agreed.is_none() {
         world.step(true);
     }
@@ -209,7 +209,7 @@ fn a_stop_when_one_has_already_left_lets_the_others_save() {
 
 #[test]
 fn one_that_left_comes_back_when_rank_0_dies_before_it_has_saved() {
-    let mut world = gang();
+    let mut world = learner_group();
     while world.agreed.is_none() {
         world.step(true);
     }
@@ -226,7 +226,7 @@ fn one_that_left_comes_back_when_rank_0_dies_before_it_has_saved() {
 #[test]
 fn a_learner_that_dies_while_they_save_is_named() {
     for rank in 0..3 {
-        let mut world = gang();
+        let mut world = learner_group();
         world.feed(Event::Stop);
         world.exit(Process::Learner(rank), Exit::Signal(11));
         // What the others do then is their own affair.
@@ -246,7 +246,7 @@ fn a_learner_that_dies_while_they_save_is_named() {
 
 #[test]
 fn a_learner_that_dies_after_rank_0_has_saved_changes_nothing() {
-    let mut world = gang();
+    let mut world = learner_group();
     world.feed(Event::Stop);
     while world.agreed.is_none() {
         world.step(true);
@@ -264,7 +264,7 @@ fn a_learner_that_dies_after_rank_0_has_saved_changes_nothing() {
 
 #[test]
 fn a_stop_in_the_middle_of_a_fall_waits_for_nobody() {
-    let mut world = gang();
+    let mut world = learner_group();
     world.exit(Process::Learner(1), Exit::Signal(9));
     world.feed(Event::Stop);
     for _ in 0..2 + ACTORS {
@@ -276,7 +276,7 @@ fn a_stop_in_the_middle_of_a_fall_waits_for_nobody() {
 
 #[test]
 fn silent_learners_are_killed_together() {
-    let mut world = gang();
+    let mut world = learner_group();
     for _ in 0..3000 {
         if world.killed.is_empty() {
             world.pass(Duration::from_secs(1));

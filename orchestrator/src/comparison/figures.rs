@@ -1,0 +1,209 @@
+//! What runs and evaluations came to, as figures with names.
+
+use super::row::Row;
+use crate::evaluation::text::{place, shown};
+use crate::output::{format, terminal};
+use crate::run::identity::Identity;
+use crate::run::lock::{LockState, holder};
+use crate::run::state::state_of;
+use crate::training::means::{StageMeans, by_stage};
+use crate::training::metrics::Figures;
+use crate::training::scores::{Scores, best, evaluations_below, read_result};
+use crate::training::summary::Summary;
+use crate::training::wall::{Wall, signs_of_life};
+use anyhow::Result;
+use proto::config::Config;
+use proto::evaluation::{Distribution, Evaluation, RESULT_FILE};
+use proto::run_folder::RunFolder;
+use proto::stage::total_frames;
+use proto::task::Spec;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// A figure: its name, its value, and how people read it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Figure {
+    name: String,
+    value: Value,
+    shown: String,
+}
+
+/// Digits of a digest that tell two apart.
+const DIGITS: usize = 12;
+
+/// Adds figures of one kind after the other.
+#[derive(Debug, Default)]
+struct List(Vec<Figure>);
+
+impl List {
+    fn put(&mut self, name: impl Into<String>, value: impl Into<Value>, shown: String) {
+        self.0.push(Figure { name: name.into(), value: value.into(), shown });
+    }
+
+    fn count(&mut self, name: impl Into<String>, value: u64) {
+        self.put(name, value, format::count(value));
+    }
+
+    fn number(&mut self, name: impl Into<String>, value: Option<f64>, decimals: usize) {
+        self.put(name, json!(value), format::number(value, decimals));
+    }
+
+    /// The metrics of a task that are shown, of one thing.
+    fn metrics(&mut self, of: &str, task: &Spec, figures: &BTreeMap<String, f64>) {
+        for metric in task.shown() {
+            let value = figures.get(&metric.name).copied();
+            let unit = metric.unit.as_ref().map_or_else(String::new, |unit| format!(" ({unit})"));
+            let shown = if metric.share { format::percent(value) } else { format::number(value, 3) };
+            self.put(format!("{of}: {}{unit}", metric.label), json!(value), shown);
+        }
+    }
+}
+
+/// Those of a run, its validations and evaluations, or of an evaluation.
+pub fn of(folder: &RunFolder, config: &Config, identity: &Identity) -> Result<Vec<Figure>> {
+    let mut list = List::default();
+    let held = holder(folder)?;
+    let is_evaluation = config.evaluation.is_some();
+    let summary = if is_evaluation { Ok(None) } else { Summary::read(folder) };
+    let summary = summary.unwrap_or_else(|error| {
+        tell(folder, [format!("{error:#}")].iter());
+        None
+    });
+    let is_complete = summary.is_some() || is_evaluation && folder.has(&folder.root().join(RESULT_FILE));
+    let state = state_of(identity, &held, is_complete).to_string();
+    list.put("state", state.clone(), state);
+    if !is_evaluation {
+        training(&mut list, folder, config, identity, &held);
+        if let Some(summary) = summary {
+            list.put("weights", summary.weights.clone(), summary.weights.chars().take(DIGITS).collect());
+        }
+    }
+    evaluations(&mut list, folder);
+    Ok(list.0)
+}
+
+fn training(list: &mut List, folder: &RunFolder, config: &Config, identity: &Identity, held: &LockState) {
+    let at_rest = *held == LockState::Free;
+    let Figures { history, notes } = Figures::read(folder, at_rest);
+    let Scores { scores, notes: more } = Scores::read(folder, config.spec(), at_rest);
+    tell(folder, notes.iter().chain(&more));
+    list.count("frames", history.frames());
+    list.count("of frames", total_frames(&config.stages));
+    let training_s: f64 = history.iter().map(|trained| trained.timing.total_s()).sum();
+    let rate = (training_s > 0.0).then(|| history.frames() as f64 / training_s);
+    list.put("frames/s", json!(rate), rate.map_or_else(String::new, format::rate));
+    let wall_s = Wall::of(identity, &signs_of_life(&history), !at_rest).all_starts_s;
+    let wall = Duration::try_from_secs_f64(wall_s).unwrap_or_default();
+    list.put("wall time", wall_s, format::duration(wall));
+    for stage in by_stage(&config.stages, &history) {
+        of_stage(list, config.spec(), &stage);
+    }
+    if let Some(best) = best(&scores, config.spec()) {
+        list.metrics("best validation", config.spec(), &best.figures);
+        list.count("best validation: at frame", best.frames);
+    }
+}
+
+/// What is wrong with a run's files goes beside the table.
+fn tell<'a>(folder: &RunFolder, notes: impl Iterator<Item = &'a String>) {
+    notes.for_each(|note| terminal::note(&format!("{}: {note}", folder.root().display())));
+}
+
+/// Of a stage, lately.
+fn of_stage(list: &mut List, task: &Spec, stage: &StageMeans) {
+    let (late, of) = (stage.late(), format!("stage {}", stage.name));
+    let name = |what: &str| format!("{of}: {what}");
+    list.count(name("episodes"), stage.whole.episodes);
+    list.number(name("return"), late.mean_return, 2);
+    list.metrics(&of, task, &late.figures);
+    if let Some(multiplier) = stage.multiplier {
+        list.number(name("multiplier"), Some(multiplier), 4);
+    }
+}
+
+/// The newest of each kind, of those in the folder and below it.
+fn evaluations(list: &mut List, folder: &RunFolder) {
+    let mut notes = Vec::new();
+    let below = evaluations_below(folder, &mut notes).unwrap_or_else(|error| {
+        notes.push(format!("{error:#}"));
+        Vec::new()
+    });
+    tell(folder, notes.iter());
+    let places = std::iter::once(folder.clone()).chain(below);
+    let mut newest: BTreeMap<String, Evaluation> = BTreeMap::new();
+    // One that was cut off, or is damaged, has no figures to compare.
+    for evaluation in places.filter_map(|place| read_result(&place).ok()) {
+        let kind = kind_of(&evaluation);
+        if newest.get(&kind).is_none_or(|known| known.cost.at_unix_s <= evaluation.cost.at_unix_s) {
+            newest.insert(kind, evaluation);
+        }
+    }
+    for (kind, Evaluation { overall, subject, described, .. }) in newest {
+        let name = |what: &str| format!("{kind}: {what}");
+        list.count(name("episodes"), overall.episodes);
+        list.count(name("trained frames"), subject.frames);
+        for one in described.iter().filter(|one| !one.label.is_empty()) {
+            let figure = overall.get(&one.name);
+            list.put(name(&one.label), json!(figure), shown(one, figure));
+        }
+    }
+}
+
+/// What has to be the same for two evaluations to be compared.
+fn kind_of(evaluation: &Evaluation) -> String {
+    let conditions = &evaluation.conditions;
+    let place = place(conditions.split, conditions.procedural, conditions.scenes.len());
+    let mut kind = format!("{}, {} targets", place.trim_start_matches("the "), conditions.objects.name());
+    if conditions.distribution == Distribution::Run {
+        kind.push_str(", drawn");
+    }
+    if conditions.deterministic {
+        kind.push_str(", deterministic");
+    }
+    kind
+}
+
+/// A row a name; names come in the order in which the runs have them.
+pub fn rows(runs: &[Vec<Figure>]) -> Vec<Row> {
+    let mut names: Vec<&str> = Vec::new();
+    for run in runs {
+        let mut place = 0;
+        for figure in run {
+            place = names.iter().position(|name| *name == figure.name).unwrap_or_else(|| {
+                names.insert(place, &figure.name);
+                place
+            }) + 1;
+        }
+    }
+    let row = |name: &str| {
+        let of = |run: &'_ Vec<Figure>| run.iter().find(|figure| figure.name == name).cloned();
+        let (values, shown) = runs
+            .iter()
+            .map(|run| of(run).map_or((Value::Null, String::new()), |figure| (figure.value, figure.shown)))
+            .unzip();
+        Row { name: name.to_owned(), values, shown }
+    };
+    names.into_iter().map(row).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn figures_that_only_some_have_stand_where_those_have_them() {
+        let run = |names: &[&str]| {
+            let mut list = List::default();
+            for (number, name) in names.iter().enumerate() {
+                list.count(*name, number as u64);
+            }
+            list.0
+        };
+        let rows = rows(&[run(&["state", "I", "weights"]), run(&["state", "I", "II", "weights", "test"])]);
+        let names: Vec<&str> = rows.iter().map(|row| row.name.as_str()).collect();
+        assert_eq!(names, ["state", "I", "II", "weights", "test"]);
+        assert_eq!(rows[2].values, [Value::Null, json!(2)]);
+        assert_eq!(rows[3].shown, ["2", "3"]);
+    }
+}

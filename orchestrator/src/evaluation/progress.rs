@@ -1,0 +1,85 @@
+//! Progress of an evaluation: from its events while it runs, or from its folder alone.
+
+use super::journal;
+use super::text::shown;
+use crate::output::format;
+use crate::training::scores::read_result;
+use anyhow::Result;
+use proto::config::Config;
+use proto::evaluation::{EpisodeRecord, Figures, RESULT_FILE};
+use proto::run_folder::RunFolder;
+use proto::task::{Described, Spec};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::io::{Error, ErrorKind};
+use std::path::PathBuf;
+
+/// Episodes of how many, and what they came to.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Progress {
+    /// Episodes to play.
+    pub asked: u64,
+    /// Episodes played.
+    pub played: u64,
+    /// Means so far of the metrics that are printed, by name; none before the first episode.
+    #[serde(flatten)]
+    pub means: BTreeMap<String, Option<f64>>,
+    /// What they are.
+    #[serde(skip)]
+    described: Vec<Described>,
+    /// The result file, once it is there.
+    pub result: Option<PathBuf>,
+}
+
+impl Progress {
+    /// Of an evaluation of `asked` episodes that has these records.
+    pub fn of<'a>(spec: &Spec, asked: u64, records: impl Iterator<Item = &'a EpisodeRecord>) -> Self {
+        Self::at(spec, asked, &Figures::of(spec, records))
+    }
+
+    fn at(spec: &Spec, asked: u64, figures: &Figures) -> Self {
+        let described: Vec<Described> = spec.columns().into_iter().filter(|one| !one.label.is_empty()).collect();
+        let means = described.iter().map(|one| (one.name.clone(), figures.get(&one.name))).collect();
+        Self { asked, played: figures.episodes, means, described, result: None }
+    }
+
+    /// Reads it from the folder; none for a run that trains.
+    pub fn read(folder: &RunFolder, config: &Config) -> Result<Option<Self>> {
+        let Some(plan) = config.evaluation_plan() else { return Ok(None) };
+        let asked = plan.len() as u64;
+        let is_missing = |error: &anyhow::Error| {
+            error.root_cause().downcast_ref::<Error>().is_some_and(|cause| cause.kind() == ErrorKind::NotFound)
+        };
+        match read_result(folder) {
+            Ok(evaluation) => {
+                let result = Some(folder.root().join(RESULT_FILE));
+                Ok(Some(Self { result, ..Self::at(config.spec(), asked, &evaluation.overall) }))
+            }
+            Err(error) if is_missing(&error) => Ok(Some(Self::of(config.spec(), asked, journal::read(folder)?.iter()))),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// The means that are known.
+    pub fn known(&self) -> BTreeMap<String, f64> {
+        self.means.iter().filter_map(|(name, mean)| Some((name.clone(), (*mean)?))).collect()
+    }
+
+    /// As people read it, in parts.
+    pub fn parts(&self) -> Vec<String> {
+        let mut parts = vec![format!(
+            "{} / {} episodes  {:.1}%",
+            format::count(self.played),
+            format::count(self.asked),
+            100.0 * self.played as f64 / self.asked.max(1) as f64
+        )];
+        if self.played > 0 {
+            // More would not fit the line.
+            let first = self.described.iter().take(3);
+            let words: Vec<_> =
+                first.map(|one| format!("{} {}", one.label, shown(one, self.means[&one.name]))).collect();
+            parts.push(words.join("  "));
+        }
+        parts
+    }
+}

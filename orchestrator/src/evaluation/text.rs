@@ -1,0 +1,153 @@
+//! An evaluation in words: which episodes are played where, and the result as a table on the terminal.
+
+use crate::output::format::{self, NOTHING, counted};
+use proto::config::Config;
+use proto::evaluation::{Cost, Distribution, Evaluation, EvaluationConfig, Figures, KitchenFigures, describe};
+use proto::kitchen::{KitchenRange, Split};
+use proto::task::{Described, Kind, Spec};
+
+/// Which episodes are played, as people read it, and their distances at most: of start and target, and of goal and
+/// target.
+pub fn episodes_of(config: &Config, asked: &EvaluationConfig) -> (String, [f32; 2]) {
+    let distances_m = match asked.distribution {
+        Distribution::Fixed => [0.0; 2],
+        Distribution::Run => [config.episode.start_distance_max_m, config.episode.goal_distance_max_m],
+    };
+    (describe(asked.distribution, distances_m[0], distances_m[1]), distances_m)
+}
+
+/// Where episodes run, as text.
+pub fn place(split: Split, procedural: Option<KitchenRange>, scenes: usize) -> String {
+    if let Some(range) = procedural {
+        return format!("{} ({range})", counted(u64::from(range.count()), "procedural kitchen"));
+    }
+    let split = match split {
+        _ if scenes > 0 => return format!("{} of the run's own", counted(scenes as u64, "scene")),
+        Split::Train => "the 19 training kitchens",
+        Split::Validation => "the 5 validation kitchens",
+        Split::Test => "the 5 test kitchens",
+    };
+    split.to_owned()
+}
+
+/// The result as a table on the terminal: what the task prints of each episode, then its further figures.
+pub fn lines(spec: &Spec, evaluation: &Evaluation) -> Vec<String> {
+    let Cost { wall_s, steps, .. } = evaluation.cost;
+    let conditions = &evaluation.conditions;
+    let place = place(conditions.split, conditions.procedural, conditions.scenes.len());
+    let mut lines = vec![format!("{}, in {place}", conditions.episodes_played())];
+    let further = spec.described().len() - spec.figures.len();
+    let printed = |one: &&Described| !one.label.is_empty();
+    let (described, heads) = (spec.described(), |one: &Described| match one.unit.as_str() {
+        "m" => format!("{} (m)", one.label),
+        _ => one.label.clone(),
+    });
+    let columns: Vec<(&Described, String)> =
+        described[..further].iter().filter(printed).map(|one| (one, heads(one))).collect();
+    let line = |name: &str, episodes: &str, cell: &dyn Fn(&Described, &str) -> String| {
+        let cells =
+            columns.iter().map(|(one, head)| format!("{:>1$}", cell(one, head), head.chars().count().max(6) + 2));
+        format!("{name:<12}{episodes:>10}{}", cells.collect::<String>())
+    };
+    let row = |name: &str, figures: &Figures| {
+        line(name, &figures.episodes.to_string(), &|one, _| shown(one, figures.get(&one.name)))
+    };
+    lines.push(line("", "episodes", &|_, head| head.to_owned()));
+    // A hundred lines would bury the others; the result file has them all.
+    let kitchens = if conditions.procedural.is_some() { 0 } else { evaluation.kitchens.len() };
+    let of_kitchen = |part: &KitchenFigures| row(&format!("kitchen {}", part.kitchen), &part.figures);
+    lines.extend(evaluation.kitchens[..kitchens].iter().map(of_kitchen));
+    lines.extend(evaluation.categories.iter().map(|part| row(part.category.name(), &part.figures)));
+    lines.extend(evaluation.object_sets.iter().map(|part| row(part.objects.name(), &part.figures)));
+    lines.push(row("all", &evaluation.overall));
+    let figure = |one: &Described| {
+        let unit = if one.unit.is_empty() { String::new() } else { format!(" {}", one.unit) };
+        format!("{} {}{unit}", one.label, shown(one, evaluation.overall.get(&one.name)))
+    };
+    let figures: Vec<String> = described[further..].iter().filter(printed).map(figure).collect();
+    lines.extend(figures.chunks(4).map(|some| some.join(", ")));
+    let rate = if wall_s > 0.0 { format::rate(steps as f64 / wall_s) } else { NOTHING.to_owned() };
+    lines.push(format!("{} steps in {wall_s:.1} s: {rate} steps/s", format::count(steps)));
+    lines
+}
+
+/// A figure as people read it, without its unit.
+pub fn shown(one: &Described, figure: Option<f64>) -> String {
+    match (one.kind, one.unit.as_str()) {
+        (Kind::Share, _) => format::percent(figure),
+        (_, "m") => format::number(figure, 3),
+        (_, "steps") => format::number(figure, 1),
+        _ => format::number(figure, 2),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluation::testing::played;
+    use proto::config::Config;
+    use proto::evaluation::{Conditions, EpisodeRecord, ObjectSet, Subject};
+    use proto::kitchen::KitchenId;
+
+    fn result(spec: &Spec, objects: ObjectSet, record: EpisodeRecord) -> Vec<String> {
+        let config = Config::default();
+        let [preset, weights, device] = ["", "", ""].map(str::to_owned);
+        let (run, run_id, checkpoint) = (None, None, None);
+        let subject = Subject { preset, seed: 1, run, run_id, checkpoint, frames: 0, weights, parameters: 0 };
+        let conditions = Conditions {
+            split: Split::Test,
+            procedural: None,
+            scenes: Vec::new(),
+            objects,
+            episodes: 1,
+            distribution: Distribution::Fixed,
+            start_distance_max_m: 0.0,
+            goal_distance_max_m: 0.0,
+            deterministic: false,
+            seed: 1,
+            max_steps: 200,
+            action_space: config.episode.action_space,
+            actors: 5,
+            environments_per_actor: 1,
+            device,
+        };
+        lines(spec, &Evaluation::of(spec, subject, conditions, Cost::default(), &[(record, vec![])]))
+    }
+
+    #[test]
+    fn a_result_is_printed_as_its_task_declares_it() {
+        let kitchen = KitchenId::new(2).unwrap();
+        let arm = Config::default().spec();
+        let printed = result(arm, ObjectSet::Novel, played(kitchen, 6, &["success", "picked_up"]));
+        let head =
+            "              episodes  length      SR   SRwoD  SRwoD (per axis)  picked up  disturbance (m)  disturbed";
+        assert_eq!(printed[1], head);
+        let all =
+            "all                  1     1.0  100.0%    0.0%              0.0%     100.0%            0.000       0.00";
+        assert_eq!(printed[printed.len() - 4], all);
+        assert!(printed[printed.len() - 3].starts_with("success but unsafe 0.0%, unsafe of the successes 0.0%, worst"));
+
+        let text = r#"
+        name = "small"
+        actions = { kind = "discrete", names = ["Stop", "Ahead"] }
+        channels = [
+            { name = "there", role = "part", dtype = "f32", values = [0, 1], doc = "There." },
+            { name = "spl", role = "outcome", dtype = "f32", range = [0, 1], doc = "How straight." },
+        ]
+        metrics = [
+            { name = "success", label = "SR", over = "last", all_of = [{ channel = "there" }], doc = "There." },
+            { name = "spl", label = "SPL", over = "last", value = "spl", doc = "How straight, 0 without success." },
+        ]
+        "#;
+        let small = Spec::parse(text).unwrap();
+        let numbers = vec![Some(1.0), Some(0.75)];
+        let record = EpisodeRecord { category: None, numbers, ..played(kitchen, 6, &[]) };
+        let expected = [
+            "fixed episodes at full distance, in the 5 test kitchens",
+            "              episodes  length      SR     SPL",
+            "kitchen 2            1     1.0  100.0%    0.75",
+            "all                  1     1.0  100.0%    0.75",
+        ];
+        assert_eq!(result(&small, ObjectSet::NoTargets, record)[..4], expected);
+    }
+}

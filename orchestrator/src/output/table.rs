@@ -1,0 +1,44 @@
+//! Cells in columns.
+
+use crate::output::format::NOTHING;
+
+/// A line a row; the columns are as wide as their widest cell.
+pub fn aligned(rows: &[Vec<String>]) -> Vec<String> {
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let width = |column: usize| {
+        let of = |row: &Vec<String>| row.get(column).map_or(0, |cell| cell.chars().count());
+        rows.iter().map(of).max().unwrap_or(0)
+    };
+    let widths: Vec<usize> = (0..columns).map(width).collect();
+    let line = |row: &Vec<String>| {
+        let cells = row.iter().zip(&widths).map(|(cell, &width)| format!("{cell:width$}"));
+        cells.collect::<Vec<_>>().join("  ").trim_end().to_owned()
+    };
+    rows.iter().map(line).collect()
+}
+
+/// A text of at most `most` characters: what is longer ends with an ellipsis. Without text a dash.
+pub fn cell(text: &str, most: usize) -> String {
+    match text.chars().count() {
+        0 => NOTHING.to_owned(),
+        length if length <= most => text.to_owned(),
+        _ => text.chars().take(most.saturating_sub(1)).chain(['…']).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_stand_below_each_other_and_no_line_ends_in_spaces() {
+        let rows = [["a", "r′", ""], ["long", "x", "end"]].map(|row| row.map(str::to_owned).to_vec());
+        assert_eq!(aligned(&rows), ["a     r′", "long  x   end"]);
+        assert_eq!(aligned(&[]), Vec::<String>::new());
+    }
+
+    #[test]
+    fn a_cell_has_its_width() {
+        assert_eq!((cell("", 4), cell("abcd", 4), cell("abcde", 4)), ("–".into(), "abcd".into(), "abc…".into()));
+    }
+}

@@ -1,0 +1,136 @@
+//! Writing a report down: `report.json`, and `report.html`, the viewer's page with the numbers inside.
+
+use crate::evaluation::text::shown;
+use crate::output::format::{self, counted};
+use crate::report_builder::gather::Gathered;
+use crate::report_builder::strips::strips;
+use crate::run::identity::unix_now;
+use anyhow::{Context, Result, bail};
+use proto::run_folder::write_atomically;
+use proto::task::Kind;
+use report::format::{interval, percent};
+use report::statistics::Estimate;
+use report::{Options, Report};
+use serde_json::json;
+use std::fmt::Write;
+use std::path::Path;
+use wire::fault;
+
+/// Name of the page.
+pub const PAGE: &str = "report.html";
+/// Name of the numbers.
+pub const NUMBERS: &str = "report.json";
+
+/// Everything that a call which was killed may have left.
+const BEGUN: [&str; 3] = [NUMBERS, "report.json.partial", "report.html.partial"];
+
+/// Refuses a folder that holds something else than a report. One without a page is of a call that was killed, if it
+/// holds the numbers, whole or not, and nothing else that is not ours.
+pub fn check_free(out: &Path) -> Result<()> {
+    let mut names = Vec::new();
+    match std::fs::read_dir(out) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+        entries => {
+            for entry in entries.with_context(|| format!("report folder {}", out.display()))? {
+                names.push(entry?.file_name().to_string_lossy().into_owned());
+            }
+        }
+    }
+    let has = |name: &str| names.iter().any(|found| found == name);
+    let killed = || BEGUN[..2].iter().any(|name| has(name)) && names.iter().all(|name| BEGUN.contains(&name.as_str()));
+    if !(names.is_empty() || has(PAGE) || killed()) {
+        bail!("{} is not empty, and what it holds is no report: choose another folder with --out", out.display());
+    }
+    Ok(())
+}
+
+fn make_folder(folder: &Path) -> Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| refused("create", folder))
+}
+
+/// A run may lie where nobody can write.
+fn refused(what: &str, path: &Path) -> String {
+    format!("cannot {what} {} (--out puts the report somewhere else)", path.display())
+}
+
+/// Makes the report on what was gathered and writes it to `out`: the numbers first, by which the folder is known for a
+/// report, the page last. An older report there is replaced.
+pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<Report> {
+    check_free(out)?;
+    let Gathered { runs, notes } = gathered;
+    let mut report = Report::of(&runs, options, notes)?;
+    let (episodes, undrawn) = strips(&runs);
+    report.notes.extend(undrawn);
+    make_folder(out)?;
+    let put = |name: &str, content: &str| {
+        let path = out.join(name);
+        write_atomically(&path, content.as_bytes()).with_context(|| refused("write", &path))
+    };
+    put(NUMBERS, &(serde_json::to_string_pretty(&report).context(NUMBERS)? + "\n"))?;
+    let made = format!(
+        "made {} by stillroom {} from {}",
+        format::date(unix_now()),
+        env!("CARGO_PKG_VERSION"),
+        counted(runs.len() as u64, "run")
+    );
+    let data = json!({ "made": made, "report": report, "episodes": episodes });
+    fault::reach("report.before_page");
+    put(PAGE, &view::page::report(&data.to_string(), &table(&report)))?;
+    Ok(report)
+}
+
+/// The main results in HTML, for a browser that runs no scripts.
+fn table(report: &Report) -> String {
+    let text = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;");
+    let rate = |Estimate { point, interval: found }: Estimate| match &found {
+        Some(found) => format!("{} {}", percent(point), interval(found)),
+        None => percent(point),
+    };
+    let mut table = "<table><tr><th>group<th>episodes of<th>seeds<th>episodes<th>metrics, shares in %".to_owned();
+    for (group, result) in report.groups.iter().flat_map(|group| group.results.iter().map(move |one| (group, one))) {
+        let (label, seeds, episodes) = (text(&group.label), result.seeds.len(), result.pooled.episodes);
+        let described = &report.tasks[&group.task].described;
+        let metrics = described.iter().filter_map(|one| Some((one, result.metrics.get(&one.name)?.mean)));
+        let cells = metrics.map(|(one, mean)| match one.kind {
+            Kind::Share => format!("{} {}", text(&one.label), rate(mean)),
+            _ => format!("{} {}", text(&one.label), shown(one, Some(mean.point))),
+        });
+        let cells = cells.collect::<Vec<_>>().join(", ");
+        let _ = write!(table, "<tr><td>{label}<td>{}<td>{seeds}<td>{episodes}<td>{cells}", result.field);
+    }
+    table + "</table>"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_is_a_reports_or_empty() {
+        let temporary = tempfile::tempdir().unwrap();
+        let with = |names: &[&str]| {
+            let out = temporary.path().join(names.concat());
+            std::fs::create_dir_all(&out).unwrap();
+            for name in names {
+                std::fs::write(out.join(name), "").unwrap();
+            }
+            check_free(&out)
+        };
+        check_free(&temporary.path().join("new")).unwrap();
+        for ours in [
+            &[][..],
+            &["report.json.partial"],
+            &["report.json"],
+            &["report.json", "report.html.partial"],
+            &["report.html", "report.json", "of the user's own"],
+        ] {
+            with(ours).unwrap();
+        }
+        let file = temporary.path().join("file");
+        std::fs::write(&file, "").unwrap();
+        assert!(make_folder(&file.join("report")).unwrap_err().to_string().contains("--out puts the report"));
+        for foreign in [&["report.html.partial"][..], &["report.json", "thesis.tex"], &["run.toml"]] {
+            assert!(with(foreign).unwrap_err().to_string().contains("no report"), "{foreign:?}");
+        }
+    }
+}

@@ -1,0 +1,498 @@
+//! Reads run folders and evaluation folders for a report.
+
+use super::evaluated::evaluation;
+use super::unclaimed::{UnclaimedEvaluation, is_of, same_run};
+use crate::run::identity::Identity;
+use crate::run::lock::{LockState, holder};
+use crate::run::scenes::config_by_content;
+use crate::run::state::state_of;
+use crate::training::metrics::Figures;
+use crate::training::scores::{Score, Scores, evaluations_below};
+use crate::training::summary::Summary;
+use anyhow::{Context, Result, bail};
+use proto::config::Config;
+use proto::evaluation::{RESULT_FILE, Subject};
+use proto::run_folder::{Item, RunFolder};
+use proto::task::Spec;
+use proto::trained::{History, Trained};
+use report::study::{Evaluated, Origin, Rollout, Run, Validated};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Depth of the search for runs below a given folder.
+const DEPTH: usize = 3;
+
+/// What was found.
+#[derive(Debug)]
+pub struct Gathered {
+    /// Runs that were found, then weights that were evaluated without one.
+    pub runs: Vec<Run>,
+    /// What was found and could not be read.
+    pub notes: Vec<String>,
+}
+
+struct Given {
+    /// Its path, without links.
+    place: PathBuf,
+    id: String,
+    run: Run,
+}
+
+impl Given {
+    /// Whether weights that were evaluated are this run's: by its id, whatever folder it was in then. An evaluation of
+    /// an older version names no id, so the folder must be the same, and what was trained in it.
+    fn trained(&self, subject: &Subject) -> bool {
+        if let Some(id) = &subject.run_id {
+            return *id == self.id;
+        }
+        let place = subject.run.as_ref().and_then(|run| std::fs::canonicalize(run).ok());
+        place.as_deref() == Some(&self.place) && is_of(subject, &self.run.config)
+    }
+}
+
+/// The runs meant by `paths`: run folders, evaluation folders, or folders that hold runs. Evaluations of a given run
+/// are attached to it. Other evaluations are grouped by their run, or by their weights if these are untrained. A folder
+/// that cannot be read becomes a note, as long as there is another.
+pub fn gather(paths: &[PathBuf]) -> Result<Gathered> {
+    let mut runs: Vec<Given> = Vec::new();
+    let mut unclaimed: Vec<UnclaimedEvaluation> = Vec::new();
+    let mut notes = Vec::new();
+    for path in paths {
+        let (mut found, before) = (Vec::new(), notes.len());
+        if let Err(error) = look(&RunFolder::new(path), DEPTH, &mut found, &mut notes) {
+            notes.push(left_out(path, &error));
+        }
+        if found.is_empty() && notes.len() == before {
+            bail!("{} {}", path.display(), no_run(path)?);
+        }
+        for folder in found {
+            let root = folder.root();
+            let place = std::fs::canonicalize(root).with_context(|| root.display().to_string())?;
+            if runs.iter().any(|known| known.place == place) || unclaimed.iter().any(|known| known.place == place) {
+                continue;
+            }
+            let read = if folder.has(&root.join(RESULT_FILE)) {
+                UnclaimedEvaluation::read(&folder, place).map(|read| unclaimed.push(read))
+            } else {
+                run(&folder, &mut notes).map(|(id, run)| runs.push(Given { place, id, run }))
+            };
+            if let Err(error) = read {
+                notes.push(left_out(root, &error));
+            }
+        }
+    }
+    if runs.is_empty() && unclaimed.is_empty() {
+        bail!("there is nothing to report on. {}", notes.join(" "));
+    }
+    let mut alone: Vec<Run> = Vec::new();
+    for one in unclaimed {
+        if let Some(known) = runs.iter_mut().find(|known| known.trained(&one.evaluated.result.subject)) {
+            // Its own evaluations are known already.
+            if !one.place.starts_with(&known.place) {
+                known.run.evaluations.push(one.evaluated);
+            }
+            continue;
+        }
+        let one = one.alone();
+        match alone.iter_mut().find(|known| same_run(known, &one)) {
+            Some(known) => {
+                // What they have in common is their run.
+                if let Some(run) = known.evaluations[0].result.subject.run.clone() {
+                    known.name = run;
+                }
+                known.evaluations.extend(one.evaluations);
+            }
+            None => alone.push(one),
+        }
+    }
+    Ok(Gathered { runs: runs.into_iter().map(|known| known.run).chain(alone).collect(), notes })
+}
+
+/// Why a folder in which nothing was found is of no use here.
+fn no_run(folder: &Path) -> Result<&'static str> {
+    let folder = RunFolder::new(folder);
+    let evaluates = folder.identity().exists() && Config::of_run(&folder)?.evaluation.is_some();
+    Ok(if evaluates {
+        "is an evaluation without a result: it goes on still, or was stopped before its end (`orchestrator status` tells)"
+    } else {
+        "is no run and holds none (a run has a run.toml)"
+    })
+}
+
+fn left_out(folder: &Path, error: &anyhow::Error) -> String {
+    format!("{} is left out: {error:#}.", folder.display())
+}
+
+/// Run and evaluation folders at or below `folder`; folders inside a run are not searched. Unreadable folders become
+/// notes.
+fn look(folder: &RunFolder, depth: usize, found: &mut Vec<RunFolder>, notes: &mut Vec<String>) -> Result<()> {
+    let items = folder.list(folder.root())?;
+    let has = |path: PathBuf| items.iter().any(|item| !item.is_folder && item.path == path);
+    let has_result = has(folder.root().join(RESULT_FILE));
+    if has_result || has(folder.identity()) {
+        // A run.toml whose configuration holds an evaluation is one without a result.
+        if has_result || Config::of_run(folder)?.evaluation.is_none() {
+            found.push(folder.clone());
+        }
+        return Ok(());
+    }
+    for Item { path, is_folder, .. } in items.iter().filter(|_| depth > 0) {
+        if !is_folder && path.is_dir() {
+            notes.push(format!("{} is left out: it is a link, name the folder itself.", path.display()));
+        }
+        if let Some(name) = path.file_name().filter(|_| *is_folder)
+            && let Err(error) = look(&folder.within(name), depth - 1, found, notes)
+        {
+            notes.push(left_out(path, &error));
+        }
+    }
+    Ok(())
+}
+
+/// A run with its id.
+fn run(folder: &RunFolder, notes: &mut Vec<String>) -> Result<(String, Run)> {
+    let path = folder.root();
+    let identity = Identity::read(folder)?;
+    let summary = Summary::read(folder).unwrap_or_else(|error| {
+        notes.push(format!("{error:#}."));
+        None
+    });
+    let (config, held) = (config_by_content(folder)?, holder(folder)?);
+    let at_rest = held == LockState::Free;
+    let Figures { history, notes: about_figures } = Figures::read(folder, at_rest);
+    let Scores { scores, notes: about_scores } = Scores::read(folder, config.spec(), at_rest);
+    notes.extend(about_figures.into_iter().chain(about_scores).map(|note| format!("{}: {note}.", path.display())));
+    let config = config_by_content(folder)?;
+    let run = Run {
+        name: path.display().to_string(),
+        origin: Origin::Run(state_of(&identity, &held, summary.is_some())),
+        rollouts: rollouts(&history),
+        evaluations: evaluations_of(config.spec(), folder, notes)?,
+        validation: validation_of(&scores),
+        config,
+    };
+    Ok((identity.id, run))
+}
+
+/// What was trained, with how fast it was and how long it took until then.
+fn rollouts(history: &History) -> Vec<Rollout> {
+    // The number of the next rollout and the frames before it.
+    let (mut next, mut before, mut elapsed_s) = (0, 0, 0.0);
+    let rollout = |trained: &Trained| {
+        let took_s = trained.timing.total_s();
+        elapsed_s += took_s;
+        // A rollout can be missing; how many frames the one after it had is not known then.
+        let is_known = took_s > 0.0 && trained.rollout == next;
+        let frames_per_s = is_known.then(|| trained.frames.saturating_sub(before) as f64 / took_s);
+        (next, before) = (trained.rollout.saturating_add(1), trained.frames);
+        Rollout { frames: trained.frames, frames_per_s, elapsed_s, metrics: trained.metrics.clone() }
+    };
+    history.iter().map(rollout).collect()
+}
+
+/// Evaluations during training, in order of frames.
+fn validation_of(scores: &[Score]) -> Vec<Validated> {
+    let validated = |score: &Score| {
+        let Score { frames, distribution, figures, .. } = score;
+        Validated { frames: *frames, distribution: *distribution, figures: figures.clone() }
+    };
+    let by_frames: BTreeMap<u64, Validated> = scores.iter().map(|score| (score.frames, validated(score))).collect();
+    by_frames.into_values().collect()
+}
+
+/// The evaluations in a run's own folder, oldest first. One that cannot be read becomes a note.
+fn evaluations_of(spec: &Spec, folder: &RunFolder, notes: &mut Vec<String>) -> Result<Vec<Evaluated>> {
+    let mut evaluations = Vec::new();
+    let mut about = Vec::new();
+    let below = evaluations_below(folder, &mut about)?;
+    notes.extend(about.iter().map(|note| format!("{}: {note}.", folder.root().display())));
+    for one in below {
+        match evaluation(spec, &one) {
+            Ok(read) => evaluations.push(read),
+            Err(error) => notes.push(left_out(one.root(), &error)),
+        }
+    }
+    Ok(evaluations)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluation::testing::played;
+    use proto::SCHEMA_VERSION;
+    use proto::config::FromConfig;
+    use proto::evaluation::{
+        Conditions, Cost, Distribution, Evaluation, EvaluationConfig, ObjectSet, TABLE_FILE, category_of, write_table,
+    };
+    use proto::event::Timing;
+    use proto::kitchen::{KitchenId, Split};
+    use proto::run_state::RunState;
+    use report::study::groups;
+    use report::{Options, Report};
+
+    /// An evaluation's folder: one episode, weights that are named by a letter.
+    fn evaluate(folder: &Path, split: Split, run: Option<&Path>, weights: &str) {
+        let asked = EvaluationConfig::fixed(split, ObjectSet::Novel, 1);
+        let mut config = Config { evaluation: Some(asked), seed: 77, ..Config::resolve("recipe", None).unwrap() };
+        config.actors.count = 5;
+        let novel = (0..12).find(|&episode| ObjectSet::Novel.contains(category_of(episode))).unwrap();
+        let record = played(KitchenId::of_split(split)[0], novel, &["success", "picked_up"]);
+        let subject = Subject {
+            preset: config.preset.clone(),
+            seed: 3,
+            run: run.map(|run| run.display().to_string()),
+            run_id: None,
+            checkpoint: None,
+            frames: 9,
+            weights: weights.repeat(64),
+            parameters: 1,
+        };
+        let conditions = Conditions {
+            split,
+            procedural: None,
+            scenes: Vec::new(),
+            objects: ObjectSet::Novel,
+            episodes: 1,
+            distribution: Distribution::Fixed,
+            start_distance_max_m: 0.0,
+            goal_distance_max_m: 0.0,
+            deterministic: false,
+            seed: config.seed,
+            max_steps: config.episode.max_steps,
+            action_space: config.episode.action_space,
+            actors: 5,
+            environments_per_actor: 1,
+            device: "cpu".into(),
+        };
+        let spec = config.spec();
+        let result = Evaluation::of(spec, subject, conditions, Cost::default(), &[(record.clone(), vec![20])]);
+        std::fs::create_dir_all(folder).unwrap();
+        std::fs::write(folder.join(RESULT_FILE), serde_json::to_string(&result).unwrap()).unwrap();
+        std::fs::write(folder.join(TABLE_FILE), write_table(spec, &[record], Distribution::Fixed)).unwrap();
+        std::fs::write(folder.join("config.toml"), config.to_toml()).unwrap();
+    }
+
+    /// An evaluation after that many frames, made after all before.
+    fn evaluate_after(folder: &Path, run: &Path, weights: &str, frames: u64) {
+        evaluate(folder, Split::Test, Some(run), weights);
+        let path = folder.join(RESULT_FILE);
+        let mut result: Evaluation = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
+        result.subject.frames = frames;
+        result.cost.at_unix_s = 1_000_000 - frames;
+        std::fs::write(path, serde_json::to_string(&result).unwrap()).unwrap();
+    }
+
+    #[test]
+    fn of_several_checkpoints_of_a_run_the_newest_counts_and_the_others_are_named() {
+        let temporary = tempfile::tempdir().unwrap();
+        let at = |name: &str| temporary.path().join(name);
+        begin(&at("run"), |_| {});
+        // The older one was evaluated last.
+        for (name, weights, frames) in [("of/b-new", "b", 900), ("of/a-old", "a", 400)] {
+            evaluate_after(&at(name), &at("run"), weights, frames);
+        }
+        evaluate_after(&at("gone/b-new"), &at("removed"), "b", 900);
+        evaluate_after(&at("gone/a-old"), &at("removed"), "a", 400);
+        for paths in [vec![at("of")], vec![at("run"), at("of")], vec![at("gone")]] {
+            let gathered = gather(&paths).unwrap();
+            assert_eq!((gathered.runs.len(), gathered.runs[0].evaluations.len()), (1, 2), "{paths:?}");
+            let run = at(if paths[0].ends_with("gone") { "removed" } else { "run" });
+            assert_eq!(gathered.runs[0].name, run.display().to_string());
+            let report = Report::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
+            let seed = &report.groups[0].results[0].seeds[0];
+            assert_eq!((seed.evaluation.as_str(), seed.frames), ("b-new", 900));
+            let left_out = report.notes.iter().find(|note| note.contains("older ones are left out"));
+            assert!(left_out.is_some_and(|note| note.contains("a-old of ")), "{:?}", report.notes);
+            assert!(left_out.is_some_and(|note| note.contains("after 400 frames.")), "{:?}", report.notes);
+        }
+        // Of a policy file nobody knows the run; that there was one is known.
+        evaluate(&at("file"), Split::Test, None, "c");
+        let path = at("file").join(RESULT_FILE);
+        let result = std::fs::read_to_string(&path).unwrap();
+        std::fs::write(&path, result.replace("\"checkpoint\":null", "\"checkpoint\":\"/w/a.safetensors\"")).unwrap();
+        assert_eq!(gather(&[at("file")]).unwrap().runs[0].origin, Origin::Unknown);
+        // One alone stands for its run, however old.
+        let gathered = gather(&[at("of/a-old")]).unwrap();
+        let report = Report::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
+        assert_eq!(report.groups[0].results[0].seeds[0].frames, 400);
+        assert!(!report.notes.iter().any(|note| note.contains("left out")));
+        // What its run trained is not known here, which is not that it trained nothing.
+        assert_eq!(report.groups[0].runs[0].frames, 400);
+        assert_eq!(report.groups[0].runs[0].state, Origin::NotGiven);
+        // Two runs that had the same folder one after the other are two.
+        begin(&at("run"), |config| config.ppo.clip = 0.3);
+        let mut other = gather(&[at("of/a-old")]).unwrap();
+        other.runs.extend(gathered.runs);
+        assert!(!same_run(&other.runs[0], &other.runs[1]));
+    }
+
+    #[test]
+    fn an_evaluation_is_of_the_run_whose_id_it_names_not_of_the_folder() {
+        let temporary = tempfile::tempdir().unwrap();
+        let at = |name: &str| temporary.path().join(name);
+        begin(&at("run"), |_| {});
+        evaluate(&at("of"), Split::Test, Some(&at("run")), "a");
+        let path = at("of").join(RESULT_FILE);
+        let mut result: Evaluation = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
+        result.subject.run_id = RunFolder::new(at("run")).id();
+        std::fs::write(path, serde_json::to_string(&result).unwrap()).unwrap();
+        let found = |run: &str| -> Vec<(Origin, usize)> {
+            let gathered = gather(&[at(run), at("of")]).unwrap();
+            gathered.runs.into_iter().map(|run| (run.origin, run.evaluations.len())).collect()
+        };
+        let given = Origin::Run(RunState::NotStarted);
+        assert_eq!(found("run"), [(given.clone(), 1)]);
+        std::fs::rename(at("run"), at("moved")).unwrap();
+        assert_eq!(found("moved"), [(given.clone(), 1)]);
+        // The same preset and seed, and yet another run.
+        begin(&at("run"), |_| {});
+        assert_eq!(found("run"), [(given, 0), (Origin::Unknown, 1)]);
+    }
+
+    /// A run's folder without anything trained.
+    fn begin(folder: &Path, change: impl FnOnce(&mut Config)) {
+        let mut config = Config { seed: 3, ..Config::resolve("recipe", None).unwrap() };
+        change(&mut config);
+        std::fs::create_dir_all(folder).unwrap();
+        let folder = RunFolder::new(folder);
+        Identity::new().unwrap().write(&folder).unwrap();
+        std::fs::write(folder.config(), config.to_toml()).unwrap();
+    }
+
+    /// Groups with the names of the paper's rows that list them.
+    fn rows(gathered: &Gathered) -> Vec<String> {
+        let report = Report::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
+        let rows = report.comparisons.iter().flat_map(|table| &table.rows);
+        rows.filter(|row| !row.ours.is_empty()).map(|row| row.preset.clone()).collect()
+    }
+
+    #[test]
+    fn evaluations_of_the_same_weights_are_one() {
+        let temporary = tempfile::tempdir().unwrap();
+        let at = |name: &str| temporary.path().join(name);
+        for (split, name) in [(Split::Test, "test"), (Split::Validation, "valid")] {
+            evaluate(&at(&format!("fresh/{name}")), split, None, "a");
+            evaluate(&at(&format!("trained/{name}")), split, Some(&at("gone")), "b");
+        }
+        let gathered = gather(&[at("fresh"), at("trained")]).unwrap();
+        let origins: Vec<(&Origin, usize)> =
+            gathered.runs.iter().map(|run| (&run.origin, run.evaluations.len())).collect();
+        assert_eq!(origins, [(&Origin::Untrained, 2), (&Origin::Unknown, 2)]);
+        assert_eq!(groups(&gathered.runs).unwrap().len(), 2);
+        // The training of these weights is unknown, so they match no row of the paper, and the report says so.
+        assert!(rows(&gathered).is_empty(), "{:?}", rows(&gathered));
+        let report = Report::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
+        assert!(report.notes.iter().any(|note| note.contains("the run was not given")), "{:?}", report.notes);
+        assert_eq!(report.groups[1].results.len(), 2, "what was evaluated is shown");
+    }
+
+    #[test]
+    fn how_weights_were_trained_stands_in_their_runs_folder() {
+        let temporary = tempfile::tempdir().unwrap();
+        let at = |name: &str| temporary.path().join(name);
+        begin(&at("plain"), |_| {});
+        begin(&at("continued"), |config| {
+            let checkpoint = "/x/checkpoints/rollout-00000001.json".to_owned();
+            config.from = Some(FromConfig { checkpoint, frames: 9, weights: "0".repeat(64), stages: vec![] });
+        });
+        begin(&at("own"), |config| config.scenes = vec!["scenes/000/scene.toml".into()]);
+        begin(&at("replaced"), |config| config.seed = 4);
+        for (run, letter) in [("plain", "a"), ("continued", "b"), ("own", "c"), ("replaced", "d")] {
+            evaluate(&at(&format!("of/{run}")), Split::Test, Some(&at(run)), letter);
+        }
+        for (run, row) in [("plain", true), ("continued", false), ("own", false), ("replaced", false)] {
+            let gathered = gather(&[at(&format!("of/{run}"))]).unwrap();
+            assert_eq!(rows(&gathered), if row { &["disturb-two-stage"][..] } else { &[] }, "{run}");
+            assert_eq!(gathered.runs[0].origin == Origin::Unknown, run == "replaced");
+        }
+        // Given, it is the run's.
+        let gathered = gather(&[at("plain"), at("of/plain")]).unwrap();
+        assert_eq!((gathered.runs.len(), gathered.runs[0].evaluations.len()), (1, 1));
+    }
+
+    /// In every run folder the copies of scenes have the same names.
+    #[test]
+    fn runs_in_different_scenes_are_different_experiments() {
+        let temporary = tempfile::tempdir().unwrap();
+        let at = |name: &str| temporary.path().join(name);
+        for (name, seed, text) in [("bath-3", 3, "a bath"), ("hall-3", 3, "a hall"), ("hall-4", 4, "a hall")] {
+            begin(&at(name), |config| (config.seed, config.scenes) = (seed, vec!["scenes/000/scene.toml".into()]));
+            let scene = RunFolder::new(at(name)).scene(0);
+            std::fs::create_dir_all(&scene).unwrap();
+            std::fs::write(scene.join("scene.toml"), text).unwrap();
+        }
+        let gathered = gather(&["bath-3", "hall-3", "hall-4"].map(at)).unwrap();
+        let groups = groups(&gathered.runs).unwrap();
+        let seeds: Vec<_> = groups.iter().map(|group| (group.label.as_str(), group.runs.len())).collect();
+        assert_eq!(seeds, [("bath*", 1), ("hall*", 2)]);
+        assert_ne!(groups[0].differences, groups[1].differences, "what tells them apart is said");
+    }
+
+    #[test]
+    fn throughput_is_of_a_rollout_and_time_of_all_until_then() {
+        let mut history = History::default();
+        for (rollout, frames) in [(0, 100), (1, 300), (3, 900), (4, 1000)] {
+            let timing = Timing { simulate_s: 1.0, infer_s: 0.5, update_s: 2.0, exchange_s: 0.0, other_s: 0.5 };
+            let metrics = BTreeMap::new();
+            history.insert(Trained {
+                rollout,
+                frames,
+                stage: 0,
+                at_unix_s: 0,
+                incarnation: 1,
+                wall_s: None,
+                timing,
+                metrics: metrics.into(),
+            });
+        }
+        let rollouts = rollouts(&history);
+        // The third rollout is missing: how many of the frames until the fourth were its own is unknown.
+        let rates: Vec<_> = rollouts.iter().map(|rollout| rollout.frames_per_s).collect();
+        assert_eq!(rates, [Some(25.0), Some(50.0), None, Some(25.0)]);
+        assert!(rollouts.iter().map(|rollout| rollout.elapsed_s).eq([4.0, 8.0, 12.0, 16.0]));
+    }
+
+    #[test]
+    fn what_cannot_be_read_is_a_note_and_without_anything_else_an_error() {
+        let temporary = tempfile::tempdir().unwrap();
+        let at = |name: &str| temporary.path().join(name);
+        begin(&at("all/good"), |_| {});
+        evaluate(&at("all/good/evaluations/fine"), Split::Test, Some(&at("all/good")), "a");
+        evaluate(&at("all/good/evaluations/old"), Split::Test, Some(&at("all/good")), "a");
+        let old = at("all/good/evaluations/old").join(RESULT_FILE);
+        let text = std::fs::read_to_string(&old).unwrap();
+        assert!(text.contains("\"format\":2"));
+        std::fs::write(&old, text.replace("\"format\":2", "\"schema_version\":3")).unwrap();
+        evaluate(&at("all/good/evaluations/later"), Split::Test, Some(&at("all/good")), "a");
+        std::fs::write(at("all/good/evaluations/later").join(RESULT_FILE), text.replace("t\":2", "t\":9")).unwrap();
+        begin(&at("all/older"), |_| {});
+        let identity = Identity { schema_version: SCHEMA_VERSION - 1, ..Identity::new().unwrap() };
+        identity.write(&RunFolder::new(at("all/older"))).unwrap();
+        begin(&at("all/torn"), |_| {});
+        std::fs::write(at("all/torn/config.toml"), "[ppo").unwrap();
+
+        let gathered = gather(&[at("all")]).unwrap();
+        assert_eq!((gathered.runs.len(), gathered.runs[0].evaluations.len()), (1, 1));
+        assert_eq!(gathered.notes.len(), 4, "{:#?}", gathered.notes);
+        let commit =
+            "evaluation.json: it is the result of an older version, which the programs of commit 0e4cae3e read";
+        for (name, why) in
+            [("old", commit), ("later", "has format 9"), ("older", "reads schema"), ("torn", "config.toml")]
+        {
+            let note = gathered.notes.iter().find(|note| note.contains(&format!("/{name} is left out: ")));
+            assert!(note.is_some_and(|note| note.contains(why)), "{name}: {:#?}", gathered.notes);
+        }
+        for name in ["all/older", "all/torn"] {
+            let gathered = gather(&[at("all/good"), at(name)]).unwrap();
+            assert!(gathered.runs.len() == 1 && gathered.notes.len() == 3, "{name}: {:#?}", gathered.notes);
+            assert!(gather(&[at(name)]).is_err(), "{name}");
+        }
+        let asked = EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 1);
+        begin(&at("stopped"), |config| config.evaluation = Some(asked));
+        let problem = gather(&[at("stopped")]).unwrap_err().to_string();
+        assert!(problem.contains("is an evaluation without a result"), "{problem}");
+        std::fs::remove_dir_all(at("all/good")).unwrap();
+        let problem = gather(&[at("all")]).unwrap_err().to_string();
+        assert!(problem.contains("nothing to report on") && problem.contains("older"), "{problem}");
+    }
+}

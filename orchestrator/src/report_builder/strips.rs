@@ -1,0 +1,244 @@
+//! Episodes in pictures: one that weights from before a run's second stage and from after it both played, simulated
+//! again from what their evaluations recorded, and drawn by `actor show`.
+
+use crate::evaluation::text::shown as in_words;
+use crate::output::format::{self, counted};
+use crate::preflight::programs;
+use crate::recording::episode_index::EpisodeIndex;
+use anyhow::{Context, Result, bail};
+use base64::Engine;
+use base64::prelude::BASE64_STANDARD;
+use proto::evaluation::EpisodeRecord;
+use proto::replay::{RecordedEpisode, ReplaySetup};
+use proto::run_folder::RunFolder;
+use proto::show::{ShowAnswer, ShowOrbit, ShowRequest, ShowView, ShownEpisode};
+use proto::task::{Kind, Spec};
+use report::study::{Evaluated, EvaluatedPair, Run, pair_of};
+use serde::Serialize;
+use std::time::Duration;
+use tokio::runtime::{Builder, Runtime};
+use view::scene_renderer::SceneRenderer;
+
+/// Pictures of an episode.
+const FRAMES: usize = 6;
+/// Their size, pixels.
+const SIZE: (u32, u32) = (320, 240);
+/// Runs that are shown at most: one tells as much as its other seeds.
+const RUNS: usize = 3;
+/// Episodes that are looked for in the recordings, those first that show most.
+const TRIED: usize = 200;
+/// How long the recordings of one evaluation are read.
+const PATIENCE: Duration = Duration::from_mins(2);
+
+/// One episode, played by weights from before a stage and from after it.
+#[derive(Debug, Serialize)]
+pub struct ShownPair {
+    /// What is said of it: of which run, which episode, and how it was chosen.
+    caption: String,
+    /// Before and after.
+    strips: [ShownStrip; 2],
+}
+
+/// An episode in pictures.
+#[derive(Debug, Serialize)]
+struct ShownStrip {
+    /// Which weights, and how it ended.
+    title: String,
+    /// From its start to its end.
+    frames: Vec<Frame>,
+}
+
+#[derive(Debug, Serialize)]
+struct Frame {
+    /// The picture, as an address that holds it.
+    png: String,
+    words: Vec<String>,
+}
+
+/// The pairs of these runs, and why others could not be drawn.
+pub fn strips(runs: &[Run]) -> (Vec<ShownPair>, Vec<String>) {
+    let recorded = |one: &Evaluated| RunFolder::new(&one.folder).recordings().is_dir();
+    let pairs = runs.iter().filter_map(|run| pair_of(run, runs, recorded)).take(RUNS);
+    let (mut shown, mut notes) = (Vec::new(), Vec::new());
+    for pair in pairs {
+        match strip(&pair) {
+            Ok(found) => shown.push(found),
+            Err(error) => notes.push(format!("{}: no episode can be shown in pictures: {error:#}.", pair.run.name)),
+        }
+    }
+    (shown, notes)
+}
+
+fn strip(pair: &EvaluatedPair<'_>) -> Result<ShownPair> {
+    let episode_indexes = [Recorded::of(pair.before)?, Recorded::of(pair.after)?];
+    let found = pair.episodes.iter().take(TRIED).find_map(|records| {
+        let both = [episode_indexes[0].take_out(records[0]), episode_indexes[1].take_out(records[1])];
+        match both {
+            [Ok(Some(before)), Ok(Some(after))] => Some(Ok((records, [before, after]))),
+            [Err(error), _] | [_, Err(error)] => Some(Err(error)),
+            _ => None,
+        }
+    });
+    let (records, recorded) = found.context("their recordings hold no episode that both played")??;
+    let actor = Actor::start()?;
+    let [before, after] = recorded;
+    let (before, orbit) = actor.show("before", before, None)?;
+    // Both from one place, that what is compared is seen alike.
+    let (after, _) = actor.show("after", after, Some(orbit))?;
+    let title = |when: &str, one: &Evaluated, record: &EpisodeRecord| {
+        let spec = pair.run.config.spec();
+        let (frames, end) = (format::count(one.result.subject.frames), ending(spec, record));
+        format!("{when} stage {}, {frames} frames: {end}", pair.stage)
+    };
+    Ok(ShownPair {
+        caption: format!(
+            "{}, seed {}: kitchen {}, episode {}{}, played by the weights from before stage {} and from after it. Of the \
+             {} that both played it is the one that shows most: the best afterwards, and then the largest rise of the \
+             return under the stage's reward. Violet: what is displaced, with a ghost where it stood; pink ring: the \
+             target; green box: the goal.",
+            pair.run.name,
+            pair.run.config.seed,
+            records[0].kitchen.number(),
+            records[0].episode,
+            records[0].category.map_or_else(String::new, |category| format!(", target {}", category.name())),
+            pair.stage,
+            counted(pair.episodes.len() as u64, "episode"),
+        ),
+        strips: [
+            ShownStrip { title: title("before", pair.before, records[0]), frames: before },
+            ShownStrip { title: title("after", pair.after, records[1]), frames: after },
+        ],
+    })
+}
+
+/// What the task prints of an episode: the shares that are so, and numbers.
+fn ending(spec: &Spec, record: &EpisodeRecord) -> String {
+    let printed = spec.columns().into_iter().zip(&record.numbers).filter(|(one, _)| !one.label.is_empty());
+    let words = printed.filter_map(|(one, &number)| match (one.kind, number) {
+        (_, None) => None,
+        (Kind::Share, Some(share)) => (share != 0.0).then_some(one.label),
+        (Kind::Count, Some(count)) => Some(format!("{} {count}", one.label)),
+        (_, Some(_)) => Some(format!("{} {} {}", one.label, in_words(&one, number), one.unit).trim_end().to_owned()),
+    });
+    words.collect::<Vec<_>>().join(", ")
+}
+
+/// What an evaluation recorded.
+struct Recorded {
+    episode_index: EpisodeIndex,
+    folder: String,
+}
+
+impl Recorded {
+    fn of(evaluated: &Evaluated) -> Result<Self> {
+        let folder = std::path::absolute(&evaluated.folder)?;
+        let text = folder.to_str().context("the evaluation's folder has a name that is not text")?.to_owned();
+        let mut episode_index = EpisodeIndex::of(RunFolder::new(folder));
+        episode_index.advance(PATIENCE);
+        Ok(Self { episode_index, folder: text })
+    }
+
+    fn take_out(&self, record: &EpisodeRecord) -> Result<Option<(ReplaySetup, RecordedEpisode)>> {
+        let mut playable = self.episode_index.episodes().filter(|(_, shelved)| shelved.is_playable());
+        let wanted = |(kitchen, fixed)| (kitchen, fixed) == (record.kitchen.number(), Some(record.episode));
+        let found = playable.find(|((kitchen, _, _), shelved)| wanted((*kitchen, shelved.fixed)));
+        let Some((key, _)) = found else { return Ok(None) };
+        let setup = |config| ReplaySetup { config, folder: Some(self.folder.clone()), images: None };
+        Ok(self.episode_index.take_out(key)?.map(|(config, episode)| (setup(config), episode)))
+    }
+}
+
+/// `actor show`, asked one thing after the other.
+struct Actor {
+    runtime: Runtime,
+    scene_renderer: SceneRenderer,
+}
+
+impl Actor {
+    fn start() -> Result<Self> {
+        let runtime = Builder::new_current_thread().enable_all().build().context("cannot wait for `actor show`")?;
+        let scene_renderer = runtime.block_on(async { anyhow::Ok(SceneRenderer::new(programs::find("actor")?)) })?;
+        Ok(Self { runtime, scene_renderer })
+    }
+
+    /// An episode from its start to its end, and the camera that it was seen from.
+    fn show(
+        &self,
+        name: &str,
+        (setup, episode): (ReplaySetup, RecordedEpisode),
+        orbit: Option<ShowOrbit>,
+    ) -> Result<(Vec<Frame>, ShowOrbit)> {
+        let (answer, _) = self.ask(ShowRequest::Open { name: name.to_owned(), setup, episode: Box::new(episode) })?;
+        let ShowAnswer::Opened(shown) = answer else { bail!("an episode cannot be simulated again: {}", why(&answer)) };
+        if let Some(difference) = &shown.first_difference {
+            bail!("an episode simulated again differs from its recording from step {} on", difference.step);
+        }
+        let orbit = orbit.unwrap_or(shown.orbit);
+        let frames = steps(shown.moments.len()).map(|step| {
+            let request = ShowRequest::Draw {
+                name: name.to_owned(),
+                step: step as u32,
+                view: ShowView::Orbit(orbit),
+                width: SIZE.0,
+                height: SIZE.1,
+                fine: true,
+            };
+            let (answer, png) = self.ask(request)?;
+            match answer {
+                ShowAnswer::Picture { .. } => Ok(Frame { png: address(&png), words: words(&shown, step) }),
+                answer => bail!("a picture cannot be drawn: {}", why(&answer)),
+            }
+        });
+        Ok((frames.collect::<Result<_>>()?, orbit))
+    }
+
+    fn ask(&self, request: ShowRequest) -> Result<(ShowAnswer, Vec<u8>)> {
+        Ok(self.runtime.block_on(self.scene_renderer.ask(request))?)
+    }
+}
+
+/// A picture as an address that holds it.
+fn address(png: &[u8]) -> String {
+    format!("data:image/png;base64,{}", BASE64_STANDARD.encode(png))
+}
+
+fn why(answer: &ShowAnswer) -> &str {
+    match answer {
+        ShowAnswer::Failed { problem } => problem,
+        ShowAnswer::Opened(_) | ShowAnswer::Picture { .. } | ShowAnswer::Solids(_) | ShowAnswer::NotOpen => {
+            "another answer than was asked for"
+        }
+    }
+}
+
+/// Moments that are drawn: the first, the last, and others at even distances between them.
+fn steps(moments: usize) -> impl Iterator<Item = usize> {
+    let last = moments.saturating_sub(1);
+    let wanted = FRAMES.min(moments).max(1);
+    (0..wanted).map(move |number| (number * last + (wanted - 1) / 2) / (wanted - 1).max(1))
+}
+
+fn words(shown: &ShownEpisode, step: usize) -> Vec<String> {
+    let last = shown.moments.len() - 1;
+    let disturbance_m = shown.moments[step].numbers("disturbance_m").map(|[number]| number);
+    let disturbance = disturbance_m.map(|disturbance_m| format!("disturbance {disturbance_m:.2} m"));
+    std::iter::once(format!("step {step} of {last}")).chain(disturbance).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_and_the_last_moment_are_drawn_and_none_twice() {
+        let of = |moments: usize| steps(moments).collect::<Vec<_>>();
+        assert_eq!(of(1), [0]);
+        assert_eq!(of(2), [0, 1]);
+        assert_eq!(of(6), [0, 1, 2, 3, 4, 5]);
+        for moments in 2..300 {
+            let found = of(moments);
+            assert!(found.is_sorted_by(|a, b| a < b), "{moments}: {found:?}");
+            assert_eq!((found[0], found.last().copied()), (0, Some(moments - 1)));
+        }
+    }
+}

@@ -1,0 +1,364 @@
+//! The learners as a group that starts and fails together: their events, and their joint failures. Pure.
+//!
+//! All take every step of the optimiser together. When one dies, the others' collective operations fail or hang. So one
+//! death is a failure of the group: the others are killed, and when the last has ended all start together with one
+//! incarnation number, which names their rendezvous. Such a failure counts as one death, whichever learner died first.
+
+use super::event::Exit;
+use super::pace::{Pace, Work};
+use super::restart::{RestartHistory, RestartPolicy, Verdict};
+use proto::exit::EXIT_NON_FINITE;
+use std::ops::Range;
+use std::time::Duration;
+
+/// Events of one learner in its present incarnation.
+#[derive(Debug, Clone, Copy, Default)]
+struct Said {
+    ready: Option<Duration>,
+    connected: bool,
+    finished: bool,
+}
+
+/// A learner that ended because it had lost another.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Bereaved {
+    since: Duration,
+    pub rank: u32,
+    /// Its last lines on standard error.
+    pub last_words: Vec<String>,
+}
+
+/// The learners of a run.
+#[derive(Debug)]
+pub struct LearnerGroup {
+    said: Vec<Said>,
+    begun: Duration,
+    /// What they do, and since when.
+    work: Work,
+    since: Duration,
+    /// Kinds of work that the present incarnation has done once.
+    done: [bool; 4],
+    /// How long their work takes.
+    pace: Pace,
+    /// Time of the last sign of life while they are at this work.
+    heard: Duration,
+    /// For how long they had been silent when the user was last warned of it.
+    warned: Option<Duration>,
+    /// When one last said that the recorder held it up.
+    held: Duration,
+    /// The present incarnation has collected a rollout.
+    collected: bool,
+    /// Time of the next joint start, if no learner is left by then.
+    restart_at: Option<Duration>,
+    history: RestartHistory,
+    /// The first of the present incarnation that ended because it had lost another one, whose end is not known yet.
+    bereaved: Option<Bereaved>,
+    /// One of the present incarnation died of non-finite numbers.
+    non_finite: bool,
+    non_finite_falls: u32,
+    /// Starts since the last progress that did not become ready in time.
+    late_starts: u32,
+}
+
+impl LearnerGroup {
+    /// This many learners, none of which has been started.
+    pub fn new(learners: u32) -> Self {
+        Self {
+            said: vec![Said::default(); learners as usize],
+            begun: Duration::ZERO,
+            work: Work::Collect,
+            since: Duration::ZERO,
+            done: [false; 4],
+            pace: Pace::default(),
+            heard: Duration::ZERO,
+            warned: None,
+            held: Duration::ZERO,
+            collected: false,
+            restart_at: None,
+            bereaved: None,
+            history: RestartHistory::default(),
+            non_finite: false,
+            non_finite_falls: 0,
+            late_starts: 0,
+        }
+    }
+
+    /// How many there are.
+    pub fn size(&self) -> usize {
+        self.said.len()
+    }
+
+    pub fn ranks(&self) -> Range<u32> {
+        0..self.said.len() as u32
+    }
+
+    /// All are started and have sent no event yet.
+    pub fn begin(&mut self, now: Duration) {
+        self.said.fill(Said::default());
+        self.begun = now;
+        self.begin_work(now, Work::Collect);
+        self.done = [false; 4];
+        (self.collected, self.non_finite, self.restart_at, self.bereaved) = (false, false, None, None);
+    }
+
+    // What they say
+
+    pub fn ready(&mut self, rank: u32, now: Duration) {
+        self.said[rank as usize].ready = Some(now);
+        if rank == 0 {
+            self.begin_work(now, Work::Collect);
+        }
+    }
+
+    /// The actors of one have answered; true if with them all have.
+    pub fn connected(&mut self, rank: u32) -> bool {
+        self.said[rank as usize].connected = true;
+        self.said.iter().all(|word| word.connected)
+    }
+
+    /// A rollout is collected. Whoever had a part in it has its actors; in a short one some have none.
+    pub fn collected(&mut self, now: Duration) {
+        self.collected = true;
+        self.goes_on(now, Work::Update);
+    }
+
+    /// They have finished what they were at, and begin with `next`.
+    pub fn goes_on(&mut self, now: Duration, next: Work) {
+        let first = !std::mem::replace(&mut self.done[self.work as usize], true);
+        // The first rollout after a start waits until its actors have been started, too.
+        if !first || self.work != Work::Collect {
+            self.pace.took(self.work, now.saturating_sub(self.since));
+        }
+        self.begin_work(now, next);
+    }
+
+    fn begin_work(&mut self, now: Duration, work: Work) {
+        (self.work, self.since, self.heard, self.warned) = (work, now, now, None);
+    }
+
+    /// One says that it waits for an actor: it lives, and it bounds that wait itself.
+    pub fn waits(&mut self, now: Duration) {
+        (self.heard, self.warned) = (now, None);
+    }
+
+    /// One says that it waits for a recorder that stands still: it lives, and that time is neither work nor a delay of
+    /// the actors.
+    pub fn waits_for_recorder(&mut self, now: Duration) {
+        self.waits(now);
+        (self.since, self.held) = (now, now);
+    }
+
+    /// The user was warned that they have been silent for so long.
+    pub fn warned(&mut self, silent: Duration) {
+        self.warned = Some(silent);
+    }
+
+    /// One did not become ready in time; true if that has happened before since the last progress.
+    pub fn started_late_again(&mut self) -> bool {
+        self.late_starts += 1;
+        self.late_starts > 1
+    }
+
+    /// One has done all that it had to, and leaves.
+    pub fn finished(&mut self, rank: u32) {
+        self.said[rank as usize].finished = true;
+    }
+
+    // How they stand
+
+    /// Whether this learner has reported that it is ready.
+    pub fn is_ready(&self, rank: u32) -> bool {
+        self.said[rank as usize].ready.is_some()
+    }
+
+    /// Whether this learner has reported its end: its exit is then no death.
+    pub fn has_finished(&self, rank: u32) -> bool {
+        self.said[rank as usize].finished
+    }
+
+    /// Since when all have been ready. One that has finished has been, too.
+    pub fn all_ready_since(&self) -> Option<Duration> {
+        let ready = |word: &Said| word.ready.or(word.finished.then_some(self.begun));
+        self.said.iter().map(ready).try_fold(self.begun, |latest, ready| Some(latest.max(ready?)))
+    }
+
+    /// One that is not ready though more than `patience` has passed since all were started.
+    pub fn late_to_be_ready(&self, now: Duration, patience: Duration) -> Option<u32> {
+        let late = now.saturating_sub(self.begun) > patience;
+        self.ranks().filter(|_| late).find(|&rank| !self.is_ready(rank) && !self.has_finished(rank))
+    }
+
+    /// One whose actors have not all answered though more than `patience` has passed since all were ready, and no
+    /// rollout has been collected.
+    pub fn late_to_be_connected(&self, now: Duration, patience: Duration) -> Option<u32> {
+        let waited = |ready: Duration| now.saturating_sub(ready.max(self.held));
+        let late = !self.collected && self.all_ready_since().is_some_and(|ready| waited(ready) > patience);
+        let unconnected = |word: Said| !word.connected && !word.finished;
+        self.ranks().filter(|_| late).find(|&rank| unconnected(self.said[rank as usize]))
+    }
+
+    /// For how long they have not got on since all were ready.
+    pub fn silent_for(&self, now: Duration) -> Option<Duration> {
+        self.all_ready_since().map(|_| now.saturating_sub(self.heard))
+    }
+
+    /// For how long all have been started and not all ready.
+    pub fn starting_for(&self, now: Duration) -> Option<Duration> {
+        self.all_ready_since().is_none().then(|| now.saturating_sub(self.begun))
+    }
+
+    /// What they do, and whether it is the first of its kind since they were started.
+    pub fn work(&self) -> (Work, bool) {
+        (self.work, !self.done[self.work as usize])
+    }
+
+    /// How long their work takes.
+    pub fn pace(&self) -> &Pace {
+        &self.pace
+    }
+
+    /// For how long they had been silent at the last warning of the present silence.
+    pub fn last_warning(&self) -> Option<Duration> {
+        self.warned
+    }
+
+    // How they fall
+
+    /// The run got further.
+    pub fn progress(&mut self) {
+        self.history.progress();
+        (self.non_finite_falls, self.late_starts) = (0, 0);
+    }
+
+    /// One died, as the first: all fall.
+    pub fn fell(&mut self, now: Duration, deadlines: &RestartPolicy) -> Verdict {
+        let verdict = self.history.died(now, deadlines);
+        if let Verdict::RestartAt(at) = verdict {
+            self.restart_at = Some(at);
+        }
+        verdict
+    }
+
+    /// Records the cause of a death. True if the cause is a number that is not finite and the group has already failed
+    /// for that cause since its last progress. All learners meet such numbers together and any may die first, so they
+    /// count once per failure.
+    pub fn met_non_finite_again(&mut self, exit: &Exit) -> bool {
+        if *exit != Exit::Code(EXIT_NON_FINITE) || std::mem::replace(&mut self.non_finite, true) {
+            return false;
+        }
+        self.non_finite_falls += 1;
+        self.non_finite_falls > 1
+    }
+
+    /// A learner ended because it lost another: we wait for the death of that one, which is the cause.
+    pub fn bereaved(&mut self, now: Duration, rank: u32, last_words: &[String]) {
+        self.bereaved.get_or_insert_with(|| Bereaved { since: now, rank, last_words: last_words.to_vec() });
+    }
+
+    /// A learner that ended so, if the other's death has not come within `patience`.
+    pub fn take_bereaved(&mut self, now: Duration, patience: Duration) -> Option<Bereaved> {
+        self.bereaved.take_if(|bereaved| now.saturating_sub(bereaved.since) >= patience)
+    }
+
+    /// Whether we wait for the death that caused another learner's end.
+    #[cfg(test)]
+    pub fn awaits_a_reason(&self) -> bool {
+        self.bereaved.is_some()
+    }
+
+    /// From the first death on until all are started again.
+    pub fn is_falling(&self) -> bool {
+        self.restart_at.is_some()
+    }
+
+    /// Whether it is time to start again.
+    pub fn is_due(&self, now: Duration) -> bool {
+        self.restart_at.is_some_and(|at| at <= now)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PATIENCE: Duration = Duration::from_secs(10);
+
+    fn at(second: u64) -> Duration {
+        Duration::from_secs(second)
+    }
+
+    #[test]
+    fn deadlines_are_everyones() {
+        let mut learner_group = LearnerGroup::new(3);
+        learner_group.begin(at(100));
+        learner_group.ready(0, at(101));
+        learner_group.ready(2, at(102));
+        assert_eq!(learner_group.late_to_be_ready(at(110), PATIENCE), None);
+        assert_eq!(learner_group.late_to_be_ready(at(111), PATIENCE), Some(1));
+        assert_eq!((learner_group.all_ready_since(), learner_group.silent_for(at(111))), (None, None));
+        learner_group.ready(1, at(111));
+        assert_eq!(learner_group.late_to_be_ready(at(1000), PATIENCE), None);
+        // Actors are waited for from when the last learner was ready; rank 0 tells whether all get on.
+        assert!(!learner_group.connected(0) && !learner_group.connected(1));
+        assert_eq!(learner_group.late_to_be_connected(at(121), PATIENCE), None);
+        assert_eq!(learner_group.late_to_be_connected(at(122), PATIENCE), Some(2));
+        assert_eq!(learner_group.silent_for(at(122)), Some(at(21)));
+        learner_group.collected(at(122));
+        assert_eq!(learner_group.late_to_be_connected(at(1000), PATIENCE), None, "it had no part in a short rollout");
+        assert_eq!(learner_group.silent_for(at(123)), Some(at(1)));
+        assert!(learner_group.connected(2));
+        learner_group.waits(at(150));
+        assert_eq!(learner_group.silent_for(at(151)), Some(at(1)), "one that waits for an actor lives");
+        learner_group.begin(at(200));
+        assert_eq!(
+            learner_group.late_to_be_ready(at(211), PATIENCE),
+            Some(0),
+            "what was said before a fall is forgotten"
+        );
+    }
+
+    #[test]
+    fn their_work_is_timed_but_for_the_first_rollout_of_a_start() {
+        let mut learner_group = LearnerGroup::new(1);
+        let longest = |learner_group: &LearnerGroup| {
+            [Work::Collect, Work::Update, Work::Save].map(|work| learner_group.pace().longest(work))
+        };
+        for start in 0..2 {
+            let begin = 1000 * start;
+            learner_group.begin(at(begin));
+            learner_group.ready(0, at(begin + 5));
+            assert_eq!(learner_group.work(), (Work::Collect, true));
+            learner_group.collected(at(begin + 50));
+            assert_eq!(learner_group.work(), (Work::Update, true));
+            if start == 0 {
+                assert_eq!(longest(&learner_group), [None; 3], "actors are started meanwhile");
+            }
+            learner_group.waits(at(begin + 51));
+            learner_group.goes_on(at(begin + 52), Work::Collect);
+            assert_eq!(learner_group.work(), (Work::Collect, false));
+            learner_group.collected(at(begin + 55));
+            learner_group.goes_on(at(begin + 56), Work::Save);
+            learner_group.goes_on(at(begin + 63), Work::Collect);
+            assert_eq!(longest(&learner_group), [Some(at(3)), Some(at(2)), Some(at(7))]);
+        }
+    }
+
+    #[test]
+    fn all_may_meet_non_finite_numbers_together() {
+        let deadlines = RestartPolicy::default();
+        let non_finite = Exit::Code(EXIT_NON_FINITE);
+        let mut learner_group = LearnerGroup::new(2);
+        for fall in 0..2 {
+            learner_group.begin(at(fall));
+            assert!(!learner_group.met_non_finite_again(&Exit::Code(1)), "one whose peer was gone first");
+            assert!(matches!(learner_group.fell(at(fall), &deadlines), Verdict::RestartAt(_)));
+            assert!(learner_group.is_falling());
+            assert_eq!(learner_group.met_non_finite_again(&non_finite), fall == 1);
+            assert!(!learner_group.met_non_finite_again(&non_finite), "once a fall");
+        }
+        learner_group.progress();
+        learner_group.begin(at(2));
+        assert!(!learner_group.is_falling());
+        assert!(!learner_group.met_non_finite_again(&non_finite));
+    }
+}

@@ -1,0 +1,111 @@
+//! Sentences about starts and deaths, as the user is told them. Pure.
+
+use super::event::{Exit, Process};
+use crate::output::log_line::error_in;
+use std::time::Duration;
+
+/// How the run goes on after a learner died.
+pub fn rewinds(learners: usize, evaluates: bool) -> String {
+    match learners {
+        _ if evaluates => "it begins again".to_owned(),
+        1 => "it goes on from the last checkpoint".to_owned(),
+        _ => format!("all {learners} learners go on from the last checkpoint"),
+    }
+}
+
+/// What an orderly stop waits for.
+pub fn stopping(learners: usize, evaluates: bool) -> String {
+    let what = match learners {
+        _ if evaluates => "an evaluation that is cut off leaves no result",
+        1 => "the learner saves",
+        _ => "the learners save",
+    };
+    format!("stopping: {what}")
+}
+
+/// That a learner is ready.
+pub fn ready(rank: u32, device: &str, parameters: u64, checkpoint: Option<String>, frames: u64) -> String {
+    let origin = checkpoint.map_or_else(String::new, |path| format!(" from {path},"));
+    let who = Process::Learner(rank);
+    format!("{who} ready on {device}, {parameters} parameters,{origin} {frames} frames trained")
+}
+
+/// That all actors have answered.
+pub fn connected(actors: u32) -> String {
+    match actors {
+        1 => "the actor connected".to_owned(),
+        actors => format!("all {actors} actors connected"),
+    }
+}
+
+/// That an actor leaves its learner waiting; it is killed now if it is not given more time.
+pub fn unanswering(who: &str, waited: Duration, given: Option<Duration>) -> String {
+    let then = given
+        .map_or_else(|| " and is killed".to_owned(), |given| format!("; it is killed after {} s", given.as_secs()));
+    format!("{who} has not answered for {} s{then}", waited.as_secs())
+}
+
+pub fn recorder_stands_still(rank: u32, waited_s: f64) -> String {
+    let who = Process::Learner(rank);
+    format!(
+        "{who} waits for the recording, which has not got on for {waited_s:.0} s: its disk is slow or hangs, or its \
+         orchestrator was stopped. No process is killed for that; the run waits up to ten minutes"
+    )
+}
+
+/// That a learner died during an orderly stop.
+pub fn died_at_stop(who: Process, evaluates: bool, exit: &Exit, last_words: &[String]) -> String {
+    let words = quote(last_words);
+    if evaluates {
+        format!("{who} died while it stopped ({exit}){words}")
+    } else {
+        format!("{who} died while it saved ({exit}); the last checkpoint stands{words}")
+    }
+}
+
+/// That learners are killed because they are late.
+pub fn killed_for_it(learners: usize, late: &str) -> String {
+    let are = if learners == 1 { "it is" } else { "they are" };
+    format!("{late}: {are} killed, and save once more")
+}
+
+/// That learners are killed because one was not ready in time.
+pub fn killed_unready(learners: usize, late: &str) -> String {
+    match learners {
+        1 => format!("{late}. It is killed"),
+        learners => format!("{late}. All {learners} learners are killed: they start together"),
+    }
+}
+
+/// That a process is still there after SIGKILL.
+pub fn immortal(who: &str) -> String {
+    format!("SIGKILL does not end {who}: the kernel holds on")
+}
+
+/// The reason of an end, where something else had already failed.
+pub fn also(failure: Option<&str>, then: &str) -> String {
+    failure.map_or_else(|| then.to_owned(), |failure| format!("{failure}\n{then}"))
+}
+
+/// Who is given up when learners fall too often, and who of them died last, where they are several.
+pub fn learners_given_up(learners: usize, last: Process) -> (String, String) {
+    match learners {
+        1 => (last.to_string(), String::new()),
+        _ => ("the learners".to_owned(), format!("{last} ")),
+    }
+}
+
+/// That someone is not started again. `last`: who of them died last, where they are several.
+pub fn given_up(who: &str, last: &str, deaths: usize, exit: &Exit, last_words: &[String]) -> String {
+    let words = quote(last_words);
+    format!("{who} died {deaths} times while the run got no further, last {last}with {exit}{words}")
+}
+
+/// A process's last lines, indented below the report of its death: from its last logged error on, if there is one.
+pub fn quote(last_words: &[String]) -> String {
+    if last_words.is_empty() {
+        return String::new();
+    }
+    let error = last_words.iter().rposition(|line| error_in(line).is_some()).unwrap_or(0);
+    format!("; its last messages:\n    {}", last_words[error..].join("\n    "))
+}

@@ -1,0 +1,183 @@
+//! The screen: how it is divided, and its head and foot.
+
+use super::model::{CHARTS, Model};
+use super::panels;
+use crate::output::format;
+use proto::printable::printable;
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::{Color, Modifier, Style, Stylize};
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Gauge, Paragraph};
+use std::collections::BTreeMap;
+use std::time::Duration;
+use view::data::{Card, Live};
+
+/// Lines of the head.
+const HEAD: u16 = 4;
+/// A chart needs so many columns, and so many lines.
+const CHART_COLUMNS: u16 = 25;
+const CHART_LINES: [u16; 2] = [6, 16];
+/// Lines that the panels need below the charts; where there are fewer, charts take them all.
+const PANEL_LINES: u16 = 4;
+
+pub fn draw(frame: &mut Frame, model: &Model) {
+    let [head, body, foot] =
+        Layout::vertical([Constraint::Length(HEAD), Constraint::Min(0), Constraint::Length(1)]).areas(frame.area());
+    frame.render_widget(Paragraph::new(foot_line(model)), foot);
+    let Some(live) = &model.live else {
+        frame.render_widget(Paragraph::new(" reading …"), head);
+        return;
+    };
+    draw_head(frame, head, live);
+    let charts = (body.height / 2).clamp(CHART_LINES[0], CHART_LINES[1]);
+    let charts = if body.height < charts + PANEL_LINES { body.height } else { charts };
+    let charts = if live.card.evaluation { 0 } else { charts };
+    let [upper, lower] = Layout::vertical([Constraint::Length(charts), Constraint::Min(0)]).areas(body);
+    let shown = usize::from((upper.width / CHART_COLUMNS).clamp(1, CHARTS as u16));
+    if upper.height > 2 {
+        let places = Layout::horizontal(vec![Constraint::Fill(1); shown]).split(upper);
+        for (number, place) in places.iter().enumerate() {
+            let chart = if shown == CHARTS { number } else { (model.chart + number) % CHARTS };
+            panels::chart(frame, *place, model, live, chart);
+        }
+    }
+    draw_panels(frame, lower, model, live);
+}
+
+/// Processes, the log, and where there is room the kitchens.
+fn draw_panels(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
+    if area.height < 2 {
+        return;
+    }
+    let wide = area.width >= 130 && !live.kitchens.is_empty();
+    let widths = match (wide, area.width >= 70) {
+        (true, _) => vec![Constraint::Length(50), Constraint::Fill(1), Constraint::Length(45)],
+        (false, true) => vec![Constraint::Length(44.min(area.width / 2 + 2)), Constraint::Fill(1)],
+        (false, false) => vec![Constraint::Fill(1)],
+    };
+    let places = Layout::horizontal(widths).split(area);
+    if let [only] = places[..] {
+        let [upper, lower] = Layout::vertical([Constraint::Fill(1), Constraint::Fill(1)]).areas(only);
+        panels::processes(frame, upper, model, live);
+        panels::log(frame, lower, model, live);
+        return;
+    }
+    panels::processes(frame, places[0], model, live);
+    panels::log(frame, places[1], model, live);
+    if let Some(place) = places.get(2) {
+        panels::kitchens(frame, *place, live);
+    }
+}
+
+fn draw_head(frame: &mut Frame, area: Rect, live: &Live) {
+    let [first, second, third, fourth] = Layout::vertical([Constraint::Length(1); 4]).areas(area);
+    let card = &live.card;
+    let state = match card.state.as_str() {
+        "running" => Span::from("running").green(),
+        "complete" => Span::from("complete").cyan(),
+        other => Span::from(other.to_owned()).yellow(),
+    };
+    let wall = Duration::try_from_secs_f64(live.wall_s).unwrap_or_default();
+    let starts = if live.starts.len() > 1 { format!("  {} starts", live.starts.len()) } else { String::new() };
+    let title = vec![
+        Span::from(format!(" {}  ", end_of(&printable(&card.folder), usize::from(area.width) / 2))).bold(),
+        state,
+        Span::from(format!("  {}, seed {}  {}{starts}", printable(&card.preset), card.seed, format::duration(wall))),
+    ];
+    frame.render_widget(Paragraph::new(Line::from(title)), first);
+    frame.render_widget(progress(live), second);
+    frame.render_widget(Paragraph::new(throughput(live, third.width)), third);
+    frame.render_widget(Paragraph::new(machine(live)), fourth);
+}
+
+/// The last characters of a path, which tell runs apart.
+fn end_of(path: &str, most: usize) -> String {
+    let length = path.chars().count();
+    if length <= most {
+        return path.to_owned();
+    }
+    std::iter::once('…').chain(path.chars().skip(length + 1 - most.max(1))).collect()
+}
+
+/// Stage, frames, time left, in a bar.
+fn progress(live: &Live) -> Gauge<'static> {
+    let Card { done, budget, left_s, evaluation, .. } = live.card;
+    let what = if evaluation { "episodes" } else { "frames" };
+    let ratio = (done as f64 / budget.max(1) as f64).clamp(0.0, 1.0);
+    let stage = live.stage.and_then(|stage| live.stages.get(stage)).filter(|_| !evaluation);
+    let stage =
+        stage.map_or_else(String::new, |stage| format!("stage {} ({})  ", printable(&stage.name), stage.reward));
+    let left = left_s.filter(|_| done < budget).and_then(|left_s| Duration::try_from_secs_f64(left_s).ok());
+    let left = left.map_or_else(String::new, |left| format!("  {} left", format::duration(left)));
+    let (done, budget) = (format::count(done), format::count(budget));
+    Gauge::default()
+        .gauge_style(Style::new().fg(Color::Blue).bg(Color::Black))
+        .label(format!("{stage}{done} / {budget} {what}  {:.1}%{left}", 100.0 * ratio))
+        .ratio(ratio)
+}
+
+/// Frames a second, and a bar of where the time goes.
+fn throughput(live: &Live, width: u16) -> Line<'static> {
+    let Some(rate) = live.frames_per_s else {
+        return Line::from(if live.card.evaluation { "" } else { " no rollout yet" });
+    };
+    let rate = format!(" {} frames/s  ", format::rate(rate));
+    let [simulate, infer, update] = live.shares;
+    let parts = [
+        ("simulate", simulate, Color::Green),
+        ("infer", infer, Color::Yellow),
+        ("update", update, Color::Magenta),
+        ("other", (1.0 - simulate - infer - update).max(0.0), Color::DarkGray),
+    ];
+    let words: usize = parts.iter().map(|(name, ..)| name.len() + " 100%   ".len()).sum();
+    let bar = usize::from(width).saturating_sub(rate.chars().count() + words).min(60);
+    let mut spans = vec![Span::from(rate).bold()];
+    for (name, share, color) in parts {
+        let length = (share * bar as f64).round() as usize;
+        spans.push(Span::from(format!("{name} {:.0}% ", 100.0 * share)));
+        spans.push(Span::styled("█".repeat(length), Style::new().fg(color)));
+        spans.push(Span::from(if length > 0 { "  " } else { " " }));
+    }
+    Line::from(spans)
+}
+
+/// Processor, memory, GPUs; the newest validation.
+fn machine(live: &Live) -> Line<'static> {
+    let mut parts = Vec::new();
+    let used: Vec<f64> = live.workers.iter().filter_map(|worker| worker.cores).collect();
+    if let (Some(cores), false) = (live.cores, used.is_empty()) {
+        parts.push(format!("{:.1} of {}", used.iter().sum::<f64>(), format::counted(cores as u64, "core")));
+    }
+    let memory: Vec<u64> = live.workers.iter().filter_map(|worker| worker.memory_bytes).collect();
+    if !memory.is_empty() {
+        parts.push(format::bytes(memory.iter().sum()));
+    }
+    for gpu in &live.gpus {
+        let memory = format!("{}/{} GiB", gpu.used_mib >> 10, gpu.total_mib >> 10);
+        parts.push(format!("GPU {} {:.0}% {memory}", gpu.index, 100.0 * gpu.busy));
+    }
+    let metrics = |figures: &BTreeMap<String, f64>| {
+        format::metrics(live.card.metrics.iter().filter(|metric| metric.unit.is_none()), figures, "  ")
+    };
+    if live.card.evaluation {
+        parts.push(metrics(&live.card.figures));
+    }
+    if let Some(last) = live.validation.last() {
+        parts.push(format!("validation at {}: {}", format::count(last.frames), metrics(&last.figures)));
+    }
+    Line::from(format!(" {}", parts.join("  |  ")))
+}
+
+fn foot_line(model: &Model) -> Line<'static> {
+    let notes = model.live.iter().flat_map(|live| &live.notes);
+    let problem = model.problem.iter().chain(notes).next();
+    if let Some(problem) = problem {
+        return Line::from(format!(" {}", printable(problem))).red();
+    }
+    let key = |key: &'static str, what: &'static str| {
+        [Span::styled(key, Style::new().add_modifier(Modifier::REVERSED)), Span::from(format!(" {what}  "))]
+    };
+    let keys = [key("q", "leave"), key("↑↓", "processes"), key("w", "warnings"), key("Tab", "charts")];
+    Line::from(std::iter::once(Span::from(" ")).chain(keys.into_iter().flatten()).collect::<Vec<_>>())
+}

@@ -1,0 +1,170 @@
+//! The parts of the screen: charts, processes, the log, kitchens.
+
+use super::curves::{Piece, pieces, range};
+use super::model::{Lines, Model};
+use crate::output::format;
+use proto::metric;
+use proto::printable::printable;
+use proto::task::ShownMetric;
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Rect};
+use ratatui::style::{Color, Style, Stylize};
+use ratatui::symbols::Marker;
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Axis, Block, Cell, Chart, Dataset, GraphType, Paragraph, Row, Table};
+use view::data::{Kitchen, Live, LogLine, Worker};
+
+/// Colours of the stages.
+const STAGES: [Color; 4] = [Color::Cyan, Color::Yellow, Color::Green, Color::Magenta];
+/// Colour of a chart's second figure, in all stages.
+const SECOND: Color = Color::DarkGray;
+
+/// One of the three charts.
+pub fn chart(frame: &mut Frame, area: Rect, model: &Model, live: &Live, number: usize) {
+    let places = 2 * usize::from(area.width);
+    let of = |name: &str| pieces(&model.curves, name, places);
+    let last = |pieces: &[Piece]| pieces.last().and_then(|piece| piece.points.last()).map(|(_, value)| *value);
+    let card = &live.card;
+    // Two shares have a chart, and one value has.
+    let charted: Vec<&ShownMetric> = match number {
+        0 => vec![],
+        1 => card.metrics.iter().filter(|metric| metric.share).take(2).collect(),
+        _ => card.metrics.iter().filter(|metric| !metric.share).take(1).collect(),
+    };
+    let mut curves = charted.iter().map(|metric| of(&metric::of_episode(&metric.name)));
+    let (plain, plain_name) = if number == 0 { (metric::RETURN, "return") } else { (metric::LENGTH, "length") };
+    let (first, second) = (curves.next().unwrap_or_else(|| of(plain)), curves.next().unwrap_or_default());
+    let title = if charted.is_empty() {
+        vec![Span::from(format!(" {plain_name} {} ", format::number(last(&first), 2)))]
+    } else {
+        let text = |metric: &ShownMetric, pieces: &[Piece]| {
+            let value = card.figures.get(&metric.name).copied().or_else(|| last(pieces));
+            format!(" {} {} ", metric.label, format::metric(metric, value))
+        };
+        let spans = charted.iter().zip([&first, &second]).map(|(metric, pieces)| Span::from(text(metric, pieces)));
+        spans.zip([Color::Reset, SECOND]).map(|(span, color)| span.fg(color)).collect()
+    };
+    let is_share = charted.first().is_some_and(|metric| metric.share);
+    let [least, greatest] = match number {
+        _ if is_share => [0.0, 1.0],
+        1 | 2 => [0.0, range(first.iter()).map_or(1.0, |[_, greatest]| greatest.max(1e-3))],
+        _ => range(first.iter()).unwrap_or([0.0, 1.0]),
+    };
+    let line = |points, color| {
+        Dataset::default()
+            .marker(Marker::Braille)
+            .graph_type(GraphType::Line)
+            .style(Style::new().fg(color))
+            .data(points)
+    };
+    let lines = second.iter().map(|piece| line(&piece.points, SECOND));
+    let lines = lines.chain(first.iter().map(|piece| line(&piece.points, STAGES[piece.stage % STAGES.len()])));
+    let frames = model.curves.frames.last().copied().unwrap_or(0);
+    let label = |value: f64| match number {
+        _ if is_share => format!("{:.0}%", 100.0 * value),
+        0 if greatest - least > 5.0 => format!("{value:.1}"),
+        _ => format!("{value:.2}"),
+    };
+    let x = Axis::default().bounds([0.0, frames.max(1) as f64]).labels(["0".to_owned(), short(frames)]);
+    let y = Axis::default().bounds([least, greatest]).labels([label(least), label(greatest)]);
+    let chart = Chart::new(lines.collect()).block(Block::bordered().title(Line::from(title))).x_axis(x).y_axis(y);
+    frame.render_widget(chart, area);
+}
+
+/// A count in four characters: `312k`, `4.5M`.
+fn short(count: u64) -> String {
+    match count {
+        0..10_000 => count.to_string(),
+        10_000..1_000_000 => format!("{}k", count / 1000),
+        1_000_000..10_000_000 => format!("{:.1}M", count as f64 / 1e6),
+        _ => format!("{}M", count / 1_000_000),
+    }
+}
+
+/// Learners, actors, and the orchestrator.
+pub fn processes(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
+    let of = |kind: &str| live.workers.iter().filter(|worker| worker.name.starts_with(kind)).count() as u64;
+    let restarts: u32 = live.workers.iter().map(|worker| worker.incarnation.saturating_sub(1)).sum();
+    let title = format!(
+        " {}, {}, {} ",
+        format::counted(of("learner-"), "learner"),
+        format::counted(of("actor-"), "actor"),
+        format::counted(u64::from(restarts), "restart")
+    );
+    let height = usize::from(area.height.saturating_sub(3));
+    // Whatever is scrolled away, the last line stays at the bottom.
+    let first = model.scrolled.min(live.workers.len().saturating_sub(height));
+    let rows = live.workers.iter().skip(first).map(process_row);
+    let widths = [12, 7, 6, 6, 5].map(Constraint::Length);
+    let head = Row::new(["process", "pid", "incarn", "starts", "cores"]).bold();
+    let table = Table::new(rows, widths).header(head).block(Block::bordered().title(title));
+    frame.render_widget(table, area);
+}
+
+fn process_row(worker: &Worker) -> Row<'static> {
+    let color = match (worker.stopped, worker.incarnation) {
+        (true, _) => Color::Red,
+        (false, 0 | 1) => Color::Reset,
+        _ => Color::Yellow,
+    };
+    let pid = worker.pid.map_or_else(|| format::NOTHING.to_owned(), |pid| pid.to_string());
+    let cores = if worker.stopped {
+        "stopd".to_owned()
+    } else {
+        worker.cores.map_or_else(|| format::NOTHING.to_owned(), |cores| format!("{cores:.1}"))
+    };
+    let cells =
+        [printable(&worker.name).into_owned(), pid, worker.incarnation.to_string(), worker.starts.to_string(), cores];
+    Row::new(cells.map(Cell::from)).style(Style::new().fg(color))
+}
+
+/// The last lines of the log, or warnings, as many as there is room for.
+pub fn log(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
+    let warnings = format::counted(live.warnings.len() as u64, "warning");
+    let (title, lines) = match model.lines {
+        Lines::Last => (format!(" log, {warnings} "), &live.log),
+        Lines::Warnings => (format!(" {warnings} "), &live.warnings),
+    };
+    let (width, height) =
+        (usize::from(area.width.saturating_sub(2)).max(1), usize::from(area.height.saturating_sub(2)));
+    let mut shown: Vec<Line> = Vec::new();
+    for line in lines.iter().rev() {
+        let mut pieces = folded(line, width);
+        pieces.truncate(height);
+        if shown.len() + pieces.len() > height {
+            break;
+        }
+        shown.extend(pieces.into_iter().rev());
+    }
+    shown.reverse();
+    frame.render_widget(Paragraph::new(shown).block(Block::bordered().title(title)), area);
+}
+
+fn folded(line: &LogLine, width: usize) -> Vec<Line<'static>> {
+    // 2026-11-21T02:04:23.1Z: the time of the day is enough.
+    let time = line.at.get(11..19).map(|time| format!("{time} ")).unwrap_or_default();
+    let text = format!("{time}{}", printable(&line.text).replace(['\t', '\n'], " "));
+    let color = match line.level.as_str() {
+        "ERROR" => Color::Red,
+        "WARN" => Color::Yellow,
+        _ => Color::Reset,
+    };
+    let characters: Vec<char> = text.chars().collect();
+    let line = |piece: &[char]| Line::styled(piece.iter().collect::<String>(), Style::new().fg(color));
+    characters.chunks(width).map(line).collect()
+}
+
+/// What came of the newest episodes of each kitchen.
+pub fn kitchens(frame: &mut Frame, area: Rect, live: &Live) {
+    let metrics = &live.card.metrics;
+    let row = |kitchen: &Kitchen| {
+        let figures = metrics.iter().map(|metric| format::metric(metric, kitchen.figures.get(&metric.name).copied()));
+        Row::new([kitchen.kitchen.to_string(), kitchen.episodes.to_string()].into_iter().chain(figures).map(Cell::from))
+    };
+    let widths = metrics.iter().map(|metric| (metric.label.chars().count() as u16 + 1).max(7));
+    let widths = [8, 9].into_iter().chain(widths).map(Constraint::Length);
+    let labels = metrics.iter().map(|metric| metric.label.as_str());
+    let head = Row::new(["kitchen", "episodes"].into_iter().chain(labels)).bold();
+    let table = Table::new(live.kitchens.iter().map(row), widths).header(head).column_spacing(0);
+    frame.render_widget(table.block(Block::bordered().title(" newest episodes ")), area);
+}

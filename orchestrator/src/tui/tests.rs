@@ -1,0 +1,169 @@
+//! The screen over a run folder, without a terminal.
+
+use super::draw::draw;
+use super::model::{Lines, Look, Model};
+use crate::run::identity::Identity;
+use crate::training::means::tests::{history, stages};
+use crate::viewer::RunReaders;
+use proto::config::Config;
+use proto::run_folder::RunFolder;
+use ratatui::Terminal;
+use ratatui::backend::TestBackend;
+use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
+use view::data::{Curves, Problem, Runs};
+
+const WARNING: &str = "2026-11-21T02:04:24.000000Z  WARN orchestrator::x: actor-01 died: signal 9\u{1b}[2J";
+
+/// A run of two stages, `rollouts` of whose thirty rollouts are trained, with two learners and thirty actors on two
+/// hosts. One actor was started three times.
+fn run(rollouts: u64) -> (tempfile::TempDir, RunReaders, String) {
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = RunFolder::new(temporary.path().join("my-run"));
+    std::fs::create_dir_all(folder.logs()).unwrap();
+    let config = Config { stages: stages(), ..Config::resolve("demo", None).unwrap() };
+    std::fs::write(folder.config(), config.to_toml()).unwrap();
+    Identity::new().unwrap().write(&folder).unwrap();
+    let lines =
+        history(rollouts).iter().map(|trained| serde_json::to_string(trained).unwrap() + "\n").collect::<String>();
+    std::fs::write(folder.metrics(), lines).unwrap();
+    let log = format!("2026-11-21T02:04:23.000000Z  INFO orchestrator::x: it begins\n{WARNING}\n");
+    std::fs::write(folder.log("orchestrator"), log).unwrap();
+    for learner in 0..2 {
+        std::fs::write(folder.log(&format!("learner-{learner}")), "--- learner, start 1 of x\n").unwrap();
+    }
+    for actor in 0..30 {
+        let there = if actor < 15 { folder.clone() } else { folder.host(1) };
+        std::fs::create_dir_all(there.logs()).unwrap();
+        let starts = if actor == 1 { 3 } else { 1 };
+        let lines: Vec<String> =
+            (1..=starts).map(|start| format!("--- actor-{actor:02}, start {start} of x\n")).collect();
+        std::fs::write(there.log(&format!("actor-{actor:02}")), lines.concat()).unwrap();
+    }
+    let root = folder.root().to_path_buf();
+    let readers = RunReaders::of(vec![root.clone()]);
+    let name = readers.names_of(&[root]).remove(0);
+    (temporary, readers, name)
+}
+
+fn look(readers: &RunReaders, name: &str, model: &mut Model) {
+    let curves = readers.curves(name, model.curves.edition, model.curves.frames.len());
+    model.take(Look { live: readers.live(name), curves });
+}
+
+fn screen(model: &Model, columns: u16, lines: u16) -> Vec<String> {
+    let mut terminal = Terminal::new(TestBackend::new(columns, lines)).unwrap();
+    terminal.draw(|frame| draw(frame, model)).unwrap();
+    let buffer = terminal.backend().buffer();
+    let line = |y| (0..columns).map(|x| buffer[(x, y)].symbol()).collect::<String>();
+    (0..lines).map(line).collect()
+}
+
+fn press(model: &mut Model, code: KeyCode) -> bool {
+    model.key(KeyEvent::new(code, KeyModifiers::NONE))
+}
+
+fn is_braille(character: char) -> bool {
+    ('\u{2801}'..='\u{28ff}').contains(&character)
+}
+
+#[test]
+fn a_run_is_all_there_on_eighty_columns() {
+    let (_temporary, readers, name) = run(22);
+    let mut model = Model::default();
+    assert!(screen(&model, 80, 24)[0].contains("reading"));
+    look(&readers, &name, &mut model);
+    let shown = screen(&model, 80, 24);
+    let text = shown.join("\n");
+    assert!(shown[0].contains("my-run") && shown[0].contains("not started"), "{text}");
+    assert!(shown[1].contains("stage II (r_prime)  1 100 / 1 500 frames  73.3%"), "{text}");
+    assert!(shown[2].contains("25.0 frames/s  simulate 40%") && shown[2].contains("other 10%"), "{text}");
+    for title in ["return 21.00", "SR 50.0%  SRwoD –", "disturbance 0.250 m"] {
+        assert!(shown[4].contains(title), "{title}: {text}");
+    }
+    let in_lines = |lines: std::ops::Range<usize>| shown[lines].join("").chars().filter(|&one| is_braille(one)).count();
+    assert!(in_lines(5..13) > 30, "curves: {text}");
+    assert!(text.contains("2 learners, 30 actors, 2 restarts"), "{text}");
+    assert!(text.contains("learner-0") && text.contains("learner-1") && text.contains("actor-01"), "{text}");
+    assert!(text.contains("log, 1 warning") && text.contains("02:04:24 actor-01 died: signal 9"), "{text}");
+    assert!(!text.contains('\u{1b}') && text.contains("it begins"), "{text}");
+    assert!(shown[23].contains("q leave"), "{text}");
+}
+
+#[test]
+fn keys_scroll_switch_and_leave() {
+    let (_temporary, readers, name) = run(3);
+    let mut model = Model::default();
+    look(&readers, &name, &mut model);
+    assert!(!screen(&model, 80, 24).join("").contains("actor-29"));
+    assert!(press(&mut model, KeyCode::End));
+    let text = screen(&model, 80, 24).join("\n");
+    assert!(text.contains("actor-29") && !text.contains("learner-0"), "{text}");
+    assert!(press(&mut model, KeyCode::Home) && model.scrolled == 0);
+    assert!(press(&mut model, KeyCode::Char('w')) && model.lines == Lines::Warnings);
+    assert!(!screen(&model, 80, 24).join("").contains("it begins"));
+    assert!(screen(&model, 40, 24).join("").contains("return") && press(&mut model, KeyCode::Tab));
+    let narrow = screen(&model, 40, 24).join("\n");
+    assert!(narrow.contains("SR 50.0%") && !narrow.contains("return"), "{narrow}");
+    assert!(!press(&mut model, KeyCode::Char('q')) && !press(&mut model, KeyCode::Esc));
+    let control = |key| KeyEvent::new(KeyCode::Char(key), KeyModifiers::CONTROL);
+    assert!(!model.key(control('c')) && model.key(control('x')));
+}
+
+#[test]
+fn every_size_is_drawn() {
+    let (_temporary, readers, name) = run(22);
+    let mut model = Model::default();
+    look(&readers, &name, &mut model);
+    for (columns, lines) in [(1, 1), (2, 5), (20, 7), (25, 12), (60, 15), (80, 24), (131, 41), (300, 100)] {
+        let shown = screen(&model, columns, lines);
+        assert_eq!(shown.len(), usize::from(lines));
+        if columns > 20 && lines > 5 {
+            assert!(shown[0].contains("my-run"), "{columns}x{lines}");
+        }
+    }
+}
+
+#[test]
+fn what_is_new_is_added_and_what_is_gone_is_said() {
+    let (temporary, readers, name) = run(10);
+    let folder = RunFolder::new(temporary.path().join("my-run"));
+    let mut model = Model::default();
+    look(&readers, &name, &mut model);
+    assert_eq!(model.curves.frames.len(), 10);
+    let lines =
+        |rollouts| history(rollouts).iter().map(|one| serde_json::to_string(one).unwrap() + "\n").collect::<String>();
+    std::fs::write(folder.metrics(), lines(25)).unwrap();
+    look(&readers, &name, &mut model);
+    let known = &model.curves;
+    assert_eq!((known.frames.len(), known.frames[24]), (25, 1250));
+    assert!(known.series.values().all(|column| column.len() == 25));
+    // Written anew, as after a resume from an older checkpoint.
+    std::fs::write(folder.metrics(), lines(4)).unwrap();
+    look(&readers, &name, &mut model);
+    assert_eq!(model.curves.frames.len(), 4);
+    std::fs::remove_dir_all(folder.root()).unwrap();
+    look(&readers, &name, &mut model);
+    let shown = screen(&model, 80, 24);
+    assert!(shown[0].contains("my-run"), "what was known stays");
+    assert!(shown[23].contains("there is no run called my-run"), "{}", shown[23]);
+}
+
+#[test]
+fn a_figure_that_comes_or_ends_has_no_value_where_it_is_missing() {
+    let new = |from, frames: [u64; 2], name: &str| Curves {
+        edition: 1,
+        from,
+        frames: frames.to_vec(),
+        stage: vec![0; 2],
+        series: std::iter::once((name.to_owned(), vec![Some(1.0); 2])).collect(),
+        ..Curves::default()
+    };
+    let mut model = Model::default();
+    let nothing = || Err(Problem::Unreadable("not asked".to_owned()));
+    model.take(Look { live: nothing(), curves: Ok(new(0, [10, 20], "early")) });
+    model.take(Look { live: nothing(), curves: Ok(new(2, [30, 40], "late")) });
+    assert_eq!(model.curves.frames, [10, 20, 30, 40]);
+    assert_eq!(model.curves.series["early"], [Some(1.0), Some(1.0), None, None]);
+    assert_eq!(model.curves.series["late"], [None, None, Some(1.0), Some(1.0)]);
+    assert_eq!(model.problem.as_deref(), Some("not asked"));
+}

@@ -1,0 +1,281 @@
+//! What `orchestrator view` shows of runs: [`view::data::Runs`] from their folders alone.
+//!
+//! [`roster`] finds runs and gives them names for addresses; of each run that is looked at, [`watched`] keeps what was
+//! read, and reads only what is new ([`tail`], and the recordings' episode index); [`logbook`] finds the logs of a run.
+//! [`processes`] looks at the processes of a run on this machine and at GPUs, [`table`] filters and sorts episodes.
+//! [`live`] hands a run on message by message.
+
+mod episode_table;
+mod live;
+pub mod logbook;
+mod processes;
+mod roster;
+mod tail;
+mod watched;
+
+use proto::replay::{RecordedEpisode, ReplaySetup};
+use proto::run_folder::RunFolder;
+use roster::{Entry, Roster};
+use std::collections::HashMap;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, sync_channel};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+use view::data::{Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Problem, Runs};
+use view::feed::Feed;
+use watched::Watched;
+
+/// The list is made anew at most this often.
+const LIST_EVERY: Duration = Duration::from_secs(2);
+/// Runs that are read at a time for the list.
+const LISTERS: usize = 4;
+/// Who asks about a run waits for this long: its folder can be anybody's, and its disk can hang.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// Of that for those who asked before.
+const TURN: Duration = Duration::from_secs(3);
+
+/// Runs in folders. Each is read on a thread of its own, so that none waits for another.
+pub struct RunReaders {
+    roster: Mutex<Roster>,
+    readers: Mutex<HashMap<String, Arc<RunReader>>>,
+    list: Mutex<Option<(Instant, Vec<Card>)>>,
+    /// The list waits for a run, and for all together.
+    patience: [Duration; 2],
+    /// The run that the list begins with: where there was no time left.
+    turn: AtomicUsize,
+}
+
+/// Where one run is read, by one reader at a time.
+struct RunReader {
+    entry: Entry,
+    /// None while it is read.
+    watched: Mutex<Option<Box<Watched>>>,
+    free: Condvar,
+    /// Its last line in the list.
+    card: Mutex<Card>,
+}
+
+/// Reads a run, and puts it back, whatever happens.
+struct Reading {
+    reader: Arc<RunReader>,
+    watched: Option<Box<Watched>>,
+}
+
+impl Drop for Reading {
+    fn drop(&mut self) {
+        let watched = self.watched.take().filter(|_| !std::thread::panicking());
+        let watched = watched.unwrap_or_else(|| Box::new(Watched::of(self.reader.entry.clone())));
+        *self.reader.watched.lock().unwrap_or_else(PoisonError::into_inner) = Some(watched);
+        self.reader.free.notify_one();
+    }
+}
+
+impl RunReader {
+    fn of(entry: Entry) -> Arc<Self> {
+        let watched = Mutex::new(Some(Box::new(Watched::of(entry.clone()))));
+        let card = Card { problem: Some("it waits to be read".to_owned()), ..entry.card() };
+        Arc::new(Self { entry, watched, free: Condvar::new(), card: Mutex::new(card) })
+    }
+
+    /// Asks about the run, and waits for the answer until then.
+    fn ask<T: Send + 'static>(
+        self: &Arc<Self>,
+        until: Instant,
+        ask: impl FnOnce(&mut Watched) -> anyhow::Result<T> + Send + 'static,
+    ) -> Result<T, Problem> {
+        let left = || until.saturating_duration_since(Instant::now());
+        let slow = || {
+            let folder = self.entry.folder.root().display();
+            Problem::Unreadable(format!("{folder} is still being read: it is large, or its disk is slow"))
+        };
+        let watched = self.watched.lock().unwrap_or_else(PoisonError::into_inner);
+        let free = self.free.wait_timeout_while(watched, left().min(TURN), |watched| watched.is_none());
+        let watched = free.unwrap_or_else(PoisonError::into_inner).0.take().ok_or_else(slow)?;
+        let mut reading = Reading { reader: Arc::clone(self), watched: Some(watched) };
+        let (sender, answer) = sync_channel(1);
+        let read = move || {
+            let answer = reading.watched.as_deref_mut().map(ask);
+            // First: whoever has the answer asks again.
+            drop(reading);
+            let _ = sender.send(answer);
+        };
+        let failed = |cause: &str| Problem::Unreadable(format!("reading {} failed: {cause}", self.entry.id));
+        std::thread::Builder::new()
+            .name("reading".to_owned())
+            .spawn(read)
+            .map_err(|error| failed(&error.to_string()))?;
+        match answer.recv_timeout(left()) {
+            Ok(Some(answer)) => answer.map_err(|error| match error.downcast::<Problem>() {
+                Ok(problem) => problem,
+                Err(error) => Problem::Unreadable(format!("{error:#}")),
+            }),
+            Err(RecvTimeoutError::Timeout) => Err(slow()),
+            Ok(None) | Err(RecvTimeoutError::Disconnected) => Err(failed("see the terminal")),
+        }
+    }
+}
+
+impl RunReaders {
+    /// Of these run folders, or folders that hold runs, for those who look again and again.
+    pub fn of(paths: Vec<PathBuf>) -> Self {
+        let patience = [Duration::from_secs(1), PATIENCE];
+        let (roster, readers, list) = (Mutex::new(Roster::of(paths)), Mutex::default(), Mutex::default());
+        Self { roster, readers, list, patience, turn: AtomicUsize::new(0) }
+    }
+
+    /// The same for who looks once.
+    pub fn once(paths: Vec<PathBuf>) -> Self {
+        Self { patience: [Duration::from_secs(30), Duration::from_mins(2)], ..Self::of(paths) }
+    }
+
+    /// How many runs there are now.
+    pub fn count(&self) -> usize {
+        self.entries().len()
+    }
+
+    /// Names of those of these folders that are runs, in their order.
+    pub fn names_of(&self, folders: &[PathBuf]) -> Vec<String> {
+        let entries = self.entries();
+        let name = |folder: &PathBuf| {
+            let folder = RunFolder::new(folder);
+            entries.iter().find(|entry| entry.folder == folder).map(|entry| entry.id.clone())
+        };
+        folders.iter().filter_map(name).collect()
+    }
+
+    fn entries(&self) -> Vec<Entry> {
+        self.roster.lock().unwrap_or_else(PoisonError::into_inner).look()
+    }
+
+    fn reader(&self, entry: Entry) -> Arc<RunReader> {
+        let mut readers = self.readers.lock().unwrap_or_else(PoisonError::into_inner);
+        Arc::clone(readers.entry(entry.id.clone()).or_insert_with(|| RunReader::of(entry)))
+    }
+
+    /// Asks about a run.
+    fn with<T: Send + 'static>(
+        &self,
+        run: &str,
+        ask: impl FnOnce(&mut Watched) -> anyhow::Result<T> + Send + 'static,
+    ) -> Result<T, Problem> {
+        let not_there = || Problem::NotThere(format!("there is no run called {run}"));
+        let known = self.readers.lock().unwrap_or_else(PoisonError::into_inner).get(run).map(Arc::clone);
+        let find = || self.entries().into_iter().find(|entry| entry.id == run).map(|entry| self.reader(entry));
+        let reader = known.or_else(find).ok_or_else(not_there)?;
+        let asked =
+            reader.ask(
+                Instant::now() + PATIENCE,
+                |watched| {
+                    if watched.is_there() { ask(watched).map(Some) } else { Ok(None) }
+                },
+            );
+        asked?.ok_or_else(|| {
+            self.readers.lock().unwrap_or_else(PoisonError::into_inner).remove(run);
+            not_there()
+        })
+    }
+
+    /// The cards of these runs, a few at a time. One that is slow, or for which no time is left, keeps its last, and those
+    /// for which none was left come first the next time.
+    fn cards(&self, entries: Vec<Entry>) -> Vec<Card> {
+        let [of_one, of_all] = self.patience;
+        let end = Instant::now() + of_all;
+        let readers: Vec<Arc<RunReader>> = entries.into_iter().map(|entry| self.reader(entry)).collect();
+        let (turn, next) = (self.turn.load(Ordering::Relaxed), AtomicUsize::new(0));
+        let read = || {
+            while Instant::now() < end {
+                let number = next.fetch_add(1, Ordering::Relaxed);
+                if number >= readers.len() {
+                    return;
+                }
+                let reader = &readers[(turn + number) % readers.len()];
+                let read = reader.ask(Instant::now() + of_one, move |watched| watched.card(of_one / 2));
+                let unreadable = |problem: Problem| Card { problem: Some(problem.to_string()), ..reader.entry.card() };
+                *reader.card.lock().unwrap_or_else(PoisonError::into_inner) = read.unwrap_or_else(unreadable);
+            }
+        };
+        std::thread::scope(|scope| (0..LISTERS.min(readers.len())).for_each(|_| drop(scope.spawn(read))));
+        let asked = next.into_inner();
+        self.turn.store(if asked < readers.len() { turn + asked } else { 0 }, Ordering::Relaxed);
+        readers.iter().map(|reader| reader.card.lock().unwrap_or_else(PoisonError::into_inner).clone()).collect()
+    }
+}
+
+impl Runs for RunReaders {
+    fn list(&self) -> Vec<Card> {
+        let mut list = self.list.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((made, cards)) = &*list
+            && made.elapsed() < LIST_EVERY
+        {
+            return cards.clone();
+        }
+        let (entries, left_out) = {
+            let mut roster = self.roster.lock().unwrap_or_else(PoisonError::into_inner);
+            (roster.look(), roster.left_out.clone())
+        };
+        let mut cards = self.cards(entries);
+        cards.extend(left_out);
+        cards.sort_by(|a, b| b.created_unix_s.cmp(&a.created_unix_s).then_with(|| a.id.cmp(&b.id)));
+        *list = Some((Instant::now(), cards.clone()));
+        cards
+    }
+
+    fn live(&self, run: &str) -> Result<Live, Problem> {
+        self.with(run, Watched::live)
+    }
+
+    fn curves(&self, run: &str, edition: u64, known: usize) -> Result<Curves, Problem> {
+        self.with(run, move |watched| watched.curves(edition, known))
+    }
+
+    fn episodes(&self, run: &str, query: &EpisodeQuery) -> Result<EpisodePage, Problem> {
+        let query = query.clone();
+        self.with(run, move |watched| watched.episodes(&query))
+    }
+
+    fn recorded(&self, run: &str, key: EpisodeKey) -> Result<(ReplaySetup, RecordedEpisode), Problem> {
+        self.with(run, move |watched| watched.recorded(key))
+    }
+
+    fn newest(&self, run: &str, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>, Problem> {
+        self.with(run, move |watched| Ok(watched.newest(kitchen, environment)))
+    }
+
+    fn feed(&self, run: &str) -> Result<Box<dyn Feed>, Problem> {
+        let found = self.entries().into_iter().find(|entry| entry.id == run);
+        let entry = found.ok_or_else(|| Problem::NotThere(format!("there is no run called {run}")))?;
+        Ok(Box::new(live::Recordings::of(entry.folder)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_that_is_read_for_ever_holds_up_no_other_and_comes_back() {
+        let root = tempfile::tempdir().unwrap();
+        for name in ["a", "b"] {
+            std::fs::create_dir(root.path().join(name)).unwrap();
+            std::fs::write(root.path().join(name).join("run.toml"), "").unwrap();
+        }
+        let readers = RunReaders::of(vec![root.path().to_owned()]);
+        let (sender, gate) = sync_channel::<()>(0);
+        let reader = readers.reader(readers.entries().remove(0));
+        let soon = || Instant::now() + Duration::from_millis(50);
+        let hangs = reader.ask(soon(), move |_| Ok(gate.recv().is_ok()));
+        assert!(hangs.unwrap_err().to_string().contains("is still being read"));
+        let began = Instant::now();
+        assert_eq!(readers.with("b", |_| Ok(1)), Ok(1));
+        let problems: Vec<bool> =
+            readers.list().into_iter().map(|card| card.problem.unwrap().contains("is still being read")).collect();
+        assert_eq!(problems, [true, false], "an empty run.toml is read, and is none");
+        assert!(began.elapsed() < PATIENCE, "{:?}", began.elapsed());
+        sender.send(()).unwrap();
+        assert_eq!(readers.with("a", |_| Ok(2)), Ok(2));
+        let panics = reader.ask(Instant::now() + PATIENCE, |_| -> anyhow::Result<()> { panic!("a planted fault") });
+        assert!(panics.is_err());
+        assert_eq!(readers.with("a", |_| Ok(3)), Ok(3), "it is read anew after that");
+    }
+}

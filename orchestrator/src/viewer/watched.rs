@@ -1,0 +1,532 @@
+//! One run or evaluation that is looked at: what was read of it, so that only what is new is read again.
+
+use super::episode_table;
+use super::logbook::{Found, beginnings, logs_of};
+use super::processes::{Process, Processes};
+use super::roster::Entry;
+use super::tail::{New, Tail};
+use crate::evaluation::journal;
+use crate::evaluation::progress::Progress;
+use crate::output::format;
+use crate::output::log_line::LogLine as Parsed;
+use crate::recording::Recordings;
+use crate::recording::episode_index::{EpisodeIndex, Shelved};
+use crate::run::identity::Identity;
+use crate::run::lock::{LockState, holder};
+use crate::run::state::state_of;
+use crate::training::means::{by_stage, recent};
+use crate::training::metrics::left_out;
+use crate::training::scores::{Score, Scores, result_folder};
+use crate::training::summary::Summary;
+use crate::training::wall::{Wall, elapsed_s, signs_of_life};
+use anyhow::{Context, Result};
+use proto::bounded::{FIGURES_BYTES_MOST, TABLE_BYTES_MOST};
+use proto::config::Config;
+use proto::evaluation::{EpisodeRecord, TABLE_FILE, read_table_from};
+use proto::replay::{RecordedEpisode, ReplaySetup};
+use proto::run_folder::{RolloutName, RunFolder, by_number};
+use proto::stage::total_frames;
+use proto::task::Spec;
+use proto::trained::{History, Trained};
+use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::path::Path;
+use std::time::{Duration, Instant};
+use tracing::Level;
+use view::data::{
+    Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, EpisodeRow, Kitchen, Live, LogLine, Problem, Stage, Start,
+    Validated, Worker,
+};
+
+/// How long recordings are read at a time: while a run is watched, each second; and for a table that somebody waits
+/// for.
+const GLANCE: Duration = Duration::from_millis(120);
+const LOOK: Duration = Duration::from_millis(800);
+/// Warnings and lines of the log that are kept.
+const WARNINGS: usize = 30;
+const LINES: usize = 14;
+/// A line of a log is shown up to here, characters.
+const TEXT_MAX: usize = 600;
+/// Episodes of a kitchen whose means are shown.
+const NEWEST: usize = 50;
+/// All logs together are read up to so many bytes; of longer ones the ends.
+const LOG_BYTES_MOST: u64 = 256 << 20;
+/// Values in all curves together.
+const POINTS_MOST: usize = 50_000_000;
+
+/// A log, as far as it is shown.
+struct Log {
+    tail: Tail,
+    lines: VecDeque<LogLine>,
+    warnings: VecDeque<LogLine>,
+    /// Starts of its process in all, and within the newest start of the orchestrator.
+    starts: u32,
+    incarnation: u32,
+}
+
+impl Log {
+    fn of(tail: Tail) -> Self {
+        let (lines, warnings) = (VecDeque::new(), VecDeque::new());
+        Self { tail, lines, warnings, starts: 0, incarnation: 0 }
+    }
+
+    /// Reads what is new until then, and a block at least.
+    fn read(&mut self, until: Instant) -> std::io::Result<()> {
+        loop {
+            let new = self.tail.read()?;
+            let more = new.more;
+            self.take(new);
+            if !more || Instant::now() > until {
+                return Ok(());
+            }
+        }
+    }
+
+    fn take(&mut self, new: New) {
+        if new.anew {
+            (self.starts, self.incarnation) = (0, 0);
+            self.lines.clear();
+            self.warnings.clear();
+        }
+        for line in new.lines {
+            let line = String::from_utf8_lossy(&line);
+            if let Some(start) = line.strip_prefix("--- ") {
+                self.starts += 1;
+                let number = start.split_once(", start ").and_then(|(_, rest)| rest.split_once(' ')?.0.parse().ok());
+                self.incarnation = number.unwrap_or(self.starts);
+                continue;
+            }
+            let Parsed { level, text } = Parsed::parse(&line);
+            let at = line.split_once(' ').filter(|_| level.is_some()).map_or("", |(at, _)| at);
+            let text = text.chars().take(TEXT_MAX).collect();
+            let shown = LogLine { at: at.to_owned(), level: level.map_or("", |level| level.as_str()).to_owned(), text };
+            // An error is the least verbose of levels.
+            if level.is_some_and(|level| level <= Level::WARN) {
+                push(&mut self.warnings, shown.clone(), WARNINGS);
+            }
+            push(&mut self.lines, shown, LINES);
+        }
+    }
+}
+
+fn push(lines: &mut VecDeque<LogLine>, line: LogLine, most: usize) {
+    if lines.len() == most {
+        lines.pop_front();
+    }
+    lines.push_back(line);
+}
+
+/// A run or an evaluation.
+pub struct Watched {
+    entry: Entry,
+    folder: RunFolder,
+    metrics: Tail,
+    history: History,
+    damaged: usize,
+    /// What of its files is not read, as sentences without an end.
+    left_out: Vec<String>,
+    /// Changes when rollouts that were told are void.
+    edition: u64,
+    logs: BTreeMap<String, Log>,
+    episode_index: EpisodeIndex,
+    processes: Processes,
+    /// Whose folder it was when it was last looked at.
+    id: Option<String>,
+}
+
+impl Watched {
+    /// Nothing is read yet.
+    pub fn of(entry: Entry) -> Self {
+        let folder = entry.folder.clone();
+        Self {
+            metrics: Tail::of(folder.clone(), folder.metrics(), 0),
+            history: History::default(),
+            damaged: 0,
+            left_out: Vec::new(),
+            edition: 1,
+            logs: BTreeMap::new(),
+            episode_index: EpisodeIndex::of(folder.clone()),
+            processes: Processes::default(),
+            id: None,
+            entry,
+            folder,
+        }
+    }
+
+    /// Whether its folder is still there.
+    pub fn is_there(&self) -> bool {
+        self.folder.root().is_dir()
+    }
+
+    /// Whose folder it is. Forgets everything if another run began in a new folder of that name.
+    fn notice_another_run(&mut self) -> Result<Identity> {
+        let identity = Identity::read(&self.folder)?;
+        if self.id.as_ref().is_some_and(|id| *id != identity.id) {
+            *self = Self { edition: self.edition + 1, ..Self::of(self.entry.clone()) };
+        }
+        self.id = Some(identity.id.clone());
+        Ok(identity)
+    }
+
+    /// Its line in the list. Its figures are read for about as long as `patience`.
+    pub fn card(&mut self, patience: Duration) -> Result<Card> {
+        let identity = self.notice_another_run()?;
+        self.read_metrics(patience);
+        let config = Config::of_run(&self.folder)?;
+        let held = holder(&self.folder)?;
+        self.card_of(&config, &identity, &held)
+    }
+
+    fn card_of(&self, config: &Config, identity: &Identity, held: &LockState) -> Result<Card> {
+        let card = Card {
+            seed: config.seed,
+            preset: config.preset.clone(),
+            created_unix_s: identity.created_unix_s,
+            metrics: config.spec().shown(),
+            note: self.left_out.first().cloned(),
+            ..self.entry.card()
+        };
+        if let Some(standing) = Progress::read(&self.folder, config)? {
+            return Ok(Card {
+                evaluation: true,
+                state: state_of(identity, held, standing.result.is_some()).to_string(),
+                done: standing.played,
+                budget: standing.asked,
+                figures: standing.known(),
+                ..card
+            });
+        }
+        let recent = recent(&config.stages, &self.history);
+        let complete = Summary::read(&self.folder)?.is_some();
+        // Of a run that has ended the last tenth tells more than its last moment.
+        let last_tenth = || by_stage(&config.stages, &self.history).pop().map(|stage| stage.last_tenth);
+        let lately = complete.then(last_tenth).flatten().unwrap_or(recent.episodes);
+        Ok(Card {
+            state: state_of(identity, held, complete).to_string(),
+            done: recent.frames,
+            budget: recent.budget,
+            figures: lately.figures,
+            left_s: recent.left_s.filter(|_| *held != LockState::Free && !complete),
+            ..card
+        })
+    }
+
+    /// How it stands.
+    pub fn live(&mut self) -> Result<Live> {
+        let identity = self.notice_another_run()?;
+        self.read_metrics(LOOK);
+        self.episode_index.advance(GLANCE);
+        let config = Config::of_run(&self.folder)?;
+        let held = holder(&self.folder)?;
+        let at_rest = held == LockState::Free;
+        let recent = recent(&config.stages, &self.history);
+        let here = match &held {
+            LockState::By(holder) if holder.is_here() => Some(holder.pid),
+            LockState::By(_) | LockState::Free | LockState::Unsigned => None,
+        };
+        let processes = here.map(|pid| self.processes.look(pid)).unwrap_or_default();
+        let mut notes = self.left_out.clone();
+        notes.extend(self.episode_index.notes.iter().cloned());
+        if self.damaged > 0 {
+            notes.push(format!("metrics.jsonl has {}", format::counted(self.damaged as u64, "damaged line")));
+        }
+        let scores = Scores::read(&self.folder, config.spec(), at_rest);
+        notes.extend(scores.notes);
+        let cores = std::thread::available_parallelism().ok().map(usize::from);
+        notes.extend(self.read_logs());
+        let empty = VecDeque::new();
+        let log = self.logs.get("orchestrator");
+        Ok(Live {
+            stages: stages(&config, &self.history),
+            stage: recent.stage,
+            frames_per_s: recent.frames_per_s,
+            shares: [recent.simulate, recent.infer, recent.update],
+            wall_s: Wall::of(&identity, &signs_of_life(&self.history), !at_rest).all_starts_s,
+            starts: identity.incarnations.iter().map(start).collect(),
+            workers: workers(&self.logs, &processes),
+            cores: cores.filter(|_| here.is_some()),
+            gpus: if here.is_some() { self.processes.gpus() } else { Vec::new() },
+            warnings: log.map_or(&empty, |log| &log.warnings).iter().cloned().collect(),
+            log: log.map_or(&empty, |log| &log.lines).iter().cloned().collect(),
+            validation: scores.scores.into_iter().map(validated).collect(),
+            kitchens: kitchens(config.spec(), &self.episode_index),
+            recordings: Recordings::of(&self.folder).map(|recordings| recordings.line()),
+            indexed: self.episode_index.indexed(),
+            notes,
+            rollouts: self.history.len() as u64,
+            newest: self.newest_figures(),
+            card: self.card_of(&config, &identity, &held)?,
+        })
+    }
+
+    fn newest_figures(&self) -> BTreeMap<String, f32> {
+        let figures = self.history.iter().next_back().map(|trained| trained.metrics.iter());
+        figures.into_iter().flatten().map(|(name, value)| (name.to_owned(), value as f32)).collect()
+    }
+
+    /// Its learning curves after the first `known` rollouts.
+    pub fn curves(&mut self, edition: u64, known: usize) -> Result<Curves> {
+        self.read_metrics(LOOK);
+        let config = Config::of_run(&self.folder)?;
+        let from = if edition == self.edition { known.min(self.history.len()) } else { 0 };
+        let mut begins_at = 0;
+        let stages = config.stages.iter().map(|stage| {
+            let named = (stage.name.clone(), begins_at);
+            begins_at += stage.frames;
+            named
+        });
+        let mut curves = Curves {
+            edition: self.edition,
+            from,
+            stages: stages.collect(),
+            metrics: config.spec().charted(),
+            paper: report::level_of(&config).unwrap_or_default(),
+            elapsed_s: elapsed_s(&self.history).skip(from).collect(),
+            ..Curves::default()
+        };
+        let mut before = self.history.iter().take(from).last().map_or(0, |trained| trained.frames);
+        let told: Vec<&Trained> = self.history.iter().skip(from).collect();
+        let names: std::collections::BTreeSet<&str> = told.iter().flat_map(|trained| trained.metrics.names()).collect();
+        // Some have thousands of names, each of one rollout.
+        for name in names.into_iter().take(POINTS_MOST / told.len().max(1)) {
+            let of = |trained: &&Trained| trained.metrics.get(name).map(|value| value as f32);
+            curves.series.insert(name.to_owned(), told.iter().map(of).collect());
+        }
+        let mut rates = Vec::new();
+        for trained in told {
+            curves.frames.push(trained.frames);
+            curves.stage.push(trained.stage);
+            let total_s = trained.timing.total_s();
+            let frames = trained.frames.saturating_sub(before) as f64;
+            rates.push((total_s > 0.0).then_some((frames / total_s) as f32));
+            before = trained.frames;
+        }
+        curves.series.insert("frames_per_s".to_owned(), rates);
+        Ok(curves)
+    }
+
+    /// A part of its table of episodes.
+    pub fn episodes(&mut self, query: &EpisodeQuery) -> Result<EpisodePage> {
+        self.episode_index.advance(LOOK);
+        let mut sources = Vec::new();
+        let config = Config::of_run(&self.folder)?;
+        let spec = config.spec();
+        let rows: Vec<EpisodeRow> = if config.evaluation.is_some() {
+            let recorded: HashMap<(u32, u32), EpisodeKey> = self
+                .episode_index
+                .episodes()
+                .filter(|(_, shelved)| shelved.is_playable())
+                .filter_map(|((kitchen, environment, episode), shelved)| {
+                    Some(((kitchen, shelved.fixed?), EpisodeKey { kitchen, environment, episode }))
+                })
+                .collect();
+            let played = records_in(config.spec(), &self.folder)?;
+            let played = if played.is_empty() { journal::read(&self.folder)? } else { played };
+            played.iter().map(|record| episode_table::row_of_record(spec, record, &recorded)).collect()
+        } else {
+            sources = self.sources();
+            if let Some(rollout) = RolloutName::Folder.rollout_of(Path::new(&query.source)) {
+                let records = records_in(spec, &result_folder(&self.folder, rollout))?;
+                records.iter().map(|record| episode_table::row_of_record(spec, record, &HashMap::new())).collect()
+            } else {
+                let of =
+                    |(key, shelved): (_, &Shelved)| Some((shelved.order, episode_table::row_of_shelved(key, shelved)?));
+                let mut ended: Vec<(u64, EpisodeRow)> = self.episode_index.episodes().filter_map(of).collect();
+                ended.sort_unstable_by_key(|(order, _)| *order);
+                ended.into_iter().map(|(_, row)| row).collect()
+            }
+        };
+        let page = episode_table::page(spec, rows, query);
+        Ok(EpisodePage {
+            sources,
+            indexed: self.episode_index.indexed(),
+            notes: self.episode_index.notes.clone(),
+            ..page
+        })
+    }
+
+    pub fn recorded(&mut self, key: EpisodeKey) -> Result<(ReplaySetup, RecordedEpisode)> {
+        self.episode_index.advance(LOOK);
+        let taken = self.episode_index.take_out((key.kitchen, key.environment, key.episode))?;
+        let (config, recorded) = taken.ok_or_else(|| {
+            let more = if self.episode_index.indexed() < 1.0 { " yet: they are still being read" } else { "" };
+            Problem::NotThere(format!(
+                "the recordings hold no episode {} of environment {}/{}{more}",
+                key.episode, key.kitchen, key.environment
+            ))
+        })?;
+        let folder = std::path::absolute(self.folder.root())?;
+        let folder = folder.to_str().context("the run's folder has a name that is not text")?.to_owned();
+        Ok((ReplaySetup { config, folder: Some(folder), images: None }, recorded))
+    }
+
+    /// The newest episode of an environment, if anything was recorded of it.
+    pub fn newest(&mut self, kitchen: u32, environment: u32) -> Option<EpisodeKey> {
+        self.episode_index.advance(LOOK);
+        let (kitchen, environment, episode) = self.episode_index.last_of(kitchen, environment)?;
+        Some(EpisodeKey { kitchen, environment, episode })
+    }
+
+    /// Reads what is new of its figures for about as long as `patience`; the rest, the next time.
+    fn read_metrics(&mut self, patience: Duration) {
+        let until = Instant::now() + patience;
+        self.left_out.clear();
+        let read = self.metrics.length(FIGURES_BYTES_MOST).and_then(|_| {
+            loop {
+                let new = self.metrics.read()?;
+                let more = new.more;
+                self.take_metrics(&new);
+                if !more || Instant::now() > until {
+                    return Ok(more);
+                }
+            }
+        });
+        match read {
+            Ok(false) => {}
+            Ok(true) => self.left_out.push("metrics.jsonl is long, and is still being read".to_owned()),
+            Err(error) => self.left_out.push(left_out("metrics.jsonl", &error)),
+        }
+    }
+
+    fn take_metrics(&mut self, new: &New) {
+        if new.anew {
+            self.history = History::default();
+            self.damaged = 0;
+            self.edition += 1;
+        }
+        for line in new.lines.iter().filter(|line| !line.is_empty()) {
+            let before = self.history.len();
+            if self.history.insert_line(line) {
+                // It made others void.
+                self.edition += u64::from(self.history.len() <= before);
+            } else {
+                self.damaged += 1;
+            }
+        }
+    }
+
+    /// Reads what is new in its logs, for a while; what of them cannot be read, as sentences without an end.
+    fn read_logs(&mut self) -> Vec<String> {
+        let until = Instant::now() + GLANCE;
+        let mut logs = match logs_of(&self.folder) {
+            Ok(logs) => logs,
+            Err(error) => return vec![left_out("logs/", &error)],
+        };
+        let (beginnings, note) = beginnings(&mut logs, LOG_BYTES_MOST);
+        let mut notes: Vec<String> = note.into_iter().collect();
+        for (Found { name, path, .. }, from) in logs.into_iter().zip(beginnings) {
+            let tail = || Tail::of(self.folder.clone(), path, from);
+            let log = self.logs.entry(name.clone()).or_insert_with(|| Log::of(tail()));
+            if let Err(error) = log.read(until)
+                && notes.len() < WARNINGS
+            {
+                notes.push(left_out(&format!("the log of {name}"), &error));
+            }
+        }
+        notes
+    }
+
+    /// Tables that there are: of training, and of each validation.
+    fn sources(&self) -> Vec<String> {
+        let items = self.folder.list(&self.folder.validations()).unwrap_or_default();
+        let has_table = |rollout: &u64| {
+            let result = result_folder(&self.folder, *rollout);
+            result.has(&result.root().join(TABLE_FILE))
+        };
+        let rollouts = items.iter().filter_map(|item| RolloutName::Folder.rollout_of(&item.path)).filter(has_table);
+        std::iter::once("training".to_owned()).chain(rollouts.map(|rollout| RolloutName::Folder.of(rollout))).collect()
+    }
+}
+
+/// The table of an evaluation's folder; empty where there is none.
+fn records_in(spec: &Spec, folder: &RunFolder) -> Result<Vec<EpisodeRecord>> {
+    let path = folder.root().join(TABLE_FILE);
+    match folder.reader(&path, TABLE_BYTES_MOST) {
+        Ok(file) => Ok(read_table_from(spec, file).with_context(|| path.display().to_string())?),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
+        Err(error) => Err(error).with_context(|| path.display().to_string()),
+    }
+}
+
+fn stages(config: &Config, history: &History) -> Vec<Stage> {
+    let trained = history.frames().min(total_frames(&config.stages));
+    let mut begins_at = 0;
+    let stages = config.stages.iter().map(|stage| {
+        let shown = Stage {
+            name: stage.name.clone(),
+            reward: stage.reward.clone(),
+            begins_at,
+            budget: stage.frames,
+            frames: trained.saturating_sub(begins_at).min(stage.frames),
+        };
+        begins_at += stage.frames;
+        shown
+    });
+    stages.collect()
+}
+
+fn start(incarnation: &crate::run::identity::Incarnation) -> Start {
+    let ended = incarnation.ended.as_ref();
+    Start {
+        number: incarnation.number,
+        place: format!("pid {} on {}", incarnation.pid, incarnation.host),
+        at_unix_s: incarnation.started_unix_s,
+        ended_unix_s: ended.map(|ended| ended.at_unix_s).or(incarnation.seen_unix_s),
+        how: ended.map(|ended| ended.how.to_string()),
+        reason: ended.and_then(|ended| ended.reason.clone()),
+    }
+}
+
+/// Learners and actors by their logs, with their processes.
+fn workers(logs: &BTreeMap<String, Log>, processes: &[Process]) -> Vec<Worker> {
+    let process = |name: &str| processes.iter().find(|process| process.name == name);
+    let worker = |name: &str, incarnation: u32, starts: u32| {
+        let process = process(name);
+        Worker {
+            name: name.to_owned(),
+            pid: process.map(|process| process.pid),
+            incarnation,
+            starts,
+            cores: process.and_then(|process| process.cores),
+            memory_bytes: process.and_then(|process| process.memory_bytes),
+            stopped: process.is_some_and(|process| process.stopped),
+        }
+    };
+    let of_logs = logs.iter().filter(|(_, log)| log.starts > 0);
+    let mut workers: Vec<Worker> = of_logs.map(|(name, log)| worker(name, log.incarnation, log.starts)).collect();
+    // The orchestrator and learners before actors.
+    let is_actor = |worker: &Worker| !worker.name.starts_with("learner");
+    workers
+        .sort_by(|a, b| is_actor(a).cmp(&is_actor(b)).then_with(|| by_number(Path::new(&a.name), Path::new(&b.name))));
+    if process("orchestrator").is_some() {
+        workers.insert(0, worker("orchestrator", 1, 1));
+    }
+    workers
+}
+
+fn validated(score: Score) -> Validated {
+    Validated { rollout: score.rollout, frames: score.frames, figures: score.figures }
+}
+
+/// Means over the newest episodes of each kitchen.
+fn kitchens(spec: &Spec, episode_index: &EpisodeIndex) -> Vec<Kitchen> {
+    let mut environments: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+    for (kitchen, environment) in episode_index.environments() {
+        environments.entry(kitchen).or_default().push(environment);
+    }
+    let of = |(kitchen, mut environments): (u32, Vec<u32>)| {
+        environments.sort_unstable();
+        let ends: Vec<_> =
+            episode_index.newest_of(kitchen, NEWEST).filter_map(|shelved: &Shelved| shelved.end.as_ref()).collect();
+        let mean = |metric: &str| {
+            let sum: f64 = ends.iter().filter_map(|end| end.figures.get(metric)).sum();
+            if ends.is_empty() { 0.0 } else { sum / ends.len() as f64 }
+        };
+        Kitchen {
+            kitchen,
+            environments,
+            episodes: ends.len() as u64,
+            figures: spec.shown().into_iter().map(|metric| (metric.name.clone(), mean(&metric.name))).collect(),
+        }
+    };
+    environments.into_iter().map(of).collect()
+}
