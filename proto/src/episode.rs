@@ -5,7 +5,7 @@ use crate::kitchen::{KitchenId, Kitchens};
 use serde::{Deserialize, Serialize};
 
 /// Longest episode a configuration may ask for, steps.
-pub const MAX_EPISODE_STEPS: usize = 512;
+pub const MAX_EPISODE_STEPS: usize = 100_000;
 
 /// One environment of the run, named independently of how actors are spread over machines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]

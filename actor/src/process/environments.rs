@@ -4,7 +4,7 @@
 use super::prefetcher::KitchenPrefetcher;
 use super::scenes::Scenes;
 use super::whereabouts;
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
@@ -195,10 +195,7 @@ impl Environments {
         for (running, state) in running.iter_mut().zip(states) {
             running.hold();
             engine.start(running, scenes, state.episode)?;
-            let actions = state
-                .actions
-                .get(..state.action_count as usize)
-                .with_context(|| format!("a restore claims {} actions in one episode", state.action_count))?;
+            let actions = state.actions();
             for (step, &action) in actions.iter().enumerate() {
                 let here = running.id;
                 if !engine.act(running, scenes, action)? {

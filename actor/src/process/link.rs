@@ -73,7 +73,7 @@ impl Link {
         }
         fault::reach("actor.mid_receive");
         while let Some(restore) = self.restores.receive().context("cannot receive restores")? {
-            arrived.restores.push((*restore.user_header(), restore.payload().to_vec()));
+            arrived.restores.push((*restore.user_header(), EnvironmentState::decode(restore.payload())?));
         }
         Ok(arrived)
     }

@@ -24,7 +24,7 @@ pub use episode::EpisodeConfig;
 pub use error::{ConfigError, nearest};
 pub use kitchens::{KitchenSource, KitchensConfig};
 pub use machine::{MachineConfig, Pin};
-pub use network::{CarriedGoal, Encoder, GoalCoordinates, INPUT_POOLS, NetworkConfig};
+pub use network::{CarriedGoal, Encoder, GoalCoordinates, INPUT_POOLS, Memory, NetworkConfig};
 pub use preset::{Preset, overlay};
 pub use presets::presets;
 pub use reward::{LagrangianConfig, RewardConfig};
@@ -122,6 +122,11 @@ pub struct PpoConfig {
     pub epochs: u32,
     /// Clip range of the policy ratio and of the value.
     pub clip: f64,
+    /// Clip the value's change in its loss, too.
+    pub clip_value: bool,
+    /// No further epoch of an update begins after one whose last minibatch has an approximate KL divergence from the
+    /// policy that acted above this. 0 = all epochs.
+    pub target_kl: f64,
     /// Weight of the value loss.
     pub value_coefficient: f64,
     /// Weight of the entropy bonus.
@@ -134,6 +139,8 @@ pub struct PpoConfig {
     /// falls over 30M frames whatever a stage's length: 20M frames end at 0.556 of the start, 25M at 0.444. `--frames`
     /// leaves it as it is.
     pub learning_rate_frames: u64,
+    /// What Adam adds to the root of the second moment.
+    pub adam_epsilon: f64,
     /// Global gradient norm is clipped at this.
     pub max_gradient_norm: f64,
     /// Discount per step.
@@ -382,11 +389,14 @@ impl Default for PpoConfig {
             rollout_steps: 200,
             epochs: 4,
             clip: 0.1,
+            clip_value: true,
+            target_kl: 0.0,
             value_coefficient: 0.5,
             entropy_coefficient: 0.01,
             learning_rate: 3e-4,
             learning_rate_end: 1.0 / 3.0,
             learning_rate_frames: 30_000_000,
+            adam_epsilon: 1e-8,
             max_gradient_norm: 0.5,
             gamma: 0.99,
             gae_lambda: 0.95,

@@ -7,7 +7,7 @@ use super::preset::{Preset, overlay};
 use std::sync::LazyLock;
 
 /// Presets with a file of their own.
-const FILES: [(&str, &str, &str); 12] = [
+const FILES: [(&str, &str, &str); 13] = [
     (
         "demo",
         "both stages in minutes on two CPU cores: small encoder, episodes that begin near the target",
@@ -17,6 +17,11 @@ const FILES: [(&str, &str, &str); 12] = [
         "point-nav-demo",
         "PointNav in minutes on two CPU cores: drive to a point near the start, by depth and relative goal",
         include_str!("../../presets/point-nav-demo.toml"),
+    ),
+    (
+        "gym",
+        "tasks of numbers, such as CartPole: two layers of 64, no memory, the constants of CleanRL's ppo.py",
+        include_str!("../../presets/gym.toml"),
     ),
     (
         "paper",

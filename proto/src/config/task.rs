@@ -1,9 +1,9 @@
 //! The task of a run, and the rewards that its stages name.
 
 use super::validate::check;
-use super::{Config, ConfigError, nearest};
+use super::{AuxiliaryTask, Config, ConfigError, GoalCoordinates, nearest};
 use crate::run_folder::RunFolder;
-use crate::task::{Composition, Condition, Spec, SpecError};
+use crate::task::{Actions, Composition, Condition, Spec, SpecError};
 
 impl Config {
     /// The task's declaration.
@@ -29,11 +29,21 @@ impl Config {
         Err(ConfigError::OtherTask { path, name: self.task.clone() })
     }
 
+    /// Declares the task of a run, if it is not known: the declaration lies in the run's folder.
+    pub(super) fn declare_task_of(&self, run: &RunFolder) -> Result<(), ConfigError> {
+        if Spec::named(&self.task).is_some() {
+            return Ok(());
+        }
+        // A folder without one is of a task that was built in once.
+        let Ok(text) = run.read_text(&run.task()) else { return Ok(()) };
+        let wrong = |cause| ConfigError::Task { key: run.task().display().to_string(), cause };
+        Spec::declare(&text).map(drop).map_err(wrong)
+    }
+
     fn find_spec(&self) -> Result<&'static Spec, ConfigError> {
-        let tasks = Spec::built_in();
-        tasks.iter().find(|task| task.name == self.task).ok_or_else(|| ConfigError::UnknownTask {
+        Spec::named(&self.task).ok_or_else(|| ConfigError::UnknownTask {
             name: self.task.clone(),
-            nearest: nearest(&self.task, tasks.iter().map(|task| task.name.as_str())),
+            nearest: nearest(&self.task, Spec::built_in().iter().map(|task| task.name.as_str())),
         })
     }
 
@@ -85,7 +95,23 @@ impl Config {
                 return Err(wrong(&format!("reward.{name}"), SpecError::Reward { name: name.clone(), problem }));
             }
         }
-        spec.inputs().map_err(|cause| wrong("task", cause))?;
+        let inputs = spec.inputs().map_err(|cause| wrong("task", cause))?;
+        check(
+            "network.goal",
+            serde_json::json!(self.network.goal),
+            self.network.goal == GoalCoordinates::Plain || inputs.image.is_some() && inputs.are_coordinates(),
+            "must be \"plain\" in this task: only three numbers beside a frame are a vector in space",
+        )?;
+        check(
+            "auxiliary.task",
+            serde_json::json!(self.auxiliary.task),
+            self.auxiliary.task == AuxiliaryTask::None || inputs.image.is_some(),
+            "must be \"none\" in a task without a frame",
+        )?;
+        if matches!(spec.actions, Actions::Box { .. }) {
+            let problem = "policies choose among named actions, and a box has none".to_owned();
+            return Err(wrong("task", SpecError::Actions { problem }));
+        }
         if self.episode.action_space.of(&spec.actions).is_none() {
             let problem = format!("task `{}` has no subset `{}`", spec.name, self.episode.action_space);
             return Err(wrong("episode.action_space", SpecError::Actions { problem }));

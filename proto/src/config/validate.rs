@@ -58,7 +58,7 @@ impl Config {
             "episode.max_steps",
             episode.max_steps,
             (1..=MAX_EPISODE_STEPS as u32).contains(&episode.max_steps),
-            "must be 1 to 512",
+            "must be 1 to 100000",
         )?;
         for (key, value) in [
             ("episode.start_distance_max_m", episode.start_distance_max_m),
@@ -104,6 +104,9 @@ impl Config {
             INPUT_POOLS.contains(&network.input_pool),
             "must be 1, 2 or 4",
         )?;
+        let layers = || network.mlp.iter().map(u32::to_string).collect::<Vec<_>>().join(", ");
+        let fits = (1..=8).contains(&network.mlp.len()) && network.mlp.iter().all(|width| (1..=4096).contains(width));
+        check("network.mlp", format!("[{}]", layers()), fits, "must be 1 to 8 widths of 1 to 4096")?;
         check("network.hidden", network.hidden, (8..=4096).contains(&network.hidden), "must be 8 to 4096")?;
         check("ppo.rollout_steps", ppo.rollout_steps, (1..=4096).contains(&ppo.rollout_steps), "must be 1 to 4096")?;
         check("ppo.epochs", ppo.epochs, (1..=64).contains(&ppo.epochs), "must be 1 to 64")?;
@@ -124,6 +127,7 @@ impl Config {
         for (key, value) in [
             ("ppo.clip", ppo.clip),
             ("ppo.learning_rate", ppo.learning_rate),
+            ("ppo.adam_epsilon", ppo.adam_epsilon),
             ("ppo.max_gradient_norm", ppo.max_gradient_norm),
         ] {
             check(key, value, value.is_finite() && value > 0.0, "must be greater than 0")?;
@@ -132,6 +136,7 @@ impl Config {
             ("ppo.value_coefficient", ppo.value_coefficient),
             ("ppo.entropy_coefficient", ppo.entropy_coefficient),
             ("ppo.learning_rate_end", ppo.learning_rate_end),
+            ("ppo.target_kl", ppo.target_kl),
             ("auxiliary.weight", auxiliary.weight),
             ("auxiliary.focal_gamma", auxiliary.focal_gamma),
             ("reward.lagrangian.initial", reward.lagrangian.initial),

@@ -29,7 +29,7 @@ pub use channel::{Channel, Dtype, Role};
 pub use check::{Check, Implausible};
 pub use error::SpecError;
 pub use figure::{Column, Curve, Described, Figure, Take};
-pub use inputs::{Inputs, VECTOR_NUMBERS};
+pub use inputs::Inputs;
 pub use layout::{Field, HEADER_BYTES, LINE_BYTES, Layout};
 pub use metric::{Clause, Comparison, Kind, Limit, Measure, Metric, Over, ShownMetric};
 pub use outcome::UNFINISHED;

@@ -10,7 +10,7 @@ use super::reward::{Cost, Label, Reward};
 use super::spec::Spec;
 use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::LazyLock;
+use std::sync::{LazyLock, PoisonError, RwLock};
 
 /// What the engine itself says of steps and episodes in recordings, data sets and tables. No channel or metric has such a
 /// name, nor one that begins with `reward_` or `return_`.
@@ -55,7 +55,37 @@ static BUILT_IN: LazyLock<Vec<Spec>> = LazyLock::new(|| {
     texts.iter().map(|text| Spec::parse(text).expect("a test reads every built-in task")).collect()
 });
 
+/// Tasks that this process was given.
+static DECLARED: RwLock<Vec<&Spec>> = RwLock::new(Vec::new());
+
 impl Spec {
+    /// The task of this name: one that is built in or was declared.
+    pub fn named(name: &str) -> Option<&'static Self> {
+        let declared = DECLARED.read().unwrap_or_else(PoisonError::into_inner);
+        Self::built_in().iter().chain(declared.iter().copied()).find(|spec| spec.name == name)
+    }
+
+    /// Reads a declaration that is not built in, so that configurations can name its task. It lasts as long as the process.
+    pub fn declare(text: &str) -> Result<&'static Self, SpecError> {
+        let spec = Self::parse(text)?;
+        let mut declared = DECLARED.write().unwrap_or_else(PoisonError::into_inner);
+        let taken = Self::built_in().iter().chain(declared.iter().copied()).find(|other| other.name == spec.name);
+        match taken {
+            Some(other) if other.text == text => Ok(other),
+            Some(_) => Err(SpecError::Taken(spec.name)),
+            None => {
+                let spec: &Self = Box::leak(Box::new(spec));
+                declared.push(spec);
+                Ok(spec)
+            }
+        }
+    }
+
+    /// Whether it is built in.
+    pub fn is_built_in(&self) -> bool {
+        Self::built_in().iter().any(|spec| spec.name == self.name)
+    }
+
     /// The tasks that are built in, by name.
     pub fn built_in() -> &'static [Self] {
         &BUILT_IN

@@ -157,11 +157,9 @@ impl Actor {
 
     fn rebuild(&mut self, states: &[EnvironmentState], too_early: bool) {
         let rebuilt = self.ids.iter().zip(states).map(|(&id, state)| {
-            let mut state = *state;
-            if too_early && state.action_count > 0 {
-                state.action_count -= 1;
-            }
-            FakeEnvironment::rebuild(id, MAX_STEPS, &state)
+            let actions = state.actions();
+            let kept = if too_early { actions.len().saturating_sub(1) } else { actions.len() };
+            FakeEnvironment::rebuild(id, MAX_STEPS, &EnvironmentState::after(state.episode, &actions[..kept]))
         });
         self.environments = rebuilt.collect();
     }
