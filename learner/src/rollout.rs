@@ -223,7 +223,8 @@ impl Rollout {
         let (steps, columns, side) = (&self.steps, self.columns, self.frames.size()[1]);
         // Of a row that was never stored there are none.
         let width = steps.iter().map(|step| step.numbers.len()).max().unwrap_or(0);
-        let of = |step: &Step| step.numbers.iter().copied().chain(std::iter::repeat(0.0)).take(width).collect::<Vec<_>>();
+        let of =
+            |step: &Step| step.numbers.iter().copied().chain(std::iter::repeat(0.0)).take(width).collect::<Vec<_>>();
         let numbers: Vec<f32> = steps.iter().flat_map(of).collect();
         let numbers = Tensor::from_slice(&numbers).view([(steps.len() / columns) as i64, columns as i64, width as i64]);
         let bootstrap: Vec<f32> = self.bootstrap.iter().map(|value| value.unwrap_or(f32::NAN)).collect();

@@ -15,8 +15,8 @@ mod mlp;
 mod parameters;
 
 pub use belief::{Belief, Packing};
-pub use embedding::{coordinates, goal_coordinates};
 pub(crate) use embedding::table_row;
+pub use embedding::{coordinates, goal_coordinates};
 pub(crate) use encoder::{ENCODERS, VISUAL};
 pub use frame::{FramePreparation, RawFrame, Staging};
 pub use initialize::Initial;

@@ -52,9 +52,11 @@ fn batch() -> Vec<(&'static str, Tensor)> {
 
 /// A task with [`INPUTS`] numbers, in a file for `learner probe`.
 fn six_numbers() -> String {
-    include_str!("../support/numbers.toml")
-        .replacen("name = \"numbers\"", "name = \"six_numbers\"", 1)
-        .replacen("shape = [4]", "shape = [1]", 1)
+    include_str!("../support/numbers.toml").replacen("name = \"numbers\"", "name = \"six_numbers\"", 1).replacen(
+        "shape = [4]",
+        "shape = [1]",
+        1,
+    )
 }
 
 /// Losses, advantages, returns and each gradient, to 1e-5 of the largest number.

@@ -160,8 +160,7 @@ impl World {
         columns: &[usize],
         act: impl FnOnce(&mut Agent, &StepInput) -> T,
     ) -> T {
-        let frames: Vec<Box<RawFrame>> =
-            columns.iter().filter(|_| self.has_frame).map(|&n| depth_mm(now, n)).collect();
+        let frames: Vec<Box<RawFrame>> = columns.iter().filter(|_| self.has_frame).map(|&n| depth_mm(now, n)).collect();
         let frames: Vec<DepthFrame> = frames.iter().map(|frame| DepthFrame::Whole(frame)).collect();
         let numbers = |n| match self.width {
             3 => goal_m(now, n).to_vec(),

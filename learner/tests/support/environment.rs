@@ -65,12 +65,7 @@ pub struct FakeEnvironment {
 
 impl FakeEnvironment {
     /// As an actor rebuilds it: replays the actions; the last one's transition is what it reports.
-    pub fn rebuild(id: EnvironmentId, max_steps: u32, state: &EnvironmentState) -> Self {
-        Self::rebuild_of(CHANNELS.task, id, max_steps, state)
-    }
-
-    /// The same of any task.
-    pub fn rebuild_of(task: &'static Spec, id: EnvironmentId, max_steps: u32, state: &EnvironmentState) -> Self {
+    pub fn rebuild(task: &'static Spec, id: EnvironmentId, max_steps: u32, state: &EnvironmentState) -> Self {
         let start = EnvironmentState::start_of(state.episode);
         let mut environment = Self { task, id, max_steps, state: start, header: RecordHeader::default(), done: None };
         environment.header.begin(state.episode, environment.hash(), false);

@@ -19,7 +19,9 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
-use wire::message::{EnvironmentState, Halves, Line, ObservationHeader, StageAnnouncement, directive, observation_kind};
+use wire::message::{
+    EnvironmentState, Halves, Line, ObservationHeader, StageAnnouncement, directive, observation_kind,
+};
 use wire::{
     Announcer, ObservationPublisher, Receipt, ReceiptBook, Sleeper, Wire, WireAddress, WireHost, WireShape, Written,
 };
@@ -403,7 +405,7 @@ impl Acting {
                     let per_actor = self.config.actors.environments_per_actor;
                     let rebuild = |(e, state)| {
                         let id = EnvironmentId::of(self.number, e as u32, per_actor);
-                        FakeEnvironment::rebuild_of(self.config.spec(), id, self.config.episode.max_steps, state)
+                        FakeEnvironment::rebuild(self.config.spec(), id, self.config.episode.max_steps, state)
                     };
                     let states = EnvironmentState::decode(sample.payload()).unwrap();
                     self.environments = states.iter().enumerate().map(rebuild).collect();

@@ -56,7 +56,9 @@ A policy of Stillroom after {frames} frames of training: one step of any number 
         line(format_args!("| previous_action | int64 | rows | number of the last action; {actions} at first |"));
     }
     if remembers {
-        line(format_args!("| belief | float32 | rows, {hidden} | zeros at first, then next_belief of the step before |"));
+        line(format_args!(
+            "| belief | float32 | rows, {hidden} | zeros at first, then next_belief of the step before |"
+        ));
     }
     line(format_args!(
         "

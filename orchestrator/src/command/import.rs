@@ -107,7 +107,7 @@ fn remove(root: &Path, was_there: bool) -> std::io::Result<()> {
 
 /// What else the weights could be for: of each other network the first preset that has it.
 fn other_presets(taken: &Config) -> String {
-    let network = |config: &Config| (config.network, config.episode.action_space);
+    let network = |config: &Config| (config.network.clone(), config.episode.action_space);
     let mut known = vec![network(taken)];
     let mut names = Vec::new();
     for preset in presets() {

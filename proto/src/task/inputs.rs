@@ -103,7 +103,11 @@ fn coding(channel: &Channel) -> Result<Coding, &'static str> {
     }
     let count = (most - least) as usize + 1;
     // Many of them at once are refused by their sum.
-    if count > NUMBERS_MOST { Err("its range is too large for a number for each") } else { Ok(Coding::OneHot { least: least as i64, count }) }
+    if count > NUMBERS_MOST {
+        Err("its range is too large for a number for each")
+    } else {
+        Ok(Coding::OneHot { least: least as i64, count })
+    }
 }
 
 #[cfg(test)]

@@ -94,7 +94,7 @@ impl Model {
             .collect();
         let start = EnvironmentState::start_of(0);
         let mut environments: Vec<FakeEnvironment> =
-            ids.iter().map(|&id| FakeEnvironment::rebuild(id, MAX_STEPS, &start)).collect();
+            ids.iter().map(|&id| FakeEnvironment::rebuild(config.spec(), id, MAX_STEPS, &start)).collect();
         let mut model = Self { rollouts: vec![], steps: BTreeMap::new(), frames: total_frames(&config.stages) };
         let (mut frames, mut weights, mut acting) = (0, FIRST_WEIGHTS, FIRST_WEIGHTS);
         while let Some(position) = position_at(&config.stages, frames) {

@@ -49,9 +49,8 @@ pub(super) fn graph(policy: &Policy) -> Result<Graph> {
     let mut maker = Maker { policy, builder: Builder::new("policy") };
     let numbers = policy.numbers();
     let side = FRAME_SIDE as i64;
-    let depth = policy
-        .has_frame()
-        .then(|| maker.builder.input("depth", Element::Uint16, &[side, side], "Depth, millimetres."));
+    let depth =
+        policy.has_frame().then(|| maker.builder.input("depth", Element::Uint16, &[side, side], "Depth, millimetres."));
     let doc = if depth.is_none() {
         "The task's observations, one behind the other; whole numbers as one-hot."
     } else if network.goal == GoalCoordinates::Plain {
@@ -66,8 +65,8 @@ pub(super) fn graph(policy: &Policy) -> Result<Graph> {
         maker.builder.input("previous_action", Element::Int64, &[], doc)
     });
     let doc = "The GRU's state: zeros where an episode begins, then next_belief of the step before.";
-    let belief = (network.memory == Memory::Gru)
-        .then(|| maker.builder.input("belief", Element::Float, &[hidden as i64], doc));
+    let belief =
+        (network.memory == Memory::Gru).then(|| maker.builder.input("belief", Element::Float, &[hidden as i64], doc));
 
     // Layers that actor and critic share, and those that each has of its own.
     let (mut shared, mut own) = (&network.mlp[..], &[][..]);
