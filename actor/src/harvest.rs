@@ -5,7 +5,6 @@
 //! Nothing is written of a recording that the simulator does not give as it was recorded.
 
 use crate::replay::film;
-use crate::replay::play::{Performance, Rules, Seen, play};
 use crate::replay::{Player, Started};
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use dataset::{About, Episode, Frames, Moment, Source, Writer};
@@ -13,7 +12,7 @@ use picture::{Captions, Scene, Standpoint};
 use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::dataset::{DatasetAnswer, DatasetRequest, DatasetSetup, PictureKind};
-use proto::replay::ReplayVerdict;
+use proto::replay::{Performance, ReplayVerdict, Rules, Seen, play};
 use proto::task::{Channel, Field, UNFINISHED};
 use simulator::depth::DepthCamera;
 use simulator::environment::{Base, Environment};

@@ -3,16 +3,15 @@
 //! Input and output are those of [`proto::show`]. An episode is simulated once, when it is opened; what is kept of it
 //! are the poses of each moment, from which every picture is drawn.
 
-use crate::process::whereabouts;
 use crate::replay::film::{self, moment};
-use crate::replay::play::{Performance, Rules, Seen, play};
 use anyhow::{Context, Result, ensure};
+use engine::whereabouts;
 use picture::{Captions, Moment, Orbit, Scene};
 use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::replay::{RecordedEpisode, ReplaySetup};
+use proto::replay::{Performance, RecordedEpisode, ReplaySetup, Rules, Seen, play};
 use proto::show::{
     SHOWN_SIDE_MAX, ShowAnswer, ShowOrbit, ShowRequest, ShowView, ShownEpisode, ShownMoment, ShownSolids, ShownTask,
     ShownThing,
@@ -128,7 +127,7 @@ impl KitchensInUse {
         let mut telling = Telling::of(environment.base());
         let Performance { verdict, outcome, .. } = play(&rules, &mut *environment, recorded, |environment, seen| {
             telling.keep(&rules, environment.base(), seen);
-            Ok(())
+            anyhow::Ok(())
         })?;
         let Telling { moments, displaced, shown, things, record, .. } = telling;
         let task = film::task(&rules, environment.base(), &record, String::new());

@@ -8,7 +8,9 @@ use crate::simulation::{Settling, Simulation, Start, Substep};
 use proto::camera::SUMS_PIXELS;
 use proto::config::Config;
 use proto::record::End;
+use proto::replay::Player;
 use rapier3d::math::{Pose3, Vec3};
+use std::error::Error;
 use std::sync::Arc;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -43,6 +45,25 @@ pub trait Environment: Send {
     fn base(&self) -> &Base;
 
     fn base_mut(&mut self) -> &mut Base;
+}
+
+impl Player for dyn Environment + '_ {
+    fn act(&mut self, action: &[u8], done: &mut [u8]) -> Result<(), Box<dyn Error + Send + Sync>> {
+        Environment::act(self, action, done);
+        Ok(())
+    }
+
+    fn observe(&mut self, seen: &mut [u8]) {
+        Environment::observe(self, seen);
+    }
+
+    fn state_hash(&self) -> u64 {
+        self.base().state_hash()
+    }
+
+    fn end(&self) -> Option<End> {
+        self.base().end()
+    }
 }
 
 /// The kitchen during an episode: its simulation, what was disturbed in it, and what its camera has seen.

@@ -4,12 +4,11 @@
 //! for the whole way.
 
 use super::picture::Sink;
-use super::play::{Rules, Seen};
 use anyhow::Result;
 use picture::{Captions, Moment, Storyboard, Task};
 use proto::episode::EnvironmentId;
 use proto::kitchen::TargetCategory;
-use proto::replay::{ImageFormat, ReplayImages};
+use proto::replay::{ImageFormat, ReplayImages, Rules, Seen};
 use proto::task::{Channel, Field, Role, UNFINISHED};
 use rapier3d::math::{Pose3, Vec3};
 use simulator::depth::DepthCamera;

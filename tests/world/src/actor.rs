@@ -5,7 +5,7 @@ use crate::kernel::{MILLISECOND, Next, Program, World};
 use crate::service::{Delivery, NoPlace, TaskId};
 use crate::setup::{MAX_STEPS, Mutation};
 use crate::wire::Observations;
-use actor::process::protocol::{Protocol, Todo, Verdict};
+use engine::protocol::{Protocol, Todo, Verdict};
 use orchestrator::Exit;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
