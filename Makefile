@@ -154,8 +154,10 @@ python-aarch64:
 dist: build
 	@STRICT='$(STRICT)' deploy/dist
 
-test-python:
-	@python=$$(PYTHON='$(PYTHON)' python/setup) && cd python && "$$python" -m pytest -q -rs $(ARGS)
+# The runs with environments of Python need the programs, too.
+test-python: build
+	@python=$$(PYTHON='$(PYTHON)' python/setup) && (cd python && "$$python" -m pytest -q -rs $(ARGS)) && \
+		STILLROOM_TEST_PYTHON="$$python" cargo test --release --locked -p system-tests --test system environments::
 
 bench-python:
 	cargo build --release --locked --workspace --bin actor

@@ -32,7 +32,7 @@ impl EnvironmentId {
             Kitchens::Procedural(range) => {
                 Self { kitchen: range.first_id(), number: actor * environments_per_actor + index }
             }
-            Kitchens::Split(_) | Kitchens::One(_) | Kitchens::Scenes(_) => {
+            Kitchens::Split(_) | Kitchens::One(_) | Kitchens::Scenes(_) | Kitchens::Elsewhere => {
                 let ids = kitchens.ids();
                 let count = ids.len() as u32;
                 let kitchen = ids[(actor % count) as usize];

@@ -2,7 +2,7 @@
 
 use crate::room::Room;
 use oracle::{Policy, Variant};
-use picture::{Canvas, Moment, Storyboard, Task, Words};
+use picture::{Canvas, Captions, Moment, Storyboard, Task};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use serde::{Deserialize, Serialize};
@@ -157,7 +157,7 @@ impl EpisodePlayer {
     }
 
     /// What is said below a picture.
-    fn words(&self) -> Words {
+    fn words(&self) -> Captions {
         let remark = match &self.transition {
             Some(done) if done.picked_up() => "picked up",
             Some(done) if done.failed() => "failed",
@@ -165,7 +165,7 @@ impl EpisodePlayer {
         };
         let names = self.config.spec().actions.names();
         let action = self.actions.last().map_or("", |action| &names[usize::from(action.index())]);
-        Words {
+        Captions {
             action: format!("step {} {action}", self.actions.len()),
             remark: remark.to_owned(),
             measures: format!("disturbance {:.3} m", self.environment.disturbance_m()),

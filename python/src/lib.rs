@@ -11,6 +11,10 @@
 //! checkpoint checkpoints and policy files
 //! state      everything about a moment, for users who may know it
 //! error      errors of Rust as those of Python
+//! serve      an actor's process that is a Python interpreter
+//! served     environments of Python, as the engine runs them
+//! replay     its recorded episodes, simulated again
+//! numbers    what Python gives, written where it lies in a record
 //! batch      many environments, stepped by threads while Python's lock is free
 //! ```
 
@@ -21,7 +25,11 @@ mod episode_player;
 mod error;
 mod facts;
 mod frames;
+mod numbers;
+mod replay;
 mod room;
+mod serve;
+mod served;
 mod settings;
 mod snapshot;
 mod state;
@@ -61,6 +69,10 @@ fn _stillroom(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(checkpoint::read_plain, module)?)?;
     module.add_function(wrap_pyfunction!(checkpoint::read_checkpoint, module)?)?;
     module.add_function(wrap_pyfunction!(checkpoint::read_policy, module)?)?;
+    module.add_function(wrap_pyfunction!(serve::episode_seed, module)?)?;
+    module.add_function(wrap_pyfunction!(serve::hold_lifeline, module)?)?;
+    module.add_class::<serve::Actor>()?;
+    module.add_class::<replay::Replay>()?;
     module.add_class::<settings::Settings>()?;
     module.add_class::<room::Kitchen>()?;
     module.add_class::<snapshot::Snapshot>()?;

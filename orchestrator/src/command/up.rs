@@ -1,5 +1,6 @@
 //! `orchestrator up`: a new run.
 
+use super::environment_flags::EnvironmentFlags;
 use super::host_flags::HostFlags;
 use super::overrides::{Overrides, default_preset};
 use super::resume::go_on;
@@ -40,15 +41,19 @@ use std::process::ExitCode;
   orchestrator up --config mine.toml               some settings of your own over the default preset
   orchestrator up --preset demo --set ppo.learning_rate=1e-3 --set network.encoder=resnet      single settings
   orchestrator up --preset disturb-stage2-25m --from runs/stage-1           stage II as a run of its own
+  orchestrator up --env gymnasium:CartPole-v1                 an environment of your own
   torchrun --nnodes=2 --nproc-per-node=1 --no-python -- orchestrator up --learners 2 --run R --token-file token
 
 The configuration, later over earlier: the preset, --config, --set, the other flags. `orchestrator config` prints it.")]
 pub struct UpArgs {
-    /// Named configuration (`orchestrator presets`) [default: demo without a CUDA device, recipe with one]
+    /// Named configuration (`orchestrator presets`) [default: demo without a CUDA device, recipe with one; gym with an
+    /// environment of your own]
     #[arg(long, value_name = "P")]
     preset: Option<String>,
     #[command(flatten)]
     overrides: Overrides,
+    #[command(flatten)]
+    environment: EnvironmentFlags,
     /// Begin with the weights of another run: its folder (the newest checkpoint), RUN/best, or a checkpoint's manifest.
     /// Optimiser, environments and frame count begin anew; the networks must be the same
     #[arg(long, value_name = "RUN|CHECKPOINT")]
@@ -90,9 +95,16 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
         check_free(&RunFolder::new(run))?;
     }
     let mut found = None;
-    let default = || Ok(default_preset(&found.insert(Tools::find()?).torch));
+    let default = || {
+        if args.environment.is_named() {
+            return Ok("gym");
+        }
+        Ok(default_preset(&found.insert(Tools::find()?).torch))
+    };
     let preset = args.overrides.preset(args.preset.as_deref(), default)?;
-    let mut config = args.hosts.resolve(&args.overrides, &preset, member.as_ref())?;
+    let mut overrides = args.overrides.clone();
+    overrides.set.extend(args.environment.settings()?);
+    let mut config = args.hosts.resolve(&overrides, &preset, member.as_ref())?;
     check_hosts(&config, member.as_ref())?;
     let started = args.hosts.started(member.as_ref())?;
     if let Some(folder) = begun {
@@ -200,7 +212,7 @@ fn default_folder(config: &Config) -> PathBuf {
 
 fn introduce(config: &Config, asked: bool) {
     let frames = format::count(total_frames(&config.stages));
-    if config.preset == "demo" {
+    if config.preset == "demo" && config.environment.is_none() {
         let why = if asked { "" } else { "No CUDA device was found. " };
         terminal::note(&format!(
             "{why}This is a demonstration, not the paper's experiment: a small encoder, episodes that begin near their\n\

@@ -8,6 +8,7 @@ use super::link::{Mouth, receive, receive_bytes, serve};
 use super::membership::Membership;
 use super::rendezvous::{Invitation, Patience, Reply};
 use super::token::Token;
+use crate::environment::consent;
 use crate::output::format::counted;
 use crate::output::terminal;
 use crate::recording::recorder::{Recorder, RecorderSetup};
@@ -267,9 +268,11 @@ impl Agent {
             config: config.clone(),
         };
         let recorder = config.recording.enabled.then(|| Recorder::start(setup())).transpose()?;
+        consent::demand(&config, folder.root())?;
         let launch = Launch {
             placement: placed(&part_of(&config, hosts, self.member.host), &tools)?,
             programs: tools.programs.clone(),
+            environment: config.environment.clone(),
             learners: config.learner.count,
             threads: config.learner.threads,
             evaluates: false,

@@ -129,7 +129,7 @@ impl Setting {
 pub(super) fn home(kitchens: Kitchens, place: EnvironmentId) -> EnvironmentId {
     match kitchens {
         Kitchens::Procedural(_) => EnvironmentId::among(kitchens, place.number, 0, 1),
-        Kitchens::Split(_) | Kitchens::One(_) | Kitchens::Scenes(_) => place,
+        Kitchens::Split(_) | Kitchens::One(_) | Kitchens::Scenes(_) | Kitchens::Elsewhere => place,
     }
 }
 

@@ -4,16 +4,19 @@
 //! `actor replay`, which takes the actions again and compares the hash of every state on the way, and draws what the
 //! camera saw where that is asked for. The work is divided by kitchen over as many actors as there are cores.
 
+use crate::environment::consent;
 use crate::output::terminal;
 use crate::preflight::programs;
 use crate::process_end::wait_for_child;
 use anyhow::{Context, Result, anyhow, bail, ensure};
+use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::exit::how;
 use proto::kitchen::KitchenId;
 use proto::replay::{Difference, RecordedEpisode, ReplaySetup, ReplayVerdict};
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, BufWriter, ErrorKind, Write};
+use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
@@ -120,6 +123,20 @@ pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<T
     Ok(totals)
 }
 
+/// The program that simulates episodes of this run again.
+fn replayer(setup: &ReplaySetup) -> Result<Command> {
+    let config = Config::from_toml(&setup.config, "the configuration of the recording")?;
+    let Some(environment) = &config.environment else {
+        let mut command = Command::new(programs::find("actor")?);
+        command.arg("replay");
+        return Ok(command);
+    };
+    consent::demand(&config, Path::new(setup.folder.as_deref().unwrap_or("RUN")))?;
+    let mut command = environment.program();
+    command.arg("--replay");
+    Ok(command)
+}
+
 /// Divides episodes by kitchen into at most `shares` shares of about as many steps each.
 fn divide(episodes: Vec<RecordedEpisode>, shares: usize) -> Vec<Vec<RecordedEpisode>> {
     let mut kitchens: BTreeMap<KitchenId, Vec<RecordedEpisode>> = BTreeMap::new();
@@ -152,13 +169,10 @@ impl Actors {
         share: Vec<RecordedEpisode>,
         reports: &Sender<Report>,
     ) -> Result<()> {
-        let program = programs::find("actor")?;
-        let mut child = Command::new(&program)
-            .arg("replay")
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .with_context(|| format!("cannot start {}", program.display()))?;
+        let mut command = replayer(setup)?;
+        let program = command.get_program().to_owned();
+        let started = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn();
+        let mut child = started.with_context(|| format!("cannot start {}", program.display()))?;
         let input = child.stdin.take().context("the actor has no standard input")?;
         let output = child.stdout.take().context("the actor has no standard output")?;
         self.0.push(child);

@@ -5,6 +5,7 @@
 //! [`Config::resolve_set`] does all but the last.
 
 mod changes;
+mod environment;
 mod episode;
 mod error;
 mod experiment;
@@ -20,6 +21,7 @@ mod task;
 mod validate;
 
 pub use changes::{Difference, Lists, differences};
+pub use environment::EnvironmentConfig;
 pub use episode::EpisodeConfig;
 pub use error::{ConfigError, nearest};
 pub use kitchens::{KitchenSource, KitchensConfig};
@@ -47,6 +49,8 @@ pub struct Config {
     pub seed: u64,
     /// What is learned: the name of a task.
     pub task: String,
+    /// The environments of a task that is not built in; `orchestrator up --env` writes it.
+    pub environment: Option<EnvironmentConfig>,
     /// Scene files (`scene.toml`) to train in instead of the training kitchens: actor i simulates scene i, repeating
     /// after the last. Relative to the working directory; a run folder's configuration names its own copies, relative
     /// to itself.
@@ -344,6 +348,7 @@ impl Default for Config {
             preset: "paper".into(),
             seed: 1,
             task: "arm_point_nav".into(),
+            environment: None,
             scenes: Vec::new(),
             kitchens: KitchensConfig::default(),
             actors: ActorsConfig::default(),
@@ -458,8 +463,11 @@ impl ValidationConfig {
 }
 
 impl Config {
-    /// Kitchens that the actors simulate.
+    /// Kitchens that the actors simulate. Environments that are not built in are in none.
     pub fn kitchens(&self) -> Kitchens {
+        if self.environment.is_some() {
+            return Kitchens::Elsewhere;
+        }
         match (&self.evaluation, self.kitchens.range(), self.scenes.len()) {
             (Some(evaluation), _, _) => evaluation.kitchens(),
             (None, Some(range), _) => Kitchens::Procedural(range),
@@ -475,7 +483,9 @@ impl Config {
             (Kitchens::Procedural(range), None) => {
                 KitchenSchedule::drawn(self.seed, range, self.kitchens.episodes_each)
             }
-            (Kitchens::Split(_) | Kitchens::One(_) | Kitchens::Scenes(_), _) => KitchenSchedule::settled(),
+            (Kitchens::Split(_) | Kitchens::One(_) | Kitchens::Scenes(_) | Kitchens::Elsewhere, _) => {
+                KitchenSchedule::settled()
+            }
         }
     }
 

@@ -1,7 +1,7 @@
 //! The task of a run, and the rewards that its stages name.
 
 use super::validate::check;
-use super::{AuxiliaryTask, Config, ConfigError, GoalCoordinates, nearest};
+use super::{AuxiliaryTask, Config, ConfigError, EnvironmentConfig, GoalCoordinates, nearest};
 use crate::run_folder::RunFolder;
 use crate::task::{Actions, Composition, Condition, Spec, SpecError};
 
@@ -31,7 +31,7 @@ impl Config {
 
     /// Declares the task of a run, if it is not known: the declaration lies in the run's folder.
     pub(super) fn declare_task_of(&self, run: &RunFolder) -> Result<(), ConfigError> {
-        if Spec::named(&self.task).is_some() {
+        if self.environment.is_some() || Spec::named(&self.task).is_some() {
             return Ok(());
         }
         // A folder without one is of a task that was built in once.
@@ -40,7 +40,14 @@ impl Config {
         Spec::declare(&text).map(drop).map_err(wrong)
     }
 
-    fn find_spec(&self) -> Result<&'static Spec, ConfigError> {
+    /// The same of a configuration that was not validated.
+    pub fn find_spec(&self) -> Result<&'static Spec, ConfigError> {
+        if let Some(EnvironmentConfig { declaration, .. }) = &self.environment {
+            let wrong = |cause| ConfigError::Task { key: "environment.declaration".to_owned(), cause };
+            let spec = Spec::kept(declaration).map_err(wrong)?;
+            check("task", &self.task, self.task == spec.name, "must be the name in environment.declaration")?;
+            return Ok(spec);
+        }
         Spec::named(&self.task).ok_or_else(|| ConfigError::UnknownTask {
             name: self.task.clone(),
             nearest: nearest(&self.task, Spec::built_in().iter().map(|task| task.name.as_str())),

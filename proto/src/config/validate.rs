@@ -1,6 +1,6 @@
 //! Ranges of every setting: an invalid configuration is refused before any process starts.
 
-use super::{Config, ConfigError, INPUT_POOLS, KitchenSource, KitchensConfig, ValidationConfig};
+use super::{Config, ConfigError, EnvironmentConfig, INPUT_POOLS, KitchenSource, KitchensConfig, ValidationConfig};
 use crate::episode::MAX_EPISODE_STEPS;
 use crate::evaluation::{Distribution, EvaluationConfig};
 use crate::kitchen::{KitchenId, Split};
@@ -71,8 +71,23 @@ impl Config {
                 "must be 0 (anywhere) or 0.6 to 100 metres",
             )?;
         }
+        self.validate_environment()?;
         check("scenes", self.scenes.len(), self.scenes.len() <= KitchenId::SCENES_MAX, "a run has at most 128 scenes")?;
         self.validate_kitchens()
+    }
+
+    /// Environments that are not built in are in no kitchen.
+    fn validate_environment(&self) -> Result<(), ConfigError> {
+        let Some(EnvironmentConfig { command, .. }) = &self.environment else { return Ok(()) };
+        check("environment.command", "[]", !command.is_empty(), "must name a program")?;
+        let built_in = self.kitchens.source == KitchenSource::BuiltIn;
+        check("kitchens.source", "\"procedural\"", built_in, "cannot be set beside `environment`: it has no kitchens")?;
+        let scenes = self.scenes.len();
+        check("scenes", scenes, scenes == 0, "cannot be set beside `environment`: it has no kitchens")?;
+        let every = self.validation.every_frames;
+        let evaluation = self.evaluation.is_none();
+        check("evaluation", "{ ... }", evaluation, "cannot be beside `environment`: an evaluation is in kitchens")?;
+        check("validation.every_frames", every, every == 0, "must be 0 beside `environment`: validation is in kitchens")
     }
 
     /// Settings of procedural kitchens.

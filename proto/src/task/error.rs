@@ -32,6 +32,8 @@ pub enum SpecError {
          whole numbers of a declared range, 1 to 65536 numbers in all"
     )]
     Input { task: String, what: String },
+    #[error("the environment has {now}, but the run was begun with {then}: serve the environment that began it")]
+    OtherSpaces { now: String, then: String },
     #[error("task `{task}` has no reward `{name}`, and neither has the configuration")]
     UnknownReward { name: String, task: String },
 }

@@ -10,7 +10,7 @@ use super::reward::{Cost, Label, Reward};
 use super::spec::Spec;
 use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::{LazyLock, PoisonError, RwLock};
+use std::sync::{LazyLock, Mutex, PoisonError, RwLock};
 
 /// What the engine itself says of steps and episodes in recordings, data sets and tables. No channel or metric has such a
 /// name, nor one that begins with `reward_` or `return_`.
@@ -89,6 +89,18 @@ impl Spec {
     /// The tasks that are built in, by name.
     pub fn built_in() -> &'static [Self] {
         &BUILT_IN
+    }
+
+    /// Reads the declaration of a task that is not built in. Each text is read once and kept for the rest of the process.
+    pub fn kept(text: &str) -> Result<&'static Self, SpecError> {
+        static KEPT: Mutex<BTreeMap<String, &'static Spec>> = Mutex::new(BTreeMap::new());
+        let mut kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(spec) = kept.get(text) {
+            return Ok(spec);
+        }
+        let spec: &'static Self = Box::leak(Box::new(Self::parse(text)?));
+        kept.insert(text.to_owned(), spec);
+        Ok(spec)
     }
 
     /// Reads a declaration, and checks it.

@@ -2,6 +2,8 @@
 
 `gymnasium.make("stillroom/ArmPointNav-v0", kitchen=7)` makes one environment, `stillroom.VectorEnv` many that threads
 step together. Observations and all else that they return are described in `stillroom.types`.
+
+`stillroom.serve(make_env)` lets an environment of your own take part in a run (docs/your-simulator.md).
 """
 
 from __future__ import annotations
@@ -9,11 +11,12 @@ from __future__ import annotations
 import gymnasium
 
 import stillroom._processor  # noqa: F401  # before the compiled module, which would die of an illegal instruction
-from stillroom._stillroom import ACTIONS, FRAME_SIDE, TARGETS, Kitchen, Snapshot, __version__, kitchens
+from stillroom._stillroom import ACTIONS, FRAME_SIDE, TARGETS, Kitchen, Snapshot, __version__, episode_seed, kitchens
 from stillroom.checkpoint import Checkpoint, CheckpointError, load
 from stillroom.env import ArmPointNav
 from stillroom.oracle import Oracle, oracle
 from stillroom.run import Run, RunError, read_run
+from stillroom.serving import serve
 from stillroom.vector import VectorEnv
 
 __all__ = [
@@ -30,10 +33,12 @@ __all__ = [
     "Snapshot",
     "VectorEnv",
     "__version__",
+    "episode_seed",
     "kitchens",
     "load",
     "oracle",
     "read_run",
+    "serve",
 ]
 
 gymnasium.register(

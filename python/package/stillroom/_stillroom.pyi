@@ -116,3 +116,28 @@ class Batch:
     def snapshot(self, index: int) -> Snapshot: ...
     def restore(self, index: int, snapshot: Snapshot) -> dict[str, Any]: ...
     def oracle(self, variant: str) -> NDArray[np.int64]: ...
+
+def episode_seed(seed: int, environment: int, episode: int) -> int:
+    """The seed that a run resets an environment with for an episode: the same reset begins the same episode."""
+
+def hold_lifeline() -> None:
+    """Exits as soon as the orchestrator is gone, with all processes that environments have started."""
+
+class Actor:
+    """An actor of a run."""
+
+    def __init__(self, number: int, incarnation: int, wire: str, config: str) -> None: ...
+    @property
+    def environments(self) -> int:
+        """How many environments it has."""
+    def run(self, environments: list[Any], description: str, observed: list[tuple[str, str | None]]) -> None:
+        """Takes part in the run until something fails."""
+
+class Replay:
+    """Simulates recorded episodes of one run again."""
+
+    def __init__(
+        self, setup: str, environment: Any, description: str, observed: list[tuple[str, str | None]]
+    ) -> None: ...
+    def verdict(self, line: str) -> str:
+        """The verdict on the episode of a further line."""

@@ -19,7 +19,11 @@ file as in `[ppo]`, `clip = 0.2`, or on the command line as `--set ppo.clip=0.2`
 ";
 
 /// Tables that programs write, and what writes them.
-const WRITTEN: [(&str, &str); 2] = [("from", "`orchestrator up --from`"), ("evaluation", "`orchestrator eval`")];
+const WRITTEN: [(&str, &str); 3] = [
+    ("from", "`orchestrator up --from`"),
+    ("evaluation", "`orchestrator eval`"),
+    ("environment", "`orchestrator up --env`"),
+];
 
 /// The page. `types` has those of the configuration.
 pub fn settings_page(types: &Types) -> Result<String, BookError> {

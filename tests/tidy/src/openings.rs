@@ -25,7 +25,7 @@ const CALLS: [&[&str]; 11] = [
 ];
 
 /// Files and folders of sources that open something else, and what.
-const OTHERS: [(&str, &str); 40] = [
+const OTHERS: [(&str, &str); 42] = [
     ("orchestrator/src/preflight/", "the machine, and libtorch"),
     ("orchestrator/src/run/process_state.rs", "/proc"),
     ("orchestrator/src/run/signal.rs", "/proc"),
@@ -39,6 +39,8 @@ const OTHERS: [(&str, &str); 40] = [
     ("orchestrator/src/hosts/token.rs", "a file that the user names"),
     ("orchestrator/src/command/view.rs", "a file that the user names"),
     ("orchestrator/src/command/overrides.rs", "a file that the user names"),
+    ("orchestrator/src/command/environment_flags.rs", "a file that the user names"),
+    ("orchestrator/src/environment/consent.rs", "what this user has allowed"),
     ("orchestrator/src/suite/file.rs", "a file that the user names"),
     ("orchestrator/src/report_builder/kept.rs", "a file that the user names"),
     ("orchestrator/src/recording/reader.rs", "a recording that the user names, or that was listed"),
