@@ -150,9 +150,9 @@ fn every_failure_is_one_sentence_and_costs_nothing() {
         ("key", "it gives no `goal_m`"),
         ("tuple", "step() did not return (observation, reward, terminated, truncated, info)"),
         ("exit", "step() asked Python to exit (enough)"),
-        ("os_exit", "the last call of actor-0"),
-        ("segfault", "the last call of actor-0"),
-        ("hang", "the last call of actor-0"),
+        ("os_exit", "died"),
+        ("segfault", "died"),
+        ("hang", "died"),
         ("print", ""),
         ("child", ""),
     ] {
@@ -161,7 +161,8 @@ fn every_failure_is_one_sentence_and_costs_nothing() {
         let found = printed.stderr.lines().find(|line| line.contains(sentence));
         let line = found.unwrap_or_else(|| panic!("{fault}: no line with `{sentence}`: {printed:#?}"));
         println!("{fault}: {line}");
-        if !sentence.is_empty() {
+        // What ends the process leaves its place to the report of a run that is given up.
+        if !sentence.is_empty() && sentence != "died" {
             let named = ["environment ", ", episode ", ", step "].iter().all(|part| line.contains(part));
             assert!(named && line.contains("actor"), "{fault}: {line}");
         }
