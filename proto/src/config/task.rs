@@ -142,6 +142,59 @@ mod tests {
         Config::resolve_with("demo", Some((text, "mine.toml"))).map_err(|error| error.to_string())
     }
 
+    const WITHOUT_A_FRAME: &str = r#"
+    name = "without_a_frame"
+    actions = { kind = "discrete", names = ["left", "right"] }
+    channels = [
+        { name = "gain", role = "part", dtype = "f32", range = [0, 1], doc = "" },
+        { name = "place", role = "observation", dtype = "f32", shape = [3], range = [-1, 1], doc = "" },
+    ]
+    rewards = [{ name = "r", terms = [["gain", 1.0]] }]
+    "#;
+
+    #[test]
+    fn settings_that_a_task_without_a_frame_cannot_have_are_refused() {
+        Spec::declare(WITHOUT_A_FRAME).unwrap();
+        assert!(Spec::declare(WITHOUT_A_FRAME).is_ok(), "the same again");
+        let other = Spec::declare(&WITHOUT_A_FRAME.replace("[3]", "[4]")).unwrap_err().to_string();
+        assert_eq!(other, "task `without_a_frame` is known already, and declared otherwise");
+        let problem = |text: &str| {
+            let text = format!("task = \"without_a_frame\"\n{text}");
+            Config::resolve_with("gym", Some((&text, "mine.toml"))).map(drop).map_err(|error| error.to_string())
+        };
+        assert_eq!(problem(""), Ok(()));
+        assert_eq!(problem("network.memory = \"gru\"\nepisode.max_steps = 100000"), Ok(()));
+        for (text, expected) in [
+            ("network.goal = \"polar\"", "network.goal = \"polar\": must be \"plain\" in this task"),
+            ("auxiliary.task = \"disturb\"", "auxiliary.task = \"disturb\": must be \"none\""),
+            ("network.mlp = []", "network.mlp = []: must be 1 to 8 widths of 1 to 4096"),
+            ("network.mlp = [64, 0]", "network.mlp = [64, 0]"),
+            ("ppo.adam_epsilon = 0.0", "ppo.adam_epsilon = 0: must be greater than 0"),
+            ("ppo.target_kl = -1.0", "ppo.target_kl = -1: must be 0 or greater"),
+            ("episode.max_steps = 100001", "episode.max_steps = 100001: must be 1 to 100000"),
+        ] {
+            let found = problem(text).unwrap_err();
+            assert!(found.contains(expected), "{found}");
+        }
+    }
+
+    #[test]
+    fn a_run_brings_the_declaration_of_its_task() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = RunFolder::new(folder.path());
+        let declaration = WITHOUT_A_FRAME.replace("without_a_frame", "of_a_run");
+        std::fs::write(run.config(), "task = \"of_a_run\"\nauxiliary.task = \"none\"\nnetwork.goal = \"plain\"\n\
+            network.carried_goal = \"goal_to_object\"\nstages = [{ name = \"I\", reward = \"r\", frames = 9 }]\n").unwrap();
+        let unknown = Config::of_run(&run).unwrap_err().to_string();
+        assert!(unknown.contains("there is no task `of_a_run`"), "{unknown}");
+        std::fs::write(run.task(), "name = 3").unwrap();
+        assert!(Config::of_run(&run).unwrap_err().to_string().contains("task.toml: it is no task"));
+        std::fs::write(run.task(), declaration).unwrap();
+        let config = Config::of_run(&run).unwrap();
+        assert_eq!(config.spec().name, "of_a_run");
+        assert!(config.check_task(&run).is_ok());
+    }
+
     /// The example of docs/own-parts.md: a reward in the configuration, no code.
     #[test]
     fn a_reward_by_count_takes_its_price_once_whatever_the_distance() {

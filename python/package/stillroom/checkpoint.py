@@ -59,7 +59,7 @@ class Checkpoint:
 
     @property
     def goal(self) -> str:
-        """How the network is given the goal: "polar" or "cartesian"."""
+        """How the network is given the numbers beside a frame: "polar", "cartesian" or "plain"."""
         return self.config.get("network", {}).get("goal", "polar")
 
     def environment(self) -> dict[str, Any]:
