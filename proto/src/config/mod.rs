@@ -113,6 +113,8 @@ pub struct SimulationConfig {
 }
 
 /// DD-PPO.
+// Four independent settings, not a state machine.
+#[allow(clippy::struct_excessive_bools)]
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PpoConfig {

@@ -183,8 +183,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let run = RunFolder::new(folder.path());
         let declaration = WITHOUT_A_FRAME.replace("without_a_frame", "of_a_run");
-        std::fs::write(run.config(), "task = \"of_a_run\"\nauxiliary.task = \"none\"\nnetwork.goal = \"plain\"\n\
-            network.carried_goal = \"goal_to_object\"\nstages = [{ name = \"I\", reward = \"r\", frames = 9 }]\n").unwrap();
+        std::fs::write(
+            run.config(),
+            "task = \"of_a_run\"\nauxiliary.task = \"none\"\nnetwork.goal = \"plain\"\n\
+            network.carried_goal = \"goal_to_object\"\nstages = [{ name = \"I\", reward = \"r\", frames = 9 }]\n",
+        )
+        .unwrap();
         let unknown = Config::of_run(&run).unwrap_err().to_string();
         assert!(unknown.contains("there is no task `of_a_run`"), "{unknown}");
         std::fs::write(run.task(), "name = 3").unwrap();

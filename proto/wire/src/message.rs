@@ -106,7 +106,7 @@ pub struct EnvironmentState {
 #[error("a restore of {bytes} bytes claims {claimed} actions in one episode")]
 pub struct BadRestore {
     bytes: usize,
-    claimed: usize,
+    claimed: u32,
 }
 
 impl EnvironmentState {
@@ -157,10 +157,11 @@ impl EnvironmentState {
         let (mut states, mut rest) = (vec![], payload);
         while !rest.is_empty() {
             let mut word = || Some(u32::from_le_bytes(*rest.split_off(..4)?.first_chunk()?));
-            let (episode, claimed) = (word(), word().map_or(0, |claimed| claimed as usize));
-            let actions = if claimed <= MAX_EPISODE_STEPS { rest.split_off(..claimed) } else { None };
-            match (episode, actions) {
-                (Some(episode), Some(actions)) => states.push(Self::after(episode, actions)),
+            let head = [word(), word()];
+            let claimed = head[1].unwrap_or_default();
+            let actions = rest.split_off(..claimed as usize).filter(|actions| actions.len() <= MAX_EPISODE_STEPS);
+            match (head, actions) {
+                ([Some(episode), Some(_)], Some(actions)) => states.push(Self::after(episode, actions)),
                 _ => return Err(BadRestore { bytes: payload.len(), claimed }),
             }
         }

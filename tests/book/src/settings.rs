@@ -73,6 +73,7 @@ fn row(types: &Types, default: &Table, key: &str, field: &Field) -> Result<Strin
     let variants = types.variants(within(&field.kind)).filter(|_| !field.kind.starts_with("Vec<Vec"));
     let kind = match (within(&field.kind), &variants) {
         (_, Some(_)) | ("ActionSpace", _) => "word",
+        ("u32", _) if field.kind.starts_with("Vec") => "list of whole numbers",
         ("u32" | "u64" | "KitchenId", _) => "whole number",
         ("f32" | "f64", _) => "number",
         ("bool", _) => "true or false",
@@ -180,6 +181,7 @@ fn allowed(key: &str, kind: &str, whole_kind: &str) -> String {
 fn attempts(kind: &str, whole_kind: &str) -> Vec<Value> {
     let numbers = |list: &[i64]| list.iter().copied().map(Value::Integer).collect::<Vec<_>>();
     match kind {
+        "u32" if whole_kind.starts_with("Vec") => vec![Value::Array(vec![])],
         "u32" | "u64" => numbers(&[0, 1, 3, 7, 600, 5000, 100_000, 2_000_000, i64::from(u32::MAX), 1 << 60, i64::MAX]),
         "f32" | "f64" => [-1.0, 0.0, 0.3, 1.5, 1e9, f64::NAN, f64::INFINITY].map(Value::Float).to_vec(),
         "bool" => vec![Value::Boolean(false), Value::Boolean(true)],
