@@ -99,7 +99,7 @@ pub fn encode(tensors: &BTreeMap<String, Tensor>, boundary: &Boundary) -> Result
     own(EPISODE, Dtype::U32, vec![columns], states.iter().flat_map(|state| state.episode.to_le_bytes()).collect())?;
     let counts = states.iter().flat_map(|state| state.action_count().to_le_bytes());
     own(ACTION_COUNT, Dtype::U32, vec![columns], counts.collect())?;
-    let actions: Vec<u8> = states.iter().flat_map(|state| state.actions()).copied().collect();
+    let actions: Vec<u8> = states.iter().flat_map(EnvironmentState::actions).copied().collect();
     own(ACTIONS, Dtype::U8, vec![actions.len()], actions)?;
     let mut column_of = |name: &str, figure: fn(&RunningEpisode) -> f64| {
         own(name, Dtype::F64, vec![columns], running.iter().flat_map(|episode| figure(episode).to_le_bytes()).collect())

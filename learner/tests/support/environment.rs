@@ -1,6 +1,6 @@
 //! A stand-in for an actor's environment: every number in it is a hash of (kitchen, environment, episode, actions), so
 //! it can be rebuilt from its state as a real one can, and any mistake in bookkeeping shows in all that follows. It is of
-//! ArmPointNav, or of a task of numbers alone.
+//! `ArmPointNav`, or of a task of numbers alone.
 
 use proto::config::Config;
 use proto::episode::EnvironmentId;

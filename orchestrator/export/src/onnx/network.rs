@@ -75,16 +75,13 @@ pub(super) fn graph(policy: &Policy) -> Result<Graph> {
     } else if belief.is_none() {
         std::mem::swap(&mut shared, &mut own);
     }
-    let (mut parts, mut width) = match depth {
-        Some(depth) => {
-            let frames = maker.frames(&depth, network.input_pool as usize);
-            let parts = vec![maker.encoder(network.encoder, frames)?, maker.goal(network.goal, &given, numbers)?];
-            (parts, VISUAL + GOAL[1])
-        }
-        None => {
-            let (seen, width) = maker.layers("mlp", &given, numbers, shared)?;
-            (vec![seen], width)
-        }
+    let (mut parts, mut width) = if let Some(depth) = depth {
+        let frames = maker.frames(&depth, network.input_pool as usize);
+        let parts = vec![maker.encoder(network.encoder, frames)?, maker.goal(network.goal, &given, numbers)?];
+        (parts, VISUAL + GOAL[1])
+    } else {
+        let (seen, width) = maker.layers("mlp", &given, numbers, shared)?;
+        (vec![seen], width)
     };
     if let Some(previous) = previous {
         parts.push(maker.previous_action(&previous, actions)?);
