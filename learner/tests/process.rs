@@ -264,7 +264,7 @@ fn a_run_without_frames_ends_in_the_same_bits_whatever_happens_on_the_way() {
     }
 }
 
-/// A run of numbers begins with the weights of another, or with CleanRL's.
+/// A run of numbers begins with the weights of another, or with those of `CleanRL`.
 #[test]
 fn a_run_without_frames_goes_on_from_the_weights_it_was_given() {
     let config = tiny_numbers(Memory::None);

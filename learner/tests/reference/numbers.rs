@@ -1,4 +1,4 @@
-//! Tasks of numbers alone: `learner probe` against CleanRL's `ppo.py`, settings against their formulas, and a pole that is
+//! Tasks of numbers alone: `learner probe` against `ppo.py` of `CleanRL`, settings against their formulas, and a pole that is
 //! balanced.
 
 use crate::shared::{assert_close, doubles, fixture, noise_tensor, weight_values};
@@ -25,7 +25,7 @@ const ACTIONS: i64 = 3;
 /// Numbers of the task: speed, and one-hot those of the door and of the room would be five more.
 const INPUTS: i64 = 6;
 
-/// What `case` of make_cleanrl.py is given.
+/// What `case` of `make_cleanrl.py` is given.
 fn batch() -> Vec<(&'static str, Tensor)> {
     let size = [STEPS, COLUMNS];
     let table = |name: &str| noise_tensor(&format!("cleanrl.{name}"), &size);
