@@ -200,9 +200,11 @@ impl Rollout {
         let rows: Vec<i64> = packing.rows.iter().map(|&(t, n)| self.index(t, n) as i64).collect();
         let of = |&(t, n): &(usize, usize)| &self.step(t, n).numbers[..];
         let numbers: Vec<f32> = packing.rows.iter().flat_map(of).copied().collect();
+        // Of no rows there is no width to find.
+        let width = numbers.len().checked_div(rows.len()).unwrap_or(0);
         Observations {
             frames: self.frames.index_select(0, &upload(&rows, device)),
-            numbers: upload(&numbers, device).view([rows.len() as i64, -1]),
+            numbers: upload(&numbers, device).view([rows.len() as i64, width as i64]),
             previous_actions: self.gather(packing, |step| step.previous_action),
         }
     }

@@ -129,7 +129,7 @@ fn a_number_that_is_not_finite_leaves_everything_as_it_was() {
         agent.step(0, &StepInput { numbers: &numbers, gumbel: &[0.0; 13], ..*input })
     });
     let error = error.expect_err("a goal is infinite");
-    assert!(error.to_string().contains("column 2: goal sensor"), "{error}");
+    assert!(error.to_string().contains("column 2: an observation"), "{error}");
 }
 
 #[test]
