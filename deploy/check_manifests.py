@@ -28,8 +28,7 @@ MODELS = {
 }
 # Long enough to save a run: the work in progress, up to ten times what it usually takes (up to half a minute), and
 # the ten minutes that a checkpoint waits for a disk that hangs. A test in
-# orchestrator/src/supervisor/deadlines.rs compares it
-# with these bounds.
+# orchestrator/src/supervisor/deadlines.rs compares it with these bounds.
 GRACE_S = 1200
 # Exit statuses of `orchestrator up` after which it must be started again.
 START_AGAIN = {1, 7, 75}
