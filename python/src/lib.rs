@@ -10,6 +10,7 @@
 //! snapshot   a moment to which an environment can return
 //! checkpoint checkpoints and policy files
 //! state      everything about a moment, for users who may know it
+//! depth_scene  depth images of any scene
 //! error      errors of Rust as those of Python
 //! batch      many environments, stepped by threads while Python's lock is free
 //! ```
@@ -17,6 +18,7 @@
 mod argument;
 mod batch;
 mod checkpoint;
+mod depth_scene;
 mod episode_player;
 mod error;
 mod facts;
@@ -64,5 +66,7 @@ fn _stillroom(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<settings::Settings>()?;
     module.add_class::<room::Kitchen>()?;
     module.add_class::<snapshot::Snapshot>()?;
+    module.add_class::<depth_scene::DepthMesh>()?;
+    module.add_class::<depth_scene::DepthScene>()?;
     module.add_class::<batch::Batch>()
 }

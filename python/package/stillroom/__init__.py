@@ -1,7 +1,8 @@
 """Kitchens for mobile manipulators that leave everything as they found it.
 
 `gymnasium.make("stillroom/ArmPointNav-v0", kitchen=7)` makes one environment, `stillroom.VectorEnv` many that threads
-step together. Observations and all else that they return are described in `stillroom.types`.
+step together. `stillroom.DepthCamera`, `stillroom.Scene` and `stillroom.wrappers.Depth` give depth images of any MuJoCo
+model or scene. Observations and all else that they return are described in `stillroom.types`.
 """
 
 from __future__ import annotations
@@ -9,8 +10,10 @@ from __future__ import annotations
 import gymnasium
 
 import stillroom._processor  # noqa: F401  # before the compiled module, which would die of an illegal instruction
+from stillroom import wrappers
 from stillroom._stillroom import ACTIONS, FRAME_SIDE, TARGETS, Kitchen, Snapshot, __version__, kitchens
 from stillroom.checkpoint import Checkpoint, CheckpointError, load
+from stillroom.depth import CameraPose, DepthCamera, Scene
 from stillroom.env import ArmPointNav
 from stillroom.oracle import Oracle, oracle
 from stillroom.run import Run, RunError, read_run
@@ -21,12 +24,15 @@ __all__ = [
     "FRAME_SIDE",
     "TARGETS",
     "ArmPointNav",
+    "CameraPose",
     "Checkpoint",
     "CheckpointError",
+    "DepthCamera",
     "Kitchen",
     "Oracle",
     "Run",
     "RunError",
+    "Scene",
     "Snapshot",
     "VectorEnv",
     "__version__",
@@ -34,6 +40,7 @@ __all__ = [
     "load",
     "oracle",
     "read_run",
+    "wrappers",
 ]
 
 gymnasium.register(

@@ -116,3 +116,34 @@ class Batch:
     def snapshot(self, index: int) -> Snapshot: ...
     def restore(self, index: int, snapshot: Snapshot) -> dict[str, Any]: ...
     def oracle(self, variant: str) -> NDArray[np.int64]: ...
+
+class DepthMesh:
+    """Triangles that several things of a `DepthScene` can have."""
+
+    def __init__(self, vertices: NDArray[np.float32], triangles: NDArray[np.uint32]) -> None: ...
+    @staticmethod
+    def height_field(heights: NDArray[np.float32], half_extents: tuple[float, float], base: float) -> DepthMesh:
+        """A grid of heights, row by row, over a rectangle, with walls down to `base` below 0, and a bottom."""
+
+class DepthScene:
+    """Things that a camera sees: what `stillroom.DepthCamera` and `stillroom.Scene` are made of."""
+
+    def __init__(self) -> None: ...
+    def add(self, number: int, kind: str, size: list[float]) -> None:
+        """Adds a thing with this number among the poses."""
+
+    def add_mesh(self, number: int, mesh: DepthMesh) -> None:
+        """The same of a mesh."""
+
+    def render(
+        self,
+        frames: list[
+            tuple[list[tuple[NDArray[np.float64], NDArray[np.float64]]], NDArray[np.float64], NDArray[np.float64]]
+        ],
+        lens: tuple[int, int, tuple[float, float], tuple[float, float], float, float],
+        in_metres: bool,
+        with_numbers: bool,
+        threads: int,
+    ) -> tuple[NDArray[Any], NDArray[np.int32] | None]:
+        """Depth [frames, rows, columns], and numbers of things if they are wanted. A frame is positions and rotations
+        of things, in parts one after the other, and those of the camera."""
