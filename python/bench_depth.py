@@ -232,7 +232,7 @@ def row(package: str, name: str, model: Any, data: Any) -> tuple[dict[str, Any],
 
 
 def picture(path: Path, pairs: list[tuple[str, NDArray[Any], NDArray[Any]]]) -> None:
-    """Eight models, theirs above ours."""
+    """Eight models, theirs above ours: near is dark, and nothing white."""
     from PIL import Image, ImageDraw
 
     columns, gap, caption = 4, 6, 16
@@ -240,11 +240,13 @@ def picture(path: Path, pairs: list[tuple[str, NDArray[Any], NDArray[Any]]]) -> 
     sheet = Image.new("L", (columns * width + gap, -(-len(pairs) // columns) * height), 255)
     for index, (name, *images) in enumerate(pairs):
         left, top = gap + index % columns * width, index // columns * height
-        ImageDraw.Draw(sheet).text((left, top + 2), f"{name}: MuJoCo above, ours below", fill=0)
-        low, high = np.quantile(images[1], [0.01, 0.9])
-        for place, image in enumerate(images):
-            shade = 255 * np.clip((image - low) / max(high - low, 1e-6), 0, 1)
-            sheet.paste(Image.fromarray((shade / 4).astype(np.uint8) * 4), (left, top + caption + place * (SIDE + gap)))
+        ImageDraw.Draw(sheet).text((left, top + 2), name, fill=0)
+        inverse = [1 / image for image in images]
+        far, near = np.quantile(inverse[1][images[1] < 0.99 * images[1].max()], [0.02, 0.98])
+        for place, image in enumerate(inverse):
+            shade = 8 + 224 * np.clip((near - image) / max(near - far, 1e-9), 0, 1)
+            shade = np.where(images[place] < 0.99 * images[1].max(), shade, 255).astype(np.uint8)
+            sheet.paste(Image.fromarray(shade), (left, top + caption + place * (SIDE + gap)))
     sheet.quantize(64).save(path, optimize=True)
 
 

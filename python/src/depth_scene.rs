@@ -7,6 +7,18 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::sync::{Arc, Mutex, PoisonError};
 
+/// The tangent of an angle, rad: the same bits on every machine, which Python's own is not.
+#[pyfunction]
+pub fn tangent(angle_rad: f64) -> f64 {
+    libm::tan(angle_rad)
+}
+
+/// The sine and cosine of an angle, rad.
+#[pyfunction]
+pub fn sine_cosine(angle_rad: f64) -> (f64, f64) {
+    libm::sincos(angle_rad)
+}
+
 /// Triangles that several things can have.
 #[pyclass(frozen, module = "stillroom._stillroom")]
 #[derive(Debug)]

@@ -63,6 +63,8 @@ fn _stillroom(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(checkpoint::read_plain, module)?)?;
     module.add_function(wrap_pyfunction!(checkpoint::read_checkpoint, module)?)?;
     module.add_function(wrap_pyfunction!(checkpoint::read_policy, module)?)?;
+    module.add_function(wrap_pyfunction!(depth_scene::tangent, module)?)?;
+    module.add_function(wrap_pyfunction!(depth_scene::sine_cosine, module)?)?;
     module.add_class::<settings::Settings>()?;
     module.add_class::<room::Kitchen>()?;
     module.add_class::<snapshot::Snapshot>()?;

@@ -79,13 +79,6 @@ impl Placed {
 }
 
 impl Lens {
-    /// A lens whose height spans this angle, with square pixels and its axis in the middle.
-    pub fn with_field_of_view(width: usize, height: usize, fovy_rad: f64, near_m: f64, far_m: f64) -> Self {
-        let focal_px = height as f64 / 2.0 / libm::tan(fovy_rad / 2.0);
-        let centre_px = [width as f64 / 2.0, height as f64 / 2.0];
-        Self { width, height, focal_px: [focal_px; 2], centre_px, near_m, far_m }
-    }
-
     /// The product of a vector with the ray through each pixel, which has length 1 along the camera's axis.
     pub(crate) fn along_rays(&self, [x, y, z]: [f64; 3]) -> Affine {
         let [per_x, per_y] = [x / self.focal_px[0], y / self.focal_px[1]];

@@ -42,6 +42,8 @@ struct View<'a> {
 struct Corners {
     x: Lanes,
     y: Lanes,
+    /// The same before rounding.
+    exact: [Lanes; 2],
     inverse_m: Lanes,
     z: Lanes,
 }
@@ -217,12 +219,9 @@ impl<'a> View<'a> {
         let down = down[0] * x + down[1] * y + (down[2] * z + down[3]);
         let ahead = ahead[0] * x + ahead[1] * y + (ahead[2] * z + ahead[3]);
         let inverse_m = Lanes::splat(1.0) / ahead;
-        Corners {
-            x: across * inverse_m + Lanes::splat(self.centre[0]) + round - round,
-            y: down * inverse_m + Lanes::splat(self.centre[1]) + round - round,
-            inverse_m,
-            z: ahead,
-        }
+        let x = across * inverse_m + Lanes::splat(self.centre[0]);
+        let y = down * inverse_m + Lanes::splat(self.centre[1]);
+        Corners { x: x + round - round, y: y + round - round, exact: [x, y], inverse_m, z: ahead }
     }
 
     /// Draws eight triangles.
@@ -247,7 +246,7 @@ impl<'a> View<'a> {
         let small = fits.and((right - left).less(most)).and((bottom - top).less(most)).bits();
         if seen & small != 0 {
             let nearest = Lanes::splat(self.image.nearest);
-            let triangles = Small::new([a, b, c], area, [first_column, first_row], [end_column, end_row], nearest);
+            let triangles = Small::new([a, b, c], [first_column, first_row], [end_column, end_row], nearest);
             let mut left = seen & small;
             while left != 0 {
                 triangles.draw(left.trailing_zeros() as usize, self.image, self.number);
@@ -332,14 +331,17 @@ struct Small {
 
 impl Small {
     #[inline(always)]
-    fn new([a, b, c]: [Corners; 3], area: Lanes, first: [Lanes; 2], end: [Lanes; 2], nearest: Lanes) -> Self {
+    fn new([a, b, c]: [Corners; 3], first: [Lanes; 2], end: [Lanes; 2], nearest: Lanes) -> Self {
         let x = first[0] * Lanes::splat(UNITS) + Lanes::splat(HALF);
         let y = first[1] * Lanes::splat(UNITS) + Lanes::splat(HALF);
-        let scale = Lanes::splat(1.0) / area;
+        // Of a sliver rounding makes another plane: that is found without.
+        let ([ax, ay], [bx, by], [cx, cy]) = (a.exact, b.exact, c.exact);
+        let (bx, by, cx, cy) = (bx - ax, by - ay, cx - ax, cy - ay);
+        let scale = Lanes::splat(1.0) / (bx * cy - cx * by);
         let (b_before, c_before) = (b.inverse_m - a.inverse_m, c.inverse_m - a.inverse_m);
-        let per_x = (b_before * (c.y - a.y) - c_before * (b.y - a.y)) * scale;
-        let per_y = (c_before * (b.x - a.x) - b_before * (c.x - a.x)) * scale;
-        let at_first = a.inverse_m + per_x * (x - a.x) + per_y * (y - a.y);
+        let per_x = (b_before * cy - c_before * by) * scale;
+        let per_y = (c_before * bx - b_before * cx) * scale;
+        let at_first = a.inverse_m + per_x * (x - ax) + per_y * (y - ay);
         let units = Lanes::splat(UNITS);
         Self {
             edges: [edge(a, b, x, y), edge(b, c, x, y), edge(c, a, x, y)],

@@ -117,6 +117,12 @@ class Batch:
     def restore(self, index: int, snapshot: Snapshot) -> dict[str, Any]: ...
     def oracle(self, variant: str) -> NDArray[np.int64]: ...
 
+def tangent(angle_rad: float) -> float:
+    """The tangent of an angle: the same bits on every machine, which Python's own is not."""
+
+def sine_cosine(angle_rad: float) -> tuple[float, float]:
+    """The sine and cosine of an angle."""
+
 class DepthMesh:
     """Triangles that several things of a `DepthScene` can have."""
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stillroom._stillroom import DepthMesh, DepthScene, choice, shown, whole
+from stillroom._stillroom import DepthMesh, DepthScene, choice, shown, sine_cosine, tangent, whole
 
 SIDE_MOST = 4096
 KINDS = {0: ("plane", 2), 2: ("sphere", 1), 3: ("capsule", 2), 4: ("ellipsoid", 3), 5: ("cylinder", 2), 6: ("box", 3)}
@@ -46,7 +46,7 @@ class CameraPose:
         """Pixels per unit of slope."""
         if not 0 < self.fovy < 180:
             raise ValueError(f"fovy is {self.fovy}, not an angle between 0 and 180 degrees")
-        return height / 2 / math.tan(math.radians(self.fovy) / 2)
+        return height / 2 / tangent(math.radians(self.fovy) / 2)
 
 
 class Scene:
@@ -253,7 +253,7 @@ def free_camera(model: Any) -> CameraPose:
     """Where `mjv_defaultFreeCamera` puts it."""
     globe = model.vis.global_
     azimuth, elevation = math.radians(globe.azimuth), math.radians(globe.elevation)
-    (sin_a, cos_a), (sin_e, cos_e) = ((math.sin(angle), math.cos(angle)) for angle in (azimuth, elevation))
+    (sin_a, cos_a), (sin_e, cos_e) = sine_cosine(azimuth), sine_cosine(elevation)
     ahead = np.array([cos_e * cos_a, cos_e * sin_a, sin_e])
     up = np.array([-sin_e * cos_a, -sin_e * sin_a, cos_e])
     rotation = np.stack([np.cross(ahead, up), up, -ahead], axis=1)
