@@ -2,14 +2,14 @@
 
     make bench-depth ARGS="--only FrankaKitchen,Humanoid --picture docs/depth.png"
 
-Both draw the same moments with the same camera, 224 by 224 pixels, one after the other in turns. Times are processor time of
-all threads of this process, the least of the turns, so that other programs on the machine count little. MuJoCo draws
-with OSMesa or, where that is missing, with EGL; `MUJOCO_GL` chooses. What of MuJoCo's picture `DepthCamera` does not
-draw, tendons and rays of sensors, is switched off there, too.
+Both draw the same moments with the same camera, 224 by 224 pixels, one after the other in turns. Times are processor
+time of all threads of this process, the least of the turns, so that other programs on the machine count little. MuJoCo
+draws with OSMesa or, where that is missing, with EGL; `MUJOCO_GL` chooses. What `DepthCamera` does not draw,
+tendons and rays of sensors, is switched off there, too.
 
 Agreement: the share of pixels that differ from `mujoco.Renderer` by more than 1 mm and 0.1%; and the largest error
-against `mj_multiRay`, of those beyond 1 mm, away from silhouettes and where MuJoCo's rays and its renderer show the same
-geom (rays also meet faces from behind, which the renderer leaves out).
+against `mj_multiRay`, of those beyond 1 mm, away from silhouettes and where MuJoCo's rays and its renderer show the
+same geom (rays also meet faces from behind, which the renderer leaves out).
 """
 
 from __future__ import annotations
@@ -284,19 +284,18 @@ def main() -> None:
     arguments = parser.parse_args()
     warnings.filterwarnings("ignore")
     print(f"{os.environ['MUJOCO_GL']}, mujoco {mujoco.__version__}, {SIDE} by {SIDE}\n")
-    print(
-        "| model | triangles | MuJoCo, ms | ours, ms | times faster | differs from Renderer | error, rays | ids differ |"
-    )
-    print("|---|---|---|---|---|---|---|---|")
+    print("| model | triangles | MuJoCo, ms | ours, ms | times faster | differs | error, rays | ids differ |")
+    print(f"|{'---|' * 8}")
     rows, pairs = [], []
     for package, name, (model, data) in models([part for part in arguments.only.split(",") if part]):
         figures, theirs, ours = row(package, name, model, data)
         rows.append(figures)
         if name in PICTURED:
             pairs.append((name, theirs, ours))
+        own_ms, peer_ms = (1e3 * figures[key] for key in ("own_s", "peer_s"))
         print(
-            f"| {package} {name} | {figures['triangles']:,} | {1e3 * figures['peer_s']:.2f} "
-            f"| {1e3 * figures['own_s']:.3f} | {figures['peer_s'] / figures['own_s']:.1f} | {figures['differs']:.2%} | {figures['error']:.3%} "
+            f"| {package} {name} | {figures['triangles']:,} | {peer_ms:.2f} | {own_ms:.3f} | {peer_ms / own_ms:.1f} "
+            f"| {figures['differs']:.2%} | {figures['error']:.3%} "
             f"| {figures['other_ids']} of {figures['compared']:,} |",
             flush=True,
         )
