@@ -117,7 +117,7 @@ impl Mesh {
         Ok(mesh)
     }
 
-    /// A height field: a grid of heights, row by row along y, over the rectangle that the half extents span about z = 0,
+    /// A height field: a grid of heights, row by row along y, over the rectangle of these half extents about z = 0,
     /// with walls down to `base_m` below, and a bottom.
     pub fn height_field(heights_m: &[f32], columns: usize, half_m: [f32; 2], base_m: f32) -> Result<Self, MeshError> {
         let rows = heights_m.len().checked_div(columns).unwrap_or(0);
