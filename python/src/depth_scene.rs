@@ -1,5 +1,8 @@
 //! Depth images of any scene: what `stillroom.DepthCamera` and `stillroom.Scene` are made of. No kitchens here.
 
+// PyO3 gives arguments by value.
+#![allow(clippy::needless_pass_by_value)]
+
 use crate::error::value_error;
 use depth::{Camera, Lens, Mesh, Pose, Renderer, Shape};
 use numpy::{Element, IntoPyArray, PyArrayMethods, PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods};
@@ -68,6 +71,8 @@ pub struct DepthScene {
 type Numbers<'py> = PyReadonlyArrayDyn<'py, f64>;
 /// Positions and rotations of things, in parts one after the other, and those of the camera.
 type Frame<'py> = (Vec<(Numbers<'py>, Numbers<'py>)>, Numbers<'py>, Numbers<'py>);
+/// A frame to draw, and where its depth and its numbers go.
+type Job<'a, T> = (&'a (Camera, Vec<Pose>), &'a mut [T], Option<&'a mut [i32]>);
 /// Width, height, focal lengths, centre, pixels; near and far, metres.
 type LensNumbers = (usize, usize, [f64; 2], [f64; 2], f64, f64);
 
@@ -173,9 +178,9 @@ impl DepthScene {
         }
         let pixels = depth.len() / frames.len();
         let mut numbers = numbers.chunks_mut(pixels);
-        let mut jobs: Vec<_> =
+        let mut jobs: Vec<Job<'_, T>> =
             frames.iter().zip(depth.chunks_mut(pixels)).map(|(frame, depth)| (frame, depth, numbers.next())).collect();
-        let work = |jobs: &mut [(&(Camera, Vec<Pose>), &mut [T], Option<&mut [i32]>)]| {
+        let work = |jobs: &mut [Job<'_, T>]| {
             let renderers = || self.renderers.lock().unwrap_or_else(PoisonError::into_inner);
             let mut renderer = renderers().pop().unwrap_or_default();
             for ((camera, poses), depth, numbers) in jobs {
