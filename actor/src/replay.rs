@@ -93,7 +93,7 @@ impl Player {
         match &mut self.environment_in_use {
             Some((in_use, environment)) if *in_use == id => environment.begin(recorded.episode),
             environment_in_use => {
-                *environment_in_use = Some((id, tasks::open(&self.run, kitchen, id, recorded.episode)?))
+                *environment_in_use = Some((id, tasks::open(&self.run, kitchen, id, recorded.episode)?));
             }
         }
         let (_, environment) = self.environment_in_use.as_mut().context("the environment was just put there")?;

@@ -28,8 +28,10 @@ mod state;
 
 use proto::config::Config;
 use proto::kitchen::{KitchenId, Split, TargetCategory};
+use proto::task::{Channel, Role, Spec};
 use pyo3::exceptions::PyImportError;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 /// Numbers of the built-in kitchens of a split: `train`, `validation` or `test`.
 #[pyfunction]
@@ -37,6 +39,30 @@ fn kitchens(split: &Bound<'_, PyAny>) -> PyResult<Vec<u32>> {
     let splits = [("train", Split::Train), ("validation", Split::Validation), ("test", Split::Test)];
     let split = argument::chosen("split", split, &splits)?;
     Ok(KitchenId::of_split(split).into_iter().map(KitchenId::number).collect())
+}
+
+/// Names of the tasks.
+#[pyfunction]
+fn tasks() -> Vec<&'static str> {
+    Spec::built_in().iter().map(|spec| &*spec.name).collect()
+}
+
+/// What a task's environments report: of each channel its name, role, type, shape, unit, and what it is.
+#[pyfunction]
+fn channels<'py>(py: Python<'py>, task: &Bound<'py, PyAny>) -> PyResult<Vec<Bound<'py, PyDict>>> {
+    let tasks: Vec<_> = Spec::built_in().iter().map(|spec| (&spec.name, spec)).collect();
+    let table = |channel: &Channel| {
+        let table = PyDict::new(py);
+        let name = if channel.role == Role::Part { &channel.name } else { facts::called(channel) };
+        table.set_item("name", name)?;
+        table.set_item("role", format!("{:?}", channel.role).to_lowercase())?;
+        table.set_item("dtype", format!("{:?}", channel.dtype).to_lowercase())?;
+        table.set_item("shape", &channel.shape)?;
+        table.set_item("unit", &channel.unit)?;
+        table.set_item("doc", &channel.doc)?;
+        Ok(table)
+    };
+    argument::chosen("task", task, &tasks)?.channels.iter().map(table).collect()
 }
 
 #[pymodule]
@@ -55,6 +81,8 @@ fn _stillroom(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("FRAME_SIDE", proto::camera::FRAME_SIDE)?;
     module.add("CheckpointError", module.py().get_type::<checkpoint::CheckpointError>())?;
     module.add_function(wrap_pyfunction!(kitchens, module)?)?;
+    module.add_function(wrap_pyfunction!(tasks, module)?)?;
+    module.add_function(wrap_pyfunction!(channels, module)?)?;
     module.add_function(wrap_pyfunction!(argument::whole, module)?)?;
     module.add_function(wrap_pyfunction!(argument::choice, module)?)?;
     module.add_function(wrap_pyfunction!(argument::shown, module)?)?;

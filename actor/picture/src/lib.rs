@@ -11,6 +11,7 @@
 //! canvas   a picture in memory: text, rectangles, PNG
 //! outside  from where an episode is seen best
 //! marks    lines over a picture: ring about the target, box about the goal
+//! declared   what pictures mark and say of a task, by its declaration
 //! moment   a moment of an episode: where everything is, what happens
 //! depth_view   what the robot's depth camera sees
 //! storyboard   a moment of an episode: depth, the room from outside, captions
@@ -21,6 +22,7 @@
 
 mod camera;
 mod canvas;
+mod declared;
 mod depth_view;
 mod marks;
 mod model;
@@ -35,6 +37,7 @@ mod viewpoint;
 mod visible;
 
 pub use canvas::{Canvas, PictureError, Rgb};
+pub use declared::{action_name, captions, target, target_name, task};
 pub use moment::{Captions, Moment, Task};
 pub use scene::{Scene, Standpoint};
 pub use storyboard::Storyboard;

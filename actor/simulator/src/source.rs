@@ -103,7 +103,7 @@ fn kept(kitchen_key: KitchenKey, config: &Config, folder: &Path) -> Option<Found
                     tracing::warn!("{path} is damaged and is made anew: {problem}");
                 }
                 FoundKitchenError::Version | FoundKitchenError::Other => {
-                    tracing::debug!("{path} is made anew: {problem}")
+                    tracing::debug!("{path} is made anew: {problem}");
                 }
             }
             None

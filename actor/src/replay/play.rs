@@ -21,18 +21,6 @@ impl Rules {
         let compared = Compared::of(spec, &config.reward.weights)?;
         Ok(Self { spec, names: compared.names().collect(), compared, summing: Summing::of(spec) })
     }
-
-    /// Name of the target, if the task has such a channel.
-    pub fn target(&self, record: &[u8]) -> Option<&'static str> {
-        let (channel, field) = self.spec.channel("current_target")?;
-        channel.names.get(field.number(record) as usize).map(String::as_str)
-    }
-
-    /// Name of the last action of a record.
-    pub fn action(&self, record: &[u8]) -> Option<&'static str> {
-        let number = self.spec.layout().action.number(record);
-        self.spec.actions.names().get(number as usize).map(String::as_str)
-    }
 }
 
 /// The start of an episode, or what an action led to.

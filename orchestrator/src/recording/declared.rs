@@ -18,7 +18,7 @@ pub struct Declared {
 impl Declared {
     /// That of a configuration. It need not be one that can be run.
     pub fn of(config: &Config) -> Result<Self, String> {
-        let spec = Spec::built_in().iter().find(|spec| spec.name == config.task);
+        let spec = Spec::named(&config.task);
         let spec = spec.ok_or_else(|| format!("its task is {:?}, which this program does not have", config.task))?;
         Self::task(spec, &config.reward.weights).map_err(|cause| format!("its configuration: {cause}"))
     }

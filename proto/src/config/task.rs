@@ -30,10 +30,9 @@ impl Config {
     }
 
     fn find_spec(&self) -> Result<&'static Spec, ConfigError> {
-        let tasks = Spec::built_in();
-        tasks.iter().find(|task| task.name == self.task).ok_or_else(|| ConfigError::UnknownTask {
+        Spec::named(&self.task).ok_or_else(|| ConfigError::UnknownTask {
             name: self.task.clone(),
-            nearest: nearest(&self.task, tasks.iter().map(|task| task.name.as_str())),
+            nearest: nearest(&self.task, Spec::built_in().iter().map(|task| task.name.as_str())),
         })
     }
 

@@ -56,6 +56,11 @@ static BUILT_IN: LazyLock<Vec<Spec>> = LazyLock::new(|| {
 });
 
 impl Spec {
+    /// The task of this name that is built in.
+    pub fn named(name: &str) -> Option<&'static Self> {
+        Self::built_in().iter().find(|spec| spec.name == name)
+    }
+
     /// The tasks that are built in, by name.
     pub fn built_in() -> &'static [Self] {
         &BUILT_IN

@@ -84,7 +84,7 @@ impl Spec {
             let mut spec = spec.clone();
             spec.text.clear();
             spec.formerly.clear();
-            spec.channels.iter_mut().for_each(|channel| channel.doc.clear());
+            spec.channels.iter_mut().for_each(|channel| (channel.tolerance, channel.doc) = (None, String::new()));
             spec.metrics.retain(|metric| metric.curve);
             for Metric { label, unit, doc, .. } in &mut spec.metrics {
                 [label, unit, doc].into_iter().for_each(String::clear);

@@ -154,7 +154,7 @@ fn everything_has_its_place() {
 /// What other people's tools depend on: an unchanged task has an unchanged layout.
 #[test]
 fn the_built_in_tasks_are_sound() {
-    let arm = Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").unwrap();
+    let arm = Spec::named("arm_point_nav").unwrap();
     let layout = arm.layout();
     assert_eq!((layout.of_action.clone(), layout.seen.clone(), layout.small_bytes), (72..136, 136..232, 256));
     assert_eq!(layout.bytes, 125_696);
@@ -167,7 +167,7 @@ fn the_built_in_tasks_are_sound() {
 /// The paper's equations 1 and 2, written by hand, in their order of additions.
 #[test]
 fn the_papers_rewards_have_every_bit_of_its_equations() {
-    let arm = Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").unwrap();
+    let arm = Spec::named("arm_point_nav").unwrap();
     let composition = |name: &str| arm.composition(name, &[], &BTreeMap::new()).unwrap();
     let [r, r_prime, lagrangian] = ["r", "r_prime", "lagrangian"].map(composition);
     assert_eq!([&r, &r_prime, &lagrangian].map(Composition::has_multiplier), [false, false, true]);
@@ -198,7 +198,7 @@ fn the_papers_rewards_have_every_bit_of_its_equations() {
 /// Figures of rollouts and checkpoints have these four, in this order.
 #[test]
 fn what_is_of_evaluations_alone_is_no_figure_of_rollouts() {
-    let arm = Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").unwrap();
+    let arm = Spec::named("arm_point_nav").unwrap();
     let names: Vec<_> = arm.rollout_metrics().map(|(metric, _)| &*metric.name).collect();
     assert_eq!(names, ["success", "success_without_disturbance", "picked_up", "disturbance_m"]);
     let ranking: Vec<_> = arm.ranking().iter().map(|metric| &*metric.label).collect();
@@ -394,7 +394,7 @@ proptest! {
     /// Whatever bytes come: what passes has a reward that training can bear, and nothing that the task does not declare.
     #[test]
     fn what_passes_can_be_trained_on(words in proptest::collection::vec((0usize..48, any::<u32>()), 0..4)) {
-        let arm = Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").unwrap();
+        let arm = Spec::named("arm_point_nav").unwrap();
         let mut record = vec![0; arm.layout().bytes];
         for (place, word) in words {
             record[64 + 4 * place..][..4].copy_from_slice(&word.to_ne_bytes());

@@ -1,7 +1,7 @@
 """Kitchens for mobile manipulators that leave everything as they found it.
 
 `gymnasium.make("stillroom/ArmPointNav-v0", kitchen=7)` makes one environment, `stillroom.VectorEnv` many that threads
-step together. Observations and all else that they return are described in `stillroom.types`.
+step together; `stillroom.tasks()` lists the tasks. Observations and all else that they return are described in `stillroom.types`.
 """
 
 from __future__ import annotations
@@ -9,9 +9,19 @@ from __future__ import annotations
 import gymnasium
 
 import stillroom._processor  # noqa: F401  # before the compiled module, which would die of an illegal instruction
-from stillroom._stillroom import ACTIONS, FRAME_SIDE, TARGETS, Kitchen, Snapshot, __version__, kitchens
+from stillroom._stillroom import (
+    ACTIONS,
+    FRAME_SIDE,
+    TARGETS,
+    Kitchen,
+    Snapshot,
+    __version__,
+    channels,
+    kitchens,
+    tasks,
+)
 from stillroom.checkpoint import Checkpoint, CheckpointError, load
-from stillroom.env import ArmPointNav
+from stillroom.env import ArmPointNav, KitchenEnv
 from stillroom.oracle import Oracle, oracle
 from stillroom.run import Run, RunError, read_run
 from stillroom.vector import VectorEnv
@@ -24,22 +34,28 @@ __all__ = [
     "Checkpoint",
     "CheckpointError",
     "Kitchen",
+    "KitchenEnv",
     "Oracle",
     "Run",
     "RunError",
     "Snapshot",
     "VectorEnv",
     "__version__",
+    "channels",
     "kitchens",
     "load",
     "oracle",
     "read_run",
+    "tasks",
 ]
 
-gymnasium.register(
-    id="stillroom/ArmPointNav-v0",
-    entry_point="stillroom.env:ArmPointNav",
-    vector_entry_point="stillroom.vector:VectorEnv",
-    # An episode's own limit, `max_steps`, is part of the task.
-    max_episode_steps=None,
-)
+for _task in tasks():
+    gymnasium.register(
+        # arm_point_nav is ArmPointNav.
+        id=f"stillroom/{_task.title().replace('_', '')}-v0",
+        entry_point="stillroom.env:KitchenEnv",
+        vector_entry_point="stillroom.vector:VectorEnv",
+        kwargs={"task": _task},
+        # An episode's own limit, `max_steps`, is part of the task.
+        max_episode_steps=None,
+    )

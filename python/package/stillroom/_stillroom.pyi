@@ -18,6 +18,13 @@ FRAME_SIDE: int
 class CheckpointError(ValueError):
     """A path holds no checkpoint that can be used."""
 
+def tasks() -> list[str]:
+    """Names of the tasks."""
+
+def channels(task: str) -> list[dict[str, Any]]:
+    """What a task's environments report: of each channel name, role, dtype, shape, unit, and what it is (doc). An
+    observation is called without its unit."""
+
 def kitchens(split: str) -> list[int]:
     """Numbers of the built-in kitchens of a split: "train", "validation" or "test"."""
 
@@ -52,6 +59,7 @@ class Settings:
         reward: str,
         depth: str,
         frame_side: int,
+        task: str | None = None,
         action_space: str | None = None,
         max_steps: int | None = None,
         start_distance_max_m: float | None = None,
@@ -63,6 +71,14 @@ class Settings:
     def actions(self) -> list[str]: ...
     @property
     def max_steps(self) -> int: ...
+    @property
+    def task(self) -> str: ...
+    @property
+    def bounds(self) -> dict[str, list[float]]:
+        """Least and greatest number of each observation that is no image, by its name."""
+    @property
+    def meanings(self) -> dict[str, list[str]]:
+        """What numbers in infos stand for, by their name."""
 
 class Kitchen:
     """A kitchen, built or read. Environments in the same one share it."""
@@ -100,11 +116,7 @@ class Batch:
         threads: int,
     ) -> None: ...
     @property
-    def depth(self) -> NDArray[Any]: ...
-    @property
-    def goal(self) -> NDArray[np.float32]: ...
-    @property
-    def previous_action(self) -> NDArray[np.int64]: ...
+    def observations(self) -> dict[str, NDArray[Any]]: ...
     @property
     def threads(self) -> int: ...
     def reset(self, asked: list[tuple[str | None, int | None, int | None] | None]) -> dict[str, Any]: ...
