@@ -4,7 +4,7 @@
 use crate::episode_player::EpisodePlayer;
 use numpy::PyArray1;
 use proto::record::End;
-use proto::task::{Channel, Dtype, Field, Measure, Role, Spec};
+use proto::task::{Channel, Dtype, Field, Kind, Measure, Role, Spec};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -70,10 +70,8 @@ pub fn table<'py>(py: Python<'py>, task: &Spec, rows: &[Facts]) -> PyResult<Boun
             Role::Outcome | Role::Observation | Role::State => {}
         }
     }
-    for (metric, measure) in task.metrics.iter().zip(task.measures()) {
-        if metric.curve && metric.is_share() {
-            table.set_item(&metric.name, column(py, rows, |facts| holds(&measure, task, facts)))?;
-        }
+    for (metric, measure) in task.rollout_metrics().filter(|(_, measure)| measure.kind() == Kind::Share) {
+        table.set_item(&metric.name, column(py, rows, |facts| holds(&measure, task, facts)))?;
     }
     table.set_item("reward_parts", parts)?;
     Ok(table)

@@ -11,7 +11,6 @@ from gymnasium.utils.env_checker import check_env
 
 import stillroom
 from conftest import REPOSITORY, pushing, random_action, same
-from stillroom.types import Info, RewardParts
 
 # Of actor/simulator/tests/behaviour/determinism.rs: kitchen, hash of the first state, fold over 200 steps.
 GOLDEN = [
@@ -132,8 +131,8 @@ def test_what_is_told_is_what_the_task_declares(kitchens: dict) -> None:
         return [channel["name"] for channel in declared["channels"] if channel["role"] == role]
 
     _, info = stillroom.ArmPointNav(kitchens[1]).reset(seed=2)
-    assert list(info["reward_parts"]) == named("part") == list(RewardParts.__annotations__)
-    assert set(info) == set(Info.__annotations__) and set(named("outcome")) - set(info) == {"held"}
+    assert list(info["reward_parts"]) == named("part")
+    assert set(named("outcome")) - set(info) == {"held"}
 
 
 def test_a_scene_of_your_own() -> None:

@@ -2,7 +2,7 @@
 
 use crate::feed::Feed;
 use proto::replay::{RecordedEpisode, ReplaySetup};
-use proto::task::ShownMetric;
+use proto::task::Described;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -55,7 +55,7 @@ pub struct Card {
     /// Of so many.
     pub budget: u64,
     /// The task's metrics that are shown.
-    pub metrics: Vec<ShownMetric>,
+    pub metrics: Vec<Described>,
     /// Their means lately, by name; without those that are not known.
     pub figures: BTreeMap<String, f64>,
     /// Time left, seconds, of one that runs.
@@ -218,7 +218,7 @@ pub struct Curves {
     /// Name and first frame of each stage.
     pub stages: Vec<(String, u64)>,
     /// The task's metrics, those first that are shown.
-    pub metrics: Vec<ShownMetric>,
+    pub metrics: Vec<Described>,
     /// Those of the paper's row of this method, by name.
     pub paper: BTreeMap<String, f64>,
 }

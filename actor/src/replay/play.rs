@@ -3,13 +3,15 @@
 use anyhow::{Context, Result, ensure};
 use proto::config::Config;
 use proto::replay::{Compared, Difference, LENGTH, RecordedEpisode, ReplayVerdict, STATE};
-use proto::task::{Spec, SpecError, Summing};
+use proto::task::{Composition, Spec, SpecError, Summing};
 use simulator::environment::Environment;
 
 /// What of a step a configuration's task has compared, and what its metrics are.
 pub(crate) struct Rules {
     pub spec: &'static Spec,
     pub compared: Compared,
+    /// The configuration's own rewards.
+    pub own_rewards: Vec<(String, Composition)>,
     names: Vec<String>,
     summing: Summing,
 }
@@ -19,7 +21,8 @@ impl Rules {
     pub fn of(config: &Config) -> Result<Self, SpecError> {
         let spec = config.spec();
         let compared = Compared::of(spec, &config.reward.weights)?;
-        Ok(Self { spec, names: compared.names().collect(), compared, summing: Summing::of(spec) })
+        let (names, own_rewards) = (compared.names().collect(), config.own_rewards()?);
+        Ok(Self { spec, names, compared, own_rewards, summing: Summing::of(spec) })
     }
 }
 

@@ -53,7 +53,7 @@ impl List {
     fn metrics(&mut self, of: &str, task: &Spec, figures: &BTreeMap<String, f64>) {
         for metric in task.shown() {
             let value = figures.get(&metric.name).copied();
-            let unit = metric.unit.as_ref().map_or_else(String::new, |unit| format!(" ({unit})"));
+            let unit = if metric.unit.is_empty() { String::new() } else { format!(" ({})", metric.unit) };
             let shown = if metric.share { format::percent(value) } else { format::number(value, 3) };
             self.put(format!("{of}: {}{unit}", metric.label), json!(value), shown);
         }

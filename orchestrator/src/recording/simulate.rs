@@ -95,22 +95,26 @@ pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<T
     let mut totals = Totals::default();
     let mut running = actors.0.len();
     let mut progress = ReplayProgress::new(total);
-    let mut heard = Instant::now();
+    let mut last_answer = Instant::now();
     while running > 0 {
         match inbox.recv_timeout(PROGRESS_INTERVAL) {
             Ok(Report::Verdict(verdict)) => {
                 totals.add(&verdict);
-                heard = Instant::now();
+                last_answer = Instant::now();
             }
             Ok(Report::Ended(number, outcome)) => {
                 running -= 1;
-                heard = Instant::now();
+                last_answer = Instant::now();
                 // The process's exit status explains more than its truncated output.
                 actors.reap(number)?;
                 outcome?;
             }
             Err(RecvTimeoutError::Timeout) => {
-                ensure!(heard.elapsed() < deadline, "no actor has answered for {} s: giving up", deadline.as_secs());
+                ensure!(
+                    last_answer.elapsed() < deadline,
+                    "no actor has answered for {} s: giving up",
+                    deadline.as_secs()
+                );
             }
             Err(RecvTimeoutError::Disconnected) => bail!("an actor's reader ended without a result"),
         }

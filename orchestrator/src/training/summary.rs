@@ -13,7 +13,7 @@ use anyhow::{Context, Result};
 use proto::SCHEMA_VERSION;
 use proto::config::Config;
 use proto::run_folder::{RolloutName, RunFolder, write_atomically};
-use proto::task::ShownMetric;
+use proto::task::Described;
 use proto::trained::History;
 use serde::{Deserialize, Serialize};
 use std::fmt::{Display, Formatter};
@@ -153,7 +153,7 @@ impl Summary {
     }
 
     /// As people read it. A failed run has no result, so the two lines for scripts are missing then.
-    pub fn lines(&self, metrics: &[ShownMetric], folder: &RunFolder, end: &SessionEnd) -> Vec<String> {
+    pub fn lines(&self, metrics: &[Described], folder: &RunFolder, end: &SessionEnd) -> Vec<String> {
         let state = end.ending();
         let mut lines = vec![format!(
             "run {} {state}: preset {}, seed {}, {} of {} frames",
@@ -216,7 +216,7 @@ fn recordings(folder: &RunFolder) -> Vec<PathBuf> {
 }
 
 /// One row a stage; returns are first tenth → last tenth, the other figures are of the last tenth.
-pub fn table(metrics: &[ShownMetric], stages: &[StageMeans]) -> Vec<String> {
+pub fn table(metrics: &[Described], stages: &[StageMeans]) -> Vec<String> {
     let header = ["stage", "reward", "frames", "episodes", "return"].map(str::to_owned);
     let mut rows: Vec<Vec<String>> =
         vec![header.into_iter().chain(metrics.iter().map(|metric| metric.label.clone())).collect()];
@@ -245,7 +245,7 @@ mod tests {
     use super::*;
     use crate::training::means::tests::{history, stages};
 
-    fn metrics() -> Vec<ShownMetric> {
+    fn metrics() -> Vec<Described> {
         Config::default().spec().shown()
     }
 

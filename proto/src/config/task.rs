@@ -58,6 +58,14 @@ impl Config {
         self.spec().composition(name, &self.rewards, &self.reward.weights)
     }
 
+    /// This configuration's own rewards, but those that training weighs as it goes.
+    pub fn own_rewards(&self) -> Result<Vec<(String, Composition)>, SpecError> {
+        let named = self.rewards.iter().map(|reward| Ok((reward.name.clone(), self.find_reward(&reward.name)?)));
+        let mut rewards = named.collect::<Result<Vec<_>, SpecError>>()?;
+        rewards.retain(|(_, composition)| !composition.has_multiplier());
+        Ok(rewards)
+    }
+
     /// What the auxiliary task predicts.
     pub fn label(&self) -> Option<Condition> {
         self.spec().label()

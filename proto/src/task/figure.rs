@@ -90,6 +90,11 @@ impl Described {
         let [name, label, unit, doc] = [name, label, unit, doc].map(str::to_owned);
         Self { name, label, unit, kind, doc }
     }
+
+    /// Whether it is 1 or 0 of an episode: over episodes it is a share of them.
+    pub fn is_share(&self) -> bool {
+        self.kind == Kind::Share
+    }
 }
 
 impl Curve {

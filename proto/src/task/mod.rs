@@ -31,7 +31,7 @@ pub use error::SpecError;
 pub use figure::{Column, Curve, Described, Figure, Take};
 pub use inputs::{Inputs, VECTOR_NUMBERS};
 pub use layout::{Field, HEADER_BYTES, LINE_BYTES, Layout};
-pub use metric::{Clause, Comparison, Kind, Limit, Measure, Metric, Over, ShownMetric};
+pub use metric::{Clause, Comparison, Kind, Limit, Measure, Metric, Over};
 pub use outcome::UNFINISHED;
 pub use reward::{Composition, Condition, Cost, Label, MULTIPLIER, Reward, Term, Weight};
 pub use space::ActionSpace;

@@ -2,9 +2,9 @@
 
 use super::actions::Actions;
 use super::channel::Channel;
-use super::figure::{Curve, Figure};
+use super::figure::{Curve, Described, Figure};
 use super::layout::{Field, HEADER_BYTES, Layout};
-use super::metric::{Metric, ShownMetric};
+use super::metric::Metric;
 use super::reward::{Cost, Label, Reward};
 use crate::digest::sha256;
 use sha2::{Digest, Sha256};
@@ -54,18 +54,19 @@ impl Spec {
         self.metrics.iter().find(|metric| metric.name == name)
     }
 
-    /// The metrics that screens and tables of a run show.
-    pub fn shown(&self) -> Vec<ShownMetric> {
+    /// The metrics that screens and tables of a run show. Each has a label.
+    pub fn shown(&self) -> Vec<Described> {
         if self.shown.is_empty() {
-            return self.metrics.iter().filter(|metric| metric.curve).map(Metric::shown).collect();
+            return self.metrics.iter().filter(|metric| metric.curve).map(|metric| self.labelled(metric)).collect();
         }
-        self.shown.iter().filter_map(|name| self.metric(name)).map(Metric::shown).collect()
+        self.shown.iter().filter_map(|name| self.metric(name)).map(|metric| self.labelled(metric)).collect()
     }
 
     /// The same, then the others of training: a learning curve is drawn of each.
-    pub fn charted(&self) -> Vec<ShownMetric> {
+    pub fn charted(&self) -> Vec<Described> {
         let is_other = |metric: &&Metric| metric.curve && !self.shown.is_empty() && !self.shown.contains(&metric.name);
-        self.shown().into_iter().chain(self.metrics.iter().filter(is_other).map(Metric::shown)).collect()
+        let others = self.metrics.iter().filter(is_other).map(|metric| self.labelled(metric));
+        self.shown().into_iter().chain(others).collect()
     }
 
     /// The declaration as it was written, for the run folder.

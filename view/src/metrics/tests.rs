@@ -148,7 +148,7 @@ fn what_is_exported_is_text_that_prometheus_reads() {
 
 #[test]
 fn another_task_has_families_of_its_own_metrics() {
-    let metric = |name: &str, unit: Option<&str>, share| ShownMetric {
+    let metric = |name: &str, unit: Option<&str>, share| Described {
         name: name.to_owned(),
         label: name.to_uppercase(),
         unit: unit.map(str::to_owned),
