@@ -183,9 +183,7 @@ impl Batch {
             }
             Ok(report_of(place, settings, false, None))
         })?;
-        this.put(py, &reports)?;
-        let rows: Vec<Facts> = reports.into_iter().map(|report| report.now).collect();
-        Ok(facts::table(py, this.settings.config.spec(), &rows)?.into_any())
+        this.begun(py, reports)
     }
 
     /// Takes an action in each environment. Returns rewards, terminated, truncated, facts after the actions, facts now
@@ -264,9 +262,7 @@ impl Batch {
             }
             Ok(report_of(place, settings, false, None))
         })?;
-        this.put(py, &reports)?;
-        let rows: Vec<Facts> = reports.into_iter().map(|report| report.now).collect();
-        Ok(facts::table(py, this.settings.config.spec(), &rows)?.into_any())
+        this.begun(py, reports)
     }
 
     /// What the oracle would do now in each environment; in one whose episode has ended, action 0.
@@ -381,6 +377,13 @@ impl Batch {
         let previous: Vec<i64> = reports.iter().map(|report| report.actions[1]).collect();
         self.previous_actions.bind(py).try_readwrite()?.as_slice_mut()?.copy_from_slice(&previous);
         Ok(())
+    }
+
+    /// What `reset` and `restore` return: the facts of all.
+    fn begun<'py>(&self, py: Python<'py>, reports: Vec<Report>) -> PyResult<Bound<'py, PyAny>> {
+        self.put(py, &reports)?;
+        let rows: Vec<Facts> = reports.into_iter().map(|report| report.now).collect();
+        Ok(facts::table(py, self.settings.config.spec(), &rows)?.into_any())
     }
 
     /// What `step` returns.

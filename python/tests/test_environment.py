@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import tomllib
-
 import gymnasium
 import numpy as np
 import pytest
+import tomllib
 from gymnasium.utils.env_checker import check_env
 
 import stillroom

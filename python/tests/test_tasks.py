@@ -27,10 +27,10 @@ def test_what_a_task_declares_is_what_its_environment_returns(task: str) -> None
     assert {name: list(np.shape(env.state()[name])) for name in lengths} == lengths
     ended = False
     while not ended:
-        seen, reward, terminated, truncated, info = env.step(1)
+        seen, _, terminated, truncated, info = env.step(1)
         ended = terminated or truncated
     assert info["step"] == 10 and env.observation_space.contains(seen)
-    # All numbers of the state are 32-bit floats, whole ones, or bools.
+    # A scalar is a number of Python's own.
     assert isinstance(env.state()["base_yaw_rad"], float)
 
 
@@ -105,9 +105,9 @@ def test_what_another_task_has_is_refused_with_a_sentence() -> None:
     ]:
         with pytest.raises(ValueError, match=problem):
             stillroom.KitchenEnv(8, **arguments)
-    with pytest.raises(TypeError, match="kitchen is 'seven', not an integer: give a number of stillroom.kitchens"):
+    with pytest.raises(TypeError, match=r"kitchen is 'seven', not an integer: give a number of stillroom.kitchens"):
         stillroom.KitchenEnv("seven")
-    with pytest.raises(ValueError, match="kitchen is 0, not 1 to .*scene="):
+    with pytest.raises(ValueError, match=r"kitchen is 0, not 1 to .*scene="):
         stillroom.KitchenEnv(0)
 
 

@@ -54,7 +54,7 @@ impl List {
         for metric in task.shown() {
             let value = figures.get(&metric.name).copied();
             let unit = if metric.unit.is_empty() { String::new() } else { format!(" ({})", metric.unit) };
-            let shown = if metric.share { format::percent(value) } else { format::number(value, 3) };
+            let shown = if metric.is_share() { format::percent(value) } else { format::number(value, 3) };
             self.put(format!("{of}: {}{unit}", metric.label), json!(value), shown);
         }
     }

@@ -286,16 +286,7 @@ impl EpisodeIndex {
             }
         }
         let Some(config) = config.filter(|_| !assembly.hashes.is_empty()) else { return Ok(None) };
-        let recorded = RecordedEpisode {
-            environment: EnvironmentId { kitchen, number: key.1 },
-            episode: key.2,
-            start_hash: assembly.start_hash,
-            actions: assembly.actions,
-            hashes: assembly.hashes,
-            digests: assembly.digests,
-            start: assembly.start,
-        };
-        Ok(Some((config, recorded)))
+        Ok(Some((config, assembly.recorded(EnvironmentId { kitchen, number: key.1 }, key.2))))
     }
 
     /// Takes in files that are new, and how long all are now.

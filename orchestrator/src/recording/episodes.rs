@@ -432,15 +432,8 @@ impl Collection {
             }
             recorded.broken += u64::from(assembly.gap.is_some());
             recorded.config_of.push(assembly.config);
-            recorded.episodes.push(RecordedEpisode {
-                environment: self.settings[assembly.config].place(key),
-                episode: key.2,
-                start_hash: assembly.start_hash,
-                actions: assembly.actions,
-                hashes: assembly.hashes,
-                digests: assembly.digests,
-                start: assembly.start,
-            });
+            let place = self.settings[assembly.config].place(key);
+            recorded.episodes.push(assembly.recorded(place, key.2));
         }
         Ok(recorded)
     }

@@ -1,7 +1,8 @@
 """Kitchens for mobile manipulators that leave everything as they found it.
 
 `gymnasium.make("stillroom/ArmPointNav-v0", kitchen=7)` makes one environment, `stillroom.VectorEnv` many that threads
-step together; `stillroom.tasks()` lists the tasks. Observations and all else that they return are described in `stillroom.types`.
+step together; `stillroom.tasks()` lists the tasks. Observations and all else that they return are described in
+`stillroom.types`.
 """
 
 from __future__ import annotations

@@ -28,9 +28,9 @@ class KitchenEnv(Simulated, gymnasium.Env):
     """A robot has a task in a kitchen, and should move nothing else: in `arm_point_nav` it fetches an object and brings
     it to its goal, in `point_nav` it drives to a point of the room.
 
-    Observations are dictionaries (`stillroom.types.Observation`), actions are `Discrete`: 21 of `arm_point_nav`, 13 with
-    `action_space="small"`, 4 of `point_nav`; `action_names` has their names. An episode is terminated by the action Done
-    or Stop, and truncated after `max_steps` actions.
+    Observations are dictionaries (`stillroom.types.Observation`), actions are `Discrete`: 21 of `arm_point_nav`, 13
+    with `action_space="small"`, 4 of `point_nav`; `action_names` has their names. An episode is terminated by the
+    action Done or Stop, and truncated after `max_steps` actions.
     """
 
     metadata = {"render_modes": RENDER_MODES, "render_fps": 5}

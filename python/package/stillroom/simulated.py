@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from stillroom._stillroom import Batch, Kitchen, Snapshot, shown
 from stillroom.spaces import settings_of
 
-
 TASK = [
     *("task", "preset", "reward", "depth", "frame_side", "action_space", "max_steps", "start_distance_max_m"),
     *("goal_distance_max_m", "disturbance_weight", "carried_goal"),

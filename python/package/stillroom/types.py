@@ -1,7 +1,7 @@
 """What environments return, with shapes and units. `n` is the number of environments of a `VectorEnv`.
 
-What depends on the task follows from its declaration: `stillroom.channels("arm_point_nav")` lists every channel with its
-role, type, shape, unit, and what it is.
+What depends on the task follows from its declaration: `stillroom.channels("arm_point_nav")` lists every channel with
+its role, type, shape, unit, and what it is.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from typing import Any, TypeAlias
 Observation: TypeAlias = dict[str, Any]
 """What the robot sees and knows. A `VectorEnv` has one more axis, `n`, in front.
 
-* `depth`: [side, side], row-major from the top left: depth along the camera's axis, 0 where nothing is seen. Millimetres
-  (uint16), or metres (float32) with `depth="float32"`.
+* `depth`: [side, side], row-major from the top left: depth along the camera's axis, 0 where nothing is seen.
+  Millimetres (uint16), or metres (float32) with `depth="float32"`.
 * The task's channels with the role `observation`, named without their unit: `goal`, float32 [3], metres. While
   ArmPointNav's target is held it lies between target and goal, with the sign that the preset's `network.carried_goal`
   says.
