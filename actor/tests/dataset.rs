@@ -108,15 +108,17 @@ fn rewards_of_the_configuration_are_columns_as_the_tasks_are() {
     let (outcome, _) = answers(&DatasetSetup { configs: vec![config.to_toml()], ..setup(&out, 1) }, &episodes(0..1));
     outcome.unwrap();
     let mut archive = zip::ZipArchive::new(std::fs::File::open(out.join("episode-000000.npz")).unwrap()).unwrap();
-    let mut numbers = |name: &str| {
+    let mut rows = |name: &str, row_bytes: usize| {
         let mut bytes = vec![];
         archive.by_name(&format!("{name}.npy")).unwrap().read_to_end(&mut bytes).unwrap();
-        let number = |bytes: &[u8]| f32::from_le_bytes(bytes.try_into().unwrap());
-        bytes[bytes.len() - 4 * WAY.len()..].chunks_exact(4).map(number).collect::<Vec<_>>()
+        bytes.split_off(bytes.len() - row_bytes * WAY.len())
     };
-    // Done was declared away from the goal.
-    assert_eq!(numbers("reward_r_failures"), [0.5, 0.5, 0.5, -1.5]);
-    assert_eq!(numbers("reward_r")[3], -0.04);
+    let number = |bytes: &[u8]| f32::from_le_bytes(bytes.try_into().unwrap());
+    let rewards: Vec<f32> = rows("reward_r_failures", 4).chunks_exact(4).map(number).collect();
+    let failed = rows("failed_action", 1);
+    // Done was declared away from the goal; the first turn is free.
+    assert_eq!((failed[0], failed[3]), (0, 1));
+    assert_eq!(rewards, failed.iter().map(|&failed| 0.5 - 2.0 * f32::from(failed)).collect::<Vec<_>>());
     let page = std::fs::read_to_string(out.join("README.md")).unwrap();
     assert!(page.find("| reward_r_failures |").unwrap() < page.find("| reward_r_prime |").unwrap());
 }
