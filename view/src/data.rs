@@ -12,6 +12,9 @@ pub enum Problem {
     /// There is no such run, episode or kitchen.
     #[error("{0}")]
     NotThere(String),
+    /// It may be there: what would tell is not read yet.
+    #[error("{0}")]
+    NotYet(String),
     /// It is there and cannot be read.
     #[error("{0}")]
     Unreadable(String),
@@ -121,6 +124,8 @@ pub struct Stage {
     pub budget: u64,
     /// Frames trained on in it.
     pub frames: u64,
+    /// Means of the task's metrics over its newest tenth, by name.
+    pub figures: BTreeMap<String, f64>,
 }
 
 /// One start of the orchestrator.

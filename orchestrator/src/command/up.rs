@@ -14,7 +14,9 @@ use crate::run::create::{check_free, create, new_folder};
 use crate::run::identity::unix_now;
 use crate::run::scenes;
 use crate::supervisor::process::{TOKEN, TOKEN_FILE};
+use crate::training::next_steps;
 use crate::training::run::TrainingRun;
+use crate::training::summary::Summary;
 use anyhow::{Context, Result, bail};
 use proto::checkpoint::Manifest;
 use proto::config::{Config, FromConfig};
@@ -119,7 +121,12 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
     if args.view {
         show(&folder);
     }
-    TrainingRun { folder, config, identity, lock, tools, started }.run()
+    let is_demonstration = !asked && config.preset == "demo";
+    let ended = TrainingRun { folder: folder.clone(), config, identity, lock, tools, started }.run()?;
+    if is_demonstration && Summary::read(&folder)?.is_some() {
+        evaluate(&folder);
+    }
+    Ok(ended)
 }
 
 impl UpArgs {
@@ -160,6 +167,22 @@ fn show(folder: &RunFolder) {
     });
     if let Err(error) = started {
         terminal::note(&format!("cannot start a viewer ({error}): `orchestrator view {}`", quoted(folder.root())));
+    }
+}
+
+/// Episodes of each test kitchen that end the demonstration: each category once.
+const TESTED: &str = "6";
+
+/// Ends the demonstration with a short test, so that its page and its report have results.
+fn evaluate(folder: &RunFolder) {
+    let words = ["eval", "--episodes", TESTED, "--record", "all"];
+    let ended = std::env::current_exe().and_then(|program| {
+        // Standard output is the run's, down to its last line.
+        std::process::Command::new(program).args(words).arg(folder.root()).stdout(std::io::stderr()).status()
+    });
+    if !ended.as_ref().is_ok_and(std::process::ExitStatus::success) {
+        let program = next_steps::program();
+        terminal::note(&format!("the test was not played to its end: `{program} eval {}`", quoted(folder.root())));
     }
 }
 

@@ -59,7 +59,7 @@ pub fn metrics<'a>(
     figures: &BTreeMap<String, f64>,
     between: &str,
 ) -> String {
-    let each = metrics.into_iter().map(|one| format!("{} {}", one.label, metric(one, figures.get(&one.name).copied())));
+    let each = metrics.into_iter().map(|one| format!("{} {}", one.label, metric(one, one.mean(figures))));
     each.collect::<Vec<_>>().join(between)
 }
 

@@ -89,6 +89,13 @@ impl Ended {
     }
 }
 
+/// A whole episode in a recording.
+#[cfg(test)]
+pub(super) fn shelved(order: u64, outcome: &str) -> Shelved {
+    let end = Ended { outcome: outcome.to_owned(), ..Ended::default() };
+    Shelved { order, steps: 1, from_its_start: true, end: Some(end), ..Shelved::default() }
+}
+
 impl Shelved {
     /// Whether it can be simulated again.
     pub fn is_playable(&self) -> bool {

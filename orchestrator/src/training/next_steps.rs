@@ -37,8 +37,7 @@ pub fn complete(program: &str, folder: &RunFolder, preset: &str, recorded: bool)
     let run = quoted(folder.root());
     let mut lines = Vec::new();
     if recorded {
-        let images = quoted(folder.root().join("images"));
-        lines.push(line("look", &format!("{program} replay {run} --images {images} --format video --limit 3")));
+        lines.push(line("look", &format!("{program} replay {run}")));
     }
     lines.push(line("evaluate", &format!("{program} eval {run}")));
     lines.push(line("report", &format!("{program} report {run}")));
@@ -58,7 +57,7 @@ mod tests {
         let folder = RunFolder::new("runs/my run");
         let lines = |preset, recorded| complete("./orchestrator", &folder, preset, recorded);
         let expected = [
-            "look        ./orchestrator replay 'runs/my run' --images 'runs/my run/images' --format video --limit 3",
+            "look        ./orchestrator replay 'runs/my run'",
             "evaluate    ./orchestrator eval 'runs/my run'",
             "report      ./orchestrator report 'runs/my run'",
             "full run    ./orchestrator up --preset paper",

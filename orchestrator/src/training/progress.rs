@@ -246,7 +246,7 @@ mod tests {
             frames_line(&stages(), &recent),
             "stage II (r_prime)  1 100 / 1 500 frames  73.3%  |  25.0 frames/s: simulate 40% infer 20% update 30%  |  16 s left"
         );
-        let figures = "return 20.75  SR 50.0%  SRwoD –  disturbance 0.250 m";
+        let figures = "return 20.75  SR 50.0%  SRwoD –  disturbance 0.250 m  disturbance per success 0.500 m";
         assert_eq!(figures_line(&config(false).spec().shown(), &recent), figures);
     }
 
@@ -258,6 +258,7 @@ mod tests {
             label: label.to_owned(),
             unit: (!share).then(|| "m".to_owned()),
             share,
+            quotient: None,
         };
         let metrics = [metric("arrived", "SR", true), metric("path_m", "path", false)];
         let mut history = history(22);

@@ -215,13 +215,13 @@ fn recordings(folder: &RunFolder) -> Vec<PathBuf> {
     files.into_iter().filter_map(|path| path.strip_prefix(folder.root()).map(PathBuf::from).ok()).collect()
 }
 
-/// One row a stage; returns are first tenth → last tenth, the other figures are of the last tenth.
+/// One row a stage; returns are first tenth → last tenth, the other figures are of the last tenth that there is.
 pub fn table(metrics: &[ShownMetric], stages: &[StageMeans]) -> Vec<String> {
     let header = ["stage", "reward", "frames", "episodes", "return"].map(str::to_owned);
     let mut rows: Vec<Vec<String>> =
         vec![header.into_iter().chain(metrics.iter().map(|metric| metric.label.clone())).collect()];
     for stage in stages {
-        let late = stage.late();
+        let late = &stage.last_tenth;
         let of_engine = [
             stage.name.clone(),
             stage.reward.clone(),
@@ -229,7 +229,7 @@ pub fn table(metrics: &[ShownMetric], stages: &[StageMeans]) -> Vec<String> {
             format::count(stage.whole.episodes),
             format!("{} -> {}", format::number(stage.first_tenth.mean_return, 2), format::number(late.mean_return, 2)),
         ];
-        let of_task = metrics.iter().map(|metric| format::metric(metric, late.figures.get(&metric.name).copied()));
+        let of_task = metrics.iter().map(|metric| format::metric(metric, metric.mean(&late.figures)));
         rows.push(of_engine.into_iter().chain(of_task).collect());
     }
     let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
@@ -268,9 +268,9 @@ mod tests {
         assert_eq!(
             lines[1..4],
             [
-                "stage  reward   frames  episodes          return     SR  SRwoD  disturbance",
-                "I      r         1 000        40   0.75 -> 18.75  50.0%      –      0.250 m",
-                "II     r_prime     500        20  20.00 -> 29.00  50.0%      –      0.250 m",
+                "stage  reward   frames  episodes          return     SR  SRwoD  disturbance  disturbance per success",
+                "I      r         1 000        40   0.75 -> 18.75  50.0%      –      0.250 m                  0.500 m",
+                "II     r_prime     500        20  20.00 -> 29.00  50.0%      –      0.250 m                  0.500 m",
             ]
         );
         assert_eq!(

@@ -1,6 +1,6 @@
 //! Figures over episodes, made of the numbers of each.
 
-use super::metric::Kind;
+use super::metric::{Kind, ShownMetric};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -89,6 +89,20 @@ impl Described {
     pub(super) fn new(name: &str, label: &str, unit: &str, kind: Kind, doc: &str) -> Self {
         let [name, label, unit, doc] = [name, label, unit, doc].map(str::to_owned);
         Self { name, label, unit, kind, doc }
+    }
+}
+
+impl Figure {
+    /// As tables and screens of a run show it, if it follows from the means of two metrics.
+    pub(super) fn shown(&self) -> Option<ShownMetric> {
+        let quotient = self.per.as_ref().filter(|_| self.take == Take::Mean && self.among.is_empty());
+        Some(ShownMetric {
+            name: self.name.clone(),
+            label: if self.label.is_empty() { &self.name } else { &self.label }.clone(),
+            unit: (!self.unit.is_empty()).then(|| self.unit.clone()),
+            share: false,
+            quotient: Some([self.of.clone(), quotient?.clone()]),
+        })
     }
 }
 

@@ -32,7 +32,7 @@ fn yes() -> bool {
     true
 }
 
-/// A metric as tables and screens show its mean.
+/// A metric as tables and screens show its mean, or the quotient of two means.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct ShownMetric {
     pub name: String,
@@ -40,6 +40,21 @@ pub struct ShownMetric {
     pub unit: Option<String>,
     /// Whether it is a share of episodes.
     pub share: bool,
+    /// Of a quotient: the metrics whose means are divided, the one by the other.
+    #[serde(skip)]
+    pub quotient: Option<[String; 2]>,
+}
+
+impl ShownMetric {
+    /// Its mean, from those of the metrics.
+    pub fn mean(&self, means: &BTreeMap<String, f64>) -> Option<f64> {
+        let known = |name: &String| means.get(name).copied();
+        let quotient = || {
+            let [of, per] = self.quotient.as_ref()?;
+            Some(known(of)? / known(per)?).filter(|quotient| quotient.is_finite())
+        };
+        known(&self.name).or_else(quotient)
+    }
 }
 
 impl Metric {
@@ -52,7 +67,8 @@ impl Metric {
     pub fn shown(&self) -> ShownMetric {
         let text = |text: &String| (!text.is_empty()).then(|| text.clone());
         let label = text(&self.label).unwrap_or_else(|| self.name.clone());
-        ShownMetric { name: self.name.clone(), label, unit: text(&self.unit), share: self.is_share() }
+        let (name, unit, share) = (self.name.clone(), text(&self.unit), self.is_share());
+        ShownMetric { name, label, unit, share, quotient: None }
     }
 }
 

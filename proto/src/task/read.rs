@@ -114,9 +114,9 @@ impl Spec {
             spec.figures.iter().map(|figure| &*figure.name).chain(spec.curves.iter().map(|curve| &*curve.name));
         check_names(ENGINES.split(' ').chain(columns.iter().map(|column| &*column.name)).chain(figures))?;
         spec.check_figures()?;
-        let unknown = |name: &&String| !spec.metrics.iter().any(|metric| metric.curve && metric.name == **name);
-        if let Some(name) = spec.shown.iter().find(unknown) {
-            return Err(SpecError::Metric { name: name.clone(), problem: "there is none of this name".to_owned() });
+        if let Some(name) = spec.shown.iter().find(|name| spec.shown_as(name).is_none()) {
+            let problem = "it is shown, and is neither a metric of training nor the quotient of two".to_owned();
+            return Err(SpecError::Metric { name: name.clone(), problem });
         }
         if let Some(Label { part, at_most, at_least, .. }) = &spec.label {
             spec.threshold(part, *at_most, *at_least).map_err(SpecError::Label)?;

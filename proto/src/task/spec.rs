@@ -29,7 +29,8 @@ pub struct Spec {
     pub figures: Vec<Figure>,
     pub curves: Vec<Curve>,
     pub(super) headline: Option<String>,
-    /// The metrics that screens and tables of a run show, in this order; empty: all of training.
+    /// The metrics, and quotients of their means, that screens and tables of a run show, in this order; empty: all of
+    /// training.
     pub(super) shown: Vec<String>,
     pub(super) cost: Option<Cost>,
     pub(super) label: Option<Label>,
@@ -59,13 +60,32 @@ impl Spec {
         if self.shown.is_empty() {
             return self.metrics.iter().filter(|metric| metric.curve).map(Metric::shown).collect();
         }
-        self.shown.iter().filter_map(|name| self.metric(name)).map(Metric::shown).collect()
+        self.shown.iter().filter_map(|name| self.shown_as(name)).collect()
     }
 
-    /// The same, then the others of training: a learning curve is drawn of each.
+    /// A metric of training, or a figure that is the quotient of two, as screens and tables show it.
+    pub(super) fn shown_as(&self, name: &str) -> Option<ShownMetric> {
+        let of_training = |name: &str| self.metric(name).filter(|metric| metric.curve);
+        let quotient = || self.figures.iter().find(|figure| figure.name == name)?.shown();
+        let is_known = |one: &ShownMetric| one.quotient.iter().flatten().all(|name| of_training(name).is_some());
+        of_training(name).map(Metric::shown).or_else(quotient).filter(is_known)
+    }
+
+    /// Adds the quotients that are shown to means of metrics.
+    pub fn with_quotients(&self, mut means: BTreeMap<String, f64>) -> BTreeMap<String, f64> {
+        for metric in self.shown() {
+            if let Some(mean) = metric.mean(&means) {
+                means.insert(metric.name, mean);
+            }
+        }
+        means
+    }
+
+    /// The metrics among them, then the others of training: a learning curve is drawn of each.
     pub fn charted(&self) -> Vec<ShownMetric> {
         let is_other = |metric: &&Metric| metric.curve && !self.shown.is_empty() && !self.shown.contains(&metric.name);
-        self.shown().into_iter().chain(self.metrics.iter().filter(is_other).map(Metric::shown)).collect()
+        let shown = self.shown().into_iter().filter(|metric| metric.quotient.is_none());
+        shown.chain(self.metrics.iter().filter(is_other).map(Metric::shown)).collect()
     }
 
     /// The declaration as it was written, for the run folder.

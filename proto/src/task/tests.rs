@@ -371,6 +371,20 @@ fn a_declaration_that_is_not_sound_is_refused_with_its_place() {
 }
 
 #[test]
+fn a_quotient_of_means_is_shown_beside_the_metrics() {
+    let arm = Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").unwrap();
+    let names = |metrics: Vec<ShownMetric>| metrics.into_iter().map(|metric| metric.name).collect::<Vec<_>>();
+    assert_eq!(names(arm.shown()).last().unwrap(), "disturbance_per_success_m");
+    assert!(!names(arm.charted()).contains(&"disturbance_per_success_m".to_owned()), "no rollout has it");
+    let means =
+        |success: f64| [("disturbance_m", 0.06), ("success", success)].map(|(name, mean)| (name.to_owned(), mean));
+    let of = |success| arm.with_quotients(means(success).into()).get("disturbance_per_success_m").copied();
+    assert_eq!((of(0.5), of(0.0)), (Some(0.12), None));
+    let length_shown = arm.text().replacen("\"disturbance_per_success_m\"]", "\"failed_action_share\"]", 1);
+    assert!(Spec::parse(&length_shown).unwrap_err().to_string().contains("neither a metric of training"));
+}
+
+#[test]
 fn unlike_layouts_have_unlike_hashes() {
     let hash = |from: &str, to: &str| Spec::parse(&SMALL.replacen(from, to, 1)).unwrap().layout_hash();
     let same = small().layout_hash();

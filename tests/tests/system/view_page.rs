@@ -77,7 +77,10 @@ fn a_run_is_watched_and_an_episode_is_looked_at() {
     finish(child).result();
     curves_move(&mut browser, &workshop);
     browser.wait_for("document.querySelector('.state.complete')");
-    browser.wait_for("document.querySelectorAll('.depths canvas[data-step]').length > 0");
+    // Of a run at rest: its newest episodes, and nothing that is of the moment.
+    browser.wait_for("document.querySelectorAll('.tiles canvas.room[data-step]').length > 0");
+    assert_eq!(browser.value("document.body.innerText.includes('What they see now')"), false);
+    assert_eq!(browser.value("document.querySelector('summary').innerText.includes('have ended')"), true);
     keep(&mut browser, "run");
     an_episode_is_looked_at(&mut browser);
     only_keys(&mut browser);
@@ -183,7 +186,7 @@ fn narrow_and_dark(browser: &mut Browser) {
         browser.resize(1280, 900);
         browser.value("location.hash = '#/run/watched'");
         browser.wait_for("document.querySelector('[data-figure]')");
-        browser.wait_for("document.querySelectorAll('.depths canvas[data-step]').length > 0");
+        browser.wait_for("document.querySelectorAll('.tiles canvas[data-step]').length > 0");
         keep(browser, &format!("run-{scheme}"));
         let colour = browser.value(paper);
         let red: Option<u8> =

@@ -31,7 +31,8 @@ fn text() -> String {
         left_s: Some(f64::INFINITY),
         ..Card::default()
     };
-    let stage = Stage { name: "II".into(), reward: "r′".into(), begins_at: 0, budget: 10, frames: 5 };
+    let stage =
+        Stage { name: "II".into(), reward: "r′".into(), begins_at: 0, budget: 10, frames: 5, figures: [].into() };
     let start = Start { number: 1, place: String::new(), at_unix_s: 1, ended_unix_s: None, how: None, reason: None };
     let live = Live {
         card: card.clone(),
@@ -153,6 +154,7 @@ fn another_task_has_families_of_its_own_metrics() {
         label: name.to_uppercase(),
         unit: unit.map(str::to_owned),
         share,
+        quotient: None,
     };
     let metrics = vec![metric("spl", None, false), metric("path_m", Some("m"), false), metric("stopped", None, true)];
     let figures = BTreeMap::from([("spl".to_owned(), 0.5), ("path_m".to_owned(), 3.0)]);
