@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! palette  a colour for each category
+//! robot    the robot as people see it
 //! model    a kitchen as coloured triangles
 //! camera   where a picture is taken from: parallel or central projection
 //! visible  which triangle each pixel shows, and how near it is
@@ -26,6 +27,7 @@ mod marks;
 mod model;
 mod moment;
 pub mod palette;
+mod robot;
 mod scene;
 mod shade;
 mod sky;

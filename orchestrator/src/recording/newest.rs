@@ -96,7 +96,16 @@ fn pick<'a>(
     match (only, count) {
         (Some(only), count) => first(&|kind| only.admits(kind), count.unwrap_or(OF_A_KIND)),
         (None, Some(count)) => first(&|_| true, count),
-        (None, None) => SHOWN.iter().flat_map(|&(wanted, most)| first(&|kind| kind == wanted, most)).collect(),
+        (None, None) => {
+            let mut shown: Vec<Key> =
+                SHOWN.iter().flat_map(|&(wanted, most)| first(&|kind| kind == wanted, most)).collect();
+            // Where a kind is missing, such as in a run that fails only, others take its place.
+            let others = ended.iter().map(|(_, key, _)| *key).filter(|key| !shown.contains(key));
+            let missing = SHOWN.iter().map(|(_, most)| most).sum::<usize>() - shown.len();
+            let others: Vec<Key> = others.take(missing).collect();
+            shown.extend(others);
+            shown
+        }
     }
 }
 
@@ -116,6 +125,10 @@ mod tests {
         };
         assert_eq!(picked(None, None), [4, 2, 6, 5], "two of the best, a disturbed one, a failure");
         assert_eq!(picked(None, Some(3)), [6, 5, 4]);
+        let failures: Vec<Shelved> = (0..9).map(|order| shelved(order, "failure")).collect();
+        let keyed = failures.iter().zip(0..).map(|(one, episode)| ((1, 0, episode), one));
+        let keys = pick(keyed, &good, None, None);
+        assert_eq!(keys.iter().map(|(_, _, episode)| *episode).collect::<Vec<_>>(), [8, 7, 6, 5]);
         assert_eq!(picked(Some(Only::Success), None), [6, 4, 3]);
         assert_eq!(picked(Some(Only::Failure), Some(9)), [5, 0]);
         assert_eq!(picked(Some(Only::Disturbed), Some(1)), [6]);
