@@ -163,7 +163,7 @@ fn figures_are_those_of_the_table() {
     assert_eq!(std::fs::read_dir(workshop.path("newest")).unwrap().count(), 2);
     let failures = newest(&["--only", "failure"]);
     good(&failures);
-    assert!(failures.stdout.contains("images: 2 in ") && failures.stdout.contains("differences: 0"), "{failures:#?}");
+    assert!(failures.stdout.contains("episodes: 2\n") && failures.stdout.contains("differences: 0"), "{failures:#?}");
 }
 
 /// `orchestrator eval --json` with these arguments: the result as it is printed, and all that was printed.
