@@ -1,5 +1,5 @@
 //! Host 0's door: it waits until all other hosts have come, tells them what the run is, and hands them over to the
-//! supervision as its remote_hosts.
+//! supervision as its `remote_hosts`.
 
 use super::address;
 use super::handshake::{HandshakeError, admit};
