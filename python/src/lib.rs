@@ -1,17 +1,18 @@
 //! The simulator as a Python module, `stillroom._stillroom`: what the package `stillroom` is made of.
 //!
 //! ```text
-//! argument   checks of arguments from Python
-//! settings   arguments from Python as a configuration
-//! room       a kitchen that environments share
-//! place      one environment with its episode and its oracle; knows no Python
-//! facts      what is told of a step beside the observation
-//! frames     depth frames in arrays of numpy
-//! snapshot   a moment to which an environment can return
-//! checkpoint checkpoints and policy files
-//! state      everything about a moment, for users who may know it
-//! error      errors of Rust as those of Python
-//! batch      many environments, stepped by threads while Python's lock is free
+//! argument        checks of arguments from Python
+//! settings        arguments from Python as a configuration
+//! room            a kitchen that environments share
+//! episode_player  one environment with its episode and its oracle; knows no Python
+//! facts           what is told of a step beside the observation
+//! frames          depth frames in arrays of numpy
+//! snapshot        a moment to which an environment can return
+//! checkpoint      checkpoints and policy files
+//! run_files       files of run folders
+//! state           everything about a moment, for users who may know it
+//! error           errors of Rust as those of Python
+//! batch           many environments, stepped by threads while Python's lock is free
 //! ```
 
 mod argument;
@@ -22,6 +23,7 @@ mod error;
 mod facts;
 mod frames;
 mod room;
+mod run_files;
 mod settings;
 mod snapshot;
 mod state;
@@ -58,7 +60,9 @@ fn _stillroom(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(argument::whole, module)?)?;
     module.add_function(wrap_pyfunction!(argument::choice, module)?)?;
     module.add_function(wrap_pyfunction!(argument::shown, module)?)?;
-    module.add_function(wrap_pyfunction!(checkpoint::read_plain, module)?)?;
+    module.add_function(wrap_pyfunction!(run_files::read_of_run, module)?)?;
+    module.add_function(wrap_pyfunction!(run_files::list_of_run, module)?)?;
+    module.add_function(wrap_pyfunction!(run_files::toml_as_json, module)?)?;
     module.add_function(wrap_pyfunction!(checkpoint::read_checkpoint, module)?)?;
     module.add_function(wrap_pyfunction!(checkpoint::read_policy, module)?)?;
     module.add_class::<settings::Settings>()?;

@@ -194,4 +194,23 @@ mod tests {
             assert!(is_same || checked.unwrap_err().contains("declared otherwise"));
         }
     }
+
+    /// A run's folder may be anybody's: 60,000 rewards, each the base of the next, once overflowed the stack.
+    #[test]
+    fn what_is_declared_has_a_bound() {
+        let chain = |count: usize| -> String {
+            let link = |at: usize| format!("[[rewards]]\nname = \"mine_{at}\"\nbase = \"mine_{}\"\n", at + 1);
+            (0..count).map(link).collect::<String>() + &format!("[[rewards]]\nname = \"mine_{count}\"\n")
+        };
+        assert!(config(&chain(90)).is_ok());
+        let problem = config(&chain(60_000)).unwrap_err();
+        assert!(problem.contains("rewards: at most 100 can be declared"), "{problem}");
+        let terms = "[\"failed_action\", 1.0],".repeat(1001);
+        let problem = config(&format!("[[rewards]]\nname = \"mine\"\nterms = [{terms}]")).unwrap_err();
+        assert!(problem.contains("there are 1001 terms in a reward"), "{problem}");
+        let stage = |name: &str| format!("stages = [{{ name = \"{name}\", reward = \"r\", frames = 1000 }}]");
+        let problem = config(&stage(&"I".repeat(1_000_000))).unwrap_err();
+        assert!(problem.contains("a name has at most 64 letters"), "{problem}");
+        assert!(config(&stage(&"ü".repeat(64))).is_ok());
+    }
 }

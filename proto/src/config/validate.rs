@@ -21,6 +21,8 @@ const MAX_EVALUATED: u32 = 1000;
 /// Stages of a run, and frames of a stage, at most: their sum fits into 63 bits, and a double holds each exactly.
 const STAGES_MOST: usize = 1000;
 const STAGE_FRAMES_MOST: u64 = 1_000_000_000_000_000;
+/// Letters of a stage's name at most: it stands in every table.
+const STAGE_NAME_MOST: usize = 64;
 
 impl Config {
     /// Checks every setting against its range.
@@ -148,6 +150,8 @@ impl Config {
         let stages = self.stages.len();
         check("stages", stages, (1..=STAGES_MOST).contains(&stages), "there must be 1 to 1000 stages")?;
         for stage in &self.stages {
+            let length = stage.name.chars().count();
+            check("stages.name", length, length <= STAGE_NAME_MOST, "a name has at most 64 letters")?;
             check(
                 "stages.frames",
                 stage.frames,

@@ -11,6 +11,8 @@ pub enum SpecError {
     Double(String),
     #[error("`{0}` is a name of the engine's own")]
     Reserved(String),
+    #[error("there are {count} {what}: at most {most} can be declared")]
+    TooMany { what: &'static str, count: usize, most: usize },
     #[error("channel `{name}`: {problem}")]
     Channel { name: String, problem: &'static str },
     #[error("actions: {problem}")]

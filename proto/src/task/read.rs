@@ -19,6 +19,11 @@ const RESERVED: &str = "action action_names actor actor_incarnation bulk_recorde
                         length outcome outside previous_action robot seed stage stage_version state state_hash step \
                         steps terminated truncated";
 
+/// The most of each kind that a task declares.
+const DECLARED_MOST: usize = 1000;
+/// The most rewards of a task and a configuration together. A chain of bases has no more links.
+const REWARDS_MOST: usize = 100;
+
 /// A task's declaration, as it is written.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -79,6 +84,10 @@ impl Spec {
             curves,
             shown,
         } = declaration;
+        let counts = [("channels", channels.len()), ("metrics", metrics.len()), ("figures", figures.len())];
+        for (what, count) in counts.into_iter().chain([("curves", curves.len()), ("names in `shown`", shown.len())]) {
+            at_most(what, count, DECLARED_MOST)?;
+        }
         actions.check()?;
         channels.iter().try_for_each(Channel::check)?;
         let (layout, text) = (Layout::of(&actions, &channels), text.to_owned());
@@ -132,8 +141,17 @@ impl Spec {
 
     /// Refuses rewards of a configuration with a name that is none, or that another one has.
     pub(crate) fn check_rewards(&self, own: &[Reward]) -> Result<(), SpecError> {
+        at_most("rewards", self.rewards.len() + own.len(), REWARDS_MOST)?;
+        for reward in self.rewards.iter().chain(own) {
+            at_most("terms in a reward", reward.terms.len(), DECLARED_MOST)?;
+        }
         check_names(self.rewards.iter().chain(own).map(|reward| &*reward.name))
     }
+}
+
+/// A declaration may be anybody's, and each name is looked up among all.
+fn at_most(what: &'static str, count: usize, most: usize) -> Result<(), SpecError> {
+    if count <= most { Ok(()) } else { Err(SpecError::TooMany { what, count, most }) }
 }
 
 /// The same as [`check_names`], and refuses those that the engine has.

@@ -30,9 +30,9 @@ def choice(name: str, value: Any, choices: list[str]) -> str:
 def shown(value: Any) -> str:
     """A value for an error: as Python writes it, but no more than a line."""
 
-def read_plain(path: str | PathLike[str], most: int) -> bytes:
-    """The bytes of a plain file, not of a link, that has `most` at most."""
-
+def read_of_run(root: Path, path: Path) -> bytes: ...
+def list_of_run(root: Path, path: Path) -> list[tuple[Path, bool]]: ...
+def toml_as_json(text: str) -> str: ...
 def read_checkpoint(
     path: str | PathLike[str], prefix: str, verify: bool
 ) -> tuple[Path, str, str, list[tuple[str, str, list[int], bytes]]]:
