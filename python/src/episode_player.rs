@@ -2,7 +2,7 @@
 
 use crate::room::Room;
 use oracle::{Policy, Variant};
-use picture::{Canvas, Moment, Storyboard, Task, Words};
+use picture::{Canvas, Moment, Storyboard, Task, Captions};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use serde::{Deserialize, Serialize};
@@ -157,7 +157,7 @@ impl EpisodePlayer {
     }
 
     /// What is said below a picture.
-    fn words(&self) -> Words {
+    fn captions(&self) -> Captions {
         let remark = match &self.transition {
             Some(done) if done.picked_up() => "picked up",
             Some(done) if done.failed() => "failed",
@@ -165,7 +165,7 @@ impl EpisodePlayer {
         };
         let names = self.config.spec().actions.names();
         let action = self.actions.last().map_or("", |action| &names[usize::from(action.index())]);
-        Words {
+        Captions {
             action: format!("step {} {action}", self.actions.len()),
             remark: remark.to_owned(),
             measures: format!("disturbance {:.3} m", self.environment.disturbance_m()),
@@ -173,9 +173,9 @@ impl EpisodePlayer {
         }
     }
 
-    /// A picture for people: the depth view, the room from outside, and what happens in words.
+    /// A picture for people: the depth view, the room from outside, and what happens in captions.
     pub fn picture(&mut self, side: usize) -> Canvas {
-        let moment = Moment::of(self.environment.simulation(), self.environment.world_from_camera(), self.words());
+        let moment = Moment::of(self.environment.simulation(), self.environment.world_from_camera(), self.captions());
         let story = match self.story.take() {
             Some(story) if story.side() == side => story,
             _ => {
