@@ -2,7 +2,7 @@
 
 use crate::room::Room;
 use oracle::{Policy, Variant};
-use picture::{Canvas, Moment, Storyboard, Task, Captions};
+use picture::{Canvas, Captions, Moment, Storyboard, Task};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use serde::{Deserialize, Serialize};
@@ -173,7 +173,7 @@ impl EpisodePlayer {
         }
     }
 
-    /// A picture for people: the depth view, the room from outside, and what happens in captions.
+    /// A picture for people: the depth view, the room from outside, and what happens in words.
     pub fn picture(&mut self, side: usize) -> Canvas {
         let moment = Moment::of(self.environment.simulation(), self.environment.world_from_camera(), self.captions());
         let story = match self.story.take() {
