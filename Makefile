@@ -2,7 +2,7 @@
 .DEFAULT_GOAL := help
 .PHONY: help setup build install uninstall up play policy test test-all test-part schemas chaos soak lint check-deploy doc book examples deny fuzz \
 	sanitize bench-peers bench-learner bench-kernels bench-wire bench-view bench-hosts check-determinism \
-	python python-aarch64 test-python bench-python dist
+	python python-aarch64 test-python bench-python bench-depth dist
 # Cargo uses all cores by itself; targets run one after the other also under -j.
 .NOTPARALLEL:
 
@@ -39,6 +39,9 @@ help:
 	@echo '             AVX2, the wheel, notes, a bill of materials, checksums; STRICT=yes: what keeps them from being one is'
 	@echo '             an error'
 	@echo 'make test-python   build it and run its tests; make bench-python measures it beside Gymnasium'
+	@echo 'make bench-depth'
+	@echo '             stillroom.DepthCamera beside mujoco.Renderer in software, on the models of six packages, which go into'
+	@echo '             .venv/; needs libosmesa6 or libegl1; ARGS="--only Franka --picture docs/depth.png" measures fewer'
 	@echo 'make lint    formatting and clippy, warnings are errors; and check-deploy'
 	@echo 'make check-deploy   the image, manifests, service unit and shell scripts; STRICT=yes: what cannot be checked is an error'
 	@echo 'make doc     the API documentation, warnings are errors; and the book'
@@ -154,12 +157,19 @@ python-aarch64:
 dist: build
 	@STRICT='$(STRICT)' deploy/dist
 
-test-python:
-	@python=$$(PYTHON='$(PYTHON)' python/setup) && cd python && "$$python" -m pytest -q -rs $(ARGS)
+# The runs with environments of Python need the programs, too.
+test-python: build
+	@python=$$(PYTHON='$(PYTHON)' python/setup) && (cd python && "$$python" -m pytest -q -rs $(ARGS)) && \
+		STILLROOM_TEST_PYTHON="$$python" cargo test --release --locked --workspace --test system environments::
 
 bench-python:
 	cargo build --release --locked --workspace --bin actor
 	@python=$$(PYTHON='$(PYTHON)' python/setup) && "$$python" python/bench.py --actor target/release/actor $(ARGS)
+
+bench-depth:
+	@python=$$(PYTHON='$(PYTHON)' python/setup) && \
+		"$$python" -m pip install --quiet --disable-pip-version-check -r python/bench_depth.txt && \
+		"$$python" python/bench_depth.py $(ARGS)
 
 lint: setup
 	cargo fmt --all --check

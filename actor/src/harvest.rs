@@ -5,7 +5,6 @@
 //! Nothing is written of a recording that the simulator does not give as it was recorded.
 
 use crate::replay::film;
-use crate::replay::play::{Performance, Rules, Seen, play};
 use crate::replay::{Player, Started};
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use dataset::{About, Episode, Frames, Moment, Source, Writer};
@@ -13,8 +12,8 @@ use picture::{Captions, Scene, Standpoint};
 use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::dataset::{DatasetAnswer, DatasetRequest, DatasetSetup, PictureKind};
-use proto::replay::ReplayVerdict;
-use proto::task::{Channel, Field, UNFINISHED};
+use proto::replay::{Performance, ReplayVerdict, Rules, Seen, play};
+use proto::task::{Channel, Described, Field, UNFINISHED};
 use simulator::depth::DepthCamera;
 use simulator::environment::{Base, Environment};
 use std::collections::BTreeMap;
@@ -43,9 +42,9 @@ pub fn run(input: impl BufRead + Send, mut output: impl Write) -> Result<()> {
     let source = source_of(&configs, &rules, &setup)?;
     let numbers = source.numbers.clone();
     if let Some(metric) = &setup.keep {
-        let shares = source.spec.metrics.iter().filter(|metric| metric.is_share());
-        let names: Vec<&str> = shares.map(|metric| metric.name.as_str()).collect();
-        let has = names.contains(&metric.as_str());
+        let shares = source.spec.columns().into_iter().filter(Described::is_share);
+        let names: Vec<String> = shares.map(|metric| metric.name).collect();
+        let has = names.contains(metric);
         ensure!(has, "--only {metric}: task `{}` has {}", source.spec.name, names.join(", "));
     }
     let mut writer = Writer::create(Path::new(&setup.out), source)?;
@@ -124,7 +123,13 @@ fn source_of(configs: &[Config], rules: &[Rules], setup: &DatasetSetup) -> Resul
     let actions: Vec<String> = actions.collect();
     let number = |name: &String| actions.iter().position(|own| own == name).map(|number| number as u32);
     let numbers = spec.actions.names().iter().map(number).collect();
-    let rewards = rules_of_first.compared.rewards().map(str::to_owned).collect();
+    ensure!(
+        configs.iter().all(|other| other.rewards == config.rewards),
+        "the recordings' configurations have different [[rewards]]: export them one by one"
+    );
+    // The task's last one stays last: tools take it for the reward.
+    let own = rules_of_first.own_rewards.iter().map(|(name, _)| name.clone());
+    let rewards = own.chain(rules_of_first.compared.rewards().map(str::to_owned)).collect();
     Ok(Source { spec, actions, numbers, rewards, configs: setup.configs.clone() })
 }
 
@@ -291,7 +296,9 @@ impl<'a> Telling<'a> {
             // It is the one before what is seen now.
             record.copy_within(layout.action.range(), layout.previous_action.offset);
         }
-        let rewards = seen.rewards.unwrap_or_default().to_vec();
+        let own = self.rules.own_rewards.iter();
+        let own = own.map(|(_, reward)| reward.of(|index| layout.part(seen.record, index), 0.0));
+        let rewards = seen.rewards.map_or_else(Vec::new, |rewards| own.chain(rewards.iter().copied()).collect());
         let (state_hash, end) = (environment.state_hash(), environment.end());
         self.moments.push(Moment { record, state_hash, rewards, end });
         if let Some(depth) = &mut self.depth {
@@ -317,7 +324,7 @@ impl<'a> Telling<'a> {
     fn finish(self, about: About, environment: &Base) -> Episode {
         let mut cameras: Vec<Frames> = self.depth.into_iter().collect();
         if let Some((first, last)) = self.drawn.first().zip(self.moments.last()) {
-            let task = film::task(self.rules, environment, &last.record, String::new());
+            let task = picture::task(self.rules.spec, environment, &last.record, String::new());
             let scene = Scene::new(Arc::clone(environment.kitchen()), task, first);
             let side = self.setup.side_px as usize;
             for &kind in &self.setup.pictures {

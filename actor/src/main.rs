@@ -3,10 +3,10 @@
 
 mod command;
 
-use actor::process::whereabouts;
 use anyhow::Result;
 use clap::Parser;
 use command::{Command, RolloutArgs};
+use engine::whereabouts;
 use std::process::ExitCode;
 
 wire::require_processor!();

@@ -8,10 +8,11 @@ use oracle::{Policy, Variant};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::{KitchenId, Split};
+use proto::task::Spec;
 use simulator::kitchen::Kitchen;
 use simulator::robot::action::Action;
 use simulator::tasks::arm_point_nav::episode::Episode;
-use simulator::tasks::arm_point_nav::{Environment, UNDISTURBED_THRESHOLD_M, check};
+use simulator::tasks::arm_point_nav::{Current, Environment, Transition, check, record};
 use std::io::Write;
 use std::sync::Arc;
 
@@ -24,8 +25,8 @@ pub struct Outcome {
     pub picked_up: bool,
     /// The target was brought to its goal.
     pub success: bool,
-    /// Total displacement of everything but the target at the end, metres.
-    pub disturbance_m: f32,
+    /// And nothing else was disturbed: the task's headline.
+    pub undisturbed: bool,
     /// Things that moved by more than 1 cm on an axis.
     pub disturbed_objects: u32,
     /// State hash after the last action.
@@ -42,18 +43,25 @@ pub fn play(kitchen: &Arc<Kitchen>, config: &Config, number: u32, episode: Episo
         let action = policy.next(&environment);
         actions.push(action);
         let transition = environment.step(action);
-        check(&transition, &environment.current()).expect("a learner takes what a simulator reports");
+        check(config.spec(), &transition, &environment.current()).expect("a learner takes what a simulator reports");
         if environment.ended() {
             return Outcome {
                 actions,
                 picked_up: transition.holds(),
                 success: transition.succeeded(),
-                disturbance_m: transition.disturbance_m,
+                undisturbed: is_undisturbed(config.spec(), &transition),
                 disturbed_objects: transition.disturbed_objects,
                 state_hash: environment.state_hash(),
             };
         }
     }
+}
+
+/// Whether the task's headline holds after the last step.
+fn is_undisturbed(spec: &Spec, last: &Transition) -> bool {
+    let headline = spec.ranking().first().and_then(|headline| spec.rollout_metrics().find(|(one, _)| one == headline));
+    let record = record(spec, last, &Current::default());
+    headline.is_some_and(|(_, measure)| measure.after(|index| spec.layout().fields[index].number(&record), 0.0) != 0.0)
 }
 
 /// What `actor oracle` is asked.
@@ -157,7 +165,7 @@ fn line(out: &mut impl Write, name: &str, variant: &str, outcomes: &[Outcome]) -
     let share =
         |test: &dyn Fn(&Outcome) -> bool| outcomes.iter().filter(|outcome| test(outcome)).count() as f64 / count;
     let success = share(&|outcome| outcome.success);
-    let undisturbed = share(&|outcome| outcome.success && outcome.disturbance_m < UNDISTURBED_THRESHOLD_M);
+    let undisturbed = share(&|outcome| outcome.undisturbed);
     let picked_up = share(&|outcome| outcome.picked_up);
     let length = outcomes.iter().map(|outcome| outcome.actions.len()).sum::<usize>() as f64 / count;
     let disturbed = outcomes.iter().map(|outcome| f64::from(outcome.disturbed_objects)).sum::<f64>() / count;

@@ -1,20 +1,18 @@
 //! `actor replay`: proves that recorded episodes happen again, and draws them.
 //!
 //! Input and output are the lines of [`proto::replay`]. Nothing but the configuration and the actions of an episode
-//! is needed to simulate it. All that was recorded of it is compared on the way (`replay/play.rs`).
+//! is needed to simulate it. All that was recorded of it is compared on the way ([`proto::replay::play`]).
 
 pub(crate) mod film;
 mod picture;
-pub(crate) mod play;
 
-use crate::process::whereabouts;
 use anyhow::{Context, Result, ensure};
+use engine::whereabouts;
 use film::{Film, Played};
-use play::{Performance, Rules, play};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::replay::{RecordedEpisode, ReplayImages, ReplaySetup, ReplayVerdict};
+use proto::replay::{Performance, RecordedEpisode, ReplayImages, ReplaySetup, ReplayVerdict, Rules, play};
 use simulator::depth::DepthCamera;
 use simulator::environment::Environment;
 use simulator::kitchen::Kitchen;
@@ -93,7 +91,7 @@ impl Player {
         match &mut self.environment_in_use {
             Some((in_use, environment)) if *in_use == id => environment.begin(recorded.episode),
             environment_in_use => {
-                *environment_in_use = Some((id, tasks::open(&self.run, kitchen, id, recorded.episode)?))
+                *environment_in_use = Some((id, tasks::open(&self.run, kitchen, id, recorded.episode)?));
             }
         }
         let (_, environment) = self.environment_in_use.as_mut().context("the environment was just put there")?;
@@ -115,7 +113,7 @@ fn perform(
         if let Some(film) = &mut film {
             film.keep(rules, environment.base(), moment);
         }
-        Ok(())
+        anyhow::Ok(())
     })?;
     if let (Some(film), Some(images)) = (film, images) {
         verdict.images = film.develop(images, rules, &outcome, environment.base(), camera)?;

@@ -3,16 +3,15 @@
 //! Input and output are those of [`proto::show`]. An episode is simulated once, when it is opened; what is kept of it
 //! are the poses of each moment, from which every picture is drawn.
 
-use crate::process::whereabouts;
-use crate::replay::film::{self, moment};
-use crate::replay::play::{Performance, Rules, Seen, play};
+use crate::replay::film::moment;
 use anyhow::{Context, Result, ensure};
+use engine::whereabouts;
 use picture::{Captions, Moment, Orbit, Scene};
 use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::replay::{RecordedEpisode, ReplaySetup};
+use proto::replay::{Performance, RecordedEpisode, ReplaySetup, Rules, Seen, play};
 use proto::show::{
     SHOWN_SIDE_MAX, ShowAnswer, ShowOrbit, ShowRequest, ShowView, ShownEpisode, ShownMoment, ShownSolids, ShownTask,
     ShownThing,
@@ -128,10 +127,10 @@ impl KitchensInUse {
         let mut telling = Telling::of(environment.base());
         let Performance { verdict, outcome, .. } = play(&rules, &mut *environment, recorded, |environment, seen| {
             telling.keep(&rules, environment.base(), seen);
-            Ok(())
+            anyhow::Ok(())
         })?;
         let Telling { moments, displaced, shown, things, record, .. } = telling;
-        let task = film::task(&rules, environment.base(), &record, String::new());
+        let task = picture::task(rules.spec, environment.base(), &record, String::new());
         let goal_tolerance_m = task.goal_tolerance_m;
         let scene = Scene::new(Arc::clone(&kitchen), task, &moments[0]);
         let frame = scene.frame();
@@ -144,7 +143,7 @@ impl KitchensInUse {
         self.kept.push(Kept { name, scene, moments, displaced, camera });
         Ok(ShownEpisode {
             task: ShownTask::of(rules.spec, &config.reward.weights),
-            target: rules.target(&record).map(str::to_owned),
+            target: picture::target_name(rules.spec, &record).map(str::to_owned),
             outcome,
             goal_tolerance_m,
             orbit: ShowOrbit { centre_m: centre.into(), radius_m, yaw_rad, pitch_rad },
@@ -251,7 +250,7 @@ impl Telling {
 
     /// Keeps the moment that the environment is in.
     fn keep(&mut self, rules: &Rules, environment: &Base, seen: &Seen) {
-        let target = film::target(rules, environment, seen.record);
+        let target = picture::target(rules.spec, environment, seen.record);
         let poses = environment.simulation().things().poses();
         let (mut moved, mut displaced) = (Vec::new(), Vec::new());
         for (thing, (origin, pose)) in self.origins.iter().zip(poses).enumerate() {
@@ -285,7 +284,7 @@ fn shown(rules: &Rules, seen: &Seen, moved: Vec<(u32, f32, [f32; 2])>) -> ShownM
     let numbers = |field: &Field| field.numbers(seen.record).map(|number| number as f32).collect();
     let rewards = rules.compared.rewards().map(str::to_owned).zip(seen.rewards.into_iter().flatten().copied());
     ShownMoment {
-        action: rules.action(seen.record).filter(|_| acted).map(str::to_owned),
+        action: picture::action_name(rules.spec, seen.record).filter(|_| acted).map(str::to_owned),
         channels: channels.map(|(channel, field)| (channel.name.clone(), numbers(field))).collect(),
         rewards: rewards.collect(),
         moved,

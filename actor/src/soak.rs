@@ -85,8 +85,8 @@ pub fn soak(kitchen: &Arc<Kitchen>, steps: u64, seed: u64, config: &Config) -> R
         }
         repeats -= 1;
         let transition = environment.step(action);
-        check(&transition, &environment.current()).context("a learner would refuse a report")?;
-        report.disturbing_steps += u64::from(transition.reward.disturbance_progress_m != 0.0);
+        check(config.spec(), &transition, &environment.current()).context("a learner would refuse a report")?;
+        report.disturbing_steps += u64::from(transition.disturbance_progress_m != 0.0);
         step += 1;
         if environment.ended() {
             report.extremes.merge(environment.simulation().extremes().context("nobody watched the episode")?);

@@ -10,6 +10,7 @@ use proto::replay::{Difference, RecordedEpisode};
 use simulator::robot::action::Action;
 use simulator::source;
 use simulator::tasks::arm_point_nav::Environment;
+use std::io::Read;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -96,6 +97,30 @@ fn episodes_are_written_in_their_order_and_as_many_as_wanted() {
     let unknown = DatasetSetup { keep: Some("undisturbed".to_owned()), ..setup(&folder.path().join("none"), 7) };
     let refused = answers(&unknown, &all).0.unwrap_err().to_string();
     assert!(refused.contains("has success, success_without_disturbance,"), "{refused}");
+}
+
+#[test]
+fn rewards_of_the_configuration_are_columns_as_the_tasks_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let own = "[[rewards]]\nname = \"r_failures\"\nconstant = 0.5\nterms = [[\"failed_action\", -2.0]]";
+    let config = Config::resolve_with("paper", Some((own, "mine.toml"))).unwrap();
+    let (outcome, _) = answers(&DatasetSetup { configs: vec![config.to_toml()], ..setup(&out, 1) }, &episodes(0..1));
+    outcome.unwrap();
+    let mut archive = zip::ZipArchive::new(std::fs::File::open(out.join("episode-000000.npz")).unwrap()).unwrap();
+    let mut rows = |name: &str, row_bytes: usize| {
+        let mut bytes = vec![];
+        archive.by_name(&format!("{name}.npy")).unwrap().read_to_end(&mut bytes).unwrap();
+        bytes.split_off(bytes.len() - row_bytes * WAY.len())
+    };
+    let number = |bytes: &[u8]| f32::from_le_bytes(bytes.try_into().unwrap());
+    let rewards: Vec<f32> = rows("reward_r_failures", 4).chunks_exact(4).map(number).collect();
+    let failed = rows("failed_action", 1);
+    // Done was declared away from the goal; the first turn is free.
+    assert_eq!((failed[0], failed[3]), (0, 1));
+    assert_eq!(rewards, failed.iter().map(|&failed| 0.5 - 2.0 * f32::from(failed)).collect::<Vec<_>>());
+    let page = std::fs::read_to_string(out.join("README.md")).unwrap();
+    assert!(page.find("| reward_r_failures |").unwrap() < page.find("| reward_r_prime |").unwrap());
 }
 
 #[test]

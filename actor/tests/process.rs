@@ -98,14 +98,15 @@ impl Stand {
     fn restore(&self, actor_incarnation: u32) {
         // A subscriber that came after the last send is found by this.
         self.restores.update_connections().unwrap();
-        let mut sample = self.restores.loan_slice_uninit(self.states.len()).unwrap();
+        let payload = EnvironmentState::encode(&self.states);
+        let mut sample = self.restores.loan_slice_uninit(payload.len()).unwrap();
         *sample.user_header_mut() = RestoreHeader {
             step: self.next,
             stage_version: 7,
             learner_incarnation: self.learner_incarnation,
             actor_incarnation,
         };
-        sample.write_from_slice(&self.states).send().unwrap();
+        sample.write_from_slice(&payload).send().unwrap();
         self.bell.ring();
     }
 
@@ -159,7 +160,7 @@ impl Stand {
                 self.states[environment] = EnvironmentState::start_of(header.episode);
             }
             let state = &mut self.states[environment];
-            assert_eq!((header.episode, header.step), (state.episode, state.action_count));
+            assert_eq!((header.episode, header.step), (state.episode, state.action_count()));
             if self.hold_at == Some(step) {
                 actions.push(HOLD);
             } else {
@@ -228,7 +229,7 @@ fn chosen(environment: u32, state: &EnvironmentState) -> u8 {
         kitchen: id.kitchen.number(),
         environment,
         episode: state.episode,
-        step: state.action_count,
+        step: state.action_count(),
     };
     Action::ALL[key.stream().below(Action::ALL.len() as u32) as usize].index()
 }

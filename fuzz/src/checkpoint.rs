@@ -80,7 +80,7 @@ fn is_state(bytes: &[u8]) -> bool {
     match &found {
         Ok((snapshot, _)) => {
             let states = &snapshot.boundary.environments;
-            assert!(states.iter().all(|state| state.actions().len() <= 512 && state.episode < u32::MAX));
+            assert!(states.iter().all(|state| state.actions().len() <= 100_000 && state.episode < u32::MAX));
         }
         Err(rejected) => assert!(!rejected.reason.is_empty()),
     }

@@ -53,8 +53,11 @@ const GOAL_FIRST: &str = "relative_dist_embedding.";
 /// What all encoders' weights are below, here and there.
 const ENCODER: &str = "visual_encoder.";
 
-/// Ours, in files of ours.
-const OWN_WEIGHT: &str = "belief.weight_ih_l0";
+/// The weight that the belief is given embeddings by.
+const BELIEF_INPUT: &str = "belief.weight_ih_l0";
+
+/// Ours, in files of ours: each network has one of them, and AllenAct calls it otherwise.
+const OWN_WEIGHTS: [&str; 2] = ["critic.weight", "critic.0.weight"];
 
 /// What `DataParallel` and `torch.compile` put around a network or around parts of it. No weight of ours is called so.
 const WRAPPERS: [&str; 2] = ["module", "_orig_mod"];
@@ -83,7 +86,8 @@ impl Names {
         let own = |name: &str| agent.tensors.contains_key(&format!("{MODEL}{name}"));
         let is_known = |name: &str| own(name) || our_name(name).is_some();
         let names: Vec<String> = state_dict.keys().map(|name| unwrapped(name)).collect();
-        if names.iter().any(|name| name.strip_prefix(MODEL) == Some(OWN_WEIGHT)) {
+        let is_own = |name: &str| name.strip_prefix(MODEL).is_some_and(|name| OWN_WEIGHTS.contains(&name));
+        if names.iter().any(|name| is_own(name)) {
             return Self { naming: Naming::Checkpoint, prefix: String::new() };
         }
         let prefix = prefix_of(&names, is_known);
@@ -322,7 +326,7 @@ fn adapt(name: &str, tensor: &Tensor, size: &[i64], goal_first: bool) -> Tensor 
         "auxiliary.cpca16.action_embedder.weight" if found.first() == Some(&(size[0] + 1)) => {
             tensor.narrow(0, 0, size[0])
         }
-        OWN_WEIGHT if goal_first && found == size && size[1] == OBSERVATION => {
+        BELIEF_INPUT if goal_first && found == size && size[1] == OBSERVATION => {
             let goal = OBSERVATION - VISUAL;
             Tensor::cat(&[tensor.narrow(1, goal, VISUAL), tensor.narrow(1, 0, goal)], 1)
         }

@@ -9,6 +9,7 @@ pub mod auxiliary;
 pub mod bench;
 pub mod checkpoint;
 pub mod collector;
+mod declared;
 pub mod device;
 pub mod evaluation;
 mod ffi;

@@ -1,10 +1,9 @@
-//! Adam (Kingma and Ba 2015) over one flat buffer, with PyTorch's arithmetic: β = (0.9, 0.999), ε = 1e-8.
+//! Adam (Kingma and Ba 2015) over one flat buffer, with PyTorch's arithmetic: β = (0.9, 0.999).
 
 use tch::{Kind, Tensor};
 
 const BETA_1: f64 = 0.9;
 const BETA_2: f64 = 0.999;
-const EPSILON: f64 = 1e-8;
 
 /// Adam's moments.
 #[derive(Debug)]
@@ -24,7 +23,7 @@ impl Adam {
     }
 
     /// One step of the weights against the gradient.
-    pub fn step(&mut self, weights: &mut Tensor, gradient: &Tensor, learning_rate: f64) {
+    pub fn step(&mut self, weights: &mut Tensor, gradient: &Tensor, learning_rate: f64, epsilon: f64) {
         self.steps += 1;
         let power = self.steps.min(i32::MAX as u64) as i32;
         let correction_1 = 1.0 - BETA_1.powi(power);
@@ -32,7 +31,7 @@ impl Adam {
         tch::no_grad(|| {
             let _ = self.first.lerp_(gradient, 1.0 - BETA_1);
             let _ = self.second.g_mul_scalar_(BETA_2).addcmul_(gradient, &(gradient * (1.0 - BETA_2)));
-            let denominator = self.second.sqrt().g_div_scalar_(correction_2.sqrt()).g_add_scalar_(EPSILON);
+            let denominator = self.second.sqrt().g_div_scalar_(correction_2.sqrt()).g_add_scalar_(epsilon);
             let _ = weights.g_sub_(&(&self.first / denominator).g_mul_scalar_(learning_rate / correction_1));
         });
     }

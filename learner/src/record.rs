@@ -3,7 +3,7 @@
 use proto::camera::{DepthFrame, WINDOW};
 use proto::config::Config;
 use proto::record::{RecordHeader, flag};
-use proto::task::{Field, LINE_BYTES, Spec, VECTOR_NUMBERS};
+use proto::task::{Field, LINE_BYTES, Spec};
 
 /// Place of a channel of this name.
 #[cfg(test)]
@@ -15,21 +15,23 @@ pub(crate) fn named(task: &Spec, name: &str) -> Field {
 #[derive(Debug, Clone)]
 pub(crate) struct Inputs {
     previous_action: Field,
-    vector: Vec<Field>,
+    observations: proto::task::Inputs,
 }
 
 impl Inputs {
     /// Those of a task.
     pub fn of(task: &Spec) -> Self {
-        Self { previous_action: task.layout().previous_action, vector: inputs(task).vector }
+        Self { previous_action: task.layout().previous_action, observations: inputs(task) }
     }
 
-    /// The goal vector, metres.
-    pub fn goal_m(&self, record: &[u8]) -> [f32; VECTOR_NUMBERS] {
-        let mut goal_m = [0.0; VECTOR_NUMBERS];
-        let numbers = self.vector.iter().flat_map(|field| field.of::<f32>(record));
-        goal_m.iter_mut().zip(numbers).for_each(|(place, number)| *place = *number);
-        goal_m
+    /// How many numbers a record has for the policy.
+    pub fn width(&self) -> usize {
+        self.observations.width()
+    }
+
+    /// Appends a record's numbers.
+    pub fn read(&self, record: &[u8], numbers: &mut Vec<f32>) {
+        self.observations.read(record, numbers);
     }
 
     /// The action before what is seen; meaningless at an episode's start.
@@ -44,16 +46,25 @@ fn inputs(task: &Spec) -> proto::task::Inputs {
 
 /// What a network reads of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum FramePart {
+enum FramePart {
     /// All pixels.
     Whole,
     /// The sums of windows.
     Sums,
 }
 
-/// Where the frame is.
+/// Where records and their frames are.
 #[derive(Debug, Clone, Copy)]
 pub struct Frame {
+    /// None in a task without a frame.
+    image: Option<Image>,
+    record_lines: usize,
+    small_lines: usize,
+}
+
+/// Where the frame is.
+#[derive(Debug, Clone, Copy)]
+struct Image {
     whole: Field,
     sums: Field,
     /// Bits of [`RecordHeader::bulk`].
@@ -61,25 +72,19 @@ pub struct Frame {
     sums_bit: u32,
     /// Whether the network averages over the windows that sums are of.
     averages: bool,
-    record_lines: usize,
-    small_lines: usize,
 }
 
 impl Frame {
     /// In the records of a run.
     pub fn of(config: &Config) -> Self {
         let layout = config.spec().layout();
-        let whole = inputs(config.spec()).image;
-        let place = layout.images.iter().position(|&image| image == whole).expect("a frame is an image");
-        Self {
-            whole,
-            sums: layout.images[place + 1],
-            whole_bit: 1 << place,
-            sums_bit: 1 << (place + 1),
-            averages: config.network.input_pool as usize == WINDOW,
-            record_lines: layout.bytes / LINE_BYTES,
-            small_lines: layout.small_bytes / LINE_BYTES,
-        }
+        let image = inputs(config.spec()).image.map(|whole| {
+            let place = layout.images.iter().position(|&image| image == whole).expect("a frame is an image");
+            let averages = config.network.input_pool as usize == WINDOW;
+            let (whole_bit, sums_bit) = (1 << place, 1 << (place + 1));
+            Image { whole, sums: layout.images[place + 1], whole_bit, sums_bit, averages }
+        });
+        Self { image, record_lines: layout.bytes / LINE_BYTES, small_lines: layout.small_bytes / LINE_BYTES }
     }
 
     /// Cache lines of a record, and of its beginning: all but images.
@@ -87,9 +92,22 @@ impl Frame {
         [self.record_lines, self.small_lines]
     }
 
+    /// Whether what is read of a record with this header is there.
+    pub fn is_there(&self, header: &RecordHeader) -> bool {
+        self.image.is_none_or(|image| image.part(header).is_some())
+    }
+
+    /// What the network reads of a record with this header, where it lies; none in a task without a frame. Nobody asks for
+    /// one that is not there, and any pixels are sound.
+    pub fn read<'a>(&self, record: &'a [u8], header: &RecordHeader) -> Option<DepthFrame<'a>> {
+        self.image.map(|image| image.read(record, image.part(header).unwrap_or(FramePart::Whole)))
+    }
+}
+
+impl Image {
     /// What is read of a record with this header: the sums only if the network averages over such windows. None if what it
     /// would read is not there, or if the whole frame is to be recorded and is not there.
-    pub fn part(&self, header: &RecordHeader) -> Option<FramePart> {
+    fn part(&self, header: &RecordHeader) -> Option<FramePart> {
         let has_whole = header.bulk & self.whole_bit != 0;
         if header.has(flag::RECORD_BULK) && !has_whole {
             return None;
@@ -101,8 +119,7 @@ impl Frame {
         }
     }
 
-    /// This part of a record's frame, where it lies.
-    pub fn read(self, record: &[u8], part: FramePart) -> DepthFrame<'_> {
+    fn read(self, record: &[u8], part: FramePart) -> DepthFrame<'_> {
         let long = "the declared image has a frame's size";
         match part {
             FramePart::Whole => DepthFrame::Whole(self.whole.of(record).try_into().expect(long)),
@@ -119,8 +136,8 @@ mod tests {
     #[test]
     fn only_what_is_there_of_a_frame_is_read() {
         let read = |bulk: u32, flags: u32, averages| {
-            let frame = Frame { averages, ..Frame::of(&Config::default()) };
-            frame.part(&RecordHeader { bulk, flags, ..Default::default() })
+            let image = Frame::of(&Config::default()).image.expect("the task has a frame");
+            Image { averages, ..image }.part(&RecordHeader { bulk, flags, ..Default::default() })
         };
         let (whole, sums) = (1, 2);
         for flags in [0, flag::RECORD_BULK] {

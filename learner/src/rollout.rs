@@ -12,10 +12,10 @@ use tch::{Device, Tensor};
 /// One step of one column.
 // Four independent facts, not a state machine.
 #[allow(clippy::struct_excessive_bools)]
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Step {
-    /// The network's goal input.
-    pub goal: [f32; 3],
+    /// The numbers that the network is given beside the frame.
+    pub numbers: Vec<f32>,
     /// Row of the action embedding for the previous action.
     pub previous_action: i64,
     /// The belief was zeroed before this observation.
@@ -114,7 +114,7 @@ impl Rollout {
     pub fn store(&mut self, t: usize, columns: &[usize], kept: &Tensor, steps: &[Step]) {
         self.keep(columns.iter().map(|&column| (t, column)), kept);
         for (&column, step) in columns.iter().zip(steps) {
-            self.note(t, column, *step);
+            self.note(t, column, step.clone());
         }
     }
 
@@ -198,10 +198,13 @@ impl Rollout {
     pub fn observations(&self, packing: &Packing) -> Observations {
         let device = self.frames.device();
         let rows: Vec<i64> = packing.rows.iter().map(|&(t, n)| self.index(t, n) as i64).collect();
-        let goals: Vec<f32> = packing.rows.iter().flat_map(|&(t, n)| self.step(t, n).goal).collect();
+        let of = |&(t, n): &(usize, usize)| &self.step(t, n).numbers[..];
+        let numbers: Vec<f32> = packing.rows.iter().flat_map(of).copied().collect();
+        // Of no rows there is no width to find.
+        let width = numbers.len().checked_div(rows.len()).unwrap_or(0);
         Observations {
             frames: self.frames.index_select(0, &upload(&rows, device)),
-            goals: upload(&goals, device).view([-1, 3]),
+            numbers: upload(&numbers, device).view([rows.len() as i64, width as i64]),
             previous_actions: self.gather(packing, |step| step.previous_action),
         }
     }
@@ -220,12 +223,18 @@ impl Rollout {
             Tensor::from_slice(&values).view([-1, columns as i64])
         }
         let (steps, columns, side) = (&self.steps, self.columns, self.frames.size()[1]);
-        let goals: Vec<f32> = steps.iter().flat_map(|step| step.goal).collect();
+        // Of a row that was never stored there are none.
+        let width = steps.iter().map(|step| step.numbers.len()).max().unwrap_or(0);
+        let of =
+            |step: &Step| step.numbers.iter().copied().chain(std::iter::repeat(0.0)).take(width).collect::<Vec<_>>();
+        let numbers: Vec<f32> = steps.iter().flat_map(of).collect();
+        let numbers = Tensor::from_slice(&numbers).view([(steps.len() / columns) as i64, columns as i64, width as i64]);
         let bootstrap: Vec<f32> = self.bootstrap.iter().map(|value| value.unwrap_or(f32::NAN)).collect();
         let frames = self.frames.narrow(0, 0, steps.len() as i64).to_device(Device::Cpu);
         BTreeMap::from([
-            ("frames", frames.view([-1, columns as i64, side, side])),
-            ("goal", Tensor::from_slice(&goals).view([-1, columns as i64, 3])),
+            ("frames", frames.view([(steps.len() / columns) as i64, columns as i64, side, side])),
+            // What stands beside a frame is called the goal.
+            (if side == 0 { "numbers" } else { "goal" }, numbers),
             ("previous_action", table(steps, columns, |step| step.previous_action)),
             ("episode_start", table(steps, columns, |step| step.episode_start)),
             ("action", table(steps, columns, |step| step.action)),

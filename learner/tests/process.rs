@@ -5,7 +5,7 @@ mod support;
 
 use learner::agent::Agent;
 use learner::checkpoint::encode_tensors;
-use proto::config::{CarriedGoal, Config, LagrangianConfig};
+use proto::config::{CarriedGoal, Config, LagrangianConfig, Memory};
 use proto::evaluation::{EvaluationConfig, ObjectSet};
 use proto::event::LearnerEvent;
 use proto::exit::{EXIT_NON_FINITE, EXIT_UNSAVED};
@@ -15,7 +15,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::Command;
 use std::sync::OnceLock;
-use support::{Ended, Plan, Rig, tiny};
+use support::{Ended, Plan, Rig, tiny, tiny_numbers};
 use tch::Device;
 use wire::WireAddress;
 
@@ -227,6 +227,62 @@ fn a_run_goes_on_from_the_weights_it_was_given() {
     std::fs::write(&from, bytes).expect("it is written");
     let (good, _, complaint) = import(&rig, &from);
     assert!(!good && complaint.contains("is damaged: its SHA-256"), "{complaint}");
+}
+
+/// Wherever the learner of a task of numbers dies, or one of its actors, the weights at the end are the same.
+#[test]
+fn a_run_without_frames_ends_in_the_same_bits_whatever_happens_on_the_way() {
+    for memory in [Memory::None, Memory::Gru] {
+        for overlap in [false, true] {
+            let mut config = tiny_numbers(memory);
+            config.ppo.overlap = overlap;
+            let name = |what: &str| format!("{}{}{what}", u8::from(memory == Memory::Gru), u8::from(overlap));
+            let mut rig = Rig::new(&name("nu"), config.clone());
+            let straight = rig.learner(&Plan::Undisturbed);
+            assert!(straight.status.success(), "{straight:?}");
+            let weights = complete(&rig, &straight);
+
+            let mut rig = Rig::new(&name("nk"), config.clone());
+            for point in ["learner.mid_rollout:9", "learner.after_update:2", "learner.after_manifest:2"] {
+                let killed = rig.learner(&Plan::Fault(point));
+                assert!(!killed.status.success(), "{point} was not reached: {killed:?}");
+            }
+            let ended = rig.learner(&Plan::Undisturbed);
+            assert_eq!(complete(&rig, &ended), weights, "{memory:?}, {overlap}: {}", ended.stderr);
+
+            let mut rig = Rig::new(&name("na"), config.clone());
+            let ended = rig.learner(&Plan::CrashActorAfter(1, 1));
+            assert_eq!(complete(&rig, &ended), weights, "{memory:?}, {overlap}: {}", ended.stderr);
+
+            let mut rig = Rig::new(&name("ns"), config);
+            let stopped = rig.learner(&Plan::StopAfter(1));
+            assert!(stopped.status.success(), "{stopped:?}");
+            rig.next_incarnation(2);
+            let ended = rig.learner(&Plan::Undisturbed);
+            assert_eq!(complete(&rig, &ended), weights, "{memory:?}, {overlap}: {}", ended.stderr);
+        }
+    }
+}
+
+/// A run of numbers begins with the weights of another, or with those of `CleanRL`.
+#[test]
+fn a_run_without_frames_goes_on_from_the_weights_it_was_given() {
+    let config = tiny_numbers(Memory::None);
+    let mut donor = Rig::new("numdonor", config.clone());
+    let ended = donor.learner(&Plan::Undisturbed);
+    let weights = complete(&donor, &ended);
+    let rig = Rig::new("numgiven", config.clone());
+    let (good, said, complaint) = import(&rig, &donor.run_folder().checkpoint_tensors(5));
+    assert!(good && said.ends_with(&format!("weights: {weights}\n")), "{said}{complaint}");
+
+    let agent = Agent::new(&config, Device::Cpu).unwrap();
+    let own = agent.state().tensors.into_iter();
+    let theirs = own.filter_map(|(name, weight)| Some((name.strip_prefix("model.")?.to_owned(), weight))).collect();
+    let rig = Rig::new("numclean", config);
+    let file = rig.run_folder().root().join("agent.safetensors");
+    std::fs::write(&file, encode_tensors(&theirs).unwrap()).unwrap();
+    let (good, said, complaint) = import(&rig, &file);
+    assert!(good && said.ends_with(&format!("weights: {}\n", agent.weights_digest())), "{said}{complaint}");
 }
 
 #[test]

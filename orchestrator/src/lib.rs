@@ -6,6 +6,7 @@
 
 mod command;
 mod comparison;
+mod environment;
 mod evaluation;
 mod hosts;
 mod output;
@@ -54,7 +55,7 @@ struct CommandLine {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    Up(command::up::UpArgs),
+    Up(Box<command::up::UpArgs>),
     Resume(command::resume::ResumeArgs),
     Scale(command::scale::ScaleArgs),
     Stop(command::stop::StopArgs),
@@ -74,6 +75,7 @@ enum Command {
     Replay(command::replay::ReplayArgs),
     Export(command::export::ExportArgs),
     Recover(command::recover::RecoverArgs),
+    Allow(command::allow::AllowArgs),
     Clean(command::clean::CleanArgs),
     Doctor(command::doctor::DoctorArgs),
     Completions(command::completions::CompletionsArgs),
@@ -111,6 +113,7 @@ pub fn main(version: &'static str) -> ExitCode {
         Command::Replay(args) => command::replay::run(args),
         Command::Export(args) => command::export::run(args),
         Command::Recover(args) => command::recover::run(args),
+        Command::Allow(args) => command::allow::run(args).map(done),
         Command::Clean(args) => command::clean::run(args).map(done),
         Command::Doctor(args) => command::doctor::run(args),
         Command::Completions(args) => command::completions::run(args, CommandLine::command()).map(done),

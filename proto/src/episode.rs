@@ -5,7 +5,7 @@ use crate::kitchen::{KitchenId, Kitchens};
 use serde::{Deserialize, Serialize};
 
 /// Longest episode a configuration may ask for, steps.
-pub const MAX_EPISODE_STEPS: usize = 512;
+pub const MAX_EPISODE_STEPS: usize = 100_000;
 
 /// One environment of the run, named independently of how actors are spread over machines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -32,7 +32,7 @@ impl EnvironmentId {
             Kitchens::Procedural(range) => {
                 Self { kitchen: range.first_id(), number: actor * environments_per_actor + index }
             }
-            Kitchens::Split(_) | Kitchens::One(_) | Kitchens::Scenes(_) => {
+            Kitchens::Split(_) | Kitchens::One(_) | Kitchens::Scenes(_) | Kitchens::Elsewhere => {
                 let ids = kitchens.ids();
                 let count = ids.len() as u32;
                 let kitchen = ids[(actor % count) as usize];

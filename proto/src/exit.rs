@@ -23,7 +23,7 @@ pub const EXIT_LOST_PEERS: i32 = 4;
 /// or because the recording has stood still for too long. A restart would meet the same disk.
 pub const EXIT_UNSAVED: i32 = 5;
 
-/// Status with which `orchestrator recover` and `orchestrator replay` exit if recordings are damaged or incomplete: what
+/// Status with which `orchestrator recover` and `orchestrator replay --check` exit if recordings are damaged or incomplete: what
 /// is there was read, and what is not was named.
 pub const EXIT_INCOMPLETE: i32 = 6;
 

@@ -184,6 +184,8 @@ pub enum Kitchens {
     Scenes(usize),
     /// Procedural ones: every environment has one of its own, and another one later (`KitchenSchedule`).
     Procedural(KitchenRange),
+    /// No kitchens: environments that are not built in. They are numbered as if all were in the first scene.
+    Elsewhere,
 }
 
 impl Kitchens {
@@ -195,6 +197,7 @@ impl Kitchens {
             Self::Split(split) => KitchenId::of_split(split),
             Self::One(kitchen) => vec![kitchen],
             Self::Scenes(scenes) => (0..scenes).filter_map(KitchenId::scene).collect(),
+            Self::Elsewhere => KitchenId::scene(0).into_iter().collect(),
             Self::Procedural(range) => range.ids().collect(),
         }
     }
@@ -203,7 +206,7 @@ impl Kitchens {
     pub fn count(self) -> usize {
         match self {
             Self::Split(split) => KitchenId::all().filter(|kitchen| kitchen.split() == split).count(),
-            Self::One(_) => 1,
+            Self::One(_) | Self::Elsewhere => 1,
             Self::Scenes(scenes) => scenes.min(KitchenId::SCENES_MAX),
             Self::Procedural(range) => range.count() as usize,
         }
@@ -212,7 +215,7 @@ impl Kitchens {
     /// The kitchen that all environments of actor number `actor` are in: actors take turns, and begin again after the
     /// last. None where every environment has its own.
     pub fn of_actor(self, actor: u32) -> Option<KitchenId> {
-        if let Self::Procedural(_) = self {
+        if let Self::Procedural(_) | Self::Elsewhere = self {
             return None;
         }
         let kitchens = self.ids();

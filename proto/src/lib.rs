@@ -31,6 +31,7 @@ pub mod figures;
 pub mod hosts;
 pub mod kitchen;
 pub mod kitchen_schedule;
+pub mod last_place;
 pub mod learning_rate;
 pub mod metric;
 pub mod pin;

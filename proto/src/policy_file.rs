@@ -6,6 +6,7 @@
 
 use crate::config::{AuxiliaryTask, CarriedGoal, Config, ConfigError};
 use crate::digest::hex;
+use crate::task::{Spec, SpecError};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 
@@ -32,6 +33,9 @@ pub enum PolicyFileError {
     /// The configuration in it is none.
     #[error("holds a configuration that cannot be used: {0}")]
     Config(#[from] ConfigError),
+    /// The task's declaration in it is none.
+    #[error("holds a task that cannot be used: {0}")]
+    Task(#[from] SpecError),
     /// The weights are not those that were written.
     #[error("is damaged: the SHA-256 of its weights is not the one that its metadata name")]
     Damaged,
@@ -69,6 +73,10 @@ impl PolicyFacts {
         let facts: BTreeMap<String, String> = serde_json::from_str(text)?;
         let fact = |name: &'static str| facts.get(name).ok_or(PolicyFileError::Lacks(name));
         let number = |name| fact(name)?.parse().map_err(|_| PolicyFileError::Lacks(name));
+        // A task that is not built in.
+        if let Some(declaration) = facts.get("task") {
+            Spec::declare(declaration)?;
+        }
         let config = configuration_alone(Config::from_toml(fact("config")?, origin)?);
         let origin = Origin {
             run: fact("run")?.clone(),

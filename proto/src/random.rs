@@ -39,6 +39,8 @@ pub enum Purpose {
     KitchenVisit = 11,
     /// Which environments are in a minibatch together; `environment` is the column, `episode` the rollout.
     Minibatch = 12,
+    /// The seed that an environment which is not built in begins an episode with.
+    EpisodeSeed = 13,
     /// What a contrastive auxiliary loss shows as not seen; keyed as [`Purpose::AuxiliarySubsample`].
     AuxiliaryNegatives = 16,
     /// Resamples behind the intervals of a report; `environment` is the number of seeds, `episode` the resample.
@@ -78,6 +80,12 @@ impl Key {
     /// Key of an episode-level draw.
     pub fn episode(seed: u64, purpose: Purpose, kitchen: KitchenId, environment: u32, episode: u32) -> Self {
         Self { seed, purpose, kitchen: kitchen.number(), environment, episode, step: 0 }
+    }
+
+    /// The seed of an episode of an environment that is not built in: 31 bits, which every generator of seeds takes.
+    pub fn episode_seed(run_seed: u64, environment: u32, episode: u32) -> u32 {
+        let key = Self { seed: run_seed, purpose: Purpose::EpisodeSeed, kitchen: 0, environment, episode, step: 0 };
+        key.stream().next_u32() >> 1
     }
 
     /// The stream of this key.

@@ -258,6 +258,11 @@ impl RunFolder {
         self.logs().join(format!("{process}.log"))
     }
 
+    /// Where an actor whose environments are not built in was last ([`crate::last_place`]).
+    pub fn last_place(&self, actor: u32) -> PathBuf {
+        self.logs().join(format!("actor-{actor:02}.at"))
+    }
+
     /// One line a trained rollout.
     pub fn metrics(&self) -> PathBuf {
         self.root.join("metrics.jsonl")

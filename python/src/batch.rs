@@ -14,11 +14,11 @@ use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1};
 use oracle::Variant;
 use proto::config::Config;
 use proto::record::End;
+use proto::task::Field;
 use pyo3::exceptions::{PyIndexError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
+use pyo3::types::{PyDict, PyTuple};
 use simulator::depth::DepthCamera;
-use simulator::robot::action::Action;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::{iter, thread};
@@ -59,15 +59,8 @@ impl Worker {
         }
         let camera = self.cameras.entry(at);
         let (_, camera) = camera.or_insert_with(|| (Arc::downgrade(kitchen), DepthCamera::new(kitchen.bodies())));
-        frame.take(&mut place.environment, camera, side, &mut self.scratch);
+        frame.take(place.base_mut(), camera, side, &mut self.scratch);
     }
-}
-
-/// The part of an observation that is no picture.
-#[derive(Clone, Copy)]
-struct Seen {
-    goal_m: [f32; 3],
-    previous_action: i64,
 }
 
 /// One environment in a thread's hands.
@@ -81,11 +74,11 @@ struct Task<'a> {
 struct Report {
     /// After the action, before any reset.
     done: Facts,
-    /// Now, and what is seen now.
     now: Facts,
-    seen: Seen,
-    /// In the mode of the same step, after an episode's end: its last observation.
-    last: Option<(Vec<u16>, Seen)>,
+    /// Numbers of the action that led to what was done, and to now.
+    actions: [i64; 2],
+    /// In the mode of the same step, after an episode's end: its last frame.
+    last: Option<Vec<u16>>,
     /// The action was ignored, and an episode begun instead.
     reset: bool,
 }
@@ -98,7 +91,8 @@ pub struct Batch {
     places: Vec<EpisodePlayer>,
     workers: Vec<Worker>,
     frames: Frames,
-    goals_m: Py<PyArray2<f32>>,
+    /// Name, place in a record, and array of each.
+    vectors: Vec<(&'static str, Field, Py<PyArray2<f32>>)>,
     previous_actions: Py<PyArray1<i64>>,
 }
 
@@ -133,7 +127,12 @@ impl Batch {
         let threads = threads.min(count);
         Ok(Self {
             frames: Frames::new(py, count, settings.frame_side, settings.in_metres),
-            goals_m: PyArray2::zeros(py, [count, 3], false).unbind(),
+            vectors: settings
+                .vectors()
+                .map(|(channel, field)| {
+                    (channel.bare_name(), field, PyArray2::zeros(py, [count, field.count], false).unbind())
+                })
+                .collect(),
             previous_actions: PyArray1::zeros(py, [count], false).unbind(),
             workers: iter::repeat_with(Worker::default).take(threads).collect(),
             settings: settings.clone(),
@@ -142,22 +141,17 @@ impl Batch {
         })
     }
 
-    /// Depth \[environments, side, side\]: the array that every step overwrites.
+    /// The arrays that every step overwrites, by the name of the observation: depth \[environments, side, side\],
+    /// vectors \[environments, numbers\], previous actions \[environments\].
     #[getter]
-    fn depth(&self, py: Python<'_>) -> Py<PyAny> {
-        self.frames.array(py)
-    }
-
-    /// Goal vectors \[environments, 3\], metres: the array that every step overwrites.
-    #[getter]
-    fn goal(&self, py: Python<'_>) -> Py<PyArray2<f32>> {
-        self.goals_m.clone_ref(py)
-    }
-
-    /// Previous actions \[environments\]: the array that every step overwrites.
-    #[getter]
-    fn previous_action(&self, py: Python<'_>) -> Py<PyArray1<i64>> {
-        self.previous_actions.clone_ref(py)
+    fn observations<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let observations = PyDict::new(py);
+        observations.set_item("depth", self.frames.array(py))?;
+        for (name, _, array) in &self.vectors {
+            observations.set_item(name, array.clone_ref(py))?;
+        }
+        observations.set_item("previous_action", self.previous_actions.clone_ref(py))?;
+        Ok(observations)
     }
 
     /// Threads that step.
@@ -179,24 +173,22 @@ impl Batch {
         }
         // All are drawn before one begins: if one cannot be, all stay as they are.
         let drawn = this.in_threads(py, |_, Task { index, place, .. }, _| {
-            let draw = |chosen| Ok((chosen, place.draw(chosen).map_err(value_error)?));
-            begun[*index].map(draw).transpose()
+            let draw = |chosen| place.draw(chosen).map(|start| (chosen, start)).map_err(value_error);
+            Ok(Mutex::new(begun[*index].map(draw).transpose()?))
         })?;
         let reports = this.in_threads(py, |worker, Task { index, place, frame }, settings| {
-            if let Some((chosen, episode)) = drawn[*index] {
-                place.begin(chosen, episode);
+            if let Some((chosen, start)) = drawn[*index].lock().unwrap_or_else(PoisonError::into_inner).take() {
+                place.begin(chosen, start);
                 worker.look(place, settings.frame_side, frame);
             }
             Ok(report_of(place, settings, false, None))
         })?;
-        this.put(py, &reports)?;
-        let rows: Vec<Facts> = reports.into_iter().map(|report| report.now).collect();
-        Ok(facts::table(py, this.settings.config.spec(), &rows)?.into_any())
+        this.begun(py, reports)
     }
 
     /// Takes an action in each environment. Returns rewards, terminated, truncated, facts after the actions, facts now
     /// (the same object but in the mode of the same step), which environments were reset instead, and for each episode
-    /// that ended in the mode of the same step (index, depth, goal, previous action).
+    /// that ended in the mode of the same step its index and last observation.
     // An argument from Python is a value.
     #[allow(clippy::needless_pass_by_value)]
     fn step<'py>(slf: &Bound<'py, Self>, actions: PyReadonlyArray1<'py, i64>) -> PyResult<Bound<'py, PyTuple>> {
@@ -231,7 +223,7 @@ impl Batch {
 
     /// How far each object of an environment is from where it stood at the episode's start, metres.
     fn displacements_m<'py>(slf: &Bound<'py, Self>, index: usize) -> PyResult<Bound<'py, PyArray1<f32>>> {
-        Ok(PyArray1::from_iter(slf.py(), alone(slf)?.place(index)?.environment.displacements_m()))
+        Ok(PyArray1::from_iter(slf.py(), alone(slf)?.place(index)?.base().displacements_m()))
     }
 
     /// A picture for people, rows × columns × RGB.
@@ -257,7 +249,10 @@ impl Batch {
             let (then, now) = (kept.room.kitchen.id(), here.room.kitchen.id());
             return Err(PyValueError::new_err(format!("a snapshot of kitchen {then} is none of kitchen {now}")));
         }
-        if kept.config.episode != here.config.episode {
+        let settings = |place: &EpisodePlayer| {
+            (place.config.task.clone(), place.config.episode, place.config.network.carried_goal)
+        };
+        if settings(kept) != settings(here) {
             return Err(PyValueError::new_err("the snapshot's episodes have other settings than this environment's"));
         }
         this.places[index] = kept.clone();
@@ -267,9 +262,7 @@ impl Batch {
             }
             Ok(report_of(place, settings, false, None))
         })?;
-        this.put(py, &reports)?;
-        let rows: Vec<Facts> = reports.into_iter().map(|report| report.now).collect();
-        Ok(facts::table(py, this.settings.config.spec(), &rows)?.into_any())
+        this.begun(py, reports)
     }
 
     /// What the oracle would do now in each environment; in one whose episode has ended, action 0.
@@ -281,8 +274,8 @@ impl Batch {
                 return Ok(0);
             }
             let action = place.advise(variant);
-            let index = settings.space().iter().position(|&other| other == action);
-            // The package makes oracles of environments with all actions only.
+            let index = settings.space().iter().position(|&other| Some(other) == action);
+            // The package makes oracles of environments with all of ArmPointNav's actions only.
             index.map(|index| index as i64).ok_or_else(|| PyValueError::new_err("the oracle needs all actions"))
         })?;
         Ok(PyArray1::from_vec(py, advised))
@@ -303,7 +296,7 @@ impl Batch {
     }
 
     /// The actions, if all can be taken.
-    fn checked(&self, actions: &PyReadonlyArray1<'_, i64>) -> PyResult<Vec<Action>> {
+    fn checked(&self, actions: &PyReadonlyArray1<'_, i64>) -> PyResult<Vec<u8>> {
         let (space, actions) = (self.settings.space(), actions.as_slice()?);
         let count = self.places.len();
         if actions.len() != count {
@@ -376,11 +369,21 @@ impl Batch {
 
     /// Puts what is seen beside the frames into its arrays.
     fn put(&self, py: Python<'_>, reports: &[Report]) -> PyResult<()> {
-        let goals_m: Vec<[f32; 3]> = reports.iter().map(|report| report.seen.goal_m).collect();
-        facts::put_vectors(self.goals_m.bind(py), &goals_m)?;
-        let previous: Vec<i64> = reports.iter().map(|report| report.seen.previous_action).collect();
+        for (_, field, array) in &self.vectors {
+            let numbers = reports.iter().flat_map(|report| field.numbers(&report.now.record));
+            let mut array = array.bind(py).try_readwrite()?;
+            array.as_slice_mut()?.iter_mut().zip(numbers).for_each(|(place, number)| *place = number as f32);
+        }
+        let previous: Vec<i64> = reports.iter().map(|report| report.actions[1]).collect();
         self.previous_actions.bind(py).try_readwrite()?.as_slice_mut()?.copy_from_slice(&previous);
         Ok(())
+    }
+
+    /// What `reset` and `restore` return: the facts of all.
+    fn begun<'py>(&self, py: Python<'py>, reports: Vec<Report>) -> PyResult<Bound<'py, PyAny>> {
+        self.put(py, &reports)?;
+        let rows: Vec<Facts> = reports.into_iter().map(|report| report.now).collect();
+        Ok(facts::table(py, self.settings.config.spec(), &rows)?.into_any())
     }
 
     /// What `step` returns.
@@ -394,10 +397,15 @@ impl Batch {
         let done = facts::table(py, task, &rows)?;
         let mut last = Vec::new();
         for (index, report) in reports.iter().enumerate() {
-            if let Some((depth_mm, seen)) = &report.last {
-                let side = self.settings.frame_side;
-                let depth = PyArray1::from_slice(py, depth_mm).reshape([side, side])?;
-                last.push((index, depth, PyArray1::from_slice(py, &seen.goal_m), seen.previous_action));
+            if let Some(depth_mm) = &report.last {
+                let (side, seen) = (self.settings.frame_side, PyDict::new(py));
+                seen.set_item("depth", PyArray1::from_slice(py, depth_mm).reshape([side, side])?)?;
+                for (name, field, _) in &self.vectors {
+                    let numbers = field.numbers(&report.done.record).map(|number| number as f32);
+                    seen.set_item(name, PyArray1::from_iter(py, numbers))?;
+                }
+                seen.set_item("previous_action", report.actions[0])?;
+                last.push((index, seen));
             }
         }
         let now = if last.is_empty() {
@@ -422,7 +430,7 @@ impl Batch {
 fn act(
     worker: &mut Worker,
     place: &mut EpisodePlayer,
-    action: Action,
+    action: u8,
     autoreset: Autoreset,
     settings: &Settings,
 ) -> PyResult<Report> {
@@ -439,9 +447,9 @@ fn act(
     let side = settings.frame_side;
     let mut depth_mm = vec![0; side * side];
     worker.look(place, side, &mut Frame::Millimetres(&mut depth_mm));
-    let last = Some((depth_mm, report.seen));
     place.begin_next().map_err(value_error)?;
-    Ok(Report { done: report.done, ..report_of(place, settings, false, last) })
+    let next = report_of(place, settings, false, Some(depth_mm));
+    Ok(Report { done: report.done, actions: [report.actions[0], next.actions[1]], ..next })
 }
 
 /// The episode that an environment is asked to begin.
@@ -460,16 +468,15 @@ fn choose(place: &EpisodePlayer, (series, seed, number): Asked) -> PyResult<Chos
 }
 
 /// What is told of an environment now.
-fn report_of(place: &EpisodePlayer, settings: &Settings, reset: bool, last: Option<(Vec<u16>, Seen)>) -> Report {
-    let current = place.environment.current();
-    let facts = Facts::of(place, &current);
-    let seen = Seen { goal_m: current.goal_m, previous_action: previous_action(settings, place) };
-    Report { done: facts.clone(), now: facts, seen, last, reset }
+fn report_of(place: &EpisodePlayer, settings: &Settings, reset: bool, last: Option<Vec<u16>>) -> Report {
+    let facts = Facts::of(place);
+    let actions = [previous_action(settings, place); 2];
+    Report { done: facts.clone(), now: facts, actions, last, reset }
 }
 
 /// Number of the action that led here; the number of actions if none did.
 fn previous_action(settings: &Settings, place: &EpisodePlayer) -> i64 {
     let space = settings.space();
-    let Some(previous) = place.environment.previous_action() else { return space.len() as i64 };
-    space.iter().position(|&action| action == previous).expect("an environment takes actions of its space only") as i64
+    let Some(previous) = place.actions.last() else { return space.len() as i64 };
+    space.iter().position(|action| action == previous).expect("an environment takes actions of its space only") as i64
 }

@@ -36,13 +36,7 @@ fn refused(path: &Path, problem: impl Display) -> PyErr {
     CheckpointError::new_err(printable(&format!("{} {problem}", path.display())).into_owned())
 }
 
-/// The bytes of a plain file, not of a link, that has `most` at most: for what lies in a folder that was named.
-#[pyfunction]
-pub fn read_plain<'py>(path: &Bound<'py, PyAny>, most: u64) -> PyResult<Bound<'py, PyBytes>> {
-    let (py, path) = (path.py(), argument::path("path", path)?);
-    Ok(PyBytes::new(py, &py.detach(|| plain(&path, most))?))
-}
-
+/// The bytes of a plain file, not of a link, that has `most` at most.
 fn plain(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     let file = open_plain(path, OpenOptions::new().read(true))?;
     let mut bytes = Vec::new();

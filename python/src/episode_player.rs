@@ -2,16 +2,18 @@
 
 use crate::room::Room;
 use oracle::{Policy, Variant};
-use picture::{Canvas, Captions, Moment, Storyboard, Task};
+use picture::{Canvas, Captions, Moment, Storyboard};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use serde::{Deserialize, Serialize};
 use simulator::depth::DepthCamera;
+use simulator::environment::{Base, Environment};
 use simulator::robot::action::Action;
-use simulator::tasks::arm_point_nav::Environment;
-use simulator::tasks::arm_point_nav::Transition;
-use simulator::tasks::arm_point_nav::episode::{Episode, GOAL_TOLERANCE_M};
+use simulator::tasks::arm_point_nav::Environment as ArmPointNav;
+use simulator::tasks::arm_point_nav::episode::Episode;
 use simulator::tasks::arm_point_nav::episodes::{self, EpisodesError};
+use simulator::tasks::{self, OpenError, Run};
+use std::any::Any;
 use std::sync::Arc;
 
 /// Where episodes come from. Each kind counts its own.
@@ -41,6 +43,11 @@ pub enum ChoiceError {
     /// There are none of this series, or the kitchen lacks what they are about.
     #[error(transparent)]
     Episodes(#[from] EpisodesError),
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    /// The task has no other episodes.
+    #[error("task {0} has neither fixed nor drawn episodes: reset with a seed, or with the option 'episode'")]
+    SampledAlone(String),
     /// The number is too high.
     #[error("kitchen {kitchen} has fixed episodes 0 to {}, not {number}", count - 1)]
     NoSuchEpisode {
@@ -50,6 +57,16 @@ pub enum ChoiceError {
         /// What was asked for.
         number: u32,
     },
+}
+
+/// How an episode that was chosen is begun.
+pub enum Start {
+    /// By its number: of the seed that the environment has.
+    Numbered,
+    /// Another seed's: in an environment that is at its start.
+    Reopened(Box<dyn Environment>),
+    /// Of `ArmPointNav`.
+    Given(Episode),
 }
 
 /// What the oracle advises, and in which step it was asked.
@@ -70,14 +87,15 @@ pub struct EpisodePlayer {
     pub config: Arc<Config>,
     /// Which environment of its kitchen it is.
     pub id: EnvironmentId,
-    /// The environment itself.
-    pub environment: Environment,
+    environment: Box<dyn Environment>,
+    /// That it was opened with.
+    seed: u64,
     /// The episode that it plays.
     pub chosen: Chosen,
-    /// The actions of this episode.
-    pub actions: Vec<Action>,
-    /// What the last one did; none before the first.
-    pub transition: Option<Transition>,
+    /// The actions of this episode, by their numbers in the task.
+    pub actions: Vec<u8>,
+    /// What the last one did and what is seen now, as a learner receives it, without header and images.
+    pub record: Vec<u8>,
     advice: Option<Advice>,
     story: Option<Arc<Storyboard>>,
 }
@@ -86,16 +104,51 @@ impl EpisodePlayer {
     /// An environment at the start of an episode.
     pub fn new(room: Arc<Room>, config: Arc<Config>, number: u32, chosen: Chosen) -> Result<Self, ChoiceError> {
         let id = EnvironmentId { kitchen: room.kitchen.id(), number };
-        let episode = episode(&room, &config, id, chosen)?;
-        let kitchen = Arc::clone(&room.kitchen);
-        let environment = Environment::with_episode(kitchen, id, &config, chosen.number, episode);
-        let (actions, transition, advice, story) = (Vec::new(), None, None, None);
-        Ok(Self { room, config, id, environment, chosen, actions, transition, advice, story })
+        let record = vec![0; config.spec().layout().small_bytes];
+        let environment = open(&room, &config, id, chosen)?;
+        let (seed, actions, advice, story) = (chosen.seed, Vec::new(), None, None);
+        let mut player = Self { room, config, id, environment, seed, chosen, actions, record, advice, story };
+        let start = player.draw(chosen)?;
+        player.begin(chosen, start);
+        Ok(player)
+    }
+
+    /// What is common to all tasks.
+    pub fn base(&self) -> &Base {
+        self.environment.base()
+    }
+
+    pub fn base_mut(&mut self) -> &mut Base {
+        self.environment.base_mut()
+    }
+
+    /// `ArmPointNav`, whose episodes can be given, and which has an oracle; none of another task.
+    pub fn arm(&self) -> Option<&ArmPointNav> {
+        let environment: &dyn Any = &*self.environment;
+        environment.downcast_ref()
     }
 
     /// The episode that is meant.
-    pub fn draw(&self, chosen: Chosen) -> Result<Episode, ChoiceError> {
-        episode(&self.room, &self.config, self.id, chosen)
+    pub fn draw(&self, chosen: Chosen) -> Result<Start, ChoiceError> {
+        let (kitchen, number) = (&self.room.kitchen, chosen.number);
+        match chosen.series {
+            Series::Sampled if chosen.seed == self.seed => Ok(Start::Numbered),
+            Series::Sampled => Ok(Start::Reopened(open(&self.room, &self.config, self.id, chosen)?)),
+            _ if self.arm().is_none() => Err(ChoiceError::SampledAlone(self.config.task.clone())),
+            Series::Fixed => {
+                let fixed = self.room.fixed()?;
+                let (kitchen, count) = (kitchen.id().number(), fixed.len());
+                let missing = || ChoiceError::NoSuchEpisode { kitchen, count, number };
+                fixed.get(number as usize).copied().map(Start::Given).ok_or_else(missing)
+            }
+            Series::Drawn => {
+                let category = episodes::category(number as usize);
+                if kitchen.target_spots(category).is_empty() {
+                    return Err(EpisodesError::NoTarget { kitchen: kitchen.id(), target: category.name() }.into());
+                }
+                Ok(Start::Given(episodes::drawn(kitchen, &self.config.episode, number)))
+            }
+        }
     }
 
     /// Begins the episode that follows by itself.
@@ -106,13 +159,25 @@ impl EpisodePlayer {
     }
 
     /// Begins an episode.
-    pub fn begin(&mut self, chosen: Chosen, episode: Episode) {
-        self.environment.begin_episode(chosen.number, episode);
+    pub fn begin(&mut self, chosen: Chosen, start: Start) {
+        match start {
+            Start::Numbered => self.environment.begin(chosen.number),
+            Start::Reopened(environment) => (self.environment, self.seed) = (environment, chosen.seed),
+            Start::Given(episode) => {
+                let environment: &mut dyn Any = &mut *self.environment;
+                if let Some(arm) = environment.downcast_mut::<ArmPointNav>() {
+                    arm.begin_episode(chosen.number, episode);
+                }
+            }
+        }
         self.chosen = chosen;
         self.actions.clear();
-        self.transition = None;
         self.advice = None;
         self.story = None;
+        self.record.fill(0);
+        let layout = self.config.spec().layout();
+        self.environment.before_first(&mut self.record[layout.of_action.clone()]);
+        self.environment.observe(&mut self.record[layout.seen.clone()]);
     }
 
     /// The episode that follows by itself: the next of its series, after the last fixed one the first.
@@ -126,64 +191,62 @@ impl EpisodePlayer {
 
     /// Whether the last action has ended the episode.
     pub fn ended(&self) -> bool {
-        self.environment.ended()
+        self.base().ended()
     }
 
-    /// Takes an action.
+    /// Takes an action of the task.
     ///
     /// # Panics
     /// If the episode has ended.
-    pub fn step(&mut self, action: Action) {
+    pub fn step(&mut self, action: u8) {
         self.actions.push(action);
-        self.transition = Some(self.environment.step(action));
+        let layout = self.config.spec().layout();
+        self.record[layout.action.offset] = action;
+        self.environment.act(&[action], &mut self.record[layout.of_action.clone()]);
+        self.environment.observe(&mut self.record[layout.seen.clone()]);
     }
 
-    /// What the oracle would do now. If the last action was not the one that it advised it makes new plans.
-    pub fn advise(&mut self, variant: Variant) -> Action {
+    /// What the oracle would do now, if the task has one. If the last action was not the one that it advised it makes new
+    /// plans.
+    pub fn advise(&mut self, variant: Variant) -> Option<u8> {
         let step = self.actions.len();
         let before = self.advice.take().filter(|advice| advice.variant == variant);
+        let last = self.actions.last().copied();
         let mut policy = match before {
             Some(advice) if advice.step == step => {
                 let action = advice.action;
                 self.advice = Some(advice);
-                return action;
+                return Some(action.index());
             }
-            Some(advice) if advice.step + 1 == step && self.actions.last() == Some(&advice.action) => advice.policy,
+            Some(advice) if advice.step + 1 == step && last == Some(advice.action.index()) => advice.policy,
             _ => Policy::new(variant),
         };
-        let action = policy.next(&self.environment);
+        let action = policy.next(self.arm()?);
         self.advice = Some(Advice { variant, policy, step, action });
-        action
+        Some(action.index())
     }
 
     /// What is said below a picture.
     fn captions(&self) -> Captions {
-        let remark = match &self.transition {
-            Some(done) if done.picked_up() => "picked up",
-            Some(done) if done.failed() => "failed",
-            _ => "",
-        };
-        let names = self.config.spec().actions.names();
-        let action = self.actions.last().map_or("", |action| &names[usize::from(action.index())]);
-        Captions {
-            action: format!("step {} {action}", self.actions.len()),
-            remark: remark.to_owned(),
-            measures: format!("disturbance {:.3} m", self.environment.disturbance_m()),
-            outcome: None,
+        let step = self.actions.len();
+        if step == 0 {
+            return Captions { action: "step 0".to_owned(), ..Captions::default() };
         }
+        let captions = picture::captions(self.config.spec(), &self.record);
+        Captions { action: format!("step {step} {}", captions.action), ..captions }
     }
 
     /// A picture for people: the depth view, the room from outside, and what happens in words.
     pub fn picture(&mut self, side: usize) -> Canvas {
-        let moment = Moment::of(self.environment.simulation(), self.environment.world_from_camera(), self.captions());
+        let base = self.base();
+        let moment = Moment::of(base.simulation(), base.world_from_camera(), self.captions());
         let story = match self.story.take() {
             Some(story) if story.side() == side => story,
             _ => {
-                let (episode, kitchen) = (self.environment.episode(), &self.room.kitchen);
-                let target = kitchen.target_movable(episode.category);
-                let title = format!("Kitchen {}: bring the {}", kitchen.id(), episode.category.name());
-                let goal_tolerance_m = GOAL_TOLERANCE_M;
-                let task = Task { target: Some(target), goal: Some(episode.goal), goal_tolerance_m, title };
+                let (spec, kitchen) = (self.config.spec(), &self.room.kitchen);
+                let target = picture::target_name(spec, &self.record).map(|target| format!(": bring the {target}"));
+                let title = format!("Kitchen {}{}", kitchen.id(), target.unwrap_or_default());
+                let task = picture::task(spec, self.base(), &self.record, title);
                 Arc::new(Storyboard::new(Arc::clone(kitchen), task, std::slice::from_ref(&moment), side))
             }
         };
@@ -198,23 +261,8 @@ impl EpisodePlayer {
     }
 }
 
-/// The episode that is meant.
-fn episode(room: &Room, config: &Config, id: EnvironmentId, chosen: Chosen) -> Result<Episode, ChoiceError> {
-    let kitchen = &room.kitchen;
-    let number = chosen.number;
-    match chosen.series {
-        Series::Sampled => Ok(Episode::sample(kitchen, &config.episode, chosen.seed, id, number)),
-        Series::Fixed => {
-            let fixed = room.fixed()?;
-            let missing = || ChoiceError::NoSuchEpisode { kitchen: kitchen.id().number(), count: fixed.len(), number };
-            fixed.get(number as usize).copied().ok_or_else(missing)
-        }
-        Series::Drawn => {
-            let category = episodes::category(number as usize);
-            if kitchen.target_spots(category).is_empty() {
-                return Err(EpisodesError::NoTarget { kitchen: kitchen.id(), target: category.name() }.into());
-            }
-            Ok(episodes::drawn(kitchen, &config.episode, number))
-        }
-    }
+/// An environment of the settings' task at the start of a sampled episode.
+fn open(room: &Room, config: &Config, id: EnvironmentId, chosen: Chosen) -> Result<Box<dyn Environment>, OpenError> {
+    let run = Run::of(&Config { seed: chosen.seed, ..config.clone() });
+    tasks::open(&run, &room.kitchen, id, chosen.number)
 }

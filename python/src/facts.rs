@@ -2,17 +2,22 @@
 //! are the task's.
 
 use crate::episode_player::EpisodePlayer;
-use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use numpy::PyArray1;
 use proto::record::End;
-use proto::task::{Channel, Dtype, Field, Measure, Role, Spec};
+use proto::task::{Channel, Dtype, Field, Kind, Measure, Role, Spec};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use simulator::tasks::arm_point_nav::{self, Current};
 
 /// Keys that users have known longer than the channels.
-const CALLED: [(&str, &str); 2] = [("held", "holding"), ("failed_action", "action_failed")];
+const CALLED: [(&str, &str); 3] =
+    [("held", "holding"), ("failed_action", "action_failed"), ("current_target", "target")];
 
-/// What is told. At an episode's start nothing was done, so what it did is false and 0.
+/// What a channel is called in Python.
+pub fn called(channel: &Channel) -> &str {
+    CALLED.iter().find(|(name, _)| *name == channel.name).map_or(&channel.name, |(_, called)| called)
+}
+
+/// What is told. At an episode's start nothing was done, so what it did is false and 0 but where the task says otherwise.
 #[derive(Debug, Clone)]
 pub struct Facts {
     state_hash: u64,
@@ -20,26 +25,18 @@ pub struct Facts {
     step: i64,
     end: Option<End>,
     /// The task's bytes, as a learner is told them.
-    record: Vec<u8>,
+    pub record: Vec<u8>,
 }
 
 impl Facts {
     /// Of the moment that an environment is in.
-    pub fn of(place: &EpisodePlayer, current: &Current) -> Self {
-        let mut done = place.transition.unwrap_or_default();
-        // Known at an episode's start, too.
-        done.target = current.current_target;
-        let length = |[x, y, z]: [f32; 3]| (x * x + y * y + z * z).sqrt();
-        done.wrist_object_m = length(current.wrist_to_object_m);
-        done.object_goal_m = length(current.object_to_goal_m);
-        let mut record = vec![0; place.config.spec().layout().small_bytes];
-        arm_point_nav::write(&mut record, &done, current);
+    pub fn of(place: &EpisodePlayer) -> Self {
         Self {
-            state_hash: place.environment.state_hash(),
+            state_hash: place.base().state_hash(),
             episode: i64::from(place.chosen.number),
             step: place.actions.len() as i64,
-            end: place.environment.end(),
-            record,
+            end: place.base().end(),
+            record: place.record.clone(),
         }
     }
 
@@ -62,24 +59,19 @@ pub fn table<'py>(py: Python<'py>, task: &Spec, rows: &[Facts]) -> PyResult<Boun
     table.set_item("episode_number", column(py, rows, |facts| facts.episode))?;
     table.set_item("step", column(py, rows, |facts| facts.step))?;
     for (channel, &field) in task.channels.iter().zip(&task.layout().fields) {
-        let called = CALLED.iter().find(|(name, _)| *name == channel.name).map(|(_, called)| *called);
         match channel.role {
             Role::Part => {
                 parts.set_item(&channel.name, column(py, rows, |facts| field.f32(&facts.record)))?;
-                if let Some(called) = called {
-                    table.set_item(called, column(py, rows, |facts| field.number(&facts.record) != 0.0))?;
+                if called(channel) != channel.name {
+                    table.set_item(called(channel), column(py, rows, |facts| field.number(&facts.record) != 0.0))?;
                 }
             }
-            Role::Outcome if channel.shape.is_empty() => {
-                put(py, &table, called.unwrap_or(&channel.name), channel, field, rows)?;
-            }
+            Role::Outcome if channel.shape.is_empty() => put(py, &table, channel, field, rows)?,
             Role::Outcome | Role::Observation | Role::State => {}
         }
     }
-    for (metric, measure) in task.metrics.iter().zip(task.measures()) {
-        if metric.curve && metric.is_share() {
-            table.set_item(&metric.name, column(py, rows, |facts| holds(&measure, task, facts)))?;
-        }
+    for (metric, measure) in task.rollout_metrics().filter(|(_, measure)| measure.kind() == Kind::Share) {
+        table.set_item(&metric.name, column(py, rows, |facts| holds(&measure, task, facts)))?;
     }
     table.set_item("reward_parts", parts)?;
     Ok(table)
@@ -91,15 +83,8 @@ fn holds(measure: &Measure, task: &Spec, facts: &Facts) -> bool {
 }
 
 /// A channel's numbers by their type in Python.
-fn put(
-    py: Python<'_>,
-    table: &Bound<'_, PyDict>,
-    name: &str,
-    channel: &Channel,
-    field: Field,
-    rows: &[Facts],
-) -> PyResult<()> {
-    let number = |facts: &Facts| field.number(&facts.record);
+fn put(py: Python<'_>, table: &Bound<'_, PyDict>, channel: &Channel, field: Field, rows: &[Facts]) -> PyResult<()> {
+    let (name, number) = (called(channel), |facts: &Facts| field.number(&facts.record));
     match channel.dtype {
         _ if channel.values == [0.0, 1.0] => table.set_item(name, column(py, rows, |facts| number(facts) != 0.0)),
         Dtype::F32 => table.set_item(name, column(py, rows, |facts| field.f32(&facts.record))),
@@ -117,10 +102,4 @@ pub fn column<'py, T: numpy::Element, R>(
     figure: impl Fn(&R) -> T,
 ) -> Bound<'py, PyArray1<T>> {
     PyArray1::from_iter(py, rows.iter().map(figure))
-}
-
-/// Rows of three numbers into an array that stays where it is.
-pub fn put_vectors(array: &Bound<'_, PyArray2<f32>>, rows: &[[f32; 3]]) -> PyResult<()> {
-    array.try_readwrite()?.as_slice_mut()?.copy_from_slice(rows.as_flattened());
-    Ok(())
 }

@@ -3,7 +3,7 @@
 use numpy::{PyArray3, PyArrayMethods, PyReadwriteArray3};
 use pyo3::prelude::*;
 use simulator::depth::DepthCamera;
-use simulator::tasks::arm_point_nav::Environment;
+use simulator::environment::Base;
 
 /// The frames' array: environments, rows, columns.
 pub enum Frames {
@@ -67,13 +67,7 @@ impl Writing<'_> {
 
 impl Frame<'_> {
     /// Renders what the environment's head camera sees. `scratch` is memory that is used in passing.
-    pub fn take(
-        &mut self,
-        environment: &mut Environment,
-        camera: &mut DepthCamera,
-        side: usize,
-        scratch: &mut Vec<u16>,
-    ) {
+    pub fn take(&mut self, environment: &mut Base, camera: &mut DepthCamera, side: usize, scratch: &mut Vec<u16>) {
         match self {
             Frame::Millimetres(depth_mm) => environment.look(camera, side, depth_mm),
             Frame::Metres(depth_m) => {

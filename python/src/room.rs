@@ -91,6 +91,12 @@ pub struct Kitchen {
     pub room: Arc<Room>,
 }
 
+/// The same error, with what to give.
+fn explained(py: Python<'_>, error: &PyErr) -> PyErr {
+    let given = "give a number of stillroom.kitchens(\"train\"), a stillroom.Kitchen, or scene=\"scene.toml\"";
+    PyErr::from_type(error.get_type(py), format!("{}: {given}", error.value(py)))
+}
+
 #[pymethods]
 impl Kitchen {
     /// Kitchen `number`, or the scene in the TOML file `scene`, as number `scene_index` of several.
@@ -104,7 +110,8 @@ impl Kitchen {
     ) -> PyResult<Self> {
         let origin = match (number, scene) {
             (Some(number), None) => {
-                Origin::BuiltIn(whole("kitchen", number, KitchenId::LAST_PROCEDURAL.into(), 1)? as u32)
+                let number = whole("kitchen", number, KitchenId::LAST_PROCEDURAL.into(), 1);
+                Origin::BuiltIn(number.map_err(|error| explained(py, &error))? as u32)
             }
             (None, Some(scene)) => {
                 let path = argument::path("scene", scene)?;

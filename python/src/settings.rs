@@ -2,12 +2,13 @@
 
 use crate::argument::{chosen, real, text, whole};
 use crate::error::value_error;
+use crate::facts::called;
 use proto::config::{CarriedGoal, Config, ConfigError};
 use proto::episode::MAX_EPISODE_STEPS;
-use proto::task::{ActionSpace, Composition};
+use proto::task::{ActionSpace, Channel, Composition, Field, Role, Spec};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use simulator::robot::action::Action;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Width and height of a frame that can be asked for, pixels.
@@ -32,7 +33,7 @@ pub struct Settings {
 impl Settings {
     /// The settings of `preset`, those overridden that are not None.
     #[new]
-    #[pyo3(signature = (*, preset, reward, depth, frame_side, action_space=None, max_steps=None,
+    #[pyo3(signature = (*, preset, reward, depth, frame_side, task=None, action_space=None, max_steps=None,
         start_distance_max_m=None, goal_distance_max_m=None, disturbance_weight=None, carried_goal=None))]
     // One for each keyword of the constructors in Python.
     #[allow(clippy::too_many_arguments)]
@@ -41,6 +42,7 @@ impl Settings {
         reward: &Bound<'_, PyAny>,
         depth: &Bound<'_, PyAny>,
         frame_side: &Bound<'_, PyAny>,
+        task: Option<&Bound<'_, PyAny>>,
         action_space: Option<&Bound<'_, PyAny>>,
         max_steps: Option<&Bound<'_, PyAny>>,
         start_distance_max_m: Option<&Bound<'_, PyAny>>,
@@ -48,13 +50,19 @@ impl Settings {
         disturbance_weight: Option<&Bound<'_, PyAny>>,
         carried_goal: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let reward = chosen("reward", reward, &[("r", "r"), ("r_prime", "r_prime")])?;
         let in_metres = chosen("depth", depth, &[("uint16", false), ("float32", true)])?;
         let frame_side = whole("frame_side", frame_side, SIDE_MOST, SIDE_LEAST)? as usize;
-        let mut config = Config::resolve(&text("preset", preset)?, None).map_err(value_error)?;
+        let tasks: Vec<(&str, &str)> = Spec::built_in().iter().map(|spec| (&*spec.name, &*spec.name)).collect();
+        let task = task.map(|task| chosen("task", task, &tasks)).transpose()?.map(|task| format!("task = {task:?}"));
+        let overlay = task.as_deref().map(|text| (text, "task"));
+        let mut config = Config::resolve_with(&text("preset", preset)?, overlay).map_err(value_error)?;
+        let spec = config.spec();
+        let rewards: Vec<(&str, &str)> = spec.plain_rewards().map(|name| (name, name)).collect();
+        let reward = chosen("reward", reward, &rewards)?;
         let Config { episode, network, reward: weights, .. } = &mut config;
         if let Some(space) = action_space {
-            let spaces = ["large", "small"].map(|name| (name, ActionSpace::named(name).expect("the task has both")));
+            let spaces = ActionSpace::all().filter(|space| space.of(&spec.actions).is_some());
+            let spaces: Vec<_> = spaces.map(|space| (space.name(), space)).collect();
             episode.action_space = chosen("action_space", space, &spaces)?;
         }
         if let Some(goal) = carried_goal {
@@ -67,11 +75,13 @@ impl Settings {
         for (name, value, place) in [
             ("start_distance_max_m", start_distance_max_m, &mut episode.start_distance_max_m),
             ("goal_distance_max_m", goal_distance_max_m, &mut episode.goal_distance_max_m),
-            ("disturbance_weight", disturbance_weight, weights.weights.entry("lambda_disturb".to_owned()).or_default()),
         ] {
             if let Some(value) = value {
                 *place = real(name, value)?;
             }
+        }
+        if let Some(weight) = disturbance_weight {
+            weights.weights.insert("lambda_disturb".to_owned(), real("disturbance_weight", weight)?);
         }
         if disturbance_weight.is_some() && reward == "r" {
             return Err(PyValueError::new_err("disturbance_weight counts with reward=\"r_prime\" only"));
@@ -101,11 +111,38 @@ impl Settings {
     fn max_steps(&self) -> u32 {
         self.config.episode.max_steps
     }
+
+    #[getter]
+    fn task(&self) -> &str {
+        &self.config.task
+    }
+
+    /// Least and greatest number of each observation that is no image, by its name.
+    #[getter]
+    fn bounds(&self) -> BTreeMap<&'static str, [f64; 2]> {
+        let vectors = self.vectors().filter_map(|(channel, _)| Some((channel.bare_name(), channel.range?)));
+        vectors.collect()
+    }
+
+    /// What numbers in infos stand for, by their name.
+    #[getter]
+    fn meanings(&self) -> BTreeMap<&'static str, Vec<String>> {
+        let channels = self.config.spec().channels.iter();
+        let named = channels.filter(|channel| channel.role == Role::Outcome && !channel.names.is_empty());
+        named.map(|channel| (called(channel), channel.names.clone())).collect()
+    }
 }
 
 impl Settings {
     /// The actions in the order of their numbers.
-    pub fn space(&self) -> Vec<Action> {
-        self.config.policy_actions().into_iter().filter_map(Action::from_index).collect()
+    pub fn space(&self) -> Vec<u8> {
+        self.config.policy_actions()
+    }
+
+    /// The observations that are no images.
+    pub fn vectors(&self) -> impl Iterator<Item = (&'static Channel, Field)> {
+        let spec = self.config.spec();
+        let channels = spec.channels.iter().zip(spec.layout().fields.iter().copied());
+        channels.filter(|(channel, _)| channel.role == Role::Observation && !channel.is_bulk())
     }
 }

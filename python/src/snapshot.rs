@@ -7,13 +7,12 @@
 use crate::episode_player::{Chosen, EpisodePlayer};
 use crate::error::value_error;
 use crate::room::{Origin, Room};
-use proto::config::{EpisodeConfig, SimulationConfig};
+use proto::config::{CarriedGoal, Config, EpisodeConfig, NetworkConfig, SimulationConfig};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 use pyo3::types::{PyBytes, PyTuple};
 use serde::{Deserialize, Serialize};
-use simulator::robot::action::Action;
 use std::sync::Arc;
 
 /// Version of the form as bytes.
@@ -30,6 +29,10 @@ pub struct Snapshot {
 #[derive(Serialize, Deserialize)]
 struct Record {
     version: u32,
+    #[serde(default = "first_task")]
+    task: String,
+    #[serde(default = "first_goal")]
+    carried_goal: CarriedGoal,
     origin: Origin,
     environment: u32,
     episode: EpisodeConfig,
@@ -39,11 +42,20 @@ struct Record {
     state_hash: u64,
 }
 
+/// Of snapshots without one.
+fn first_task() -> String {
+    Config::default().task
+}
+
+fn first_goal() -> CarriedGoal {
+    Config::default().network.carried_goal
+}
+
 #[pymethods]
 impl Snapshot {
     #[getter]
     fn state_hash(&self) -> u64 {
-        self.place.environment.state_hash()
+        self.place.base().state_hash()
     }
 
     /// Actions taken in the episode so far.
@@ -57,12 +69,14 @@ impl Snapshot {
         let place = &self.place;
         let record = Record {
             version: VERSION,
+            task: place.config.task.clone(),
+            carried_goal: place.config.network.carried_goal,
             origin: place.room.origin.clone(),
             environment: place.id.number,
             episode: place.config.episode,
             simulation: place.config.simulation,
             chosen: place.chosen,
-            actions: place.actions.iter().map(|action| action.index()).collect(),
+            actions: place.actions.clone(),
             state_hash: self.state_hash(),
         };
         Ok(PyBytes::new(py, &serde_json::to_vec(&record).map_err(value_error)?))
@@ -96,18 +110,21 @@ fn again(record: Record) -> PyResult<Snapshot> {
         let found = record.version;
         return Err(PyValueError::new_err(format!("the snapshot is of version {found}, not {VERSION}")));
     }
-    let config = proto::config::Config { episode: record.episode, simulation: record.simulation, ..Default::default() };
+    let Record { task, episode, simulation, carried_goal, .. } = record;
+    let network = NetworkConfig { carried_goal, ..Default::default() };
+    let config = Config { task, episode, simulation, network, ..Default::default() };
     config.validate().map_err(value_error)?;
     let space = config.policy_actions();
     let room = Room::of(record.origin, config.simulation)?;
     let mut place =
         EpisodePlayer::new(room, Arc::new(config), record.environment, record.chosen).map_err(value_error)?;
-    for index in record.actions {
-        let action = Action::from_index(index).filter(|_| space.contains(&index) && !place.ended());
-        let action = action.ok_or_else(|| PyValueError::new_err("the snapshot's actions are no episode"))?;
+    for action in record.actions {
+        if !space.contains(&action) || place.ended() {
+            return Err(PyValueError::new_err("the snapshot's actions are no episode"));
+        }
         place.step(action);
     }
-    if place.environment.state_hash() != record.state_hash {
+    if place.base().state_hash() != record.state_hash {
         return Err(PyValueError::new_err(
             "simulated again, the snapshot leads to another state: it is damaged, its scene has changed, or it was \
              written by another version of stillroom",

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import tomllib
-
 import gymnasium
 import numpy as np
 import pytest
+import tomllib
 from gymnasium.utils.env_checker import check_env
 
 import stillroom
 from conftest import REPOSITORY, pushing, random_action, same
-from stillroom.types import Info, RewardParts
 
 # Of actor/simulator/tests/behaviour/determinism.rs: kitchen, hash of the first state, fold over 200 steps.
 GOLDEN = [
@@ -132,8 +130,8 @@ def test_what_is_told_is_what_the_task_declares(kitchens: dict) -> None:
         return [channel["name"] for channel in declared["channels"] if channel["role"] == role]
 
     _, info = stillroom.ArmPointNav(kitchens[1]).reset(seed=2)
-    assert list(info["reward_parts"]) == named("part") == list(RewardParts.__annotations__)
-    assert set(info) == set(Info.__annotations__) and set(named("outcome")) - set(info) == {"held"}
+    assert list(info["reward_parts"]) == named("part")
+    assert set(named("outcome")) - set(info) == {"held"}
 
 
 def test_a_scene_of_your_own() -> None:
@@ -160,7 +158,7 @@ def test_what_is_wrong_is_said(kitchens: dict) -> None:
         ({"scene": "a.toml"}, "either a kitchen or a scene"),
         ({"render_side": 0}, "8 to 4096"),
         ({"reward": 3}, 'reward is 3, none of "r"'),
-        ({"max_steps": -5}, "max_steps is -5, not 1 to 512"),
+        ({"max_steps": -5}, "max_steps is -5, not 1 to 100000"),
         ({"frame_side": -224}, "frame_side is -224"),
         ({"frame_side": 2**40}, "frame_side is 1099511627776"),
     ]:

@@ -38,3 +38,10 @@ def test_the_notebook_runs() -> None:
     client.NotebookClient(notebook, timeout=300, kernel_name="python3").execute()
     pictures = [output for cell in notebook.cells for output in cell.get("outputs", []) if "data" in output]
     assert sum("image/png" in output["data"] for output in pictures) >= 3
+
+
+@pytest.mark.parametrize("example", ["cart_pole.py", "corridor.py:make_env"])
+def test_an_environment_describes_itself(example: str) -> None:
+    program = [EXAMPLES / example] if example.endswith(".py") else ["-m", "stillroom", "serve", EXAMPLES / example]
+    done = subprocess.run([sys.executable, *program, "--describe"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and '"observation"' in done.stdout, done.stderr

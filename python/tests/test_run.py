@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import time
 from pathlib import Path
 
 import numpy as np
@@ -157,3 +158,38 @@ def test_what_cannot_be_read_is_said(tmp_path: Path) -> None:
     for path, problem in cases:
         with pytest.raises(stillroom.RunError, match=problem):
             stillroom.read_run(path)
+
+
+def test_no_file_of_a_folder_leads_out_of_it_or_is_without_an_end(tmp_path: Path) -> None:
+    private = folder(tmp_path / "private", **{"evaluation.json": json.dumps({"format": 2})})
+    (private / "rollout-00000001.json").write_text("{}")
+    cases = []
+    for name, content in [("config.toml", "link"), ("metrics.jsonl", "link"), ("evaluations/e", "folder")]:
+        one = folder(tmp_path / name.partition("/")[0])
+        (one / name).parent.mkdir(exist_ok=True)
+        (one / name).unlink(missing_ok=True)
+        (one / name).symlink_to(private if content == "folder" else private / "config.toml")
+        cases.append((one, name))
+    for name, size in [("metrics.jsonl", 257 << 20), ("summary.json", 17 << 20), ("config.toml", 5 << 20)]:
+        one = folder(tmp_path / f"long-{name}")
+        with (one / name).open("w") as file:
+            file.truncate(size)
+        cases.append((one, name))
+    for one, name in cases:
+        if name == "evaluations/e":
+            assert not len(stillroom.read_run(one).evaluations), "a link to a folder is no evaluation"
+            continue
+        with pytest.raises(stillroom.RunError, match=f"{name} cannot be read"):
+            stillroom.read_run(one)
+
+
+@pytest.mark.parametrize("text", ["[" + "a." * 20_000 + "b]", "a" + ".a" * 20_000 + " = 1", "x = " + "[" * 50_000])
+def test_no_text_takes_long(tmp_path: Path, text: str) -> None:
+    begun = time.monotonic()
+    with pytest.raises(stillroom.RunError, match="config.toml cannot be read"):
+        stillroom.read_run(folder(tmp_path, **{"config.toml": text}))
+    assert time.monotonic() - begun < 10
+    rows = "".join(json.dumps({"rollout": at, "frames": at, "metrics": {f"m{at}": 1}}) + "\n" for at in range(20_000))
+    with pytest.raises(stillroom.RunError, match="no run has so many figures"):
+        stillroom.read_run(folder(tmp_path / "wide", **{"metrics.jsonl": rows}))
+    assert time.monotonic() - begun < 20

@@ -39,7 +39,7 @@ impl<'a> Method<'a> {
             multiplier: has_multiplier.then_some(config.reward.lagrangian.initial),
             task: config.auxiliary.task,
             // The same is seen with either sign.
-            network: NetworkConfig { carried_goal: NetworkConfig::default().carried_goal, ..config.network },
+            network: NetworkConfig { carried_goal: NetworkConfig::default().carried_goal, ..config.network.clone() },
             episode: config.episode,
             scenes: &config.scenes,
             kitchens: config.kitchens.source,

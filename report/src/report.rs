@@ -10,7 +10,6 @@ use crate::study::{Evaluated, Field, Group, Origin, Rollout, Run, Source, StudyE
 use crate::sweep::{Sweep, sweeps};
 use proto::config::{EpisodeConfig, StageConfig};
 use proto::evaluation::{Distribution, ObjectSet, describe};
-use proto::task::ShownMetric;
 use proto::task::{Curve as TaskCurve, Described, Spec};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
@@ -70,7 +69,7 @@ pub struct GroupReport {
     /// What its runs are trained for, in order.
     pub stages: Vec<StageReport>,
     /// The task's metrics.
-    pub metrics: Vec<ShownMetric>,
+    pub metrics: Vec<Described>,
     pub runs: Vec<RunReport>,
     /// Where it was evaluated.
     pub results: Vec<FieldResult>,

@@ -5,7 +5,7 @@ use crate::statistics::{Aggregate, CURVE_RESAMPLES, Interval, RESAMPLES, Scores,
 use crate::study::{Evaluated, Field, Group, Run};
 use proto::evaluation::{EpisodeRecord, Figures};
 use proto::kitchen::KitchenId;
-use proto::task::{Column, Curve, Kind};
+use proto::task::{Column, Curve};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -120,7 +120,7 @@ impl FieldResult {
             })
             .collect();
         let shares: Vec<(String, Column)> = printed()
-            .filter(|(_, one)| one.kind == Kind::Share && scores.contains_key(&one.name))
+            .filter(|(_, one)| one.is_share() && scores.contains_key(&one.name))
             .map(|(index, one)| (one.name, Column::Number(index)))
             .collect();
         let curve = |(place, curve): (usize, &Curve)| {

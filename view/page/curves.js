@@ -6,7 +6,7 @@ import { count, figure, number, short } from "./format.js";
 
 /** Figure, title, options, and the metric that it is the mean of: those of the task, and what every task has. */
 const measures = (metrics) => [
-  ...metrics.map((metric) => [`episode/${metric.name}`, metric.unit ? `${metric.label}, ${metric.unit}` : metric.label, metric.share ? { share: true } : { zero: true, format: (value) => figure(metric, value) }, metric]),
+  ...metrics.map((metric) => [`episode/${metric.name}`, metric.unit ? `${metric.label}, ${metric.unit}` : metric.label, metric.kind === "share" ? { share: true } : { zero: true, format: (value) => figure(metric, value) }, metric]),
   ["episode/return", "Return", { format: (value) => number(value) }],
   ["time/frames_per_second", "Frames a second", { zero: true, format: (value) => count(value) }],
 ];
@@ -79,11 +79,11 @@ export class Curves {
         ...Object.fromEntries(Object.entries({ y, low, high }).filter(([, values]) => values).map(([key, values]) => [key, smooth(values, stage, weight)])),
       }));
       // One axis for all shares: others are mostly parts of the first.
-      if (metric?.share) most ??= Math.max(...series.flatMap(({ y }) => y));
+      if (metric?.kind === "share") most ??= Math.max(...series.flatMap(({ y }) => y));
       const first = this.sources[all[0].index];
       const alike = all.every(({ source }) => JSON.stringify(source.stages) === JSON.stringify(first.stages));
       chart.show({
-        series, most: metric?.share ? most : undefined,
+        series, most: metric?.kind === "share" ? most : undefined,
         marks: axis === "frames" && alike ? first.stages.slice(1).map(([label, x]) => ({ label: `stage ${label}`, x })) : [],
         levels: metric && metric.name in (first.paper ?? {}) ? [{ y: first.paper[metric.name], label: "the paper's level" }] : [],
       });

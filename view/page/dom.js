@@ -88,21 +88,34 @@ export function takeToken() {
 /** The events of a path. Their request can have no header. */
 export const follow = (path) => new EventSource(`${path}?token=${token}`);
 
-export async function ask(path, options) {
-  let answer;
-  try {
-    answer = await fetch(path, { ...options, headers: { Authorization: `Bearer ${token}` } });
-  } catch (error) {
-    if (error.name === "AbortError") throw error;
-    throw new Error("the viewer does not answer: is `orchestrator view` still there?");
-  }
-  if (!answer.ok) {
+/** Resolves after a while, or when the page is left. */
+export const pause = (milliseconds, signal) => new Promise((resolve) => {
+  const timer = setTimeout(resolve, milliseconds);
+  signal?.addEventListener("abort", () => { clearTimeout(timer); resolve(); }, { once: true });
+});
+
+/** A viewer that is busy, or that reads a recording first, answers 503: how often it is asked again, and how soon, ms. */
+const AGAIN = 60;
+const AGAIN_MS = 1000;
+
+/** The answer to a request. `waits`: called with the reason while the viewer cannot answer yet. */
+export async function ask(path, { waits, ...options } = {}) {
+  for (let left = AGAIN; ; left -= 1) {
+    let answer;
+    try {
+      answer = await fetch(path, { ...options, headers: { Authorization: `Bearer ${token}` } });
+    } catch (error) {
+      if (error.name === "AbortError") throw error;
+      throw new Error("the viewer does not answer: is `orchestrator view` still there?");
+    }
+    if (answer.ok) return answer;
     const text = await answer.text();
     let problem = text.trim();
     try { problem = JSON.parse(text).error ?? problem; } catch { /* plain text */ }
-    throw new Error(problem || `the viewer answered ${answer.status}`);
+    if (answer.status !== 503 || !left) throw new Error(problem || `the viewer answered ${answer.status}`);
+    waits?.(problem);
+    await pause(AGAIN_MS, options.signal);
   }
-  return answer;
 }
 
 export const json = async (path, options) => (await ask(path, options)).json();

@@ -3,7 +3,7 @@
 import { h, hand, json, notice, replace, say } from "./dom.js";
 import { film, kinds } from "./film.js";
 import { outcome } from "./format.js";
-import { Stage, Strip } from "./stage.js";
+import { Stage, Strip, explained } from "./stage.js";
 
 /** Goes through the steps of one or two episodes. */
 class Player {
@@ -17,9 +17,9 @@ class Player {
     this.kinds = kinds();
     this.kind = h("select", { "aria-label": "Kind of film" }, this.kinds.map(({ name, ending }) => h("option", { value: ending }, name)));
     this.film = h("button", { class: "film", onclick: () => this.save() }, "Save film");
-    this.element = h("section", { class: "card", "aria-label": "Steps" }, this.strip.canvas,
-      h("div", { class: "player" }, this.play, this.speed, this.range, this.film, this.kind,
-        h("span", { class: "small soft optional" }, h("kbd", {}, "←"), " ", h("kbd", {}, "→"), " step  ", h("kbd", {}, "space"), " play  ", h("kbd", {}, "D"), " next disturbance")));
+    this.element = h("section", { class: "card", "aria-label": "Steps" },
+      h("div", { class: "player" }, this.play, this.speed, this.range, this.film, this.kind), this.strip.element,
+      h("p", { class: "small soft keys" }, h("kbd", {}, "←"), " ", h("kbd", {}, "→"), " step  ", h("kbd", {}, "space"), " play  ", h("kbd", {}, "D"), " next disturbance"));
     const keys = (event) => this.key(event);
     document.addEventListener("keydown", keys);
     signal.addEventListener("abort", () => { document.removeEventListener("keydown", keys); this.stop(); });
@@ -102,15 +102,15 @@ const keep = (base) => {
 };
 
 export async function showEpisode(root, run, key, query, signal) {
-  replace(root, h("p", { class: "soft", role: "status" }, "The episode is simulated again …"));
-  const stage = await Stage.open(run, key, signal);
+  const state = h("p", { class: "soft", role: "status" }, "The episode is simulated again …");
+  replace(root, state);
+  const stage = await Stage.open(run, key, signal, (why) => { state.textContent = `${why} …`; });
   const player = new Player([stage], signal, keep(`#/run/${encodeURIComponent(run)}/episode/${key}`));
   replace(root, stage.title(), stage.problem,
-    h("div", { class: "scene_renderer" },
+    h("div", { class: "episode" },
       h("div", { class: "stack" },
-        h("section", { class: "card stack", "aria-label": "The room" }, stage.orbit.element, stage.words,
-          h("p", { class: "small faint" }, "Drag to turn, wheel to zoom, shift-drag to move. Pink ring: the target. Green box: the goal. Violet: displaced, with a ghost where it stood.")),
-        player.element, stage.proof()),
+        h("section", { class: "card stack", "aria-label": "The room" }, stage.orbit.element, stage.words),
+        player.element, explained(), stage.proof()),
       h("div", { class: "side" }, figure("What the robot sees", h("div", { class: "picture" }, stage.depth)), figure("Floor plan and way", stage.plan.element),
         h("section", { class: "card stack" }, stage.moved, stage.parts, stage.channels))));
   player.go(Number(query.get("step") ?? 0));

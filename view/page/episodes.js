@@ -69,12 +69,12 @@ export async function showEpisodes(root, run, query, signal) {
   async function load() {
     latest += 1;
     const mine = latest;
-    const words = new URLSearchParams({ limit: String(PAGE) });
-    for (const [name, value] of Object.entries(asked)) if (value !== "" && (name !== "range" || asked.least || asked.most)) words.set(name, value);
-    const kept = new URLSearchParams([...words].filter(([name, value]) => name !== "limit" && !(name === "offset" && value === "0")));
+    const search = new URLSearchParams({ limit: String(PAGE) });
+    for (const [name, value] of Object.entries(asked)) if (value !== "" && (name !== "range" || asked.least || asked.most)) search.set(name, value);
+    const kept = new URLSearchParams([...search].filter(([name, value]) => name !== "limit" && !(name === "offset" && value === "0")));
     history.replaceState(null, "", `#/run/${encoded}/episodes${kept.size ? `?${kept}` : ""}`);
     try {
-      const page = await json(`/api/runs/${encoded}/episodes?${words}`, { signal });
+      const page = await json(`/api/runs/${encoded}/episodes?${search}`, { signal });
       if (mine !== latest || signal.aborted) return;
       const offset = Number(asked.offset);
       back.disabled = offset === 0;

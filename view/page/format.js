@@ -8,7 +8,7 @@ export const percent = (share, digits = 1) => (known(share) ? `${(100 * share).t
 export const metres = (value, digits = 3) => (known(value) ? `${value.toFixed(digits)} m` : missing);
 export const number = (value, digits = 2) => (known(value) ? value.toFixed(digits) : missing);
 /** A metric's mean: a share as a percentage, a value with its unit. */
-export const figure = ({ share, unit }, value, digits) => (share ? percent(value, digits) : known(value) && unit ? `${value.toFixed(3)} ${unit}` : number(value, 3));
+export const figure = ({ kind, unit }, value, digits) => (kind === "share" ? percent(value, digits) : known(value) && unit ? `${value.toFixed(3)} ${unit}` : number(value, 3));
 export const signed = (value, digits = 3) => (known(value) ? `${value < 0 ? "−" : "+"}${Math.abs(value).toFixed(digits)}` : missing);
 
 export function short(value) {

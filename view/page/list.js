@@ -19,7 +19,7 @@ export async function showList(root, signal) {
   const head = h("thead");
   // Of all tasks that runs here have.
   let metrics = [];
-  const heads = () => ["", "Run", "State", "Progress", ...metrics, "Left", "Begun"].map((name, at) => h("th", { scope: "col", class: at > 4 && name !== "Left" ? "optional" : null }, name || h("span", { class: "unseen" }, "Choose")));
+  const heads = () => ["", "Run", "State", "Progress", ...metrics, "Begun"].map((name, at) => h("th", { scope: "col", class: at > 4 ? "optional" : null }, name || h("span", { class: "unseen" }, "Choose")));
   replace(root,
     h("div", { class: "row between" }, h("h1", {}, "Runs"), h("div", { class: "row" }, together, beside)),
     h("div", { class: "card scroll" },
@@ -35,8 +35,9 @@ export async function showList(root, signal) {
       },
     });
     const link = h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, card.id);
-    if (card.problem) return h("tr", {}, h("td", {}), h("td", {}, card.id), h("td", { colSpan: 4 + metrics.length }, h("span", { class: "bad small" }, card.problem)));
-    const done = `${count(card.done)} of ${count(card.budget)} ${card.evaluation ? "episodes" : "frames"}`;
+    if (card.problem) return h("tr", {}, h("td", {}), h("td", {}, card.id), h("td", { colSpan: 3 + metrics.length }, h("span", { class: "bad small" }, card.problem)));
+    const left = card.state === "running" && card.left_s !== null ? `, ${duration(card.left_s)} left` : "";
+    const done = `${count(card.done)} of ${count(card.budget)} ${card.evaluation ? "episodes" : "frames"}${left}`;
     return h("tr", {},
       h("td", {}, box),
       h("td", {}, link, h("div", { class: "faint small" }, `${card.evaluation ? "evaluation · " : ""}${card.preset} · seed ${card.seed}`)),
@@ -46,7 +47,6 @@ export async function showList(root, signal) {
         const metric = card.metrics.find((each) => each.label === label);
         return h("td", { class: at ? "optional" : null }, metric ? figure(metric, card.figures[metric.name]) : "");
       }),
-      h("td", {}, card.state === "running" ? duration(card.left_s) : ""),
       h("td", { class: "optional soft small" }, date(card.created_unix_s)));
   };
   let shown = "";
@@ -64,7 +64,7 @@ export async function showList(root, signal) {
       if (focused) body.querySelector(`[aria-label="${CSS.escape(focused)}"], [href="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
       empty.textContent = cards.length ? "" : "No run yet. Start one with `orchestrator up`: it appears here.";
     } catch (error) {
-      if (!signal.aborted) { shown = ""; replace(body, h("tr", {}, h("td", { colSpan: 6 + metrics.length }, notice(error.message, "error")))); }
+      if (!signal.aborted) { shown = ""; replace(body, h("tr", {}, h("td", { colSpan: 5 + metrics.length }, notice(error.message, "error")))); }
     }
   });
 }

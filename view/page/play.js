@@ -1,8 +1,8 @@
 // A policy that plays: one of its environments after the other, step by step, as fast as steps come.
 
-import { h, json, notice, replace, say } from "./dom.js";
+import { h, json, notice, pause, replace, say } from "./dom.js";
 import { count, figure, outcome } from "./format.js";
-import { Stage } from "./stage.js";
+import { Stage, explained } from "./stage.js";
 
 /** Steps a second, as a policy plays by default; what lies behind what goes on is caught up with within two seconds. */
 const SPEED = 6;
@@ -10,11 +10,6 @@ const CATCH_UP = 2;
 /** How long the end of an episode is looked at, and how long to wait where there is nothing new, milliseconds. */
 const END = 2500;
 const LOOK = 400;
-
-const pause = (milliseconds, signal) => new Promise((resolve) => {
-  const timer = setTimeout(resolve, milliseconds);
-  signal.addEventListener("abort", () => { clearTimeout(timer); resolve(); }, { once: true });
-});
 
 /** The environment that is watched. The evaluation may be another one when all episodes have been played. */
 class SceneRenderer {
@@ -55,10 +50,10 @@ class SceneRenderer {
     const { signal, run, chosen } = this;
     const stage = await Stage.open(run, key, signal);
     const end = h("span", {});
-    replace(this.place, h("div", { class: "scene_renderer" },
+    replace(this.place, h("div", { class: "episode" },
       h("div", { class: "stack" }, h("section", { class: "card stack", "aria-label": "The room" },
         h("div", { class: "row between" }, h("strong", {}, stage.episode.target ?? ""), end), stage.problem, stage.orbit.element, stage.words,
-        h("p", { class: "small faint" }, "Drag to turn, wheel to zoom. Pink ring: the target. Green box: the goal. Violet: displaced."))),
+        explained())),
       h("div", { class: "side" }, h("figure", { class: "card" }, h("figcaption", {}, "What the robot sees"), h("div", { class: "picture" }, stage.depth)), h("figure", { class: "card" }, h("figcaption", {}, "Floor plan and way"), stage.plan.element),
         h("section", { class: "card" }, stage.moved))));
     this.camera(stage);
@@ -94,19 +89,19 @@ class SceneRenderer {
 }
 
 export async function showPlay(root, signal) {
-  const scene_renderer = new SceneRenderer(root, signal);
+  const renderer = new SceneRenderer(root, signal);
   let shown = null;
   while (!signal.aborted) {
     try {
-      const key = await scene_renderer.look() ? await scene_renderer.newest() : null;
-      const place = `${scene_renderer.run} ${key}`;
+      const key = await renderer.look() ? await renderer.newest() : null;
+      const place = `${renderer.run} ${key}`;
       if (key === null || place === shown) { await pause(LOOK, signal); continue; }
-      await scene_renderer.show(key);
+      await renderer.show(key);
       shown = place;
     } catch (error) {
       if (signal.aborted || error.name === "AbortError") return;
       // A round of episodes is over, or the viewer has ended.
-      replace(scene_renderer.place, notice(error.message, "error"));
+      replace(renderer.place, notice(error.message, "error"));
       await pause(2000, signal);
     }
   }

@@ -1,7 +1,7 @@
 // A report: what runs came to, over seeds and beside the paper. `orchestrator report` puts its data into the page.
 
 import { css, h, hand, replace } from "./dom.js";
-import { action, count, number, percent, short } from "./format.js";
+import { action, count, figure, number, percent, short } from "./format.js";
 import { Chart, look } from "./chart.js";
 import { Curves, legend } from "./curves.js";
 
@@ -48,12 +48,14 @@ class Page {
     this.fields = this.fields.filter((field) => this.results.some(({ result }) => result.field === field));
     this.keys = h("div", { class: "legend small" });
     this.redraws = [];
-    const parts = [this.headline(), this.evaluated(), this.comparisons(), this.curves(), this.validation(), this.limits(), this.strips(), this.sweeps(), this.prediction(), this.actions(), this.runs()].filter(Boolean);
+    const opening = [this.headline(), this.strips()];
+    const parts = [this.evaluated(), this.comparisons(), this.curves(), this.validation(), this.limits(), this.sweeps(), this.prediction(), this.actions(), this.runs()].filter(Boolean);
     const several = this.names.length > 1;
     replace(root, h("div", { class: "stack report" },
       h("div", { class: "row between" }, h("h1", {}, "Report"), h("span", { class: "small soft" }, made)),
-      h("nav", { class: "parts" }, parts.filter((part) => part.id).map((part) => h("a", { href: `#${part.id}` }, part.querySelector("h2").textContent))),
+      h("nav", { class: "parts" }, [...opening, ...parts].filter((part) => part?.id).map((part) => h("a", { href: `#${part.id}` }, part.querySelector("h2").textContent))),
       several ? this.keys : null,
+      opening,
       report.episodes.map((sentence) => says(sentence)),
       report.notes.length ? h("details", { class: "notice", open: true }, h("summary", {}, "Before you trust these figures"), h("ul", {}, report.notes.map((note) => h("li", {}, note)))) : null,
       parts,
@@ -91,10 +93,13 @@ class Page {
       const { ranking } = this.report.tasks[group.task];
       const chief = this.printed(group.task, result).filter(({ name, kind }) => ranking.includes(name) || kind !== "share");
       const of = (one, { point, interval }) => [shown(one, point), interval && range(one, interval)];
+      // Of a run that was not evaluated what its newest training episodes came to.
+      const trained = ({ name }) => group.training.find(({ metric }) => metric === `episode/${name}`)?.points.at(-1)?.mean;
       return h("section", { class: "card stack", style: { "border-top": `3px solid var(${look(index).colour})` } },
-        h("div", { class: "row between" }, h("h2", {}, group.label), h("span", { class: "small soft" }, result ? fieldName(result.field) : "not evaluated yet")),
+        h("div", { class: "row between" }, h("h2", {}, group.label), h("span", { class: "small soft" }, result ? fieldName(result.field) : "newest episodes of training")),
         h("dl", { class: "figures" }, result ? [
-          chief.map((one) => entry(heading(one), ...of(one, result.metrics[one.name].mean))), entry("episodes", count(result.pooled.episodes))] : null,
+          chief.map((one) => entry(heading(one), ...of(one, result.metrics[one.name].mean))), entry("episodes", count(result.pooled.episodes))]
+          : group.metrics.filter((metric) => trained(metric) !== undefined).map((metric) => entry(metric.label, figure(metric, trained(metric)))),
         entry(group.runs.length === 1 ? "seed" : "seeds", group.runs.map((run) => run.seed).join(", ")), entry("frames", short(frames))),
         group.differences.length ? says(`other than ${group.preset}: ${group.differences.join("; ")}`) : null);
     });
@@ -249,16 +254,16 @@ class Page {
     return section("limits", "Within limits", parts, says("Mean over seeds and kitchens with 95% stratified-bootstrap intervals."));
   }
 
-  /** One episode as two policies play it. */
+  /** One episode of each run, as two policies play it where both were recorded. */
   strips() {
-    if (!this.episodes.length) return this.none("One episode before and after stage II: no run has recorded evaluations on the same episodes of weights from before stage II and from after it. A run keeps the checkpoint at each stage's end: orchestrator eval RUN/checkpoints/rollout-NUMBER.json --record all, and orchestrator eval RUN --record all.");
-    const figure = ({ caption, strips }, index) => {
+    if (!this.episodes.length) return this.none("One episode in pictures: no run has a recorded evaluation (orchestrator eval RUN --record all). Before and after stage II: evaluate the checkpoint at stage I's end, too (orchestrator eval RUN/checkpoints/rollout-NUMBER.json --record all).");
+    const pictures = ({ caption, strips }, index) => {
       const made = h("figure", { id: `episode-${index + 1}`, class: "card stack" }, strips.map(({ title, frames }) => h("div", {}, h("h3", {}, title),
         h("div", { class: "strip-frames" }, frames.map(({ png, words }) => h("div", {}, h("img", { src: png, alt: words.join(", ") }), h("small", { class: "soft" }, words.join(", "))))))),
       h("p", { class: "small soft" }, caption, " ", h("button", { class: "save", onclick: () => savePictures(made, `episode-${index + 1}.png`) }, "PNG")));
       return made;
     };
-    return section("episode", "One episode, before and after stage II", this.episodes.map(figure));
+    return section("episode", "One episode", this.episodes.map(pictures));
   }
 
   sweeps() {

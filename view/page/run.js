@@ -2,9 +2,9 @@
 
 import { every, follow, h, json, notice, remember, remembered, replace } from "./dom.js";
 import { Curves } from "./curves.js";
-import { bytes, count, date, duration, figure, number, percent, short } from "./format.js";
+import { bytes, count, date, duration, figure, number, outcome, percent, short } from "./format.js";
 import { progress, stateWord } from "./list.js";
-import { Painter, pictureAddress } from "./stage.js";
+import { Painter, orbitQuery, pictureAddress } from "./stage.js";
 
 /** The curves of one run: columns that grow. */
 class Columns {
@@ -60,8 +60,13 @@ function timeline(live) {
   const shares = [simulate, infer, update, rest];
   const colours = ["--accent", "--run-5", "--run-1", "--faint"];
   const text = names.map((name, at) => `${name} ${percent(shares[at], 0)}`);
+  const { metrics } = live.card;
+  const begun = live.stages.filter(({ figures: known }) => Object.keys(known).length);
   return [
     h("div", { class: "stages", role: "group", "aria-label": "Stages" }, stages),
+    begun.length ? h("div", { class: "scroll" }, h("table", { class: "tight", "aria-label": "Figures of the stages" },
+      h("thead", {}, h("tr", {}, ["Newest tenth of stage", ...metrics.map(({ label }) => label)].map((name) => h("th", { scope: "col" }, name)))),
+      h("tbody", {}, begun.map(({ name, figures: known }) => h("tr", {}, h("td", {}, name), metrics.map((metric) => h("td", {}, figure(metric, known[metric.name])))))))) : null,
     live.frames_per_s === null ? null : [
       h("div", { class: "bar", role: "img", "aria-label": text.join(", ") }, shares.map((share) => h("i", { style: { width: `${100 * share}%` } }))),
       h("div", { class: "legend small soft" }, text.map((words, at) => h("span", {}, h("span", { class: "swatch", style: { background: `var(${colours[at]})` } }), words)))],
@@ -69,20 +74,29 @@ function timeline(live) {
 }
 
 function kitchens(live, run) {
-  if (!live.kitchens.length) return h("p", { class: "soft small" }, "No episode has ended in the recordings yet.");
   const { metrics } = live.card;
   const most = ({ share, name }) => (share ? 1 : Math.max(0.01, ...live.kitchens.map((kitchen) => kitchen.figures[name] ?? 0)));
   const inks = ["--run-0", "--run-2", "--run-1", "--run-3", "--run-4", "--run-5"];
   const cell = (share, text, ink) => h("div", { class: "meter" }, h("div", { class: "bar" }, h("i", { style: { width: `${100 * share}%`, background: ink } })), h("span", { class: "small soft" }, text));
-  return h("div", { class: "scroll" }, h("table", { class: "tight" },
+  const reading = live.indexed < 0.999 ? h("p", { class: "small warn" }, `${percent(live.indexed, 0)} of the recordings are read so far.`) : null;
+  return [reading, h("div", { class: "scroll" }, h("table", { class: "tight" },
     h("thead", {}, h("tr", {}, ["Kitchen", ...metrics.map(({ label }) => label)].map((head) => h("th", { scope: "col" }, head)))),
     h("tbody", {}, live.kitchens.map((kitchen) => h("tr", {},
       h("td", {}, h("a", { href: `#/run/${encodeURIComponent(run)}/episodes?kitchen=${kitchen.kitchen}` }, String(kitchen.kitchen))),
-      metrics.map((metric, at) => h("td", {}, cell((kitchen.figures[metric.name] ?? 0) / most(metric), figure(metric, kitchen.figures[metric.name], 0), `var(${inks[at % inks.length]})`))))))));
+      metrics.map((metric, at) => h("td", {}, cell((kitchen.figures[metric.name] ?? 0) / most(metric), figure(metric, kitchen.figures[metric.name], 0), `var(${inks[at % inks.length]})`))))))))].filter(Boolean);
 }
 
 function workers(live) {
-  const rows = live.workers.map((worker) => h("tr", {},
+  const alive = ({ pid, stopped }) => pid !== null || stopped;
+  const ended = live.workers.filter((worker) => !alive(worker));
+  return [
+    live.workers.some(alive) ? processes(live.workers.filter(alive)) : null,
+    ended.length ? h("details", {}, h("summary", { class: "small soft" }, `${ended.length} ${ended.length === 1 ? "process has" : "processes have"} ended`), processes(ended)) : null,
+  ].filter(Boolean);
+}
+
+function processes(some) {
+  const rows = some.map((worker) => h("tr", {},
     h("td", {}, worker.name),
     h("td", {}, worker.stopped ? h("span", { class: "bad" }, "stopped") : worker.pid ? h("span", { class: "good" }, "runs") : h("span", { class: "faint" }, "ended")),
     h("td", { class: "number" }, String(worker.incarnation)),
@@ -104,10 +118,10 @@ function starts(live) {
 class Depths {
   constructor(run, signal) {
     Object.assign(this, { run, signal, chosen: remembered(`depths ${run}`, null), tiles: new Map(), live: null, due: 0 });
-    this.grid = h("div", { class: "depths" });
+    this.grid = h("div", { class: "tiles" });
     this.picker = h("select", { "aria-label": "Add an environment", onchange: () => { this.choose([...this.chosen, this.picker.value]); this.picker.value = ""; } });
     this.element = h("section", { class: "card" }, h("div", { class: "row between" }, h("h2", {}, "What they see now"), this.picker), this.grid);
-    every(1000, signal, () => (performance.now() > this.due ? this.refresh() : null));
+    every(1000, signal, () => (this.live?.card.state === "running" && performance.now() > this.due ? this.refresh() : null));
   }
 
   choose(names) {
@@ -120,6 +134,7 @@ class Depths {
     this.live = live;
     const all = live.kitchens.flatMap(({ kitchen, environments }) => environments.map((environment) => `${kitchen}/${environment}`));
     if (this.picker.options.length !== all.length + 1) replace(this.picker, h("option", { value: "" }, "add an environment"), all.map((name) => h("option", { value: name }, `kitchen ${name}`)));
+    if (live.card.state !== "running") return;
     if (this.chosen === null && all.length) {
       this.chosen = live.kitchens.slice(0, 1).map(({ kitchen, environments }) => `${kitchen}/${environments[0]}`);
       this.refresh();
@@ -155,8 +170,6 @@ class Depths {
     const key = await json(`/api/runs/${run}/newest/${name}`, { signal: this.signal });
     if (key === null) { tile.caption.textContent = `kitchen ${name} · no step yet`; return; }
     tile.link.href = `#/run/${run}/episode/${key}`;
-    const running = this.live?.card.state === "running";
-    if (!running && tile.shown === key) return;
     const episode = await json(`/api/runs/${run}/episodes/${key}`, { signal: this.signal });
     const step = episode.moments.length - 1;
     await tile.painter.paint(pictureAddress(this.run, key, { view: "depth", step, width: 224, of: step }), this.signal);
@@ -166,22 +179,75 @@ class Depths {
   }
 }
 
+/** The last moments of the newest episodes, a few of each outcome: what a run at rest has come to. */
+class Thumbnails {
+  constructor(run, signal) {
+    Object.assign(this, { run, signal, shown: "" });
+    this.grid = h("div", { class: "tiles" });
+    this.element = h("section", { class: "card", hidden: true }, h("div", { class: "row between" }, h("h2", {}, "Newest episodes"), h("a", { href: `#/run/${encodeURIComponent(run)}/episodes` }, "all")), this.grid);
+  }
+
+  know(live) {
+    const version = `${live.rollouts} ${live.card.done}`;
+    if (live.card.state === "running" || live.indexed < 0.999 || version === this.shown) return;
+    this.shown = version;
+    this.load().catch((error) => { if (!this.signal.aborted) replace(this.grid, notice(error.message, "error")); });
+  }
+
+  async load() {
+    const { signal } = this;
+    const run = encodeURIComponent(this.run);
+    const ask = (ended) => json(`/api/runs/${run}/episodes?recorded=true&limit=2&outcome=${ended}`, { signal });
+    const { successes } = await ask("");
+    const pages = await Promise.all([...successes, "any-failure"].map(ask));
+    const rows = pages.flatMap((page) => page.rows);
+    this.element.hidden = !rows.length;
+    const kind = (word) => (successes.indexOf(word) === 0 ? "good" : successes.includes(word) ? "warn" : "bad");
+    const tiles = rows.map(({ key, target, outcome: ended, kitchen }) => {
+      const canvas = h("canvas", { class: "room", width: 320, height: 240, role: "img", "aria-label": `Episode ${key}: ${outcome(ended)}` });
+      return { key, canvas, element: h("figure", {}, h("a", { href: `#/run/${run}/episode/${key}` }, canvas), h("figcaption", {}, h("span", {}, target ?? `kitchen ${kitchen}`), h("span", { class: kind(ended) }, outcome(ended)))) };
+    });
+    replace(this.grid, tiles.map(({ element }) => element));
+    for (const { key, canvas } of tiles) {
+      const { orbit, moments } = await json(`/api/runs/${run}/episodes/${key}`, { signal });
+      const step = moments.length - 1;
+      await new Painter(canvas).paint(pictureAddress(this.run, key, { view: "orbit", ...orbitQuery(orbit), step, width: 320, height: 240, fine: true, of: step }), signal);
+      canvas.dataset.step = String(step);
+    }
+  }
+}
+
+/** Evaluations of a run: they lie in its folder. */
+function evaluations(cards, { folder }) {
+  const own = cards.filter((card) => card.evaluation && !card.problem && card.folder.startsWith(`${folder}/`));
+  if (!own.length) return null;
+  const { metrics } = own[0];
+  const row = (card) => h("tr", {}, h("td", {}, h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, card.folder.slice(card.folder.lastIndexOf("/") + 1))),
+    h("td", { class: "number" }, count(card.done)), metrics.map((metric) => h("td", {}, figure(metric, card.figures[metric.name]))));
+  return h("section", { class: "card" }, h("h2", {}, "Evaluations"), h("div", { class: "scroll" }, h("table", { class: "tight" },
+    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Evaluation"), h("th", { scope: "col", class: "number" }, "Episodes"), metrics.map(({ label }) => h("th", { scope: "col" }, label)))),
+    h("tbody", {}, own.map(row)))));
+}
+
 export async function showRun(root, runs, signal) {
   const run = runs[0];
   const encoded = encodeURIComponent(run);
   const head = h("div", { class: "row between" });
   const summary = h("section", { class: "card stack", "aria-label": "Progress" });
   const notes = h("div", {});
-  const parts = Object.fromEntries(["kitchens", "workers", "warnings", "log", "validation"].map((name) => [name, h("div", {})]));
+  const parts = Object.fromEntries(["kitchens", "workers", "warnings", "log", "validation", "evaluations"].map((name) => [name, h("div", {})]));
   const columns = runs.map((name) => new Columns(name));
   const curves = new Curves(columns, { signal });
   const grow = async () => { if ((await Promise.all(columns.map((one) => one.grow(signal)))).some(Boolean)) curves.draw(); };
-  const depths = new Depths(run, signal);
+  const [depths, thumbnails] = [new Depths(run, signal), new Thumbnails(run, signal)];
   const card = (title, part) => h("section", { class: "card" }, h("h2", {}, title), part);
   const kitchensCard = card("By kitchen, newest 50 episodes of each", parts.kitchens);
-  replace(root, head, notes, summary, curves.element,
-    h("div", { class: "grid" }, kitchensCard, h("div", { class: "stack" }, depths.element, parts.validation)),
-    h("div", { class: "grid" }, card("Processes", parts.workers), h("div", { class: "stack" }, card("Warnings", parts.warnings), card("Log", parts.log))));
+  const [workersCard, warningsCard] = [card("Processes", parts.workers), card("Warnings", parts.warnings)];
+  const log = h("div", { class: "stack" }, warningsCard, card("Log", parts.log));
+  // Of a run at work what it does now; of one at rest what it has come to.
+  const arrange = (running) => replace(root, head, notes, summary, running
+    ? [curves.element, h("div", { class: "grid" }, kitchensCard, h("div", { class: "stack" }, depths.element, parts.evaluations, parts.validation)), h("div", { class: "grid" }, workersCard, log)]
+    : [thumbnails.element, parts.evaluations, curves.element, h("div", { class: "grid" }, kitchensCard, h("div", { class: "stack" }, parts.validation, workersCard, log))]);
 
   let rollouts = -1;
   const shown = {};
@@ -197,20 +263,32 @@ export async function showRun(root, runs, signal) {
       h("div", { class: "row" }, h("a", { href: `#/run/${encoded}/episodes` }, "Episodes"))]);
     update("notes", notes, live.notes, () => live.notes.map((note) => notice(note)));
     update("summary", summary, [live.card, live.stages, live.shares, live.workers.map((worker) => worker.cores), live.gpus, Math.round(live.wall_s)], () => [figures(live), live.card.evaluation ? null : timeline(live)]);
-    update("kitchens", parts.kitchens, live.kitchens, () => kitchens(live, run));
+    const running = live.card.state === "running";
+    if (shown.running !== running) {
+      shown.running = running;
+      arrange(running);
+    }
+    update("kitchens", parts.kitchens, [live.kitchens, live.indexed], () => kitchens(live, run));
     update("workers", parts.workers, live.workers, () => workers(live));
-    update("warnings", parts.warnings, live.warnings, () => (live.warnings.length ? lines(live.warnings.slice(-8)) : h("p", { class: "soft small" }, "None.")));
+    update("warnings", parts.warnings, live.warnings, () => lines(live.warnings.slice(-8)));
+    for (const [one, many] of [[kitchensCard, live.kitchens], [workersCard, live.workers], [warningsCard, live.warnings]]) one.hidden = !many.length;
     update("log", parts.log, [live.log, live.starts], () => [lines(live.log), h("details", {}, h("summary", { class: "small soft" }, `${live.starts.length} ${live.starts.length === 1 ? "start" : "starts"}`), starts(live)), live.recordings ? h("p", { class: "small faint" }, live.recordings) : null]);
     update("validation", parts.validation, live.validation, () => (live.validation.length ? card("Validation", h("div", { class: "scroll" }, h("table", {},
       h("thead", {}, h("tr", {}, ["Frames", ...live.card.metrics.map(({ label }) => label)].map((name) => h("th", { scope: "col" }, name)))),
       h("tbody", {}, live.validation.slice(-8).map((one) => h("tr", {}, h("td", {}, count(one.frames)), live.card.metrics.map((metric) => h("td", {}, figure(metric, one.figures[metric.name]))))))))) : null));
     depths.know(live);
+    thumbnails.know(live);
     if (live.rollouts !== rollouts) {
       rollouts = live.rollouts;
       grow().catch((error) => { if (!signal.aborted) replace(notes, notice(error.message, "error")); });
     }
   };
-  take(await json(`/api/runs/${encoded}`, { signal }));
+  const first = await json(`/api/runs/${encoded}`, { signal });
+  take(first);
+  every(10_000, signal, async () => {
+    const cards = await json("/api/runs", { signal }).catch(() => []);
+    update("evaluations", parts.evaluations, cards, () => evaluations(cards, first.card));
+  });
   const events = follow(`/api/runs/${encoded}/live`);
   signal.addEventListener("abort", () => events.close());
   events.onmessage = ({ data }) => {

@@ -4,8 +4,8 @@ import { ask, css, h, json, replace, svg } from "./dom.js";
 import { action, metres, number, outcome, quantity, signed, words } from "./format.js";
 
 export function pictureAddress(run, key, query) {
-  const words = new URLSearchParams(Object.entries(query).map(([name, value]) => [name, String(value)]));
-  return `/api/runs/${encodeURIComponent(run)}/episodes/${key}/picture?${words}`;
+  const search = new URLSearchParams(Object.entries(query).map(([name, value]) => [name, String(value)]));
+  return `/api/runs/${encodeURIComponent(run)}/episodes/${key}/picture?${search}`;
 }
 
 /** Paints pictures on a canvas; of many that are asked for in a row only the newest is waited for. */
@@ -39,12 +39,17 @@ export class Painter {
   }
 }
 
+/** A free camera, as addresses have it. */
+export function orbitQuery({ centre_m: [x, y, z], radius_m: radius, yaw_rad: yaw, pitch_rad: pitch }) {
+  return Object.fromEntries(Object.entries({ x, y, z, radius, yaw, pitch }).map(([name, value]) => [name, value.toFixed(4)]));
+}
+
 const CLAMP = (value, low, high) => Math.min(high, Math.max(low, value));
 
 /** The room from a free camera. `moved`: told when the camera was moved. */
 class OrbitView {
   constructor(stage, moved) {
-    Object.assign(this, { stage, moved, step: 0, timer: 0 });
+    Object.assign(this, { stage, moved, step: 0, timer: 0, pointers: new Map() });
     this.canvas = h("canvas", {
       class: "orbit", tabIndex: 0, role: "application", width: 640, height: 480,
       "aria-label": "The room from a free camera. Arrow keys turn it, plus and minus zoom, with shift the arrow keys move it, 0 puts it back.",
@@ -60,20 +65,28 @@ class OrbitView {
 
   home() { this.camera = structuredClone(this.stage.episode.orbit); }
 
+  /** One pointer turns the camera, or moves it with shift; two fingers move it, and zoom as they part. */
   grab(down) {
     this.canvas.setPointerCapture(down.pointerId);
     this.canvas.focus({ preventScroll: true });
-    let [x, y] = [down.clientX, down.clientY];
     const shift = down.shiftKey || down.button === 2;
+    this.pointers.set(down.pointerId, [down.clientX, down.clientY]);
+    const middle = ([[ax, ay], [bx, by] = [ax, ay]]) => [(ax + bx) / 2, (ay + by) / 2, Math.hypot(ax - bx, ay - by)];
     const move = (event) => {
-      const [dx, dy] = [event.clientX - x, event.clientY - y];
-      [x, y] = [event.clientX, event.clientY];
-      if (shift) this.pan(dx / this.canvas.clientWidth, dy / this.canvas.clientWidth); else this.turn(dx * 0.008, dy * 0.006);
+      if (event.pointerId !== down.pointerId) return;
+      const [x, y, apart] = middle([...this.pointers.values()]);
+      this.pointers.set(event.pointerId, [event.clientX, event.clientY]);
+      const [toX, toY, now] = middle([...this.pointers.values()]);
+      const [dx, dy] = [toX - x, toY - y];
+      if (apart && now) this.zoom(apart / now);
+      if (shift || apart) this.pan(dx / this.canvas.clientWidth, dy / this.canvas.clientWidth); else this.turn(dx * 0.008, dy * 0.006);
     };
-    const up = () => { this.canvas.removeEventListener("pointermove", move); this.canvas.removeEventListener("pointerup", up); this.canvas.removeEventListener("pointercancel", up); };
-    this.canvas.addEventListener("pointermove", move);
-    this.canvas.addEventListener("pointerup", up);
-    this.canvas.addEventListener("pointercancel", up);
+    const up = (event) => {
+      if (event.pointerId !== down.pointerId) return;
+      this.pointers.delete(down.pointerId);
+      for (const [kind, listener] of [["pointermove", move], ["pointerup", up], ["pointercancel", up]]) this.canvas.removeEventListener(kind, listener);
+    };
+    for (const [kind, listener] of [["pointermove", move], ["pointerup", up], ["pointercancel", up]]) this.canvas.addEventListener(kind, listener);
   }
 
   key(event) {
@@ -114,11 +127,9 @@ class OrbitView {
   changed() { this.draw(); this.moved(this.camera); }
 
   address(fine) {
-    const { centre_m: [x, y, z], radius_m: radius, yaw_rad: yaw, pitch_rad: pitch } = this.camera;
     const full = CLAMP(Math.round((this.canvas.clientWidth || 640) * Math.min(devicePixelRatio || 1, 1.5)), 240, 960);
     const width = 4 * Math.round((fine ? full : CLAMP(full / 2, 240, 420)) / 4);
-    const round = (value) => value.toFixed(4);
-    return this.stage.address({ view: "orbit", step: this.step, width, height: (width * 3) / 4, fine, x: round(x), y: round(y), z: round(z), radius: round(radius), yaw: round(yaw), pitch: round(pitch) });
+    return this.stage.address({ view: "orbit", step: this.step, width, height: (width * 3) / 4, fine, ...orbitQuery(this.camera) });
   }
 
   /** A draft at once, and soft light when nothing has changed for a moment after it. */
@@ -203,13 +214,32 @@ function marks({ task }, moment) {
   return task.channels.filter((channel) => isMark(channel) && moment.channels[channel.name]?.[0] === 1).map(({ name }) => ({ name, good: weight(name) >= 0 }));
 }
 
+/** How the camera is turned with what the visitor has: fingers or a mouse. */
+const hint = () => (matchMedia("(pointer: coarse)").matches ? "Drag to turn, two fingers to zoom and move." : "Drag to turn, wheel to zoom, shift-drag to move.");
+
+/** What is marked in the room. */
+export const explained = () => h("p", { class: "small faint" }, `${hint()} Pink ring: the target. Green box: the goal. Violet: displaced, with a ghost where it stood.`);
+
 /** The task's first reward, and the channel that its metrics limit, over the steps; a click goes there. */
 export class Strip {
   constructor(stages, go) {
     Object.assign(this, { stages, step: 0 });
     this.canvas = h("canvas", { class: "strip", "aria-hidden": "true", onpointerdown: (event) => this.drag(event, go), onpointermove: (event) => { if (event.buttons) this.drag(event, go); } });
+    this.element = h("div", {}, this.canvas, this.legend());
     new ResizeObserver(() => this.draw(this.step)).observe(this.canvas);
     this.steps = Math.max(...stages.map((stage) => stage.episode.moments.length - 1));
+  }
+
+  /** What its colours stand for. */
+  legend() {
+    const { task } = this.stages[0].episode;
+    const [first, limited] = [task.rewards[0]?.name, limit(task)?.channel];
+    const said = (ink, text) => text && h("span", {}, h("span", { class: "swatch", style: { background: `var(${ink})` } }), text);
+    const marked = this.stages.flatMap(({ episode }) => episode.moments.flatMap((moment) => marks(episode, moment)));
+    const named = (good) => [...new Set(marked.filter((mark) => mark.good === good).map(({ name }) => words(name)))].join(", ");
+    const unit = task.channels.find(({ name }) => name === limited)?.unit;
+    const rewards = this.stages.map((stage, index) => said(index ? "--run-1" : "--run-0", first && `reward ${words(first)}${this.stages.length > 1 ? `, ${stage.run}` : ""}`));
+    return h("div", { class: "legend small soft" }, rewards, said("--faint", first && "below zero"), said("--ghost", limited && words(limited, unit)), said("--target", named(true)), said("--bad", named(false)));
   }
 
   drag(event, go) { go(Math.round(CLAMP(event.offsetX / this.canvas.clientWidth, 0, 1) * this.steps)); }
@@ -255,8 +285,9 @@ export class Strip {
 
 /** An episode that is open. */
 export class Stage {
-  static async open(run, key, signal) {
-    return new Stage(run, key, signal, await json(`/api/runs/${encodeURIComponent(run)}/episodes/${key}`, { signal }));
+  /** `waits`: called with the reason while the viewer has not read that far. */
+  static async open(run, key, signal, waits) {
+    return new Stage(run, key, signal, await json(`/api/runs/${encodeURIComponent(run)}/episodes/${key}`, { signal, waits }));
   }
 
   constructor(run, key, signal, episode) {

@@ -22,6 +22,7 @@ impl From<Problem> for Refusal {
     fn from(problem: Problem) -> Self {
         let status = match problem {
             Problem::NotThere(_) => StatusCode::NOT_FOUND,
+            Problem::NotYet(_) => StatusCode::SERVICE_UNAVAILABLE,
             Problem::Unreadable(_) => StatusCode::UNPROCESSABLE_ENTITY,
         };
         Self(status, problem.to_string())

@@ -2,7 +2,7 @@
 
 use crate::feed::Feed;
 use proto::replay::{RecordedEpisode, ReplaySetup};
-use proto::task::ShownMetric;
+use proto::task::Described;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -12,6 +12,9 @@ pub enum Problem {
     /// There is no such run, episode or kitchen.
     #[error("{0}")]
     NotThere(String),
+    /// It may be there: what would tell is not read yet.
+    #[error("{0}")]
+    NotYet(String),
     /// It is there and cannot be read.
     #[error("{0}")]
     Unreadable(String),
@@ -55,7 +58,7 @@ pub struct Card {
     /// Of so many.
     pub budget: u64,
     /// The task's metrics that are shown.
-    pub metrics: Vec<ShownMetric>,
+    pub metrics: Vec<Described>,
     /// Their means lately, by name; without those that are not known.
     pub figures: BTreeMap<String, f64>,
     /// Time left, seconds, of one that runs.
@@ -121,6 +124,8 @@ pub struct Stage {
     pub budget: u64,
     /// Frames trained on in it.
     pub frames: u64,
+    /// Means of the task's metrics over its newest tenth, by name.
+    pub figures: BTreeMap<String, f64>,
 }
 
 /// One start of the orchestrator.
@@ -218,7 +223,7 @@ pub struct Curves {
     /// Name and first frame of each stage.
     pub stages: Vec<(String, u64)>,
     /// The task's metrics, those first that are shown.
-    pub metrics: Vec<ShownMetric>,
+    pub metrics: Vec<Described>,
     /// Those of the paper's row of this method, by name.
     pub paper: BTreeMap<String, f64>,
 }

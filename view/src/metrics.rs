@@ -3,7 +3,7 @@
 //! Names carry their unit, and every one of them a help and a type. Values that are not known are left out.
 
 use crate::data::{Card, Live, Runs, Worker};
-use proto::task::ShownMetric;
+use proto::task::Described;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
@@ -63,11 +63,11 @@ impl OfMetrics {
         Self { of, help, families: Vec::new() }
     }
 
-    fn add(&mut self, metrics: &[ShownMetric], figures: &BTreeMap<String, f64>, labels: &[(&'static str, String)]) {
+    fn add(&mut self, metrics: &[Described], figures: &BTreeMap<String, f64>, labels: &[(&'static str, String)]) {
         for metric in metrics {
             let name = format!("stillroom_{}_{}", self.of, unit_last(metric));
             let place = self.families.iter().position(|family| family.name == name).unwrap_or_else(|| {
-                let kind = if metric.share { "a share of episodes, 0 to 1" } else { "a mean over episodes" };
+                let kind = if metric.is_share() { "a share of episodes, 0 to 1" } else { "a mean over episodes" };
                 self.families.push(Family::gauge(name, format!("{} {}: {kind}.", metric.label, self.help)));
                 self.families.len() - 1
             });
@@ -77,12 +77,11 @@ impl OfMetrics {
 }
 
 /// A metric's name with its unit as Prometheus wants it.
-fn unit_last(metric: &ShownMetric) -> String {
-    let ShownMetric { name, unit, share, .. } = metric;
-    let unit = unit.as_deref().unwrap_or_default();
-    let bare = name.strip_suffix(unit).and_then(|name| name.strip_suffix('_')).unwrap_or(name);
-    match unit {
-        "" if *share => format!("{name}_ratio"),
+fn unit_last(metric: &Described) -> String {
+    let Described { name, unit, .. } = metric;
+    let bare = name.strip_suffix(unit.as_str()).and_then(|name| name.strip_suffix('_')).unwrap_or(name);
+    match unit.as_str() {
+        "" if metric.is_share() => format!("{name}_ratio"),
         "" => name.clone(),
         "m" => format!("{bare}_meters"),
         "s" => format!("{bare}_seconds"),

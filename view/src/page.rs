@@ -91,3 +91,22 @@ fn joined(modules: &[&str]) -> String {
 fn hash(content: &str) -> String {
     format!("'sha256-{}'", BASE64_STANDARD.encode(Sha256::digest(content)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The table of episodes was dead: a local `words` hid the function of that name.
+    #[test]
+    fn no_script_declares_a_name_anew_that_it_imports() {
+        for Asset { path, content, .. } in ASSETS.iter().filter(|asset| asset.path.rsplit('.').next() == Some("js")) {
+            let imported = content.lines().filter_map(|line| line.strip_prefix("import { ")?.split_once(" }"));
+            for name in imported.flat_map(|(names, _)| names.split(", ")) {
+                for word in ["const", "let", "function", "class"] {
+                    let declared = [" ", ";", "("].map(|end| format!("{word} {name}{end}"));
+                    assert!(!declared.iter().any(|text| content.contains(text)), "{path} declares `{name}` anew");
+                }
+            }
+        }
+    }
+}

@@ -40,6 +40,7 @@ impl One {
         match run {
             "a" => Ok(value),
             "broken" => Err(Problem::Unreadable("run.toml is damaged".to_owned())),
+            "long" => Err(Problem::NotYet("the recordings are still being read: 46%".to_owned())),
             _ => Err(Problem::NotThere(format!("there is no run called {run}"))),
         }
     }
@@ -525,6 +526,7 @@ fn a_simulator_that_dies_or_talks_nonsense_is_started_again() {
     let unknown = server.get("/api/runs/b/episodes/1-0-0");
     assert_eq!(unknown.status, 404);
     assert_eq!(server.get("/api/runs/a/episodes/77-0-0").status, 404, "no such kitchen");
+    assert_eq!(server.get("/api/runs/long/episodes/1-0-0").status, 503, "a page asks again, with a bound");
 }
 
 proptest! {

@@ -10,5 +10,6 @@ mod writer;
 
 pub use episode::{About, Episode, Frames, Moment};
 pub use error::DatasetError;
+pub use npz::npy_header;
 pub use page::{Size, Source};
 pub use writer::Writer;

@@ -78,19 +78,26 @@ impl Archive {
         }
     }
 
-    /// An array: magic, version, length and description, padded so that the data begins at a multiple of 64 bytes.
     fn array(&mut self, name: &str, kind: &str, shape: &[usize], bytes: &[u8]) -> ZipResult<()> {
         // The same bytes for the same episode: without a time.
         let options = SimpleFileOptions::default().compression_level(Some(1)).large_file(bytes.len() >= 1 << 31);
         self.0.start_file(format!("{name}.npy"), options)?;
-        let lengths: Vec<String> = shape.iter().map(|length| format!("{length}, ")).collect();
-        let description =
-            format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({}), }}", lengths.concat().trim_end());
-        let padded = (10 + description.len() + 1).next_multiple_of(64) - 10;
-        self.0.write_all(b"\x93NUMPY\x01\x00")?;
-        self.0.write_all(&(padded as u16).to_le_bytes())?;
-        self.0.write_all(format!("{description:<width$}\n", width = padded - 1).as_bytes())?;
+        self.0.write_all(&npy_header(kind, shape))?;
         self.0.write_all(bytes)?;
         Ok(())
     }
+}
+
+/// What an NPY file begins with: magic, version, length and description, padded so that the data begins at a multiple of 64
+/// bytes. `kind`: `NumPy`'s name of the elements' type.
+pub fn npy_header(kind: &str, shape: &[usize]) -> Vec<u8> {
+    let lengths: Vec<String> = shape.iter().map(|length| format!("{length}, ")).collect();
+    let lengths = lengths.concat();
+    let description = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({}), }}", lengths.trim_end());
+    // Ten bytes stand before the description, a line feed ends it.
+    let padded = (10 + description.len() + 1).next_multiple_of(64) - 10;
+    let mut header = b"\x93NUMPY\x01\x00".to_vec();
+    header.extend_from_slice(&(padded as u16).to_le_bytes());
+    header.extend_from_slice(format!("{description:<width$}\n", width = padded - 1).as_bytes());
+    header
 }

@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! palette  a colour for each category
+//! robot    the robot as people see it
 //! model    a kitchen as coloured triangles
 //! camera   where a picture is taken from: parallel or central projection
 //! visible  which triangle each pixel shows, and how near it is
@@ -11,6 +12,7 @@
 //! canvas   a picture in memory: text, rectangles, PNG
 //! outside  from where an episode is seen best
 //! marks    lines over a picture: ring about the target, box about the goal
+//! declared   what pictures mark and say of a task, by its declaration
 //! moment   a moment of an episode: where everything is, what happens
 //! depth_view   what the robot's depth camera sees
 //! storyboard   a moment of an episode: depth, the room from outside, captions
@@ -21,11 +23,13 @@
 
 mod camera;
 mod canvas;
+mod declared;
 mod depth_view;
 mod marks;
 mod model;
 mod moment;
 pub mod palette;
+mod robot;
 mod scene;
 mod shade;
 mod sky;
@@ -35,6 +39,7 @@ mod viewpoint;
 mod visible;
 
 pub use canvas::{Canvas, PictureError, Rgb};
+pub use declared::{action_name, captions, target, target_name, task};
 pub use moment::{Captions, Moment, Task};
 pub use scene::{Scene, Standpoint};
 pub use storyboard::Storyboard;

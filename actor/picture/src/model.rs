@@ -2,6 +2,7 @@
 
 use super::canvas::Rgb;
 use super::palette;
+use super::robot::pieces;
 use rapier3d::math::{Pose3, Vec3};
 use simulator::kitchen::{BodyRole, Kitchen};
 use simulator::mesh::triangles_of;
@@ -67,12 +68,20 @@ impl Model {
         first
     }
 
-    /// Adds the robot's arm in these poses, with the body or without: the head camera sits inside it.
+    /// Adds the robot in these poses: as people see it, or without its body, in which the head camera sits, the arm that
+    /// the camera sees.
     pub fn add_robot(&mut self, poses: &PartPoses, with_body: bool) {
-        for (shape, pose) in part_shapes().iter().zip(poses).skip(usize::from(!with_body)) {
-            self.add(shape, pose, palette::ROBOT, false);
+        let mut add = |shape: &Shape, pose: &Pose3, colour: Rgb| {
+            self.add(shape, pose, colour, false);
             self.sections.pop();
-            self.sections.push(palette::ROBOT);
+            self.sections.push(colour);
+        };
+        if with_body {
+            for piece in pieces(poses) {
+                add(&piece.shape, &piece.world_from_body, piece.colour);
+            }
+        } else {
+            part_shapes().iter().zip(poses).skip(1).for_each(|(shape, pose)| add(shape, pose, palette::ROBOT));
         }
     }
 

@@ -7,6 +7,7 @@ use super::marks::TARGET;
 use super::model::Model;
 use super::moment::{Moment, Task, points};
 use super::palette;
+use super::robot::pieces;
 use super::shade::Exposure;
 use super::sky::{Dome, Lit};
 use super::storyboard::PAPER;
@@ -18,7 +19,6 @@ use rapier3d::math::{Pose3, Vec3};
 use simulator::depth::DepthCamera;
 use simulator::kitchen::Kitchen;
 use simulator::mesh::triangles_of;
-use simulator::robot::links::part_shapes;
 use simulator::shape::Shape;
 use std::sync::{Arc, OnceLock};
 
@@ -148,8 +148,8 @@ impl Scene {
                 solids.push(ShownSolid { ghost: true, ..stood });
             }
         }
-        for (index, (shape, pose)) in part_shapes().iter().zip(&moment.robot).enumerate() {
-            solids.push(solid(format!("robot/{index}"), palette::ROBOT, shape, pose));
+        for (index, piece) in pieces(&moment.robot).iter().enumerate() {
+            solids.push(solid(format!("robot/{index}"), piece.colour, &piece.shape, &piece.world_from_body));
         }
         solids
     }

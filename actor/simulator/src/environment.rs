@@ -8,7 +8,10 @@ use crate::simulation::{Settling, Simulation, Start, Substep};
 use proto::camera::SUMS_PIXELS;
 use proto::config::Config;
 use proto::record::End;
+use proto::replay::Player;
 use rapier3d::math::{Pose3, Vec3};
+use std::any::Any;
+use std::error::Error;
 use std::sync::Arc;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -21,7 +24,7 @@ const OBJECT_DISPLACEMENT_CAP_M: f32 = 10.0;
 const SUBSTEPS_AT_ONCE: u32 = 8;
 
 /// One environment of a task. The same configuration, environment, episode and actions give the same bits everywhere.
-pub trait Environment: Send {
+pub trait Environment: Any + Send + Sync {
     /// Resets to the start of the environment's episode with this number.
     fn begin(&mut self, number: u32);
 
@@ -36,6 +39,9 @@ pub trait Environment: Send {
     /// If the episode has ended, or the task has no such action.
     fn act(&mut self, action: &[u8], done: &mut [u8]);
 
+    /// Writes what is known of the parts and outcomes before an episode's first action; nothing, unless a task says so.
+    fn before_first(&self, _done: &mut [u8]) {}
+
     /// Writes what is seen now: these are the bytes of a record's observations and states, but for images.
     fn observe(&self, seen: &mut [u8]);
 
@@ -43,6 +49,34 @@ pub trait Environment: Send {
     fn base(&self) -> &Base;
 
     fn base_mut(&mut self) -> &mut Base;
+
+    /// A copy of the moment that it is in.
+    fn boxed(&self) -> Box<dyn Environment>;
+}
+
+impl Clone for Box<dyn Environment> {
+    fn clone(&self) -> Self {
+        (**self).boxed()
+    }
+}
+
+impl Player for dyn Environment + '_ {
+    fn act(&mut self, action: &[u8], done: &mut [u8]) -> Result<(), Box<dyn Error + Send + Sync>> {
+        Environment::act(self, action, done);
+        Ok(())
+    }
+
+    fn observe(&mut self, seen: &mut [u8]) {
+        Environment::observe(self, seen);
+    }
+
+    fn state_hash(&self) -> u64 {
+        self.base().state_hash()
+    }
+
+    fn end(&self) -> Option<End> {
+        self.base().end()
+    }
 }
 
 /// The kitchen during an episode: its simulation, what was disturbed in it, and what its camera has seen.

@@ -32,6 +32,11 @@ pub enum SourceError {
         /// Why.
         cause: std::io::Error,
     },
+    /// Another program simulates.
+    #[error(
+        "the run's environments are not built in: they can be simulated again by `orchestrator replay`, but not drawn"
+    )]
+    NotBuiltIn,
     /// The configuration names fewer scenes.
     #[error("kitchen {kitchen} is scene {index} of the run's list, which has {scenes}")]
     NoScene {
@@ -46,6 +51,9 @@ pub enum SourceError {
 /// The kitchen with this number in a run with this configuration, whose scene files are named relative to `folder`, its
 /// run folder. A procedural kitchen that is kept there is opened; one that is not is made, which takes longer.
 pub fn of_run(id: KitchenId, config: &Config, folder: &Path) -> Result<Kitchen, SourceError> {
+    if config.environment.is_some() {
+        return Err(SourceError::NotBuiltIn);
+    }
     if id.is_procedural() {
         let kitchen_key = KitchenKey::new(id, config.kitchens.seed);
         return match kept(kitchen_key, config, folder) {
@@ -103,7 +111,7 @@ fn kept(kitchen_key: KitchenKey, config: &Config, folder: &Path) -> Option<Found
                     tracing::warn!("{path} is damaged and is made anew: {problem}");
                 }
                 FoundKitchenError::Version | FoundKitchenError::Other => {
-                    tracing::debug!("{path} is made anew: {problem}")
+                    tracing::debug!("{path} is made anew: {problem}");
                 }
             }
             None

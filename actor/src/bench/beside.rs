@@ -8,9 +8,10 @@
 //! As in an actor the action that ends an episode begins the next one, and an environment is observed once a step.
 
 use super::clock::processor_time;
-use crate::process::environments::Environments;
+use crate::process::kitchens::{Kitchens, homes};
 use crate::process::prefetcher::KitchenPrefetcher;
 use anyhow::{Context, Result, ensure};
+use engine::Environments;
 use proto::config::Config;
 use proto::kitchen::KitchenId;
 use proto::record::HOLD;
@@ -44,7 +45,8 @@ pub fn run(options: Options, mut input: impl Read, mut output: impl Write) -> Re
     ensure!(steps > 0, "a turn has a step at least");
     // The kitchens of these environments are not kept in a folder.
     let prefetcher = KitchenPrefetcher::without_thread(&config, Path::new(""));
-    let mut environments = Environments::new(prefetcher, Some(kitchen), 0, &config)?;
+    let kitchens = Kitchens::of(prefetcher, &config)?;
+    let mut environments = Environments::new(kitchens, &homes(Some(kitchen), 0, &config), &config)?;
     let record = vec![Line([0; 64]); config.spec().layout().bytes / size_of::<Line>()];
     let mut slots = vec![record; count as usize];
     let mut actions = vec![0; count as usize * steps as usize];
@@ -66,7 +68,12 @@ pub fn run(options: Options, mut input: impl Read, mut output: impl Write) -> Re
 }
 
 /// A step of all environments, half after half as an actor takes it; the sum of the state hashes.
-fn step(environments: &mut Environments, halves: Halves, actions: &[u8], slots: &mut [Vec<Line>]) -> Result<u64> {
+fn step(
+    environments: &mut Environments<Kitchens>,
+    halves: Halves,
+    actions: &[u8],
+    slots: &mut [Vec<Line>],
+) -> Result<u64> {
     let mut sum = 0u64;
     for half in 0..halves.count() {
         let range = halves.range(half);
@@ -74,7 +81,7 @@ fn step(environments: &mut Environments, halves: Halves, actions: &[u8], slots: 
         for index in range {
             if actions[index] != HOLD {
                 let record = Line::bytes_mut(&mut slots[index]);
-                environments.observe(index, record);
+                environments.observe(index, record)?;
                 sum = sum.wrapping_add(RecordHeader::of(black_box(record)).outcome_hash);
             }
         }

@@ -21,11 +21,11 @@
 //! A pose is seven numbers: translation (metres), then the rotation's quaternion x, y, z, w.
 
 mod mjcf;
-mod npy;
 mod trace;
 
 use crate::bench::action_source::PolicyKind;
 use anyhow::{Context, Result};
+use bytemuck::NoUninit;
 use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::kitchen::KitchenId;
@@ -37,6 +37,7 @@ use simulator::mesh::triangles_of;
 use simulator::robot::links::PART_COUNT;
 use simulator::shape::Shape;
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use trace::{Trace, record};
@@ -112,7 +113,7 @@ fn export(kitchen: &Arc<Kitchen>, config: &Config, options: &Options, folder: &P
             "part_triangles": part_triangles,
         }));
     }
-    npy::write(&folder.join("triangles.npy"), &corners, &[3, 3])?;
+    write_array(&folder.join("triangles.npy"), "<f4", &corners, &[3, 3])?;
     for &policy in &options.policies {
         let trace = record(kitchen, config, policy, options.frames)?;
         write_trace(&trace, kitchen.bodies().len(), &folder.join(policy.name()))?;
@@ -125,7 +126,7 @@ fn write_trace(trace: &Trace, body_count: usize, folder: &Path) -> Result<()> {
     let substeps = &trace.substeps;
     let write_poses = |name: &str, poses: &mut dyn Iterator<Item = &Pose3>, row: &[usize]| {
         let numbers: Vec<f32> = poses.flat_map(numbers).collect();
-        npy::write(&folder.join(name), &numbers, row)
+        write_array(&folder.join(name), "<f4", &numbers, row)
     };
     write_poses("start.npy", &mut trace.world_from_movables.iter(), &[POSE])?;
     write_poses("end.npy", &mut trace.world_from_movables_at_end.iter(), &[POSE])?;
@@ -135,18 +136,24 @@ fn write_trace(trace: &Trace, body_count: usize, folder: &Path) -> Result<()> {
     write_poses("held.npy", &mut held, &[POSE])?;
     let held_index = |held: Option<(usize, Pose3)>| held.map_or(-1, |(movable, _)| movable as i32);
     let held_indices: Vec<i32> = substeps.iter().map(|substep| held_index(substep.held)).collect();
-    npy::write(&folder.join("held_index.npy"), &held_indices, &[])?;
-    npy::write(&folder.join("substeps_until.npy"), &trace.substeps_until, &[])?;
+    write_array(&folder.join("held_index.npy"), "<i4", &held_indices, &[])?;
+    write_array(&folder.join("substeps_until.npy"), "<u4", &trace.substeps_until, &[])?;
     write_poses("camera.npy", &mut trace.world_from_camera.iter(), &[POSE])?;
     let mut drawn = trace.frames.iter().flat_map(|frame| &frame.world_from_bodies);
     write_poses("frame_bodies.npy", &mut drawn, &[body_count, POSE])?;
     write_poses("frame_camera.npy", &mut trace.frames.iter().map(|frame| &frame.world_from_camera), &[POSE])?;
     let depth_mm: Vec<u16> = trace.frames.iter().flat_map(|frame| &frame.depth_mm).copied().collect();
-    npy::write(&folder.join("frame_depth_mm.npy"), &depth_mm, &[FRAME_SIDE, FRAME_SIDE])?;
+    write_array(&folder.join("frame_depth_mm.npy"), "<u2", &depth_mm, &[FRAME_SIDE, FRAME_SIDE])?;
     Ok(())
 }
 
 fn numbers(pose: &Pose3) -> [f32; POSE] {
     let (t, r) = (pose.translation, pose.rotation);
     [t.x, t.y, t.z, r.x, r.y, r.z, r.w]
+}
+
+/// Writes an NPY file of this kind: rows of this shape.
+fn write_array<T: NoUninit>(path: &Path, kind: &str, elements: &[T], row: &[usize]) -> io::Result<()> {
+    let shape = [&[elements.len() / row.iter().product::<usize>()], row].concat();
+    fs::write(path, [&dataset::npy_header(kind, &shape), bytemuck::cast_slice(elements)].concat())
 }

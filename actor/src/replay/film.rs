@@ -4,17 +4,14 @@
 //! for the whole way.
 
 use super::picture::Sink;
-use super::play::{Rules, Seen};
 use anyhow::Result;
-use picture::{Captions, Moment, Storyboard, Task};
+use picture::{Captions, Moment, Storyboard};
 use proto::episode::EnvironmentId;
-use proto::kitchen::TargetCategory;
-use proto::replay::{ImageFormat, ReplayImages};
-use proto::task::{Channel, Field, Role, UNFINISHED};
-use rapier3d::math::{Pose3, Vec3};
+use proto::replay::{ImageFormat, ReplayImages, Rules, Seen};
+use proto::task::UNFINISHED;
+use rapier3d::math::Pose3;
 use simulator::depth::DepthCamera;
 use simulator::environment::Base;
-use simulator::tasks::arm_point_nav::episode::GOAL_TOLERANCE_M;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -62,51 +59,14 @@ fn outcome_in_words(rules: &Rules, outcome: &str) -> (String, bool) {
     }
 }
 
-/// Measures in a caption: more do not fit.
-const MEASURES: usize = 4;
-
-/// Caption of a moment, without its number and the episode's end: parts of rewards that are 1, and the first measures of
-/// what the action led to.
+/// Caption of a moment, without its number and the episode's end.
 fn words(rules: &Rules, seen: &Seen) -> Captions {
-    let Some(_) = seen.rewards else { return Captions::default() };
-    let pairs = || rules.spec.channels.iter().zip(&rules.spec.layout().fields);
-    let remarks = pairs().filter(|(channel, field)| {
-        channel.role == Role::Part && channel.values == [0.0, 1.0] && field.number(seen.record) == 1.0
-    });
-    let remarks: Vec<String> = remarks.map(|(channel, _)| channel.bare_name().replace('_', " ")).collect();
-    let is_measure =
-        |channel: &Channel| channel.role == Role::Outcome && channel.shape.is_empty() && !channel.unit.is_empty();
-    let measure = |(channel, field): (&Channel, &Field)| {
-        format!("{} {:.3} {}", channel.bare_name().replace('_', " "), field.number(seen.record), channel.unit)
-    };
-    let measures = pairs().filter(|(channel, _)| is_measure(channel)).take(MEASURES).map(measure);
-    Captions {
-        action: rules.action(seen.record).unwrap_or_default().to_owned(),
-        remark: remarks.join(", "),
-        measures: measures.collect::<Vec<_>>().join("  "),
-        outcome: None,
-    }
+    seen.rewards.map_or_else(Captions::default, |_| picture::captions(rules.spec, seen.record))
 }
 
 /// A moment of an episode for pictures.
 pub(crate) fn moment(environment: &Base, words: Captions) -> Moment {
     Moment::of(environment.simulation(), environment.world_from_camera(), words)
-}
-
-/// What pictures of an episode mark. `record`: any of its records.
-pub(crate) fn task(rules: &Rules, environment: &Base, record: &[u8], title: String) -> Task {
-    let goal = rules.spec.channel("goal_position_m").map(|(_, field)| {
-        let [x, y, z] = std::array::from_fn(|axis| field.numbers(record).nth(axis).unwrap_or_default() as f32);
-        Vec3::new(x, y, z)
-    });
-    Task { target: target(rules, environment, record), goal, goal_tolerance_m: GOAL_TOLERANCE_M, title }
-}
-
-/// The movable thing that the task is about, if it names a category.
-pub(crate) fn target(rules: &Rules, environment: &Base, record: &[u8]) -> Option<usize> {
-    let name = rules.target(record)?;
-    let category = TargetCategory::ALL.into_iter().find(|category| category.name() == name)?;
-    Some(environment.kitchen().target_movable(category))
 }
 
 /// The moments of one episode.
@@ -150,11 +110,11 @@ impl Film {
             last.captions.outcome = Some(outcome_in_words(rules, outcome));
         }
         let side = images.side as usize;
-        let target = rules.target(&self.record);
+        let target = picture::target_name(rules.spec, &self.record);
         let name = self.played.name(target, outcome);
         let mut sink = Sink::create(images, Path::new(&images.folder), &name, self.moments.len())?;
         let story = (images.format != ImageFormat::Png).then(|| {
-            let task = task(rules, environment, &self.record, self.played.title(target));
+            let task = picture::task(rules.spec, environment, &self.record, self.played.title(target));
             Storyboard::new(Arc::clone(kitchen), task, &self.moments, side)
         });
         let mut depth_mm = vec![0; side * side];

@@ -45,7 +45,7 @@ fn recorded(config: &Config, episode: u32, actions: &[Action]) -> RecordedEpisod
             }
         }
         seen = moment.record.to_vec();
-        Ok(())
+        anyhow::Ok(())
     })
     .unwrap();
     recorded

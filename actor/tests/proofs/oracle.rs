@@ -17,7 +17,6 @@ use simulator::tasks::arm_point_nav::episodes::{self, EPISODES_PER_KITCHEN, Epis
 use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet};
 use proto::kitchen::{KitchenId, Split, TargetCategory};
 use rapier3d::math::Vec3;
-use simulator::tasks::arm_point_nav::UNDISTURBED_THRESHOLD_M;
 use std::sync::{Arc, OnceLock};
 
 /// Every category once.
@@ -52,10 +51,6 @@ fn rate(outcomes: &[Outcome], test: impl Fn(&Outcome) -> bool) -> f64 {
     outcomes.iter().filter(|outcome| test(outcome)).count() as f64 / outcomes.len() as f64
 }
 
-fn undisturbed(outcome: &Outcome) -> bool {
-    outcome.success && outcome.disturbance_m < UNDISTURBED_THRESHOLD_M
-}
-
 #[test]
 fn the_task_can_be_solved_and_care_avoids_disturbance() {
     let (fast, careful) = (outcomes(Variant::Fast), outcomes(Variant::Careful));
@@ -65,7 +60,8 @@ fn the_task_can_be_solved_and_care_avoids_disturbance() {
         assert!(outcomes.iter().all(|outcome| !outcome.success || outcome.picked_up));
         assert!(outcomes.iter().all(|outcome| outcome.actions.len() <= 200));
     }
-    let (without_care, with_care) = (rate(&fast, undisturbed), rate(&careful, undisturbed));
+    let (without_care, with_care) =
+        (rate(&fast, |outcome| outcome.undisturbed), rate(&careful, |outcome| outcome.undisturbed));
     assert!(
         without_care < 0.9,
         "nothing is in the way: {without_care} of the episodes end undisturbed without any care"

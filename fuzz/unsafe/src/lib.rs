@@ -2,7 +2,7 @@
 
 #[path = "../../../proto/wire/src/shm.rs"]
 pub mod shm;
-#[path = "../../../actor/simulator/src/depth/simd.rs"]
+#[path = "../../../actor/depth/src/simd.rs"]
 pub mod simd;
 
 /// Miri knows no mapped files.

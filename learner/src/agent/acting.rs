@@ -62,7 +62,7 @@ pub(super) struct Rows<'a> {
     /// Rows of the table of beliefs: where they are now, and where they go.
     pub columns: &'a [i64],
     pub beliefs_to: &'a [i64],
-    /// Goals, previous actions, episode starts.
+    /// Numbers, previous actions, episode starts.
     pub steps: &'a [Step],
     /// \[rows · actions\].
     pub noise: &'a [f32],
@@ -91,13 +91,13 @@ struct InputBytes {
     columns: Range<usize>,
     beliefs_to: Range<usize>,
     previous_actions: Range<usize>,
-    goals: Range<usize>,
+    numbers: Range<usize>,
     carried: Range<usize>,
     noise: Range<usize>,
 }
 
 impl InputBytes {
-    fn new(rows: usize, actions: usize) -> Self {
+    fn new(rows: usize, [numbers, actions]: [usize; 2]) -> Self {
         let mut end = 0;
         let mut next = |bytes: usize| {
             let start = end;
@@ -111,7 +111,7 @@ impl InputBytes {
             columns: next(rows * 8),
             beliefs_to: next(rows * 8),
             previous_actions: next(rows * 8),
-            goals: next(rows * 12),
+            numbers: next(rows * numbers * 4),
             carried: next(rows * 4),
             noise: next(rows * actions * 4),
         }
@@ -145,7 +145,8 @@ impl Acting {
 
     /// Takes a step.
     pub fn step(&mut self, policy: Policy, rows: Rows) -> Result<Vec<Chosen>, GraphError> {
-        let layout = InputBytes::new(rows.steps.len(), rows.noise.len() / rows.steps.len());
+        let count = rows.steps.len();
+        let layout = InputBytes::new(count, [rows.steps[0].numbers.len(), rows.noise.len() / count]);
         let store = policy.store.data_ptr() as usize;
         // After a change of weights.
         policy.network.refresh();
@@ -244,8 +245,8 @@ impl Acting {
                 seen.push(branches.fork(|| network.seen(&kept))?);
             }
             // Beside the encoder, too.
-            let goals = part(&layout.goals, Kind::Float).view([-1, 3]);
-            let told = network.told(&goals, &part(&layout.previous_actions, Kind::Int64));
+            let numbers = part(&layout.numbers, Kind::Float).view([layout.rows as i64, -1]);
+            let told = network.told(&numbers, &part(&layout.previous_actions, Kind::Int64));
             let before = beliefs.index_select(0, &part(&layout.columns, Kind::Int64))
                 * part(&layout.carried, Kind::Float).unsqueeze(1);
             let from_before = gru.state_gates(&network.parameters, &before);
@@ -304,7 +305,8 @@ fn fill(inputs: &mut Tensor, layout: &InputBytes, frames: &[i64], rows: Rows) {
     integers(&mut bytes[layout.beliefs_to.clone()], rows.beliefs_to);
     let steps = rows.steps.iter();
     put(&mut bytes[layout.previous_actions.clone()], steps.clone().map(|step| step.previous_action.to_ne_bytes()));
-    put(&mut bytes[layout.goals.clone()], steps.clone().flat_map(|step| step.goal.map(f32::to_ne_bytes)));
+    let numbers = steps.clone().flat_map(|step| &step.numbers);
+    put(&mut bytes[layout.numbers.clone()], numbers.map(|number| number.to_ne_bytes()));
     let carried = steps.map(|step| if step.episode_start { 0.0f32 } else { 1.0 });
     put(&mut bytes[layout.carried.clone()], carried.map(f32::to_ne_bytes));
     put(&mut bytes[layout.noise.clone()], rows.noise.iter().map(|number| number.to_ne_bytes()));
@@ -400,10 +402,10 @@ mod tests {
 
     #[test]
     fn inputs_lie_one_after_the_other_on_16_bytes() {
-        let layout = InputBytes::new(3, 21);
-        let InputBytes { rows: _, frames, places, columns, beliefs_to, previous_actions, goals, carried, noise } =
+        let layout = InputBytes::new(3, [3, 21]);
+        let InputBytes { rows: _, frames, places, columns, beliefs_to, previous_actions, numbers, carried, noise } =
             layout.clone();
-        let parts = [frames, places, columns, beliefs_to, previous_actions, goals, carried, noise];
+        let parts = [frames, places, columns, beliefs_to, previous_actions, numbers, carried, noise];
         assert!(parts.is_sorted_by(|a, b| a.end <= b.start && b.start - a.end < 16));
         assert!(parts.iter().all(|part| part.start.is_multiple_of(16)));
         assert_eq!(layout.bytes(), parts[7].end);

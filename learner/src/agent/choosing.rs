@@ -6,7 +6,7 @@ use super::padding::padded;
 use super::step::{Inference, column_indices, pick, sample};
 use super::{Agent, AgentError, StepInput, StepOutput};
 use crate::ffi::kernels::Chosen;
-use crate::network::{FramePreparation, Observations, goal_coordinates, table_row, to_vec};
+use crate::network::{FramePreparation, Observations, coordinates, table_row, to_vec};
 use crate::rollout::Step;
 use tch::Tensor;
 
@@ -69,24 +69,24 @@ impl Agent {
         }
         if !acting.is_empty() {
             let columns: Vec<usize> = acting.iter().map(|&row| input.columns[row]).collect();
-            let columns = column_indices(&columns, self.device);
-            let _ = self.beliefs.index_copy_(0, &columns, &pick(&beliefs, &acting));
+            self.carry(&columns, &pick(&beliefs, &acting));
         }
         Ok(choices)
     }
 
     /// The network's inputs besides the frames; no actions are chosen yet.
     pub(super) fn seen(&self, input: &StepInput) -> Result<Vec<Step>, AgentError> {
-        let StepInput { columns, goal_m, previous_action, episode_start, .. } = *input;
+        let StepInput { columns, numbers, previous_action, episode_start, .. } = *input;
         let rows = columns.len();
         let (space, mut steps) = (self.config.policy_actions(), Vec::with_capacity(rows));
-        for (row, &column) in columns.iter().enumerate() {
-            if !goal_m[row].iter().all(|coordinate| coordinate.is_finite()) {
-                return Err(AgentError::NonFinite { what: format!("column {column}: goal sensor") });
+        let each = numbers.chunks_exact(numbers.len() / rows);
+        for ((row, &column), numbers) in columns.iter().enumerate().zip(each) {
+            if !numbers.iter().all(|number| number.is_finite()) {
+                return Err(AgentError::NonFinite { what: format!("column {column}: an observation") });
             }
             let action = (!episode_start[row]).then_some(previous_action[row]);
             steps.push(Step {
-                goal: goal_coordinates(self.config.network.goal, goal_m[row]),
+                numbers: coordinates(self.config.network.goal, numbers),
                 previous_action: table_row(&space, action)
                     .ok_or(AgentError::UnknownAction { column, action: previous_action[row] })?,
                 episode_start: episode_start[row],
@@ -159,15 +159,19 @@ impl Agent {
         let rows = columns.len();
         let network = policy(self.overlap.as_ref(), self.trainer.as_deref());
         let preparation: FramePreparation = network.preparation;
-        let goals: Vec<f32> = steps.iter().flat_map(|step| step.goal).collect();
+        let numbers: Vec<f32> = steps.iter().flat_map(|step| &step.numbers).copied().collect();
         let previous_actions: Vec<i64> = steps.iter().map(|step| step.previous_action).collect();
         let carried: Vec<f32> = episode_start.iter().map(|&start| if start { 0.0 } else { 1.0 }).collect();
         let to_device = |tensor: Tensor| tensor.to_device(self.device);
 
         let _no_grad = tch::no_grad_guard();
+        let kept = match frames {
+            [] => preparation.store(rows as i64),
+            frames => preparation.keep(frames, &mut self.staging),
+        };
         let observations = Observations {
-            frames: preparation.keep(frames, &mut self.staging),
-            goals: to_device(Tensor::from_slice(&goals).view([-1, 3])),
+            frames: kept,
+            numbers: to_device(Tensor::from_slice(&numbers).view([rows as i64, -1])),
             previous_actions: to_device(Tensor::from_slice(&previous_actions)),
         };
         let before = self.beliefs.index_select(0, &column_indices(columns, self.device))
@@ -217,7 +221,7 @@ mod tests {
             columns: rows.iter().map(|row| row.0).collect(),
             at: at().map(|(batch, row)| batch.at[row]).collect(),
             frames: at().map(|(batch, row)| batch.frames[row]).collect(),
-            goal_m: at().map(|(batch, row)| batch.goal_m[row]).collect(),
+            numbers: at().flat_map(|(batch, row)| batch.numbers[row * 3..][..3].to_vec()).collect(),
             previous_action: at().map(|(batch, row)| batch.previous_action[row]).collect(),
             episode_start: at().map(|(batch, row)| batch.episode_start[row]).collect(),
             gumbel: at().flat_map(|(batch, row)| batch.gumbel[row * actions..][..actions].to_vec()).collect(),

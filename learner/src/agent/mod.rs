@@ -88,7 +88,8 @@ impl Agent {
         let adam = Adam::new(&network.parameters.flat());
         let table = network.belief.blank(columns.len() as i64 + 1, device);
         let beliefs = table.narrow(0, 0, columns.len() as i64);
-        let acting = network.kernels().and_then(|_| match Acting::new(device) {
+        let kernels = network.kernels().filter(|_| network.belief.hidden() > 0);
+        let acting = kernels.and_then(|_| match Acting::new(device) {
             Ok(acting) => Some(acting),
             Err(error) => {
                 tracing::warn!("acting goes through libtorch operation by operation, which takes longer: {error}");
@@ -155,13 +156,20 @@ impl Agent {
         let rows = log_probs.chunks_exact(space.len()).zip(input.gumbel.chunks_exact(space.len()));
         let chosen: Vec<usize> = rows.map(|(log_probs, gumbel)| sample(log_probs, gumbel)).collect();
         let _no_grad = tch::no_grad_guard();
-        let _ = self.beliefs.index_copy_(0, &column_indices(input.columns, self.device), &beliefs);
+        self.carry(input.columns, &beliefs);
         let Trainer { network, auxiliary, .. } = self.trainer();
         let disturbs = auxiliary.disturbance_logits(&network.parameters, &beliefs).map(|logits| {
             let logits = logits.gather(1, &column_indices(&chosen, self.device).unsqueeze(1), false);
             to_vec(&logits).into_iter().map(|logit| logit > 0.0).collect()
         });
         Ok(Choice { actions: chosen.into_iter().map(|action| space[action]).collect(), disturbs })
+    }
+
+    /// Beliefs before these columns' next observations; without memory there are none.
+    fn carry(&mut self, columns: &[usize], beliefs: &Tensor) {
+        if self.beliefs.size()[1] > 0 {
+            let _ = self.beliefs.index_copy_(0, &column_indices(columns, self.device), beliefs);
+        }
     }
 
     /// Records the outcome of a column's action in step `t`. Not called for a column that held.

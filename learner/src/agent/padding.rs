@@ -26,9 +26,13 @@ pub(super) fn batch_rows(config: &Config, shards: &Shards) -> Option<usize> {
 pub(super) fn padded<'a>(input: &StepInput<'a>, rows: &[usize], count: usize) -> Batch<'a> {
     fn again<T: Clone>(values: &[T], count: usize) -> Vec<T> {
         let mut values = values.to_vec();
-        values.resize(count, values[0].clone());
+        if let Some(first) = values.first().cloned() {
+            values.resize(count, first);
+        }
         values
     }
+    let width = input.numbers.len() / input.columns.len();
+    let more = input.numbers[..width].repeat(count - input.columns.len());
     let draws = input.gumbel.len() / input.columns.len();
     let mut gumbel = input.gumbel.to_vec();
     gumbel.resize(count * draws, 0.0);
@@ -36,7 +40,7 @@ pub(super) fn padded<'a>(input: &StepInput<'a>, rows: &[usize], count: usize) ->
         columns: again(input.columns, count),
         at: rows.to_vec(),
         frames: again(input.frames, count),
-        goal_m: again(input.goal_m, count),
+        numbers: [input.numbers, &more].concat(),
         previous_action: again(input.previous_action, count),
         episode_start: again(input.episode_start, count),
         gumbel,

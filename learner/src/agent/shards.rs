@@ -54,15 +54,15 @@ fn parts<'a>(shards: &Shards, input: &StepInput<'a>) -> Vec<StepInput<'a>> {
         return vec![*input];
     }
     let rows = input.columns.len();
-    let draws = input.gumbel.len() / rows.max(1);
+    let [draws, width] = [input.gumbel, input.numbers].map(|numbers| numbers.len() / rows.max(1));
     let place = |column: usize| input.columns.partition_point(|&other| other < column);
     let of_shards = shards.columns().iter().map(|shard| place(shard.start)..place(shard.end));
     let of_shards = of_shards.filter(|rows| !rows.is_empty());
     of_shards
         .map(|rows| StepInput {
             columns: &input.columns[rows.clone()],
-            frames: &input.frames[rows.clone()],
-            goal_m: &input.goal_m[rows.clone()],
+            frames: input.frames.get(rows.clone()).unwrap_or_default(),
+            numbers: &input.numbers[rows.start * width..rows.end * width],
             previous_action: &input.previous_action[rows.clone()],
             episode_start: &input.episode_start[rows.clone()],
             gumbel: &input.gumbel[rows.start * draws..rows.end * draws],
@@ -90,7 +90,7 @@ mod tests {
         let input = StepInput {
             columns: &columns,
             frames: &vec![DepthFrame::Whole(frame); rows],
-            goal_m: &[[1.0; 3], [4.0; 3], [5.0; 3]],
+            numbers: &[1.0, 1.0, 4.0, 4.0, 5.0, 5.0],
             previous_action: &[1, 4, 5],
             episode_start: &[true, false, true],
             gumbel: &numbers,
@@ -101,8 +101,8 @@ mod tests {
         assert_eq!(parts.iter().map(|part| part.episode_start).collect::<Vec<_>>(), [&[true][..], &[false, true]]);
         assert_eq!(parts.iter().map(|part| part.gumbel).collect::<Vec<_>>(), [&[0.0, 1.0][..], &[2.0, 3.0, 4.0, 5.0]]);
         assert_eq!(
-            parts.iter().map(|part| (part.frames.len(), part.goal_m[0][0])).collect::<Vec<_>>(),
-            [(1, 1.0), (2, 4.0)]
+            parts.iter().map(|part| (part.frames.len(), part.numbers)).collect::<Vec<_>>(),
+            [(1, &[1.0, 1.0][..]), (2, &[4.0, 4.0, 5.0, 5.0])]
         );
         let whole = super::parts(&Shards::one(6), &StepInput { gumbel: &[], ..input });
         assert_eq!((whole.len(), whole[0].columns), (1, &columns[..]));

@@ -9,10 +9,10 @@ pub struct StepInput<'a> {
     /// Columns of this learner (place of the actor among its own · environments per actor + environment), ascending but
     /// for rows of which nothing is kept.
     pub columns: &'a [usize],
-    /// Depth frames; may point into shared memory.
+    /// Depth frames; may point into shared memory. None at all in a task without a frame.
     pub frames: &'a [DepthFrame<'a>],
-    /// The goal vector, robot's frame, metres.
-    pub goal_m: &'a [[f32; 3]],
+    /// The task's numbers, `columns.len() * numbers`, row-major: [`proto::task::Inputs::read`].
+    pub numbers: &'a [f32],
     /// Index of the previous action; meaningless at an episode's first observation.
     pub previous_action: &'a [u8],
     /// True at an episode's first observation: the belief is zeroed before it is used.
@@ -26,12 +26,10 @@ impl StepInput<'_> {
     /// # Panics
     /// If the slices differ in length, there is no column, or columns do not ascend.
     pub(super) fn check(&self) {
-        let Self { columns, frames, goal_m, previous_action, episode_start, .. } = *self;
+        let Self { columns, frames, numbers, previous_action, episode_start, .. } = *self;
         let rows = columns.len();
-        assert!(
-            [frames.len(), goal_m.len(), previous_action.len(), episode_start.len()] == [rows; 4] && rows > 0,
-            "one entry a column"
-        );
+        let of_rows = [previous_action.len(), episode_start.len()] == [rows; 2] && [0, rows].contains(&frames.len());
+        assert!(rows > 0 && of_rows && numbers.len().is_multiple_of(rows), "one entry a column");
         assert!(columns.is_sorted_by(|a, b| a < b), "columns ascend");
     }
 }
@@ -44,7 +42,7 @@ pub struct Batch<'a> {
     /// batch up, and nothing is kept of them.
     pub(crate) at: Vec<usize>,
     pub(crate) frames: Vec<DepthFrame<'a>>,
-    pub(crate) goal_m: Vec<[f32; 3]>,
+    pub(crate) numbers: Vec<f32>,
     pub(crate) previous_action: Vec<u8>,
     pub(crate) episode_start: Vec<bool>,
     pub(crate) gumbel: Vec<f32>,
@@ -61,7 +59,7 @@ impl Batch<'_> {
         StepInput {
             columns: &self.columns,
             frames: &self.frames,
-            goal_m: &self.goal_m,
+            numbers: &self.numbers,
             previous_action: &self.previous_action,
             episode_start: &self.episode_start,
             gumbel: &self.gumbel,

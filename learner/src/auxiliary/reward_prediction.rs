@@ -77,7 +77,7 @@ mod tests {
         let rows = (STEPS * COLUMNS) as i64;
         let mut rollout = Rollout::new(shape, COLUMNS, zeros(&[rows, 1, 1]), zeros(&[COLUMNS as i64, SIZES.hidden]));
         for t in 0..STEPS {
-            let steps = [Step::default(); COLUMNS];
+            let steps = [(); COLUMNS].map(|()| Step::default());
             rollout.store(t, &[0, 1], &zeros(&[COLUMNS as i64, 1, 1]), &steps);
             for column in 0..COLUMNS {
                 let reward = (t * COLUMNS + column + 1) as f32 / 10.0;

@@ -2,7 +2,7 @@
 
 use crate::agent::Batch;
 use crate::collector::{ColumnMap, gumbel};
-use crate::record::{Frame, FramePart};
+use crate::record::{Frame, Inputs};
 use anyhow::{Context, Result, ensure};
 use iceoryx2::sample::Sample;
 use proto::camera::{FRAME_PIXELS, FRAME_SIDE, SUMS_PIXELS, WINDOW, sum_windows};
@@ -41,6 +41,10 @@ pub struct Frames {
     frame: Frame,
     seed: u64,
     actions: usize,
+    /// The action that was always taken before.
+    action: u8,
+    /// Numbers of an observation.
+    numbers: usize,
     _ports: (ObservationSubscriber, Vec<ObservationPublisher>),
     _host: WireHost,
     _swept: Swept,
@@ -98,10 +102,12 @@ impl Frames {
             publishers.push(publisher);
         }
         let map = ColumnMap::of(0, config);
-        let actions = config.policy_actions().len();
+        let actions = config.policy_actions();
+        let (actions, action) = (actions.len(), actions[actions.len() - 1]);
+        let numbers = Inputs::of(config.spec()).width();
         let ports = (subscriber, publishers);
         let (seed, frame) = (config.seed, Frame::of(config));
-        Ok(Self { halves, map, frame, seed, actions, _ports: ports, _host: host, _swept: swept })
+        Ok(Self { halves, map, frame, seed, actions, action, numbers, _ports: ports, _host: host, _swept: swept })
     }
 
     /// Noise for one half's actions in a step: the collector draws it when an observation arrives.
@@ -118,18 +124,21 @@ impl Frames {
         let columns: Vec<usize> = self.map.batch(half).collect();
         let [record, _] = self.frame.lines();
         let frames = self.halves[half as usize].iter().flat_map(|sample| {
-            sample.payload().chunks_exact(record).map(|record| {
+            sample.payload().chunks_exact(record).filter_map(|record| {
                 let record = Line::bytes(record);
-                self.frame.read(record, self.frame.part(RecordHeader::of(record)).unwrap_or(FramePart::Whole))
+                self.frame.read(record, RecordHeader::of(record))
             })
         });
         let frames = frames.collect();
+        let number = |column: usize, index: usize| if index % 3 < 2 { 0.1 } else { (column % 7) as f32 * 0.3 };
+        let numbers = columns.iter().flat_map(|&column| (0..self.numbers).map(move |index| number(column, index)));
+        let numbers = numbers.collect();
         let starts: Vec<bool> = columns.iter().map(|&column| episode_step(column, step) == 0).collect();
         Batch {
             at: vec![step; columns.len()],
             frames,
-            goal_m: columns.iter().map(|&column| [0.1, 0.2, (column % 7) as f32 * 0.3]).collect(),
-            previous_action: vec![16; starts.len()],
+            numbers,
+            previous_action: vec![self.action; starts.len()],
             episode_start: starts,
             gumbel: noise,
             columns,
@@ -146,14 +155,15 @@ fn episode_step(column: usize, step: usize) -> usize {
     (step + 7 * column) % EPISODE_STEPS
 }
 
-/// Walls and edges at 0.3 to 4.3 m, other ones for each column; there are sums only where the network takes them.
+/// Walls and edges at 0.3 to 4.3 m, other ones for each column; there are sums only where the network takes them, and
+/// nothing in a task without a frame.
 fn write(record: &mut [u8], column: usize, config: &Config) {
+    let [whole, windows] = config.spec().layout().images[..] else { return };
     let pixels = (0..FRAME_PIXELS).map(|pixel| {
         let (row, at) = (pixel / FRAME_SIDE / 8, pixel % FRAME_SIDE / 8);
         300 + ((row * 389 + at * 131 + column * 1009) % 4000) as u16
     });
     let frame: Vec<u16> = pixels.collect();
-    let [whole, windows] = config.spec().layout().images[..] else { panic!("a frame and its sums") };
     whole.of_mut(record).copy_from_slice(&frame);
     let mut bulk = 1;
     if config.network.input_pool as usize == WINDOW {
@@ -207,10 +217,10 @@ mod tests {
             let batch = frames.batch(half, 0, frames.noise(half, 0));
             assert_eq!(batch.columns, columns);
             for (&column, frame) in columns.iter().zip(&batch.frames) {
-                let part = if sums { FramePart::Sums } else { FramePart::Whole };
                 let mut record = vec![Line([0; 64]); config.spec().layout().bytes / size_of::<Line>()];
                 write(Line::bytes_mut(&mut record), column, &config);
-                assert_eq!(*frame, frames.frame.read(Line::bytes(&record), part));
+                let record = Line::bytes(&record);
+                assert_eq!(Some(*frame), frames.frame.read(record, RecordHeader::of(record)));
                 assert_eq!(matches!(frame, DepthFrame::Sums(_)), sums);
             }
             assert_eq!(batch.gumbel.len(), columns.len() * frames.actions);

@@ -27,8 +27,8 @@ pub struct Inference {
     pub p50_s: f64,
     /// Its 99th percentile.
     pub p99_s: f64,
-    /// Median time from shared memory to kept frames, seconds: a part of the step. None on a GPU, which reads the frames
-    /// itself, or waits for their copy if a warning says so.
+    /// Median time from shared memory to kept frames, seconds: a part of the step. None in a task without a frame, and on a
+    /// GPU, which reads the frames itself, or waits for their copy if a warning says so.
     pub copy_s: Option<f64>,
     /// What the GPU did.
     pub gpu: Option<Use>,
@@ -64,7 +64,8 @@ pub fn measure(
         profiled(|| agent.step(0, &frames.batch(0, 0, frames.noise(0, 0)).input()))??;
     }
     times.sort_by(f64::total_cmp);
-    let copy_s = (device == Device::Cpu).then(|| copy(&frames, &config));
+    let has_frames = config.spec().inputs()?.image.is_some();
+    let copy_s = (device == Device::Cpu && has_frames).then(|| copy(&frames, &config));
     Ok(Inference { batch, p50_s: percentile(&times, 0.5), p99_s: percentile(&times, 0.99), copy_s, gpu })
 }
 
@@ -85,7 +86,7 @@ fn rollout(agent: &mut Agent, frames: &Frames, config: &Config, times: &mut Vec<
 
 /// The median time of the copy alone, on a CPU.
 fn copy(frames: &Frames, config: &Config) -> f64 {
-    let preparation = FramePreparation::new(config.network.input_pool, Device::Cpu);
+    let preparation = FramePreparation::of(config, Device::Cpu);
     let mut staging = Staging::default();
     let batches = [0, 1].map(|half| frames.batch(half, 0, vec![]));
     let mut times: Vec<f64> = (0..2 * FEWEST)

@@ -24,6 +24,7 @@ mod whole_loop;
 pub(crate) use frames::Frames;
 
 use crate::agent::Agent;
+use crate::declared::declare;
 use crate::device;
 use anyhow::{Result, ensure};
 use gpu::Monitor;
@@ -62,6 +63,9 @@ pub struct Arguments {
     /// One key of the configuration over both, for example ppo.epochs=1; repeat it for more
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<Setting>,
+    /// Declaration of a task that is not built in: the task.toml of a run
+    #[arg(long, value_name = "TASK.toml", value_parser = declare)]
+    task: Option<Setting>,
     /// Batches of inference, with commas between [default: 10,19,152,304,608; on a CPU 10,19,38]
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=4096))]
     batches: Vec<u32>,
@@ -103,7 +107,8 @@ pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<()> {
     );
     let cuda = arguments.device != DeviceChoice::Cpu && Cuda::is_available();
     let preset = arguments.preset.as_deref().unwrap_or(if cuda { "recipe" } else { "demo" });
-    let mut config = Config::resolve_set(preset, arguments.config.as_deref(), &arguments.set)?;
+    let settings: Vec<Setting> = arguments.task.iter().chain(&arguments.set).cloned().collect();
+    let mut config = Config::resolve_set(preset, arguments.config.as_deref(), &settings)?;
     config.learner.device = arguments.device;
     // Whatever the configuration is of, this process is one learner.
     config.learner.count = 1;
@@ -141,9 +146,10 @@ pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<()> {
         updates.push(update::measure(&config, device, steps, frames, &monitor, mark(Mark::Update))?);
         tracing::info!("updates of {steps} steps measured");
     }
-    let encoder = match config.network.encoder {
-        Encoder::Resnet => "resnet",
-        Encoder::Cnn => "cnn",
+    let encoder = match (config.spec().inputs()?.image, config.network.encoder) {
+        (None, _) => "mlp",
+        (Some(_), Encoder::Resnet) => "resnet",
+        (Some(_), Encoder::Cnn) => "cnn",
     };
     let report = Report { preset: preset.to_owned(), place, encoder, parameters, inference, updates, whole_loop };
     let text = if arguments.json { format!("{:#}", report.json()) } else { report.table() };

@@ -13,7 +13,7 @@ pub struct Report {
     pub preset: String,
     /// Device and precision.
     pub place: String,
-    /// The encoder's name.
+    /// The encoder's name; `mlp` without a frame.
     pub encoder: &'static str,
     /// Weights.
     pub parameters: u64,

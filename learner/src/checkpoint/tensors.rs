@@ -5,7 +5,7 @@
 //! | whatever [`crate::agent::AgentState`] names | weights, with `ppo.overlap` also those that act, moments, beliefs |
 //! | `environment.episode` | u32 (N): episode number of each column |
 //! | `environment.action_count` | u32 (N): actions taken in it |
-//! | `environment.actions` | u8 (N, 512): those actions, then zeros |
+//! | `environment.actions` | u8: those actions, one column's behind the other's; of older versions (N, 512), those actions, then zeros |
 //! | `running.return` | f64 (N): return of the episode in progress |
 //! | `running.discounted_disturbance_m` | f64 (N): Σ `γ^t` cost of the episode in progress, by its name of older versions |
 //! | `running.metrics` | f64 (N, M): its metrics, in the task's order; 0 in checkpoints of older versions |
@@ -13,7 +13,7 @@
 use crate::collector::{Boundary, RunningEpisode};
 use crate::network::Unfit;
 use proto::episode::MAX_EPISODE_STEPS;
-use proto::task::Spec;
+use proto::record::HOLD;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::BTreeMap;
 use tch::{Kind, Tensor};
@@ -97,13 +97,10 @@ pub fn encode(tensors: &BTreeMap<String, Tensor>, boundary: &Boundary) -> Result
     let states = &boundary.environments;
     let running = &boundary.running;
     own(EPISODE, Dtype::U32, vec![columns], states.iter().flat_map(|state| state.episode.to_le_bytes()).collect())?;
-    own(
-        ACTION_COUNT,
-        Dtype::U32,
-        vec![columns],
-        states.iter().flat_map(|state| state.action_count.to_le_bytes()).collect(),
-    )?;
-    own(ACTIONS, Dtype::U8, vec![columns, MAX_EPISODE_STEPS], states.iter().flat_map(|state| state.actions).collect())?;
+    let counts = states.iter().flat_map(|state| state.action_count().to_le_bytes());
+    own(ACTION_COUNT, Dtype::U32, vec![columns], counts.collect())?;
+    let actions: Vec<u8> = states.iter().flat_map(EnvironmentState::actions).copied().collect();
+    own(ACTIONS, Dtype::U8, vec![actions.len()], actions)?;
     let mut column_of = |name: &str, figure: fn(&RunningEpisode) -> f64| {
         own(name, Dtype::F64, vec![columns], running.iter().flat_map(|episode| figure(episode).to_le_bytes()).collect())
     };
@@ -117,9 +114,23 @@ pub fn encode(tensors: &BTreeMap<String, Tensor>, boundary: &Boundary) -> Result
     serialize(&entries)
 }
 
-/// How many actions any task has.
-fn most_actions() -> usize {
-    Spec::built_in().iter().map(|spec| spec.actions.names().len()).max().unwrap_or(0)
+/// Actions of each column, by how many it has.
+fn split_actions<'a>(file: &SafeTensors<'a>, counts: &[u32]) -> Result<Vec<&'a [u8]>, TensorsError> {
+    let mut bytes = own_bytes(file, ACTIONS, Dtype::U8)?;
+    let count = |count: &u32| usize::try_from(*count).ok().filter(|&count| count <= MAX_EPISODE_STEPS);
+    let mut split = Vec::with_capacity(counts.len());
+    for claimed in counts {
+        let too_many = || wrong(ACTION_COUNT, format!("has {claimed} actions in one episode"));
+        let count = count(claimed).ok_or_else(too_many)?;
+        // Of older versions: room for as many as an episode could have then.
+        let room = match file.tensor(ACTIONS)?.shape() {
+            [_, room] => *room,
+            _ => count,
+        };
+        let own = bytes.split_off(..room).ok_or_else(|| wrong(ACTIONS, "is not of as many actions as are counted"))?;
+        split.push(own.get(..count).ok_or_else(too_many)?);
+    }
+    if bytes.is_empty() { Ok(split) } else { Err(wrong(ACTIONS, "is not of as many actions as are counted")) }
 }
 
 /// What [`encode`] wrote, of environments that stood at `exchange`.
@@ -128,7 +139,6 @@ pub fn decode(bytes: &[u8], exchange: u64) -> Result<(BTreeMap<String, Tensor>, 
     let episodes = u32s(own_bytes(&file, EPISODE, Dtype::U32)?);
     let columns = episodes.len();
     let counts = u32s(own_bytes(&file, ACTION_COUNT, Dtype::U32)?);
-    let actions = own_bytes(&file, ACTIONS, Dtype::U8)?;
     let returns = own_bytes(&file, RETURN, Dtype::F64)?;
     let disturbances = own_bytes(&file, DISCOUNTED_DISTURBANCE, Dtype::F64)?;
     let metrics = match file.tensor(METRICS) {
@@ -139,7 +149,6 @@ pub fn decode(bytes: &[u8], exchange: u64) -> Result<(BTreeMap<String, Tensor>, 
     let count = metrics.len().checked_div(columns).unwrap_or(0);
     for (name, found, expected) in [
         (ACTION_COUNT, counts.len(), columns),
-        (ACTIONS, actions.len(), columns * MAX_EPISODE_STEPS),
         (RETURN, returns.len(), columns * 8),
         (DISCOUNTED_DISTURBANCE, disturbances.len(), columns * 8),
         (METRICS, metrics.len(), columns * count),
@@ -149,19 +158,14 @@ pub fn decode(bytes: &[u8], exchange: u64) -> Result<(BTreeMap<String, Tensor>, 
         }
     }
     let mut boundary = Boundary { exchange, environments: vec![], running: vec![] };
-    for column in 0..columns {
-        let mut state = EnvironmentState::start_of(episodes[column]);
-        state.action_count = counts[column];
-        state.actions.copy_from_slice(&actions[column * MAX_EPISODE_STEPS..][..MAX_EPISODE_STEPS]);
-        if state.action_count as usize > MAX_EPISODE_STEPS {
-            return Err(wrong(ACTION_COUNT, format!("has {} actions in one episode", state.action_count)));
-        }
+    for (column, actions) in split_actions(&file, &counts)?.into_iter().enumerate() {
+        let state = EnvironmentState::after(episodes[column], actions);
         // The next episode's number must exist, too.
         if state.episode > EPISODE_MOST {
             return Err(wrong(EPISODE, format!("has an episode {}, and no run gets so far", state.episode)));
         }
         // The actor refuses what its task has not.
-        if let Some(action) = state.actions().iter().find(|&&action| usize::from(action) >= most_actions()) {
+        if let Some(action) = actions.iter().find(|&&action| action >= HOLD) {
             return Err(wrong(ACTIONS, format!("has an action {action}: there is none")));
         }
         boundary.environments.push(state);

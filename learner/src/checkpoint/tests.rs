@@ -6,9 +6,11 @@ use crate::collector::RunningEpisode;
 use proptest::prelude::*;
 use proto::checkpoint::{Machine, Manifest};
 use proto::config::{CarriedGoal, StageConfig};
+use proto::episode::MAX_EPISODE_STEPS;
 use proto::event::Timing;
 use proto::run_folder::RunFolder;
 use proto::trained::{History, Trained};
+use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use tch::{Kind, Tensor};
@@ -228,8 +230,8 @@ fn numbers_that_no_run_reaches_are_refused() {
     };
     let text = refused(&|saved| saved.boundary.environments[0].episode = u32::MAX);
     assert!(text.contains("environment.episode") && text.contains("no run gets so far"), "{text}");
-    let text = refused(&|saved| saved.boundary.environments[0].push(200));
-    assert!(text.contains("has an action 200"), "{text}");
+    let text = refused(&|saved| saved.boundary.environments[0].push(254));
+    assert!(text.contains("has an action 254"), "{text}");
     let text = refused(&|saved| saved.boundary.running[0].episode_return = f64::NAN);
     assert!(text.contains("not finite"), "{text}");
     // A manifest that leads elsewhere, as a checkpoint that somebody gives away may have one.
@@ -242,6 +244,41 @@ fn numbers_that_no_run_reaches_are_refused() {
 
     let text = refused(&|saved| saved.boundary.exchange = u64::MAX);
     assert!(text.contains("counts to 18446744073709551615"), "{text}");
+}
+
+#[test]
+fn episodes_of_any_length_come_back_and_those_of_older_versions_do() {
+    let agent = snapshot(1).agent;
+    let long: Vec<u8> = (0..MAX_EPISODE_STEPS).map(|step| (step % 21) as u8).collect();
+    let environments = vec![EnvironmentState::after(4, &long), EnvironmentState::after(5, &[7, 8, 9])];
+    let boundary = Boundary { environments, ..snapshot(1).boundary };
+    let bytes = tensors::encode(&agent.tensors, &boundary).unwrap();
+    assert!(bytes.len() < MAX_EPISODE_STEPS + 4096);
+    assert_eq!(tensors::decode(&bytes, 4).unwrap().1, boundary);
+
+    // Each column had room for 512 actions.
+    let boundary = snapshot(1).boundary;
+    let bytes = tensors::encode(&agent.tensors, &boundary).unwrap();
+    let of_before = |rows: usize, counted: u32| {
+        let file = SafeTensors::deserialize(&bytes).unwrap();
+        let mut actions = vec![0; rows * 512];
+        actions[..5].copy_from_slice(&[0, 1, 2, 3, 4]);
+        let counts: Vec<u8> = [counted, 0].iter().flat_map(|count| count.to_le_bytes()).collect();
+        let views = file.iter().map(|(name, view)| {
+            let view = match name {
+                "environment.actions" => TensorView::new(Dtype::U8, vec![rows, 512], &actions).unwrap(),
+                "environment.action_count" => TensorView::new(Dtype::U32, vec![2], &counts).unwrap(),
+                _ => view,
+            };
+            (name.to_owned(), view)
+        });
+        let bytes = safetensors::serialize(views.collect::<Vec<_>>(), None).unwrap();
+        tensors::decode(&bytes, 4).map(|(_, boundary)| boundary).map_err(|error| error.to_string())
+    };
+    assert_eq!(of_before(2, 5), Ok(boundary));
+    for (rows, counted) in [(1, 5), (3, 5), (2, 513), (2, u32::MAX)] {
+        assert!(of_before(rows, counted).unwrap_err().contains("action"), "{rows} {counted}");
+    }
 }
 
 /// The folder was removed while a learner worked, and made anew for another run.
@@ -344,7 +381,7 @@ proptest! {
             bytes.truncate(cut.index(length));
         }
         if let Ok((_, boundary)) = tensors::decode(&bytes, 7) {
-            prop_assert!(boundary.environments.iter().all(|state| state.actions().len() <= 512));
+            prop_assert!(boundary.environments.iter().all(|state| state.actions().len() <= MAX_EPISODE_STEPS));
             prop_assert!(boundary.environments.iter().all(|state| state.episode < u32::MAX));
         }
     }

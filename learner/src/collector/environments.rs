@@ -148,16 +148,18 @@ impl Environments {
         }
         header.check().map_err(|cause| mismatch(cause.to_string()))?;
         let state = &self.states[column];
-        let mut expected = (state.episode, state.action_count);
+        let mut expected = (state.episode, state.action_count());
         if let Some(action) = self.in_flight[column] {
             let reported = record[self.layout.action.offset];
             check_action(state, action, header, reported).map_err(&mismatch)?;
             if header.end().is_some() {
                 expected = (state.episode + 1, 0);
-            } else if state.action_count >= self.max_episode_steps {
+            } else if state.action_count() >= self.max_episode_steps {
                 return Err(mismatch(format!(
                     "episode {} goes on after {} steps; the limit is {}",
-                    state.episode, state.action_count, self.max_episode_steps
+                    state.episode,
+                    state.action_count(),
+                    self.max_episode_steps
                 )));
             }
         }
@@ -211,7 +213,7 @@ impl Environments {
 
 /// `state` already includes `action`, which must be reported.
 fn check_action(state: &EnvironmentState, action: u8, header: &RecordHeader, reported: u8) -> Result<(), String> {
-    let step = state.action_count - 1;
+    let step = state.action_count() - 1;
     if !header.has(flag::ACTED) {
         return Err(format!("it reports nothing of action {action} of episode {}, step {step}", state.episode));
     }

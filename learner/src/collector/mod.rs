@@ -64,9 +64,10 @@ pub trait HalfSample {
     fn header(&self, i: usize) -> &RecordHeader {
         RecordHeader::of(self.record(i))
     }
-    /// Whether the part of its depth frame that the network reads is there.
+    /// Whether the part of its depth frame that the network reads is there; true in a task without a frame.
     fn has_frame(&self, i: usize) -> bool;
-    fn frame(&self, i: usize) -> DepthFrame<'_>;
+    /// None in a task without a frame.
+    fn frame(&self, i: usize) -> Option<DepthFrame<'_>>;
 }
 
 /// The state of all environments between two rollouts: with weights and beliefs, all a run needs to go on.
@@ -342,7 +343,7 @@ impl<S: HalfSample> Collector<S> {
             actor_incarnation,
         };
         let columns = column_map.columns_of_actor(index);
-        (header, columns.map(|column| *self.environments.state(column)).collect())
+        (header, columns.map(|column| self.environments.state(column).clone()).collect())
     }
 
     /// Whether all actors have sent observations at least once.
@@ -437,7 +438,7 @@ impl<S: HalfSample> Collector<S> {
             columns: Vec::with_capacity(count),
             at: Vec::with_capacity(count),
             frames: Vec::with_capacity(count),
-            goal_m: Vec::with_capacity(count),
+            numbers: Vec::with_capacity(count * self.inputs.width()),
             previous_action: Vec::with_capacity(count),
             episode_start: Vec::with_capacity(count),
             gumbel: Vec::with_capacity(count * policy_actions),
@@ -449,8 +450,8 @@ impl<S: HalfSample> Collector<S> {
                 let start = header.has(flag::EPISODE_START);
                 batch.columns.push(column);
                 batch.at.push(lane.t);
-                batch.frames.push(sample.frame(i));
-                batch.goal_m.push(self.inputs.goal_m(record));
+                batch.frames.extend(sample.frame(i));
+                self.inputs.read(record, &mut batch.numbers);
                 batch.previous_action.push(self.inputs.previous_action(record));
                 batch.episode_start.push(start);
                 let environment = self.ids[column];

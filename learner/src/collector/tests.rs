@@ -36,8 +36,8 @@ impl HalfSample for FakeSample {
     fn has_frame(&self, i: usize) -> bool {
         self.header(i).bulk != 0
     }
-    fn frame(&self, _i: usize) -> DepthFrame<'_> {
-        DepthFrame::Whole(&FRAME)
+    fn frame(&self, _i: usize) -> Option<DepthFrame<'_>> {
+        Some(DepthFrame::Whole(&FRAME))
     }
 }
 
@@ -374,7 +374,7 @@ fn settings(column_map: ColumnMap, learner_incarnation: u32) -> Settings {
 fn look(batch: &Batch, i: usize, belief: u64) -> (u64, u64) {
     let input = batch.input();
     let noise = &input.gumbel[i * POLICY_ACTIONS..][..POLICY_ACTIONS];
-    let numbers = input.goal_m[i].iter().chain(noise).map(|value| u64::from(value.to_bits()));
+    let numbers = input.numbers[3 * i..][..3].iter().chain(noise).map(|value| u64::from(value.to_bits()));
     let seen = mix(numbers.chain([u64::from(input.previous_action[i]), u64::from(input.episode_start[i])]));
     let belief = if input.episode_start[i] { 0 } else { belief };
     (seen, mix([belief, seen]))
@@ -554,5 +554,5 @@ fn a_batch_has_the_goal_vector_that_was_reported() {
     sample.reals("goal_m").copy_from_slice(&[0.25, -1.5, 3.0]);
     collector.receive(&header, sample).unwrap();
     collector.begin(RolloutShape { steps: 1, environments_in_last_step: 1, frames: 1 }, reward("r"), 1);
-    assert_eq!(collector.batch(&due(&collector)).input().goal_m, [[0.25, -1.5, 3.0]]);
+    assert_eq!(collector.batch(&due(&collector)).input().numbers, [0.25, -1.5, 3.0]);
 }

@@ -1,5 +1,5 @@
 //! The belief: a one-layer GRU that is zeroed at episode starts, one step at a time when acting and over whole
-//! rollouts when training.
+//! rollouts when training. Without memory it is what is seen now, and there is nothing to carry from step to step.
 //!
 //! A rollout of T steps × N columns, cut at its episode starts, is a set of segments. Sorted by length they form
 //! PyTorch's packed sequence: first the first row of every segment, then the second row of those that have one, and so
@@ -16,41 +16,51 @@ use crate::device::upload;
 use std::ops::Range;
 use tch::{Device, Kind, Tensor};
 
-/// The belief's GRU.
+/// The belief's GRU, if there is one.
 #[derive(Debug)]
 pub struct Belief {
-    gru: Gru,
+    gru: Option<Gru>,
 }
 
 impl Belief {
     /// Declares the GRU: orthogonal weights, zero biases.
     pub fn new(layout: &mut Layout, path: &str, sizes: [i64; 2]) -> Self {
-        Self { gru: Gru::new(layout, path, sizes, Initial::Orthogonal { gain: 1.0 }, Initial::Constant(0.0)) }
+        let gru = Gru::new(layout, path, sizes, Initial::Orthogonal { gain: 1.0 }, Initial::Constant(0.0));
+        Self { gru: Some(gru) }
     }
 
-    /// Width of the belief.
+    /// No memory.
+    pub fn none() -> Self {
+        Self { gru: None }
+    }
+
+    /// Width of what is carried from step to step: 0 without memory.
     pub fn hidden(&self) -> i64 {
-        self.gru.hidden()
+        self.gru.map_or(0, |gru| gru.hidden())
     }
 
     /// One step: observations \[rows, inputs\] and beliefs before them \[rows, hidden\] → beliefs after them.
     pub fn step(&self, parameters: &Parameters, x: &Tensor, before: &Tensor) -> Tensor {
-        self.gru.step(parameters, x, before)
+        self.gru.map_or_else(|| x.shallow_clone(), |gru| gru.step(parameters, x, before))
     }
 
     /// The GRU, for whoever takes a step in parts.
+    ///
+    /// # Panics
+    /// Without memory.
     pub(crate) fn gru(&self) -> &Gru {
-        &self.gru
+        self.gru.as_ref().expect("a network with memory")
     }
 
     /// All steps: observations \[rows, inputs\] in the order of `packing`, beliefs of all columns at the rollout's
     /// start \[columns, hidden\] → beliefs \[rows, hidden\] in the same order.
     pub fn unroll(&self, parameters: &Parameters, x: &Tensor, packing: &Packing, at_start: &Tensor) -> Tensor {
+        let Some(gru) = self.gru else { return x.shallow_clone() };
         let device = x.device();
         let columns = upload(&packing.columns, device);
         let carried = upload(&packing.carried, device).unsqueeze(1);
         let before = at_start.index_select(0, &columns) * carried;
-        self.gru.packed(parameters, x, &packing.batch_sizes, &before)
+        gru.packed(parameters, x, &packing.batch_sizes, &before)
     }
 
     /// The belief before anything was seen, \[columns, hidden\].

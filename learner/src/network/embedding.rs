@@ -1,4 +1,4 @@
-//! Small inputs: the goal vector and the previous action.
+//! Small inputs: the numbers beside the frame and the previous action.
 
 use super::initialize::Initial;
 use super::layers::Linear;
@@ -12,13 +12,27 @@ pub const GOAL: i64 = 32;
 /// Width of the previous action's embedding.
 pub const PREVIOUS_ACTION: i64 = 16;
 
+/// What the network is given for the numbers that a record has, of any number of rows.
+///
+/// # Panics
+/// If vectors in space are no whole number of threes.
+pub fn coordinates(kind: GoalCoordinates, numbers: &[f32]) -> Vec<f32> {
+    if kind == GoalCoordinates::Plain {
+        return numbers.to_vec();
+    }
+    let (vectors, rest) = numbers.as_chunks();
+    assert!(rest.is_empty(), "a vector in space has three numbers");
+    vectors.iter().flat_map(|&vector| goal_coordinates(kind, vector)).collect()
+}
+
 /// What the network is given for a goal vector in the robot's frame (x right, y up, z ahead), metres.
 ///
 /// Polar: (ρ, elevation / (π/2), azimuth / π) with elevation = atan2(z, hypot(x, y)) and azimuth = atan2(y, x): the
 /// reference applies the textbook's formulas, in which z is up, to AI2-THOR's axes; so do we. Cartesian: (|x|, |y|,
-/// |z|), the original baseline.
+/// |z|), the original baseline. Plain: as it is.
 pub fn goal_coordinates(kind: GoalCoordinates, [x, y, z]: [f32; 3]) -> [f32; 3] {
     match kind {
+        GoalCoordinates::Plain => [x, y, z],
         GoalCoordinates::Cartesian => [x.abs(), y.abs(), z.abs()],
         GoalCoordinates::Polar => {
             let [x, y, z] = [x, y, z].map(f64::from);
@@ -30,7 +44,7 @@ pub fn goal_coordinates(kind: GoalCoordinates, [x, y, z]: [f32; 3]) -> [f32; 3] 
     }
 }
 
-/// 3 → 100 → `LeakyReLU` → 32.
+/// Numbers → 100 → `LeakyReLU` → 32.
 #[derive(Debug)]
 pub struct GoalEmbedding {
     first: Linear,
@@ -39,14 +53,14 @@ pub struct GoalEmbedding {
 
 impl GoalEmbedding {
     /// Declares both layers with PyTorch's default initialisation.
-    pub fn new(layout: &mut Layout, path: &str) -> Self {
+    pub fn new(layout: &mut Layout, path: &str, numbers: i64) -> Self {
         Self {
-            first: Linear::with_default(layout, &format!("{path}.0"), [3, 100]),
+            first: Linear::with_default(layout, &format!("{path}.0"), [numbers, 100]),
             second: Linear::with_default(layout, &format!("{path}.2"), [100, GOAL]),
         }
     }
 
-    /// \[rows, 3\] → \[rows, 32\].
+    /// \[rows, numbers\] → \[rows, 32\].
     pub fn forward(&self, parameters: &Parameters, goal: &Tensor) -> Tensor {
         // `leaky_relu` has PyTorch's default slope, 0.01.
         self.second.forward(parameters, &self.first.forward(parameters, goal).leaky_relu())

@@ -6,6 +6,7 @@
 
 use crate::ffi::{self, FrameRoom};
 use proto::camera::{DepthFrame, FRAME_PIXELS, FRAME_SIDE, WINDOW};
+use proto::config::Config;
 use tch::{Device, Kind, Tensor};
 
 /// Subtracted from a depth in metres before the division (`docs/method.md`, Observation).
@@ -32,12 +33,23 @@ pub type RawFrame = [u16; FRAME_PIXELS];
 pub struct FramePreparation {
     /// Side of the pooling window, pixels.
     pool: usize,
+    /// Side of a prepared frame, pixels.
+    side: usize,
     device: Device,
 }
 
 impl FramePreparation {
     /// Scale and offset of [`FramePreparation::input`]: input = kept · scale + offset.
     pub(crate) const SCALE_OFFSET: [f32; 2] = [SCALE as f32, OFFSET as f32];
+
+    /// That of a configuration.
+    pub fn of(config: &Config, device: Device) -> Self {
+        let inputs = config.spec().inputs().expect("a validated configuration's task has what networks take");
+        match inputs.image {
+            Some(_) => Self::new(config.network.input_pool, device),
+            None => Self { pool: FRAME_SIDE, side: 0, device },
+        }
+    }
 
     /// Pooling over `pool` × `pool` pixels, computing on `device`.
     ///
@@ -46,12 +58,12 @@ impl FramePreparation {
     pub fn new(pool: u32, device: Device) -> Self {
         let pool = pool as usize;
         assert!(pool > 0 && FRAME_SIDE.is_multiple_of(pool), "the configuration admits 1, 2 and 4");
-        Self { pool, device }
+        Self { pool, side: FRAME_SIDE / pool, device }
     }
 
-    /// Side of a prepared frame, pixels.
+    /// Side of a prepared frame, pixels; 0 in a task without a frame.
     pub fn side(self) -> i64 {
-        (FRAME_SIDE / self.pool) as i64
+        self.side as i64
     }
 
     /// An empty store of `rows` kept frames: 16-bit or pooled millimetres.

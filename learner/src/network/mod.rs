@@ -1,5 +1,6 @@
 //! The network: visual encoder, goal and action embeddings, belief, actor and critic (`docs/method.md`, Network; Ni et
-//! al. section 3.1 and appendix B).
+//! al. section 3.1 and appendix B). In a task without a frame layers with hyperbolic tangents take the place of encoder
+//! and embedding; without memory they are the heads' own.
 //!
 //! Modules hold parameter ids and shapes; all tensors live in [`Parameters`]. A forward pass has two parts: the
 //! embedding of each observation ([`Network::embed`]), then the belief and the heads.
@@ -10,11 +11,12 @@ mod encoder;
 mod frame;
 mod initialize;
 mod layers;
+mod mlp;
 mod parameters;
 
 pub use belief::{Belief, Packing};
-pub use embedding::goal_coordinates;
 pub(crate) use embedding::table_row;
+pub use embedding::{coordinates, goal_coordinates};
 pub(crate) use encoder::{ENCODERS, VISUAL};
 pub use frame::{FramePreparation, RawFrame, Staging};
 pub use initialize::Initial;
@@ -25,7 +27,8 @@ pub(crate) use parameters::{all_finite, fits};
 use crate::ffi::kernels::{Heads, Kernels};
 use embedding::{ActionEmbedding, GoalEmbedding};
 use encoder::{Backward, VisualEncoder};
-use proto::config::{Config, EncoderPrecision};
+use mlp::{Head, Mlp};
+use proto::config::{Config, EncoderPrecision, Memory};
 use std::fmt;
 use tch::{Device, Tensor};
 
@@ -40,10 +43,10 @@ const CPU_FRAMES: i64 = 192;
 /// The network's inputs, one row for each observation.
 #[derive(Debug)]
 pub struct Observations {
-    /// Kept frames, see [`FramePreparation`]; \[rows, side, side\].
+    /// Kept frames, see [`FramePreparation`]; \[rows, side, side\]. Of side 0 in a task without a frame.
     pub frames: Tensor,
-    /// Goal coordinates, see [`goal_coordinates`]; f32 \[rows, 3\].
-    pub goals: Tensor,
+    /// The numbers beside them, see [`coordinates`]; f32 \[rows, numbers\].
+    pub numbers: Tensor,
     /// Rows of the action embedding, see [`table_row`]; i64 \[rows\].
     pub previous_actions: Tensor,
 }
@@ -57,17 +60,25 @@ pub struct ActorCriticOutput {
     pub values: Tensor,
 }
 
+/// What embeds an observation.
+#[derive(Debug)]
+enum Embedding {
+    Frame { encoder: Box<dyn VisualEncoder>, goal: GoalEmbedding },
+    Numbers(Mlp),
+}
+
 #[derive(Debug)]
 pub struct Network {
     /// All weights.
     pub parameters: Parameters,
     pub preparation: FramePreparation,
     pub belief: Belief,
-    encoder: Box<dyn VisualEncoder>,
-    goal: GoalEmbedding,
+    /// Width of what an observation gives by itself, which comes first in the rows of [`Network::embed`].
+    observation: i64,
+    embedding: Embedding,
     previous_action: Option<ActionEmbedding>,
-    actor: Linear,
-    critic: Linear,
+    actor: Head,
+    critic: Head,
 }
 
 /// The configuration demands bfloat16, and the encoder cannot compute in it.
@@ -95,40 +106,58 @@ impl Network {
     /// of what else is trained with it (an auxiliary head) and gets the belief's width.
     pub fn new<T>(config: &Config, device: Device, declare: impl FnOnce(&mut Layout, i64) -> T) -> (Self, T) {
         let mut layout = Layout::default();
-        let preparation = FramePreparation::new(config.network.input_pool, device);
+        let preparation = FramePreparation::of(config, device);
         let actions = config.policy_actions().len() as i64;
         let hidden = i64::from(config.network.hidden);
+        let seen = config.spec().inputs().expect("a validated configuration's task has what networks take");
+        let numbers = seen.width() as i64;
+        let memory = config.network.memory;
 
-        let encoder = (encoder::entry(config.network.encoder).declare)(&mut layout, preparation.side());
-        let goal = GoalEmbedding::new(&mut layout, "goal_embedder");
-        let mut inputs = OBSERVATION;
+        // Layers that actor and critic share, and those that each has of its own.
+        let (mut shared, mut own) = (&config.network.mlp[..], &[][..]);
+        let (embedding, mut inputs) = if seen.image.is_some() {
+            let encoder = (encoder::entry(config.network.encoder).declare)(&mut layout, preparation.side());
+            let goal = GoalEmbedding::new(&mut layout, "goal_embedder", numbers);
+            (Embedding::Frame { encoder, goal }, OBSERVATION)
+        } else {
+            if memory == Memory::None {
+                std::mem::swap(&mut shared, &mut own);
+            }
+            let mlp = Mlp::new(&mut layout, "mlp", numbers, shared);
+            let outputs = mlp.outputs();
+            (Embedding::Numbers(mlp), outputs)
+        };
+        let observation = inputs;
         let previous_action = config.network.previous_action.then(|| {
             inputs += embedding::PREVIOUS_ACTION;
             ActionEmbedding::new(&mut layout, "previous_action_embedder", actions)
         });
-        let belief = Belief::new(&mut layout, "belief", [inputs, hidden]);
-        let mut head = |path: &str, outputs: i64, gain: f64| {
-            let weight = Initial::Orthogonal { gain };
-            Linear::new(&mut layout, path, [hidden, outputs], weight, Initial::Constant(0.0))
+        let (belief, hidden) = match memory {
+            Memory::Gru => (Belief::new(&mut layout, "belief", [inputs, hidden]), hidden),
+            Memory::None => (Belief::none(), inputs),
         };
+        let mut head = |path: &str, outputs: i64, gain| Head::new(&mut layout, path, [hidden, outputs], own, gain);
         let actor = head("actor", actions, 0.01);
         let critic = head("critic", 1, 1.0);
         let declared = declare(&mut layout, hidden);
 
         let parameters = Parameters::new(layout, config.seed, device);
-        (Self { parameters, preparation, belief, encoder, goal, previous_action, actor, critic }, declared)
+        (Self { parameters, preparation, belief, observation, embedding, previous_action, actor, critic }, declared)
     }
 
     /// Selects bfloat16 for the encoder if the configuration demands it, or if it is `auto` and bfloat16 is available.
     pub(crate) fn choose_precision(&mut self, asked: EncoderPrecision) -> Result<(), PrecisionError> {
-        let possible = if !self.encoder.has_kernels() {
+        let possible = if !self.encoder().is_some_and(VisualEncoder::has_kernels) {
             Err("only network.encoder \"resnet\" has kernels for it".to_owned())
         } else if self.parameters.flat().device().is_cuda() {
             Ok(())
         } else {
             Err("it needs a CUDA device".to_owned())
         };
-        let fused = |network: &mut Self| network.encoder.fuse().map_err(|error| error.to_string());
+        let fused = |network: &mut Self| match &mut network.embedding {
+            Embedding::Frame { encoder, .. } => encoder.fuse().map_err(|error| error.to_string()),
+            Embedding::Numbers(_) => Ok(()),
+        };
         match (asked, possible) {
             (EncoderPrecision::Float32, _) | (EncoderPrecision::Auto, Err(_)) => Ok(()),
             (EncoderPrecision::Auto, Ok(())) => {
@@ -141,40 +170,66 @@ impl Network {
         }
     }
 
+    /// What each observation gives by itself, of embeddings.
+    pub(crate) fn observations_of(&self, embeddings: &Tensor) -> Tensor {
+        embeddings.narrow(1, 0, self.observation)
+    }
+
+    /// The visual encoder, in a task with a frame.
+    fn encoder(&self) -> Option<&dyn VisualEncoder> {
+        match &self.embedding {
+            Embedding::Frame { encoder, .. } => Some(&**encoder),
+            Embedding::Numbers(_) => None,
+        }
+    }
+
     /// Whether the encoder computes in bfloat16.
     pub(crate) fn is_fused(&self) -> bool {
-        self.encoder.is_fused()
+        self.kernels().is_some()
     }
 
     /// The kernels of our own, where the encoder computes with them.
     pub(crate) fn kernels(&self) -> Option<&Kernels> {
-        self.encoder.kernels()
+        self.encoder()?.kernels()
     }
 
     /// Renews what was derived from the weights, if they have changed. [`Network::embed`] does it by itself; a recorded
     /// one cannot.
     pub(crate) fn refresh(&self) {
-        self.encoder.refresh(&self.parameters);
+        if let Some(encoder) = self.encoder() {
+            encoder.refresh(&self.parameters);
+        }
     }
 
-    /// Embeddings of the observations: \[rows, 512 + 32\], and 16 more with the previous action.
+    /// Embeddings of the observations: \[rows, 512 + 32\], or as wide as the last layer that sees numbers alone, and 16
+    /// more with the previous action.
     pub fn embed(&self, observations: &Observations) -> Tensor {
         let scale_offset = FramePreparation::SCALE_OFFSET;
-        self.embedded(observations, self.encoder.forward_fused(&self.parameters, &observations.frames, scale_offset))
-            .rows
+        let (parameters, frames) = (&self.parameters, &observations.frames);
+        let visual = self.encoder().and_then(|encoder| encoder.forward_fused(parameters, frames, scale_offset));
+        self.embedded(observations, visual).rows
     }
 
     /// The same, for [`Network::gradient_of`] a loss that is made of it. One such pass is to be over before the next one
     /// begins. `update` is the number of the update that it is part of, see [`VisualEncoder::forward_to_train`].
-    pub(crate) fn embed_to_train(&self, observations: &Observations, update: u64) -> Embedded<'_> {
+    pub(crate) fn embed_to_train<'a>(&'a self, observations: &Observations, update: u64) -> Embedded<'a> {
         let (parameters, frames) = (&self.parameters, &observations.frames);
-        let visual = self.encoder.forward_to_train(parameters, frames, FramePreparation::SCALE_OFFSET, update);
-        self.embedded(observations, visual)
+        let scale_offset = FramePreparation::SCALE_OFFSET;
+        let train = |encoder: &'a dyn VisualEncoder| encoder.forward_to_train(parameters, frames, scale_offset, update);
+        self.embedded(observations, self.encoder().and_then(train))
     }
 
     /// With what the encoder made of the frames by itself, if it did.
     fn embedded<'a>(&'a self, observations: &Observations, visual: Option<(Tensor, Backward<'a>)>) -> Embedded<'a> {
-        let frames = &observations.frames;
+        let Observations { frames, numbers, previous_actions } = observations;
+        let (encoder, goal) = match &self.embedding {
+            Embedding::Frame { encoder, goal } => (encoder, goal),
+            Embedding::Numbers(mlp) => {
+                let seen = mlp.forward(&self.parameters, numbers);
+                return Embedded { rows: self.beside(seen, previous_actions), fused: None };
+            }
+        };
+        let see = |kept: &Tensor| encoder.forward(&self.parameters, &self.preparation.input(kept));
         let (visual, fused) = match visual {
             Some((visual, backward)) => {
                 let visual = visual.set_requires_grad(true);
@@ -182,11 +237,11 @@ impl Network {
             }
             None if frames.device() == Device::Cpu && frames.size()[0] > CPU_FRAMES => {
                 let parts = frames.split(CPU_FRAMES, 0);
-                (Tensor::cat(&parts.iter().map(|part| self.see(part)).collect::<Vec<_>>(), 0), None)
+                (Tensor::cat(&parts.iter().map(see).collect::<Vec<_>>(), 0), None)
             }
-            None => (self.see(frames), None),
+            None => (see(frames), None),
         };
-        let told = self.told(&observations.goals, &observations.previous_actions);
+        let told = self.beside(goal.forward(&self.parameters, numbers), previous_actions);
         Embedded { rows: Tensor::cat(&[visual, told], 1), fused }
     }
 
@@ -195,17 +250,26 @@ impl Network {
     /// # Panics
     /// If it does not.
     pub(crate) fn seen(&self, frames: &Tensor) -> Tensor {
-        let fused = self.encoder.forward_fused(&self.parameters, frames, FramePreparation::SCALE_OFFSET);
+        let encoder = self.encoder().expect("an encoder with kernels");
+        let fused = encoder.forward_fused(&self.parameters, frames, FramePreparation::SCALE_OFFSET);
         fused.expect("an encoder with kernels").0
     }
 
-    /// What stands beside it in a row of [`Network::embed`]: embeddings of goals and, if the network has them, of
+    /// What stands beside it in a row of [`Network::embed`]: embeddings of the numbers and, if the network has them, of
     /// previous actions.
-    pub(crate) fn told(&self, goals: &Tensor, previous_actions: &Tensor) -> Tensor {
-        let goal = self.goal.forward(&self.parameters, goals);
+    ///
+    /// # Panics
+    /// In a task without a frame.
+    pub(crate) fn told(&self, numbers: &Tensor, previous_actions: &Tensor) -> Tensor {
+        let Embedding::Frame { goal, .. } = &self.embedding else { panic!("numbers stand beside a frame") };
+        self.beside(goal.forward(&self.parameters, numbers), previous_actions)
+    }
+
+    /// With the embeddings of previous actions, if the network has them.
+    fn beside(&self, embedded: Tensor, previous_actions: &Tensor) -> Tensor {
         match &self.previous_action {
-            Some(embedding) => Tensor::cat(&[goal, embedding.forward(&self.parameters, previous_actions)], 1),
-            None => goal,
+            Some(embedding) => Tensor::cat(&[embedded, embedding.forward(&self.parameters, previous_actions)], 1),
+            None => embedded,
         }
     }
 
@@ -223,19 +287,17 @@ impl Network {
         }
     }
 
-    /// Kept frames → \[rows, 512\], through autograd.
-    fn see(&self, kept: &Tensor) -> Tensor {
-        self.encoder.forward(&self.parameters, &self.preparation.input(kept))
-    }
-
     /// What decides when it acts in kernels of our own.
     pub(crate) fn heads(&self) -> Heads<'_> {
-        let of = |linear: &Linear| [linear.weight, linear.bias].map(|id| &self.parameters[id]);
+        let of = |head: &Head| {
+            let Linear { weight, bias } = head.last();
+            [weight, bias].map(|id| &self.parameters[id])
+        };
         let gate_biases = self.belief.gru().biases(&self.parameters);
         Heads { gate_biases, actor: of(&self.actor), critic: of(&self.critic) }
     }
 
-    /// Beliefs \[rows, hidden\] → policy and value.
+    /// Beliefs \[rows, hidden\], or embeddings without memory → policy and value.
     pub fn actor_critic(&self, beliefs: &Tensor) -> ActorCriticOutput {
         ActorCriticOutput {
             log_probs: self.actor.forward(&self.parameters, beliefs).log_softmax(-1, None),
@@ -301,14 +363,15 @@ mod tests {
         let device = Device::Cuda(0);
         let build = || Network::new(&Config::default(), device, |_, _| ()).0;
         let (plain, mut fused) = (build(), build());
-        fused.encoder.fuse().unwrap();
+        let Embedding::Frame { encoder, .. } = &mut fused.embedding else { panic!("a frame") };
+        encoder.fuse().unwrap();
         tch::manual_seed(2);
         let float = (Kind::Float, device);
         // Walls and edges, not noise.
         let depth_mm = (Tensor::rand([64, 1, 8, 8], float) * 4000.0 + 300.0).upsample_nearest2d([112, 112], None, None);
         let observations = Observations {
             frames: depth_mm.squeeze_dim(1).round(),
-            goals: Tensor::randn([64, 3], float),
+            numbers: Tensor::randn([64, 3], float),
             previous_actions: Tensor::zeros([64], (Kind::Int64, device)),
         };
         let towards = Tensor::randn([64, OBSERVATION + embedding::PREVIOUS_ACTION], float);

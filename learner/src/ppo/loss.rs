@@ -4,6 +4,7 @@
 //! gradients, of all passes and of all learners add up to the minibatch's means.
 
 use crate::network::ActorCriticOutput;
+use proto::config::PpoConfig;
 use tch::{Kind, Tensor};
 
 /// What the loss compares the network's output with, \[B\] each, in the order of the chunk's packing.
@@ -26,7 +27,7 @@ pub struct Experience {
 pub struct Terms {
     /// −min(ρA, clip(ρ, 1−ε, 1+ε)A), ρ the ratio of the new to the old probability.
     pub policy: Tensor,
-    /// `½·max((V−R)², (V_clipped−R)²)`, `V_clipped` within ε of the old value.
+    /// `½·max((V−R)², (V_clipped−R)²)`, `V_clipped` within ε of the old value; `½·(V−R)²` where values are not clipped.
     pub value: Tensor,
     /// Entropy of the policy, nats.
     pub entropy: Tensor,
@@ -37,7 +38,8 @@ pub struct Terms {
 }
 
 /// The terms of the B rows of a chunk, of a minibatch that has `batch_rows` in all.
-pub fn terms(output: &ActorCriticOutput, experience: &Experience, clip: f64, batch_rows: u64) -> Terms {
+pub fn terms(output: &ActorCriticOutput, experience: &Experience, ppo: &PpoConfig, batch_rows: u64) -> Terms {
+    let clip = ppo.clip;
     let share = 1.0 / batch_rows as f64;
     let mean = |per_row: Tensor| per_row.sum(Kind::Float) * share;
 
@@ -48,11 +50,13 @@ pub fn terms(output: &ActorCriticOutput, experience: &Experience, clip: f64, bat
     let clipped_surrogate = ratio.clamp(1.0 - clip, 1.0 + clip) * &experience.advantages;
     let policy = mean(-surrogate.minimum(&clipped_surrogate));
 
-    let change = &output.values - &experience.values;
-    let clipped_value = &experience.values + change.clamp(-clip, clip);
-    let error = (&output.values - &experience.returns).square();
-    let clipped_error = (clipped_value - &experience.returns).square();
-    let value = mean(error.maximum(&clipped_error) * 0.5);
+    let mut error = (&output.values - &experience.returns).square();
+    if ppo.clip_value {
+        let change = &output.values - &experience.values;
+        let clipped_value = &experience.values + change.clamp(-clip, clip);
+        error = error.maximum(&(clipped_value - &experience.returns).square());
+    }
+    let value = mean(error * 0.5);
 
     let entropy = mean(-(output.log_probs.exp() * &output.log_probs).sum_dim_intlist(-1, false, Kind::Float));
 

@@ -78,6 +78,12 @@ impl UpdateSums {
         self.queries.push(queries);
     }
 
+    /// The last step alone.
+    pub(crate) fn last(&self) -> Self {
+        let numbers = self.numbers.last().map(Tensor::shallow_clone);
+        Self { numbers: numbers.into_iter().collect(), queries: self.queries.last().copied().into_iter().collect() }
+    }
+
     /// Waits for the device, and adds up over all learners.
     pub(crate) fn read(
         &self,
@@ -123,6 +129,12 @@ pub(crate) struct StepMetrics {
 }
 
 impl StepMetrics {
+    /// An estimate of the KL divergence of the policy from the one that acted.
+    pub(crate) fn approximate_kl(&self) -> f64 {
+        let [.., approximate_kl] = self.scalars;
+        approximate_kl
+    }
+
     /// Name of the first scalar that is not finite.
     pub(crate) fn first_non_finite(&self) -> Option<&'static str> {
         let scalars = self.scalars.iter().zip(SCALARS);

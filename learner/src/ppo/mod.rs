@@ -17,7 +17,7 @@
 //! figures, and whether all was finite                 metrics.rs
 //! ```
 //! With one minibatch, as in the reference, an epoch is one step of the optimiser with the gradient of the whole batch;
-//! `ppo.minibatches` makes it several. Chunks only bound memory (`ppo.environments_per_pass`): their gradients add up
+//! `ppo.minibatches` makes it several, and `ppo.target_kl` leaves epochs out. Chunks only bound memory (`ppo.environments_per_pass`): their gradients add up
 //! before the step. With `learner.shards` all of it goes by shard ([`crate::shards`]).
 //!
 //! Shapes in comments: T steps, N environments of this learner, B rows of a chunk, A actions, H width of the belief, W
@@ -35,7 +35,7 @@ pub(crate) mod preemption;
 mod tree;
 
 use crate::auxiliary::{Auxiliary, Epoch, Pass, Query, count};
-use crate::network::{Embedded, Network, OBSERVATION, Packing};
+use crate::network::{Embedded, Network, Packing};
 use crate::optimizer::{Adam, clip, norm};
 use crate::peers::{PeerError, Peers};
 use crate::rollout::Rollout;
@@ -146,6 +146,9 @@ impl<'a> Update<'a> {
         let mut sums = UpdateSums::default();
 
         for epoch in 0..self.ppo.epochs {
+            if epoch > 0 && self.is_far(&sums)? {
+                break;
+            }
             let mut queries = self.auxiliary.queries(&packings, self.epoch(epoch), self.peers)?.into_iter();
             let queries: Vec<Vec<Vec<Query>>> =
                 minibatches.iter().map(|chunks| queries.by_ref().take(chunks.len()).collect()).collect();
@@ -168,7 +171,7 @@ impl<'a> Update<'a> {
                 clip(&mut gradient, &gradient_norm, self.ppo.max_gradient_norm);
 
                 // Adam.
-                adam.step(weights, &gradient, self.learning_rate);
+                adam.step(weights, &gradient, self.learning_rate, self.ppo.adam_epsilon);
                 sums.add(&step, &gradient_norm, asked);
             }
         }
@@ -190,6 +193,17 @@ impl<'a> Update<'a> {
             means.insert(metric::EXCHANGED.to_owned(), self.peers.exchanged()?.bytes as f64);
         }
         Ok(means)
+    }
+
+    /// Whether the policy has moved further from the one that acted than `ppo.target_kl`, by the last step's minibatch. All
+    /// learners find the same.
+    fn is_far(&self, sums: &UpdateSums) -> Result<bool, PeerError> {
+        let target = self.ppo.target_kl;
+        if target == 0.0 {
+            return Ok(false);
+        }
+        let last = sums.last().read(self.auxiliary, (self.shards, self.peers))?;
+        Ok(last.first().is_some_and(|step| step.approximate_kl() > target))
     }
 
     /// Gradient of a minibatch's loss under the present weights, \[W\], before clipping, summed over chunks, shards and
@@ -237,11 +251,11 @@ impl<'a> Update<'a> {
 
         // Loss: clipped surrogate + c_v · clipped value loss − c_H · entropy, scalars.
         let Terms { policy, value, entropy, clip_fraction, approximate_kl } =
-            terms(&output, experience, ppo.clip, totals.frames);
+            terms(&output, experience, ppo, totals.frames);
         let mut loss = &policy + &value * ppo.value_coefficient - &entropy * ppo.entropy_coefficient;
 
         // + w · the auxiliary task's loss, from what each observation gives by itself and from the beliefs.
-        let embeddings = embedded.rows.narrow(1, 0, OBSERVATION);
+        let embeddings = network.observations_of(&embedded.rows);
         let pass = Pass { rollout, packing, embeddings: &embeddings, beliefs: &beliefs, actions: &experience.actions };
         let (mut auxiliary, mut counted) = (policy.zeros_like(), Vec::new());
         if let Some(task) = self.auxiliary.loss(&network.parameters, &pass, queries, totals.queries) {

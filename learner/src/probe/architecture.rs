@@ -4,19 +4,41 @@ use crate::auxiliary::TASKS;
 use crate::checkpoint::TensorsError;
 use crate::network::ENCODERS;
 use proto::camera::FRAME_SIDE;
-use proto::config::{AuxiliaryTask, Config, INPUT_POOLS};
+use proto::config::{AuxiliaryTask, Config, INPUT_POOLS, Memory};
 use proto::task::ActionSpace;
 use std::collections::BTreeMap;
 use tch::Tensor;
 
-/// Sets encoder, pooling, previous action, width, action space and auxiliary task to what the weights are of.
+/// Sets encoder, pooling or layers, memory, previous action, width, action space and auxiliary task to what the weights are
+/// of.
 pub fn fit(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> Result<(), TensorsError> {
-    let wrong = |name: &str, problem: String| TensorsError::Tensor { name: name.to_owned(), problem };
-    let side = |name: &str, dimension: usize| {
-        let weight = weights.get(name).ok_or_else(|| wrong(name, "is missing".to_owned()))?;
-        let size = weight.size();
-        size.get(dimension).copied().ok_or_else(|| wrong(name, format!("is {size:?}, which is no matrix")))
+    let side = |name: &str, dimension| side(weights, name, dimension);
+    let actor = if config.spec().inputs().is_ok_and(|inputs| inputs.image.is_none()) {
+        fit_numbers(config, weights)
+    } else {
+        fit_frames(config, weights)?;
+        "actor.weight".to_owned()
     };
+    let (actions, width) = (side(&actor, 0)?, side(&actor, 1)?);
+    let spaces: Vec<(usize, ActionSpace)> =
+        ActionSpace::all().filter_map(|space| Some((space.of(&config.spec().actions)?.len(), space))).collect();
+    let found = spaces.iter().find(|(count, _)| *count as i64 == actions);
+    let counts: Vec<String> = spaces.iter().map(|(count, _)| count.to_string()).collect();
+    let none = || wrong(&actor, format!("has {actions} actions; there are spaces of {}", counts.join(" and ")));
+    config.episode.action_space = found.ok_or_else(none)?.1;
+    config.network.memory = if weights.contains_key("belief.weight_hh_l0") { Memory::Gru } else { Memory::None };
+    if config.network.memory == Memory::Gru {
+        config.network.hidden = u32::try_from(width).map_err(|_| wrong(&actor, format!("is {width} wide")))?;
+    }
+    config.network.previous_action = weights.contains_key("previous_action_embedder.weight");
+    let has_task = |name: &str| weights.keys().any(|weight| weight.starts_with(&format!("auxiliary.{name}.")));
+    let task = TASKS.into_iter().find(|entry| has_task(entry.name));
+    config.auxiliary.task = task.map_or(AuxiliaryTask::None, |entry| entry.task);
+    Ok(())
+}
+
+/// Sets encoder and pooling.
+fn fit_frames(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> Result<(), TensorsError> {
     let found = ENCODERS.iter().find(|entry| weights.contains_key(&last_layer(entry.linear)));
     let encoder = found.ok_or_else(|| {
         let [first, others @ ..] = ENCODERS.map(|entry| last_layer(entry.linear));
@@ -24,26 +46,44 @@ pub fn fit(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> Result<()
     })?;
     config.network.encoder = encoder.encoder;
     let linear = last_layer(encoder.linear);
-    let features = side(&linear, 1)?;
+    let features = side(weights, &linear, 1)?;
     config.network.input_pool = INPUT_POOLS
         .into_iter()
         .find(|&pool| (encoder.features)(FRAME_SIDE as i64 / i64::from(pool)) == features)
         .ok_or_else(|| wrong(&linear, format!("takes {features} numbers, which no input pooling (1, 2, 4) leaves")))?;
-
-    let actor = "actor.weight";
-    let (actions, hidden) = (side(actor, 0)?, side(actor, 1)?);
-    let spaces: Vec<(usize, ActionSpace)> =
-        ActionSpace::all().filter_map(|space| Some((space.of(&config.spec().actions)?.len(), space))).collect();
-    let found = spaces.iter().find(|(count, _)| *count as i64 == actions);
-    let counts: Vec<String> = spaces.iter().map(|(count, _)| count.to_string()).collect();
-    let none = || wrong(actor, format!("has {actions} actions; there are spaces of {}", counts.join(" and ")));
-    config.episode.action_space = found.ok_or_else(none)?.1;
-    config.network.hidden = u32::try_from(hidden).map_err(|_| wrong(actor, format!("is {hidden} wide")))?;
-    config.network.previous_action = weights.contains_key("previous_action_embedder.weight");
-    let has_task = |name: &str| weights.keys().any(|weight| weight.starts_with(&format!("auxiliary.{name}.")));
-    let task = TASKS.into_iter().find(|entry| has_task(entry.name));
-    config.auxiliary.task = task.map_or(AuxiliaryTask::None, |entry| entry.task);
     Ok(())
+}
+
+/// Sets the widths of the layers that see numbers; returns the weight of the actor's last layer.
+fn fit_numbers(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> String {
+    // Every second entry of PyTorch's Sequential has weights.
+    let widths = |path: &str| -> Vec<u32> {
+        let names = (0..).map(|index| format!("{path}.{}.weight", 2 * index));
+        let layers = names.map_while(|name| weights.get(&name)?.size().first().copied());
+        layers.map(|width| u32::try_from(width).unwrap_or(0)).collect()
+    };
+    let shared = widths("mlp");
+    if !shared.is_empty() {
+        config.network.mlp = shared;
+        return "actor.weight".to_owned();
+    }
+    let mut own = widths("actor");
+    // The actor's last layer has as many outputs as there are actions.
+    own.pop();
+    let last = format!("actor.{}.weight", 2 * own.len());
+    config.network.mlp = own;
+    last
+}
+
+fn wrong(name: &str, problem: String) -> TensorsError {
+    TensorsError::Tensor { name: name.to_owned(), problem }
+}
+
+/// Length of a weight along a dimension.
+fn side(weights: &BTreeMap<String, Tensor>, name: &str, dimension: usize) -> Result<i64, TensorsError> {
+    let weight = weights.get(name).ok_or_else(|| wrong(name, "is missing".to_owned()))?;
+    let size = weight.size();
+    size.get(dimension).copied().ok_or_else(|| wrong(name, format!("is {size:?}, which is no matrix")))
 }
 
 /// The weight of an encoder's last layer.
@@ -69,6 +109,7 @@ mod tests {
             config.network.encoder = encoder;
             config.network.input_pool = input_pool;
             config.network.hidden = 16;
+            config.network.memory = if index < 5 { Memory::Gru } else { Memory::None };
             config.network.previous_action = index % 2 == 0;
             config.episode.action_space =
                 if index < 3 { ActionSpace::named("small").unwrap() } else { ActionSpace::default() };
@@ -80,6 +121,7 @@ mod tests {
             let weights = network.parameters.named().map(|(name, weight)| (name.to_owned(), weight)).collect();
             let mut found = Config::default();
             found.auxiliary.task = AuxiliaryTask::Cpca16;
+            found.network.hidden = 16;
             fit(&mut found, &weights).unwrap();
             assert_eq!((found.network, found.auxiliary), (config.network, config.auxiliary));
             assert_eq!(found.episode.action_space, config.episode.action_space);

@@ -2,7 +2,7 @@
 
 use crate::agent::{ACTING, MODEL};
 use crate::checkpoint::TensorsError;
-use crate::network::{Network, Staging, all_finite, goal_coordinates, to_vec};
+use crate::network::{Network, Staging, all_finite, coordinates, to_vec};
 use crate::rollout::{Outcome, Rollout, Step};
 use proto::camera::{DepthFrame, FRAME_SIDE};
 use proto::config::{Config, nearest};
@@ -19,10 +19,11 @@ pub struct Batch {
 }
 
 /// Every tensor that a batch may have.
-const NAMES: [&str; 16] = [
+const NAMES: [&str; 17] = [
     "frames",
     "goal_m",
     "goal",
+    "numbers",
     "previous_action",
     "episode_start",
     "action",
@@ -218,7 +219,7 @@ fn shape(file: &Tensors) -> Result<([i64; 2], RolloutShape, Vec<bool>), TensorsE
 /// What was seen and chosen in each cell, and what it led to.
 fn rows(file: &Tensors, cells: [i64; 2], config: &Config) -> Result<(Vec<Step>, Vec<Outcome>), TensorsError> {
     let actions = config.policy_actions().len() as i64;
-    let goals = goals(file, cells, config)?;
+    let numbers = numbers(file, cells, config)?;
     let previous = file.integers("previous_action", &cells, 0..actions + 1)?;
     let start = file.flags("episode_start", &cells)?;
     let action = file.integers("action", &cells, 0..actions)?;
@@ -228,7 +229,7 @@ fn rows(file: &Tensors, cells: [i64; 2], config: &Config) -> Result<(Vec<Step>, 
         [file.flags("ended", &cells)?, file.flags("time_limit", &cells)?, file.flags("disturbed", &cells)?];
     warn_of_contradictions(&ended, &start, cells[1] as usize);
     let seen = (0..action.len()).map(|cell| Step {
-        goal: goals[cell],
+        numbers: numbers[cell].clone(),
         previous_action: previous[cell],
         episode_start: start[cell],
         action: action[cell],
@@ -247,6 +248,9 @@ fn rows(file: &Tensors, cells: [i64; 2], config: &Config) -> Result<(Vec<Step>, 
 
 /// Frames as the rollout keeps them, \[T · N, side, side\].
 fn kept_frames(file: &Tensors, [steps, columns]: [i64; 2], network: &Network) -> Result<Tensor, TensorsError> {
+    if network.preparation.side() == 0 {
+        return Ok(network.preparation.store(steps * columns));
+    }
     let name = "frames";
     let (raw, pooled) = (FRAME_SIDE as i64, network.preparation.side());
     let frames = file.any(name)?;
@@ -279,17 +283,17 @@ fn kept_frames(file: &Tensors, [steps, columns]: [i64; 2], network: &Network) ->
     Ok(network.preparation.keep(&frames, &mut Staging::default()))
 }
 
-/// What the network is given for each cell's goal.
-fn goals(file: &Tensors, [steps, columns]: [i64; 2], config: &Config) -> Result<Vec<[f32; 3]>, TensorsError> {
-    let size = [steps, columns, 3];
-    let given = match (file.find("goal"), file.find("goal_m")) {
-        (Some(_), Some(_)) => return Err(wrong("goal", "and goal_m are both there: only one can be meant".to_owned())),
-        (Some(_), None) => file.floats("goal", &size)?,
-        (None, _) => file.floats("goal_m", &size)?,
-    };
-    let (vectors, _) = given.as_chunks::<3>();
-    if file.find("goal").is_some() {
-        return Ok(vectors.to_vec());
+/// What the network is given for each cell's numbers. Those beside a frame are the goal.
+fn numbers(file: &Tensors, [steps, columns]: [i64; 2], config: &Config) -> Result<Vec<Vec<f32>>, TensorsError> {
+    let inputs = config.spec().inputs().expect("a validated configuration's task has what networks take");
+    let size = [steps, columns, inputs.width() as i64];
+    let rows = |given: &[f32]| given.chunks_exact(inputs.width()).map(<[f32]>::to_vec).collect();
+    if inputs.image.is_none() {
+        return Ok(rows(&file.floats("numbers", &size)?));
     }
-    Ok(vectors.iter().map(|&goal_m| goal_coordinates(config.network.goal, goal_m)).collect())
+    match (file.find("goal"), file.find("goal_m")) {
+        (Some(_), Some(_)) => Err(wrong("goal", "and goal_m are both there: only one can be meant".to_owned())),
+        (Some(_), None) => Ok(rows(&file.floats("goal", &size)?)),
+        (None, _) => Ok(rows(&coordinates(config.network.goal, &file.floats("goal_m", &size)?))),
+    }
 }

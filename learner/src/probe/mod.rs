@@ -13,6 +13,7 @@ pub use architecture::fit;
 use crate::agent::{MODEL, weights_of};
 use crate::auxiliary::{Auxiliary, Sizes};
 use crate::checkpoint::{TensorsError, decode_tensors, encode_tensors};
+use crate::declared::declare;
 use crate::device::{self, DeviceError};
 use crate::import::how_to_convert;
 use crate::network::{Network, PrecisionError};
@@ -34,6 +35,8 @@ A batch is a rollout of T steps and N environments (bool may be u8, i64 may be a
   goal_m           f32 (T, N, 3)   goal vector in the robot's frame (x right, y up, z ahead), metres, of the sign that the
                                    weights were trained with (network.carried_goal); or instead of it
   goal             f32 (T, N, 3)   what the network is given for it
+  numbers          f32 (T, N, K)   in a task without a frame instead of frames and goal: its observations, one behind the
+                                   other, whole numbers as one-hot
   previous_action  i64 (T, N)      0 = none yet, else 1 + action
   episode_start    bool (T, N)     the belief is zeroed before this observation
   action           i64 (T, N)      action taken
@@ -70,6 +73,9 @@ pub struct Arguments {
     /// One key of the configuration over both, for example network.goal=cartesian; repeat it for more
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<Setting>,
+    /// Declaration of a task that is not built in: the task.toml of a run
+    #[arg(long, value_name = "TASK.toml", value_parser = declare)]
+    task: Option<Setting>,
     /// Where to compute: cpu, cuda or auto
     #[arg(long, value_name = "D", default_value = "cpu", value_parser = device::parse_choice)]
     device: DeviceChoice,
@@ -123,7 +129,8 @@ pub enum ProbeError {
 
 /// Runs the command: writes the file and prints every figure, a line each.
 pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<(), ProbeError> {
-    let mut config = Config::resolve_set(&arguments.preset, arguments.config.as_deref(), &arguments.set)?;
+    let settings: Vec<Setting> = arguments.task.iter().chain(&arguments.set).cloned().collect();
+    let mut config = Config::resolve_set(&arguments.preset, arguments.config.as_deref(), &settings)?;
     let device = device::choose(&LearnerConfig { device: arguments.device, ..config.learner })?;
     let weights = model(read(&arguments.weights)?);
     let in_weights = |cause| ProbeError::Tensors { path: arguments.weights.clone(), cause };

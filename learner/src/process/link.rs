@@ -2,13 +2,12 @@
 
 use super::ringers::Ringers;
 use crate::collector::{ActionBatch, HalfSample};
-use crate::record::{Frame, FramePart};
+use crate::record::Frame;
 use anyhow::{Context, Result};
 use iceoryx2::port::ReceiveError;
 use iceoryx2::sample::Sample as IoxSample;
 use proto::camera::DepthFrame;
 use proto::config::Config;
-use proto::record::RecordHeader;
 use std::time::Duration;
 use wire::fault;
 use wire::message::{EnvironmentState, Line, ObservationHeader, RestoreHeader, StageAnnouncement};
@@ -35,10 +34,6 @@ impl Sample {
         records.for_each(|record| copied.extend_from_slice(&record[..small]));
         Self { borrowed, small: copied, frame }
     }
-
-    fn part(&self, i: usize) -> Option<FramePart> {
-        self.frame.part(RecordHeader::of(self.record(i)))
-    }
 }
 
 impl HalfSample for Sample {
@@ -50,13 +45,12 @@ impl HalfSample for Sample {
         Line::bytes(&self.small[i * small..][..small])
     }
     fn has_frame(&self, i: usize) -> bool {
-        self.part(i).is_some()
+        self.frame.is_there(self.header(i))
     }
-    fn frame(&self, i: usize) -> DepthFrame<'_> {
+    fn frame(&self, i: usize) -> Option<DepthFrame<'_>> {
         let [record, _] = self.frame.lines();
         let record = Line::bytes(&self.borrowed.payload()[i * record..][..record]);
-        // Nobody asks for one that is not there; any pixels are sound.
-        self.frame.read(record, self.part(i).unwrap_or(FramePart::Whole))
+        self.frame.read(record, self.header(i))
     }
 }
 
@@ -202,9 +196,10 @@ impl Ports {
         let ports = self.ports_of(actor);
         let failed = || format!("cannot send a restore to actor {actor}");
         fault::reach("learner.before_restore");
-        let mut sample = ports.restores.loan_slice_uninit(states.len()).with_context(failed)?;
+        let payload = EnvironmentState::encode(states);
+        let mut sample = ports.restores.loan_slice_uninit(payload.len()).with_context(failed)?;
         *sample.user_header_mut() = header;
-        sample.write_from_slice(states).send().with_context(failed)?;
+        sample.write_from_slice(&payload).send().with_context(failed)?;
         fault::reach("learner.after_restore");
         self.ringers.ring(actor..actor + 1);
         Ok(())
@@ -215,6 +210,7 @@ impl Ports {
 mod tests {
     use super::*;
     use crate::record::named;
+    use proto::record::RecordHeader;
     use std::mem::offset_of;
     use std::ptr::{addr_of_mut, write_volatile};
     use wire::WireHost;
@@ -263,7 +259,8 @@ mod tests {
             let record = sample.record(0);
             assert_eq!((disturbance_m.number(record), target.number(record)), (0.5, 3.0));
             assert!(sample.has_frame(0));
-            assert_eq!(sample.frame(0).numbers()[7], 4321, "frames are not copied");
+            let frame = sample.frame(0).expect("the task has a frame");
+            assert_eq!(frame.numbers()[7], 4321, "frames are not copied");
         }
         drop(host);
         address.sweep().unwrap();

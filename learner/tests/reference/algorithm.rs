@@ -12,7 +12,7 @@ use learner::ppo::gae;
 use learner::ppo::loss::{Experience, terms};
 use learner::rollout::{Outcome, Rollout, Step};
 use learner::shards::Shards;
-use proto::config::{GoalCoordinates, LagrangianConfig};
+use proto::config::{GoalCoordinates, LagrangianConfig, PpoConfig};
 use proto::learning_rate::learning_rate;
 use proto::stage::RolloutShape;
 use tch::{Device, Kind, Tensor};
@@ -85,7 +85,7 @@ fn the_losses_and_their_gradients_are_the_formulas() {
             advantages: cut(&experience.advantages),
             returns: cut(&experience.returns),
         };
-        let terms = terms(&output, &part, 0.1, rows as u64);
+        let terms = terms(&output, &part, &PpoConfig::default(), rows as u64);
         loss += &terms.policy + &terms.value * 0.5 - &terms.entropy * 0.01;
         let scalars = [terms.policy, terms.value, terms.entropy, terms.clip_fraction, terms.approximate_kl];
         sums += Tensor::stack(&scalars, 0).detach();
@@ -124,7 +124,7 @@ fn adam_with_clipping_and_schedule_is_pytorchs() {
         let theirs = expected["norms"].double_value(&[update]);
         let norm = norm.double_value(&[]);
         assert!((norm - theirs).abs() < 1e-5 * theirs, "update {update}: norm {norm} is not {theirs}");
-        adam.step(&mut weights, &gradient, learning_rate(3e-2, 1.0 / 3.0, update as f64 / updates as f64));
+        adam.step(&mut weights, &gradient, learning_rate(3e-2, 1.0 / 3.0, update as f64 / updates as f64), 1e-8);
         if update % 10 == 9 {
             assert_close("weights", &weights, &expected["weights"].get(update / 10), 1e-6);
         }

@@ -67,7 +67,7 @@ fn an_imported_network_says_what_allenacts_says() {
             let seen = [0, 1].map(|n| DepthFrame::Whole(&frames[n]));
             let observations = Observations {
                 frames: network.preparation.keep(&seen, &mut Staging::default()),
-                goals: Tensor::from_slice(&goals).view([2, 3]),
+                numbers: Tensor::from_slice(&goals).view([2, 3]),
                 // In the second column an episode begins: nothing came before.
                 previous_actions: Tensor::from_slice(&[1 + 3 + t, 0]),
             };

@@ -1,11 +1,11 @@
 //! Several learners compute what one does that has all the environments.
 
-use crate::world::{self, World, small_config};
+use crate::world::{self, World, numbers_config, small_config};
 use learner::agent::Agent;
 use learner::network::to_vec;
 use learner::peers::{Meeting, Peers};
 use learner::rollout::Outcome;
-use proto::config::{AuxiliaryTask, Config, Encoder};
+use proto::config::{AuxiliaryTask, Config, Encoder, Memory};
 use proto::metric;
 use std::collections::BTreeMap;
 use tch::{Device, Tensor};
@@ -217,6 +217,22 @@ fn with_shards_minibatches_are_dealt_alike() {
 #[test]
 fn with_shards_advantages_are_normalised_alike() {
     train_with_any_number(|config| config.ppo.normalize_advantages = true);
+}
+
+/// Without frames, and with epochs left out by what all learners agree on.
+#[test]
+fn with_shards_numbers_alone_train_the_same_weights() {
+    for memory in [Memory::None, Memory::Gru] {
+        let of = |target_kl: f64| {
+            train_with_any_number(|config| {
+                let shards = Config { actors: config.actors, learner: config.learner, ..numbers_config(memory) };
+                *config = shards;
+                (config.ppo.epochs, config.ppo.minibatches, config.ppo.target_kl) = (3, 2, target_kl);
+            })
+        };
+        assert_ne!(of(0.0), of(1e-9), "{memory:?}: one epoch is another update");
+        assert_eq!(of(0.0), of(1e9), "{memory:?}");
+    }
 }
 
 #[test]

@@ -9,6 +9,7 @@ mod import;
 mod kept;
 mod learners;
 mod network;
+mod numbers;
 mod probe;
 mod repetition;
 mod shared;

@@ -29,7 +29,7 @@ fn network_matches(name: &str, config: &Config) {
         let previous: Vec<i64> = rows.iter().map(|&(t, n)| (5 * t + 3 * n) as i64 % (actions + 1)).collect();
         Observations {
             frames: network.preparation.keep(&frames, &mut Staging::default()),
-            goals: Tensor::from_slice(&goals).view([-1, 3]),
+            numbers: Tensor::from_slice(&goals).view([-1, 3]),
             previous_actions: Tensor::from_slice(&previous),
         }
     };

@@ -125,11 +125,11 @@ fn a_number_that_is_not_finite_leaves_everything_as_it_was() {
     assert!(agent.rollout_tensors().is_empty());
     agent.begin_rollout(RolloutShape { steps: 1, environments_in_last_step: 4, frames: 4 });
     let error = world.see(&mut agent, 0, &[2], |agent, input| {
-        let goal_m = [[0.0, f32::INFINITY, 0.0]];
-        agent.step(0, &StepInput { goal_m: &goal_m, gumbel: &[0.0; 13], ..*input })
+        let numbers = [0.0, f32::INFINITY, 0.0];
+        agent.step(0, &StepInput { numbers: &numbers, gumbel: &[0.0; 13], ..*input })
     });
     let error = error.expect_err("a goal is infinite");
-    assert!(error.to_string().contains("column 2: goal sensor"), "{error}");
+    assert!(error.to_string().contains("column 2: an observation"), "{error}");
 }
 
 #[test]

@@ -5,9 +5,9 @@ use learner::agent::{Agent, AgentError, StepInput, StepOutput};
 use learner::network::RawFrame;
 use learner::rollout::Outcome;
 use proto::camera::DepthFrame;
-use proto::config::{Config, Encoder};
+use proto::config::{Config, Encoder, Memory, PpoConfig};
 use proto::stage::RolloutShape;
-use proto::task::ActionSpace;
+use proto::task::{ActionSpace, Spec};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use tch::Tensor;
@@ -19,6 +19,10 @@ const NO_ACTION: u8 = 255;
 /// A world of noise that an agent acts in: the script's `run_fixture`.
 pub struct World {
     columns: usize,
+    /// Numbers of an observation, and actions.
+    width: usize,
+    actions: usize,
+    has_frame: bool,
     /// Columns of the agent that acts, of all.
     own: Range<usize>,
     /// Those of either half of a step.
@@ -44,6 +48,19 @@ pub fn small_config() -> Config {
     config
 }
 
+/// The same of a task without a frame.
+pub fn numbers_config(memory: Memory) -> Config {
+    Spec::declare(include_str!("../support/numbers.toml")).expect("a sound task");
+    let mut config =
+        Config::resolve_with("gym", Some(("task = \"numbers\"", "a test"))).expect("the preset is for such tasks");
+    let small = small_config();
+    (config.actors, config.ppo) = (small.actors, PpoConfig { normalize_advantages: true, ..small.ppo });
+    config.network.memory = memory;
+    config.network.hidden = small.network.hidden;
+    config.network.mlp = vec![24, 16];
+    config
+}
+
 impl World {
     pub fn new(config: &Config) -> Self {
         Self::of_learner(config, 0..config.environments())
@@ -54,7 +71,10 @@ impl World {
         let columns = config.environments();
         let steps = config.ppo.rollout_steps as usize;
         let halves = [(0..columns / 2).collect(), (columns / 2..columns).collect()];
-        Self { columns, own, halves, steps, planned: steps, previous: vec![NO_ACTION; columns] }
+        let inputs = config.spec().inputs().expect("networks can take it");
+        let (width, has_frame) = (inputs.width(), inputs.image.is_some());
+        let (actions, previous) = (config.policy_actions().len(), vec![NO_ACTION; columns]);
+        Self { columns, width, actions, has_frame, own, halves, steps, planned: steps, previous }
     }
 
     /// The same, with a half of each actor's environments in either half, as in a run.
@@ -71,7 +91,7 @@ impl World {
     /// Acts through a rollout, in two halves a step; the last step has `last` columns.
     pub fn collect(&mut self, agent: &mut Agent, rollout: usize, last: usize) -> Result<Vec<StepOutput>, AgentError> {
         let (columns, steps, own) = (self.columns, self.steps, self.own.clone());
-        let actions = 13;
+        let actions = self.actions;
         let frames = ((self.planned - 1) * columns + last) as u64;
         let shape = RolloutShape { steps: self.planned, environments_in_last_step: last, frames }.part(own.clone());
         agent.begin_rollout(shape);
@@ -140,16 +160,20 @@ impl World {
         columns: &[usize],
         act: impl FnOnce(&mut Agent, &StepInput) -> T,
     ) -> T {
-        let frames: Vec<Box<RawFrame>> = columns.iter().map(|&n| depth_mm(now, n)).collect();
+        let frames: Vec<Box<RawFrame>> = columns.iter().filter(|_| self.has_frame).map(|&n| depth_mm(now, n)).collect();
         let frames: Vec<DepthFrame> = frames.iter().map(|frame| DepthFrame::Whole(frame)).collect();
-        let goal_m: Vec<[f32; 3]> = columns.iter().map(|&n| goal_m(now, n)).collect();
+        let numbers = |n| match self.width {
+            3 => goal_m(now, n).to_vec(),
+            width => noise_f32(&format!("numbers.{now}.{n}"), width),
+        };
+        let numbers: Vec<f32> = columns.iter().flat_map(|&n| numbers(n)).collect();
         let previous_action: Vec<u8> = columns.iter().map(|&n| self.previous[n]).collect();
         let episode_start: Vec<bool> = previous_action.iter().map(|&action| action == NO_ACTION).collect();
         let places: Vec<usize> = columns.iter().map(|n| n - self.own.start).collect();
         let input = StepInput {
             columns: &places,
             frames: &frames,
-            goal_m: &goal_m,
+            numbers: &numbers,
             previous_action: &previous_action,
             episode_start: &episode_start,
             gumbel: &[],

@@ -1,5 +1,6 @@
 //! A stand-in for an actor's environment: every number in it is a hash of (kitchen, environment, episode, actions), so
-//! it can be rebuilt from its state as a real one can, and any mistake in bookkeeping shows in all that follows.
+//! it can be rebuilt from its state as a real one can, and any mistake in bookkeeping shows in all that follows. It is of
+//! `ArmPointNav`, or of a task of numbers alone.
 
 use proto::config::Config;
 use proto::episode::EnvironmentId;
@@ -53,6 +54,7 @@ static CHANNELS: LazyLock<Channels> = LazyLock::new(|| {
 /// A simulated environment.
 #[derive(Debug, Clone)]
 pub struct FakeEnvironment {
+    task: &'static Spec,
     id: EnvironmentId,
     max_steps: u32,
     state: EnvironmentState,
@@ -63,9 +65,9 @@ pub struct FakeEnvironment {
 
 impl FakeEnvironment {
     /// As an actor rebuilds it: replays the actions; the last one's transition is what it reports.
-    pub fn rebuild(id: EnvironmentId, max_steps: u32, state: &EnvironmentState) -> Self {
+    pub fn rebuild(task: &'static Spec, id: EnvironmentId, max_steps: u32, state: &EnvironmentState) -> Self {
         let start = EnvironmentState::start_of(state.episode);
-        let mut environment = Self { id, max_steps, state: start, header: RecordHeader::default(), done: None };
+        let mut environment = Self { task, id, max_steps, state: start, header: RecordHeader::default(), done: None };
         environment.header.begin(state.episode, environment.hash(), false);
         for &action in state.actions() {
             assert_eq!(environment.state.episode, state.episode, "a restored episode ends at its last action or later");
@@ -90,8 +92,9 @@ impl FakeEnvironment {
         self.state.push(action);
         let hash = self.hash();
         self.done = Some((action, hash));
-        let limit = self.state.action_count == self.max_steps;
-        let end = if is_done(action) { Some(End::Terminated) } else { limit.then_some(End::Truncated) };
+        let limit = self.state.action_count() == self.max_steps;
+        let is_done = if self.has_frame() { is_done(action) } else { hash.is_multiple_of(11) };
+        let end = if is_done { Some(End::Terminated) } else { limit.then_some(End::Truncated) };
         self.header.act(hash, end);
         if end.is_some() {
             self.state = EnvironmentState::start_of(self.state.episode + 1);
@@ -99,8 +102,34 @@ impl FakeEnvironment {
         }
     }
 
+    fn has_frame(&self) -> bool {
+        self.task.name == CHANNELS.task.name
+    }
+
+    /// The record of a task of numbers.
+    fn observe_numbers(&self, index: u32) -> Vec<Line> {
+        let layout = self.task.layout();
+        let mut lines = vec![Line([0; 64]); layout.small_bytes / size_of::<Line>()];
+        let record = Line::bytes_mut(&mut lines);
+        *RecordHeader::of_mut(record) = RecordHeader { environment: index, ..self.header };
+        let named = |name| self.task.channel(name).expect("the task has it").1;
+        if let Some((action, hash)) = self.done {
+            record[layout.action.offset] = action;
+            named("gain").of_mut(record)[0] = unit(mix([hash, 1]));
+        }
+        record[layout.previous_action.offset] = self.state.actions().last().copied().unwrap_or(0);
+        let hash = self.hash();
+        named("speed").of_mut(record).copy_from_slice(&[1, 2, 3, 4].map(|word| unit(mix([hash, word]))));
+        named("door").of_mut(record)[0] = (mix([hash, 5]) % 3) as i32 - 1;
+        named("room").of_mut(record)[0] = (mix([hash, 6]) % 2) as u8;
+        lines
+    }
+
     /// The record, without its frame, that it reports as environment `index` of its actor.
     pub fn observe(&self, index: u32) -> Vec<Line> {
+        if !self.has_frame() {
+            return self.observe_numbers(index);
+        }
         let Channels { task, .. } = *CHANNELS;
         let mut lines = vec![Line([0; 64]); task.layout().small_bytes / size_of::<Line>()];
         let record = Line::bytes_mut(&mut lines);

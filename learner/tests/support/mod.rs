@@ -6,11 +6,12 @@
 pub mod environment;
 
 use environment::{FakeEnvironment, mix};
-use proto::config::{Config, StageConfig};
+use proto::config::{Config, Memory, StageConfig};
 use proto::episode::EnvironmentId;
 use proto::event::LearnerEvent;
 use proto::run_folder::RunFolder;
 use proto::stage::{position_at, total_frames};
+use proto::task::Spec;
 use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::Arc;
@@ -18,7 +19,9 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
-use wire::message::{Halves, Line, ObservationHeader, StageAnnouncement, directive, observation_kind};
+use wire::message::{
+    EnvironmentState, Halves, Line, ObservationHeader, StageAnnouncement, directive, observation_kind,
+};
 use wire::{
     Announcer, ObservationPublisher, Receipt, ReceiptBook, Sleeper, Wire, WireAddress, WireHost, WireShape, Written,
 };
@@ -46,6 +49,25 @@ pub fn tiny() -> Config {
         StageConfig { name: "I".into(), reward: "r".into(), frames: 62 },
         StageConfig { name: "II".into(), reward: "r_prime".into(), frames: 40 },
     ];
+    config
+}
+
+/// The same with a task of numbers alone.
+pub fn tiny_numbers(memory: Memory) -> Config {
+    Spec::declare(include_str!("numbers.toml")).unwrap();
+    let task = "task = \"numbers\"\n";
+    let mut config = Config::resolve_with("gym", Some((task, "a test"))).unwrap();
+    config.network.memory = memory;
+    config.network.mlp = vec![12, 8];
+    config.network.previous_action = memory == Memory::Gru;
+    let Config { seed, actors, episode, learner, checkpoint, recording, stages, .. } = tiny();
+    config.network.hidden = 16;
+    config.ppo.rollout_steps = 4;
+    config.ppo.minibatches = 2;
+    (config.seed, config.actors, config.learner, config.checkpoint) = (seed, actors, learner, checkpoint);
+    (config.recording, config.stages) = (recording, stages);
+    config.stages[1].reward = "r".into();
+    config.episode.max_steps = episode.max_steps;
     config
 }
 
@@ -109,6 +131,7 @@ impl Rig {
     pub fn new(name: &str, config: Config) -> Self {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("config.toml"), config.to_toml()).unwrap();
+        std::fs::write(RunFolder::new(folder.path()).task(), config.spec().text()).unwrap();
         let address = WireAddress::new(&short(name), 1);
         let shape = WireShape::of(&config);
         let host = WireHost::create(&address, shape).unwrap();
@@ -382,9 +405,10 @@ impl Acting {
                     let per_actor = self.config.actors.environments_per_actor;
                     let rebuild = |(e, state)| {
                         let id = EnvironmentId::of(self.number, e as u32, per_actor);
-                        FakeEnvironment::rebuild(id, self.config.episode.max_steps, state)
+                        FakeEnvironment::rebuild(self.config.spec(), id, self.config.episode.max_steps, state)
                     };
-                    self.environments = sample.payload().iter().enumerate().map(rebuild).collect();
+                    let states = EnvironmentState::decode(sample.payload()).unwrap();
+                    self.environments = states.iter().enumerate().map(rebuild).collect();
                     unsent = (0..halves.count()).collect();
                 }
             }
@@ -428,6 +452,9 @@ impl Acting {
             let small = environment.observe(e as u32);
             lines[..small.len()].copy_from_slice(&small);
             let record = Line::bytes_mut(lines);
+            if self.config.spec().layout().images.is_empty() {
+                continue;
+            }
             if self.poisoned.load(Ordering::Relaxed) {
                 named("goal_m").of_mut(record)[1] = f32::NAN;
             }

@@ -71,6 +71,10 @@ pub fn save(policy: &Policy, path: &Path, precision: Precision) -> Result<(), Po
     let mut facts = policy.facts();
     let mut config = configuration_alone(policy.config.clone());
     config.network.carried_goal = policy.carried_goal();
+    let spec = config.spec();
+    if !spec.is_built_in() {
+        facts.insert("task".to_owned(), spec.text().to_owned());
+    }
     facts.insert("config".to_owned(), config.to_toml());
     let digest = tensors_sha256(tensors.iter().map(|(name, _, bytes)| (name.as_str(), bytes.as_slice())));
     facts.insert("tensors_sha256".to_owned(), digest);

@@ -1,7 +1,7 @@
 //! The page that goes with a policy: what it takes and gives, in which units, and ten lines that let it act.
 
 use crate::policy::Policy;
-use proto::config::{CarriedGoal, GoalCoordinates};
+use proto::config::{CarriedGoal, GoalCoordinates, Memory};
 use std::fmt::Write;
 
 /// What somebody who has only `model` (its file's name), an ONNX model of this policy, needs to know; Markdown.
@@ -16,8 +16,10 @@ pub fn guide(policy: &Policy, model: &str) -> String {
     };
     let absolute = match network.goal {
         GoalCoordinates::Cartesian => "; the network takes absolute values",
-        GoalCoordinates::Polar => "",
+        GoalCoordinates::Polar | GoalCoordinates::Plain => "",
     };
+    let numbers = policy.numbers();
+    let remembers = network.memory == Memory::Gru;
     let mut text = format!(
         "# {model}
 
@@ -26,8 +28,6 @@ A policy of Stillroom after {frames} frames of training: one step of any number 
 
 | input | type | shape | |
 |---|---|---|---|
-| depth | uint16 | rows, 224, 224 | millimetres, row by row from the top, of a camera with 100 degrees of view |
-| goal | float32 | rows, 3 | metres in the robot's frame (x right, y up, z ahead): object - wrist{absolute}; while the object is held {held} |
 ",
         frames = origin.frames,
         digest = origin.weights,
@@ -36,25 +36,50 @@ A policy of Stillroom after {frames} frames of training: one step of any number 
         // Writing into a String cannot fail.
         let _ = writeln!(text, "{text_of}");
     };
+    if policy.has_frame() {
+        line(format_args!(
+            "| depth | uint16 | rows, 224, 224 | millimetres, row by row from the top, of a camera with 100 degrees of view |"
+        ));
+    }
+    if network.goal == GoalCoordinates::Plain {
+        let name = policy.numbers_name();
+        line(format_args!(
+            "| {name} | float32 | rows, {numbers} | the task's observations, one behind the other; whole numbers as one-hot |"
+        ));
+    } else {
+        line(format_args!(
+            "| goal | float32 | rows, 3 | metres in the robot's frame (x right, y up, z ahead): object - wrist{absolute}; \
+             while the object is held {held} |"
+        ));
+    }
     if network.previous_action {
         line(format_args!("| previous_action | int64 | rows | number of the last action; {actions} at first |"));
     }
-    line(format_args!("| belief | float32 | rows, {hidden} | zeros at first, then next_belief of the step before |"));
+    if remembers {
+        line(format_args!(
+            "| belief | float32 | rows, {hidden} | zeros at first, then next_belief of the step before |"
+        ));
+    }
     line(format_args!(
         "
 | output | type | shape | |
 |---|---|---|---|
 | log_probs | float32 | rows, {actions} | log-probabilities of the actions; training and evaluation sample |
-| value | float32 | rows | the critic's estimate of the discounted return |
-| next_belief | float32 | rows, {hidden} | |
-
+| value | float32 | rows | the critic's estimate of the discounted return |"
+    ));
+    if remembers {
+        line(format_args!("| next_belief | float32 | rows, {hidden} | |"));
+    }
+    line(format_args!(
+        "
 Actions by number: {names}. The file's metadata hold these names and the units, too.
-
-With `pip install onnxruntime` and the package `stillroom`:
 ",
         names = names.join(", "),
     ));
-    text.push_str(&program(policy, model, actions));
+    if policy.has_frame() && remembers {
+        line(format_args!("With `pip install onnxruntime` and the package `stillroom`:\n"));
+        text.push_str(&program(policy, model, actions));
+    }
     text
 }
 

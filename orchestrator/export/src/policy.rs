@@ -2,11 +2,12 @@
 
 use half::f16;
 use proto::checkpoint::{Manifest, ManifestError};
-use proto::config::{CarriedGoal, Config, GoalCoordinates};
+use proto::config::{CarriedGoal, Config, Memory};
 use proto::digest::sha256;
 use proto::disk::TENSORS_BYTES_MOST;
 use proto::policy_file::{Origin, PolicyFileError};
 use proto::run_folder::RunFolder;
+use proto::task::Inputs;
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensorError, SafeTensors};
 use std::collections::BTreeMap;
@@ -16,8 +17,8 @@ use std::path::{Path, PathBuf};
 const PREFIX: &str = "model.";
 
 /// Heads of auxiliary tasks and whatever else is trained but does not act have other names.
-const ACTING: [&str; 6] =
-    ["visual_encoder.", "goal_embedder.", "previous_action_embedder.", "belief.", "actor.", "critic."];
+const ACTING: [&str; 7] =
+    ["visual_encoder.", "goal_embedder.", "mlp.", "previous_action_embedder.", "belief.", "actor.", "critic."];
 
 /// Why a checkpoint or a file gives no policy.
 #[derive(Debug, thiserror::Error)]
@@ -128,26 +129,45 @@ impl Policy {
     pub(crate) fn facts(&self) -> BTreeMap<String, String> {
         let network = &self.config.network;
         let actions = self.action_names();
-        let goal = match network.goal {
-            GoalCoordinates::Polar => "polar",
-            GoalCoordinates::Cartesian => "cartesian",
-        };
-        let facts = [
-            ("actions", serde_json::Value::from(actions).to_string()),
+        let of_frames = [
             ("depth_unit", "millimetre".to_owned()),
             ("goal_unit", "metre".to_owned()),
             ("goal_frame", "robot: x right, y up, z ahead".to_owned()),
-            ("goal_coordinates", goal.to_owned()),
+            ("goal_coordinates", network.goal.to_string()),
             ("carried_goal", self.carried_goal().to_string()),
             ("camera_fov_degrees", proto::camera::FIELD_OF_VIEW_DEG.to_string()),
-            ("hidden", network.hidden.to_string()),
+        ];
+        let facts = [
+            ("actions", serde_json::Value::from(actions).to_string()),
             ("run", self.origin.run.clone()),
             ("rollout", self.origin.rollout.to_string()),
             ("frames", self.origin.frames.to_string()),
             ("weights_sha256", self.origin.weights.clone()),
             ("producer", format!("stillroom {}", env!("CARGO_PKG_VERSION"))),
         ];
-        facts.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
+        let hidden = (network.memory == Memory::Gru).then(|| ("hidden", network.hidden.to_string()));
+        let of_frames = of_frames.into_iter().filter(|_| self.has_frame());
+        let facts = facts.into_iter().chain(of_frames).chain(hidden);
+        facts.map(|(name, value)| (name.to_owned(), value)).collect()
+    }
+
+    fn inputs(&self) -> Inputs {
+        self.config.spec().inputs().expect("a validated configuration's task has what networks take")
+    }
+
+    /// Whether the task has a frame.
+    pub(crate) fn has_frame(&self) -> bool {
+        self.inputs().image.is_some()
+    }
+
+    /// How many numbers it is given, beside the frame if there is one.
+    pub(crate) fn numbers(&self) -> usize {
+        self.inputs().width()
+    }
+
+    /// What the model's input of numbers is called.
+    pub(crate) fn numbers_name(&self) -> &'static str {
+        if self.has_frame() { "goal" } else { "numbers" }
     }
 
     /// Sign of the goal vector that the weights were trained with.

@@ -6,9 +6,10 @@
 
 use export::{Policy, PolicyError, Precision, guide, onnx, open, save};
 use proto::checkpoint::{Machine, Manifest};
-use proto::config::{CarriedGoal, Config, Encoder, GoalCoordinates};
+use proto::config::{CarriedGoal, Config, Encoder, GoalCoordinates, Memory};
 use proto::digest::sha256;
 use proto::run_folder::{RolloutName, RunFolder};
+use proto::task::Spec;
 use safetensors::Dtype;
 use safetensors::tensor::TensorView;
 use std::collections::{BTreeMap, BTreeSet};
@@ -260,5 +261,70 @@ fn the_page_says_what_the_policy_wants() {
         "InferenceSession(\"fetch.onnx\")",
     ] {
         assert!(page.contains(expected), "`{expected}` is missing in\n{page}");
+    }
+}
+
+/// A task without a frame, and weights of its network.
+fn numbers(memory: Memory) -> (Config, Tensors) {
+    Spec::declare(include_str!("../../../learner/tests/support/numbers.toml")).unwrap();
+    let mut config = Config::resolve_with("gym", Some(("task = \"numbers\"", "a test"))).unwrap();
+    config.network.memory = memory;
+    config.network.mlp = vec![12, 10];
+    config.network.hidden = HIDDEN as u32;
+    config.network.previous_action = memory == Memory::Gru;
+    let mut tensors = Tensors::new();
+    let mut add = |name: &str, shape: &[usize]| {
+        let count: usize = shape.iter().product();
+        let seed = 0.37 * tensors.len() as f32;
+        let bytes = (0..count).flat_map(|index| ((seed + 1.7 * index as f32).sin() * 0.4).to_le_bytes()).collect();
+        tensors.insert(format!("model.{name}"), (Dtype::F32, shape.to_vec(), bytes));
+    };
+    let mut layer = |name: &str, [outputs, inputs]: [usize; 2]| {
+        add(&format!("{name}.weight"), &[outputs, inputs]);
+        add(&format!("{name}.bias"), &[outputs]);
+    };
+    if memory == Memory::None {
+        for (head, outputs) in [("actor", 3), ("critic", 1)] {
+            layer(&format!("{head}.0"), [12, 9]);
+            layer(&format!("{head}.2"), [10, 12]);
+            layer(&format!("{head}.4"), [outputs, 10]);
+        }
+        return (config, tensors);
+    }
+    for (name, sizes) in [("mlp.0", [12, 9]), ("mlp.2", [10, 12]), ("actor", [3, HIDDEN]), ("critic", [1, HIDDEN])] {
+        layer(name, sizes);
+    }
+    add("previous_action_embedder.weight", &[4, 16]);
+    add("belief.weight_ih_l0", &[3 * HIDDEN, 26]);
+    add("belief.weight_hh_l0", &[3 * HIDDEN, HIDDEN]);
+    for name in ["bias_ih_l0", "bias_hh_l0"] {
+        add(&format!("belief.{name}"), &[3 * HIDDEN]);
+    }
+    (config, tensors)
+}
+
+/// That its numbers are those of the learner is tested with onnxruntime in `python/tests/test_numbers.py`.
+#[test]
+fn a_policy_without_frames_is_a_model_and_a_file_that_names_its_task() {
+    for memory in [Memory::None, Memory::Gru] {
+        let (config, tensors) = numbers(memory);
+        let folder = tempfile::tempdir().unwrap();
+        let manifest = write(folder.path(), &tensors);
+        let policy = Policy::read(&RunFolder::new(folder.path()), &manifest, config.clone()).unwrap();
+        assert_eq!(policy.count(), tensors.values().map(|(_, _, bytes)| bytes.len() / 4).sum::<usize>());
+        let file = folder.path().join("policy.safetensors");
+        save(&policy, &file, Precision::Single).unwrap();
+        let again = open(&file).unwrap();
+        assert_eq!(onnx(&again).unwrap(), onnx(&policy).unwrap());
+        let text = String::from_utf8_lossy(&std::fs::read(&file).unwrap()).into_owned();
+        assert!(text.contains("How fast it moves."), "the task's declaration is in it");
+        let page = guide(&policy, "numbers.onnx");
+        assert!(page.contains("| numbers | float32 | rows, 9 |") && !page.contains("depth"), "{page}");
+        assert_eq!(page.contains("next_belief"), memory == Memory::Gru, "{page}");
+        // Another network's weights.
+        let mut wider = config;
+        wider.network.mlp = vec![12, 11];
+        let policy = Policy::read(&RunFolder::new(folder.path()), &manifest, wider).unwrap();
+        assert!(onnx(&policy).unwrap_err().to_string().contains("has shape"));
     }
 }

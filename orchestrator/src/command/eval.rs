@@ -1,6 +1,7 @@
 //! `orchestrator eval`: the metrics of a policy on fixed or drawn episodes.
 
 use super::play::ShownArgs;
+use crate::evaluation::choice::{ObjectsChoice, SplitChoice};
 use crate::evaluation::run::EvaluationRun;
 use crate::evaluation::subject::{Found, Provenance, Source, find};
 use crate::evaluation::text::{episodes_of, place};
@@ -102,25 +103,11 @@ pub struct EvalArgs {
     shown: ShownArgs,
 }
 
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum SplitChoice {
-    Train,
-    Valid,
-    Test,
-}
-
 fn procedural(text: &str) -> Result<KitchenRange, String> {
     let range = text.strip_prefix("procedural:");
     let wanted =
         || "expected procedural:FIRST..END, for example procedural:5000..5100; --split chooses built-in kitchens";
     range.ok_or_else(wanted)?.parse()
-}
-
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum ObjectsChoice {
-    Novel,
-    Seen,
-    All,
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]

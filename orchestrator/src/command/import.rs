@@ -107,7 +107,7 @@ fn remove(root: &Path, was_there: bool) -> std::io::Result<()> {
 
 /// What else the weights could be for: of each other network the first preset that has it.
 fn other_presets(taken: &Config) -> String {
-    let network = |config: &Config| (config.network, config.episode.action_space);
+    let network = |config: &Config| (config.network.clone(), config.episode.action_space);
     let mut known = vec![network(taken)];
     let mut names = Vec::new();
     for preset in presets() {
@@ -188,7 +188,7 @@ mod tests {
         let text = other_presets(&taken);
         let list = text.split("another network: ").nth(1).unwrap().split(", and those").next().unwrap();
         let others: Vec<Config> = list.split(", ").map(|name| Config::resolve(name, None).unwrap()).collect();
-        let network = |config: &Config| (config.network, config.episode.action_space);
+        let network = |config: &Config| (config.network.clone(), config.episode.action_space);
         for (index, one) in others.iter().enumerate() {
             assert!(others[..index].iter().chain([&taken]).all(|other| network(other) != network(one)), "{text}");
         }

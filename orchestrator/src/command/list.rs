@@ -57,7 +57,7 @@ fn cells(card: &Card) -> Vec<String> {
     }
     let what = if card.evaluation { "episodes" } else { "frames" };
     let done = format!("{} / {} {what}", format::count(card.done), format::count(card.budget));
-    let metrics = card.metrics.iter().filter(|metric| metric.unit.is_none());
+    let metrics = card.metrics.iter().filter(|metric| metric.unit.is_empty());
     let figures = format::metrics(metrics, &card.figures, "  ");
     let left = card.left_s.and_then(|left_s| Duration::try_from_secs_f64(left_s).ok());
     let left = left.map_or_else(String::new, |left| format!("{} left", format::duration(left)));

@@ -1,11 +1,13 @@
 //! One file a command: each reads its arguments, calls what does the work, and prints.
 
+pub mod allow;
 mod choice;
 pub mod clean;
 pub mod compare;
 pub mod completions;
 pub mod config;
 pub mod doctor;
+mod environment_flags;
 pub mod eval;
 pub mod export;
 mod host_flags;

@@ -1,26 +1,33 @@
-//! `orchestrator replay`: proves a recording by simulating it again.
+//! `orchestrator replay`: recorded episodes, simulated again: films to look at, or the proof of a recording.
 //!
-//! What is to be compared comes from [`crate::recording::episodes`]; how, is in [`crate::recording::simulate`].
+//! Which ones come from [`crate::recording::newest`] or [`crate::recording::episodes`]; how they are simulated and compared
+//! is in [`crate::recording::simulate`].
 
 use crate::command::choice::{Choice, Chosen, nothing_in};
 use crate::output::terminal;
 use crate::recording::episodes::Recorded;
 use crate::recording::ffmpeg;
+use crate::recording::newest::{Only, newest};
 use crate::recording::simulate::{Totals, simulate};
 use anyhow::{Context, Result, bail, ensure};
+use proto::config::Config;
 use proto::exit::EXIT_INCOMPLETE;
 use proto::replay::{Difference, ImageFormat, RecordedEpisode, ReplayImages, ReplaySetup};
-use std::path::PathBuf;
+use proto::run_folder::RunFolder;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Simulate recorded episodes again: compare all that was recorded, draw pictures if asked.
+/// Simulate recorded episodes again: films of the newest ones, or with --check a proof of all
+///
+/// Without further words: films of the newest successes, of one that disturbed something, and of a failure.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  orchestrator replay runs/a                                        every recorded episode, every state compared
-  orchestrator replay runs/a --images films --format video --limit 3   three films to look at
-  orchestrator replay runs/a --images films --environment 3/0 --episode 12,40 --format video
-  orchestrator replay EVALUATION --kitchen 26 --episode 6,7 --images films --format video   numbers of episodes.csv
-  orchestrator replay runs/a/recordings/incarnation-001.000.mcap --episode 7
+  orchestrator replay runs/a                                        a few films, in runs/a/films
+  orchestrator replay runs/a --only failure --newest 5              of the five newest failures
+  orchestrator replay runs/a --environment 3/0 --episode 12,40      of these episodes
+  orchestrator replay EVALUATION --kitchen 26 --episode 6,7         the same, by the numbers of episodes.csv
+  orchestrator replay runs/a --check                                every recorded episode, every state compared
+  orchestrator replay runs/a/recordings/incarnation-001.000.mcap --check
 
 Compared are the state after every step and every channel and reward of it by name, and each episode's end with its
 steps. Of a damaged recording everything that can be read is compared.
@@ -32,19 +39,26 @@ pub struct ReplayArgs {
     paths: Vec<PathBuf>,
     #[command(flatten)]
     choice: Choice,
-    /// Write pictures into this folder; their names hold kitchen, episode, target and outcome.
+    /// Compare all episodes, or those chosen by the options above, and draw nothing.
+    #[arg(long, conflicts_with_all = ["only", "newest", "images", "format", "side"])]
+    check: bool,
+    /// Only of the newest that ended so.
+    #[arg(long, value_enum, conflicts_with_all = ["kitchen", "environment", "episode"])]
+    only: Option<Only>,
+    /// Of the newest N episodes [default: a few of each kind; with --only: 3].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), conflicts_with_all = ["kitchen", "environment", "episode"])]
+    newest: Option<u16>,
+    /// Write pictures into this folder; their names hold kitchen, episode, target and outcome [default: RUN/films; of a
+    /// recording elsewhere: films].
     #[arg(long, value_name = "DIR")]
     images: Option<PathBuf>,
-    /// png: depth alone, a 16-bit picture (millimetres) a frame; video: one film an episode, depth and the room with
-    /// target and goal marked, as mp4 if there is an ffmpeg on the PATH, else as apng (an animated PNG).
-    #[arg(long, default_value = "png", requires = "images")]
+    /// video: one film an episode, depth and the room with target and goal marked, as mp4 if there is an ffmpeg on the
+    /// PATH, else as apng (an animated PNG); png: depth alone, a 16-bit picture (millimetres) a frame.
+    #[arg(long, default_value = "video")]
     format: Format,
     /// Width and height of a png, or of each of a film's two views, in pixels [default: 224; films 448].
-    #[arg(long, value_parser = clap::value_parser!(u32).range(8..=4096), requires = "images")]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(8..=4096))]
     side: Option<u32>,
-    /// At most this many episodes.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
-    limit: Option<u64>,
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -81,22 +95,14 @@ impl Format {
 /// Runs the command. An error if anything differs from the recording; a status of its own if all agrees that is there,
 /// but not all is there.
 pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
-    let Chosen { recorded, files, incomplete, folder } = args.choice.gather(&args.paths)?;
-    let Recorded { configs, mut episodes, mut config_of, steps, .. } = recorded;
-    if let Some(limit) = args.limit {
-        episodes.truncate(usize::try_from(limit).unwrap_or(usize::MAX));
-        config_of.truncate(episodes.len());
-    }
-    ensure!(!episodes.is_empty(), "{}", nothing_in(&files, steps));
-
-    let images = args.images_wanted()?;
-    let mut shares: Vec<Vec<RecordedEpisode>> = vec![Vec::new(); configs.len()];
-    for (episode, config) in episodes.into_iter().zip(config_of) {
-        shares[config].push(episode);
-    }
+    let picks = !args.check && args.choice.is_all();
+    let (shares, incomplete) = if picks { (args.picked()?, false) } else { args.chosen()? };
+    let images = if args.check { None } else { Some(args.images_wanted()?) };
     let mut totals = Totals::default();
-    for (config, episodes) in configs.into_iter().zip(shares).filter(|(_, episodes)| !episodes.is_empty()) {
-        let setup = ReplaySetup { config, folder: folder.clone(), images: images.clone() };
+    for (mut setup, episodes) in shares {
+        let is_built_in = Config::from_toml(&setup.config, "the recorded configuration")?.environment.is_none();
+        ensure!(is_built_in || args.check, "films are drawn of built-in environments alone: add --check to compare");
+        setup.images.clone_from(&images);
         totals.merge(simulate(&setup, episodes)?);
     }
 
@@ -125,17 +131,57 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
     }
 }
 
+/// Episodes that are simulated alike.
+type Share = (ReplaySetup, Vec<RecordedEpisode>);
+
 impl ReplayArgs {
+    /// The newest of the runs that are named.
+    fn picked(&self) -> Result<Vec<Share>> {
+        let mut shares: Vec<Share> = Vec::new();
+        for path in &self.paths {
+            let folder = run_of(path).with_context(|| {
+                format!("{} lies in no run folder: choose with --episode, or --check it", path.display())
+            })?;
+            for (setup, episode) in newest(&folder, self.only, self.newest.map(usize::from))? {
+                match shares.iter_mut().find(|(known, _)| *known == setup) {
+                    Some((_, episodes)) => episodes.push(episode),
+                    None => shares.push((setup, vec![episode])),
+                }
+            }
+        }
+        Ok(shares)
+    }
+
+    /// Those that are chosen by number, or all; and whether some are not there.
+    fn chosen(&self) -> Result<(Vec<Share>, bool)> {
+        let Chosen { recorded, files, incomplete, folder } = self.choice.gather(&self.paths)?;
+        let Recorded { configs, episodes, config_of, steps, .. } = recorded;
+        ensure!(!episodes.is_empty(), "{}", nothing_in(&files, steps));
+        let share = |config| (ReplaySetup { config, folder: folder.clone(), images: None }, Vec::new());
+        let mut shares: Vec<Share> = configs.into_iter().map(share).collect();
+        for (episode, config) in episodes.into_iter().zip(config_of) {
+            shares[config].1.push(episode);
+        }
+        shares.retain(|(_, episodes)| !episodes.is_empty());
+        Ok((shares, incomplete))
+    }
+
     /// Where and how pictures are to be drawn.
-    fn images_wanted(&self) -> Result<Option<ReplayImages>> {
-        let Some(folder) = &self.images else { return Ok(None) };
+    fn images_wanted(&self) -> Result<ReplayImages> {
+        let of_run = || run_of(&self.paths[0]).map_or_else(|| "films".into(), |run| run.root().join("films"));
+        let folder = &self.images.clone().unwrap_or_else(of_run);
         std::fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
         // The actors run elsewhere; a relative folder is the user's.
         let folder = std::path::absolute(folder)?;
-        Ok(Some(ReplayImages {
+        Ok(ReplayImages {
             folder: folder.to_str().context("the folder of images has a name that is not text")?.to_owned(),
             format: self.format.image_format()?,
             side: self.side.unwrap_or_else(|| self.format.side()),
-        }))
+        })
     }
+}
+
+/// The run or evaluation whose folder this is, or whose recording.
+fn run_of(path: &Path) -> Option<RunFolder> {
+    if path.is_dir() { Some(RunFolder::new(path)) } else { RunFolder::of_recording(path) }
 }

@@ -24,7 +24,7 @@ use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::run_folder::RunFolder;
 use proto::shell::quoted;
-use proto::task::ShownMetric;
+use proto::task::Described;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -272,7 +272,7 @@ fn finished(summary: &Summary, folder: &RunFolder) -> Result<Option<ExitCode>> {
 }
 
 /// Shows a complete run as it was shown when it ended.
-fn show(summary: &Summary, metrics: &[ShownMetric], folder: &RunFolder) -> ExitCode {
+fn show(summary: &Summary, metrics: &[Described], folder: &RunFolder) -> ExitCode {
     terminal::note("this run is complete");
     ended(folder, &summary.id, &SessionEnd::Complete, Some(summary));
     if !events::are_told() {

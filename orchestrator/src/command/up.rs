@@ -1,5 +1,6 @@
 //! `orchestrator up`: a new run.
 
+use super::environment_flags::EnvironmentFlags;
 use super::host_flags::HostFlags;
 use super::overrides::{Overrides, default_preset};
 use super::resume::go_on;
@@ -14,7 +15,9 @@ use crate::run::create::{check_free, create, new_folder};
 use crate::run::identity::unix_now;
 use crate::run::scenes;
 use crate::supervisor::process::{TOKEN, TOKEN_FILE};
+use crate::training::next_steps;
 use crate::training::run::TrainingRun;
+use crate::training::summary::Summary;
 use anyhow::{Context, Result, bail};
 use proto::checkpoint::Manifest;
 use proto::config::{Config, FromConfig};
@@ -40,15 +43,19 @@ use std::process::ExitCode;
   orchestrator up --config mine.toml               some settings of your own over the default preset
   orchestrator up --preset demo --set ppo.learning_rate=1e-3 --set network.encoder=resnet      single settings
   orchestrator up --preset disturb-stage2-25m --from runs/stage-1           stage II as a run of its own
+  orchestrator up --env gymnasium:CartPole-v1                 an environment of your own
   torchrun --nnodes=2 --nproc-per-node=1 --no-python -- orchestrator up --learners 2 --run R --token-file token
 
 The configuration, later over earlier: the preset, --config, --set, the other flags. `orchestrator config` prints it.")]
 pub struct UpArgs {
-    /// Named configuration (`orchestrator presets`) [default: demo without a CUDA device, recipe with one]
+    /// Named configuration (`orchestrator presets`) [default: demo without a CUDA device, recipe with one; gym with an
+    /// environment of your own]
     #[arg(long, value_name = "P")]
     preset: Option<String>,
     #[command(flatten)]
     overrides: Overrides,
+    #[command(flatten)]
+    environment: EnvironmentFlags,
     /// Begin with the weights of another run: its folder (the newest checkpoint), RUN/best, or a checkpoint's manifest.
     /// Optimiser, environments and frame count begin anew; the networks must be the same
     #[arg(long, value_name = "RUN|CHECKPOINT")]
@@ -90,9 +97,16 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
         check_free(&RunFolder::new(run))?;
     }
     let mut found = None;
-    let default = || Ok(default_preset(&found.insert(Tools::find()?).torch));
+    let default = || {
+        if args.environment.is_named() {
+            return Ok("gym");
+        }
+        Ok(default_preset(&found.insert(Tools::find()?).torch))
+    };
     let preset = args.overrides.preset(args.preset.as_deref(), default)?;
-    let mut config = args.hosts.resolve(&args.overrides, &preset, member.as_ref())?;
+    let mut overrides = args.overrides.clone();
+    overrides.set.extend(args.environment.settings()?);
+    let mut config = args.hosts.resolve(&overrides, &preset, member.as_ref())?;
     check_hosts(&config, member.as_ref())?;
     let started = args.hosts.started(member.as_ref())?;
     if let Some(folder) = begun {
@@ -119,7 +133,12 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
     if args.view {
         show(&folder);
     }
-    TrainingRun { folder, config, identity, lock, tools, started }.run()
+    let is_demonstration = !asked && config.preset == "demo";
+    let ended = TrainingRun { folder: folder.clone(), config, identity, lock, tools, started }.run()?;
+    if is_demonstration && Summary::read(&folder)?.is_some() {
+        evaluate(&folder);
+    }
+    Ok(ended)
 }
 
 impl UpArgs {
@@ -163,6 +182,22 @@ fn show(folder: &RunFolder) {
     }
 }
 
+/// Episodes of each test kitchen that end the demonstration: each category once.
+const TESTED: &str = "6";
+
+/// Ends the demonstration with a short test, so that its page and its report have results.
+fn evaluate(folder: &RunFolder) {
+    let words = ["eval", "--episodes", TESTED, "--record", "all"];
+    let ended = std::env::current_exe().and_then(|program| {
+        // Standard output is the run's, down to its last line.
+        std::process::Command::new(program).args(words).arg(folder.root()).stdout(std::io::stderr()).status()
+    });
+    if !ended.as_ref().is_ok_and(std::process::ExitStatus::success) {
+        let program = next_steps::program();
+        terminal::note(&format!("the test was not played to its end: `{program} eval {}`", quoted(folder.root())));
+    }
+}
+
 /// The command of a viewer. It is no part of the run, and starts a browser: so it gets no token.
 pub(crate) fn viewer(program: &Path, folder: &RunFolder) -> std::process::Command {
     let mut command = std::process::Command::new(program);
@@ -200,7 +235,7 @@ fn default_folder(config: &Config) -> PathBuf {
 
 fn introduce(config: &Config, asked: bool) {
     let frames = format::count(total_frames(&config.stages));
-    if config.preset == "demo" {
+    if config.preset == "demo" && config.environment.is_none() {
         let why = if asked { "" } else { "No CUDA device was found. " };
         terminal::note(&format!(
             "{why}This is a demonstration, not the paper's experiment: a small encoder, episodes that begin near their\n\

@@ -52,9 +52,9 @@ impl List {
     /// The metrics of a task that are shown, of one thing.
     fn metrics(&mut self, of: &str, task: &Spec, figures: &BTreeMap<String, f64>) {
         for metric in task.shown() {
-            let value = figures.get(&metric.name).copied();
-            let unit = metric.unit.as_ref().map_or_else(String::new, |unit| format!(" ({unit})"));
-            let shown = if metric.share { format::percent(value) } else { format::number(value, 3) };
+            let value = metric.mean(figures);
+            let unit = if metric.unit.is_empty() { String::new() } else { format!(" ({})", metric.unit) };
+            let shown = if metric.is_share() { format::percent(value) } else { format::number(value, 3) };
             self.put(format!("{of}: {}{unit}", metric.label), json!(value), shown);
         }
     }
@@ -112,7 +112,7 @@ fn tell<'a>(folder: &RunFolder, notes: impl Iterator<Item = &'a String>) {
 
 /// Of a stage, lately.
 fn of_stage(list: &mut List, task: &Spec, stage: &StageMeans) {
-    let (late, of) = (stage.late(), format!("stage {}", stage.name));
+    let (late, of) = (&stage.last_tenth, format!("stage {}", stage.name));
     let name = |what: &str| format!("{of}: {what}");
     list.count(name("episodes"), stage.whole.episodes);
     list.number(name("return"), late.mean_return, 2);

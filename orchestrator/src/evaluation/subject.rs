@@ -73,7 +73,7 @@ const SIGN_HINT: &str = " (while the target is held, those weights would see the
 /// What keeps weights trained with one configuration from being begun with in another, as `key is X, there Y`; nothing
 /// where the networks are the same.
 pub fn network_differences(theirs: &Config, ours: &Config) -> Result<Vec<String>> {
-    let network = |config: &Config| toml::Table::try_from(config.network).context("the table [network] is plain data");
+    let network = |config: &Config| toml::Table::try_from(&config.network).context("the table [network] is plain data");
     let (their_network, our_network) = (network(theirs)?, network(ours)?);
     // Coordinates that are absolute values show no sign.
     let same_sign = theirs.network.sign_seen() == ours.network.sign_seen();

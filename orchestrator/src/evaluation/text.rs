@@ -124,8 +124,9 @@ mod tests {
         assert_eq!(printed[1], head);
         let all =
             "all                  1     1.0  100.0%    0.0%              0.0%     100.0%            0.000       0.00";
-        assert_eq!(printed[printed.len() - 4], all);
-        assert!(printed[printed.len() - 3].starts_with("success but unsafe 0.0%, unsafe of the successes 0.0%, worst"));
+        assert_eq!(printed[printed.len() - 5], all);
+        let figures = "disturbance per success 0.000 m, success but unsafe 0.0%, unsafe of the successes 0.0%, worst";
+        assert!(printed[printed.len() - 4].starts_with(figures), "{printed:#?}");
 
         let text = r#"
         name = "small"

@@ -8,13 +8,14 @@ use super::link::{Mouth, receive, receive_bytes, serve};
 use super::membership::Membership;
 use super::rendezvous::{Invitation, Patience, Reply};
 use super::token::Token;
+use crate::environment::consent;
 use crate::output::format::counted;
 use crate::output::terminal;
 use crate::recording::recorder::{Recorder, RecorderSetup};
 use crate::run::remains;
 use crate::supervisor::event::{Event, Exit, Process};
 use crate::supervisor::process::{Launch, LearnersNetwork, Processes};
-use crate::supervisor::remote_hosts::{Order, Word};
+use crate::supervisor::remote_hosts::{HostReport, Order};
 use crate::supervisor::session::{begin_log, part_of, placed, recorded};
 use crate::supervisor::shell::{QUEUE, SWEEPS_AFTER_DEATH, Signals, TICK};
 use anyhow::{Context, Result, bail};
@@ -69,13 +70,13 @@ enum Ended {
 }
 
 /// What comes over the link.
-type Heard = Result<Order, String>;
+type Received = Result<Order, String>;
 
 impl Agent {
     /// Takes part in a run until its end; the job's exit status.
     pub fn run(self, otherwise: Otherwise<'_>) -> Result<ExitCode> {
         let mut signals = None;
-        // Said once: a later start has what was ordered meanwhile.
+        // Sent once: a later start has what was ordered meanwhile.
         let mut otherwise = Some(otherwise);
         let mut found = self.knock(self.patience.joining)?;
         // Host 0 replies when all others have come.
@@ -124,14 +125,14 @@ impl Agent {
             invitation.files.iter().map(read).collect::<Result<_, _>>().context("host 0's files")?;
         let patience = Patience { lost: Duration::try_from_secs_f64(invitation.lost_s)?, ..self.patience };
         let (sender, orders) = mpsc::channel(QUEUE);
-        let ear = move |heard: Heard| sender.blocking_send(heard).is_ok();
-        let mouth: Mouth<Word> = serve(stream, patience.silence(), ear).context("the link to host 0")?;
+        let ear = move |received: Received| sender.blocking_send(received).is_ok();
+        let mouth: Mouth<HostReport> = serve(stream, patience.silence(), ear).context("the link to host 0")?;
         let prepared = prepare(&self.run, self.member.host, &invitation, &files, patience.lost)
             .and_then(|place| begin_log(&place.folder).map(|()| place));
         let place = match prepared {
             Ok(place) => place,
             Err(error) => {
-                mouth.say(Word::Refused(format!("{error:#}")));
+                mouth.say(HostReport::Refused(format!("{error:#}")));
                 return Err(error);
             }
         };
@@ -158,7 +159,7 @@ impl Agent {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("tokio")?;
         let ended = runtime.block_on(self.work(place, &invitation, network, (&mouth, orders), (patience, signals)));
         if let Err(error) = &ended {
-            mouth.say(Word::Refused(format!("{error:#}")));
+            mouth.say(HostReport::Refused(format!("{error:#}")));
         }
         // In any case no process and no shared memory of this start remains.
         drop(runtime);
@@ -174,7 +175,7 @@ impl Agent {
         place: &HostFolder,
         invitation: &Invitation,
         otherwise: Otherwise<'_>,
-        mouth: &Mouth<Word>,
+        mouth: &Mouth<HostReport>,
     ) -> Result<()> {
         let mut found = otherwise(&place.config, &place.folder)?;
         if self.member.hosts != invitation.hosts {
@@ -191,7 +192,7 @@ impl Agent {
         if !found.is_empty() {
             let what = found.join(", ");
             tracing::warn!("this host was started with {what}: the settings of host 0 count");
-            mouth.say(Word::AsksOtherwise(what));
+            mouth.say(HostReport::AsksOtherwise(what));
         }
         Ok(())
     }
@@ -246,7 +247,7 @@ impl Agent {
         place: HostFolder,
         invitation: &Invitation,
         network: LearnersNetwork,
-        (mouth, orders): (&Mouth<Word>, mpsc::Receiver<Heard>),
+        (mouth, orders): (&Mouth<HostReport>, mpsc::Receiver<Received>),
         (patience, signals): (Patience, &mut Option<Signals>),
     ) -> Result<Ended> {
         let HostFolder { folder, config, address, hosts, tools, mut lock } = place;
@@ -267,9 +268,11 @@ impl Agent {
             config: config.clone(),
         };
         let recorder = config.recording.enabled.then(|| Recorder::start(setup())).transpose()?;
+        consent::demand(&config, folder.root())?;
         let launch = Launch {
             placement: placed(&part_of(&config, hosts, self.member.host), &tools)?,
             programs: tools.programs.clone(),
+            environment: config.environment.clone(),
             learners: config.learner.count,
             threads: config.learner.threads,
             evaluates: false,
@@ -280,7 +283,7 @@ impl Agent {
         };
         let (sender, inbox) = mpsc::channel(QUEUE);
         let announcer = host.wire().announcer()?;
-        mouth.say(Word::Ready);
+        mouth.say(HostReport::Ready);
         let work = Work {
             host: &host,
             announcer,
@@ -321,8 +324,8 @@ struct Work<'a> {
     processes: Processes,
     running: BTreeSet<Process>,
     inbox: mpsc::Receiver<Event>,
-    orders: mpsc::Receiver<Heard>,
-    mouth: &'a Mouth<Word>,
+    orders: mpsc::Receiver<Received>,
+    mouth: &'a Mouth<HostReport>,
     signals: &'a mut Signals,
     recorder: Option<Recorder>,
     /// Incarnation of the learners whose events count.
@@ -336,13 +339,13 @@ impl Work<'_> {
     async fn until_the_end(mut self, patience: Patience, invitation: &Invitation) -> Result<Ended> {
         let mut tick = tokio::time::interval(TICK);
         tick.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
-        // Had it been heard in the last start, this one would not be.
+        // Had it been received in the last start, this one would not be.
         if let Some(asked) = self.signals.asked() {
             self.ask_for_stop(&asked);
         }
         loop {
             tokio::select! {
-                heard = self.orders.recv() => match heard {
+                received = self.orders.recv() => match received {
                     Some(Ok(Order::Dismiss { status, text })) => return Ok(Ended::Over(status, text)),
                     Some(Ok(Order::Again)) => return Ok(Ended::Again(patience)),
                     Some(Ok(order)) => self.obey(&order)?,
@@ -365,8 +368,8 @@ impl Work<'_> {
     fn ask_for_stop(&self, asked: &Event) {
         tracing::info!("a stop is asked for here: host 0 is told");
         self.mouth.say(match asked {
-            Event::Interrupt => Word::Interrupt,
-            _ => Word::Stop { requeue: self.signals.ask_for_requeue() },
+            Event::Interrupt => HostReport::Interrupt,
+            _ => HostReport::Stop { requeue: self.signals.ask_for_requeue() },
         });
     }
 
@@ -380,7 +383,7 @@ impl Work<'_> {
                     Ok(()) => drop(self.running.insert(process)),
                     Err(cause) => {
                         let exit = Exit::NotStarted(cause);
-                        self.mouth.say(Word::Exited { process, incarnation, exit, last_words: vec![] });
+                        self.mouth.say(HostReport::Exited { process, incarnation, exit, last_words: vec![] });
                     }
                 }
             }
@@ -389,7 +392,7 @@ impl Work<'_> {
             Order::Announce(announced) => self.announcer.announce(announced.into())?,
             Order::Finish { frames } => {
                 let complete = self.recorder.take().map_or(Ok(()), |recorder| recorded(recorder, frames));
-                self.mouth.say(Word::Recorded(complete.map_err(|error| format!("{error:#}"))));
+                self.mouth.say(HostReport::Recorded(complete.map_err(|error| format!("{error:#}"))));
             }
             Order::Dismiss { .. } | Order::Again => {}
         }
@@ -405,7 +408,7 @@ impl Work<'_> {
                 self.running.remove(&process);
                 self.host.sweep_dead();
                 self.sweeps = SWEEPS_AFTER_DEATH;
-                self.mouth.say(Word::Exited { process, incarnation, exit, last_words });
+                self.mouth.say(HostReport::Exited { process, incarnation, exit, last_words });
             }
             Event::Learner { incarnation, event } => {
                 if incarnation == self.learner_incarnation
@@ -414,7 +417,7 @@ impl Work<'_> {
                     recorder.learner(incarnation, &event);
                 }
                 if !matches!(event, LearnerEvent::RolloutCollected { .. }) {
-                    self.mouth.say(Word::Learner { incarnation, event });
+                    self.mouth.say(HostReport::Learner { incarnation, event });
                 }
             }
             _ => {}
@@ -433,7 +436,7 @@ impl Work<'_> {
             && let Some(failure) = self.recorder.as_ref().and_then(Recorder::failure)
         {
             self.recording_failed = true;
-            self.mouth.say(Word::CannotWrite(failure));
+            self.mouth.say(HostReport::CannotWrite(failure));
         }
     }
 

@@ -20,7 +20,7 @@ const BEATS: u32 = 5;
 #[derive(Serialize, Deserialize)]
 enum Frame<M> {
     Beat,
-    Said(M),
+    Message(M),
 }
 
 pub fn send(stream: &mut TcpStream, message: &impl Serialize) -> Result<()> {
@@ -118,7 +118,7 @@ where
         loop {
             match receive::<Frame<In>>(&mut ear, LONGEST, Instant::now() + silence) {
                 Ok(Frame::Beat) => {}
-                Ok(Frame::Said(message)) => {
+                Ok(Frame::Message(message)) => {
                     if !hear(Ok(message)) {
                         break;
                     }
@@ -137,7 +137,7 @@ where
     let speak = move || {
         loop {
             let frame = match outbox.recv_timeout(silence / BEATS) {
-                Ok(message) => Frame::Said(message),
+                Ok(message) => Frame::Message(message),
                 Err(RecvTimeoutError::Timeout) => Frame::Beat,
                 Err(RecvTimeoutError::Disconnected) => {
                     let _ = mouth.shutdown(Shutdown::Write);

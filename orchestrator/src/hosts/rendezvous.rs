@@ -1,5 +1,5 @@
 //! Host 0's door: it waits until all other hosts have come, tells them what the run is, and hands them over to the
-//! supervision as its remote_hosts.
+//! supervision as its `remote_hosts`.
 
 use super::address;
 use super::handshake::{HandshakeError, admit};
@@ -10,7 +10,7 @@ use crate::output::warning_limiter::WarningLimiter;
 use crate::run::identity::host_name;
 use crate::run::scenes;
 use crate::supervisor::process::LearnersNetwork;
-use crate::supervisor::remote_hosts::{Heard, Obeys, Order, Other, RemoteHosts, Word};
+use crate::supervisor::remote_hosts::{FromHost, HostReport, Obeys, Order, Other, RemoteHosts};
 use crate::supervisor::session::Together;
 use crate::supervisor::shell::QUEUE;
 use anyhow::{Context, Result, bail};
@@ -46,7 +46,7 @@ pub struct Patience {
 }
 
 impl Patience {
-    /// A host of which nothing is heard for so long is lost.
+    /// A host of which nothing is received for so long is lost.
     pub fn silence(self) -> Duration {
         self.lost / 3
     }
@@ -278,7 +278,7 @@ impl Rendezvous {
             drop(busy);
         };
         if let Err(error) = std::thread::Builder::new().name("proof".into()).spawn(prove) {
-            here.warn("connections not heard", format_args!("{address} cannot be heard: {error}"));
+            here.warn("connections not received", format_args!("{address} cannot be received: {error}"));
         }
     }
 
@@ -286,25 +286,27 @@ impl Rendezvous {
     fn await_ready(
         &self,
         others: &[Other],
-        inbox: &mut mpsc::Receiver<(u32, Heard)>,
-    ) -> Result<VecDeque<(u32, Heard)>> {
+        inbox: &mut mpsc::Receiver<(u32, FromHost)>,
+    ) -> Result<VecDeque<(u32, FromHost)>> {
         let deadline = Instant::now() + self.patience.joining;
         let mut early = VecDeque::new();
         let mut ready = 0;
         while ready < others.len() {
             match inbox.try_recv() {
-                Ok((_, Heard::Said(Word::Ready))) => ready += 1,
-                Ok((host, Heard::Said(Word::Refused(reason)))) => {
+                Ok((_, FromHost::Reported(HostReport::Ready))) => ready += 1,
+                Ok((host, FromHost::Reported(HostReport::Refused(reason)))) => {
                     bail!(Incomplete::Refuses(host, reason))
                 }
-                Ok((host, Heard::Lost(reason))) => {
+                Ok((host, FromHost::Lost(reason))) => {
                     bail!(Incomplete::Missing(format!("host {host} was lost at the start: {reason}")))
                 }
-                Ok((host, asked @ Heard::Said(Word::Stop { .. } | Word::Interrupt))) => early.push_back((host, asked)),
-                Ok((host, Heard::Said(Word::AsksOtherwise(what)))) => {
+                Ok((host, asked @ FromHost::Reported(HostReport::Stop { .. } | HostReport::Interrupt))) => {
+                    early.push_back((host, asked));
+                }
+                Ok((host, FromHost::Reported(HostReport::AsksOtherwise(what)))) => {
                     tracing::warn!("host {host} was started with {what}: the settings of this host count");
                 }
-                Ok((_, Heard::Said(_))) => {}
+                Ok((_, FromHost::Reported(_))) => {}
                 Err(_) if Instant::now() >= deadline => {
                     bail!(Incomplete::Missing("not all hosts are ready in time".to_owned()))
                 }
@@ -325,11 +327,14 @@ impl Obeys for Way {
     }
 }
 
-/// What a link's listener does: everything heard goes to the supervision.
-fn ear(host: u32, sender: mpsc::Sender<(u32, Heard)>) -> impl FnMut(Result<Word, String>) -> bool + Send + 'static {
-    move |heard| {
-        let heard = heard.map_or_else(Heard::Lost, Heard::Said);
-        sender.blocking_send((host, heard)).is_ok()
+/// What a link's listener does: everything received goes to the supervision.
+fn ear(
+    host: u32,
+    sender: mpsc::Sender<(u32, FromHost)>,
+) -> impl FnMut(Result<HostReport, String>) -> bool + Send + 'static {
+    move |received| {
+        let received = received.map_or_else(FromHost::Lost, FromHost::Reported);
+        sender.blocking_send((host, received)).is_ok()
     }
 }
 

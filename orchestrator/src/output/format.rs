@@ -2,7 +2,7 @@
 
 pub use report::format::{NOTHING, count, counted, number};
 
-use proto::task::ShownMetric;
+use proto::task::Described;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -45,21 +45,21 @@ pub fn percent(share: Option<f64>) -> String {
 }
 
 /// A metric's mean: a percentage of a share, else three decimals and its unit; a dash for none.
-pub fn metric(metric: &ShownMetric, value: Option<f64>) -> String {
-    match (value, &metric.unit) {
-        (value, _) if metric.share => percent(value),
-        (Some(value), Some(unit)) => format!("{value:.3} {unit}"),
+pub fn metric(metric: &Described, value: Option<f64>) -> String {
+    match (value, metric.unit.as_str()) {
+        (value, _) if metric.is_share() => percent(value),
+        (Some(value), unit) if !unit.is_empty() => format!("{value:.3} {unit}"),
         (value, _) => number(value, 3),
     }
 }
 
 /// Metrics with their means.
 pub fn metrics<'a>(
-    metrics: impl IntoIterator<Item = &'a ShownMetric>,
+    metrics: impl IntoIterator<Item = &'a Described>,
     figures: &BTreeMap<String, f64>,
     between: &str,
 ) -> String {
-    let each = metrics.into_iter().map(|one| format!("{} {}", one.label, metric(one, figures.get(&one.name).copied())));
+    let each = metrics.into_iter().map(|one| format!("{} {}", one.label, metric(one, one.mean(figures))));
     each.collect::<Vec<_>>().join(between)
 }
 

@@ -9,7 +9,6 @@ use rustix::fs::statvfs;
 use std::fs::File;
 use std::io::Error;
 use std::path::Path;
-use wire::message::EnvironmentState;
 
 /// What must be free beside the checkpoints, bytes: logs, metrics, and the beginning of a recording.
 const LEAST: u64 = 256 << 20;
@@ -17,6 +16,9 @@ const LEAST: u64 = 256 << 20;
 const RECORDED_STEP: u64 = 120;
 /// A recorded depth frame: zstd, between a level camera (2 KB) and one that looks down (28 KB).
 const RECORDED_FRAME: u64 = 20_000;
+
+/// An environment's state beside its actions.
+const STATE: u64 = 64;
 
 /// A procedural kitchen that is kept.
 const KITCHEN: u64 = 32_000;
@@ -29,7 +31,8 @@ pub fn need(config: &Config) -> (u64, u64) {
     let parameters = encoder + 3 * hidden * (hidden + 560) + hidden * 400;
     let environments = config.environments() as u64;
     // Weights and two moments, beliefs, environment states.
-    let checkpoint = parameters * 12 + environments * (hidden * 4 + size_of::<EnvironmentState>() as u64);
+    let state = STATE + u64::from(config.episode.max_steps);
+    let checkpoint = parameters * 12 + environments * (hidden * 4 + state);
     let kept = u64::from(config.checkpoint.keep) + config.stages.len() as u64 + 1;
     let frames = total_frames(&config.stages) as f64;
     let recorded_step = RECORDED_STEP as f64 + config.recording.depth_share * RECORDED_FRAME as f64;

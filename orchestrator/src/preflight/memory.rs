@@ -19,6 +19,8 @@ const ACTOR_KITCHEN: u64 = 3 << 20;
 const LEARNER_BASE: u64 = 400 << 20;
 /// What CUDA and its libraries add in host memory.
 const LEARNER_CUDA: u64 = 1536 << 20;
+/// What autograd keeps of an observation of numbers alone, at most.
+const NUMBERS: u64 = 64 << 10;
 /// The orchestrator and the recorder's buffers.
 const ORCHESTRATOR: u64 = 96 << 20;
 
@@ -52,20 +54,23 @@ pub fn need(config: &Config, actors: u32, cuda: bool) -> Need {
     let steps = if config.evaluation.is_some() { 1 } else { u64::from(config.ppo.rollout_steps) };
     // One is collected while another is trained on.
     let rollouts = if config.ppo.overlap && config.evaluation.is_none() { 2 } else { 1 };
-    let rollout = rollouts * environments * (steps + 1) * FRAME_PIXELS as u64 * 2;
+    let has_frame = config.spec().inputs().is_ok_and(|inputs| inputs.image.is_some());
+    let pixels = if has_frame { FRAME_PIXELS as u64 } else { 0 };
+    let rollout = rollouts * environments * (steps + 1) * pixels * 2;
     let learner = if cuda {
         // Rollout and activations lie on the GPU; the host has staging buffers.
-        LEARNER_BASE + LEARNER_CUDA + environments * FRAME_PIXELS as u64 * 4
+        LEARNER_BASE + LEARNER_CUDA + environments * pixels * 4
     } else {
         let minibatch = in_shard.div_ceil(u64::from(config.ppo.minibatches.max(1)));
         let in_pass = match u64::from(config.ppo.environments_per_pass) {
             0 => minibatch,
             pass => pass.min(minibatch),
         };
-        let frame = config.network.encoder.autograd_bytes(config.network.input_pool);
+        let encoder = || config.network.encoder.autograd_bytes(config.network.input_pool);
+        let frame = if has_frame { encoder() } else { NUMBERS };
         LEARNER_BASE + rollout + in_pass * steps * frame
     };
-    let shared = WireShape::new(shares, environments_per_actor, config.spec()).shared_memory_bytes();
+    let shared = WireShape::with_actors(config, shares).shared_memory_bytes();
     let learners = shares.learners();
     let total = u64::from(actors) * actor + u64::from(learners) * learner + shared + ORCHESTRATOR;
     Need { actor, learner, learners, shared, total }

@@ -22,7 +22,7 @@ pub fn check(config: &Config) -> Finding {
 
 fn check_against(config: &Config, free: u64, size: u64) -> Finding {
     let environments_per_actor = config.actors.environments_per_actor;
-    let shape = |actors| WireShape::new(Shares::of_one(actors), environments_per_actor, config.spec());
+    let shape = |actors| WireShape::with_actors(config, Shares::of_one(actors));
     let actors = config.actors.count;
     let need = shape(actors).shared_memory_bytes();
     if need <= free {

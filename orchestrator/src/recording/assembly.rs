@@ -2,6 +2,8 @@
 
 use super::declared::Declared;
 use super::form::Told;
+use proto::episode::EnvironmentId;
+use proto::replay::RecordedEpisode;
 use proto::task::Sums;
 use std::cmp::Ordering;
 
@@ -56,6 +58,12 @@ impl Assembly {
             // Recorded twice under the same learner: a segment was given twice.
             Ordering::Less => {}
         }
+    }
+
+    /// As a replay takes it.
+    pub fn recorded(self, environment: EnvironmentId, episode: u32) -> RecordedEpisode {
+        let Self { start_hash, start, actions, hashes, digests, .. } = self;
+        RecordedEpisode { environment, episode, start_hash, actions, hashes, digests, start }
     }
 
     /// Takes the episode's beginning.

@@ -5,6 +5,7 @@ use proto::config::Config;
 use proto::replay::Compared;
 use proto::task::{Spec, SpecError, Summing, Sums};
 use std::collections::BTreeMap;
+use std::error::Error;
 
 /// A task, its rewards weighed by a configuration.
 #[derive(Debug)]
@@ -18,9 +19,9 @@ pub struct Declared {
 impl Declared {
     /// That of a configuration. It need not be one that can be run.
     pub fn of(config: &Config) -> Result<Self, String> {
-        let spec = Spec::built_in().iter().find(|spec| spec.name == config.task);
-        let spec = spec.ok_or_else(|| format!("its task is {:?}, which this program does not have", config.task))?;
-        Self::task(spec, &config.reward.weights).map_err(|cause| format!("its configuration: {cause}"))
+        let wrong = |cause: &dyn Error| format!("its configuration: {cause}");
+        let spec = config.find_spec().map_err(|cause| wrong(&cause))?;
+        Self::task(spec, &config.reward.weights).map_err(|cause| wrong(&cause))
     }
 
     /// A task with these weights.

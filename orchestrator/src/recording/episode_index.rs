@@ -89,6 +89,13 @@ impl Ended {
     }
 }
 
+/// A whole episode in a recording.
+#[cfg(test)]
+pub(super) fn shelved(order: u64, outcome: &str) -> Shelved {
+    let end = Ended { outcome: outcome.to_owned(), ..Ended::default() };
+    Shelved { order, steps: 1, from_its_start: true, end: Some(end), ..Shelved::default() }
+}
+
 impl Shelved {
     /// Whether it can be simulated again.
     pub fn is_playable(&self) -> bool {
@@ -286,16 +293,7 @@ impl EpisodeIndex {
             }
         }
         let Some(config) = config.filter(|_| !assembly.hashes.is_empty()) else { return Ok(None) };
-        let recorded = RecordedEpisode {
-            environment: EnvironmentId { kitchen, number: key.1 },
-            episode: key.2,
-            start_hash: assembly.start_hash,
-            actions: assembly.actions,
-            hashes: assembly.hashes,
-            digests: assembly.digests,
-            start: assembly.start,
-        };
-        Ok(Some((config, recorded)))
+        Ok(Some((config, assembly.recorded(EnvironmentId { kitchen, number: key.1 }, key.2))))
     }
 
     /// Takes in files that are new, and how long all are now.

@@ -129,7 +129,7 @@ impl Setting {
 pub(super) fn home(kitchens: Kitchens, place: EnvironmentId) -> EnvironmentId {
     match kitchens {
         Kitchens::Procedural(_) => EnvironmentId::among(kitchens, place.number, 0, 1),
-        Kitchens::Split(_) | Kitchens::One(_) | Kitchens::Scenes(_) => place,
+        Kitchens::Split(_) | Kitchens::One(_) | Kitchens::Scenes(_) | Kitchens::Elsewhere => place,
     }
 }
 
@@ -432,15 +432,8 @@ impl Collection {
             }
             recorded.broken += u64::from(assembly.gap.is_some());
             recorded.config_of.push(assembly.config);
-            recorded.episodes.push(RecordedEpisode {
-                environment: self.settings[assembly.config].place(key),
-                episode: key.2,
-                start_hash: assembly.start_hash,
-                actions: assembly.actions,
-                hashes: assembly.hashes,
-                digests: assembly.digests,
-                start: assembly.start,
-            });
+            let place = self.settings[assembly.config].place(key);
+            recorded.episodes.push(assembly.recorded(place, key.2));
         }
         Ok(recorded)
     }

@@ -109,7 +109,7 @@ impl Harvest {
                     let EnvironmentId { kitchen, number } = verdict.environment;
                     bail!(
                         "no data set was written: the simulation differs from the recording in kitchen {kitchen}, \
-                         environment {number}, episode {}, step {step}: {what}; `orchestrator replay` compares all of it",
+                         environment {number}, episode {}, step {step}: {what}; `orchestrator replay --check` compares all of it",
                         verdict.episode
                     );
                 }

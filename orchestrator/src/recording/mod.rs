@@ -2,7 +2,7 @@
 //! from the task ([`declared`], [`engine`]). Reading them back: [`reader`] goes through a file however damaged it is,
 //! [`reading`] takes its messages, [`origin`] knows where it comes from, [`episodes`] puts together what can be re-simulated
 //! (each of them an [`assembly`]), [`episode_index`] finds single episodes in recordings that grow, [`follow`] hands on
-//! what is new in them, [`wanted`] chooses among it, [`simulate`] simulates it, [`harvest`] makes a data set of it,
+//! what is new in them, [`wanted`] and [`newest`] choose among it, [`simulate`] simulates it, [`harvest`] makes a data set of it,
 //! [`repair`] makes a whole file of a damaged one. [`ffmpeg`] is looked for where films are to be made.
 
 mod assembly;
@@ -14,6 +14,7 @@ pub mod ffmpeg;
 pub mod follow;
 mod form;
 pub mod harvest;
+pub mod newest;
 mod origin;
 pub mod reader;
 mod reading;

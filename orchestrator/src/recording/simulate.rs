@@ -4,16 +4,19 @@
 //! `actor replay`, which takes the actions again and compares the hash of every state on the way, and draws what the
 //! camera saw where that is asked for. The work is divided by kitchen over as many actors as there are cores.
 
+use crate::environment::consent;
 use crate::output::terminal;
 use crate::preflight::programs;
 use crate::process_end::wait_for_child;
 use anyhow::{Context, Result, anyhow, bail, ensure};
+use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::exit::how;
 use proto::kitchen::KitchenId;
 use proto::replay::{Difference, RecordedEpisode, ReplaySetup, ReplayVerdict};
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, BufWriter, ErrorKind, Write};
+use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
@@ -95,22 +98,26 @@ pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<T
     let mut totals = Totals::default();
     let mut running = actors.0.len();
     let mut progress = ReplayProgress::new(total);
-    let mut heard = Instant::now();
+    let mut last_answer = Instant::now();
     while running > 0 {
         match inbox.recv_timeout(PROGRESS_INTERVAL) {
             Ok(Report::Verdict(verdict)) => {
                 totals.add(&verdict);
-                heard = Instant::now();
+                last_answer = Instant::now();
             }
             Ok(Report::Ended(number, outcome)) => {
                 running -= 1;
-                heard = Instant::now();
+                last_answer = Instant::now();
                 // The process's exit status explains more than its truncated output.
                 actors.reap(number)?;
                 outcome?;
             }
             Err(RecvTimeoutError::Timeout) => {
-                ensure!(heard.elapsed() < deadline, "no actor has answered for {} s: giving up", deadline.as_secs());
+                ensure!(
+                    last_answer.elapsed() < deadline,
+                    "no actor has answered for {} s: giving up",
+                    deadline.as_secs()
+                );
             }
             Err(RecvTimeoutError::Disconnected) => bail!("an actor's reader ended without a result"),
         }
@@ -118,6 +125,20 @@ pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<T
     }
     progress.clear();
     Ok(totals)
+}
+
+/// The program that simulates episodes of this run again.
+fn replayer(setup: &ReplaySetup) -> Result<Command> {
+    let config = Config::from_toml(&setup.config, "the configuration of the recording")?;
+    let Some(environment) = &config.environment else {
+        let mut command = Command::new(programs::find("actor")?);
+        command.arg("replay");
+        return Ok(command);
+    };
+    consent::demand(&config, Path::new(setup.folder.as_deref().unwrap_or("RUN")))?;
+    let mut command = environment.program();
+    command.arg("--replay");
+    Ok(command)
 }
 
 /// Divides episodes by kitchen into at most `shares` shares of about as many steps each.
@@ -152,13 +173,10 @@ impl Actors {
         share: Vec<RecordedEpisode>,
         reports: &Sender<Report>,
     ) -> Result<()> {
-        let program = programs::find("actor")?;
-        let mut child = Command::new(&program)
-            .arg("replay")
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .with_context(|| format!("cannot start {}", program.display()))?;
+        let mut command = replayer(setup)?;
+        let program = command.get_program().to_owned();
+        let started = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn();
+        let mut child = started.with_context(|| format!("cannot start {}", program.display()))?;
         let input = child.stdin.take().context("the actor has no standard input")?;
         let output = child.stdout.take().context("the actor has no standard output")?;
         self.0.push(child);

@@ -1,5 +1,5 @@
-//! Episodes in pictures: one that weights from before a run's second stage and from after it both played, simulated
-//! again from what their evaluations recorded, and drawn by `actor show`.
+//! Episodes in pictures: one that weights from before a run's second stage and from after it both played, else the best of
+//! a run's newest evaluation; simulated again from what evaluations recorded, and drawn by `actor show`.
 
 use crate::evaluation::text::shown as in_words;
 use crate::output::format::{self, counted};
@@ -11,10 +11,11 @@ use base64::prelude::BASE64_STANDARD;
 use proto::evaluation::EpisodeRecord;
 use proto::replay::{RecordedEpisode, ReplaySetup};
 use proto::run_folder::RunFolder;
-use proto::show::{ShowAnswer, ShowOrbit, ShowRequest, ShowView, ShownEpisode};
-use proto::task::{Kind, Spec};
+use proto::show::{self, ShowAnswer, ShowOrbit, ShowRequest, ShowView};
+use proto::task::{Column, Kind, Spec};
 use report::study::{Evaluated, EvaluatedPair, Run, pair_of};
 use serde::Serialize;
+use std::cmp::Reverse;
 use std::time::Duration;
 use tokio::runtime::{Builder, Runtime};
 use view::scene_renderer::SceneRenderer;
@@ -30,13 +31,17 @@ const TRIED: usize = 200;
 /// How long the recordings of one evaluation are read.
 const PATIENCE: Duration = Duration::from_mins(2);
 
-/// One episode, played by weights from before a stage and from after it.
+/// What the pictures mark.
+const MARKS: &str =
+    "Violet: what is displaced, with a ghost where it stood; pink ring: the target; green box: the goal.";
+
+/// One episode.
 #[derive(Debug, Serialize)]
-pub struct ShownPair {
+pub struct ShownEpisode {
     /// What is said of it: of which run, which episode, and how it was chosen.
     caption: String,
-    /// Before and after.
-    strips: [ShownStrip; 2],
+    /// As weights from before a stage played it and those from after it, or as one policy did.
+    strips: Vec<ShownStrip>,
 }
 
 /// An episode in pictures.
@@ -55,21 +60,61 @@ struct Frame {
     words: Vec<String>,
 }
 
-/// The pairs of these runs, and why others could not be drawn.
-pub fn strips(runs: &[Run]) -> (Vec<ShownPair>, Vec<String>) {
+/// One of each of these runs, and why others could not be drawn.
+pub fn strips(runs: &[Run]) -> (Vec<ShownEpisode>, Vec<String>) {
     let recorded = |one: &Evaluated| RunFolder::new(&one.folder).recordings().is_dir();
-    let pairs = runs.iter().filter_map(|run| pair_of(run, runs, recorded)).take(RUNS);
-    let (mut shown, mut notes) = (Vec::new(), Vec::new());
-    for pair in pairs {
-        match strip(&pair) {
-            Ok(found) => shown.push(found),
-            Err(error) => notes.push(format!("{}: no episode can be shown in pictures: {error:#}.", pair.run.name)),
+    let shown = |run: &Run| {
+        let newest = |one: &&Evaluated| (one.result.subject.frames, one.result.cost.at_unix_s);
+        let alone = || run.evaluations.iter().filter(|one| recorded(one)).max_by_key(newest);
+        let shown = match pair_of(run, runs, recorded) {
+            Some(pair) => Some(both(&pair)),
+            None => alone().map(|evaluated| best(run, evaluated)),
+        };
+        shown.map(|shown| (run.name.clone(), shown))
+    };
+    let (mut episodes, mut notes) = (Vec::new(), Vec::new());
+    for (run, shown) in runs.iter().filter_map(shown).take(RUNS) {
+        match shown {
+            Ok(found) => episodes.push(found),
+            Err(error) => notes.push(format!("{run}: no episode can be shown in pictures: {error:#}.")),
         }
     }
-    (shown, notes)
+    (episodes, notes)
 }
 
-fn strip(pair: &EvaluatedPair<'_>) -> Result<ShownPair> {
+/// The best episode of an evaluation: of those in which most that ranks policies is so, the longest.
+fn best(run: &Run, evaluated: &Evaluated) -> Result<ShownEpisode> {
+    let (spec, recorded) = (run.config.spec(), Recorded::of(evaluated)?);
+    let ranking: Vec<Column> = spec.ranking().iter().filter_map(|metric| spec.column(&metric.name)).collect();
+    let score = |record: &EpisodeRecord| ranking.iter().filter(|&&column| record.has_all(&[column])).count();
+    let mut records: Vec<&EpisodeRecord> = evaluated.episodes.iter().collect();
+    records.sort_by_key(|record| Reverse((score(record), record.length)));
+    let found = records.iter().take(TRIED).find_map(|&record| {
+        let taken = recorded.take_out(record).transpose()?;
+        Some(taken.map(|taken| (record, taken)))
+    });
+    let (record, taken) = found.context("its recordings hold no whole episode")??;
+    let (frames, _) = Actor::start()?.show("best", taken, None)?;
+    Ok(ShownEpisode {
+        caption: format!(
+            "{}, seed {}: {}, the best of {}. {MARKS}",
+            run.name,
+            run.config.seed,
+            called(record),
+            counted(evaluated.episodes.len() as u64, "episode")
+        ),
+        strips: vec![ShownStrip { title: ending(spec, record), frames }],
+    })
+}
+
+/// Which episode it is.
+fn called(record: &EpisodeRecord) -> String {
+    let target = record.category.map_or_else(String::new, |category| format!(", target {}", category.name()));
+    format!("kitchen {}, episode {}{target}", record.kitchen.number(), record.episode)
+}
+
+/// An episode that weights from before a stage and from after it played.
+fn both(pair: &EvaluatedPair<'_>) -> Result<ShownEpisode> {
     let episode_indexes = [Recorded::of(pair.before)?, Recorded::of(pair.after)?];
     let found = pair.episodes.iter().take(TRIED).find_map(|records| {
         let both = [episode_indexes[0].take_out(records[0]), episode_indexes[1].take_out(records[1])];
@@ -90,21 +135,18 @@ fn strip(pair: &EvaluatedPair<'_>) -> Result<ShownPair> {
         let (frames, end) = (format::count(one.result.subject.frames), ending(spec, record));
         format!("{when} stage {}, {frames} frames: {end}", pair.stage)
     };
-    Ok(ShownPair {
+    Ok(ShownEpisode {
         caption: format!(
-            "{}, seed {}: kitchen {}, episode {}{}, played by the weights from before stage {} and from after it. Of the \
-             {} that both played it is the one that shows most: the best afterwards, and then the largest rise of the \
-             return under the stage's reward. Violet: what is displaced, with a ghost where it stood; pink ring: the \
-             target; green box: the goal.",
+            "{}, seed {}: {}, played by the weights from before stage {} and from after it. Of the {} that both played \
+             it is the one that shows most: the best afterwards, and then the largest rise of the return under the \
+             stage's reward. {MARKS}",
             pair.run.name,
             pair.run.config.seed,
-            records[0].kitchen.number(),
-            records[0].episode,
-            records[0].category.map_or_else(String::new, |category| format!(", target {}", category.name())),
+            called(records[0]),
             pair.stage,
             counted(pair.episodes.len() as u64, "episode"),
         ),
-        strips: [
+        strips: vec![
             ShownStrip { title: title("before", pair.before, records[0]), frames: before },
             ShownStrip { title: title("after", pair.after, records[1]), frames: after },
         ],
@@ -218,7 +260,7 @@ fn steps(moments: usize) -> impl Iterator<Item = usize> {
     (0..wanted).map(move |number| (number * last + (wanted - 1) / 2) / (wanted - 1).max(1))
 }
 
-fn words(shown: &ShownEpisode, step: usize) -> Vec<String> {
+fn words(shown: &show::ShownEpisode, step: usize) -> Vec<String> {
     let last = shown.moments.len() - 1;
     let disturbance_m = shown.moments[step].numbers("disturbance_m").map(|[number]| number);
     let disturbance = disturbance_m.map(|disturbance_m| format!("disturbance {disturbance_m:.2} m"));

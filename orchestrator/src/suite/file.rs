@@ -2,6 +2,7 @@
 //! anything starts.
 
 use super::grid::{Point, points};
+use crate::evaluation::choice::{ObjectsChoice, SplitChoice, word};
 use crate::evaluation::subject::network_differences;
 use crate::output::format::counted;
 use anyhow::{Context, Result, bail, ensure};
@@ -54,30 +55,6 @@ struct Planned {
     grid: Table,
 }
 
-/// Kitchens of an evaluation.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum AskedSplit {
-    /// Training kitchens: episodes drawn as in training, for none are fixed there.
-    Train,
-    /// Validation kitchens.
-    Valid,
-    /// Test kitchens.
-    Test,
-}
-
-/// Targets of an evaluation.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum AskedObjects {
-    /// Not seen in training.
-    Novel,
-    /// Seen in training.
-    Seen,
-    /// All twelve.
-    All,
-}
-
 /// Checkpoint of an evaluation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -94,9 +71,9 @@ pub enum AskedCheckpoint {
 #[serde(deny_unknown_fields)]
 pub struct Asked {
     /// Kitchens.
-    pub split: AskedSplit,
+    pub split: SplitChoice,
     /// Targets.
-    pub objects: AskedObjects,
+    pub objects: ObjectsChoice,
     /// Episodes of each kitchen and object set; all 360 if not given.
     pub episodes: Option<u32>,
     /// The most probable action instead of a sampled one.
@@ -138,25 +115,7 @@ impl Asked {
         let episodes = self.episodes.map_or_else(String::new, |episodes| format!("-{episodes}"));
         let deterministic = if self.deterministic { "-deterministic" } else { "" };
         let best = if self.checkpoint == AskedCheckpoint::Best { "-best" } else { "" };
-        format!("suite-{}-{}{episodes}{deterministic}{best}", self.split_name(), self.objects_name())
-    }
-
-    /// What `--split` is given.
-    pub fn split_name(&self) -> &'static str {
-        match self.split {
-            AskedSplit::Train => "train",
-            AskedSplit::Valid => "valid",
-            AskedSplit::Test => "test",
-        }
-    }
-
-    /// What `--objects` is given.
-    pub fn objects_name(&self) -> &'static str {
-        match self.objects {
-            AskedObjects::Novel => "novel",
-            AskedObjects::Seen => "seen",
-            AskedObjects::All => "all",
-        }
+        format!("suite-{}-{}{episodes}{deterministic}{best}", word(&self.split), word(&self.objects))
     }
 }
 

@@ -6,10 +6,10 @@ mod file;
 mod folder;
 mod grid;
 mod left;
-#[cfg(test)]
-mod own;
 mod scheduler;
 mod state;
+#[cfg(test)]
+mod tests;
 
 pub use file::{Asked, Suite, SuiteEntry};
 pub use folder::{SuiteFolder, refuse};

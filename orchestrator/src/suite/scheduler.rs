@@ -3,6 +3,7 @@
 use super::file::{Suite, SuiteEntry};
 use super::folder::{Next, Step, SuiteFolder};
 use super::state::{RunStatus, State, Status};
+use crate::evaluation::choice::word;
 use crate::output::log_line::error_in;
 use crate::output::terminal;
 use crate::run::lifeline::this_program;
@@ -290,9 +291,9 @@ impl Scheduler<'_> {
                 let asked = &self.suite.evaluations[*number];
                 command.arg("eval").arg(self.folder.subject(entry, asked));
                 command.arg("--out").arg(self.folder.evaluation(entry, asked));
-                command.args(["--split", asked.split_name()]);
+                command.args(["--split", &word(&asked.split)]);
                 if has_targets(entry.config.spec()) {
-                    command.args(["--objects", asked.objects_name()]);
+                    command.args(["--objects", &word(&asked.objects)]);
                 }
                 if let Some(episodes) = asked.episodes {
                     command.args(["--episodes", &episodes.to_string()]);

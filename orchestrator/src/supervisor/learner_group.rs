@@ -13,7 +13,7 @@ use std::time::Duration;
 
 /// Events of one learner in its present incarnation.
 #[derive(Debug, Clone, Copy, Default)]
-struct Said {
+struct Reported {
     ready: Option<Duration>,
     connected: bool,
     finished: bool,
@@ -31,7 +31,7 @@ pub struct Bereaved {
 /// The learners of a run.
 #[derive(Debug)]
 pub struct LearnerGroup {
-    said: Vec<Said>,
+    reported: Vec<Reported>,
     begun: Duration,
     /// What they do, and since when.
     work: Work,
@@ -41,7 +41,7 @@ pub struct LearnerGroup {
     /// How long their work takes.
     pace: Pace,
     /// Time of the last sign of life while they are at this work.
-    heard: Duration,
+    last_event_at: Duration,
     /// For how long they had been silent when the user was last warned of it.
     warned: Option<Duration>,
     /// When one last said that the recorder held it up.
@@ -64,13 +64,13 @@ impl LearnerGroup {
     /// This many learners, none of which has been started.
     pub fn new(learners: u32) -> Self {
         Self {
-            said: vec![Said::default(); learners as usize],
+            reported: vec![Reported::default(); learners as usize],
             begun: Duration::ZERO,
             work: Work::Collect,
             since: Duration::ZERO,
             done: [false; 4],
             pace: Pace::default(),
-            heard: Duration::ZERO,
+            last_event_at: Duration::ZERO,
             warned: None,
             held: Duration::ZERO,
             collected: false,
@@ -85,16 +85,16 @@ impl LearnerGroup {
 
     /// How many there are.
     pub fn size(&self) -> usize {
-        self.said.len()
+        self.reported.len()
     }
 
     pub fn ranks(&self) -> Range<u32> {
-        0..self.said.len() as u32
+        0..self.reported.len() as u32
     }
 
     /// All are started and have sent no event yet.
     pub fn begin(&mut self, now: Duration) {
-        self.said.fill(Said::default());
+        self.reported.fill(Reported::default());
         self.begun = now;
         self.begin_work(now, Work::Collect);
         self.done = [false; 4];
@@ -104,7 +104,7 @@ impl LearnerGroup {
     // What they say
 
     pub fn ready(&mut self, rank: u32, now: Duration) {
-        self.said[rank as usize].ready = Some(now);
+        self.reported[rank as usize].ready = Some(now);
         if rank == 0 {
             self.begin_work(now, Work::Collect);
         }
@@ -112,8 +112,8 @@ impl LearnerGroup {
 
     /// The actors of one have answered; true if with them all have.
     pub fn connected(&mut self, rank: u32) -> bool {
-        self.said[rank as usize].connected = true;
-        self.said.iter().all(|word| word.connected)
+        self.reported[rank as usize].connected = true;
+        self.reported.iter().all(|word| word.connected)
     }
 
     /// A rollout is collected. Whoever had a part in it has its actors; in a short one some have none.
@@ -133,12 +133,12 @@ impl LearnerGroup {
     }
 
     fn begin_work(&mut self, now: Duration, work: Work) {
-        (self.work, self.since, self.heard, self.warned) = (work, now, now, None);
+        (self.work, self.since, self.last_event_at, self.warned) = (work, now, now, None);
     }
 
     /// One says that it waits for an actor: it lives, and it bounds that wait itself.
     pub fn waits(&mut self, now: Duration) {
-        (self.heard, self.warned) = (now, None);
+        (self.last_event_at, self.warned) = (now, None);
     }
 
     /// One says that it waits for a recorder that stands still: it lives, and that time is neither work nor a delay of
@@ -161,25 +161,25 @@ impl LearnerGroup {
 
     /// One has done all that it had to, and leaves.
     pub fn finished(&mut self, rank: u32) {
-        self.said[rank as usize].finished = true;
+        self.reported[rank as usize].finished = true;
     }
 
     // How they stand
 
     /// Whether this learner has reported that it is ready.
     pub fn is_ready(&self, rank: u32) -> bool {
-        self.said[rank as usize].ready.is_some()
+        self.reported[rank as usize].ready.is_some()
     }
 
     /// Whether this learner has reported its end: its exit is then no death.
     pub fn has_finished(&self, rank: u32) -> bool {
-        self.said[rank as usize].finished
+        self.reported[rank as usize].finished
     }
 
     /// Since when all have been ready. One that has finished has been, too.
     pub fn all_ready_since(&self) -> Option<Duration> {
-        let ready = |word: &Said| word.ready.or(word.finished.then_some(self.begun));
-        self.said.iter().map(ready).try_fold(self.begun, |latest, ready| Some(latest.max(ready?)))
+        let ready = |word: &Reported| word.ready.or(word.finished.then_some(self.begun));
+        self.reported.iter().map(ready).try_fold(self.begun, |latest, ready| Some(latest.max(ready?)))
     }
 
     /// One that is not ready though more than `patience` has passed since all were started.
@@ -193,13 +193,13 @@ impl LearnerGroup {
     pub fn late_to_be_connected(&self, now: Duration, patience: Duration) -> Option<u32> {
         let waited = |ready: Duration| now.saturating_sub(ready.max(self.held));
         let late = !self.collected && self.all_ready_since().is_some_and(|ready| waited(ready) > patience);
-        let unconnected = |word: Said| !word.connected && !word.finished;
-        self.ranks().filter(|_| late).find(|&rank| unconnected(self.said[rank as usize]))
+        let unconnected = |word: Reported| !word.connected && !word.finished;
+        self.ranks().filter(|_| late).find(|&rank| unconnected(self.reported[rank as usize]))
     }
 
     /// For how long they have not got on since all were ready.
     pub fn silent_for(&self, now: Duration) -> Option<Duration> {
-        self.all_ready_since().map(|_| now.saturating_sub(self.heard))
+        self.all_ready_since().map(|_| now.saturating_sub(self.last_event_at))
     }
 
     /// For how long all have been started and not all ready.

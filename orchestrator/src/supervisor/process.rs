@@ -9,18 +9,23 @@ use super::event::{Event, Exit, Process};
 use crate::output::log_line::LogLine;
 use crate::preflight::placement::{Placement, start_on};
 use crate::preflight::programs::Programs;
+use proto::bounded;
+use proto::config::EnvironmentConfig;
 use proto::device::{VISIBLE_DEVICES, device_name};
 use proto::event::LearnerEvent;
 use proto::hosts::MEETING_KEY;
+use proto::last_place::LastPlace;
 use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
 use rustix::io::{FdFlags, fcntl_setfd};
+use rustix::process::{Pid, Signal, kill_process_group};
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::net::{IpAddr, SocketAddr, TcpListener};
 use std::os::fd::AsRawFd;
 use std::os::unix::process::ExitStatusExt;
+use std::path::{Path, PathBuf};
 use std::process::{ExitStatus, Stdio};
 use std::sync::Arc;
 use std::time::Duration;
@@ -42,12 +47,16 @@ const LAST_WORDS: usize = 10;
 const LONGEST_LINE: usize = 64 << 10;
 /// After a child's death its pipes close at once, unless a grandchild holds them.
 const PIPES_CLOSE: Duration = Duration::from_secs(2);
+/// The exit status of an actor that has said itself what failed.
+const FAILED: i32 = 1;
 
 /// What all children of one incarnation have in common.
 #[derive(Debug, Clone)]
 pub struct Launch {
     /// Executables.
     pub programs: Programs,
+    /// What simulates, where the environments are not built in.
+    pub environment: Option<EnvironmentConfig>,
     pub learners: u32,
     /// Threads of libtorch, of each.
     pub threads: u32,
@@ -141,8 +150,11 @@ impl Launch {
                 command
             }
             Process::Actor(actor) => {
-                let mut command = Command::new(&self.programs.actor);
-                command.arg("--actor").arg(actor.to_string()).arg("--config").arg(self.folder.config());
+                let mut command = match &self.environment {
+                    Some(environment) => environment.program().into(),
+                    None => Command::new(&self.programs.actor),
+                };
+                command.arg("--actor").arg(actor.to_string()).arg("--config").arg(absolute(self.folder.config()));
                 command
             }
         };
@@ -158,6 +170,11 @@ impl Launch {
         command.process_group(0).kill_on_drop(true);
         command
     }
+}
+
+/// A path that is the same in whatever folder a process works. Without a current folder it stays as it is.
+fn absolute(path: PathBuf) -> PathBuf {
+    std::path::absolute(&path).unwrap_or(path)
 }
 
 struct Handle {
@@ -207,7 +224,12 @@ impl Processes {
         tracing::debug!("{process} started, pid {}", child.id().unwrap_or_default());
         let lifeline = child.stdin.take();
         let (kill, killed) = oneshot::channel();
-        tokio::spawn(attend(child, process, incarnation, log, self.events.clone(), killed));
+        let last_place = match process {
+            Process::Actor(actor) if self.launch.environment.is_some() => Some(self.launch.folder.last_place(actor)),
+            Process::Actor(_) | Process::Learner(_) => None,
+        };
+        let child = Attended { child, process, incarnation, last_place };
+        tokio::spawn(attend(child, log, self.events.clone(), killed));
         self.running.insert(process, Handle { lifeline, kill: Some(kill) });
         Ok(())
     }
@@ -233,17 +255,22 @@ impl Processes {
     }
 }
 
-/// Stays with a child until it is reaped and everything it wrote has been read.
-async fn attend(
-    mut child: Child,
+/// A child that runs.
+struct Attended {
+    child: Child,
     process: Process,
     incarnation: u32,
-    log: File,
-    events: mpsc::Sender<Event>,
-    mut killed: oneshot::Receiver<()>,
-) {
+    /// The file of the last place of an actor that runs the code of others.
+    last_place: Option<PathBuf>,
+}
+
+/// Stays with a child until it is reaped and everything it wrote has been read. Whatever it has started dies with it.
+async fn attend(attended: Attended, log: File, events: mpsc::Sender<Event>, mut killed: oneshot::Receiver<()>) {
+    let Attended { mut child, process, incarnation, last_place } = attended;
+    let group = child.id().and_then(|id| Pid::from_raw(id.cast_signed()));
     let stdout = child.stdout.take().map(|stdout| tokio::spawn(hear(stdout, process, incarnation, events.clone())));
-    let stderr = child.stderr.take().map(|stderr| tokio::spawn(keep_log(stderr, process, log)));
+    let quiet = last_place.is_some();
+    let stderr = child.stderr.take().map(|stderr| tokio::spawn(keep_log(stderr, process, log, quiet)));
     let mut may_be_killed = true;
     let status = loop {
         tokio::select! {
@@ -258,11 +285,15 @@ async fn attend(
             }
         }
     };
+    if let (Some(_), Some(group)) = (&last_place, group) {
+        // Err: there is nobody left, as it should be.
+        let _ = kill_process_group(group, Signal::KILL);
+    }
     // No event is lost: all are delivered before its exit.
     if let Some(stdout) = stdout {
         let _ = tokio::time::timeout(PIPES_CLOSE, stdout).await;
     }
-    let last_words = match stderr {
+    let mut last_words = match stderr {
         Some(stderr) => tokio::time::timeout(PIPES_CLOSE, stderr).await.ok().and_then(Result::ok).unwrap_or_default(),
         None => Vec::new(),
     };
@@ -270,8 +301,18 @@ async fn attend(
         Ok(status) => exit_of(status),
         Err(error) => Exit::NotStarted(format!("it was lost: {error}")),
     };
+    if exit != Exit::Code(FAILED)
+        && let Some(place) = last_place.as_deref().and_then(place_in)
+    {
+        last_words.push(format!("the last call of {process} was in {place}"));
+    }
     tracing::debug!("{process} ended: {exit}");
     let _ = events.send(Event::Exited { process, incarnation, exit, last_words }).await;
+}
+
+/// What an actor has written down before it called the code of others.
+fn place_in(path: &Path) -> Option<LastPlace> {
+    LastPlace::from_bytes(&bounded::content(open_plain(path, OpenOptions::new().read(true)).ok()?, 64).ok()?)
 }
 
 fn exit_of(status: ExitStatus) -> Exit {
@@ -304,8 +345,9 @@ async fn hear(stdout: impl AsyncRead + Unpin, process: Process, incarnation: u32
     }
 }
 
-/// Copies a child's standard error to its log; returns its last lines.
-async fn keep_log(stderr: impl AsyncRead + Unpin, process: Process, mut log: File) -> Vec<String> {
+/// Copies a child's standard error to its log; returns its last lines. `quiet`: what others' code prints, which is no log
+/// line, does not go to the terminal.
+async fn keep_log(stderr: impl AsyncRead + Unpin, process: Process, mut log: File, quiet: bool) -> Vec<String> {
     let mut reader = BufReader::new(stderr);
     let mut last_words = VecDeque::with_capacity(LAST_WORDS);
     let mut log_works = true;
@@ -320,6 +362,7 @@ async fn keep_log(stderr: impl AsyncRead + Unpin, process: Process, mut log: Fil
                 tracing::debug!("{process}: {text}");
             }
             LogLine { level: Some(Level::ERROR), text } => tracing::error!("{process}: {text}"),
+            LogLine { level: None, text } if quiet => tracing::debug!("{process}: {text}"),
             LogLine { text, .. } if !text.trim().is_empty() => tracing::warn!("{process}: {text}"),
             LogLine { .. } => {}
         }
@@ -366,6 +409,7 @@ mod tests {
                 Programs { learner: "learner".into(), actor: "actor".into(), learner_environment: Vec::new() };
             let launch = Launch {
                 programs,
+                environment: None,
                 learners,
                 threads: 1,
                 evaluates: false,
@@ -412,7 +456,8 @@ mod tests {
         let lifeline = child.stdin.take();
         let (_kill, killed) = oneshot::channel();
         let log = tempfile::tempfile().unwrap();
-        tokio::spawn(attend(child, Process::Learner(0), 4, log, sender, killed));
+        let child = Attended { child, process: Process::Learner(0), incarnation: 4, last_place: None };
+        tokio::spawn(attend(child, log, sender, killed));
         let first = events.recv().await.unwrap();
         assert_eq!(first, Event::Learner { incarnation: 4, event: LearnerEvent::ActorsConnected { rank: 0 } });
         drop(lifeline);
@@ -435,7 +480,8 @@ mod tests {
             Command::new("sh").args(["-c", "trap '' TERM; exec sleep 60"]).stdin(Stdio::piped()).spawn().unwrap();
         let _lifeline = child.stdin.take();
         let (kill, killed) = oneshot::channel();
-        tokio::spawn(attend(child, Process::Actor(0), 1, tempfile::tempfile().unwrap(), sender, killed));
+        let child = Attended { child, process: Process::Actor(0), incarnation: 1, last_place: None };
+        tokio::spawn(attend(child, tempfile::tempfile().unwrap(), sender, killed));
         kill.send(()).unwrap();
         let Some(Event::Exited { exit, .. }) = events.recv().await else { panic!("no exit") };
         assert_eq!(exit, Exit::Signal(9));

@@ -1,4 +1,4 @@
-//! The other hosts of a run, as supervision knows them: who has which process, what is ordered there, what is heard from
+//! The other hosts of a run, as supervision knows them: who has which process, what is ordered there, what is received from
 //! there. How it crosses is not its business ([`crate::hosts`]).
 
 use super::event::{Exit, Process};
@@ -65,7 +65,7 @@ impl From<Announced> for StageAnnouncement {
 
 /// What another host reports.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub enum Word {
+pub enum HostReport {
     /// It is ready for orders.
     Ready,
     /// Its command asks for this, which is not what host 0 has.
@@ -100,18 +100,18 @@ pub enum Word {
     Recorded(Result<(), String>),
 }
 
-/// What is heard of a host.
+/// What is received from a host, or of it.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Heard {
-    /// It says something.
-    Said(Word),
+pub enum FromHost {
+    /// Its message.
+    Reported(HostReport),
     /// It is gone, and why that is known.
     Lost(String),
 }
 
 /// One that takes orders.
 pub trait Obeys: Debug {
-    /// Sends an order. That it did not arrive is heard as [`Heard::Lost`].
+    /// Sends an order. That it did not arrive is received as [`FromHost::Lost`].
     fn order(&self, order: Order);
 }
 
@@ -131,18 +131,18 @@ pub struct RemoteHosts {
     hosts: Hosts,
     /// From host 1 on.
     others: Vec<Other>,
-    early: VecDeque<(u32, Heard)>,
-    inbox: mpsc::Receiver<(u32, Heard)>,
+    early: VecDeque<(u32, FromHost)>,
+    inbox: mpsc::Receiver<(u32, FromHost)>,
 }
 
 impl RemoteHosts {
-    /// Those that have come. `early`: what was heard before all of them were ready, and is still to be answered. `inbox`:
-    /// what is heard, by host.
+    /// Those that have come. `early`: what was received before all of them were ready, and is still to be answered. `inbox`:
+    /// what is received, by host.
     pub fn new(
         hosts: Hosts,
         others: Vec<Other>,
-        early: VecDeque<(u32, Heard)>,
-        inbox: mpsc::Receiver<(u32, Heard)>,
+        early: VecDeque<(u32, FromHost)>,
+        inbox: mpsc::Receiver<(u32, FromHost)>,
     ) -> Self {
         assert_eq!(others.len() as u32 + 1, hosts.count(), "all have come");
         Self { hosts, others, early, inbox }
@@ -178,16 +178,16 @@ impl RemoteHosts {
         self.others.iter().for_each(|other| other.way.order(order.clone()));
     }
 
-    /// What is heard next.
-    pub async fn heard(&mut self) -> (u32, Heard) {
+    /// What is received next.
+    pub async fn received(&mut self) -> (u32, FromHost) {
         if let Some(early) = self.early.pop_front() {
             return early;
         }
-        let Some((host, heard)) = self.inbox.recv().await else { return std::future::pending().await };
-        if matches!(heard, Heard::Lost(_)) {
+        let Some((host, received)) = self.inbox.recv().await else { return std::future::pending().await };
+        if matches!(received, FromHost::Lost(_)) {
             self.others[host as usize - 1].lost = true;
         }
-        (host, heard)
+        (host, received)
     }
 
     /// Whether one of them is gone.
@@ -205,17 +205,17 @@ impl RemoteHosts {
             .collect();
         let deadline = tokio::time::Instant::now() + patience;
         while !open.is_empty() {
-            let Ok((host, heard)) = tokio::time::timeout_at(deadline, self.heard()).await else { break };
-            match heard {
-                Heard::Said(Word::Recorded(Ok(()))) => open.retain(|other| *other != host),
-                Heard::Said(Word::Recorded(Err(reason))) | Heard::Lost(reason) => {
+            let Ok((host, received)) = tokio::time::timeout_at(deadline, self.received()).await else { break };
+            match received {
+                FromHost::Reported(HostReport::Recorded(Ok(()))) => open.retain(|other| *other != host),
+                FromHost::Reported(HostReport::Recorded(Err(reason))) | FromHost::Lost(reason) => {
                     if open.contains(&host) {
                         missing.push(format!("{}: {reason}", self.name(host)));
                     }
                     open.retain(|other| *other != host);
                 }
                 // Late words of processes that have ended. A host that asks for a stop asks again in the next start.
-                Heard::Said(_) => {}
+                FromHost::Reported(_) => {}
             }
         }
         missing.extend(
@@ -252,17 +252,21 @@ mod tests {
             lost: number == 3,
         };
         let others = ways.iter().enumerate().map(other).collect();
-        let early = VecDeque::from([(3, Heard::Said(Word::Interrupt))]);
+        let early = VecDeque::from([(3, FromHost::Reported(HostReport::Interrupt))]);
         let mut remote_hosts = RemoteHosts::new(Hosts::new(5, Shares::new(10, 5)), others, early, inbox);
-        assert_eq!(remote_hosts.heard().await, (3, Heard::Said(Word::Interrupt)), "before all that came later");
+        assert_eq!(
+            remote_hosts.received().await,
+            (3, FromHost::Reported(HostReport::Interrupt)),
+            "before all that came later"
+        );
         assert_eq!(remote_hosts.processes_of(1), [Process::Learner(1), Process::Actor(2), Process::Actor(3)]);
         assert_eq!([Process::Learner(4), Process::Actor(3)].map(|process| remote_hosts.host_of(process)), [4, 1]);
-        for heard in [
-            (1, Heard::Said(Word::Recorded(Ok(())))),
-            (2, Heard::Said(Word::Interrupt)),
-            (2, Heard::Said(Word::Recorded(Err("its disk is full".into())))),
+        for received in [
+            (1, FromHost::Reported(HostReport::Recorded(Ok(())))),
+            (2, FromHost::Reported(HostReport::Interrupt)),
+            (2, FromHost::Reported(HostReport::Recorded(Err("its disk is full".into())))),
         ] {
-            sender.send(heard).await.unwrap();
+            sender.send(received).await.unwrap();
         }
         let missing = remote_hosts.finish(Some(7), Duration::from_millis(50)).await;
         assert_eq!(missing.len(), 3, "{missing:?}");

@@ -5,6 +5,7 @@ use super::event::{Outcome, SessionEnd};
 use super::process::{Launch, LearnersNetwork};
 use super::remote_hosts::RemoteHosts;
 use super::shell::{Audience, Shell, Signals};
+use crate::environment::consent;
 use crate::output::format::{self, counted};
 use crate::output::terminal;
 use crate::preflight::cores;
@@ -94,6 +95,7 @@ impl Session<'_> {
         signals: &mut Option<Signals>,
     ) -> Result<(Outcome, Result<()>)> {
         let Self { folder, config, incarnation, address, tools, launched } = *self;
+        consent::demand(config, folder.root())?;
         let signals = Signals::kept(signals, launched)?;
         // `stop` signals the process that has signed the lock. So it signs only after it handles signals as requests.
         lock.sign(incarnation)?;
@@ -118,6 +120,7 @@ impl Session<'_> {
         let launch = Launch {
             placement: placed(&part_of(config, hosts, 0), tools)?,
             programs: tools.programs.clone(),
+            environment: config.environment.clone(),
             learners: config.learner.count,
             threads: config.learner.threads,
             evaluates: config.evaluation.is_some(),

@@ -9,7 +9,7 @@ use super::deadlines::Deadlines;
 use super::event::{Action, Event, Exit, Level, Outcome, Process, SessionEnd};
 use super::machine::Supervisor;
 use super::process::{Launch, Processes};
-use super::remote_hosts::{Heard, Order, RemoteHosts, Word};
+use super::remote_hosts::{FromHost, HostReport, Order, RemoteHosts};
 use super::stage_machine::StageSwitch;
 use crate::output::events::tell;
 use crate::recording::recorder::Recorder;
@@ -92,7 +92,7 @@ impl Signals {
         event
     }
 
-    /// The last one that came. Whoever has handed it on while one session ended does not know whether it was heard.
+    /// The last one that came. Whoever has handed it on while one session ended does not know whether it was received.
     pub fn asked(&self) -> Option<Event> {
         self.asked.clone()
     }
@@ -289,7 +289,7 @@ impl<A: Audience> Supervision<'_, A> {
         tokio::select! {
             event = self.shell.signals.next() => event,
             Some(event) = self.inbox.recv() => event,
-            (host, heard) = heard(&mut self.shell.remote_hosts) => self.event_of(host, heard),
+            (host, received) = received(&mut self.shell.remote_hosts) => self.event_of(host, received),
             _ = self.tick.tick() => Event::Tick,
         }
     }
@@ -305,33 +305,33 @@ impl<A: Audience> Supervision<'_, A> {
         }
     }
 
-    /// What is heard of another host, as an event of the run.
-    fn event_of(&mut self, host: u32, heard: Heard) -> Event {
+    /// What is received of another host, as an event of the run.
+    fn event_of(&mut self, host: u32, received: FromHost) -> Event {
         let Some(remote_hosts) = &self.shell.remote_hosts else { return Event::Tick };
-        match heard {
-            Heard::Lost(reason) => Event::HostLost {
+        match received {
+            FromHost::Lost(reason) => Event::HostLost {
                 processes: remote_hosts.processes_of(host),
                 reason: match self.refusals.remove(&host) {
                     Some(why) => format!("{} cannot go on: {why}", remote_hosts.name(host)),
                     None => format!("{} was lost: {reason}", remote_hosts.name(host)),
                 },
             },
-            Heard::Said(word) => match word {
-                Word::Exited { process, incarnation, exit, last_words } => {
+            FromHost::Reported(word) => match word {
+                HostReport::Exited { process, incarnation, exit, last_words } => {
                     Event::Exited { process, incarnation, exit, last_words }
                 }
-                Word::Learner { incarnation, event } => Event::Learner { incarnation, event },
-                Word::CannotWrite(reason) => Event::CannotWrite(format!("{}: {reason}", remote_hosts.name(host))),
-                Word::Stop { requeue } => {
+                HostReport::Learner { incarnation, event } => Event::Learner { incarnation, event },
+                HostReport::CannotWrite(reason) => Event::CannotWrite(format!("{}: {reason}", remote_hosts.name(host))),
+                HostReport::Stop { requeue } => {
                     self.requeue |= requeue;
                     Event::Stop
                 }
-                Word::Interrupt => Event::Interrupt,
-                Word::Refused(why) => {
+                HostReport::Interrupt => Event::Interrupt,
+                HostReport::Refused(why) => {
                     self.refusals.insert(host, why);
                     Event::Tick
                 }
-                Word::Ready | Word::AsksOtherwise(_) | Word::Recorded(_) => Event::Tick,
+                HostReport::Ready | HostReport::AsksOtherwise(_) | HostReport::Recorded(_) => Event::Tick,
             },
         }
     }
@@ -407,7 +407,7 @@ impl<A: Audience> Supervision<'_, A> {
         while self.audience.is_busy() && !self.asked_to_stop {
             tokio::select! {
                 _ = self.shell.signals.next() => self.asked_to_stop = true,
-                (host, heard) = heard(&mut self.shell.remote_hosts) => match self.event_of(host, heard) {
+                (host, received) = received(&mut self.shell.remote_hosts) => match self.event_of(host, received) {
                     Event::Stop | Event::Interrupt => self.asked_to_stop = true,
                     Event::HostLost { reason, .. } => tracing::warn!("{reason}"),
                     _ => {}
@@ -437,10 +437,10 @@ impl<A: Audience> Supervision<'_, A> {
     }
 }
 
-/// What is heard next of another host; nothing where there is none.
-async fn heard(remote_hosts: &mut Option<&mut RemoteHosts>) -> (u32, Heard) {
+/// What is received next of another host; nothing where there is none.
+async fn received(remote_hosts: &mut Option<&mut RemoteHosts>) -> (u32, FromHost) {
     match remote_hosts {
-        Some(remote_hosts) => remote_hosts.heard().await,
+        Some(remote_hosts) => remote_hosts.received().await,
         None => std::future::pending().await,
     }
 }

@@ -68,15 +68,8 @@ pub struct StageMeans {
     pub whole: EpisodeMeans,
     /// Over the first tenth of its budget.
     pub first_tenth: EpisodeMeans,
-    /// Over the last tenth of its budget; empty until the stage gets there.
+    /// Over the last tenth of its budget; of a stage that has not got there over its newest frames, as many.
     pub last_tenth: EpisodeMeans,
-}
-
-impl StageMeans {
-    /// Over the last tenth, or the whole stage before that is reached.
-    pub fn late(&self) -> &EpisodeMeans {
-        if self.last_tenth == EpisodeMeans::default() { &self.whole } else { &self.last_tenth }
-    }
 }
 
 /// The figures of every stage that has begun.
@@ -109,8 +102,9 @@ pub fn by_stage(stages: &[StageConfig], history: &History) -> Vec<StageMeans> {
         if first.is_empty() {
             first = rollouts.first().map(|&(_, _, trained)| trained).into_iter().collect();
         }
-        let mut last = part(0.9, 1.0);
-        if last.is_empty() && reached == stage.frames {
+        let done = reached as f64 / stage.frames as f64;
+        let mut last = part(done - 0.1, 1.0);
+        if last.is_empty() {
             last = rollouts.last().map(|&(_, _, trained)| trained).into_iter().collect();
         }
         figures.push(StageMeans {
@@ -239,10 +233,10 @@ pub mod tests {
     }
 
     #[test]
-    fn a_stage_that_has_not_got_there_has_no_last_tenth() {
+    fn a_stage_that_has_not_got_there_has_a_newest_tenth() {
         let figures = by_stage(&stages(), &history(10));
         assert_eq!(figures.len(), 1);
-        assert_eq!(figures[0].last_tenth, EpisodeMeans::default());
+        assert_eq!(figures[0].last_tenth.mean_return, Some((8.0 + 3.0 * 9.0) / 4.0), "rollouts 8 and 9 of ten");
         assert_eq!(figures[0].frames, 500);
     }
 

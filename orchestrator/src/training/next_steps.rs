@@ -37,8 +37,7 @@ pub fn complete(program: &str, folder: &RunFolder, preset: &str, recorded: bool)
     let run = quoted(folder.root());
     let mut lines = Vec::new();
     if recorded {
-        let images = quoted(folder.root().join("images"));
-        lines.push(line("look", &format!("{program} replay {run} --images {images} --format video --limit 3")));
+        lines.push(line("look", &format!("{program} replay {run}")));
     }
     lines.push(line("evaluate", &format!("{program} eval {run}")));
     lines.push(line("report", &format!("{program} report {run}")));
@@ -47,6 +46,13 @@ pub fn complete(program: &str, folder: &RunFolder, preset: &str, recorded: bool)
         lines.push(line("on a GPU", &format!("{program} up --preset recipe")));
     }
     lines
+}
+
+/// The same after a run whose environments are not built in: they are neither drawn nor evaluated.
+pub fn complete_elsewhere(program: &str, folder: &RunFolder, recorded: bool) -> Vec<String> {
+    let run = quoted(folder.root());
+    let look = recorded.then(|| line("prove", &format!("{program} replay {run}")));
+    look.into_iter().chain([line("report", &format!("{program} report {run}"))]).collect()
 }
 
 #[cfg(test)]
@@ -58,7 +64,7 @@ mod tests {
         let folder = RunFolder::new("runs/my run");
         let lines = |preset, recorded| complete("./orchestrator", &folder, preset, recorded);
         let expected = [
-            "look        ./orchestrator replay 'runs/my run' --images 'runs/my run/images' --format video --limit 3",
+            "look        ./orchestrator replay 'runs/my run'",
             "evaluate    ./orchestrator eval 'runs/my run'",
             "report      ./orchestrator report 'runs/my run'",
             "full run    ./orchestrator up --preset paper",
@@ -66,6 +72,13 @@ mod tests {
         ];
         assert_eq!(lines("demo", true), expected);
         assert_eq!(lines("paper", false), expected[1..3], "nothing was recorded, and this was the full run");
+    }
+
+    #[test]
+    fn a_run_of_other_environments_is_proven_and_reported() {
+        let lines = |recorded| complete_elsewhere("orchestrator", &RunFolder::new("runs/a"), recorded);
+        assert_eq!(lines(true), ["prove       orchestrator replay runs/a", "report      orchestrator report runs/a"]);
+        assert_eq!(lines(false).len(), 1);
     }
 
     #[test]

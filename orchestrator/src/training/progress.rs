@@ -8,7 +8,7 @@ use crate::output::terminal::Live;
 use proto::config::{Config, StageConfig};
 use proto::event::LearnerEvent;
 use proto::stage::position_at;
-use proto::task::ShownMetric;
+use proto::task::Described;
 use proto::trained::History;
 use std::time::Duration;
 
@@ -41,7 +41,7 @@ const WAITING_SHOWN: Duration = Duration::from_secs(12);
 /// Shows how a run gets on.
 #[derive(Debug)]
 pub struct Progress {
-    metrics: Vec<ShownMetric>,
+    metrics: Vec<Described>,
     stages: Vec<StageConfig>,
     overlap: bool,
     doing: Doing,
@@ -154,7 +154,7 @@ const BETWEEN: &str = "  |  ";
 
 /// What fits into a line of a terminal, the most important first.
 fn short_line(
-    metrics: &[ShownMetric],
+    metrics: &[Described],
     stages: &[StageConfig],
     recent: &Recent,
     doing: &str,
@@ -219,7 +219,7 @@ pub fn frames_line(stages: &[StageConfig], recent: &Recent) -> String {
 }
 
 /// The return and the task's metrics; empty before the first episode has ended.
-pub fn figures_line(metrics: &[ShownMetric], recent: &Recent) -> String {
+pub fn figures_line(metrics: &[Described], recent: &Recent) -> String {
     let EpisodeMeans { episodes, mean_return, figures } = &recent.episodes;
     if *episodes == 0 {
         return String::new();
@@ -231,6 +231,7 @@ pub fn figures_line(metrics: &[ShownMetric], recent: &Recent) -> String {
 mod tests {
     use super::super::means::tests::{history, stages};
     use super::*;
+    use proto::task::Kind;
     use std::collections::BTreeMap;
 
     fn config(overlap: bool) -> Config {
@@ -246,20 +247,18 @@ mod tests {
             frames_line(&stages(), &recent),
             "stage II (r_prime)  1 100 / 1 500 frames  73.3%  |  25.0 frames/s: simulate 40% infer 20% update 30%  |  16 s left"
         );
-        let figures = "return 20.75  SR 50.0%  SRwoD –  disturbance 0.250 m";
+        let figures = "return 20.75  SR 50.0%  SRwoD –  disturbance 0.250 m  disturbance per success 0.500 m";
         assert_eq!(figures_line(&config(false).spec().shown(), &recent), figures);
     }
 
     /// Only `ArmPointNav`'s metrics were shown of any task.
     #[test]
     fn another_tasks_metrics_are_shown_in_their_own_words() {
-        let metric = |name: &str, label: &str, share: bool| ShownMetric {
-            name: name.to_owned(),
-            label: label.to_owned(),
-            unit: (!share).then(|| "m".to_owned()),
-            share,
+        let metric = |name: &str, label: &str, unit: &str, kind| {
+            let [name, label, unit] = [name, label, unit].map(str::to_owned);
+            Described { name, label, unit, kind, doc: String::new(), quotient: None }
         };
-        let metrics = [metric("arrived", "SR", true), metric("path_m", "path", false)];
+        let metrics = [metric("arrived", "SR", "", Kind::Share), metric("path_m", "path", "m", Kind::F32)];
         let mut history = history(22);
         let mut newest = history.iter().next_back().unwrap().clone();
         newest.metrics = [("episode/count", 1.0), ("episode/arrived", 0.75), ("episode/path_m", 3.5)]

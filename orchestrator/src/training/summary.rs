@@ -13,7 +13,7 @@ use anyhow::{Context, Result};
 use proto::SCHEMA_VERSION;
 use proto::config::Config;
 use proto::run_folder::{RolloutName, RunFolder, write_atomically};
-use proto::task::ShownMetric;
+use proto::task::Described;
 use proto::trained::History;
 use serde::{Deserialize, Serialize};
 use std::fmt::{Display, Formatter};
@@ -153,7 +153,7 @@ impl Summary {
     }
 
     /// As people read it. A failed run has no result, so the two lines for scripts are missing then.
-    pub fn lines(&self, metrics: &[ShownMetric], folder: &RunFolder, end: &SessionEnd) -> Vec<String> {
+    pub fn lines(&self, metrics: &[Described], folder: &RunFolder, end: &SessionEnd) -> Vec<String> {
         let state = end.ending();
         let mut lines = vec![format!(
             "run {} {state}: preset {}, seed {}, {} of {} frames",
@@ -215,13 +215,13 @@ fn recordings(folder: &RunFolder) -> Vec<PathBuf> {
     files.into_iter().filter_map(|path| path.strip_prefix(folder.root()).map(PathBuf::from).ok()).collect()
 }
 
-/// One row a stage; returns are first tenth → last tenth, the other figures are of the last tenth.
-pub fn table(metrics: &[ShownMetric], stages: &[StageMeans]) -> Vec<String> {
+/// One row a stage; returns are first tenth → last tenth, the other figures are of the last tenth that there is.
+pub fn table(metrics: &[Described], stages: &[StageMeans]) -> Vec<String> {
     let header = ["stage", "reward", "frames", "episodes", "return"].map(str::to_owned);
     let mut rows: Vec<Vec<String>> =
         vec![header.into_iter().chain(metrics.iter().map(|metric| metric.label.clone())).collect()];
     for stage in stages {
-        let late = stage.late();
+        let late = &stage.last_tenth;
         let of_engine = [
             stage.name.clone(),
             stage.reward.clone(),
@@ -229,7 +229,7 @@ pub fn table(metrics: &[ShownMetric], stages: &[StageMeans]) -> Vec<String> {
             format::count(stage.whole.episodes),
             format!("{} -> {}", format::number(stage.first_tenth.mean_return, 2), format::number(late.mean_return, 2)),
         ];
-        let of_task = metrics.iter().map(|metric| format::metric(metric, late.figures.get(&metric.name).copied()));
+        let of_task = metrics.iter().map(|metric| format::metric(metric, metric.mean(&late.figures)));
         rows.push(of_engine.into_iter().chain(of_task).collect());
     }
     let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
@@ -245,7 +245,7 @@ mod tests {
     use super::*;
     use crate::training::means::tests::{history, stages};
 
-    fn metrics() -> Vec<ShownMetric> {
+    fn metrics() -> Vec<Described> {
         Config::default().spec().shown()
     }
 
@@ -268,9 +268,9 @@ mod tests {
         assert_eq!(
             lines[1..4],
             [
-                "stage  reward   frames  episodes          return     SR  SRwoD  disturbance",
-                "I      r         1 000        40   0.75 -> 18.75  50.0%      –      0.250 m",
-                "II     r_prime     500        20  20.00 -> 29.00  50.0%      –      0.250 m",
+                "stage  reward   frames  episodes          return     SR  SRwoD  disturbance  disturbance per success",
+                "I      r         1 000        40   0.75 -> 18.75  50.0%      –      0.250 m                  0.500 m",
+                "II     r_prime     500        20  20.00 -> 29.00  50.0%      –      0.250 m                  0.500 m",
             ]
         );
         assert_eq!(

@@ -314,7 +314,7 @@ impl Validation {
             "validation at {} frames, {}: {}{}",
             one.frames,
             evaluation.conditions.episodes_played(),
-            format::metrics(shown.iter().filter(|metric| metric.unit.is_none()), &one.figures, ", "),
+            format::metrics(shown.iter().filter(|metric| metric.unit.is_empty()), &one.figures, ", "),
             if is_best { ", the best so far" } else { "" }
         );
         if let Some(recorder) = recorder {

@@ -158,7 +158,7 @@ fn machine(live: &Live) -> Line<'static> {
         parts.push(format!("GPU {} {:.0}% {memory}", gpu.index, 100.0 * gpu.busy));
     }
     let metrics = |figures: &BTreeMap<String, f64>| {
-        format::metrics(live.card.metrics.iter().filter(|metric| metric.unit.is_none()), figures, "  ")
+        format::metrics(live.card.metrics.iter().filter(|metric| metric.unit.is_empty()), figures, "  ")
     };
     if live.card.evaluation {
         parts.push(metrics(&live.card.figures));

@@ -5,7 +5,7 @@ use super::model::{Lines, Model};
 use crate::output::format;
 use proto::metric;
 use proto::printable::printable;
-use proto::task::ShownMetric;
+use proto::task::Described;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Rect};
 use ratatui::style::{Color, Style, Stylize};
@@ -26,10 +26,10 @@ pub fn chart(frame: &mut Frame, area: Rect, model: &Model, live: &Live, number: 
     let last = |pieces: &[Piece]| pieces.last().and_then(|piece| piece.points.last()).map(|(_, value)| *value);
     let card = &live.card;
     // Two shares have a chart, and one value has.
-    let charted: Vec<&ShownMetric> = match number {
+    let charted: Vec<&Described> = match number {
         0 => vec![],
-        1 => card.metrics.iter().filter(|metric| metric.share).take(2).collect(),
-        _ => card.metrics.iter().filter(|metric| !metric.share).take(1).collect(),
+        1 => card.metrics.iter().filter(|metric| metric.is_share()).take(2).collect(),
+        _ => card.metrics.iter().filter(|metric| !metric.is_share()).take(1).collect(),
     };
     let mut curves = charted.iter().map(|metric| of(&metric::of_episode(&metric.name)));
     let (plain, plain_name) = if number == 0 { (metric::RETURN, "return") } else { (metric::LENGTH, "length") };
@@ -37,14 +37,14 @@ pub fn chart(frame: &mut Frame, area: Rect, model: &Model, live: &Live, number: 
     let title = if charted.is_empty() {
         vec![Span::from(format!(" {plain_name} {} ", format::number(last(&first), 2)))]
     } else {
-        let text = |metric: &ShownMetric, pieces: &[Piece]| {
+        let text = |metric: &Described, pieces: &[Piece]| {
             let value = card.figures.get(&metric.name).copied().or_else(|| last(pieces));
             format!(" {} {} ", metric.label, format::metric(metric, value))
         };
         let spans = charted.iter().zip([&first, &second]).map(|(metric, pieces)| Span::from(text(metric, pieces)));
         spans.zip([Color::Reset, SECOND]).map(|(span, color)| span.fg(color)).collect()
     };
-    let is_share = charted.first().is_some_and(|metric| metric.share);
+    let is_share = charted.first().is_some_and(|metric| metric.is_share());
     let [least, greatest] = match number {
         _ if is_share => [0.0, 1.0],
         1 | 2 => [0.0, range(first.iter()).map_or(1.0, |[_, greatest]| greatest.max(1e-3))],

@@ -3,7 +3,7 @@
 use crate::recording::episode_index::{Key, Shelved};
 use proto::evaluation::EpisodeRecord;
 use proto::kitchen::TargetCategory;
-use proto::task::{Described, Kind, Spec};
+use proto::task::{Described, Spec};
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use view::data::{EpisodeColumn, EpisodeKey, EpisodePage, EpisodeQuery, EpisodeRow, ROWS, ROWS_MAX};
@@ -56,7 +56,7 @@ fn as_read<'a>(figures: impl IntoIterator<Item = (&'a str, f64)>) -> BTreeMap<St
 fn columns(spec: &Spec) -> Vec<EpisodeColumn> {
     let mut columns = spec.columns();
     columns.rotate_left(spec.plain_rewards().count());
-    let column = |Described { name, doc, kind, .. }| EpisodeColumn { name, doc, is_share: kind == Kind::Share };
+    let column = |one: Described| EpisodeColumn { is_share: one.is_share(), name: one.name, doc: one.doc };
     columns.into_iter().map(column).collect()
 }
 

@@ -191,7 +191,7 @@ impl Watched {
                 state: state_of(identity, held, standing.result.is_some()).to_string(),
                 done: standing.played,
                 budget: standing.asked,
-                figures: standing.known(),
+                figures: config.spec().with_quotients(standing.known()),
                 ..card
             });
         }
@@ -204,7 +204,7 @@ impl Watched {
             state: state_of(identity, held, complete).to_string(),
             done: recent.frames,
             budget: recent.budget,
-            figures: lately.figures,
+            figures: config.spec().with_quotients(lately.figures),
             left_s: recent.left_s.filter(|_| *held != LockState::Free && !complete),
             ..card
         })
@@ -214,10 +214,10 @@ impl Watched {
     pub fn live(&mut self) -> Result<Live> {
         let identity = self.notice_another_run()?;
         self.read_metrics(LOOK);
-        self.episode_index.advance(GLANCE);
         let config = Config::of_run(&self.folder)?;
         let held = holder(&self.folder)?;
         let at_rest = held == LockState::Free;
+        self.episode_index.advance(if at_rest { LOOK } else { GLANCE });
         let recent = recent(&config.stages, &self.history);
         let here = match &held {
             LockState::By(holder) if holder.is_here() => Some(holder.pid),
@@ -247,7 +247,7 @@ impl Watched {
             gpus: if here.is_some() { self.processes.gpus() } else { Vec::new() },
             warnings: log.map_or(&empty, |log| &log.warnings).iter().cloned().collect(),
             log: log.map_or(&empty, |log| &log.lines).iter().cloned().collect(),
-            validation: scores.scores.into_iter().map(validated).collect(),
+            validation: scores.scores.into_iter().map(|score| validated(config.spec(), score)).collect(),
             kitchens: kitchens(config.spec(), &self.episode_index),
             recordings: Recordings::of(&self.folder).map(|recordings| recordings.line()),
             indexed: self.episode_index.indexed(),
@@ -348,11 +348,13 @@ impl Watched {
         self.episode_index.advance(LOOK);
         let taken = self.episode_index.take_out((key.kitchen, key.environment, key.episode))?;
         let (config, recorded) = taken.ok_or_else(|| {
-            let more = if self.episode_index.indexed() < 1.0 { " yet: they are still being read" } else { "" };
-            Problem::NotThere(format!(
-                "the recordings hold no episode {} of environment {}/{}{more}",
-                key.episode, key.kitchen, key.environment
-            ))
+            let EpisodeKey { kitchen, environment, episode } = key;
+            match self.episode_index.indexed() {
+                1.0.. => Problem::NotThere(format!(
+                    "the recordings hold no episode {episode} of environment {kitchen}/{environment}"
+                )),
+                indexed => Problem::NotYet(format!("the recordings are still being read: {:.0}%", 100.0 * indexed)),
+            }
         })?;
         let folder = std::path::absolute(self.folder.root())?;
         let folder = folder.to_str().context("the run's folder has a name that is not text")?.to_owned();
@@ -449,9 +451,12 @@ fn records_in(spec: &Spec, folder: &RunFolder) -> Result<Vec<EpisodeRecord>> {
 
 fn stages(config: &Config, history: &History) -> Vec<Stage> {
     let trained = history.frames().min(total_frames(&config.stages));
+    let newest = by_stage(&config.stages, history);
     let mut begins_at = 0;
     let stages = config.stages.iter().map(|stage| {
+        let means = newest.iter().find(|means| means.name == stage.name).map(|means| means.last_tenth.figures.clone());
         let shown = Stage {
+            figures: config.spec().with_quotients(means.unwrap_or_default()),
             name: stage.name.clone(),
             reward: stage.reward.clone(),
             begins_at,
@@ -503,8 +508,9 @@ fn workers(logs: &BTreeMap<String, Log>, processes: &[Process]) -> Vec<Worker> {
     workers
 }
 
-fn validated(score: Score) -> Validated {
-    Validated { rollout: score.rollout, frames: score.frames, figures: score.figures }
+fn validated(spec: &Spec, score: Score) -> Validated {
+    let Score { rollout, frames, figures, .. } = score;
+    Validated { rollout, frames, figures: spec.with_quotients(figures) }
 }
 
 /// Means over the newest episodes of each kitchen.
@@ -521,12 +527,9 @@ fn kitchens(spec: &Spec, episode_index: &EpisodeIndex) -> Vec<Kitchen> {
             let sum: f64 = ends.iter().filter_map(|end| end.figures.get(metric)).sum();
             if ends.is_empty() { 0.0 } else { sum / ends.len() as f64 }
         };
-        Kitchen {
-            kitchen,
-            environments,
-            episodes: ends.len() as u64,
-            figures: spec.shown().into_iter().map(|metric| (metric.name.clone(), mean(&metric.name))).collect(),
-        }
+        let metrics = spec.shown().into_iter().filter(|metric| metric.quotient.is_none());
+        let means = metrics.map(|metric| (metric.name.clone(), mean(&metric.name))).collect();
+        Kitchen { kitchen, environments, episodes: ends.len() as u64, figures: spec.with_quotients(means) }
     };
     environments.into_iter().map(of).collect()
 }

@@ -5,6 +5,7 @@
 //! [`Config::resolve_set`] does all but the last.
 
 mod changes;
+mod environment;
 mod episode;
 mod error;
 mod experiment;
@@ -20,11 +21,12 @@ mod task;
 mod validate;
 
 pub use changes::{Difference, Lists, differences};
+pub use environment::EnvironmentConfig;
 pub use episode::EpisodeConfig;
 pub use error::{ConfigError, nearest};
 pub use kitchens::{KitchenSource, KitchensConfig};
 pub use machine::{MachineConfig, Pin};
-pub use network::{CarriedGoal, Encoder, GoalCoordinates, INPUT_POOLS, NetworkConfig};
+pub use network::{CarriedGoal, Encoder, GoalCoordinates, INPUT_POOLS, Memory, NetworkConfig};
 pub use preset::{Preset, overlay};
 pub use presets::presets;
 pub use reward::{LagrangianConfig, RewardConfig};
@@ -47,6 +49,8 @@ pub struct Config {
     pub seed: u64,
     /// What is learned: the name of a task.
     pub task: String,
+    /// The environments of a task that is not built in; `orchestrator up --env` writes it.
+    pub environment: Option<EnvironmentConfig>,
     /// Scene files (`scene.toml`) to train in instead of the training kitchens: actor i simulates scene i, repeating
     /// after the last. Relative to the working directory; a run folder's configuration names its own copies, relative
     /// to itself.
@@ -113,6 +117,8 @@ pub struct SimulationConfig {
 }
 
 /// DD-PPO.
+// Four independent settings, not a state machine.
+#[allow(clippy::struct_excessive_bools)]
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PpoConfig {
@@ -122,6 +128,11 @@ pub struct PpoConfig {
     pub epochs: u32,
     /// Clip range of the policy ratio and of the value.
     pub clip: f64,
+    /// Clip the value's change in its loss, too.
+    pub clip_value: bool,
+    /// No further epoch of an update begins after one whose last minibatch has an approximate KL divergence from the
+    /// policy that acted above this. 0 = all epochs.
+    pub target_kl: f64,
     /// Weight of the value loss.
     pub value_coefficient: f64,
     /// Weight of the entropy bonus.
@@ -134,6 +145,8 @@ pub struct PpoConfig {
     /// falls over 30M frames whatever a stage's length: 20M frames end at 0.556 of the start, 25M at 0.444. `--frames`
     /// leaves it as it is.
     pub learning_rate_frames: u64,
+    /// What Adam adds to the root of the second moment.
+    pub adam_epsilon: f64,
     /// Global gradient norm is clipped at this.
     pub max_gradient_norm: f64,
     /// Discount per step.
@@ -337,6 +350,7 @@ impl Default for Config {
             preset: "paper".into(),
             seed: 1,
             task: "arm_point_nav".into(),
+            environment: None,
             scenes: Vec::new(),
             kitchens: KitchensConfig::default(),
             actors: ActorsConfig::default(),
@@ -382,11 +396,14 @@ impl Default for PpoConfig {
             rollout_steps: 200,
             epochs: 4,
             clip: 0.1,
+            clip_value: true,
+            target_kl: 0.0,
             value_coefficient: 0.5,
             entropy_coefficient: 0.01,
             learning_rate: 3e-4,
             learning_rate_end: 1.0 / 3.0,
             learning_rate_frames: 30_000_000,
+            adam_epsilon: 1e-8,
             max_gradient_norm: 0.5,
             gamma: 0.99,
             gae_lambda: 0.95,
@@ -448,8 +465,11 @@ impl ValidationConfig {
 }
 
 impl Config {
-    /// Kitchens that the actors simulate.
+    /// Kitchens that the actors simulate. Environments that are not built in are in none.
     pub fn kitchens(&self) -> Kitchens {
+        if self.environment.is_some() {
+            return Kitchens::Elsewhere;
+        }
         match (&self.evaluation, self.kitchens.range(), self.scenes.len()) {
             (Some(evaluation), _, _) => evaluation.kitchens(),
             (None, Some(range), _) => Kitchens::Procedural(range),
@@ -465,7 +485,9 @@ impl Config {
             (Kitchens::Procedural(range), None) => {
                 KitchenSchedule::drawn(self.seed, range, self.kitchens.episodes_each)
             }
-            (Kitchens::Split(_) | Kitchens::One(_) | Kitchens::Scenes(_), _) => KitchenSchedule::settled(),
+            (Kitchens::Split(_) | Kitchens::One(_) | Kitchens::Scenes(_) | Kitchens::Elsewhere, _) => {
+                KitchenSchedule::settled()
+            }
         }
     }
 

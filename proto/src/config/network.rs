@@ -40,6 +40,18 @@ pub enum GoalCoordinates {
     Polar,
     /// (|x|, |y|, |z|), the original baseline.
     Cartesian,
+    /// As they are, however many there are.
+    Plain,
+}
+
+/// What the policy remembers of an episode.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Memory {
+    /// A gated recurrent unit: the belief. Actor and critic are one layer each behind it.
+    Gru,
+    /// Nothing. In a task without a frame actor and critic have layers of their own.
+    None,
 }
 
 /// The goal vector while the target is held. Before that it always leads from the wrist to the object.
@@ -61,24 +73,40 @@ impl fmt::Display for CarriedGoal {
     }
 }
 
+impl fmt::Display for GoalCoordinates {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            Self::Polar => "polar",
+            Self::Cartesian => "cartesian",
+            Self::Plain => "plain",
+        })
+    }
+}
+
 /// Sides of the squares of pixels that the network can see as one: `network.input_pool`.
 pub const INPUT_POOLS: [u32; 3] = [1, 2, 4];
 
 /// The network's shape and inputs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct NetworkConfig {
-    /// Visual encoder.
+    /// Visual encoder, of a task with a frame.
     pub encoder: Encoder,
     /// Side of the average pooling before the encoder: 2 for the paper's resnet, 1 for its cnn.
     pub input_pool: u32,
-    /// Goal coordinates.
+    /// How the numbers beside the frame are given: `polar` and `cartesian` need three, a vector in space; a task without
+    /// a frame needs `plain`.
     pub goal: GoalCoordinates,
     /// Sign of the goal vector while the target is held. A policy trained with one sign is useless with the other.
     /// Cartesian coordinates are absolute values and have no sign.
     pub carried_goal: CarriedGoal,
     /// Feed the previous action's embedding to the belief.
     pub previous_action: bool,
+    /// Widths of the layers (tanh) that see the numbers of a task without a frame: of one stack before a GRU, of one for
+    /// the actor and one for the critic without memory.
+    pub mlp: Vec<u32>,
+    /// What the policy remembers.
+    pub memory: Memory,
     /// Width of the belief (GRU).
     pub hidden: u32,
 }
@@ -91,17 +119,19 @@ impl Default for NetworkConfig {
             goal: GoalCoordinates::Polar,
             carried_goal: CarriedGoal::GoalToObject,
             previous_action: true,
+            mlp: vec![64, 64],
+            memory: Memory::Gru,
             hidden: 512,
         }
     }
 }
 
 impl NetworkConfig {
-    /// The sign that the policy sees; none with cartesian coordinates, which are absolute values.
+    /// The sign that the policy sees; none with cartesian coordinates, which are absolute values, or plain numbers.
     pub fn sign_seen(&self) -> Option<CarriedGoal> {
         match self.goal {
             GoalCoordinates::Polar => Some(self.carried_goal),
-            GoalCoordinates::Cartesian => None,
+            GoalCoordinates::Cartesian | GoalCoordinates::Plain => None,
         }
     }
 }

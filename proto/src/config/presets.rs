@@ -7,7 +7,7 @@ use super::preset::{Preset, overlay};
 use std::sync::LazyLock;
 
 /// Presets with a file of their own.
-const FILES: [(&str, &str, &str); 12] = [
+const FILES: &[(&str, &str, &str)] = &[
     (
         "demo",
         "both stages in minutes on two CPU cores: small encoder, episodes that begin near the target",
@@ -17,6 +17,11 @@ const FILES: [(&str, &str, &str); 12] = [
         "point-nav-demo",
         "PointNav in minutes on two CPU cores: drive to a point near the start, by depth and relative goal",
         include_str!("../../presets/point-nav-demo.toml"),
+    ),
+    (
+        "gym",
+        "tasks of numbers, such as CartPole: two layers of 64, no memory, the constants of CleanRL's ppo.py",
+        include_str!("../../presets/gym.toml"),
     ),
     (
         "paper",
@@ -73,12 +78,12 @@ const FILES: [(&str, &str, &str); 12] = [
 /// All presets: those with a file, then every row of the paper's tables.
 pub fn presets() -> &'static [Preset] {
     static PRESETS: LazyLock<Vec<Preset>> = LazyLock::new(|| {
-        let files = FILES.map(|(name, summary, text)| Preset {
+        let files = FILES.iter().map(|&(name, summary, text)| Preset {
             name: name.to_owned(),
             summary: summary.to_owned(),
             text: text.into(),
         });
-        files.into_iter().chain(experiment::all()).collect()
+        files.chain(experiment::all()).collect()
     });
     &PRESETS
 }

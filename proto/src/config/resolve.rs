@@ -70,7 +70,11 @@ impl Config {
     pub fn of_run(run: &RunFolder) -> Result<Self, ConfigError> {
         let path = run.config();
         let read = match run.read_text(&path) {
-            Ok(text) => Self::from_toml(&text, &path.display().to_string()),
+            Ok(text) => {
+                let origin = path.display().to_string();
+                let declared = error::parse::<Self>(&text, &origin).and_then(|config| config.declare_task_of(run));
+                declared.and_then(|()| Self::from_toml(&text, &origin))
+            }
             Err(cause) => Err(ConfigError::Unreadable { path, cause }),
         };
         read.map_err(|cause| {

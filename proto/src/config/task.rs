@@ -1,9 +1,9 @@
 //! The task of a run, and the rewards that its stages name.
 
 use super::validate::check;
-use super::{Config, ConfigError, nearest};
+use super::{AuxiliaryTask, Config, ConfigError, EnvironmentConfig, GoalCoordinates, nearest};
 use crate::run_folder::RunFolder;
-use crate::task::{Composition, Condition, Spec, SpecError};
+use crate::task::{Actions, Composition, Condition, Spec, SpecError};
 
 impl Config {
     /// The task's declaration.
@@ -29,11 +29,28 @@ impl Config {
         Err(ConfigError::OtherTask { path, name: self.task.clone() })
     }
 
-    fn find_spec(&self) -> Result<&'static Spec, ConfigError> {
-        let tasks = Spec::built_in();
-        tasks.iter().find(|task| task.name == self.task).ok_or_else(|| ConfigError::UnknownTask {
+    /// Declares the task of a run, if it is not known: the declaration lies in the run's folder.
+    pub(super) fn declare_task_of(&self, run: &RunFolder) -> Result<(), ConfigError> {
+        if self.environment.is_some() || Spec::named(&self.task).is_some() {
+            return Ok(());
+        }
+        // A folder without one is of a task that was built in once.
+        let Ok(text) = run.read_text(&run.task()) else { return Ok(()) };
+        let wrong = |cause| ConfigError::Task { key: run.task().display().to_string(), cause };
+        Spec::declare(&text).map(drop).map_err(wrong)
+    }
+
+    /// The same of a configuration that was not validated.
+    pub fn find_spec(&self) -> Result<&'static Spec, ConfigError> {
+        if let Some(EnvironmentConfig { declaration, .. }) = &self.environment {
+            let wrong = |cause| ConfigError::Task { key: "environment.declaration".to_owned(), cause };
+            let spec = Spec::kept(declaration).map_err(wrong)?;
+            check("task", &self.task, self.task == spec.name, "must be the name in environment.declaration")?;
+            return Ok(spec);
+        }
+        Spec::named(&self.task).ok_or_else(|| ConfigError::UnknownTask {
             name: self.task.clone(),
-            nearest: nearest(&self.task, tasks.iter().map(|task| task.name.as_str())),
+            nearest: nearest(&self.task, Spec::built_in().iter().map(|task| task.name.as_str())),
         })
     }
 
@@ -57,6 +74,14 @@ impl Config {
     /// The same, of any name.
     fn find_reward(&self, name: &str) -> Result<Composition, SpecError> {
         self.spec().composition(name, &self.rewards, &self.reward.weights)
+    }
+
+    /// This configuration's own rewards, but those that training weighs as it goes.
+    pub fn own_rewards(&self) -> Result<Vec<(String, Composition)>, SpecError> {
+        let named = self.rewards.iter().map(|reward| Ok((reward.name.clone(), self.find_reward(&reward.name)?)));
+        let mut rewards = named.collect::<Result<Vec<_>, SpecError>>()?;
+        rewards.retain(|(_, composition)| !composition.has_multiplier());
+        Ok(rewards)
     }
 
     /// What the auxiliary task predicts.
@@ -85,7 +110,23 @@ impl Config {
                 return Err(wrong(&format!("reward.{name}"), SpecError::Reward { name: name.clone(), problem }));
             }
         }
-        spec.inputs().map_err(|cause| wrong("task", cause))?;
+        let inputs = spec.inputs().map_err(|cause| wrong("task", cause))?;
+        check(
+            "network.goal",
+            serde_json::json!(self.network.goal),
+            self.network.goal == GoalCoordinates::Plain || inputs.image.is_some() && inputs.are_coordinates(),
+            "must be \"plain\" in this task: only three numbers beside a frame are a vector in space",
+        )?;
+        check(
+            "auxiliary.task",
+            serde_json::json!(self.auxiliary.task),
+            self.auxiliary.task == AuxiliaryTask::None || inputs.image.is_some(),
+            "must be \"none\" in a task without a frame",
+        )?;
+        if matches!(spec.actions, Actions::Box { .. }) {
+            let problem = "policies choose among named actions, and a box has none".to_owned();
+            return Err(wrong("task", SpecError::Actions { problem }));
+        }
         if self.episode.action_space.of(&spec.actions).is_none() {
             let problem = format!("task `{}` has no subset `{}`", spec.name, self.episode.action_space);
             return Err(wrong("episode.action_space", SpecError::Actions { problem }));
@@ -114,6 +155,63 @@ mod tests {
 
     fn config(text: &str) -> Result<Config, String> {
         Config::resolve_with("demo", Some((text, "mine.toml"))).map_err(|error| error.to_string())
+    }
+
+    const WITHOUT_A_FRAME: &str = r#"
+    name = "without_a_frame"
+    actions = { kind = "discrete", names = ["left", "right"] }
+    channels = [
+        { name = "gain", role = "part", dtype = "f32", range = [0, 1], doc = "" },
+        { name = "place", role = "observation", dtype = "f32", shape = [3], range = [-1, 1], doc = "" },
+    ]
+    rewards = [{ name = "r", terms = [["gain", 1.0]] }]
+    "#;
+
+    #[test]
+    fn settings_that_a_task_without_a_frame_cannot_have_are_refused() {
+        Spec::declare(WITHOUT_A_FRAME).unwrap();
+        assert!(Spec::declare(WITHOUT_A_FRAME).is_ok(), "the same again");
+        let other = Spec::declare(&WITHOUT_A_FRAME.replace("[3]", "[4]")).unwrap_err().to_string();
+        assert_eq!(other, "task `without_a_frame` is known already, and declared otherwise");
+        let problem = |text: &str| {
+            let text = format!("task = \"without_a_frame\"\n{text}");
+            Config::resolve_with("gym", Some((&text, "mine.toml"))).map(drop).map_err(|error| error.to_string())
+        };
+        assert_eq!(problem(""), Ok(()));
+        assert_eq!(problem("network.memory = \"gru\"\nepisode.max_steps = 100000"), Ok(()));
+        for (text, expected) in [
+            ("network.goal = \"polar\"", "network.goal = \"polar\": must be \"plain\" in this task"),
+            ("auxiliary.task = \"disturb\"", "auxiliary.task = \"disturb\": must be \"none\""),
+            ("network.mlp = []", "network.mlp = []: must be 1 to 8 widths of 1 to 4096"),
+            ("network.mlp = [64, 0]", "network.mlp = [64, 0]"),
+            ("ppo.adam_epsilon = 0.0", "ppo.adam_epsilon = 0: must be greater than 0"),
+            ("ppo.target_kl = -1.0", "ppo.target_kl = -1: must be 0 or greater"),
+            ("episode.max_steps = 100001", "episode.max_steps = 100001: must be 1 to 100000"),
+        ] {
+            let found = problem(text).unwrap_err();
+            assert!(found.contains(expected), "{found}");
+        }
+    }
+
+    #[test]
+    fn a_run_brings_the_declaration_of_its_task() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = RunFolder::new(folder.path());
+        let declaration = WITHOUT_A_FRAME.replace("without_a_frame", "of_a_run");
+        std::fs::write(
+            run.config(),
+            "task = \"of_a_run\"\nauxiliary.task = \"none\"\nnetwork.goal = \"plain\"\n\
+            network.carried_goal = \"goal_to_object\"\nstages = [{ name = \"I\", reward = \"r\", frames = 9 }]\n",
+        )
+        .unwrap();
+        let unknown = Config::of_run(&run).unwrap_err().to_string();
+        assert!(unknown.contains("there is no task `of_a_run`"), "{unknown}");
+        std::fs::write(run.task(), "name = 3").unwrap();
+        assert!(Config::of_run(&run).unwrap_err().to_string().contains("task.toml: it is no task"));
+        std::fs::write(run.task(), declaration).unwrap();
+        let config = Config::of_run(&run).unwrap();
+        assert_eq!(config.spec().name, "of_a_run");
+        assert!(config.check_task(&run).is_ok());
     }
 
     /// The example of docs/own-parts.md: a reward in the configuration, no code.
@@ -193,5 +291,24 @@ mod tests {
             assert_eq!(checked.is_ok(), is_same, "{to}");
             assert!(is_same || checked.unwrap_err().contains("declared otherwise"));
         }
+    }
+
+    /// A run's folder may be anybody's: 60,000 rewards, each the base of the next, once overflowed the stack.
+    #[test]
+    fn what_is_declared_has_a_bound() {
+        let chain = |count: usize| -> String {
+            let link = |at: usize| format!("[[rewards]]\nname = \"mine_{at}\"\nbase = \"mine_{}\"\n", at + 1);
+            (0..count).map(link).collect::<String>() + &format!("[[rewards]]\nname = \"mine_{count}\"\n")
+        };
+        assert!(config(&chain(90)).is_ok());
+        let problem = config(&chain(60_000)).unwrap_err();
+        assert!(problem.contains("rewards: at most 100 can be declared"), "{problem}");
+        let terms = "[\"failed_action\", 1.0],".repeat(1001);
+        let problem = config(&format!("[[rewards]]\nname = \"mine\"\nterms = [{terms}]")).unwrap_err();
+        assert!(problem.contains("there are 1001 terms in a reward"), "{problem}");
+        let stage = |name: &str| format!("stages = [{{ name = \"{name}\", reward = \"r\", frames = 1000 }}]");
+        let problem = config(&stage(&"I".repeat(1_000_000))).unwrap_err();
+        assert!(problem.contains("a name has at most 64 letters"), "{problem}");
+        assert!(config(&stage(&"ü".repeat(64))).is_ok());
     }
 }

@@ -1,6 +1,6 @@
 //! Ranges of every setting: an invalid configuration is refused before any process starts.
 
-use super::{Config, ConfigError, INPUT_POOLS, KitchenSource, KitchensConfig, ValidationConfig};
+use super::{Config, ConfigError, EnvironmentConfig, INPUT_POOLS, KitchenSource, KitchensConfig, ValidationConfig};
 use crate::episode::MAX_EPISODE_STEPS;
 use crate::evaluation::{Distribution, EvaluationConfig};
 use crate::kitchen::{KitchenId, Split};
@@ -21,6 +21,8 @@ const MAX_EVALUATED: u32 = 1000;
 /// Stages of a run, and frames of a stage, at most: their sum fits into 63 bits, and a double holds each exactly.
 const STAGES_MOST: usize = 1000;
 const STAGE_FRAMES_MOST: u64 = 1_000_000_000_000_000;
+/// Letters of a stage's name at most: it stands in every table.
+const STAGE_NAME_MOST: usize = 64;
 
 impl Config {
     /// Checks every setting against its range.
@@ -58,7 +60,7 @@ impl Config {
             "episode.max_steps",
             episode.max_steps,
             (1..=MAX_EPISODE_STEPS as u32).contains(&episode.max_steps),
-            "must be 1 to 512",
+            "must be 1 to 100000",
         )?;
         for (key, value) in [
             ("episode.start_distance_max_m", episode.start_distance_max_m),
@@ -71,8 +73,23 @@ impl Config {
                 "must be 0 (anywhere) or 0.6 to 100 metres",
             )?;
         }
+        self.validate_environment()?;
         check("scenes", self.scenes.len(), self.scenes.len() <= KitchenId::SCENES_MAX, "a run has at most 128 scenes")?;
         self.validate_kitchens()
+    }
+
+    /// Environments that are not built in are in no kitchen.
+    fn validate_environment(&self) -> Result<(), ConfigError> {
+        let Some(EnvironmentConfig { command, .. }) = &self.environment else { return Ok(()) };
+        check("environment.command", "[]", !command.is_empty(), "must name a program")?;
+        let built_in = self.kitchens.source == KitchenSource::BuiltIn;
+        check("kitchens.source", "\"procedural\"", built_in, "cannot be set beside `environment`: it has no kitchens")?;
+        let scenes = self.scenes.len();
+        check("scenes", scenes, scenes == 0, "cannot be set beside `environment`: it has no kitchens")?;
+        let every = self.validation.every_frames;
+        let evaluation = self.evaluation.is_none();
+        check("evaluation", "{ ... }", evaluation, "cannot be beside `environment`: an evaluation is in kitchens")?;
+        check("validation.every_frames", every, every == 0, "must be 0 beside `environment`: validation is in kitchens")
     }
 
     /// Settings of procedural kitchens.
@@ -104,6 +121,9 @@ impl Config {
             INPUT_POOLS.contains(&network.input_pool),
             "must be 1, 2 or 4",
         )?;
+        let layers = || network.mlp.iter().map(u32::to_string).collect::<Vec<_>>().join(", ");
+        let fits = (1..=8).contains(&network.mlp.len()) && network.mlp.iter().all(|width| (1..=4096).contains(width));
+        check("network.mlp", format!("[{}]", layers()), fits, "must be 1 to 8 widths of 1 to 4096")?;
         check("network.hidden", network.hidden, (8..=4096).contains(&network.hidden), "must be 8 to 4096")?;
         check("ppo.rollout_steps", ppo.rollout_steps, (1..=4096).contains(&ppo.rollout_steps), "must be 1 to 4096")?;
         check("ppo.epochs", ppo.epochs, (1..=64).contains(&ppo.epochs), "must be 1 to 64")?;
@@ -124,6 +144,7 @@ impl Config {
         for (key, value) in [
             ("ppo.clip", ppo.clip),
             ("ppo.learning_rate", ppo.learning_rate),
+            ("ppo.adam_epsilon", ppo.adam_epsilon),
             ("ppo.max_gradient_norm", ppo.max_gradient_norm),
         ] {
             check(key, value, value.is_finite() && value > 0.0, "must be greater than 0")?;
@@ -132,6 +153,7 @@ impl Config {
             ("ppo.value_coefficient", ppo.value_coefficient),
             ("ppo.entropy_coefficient", ppo.entropy_coefficient),
             ("ppo.learning_rate_end", ppo.learning_rate_end),
+            ("ppo.target_kl", ppo.target_kl),
             ("auxiliary.weight", auxiliary.weight),
             ("auxiliary.focal_gamma", auxiliary.focal_gamma),
             ("reward.lagrangian.initial", reward.lagrangian.initial),
@@ -148,6 +170,8 @@ impl Config {
         let stages = self.stages.len();
         check("stages", stages, (1..=STAGES_MOST).contains(&stages), "there must be 1 to 1000 stages")?;
         for stage in &self.stages {
+            let length = stage.name.chars().count();
+            check("stages.name", length, length <= STAGE_NAME_MOST, "a name has at most 64 letters")?;
             check(
                 "stages.frames",
                 stage.frames,

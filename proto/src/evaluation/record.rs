@@ -78,7 +78,7 @@ pub(super) mod tests {
 
     /// The task that has everything.
     pub fn arm() -> &'static Spec {
-        Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").unwrap()
+        Spec::named("arm_point_nav").unwrap()
     }
 
     /// The numbers of a record in which these are not 0.

@@ -246,7 +246,7 @@ mod tests {
     #[test]
     fn every_step_of_every_episode_is_counted_once() {
         let (ahead, done) = (16, 20);
-        let spec = Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").unwrap();
+        let spec = Spec::named("arm_point_nav").unwrap();
         let episodes: [&[u8]; 2] = [&[ahead, ahead, done], &[done]];
         let counts = ActionCounts::of(spec, ActionSpace::default(), 5, episodes.into_iter());
         assert_eq!((counts.actions.len(), counts.by_step.len()), (21, 5));

@@ -115,6 +115,9 @@ pub struct Channel {
     /// them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sums: Option<usize>,
+    /// Of a place that is to be reached: how near is enough on each axis, for pictures.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tolerance: Option<f32>,
     /// What it is, as a sentence.
     pub doc: String,
 }
@@ -175,6 +178,9 @@ impl Channel {
         // Written so that NaN is refused, too.
         if self.range.is_some_and(|[least, most]| !(least <= most && least.is_finite() && most.is_finite())) {
             return wrong("its range is not two finite numbers, the lower first");
+        }
+        if self.tolerance.is_some_and(|tolerance| !(tolerance >= 0.0 && tolerance.is_finite())) {
+            return wrong("its tolerance is a finite number of 0 or more");
         }
         let windows = |side: usize| {
             let fits = |length: &usize| side > 1 && length.is_multiple_of(side);

@@ -2,7 +2,7 @@
 
 use super::error::SpecError;
 use super::figure::{Column, Described, Figure, Take};
-use super::metric::{Kind, Measure, Metric};
+use super::metric::{Kind, Metric};
 use super::spec::Spec;
 use std::collections::BTreeMap;
 
@@ -22,11 +22,22 @@ impl Spec {
             let doc = format!("Undiscounted return under {name}.");
             Described::new(&format!("return_{name}"), "", "", Kind::F64, &doc)
         };
-        let of_metric = |(Metric { name, label, unit, doc, .. }, measure): (&Metric, Measure)| {
-            Described::new(name, label, unit, measure.kind, doc)
-        };
-        let metrics = self.metrics.iter().zip(self.measures()).map(of_metric);
+        let metrics = self.metrics.iter().map(|metric| self.described_metric(metric));
         self.plain_rewards().map(of_reward).chain(metrics).collect()
+    }
+
+    fn described_metric(&self, metric: &Metric) -> Described {
+        let Metric { name, label, unit, doc, .. } = metric;
+        Described::new(name, label, unit, self.resolved(metric).kind, doc)
+    }
+
+    /// A metric with a label: its name, if it has no other.
+    pub(super) fn labelled(&self, metric: &Metric) -> Described {
+        let mut described = self.described_metric(metric);
+        if described.label.is_empty() {
+            described.label.clone_from(&metric.name);
+        }
+        described
     }
 
     /// A number of an episode, by its name.

@@ -11,6 +11,10 @@ pub enum SpecError {
     Double(String),
     #[error("`{0}` is a name of the engine's own")]
     Reserved(String),
+    #[error("there are {count} {what}: at most {most} can be declared")]
+    TooMany { what: &'static str, count: usize, most: usize },
+    #[error("task `{0}` is known already, and declared otherwise")]
+    Taken(String),
     #[error("channel `{name}`: {problem}")]
     Channel { name: String, problem: &'static str },
     #[error("actions: {problem}")]
@@ -26,10 +30,12 @@ pub enum SpecError {
     #[error("cost: {0}")]
     Cost(String),
     #[error(
-        "task `{task}`: networks cannot take {what}. They take one image (u16, [224, 224], sums = 2), and f32 of 3 numbers \
-         in all"
+        "task `{task}`: networks cannot take {what}. They take one image at most (u16, [224, 224], sums = 2), any f32, and \
+         whole numbers of a declared range, 1 to 65536 numbers in all"
     )]
     Input { task: String, what: String },
+    #[error("the environment has {now}, but the run was begun with {then}: serve the environment that began it")]
+    OtherSpaces { now: String, then: String },
     #[error("task `{task}` has no reward `{name}`, and neither has the configuration")]
     UnknownReward { name: String, task: String },
 }

@@ -83,12 +83,40 @@ pub struct Described {
     pub unit: String,
     pub kind: Kind,
     pub doc: String,
+    /// Of a quotient of two means: the metrics whose means are divided, the one by the other.
+    #[serde(skip)]
+    pub quotient: Option<[String; 2]>,
 }
 
 impl Described {
     pub(super) fn new(name: &str, label: &str, unit: &str, kind: Kind, doc: &str) -> Self {
         let [name, label, unit, doc] = [name, label, unit, doc].map(str::to_owned);
-        Self { name, label, unit, kind, doc }
+        Self { name, label, unit, kind, doc, quotient: None }
+    }
+
+    /// Its mean, from the means of metrics.
+    pub fn mean(&self, means: &BTreeMap<String, f64>) -> Option<f64> {
+        let known = |name: &String| means.get(name).copied();
+        let quotient = || {
+            let [of, per] = self.quotient.as_ref()?;
+            Some(known(of)? / known(per)?).filter(|quotient| quotient.is_finite())
+        };
+        known(&self.name).or_else(quotient)
+    }
+
+    /// Whether it is 1 or 0 of an episode: over episodes it is a share of them.
+    pub fn is_share(&self) -> bool {
+        self.kind == Kind::Share
+    }
+}
+
+impl Figure {
+    /// As tables and screens of a run show it, if it follows from the means of two metrics.
+    pub(super) fn shown(&self) -> Option<Described> {
+        let quotient = self.per.as_ref().filter(|_| self.take == Take::Mean && self.among.is_empty());
+        let label = if self.label.is_empty() { &self.name } else { &self.label };
+        let described = Described::new(&self.name, label, &self.unit, Kind::F64, &self.doc);
+        Some(Described { quotient: Some([self.of.clone(), quotient?.clone()]), ..described })
     }
 }
 

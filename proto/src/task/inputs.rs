@@ -6,39 +6,171 @@ use super::layout::Field;
 use super::spec::Spec;
 use crate::camera::{FRAME_SIDE, WINDOW};
 
-/// Numbers of the vector.
-pub const VECTOR_NUMBERS: usize = 3;
+/// Numbers of all observations beside the frame at most.
+const NUMBERS_MOST: usize = 1 << 16;
+
+/// What becomes of an observation's numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Coding {
+    /// They are `f32`, and stay as they are.
+    Plain,
+    /// Each whole number becomes so many, all 0 but one: that of its distance from `least`.
+    OneHot { least: i64, count: usize },
+}
 
 /// Places of the observations.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Inputs {
-    /// The frame.
-    pub image: Field,
-    /// The vector, [`VECTOR_NUMBERS`] of `f32`: one observation behind the other, as the task declares them.
-    pub vector: Vec<Field>,
+    /// The frame; none of a task of numbers alone.
+    pub image: Option<Field>,
+    numbers: Vec<(Field, Coding)>,
+}
+
+impl Inputs {
+    /// How many numbers the network is given beside the frame.
+    pub fn width(&self) -> usize {
+        let of = |(field, coding): &(Field, Coding)| match coding {
+            Coding::Plain => field.count,
+            Coding::OneHot { count, .. } => field.count * count,
+        };
+        self.numbers.iter().map(of).sum()
+    }
+
+    /// Whether the numbers are one vector in space, or could be.
+    pub(crate) fn are_coordinates(&self) -> bool {
+        self.width() == 3 && self.numbers.iter().all(|(_, coding)| *coding == Coding::Plain)
+    }
+
+    /// Appends a record's numbers: one observation behind the other, as the task declares them.
+    ///
+    /// # Panics
+    /// If the record is shorter than its layout, or was not checked.
+    pub fn read(&self, record: &[u8], numbers: &mut Vec<f32>) {
+        for &(field, coding) in &self.numbers {
+            match coding {
+                Coding::Plain => numbers.extend_from_slice(field.of(record)),
+                Coding::OneHot { least, count } => {
+                    for number in field.numbers(record) {
+                        let begin = numbers.len();
+                        numbers.resize(begin + count, 0.0);
+                        // Exact: its range has no more numbers than there are places.
+                        numbers[begin + (number as i64 - least) as usize] = 1.0;
+                    }
+                }
+            }
+        }
+    }
 }
 
 impl Spec {
     /// Its observations, if networks can take them.
     pub fn inputs(&self) -> Result<Inputs, SpecError> {
         let refuse = |what: String| Err(SpecError::Input { task: self.name.clone(), what });
-        let (mut images, mut vector) = (vec![], vec![]);
+        let mut inputs = Inputs { image: None, numbers: vec![] };
         let pairs = self.channels.iter().zip(&self.layout.fields);
         for (channel, &field) in pairs.filter(|(channel, _)| channel.role == Role::Observation) {
-            let Channel { name, dtype, shape, sums, .. } = channel;
-            match dtype {
-                Dtype::U16 if *shape == [FRAME_SIDE; 2] && *sums == Some(WINDOW) && images.is_empty() => {
-                    images.push(field);
+            if channel.is_bulk() {
+                let fits = channel.dtype == Dtype::U16 && channel.shape == [FRAME_SIDE; 2];
+                if !fits || channel.sums != Some(WINDOW) || inputs.image.is_some() {
+                    return refuse(format!("its image `{}`", channel.name));
                 }
-                Dtype::F32 => vector.push(field),
-                _ => return refuse(format!("its observation `{name}`")),
+                inputs.image = Some(field);
+            } else {
+                match coding(channel) {
+                    Ok(coding) => inputs.numbers.push((field, coding)),
+                    Err(problem) => return refuse(format!("its observation `{}`: {problem}", channel.name)),
+                }
             }
         }
-        let numbers: usize = vector.iter().map(|field| field.count).sum();
-        match images.pop() {
-            Some(image) if numbers == VECTOR_NUMBERS => Ok(Inputs { image, vector }),
-            Some(_) => refuse(format!("its observations: {numbers} numbers of f32")),
-            None => refuse("its observations: there is no image".to_owned()),
+        match inputs.width() {
+            0 => refuse("its observations: there are no numbers".to_owned()),
+            1..=NUMBERS_MOST => Ok(inputs),
+            width => refuse(format!("its observations: {width} numbers")),
+        }
+    }
+}
+
+fn coding(channel: &Channel) -> Result<Coding, &'static str> {
+    match channel.dtype {
+        Dtype::F32 => return Ok(Coding::Plain),
+        Dtype::F64 => return Err("it is f64"),
+        Dtype::U8 | Dtype::U16 | Dtype::I32 | Dtype::U32 | Dtype::U64 => {}
+    }
+    let [least, most] = channel.bounds().ok_or("a whole number has a range, or names")?;
+    let whole = |number: f64| number.fract() == 0.0 && number.abs() < 9e15;
+    if !(whole(least) && whole(most)) {
+        return Err("its range is not of whole numbers");
+    }
+    let count = (most - least) as usize + 1;
+    // Many of them at once are refused by their sum.
+    if count > NUMBERS_MOST {
+        Err("its range is too large for a number for each")
+    } else {
+        Ok(Coding::OneHot { least: least as i64, count })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::task::LINE_BYTES;
+
+    fn inputs(channels: &str) -> Result<(Spec, Inputs), String> {
+        let text = format!(
+            "name = \"a\"\n[actions]\nkind = \"discrete\"\nnames = [\"left\", \"right\"]\n[[channels]]\nname = \"gain\"\n\
+             role = \"part\"\ndtype = \"f32\"\nrange = [0, 1]\ndoc = \"\"\n{channels}"
+        );
+        let spec = Spec::parse(&text).map_err(|error| error.to_string())?;
+        let inputs = spec.inputs().map_err(|error| error.to_string())?;
+        Ok((spec, inputs))
+    }
+
+    fn channel(name: &str, rest: &str) -> String {
+        format!("[[channels]]\nname = \"{name}\"\nrole = \"observation\"\ndoc = \"\"\n{rest}\n")
+    }
+
+    #[test]
+    fn vectors_stay_and_whole_numbers_become_one_hot_in_the_declarations_order() {
+        let text = channel("speed", "dtype = \"f32\"\nshape = [2]\nrange = [-9, 9]")
+            + &channel("door", "dtype = \"i32\"\nrange = [-1, 1]")
+            + &channel("rooms", "dtype = \"u8\"\nshape = [2]\nnames = [\"kitchen\", \"hall\"]")
+            + &channel("angle", "dtype = \"f32\"\nrange = [-9, 9]");
+        let (spec, inputs) = inputs(&text).unwrap();
+        assert_eq!((inputs.width(), inputs.image, inputs.are_coordinates()), (2 + 3 + 4 + 1, None, false));
+        // Records begin on a cache line.
+        let mut lines = vec![[0u64; LINE_BYTES / 8]; spec.layout().bytes / LINE_BYTES];
+        let record: &mut [u8] = bytemuck::cast_slice_mut(&mut lines);
+        let place = |name: &str| spec.channel(name).unwrap().1;
+        place("speed").of_mut(record).copy_from_slice(&[0.5f32, -1.5]);
+        place("door").of_mut(record)[0] = -1i32;
+        place("rooms").of_mut(record).copy_from_slice(&[1u8, 0]);
+        place("angle").of_mut(record)[0] = 7.0f32;
+        let mut numbers = vec![3.0];
+        inputs.read(record, &mut numbers);
+        assert_eq!(numbers, [3.0, 0.5, -1.5, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 7.0]);
+    }
+
+    #[test]
+    fn what_no_network_takes_is_named() {
+        for (text, problem) in [
+            (String::new(), "there are no numbers"),
+            (channel("x", "dtype = \"f64\"\nrange = [0, 1]"), "its observation `x`: it is f64"),
+            (channel("x", "dtype = \"u32\""), "`x`: a whole number has a range, or names"),
+            (channel("x", "dtype = \"u32\"\nrange = [0, 1e6]"), "`x`: its range is too large"),
+            (channel("x", "dtype = \"u32\"\nrange = [0, 1.5]"), "`x`: its range is not of whole numbers"),
+            (channel("x", "dtype = \"f32\"\nshape = [70000]\nrange = [0, 1]"), "its observations: 70000 numbers"),
+            (channel("x", "dtype = \"u8\"\nshape = [84, 84]"), "its image `x`"),
+        ] {
+            let error = inputs(&text).unwrap_err();
+            assert!(error.contains(problem), "{error}");
+        }
+    }
+
+    #[test]
+    fn built_in_tasks_have_a_frame_and_a_vector_in_space() {
+        for spec in Spec::built_in() {
+            let inputs = spec.inputs().unwrap();
+            assert!(inputs.image.is_some() && inputs.are_coordinates(), "{}", spec.name);
         }
     }
 }

@@ -32,30 +32,6 @@ fn yes() -> bool {
     true
 }
 
-/// A metric as tables and screens show its mean.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct ShownMetric {
-    pub name: String,
-    pub label: String,
-    pub unit: Option<String>,
-    /// Whether it is a share of episodes.
-    pub share: bool,
-}
-
-impl Metric {
-    /// Whether it is 1 or 0 of an episode: its mean is a share of episodes.
-    pub fn is_share(&self) -> bool {
-        self.value.is_none() && matches!(self.over, Over::Last | Over::Any)
-    }
-
-    /// As tables and screens show it.
-    pub fn shown(&self) -> ShownMetric {
-        let text = |text: &String| (!text.is_empty()).then(|| text.clone());
-        let label = text(&self.label).unwrap_or_else(|| self.name.clone());
-        ShownMetric { name: self.name.clone(), label, unit: text(&self.unit), share: self.is_share() }
-    }
-}
-
 /// Over which steps of an episode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -168,6 +144,11 @@ impl Measure {
             Over::First if now == 0.0 => before - 1.0,
             Over::First => 1.0 - before,
         }
+    }
+
+    /// What its number is.
+    pub fn kind(&self) -> Kind {
+        self.kind
     }
 
     /// The metric of an episode that has ended, from what is known after its last step.

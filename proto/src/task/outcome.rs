@@ -42,7 +42,7 @@ mod tests {
 
     #[test]
     fn an_episode_ends_as_the_metric_says_that_demands_most() {
-        let arm = Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").unwrap();
+        let arm = Spec::named("arm_point_nav").unwrap();
         let outcome = |held: &[&str], end| {
             let held = |metric: &super::super::Metric| Some(f64::from(u8::from(held.contains(&&*metric.name))));
             arm.outcome(&arm.metrics.iter().map(held).collect::<Vec<_>>(), end)

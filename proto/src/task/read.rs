@@ -10,7 +10,7 @@ use super::reward::{Cost, Label, Reward};
 use super::spec::Spec;
 use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::LazyLock;
+use std::sync::{LazyLock, Mutex, PoisonError, RwLock};
 
 /// What the engine itself says of steps and episodes in recordings, data sets and tables. No channel or metric has such a
 /// name, nor one that begins with `reward_` or `return_`.
@@ -18,6 +18,11 @@ const RESERVED: &str = "action action_names actor actor_incarnation bulk_recorde
                         environment_index episode exchange fixed_episode incarnation kitchen learner_incarnation \
                         length outcome outside previous_action robot seed stage stage_version state state_hash step \
                         steps terminated truncated";
+
+/// The most of each kind that a task declares.
+const DECLARED_MOST: usize = 1000;
+/// The most rewards of a task and a configuration together. A chain of bases has no more links.
+const REWARDS_MOST: usize = 100;
 
 /// A task's declaration, as it is written.
 #[derive(Deserialize)]
@@ -55,10 +60,52 @@ static BUILT_IN: LazyLock<Vec<Spec>> = LazyLock::new(|| {
     texts.iter().map(|text| Spec::parse(text).expect("a test reads every built-in task")).collect()
 });
 
+/// Tasks that this process was given.
+static DECLARED: RwLock<Vec<&Spec>> = RwLock::new(Vec::new());
+
 impl Spec {
+    /// The task of this name: one that is built in or was declared.
+    pub fn named(name: &str) -> Option<&'static Self> {
+        let declared = DECLARED.read().unwrap_or_else(PoisonError::into_inner);
+        Self::built_in().iter().chain(declared.iter().copied()).find(|spec| spec.name == name)
+    }
+
+    /// Reads a declaration that is not built in, so that configurations can name its task. It lasts as long as the process.
+    pub fn declare(text: &str) -> Result<&'static Self, SpecError> {
+        let spec = Self::parse(text)?;
+        let mut declared = DECLARED.write().unwrap_or_else(PoisonError::into_inner);
+        let taken = Self::built_in().iter().chain(declared.iter().copied()).find(|other| other.name == spec.name);
+        match taken {
+            Some(other) if other.text == text => Ok(other),
+            Some(_) => Err(SpecError::Taken(spec.name)),
+            None => {
+                let spec: &Self = Box::leak(Box::new(spec));
+                declared.push(spec);
+                Ok(spec)
+            }
+        }
+    }
+
+    /// Whether it is built in.
+    pub fn is_built_in(&self) -> bool {
+        Self::built_in().iter().any(|spec| spec.name == self.name)
+    }
+
     /// The tasks that are built in, by name.
     pub fn built_in() -> &'static [Self] {
         &BUILT_IN
+    }
+
+    /// Reads the declaration of a task that is not built in. Each text is read once and kept for the rest of the process.
+    pub fn kept(text: &str) -> Result<&'static Self, SpecError> {
+        static KEPT: Mutex<BTreeMap<String, &'static Spec>> = Mutex::new(BTreeMap::new());
+        let mut kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(spec) = kept.get(text) {
+            return Ok(spec);
+        }
+        let spec: &'static Self = Box::leak(Box::new(Self::parse(text)?));
+        kept.insert(text.to_owned(), spec);
+        Ok(spec)
     }
 
     /// Reads a declaration, and checks it.
@@ -79,6 +126,10 @@ impl Spec {
             curves,
             shown,
         } = declaration;
+        let counts = [("channels", channels.len()), ("metrics", metrics.len()), ("figures", figures.len())];
+        for (what, count) in counts.into_iter().chain([("curves", curves.len()), ("names in `shown`", shown.len())]) {
+            at_most(what, count, DECLARED_MOST)?;
+        }
         actions.check()?;
         channels.iter().try_for_each(Channel::check)?;
         let (layout, text) = (Layout::of(&actions, &channels), text.to_owned());
@@ -114,9 +165,9 @@ impl Spec {
             spec.figures.iter().map(|figure| &*figure.name).chain(spec.curves.iter().map(|curve| &*curve.name));
         check_names(ENGINES.split(' ').chain(columns.iter().map(|column| &*column.name)).chain(figures))?;
         spec.check_figures()?;
-        let unknown = |name: &&String| !spec.metrics.iter().any(|metric| metric.curve && metric.name == **name);
-        if let Some(name) = spec.shown.iter().find(unknown) {
-            return Err(SpecError::Metric { name: name.clone(), problem: "there is none of this name".to_owned() });
+        if let Some(name) = spec.shown.iter().find(|name| spec.shown_as(name).is_none()) {
+            let problem = "it is shown, and is neither a metric of training nor the quotient of two".to_owned();
+            return Err(SpecError::Metric { name: name.clone(), problem });
         }
         if let Some(Label { part, at_most, at_least, .. }) = &spec.label {
             spec.threshold(part, *at_most, *at_least).map_err(SpecError::Label)?;
@@ -132,8 +183,17 @@ impl Spec {
 
     /// Refuses rewards of a configuration with a name that is none, or that another one has.
     pub(crate) fn check_rewards(&self, own: &[Reward]) -> Result<(), SpecError> {
+        at_most("rewards", self.rewards.len() + own.len(), REWARDS_MOST)?;
+        for reward in self.rewards.iter().chain(own) {
+            at_most("terms in a reward", reward.terms.len(), DECLARED_MOST)?;
+        }
         check_names(self.rewards.iter().chain(own).map(|reward| &*reward.name))
     }
+}
+
+/// A declaration may be anybody's, and each name is looked up among all.
+fn at_most(what: &'static str, count: usize, most: usize) -> Result<(), SpecError> {
+    if count <= most { Ok(()) } else { Err(SpecError::TooMany { what, count, most }) }
 }
 
 /// The same as [`check_names`], and refuses those that the engine has.

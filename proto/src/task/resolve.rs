@@ -116,7 +116,7 @@ impl Spec {
         self.metrics.iter().filter(|metric| metric.curve).map(|metric| (metric, self.resolved(metric)))
     }
 
-    fn resolved(&self, metric: &Metric) -> Measure {
+    pub(super) fn resolved(&self, metric: &Metric) -> Measure {
         self.measure(metric).expect("a task is checked when it is read")
     }
 

@@ -2,9 +2,9 @@
 
 use super::actions::Actions;
 use super::channel::Channel;
-use super::figure::{Curve, Figure};
+use super::figure::{Curve, Described, Figure};
 use super::layout::{Field, HEADER_BYTES, Layout};
-use super::metric::{Metric, ShownMetric};
+use super::metric::Metric;
 use super::reward::{Cost, Label, Reward};
 use crate::digest::sha256;
 use sha2::{Digest, Sha256};
@@ -29,7 +29,8 @@ pub struct Spec {
     pub figures: Vec<Figure>,
     pub curves: Vec<Curve>,
     pub(super) headline: Option<String>,
-    /// The metrics that screens and tables of a run show, in this order; empty: all of training.
+    /// The metrics, and quotients of their means, that screens and tables of a run show, in this order; empty: all of
+    /// training.
     pub(super) shown: Vec<String>,
     pub(super) cost: Option<Cost>,
     pub(super) label: Option<Label>,
@@ -54,18 +55,37 @@ impl Spec {
         self.metrics.iter().find(|metric| metric.name == name)
     }
 
-    /// The metrics that screens and tables of a run show.
-    pub fn shown(&self) -> Vec<ShownMetric> {
+    /// The metrics that screens and tables of a run show. Each has a label.
+    pub fn shown(&self) -> Vec<Described> {
         if self.shown.is_empty() {
-            return self.metrics.iter().filter(|metric| metric.curve).map(Metric::shown).collect();
+            return self.metrics.iter().filter(|metric| metric.curve).map(|metric| self.labelled(metric)).collect();
         }
-        self.shown.iter().filter_map(|name| self.metric(name)).map(Metric::shown).collect()
+        self.shown.iter().filter_map(|name| self.shown_as(name)).collect()
     }
 
-    /// The same, then the others of training: a learning curve is drawn of each.
-    pub fn charted(&self) -> Vec<ShownMetric> {
+    /// A metric of training, or a figure that is the quotient of two, as screens and tables show it.
+    pub(super) fn shown_as(&self, name: &str) -> Option<Described> {
+        let of_training = |name: &str| self.metric(name).filter(|metric| metric.curve);
+        let quotient = || self.figures.iter().find(|figure| figure.name == name)?.shown();
+        let is_known = |one: &Described| one.quotient.iter().flatten().all(|name| of_training(name).is_some());
+        of_training(name).map(|metric| self.labelled(metric)).or_else(quotient).filter(is_known)
+    }
+
+    /// Adds the quotients that are shown to means of metrics.
+    pub fn with_quotients(&self, mut means: BTreeMap<String, f64>) -> BTreeMap<String, f64> {
+        for metric in self.shown() {
+            if let Some(mean) = metric.mean(&means) {
+                means.insert(metric.name, mean);
+            }
+        }
+        means
+    }
+
+    /// The metrics among them, then the others of training: a learning curve is drawn of each.
+    pub fn charted(&self) -> Vec<Described> {
         let is_other = |metric: &&Metric| metric.curve && !self.shown.is_empty() && !self.shown.contains(&metric.name);
-        self.shown().into_iter().chain(self.metrics.iter().filter(is_other).map(Metric::shown)).collect()
+        let others = self.metrics.iter().filter(is_other).map(|metric| self.labelled(metric));
+        self.shown().into_iter().filter(|metric| metric.quotient.is_none()).chain(others).collect()
     }
 
     /// The declaration as it was written, for the run folder.
@@ -84,7 +104,7 @@ impl Spec {
             let mut spec = spec.clone();
             spec.text.clear();
             spec.formerly.clear();
-            spec.channels.iter_mut().for_each(|channel| channel.doc.clear());
+            spec.channels.iter_mut().for_each(|channel| (channel.tolerance, channel.doc) = (None, String::new()));
             spec.metrics.retain(|metric| metric.curve);
             for Metric { label, unit, doc, .. } in &mut spec.metrics {
                 [label, unit, doc].into_iter().for_each(String::clear);

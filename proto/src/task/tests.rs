@@ -154,7 +154,7 @@ fn everything_has_its_place() {
 /// What other people's tools depend on: an unchanged task has an unchanged layout.
 #[test]
 fn the_built_in_tasks_are_sound() {
-    let arm = Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").unwrap();
+    let arm = Spec::named("arm_point_nav").unwrap();
     let layout = arm.layout();
     assert_eq!((layout.of_action.clone(), layout.seen.clone(), layout.small_bytes), (72..136, 136..232, 256));
     assert_eq!(layout.bytes, 125_696);
@@ -167,7 +167,7 @@ fn the_built_in_tasks_are_sound() {
 /// The paper's equations 1 and 2, written by hand, in their order of additions.
 #[test]
 fn the_papers_rewards_have_every_bit_of_its_equations() {
-    let arm = Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").unwrap();
+    let arm = Spec::named("arm_point_nav").unwrap();
     let composition = |name: &str| arm.composition(name, &[], &BTreeMap::new()).unwrap();
     let [r, r_prime, lagrangian] = ["r", "r_prime", "lagrangian"].map(composition);
     assert_eq!([&r, &r_prime, &lagrangian].map(Composition::has_multiplier), [false, false, true]);
@@ -198,7 +198,7 @@ fn the_papers_rewards_have_every_bit_of_its_equations() {
 /// Figures of rollouts and checkpoints have these four, in this order.
 #[test]
 fn what_is_of_evaluations_alone_is_no_figure_of_rollouts() {
-    let arm = Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").unwrap();
+    let arm = Spec::named("arm_point_nav").unwrap();
     let names: Vec<_> = arm.rollout_metrics().map(|(metric, _)| &*metric.name).collect();
     assert_eq!(names, ["success", "success_without_disturbance", "picked_up", "disturbance_m"]);
     let ranking: Vec<_> = arm.ranking().iter().map(|metric| &*metric.label).collect();
@@ -250,20 +250,15 @@ fn observations_that_networks_cannot_take_are_refused_with_their_names() {
     let frame = SMALL.replacen("[8, 8]", "[224, 224]", 1);
     let inputs = |from: &str, to: &str| Spec::parse(&frame.replacen(from, to, 1)).unwrap().inputs();
     let spec = Spec::parse(&frame).unwrap();
-    let place = |name| spec.channel(name).unwrap().1;
-    assert_eq!(inputs("", ""), Ok(Inputs { image: place("image"), vector: vec![place("goal_m")] }));
-    let shade =
-        "[[channels]]\nname = \"shade\"\nrole = \"observation\"\ndtype = \"u8\"\nnames = [\"dark\"]\ndoc = \"\"\n";
-    let second = &format!("{shade}\n[[metrics]]");
-    for (from, to, problem) in [
-        ("[224, 224]", "[112, 112]", "cannot take its observation `image`"),
-        ("sums = 2", "", "cannot take its observation `image`"),
-        ("[[metrics]]", second, "cannot take its observation `shade`"),
-        ("shape = [3]", "shape = [2]", "cannot take its observations: 2 numbers of f32"),
-        ("role = \"observation\"\ndtype = \"u16\"", "role = \"state\"\ndtype = \"u16\"", "there is no image"),
-    ] {
+    let whole = inputs("", "").unwrap();
+    assert_eq!((whole.image, whole.are_coordinates()), (Some(spec.channel("image").unwrap().1), true));
+    let other = inputs("shape = [3]", "shape = [2]").unwrap();
+    assert_eq!((other.width(), other.are_coordinates()), (2, false));
+    let (seen, unseen) = ("role = \"observation\"\ndtype = \"u16\"", "role = \"state\"\ndtype = \"u16\"");
+    assert_eq!(inputs(seen, unseen).unwrap().image, None);
+    for (from, to) in [("[224, 224]", "[112, 112]"), ("sums = 2", "")] {
         let error = inputs(from, to).unwrap_err().to_string();
-        assert!(error.starts_with("task `small`: networks") && error.contains(problem), "{to}: {error}");
+        assert!(error.starts_with("task `small`: networks cannot take its image `image`"), "{to}: {error}");
     }
 }
 
@@ -371,6 +366,20 @@ fn a_declaration_that_is_not_sound_is_refused_with_its_place() {
 }
 
 #[test]
+fn a_quotient_of_means_is_shown_beside_the_metrics() {
+    let arm = Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").unwrap();
+    let names = |metrics: Vec<Described>| metrics.into_iter().map(|metric| metric.name).collect::<Vec<_>>();
+    assert_eq!(names(arm.shown()).last().unwrap(), "disturbance_per_success_m");
+    assert!(!names(arm.charted()).contains(&"disturbance_per_success_m".to_owned()), "no rollout has it");
+    let means =
+        |success: f64| [("disturbance_m", 0.06), ("success", success)].map(|(name, mean)| (name.to_owned(), mean));
+    let of = |success| arm.with_quotients(means(success).into()).get("disturbance_per_success_m").copied();
+    assert_eq!((of(0.5), of(0.0)), (Some(0.12), None));
+    let length_shown = arm.text().replacen("\"disturbance_per_success_m\"]", "\"failed_action_share\"]", 1);
+    assert!(Spec::parse(&length_shown).unwrap_err().to_string().contains("neither a metric of training"));
+}
+
+#[test]
 fn unlike_layouts_have_unlike_hashes() {
     let hash = |from: &str, to: &str| Spec::parse(&SMALL.replacen(from, to, 1)).unwrap().layout_hash();
     let same = small().layout_hash();
@@ -394,7 +403,7 @@ proptest! {
     /// Whatever bytes come: what passes has a reward that training can bear, and nothing that the task does not declare.
     #[test]
     fn what_passes_can_be_trained_on(words in proptest::collection::vec((0usize..48, any::<u32>()), 0..4)) {
-        let arm = Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").unwrap();
+        let arm = Spec::named("arm_point_nav").unwrap();
         let mut record = vec![0; arm.layout().bytes];
         for (place, word) in words {
             record[64 + 4 * place..][..4].copy_from_slice(&word.to_ne_bytes());

@@ -1,6 +1,7 @@
 //! How many processes meet, and what their records look like.
 
 use proto::config::Config;
+use proto::episode::MAX_EPISODE_STEPS;
 use proto::shares::Shares;
 use proto::task::{LINE_BYTES, Spec};
 
@@ -14,18 +15,27 @@ pub struct WireShape {
     pub record_lines: usize,
     /// [`Spec::layout_hash`] of the task.
     pub layout_hash: u64,
+    /// Actions of an episode at most.
+    pub max_steps: u32,
 }
 
 impl WireShape {
     /// The shape of a configuration's processes.
     pub fn of(config: &Config) -> Self {
-        Self::new(config.shares(), config.actors.environments_per_actor, config.spec())
+        Self::with_actors(config, config.shares())
     }
 
-    /// The shape of so many processes at a task.
+    /// The same with other actors and learners.
+    pub fn with_actors(config: &Config, shares: Shares) -> Self {
+        let any = Self::new(shares, config.actors.environments_per_actor, config.spec());
+        Self { max_steps: config.episode.max_steps, ..any }
+    }
+
+    /// The shape of so many processes at a task whose episodes are as long as any can be.
     pub fn new(shares: Shares, environments_per_actor: u32, task: &Spec) -> Self {
         let record_lines = task.layout().bytes / LINE_BYTES;
-        Self { shares, environments_per_actor, record_lines, layout_hash: task.layout_hash() }
+        let max_steps = MAX_EPISODE_STEPS as u32;
+        Self { shares, environments_per_actor, record_lines, layout_hash: task.layout_hash(), max_steps }
     }
 
     /// Cache lines of a sample of so many records.

@@ -4,6 +4,7 @@
 
 use crate::ffi;
 use rustix::event::{PollFd, PollFlags, poll};
+use std::fs::File;
 use std::io::{ErrorKind, Read};
 use std::os::fd::AsFd;
 
@@ -16,6 +17,22 @@ use std::os::fd::AsFd;
 pub fn hold(gone: impl FnOnce() + Send + 'static) -> std::io::Result<()> {
     ffi::ignore_requests();
     watch(std::io::stdin(), gone)
+}
+
+/// The same for a process that runs the code of others, as the leader of its group. The pipe is moved away from standard
+/// input, where nothing is read from then on, and standard output goes where standard error goes. When the orchestrator is
+/// gone, the whole group is killed: this process, and all that it has started.
+pub fn hold_apart() -> std::io::Result<()> {
+    ffi::ignore_requests();
+    let pipe = rustix::io::fcntl_dupfd_cloexec(rustix::stdio::stdin(), 3)?;
+    rustix::stdio::dup2_stdin(File::open("/dev/null")?)?;
+    rustix::stdio::dup2_stdout(rustix::stdio::stderr())?;
+    watch(File::from(pipe), || {
+        if rustix::process::getpgrp() == rustix::process::getpid() {
+            let _ = rustix::process::kill_current_process_group(rustix::process::Signal::KILL);
+        }
+        std::process::exit(0);
+    })
 }
 
 /// Watches standard output on a thread of its own and calls `gone` when it is a pipe that nobody can read any more: what

@@ -78,7 +78,7 @@ pub struct ActionHeader {
     pub half: u32,
 }
 
-/// Header of a restore: the payload is one [`EnvironmentState`] an environment, in order.
+/// Header of a restore: the payload is one [`EnvironmentState`] an environment, in order, as bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
 #[type_name("stillroom/RestoreHeader/1")]
 #[repr(C)]
@@ -94,31 +94,78 @@ pub struct RestoreHeader {
 }
 
 /// All that is needed to rebuild an environment: which episode, and the actions taken in it so far.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("stillroom/EnvironmentState/1")]
-#[repr(C)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct EnvironmentState {
     /// Episode number within the environment.
     pub episode: u32,
-    /// Actions taken in it so far.
-    pub action_count: u32,
-    /// The actions, by their indices; only the first `action_count` are meaningful, the rest are 0.
-    pub actions: [u8; MAX_EPISODE_STEPS],
+    actions: Vec<u8>,
 }
 
-const _: () = assert!(size_of::<EnvironmentState>() == 520);
+/// A restore that no learner of ours sends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("a restore of {bytes} bytes claims {claimed} actions in one episode")]
+pub struct BadRestore {
+    bytes: usize,
+    claimed: u32,
+}
 
 impl EnvironmentState {
-    pub fn start_of(episode: u32) -> Self {
-        Self { episode, action_count: 0, actions: [0; MAX_EPISODE_STEPS] }
-    }
+    /// Bytes of one before its actions: episode and number of actions, both little-endian `u32`.
+    const HEAD_BYTES: usize = 8;
 
-    /// The actions taken so far.
+    /// After these actions, by their indices.
     ///
     /// # Panics
-    /// If `action_count` exceeds the capacity: the state came from a corrupt source.
+    /// If they are more than [`MAX_EPISODE_STEPS`].
+    pub fn after(episode: u32, actions: &[u8]) -> Self {
+        assert!(actions.len() <= MAX_EPISODE_STEPS, "an episode never exceeds MAX_EPISODE_STEPS");
+        Self { episode, actions: actions.to_vec() }
+    }
+
+    pub fn start_of(episode: u32) -> Self {
+        Self::after(episode, &[])
+    }
+
+    /// The actions taken so far, by their indices.
     pub fn actions(&self) -> &[u8] {
-        &self.actions[..self.action_count as usize]
+        &self.actions
+    }
+
+    /// How many they are.
+    pub fn action_count(&self) -> u32 {
+        self.actions.len() as u32
+    }
+
+    /// Bytes of a state with so many actions.
+    pub(crate) const fn bytes(actions: usize) -> usize {
+        Self::HEAD_BYTES + actions
+    }
+
+    /// States as the payload of a restore.
+    pub fn encode(states: &[Self]) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(states.iter().map(|state| Self::bytes(state.actions.len())).sum());
+        for state in states {
+            bytes.extend(state.episode.to_le_bytes());
+            bytes.extend(state.action_count().to_le_bytes());
+            bytes.extend(&state.actions);
+        }
+        bytes
+    }
+
+    /// What [`Self::encode`] made.
+    pub fn decode(payload: &[u8]) -> Result<Vec<Self>, BadRestore> {
+        let (mut states, mut rest) = (vec![], payload);
+        while !rest.is_empty() {
+            let mut word = || Some(u32::from_le_bytes(*rest.split_off(..4)?.first_chunk()?));
+            let head = [word(), word()];
+            let claimed = head[1].unwrap_or_default();
+            let actions = rest.split_off(..claimed as usize).filter(|actions| actions.len() <= MAX_EPISODE_STEPS);
+            match (head, actions) {
+                ([Some(episode), Some(_)], Some(actions)) => states.push(Self::after(episode, actions)),
+                _ => return Err(BadRestore { bytes: payload.len(), claimed }),
+            }
+        }
+        Ok(states)
     }
 
     /// Notes one more action.
@@ -126,9 +173,8 @@ impl EnvironmentState {
     /// # Panics
     /// If the episode already has [`MAX_EPISODE_STEPS`] actions.
     pub fn push(&mut self, action: u8) {
-        assert!((self.action_count as usize) < MAX_EPISODE_STEPS, "an episode never exceeds MAX_EPISODE_STEPS");
-        self.actions[self.action_count as usize] = action;
-        self.action_count += 1;
+        assert!(self.actions.len() < MAX_EPISODE_STEPS, "an episode never exceeds MAX_EPISODE_STEPS");
+        self.actions.push(action);
     }
 }
 
@@ -206,6 +252,22 @@ mod tests {
     fn a_start_far_ahead_is_of_no_process_of_ours() {
         assert!(can_follow(0, 1) && can_follow(0, 300) && can_follow(7, 3) && can_follow(7, 7 + 64));
         assert!(!can_follow(0, u32::MAX) && !can_follow(7, 7 + 65) && can_follow(u32::MAX, u32::MAX));
+    }
+
+    #[test]
+    fn states_of_any_length_cross_and_what_is_no_state_is_refused() {
+        let long: Vec<u8> = (0..MAX_EPISODE_STEPS).map(|step| (step % 7) as u8).collect();
+        let mut states = vec![EnvironmentState::start_of(3), EnvironmentState::after(9, &long)];
+        states[0].push(5);
+        let bytes = EnvironmentState::encode(&states);
+        assert_eq!(bytes.len(), EnvironmentState::bytes(1) + EnvironmentState::bytes(MAX_EPISODE_STEPS));
+        assert_eq!(EnvironmentState::decode(&bytes), Ok(states));
+        for cut in [1, 4, 7, 8, 12, bytes.len() - 1] {
+            assert!(EnvironmentState::decode(&bytes[..cut]).is_err(), "{cut}");
+        }
+        let claims = [0, 0, 0, 0, 255, 255, 255, 255, 1];
+        let refused = EnvironmentState::decode(&claims).unwrap_err().to_string();
+        assert_eq!(refused, "a restore of 9 bytes claims 4294967295 actions in one episode");
     }
 
     #[test]

@@ -3,7 +3,7 @@
 //! | service | pattern | from → to | payload |
 //! |---|---|---|---|
 //! | `observations/RANK` | publish-subscribe | a learner's actors → it, recorder | `[Line]`, the records of one half |
-//! | `restore/ACTOR` | publish-subscribe | learner → one actor | `[EnvironmentState]` of all its environments |
+//! | `restore/ACTOR` | publish-subscribe | learner → one actor | `[u8]`, the states of all its environments |
 //! | `actions/ACTOR` | publish-subscribe | learner → one actor | `[u8]`, one action an environment of the half |
 //! | `stage` | publish-subscribe, history 1 | orchestrator → learners | `StageAnnouncement` |
 //!
@@ -48,9 +48,9 @@ pub type ActionPublisher = Publisher<Ipc, [u8], ActionHeader>;
 /// Subscriber of actions; held by one actor.
 pub type ActionSubscriber = Subscriber<Ipc, [u8], ActionHeader>;
 /// Publisher of restores for one actor.
-pub type RestorePublisher = Publisher<Ipc, [EnvironmentState], RestoreHeader>;
+pub type RestorePublisher = Publisher<Ipc, [u8], RestoreHeader>;
 /// Subscriber of restores; held by one actor.
-pub type RestoreSubscriber = Subscriber<Ipc, [EnvironmentState], RestoreHeader>;
+pub type RestoreSubscriber = Subscriber<Ipc, [u8], RestoreHeader>;
 pub type StageSubscriber = Subscriber<Ipc, StageAnnouncement, ()>;
 
 /// Subscribers of observations: learner and recorder. The services have room for one more, a killed learner
@@ -60,17 +60,27 @@ const OBSERVATION_SUBSCRIBERS: usize = 2;
 const OBSERVATION_BUFFER: usize = 2;
 /// Samples that a subscriber may borrow at once: one for each half.
 const OBSERVATION_BORROWED: usize = 2;
+/// Restores that wait for an actor, of which only the newest matters, and that it may borrow.
+const RESTORE_BUFFER: usize = 1;
+const RESTORE_BORROWED: usize = 1;
 /// Ports that a restarted process may need while its dead predecessor's are not swept yet.
 const RESTART_MARGIN: usize = 2;
 
 impl WireShape {
-    /// Shared memory that the observation services can come to use, bytes: every slot of every actor, and a tenth
-    /// for everything else.
+    /// Shared memory that the services of observations and restores can come to use, bytes: every slot of every actor, and
+    /// a tenth for everything else.
     pub fn shared_memory_bytes(self) -> u64 {
         // The publisher's pool: what subscribers queue and borrow, and the loan in flight.
         let samples = (OBSERVATION_SUBSCRIBERS + 1) * (OBSERVATION_BUFFER + OBSERVATION_BORROWED) + 1;
-        let per_actor = samples * self.lines(self.half()) * size_of::<Line>();
+        let observations = samples * self.lines(self.half()) * size_of::<Line>();
+        let restores = (RESTART_MARGIN * (RESTORE_BUFFER + RESTORE_BORROWED) + 1) * self.restore_bytes();
+        let per_actor = observations + restores;
         u64::from(self.shares.actors()) * per_actor as u64 * 11 / 10 + (1 << 20)
+    }
+
+    /// An actor's longest restore, bytes.
+    fn restore_bytes(self) -> usize {
+        self.environments_per_actor as usize * EnvironmentState::bytes(self.max_steps as usize)
     }
 
     fn nodes(self) -> usize {
@@ -190,7 +200,7 @@ impl Wire {
         let service = open!(self.restore(actor), &name);
         service
             .publisher_builder()
-            .initial_max_slice_len(self.shape.environments_per_actor as usize)
+            .initial_max_slice_len(self.shape.restore_bytes())
             .allocation_strategy(AllocationStrategy::Static)
             .max_loaned_samples(1)
             .backpressure_strategy(BackpressureStrategy::DiscardData)
@@ -247,16 +257,16 @@ impl Wire {
             .max_nodes(self.shape.nodes()))
     }
 
-    fn restore(&self, actor: u32) -> Result<SampleBuilder<[EnvironmentState], RestoreHeader>, WireError> {
+    fn restore(&self, actor: u32) -> Result<SampleBuilder<[u8], RestoreHeader>, WireError> {
         Ok(self
             .node
             .service_builder(&name(&restore_name(actor))?)
-            .publish_subscribe::<[EnvironmentState]>()
+            .publish_subscribe::<[u8]>()
             .user_header::<RestoreHeader>()
             // Only the newest restore matters.
             .enable_safe_overflow(true)
-            .subscriber_max_buffer_size(1)
-            .subscriber_max_borrowed_samples(1)
+            .subscriber_max_buffer_size(RESTORE_BUFFER)
+            .subscriber_max_borrowed_samples(RESTORE_BORROWED)
             .history_size(0)
             .max_publishers(RESTART_MARGIN)
             .max_subscribers(RESTART_MARGIN)

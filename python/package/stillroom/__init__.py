@@ -1,7 +1,11 @@
 """Kitchens for mobile manipulators that leave everything as they found it.
 
 `gymnasium.make("stillroom/ArmPointNav-v0", kitchen=7)` makes one environment, `stillroom.VectorEnv` many that threads
-step together. Observations and all else that they return are described in `stillroom.types`.
+step together; `stillroom.tasks()` lists the tasks. Observations and all else that they return are described in
+`stillroom.types`.
+`stillroom.DepthCamera`, `stillroom.Scene` and `stillroom.wrappers.Depth` give depth images of any MuJoCo model or scene.
+
+`stillroom.serve(make_env)` lets an environment of your own take part in a run (docs/your-simulator.md).
 """
 
 from __future__ import annotations
@@ -9,11 +13,25 @@ from __future__ import annotations
 import gymnasium
 
 import stillroom._processor  # noqa: F401  # before the compiled module, which would die of an illegal instruction
-from stillroom._stillroom import ACTIONS, FRAME_SIDE, TARGETS, Kitchen, Snapshot, __version__, kitchens
+from stillroom import wrappers
+from stillroom._stillroom import (
+    ACTIONS,
+    FRAME_SIDE,
+    TARGETS,
+    Kitchen,
+    Snapshot,
+    __version__,
+    channels,
+    episode_seed,
+    kitchens,
+    tasks,
+)
 from stillroom.checkpoint import Checkpoint, CheckpointError, load
-from stillroom.env import ArmPointNav
+from stillroom.depth import CameraPose, DepthCamera, Scene
+from stillroom.env import ArmPointNav, KitchenEnv
 from stillroom.oracle import Oracle, oracle
 from stillroom.run import Run, RunError, read_run
+from stillroom.serving import serve
 from stillroom.vector import VectorEnv
 
 __all__ = [
@@ -21,25 +39,35 @@ __all__ = [
     "FRAME_SIDE",
     "TARGETS",
     "ArmPointNav",
+    "CameraPose",
     "Checkpoint",
     "CheckpointError",
+    "DepthCamera",
     "Kitchen",
+    "KitchenEnv",
     "Oracle",
     "Run",
     "RunError",
+    "Scene",
     "Snapshot",
     "VectorEnv",
     "__version__",
+    "channels",
     "kitchens",
     "load",
     "oracle",
     "read_run",
+    "tasks",
+    "wrappers",
 ]
 
-gymnasium.register(
-    id="stillroom/ArmPointNav-v0",
-    entry_point="stillroom.env:ArmPointNav",
-    vector_entry_point="stillroom.vector:VectorEnv",
-    # An episode's own limit, `max_steps`, is part of the task.
-    max_episode_steps=None,
-)
+for _task in tasks():
+    gymnasium.register(
+        # arm_point_nav is ArmPointNav.
+        id=f"stillroom/{_task.title().replace('_', '')}-v0",
+        entry_point="stillroom.env:KitchenEnv",
+        vector_entry_point="stillroom.vector:VectorEnv",
+        kwargs={"task": _task},
+        # An episode's own limit, `max_steps`, is part of the task.
+        max_episode_steps=None,
+    )

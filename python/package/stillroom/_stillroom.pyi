@@ -18,6 +18,13 @@ FRAME_SIDE: int
 class CheckpointError(ValueError):
     """A path holds no checkpoint that can be used."""
 
+def tasks() -> list[str]:
+    """Names of the tasks."""
+
+def channels(task: str) -> list[dict[str, Any]]:
+    """What a task's environments report: of each channel name, role, dtype, shape, unit, and what it is (doc). An
+    observation is called without its unit."""
+
 def kitchens(split: str) -> list[int]:
     """Numbers of the built-in kitchens of a split: "train", "validation" or "test"."""
 
@@ -30,9 +37,9 @@ def choice(name: str, value: Any, choices: list[str]) -> str:
 def shown(value: Any) -> str:
     """A value for an error: as Python writes it, but no more than a line."""
 
-def read_plain(path: str | PathLike[str], most: int) -> bytes:
-    """The bytes of a plain file, not of a link, that has `most` at most."""
-
+def read_of_run(root: Path, path: Path) -> bytes: ...
+def list_of_run(root: Path, path: Path) -> list[tuple[Path, bool]]: ...
+def toml_as_json(text: str) -> str: ...
 def read_checkpoint(
     path: str | PathLike[str], prefix: str, verify: bool
 ) -> tuple[Path, str, str, list[tuple[str, str, list[int], bytes]]]:
@@ -52,6 +59,7 @@ class Settings:
         reward: str,
         depth: str,
         frame_side: int,
+        task: str | None = None,
         action_space: str | None = None,
         max_steps: int | None = None,
         start_distance_max_m: float | None = None,
@@ -63,6 +71,14 @@ class Settings:
     def actions(self) -> list[str]: ...
     @property
     def max_steps(self) -> int: ...
+    @property
+    def task(self) -> str: ...
+    @property
+    def bounds(self) -> dict[str, list[float]]:
+        """Least and greatest number of each observation that is no image, by its name."""
+    @property
+    def meanings(self) -> dict[str, list[str]]:
+        """What numbers in infos stand for, by their name."""
 
 class Kitchen:
     """A kitchen, built or read. Environments in the same one share it."""
@@ -100,11 +116,7 @@ class Batch:
         threads: int,
     ) -> None: ...
     @property
-    def depth(self) -> NDArray[Any]: ...
-    @property
-    def goal(self) -> NDArray[np.float32]: ...
-    @property
-    def previous_action(self) -> NDArray[np.int64]: ...
+    def observations(self) -> dict[str, NDArray[Any]]: ...
     @property
     def threads(self) -> int: ...
     def reset(self, asked: list[tuple[str | None, int | None, int | None] | None]) -> dict[str, Any]: ...
@@ -116,3 +128,65 @@ class Batch:
     def snapshot(self, index: int) -> Snapshot: ...
     def restore(self, index: int, snapshot: Snapshot) -> dict[str, Any]: ...
     def oracle(self, variant: str) -> NDArray[np.int64]: ...
+
+def episode_seed(seed: int, environment: int, episode: int) -> int:
+    """The seed that a run resets an environment with for an episode: the same reset begins the same episode."""
+
+def hold_lifeline() -> None:
+    """Exits as soon as the orchestrator is gone, with all processes that environments have started."""
+
+class Actor:
+    """An actor of a run."""
+
+    def __init__(self, number: int, incarnation: int, wire: str, config: str) -> None: ...
+    @property
+    def environments(self) -> int:
+        """How many environments it has."""
+    def run(self, environments: list[Any], description: str, observed: list[tuple[str, str | None]]) -> None:
+        """Takes part in the run until something fails."""
+
+class Replay:
+    """Simulates recorded episodes of one run again."""
+
+    def __init__(
+        self, setup: str, environment: Any, description: str, observed: list[tuple[str, str | None]]
+    ) -> None: ...
+    def verdict(self, line: str) -> str:
+        """The verdict on the episode of a further line."""
+
+def tangent(angle_rad: float) -> float:
+    """The tangent of an angle: the same bits on every machine, which Python's own is not."""
+
+def sine_cosine(angle_rad: float) -> tuple[float, float]:
+    """The sine and cosine of an angle."""
+
+class DepthMesh:
+    """Triangles that several things of a `DepthScene` can have."""
+
+    def __init__(self, vertices: NDArray[np.float32], triangles: NDArray[np.uint32]) -> None: ...
+    @staticmethod
+    def height_field(heights: NDArray[np.float32], half_extents: tuple[float, float], base: float) -> DepthMesh:
+        """A grid of heights, row by row, over a rectangle, with walls down to `base` below 0, and a bottom."""
+
+class DepthScene:
+    """Things that a camera sees: what `stillroom.DepthCamera` and `stillroom.Scene` are made of."""
+
+    def __init__(self) -> None: ...
+    def add(self, number: int, kind: str, size: list[float]) -> None:
+        """Adds a thing with this number among the poses."""
+
+    def add_mesh(self, number: int, mesh: DepthMesh) -> None:
+        """The same of a mesh."""
+
+    def render(
+        self,
+        frames: list[
+            tuple[list[tuple[NDArray[np.float64], NDArray[np.float64]]], NDArray[np.float64], NDArray[np.float64]]
+        ],
+        lens: tuple[int, int, tuple[float, float], tuple[float, float], float, float],
+        in_metres: bool,
+        with_numbers: bool,
+        threads: int,
+    ) -> tuple[NDArray[Any], NDArray[np.int32] | None]:
+        """Depth [frames, rows, columns], and numbers of things if they are wanted. A frame is positions and rotations
+        of things, in parts one after the other, and those of the camera."""

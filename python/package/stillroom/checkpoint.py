@@ -59,14 +59,15 @@ class Checkpoint:
 
     @property
     def goal(self) -> str:
-        """How the network is given the goal: "polar" or "cartesian"."""
+        """How the network is given the numbers beside a frame: "polar", "cartesian" or "plain"."""
         return self.config.get("network", {}).get("goal", "polar")
 
     def environment(self) -> dict[str, Any]:
-        """Keywords for `ArmPointNav` and `VectorEnv` that make the task that it was trained in."""
+        """Keywords for `KitchenEnv` and `VectorEnv` that make the task that it was trained in."""
         episode = self.config.get("episode", {})
         names = ("max_steps", "action_space", "start_distance_max_m", "goal_distance_max_m")
-        return {"carried_goal": self.carried_goal, **{name: episode[name] for name in names if name in episode}}
+        task = {"task": self.config.get("task", "arm_point_nav"), "carried_goal": self.carried_goal}
+        return task | {name: episode[name] for name in names if name in episode}
 
     def network(self) -> Network:
         """The network in PyTorch with these weights; needs torch."""

@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from stillroom._stillroom import TARGETS, Kitchen, Snapshot, shown, whole
+from stillroom._stillroom import Kitchen, Snapshot, shown, whole
 from stillroom.simulated import Simulated, task_of
 from stillroom.spaces import (
     NUMBER_MAX,
@@ -24,12 +24,13 @@ from stillroom.spaces import (
 from stillroom.types import Observation, RewardParts, State
 
 
-class ArmPointNav(Simulated, gymnasium.Env):
-    """A robot fetches an object in a kitchen and brings it to its goal, and should move nothing else.
+class KitchenEnv(Simulated, gymnasium.Env):
+    """A robot has a task in a kitchen, and should move nothing else: in `arm_point_nav` it fetches an object and brings
+    it to its goal, in `point_nav` it drives to a point of the room.
 
-    Observations are dictionaries (`stillroom.types.Observation`), actions are `Discrete(21)`, or `Discrete(13)` with
-    `action_space="small"`; `action_names` has their names. An episode is terminated by the action Done, and truncated
-    after `max_steps` actions.
+    Observations are dictionaries (`stillroom.types.Observation`), actions are `Discrete`: 21 of `arm_point_nav`, 13
+    with `action_space="small"`, 4 of `point_nav`; `action_names` has their names. An episode is terminated by the
+    action Done or Stop, and truncated after `max_steps` actions.
     """
 
     metadata = {"render_modes": RENDER_MODES, "render_fps": 5}
@@ -40,6 +41,7 @@ class ArmPointNav(Simulated, gymnasium.Env):
         *,
         scene: str | PathLike[str] | None = None,
         number: int = 0,
+        task: str | None = None,
         preset: str = "paper",
         reward: str | Callable[[RewardParts], float] = "r",
         disturbance_weight: float | None = None,
@@ -60,7 +62,8 @@ class ArmPointNav(Simulated, gymnasium.Env):
                 without one.
             scene: TOML file of a scene of your own, instead of a kitchen.
             number: which environment of its kitchen this is; environments with other numbers sample other episodes.
-            preset: preset whose task this is (`orchestrator config` lists them); the following override it.
+            task: one of `stillroom.tasks()`; the preset's without one.
+            preset: preset whose settings these are (`orchestrator config` lists them); the following override it.
             reward: "r" (the task), "r_prime" (minus `disturbance_weight` for each metre of displacement), or a function
                 of the reward's parts.
             disturbance_weight: reward of one metre less displacement in "r_prime", and for it only; 15 in the paper.
@@ -83,7 +86,7 @@ class ArmPointNav(Simulated, gymnasium.Env):
         self._make([room], [whole("number", number, NUMBER_MAX)], "Disabled", 1, task_of(locals()))
         self._objects = room.objects
         self._ended = False
-        self.observation_space = observation_space(self._views, len(self.action_names))
+        self.observation_space = observation_space(self._views, self._settings.bounds, len(self.action_names))
         self.action_space = gymnasium.spaces.Discrete(len(self.action_names))
 
     @property
@@ -162,22 +165,23 @@ class ArmPointNav(Simulated, gymnasium.Env):
         self._free()
 
     def _observation(self) -> Observation:
-        views = self._views
-        return {
-            "depth": views["depth"][0].copy(),
-            "goal": views["goal"][0].copy(),
-            "previous_action": views["previous_action"][0],
-        }
+        # A number is no array of numpy.
+        return {name: view[0].copy() if view.ndim > 1 else view[0] for name, view in self._views.items()}
 
     def _info(self, facts: dict[str, Any]) -> dict[str, Any]:
         parts = {name: float(part[0]) for name, part in facts.pop("reward_parts").items()}
         info = {name: fact[0].item() for name, fact in facts.items()}
         # Of Python's own ints Gymnasium's AsyncVectorEnv makes signed 64-bit numbers; half of all hashes are larger.
         info["state_hash"] = facts["state_hash"][0]
-        info["target"] = TARGETS[info["target"]]
+        for name, meanings in self._settings.meanings.items():
+            info[name] = meanings[info[name]]
         info["displacement_m"] = self.displacement_m()
         info["reward_parts"] = parts
         return info
+
+
+ArmPointNav = KitchenEnv
+"""The name that it has had longer; the task is `arm_point_nav` unless `task` or `preset` says otherwise."""
 
 
 def moved(objects: list[str], displacements_m: NDArray[np.float32]) -> dict[str, float]:

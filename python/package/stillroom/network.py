@@ -1,4 +1,4 @@
-"""The learner's network in PyTorch: encoder, embeddings, GRU, heads (docs/method.md, Network).
+"""The learner's network in PyTorch: encoder, embeddings or layers, GRU, heads (docs/method.md, Network).
 
 Names of modules and weights are those of checkpoints. Everything is float32; `learner probe` on a CPU agrees with it to
 rounding. `learner/tests/reference/plain_network.py` is the same network for the reference values of the Rust tests, and
@@ -98,54 +98,115 @@ class Cnn(nn.Module):
         return self.cnn(x)
 
 
+def layers(inputs: int, widths: list[int]) -> list[nn.Module]:
+    """Linear layers of these widths, each with a hyperbolic tangent behind it."""
+    return [
+        module
+        for before, width in zip([inputs, *widths], widths, strict=False)
+        for module in (nn.Linear(before, width), nn.Tanh())
+    ]
+
+
 class Network(nn.Module):
-    """Observations and a belief to log-probabilities, a value and the next belief."""
+    """Observations and a belief to log-probabilities, a value and the next belief.
+
+    Args:
+        encoder: "resnet" or "cnn"; None in a task without a frame.
+        input_pool: side of the pooling before the encoder.
+        goal: what becomes of the numbers beside a frame: "polar", "cartesian", "plain".
+        previous_action: whether the network is given the last action.
+        hidden: width of the GRU; 0 without memory.
+        actions: how many there are.
+        numbers: how many numbers an observation has, beside its frame if there is one.
+        mlp: widths of the layers of a task without a frame.
+    """
 
     def __init__(
         self,
         *,
-        encoder: str = "resnet",
+        encoder: str | None = "resnet",
         input_pool: int = 2,
         goal: str = "polar",
         previous_action: bool = True,
         hidden: int = 512,
         actions: int = 21,
+        numbers: int = 3,
+        mlp: list[int] | None = None,
     ) -> None:
         super().__init__()
         self.input_pool, self.goal, self.hidden, self.actions = input_pool, goal, hidden, actions
-        if encoder not in ("resnet", "cnn") or goal not in ("polar", "cartesian") or input_pool not in (1, 2, 4):
+        goals = ("polar", "cartesian", "plain")
+        if encoder not in ("resnet", "cnn", None) or goal not in goals or input_pool not in (1, 2, 4):
             raise ValueError(
-                f'encoder is {encoder!r}, goal {goal!r}, input_pool {input_pool!r}: there are "resnet", "cnn";'
-                ' "polar", "cartesian"; 1, 2, 4'
+                f'encoder is {encoder!r}, goal {goal!r}, input_pool {input_pool!r}: there are "resnet", "cnn", None;'
+                ' "polar", "cartesian", "plain"; 1, 2, 4'
             )
-        self.visual_encoder = {"resnet": Resnet, "cnn": Cnn}[encoder](RAW_SIDE // input_pool)
-        self.goal_embedder = nn.Sequential(nn.Linear(3, 100), nn.LeakyReLU(0.01), nn.Linear(100, 32))
+        # Layers that actor and critic share, and those that each has of its own.
+        shared, own = (mlp or [], []) if hidden else ([], mlp or [])
+        if encoder is None:
+            self.visual_encoder, self.goal_embedder = None, None
+            self.mlp = nn.Sequential(*layers(numbers, shared))
+            width = [numbers, *shared][-1]
+        else:
+            own = []
+            self.visual_encoder = {"resnet": Resnet, "cnn": Cnn}[encoder](RAW_SIDE // input_pool)
+            self.goal_embedder = nn.Sequential(nn.Linear(numbers, 100), nn.LeakyReLU(0.01), nn.Linear(100, 32))
+            width = 544
         self.previous_action_embedder = nn.Embedding(actions + 1, 16) if previous_action else None
-        self.belief = nn.GRU(560 if previous_action else 544, hidden)
-        self.actor = nn.Linear(hidden, actions)
-        self.critic = nn.Linear(hidden, 1)
+        width += 16 if previous_action else 0
+        self.belief = nn.GRU(width, hidden) if hidden else None
+        width = hidden or width
+
+        def head(outputs: int) -> nn.Module:
+            last = nn.Linear([width, *own][-1], outputs)
+            return nn.Sequential(*layers(width, own), last) if own else last
+
+        self.actor, self.critic = head(actions), head(1)
 
     @classmethod
     def of(cls, weights: dict[str, NDArray[Any]], *, goal: str = "polar") -> Network:
         """The network that weights belong to: names and shapes give all but `goal`. Heads of auxiliary tasks are left
         out."""
+
+        def widths(path: str) -> list[int]:
+            """Outputs of a Sequential's linear layers."""
+            found = []
+            while f"{path}.{2 * len(found)}.weight" in weights:
+                found.append(weights[f"{path}.{2 * len(found)}.weight"].shape[0])
+            return found
+
         encoder = "resnet" if "visual_encoder.fc.1.weight" in weights else "cnn"
+        shared, own_layers = widths("mlp"), widths("actor")[:-1]
         last = "visual_encoder.fc.1.weight" if encoder == "resnet" else "visual_encoder.cnn.6.weight"
-        for name in ("actor.weight", "belief.weight_hh_l0", last):
+        if shared or own_layers:
+            encoder, last = None, "mlp.0.weight" if shared else "actor.0.weight"
+        actor = f"actor.{2 * len(own_layers)}.weight" if own_layers else "actor.weight"
+        remembers = not own_layers and (encoder is None or "belief.weight_hh_l0" in weights)
+        for name in (actor, last, *(["belief.weight_hh_l0"] if remembers else [])):
             if name not in weights or len(weights[name].shape) != 2:
                 raise ValueError(f"these are no weights of a policy: {name} is missing or no matrix")
-        actions, hidden = weights["actor.weight"].shape
+        actions, width = weights[actor].shape
         # Before a network of that size is made.
-        if 0 in (actions, hidden) or weights["belief.weight_hh_l0"].shape != (3 * hidden, hidden):
-            raise ValueError("these are no weights of a policy: belief.weight_hh_l0 does not fit actor.weight")
+        if 0 in (actions, width):
+            raise ValueError(f"these are no weights of a policy: {actor} is empty")
+        if remembers and weights["belief.weight_hh_l0"].shape != (3 * width, width):
+            raise ValueError(f"these are no weights of a policy: belief.weight_hh_l0 does not fit {actor}")
+        previous_action = "previous_action_embedder.weight" in weights
+        seen = last if encoder is None else "goal_embedder.0.weight"
+        if seen not in weights or len(weights[seen].shape) != 2:
+            raise ValueError(f"these are no weights of a policy: {seen} is missing or no matrix")
+        # Layers of the actor's own are given the embedding of the last action, too.
+        numbers = weights[seen].shape[1] - (16 if own_layers and previous_action else 0)
         for input_pool in (1, 2, 4):
             network = cls(
                 encoder=encoder,
                 input_pool=input_pool,
                 goal=goal,
-                previous_action="previous_action_embedder.weight" in weights,
-                hidden=hidden,
+                previous_action=previous_action,
+                hidden=width if remembers else 0,
                 actions=actions,
+                numbers=numbers,
+                mlp=shared or own_layers,
             )
             own = network.state_dict()
             if own[last].shape == weights[last].shape:
@@ -159,7 +220,11 @@ class Network(nn.Module):
 
     def begin(self, rows: int = 1) -> Tensor:
         """The belief at an episode's start: zeros [rows, hidden]."""
-        return torch.zeros(rows, self.hidden, device=self.actor.weight.device)
+        return torch.zeros(rows, self.hidden, device=self.device())
+
+    def device(self) -> torch.device:
+        """Where its weights are."""
+        return next(self.parameters()).device
 
     def pool(self, depth: Tensor) -> Tensor:
         """Depth as environments give it, [rows, 224, 224] in millimetres (integers) or metres (floats), to millimetres
@@ -169,6 +234,8 @@ class Network(nn.Module):
 
     def coordinates(self, goal_m: Tensor) -> Tensor:
         """Goal vectors [rows, 3], metres, to what the network is given [rows, 3]."""
+        if self.goal == "plain":
+            return goal_m
         if self.goal == "cartesian":
             return goal_m.abs()
         x, y, z = goal_m.to(torch.float64).unbind(1)
@@ -179,8 +246,11 @@ class Network(nn.Module):
 
     def embed(self, depth_mm: Tensor, goal: Tensor, previous_action: Tensor) -> Tensor:
         """Pooled millimetres [rows, side, side], goal coordinates [rows, 3] and rows of the action table [rows] (0 is
-        none yet, else 1 + action) to [rows, 560]."""
-        parts = [self.visual_encoder((depth_mm * SCALE + OFFSET).unsqueeze(1)), self.goal_embedder(goal)]
+        none yet, else 1 + action) to [rows, 560]. In a task without a frame the numbers take the goal's place."""
+        if self.visual_encoder is None or self.goal_embedder is None:
+            parts = [self.mlp(goal)]
+        else:
+            parts = [self.visual_encoder((depth_mm * SCALE + OFFSET).unsqueeze(1)), self.goal_embedder(goal)]
         if self.previous_action_embedder is not None:
             parts.append(self.previous_action_embedder(previous_action))
         return torch.cat(parts, 1)
@@ -190,19 +260,30 @@ class Network(nn.Module):
 
         Args:
             observations: those of a `VectorEnv`, arrays or tensors: depth [rows, 224, 224], goal [rows, 3], and
-                previous_action [rows].
+                previous_action [rows]. In a task without a frame numbers [rows, numbers] instead of depth and goal.
             belief: [rows, hidden]; zeros (`begin`) where an episode begins.
 
         Returns:
             log-probabilities of the actions [rows, actions], values [rows], and beliefs for the next step.
         """
-        device = self.actor.weight.device
-        depth, goal, previous = (
-            torch.as_tensor(observations[name], device=device) for name in ("depth", "goal", "previous_action")
-        )
-        # In observations "none yet" is the last number, in the table the first row.
-        rows = (previous.long() + 1) % (self.actions + 1)
-        embedded = self.embed(self.pool(depth), self.coordinates(goal), rows)
+
+        def given(name: str) -> Tensor:
+            return torch.as_tensor(observations[name], device=self.device())
+
+        if self.visual_encoder is None:
+            goal = given("numbers")
+            depth_mm = goal.new_zeros(len(goal), 0, 0)
+        else:
+            goal, depth_mm = self.coordinates(given("goal")), self.pool(given("depth"))
+        rows = torch.zeros(len(goal), dtype=torch.long, device=self.device())
+        if self.previous_action_embedder is not None:
+            # In observations "none yet" is the last number, in the table the first row.
+            rows = (given("previous_action").long() + 1) % (self.actions + 1)
+        embedded = self.embed(depth_mm, goal, rows)
         gru = self.belief
-        belief = torch.gru_cell(embedded, belief, gru.weight_ih_l0, gru.weight_hh_l0, gru.bias_ih_l0, gru.bias_hh_l0)
-        return F.log_softmax(self.actor(belief), -1), self.critic(belief).squeeze(1), belief
+        if gru is None:
+            seen = embedded
+        else:
+            weights = (gru.weight_ih_l0, gru.weight_hh_l0, gru.bias_ih_l0, gru.bias_hh_l0)
+            seen = belief = torch.gru_cell(embedded, belief, *weights)
+        return F.log_softmax(self.actor(seen), -1), self.critic(seen).squeeze(1), belief

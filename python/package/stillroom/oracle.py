@@ -33,12 +33,14 @@ def oracle(env: gymnasium.Env | gymnasium.vector.VectorEnv, variant: str = "fast
     """The oracle of an environment, wrapped or not, or of a `stillroom.VectorEnv`.
 
     It plans with the state that policies do not see: "fast" takes the shortest way and pushes things aside; "careful"
-    keeps clear of everything, and a plan can take it a second. It needs `action_space="large"`.
+    keeps clear of everything, and a plan can take it a second. It is of the task arm_point_nav, and needs
+    `action_space="large"`.
     """
     variant = choice("variant", variant, ["fast", "careful"])
     own = getattr(env, "unwrapped", None)
     if not isinstance(own, Simulated):
         raise TypeError(f"env is a {type(env).__name__}: there is an oracle for environments of stillroom only")
-    if len(own.action_names) < len(ACTIONS):
-        raise ValueError('the oracle needs all 21 actions: make the environment with action_space="large"')
+    if own.action_names != ACTIONS:
+        task = 'task="arm_point_nav" and action_space="large"'
+        raise ValueError(f"the oracle needs all 21 actions of arm_point_nav: make the environment with {task}")
     return Oracle(own, variant)

@@ -5,24 +5,20 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
-from collections.abc import Iterable
+import re
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-try:
-    import tomllib
-except ModuleNotFoundError:  # Python 3.10
-    import tomli as tomllib  # type: ignore[no-redef]
-
-from stillroom._stillroom import read_plain, shown
+from stillroom._stillroom import list_of_run, read_of_run, shown, toml_as_json
 
 if TYPE_CHECKING:
     import pandas as pd
 
-# A file of figures is read whole: one that is larger than this is none of ours.
-BYTES_MOST = 1 << 30
+# A table with more cells is none of ours: half a million rollouts have a third of them.
+CELLS_MOST = 100_000_000
 
 UNITS = {"_m": "metres", "_s": "seconds", "_rad": "radians"}
 SHARE, STEPS, COUNT = "share, 0 to 1", "steps", "count"
@@ -142,24 +138,22 @@ def _run(path: Path) -> Run:
         path = path.parent
     if not path.is_dir():
         raise RunError(f"{path} is no folder: give that of a run or of an evaluation")
-    text = _read(path / "config.toml")
-    if text is None:
+    files = _Files(path)
+    config = files.toml("config.toml")
+    if config is None:
         raise RunError(f"{path} is no folder of a run or of an evaluation: it has no config.toml")
-    try:
-        config = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise RunError(f"{path / 'config.toml'} cannot be read: {error}") from error
     if "evaluation" in config:
-        return _evaluation(path, config)
-    summary = _json(path / "summary.json") or {}
-    results = {file.parent: _result(file.parent) for file in sorted(path.glob("evaluations/*/evaluation.json"))}
-    declared = _declared(path)
+        return _evaluation(files, config)
+    summary = files.json("summary.json") or {}
+    read = {name: _result(files, f"{name}/evaluation.json") for name in files.folders("evaluations")}
+    results = {name: result for name, result in read.items() if result}
+    declared = _declared(files)
     return Run(
         path=path,
         kind="run",
-        metrics=_metrics(path, declared),
-        validation=_validation(path / "validation.jsonl", declared),
-        episodes=_all_episodes(results),
+        metrics=_metrics(files, declared),
+        validation=_validation(files, declared),
+        episodes=_all_episodes(files, results),
         evaluations=_results(results),
         stages=_stages(summary),
         summary=summary,
@@ -167,26 +161,94 @@ def _run(path: Path) -> Run:
     )
 
 
-def _evaluation(path: Path, config: dict[str, Any]) -> Run:
-    results = {path: _result(path)} if (path / "evaluation.json").exists() else {}
+def _evaluation(files: _Files, config: dict[str, Any]) -> Run:
+    name = files.root.name
+    result = _result(files, "evaluation.json")
+    results = {name: result} if result else {}
     described = _described(results.values())
     return Run(
-        path=path,
+        path=files.root,
         kind="evaluation",
-        metrics=_metrics(path, described),
-        validation=_validation(path / "validation.jsonl", described),
-        episodes=_episodes(path / "episodes.csv", described),
+        metrics=_metrics(files, described),
+        validation=_validation(files, described),
+        episodes=_episodes(files, "episodes.csv", described),
         evaluations=_results(results),
         stages=_stages({}),
-        summary=results.get(path, {}),
+        summary=results.get(name, {}),
         config=config,
     )
 
 
-def _result(folder: Path) -> dict[str, Any]:
-    """The result file of an evaluation."""
-    path = folder / "evaluation.json"
-    result = _json(path) or {}
+class _Files:
+    """The files of a run folder, which may be anybody's. Whatever is not there is None, or nothing."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+
+    def text(self, name: str) -> str | None:
+        path = self.root / name
+        try:
+            return read_of_run(self.root, path).decode()
+        except FileNotFoundError:
+            return None
+        except (OSError, UnicodeDecodeError) as error:
+            raise RunError(f"{path} cannot be read: {error}") from error
+
+    def json(self, name: str) -> dict[str, Any] | None:
+        return self._table(name, self.text(name))
+
+    def toml(self, name: str) -> dict[str, Any] | None:
+        return self._table(name, self.text(name), toml_as_json)
+
+    def _table(self, name: str, text: str | None, as_json: Callable[[str], str] = str) -> dict[str, Any] | None:
+        if text is None:
+            return None
+        try:
+            content = json.loads(as_json(text))
+        except ValueError as error:
+            raise RunError(f"{self.root / name} cannot be read: {error}") from error
+        if not isinstance(content, dict):
+            raise RunError(f"{self.root / name} holds no object")
+        return content
+
+    def lines(self, name: str, voids: bool) -> list[dict[str, Any]]:
+        """The last line of each rollout; with `voids` a line makes earlier ones with higher rollouts void."""
+        lines = (self.text(name) or "").split("\n")
+        kept: dict[int, dict[str, Any]] = {}
+        for number, line in enumerate(lines, 1):
+            if not line:
+                continue
+            try:
+                row = json.loads(line)
+                rollout = int(row["rollout"])
+            except (ValueError, KeyError, TypeError) as error:
+                if number == len(lines):
+                    break
+                path = self.root / name
+                raise RunError(f"{path}, line {number} is damaged: `orchestrator resume` mends it") from error
+            # They ascend: what this one makes void stands at the end.
+            while voids and kept and next(reversed(kept)) >= rollout:
+                kept.popitem()
+            kept[rollout] = row
+        return [kept[rollout] for rollout in sorted(kept)]
+
+    def folders(self, name: str) -> list[str]:
+        """The folders in a folder, by name."""
+        return sorted(f"{name}/{path.name}" for path, is_folder in self._list(name) if is_folder)
+
+    def files(self, name: str) -> list[str]:
+        """The files in a folder, by name."""
+        return sorted(f"{name}/{path.name}" for path, is_folder in self._list(name) if not is_folder)
+
+    def _list(self, name: str) -> list[tuple[Path, bool]]:
+        return list_of_run(self.root, self.root / name)
+
+
+def _result(files: _Files, name: str) -> dict[str, Any]:
+    """The result file of an evaluation; empty where there is none."""
+    path, result = files.root / name, files.json(name)
+    if result is None:
+        return {}
     if "format" not in result and "schema_version" in result:
         raise RunError(f"{path} is the result of an older version, which the package of commit 0e4cae3e reads")
     if result.get("format") != FORMAT:
@@ -199,68 +261,25 @@ def _described(results: Iterable[dict[str, Any]]) -> dict[str, dict[str, Any]]:
     return {one["name"]: one for result in results for one in result.get("described", [])}
 
 
-def _declared(folder: Path) -> dict[str, dict[str, Any]]:
+def _declared(files: _Files) -> dict[str, dict[str, Any]]:
     """What the metrics of a run are, by name: its task declares them."""
-    metrics = tomllib.loads(_read(folder / "task.toml") or "").get("metrics", [])
+    metrics = (files.toml("task.toml") or {}).get("metrics", [])
     is_share = [one.get("over") in ("last", "any") and "all_of" in one for one in metrics]
     return {one["name"]: one | {"kind": "share" if share else "f64"} for one, share in zip(metrics, is_share)}
 
 
-def _read(path: Path) -> str | None:
-    """The text of a plain file: a pipe would be waited for, and a link may lead anywhere. None where there is none."""
-    try:
-        return read_plain(path, BYTES_MOST).decode()
-    except FileNotFoundError:
-        return None
-    except (OSError, UnicodeDecodeError) as error:
-        raise RunError(f"{path} cannot be read: {error}") from error
-
-
-def _json(path: Path) -> dict[str, Any] | None:
-    text = _read(path)
-    if text is None:
-        return None
-    try:
-        content = json.loads(text)
-    except ValueError as error:
-        raise RunError(f"{path} cannot be read: {error}") from error
-    if not isinstance(content, dict):
-        raise RunError(f"{path} holds no object")
-    return content
-
-
-def _lines(path: Path, voids: bool) -> list[dict[str, Any]]:
-    """The last line of each rollout; with `voids` a line makes earlier ones with higher rollouts void."""
-    lines = (_read(path) or "").split("\n")
-    kept: dict[int, dict[str, Any]] = {}
-    for number, line in enumerate(lines, 1):
-        if not line:
-            continue
-        try:
-            row = json.loads(line)
-            rollout = int(row["rollout"])
-        except (ValueError, KeyError, TypeError) as error:
-            if number == len(lines):
-                break
-            raise RunError(f"{path}, line {number} is damaged: `orchestrator resume` mends it") from error
-        # They ascend: what this one makes void stands at the end.
-        while voids and kept and next(reversed(kept)) >= rollout:
-            kept.popitem()
-        kept[rollout] = row
-    return [kept[rollout] for rollout in sorted(kept)]
-
-
-def _of_checkpoint(folder: Path) -> list[dict[str, Any]]:
+def _of_checkpoint(files: _Files) -> list[dict[str, Any]]:
     """The lines of all rollouts before the newest checkpoint, which keeps them; none where it has none."""
     try:
-        run = tomllib.loads(_read(folder / "run.toml") or "").get("id")
-    except tomllib.TOMLDecodeError:
+        run = (files.toml("run.toml") or {}).get("id")
+    except RunError:
         run = None
-    for path in sorted(folder.glob("checkpoints/rollout-*.json"), reverse=True):
+    manifests = [name for name in files.files("checkpoints") if re.search(r"/rollout-\d+\.json$", name)]
+    for name in reversed(manifests):
         try:
-            manifest = _json(path) or {}
+            manifest = files.json(name) or {}
             of_another = manifest.get("run") and run and manifest["run"] != run
-            text = _read(path.with_suffix(".jsonl")) or ""
+            text = files.text(name.removesuffix("json") + "jsonl") or ""
             if not of_another and hashlib.sha256(text.encode()).hexdigest() == manifest.get("figures_sha256"):
                 return [json.loads(line) for line in text.splitlines()]
         except (RunError, ValueError):
@@ -268,8 +287,8 @@ def _of_checkpoint(folder: Path) -> list[dict[str, Any]]:
     return []
 
 
-def _metrics(folder: Path, described: dict[str, dict[str, Any]]) -> pd.DataFrame:
-    lines = {line["rollout"]: line for line in [*_of_checkpoint(folder), *_lines(folder / "metrics.jsonl", voids=True)]}
+def _metrics(files: _Files, described: dict[str, dict[str, Any]]) -> pd.DataFrame:
+    lines = {line["rollout"]: line for line in [*_of_checkpoint(files), *files.lines("metrics.jsonl", voids=True)]}
     rows = []
     for line in (lines[rollout] for rollout in sorted(lines)):
         row = {name: line.get(name) for name in ("rollout", "frames", "stage", "at_unix_s", "incarnation")}
@@ -279,16 +298,19 @@ def _metrics(folder: Path, described: dict[str, dict[str, Any]]) -> pd.DataFrame
     return _frame(rows, "rollout", ["rollout", "frames", "stage", "at_unix_s", "incarnation"], described)
 
 
-def _validation(path: Path, described: dict[str, dict[str, Any]]) -> pd.DataFrame:
+def _validation(files: _Files, described: dict[str, dict[str, Any]]) -> pd.DataFrame:
     names = ["rollout", "frames", "weights", "result", "episodes", "at_unix_s"]
-    return _frame(_lines(path, voids=False), "rollout", names, described)
+    return _frame(files.lines("validation.jsonl", voids=False), "rollout", names, described)
 
 
-def _episodes(path: Path | None, described: dict[str, dict[str, Any]]) -> pd.DataFrame:
+def _episodes(files: _Files, name: str, described: dict[str, dict[str, Any]]) -> pd.DataFrame:
     """A table of episodes; one without rows where there is no file."""
+    return _table_of_episodes(files.root / name, files.text(name), described)
+
+
+def _table_of_episodes(path: Path | None, text: str | None, described: dict[str, dict[str, Any]]) -> pd.DataFrame:
     import pandas as pd
 
-    text = None if path is None else _read(path)
     kinds = EPISODES | {name: KINDS[one["kind"]] for name, one in described.items() if name not in EPISODES}
     rows = list(csv.reader((text or ",".join(EPISODES)).splitlines()))
     names = rows[0] if rows else []
@@ -325,16 +347,16 @@ def _typed(values: list[Any], kind: str, is_hash: bool) -> Any:
     return pd.Series(values, dtype=kind)
 
 
-def _all_episodes(results: dict[Path, dict[str, Any]]) -> pd.DataFrame:
+def _all_episodes(files: _Files, results: dict[str, dict[str, Any]]) -> pd.DataFrame:
     import pandas as pd
 
     tables = []
-    for folder, result in results.items():
-        table = _episodes(folder / "episodes.csv", _described([result]))
-        table.insert(0, "evaluation", folder.name)
+    for name, result in results.items():
+        table = _episodes(files, f"{name}/episodes.csv", _described([result]))
+        table.insert(0, "evaluation", name.rpartition("/")[2])
         tables.append(table.astype(dict.fromkeys(table.select_dtypes("category").columns, "object")))
     if not tables:
-        table = _episodes(None, {})
+        table = _table_of_episodes(None, None, {})
         table.insert(0, "evaluation", pd.Series([], dtype="object"))
         return _told(table, {})
     whole = pd.concat(tables, ignore_index=True)
@@ -342,10 +364,10 @@ def _all_episodes(results: dict[Path, dict[str, Any]]) -> pd.DataFrame:
     return _told(whole.astype(kinds), _described(results.values()))
 
 
-def _results(results: dict[Path, dict[str, Any]]) -> pd.DataFrame:
+def _results(results: dict[str, dict[str, Any]]) -> pd.DataFrame:
     rows = []
     for folder, result in results.items():
-        row: dict[str, Any] = {"evaluation": folder.name}
+        row: dict[str, Any] = {"evaluation": folder.rpartition("/")[2]}
         for part in ("subject", "conditions", "cost", "overall"):
             for name, value in _flat(result.get(part, {})).items():
                 if not isinstance(value, list):
@@ -371,6 +393,8 @@ def _frame(
     import pandas as pd
 
     names = list(dict.fromkeys([*names, *(name for row in rows for name in row)]))
+    if len(names) * len(rows) > CELLS_MOST:
+        raise RunError(f"a table of {len(rows)} rows has {len(names)} columns: no run has so many figures")
     texts = {"weights", "result", "reward"} | ({index} - {"rollout"})
     columns: dict[str, Any] = {}
     for name in names:

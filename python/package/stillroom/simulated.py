@@ -1,4 +1,4 @@
-"""What `ArmPointNav` and `VectorEnv` share: their simulation, which `close` frees and copies and pickles take along."""
+"""What `KitchenEnv` and `VectorEnv` share: their simulation, which `close` frees and copies and pickles take along."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from stillroom._stillroom import Batch, Kitchen, Snapshot, shown
 from stillroom.spaces import settings_of
 
-
 TASK = [
-    *("reward", "depth", "frame_side", "preset", "action_space", "max_steps", "start_distance_max_m"),
+    *("task", "preset", "reward", "depth", "frame_side", "action_space", "max_steps", "start_distance_max_m"),
     *("goal_distance_max_m", "disturbance_weight", "carried_goal"),
 ]
 
@@ -33,7 +32,7 @@ class Simulated:
         self, kitchens: list[Kitchen], numbers: list[int], autoreset: str, threads: int, task: dict[str, Any]
     ) -> None:
         """Makes an environment in each of `kitchens`; `task` is what `settings_of` takes."""
-        settings = settings_of(**task)
+        self._settings = settings = settings_of(**task)
         self._made = (kitchens, numbers, autoreset, threads, task)
         self._batch = batch = Batch(settings, kitchens, numbers, autoreset, threads)
         self.action_names: list[str] = settings.actions
@@ -41,8 +40,7 @@ class Simulated:
         self._reward: Callable[[Any], Any] | None = task["reward"] if callable(task["reward"]) else None
         self._begun = np.zeros(len(kitchens), np.bool_)
         # Views: whoever makes one read-only does not keep the simulation from writing.
-        arrays = {"depth": batch.depth, "goal": batch.goal, "previous_action": batch.previous_action}
-        self._views: dict[str, NDArray[Any]] = {name: array.view() for name, array in arrays.items()}
+        self._views: dict[str, NDArray[Any]] = {name: array.view() for name, array in batch.observations.items()}
 
     @property
     def batch(self) -> Batch:
@@ -73,6 +71,7 @@ class Simulated:
         state = self.__dict__.copy()
         batch = state.pop("_batch", None)
         state.pop("_views", None)
+        state.pop("_settings", None)
         if batch is not None:
             state["_snapshots"] = [batch.snapshot(index) if begun else None for index, begun in enumerate(self._begun)]
         return state

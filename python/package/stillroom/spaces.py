@@ -1,4 +1,4 @@
-"""Spaces and arguments that `ArmPointNav` and `VectorEnv` share."""
+"""Spaces and arguments that `KitchenEnv` and `VectorEnv` share."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from stillroom._stillroom import Kitchen, Settings, shown, whole
 
-# Farther than any room is wide: a scene of a user may be large, and spaces must not depend on the kitchen.
-GOAL_MAX_M = 1000.0
 # What the simulator counts with.
 NUMBER_MAX = 2**32 - 1
 SEED_MAX = 2**64 - 1
@@ -86,20 +84,21 @@ def kitchen_of(kitchen: int | Kitchen) -> Kitchen:
     return kitchen if isinstance(kitchen, Kitchen) else Kitchen(kitchen)
 
 
-def observation_space(views: dict[str, NDArray[Any]], actions: int) -> gymnasium.spaces.Dict:
-    """What `types.Observation` describes, of environments that see into these arrays."""
+def observation_space(
+    views: dict[str, NDArray[Any]], bounds: dict[str, list[float]], actions: int
+) -> gymnasium.spaces.Dict:
+    """What `types.Observation` describes, of environments that see into these arrays, within these bounds."""
     shape = views["depth"].shape[1:]
     if views["depth"].dtype == np.float32:
         depths = gymnasium.spaces.Box(0.0, np.float32(65.535), shape, np.float32)
     else:
         depths = gymnasium.spaces.Box(0, 65535, shape, np.uint16)
-    return gymnasium.spaces.Dict(
-        {
-            "depth": depths,
-            "goal": gymnasium.spaces.Box(-GOAL_MAX_M, GOAL_MAX_M, (3,), np.float32),
-            "previous_action": gymnasium.spaces.Discrete(actions + 1),
-        }
-    )
+    vectors = {
+        name: gymnasium.spaces.Box(np.float32(least), np.float32(most), views[name].shape[1:], np.float32)
+        for name, (least, most) in bounds.items()
+    }
+    previous = gymnasium.spaces.Discrete(actions + 1)
+    return gymnasium.spaces.Dict({"depth": depths, **vectors, "previous_action": previous})
 
 
 SERIES = {"episode": "sampled", "fixed": "fixed", "drawn": "drawn"}

@@ -59,6 +59,7 @@ class VectorEnv(Simulated, gymnasium.vector.VectorEnv):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
         copy: bool = False,
+        task: str | None = None,
         preset: str = "paper",
         reward: str | Callable[[RewardParts], NDArray[Any]] = "r",
         disturbance_weight: float | None = None,
@@ -85,7 +86,7 @@ class VectorEnv(Simulated, gymnasium.vector.VectorEnv):
             copy: return copies of the observations.
             reward: "r", "r_prime", or a function of the reward's parts, arrays [n], that returns [n].
 
-        The others are those of `stillroom.ArmPointNav`.
+        The others are those of `stillroom.KitchenEnv`.
         """
         self.render_mode, self._render_side = pictures_of(render_mode, render_side)
         modes = [mode.value for mode in AutoresetMode]
@@ -100,7 +101,7 @@ class VectorEnv(Simulated, gymnasium.vector.VectorEnv):
         kitchen_of_each = [rooms[index % count] for index in range(self.num_envs)]
         numbers = [index // count for index in range(self.num_envs)]
         self._make(kitchen_of_each, numbers, autoreset_mode.value, threads, task_of(locals()))
-        self.single_observation_space = observation_space(self._views, len(self.action_names))
+        self.single_observation_space = observation_space(self._views, self._settings.bounds, len(self.action_names))
         self.single_action_space = gymnasium.spaces.Discrete(len(self.action_names))
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -120,7 +121,7 @@ class VectorEnv(Simulated, gymnasium.vector.VectorEnv):
 
         Args:
             seed: one for each environment, or s, which gives environment i the seed s + i, as Gymnasium's own do.
-            options: as of `ArmPointNav.reset`; a number may be a sequence [n].
+            options: as of `KitchenEnv.reset`; a number may be a sequence [n].
         """
         batch, count, options = self.batch, self.num_envs, options_of(options)
         mask = options.pop("reset_mask", None)
@@ -165,15 +166,15 @@ class VectorEnv(Simulated, gymnasium.vector.VectorEnv):
         if last:
             ended = np.logical_or(terminated, truncated)
             final = np.full(self.num_envs, None, dtype=object)
-            for index, depth, goal, previous in last:
+            for index, seen in last:
                 if self._views["depth"].dtype == np.float32:
-                    depth = depth.astype(np.float32) / np.float32(1000.0)
-                final[index] = {"depth": depth, "goal": goal, "previous_action": np.int64(previous)}
+                    seen["depth"] = seen["depth"].astype(np.float32) / np.float32(1000.0)
+                final[index] = seen | {"previous_action": np.int64(seen["previous_action"])}
             infos.update(final_obs=final, _final_obs=ended, final_info=_masked(done, ended), _final_info=ended)
         return self._observations(), rewards, terminated, truncated, infos
 
     def render(self) -> tuple[NDArray[Any], ...] | None:
-        """A picture of each environment, as `ArmPointNav.render` describes it."""
+        """A picture of each environment, as `KitchenEnv.render` describes it."""
         batch = self._playing()
         if self.render_mode == "rgb_array":
             return tuple(batch.picture(index, self._render_side) for index in range(self.num_envs))
@@ -193,7 +194,7 @@ class VectorEnv(Simulated, gymnasium.vector.VectorEnv):
         return moved(self.kitchens[index].objects, self._playing(index).displacements_m(index))
 
     def snapshot(self, index: int) -> Snapshot:
-        """The moment of environment `index`, as of `ArmPointNav.snapshot`."""
+        """The moment of environment `index`, as of `KitchenEnv.snapshot`."""
         index = self._at(index)
         return self._playing(index).snapshot(index)
 
@@ -234,8 +235,8 @@ class VectorEnv(Simulated, gymnasium.vector.VectorEnv):
 
     def _observations(self) -> Observation:
         if self.copy:
-            return {name: array.copy() for name, array in self._views.items()}  # type: ignore[return-value]
-        return dict(self._views)  # type: ignore[return-value]
+            return {name: array.copy() for name, array in self._views.items()}
+        return dict(self._views)
 
     def _infos(self, facts: dict[str, Any]) -> dict[str, Any]:
         return _masked(facts, self._begun.copy())

@@ -19,7 +19,11 @@ file as in `[ppo]`, `clip = 0.2`, or on the command line as `--set ppo.clip=0.2`
 ";
 
 /// Tables that programs write, and what writes them.
-const WRITTEN: [(&str, &str); 2] = [("from", "`orchestrator up --from`"), ("evaluation", "`orchestrator eval`")];
+const WRITTEN: [(&str, &str); 3] = [
+    ("from", "`orchestrator up --from`"),
+    ("evaluation", "`orchestrator eval`"),
+    ("environment", "`orchestrator up --env`"),
+];
 
 /// The page. `types` has those of the configuration.
 pub fn settings_page(types: &Types) -> Result<String, BookError> {
@@ -73,6 +77,7 @@ fn row(types: &Types, default: &Table, key: &str, field: &Field) -> Result<Strin
     let variants = types.variants(within(&field.kind)).filter(|_| !field.kind.starts_with("Vec<Vec"));
     let kind = match (within(&field.kind), &variants) {
         (_, Some(_)) | ("ActionSpace", _) => "word",
+        ("u32", _) if field.kind.starts_with("Vec") => "list of whole numbers",
         ("u32" | "u64" | "KitchenId", _) => "whole number",
         ("f32" | "f64", _) => "number",
         ("bool", _) => "true or false",
@@ -180,6 +185,7 @@ fn allowed(key: &str, kind: &str, whole_kind: &str) -> String {
 fn attempts(kind: &str, whole_kind: &str) -> Vec<Value> {
     let numbers = |list: &[i64]| list.iter().copied().map(Value::Integer).collect::<Vec<_>>();
     match kind {
+        "u32" if whole_kind.starts_with("Vec") => vec![Value::Array(vec![])],
         "u32" | "u64" => numbers(&[0, 1, 3, 7, 600, 5000, 100_000, 2_000_000, i64::from(u32::MAX), 1 << 60, i64::MAX]),
         "f32" | "f64" => [-1.0, 0.0, 0.3, 1.5, 1e9, f64::NAN, f64::INFINITY].map(Value::Float).to_vec(),
         "bool" => vec![Value::Boolean(false), Value::Boolean(true)],

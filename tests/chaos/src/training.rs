@@ -116,7 +116,7 @@ fn recover(place: &CaseFolder, folder: &RunFolder) -> Result<()> {
 /// Simulates the recordings again; what was printed.
 fn replay(place: &CaseFolder, folder: &Path) -> Result<String> {
     let path = folder.display().to_string();
-    let ended = Session::start(place, "replay".to_owned(), &["replay", &path], &Start::default())?.wait()?;
+    let ended = Session::start(place, "replay".to_owned(), &["replay", "--check", &path], &Start::default())?.wait()?;
     // What a power failure took from the end of a recording is told again; the steps were made again.
     let is_told = place.disk().is_some() && ended.status.code() == Some(EXIT_INCOMPLETE);
     let agrees = ended.stdout.lines().any(|line| line == "differences: 0");

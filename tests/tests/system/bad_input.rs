@@ -61,7 +61,7 @@ fn mistakes_on_the_command_line() {
     }
     refused(&complete(workshop.orchestrator(&["resume", "nowhere"])), "nowhere");
     refused(&complete(workshop.orchestrator(&["stop", "nowhere"])), "nowhere does not exist");
-    refused(&complete(workshop.orchestrator(&["replay", "nothing.mcap"])), "nothing.mcap");
+    refused(&complete(workshop.orchestrator(&["replay", "--check", "nothing.mcap"])), "nothing.mcap");
 }
 
 #[test]
@@ -116,7 +116,7 @@ fn pipes_and_devices_in_a_run_folder_are_not_read() {
         &["status", "runs/bad"],
         &["list"],
         &["report", "runs/bad", "--out", "page.html"],
-        &["replay", "runs/bad"],
+        &["replay", "--check", "runs/bad"],
         &["resume", "runs/bad"],
     ];
     // Commands that need not read the file, or of which it is no run any more.
@@ -366,7 +366,7 @@ fn a_truncated_recording() {
     let length = std::fs::metadata(&recording).unwrap().len();
     std::fs::OpenOptions::new().write(true).open(&recording).unwrap().set_len(length * 2 / 3).unwrap();
 
-    let printed = complete(workshop.orchestrator(&["replay", recording.to_str().unwrap()]));
+    let printed = complete(workshop.orchestrator(&["replay", "--check", recording.to_str().unwrap()]));
     assert!(printed.stderr.contains("orchestrator recover"), "{printed:#?}");
     assert_eq!(printed.status, Some(proto::exit::EXIT_INCOMPLETE), "{printed:#?}");
     let repaired = complete(workshop.orchestrator(&["recover", recording.to_str().unwrap()]));
@@ -374,14 +374,14 @@ fn a_truncated_recording() {
     assert!(repaired.stdout.contains("the file ends here, before its end mark"), "{repaired:#?}");
     // What is there agrees, but the file is not what was recorded, and neither is the run.
     for path in [recording.to_str().unwrap(), "cut"] {
-        let printed = complete(workshop.orchestrator(&["replay", path]));
+        let printed = complete(workshop.orchestrator(&["replay", "--check", path]));
         assert_eq!(printed.status, Some(proto::exit::EXIT_INCOMPLETE), "{printed:#?}");
         assert!(printed.stdout.contains("differences: 0"), "{printed:#?}");
         assert!(printed.stderr.contains("was repaired, and not all was there"), "{printed:#?}");
     }
-    let replay = complete(workshop.orchestrator(&["replay", "cut"]));
+    let replay = complete(workshop.orchestrator(&["replay", "--check", "cut"]));
     assert!(replay.stderr.contains("of the 600 steps that the run has"), "{replay:#?}");
 
     std::fs::write(workshop.path("noise.mcap"), [7u8; 4096]).unwrap();
-    refused(&complete(workshop.orchestrator(&["replay", "noise.mcap"])), "noise.mcap");
+    refused(&complete(workshop.orchestrator(&["replay", "--check", "noise.mcap"])), "noise.mcap");
 }

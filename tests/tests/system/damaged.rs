@@ -92,11 +92,11 @@ fn what_is_said_of_a_damaged_file_helps() {
     let recordings = workshop.run("my run").recordings();
     assert_eq!(recordings.len(), 2);
     std::fs::write(&recordings[1], [0; 5000]).expect("a writable file");
-    let replay = complete(workshop.orchestrator(&["replay", "my run"]));
+    let replay = complete(workshop.orchestrator(&["replay", "--check", "my run"]));
     assert_eq!(replay.status, Some(6), "{replay:#?}");
     assert!(replay.stderr.contains("does not begin with MCAP's magic bytes): it is passed over"), "{replay:#?}");
     std::fs::write(&recordings[0], [0; 5000]).expect("a writable file");
-    let neither = complete(workshop.orchestrator(&["replay", "my run"]));
+    let neither = complete(workshop.orchestrator(&["replay", "--check", "my run"]));
     assert!(neither.status == Some(1) && neither.stderr.contains("is not an MCAP recording"), "{neither:#?}");
 
     // Two checkpoints are kept: where the newest is damaged, everybody takes the one before.

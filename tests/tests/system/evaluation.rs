@@ -78,7 +78,7 @@ fn the_same_table_by_any_number_of_actors_and_environments() {
         command.args(["--split", "test", "--objects", "all", "--episodes", "6", "--record", "all"]);
         command.args(["--actors", actors, "--environments", environments]);
         good(&complete(command));
-        let replay = complete(workshop.orchestrator(&["replay", &out]));
+        let replay = complete(workshop.orchestrator(&["replay", "--check", &out]));
         assert!(replay.success && replay.stdout.contains("differences: 0"), "{replay:#?}");
         let figures = result(&workshop, &out);
         (
@@ -123,7 +123,7 @@ fn figures_are_those_of_the_table() {
     // What was recorded is what was played: simulated again, every state is the same.
     let recorded = workshop.run("out").recorded();
     assert_eq!((recorded["/step"], recorded["/episode/end"]), (steps, 60));
-    let replay = complete(workshop.orchestrator(&["replay", "out"]));
+    let replay = complete(workshop.orchestrator(&["replay", "--check", "out"]));
     good(&replay);
     assert!(replay.stdout.contains("differences: 0"), "{replay:#?}");
 
@@ -153,6 +153,17 @@ fn figures_are_those_of_the_table() {
     let last = records.iter().map(|record| record.episode).max().unwrap();
     let refused = film(&format!("{episode},{}", last + 1));
     assert!(!refused.success && refused.stderr.contains(&format!("the last is {last}")), "{refused:#?}");
+
+    // Whoever chooses none gets the newest, of the kind that is asked for.
+    let newest = |further: &[&str]| {
+        let drawn = ["replay", "out", "--newest", "2", "--images", "newest", "--format", "apng", "--side", "64"];
+        complete(workshop.orchestrator(&[&drawn[..], further].concat()))
+    };
+    good(&newest(&[]));
+    assert_eq!(std::fs::read_dir(workshop.path("newest")).unwrap().count(), 2);
+    let failures = newest(&["--only", "failure"]);
+    good(&failures);
+    assert!(failures.stdout.contains("episodes: 2\n") && failures.stdout.contains("differences: 0"), "{failures:#?}");
 }
 
 /// `orchestrator eval --json` with these arguments: the result as it is printed, and all that was printed.
@@ -234,7 +245,7 @@ fn a_run_in_scenes_of_its_own_is_evaluated_there() {
     assert_eq!((&conditions["scenes"][0], &conditions["objects"]), (&"scenes/000/scene.toml".into(), &"all".into()));
     assert_eq!((&result["kitchens"][0]["kitchen"], &result["overall"]["episodes"]), (&128.into(), &1.into()));
     // Of its own copies: simulated again, every state is the same.
-    let replay = complete(workshop.orchestrator(&["replay", "there"]));
+    let replay = complete(workshop.orchestrator(&["replay", "--check", "there"]));
     good(&replay);
     assert!(replay.stdout.contains("differences: 0"), "{replay:#?}");
 

@@ -153,7 +153,7 @@ fn two_hosts_train_as_one_and_their_recordings_together_are_the_run() {
     assert_eq!((steps.count(), steps.messages), (FRAMES, FRAMES), "each step once");
     let here = hosts.other().recordings();
     assert!(here.iter().all(|path| path.starts_with(run.folder.host(1).root())), "{here:?}");
-    let replayed = complete(hosts.workshop.orchestrator(&["replay", "shared"]));
+    let replayed = complete(hosts.workshop.orchestrator(&["replay", "--check", "shared"]));
     assert!(replayed.success && replayed.stdout.contains("differences: 0"), "{replayed:#?}");
     let status = complete(hosts.workshop.orchestrator(&["status", "shared"]));
     assert!(status.stdout.contains("recordings: 2 files"), "{status:#?}");

@@ -5,6 +5,7 @@ mod before_and_after;
 mod book;
 mod budget;
 mod damaged;
+mod environments;
 mod evaluation;
 mod figures;
 mod gpu;

@@ -42,7 +42,7 @@ fn is_complete(hosts: &Hosts, printed: &[Printed; HOSTS], expected: &(String, u6
     }
     let steps = RecordedSteps::of(&hosts.run());
     assert!(steps.count() >= expected.1 && steps.holes().is_empty(), "{} steps, {:?}", steps.count(), steps.holes());
-    let replayed = complete(hosts.workshop.orchestrator(&["replay", "shared"]));
+    let replayed = complete(hosts.workshop.orchestrator(&["replay", "--check", "shared"]));
     assert!(replayed.success && replayed.stdout.contains("differences: 0"), "{replayed:#?}");
     hosts.assert_nothing_left();
 }

@@ -64,9 +64,7 @@ fn killed_while_it_makes_the_folder() {
 fn whoever_draws_ends_with_who_asked_for_it() {
     let workshop = Workshop::new();
     complete(workshop.up("run", 2, 3, 4000)).result();
-    for command in
-        [&["kitchens", "--out", "all.png"][..], &["replay", "run", "--images", "images", "--format", "video"]]
-    {
+    for command in [&["kitchens", "--out", "all.png"][..], &["replay", "run"]] {
         let child = start(workshop.orchestrator(command));
         let parent = child.id();
         let actors = || {

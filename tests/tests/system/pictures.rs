@@ -20,7 +20,7 @@ fn the_pictures_of_the_documents_are_made_where_they_are_asked_for() {
     browser.resize(1280, 960);
     browser.open(&viewer.page());
     browser.wait_for("Number(document.querySelector('[data-figure=\"episode/success\"]')?.dataset.points) > 1");
-    browser.wait_for("document.querySelectorAll('.depths canvas[data-step]').length > 0");
+    browser.wait_for("document.querySelectorAll('.tiles canvas[data-step]').length > 0");
     keep(&mut browser, &folder, "view.png");
 
     // An episode that shows something: a success that disturbed. Long ones make long films.

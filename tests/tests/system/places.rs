@@ -135,8 +135,8 @@ fn a_disk_without_locks_is_refused_and_what_is_on_it_is_shown() {
         "has no file locks",
     );
     assert!(!workshop.path("new").exists());
-    for command in ["status", "replay"] {
-        let printed = there(&[command, "run"]);
+    for command in [&["status", "run"][..], &["replay", "run", "--check"]] {
+        let printed = there(command);
         assert!(printed.success, "{printed:#?}");
     }
 }
@@ -350,7 +350,7 @@ fn an_actor_that_is_killed_while_it_works_for_a_command_is_named_with_the_signal
     let orchestrator = beside(&workshop, "actor", "kill -9 $$");
     for (command, name) in [
         (&["kitchens", "--kitchens", "1"][..], "kitchens"),
-        (&["replay", "run"], "replay"),
+        (&["replay", "--check", "run"], "replay"),
         (&["export", "run", "--format", "npz", "--out", "arrays"], "dataset"),
     ] {
         let printed = run_of(&workshop, &orchestrator, command);

@@ -76,11 +76,11 @@ fn killed_and_resumed_it_is_the_same_run_in_the_same_kitchens() {
     }
     let kept = || std::fs::read_dir(run.folder.kitchens()).unwrap().count();
     assert!(kept() >= all.len(), "kitchens are kept in the run's folder");
-    let replay = complete(workshop.orchestrator(&["replay", "undisturbed"]));
+    let replay = complete(workshop.orchestrator(&["replay", "--check", "undisturbed"]));
     assert!(replay.success && replay.stdout.contains("differences: 0"), "{replay:#?}");
     // One kitchen's episodes can be called for.
     let one = all.first().unwrap().to_string();
-    let replay = complete(workshop.orchestrator(&["replay", "undisturbed", "--kitchen", &one]));
+    let replay = complete(workshop.orchestrator(&["replay", "--check", "undisturbed", "--kitchen", &one]));
     assert!(replay.success && replay.stdout.contains("differences: 0"), "{replay:#?}");
 
     // Actors die, then the orchestrator; then what was kept of one kitchen is damaged, and of another lost.
@@ -103,7 +103,7 @@ fn killed_and_resumed_it_is_the_same_run_in_the_same_kitchens() {
     assert_eq!(complete(workshop.resume("killed")).result(), undisturbed);
     run.assert_nothing_left();
     assert_eq!(kitchens_played(&run), kitchens);
-    let replay = complete(workshop.orchestrator(&["replay", "killed"]));
+    let replay = complete(workshop.orchestrator(&["replay", "--check", "killed"]));
     assert!(replay.success && replay.stdout.contains("differences: 0"), "{replay:#?}");
 }
 
@@ -130,7 +130,7 @@ fn kitchens_never_seen_are_evaluated_alike_whoever_dies() {
     let result: serde_json::Value = serde_json::from_str(&result).expect("JSON");
     assert_eq!(result["conditions"]["procedural"], "5000..5003");
     assert_eq!(result["kitchens"].as_array().map(Vec::len), Some(3));
-    let replay = complete(workshop.orchestrator(&["replay", "first"]));
+    let replay = complete(workshop.orchestrator(&["replay", "--check", "first"]));
     assert!(replay.success && replay.stdout.contains("differences: 0"), "{replay:#?}");
 
     // Every actor dies once.

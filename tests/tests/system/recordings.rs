@@ -9,7 +9,7 @@ fn assert_all_recorded(workshop: &Workshop, run: &Run, frames: u64) -> RecordedS
     let recorded = RecordedSteps::of(run);
     assert_eq!((recorded.count(), recorded.holes()), (frames, vec![]), "{run:?}");
     let name = run.folder.root().file_name().and_then(|name| name.to_str()).expect("a run has a name");
-    let replay = complete(workshop.orchestrator(&["replay", name]));
+    let replay = complete(workshop.orchestrator(&["replay", "--check", name]));
     assert!(replay.success, "{replay:#?}");
     recorded
 }

@@ -168,7 +168,7 @@ fn a_stop_that_reaches_another_host_between_two_starts_is_not_lost() {
 }
 
 pub fn assert_replays(workshop: &Workshop, name: &str) {
-    let replayed = complete(workshop.orchestrator(&["replay", name]));
+    let replayed = complete(workshop.orchestrator(&["replay", "--check", name]));
     assert!(replayed.success && replayed.stdout.contains("differences: 0"), "{replayed:#?}");
 }
 

@@ -18,7 +18,7 @@ const READERS: [&[&str]; 8] = [
     &["logs", "runs/bad", "-n", "3"],
     &["compare", "runs/bad", "runs/good"],
     &["report", "runs/bad", "--out", "page"],
-    &["replay", "runs/bad"],
+    &["replay", "--check", "runs/bad"],
     &["export", "runs/bad", "--format", "npz", "--out", "data"],
 ];
 /// Where the viewer shows a run.

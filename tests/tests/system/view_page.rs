@@ -77,7 +77,10 @@ fn a_run_is_watched_and_an_episode_is_looked_at() {
     finish(child).result();
     curves_move(&mut browser, &workshop);
     browser.wait_for("document.querySelector('.state.complete')");
-    browser.wait_for("document.querySelectorAll('.depths canvas[data-step]').length > 0");
+    // Of a run at rest: its newest episodes, and nothing that is of the moment.
+    browser.wait_for("document.querySelectorAll('.tiles canvas.room[data-step]').length > 0");
+    assert_eq!(browser.value("document.body.innerText.includes('What they see now')"), false);
+    assert_eq!(browser.value("document.querySelector('summary').innerText.includes('have ended')"), true);
     keep(&mut browser, "run");
     an_episode_is_looked_at(&mut browser);
     only_keys(&mut browser);
@@ -141,7 +144,25 @@ fn an_episode_is_looked_at(browser: &mut Browser) {
     browser.value("delete document.querySelector('canvas.orbit').dataset.fine");
     browser.drag("canvas.orbit", (120.0, 30.0));
     browser.wait_for(&format!("document.querySelector('canvas.orbit').dataset.fine === '{last}'"));
-    assert_ne!(pixels(browser, "canvas.orbit").1, room.1, "the camera was turned");
+    let turned = pixels(browser, "canvas.orbit").1;
+    assert_ne!(turned, room.1, "the camera was turned");
+    // Two fingers that part go nearer.
+    browser.value("delete document.querySelector('canvas.orbit').dataset.fine");
+    browser.value(
+        "(() => { const room = document.querySelector('canvas.orbit'); room.setPointerCapture = () => {}; \
+         const finger = (kind, pointerId, clientX) => \
+           room.dispatchEvent(new PointerEvent(kind, { pointerId, clientX, clientY: 300 })); \
+         finger('pointerdown', 1, 300); finger('pointerdown', 2, 340); finger('pointermove', 2, 440); \
+         finger('pointerup', 1, 300); finger('pointerup', 2, 440); })()",
+    );
+    browser.wait_for(&format!("document.querySelector('canvas.orbit').dataset.fine === '{last}'"));
+    assert_ne!(pixels(browser, "canvas.orbit").1, turned, "the camera went nearer");
+    // Nothing of an episode has to be scrolled to before it can be played.
+    let play = "document.querySelector('.player button').getBoundingClientRect().bottom";
+    browser.resize(1280, 800);
+    assert!(browser.value(play).as_f64().is_some_and(|bottom| bottom <= 800.0), "Play is on the screen");
+    assert!(text(browser, ".legend").contains("reward r"), "the strip has a legend");
+    browser.resize(1280, 900);
     browser.wait_for("document.querySelector('.plan svg .robot') && document.querySelector('.plan svg .way')");
 }
 
@@ -183,7 +204,7 @@ fn narrow_and_dark(browser: &mut Browser) {
         browser.resize(1280, 900);
         browser.value("location.hash = '#/run/watched'");
         browser.wait_for("document.querySelector('[data-figure]')");
-        browser.wait_for("document.querySelectorAll('.depths canvas[data-step]').length > 0");
+        browser.wait_for("document.querySelectorAll('.tiles canvas[data-step]').length > 0");
         keep(browser, &format!("run-{scheme}"));
         let colour = browser.value(paper);
         let red: Option<u8> =

@@ -22,7 +22,7 @@ fn a_run_ends_on_its_budget_and_its_recording_holds_every_step() {
     let stages: Vec<u64> = run.metrics().values().map(|line| line["stage"].as_u64().unwrap()).collect();
     assert!(stages.contains(&0) && stages.contains(&1) && stages.is_sorted());
 
-    let replay = complete(workshop.orchestrator(&["replay", "run"]));
+    let replay = complete(workshop.orchestrator(&["replay", "--check", "run"]));
     assert!(replay.success, "{replay:#?}");
 
     let images = workshop.path("images");
@@ -33,8 +33,10 @@ fn a_run_ends_on_its_budget_and_its_recording_holds_every_step() {
         images.to_str().unwrap(),
         "--format",
         "png",
-        "--limit",
-        "1",
+        "--environment",
+        "1/0",
+        "--episode",
+        "0",
     ]));
     assert!(replay.success, "{replay:#?}");
     assert!(walk(&images).iter().any(|path| path.extension().is_some_and(|end| end == "png")), "{replay:#?}");
@@ -47,6 +49,23 @@ fn a_run_ends_on_its_budget_and_its_recording_holds_every_step() {
 
     let again = complete(workshop.resume("run"));
     assert_eq!(again.result(), printed.result(), "a complete run only prints its summary again");
+}
+
+/// Somebody who types `orchestrator up` on a CPU has a report with results and a picture.
+#[test]
+fn the_demonstration_ends_with_a_test_that_its_report_shows() {
+    let workshop = Workshop::new();
+    let shape = ["--frames", "60", "--actors", "2", "--envs-per-actor", "1", "--run", "demo"];
+    let mut command = workshop.orchestrator(&[&["up"][..], &shape].concat());
+    // Also on a machine with a GPU.
+    command.env("CUDA_VISIBLE_DEVICES", "");
+    let printed = complete(command);
+    assert_eq!(printed.result().1, 60, "the last lines of standard output are the run's");
+    assert!(printed.stderr.contains("30 episodes"), "{printed:#?}");
+    let report = complete(workshop.orchestrator(&["report", "demo"]));
+    assert!(report.stdout.contains("groups evaluated: 1"), "{report:#?}");
+    let page = std::fs::read_to_string(workshop.path("demo/report/report.html")).unwrap();
+    assert!(page.contains("data:image/png;base64,"), "its best episode, in pictures");
 }
 
 /// A file of weights (here another run's checkpoint: our own names) makes a run that trains on from them.

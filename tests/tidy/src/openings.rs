@@ -25,7 +25,7 @@ const CALLS: [&[&str]; 11] = [
 ];
 
 /// Files and folders of sources that open something else, and what.
-const OTHERS: [(&str, &str); 40] = [
+const OTHERS: &[(&str, &str)] = &[
     ("orchestrator/src/preflight/", "the machine, and libtorch"),
     ("orchestrator/src/run/process_state.rs", "/proc"),
     ("orchestrator/src/run/signal.rs", "/proc"),
@@ -39,11 +39,14 @@ const OTHERS: [(&str, &str); 40] = [
     ("orchestrator/src/hosts/token.rs", "a file that the user names"),
     ("orchestrator/src/command/view.rs", "a file that the user names"),
     ("orchestrator/src/command/overrides.rs", "a file that the user names"),
+    ("orchestrator/src/command/environment_flags.rs", "a file that the user names"),
+    ("orchestrator/src/environment/consent.rs", "what this user has allowed"),
     ("orchestrator/src/suite/file.rs", "a file that the user names"),
     ("orchestrator/src/report_builder/kept.rs", "a file that the user names"),
     ("orchestrator/src/recording/reader.rs", "a recording that the user names, or that was listed"),
     ("orchestrator/src/recording/repair.rs", "a recording that the user names, and its folder"),
     ("orchestrator/export/src/file.rs", "a file that the user names"),
+    ("learner/src/declared.rs", "a file that the user names"),
     ("learner/src/probe/", "a file that the user names"),
     ("learner/src/process/import.rs", "a file that the user names"),
     ("learner/src/process/weights.rs", "a file that the user names"),
@@ -64,7 +67,6 @@ const OTHERS: [(&str, &str); 40] = [
     ("orchestrator/src/report_builder/files.rs", "the folder that the report writes"),
     ("orchestrator/src/suite/", "a suite's folder, which the suite writes"),
     ("learner/src/bench/", "a run of its own in the temporary folder"),
-    ("orchestrator/src/tuning/trial.rs", "a run of its own in the temporary folder"),
     ("orchestrator/src/command/play.rs", "a run of its own in the temporary folder"),
 ];
 

@@ -5,8 +5,9 @@ use crate::kernel::{MILLISECOND, Next, Program, World};
 use crate::service::{Delivery, NoPlace, TaskId};
 use crate::setup::{MAX_STEPS, Mutation};
 use crate::wire::Observations;
-use actor::process::protocol::{Protocol, Todo, Verdict};
+use engine::protocol::{Protocol, Todo, Verdict};
 use orchestrator::Exit;
+use proto::config::Config;
 use proto::episode::EnvironmentId;
 use std::rc::Rc;
 use wire::message::{ActionHeader, EnvironmentState, observation_kind};
@@ -61,7 +62,10 @@ impl Actor {
             session,
             number,
             rank: config.shares().learner_of(number),
-            environments: ids.iter().map(|&id| FakeEnvironment::rebuild(id, MAX_STEPS, &start)).collect(),
+            environments: ids
+                .iter()
+                .map(|&id| FakeEnvironment::rebuild(config.spec(), id, MAX_STEPS, &start))
+                .collect(),
             ids,
             protocol: Protocol::new(number, incarnation, each, !world.setup.has(Mutation::IgnoresReceipts)),
             accepted: Default::default(),
@@ -156,12 +160,11 @@ impl Actor {
     }
 
     fn rebuild(&mut self, states: &[EnvironmentState], too_early: bool) {
+        let task = Config::default().spec();
         let rebuilt = self.ids.iter().zip(states).map(|(&id, state)| {
-            let mut state = *state;
-            if too_early && state.action_count > 0 {
-                state.action_count -= 1;
-            }
-            FakeEnvironment::rebuild(id, MAX_STEPS, &state)
+            let actions = state.actions();
+            let kept = if too_early { actions.len().saturating_sub(1) } else { actions.len() };
+            FakeEnvironment::rebuild(task, id, MAX_STEPS, &EnvironmentState::after(state.episode, &actions[..kept]))
         });
         self.environments = rebuilt.collect();
     }

@@ -40,8 +40,8 @@ pub struct Model {
 }
 
 /// What the policy is given, as one number.
-pub fn look(goal_m: [f32; 3], noise: &[f32], previous_action: u8, start: bool) -> u64 {
-    let numbers = goal_m.iter().chain(noise).map(|value| u64::from(value.to_bits()));
+pub fn look(numbers: &[f32], noise: &[f32], previous_action: u8, start: bool) -> u64 {
+    let numbers = numbers.iter().chain(noise).map(|value| u64::from(value.to_bits()));
     mix(numbers.chain([u64::from(previous_action), u64::from(start)]))
 }
 
@@ -78,9 +78,8 @@ fn seen_by(config: &Config, id: EnvironmentId, environment: &FakeEnvironment) ->
     let mut noise = vec![];
     gumbel(config.seed, id, header.episode, header.step, NOISE, &mut noise);
     let (_, goal) = config.spec().channel("goal_m").expect("the task has it");
-    let goal_m = [0, 1, 2].map(|axis| goal.of::<f32>(record)[axis]);
     let start = header.has(flag::EPISODE_START);
-    look(goal_m, &noise, record[layout.previous_action.offset], start)
+    look(goal.of(record), &noise, record[layout.previous_action.offset], start)
 }
 
 impl Model {
@@ -95,7 +94,7 @@ impl Model {
             .collect();
         let start = EnvironmentState::start_of(0);
         let mut environments: Vec<FakeEnvironment> =
-            ids.iter().map(|&id| FakeEnvironment::rebuild(id, MAX_STEPS, &start)).collect();
+            ids.iter().map(|&id| FakeEnvironment::rebuild(config.spec(), id, MAX_STEPS, &start)).collect();
         let mut model = Self { rollouts: vec![], steps: BTreeMap::new(), frames: total_frames(&config.stages) };
         let (mut frames, mut weights, mut acting) = (0, FIRST_WEIGHTS, FIRST_WEIGHTS);
         while let Some(position) = position_at(&config.stages, frames) {

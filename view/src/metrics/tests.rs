@@ -1,6 +1,6 @@
 use super::*;
 use crate::data::{Gpu, Kitchen, Stage, Start, Validated};
-use proto::task::Spec;
+use proto::task::{Kind, Spec};
 use std::collections::BTreeSet;
 use std::path::Path;
 
@@ -31,7 +31,8 @@ fn text() -> String {
         left_s: Some(f64::INFINITY),
         ..Card::default()
     };
-    let stage = Stage { name: "II".into(), reward: "r′".into(), begins_at: 0, budget: 10, frames: 5 };
+    let stage =
+        Stage { name: "II".into(), reward: "r′".into(), begins_at: 0, budget: 10, frames: 5, figures: [].into() };
     let start = Start { number: 1, place: String::new(), at_unix_s: 1, ended_unix_s: None, how: None, reason: None };
     let live = Live {
         card: card.clone(),
@@ -148,13 +149,16 @@ fn what_is_exported_is_text_that_prometheus_reads() {
 
 #[test]
 fn another_task_has_families_of_its_own_metrics() {
-    let metric = |name: &str, unit: Option<&str>, share| ShownMetric {
+    let metric = |name: &str, unit: &str, kind| Described {
         name: name.to_owned(),
         label: name.to_uppercase(),
-        unit: unit.map(str::to_owned),
-        share,
+        unit: unit.to_owned(),
+        kind,
+        doc: String::new(),
+        quotient: None,
     };
-    let metrics = vec![metric("spl", None, false), metric("path_m", Some("m"), false), metric("stopped", None, true)];
+    let metrics =
+        vec![metric("spl", "", Kind::F32), metric("path_m", "m", Kind::F32), metric("stopped", "", Kind::Share)];
     let figures = BTreeMap::from([("spl".to_owned(), 0.5), ("path_m".to_owned(), 3.0)]);
     let card = Card { id: "c".to_owned(), metrics, figures, ..Card::default() };
     let samples = parsed(&exposition(&[card], &BTreeMap::new()));

@@ -7,9 +7,9 @@ use super::outline::Outline;
 use super::placed_bodies::PlacedBodies;
 use super::polyhedron::{Placed, PolyhedronBrush};
 use super::round::{RoundBrush, sphere};
-use super::simd::{LANES, Lanes};
 use super::view::{Lens, NEAR_M, View, meets_view};
 use crate::kitchen::{Body, BodyRole};
+use depth::simd::{LANES, Lanes};
 use proto::camera::{FRAME_SIDE, SUMS_PIXELS, sum_windows};
 use rapier3d::math::Pose3;
 

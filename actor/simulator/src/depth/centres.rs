@@ -1,6 +1,6 @@
 //! Which pixel's centre comes first at or beyond a position along a row or a column.
 
-use super::simd::Lanes;
+use depth::simd::Lanes;
 
 /// First pixel whose centre lies at or beyond each position, limited to 0..=limit.
 #[inline(always)]

@@ -5,8 +5,8 @@
 //! its upper to its lower end.
 
 use super::centres::{first_centre, first_centres, least, most};
-use super::simd::{LANES, Lanes};
 use super::surface::{Plane, Planes, Surface};
+use depth::simd::{LANES, Lanes};
 use proto::camera::WINDOW;
 
 /// Largest depth a pixel can hold, millimetres: signed and unsigned 16-bit readers agree on it.

@@ -44,7 +44,6 @@ mod outline;
 mod placed_bodies;
 mod polyhedron;
 mod round;
-mod simd;
 mod surface;
 #[cfg(test)]
 mod tests;

@@ -6,7 +6,7 @@
 
 use super::centres::first_centres;
 use super::depth_buffer::DepthBuffer;
-use super::simd::{LANES, Lanes};
+use depth::simd::{LANES, Lanes};
 
 /// Corners in the image, [`LANES`] of them.
 #[derive(Debug, Clone, Copy)]

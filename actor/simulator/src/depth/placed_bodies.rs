@@ -3,9 +3,9 @@
 //! A part is placed anew only when its body's pose has changed, bit for bit; most never move.
 
 use super::model::{Form, Model, Models};
-use super::simd::{LANES, Lanes};
 use super::view::Rigid;
 use crate::kitchen::Body;
+use depth::simd::{LANES, Lanes};
 use rapier3d::math::Pose3;
 use std::ops::Range;
 use std::sync::Arc;

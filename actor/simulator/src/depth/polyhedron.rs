@@ -4,11 +4,11 @@
 use super::depth_buffer::{Corner, DepthBuffer, Extent, rectangle};
 use super::outline::{Corners, Outline};
 use super::placed_bodies::{HalfSpaces, Points};
-use super::simd::{LANES, Lanes, Mask};
 use super::surface::{ManyPlanes, Plane, Planes};
 use super::view::{LEAST_HEIGHT_M, Lens, NEAR_M, Rigid, TAN_HALF_FIELD_OF_VIEW, View, clip_near, dot};
 use crate::mesh::{Edge, Face, Mesh};
 use crate::shape::Primitive;
+use depth::simd::{LANES, Lanes, Mask};
 use rapier3d::math::Vec3;
 
 /// From this many groups of pixels on, a hull is drawn face by face: to compare all of its planes at each pixel then

@@ -7,9 +7,9 @@
 use super::centres::first_centres;
 use super::depth_buffer::{DepthBuffer, Extent, rectangle};
 use super::outline::{Outline, mark_rows};
-use super::simd::{LANES, Lanes};
 use super::surface::{Ball, Mantle, Plane, Planes};
 use super::view::{LEAST_HEIGHT_M, Lens, NEAR_M};
+use depth::simd::{LANES, Lanes};
 use std::f64::consts::PI;
 
 /// Corners of a ring and the radius in pixels up to which they are enough: the outline deviates by at most 0.15 pixels.

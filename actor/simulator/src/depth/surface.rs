@@ -5,7 +5,7 @@
 //! nothing else needs to be known, neither which pixel shows which face nor the edges between them. The same holds
 //! for a cylinder: its entry is the farther of its mantle's and its cap's.
 
-use super::simd::{LANES, Lanes};
+use depth::simd::{LANES, Lanes};
 
 /// Inverse depth over a region of the image, a row at a time.
 pub trait Surface {

@@ -4,8 +4,8 @@
 
 use super::depth_buffer::Corner;
 use super::outline::Corners;
-use super::simd::Lanes;
 use super::surface::Plane;
+use depth::simd::Lanes;
 pub use proto::camera::TAN_HALF_FIELD_OF_VIEW;
 
 /// cos(50°) and sin(50°): the normals of the view volume's sides.

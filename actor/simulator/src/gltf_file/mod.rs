@@ -24,11 +24,11 @@ mod convex;
 mod decompose;
 pub(crate) mod document;
 mod extensions;
-#[cfg(test)]
-mod hostile;
 mod json;
 pub mod mirror;
 pub(crate) mod no_solid;
 pub(crate) mod piece;
 pub(crate) mod solid;
+#[cfg(test)]
+mod tests;
 pub(crate) mod uri;

@@ -7,7 +7,7 @@ use proto::random::{Key, Purpose};
 use simulator::kitchen::Kitchen;
 use simulator::robot::action::Action;
 use simulator::tasks::arm_point_nav::Environment;
-use simulator::tasks::arm_point_nav::{Transition, check};
+use simulator::tasks::arm_point_nav::{Current, Transition, check, record};
 use std::sync::Arc;
 
 /// A built-in kitchen as it is by default.
@@ -31,13 +31,15 @@ pub fn random_action(kitchen: KitchenId, environment: u32, episode: u32, step: u
 /// Takes an action. The learner refuses reports that cannot be, and ours are never among them.
 pub fn sound_step(environment: &mut Environment, action: Action) -> Transition {
     let transition = environment.step(action);
-    check(&transition, &environment.current()).unwrap();
+    check(Config::default().spec(), &transition, &environment.current()).unwrap();
     transition
 }
 
 /// The reward r of a step.
 pub fn reward(transition: &Transition) -> f32 {
-    Config::default().reward("r").of(|index| transition.reward.part(index), 0.0)
+    let config = Config::default();
+    let record = record(config.spec(), transition, &Current::default());
+    config.reward("r").of(|index| config.spec().layout().part(&record, index), 0.0)
 }
 
 /// Takes this many random actions from where the environment is: what each did, and the state that it led to.

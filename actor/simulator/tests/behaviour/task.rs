@@ -93,11 +93,11 @@ fn reward_parts_telescope() {
     let mut environment = environment(&kitchen, 2);
     let transitions: Vec<Transition> = run(&mut environment, 2, 0, 200).into_iter().map(|(done, _)| done).collect();
     let (first, last) = (transitions[0], transitions[199]);
-    assert_eq!(first.reward.wrist_object_progress_m, 0.0);
+    assert_eq!(first.wrist_object_progress_m, 0.0);
     let sum = |part: fn(&Transition) -> f32| transitions.iter().map(|t| f64::from(part(t))).sum::<f64>();
-    let wrist = sum(|t| t.reward.wrist_object_progress_m);
+    let wrist = sum(|t| t.wrist_object_progress_m);
     assert!((wrist - f64::from(first.wrist_object_m - last.wrist_object_m)).abs() < 1e-4);
-    let disturbance = sum(|t| t.reward.disturbance_progress_m);
+    let disturbance = sum(|t| t.disturbance_progress_m);
     assert!((disturbance + f64::from(last.disturbance_m)).abs() < 1e-4);
     assert_eq!(environment.end(), Some(End::Truncated));
     assert!(transitions.iter().all(|t| t.peak_disturbance_m >= t.disturbance_m));
@@ -147,7 +147,7 @@ fn the_target_can_be_picked_up_and_brought_to_its_goal() {
         let episode = Episode { category: TargetCategory::Apple, start, goal, stand };
         let mut environment = Environment::with_episode(Arc::clone(&kitchen), id, &config(), 0, episode);
         let early = environment.clone().step(Action::PickUpMidLevel);
-        assert_eq!(early.reward.failed_action, 1.0, "the start pose holds nothing");
+        assert_eq!(early.failed_action, 1.0, "the start pose holds nothing");
         // From above: reach a point over the target first, then go down to it.
         let target = Vec3::from_array(environment.current().target_position_m);
         let mut steps = 0;
@@ -161,10 +161,10 @@ fn the_target_can_be_picked_up_and_brought_to_its_goal() {
         }
         let picked = sound_step(&mut environment, Action::PickUpMidLevel);
         if !picked.picked_up() {
-            assert_eq!(picked.reward.failed_action, 1.0);
+            assert_eq!(picked.failed_action, 1.0);
             continue;
         }
-        assert_eq!(picked.reward.picked_up, 1.0);
+        assert_eq!(picked.picked_up, 1.0);
         assert!(reward(&picked) > 4.9);
         let hold = |environment: &Environment| {
             let current = environment.current();

@@ -2,6 +2,7 @@
 
 use super::environment::FakeEnvironment;
 use super::{ActionBatch, ColumnMap, FakeSample, MAX_STEPS, Message};
+use proto::config::Config;
 use std::collections::VecDeque;
 use wire::message::{EnvironmentState, ObservationHeader, RestoreHeader, observation_kind};
 
@@ -59,7 +60,14 @@ impl FakeActor {
             self.environments = states
                 .iter()
                 .enumerate()
-                .map(|(e, state)| FakeEnvironment::rebuild(column_map.environment(first + e), MAX_STEPS, state))
+                .map(|(e, state)| {
+                    FakeEnvironment::rebuild(
+                        Config::default().spec(),
+                        column_map.environment(first + e),
+                        MAX_STEPS,
+                        state,
+                    )
+                })
                 .collect();
             self.following = Some((header.learner_incarnation, header.step));
             return Some((0..column_map.halves()).map(|half| self.observe(column_map, half)).collect());

@@ -44,11 +44,6 @@ pub(crate) trait VisualEncoder: fmt::Debug + Send {
         None
     }
 
-    /// Whether its kernels are compiled.
-    fn is_fused(&self) -> bool {
-        self.kernels().is_some()
-    }
-
     /// Renews, in place, what [`VisualEncoder::forward_fused`] derives from the weights, if they have changed.
     fn refresh(&self, _parameters: &Parameters) {}
 

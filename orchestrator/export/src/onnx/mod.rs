@@ -19,7 +19,7 @@ pub fn onnx(policy: &Policy) -> Result<Vec<u8>, PolicyError> {
         ir_version: FORMAT,
         producer_name: "stillroom".into(),
         producer_version: env!("CARGO_PKG_VERSION").into(),
-        doc_string: "One step of a policy that fetches objects in kitchens and disturbs nothing else.".into(),
+        doc_string: format!("One step of a policy for the task {}.", policy.config.task),
         graph: Some(network::graph(policy)?),
         opset_import: vec![message::OperatorSet { domain: String::new(), version: OPERATORS }],
         metadata_props: policy.facts().into_iter().map(|(key, value)| message::Entry { key, value }).collect(),

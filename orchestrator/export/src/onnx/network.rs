@@ -5,7 +5,7 @@ use super::build::{Builder, Name};
 use super::message::{Element, Graph};
 use crate::policy::{Policy, PolicyError};
 use proto::camera::FRAME_SIDE;
-use proto::config::{Encoder, GoalCoordinates};
+use proto::config::{Encoder, GoalCoordinates, Memory};
 use std::f32::consts::{FRAC_PI_2, PI};
 
 type Result<T> = std::result::Result<T, PolicyError>;
@@ -47,40 +47,60 @@ pub(super) fn graph(policy: &Policy) -> Result<Graph> {
     let network = &policy.config.network;
     let (hidden, actions) = (network.hidden as usize, policy.config.policy_actions().len());
     let mut maker = Maker { policy, builder: Builder::new("policy") };
+    let numbers = policy.numbers();
     let side = FRAME_SIDE as i64;
-    let depth = maker.builder.input("depth", Element::Uint16, &[side, side], "Depth, millimetres.");
-    let goal = maker.builder.input(
-        "goal",
-        Element::Float,
-        &[3],
+    let depth =
+        policy.has_frame().then(|| maker.builder.input("depth", Element::Uint16, &[side, side], "Depth, millimetres."));
+    let doc = if depth.is_none() {
+        "The task's observations, one behind the other; whole numbers as one-hot."
+    } else if network.goal == GoalCoordinates::Plain {
+        "The task's numbers beside the frame, one observation behind the other; whole numbers as one-hot."
+    } else {
         "Where to go, in the robot's frame (x right, y up, z ahead), metres: from the wrist to the object, and while \
-         the object is held between object and goal (see carried_goal).",
-    );
+         the object is held between object and goal (see carried_goal)."
+    };
+    let given = maker.builder.input(policy.numbers_name(), Element::Float, &[numbers as i64], doc);
     let previous = network.previous_action.then(|| {
         let doc = "The last action's number; the number of actions where an episode begins.";
         maker.builder.input("previous_action", Element::Int64, &[], doc)
     });
     let doc = "The GRU's state: zeros where an episode begins, then next_belief of the step before.";
-    let belief = maker.builder.input("belief", Element::Float, &[hidden as i64], doc);
+    let belief =
+        (network.memory == Memory::Gru).then(|| maker.builder.input("belief", Element::Float, &[hidden as i64], doc));
 
-    let frames = maker.frames(&depth, network.input_pool as usize);
-    let mut parts = vec![maker.encoder(network.encoder, frames)?, maker.goal(network.goal, &goal)?];
-    let mut width = VISUAL + GOAL[1];
+    // Layers that actor and critic share, and those that each has of its own.
+    let (mut shared, mut own) = (&network.mlp[..], &[][..]);
+    if depth.is_some() {
+        shared = &[];
+    } else if belief.is_none() {
+        std::mem::swap(&mut shared, &mut own);
+    }
+    let (mut parts, mut width) = if let Some(depth) = depth {
+        let frames = maker.frames(&depth, network.input_pool as usize);
+        let parts = vec![maker.encoder(network.encoder, frames)?, maker.goal(network.goal, &given, numbers)?];
+        (parts, VISUAL + GOAL[1])
+    } else {
+        let (seen, width) = maker.layers("mlp", &given, numbers, shared)?;
+        (vec![seen], width)
+    };
     if let Some(previous) = previous {
         parts.push(maker.previous_action(&previous, actions)?);
         width += PREVIOUS_ACTION;
     }
     maker.builder.part("embedding");
     let embedding = maker.builder.apply("Concat", &parts.iter().collect::<Vec<_>>(), &[Int("axis", 1)]);
-    let next = maker.belief(&embedding, &belief, [width, hidden])?;
-    let logits = maker.linear("actor", &next, [hidden, actions])?;
+    let next = belief.map(|belief| maker.belief(&embedding, &belief, [width, hidden])).transpose()?;
+    let (seen, width) = next.as_ref().map_or((&embedding, width), |next| (next, hidden));
+    let logits = maker.head("actor", seen, [width, actions], own)?;
     let log_probs = maker.builder.apply("LogSoftmax", &[&logits], &[Int("axis", -1)]);
-    let value = maker.linear("critic", &next, [hidden, 1])?;
+    let value = maker.head("critic", seen, [width, 1], own)?;
     let last = maker.builder.integers(&[1]);
     let value = maker.builder.apply("Squeeze", &[&value, &last], &[]);
     maker.builder.output(&log_probs, "log_probs", &[actions as i64], "Log-probabilities of the actions.");
     maker.builder.output(&value, "value", &[], "The critic's estimate of the discounted return.");
-    maker.builder.output(&next, "next_belief", &[hidden as i64], "The belief for the next step.");
+    if let Some(next) = next {
+        maker.builder.output(&next, "next_belief", &[hidden as i64], "The belief for the next step.");
+    }
     Ok(maker.builder.finish())
 }
 
@@ -215,14 +235,15 @@ impl Maker<'_> {
         Ok(Images { name, ..*x })
     }
 
-    /// Goal \[rows, 3\], metres → \[rows, 32\].
-    fn goal(&mut self, coordinates: GoalCoordinates, goal: &Name) -> Result<Name> {
+    /// Goal \[rows, numbers\], metres → \[rows, 32\].
+    fn goal(&mut self, coordinates: GoalCoordinates, goal: &Name, numbers: usize) -> Result<Name> {
         self.builder.part("goal");
         let given = match coordinates {
             GoalCoordinates::Cartesian => self.builder.apply("Abs", &[goal], &[]),
             GoalCoordinates::Polar => self.polar(goal),
+            GoalCoordinates::Plain => goal.clone(),
         };
-        let first = self.linear("goal_embedder.0", &given, [3, GOAL[0]])?;
+        let first = self.linear("goal_embedder.0", &given, [numbers, GOAL[0]])?;
         let rectified = self.builder.apply("LeakyRelu", &[&first], &[Float("alpha", 0.01)]);
         self.linear("goal_embedder.2", &rectified, GOAL)
     }
@@ -310,6 +331,23 @@ impl Maker<'_> {
             &[Int("hidden_size", hidden as i64), Int("linear_before_reset", 1)],
         );
         Ok(builder.apply("Squeeze", &[&next, &first], &[]))
+    }
+
+    /// Layers with hyperbolic tangents behind them, and the width of what comes out: every second entry of a Sequential.
+    fn layers(&mut self, path: &str, x: &Name, inputs: usize, widths: &[u32]) -> Result<(Name, usize)> {
+        let mut end = (x.clone(), inputs);
+        for (index, &width) in widths.iter().enumerate() {
+            let layer = self.linear(&format!("{path}.{}", 2 * index), &end.0, [end.1, width as usize])?;
+            end = (self.builder.apply("Tanh", &[&layer], &[]), width as usize);
+        }
+        Ok(end)
+    }
+
+    /// A linear layer behind such layers, if it has some of its own.
+    fn head(&mut self, path: &str, x: &Name, [inputs, outputs]: [usize; 2], own: &[u32]) -> Result<Name> {
+        let (x, inputs) = self.layers(path, x, inputs, own)?;
+        let path = if own.is_empty() { path.to_owned() } else { format!("{path}.{}", 2 * own.len()) };
+        self.linear(&path, &x, [inputs, outputs])
     }
 
     fn linear(&mut self, path: &str, x: &Name, [inputs, outputs]: [usize; 2]) -> Result<Name> {

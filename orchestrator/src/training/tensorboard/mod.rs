@@ -43,7 +43,7 @@ fn tag(task: &Spec, name: &str) -> String {
 
 /// The tag of a task's metric.
 fn tag_of_task(task: &Spec, name: &str) -> String {
-    let rate = if task.metric(name).is_some_and(proto::task::Metric::is_share) { "_rate" } else { "" };
+    let rate = if task.columns().iter().any(|one| one.name == name && one.is_share()) { "_rate" } else { "" };
     format!("charts/{name}{rate}")
 }
 

@@ -22,7 +22,7 @@ impl HalfSample for Sample {
     fn has_frame(&self, _i: usize) -> bool {
         true
     }
-    fn frame(&self, _i: usize) -> DepthFrame<'_> {
-        DepthFrame::Whole(&FRAME)
+    fn frame(&self, _i: usize) -> Option<DepthFrame<'_>> {
+        Some(DepthFrame::Whole(&FRAME))
     }
 }

@@ -65,7 +65,7 @@ impl Learner {
         // As `Snapshot::append` does it, without the beliefs' tensor.
         for part in parts {
             boundary.exchange = boundary.exchange.max(part.exchange);
-            boundary.environments.extend(&part.environments);
+            boundary.environments.extend(part.environments.iter().cloned());
             boundary.running.extend_from_slice(&part.running);
         }
         let agent = AgentState {

@@ -242,7 +242,7 @@ impl Learner {
         let input = batch.input();
         let seen = |(i, (&column, t)): (usize, (&usize, usize))| {
             let noise = &input.gumbel[i * NOISE..][..NOISE];
-            let seen = look(input.goal_m[i], noise, input.previous_action[i], input.episode_start[i]);
+            let seen = look(&input.numbers[3 * i..][..3], noise, input.previous_action[i], input.episode_start[i]);
             Choice { t, column, seen, action: choose(weights, seen) }
         };
         input.columns.iter().zip(batch.rows()).enumerate().map(seen).collect()

@@ -3,7 +3,7 @@
 
 use super::episode::{Episode, at_goal};
 use super::episodes::{episode, fixed_of};
-use super::step::{Current, RewardParts, Transition, goal_m};
+use super::step::{Current, Transition, goal_m};
 use crate::environment::{self, Base};
 use crate::kitchen::Kitchen;
 use crate::physics::geometry::rotation_y;
@@ -11,7 +11,6 @@ use crate::robot::action::Action;
 use crate::robot::configuration::Configuration;
 use crate::simulation::Start;
 use crate::tasks::run::{OpenError, Run, check_kitchen};
-use bytemuck::bytes_of;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use rapier3d::math::Vec3;
@@ -131,14 +130,12 @@ impl Environment {
         self.peak_farthest_m = self.peak_farthest_m.max(displacement.farthest_m);
         let one_if = |condition: bool| f32::from(u8::from(condition));
         Transition {
-            reward: RewardParts {
-                wrist_object_progress_m: before.wrist_object_m - now.wrist_object_m,
-                object_goal_progress_m: before.object_goal_m - now.object_goal_m,
-                disturbance_progress_m: (before_it.total_m - displacement.total_m) as f32,
-                failed_action: one_if(!succeeded),
-                picked_up: one_if(holding && !was_holding),
-                goal_success: one_if(done && succeeded),
-            },
+            wrist_object_progress_m: before.wrist_object_m - now.wrist_object_m,
+            object_goal_progress_m: before.object_goal_m - now.object_goal_m,
+            disturbance_progress_m: (before_it.total_m - displacement.total_m) as f32,
+            failed_action: one_if(!succeeded),
+            picked_up: one_if(holding && !was_holding),
+            goal_success: one_if(done && succeeded),
             disturbance_m: displacement.total_m as f32,
             peak_disturbance_m: self.peak_disturbance_m as f32,
             wrist_object_m: now.wrist_object_m,
@@ -229,11 +226,18 @@ impl environment::Environment for Environment {
 
     fn act(&mut self, action: &[u8], done: &mut [u8]) {
         let action = Action::from_index(action[0]).expect("only actions of the task are taken");
-        done[..size_of::<Transition>()].copy_from_slice(bytes_of(&self.step(action)));
+        self.step(action).write(done);
     }
 
     fn observe(&self, seen: &mut [u8]) {
-        seen[..size_of::<Current>()].copy_from_slice(bytes_of(&self.current()));
+        self.current().write(seen);
+    }
+
+    fn before_first(&self, done: &mut [u8]) {
+        let Current { current_target, wrist_to_object_m, object_to_goal_m, .. } = self.current();
+        let length = |[x, y, z]: [f32; 3]| (x * x + y * y + z * z).sqrt();
+        let (wrist_object_m, object_goal_m) = (length(wrist_to_object_m), length(object_to_goal_m));
+        Transition { target: current_target, wrist_object_m, object_goal_m, ..Transition::default() }.write(done);
     }
 
     fn base(&self) -> &Base {
@@ -242,6 +246,10 @@ impl environment::Environment for Environment {
 
     fn base_mut(&mut self) -> &mut Base {
         &mut self.base
+    }
+
+    fn boxed(&self) -> Box<dyn environment::Environment> {
+        Box::new(self.clone())
     }
 }
 

@@ -18,6 +18,8 @@ use proto::random::{Key, Purpose, Random};
 use rapier3d::math::Vec3;
 use std::sync::Arc;
 
+include!(concat!(env!("OUT_DIR"), "/point_nav.rs"));
+
 /// Stop succeeds where the shortest way to the goal is shorter than this, metres (DD-PPO).
 const SUCCESS_M: f32 = 0.2;
 /// No episode's way is shorter than this, metres.
@@ -67,6 +69,7 @@ impl Episode {
 }
 
 /// One environment: the kitchen during an episode, the way to go, and the way that the robot went.
+#[derive(Clone)]
 struct PointNav {
     base: Base,
     run: Arc<Run>,
@@ -101,6 +104,47 @@ impl PointNav {
         let (run, goal_distance_m) = (Arc::clone(run), episode.way_m);
         Self { base, run, id, floor, episode, goal_distance_m, path_m: 0.0 }
     }
+
+    fn step(&mut self, action: u8) -> Transition {
+        assert!(!self.base.ended(), "the episode has ended: start the next one before the next action");
+        let motion = MOTIONS[usize::from(action)];
+        let from = *self.base.robot();
+        let to = motion.and_then(|motion| from.after(motion));
+        let moved = to.is_some_and(|to| self.base.simulation.perform(to));
+        if to.is_none() {
+            self.base.simulation.idle();
+        }
+        let robot = *self.base.robot();
+        let (x_m, z_m) = (robot.x_m - from.x_m, robot.z_m - from.z_m);
+        self.path_m += f32::sqrt(x_m * x_m + z_m * z_m);
+        let way_m = self.floor.way_m(&self.episode.ways, (robot.x_m, robot.z_m));
+        let success = motion.is_none() && way_m < SUCCESS_M;
+        let [before, displacement] = self.base.count(motion.is_none());
+        let one_if = |condition: bool| f32::from(u8::from(condition));
+        Transition {
+            goal_progress_m: std::mem::replace(&mut self.goal_distance_m, way_m) - way_m,
+            disturbance_progress_m: (before.total_m - displacement.total_m) as f32,
+            failed_action: one_if(!moved && !success),
+            goal_success: one_if(success),
+            disturbance_m: displacement.total_m as f32,
+            goal_distance_m: way_m,
+            path_m: self.path_m,
+            spl: one_if(success) * self.episode.way_m / self.episode.way_m.max(self.path_m).max(SUCCESS_M),
+        }
+    }
+
+    fn current(&self) -> Current {
+        let (robot, (goal_x_m, goal_z_m)) = (self.base.robot(), self.episode.goal);
+        let (x_m, z_m, yaw_rad) = (robot.x_m, robot.z_m, robot.yaw_rad());
+        let goal = rotation_y(-yaw_rad) * Vec3::new(goal_x_m - x_m, 0.0, goal_z_m - z_m);
+        Current {
+            goal_m: [goal.x, 0.0, goal.z],
+            base_position_m: [x_m, z_m],
+            base_yaw_rad: yaw_rad,
+            camera_pitch_rad: robot.camera_pitch_rad(),
+            goal_position_m: [goal_x_m, 0.0, goal_z_m],
+        }
+    }
 }
 
 /// An environment's episode of this number, a pure function of what is given; in an evaluation of its number there alone.
@@ -130,40 +174,15 @@ impl Environment for PointNav {
     }
 
     fn act(&mut self, action: &[u8], done: &mut [u8]) {
-        assert!(!self.base.ended(), "the episode has ended: start the next one before the next action");
-        let motion = MOTIONS[usize::from(action[0])];
-        let from = *self.base.robot();
-        let to = motion.and_then(|motion| from.after(motion));
-        let moved = to.is_some_and(|to| self.base.simulation.perform(to));
-        if to.is_none() {
-            self.base.simulation.idle();
-        }
-        let robot = *self.base.robot();
-        let (x_m, z_m) = (robot.x_m - from.x_m, robot.z_m - from.z_m);
-        self.path_m += f32::sqrt(x_m * x_m + z_m * z_m);
-        let way_m = self.floor.way_m(&self.episode.ways, (robot.x_m, robot.z_m));
-        let success = motion.is_none() && way_m < SUCCESS_M;
-        let [before, displacement] = self.base.count(motion.is_none());
-        let one_if = |condition: bool| f32::from(u8::from(condition));
-        let numbers = [
-            std::mem::replace(&mut self.goal_distance_m, way_m) - way_m,
-            (before.total_m - displacement.total_m) as f32,
-            one_if(!moved && !success),
-            one_if(success),
-            displacement.total_m as f32,
-            way_m,
-            self.path_m,
-            one_if(success) * self.episode.way_m / self.episode.way_m.max(self.path_m).max(SUCCESS_M),
-        ];
-        done.copy_from_slice(bytemuck::bytes_of(&numbers));
+        self.step(action[0]).write(done);
     }
 
     fn observe(&self, seen: &mut [u8]) {
-        let (robot, (goal_x_m, goal_z_m)) = (self.base.robot(), self.episode.goal);
-        let (x_m, z_m, yaw_rad, pitch_rad) = (robot.x_m, robot.z_m, robot.yaw_rad(), robot.camera_pitch_rad());
-        let goal = rotation_y(-yaw_rad) * Vec3::new(goal_x_m - x_m, 0.0, goal_z_m - z_m);
-        let numbers = [goal.x, 0.0, goal.z, x_m, z_m, yaw_rad, pitch_rad, goal_x_m, 0.0, goal_z_m];
-        seen.copy_from_slice(bytemuck::bytes_of(&numbers));
+        self.current().write(seen);
+    }
+
+    fn before_first(&self, done: &mut [u8]) {
+        Transition { goal_distance_m: self.goal_distance_m, ..Transition::default() }.write(done);
     }
 
     fn base(&self) -> &Base {
@@ -173,6 +192,10 @@ impl Environment for PointNav {
     fn base_mut(&mut self) -> &mut Base {
         &mut self.base
     }
+
+    fn boxed(&self) -> Box<dyn Environment> {
+        Box::new(self.clone())
+    }
 }
 
 #[cfg(test)]
@@ -181,7 +204,6 @@ mod tests {
     use proto::config::Config;
     use proto::evaluation::{EvaluationConfig, ObjectSet};
     use proto::kitchen::{KitchenId, Split};
-    use proto::task::{Dtype, Spec};
     use std::cmp::Reverse;
     use std::collections::{BTreeSet, BinaryHeap};
 
@@ -189,10 +211,6 @@ mod tests {
     const AHEAD: u8 = 1;
     const LEFT: u8 = 2;
     const RIGHT: u8 = 3;
-
-    fn spec() -> &'static Spec {
-        Spec::built_in().iter().find(|spec| spec.name == "point_nav").unwrap()
-    }
 
     fn config(goal_distance_max_m: f32) -> Config {
         let mut config = Config { task: "point_nav".to_owned(), ..Config::default() };
@@ -206,13 +224,6 @@ mod tests {
 
     fn environment(kitchen: &Arc<Kitchen>, config: &Config, number: u32) -> PointNav {
         PointNav::of(&Run::of(config), kitchen, EnvironmentId { kitchen: kitchen.id(), number: 0 }, number)
-    }
-
-    /// What an action did: progress, disturbance progress, failed, success, disturbance, distance, path, SPL.
-    fn act(environment: &mut PointNav, action: u8) -> [f32; 8] {
-        let mut done = [0.0; 8];
-        environment.act(&[action], bytemuck::bytes_of_mut(&mut done));
-        done
     }
 
     /// Where the robot stands, to the centimetre, and which way it faces.
@@ -247,34 +258,17 @@ mod tests {
     }
 
     /// Drives along the shortest way, around what was found to be in it, and stops at the goal. Returns all that it did.
-    fn drive(environment: &mut PointNav) -> Vec<[f32; 8]> {
+    fn drive(environment: &mut PointNav) -> Vec<Transition> {
         let (mut failed, mut done) = (BTreeSet::new(), Vec::new());
         while !environment.base.ended() {
             let at = pose(environment.base.robot());
             let action = advise(environment, &failed);
-            done.push(act(environment, action));
-            if done.last().is_some_and(|done| done[2] != 0.0) {
+            done.push(environment.step(action));
+            if done.last().is_some_and(|done| done.failed_action != 0.0) {
                 failed.insert((at, action));
             }
         }
         done
-    }
-
-    #[test]
-    fn what_is_written_is_what_the_task_declares() {
-        let names: Vec<&str> = spec().channels.iter().map(|channel| &*channel.name).collect();
-        assert_eq!(
-            names,
-            [
-                ["goal_progress_m", "disturbance_progress_m", "failed_action", "goal_success"].as_slice(),
-                &["disturbance_m", "goal_distance_m", "path_m", "spl", "goal_m"],
-                &["base_position_m", "base_yaw_rad", "camera_pitch_rad", "goal_position_m", "depth_mm"],
-            ]
-            .concat()
-        );
-        assert!(spec().channels.iter().all(|channel| channel.is_bulk() || channel.dtype == Dtype::F32));
-        assert_eq!(spec().layout().of_action.len(), 8 * 4);
-        assert_eq!(spec().actions.names().len(), MOTIONS.len());
     }
 
     #[test]
@@ -288,14 +282,14 @@ mod tests {
                 assert!((0.5..=2.0).contains(&way_m), "{way_m} m");
                 let done = drive(&mut environment);
                 let last = done.last().unwrap();
-                assert!((done.iter().map(|done| done[0]).sum::<f32>() - (way_m - last[5])).abs() < 1e-3);
+                assert!((done.iter().map(|done| done.goal_progress_m).sum::<f32>() - (way_m - last.goal_distance_m)).abs() < 1e-3);
                 // 0.2 m each time that it drove.
-                let path_m = 0.2 * done.windows(2).filter(|pair| pair[1][6] > pair[0][6]).count() as f32 + done[0][6];
-                assert!((last[6] - path_m).abs() < 1e-3 && last[3] >= last[7] && (last[7] > 0.0) == (last[3] > 0.0));
-                if last[3] > 0.0 {
-                    assert!((last[7] - way_m / way_m.max(path_m)).abs() < 1e-3);
+                let path_m = 0.2 * done.windows(2).filter(|pair| pair[1].path_m > pair[0].path_m).count() as f32 + done[0].path_m;
+                assert!((last.path_m - path_m).abs() < 1e-3 && last.goal_success >= last.spl && (last.spl > 0.0) == (last.goal_success > 0.0));
+                if last.goal_success > 0.0 {
+                    assert!((last.spl - way_m / way_m.max(path_m)).abs() < 1e-3);
                 }
-                (successes, spl, episodes) = (successes + last[3], spl + last[7], episodes + 1.0);
+                (successes, spl, episodes) = (successes + last.goal_success, spl + last.spl, episodes + 1.0);
             }
         }
         assert!(successes / episodes > 0.95 && spl / episodes > 0.9, "{successes} and {spl} of {episodes}");
@@ -305,21 +299,17 @@ mod tests {
     fn the_goal_is_seen_from_the_robot() {
         let kitchen = kitchen(7);
         let mut environment = environment(&kitchen, &config(0.0), 3);
-        let seen = |environment: &PointNav| {
-            let mut seen = [0.0f32; 10];
-            environment.observe(bytemuck::bytes_of_mut(&mut seen));
-            seen
-        };
         for action in [LEFT, AHEAD, RIGHT, RIGHT, AHEAD, AHEAD] {
-            let [x, y, z, base_x, base_z, yaw_rad, pitch_rad, goal_x, goal_y, goal_z] = seen(&environment);
-            assert_eq!((y, goal_y, pitch_rad), (0.0, 0.0, 0.0));
-            let (sin, cos) = yaw_rad.sin_cos();
+            let Current { goal_m: [x, y, z], base_position_m: [base_x, base_z], base_yaw_rad, .. } = environment.current();
+            let [goal_x, goal_y, goal_z] = environment.current().goal_position_m;
+            assert_eq!((y, goal_y, environment.current().camera_pitch_rad), (0.0, 0.0, 0.0));
+            let (sin, cos) = base_yaw_rad.sin_cos();
             assert!((base_x + x * cos + z * sin - goal_x).abs() < 1e-4, "x");
             assert!((base_z - x * sin + z * cos - goal_z).abs() < 1e-4, "z");
-            act(&mut environment, action);
+            environment.step(action);
         }
-        let last = act(&mut environment, STOP);
-        assert!(environment.base.ended() && last[3] == 0.0 && last[2] == 1.0, "that is not the goal");
+        let last = environment.step(STOP);
+        assert!(environment.base.ended() && last.goal_success == 0.0 && last.failed_action == 1.0, "that is not the goal");
     }
 
     #[test]
@@ -332,7 +322,7 @@ mod tests {
         one.begin(5);
         for action in [AHEAD, AHEAD, LEFT, AHEAD, RIGHT, AHEAD, STOP] {
             assert_eq!(one.base.state_hash(), other.base.state_hash());
-            assert_eq!(act(&mut one, action), act(&mut other, action));
+            assert_eq!(one.step(action), other.step(action));
         }
         let mut third = environment(&kitchen, &config(0.0), 6);
         assert_ne!(third.base.state_hash(), other.base.state_hash());

@@ -1,6 +1,10 @@
 //! Re-simulation of recorded episodes: requests from `orchestrator replay` on the standard input of `actor replay`, and
 //! results on its standard output, one JSON object per line.
 
+mod play;
+
+pub use play::{Performance, PlayError, Player, Rules, Seen, play};
+
 use crate::episode::EnvironmentId;
 use crate::record::End;
 use crate::task::{Composition, Field, Layout, Spec, SpecError};

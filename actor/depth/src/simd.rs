@@ -1,7 +1,10 @@
-//! The unsafe code of the depth camera: eight numbers at once.
+//! The unsafe code of depth cameras, also of the simulator's: eight numbers at once.
 //!
 //! [`Lanes`] has one meaning and two builds: with AVX2, and plain. Every operation is one that IEEE 754 rounds exactly,
 //! nothing is fused and nothing approximated, so both builds give the same bits on every machine.
+
+// A number that nobody takes is seen without it.
+#![allow(clippy::return_self_not_must_use)]
 
 use std::ops::{Add, Div, Mul, Sub};
 
@@ -156,71 +159,86 @@ mod plain {
     pub struct Mask([bool; 8]);
 
     impl Lanes {
+        #[inline]
         pub fn splat(value: f32) -> Self {
             Self([value; 8])
         }
 
+        #[inline]
         pub fn load(from: &[f32; 8]) -> Self {
             Self(*from)
         }
 
+        #[inline]
         pub fn store(self, to: &mut [f32; 8]) {
             *to = self.0;
         }
 
+        #[inline]
         fn with(self, other: Self, f: impl Fn(f32, f32) -> f32) -> Self {
             Self(std::array::from_fn(|i| f(self.0[i], other.0[i])))
         }
 
         /// The smaller; `other` where one is not a number.
+        #[inline]
         pub fn min(self, other: Self) -> Self {
             self.with(other, |a, b| if a < b { a } else { b })
         }
 
         /// The larger; `other` where one is not a number.
+        #[inline]
         pub fn max(self, other: Self) -> Self {
             self.with(other, |a, b| if a > b { a } else { b })
         }
 
+        #[inline]
         pub fn sqrt(self) -> Self {
             Self(self.0.map(f32::sqrt))
         }
 
+        #[inline]
         pub fn ceil(self) -> Self {
             Self(self.0.map(f32::ceil))
         }
 
+        #[inline]
         pub fn less(self, other: Self) -> Mask {
             Mask(std::array::from_fn(|i| self.0[i] < other.0[i]))
         }
 
         /// These numbers where the mask is true, 0 elsewhere.
+        #[inline]
         pub fn only(self, mask: Mask) -> Self {
             Self(std::array::from_fn(|i| if mask.0[i] { self.0[i] } else { 0.0 }))
         }
 
         /// These numbers where the mask is true, `other` elsewhere.
+        #[inline]
         pub fn or_else(self, mask: Mask, other: Self) -> Self {
             Self(std::array::from_fn(|i| if mask.0[i] { self.0[i] } else { other.0[i] }))
         }
 
         /// Lane i of the result is lane `from[i]` of these, 0..8.
+        #[inline]
         pub fn pick(self, from: &[i32; 8]) -> Self {
             Self(from.map(|from| self.0[from as usize]))
         }
 
         /// Whole numbers in 0..65536, or not a number, which becomes anything, as 16 bits.
+        #[inline]
         pub fn to_u16(self) -> [u16; 8] {
             self.0.map(|value| value as u16)
         }
     }
 
     impl Mask {
+        #[inline]
         pub fn and(self, other: Self) -> Self {
             Self(std::array::from_fn(|i| self.0[i] && other.0[i]))
         }
 
         /// Bit i is lane i.
+        #[inline]
         pub fn bits(self) -> u32 {
             self.0.iter().enumerate().map(|(i, &truth)| u32::from(truth) << i).sum()
         }
@@ -230,6 +248,7 @@ mod plain {
         ($name:ident, $function:ident, $operator:tt) => {
             impl super::$name for Lanes {
                 type Output = Self;
+                #[inline]
                 fn $function(self, other: Self) -> Self {
                     self.with(other, |a, b| a $operator b)
                 }

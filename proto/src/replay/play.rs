@@ -1,15 +1,49 @@
 //! A recorded episode, simulated again: at every moment the record of it, as a recorder would have recorded it.
 
-use anyhow::{Context, Result, ensure};
-use proto::config::Config;
-use proto::replay::{Compared, Difference, LENGTH, RecordedEpisode, ReplayVerdict, STATE};
-use proto::task::{Spec, SpecError, Summing};
-use simulator::environment::Environment;
+use super::{Compared, Difference, LENGTH, RecordedEpisode, ReplayVerdict, STATE};
+use crate::config::Config;
+use crate::record::End;
+use crate::task::{Composition, Spec, SpecError, Summing};
+use std::error::Error;
+
+/// An environment in an episode.
+pub trait Player {
+    /// Takes one action, which the task has, and writes what it did: the bytes of a record's parts and outcomes.
+    fn act(&mut self, action: &[u8], done: &mut [u8]) -> Result<(), Box<dyn Error + Send + Sync>>;
+
+    /// Writes what is seen now: the bytes of a record's observations and states, but for images.
+    fn observe(&mut self, seen: &mut [u8]);
+
+    /// Hash of its state.
+    fn state_hash(&self) -> u64;
+
+    /// How the episode has ended, if it has.
+    fn end(&self) -> Option<End>;
+}
+
+/// Why an episode cannot be played.
+#[derive(Debug, thiserror::Error)]
+pub enum PlayError {
+    #[error("{steps} hashes but {bytes} bytes of actions were recorded")]
+    Actions { steps: usize, bytes: usize },
+    #[error("{steps} steps but {digests} digests of {each} each were recorded")]
+    Digests { steps: usize, digests: usize, each: usize },
+    #[error("step {step}: there is no action {action}")]
+    NoSuchAction { step: u64, action: f64 },
+    #[error("step {step}")]
+    Failed {
+        step: u64,
+        #[source]
+        cause: Box<dyn Error + Send + Sync>,
+    },
+}
 
 /// What of a step a configuration's task has compared, and what its metrics are.
-pub(crate) struct Rules {
+pub struct Rules {
     pub spec: &'static Spec,
     pub compared: Compared,
+    /// The configuration's own rewards.
+    pub own_rewards: Vec<(String, Composition)>,
     names: Vec<String>,
     summing: Summing,
 }
@@ -19,24 +53,13 @@ impl Rules {
     pub fn of(config: &Config) -> Result<Self, SpecError> {
         let spec = config.spec();
         let compared = Compared::of(spec, &config.reward.weights)?;
-        Ok(Self { spec, names: compared.names().collect(), compared, summing: Summing::of(spec) })
-    }
-
-    /// Name of the target, if the task has such a channel.
-    pub fn target(&self, record: &[u8]) -> Option<&'static str> {
-        let (channel, field) = self.spec.channel("current_target")?;
-        channel.names.get(field.number(record) as usize).map(String::as_str)
-    }
-
-    /// Name of the last action of a record.
-    pub fn action(&self, record: &[u8]) -> Option<&'static str> {
-        let number = self.spec.layout().action.number(record);
-        self.spec.actions.names().get(number as usize).map(String::as_str)
+        let (names, own_rewards) = (compared.names().collect(), config.own_rewards()?);
+        Ok(Self { spec, names, compared, own_rewards, summing: Summing::of(spec) })
     }
 }
 
 /// The start of an episode, or what an action led to.
-pub(crate) struct Seen<'a> {
+pub struct Seen<'a> {
     /// All of a record but its header and images.
     pub record: &'a [u8],
     /// Rewards of the action; none at the start.
@@ -44,7 +67,7 @@ pub(crate) struct Seen<'a> {
 }
 
 /// What came of it.
-pub(crate) struct Performance {
+pub struct Performance {
     pub verdict: ReplayVerdict,
     /// How it ended: [`Spec::outcome`].
     pub outcome: String,
@@ -54,19 +77,19 @@ pub(crate) struct Performance {
 
 /// Takes the recorded actions, and compares all that was recorded on the way. `watch` is called at the start and after
 /// each action.
-pub(crate) fn play(
+pub fn play<P: Player + ?Sized, E: From<PlayError>>(
     rules: &Rules,
-    environment: &mut dyn Environment,
+    environment: &mut P,
     recorded: &RecordedEpisode,
-    mut watch: impl FnMut(&mut dyn Environment, &Seen) -> Result<()>,
-) -> Result<Performance> {
+    mut watch: impl FnMut(&mut P, &Seen) -> Result<(), E>,
+) -> Result<Performance, E> {
     let layout = rules.spec.layout();
     check_lengths(rules, recorded)?;
     let mut compare = Comparison::of(rules, recorded);
     let mut record = vec![0; layout.small_bytes];
     environment.observe(&mut record[layout.seen.clone()]);
     if let Some(hash) = recorded.start_hash {
-        compare.state(0, hash, environment.base().state_hash());
+        compare.state(0, hash, environment.state_hash());
     }
     compare.digests(0, &recorded.start, &rules.compared.start(&record), |_| true);
     watch(environment, &Seen { record: &record, rewards: None })?;
@@ -75,48 +98,57 @@ pub(crate) fn play(
     let actions = recorded.actions.chunks_exact(layout.action.range().len());
     for (step, (action, &hash)) in (0u64..).zip(actions.zip(&recorded.hashes)) {
         seen.copy_from_slice(&record);
-        act(environment, action, rules.spec, &mut record).with_context(|| format!("step {step}"))?;
+        act(environment, step, action, rules.spec, &mut record)?;
         rules.compared.reward(layout, &record, &mut rewards);
         digests.clear();
-        rules.compared.step(Some(&seen), &record, &rewards, environment.base().end(), &mut digests);
-        compare.step(step, &digests, hash, environment.base().state_hash());
+        rules.compared.step(Some(&seen), &record, &rewards, environment.end(), &mut digests);
+        compare.step(step, &digests, hash, environment.state_hash());
         rules.summing.add(&mut sums, &record, &rewards);
         watch(environment, &Seen { record: &record, rewards: Some(&rewards) })?;
-        if environment.base().ended() && step + 1 < recorded.hashes.len() as u64 {
+        if environment.end().is_some() && step + 1 < recorded.hashes.len() as u64 {
             // The recorded episode went on: whatever comes now differs.
             compare.differ(step + 2, LENGTH);
             break;
         }
     }
     let metrics: Vec<Option<f64>> = rules.summing.metrics(Some(&sums), &record).collect();
-    let outcome = rules.spec.outcome(&metrics, environment.base().end());
+    let outcome = rules.spec.outcome(&metrics, environment.end());
     Ok(Performance { verdict: compare.verdict, outcome, metrics })
 }
 
 /// Takes an action, and writes what it did and what is seen then into a record.
-fn act(environment: &mut dyn Environment, action: &[u8], spec: &Spec, record: &mut [u8]) -> Result<()> {
+fn act<P: Player + ?Sized>(
+    environment: &mut P,
+    step: u64,
+    action: &[u8],
+    spec: &Spec,
+    record: &mut [u8],
+) -> Result<(), PlayError> {
     let (layout, names) = (spec.layout(), spec.actions.names());
     let number = layout.action.dtype.read(action);
-    ensure!(names.is_empty() || number < names.len() as f64, "there is no action {number}");
+    if !names.is_empty() && number >= names.len() as f64 {
+        return Err(PlayError::NoSuchAction { step, action: number });
+    }
     record[layout.action.range()].copy_from_slice(action);
-    environment.act(action, &mut record[layout.of_action.clone()]);
+    let done = environment.act(action, &mut record[layout.of_action.clone()]);
+    done.map_err(|cause| PlayError::Failed { step, cause })?;
     environment.observe(&mut record[layout.seen.clone()]);
     Ok(())
 }
 
 /// Everything of an episode is of its length, or not there.
-fn check_lengths(rules: &Rules, recorded: &RecordedEpisode) -> Result<()> {
+fn check_lengths(rules: &Rules, recorded: &RecordedEpisode) -> Result<(), PlayError> {
     let RecordedEpisode { actions, hashes, digests, start, .. } = recorded;
-    let (count, bytes) = (hashes.len(), rules.spec.layout().action.range().len());
-    ensure!(actions.len() == count * bytes, "{count} hashes but {} bytes of actions were recorded", actions.len());
+    let (steps, bytes) = (hashes.len(), rules.spec.layout().action.range().len());
+    if actions.len() != steps * bytes {
+        return Err(PlayError::Actions { steps, bytes: actions.len() });
+    }
     let (of_step, of_start) = (rules.compared.count(), rules.compared.start_count());
     let whole = |digests: &[u32], wanted: usize| digests.is_empty() || digests.len() == wanted;
-    ensure!(
-        whole(digests, count * of_step) && whole(start, of_start),
-        "{count} steps but {} digests of {of_step} each were recorded",
-        digests.len()
-    );
-    Ok(())
+    if whole(digests, steps * of_step) && whole(start, of_start) {
+        return Ok(());
+    }
+    Err(PlayError::Digests { steps, digests: digests.len(), each: of_step })
 }
 
 /// The verdict as it comes about. The first difference stands.

@@ -1,6 +1,6 @@
 //! The actor's side of the protocol as a pure state machine: messages and time in, what to do next out.
 //!
-//! It contains no shared memory, physics or clocks. The shell ([`super::run`]) passes it every restore and every action
+//! It contains no shared memory, physics or clocks. The shell ([`crate::run`]) passes it every restore and every action
 //! batch that arrives, and executes [`Protocol::next`], one step at a time:
 //!
 //! ```text

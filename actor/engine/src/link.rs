@@ -1,7 +1,8 @@
 //! The actor's ends of the shared-memory services.
 
-use super::shm;
-use anyhow::{Context, Result};
+use crate::error::EngineError;
+use crate::shm;
+use proto::config::Config;
 use std::time::Duration;
 use wire::fault;
 use wire::message::{ActionHeader, EnvironmentState, ObservationHeader, RestoreHeader};
@@ -12,7 +13,7 @@ use wire::{
 
 /// What has arrived, copied: what lies in shared memory can change after it was checked.
 #[derive(Debug, Default)]
-pub struct Arrived {
+pub(crate) struct Arrived {
     /// Restores, in the order in which they were sent.
     pub restores: Vec<(RestoreHeader, Vec<EnvironmentState>)>,
     /// Action batches, in the order in which they were sent. They may build on the restores.
@@ -36,11 +37,13 @@ pub struct Link {
 }
 
 impl Link {
-    /// Joins the run and opens the services of actor `actor`. The orchestrator has created them. `recorder`: whether
-    /// there is one.
-    pub fn open(address: &WireAddress, shape: WireShape, actor: u32, recorder: bool) -> Result<Self> {
+    /// Joins a run of this configuration and opens the services of actor `actor`. The orchestrator has created them.
+    pub fn open(address: &WireAddress, actor: u32, config: &Config) -> Result<Self, EngineError> {
+        let shape = WireShape::of(config);
         let actors = shape.shares.actors();
-        anyhow::ensure!(actor < actors, "the run has actors 0 to {}: there is no actor {actor}", actors - 1);
+        if actor >= actors {
+            return Err(EngineError::NoSuchActor { actor, last: actors - 1 });
+        }
         let wire = Wire::join(address, shape, &format!("actor-{actor:02}"))?;
         Ok(Self {
             // The actor's own subscribers are open before it announces itself.
@@ -52,40 +55,53 @@ impl Link {
             readers: wire.observation_readers(actor)?,
             actor,
             shape,
-            receipts: recorder.then(|| Receipts::open(address, actors)).transpose()?,
+            receipts: config.recording.enabled.then(|| Receipts::open(address, actors)).transpose()?,
             _wire: wire,
         })
     }
 
+    /// The number of this actor.
+    pub(crate) fn actor(&self) -> u32 {
+        self.actor
+    }
+
+    /// Whether there is a recorder.
+    pub(crate) fn is_recorded(&self) -> bool {
+        self.receipts.is_some()
+    }
+
     /// The newest incarnation of this actor that the recorder has heard; 0 where there is none.
-    pub fn met(&self) -> u32 {
+    pub(crate) fn met(&self) -> u32 {
         self.receipts.as_ref().map_or(0, |receipts| receipts.met(self.actor))
     }
 
     /// Everything that has arrived since the last call.
-    pub fn receive(&self) -> Result<Arrived> {
+    pub(crate) fn receive(&self) -> Result<Arrived, EngineError> {
         let mut arrived = Arrived::default();
         // The learner sends a restore before the actions that build on it, and these only once. Who looks for actions
         // first finds their restore. The other way round both could come between the two looks: the actions would be
         // ignored for want of a restore, and then the restored environments would wait for them for ever.
-        while let Some(actions) = self.actions.receive().context("cannot receive actions")? {
+        while let Some(actions) = self.actions.receive().map_err(EngineError::port("receive actions"))? {
             arrived.actions.push((*actions.user_header(), actions.payload().to_vec()));
         }
         fault::reach("actor.mid_receive");
-        while let Some(restore) = self.restores.receive().context("cannot receive restores")? {
-            arrived.restores.push((*restore.user_header(), restore.payload().to_vec()));
+        while let Some(restore) = self.restores.receive().map_err(EngineError::port("receive restores"))? {
+            arrived.restores.push((*restore.user_header(), EnvironmentState::decode(restore.payload())?));
         }
         Ok(arrived)
     }
 
     /// Sleeps until the learner rings or the time is over.
-    pub fn wait(&self, longest: Duration) {
+    pub(crate) fn wait(&self, longest: Duration) {
         self.wakeup.wait(longest);
     }
 
     /// Sends a HELLO: one zeroed record.
-    pub fn send_hello(&self, header: ObservationHeader) -> Result<()> {
-        self.send_observations(header, 1, |_, record| record.fill(0))?;
+    pub(crate) fn send_hello(&self, header: ObservationHeader) -> Result<(), EngineError> {
+        self.send_observations(header, 1, |_, record| {
+            record.fill(0);
+            Ok(())
+        })?;
         // Whoever waits for observations of many does not wait for this.
         self.bell.ring();
         Ok(())
@@ -94,22 +110,22 @@ impl Link {
     /// Sends `count` records, each written in place by `write`, which is given its index and what lay there before.
     /// Blocks while a subscriber is full. Returns whether all subscribers got them: a new subscriber that has not yet
     /// connected to this publisher can miss a sample.
-    pub fn send_observations(
+    pub(crate) fn send_observations(
         &self,
         header: ObservationHeader,
         count: usize,
-        write: impl FnMut(usize, &mut [u8]),
-    ) -> Result<bool> {
+        write: impl FnMut(usize, &mut [u8]) -> Result<(), EngineError>,
+    ) -> Result<bool, EngineError> {
         // A subscriber that came after the last send is found here, and only here.
-        self.observations.update_connections().context("cannot connect to the learner")?;
+        self.observations.update_connections().map_err(EngineError::port("connect to the learner"))?;
         fault::reach("actor.before_loan");
-        let mut sample =
-            self.observations.loan_slice_uninit(self.shape.lines(count)).context("no free slot for observations")?;
+        let loan = self.observations.loan_slice_uninit(self.shape.lines(count));
+        let mut sample = loan.map_err(EngineError::port("find a free slot for observations"))?;
         fault::reach("actor.after_loan");
         *sample.user_header_mut() = header;
-        let sample = shm::fill(sample, self.shape.record_lines, write);
+        let sample = shm::fill(sample, self.shape.record_lines, write)?;
         fault::reach("actor.after_write");
-        let receivers = sample.send().context("cannot send observations")?;
+        let receivers = sample.send().map_err(EngineError::port("send observations"))?;
         fault::reach("actor.before_bell");
         self.bell.ring_counted();
         Ok(receivers > 0 && receivers >= self.readers.count())

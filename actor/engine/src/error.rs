@@ -1,0 +1,43 @@
+//! Why an actor's process ends.
+
+use crate::whereabouts::Whereabouts;
+use std::error::Error;
+
+/// Why an actor's process ends.
+#[derive(Debug, thiserror::Error)]
+pub enum EngineError {
+    #[error("the run has actors 0 to {last}: there is no actor {actor}")]
+    NoSuchActor { actor: u32, last: u32 },
+    #[error(transparent)]
+    Wire(#[from] wire::WireError),
+    /// Shared memory fails.
+    #[error("cannot {work}")]
+    Port {
+        work: &'static str,
+        #[source]
+        cause: Box<dyn Error + Send + Sync>,
+    },
+    /// An environment fails.
+    #[error(transparent)]
+    Simulator(Box<dyn Error + Send + Sync>),
+    #[error("an actor has environments")]
+    NoEnvironments,
+    #[error("the learner sent action {action} to {place}: there is none")]
+    NoSuchAction { action: u8, place: Whereabouts },
+    #[error(transparent)]
+    BadRestore(#[from] wire::message::BadRestore),
+    #[error("a restore names action {action} at step {step} of {place}: there is none")]
+    NoSuchActionBefore { action: u8, step: usize, place: Whereabouts },
+    #[error(
+        "a restore has {actions} actions for {place}, which ends after {ended}: was the run recorded with another version \
+         of the simulator?"
+    )]
+    EndsEarlier { actions: usize, place: Whereabouts, ended: usize },
+}
+
+impl EngineError {
+    /// What a port could not do.
+    pub(crate) fn port<E: Error + Send + Sync + 'static>(work: &'static str) -> impl Fn(E) -> Self {
+        move |cause| Self::Port { work, cause: Box::new(cause) }
+    }
+}

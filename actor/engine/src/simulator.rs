@@ -1,0 +1,38 @@
+//! What an actor process runs.
+
+use proto::episode::EnvironmentId;
+use proto::record::{End, RecordHeader};
+use std::error::Error;
+
+/// Environments of a task, numbered from 0, each in one episode at a time. The same episode and actions give the same bits
+/// in every process. Where every method is implemented, whatever it simulates can take part in a run.
+pub trait Simulator {
+    /// Why one of its environments failed.
+    type Error: Into<Box<dyn Error + Send + Sync>>;
+
+    /// What an environment is called in its episode of this number.
+    fn place(&self, home: EnvironmentId, _episode: u32) -> EnvironmentId {
+        home
+    }
+
+    /// Environments are about to begin episodes in these places, in this order: what takes long may be done ahead.
+    fn announce(&self, _places: impl DoubleEndedIterator<Item = EnvironmentId>) {}
+
+    /// Puts environment number `index` at the start of an episode; the first time it makes the environment. Returns the
+    /// state's hash.
+    fn begin(&mut self, index: usize, home: EnvironmentId, episode: u32) -> Result<u64, Self::Error>;
+
+    /// Takes one action, which the task has, and writes what it did: the bytes of a record's parts and outcomes. It does
+    /// not begin the next episode. Returns the state's hash, and how the episode has ended, if it has.
+    fn act(&mut self, index: usize, action: &[u8], done: &mut [u8]) -> Result<(u64, Option<End>), Self::Error>;
+
+    /// Writes what is seen now: observations and states, and images with their bits in the header. All other small bytes
+    /// of the record are written already.
+    fn observe(&mut self, index: usize, header: &mut RecordHeader, record: &mut [u8]) -> Result<(), Self::Error>;
+
+    /// Prepares the start of an episode that may come next, by a piece of work of about a quarter of a millisecond.
+    /// Returns whether there is more to do. The episode is the same without it.
+    fn prepare(&mut self, _index: usize, _home: EnvironmentId, _episode: u32) -> bool {
+        false
+    }
+}

@@ -1,0 +1,61 @@
+//! What pictures of an episode mark and say, by the task's declaration.
+
+use super::moment::{Captions, Task};
+use proto::kitchen::TargetCategory;
+use proto::task::{Channel, Field, Role, Spec};
+use rapier3d::math::Vec3;
+use simulator::environment::Base;
+
+/// Measures in a caption: more do not fit.
+const MEASURES: usize = 4;
+
+/// Name of the target, if the task has such a channel.
+pub fn target_name(spec: &'static Spec, record: &[u8]) -> Option<&'static str> {
+    let (channel, field) = spec.channel("current_target")?;
+    channel.names.get(field.number(record) as usize).map(String::as_str)
+}
+
+/// The movable thing that the task is about, if it names a category.
+pub fn target(spec: &'static Spec, environment: &Base, record: &[u8]) -> Option<usize> {
+    let name = target_name(spec, record)?;
+    let category = TargetCategory::ALL.into_iter().find(|category| category.name() == name)?;
+    Some(environment.kitchen().target_movable(category))
+}
+
+/// Name of the last action of a record.
+pub fn action_name(spec: &'static Spec, record: &[u8]) -> Option<&'static str> {
+    let number = spec.layout().action.number(record);
+    spec.actions.names().get(number as usize).map(String::as_str)
+}
+
+/// Caption of a moment that an action led to, without its number and the episode's end: parts of rewards that are 1, and
+/// the first measures of what the action led to.
+pub fn captions(spec: &'static Spec, record: &[u8]) -> Captions {
+    let pairs = || spec.channels.iter().zip(&spec.layout().fields);
+    let remarks = pairs().filter(|(channel, field)| {
+        channel.role == Role::Part && channel.values == [0.0, 1.0] && field.number(record) == 1.0
+    });
+    let remarks: Vec<String> = remarks.map(|(channel, _)| channel.bare_name().replace('_', " ")).collect();
+    let is_measure =
+        |channel: &Channel| channel.role == Role::Outcome && channel.shape.is_empty() && !channel.unit.is_empty();
+    let measure = |(channel, field): (&Channel, &Field)| {
+        format!("{} {:.3} {}", channel.bare_name().replace('_', " "), field.number(record), channel.unit)
+    };
+    let measures = pairs().filter(|(channel, _)| is_measure(channel)).take(MEASURES).map(measure);
+    Captions {
+        action: action_name(spec, record).unwrap_or_default().to_owned(),
+        remark: remarks.join(", "),
+        measures: measures.collect::<Vec<_>>().join("  "),
+        outcome: None,
+    }
+}
+
+/// What pictures of an episode mark. `record`: any of its records.
+pub fn task(spec: &'static Spec, environment: &Base, record: &[u8], title: String) -> Task {
+    let goal = spec.channel("goal_position_m");
+    let goal_tolerance_m = goal.and_then(|(channel, _)| channel.tolerance).unwrap_or_default();
+    let goal = goal.map(|(_, field)| {
+        Vec3::from_array(std::array::from_fn(|axis| field.numbers(record).nth(axis).unwrap_or_default() as f32))
+    });
+    Task { target: target(spec, environment, record), goal, goal_tolerance_m, title }
+}

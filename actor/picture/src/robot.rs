@@ -1,0 +1,87 @@
+//! The robot as pictures from outside show it: a base, a mast with a head, an arm with joints, and a gripper.
+//!
+//! Only people see it so. What collides, and what the depth camera sees, are the capsules of
+//! [`simulator::robot::links`]; each piece lies in or at one of them.
+
+use super::canvas::Rgb;
+use super::palette;
+use rapier3d::math::{Pose3, Rot3, Vec3};
+use simulator::robot::links::{HAND, PartPoses, part_shapes};
+use simulator::shape::{Part, Primitive, Shape};
+use std::f32::consts::FRAC_1_SQRT_2;
+
+const DARK: Rgb = [62, 66, 74];
+const LIGHT: Rgb = [212, 214, 218];
+/// Half of the base's height, the mast's radius, half of the head's sizes, metres.
+const BASE_M: f32 = 0.1;
+const MAST_M: f32 = 0.055;
+const HEAD_M: Vec3 = Vec3::new(0.09, 0.05, 0.07);
+/// Thickness of a link, of its capsule's.
+const LINK: f32 = 0.75;
+
+/// A piece of the robot.
+pub struct Piece {
+    pub shape: Shape,
+    pub world_from_body: Pose3,
+    pub colour: Rgb,
+}
+
+/// All pieces, where the collision bodies are in these poses.
+pub fn pieces(poses: &PartPoses) -> Vec<Piece> {
+    let capsule = |part: &Shape| match part.parts[0].primitive {
+        Primitive::Capsule { radius_m, half_height_m } => (radius_m, half_height_m),
+        _ => (0.0, 0.0),
+    };
+    let shapes = part_shapes();
+    let mut pieces = Vec::new();
+    let mut add = |part: usize, primitive: Primitive, body_from_part: Pose3, colour: Rgb| {
+        let shape = Shape { parts: vec![Part { primitive, body_from_part }] };
+        pieces.push(Piece { shape, world_from_body: poses[part], colour });
+    };
+    let up = |y: f32| Pose3::translation(0.0, y, 0.0);
+    let along_z = Rot3::from_xyzw(FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2);
+
+    let (radius_m, half_height_m) = capsule(&shapes[0]);
+    let top = half_height_m + radius_m;
+    let mast = top - BASE_M - HEAD_M.y;
+    add(0, Primitive::Cylinder { radius_m, half_height_m: BASE_M }, up(BASE_M - top), DARK);
+    add(0, Primitive::Cylinder { radius_m: MAST_M, half_height_m: mast }, up(BASE_M - HEAD_M.y), LIGHT);
+    add(0, Primitive::Cuboid { half_extents_m: HEAD_M }, up(top - HEAD_M.y), palette::ROBOT);
+
+    for (part, shape) in shapes.iter().enumerate().take(HAND).skip(1) {
+        let (thick_m, half_m) = capsule(shape);
+        // The shoulder's begins at the mast, deep in the body.
+        let half_m = if part == 1 { half_m + 0.5 * radius_m } else { half_m };
+        let middle = Pose3::from_parts(Vec3::new(0.0, 0.0, -half_m), along_z);
+        add(part, Primitive::Capsule { radius_m: LINK * thick_m, half_height_m: half_m }, middle, LIGHT);
+        add(part, Primitive::Sphere { radius_m: thick_m }, up(0.0), palette::ROBOT);
+    }
+
+    let size = |x: f32, y: f32, z: f32| Primitive::Cuboid { half_extents_m: Vec3::new(x, y, z) };
+    add(HAND, size(0.034, 0.014, 0.008), Pose3::translation(0.0, 0.0, 0.006), DARK);
+    for side in [-1.0, 1.0] {
+        add(HAND, size(0.006, 0.012, 0.022), Pose3::translation(side * 0.028, 0.0, 0.034), DARK);
+    }
+    pieces
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::model::Model;
+    use super::*;
+    use simulator::robot::configuration::Configuration;
+    use simulator::robot::links::part_poses;
+
+    #[test]
+    fn what_is_drawn_is_where_the_robot_collides() {
+        let poses = part_poses(&Configuration::start(0.5, -0.25, 3).posture()).unwrap();
+        let (mut collides, mut drawn) = (Model::default(), Model::default());
+        part_shapes().iter().zip(&poses).for_each(|(shape, pose)| collides.add(shape, pose, LIGHT, false));
+        drawn.add_robot(&poses, true);
+        let ((low, high), (drawn_low, drawn_high)) = (collides.bounds(), drawn.bounds());
+        let reach = Vec3::splat(0.03);
+        assert!((drawn_low - low + reach).min_element() > 0.0, "{drawn_low} from {low}");
+        assert!((high - drawn_high + reach).min_element() > 0.0, "{drawn_high} to {high}");
+        assert!((drawn_low.y - low.y).abs() < 1e-3 && (drawn_high.y - high.y).abs() < 1e-3, "as tall as it is");
+    }
+}

@@ -1,0 +1,175 @@
+"""Reference values for learner/tests/reference/numbers.rs: CleanRL's ppo.py in double precision, without autograd.
+
+    pip install numpy==2.4.6 safetensors==0.8.0
+    python3 make_cleanrl.py             # writes cleanrl.safetensors beside this file
+
+Formulas and constants are those of `ppo.py` in vwxyzjn/cleanrl: two networks of tanh layers, the loop over t for
+advantages, the clipped losses. The backward pass is written out by hand. Nothing is shared with the Rust code but the
+formula `noise`, from which both sides make weights and inputs, so that the file holds results only.
+"""
+
+import pathlib
+
+import numpy as np
+from safetensors.numpy import save_file
+
+HERE = pathlib.Path(__file__).parent
+STEPS, COLUMNS, INPUTS, WIDTHS, ACTIONS = 16, 4, 6, [64, 64], 3
+GAMMA, LAMBDA, VALUE, ENTROPY = 0.99, 0.95, 0.5, 0.01
+
+
+def exact(name: str, *shape: int) -> np.ndarray:
+    """`noise` of the tests: numbers in [-1, 1)."""
+    seed = 0x811C9DC5
+    for byte in name.encode():
+        seed = (seed ^ byte) * 0x01000193 % 2**32
+    x = (np.arange(np.prod(shape), dtype=np.uint64) * 0x9E3779B9 + seed) % 2**32
+    x ^= x >> 16
+    x = x * 0x85EBCA6B % 2**32
+    x ^= x >> 13
+    x = x * 0xC2B2AE35 % 2**32
+    x ^= x >> 16
+    return (x / 2147483648.0 - 1.0).reshape(shape)
+
+
+def rounded(values: np.ndarray) -> np.ndarray:
+    """To what 32 bits hold."""
+    return values.astype(np.float32).astype(np.float64)
+
+
+def noise(name: str, *shape: int) -> np.ndarray:
+    """`noise_f32` of the tests."""
+    return rounded(exact(name, *shape))
+
+
+def weights() -> dict[str, np.ndarray]:
+    """`weight_values` of the tests."""
+    found = {}
+    for head, outputs in [("actor", ACTIONS), ("critic", 1)]:
+        sizes = [INPUTS, *WIDTHS, outputs]
+        for index, (inputs, width) in enumerate(zip(sizes, sizes[1:], strict=False)):
+            name = f"{head}.{2 * index}"
+            # Scaled in double, and only then rounded to what 32 bits hold.
+            found[f"{name}.weight"] = exact(f"{name}.weight", width, inputs) * np.sqrt(3.0 / inputs)
+            found[f"{name}.bias"] = 0.1 * exact(f"{name}.bias", width)
+    return {name: rounded(value) for name, value in found.items()}
+
+
+def forward(w: dict[str, np.ndarray], head: str, x: np.ndarray) -> list[np.ndarray]:
+    """What each layer gives, the input first."""
+    layers = [x]
+    for index in range(len(WIDTHS) + 1):
+        y = layers[-1] @ w[f"{head}.{2 * index}.weight"].T + w[f"{head}.{2 * index}.bias"]
+        layers.append(np.tanh(y) if index < len(WIDTHS) else y)
+    return layers
+
+
+def backward(w: dict[str, np.ndarray], head: str, layers: list[np.ndarray], dy: np.ndarray) -> dict[str, np.ndarray]:
+    """Gradients of a head's weights for `dy`, that of its output."""
+    found = {}
+    for index in reversed(range(len(WIDTHS) + 1)):
+        if index < len(WIDTHS):
+            dy = dy * (1.0 - layers[index + 1] ** 2)
+        found[f"{head}.{2 * index}.weight"] = dy.T @ layers[index]
+        found[f"{head}.{2 * index}.bias"] = dy.sum(0)
+        dy = dy @ w[f"{head}.{2 * index}.weight"]
+    return found
+
+
+def case(name: str, clip: float, *, norm_adv: bool, clip_vloss: bool) -> dict[str, np.ndarray]:
+    """One minibatch of everything."""
+    w = weights()
+    obs = 2.0 * noise("cleanrl.numbers", STEPS, COLUMNS, INPUTS)
+    actions = (3 * np.arange(STEPS)[:, None] + 5 * np.arange(COLUMNS)) % ACTIONS
+    # 32-bit arithmetic makes these on both sides.
+    half = np.float32(0.25)
+    logprobs = (noise("cleanrl.log_prob", STEPS, COLUMNS).astype(np.float32) * half - np.float32(1.25)).astype(float)
+    values = noise("cleanrl.value", STEPS, COLUMNS)
+    rewards = noise("cleanrl.reward", STEPS, COLUMNS)
+    ended = noise("cleanrl.ended", STEPS, COLUMNS) > 0.7
+    next_value = noise("cleanrl.bootstrap", COLUMNS)
+
+    # dones[t] of ppo.py is what ended before the observation of t.
+    dones = np.concatenate([np.zeros((1, COLUMNS)), ended[:-1]])
+    next_done = ended[-1].astype(float)
+    advantages = np.zeros_like(rewards)
+    lastgaelam = 0.0
+    for t in reversed(range(STEPS)):
+        if t == STEPS - 1:
+            nextnonterminal, nextvalues = 1.0 - next_done, next_value
+        else:
+            nextnonterminal, nextvalues = 1.0 - dones[t + 1], values[t + 1]
+        delta = rewards[t] + GAMMA * nextvalues * nextnonterminal - values[t]
+        advantages[t] = lastgaelam = delta + GAMMA * LAMBDA * nextnonterminal * lastgaelam
+    returns = advantages + values
+
+    rows = STEPS * COLUMNS
+    x, a = obs.reshape(rows, INPUTS), actions.reshape(rows)
+    actor, critic = forward(w, "actor", x), forward(w, "critic", x)
+    logits = actor[-1]
+    log_probs = logits - logits.max(1, keepdims=True)
+    log_probs = log_probs - np.log(np.exp(log_probs).sum(1, keepdims=True))
+    probs = np.exp(log_probs)
+    newlogprob = log_probs[np.arange(rows), a]
+    logratio = newlogprob - logprobs.reshape(rows)
+    ratio = np.exp(logratio)
+    approx_kl = ((ratio - 1) - logratio).mean()
+    clipfrac = (np.abs(ratio - 1.0) > clip).mean()
+
+    mb_advantages = advantages.reshape(rows)
+    if norm_adv:
+        # ppo.py adds 1e-8; the reference of this project 1e-5 (docs/method.md).
+        mb_advantages = (mb_advantages - mb_advantages.mean()) / (mb_advantages.std(ddof=1) + 1e-5)
+    pg_loss1 = -mb_advantages * ratio
+    pg_loss2 = -mb_advantages * np.clip(ratio, 1 - clip, 1 + clip)
+    pg_loss = np.maximum(pg_loss1, pg_loss2).mean()
+
+    newvalue, old, target = critic[-1][:, 0], values.reshape(rows), returns.reshape(rows)
+    v_loss_unclipped = (newvalue - target) ** 2
+    v_clipped = old + np.clip(newvalue - old, -clip, clip)
+    v_loss_clipped = (v_clipped - target) ** 2
+    v_loss = 0.5 * (np.maximum(v_loss_unclipped, v_loss_clipped) if clip_vloss else v_loss_unclipped).mean()
+    entropies = -(probs * log_probs).sum(1)
+    entropy_loss = entropies.mean()
+    loss = pg_loss - ENTROPY * entropy_loss + VALUE * v_loss
+
+    # Of the policy's loss by log-probabilities: where the clipped term is the greater one, it is constant.
+    inside = (ratio >= 1 - clip) & (ratio <= 1 + clip)
+    d_ratio = np.where((pg_loss1 > pg_loss2) | inside, -mb_advantages, 0.0) / rows
+    d_logprob = d_ratio * ratio
+    one_hot = np.eye(ACTIONS)[a]
+    d_logits = d_logprob[:, None] * (one_hot - probs)
+    # dH/dlogits = -p (log p + H).
+    d_logits += ENTROPY * probs * (log_probs + entropies[:, None]) / rows
+    within = np.abs(newvalue - old) <= clip
+    d_unclipped, d_clipped = 2 * (newvalue - target), 2 * (v_clipped - target) * within
+    d_value = np.where(v_loss_unclipped > v_loss_clipped, d_unclipped, d_clipped)
+    # Where nothing is clipped both are the same.
+    d_value = np.where(within | (not clip_vloss), d_unclipped, d_value)
+    d_value = 0.5 * VALUE * d_value / rows
+    gradients = backward(w, "actor", actor, d_logits) | backward(w, "critic", critic, d_value[:, None])
+
+    found = {
+        "log_probs": log_probs.reshape(STEPS, COLUMNS, ACTIONS),
+        "values": newvalue.reshape(STEPS, COLUMNS),
+        "advantages": mb_advantages.reshape(STEPS, COLUMNS),
+        "returns": returns,
+        "loss/policy": np.array(pg_loss),
+        "loss/value": np.array(v_loss),
+        "policy/entropy": np.array(entropy_loss),
+        "loss/total": np.array(loss),
+        "policy/approximate_kl": np.array(approx_kl),
+        "policy/clip_fraction": np.array(clipfrac),
+        "optimizer/gradient_norm": np.array(np.sqrt(sum((g**2).sum() for g in gradients.values()))),
+        **{f"gradient.{weight}": gradient for weight, gradient in gradients.items()},
+    }
+    return {f"{name}.{key}": np.ascontiguousarray(value, dtype=np.float32) for key, value in found.items()}
+
+
+if __name__ == "__main__":
+    save_file(
+        case("defaults", 0.2, norm_adv=True, clip_vloss=True)
+        | case("plain", 0.2, norm_adv=False, clip_vloss=False)
+        | case("narrow", 0.05, norm_adv=False, clip_vloss=True),
+        HERE / "cleanrl.safetensors",
+    )

@@ -1,0 +1,310 @@
+//! Tasks of numbers alone: `learner probe` against `ppo.py` of `CleanRL`, settings against their formulas, and a pole that is
+//! balanced.
+
+use crate::shared::{assert_close, doubles, fixture, noise_tensor, weight_values};
+use crate::world::{World, numbers_config, weights_of};
+use learner::agent::{Agent, StepInput};
+use learner::collector::gumbel;
+use learner::network::{ActorCriticOutput, to_vec};
+use learner::optimizer::Adam;
+use learner::ppo::loss::{Experience, terms};
+use learner::rollout::Outcome;
+use proto::config::{Config, Memory, PpoConfig};
+use proto::episode::EnvironmentId;
+use proto::metric;
+use proto::run_folder::RunFolder;
+use proto::stage::RolloutShape;
+use proto::task::Spec;
+use std::collections::BTreeMap;
+use std::process::Command;
+use tch::{Device, Tensor};
+
+const STEPS: i64 = 16;
+const COLUMNS: i64 = 4;
+const ACTIONS: i64 = 3;
+/// Numbers of the task: speed, and one-hot those of the door and of the room would be five more.
+const INPUTS: i64 = 6;
+
+/// What `case` of `make_cleanrl.py` is given.
+fn batch() -> Vec<(&'static str, Tensor)> {
+    let size = [STEPS, COLUMNS];
+    let table = |name: &str| noise_tensor(&format!("cleanrl.{name}"), &size);
+    let ended = table("ended").gt(0.7);
+    let first = Tensor::from_slice(&[true; COLUMNS as usize]).view([1, COLUMNS]);
+    let start = Tensor::cat(&[first, ended.narrow(0, 0, STEPS - 1)], 0);
+    let cells = (0..STEPS).flat_map(|t| (0..COLUMNS).map(move |n| (3 * t + 5 * n) % ACTIONS));
+    let actions = Tensor::from_slice(&cells.collect::<Vec<i64>>()).view(size);
+    let zeros = ended.zeros_like();
+    vec![
+        ("numbers", noise_tensor("cleanrl.numbers", &[STEPS, COLUMNS, INPUTS]) * 2.0),
+        ("previous_action", actions.zeros_like()),
+        ("episode_start", start),
+        ("action", actions),
+        ("log_prob", table("log_prob") * 0.25 - 1.25),
+        ("value", table("value")),
+        ("reward", table("reward")),
+        ("time_limit", zeros.shallow_clone()),
+        ("ended", ended),
+        ("disturbed", zeros),
+        ("bootstrap", noise_tensor("cleanrl.bootstrap", &[COLUMNS])),
+    ]
+}
+
+/// A task with [`INPUTS`] numbers, in a file for `learner probe`.
+fn six_numbers() -> String {
+    include_str!("../support/numbers.toml").replacen("name = \"numbers\"", "name = \"six_numbers\"", 1).replacen(
+        "shape = [4]",
+        "shape = [1]",
+        1,
+    )
+}
+
+/// Losses, advantages, returns and each gradient, to 1e-5 of the largest number.
+#[test]
+fn a_probe_finds_what_cleanrl_computes() {
+    let expected = fixture("cleanrl");
+    let task = Spec::declare(&six_numbers()).expect("a sound task");
+    assert_eq!(task.inputs().expect("networks can take it").width() as i64, INPUTS);
+    let config = Config::resolve_with("gym", Some(("task = \"six_numbers\"", "a test"))).expect("it fits");
+    let agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+    let weights: Vec<(String, Tensor)> = weights_of(&agent)
+        .into_iter()
+        .map(|(name, weight)| (name.clone(), weight_values(&name, &weight.size())))
+        .collect();
+    assert_eq!(weights.len(), 12);
+    let folder = tempfile::tempdir().expect("a folder for the files");
+    let path = |name: &str| folder.path().join(name);
+    Tensor::write_safetensors(&weights, path("weights")).expect("weights are written");
+    Tensor::write_safetensors(&batch(), path("batch")).expect("a batch is written");
+    std::fs::write(RunFolder::new(folder.path()).task(), task.text()).expect("the task is written");
+    for (case, settings) in [
+        ("defaults", "ppo.clip = 0.2"),
+        ("plain", "ppo.clip = 0.2\nppo.clip_value = false\nppo.normalize_advantages = false"),
+        ("narrow", "ppo.clip = 0.05\nppo.normalize_advantages = false"),
+    ] {
+        std::fs::write(path("config"), format!("task = \"six_numbers\"\n{settings}\n")).expect("settings");
+        let task_file = RunFolder::new(folder.path()).task();
+        let run = Command::new(env!("CARGO_BIN_EXE_learner"))
+            .args(["probe", "--weights", "weights", "--batch", "batch", "--out", "out", "--config", "config"])
+            .args(["--preset", "gym", "--task"])
+            .arg(task_file)
+            .current_dir(folder.path())
+            .output()
+            .expect("the learner starts");
+        assert!(run.status.success(), "{case}: {run:?}");
+        let found: BTreeMap<String, Tensor> =
+            Tensor::read_safetensors(path("out")).expect("it is written").into_iter().collect();
+        let mut compared = 0;
+        for (name, theirs) in &expected {
+            let Some(name) = name.strip_prefix(&format!("{case}.")) else { continue };
+            let ours = found.get(name).unwrap_or_else(|| panic!("{name} is missing"));
+            assert_close(&format!("{case}: {name}"), &ours.view(theirs.size().as_slice()), theirs, 1e-5);
+            compared += 1;
+        }
+        assert_eq!(compared, 11 + 12, "{case}");
+    }
+}
+
+#[test]
+fn values_are_clipped_unless_they_are_not_to_be() {
+    let [values, old, returns] = [[0.5f32, 0.0], [0.0, 0.0], [1.0, 0.1]];
+    let zeros = || Tensor::from_slice(&[0.0f32, 0.0]);
+    let output = ActorCriticOutput {
+        log_probs: Tensor::from_slice(&[0.5f32.ln(); 4]).view([2, 2]),
+        values: Tensor::from_slice(&values),
+    };
+    let experience = Experience {
+        actions: Tensor::from_slice(&[0i64, 1]),
+        log_probs: zeros(),
+        values: Tensor::from_slice(&old),
+        advantages: zeros(),
+        returns: Tensor::from_slice(&returns),
+    };
+    let loss = |clip_value: bool| {
+        let ppo = PpoConfig { clip: 0.2, clip_value, ..PpoConfig::default() };
+        terms(&output, &experience, &ppo, 2).value.double_value(&[])
+    };
+    // The first value may count as 0.2 only, and is 0.8 away then.
+    let expected = |errors: [f64; 2]| 0.5 * (errors[0].powi(2) + errors[1].powi(2)) / 2.0;
+    assert!((loss(true) - expected([0.8, 0.1])).abs() < 1e-7, "{}", loss(true));
+    assert!((loss(false) - expected([0.5, 0.1])).abs() < 1e-7, "{}", loss(false));
+}
+
+#[test]
+fn adams_epsilon_stands_beside_the_root_of_the_second_moment() {
+    for epsilon in [1e-8, 1e-5, 0.1] {
+        let mut weights = Tensor::from_slice(&[1.0f32, -2.0]);
+        let mut adam = Adam::new(&weights);
+        let gradients = [[1e-3f32, 0.5], [2e-3, -0.25]];
+        let (mut m, mut v, mut expected) = ([0.0f64; 2], [0.0f64; 2], [1.0, -2.0]);
+        for (step, gradient) in (1..).zip(gradients) {
+            adam.step(&mut weights, &Tensor::from_slice(&gradient), 0.01, epsilon);
+            for i in 0..2 {
+                let g = f64::from(gradient[i]);
+                (m[i], v[i]) = (0.9 * m[i] + 0.1 * g, 0.999 * v[i] + 0.001 * g * g);
+                let (m, v) = (m[i] / (1.0 - 0.9f64.powi(step)), v[i] / (1.0 - 0.999f64.powi(step)));
+                expected[i] -= 0.01 * m / (v.sqrt() + epsilon);
+            }
+        }
+        for (ours, theirs) in doubles(&weights).into_iter().zip(expected) {
+            assert!((ours - theirs).abs() < 1e-6, "{epsilon}: {ours} is not {theirs}");
+        }
+    }
+}
+
+/// Steps of the optimiser show how many epochs there were: none begins after one whose last minibatch has gone too far.
+#[test]
+fn epochs_end_where_the_policy_has_gone_as_far_as_it_may() {
+    let steps = |target_kl: f64| {
+        let mut config = numbers_config(Memory::None);
+        (config.ppo.epochs, config.ppo.minibatches, config.ppo.target_kl) = (8, 2, target_kl);
+        // Each epoch goes further.
+        (config.ppo.learning_rate, config.ppo.environments_per_pass) = (3e-3, 0);
+        let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+        World::new(&config).collect(&mut agent, 0, 4).expect("finite");
+        let figures = agent.update(0.0, 0).expect("finite");
+        (agent.state().adam_steps, figures[metric::APPROXIMATE_KL])
+    };
+    let (all, mean) = steps(0.0);
+    assert_eq!(all, 16);
+    assert!(mean > 0.0);
+    assert_eq!(steps(1e-12).0, 2, "after the first epoch");
+    assert_eq!(steps(1e3).0, 16);
+    let (some, _) = steps(mean);
+    assert!(some > 2 && some < 16 && some % 2 == 0, "{some}");
+}
+
+#[test]
+fn the_same_calls_give_the_same_bits_also_through_a_saved_state() {
+    for memory in [Memory::None, Memory::Gru] {
+        let config = numbers_config(memory);
+        let train = |agent: &mut Agent, world: &mut World, rollouts: std::ops::Range<usize>| {
+            for rollout in rollouts {
+                world.collect(agent, rollout, if rollout == 1 { 2 } else { 4 }).expect("finite");
+                agent.update(0.1 * rollout as f64, rollout as u64).expect("finite");
+            }
+        };
+        let (mut straight, mut world) = (Agent::new(&config, Device::Cpu).expect("fresh"), World::new(&config));
+        train(&mut straight, &mut world, 0..3);
+        let (mut first, mut world) = (Agent::new(&config, Device::Cpu).expect("fresh"), World::new(&config));
+        train(&mut first, &mut world, 0..2);
+        let mut second = Agent::new(&Config { seed: 99, ..config.clone() }, Device::Cpu).expect("fresh");
+        second.load_state(&first.state()).expect("the state fits");
+        train(&mut second, &mut world, 2..3);
+        assert_eq!(second.weights_digest(), straight.weights_digest(), "{memory:?}");
+        let dumped = {
+            world.collect(&mut second, 3, 4).expect("finite");
+            second.rollout_tensors()
+        };
+        assert_eq!(dumped["rollout.numbers"].size(), [6, 4, 9], "{memory:?}");
+    }
+}
+
+/// A pole on a cart (Barto, Sutton and Anderson 1983) with Gymnasium's constants.
+#[derive(Clone, Copy, Default)]
+struct Pole {
+    state: [f64; 4],
+    episode: u32,
+    step: u32,
+}
+
+impl Pole {
+    fn start(column: usize, episode: u32) -> Self {
+        let drawn = noise_tensor(&format!("pole.{column}.{episode}"), &[4]) * 0.05;
+        let state = <[f64; 4]>::try_from(doubles(&drawn)).expect("four");
+        Self { state, episode, step: 0 }
+    }
+
+    /// Whether the episode ends with this action.
+    fn push(&mut self, right: bool) -> bool {
+        let [x, v, angle, turn] = self.state;
+        let force = if right { 10.0 } else { -10.0 };
+        let (sin, cos) = angle.sin_cos();
+        let pushed = (force + 0.05 * turn * turn * sin) / 1.1;
+        let turning = (9.8 * sin - cos * pushed) / (0.5 * (4.0 / 3.0 - 0.1 * cos * cos / 1.1));
+        let moving = pushed - 0.05 * turning * cos / 1.1;
+        self.state = [x + 0.02 * v, v + 0.02 * moving, angle + 0.02 * turn, turn + 0.02 * turning];
+        self.step += 1;
+        self.state[0].abs() > 2.4 || self.state[2].abs() > 12f64.to_radians() || self.step >= 500
+    }
+}
+
+const CART_POLE: &str = r#"
+name = "test_cart_pole"
+[actions]
+kind = "discrete"
+names = ["left", "right"]
+[[channels]]
+name = "upright"
+role = "part"
+dtype = "f32"
+values = [0, 1]
+doc = "1: the pole stands."
+[[channels]]
+name = "state"
+role = "observation"
+dtype = "f32"
+shape = [4]
+range = [-1e6, 1e6]
+doc = "Place, speed, angle, its speed."
+[[rewards]]
+name = "r"
+terms = [["upright", 1.0]]
+"#;
+
+/// With the constants of the preset the pole stands for hundreds of steps after a tenth of its frames, instead of twenty.
+#[test]
+fn a_pole_is_balanced() {
+    Spec::declare(&CART_POLE.replace("\"state\"", "\"motion\"")).expect("a sound task");
+    let config = Config::resolve_with("gym", Some(("task = \"test_cart_pole\"", "a test"))).expect("it fits");
+    let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+    let columns: Vec<usize> = (0..config.environments()).collect();
+    let steps = config.ppo.rollout_steps as usize;
+    let mut poles: Vec<Pole> = columns.iter().map(|&column| Pole::start(column, 0)).collect();
+    let (mut previous, mut lengths) = (vec![0; columns.len()], vec![]);
+    let see = |agent: &mut Agent, poles: &[Pole], previous: &[u8], t: Option<usize>| -> Vec<u8> {
+        let numbers: Vec<f32> = poles.iter().flat_map(|pole| pole.state).map(|number| number as f32).collect();
+        let starts: Vec<bool> = poles.iter().map(|pole| pole.step == 0).collect();
+        let mut noise = vec![];
+        for (&column, pole) in columns.iter().zip(poles) {
+            gumbel(1, EnvironmentId::of(column as u32, 0, 1), pole.episode, pole.step, 2, &mut noise);
+        }
+        let input = StepInput {
+            columns: &columns,
+            frames: &[],
+            numbers: &numbers,
+            previous_action: previous,
+            episode_start: &starts,
+            gumbel: &noise,
+        };
+        match t {
+            Some(t) => agent.step(t, &input).expect("finite").actions,
+            None => agent.bootstrap(&input).map(|()| vec![]).expect("finite"),
+        }
+    };
+    let rollouts = 60;
+    for rollout in 0..rollouts {
+        agent.begin_rollout(RolloutShape::next(u64::MAX, steps, columns.len()));
+        for t in 0..steps {
+            previous = see(&mut agent, &poles, &previous, Some(t));
+            for (&column, pole) in columns.iter().zip(&mut poles) {
+                let ended = pole.push(previous[column] == 1);
+                agent.record(t, column, Outcome { reward: 1.0, ended, time_limit: false, label: false });
+                if ended {
+                    lengths.push((rollout, pole.step));
+                    *pole = Pole::start(column, pole.episode + 1);
+                }
+            }
+        }
+        see(&mut agent, &poles, &previous, None);
+        agent.update(rollout as f64 / 488.0, rollout as u64).expect("finite");
+    }
+    let mean = |from: usize, to: usize| {
+        let of: Vec<f64> =
+            lengths.iter().filter(|(at, _)| (from..to).contains(at)).map(|(_, length)| f64::from(*length)).collect();
+        of.iter().sum::<f64>() / of.len() as f64
+    };
+    let [first, last] = [mean(0, 2), mean(rollouts - 10, rollouts)];
+    assert!(first < 40.0 && last > 150.0, "episodes of {first} steps became episodes of {last}");
+    assert!(weights_of(&agent).values().flat_map(to_vec).all(f32::is_finite));
+}

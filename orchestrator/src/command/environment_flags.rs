@@ -1,0 +1,100 @@
+//! Options of `up` for environments that are not built in.
+
+use crate::environment::consent;
+use crate::environment::describe::describe;
+use crate::preflight::programs::on_path;
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
+use proto::bounded;
+use proto::config::{EnvironmentConfig, Setting};
+use proto::shell::quoted;
+use proto::task::Spec;
+use std::path::{Path, PathBuf};
+
+/// An environment of the user's.
+#[derive(Debug, Clone, Default, Args)]
+pub struct EnvironmentFlags {
+    /// Environment of your own (docs/your-simulator.md): gymnasium:ID, package.module:function or ./file.py:function
+    #[arg(long, value_name = "ENV", conflicts_with = "env_command")]
+    env: Option<String>,
+    /// Keyword arguments for it, as JSON
+    #[arg(long, value_name = "JSON", requires = "env")]
+    env_kwargs: Option<String>,
+    /// Python that it runs in [default: that of the active virtual environment, else python3]
+    #[arg(long, value_name = "PYTHON", requires = "env")]
+    python: Option<PathBuf>,
+    /// Any other program that serves environments, such as a script that calls stillroom.serve: its words, as a shell
+    /// reads them
+    #[arg(long, value_name = "COMMAND")]
+    env_command: Option<String>,
+    /// Rewards, metrics, cost and channels of `info` that its declaration gets beside its spaces: a TOML file
+    #[arg(long, value_name = "FILE")]
+    env_declaration: Option<PathBuf>,
+}
+
+impl EnvironmentFlags {
+    /// Whether the user names an environment.
+    pub fn is_named(&self) -> bool {
+        self.env.is_some() || self.env_command.is_some()
+    }
+
+    /// Asks the environment what it is. The settings of its task; none where no environment is named. Naming it is the
+    /// consent to start it.
+    pub fn settings(&self) -> Result<Vec<Setting>> {
+        let Some(command) = self.command()? else {
+            ensure!(self.env_declaration.is_none(), "--env-declaration goes with --env or --env-command");
+            return Ok(vec![]);
+        };
+        let mut environment = EnvironmentConfig { command, declaration: String::new() };
+        let described = describe(&environment)?;
+        let more = match &self.env_declaration {
+            Some(path) => bounded::read_text(path).with_context(|| format!("cannot read {}", path.display()))?,
+            None => String::new(),
+        };
+        environment.declaration = described.declaration(&more).context("--env-declaration")?;
+        let task = Spec::kept(&environment.declaration).context("the environment's declaration")?.name.clone();
+        consent::allow(&environment.command)?;
+        let environment = toml::Value::try_from(environment)?;
+        Ok(vec![Setting::new("task", task.into())?, Setting::new("environment", environment)?])
+    }
+
+    fn command(&self) -> Result<Option<Vec<String>>> {
+        if let Some(command) = &self.env_command {
+            ensure!(!command.trim().is_empty(), "--env-command is empty");
+            // A shell reads it, in the folder where the user wrote it, and adds what the orchestrator says.
+            let script = format!("cd {} && exec {command} \"$@\"", quoted(std::env::current_dir()?));
+            return Ok(Some(["sh", "-c", &script, "sh"].map(str::to_owned).to_vec()));
+        }
+        let Some(env) = &self.env else { return Ok(None) };
+        let Some((place, name)) = env.split_once(':') else {
+            bail!("--env {env}: expected gymnasium:ID, package.module:function or ./file.py:function")
+        };
+        let text = |path: PathBuf| path.into_os_string().into_string().ok().context("a path is not text");
+        let absolute = |path: &Path| std::path::absolute(path).context("the current folder").and_then(text);
+        let is_file = Path::new(place).extension().is_some_and(|extension| extension == "py");
+        let env = if is_file { format!("{}:{name}", absolute(Path::new(place))?) } else { env.clone() };
+        let mut command = vec![text(self.interpreter()?)?, "-m".into(), "stillroom".into(), "serve".into(), env];
+        if place != "gymnasium" {
+            command.extend(["--path".to_owned(), absolute(Path::new("."))?]);
+        }
+        if let Some(kwargs) = &self.env_kwargs {
+            let table: serde_json::Value = serde_json::from_str(kwargs).context("--env-kwargs is no JSON")?;
+            ensure!(table.is_object(), "--env-kwargs is {table}, not an object such as {{\"size\": 5}}");
+            command.extend(["--kwargs".to_owned(), table.to_string()]);
+        }
+        Ok(Some(command))
+    }
+
+    /// The interpreter under its own name: in a virtual environment that is a link.
+    fn interpreter(&self) -> Result<PathBuf> {
+        let active = || std::env::var_os("VIRTUAL_ENV").map(|folder| PathBuf::from(folder).join("bin/python"));
+        match &self.python {
+            Some(python) if python.components().count() > 1 => Ok(std::path::absolute(python)?),
+            Some(python) => {
+                let name = python.to_str().context("--python is not text")?;
+                on_path(name).with_context(|| format!("there is no program `{name}` on the PATH"))
+            }
+            None => active().or_else(|| on_path("python3")).context("there is no Python: name one with --python"),
+        }
+    }
+}

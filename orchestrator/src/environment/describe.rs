@@ -1,0 +1,105 @@
+//! Asks a command once what its environments are.
+
+use crate::environment::consent::shown;
+use crate::process_end::wait_for_child;
+use anyhow::{Context, Result, anyhow, bail};
+use proto::config::EnvironmentConfig;
+use proto::printable::printable;
+use proto::task::Description;
+use rustix::process::{Pid, Signal, kill_process_group};
+use std::io::Read;
+use std::os::unix::process::CommandExt;
+use std::process::Stdio;
+use std::thread::ScopedJoinHandle;
+use std::time::Duration;
+
+/// To import a simulator and play fifty steps.
+const ANSWERS_WITHIN: Duration = Duration::from_mins(3);
+/// A longer description, and longer complaints, are cut.
+const SAYS_MOST: u64 = 4 << 20;
+/// What begins the line of standard error that says what is wrong.
+const ERROR: &str = "stillroom: error: ";
+
+/// What the environments of a command are.
+pub fn describe(environment: &EnvironmentConfig) -> Result<Description> {
+    let command = &environment.command;
+    let mut asked = environment.program();
+    asked.arg("--describe").stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = asked.process_group(0).spawn().with_context(|| format!("cannot start `{}`", shown(command)))?;
+    let group = Pid::from_child(&child);
+    let (output, errors) = (child.stdout.take(), child.stderr.take());
+    let (answer, errors) = std::thread::scope(|scope| {
+        let (answer, errors) = (scope.spawn(|| whole(output)), scope.spawn(|| whole(errors)));
+        let status = wait_for_child(&mut child, ANSWERS_WITHIN);
+        // Also what the environment has started and left behind, which may hold the pipes.
+        let _ = kill_process_group(group, Signal::KILL);
+        let joined = |reader: ScopedJoinHandle<'_, std::io::Result<Vec<u8>>>| {
+            reader.join().map_err(|_| anyhow!("a reader panicked"))?.context("cannot read what it says")
+        };
+        let read = (joined(answer)?, String::from_utf8_lossy(&joined(errors)?).into_owned());
+        match status.context("cannot wait for the environment's process")? {
+            Some(status) if status.success() => Ok(read),
+            Some(status) => bail!("{}", refusal(command, &read.1, &proto::exit::how(status))),
+            None => {
+                let _ = child.wait();
+                bail!("`{}` has not described its environment within {} s", shown(command), ANSWERS_WITHIN.as_secs())
+            }
+        }
+    })?;
+    let said = || format!("`{}` answers with what is no description; it says: {}", shown(command), last(&errors));
+    serde_json::from_slice(&answer).with_context(said)
+}
+
+/// All that a stream holds, up to a bound.
+fn whole(stream: Option<impl Read>) -> std::io::Result<Vec<u8>> {
+    let mut bytes = vec![];
+    stream.map_or(Ok(0), |stream| stream.take(SAYS_MOST).read_to_end(&mut bytes))?;
+    Ok(bytes)
+}
+
+/// Why a command could not describe its environment.
+fn refusal(command: &[String], errors: &str, how: &str) -> String {
+    let program = command.first().map_or("", String::as_str);
+    if errors.contains("No module named stillroom") {
+        return format!(
+            "{program} has no package `stillroom`: install its wheel there (docs/your-simulator.md), or name another \
+             interpreter with --python"
+        );
+    }
+    match errors.lines().rev().find_map(|line| line.strip_prefix(ERROR)) {
+        Some(problem) => printable(problem).into_owned(),
+        None => format!("`{}` {how}; its last message: {}", shown(command), last(errors)),
+    }
+}
+
+fn last(errors: &str) -> String {
+    let last = errors.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or("nothing");
+    printable(last).into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn asked(script: &str) -> Result<Description, String> {
+        let command = ["sh", "-c", script].map(str::to_owned).to_vec();
+        describe(&EnvironmentConfig { command, declaration: String::new() }).map_err(|error| format!("{error:#}"))
+    }
+
+    #[test]
+    fn a_description_is_read_and_everything_else_is_one_sentence() {
+        let answer = r#"{ "name": "mine", "actions": { "kind": "discrete", "names": ["a"] }, "channels": [] }"#;
+        assert_eq!(asked(&format!("echo '{answer}'; sleep 100 &")).unwrap().name, "mine");
+        for (script, expected) in [
+            ("echo nonsense; echo noise >&2", "what is no description; it says: noise"),
+            ("echo trace >&2; echo 'stillroom: error: it has no step' >&2; exit 2", "it has no step"),
+            ("echo 'python3: No module named stillroom' >&2; exit 1", "has no package `stillroom`"),
+            ("kill -SEGV $$", "its last message: nothing"),
+        ] {
+            let problem = asked(script).unwrap_err();
+            assert!(problem.contains(expected) && !problem.contains('\n'), "{problem}");
+        }
+        let command = vec!["/no/such/program".to_owned()];
+        assert!(describe(&EnvironmentConfig { command, declaration: String::new() }).is_err());
+    }
+}

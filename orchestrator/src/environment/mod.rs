@@ -1,0 +1,9 @@
+//! Environments that are not built in: a command of the user's simulates them.
+//!
+//! ```text
+//! describe  asks a command once what its environments are
+//! consent   which commands this user has allowed
+//! ```
+
+pub mod consent;
+pub mod describe;

@@ -1,0 +1,136 @@
+//! The newest recorded episodes by how they ended: those that are worth a film.
+
+use super::episode_index::{EpisodeIndex, Key, Shelved};
+use anyhow::{Context, Result, bail, ensure};
+use proto::config::Config;
+use proto::replay::{RecordedEpisode, ReplaySetup};
+use proto::run_folder::RunFolder;
+use std::cmp::Reverse;
+use std::time::Duration;
+
+/// How long recordings are read before an error names `--episode`.
+const PATIENCE: Duration = Duration::from_mins(10);
+/// Films of one kind, unless the user sets another number.
+const OF_A_KIND: usize = 3;
+/// Without any choice: kinds, and how many of each.
+const SHOWN: [(Kind, usize); 3] = [(Kind::Undisturbed, 2), (Kind::Disturbed, 1), (Kind::Failure, 1)];
+
+/// How an episode ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    /// By the metric that demands most.
+    Undisturbed,
+    /// By another one.
+    Disturbed,
+    Failure,
+}
+
+/// Which episodes a user wants to see.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Only {
+    Success,
+    Failure,
+    /// Successes that do not meet the metric that demands most, such as success without disturbance.
+    Disturbed,
+}
+
+impl Only {
+    fn admits(self, kind: Kind) -> bool {
+        match self {
+            Self::Success => kind != Kind::Failure,
+            Self::Failure => kind == Kind::Failure,
+            Self::Disturbed => kind == Kind::Disturbed,
+        }
+    }
+}
+
+/// The newest episodes of a run or an evaluation, each with what it takes to simulate it again.
+pub fn newest(
+    folder: &RunFolder,
+    only: Option<Only>,
+    count: Option<usize>,
+) -> Result<Vec<(ReplaySetup, RecordedEpisode)>> {
+    let config = Config::of_run(folder)?;
+    let good: Vec<String> = config.spec().good_outcomes().collect();
+    let mut index = EpisodeIndex::of(folder.clone());
+    let place = folder.root().display();
+    ensure!(
+        index.advance(PATIENCE),
+        "{place}: its recordings take too long to read; choose with --environment and --episode"
+    );
+    index.notes.iter().for_each(|note| tracing::warn!("{note}"));
+    let picked = pick(index.episodes(), &good, only, count);
+    if picked.is_empty() {
+        bail!("{place}: its recordings hold no such episode that has ended");
+    }
+    let root = std::path::absolute(folder.root())?;
+    let root = root.to_str().context("the run's folder has a name that is not text")?.to_owned();
+    let take_out = |key| {
+        let (config, episode) = index.take_out(key)?.context("an episode is no longer in the recordings")?;
+        Ok((ReplaySetup { config, folder: Some(root.clone()), images: None }, episode))
+    };
+    picked.into_iter().map(take_out).collect()
+}
+
+/// The newest of those that are wanted. `good`: outcomes that are successes, the one that demands most first.
+fn pick<'a>(
+    episodes: impl Iterator<Item = (Key, &'a Shelved)>,
+    good: &[String],
+    only: Option<Only>,
+    count: Option<usize>,
+) -> Vec<Key> {
+    let kind = |outcome: &str| match good.iter().position(|word| word == outcome) {
+        Some(0) => Kind::Undisturbed,
+        Some(_) => Kind::Disturbed,
+        None => Kind::Failure,
+    };
+    let ended = |(key, shelved): (Key, &Shelved)| {
+        let end = shelved.end.as_ref().filter(|_| shelved.is_playable())?;
+        Some((Reverse(shelved.order), key, kind(&end.outcome)))
+    };
+    let mut ended: Vec<_> = episodes.filter_map(ended).collect();
+    ended.sort_unstable_by_key(|(order, ..)| *order);
+    let first = |admits: &dyn Fn(Kind) -> bool, most: usize| -> Vec<Key> {
+        ended.iter().filter(|(_, _, kind)| admits(*kind)).take(most).map(|(_, key, _)| *key).collect()
+    };
+    match (only, count) {
+        (Some(only), count) => first(&|kind| only.admits(kind), count.unwrap_or(OF_A_KIND)),
+        (None, Some(count)) => first(&|_| true, count),
+        (None, None) => {
+            let mut shown: Vec<Key> =
+                SHOWN.iter().flat_map(|&(wanted, most)| first(&|kind| kind == wanted, most)).collect();
+            // Where a kind is missing, such as in a run that fails only, others take its place.
+            let others = ended.iter().map(|(_, key, _)| *key).filter(|key| !shown.contains(key));
+            let missing = SHOWN.iter().map(|(_, most)| most).sum::<usize>() - shown.len();
+            let others: Vec<Key> = others.take(missing).collect();
+            shown.extend(others);
+            shown
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::episode_index::shelved;
+    use super::*;
+
+    #[test]
+    fn the_newest_successes_and_one_of_each_other_kind_are_shown() {
+        let outcomes = ["failure", "best", "best", "good", "best", "time-limit", "good"];
+        let episodes: Vec<Shelved> = outcomes.iter().zip(0..).map(|(outcome, order)| shelved(order, outcome)).collect();
+        let good = ["best".to_owned(), "good".to_owned()];
+        let picked = |only, count| -> Vec<u32> {
+            let keyed = episodes.iter().zip(0..).map(|(one, episode)| ((1, 0, episode), one));
+            pick(keyed, &good, only, count).into_iter().map(|(_, _, episode)| episode).collect()
+        };
+        assert_eq!(picked(None, None), [4, 2, 6, 5], "two of the best, a disturbed one, a failure");
+        assert_eq!(picked(None, Some(3)), [6, 5, 4]);
+        let failures: Vec<Shelved> = (0..9).map(|order| shelved(order, "failure")).collect();
+        let keyed = failures.iter().zip(0..).map(|(one, episode)| ((1, 0, episode), one));
+        let keys = pick(keyed, &good, None, None);
+        assert_eq!(keys.iter().map(|(_, _, episode)| *episode).collect::<Vec<_>>(), [8, 7, 6, 5]);
+        assert_eq!(picked(Some(Only::Success), None), [6, 4, 3]);
+        assert_eq!(picked(Some(Only::Failure), Some(9)), [5, 0]);
+        assert_eq!(picked(Some(Only::Disturbed), Some(1)), [6]);
+    }
+}

@@ -1,0 +1,19 @@
+"""CartPole, served by a program of your own.
+
+orchestrator up --env-command "python python/examples/cart_pole.py" --run runs/cart-pole
+"""
+
+from __future__ import annotations
+
+import gymnasium
+
+import stillroom
+
+
+def make_env() -> gymnasium.Env:
+    """Called once for each environment of an actor."""
+    return gymnasium.make("CartPole-v1")
+
+
+if __name__ == "__main__":
+    stillroom.serve(make_env, name="cart_pole")

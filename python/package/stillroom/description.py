@@ -1,0 +1,99 @@
+"""What an environment says of itself, as a task's declaration says it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+F32_MOST = float(np.finfo(np.float32).max)
+
+# What a record holds for numbers of NumPy's types.
+DTYPES = {
+    "bool": "u8",
+    "uint8": "u8",
+    "uint16": "u16",
+    "uint32": "u32",
+    "int32": "i32",
+    "int64": "i32",
+    "float32": "f32",
+    "float64": "f32",
+}
+
+
+class Refused(Exception):
+    """An environment cannot take part, for this reason."""
+
+
+@dataclass
+class Described:
+    """A declaration's beginning, and where each observation's channel is found."""
+
+    description: dict[str, Any]
+    observed: list[tuple[str, str | None]]
+
+
+def describe(env: gymnasium.Env, name: str) -> Described:
+    """The declaration that follows from an environment's spaces."""
+    space = env.observation_space
+    if isinstance(space, spaces.Dict):
+        found = [(_channel_name(key), key, inner) for key, inner in space.spaces.items()]
+    else:
+        found = [("observation", None, space)]
+    channels = [_channel(channel, inner) for channel, _, inner in found]
+    actions = {"kind": "discrete", "names": _actions(env.action_space)}
+    return Described(
+        {"name": name, "actions": actions, "channels": channels}, [(channel, key) for channel, key, _ in found]
+    )
+
+
+def _channel_name(key: Any) -> str:
+    name = re.sub(r"[^a-z0-9]+", "_", str(key).lower()).strip("_")
+    if not isinstance(key, str) or not name[:1].isalpha():
+        raise Refused(f"its observation has the key {key!r}: a key begins with a letter")
+    return name
+
+
+def _actions(space: spaces.Space) -> list[str]:
+    if not isinstance(space, spaces.Discrete):
+        raise Refused(f"its action space is {space}; actions are Discrete, so wrap it (gymnasium.ActionWrapper)")
+    if space.start != 0:
+        raise Refused(f"its actions begin with {space.start}; they begin with 0, so wrap it (gymnasium.ActionWrapper)")
+    if space.n > 254:
+        raise Refused(f"it has {space.n} actions; a task has at most 254")
+    return [f"action_{number}" for number in range(int(space.n))]
+
+
+def _channel(name: str, space: spaces.Space) -> dict[str, Any]:
+    channel: dict[str, Any] = {"name": name, "role": "observation", "doc": f"Observation: {space}."}
+    if isinstance(space, spaces.Discrete):
+        return channel | {"dtype": "i32", "range": [float(space.start), float(space.start + space.n - 1)]}
+    if isinstance(space, spaces.MultiBinary):
+        least, most, dtype, shape = 0.0, 1.0, "uint8", space.shape
+    elif isinstance(space, spaces.MultiDiscrete):
+        least, most = float(np.min(space.start)), float(np.max(space.start + space.nvec - 1))
+        dtype, shape = str(space.dtype), space.shape
+    elif isinstance(space, spaces.Box):
+        least, most, dtype, shape = float(np.min(space.low)), float(np.max(space.high)), str(space.dtype), space.shape
+    else:
+        raise Refused(
+            f"its observation `{name}` is {space}; observations are Box, Discrete, MultiBinary, MultiDiscrete or a Dict"
+            " of these (gymnasium.wrappers has others made of them)"
+        )
+    if dtype not in DTYPES:
+        raise Refused(f"its observation `{name}` is of {dtype}; there are {', '.join(DTYPES)}")
+    kept = DTYPES[dtype]
+    channel |= {"dtype": kept, "shape": list(shape)}
+    if kept in ("u8", "u16") and len(shape) >= 2:
+        return channel
+    limit = (
+        F32_MOST
+        if kept == "f32"
+        else float(np.iinfo({"u8": np.uint8, "u16": np.uint16, "u32": np.uint32}.get(kept, np.int32)).max)
+    )
+    bottom = -limit if kept in ("f32", "i32") else 0.0
+    return channel | {"range": [max(least, bottom), min(most, limit)]}

@@ -1,0 +1,172 @@
+"""Environments of your own in a run: the interpreter that serves them is the actor's process.
+
+`orchestrator up --env gymnasium:CartPole-v1` starts `python -m stillroom serve gymnasium:CartPole-v1` for each actor. A
+program of your own does the same with `stillroom.serve(make_env)`, and is started by `orchestrator up --env-command`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import importlib.util
+import json
+import os
+import re
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NoReturn, TextIO
+
+import gymnasium
+
+from stillroom._stillroom import Actor, Replay, hold_lifeline
+from stillroom.description import Refused, describe
+from stillroom.determinism import prove
+
+MakeEnv = Callable[[], gymnasium.Env]
+
+
+def serve(make_env: MakeEnv, *, name: str | None = None) -> NoReturn:
+    """Serves environments to the orchestrator that has started this program. It returns only by `SystemExit`.
+
+    Args:
+        make_env: makes an environment; it is called once for each.
+        name: of the task: lower-case letters, digits and underscores; otherwise it is that of `make_env`.
+    """
+    arguments = _parser().parse_args()
+    streams = _stand_apart(arguments.lifeline)
+    _run(arguments, lambda: (make_env, name or make_env.__name__), streams)
+
+
+def main(argv: Sequence[str]) -> NoReturn:
+    """`python -m stillroom serve SPEC`."""
+    parser = _parser()
+    parser.prog = "python -m stillroom serve"
+    parser.add_argument("env", help="gymnasium:ID, package.module:function or file.py:function")
+    parser.add_argument("--kwargs", type=json.loads, default={}, help="keyword arguments for it, as JSON")
+    parser.add_argument("--path", help="a folder to import modules from")
+    arguments = parser.parse_args(argv)
+    streams = _stand_apart(arguments.lifeline)
+    _run(arguments, lambda: find(arguments.env, arguments.kwargs, arguments.path), streams)
+
+
+def find(spec: str, kwargs: dict[str, Any], path: str | None) -> tuple[MakeEnv, str]:
+    """What makes the environments that `spec` names, and the name of their task."""
+    place, _, name = spec.partition(":")
+    if not name:
+        raise Refused(
+            f"`{spec}` names no environment: give gymnasium:ID, package.module:function or ./file.py:function"
+        )
+    if place == "gymnasium":
+        return lambda: gymnasium.make(name, disable_env_checker=True, **kwargs), name.rpartition("/")[2]
+    if path is not None:
+        sys.path.insert(0, path)
+    try:
+        module = _module(place)
+    except ModuleNotFoundError as error:
+        raise Refused(f"there is no Python module `{error.name}`, which `{spec}` needs") from error
+    except FileNotFoundError as error:
+        raise Refused(f"there is no file {place}") from error
+    make = getattr(module, name, None)
+    if not callable(make):
+        raise Refused(f"`{place}` has no function `{name}`")
+    plain = name in ("make", "make_env")
+    return lambda: make(**kwargs), Path(place).stem.rpartition(".")[2] if plain else name
+
+
+def _module(place: str) -> Any:
+    if not place.endswith(".py"):
+        return importlib.import_module(place)
+    file = Path(place)
+    sys.path.insert(0, str(file.parent))
+    spec = importlib.util.spec_from_file_location(file.stem, file)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[file.stem] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(description="Serves environments to a run; the orchestrator starts this.")
+    parser.add_argument("--describe", action="store_true", help="print what the environment says of itself, as JSON")
+    parser.add_argument("--replay", action="store_true", help="simulate the recorded episodes on standard input again")
+    parser.add_argument("--actor", type=int)
+    parser.add_argument("--incarnation", type=int, default=1)
+    parser.add_argument("--wire")
+    parser.add_argument("--config")
+    parser.add_argument("--lifeline", action="store_true")
+    return parser
+
+
+def _stand_apart(lifeline: bool) -> tuple[TextIO, TextIO]:
+    """Keeps standard input and output for this module, and returns them.
+
+    From here on what environments print goes to the log, and they read nothing.
+    """
+    # Descriptors that `os.dup` makes are not inherited by processes that environments start.
+    asked, answer = os.fdopen(os.dup(0)), os.fdopen(os.dup(1), "w")
+    if lifeline:
+        hold_lifeline()
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.dup2(2, 1)
+    sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
+    return asked, answer
+
+
+def _run(
+    arguments: argparse.Namespace, found: Callable[[], tuple[MakeEnv, str]], streams: tuple[TextIO, TextIO]
+) -> NoReturn:
+    asked, answer = streams
+    try:
+        make_env, name = found()
+        if arguments.describe or arguments.replay:
+            env = _made(make_env)
+            described = describe(env, _task_name(name))
+            description = json.dumps(described.description)
+            if arguments.describe:
+                prove(env)
+                print(description, file=answer, flush=True)
+            else:
+                replay = Replay(next(asked), env, description, described.observed)
+                for line in asked:
+                    print(replay.verdict(line), file=answer, flush=True)
+            raise SystemExit(0)
+        missing = [name for name in ("actor", "wire", "config") if getattr(arguments, name) is None]
+        if missing:
+            raise Refused(f"--{missing[0]} is missing: the orchestrator starts this, `orchestrator up --env ...`")
+        actor = Actor(arguments.actor, arguments.incarnation, arguments.wire, arguments.config)
+        # Before the actor joins the run: they may start processes of their own.
+        envs = [_made(make_env) for _ in range(actor.environments)]
+        described = describe(envs[0], _task_name(name))
+        actor.run(envs, json.dumps(described.description), described.observed)
+    except Refused as refusal:
+        print(f"stillroom: error: {refusal}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except Exception as error:
+        traceback.print_exc()
+        print(f"stillroom: error: the environment raised {type(error).__name__}: {error}", file=sys.stderr)
+        raise SystemExit(1) from None
+    raise SystemExit(1)
+
+
+def _made(make_env: MakeEnv) -> gymnasium.Env:
+    try:
+        env = make_env()
+    except Exception as error:
+        traceback.print_exc()
+        raise Refused(f"the environment cannot be made: {type(error).__name__}: {error}") from error
+    if isinstance(env, gymnasium.vector.VectorEnv):
+        raise Refused("it makes a VectorEnv; make single environments, an actor steps as many as --envs-per-actor says")
+    if not isinstance(env, gymnasium.Env):
+        raise Refused(f"it makes a {type(env).__name__}, which is no gymnasium.Env")
+    return env
+
+
+def _task_name(name: str) -> str:
+    """`CartPole-v1` as `cart_pole_v1`."""
+    words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)
+    words = re.sub(r"[^a-z0-9]+", "_", words.lower()).strip("_")
+    return words[:64] if words[:1].isalpha() else f"task_{words}"[:64]

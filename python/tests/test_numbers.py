@@ -1,0 +1,127 @@
+"""Tasks of numbers alone: onnxruntime and `stillroom.load` compute what `learner probe` does."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from safetensors.numpy import load_file, save_file
+
+import stillroom
+from conftest import REPOSITORY
+
+onnxruntime = pytest.importorskip("onnxruntime")
+torch = pytest.importorskip("torch")
+
+TASK = REPOSITORY / "learner/tests/support/numbers.toml"
+NUMBERS, ACTIONS, HIDDEN, STEPS, COLUMNS = 9, 3, 20, 40, 5
+
+
+def program(name: str) -> Path:
+    """A built program."""
+    found = Path(os.environ.get(f"STILLROOM_{name.upper()}", REPOSITORY / "target/release" / name))
+    if not found.exists():
+        pytest.skip(f"{found} is not there: make build")
+    return found
+
+
+def weights_of(memory: str) -> dict[str, np.ndarray]:
+    """Weights of a network with layers of 12 and 10."""
+    random = np.random.default_rng(3)
+    shapes: dict[str, tuple[int, ...]] = {}
+
+    def layer(name: str, outputs: int, inputs: int) -> None:
+        shapes[f"{name}.weight"], shapes[f"{name}.bias"] = (outputs, inputs), (outputs,)
+
+    if memory == "none":
+        for head, outputs in (("actor", ACTIONS), ("critic", 1)):
+            layer(f"{head}.0", 12, NUMBERS)
+            layer(f"{head}.2", 10, 12)
+            layer(f"{head}.4", outputs, 10)
+    else:
+        layer("mlp.0", 12, NUMBERS)
+        layer("mlp.2", 10, 12)
+        layer("actor", ACTIONS, HIDDEN)
+        layer("critic", 1, HIDDEN)
+        shapes["previous_action_embedder.weight"] = (ACTIONS + 1, 16)
+        shapes["belief.weight_ih_l0"], shapes["belief.weight_hh_l0"] = (3 * HIDDEN, 26), (3 * HIDDEN, HIDDEN)
+        shapes["belief.bias_ih_l0"] = shapes["belief.bias_hh_l0"] = (3 * HIDDEN,)
+    return {name: random.normal(0, 0.4, shape).astype(np.float32) for name, shape in shapes.items()}
+
+
+def batch_of() -> dict[str, np.ndarray]:
+    """What `learner probe` is given."""
+    random, size = np.random.default_rng(4), (STEPS, COLUMNS)
+    ended = random.random(size) < 0.1
+    start = np.vstack([np.ones((1, COLUMNS), bool), ended[:-1]])
+    actions = random.integers(0, ACTIONS, size)
+    previous = np.where(start, 0, 1 + np.vstack([np.zeros((1, COLUMNS), int), actions[:-1]]))
+    table = random.normal(0, 1, (3, *size)).astype(np.float32)
+    return {
+        "numbers": random.normal(0, 1, (*size, NUMBERS)).astype(np.float32),
+        "previous_action": previous,
+        "episode_start": start,
+        "action": actions,
+        "log_prob": -np.abs(table[0]),
+        "value": table[1],
+        "reward": table[2],
+        "ended": ended,
+        "time_limit": np.zeros(size, bool),
+        "disturbed": np.zeros(size, bool),
+        "bootstrap": np.zeros(COLUMNS, np.float32),
+    }
+
+
+@pytest.mark.parametrize("memory", ["none", "gru"])
+def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str) -> None:
+    run, weights, batch = tmp_path / "run", weights_of(memory), batch_of()
+    run.mkdir()
+    (run / "task.toml").write_bytes(TASK.read_bytes())
+    network = f'goal = "plain"\nmemory = "{memory}"\nmlp = [12, 10]\nhidden = {HIDDEN}\n'
+    network += f"previous_action = {'true' if memory == 'gru' else 'false'}\n"
+    stage = '[[stages]]\nname = "I"\nreward = "r"\nframes = 100\n'
+    config = f'task = "numbers"\n[auxiliary]\ntask = "none"\n[network]\n{network}{stage}'
+    config = config.replace("[network]\n", '[network]\ncarried_goal = "goal_to_object"\n')
+    (run / "config.toml").write_text(config)
+    save_file(weights, tmp_path / "start.safetensors")
+    save_file(batch, tmp_path / "batch.safetensors")
+
+    def done(name: str, *words: str) -> None:
+        command = [program(name), *words]
+        finished = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=240)
+        assert finished.returncode == 0, finished.stderr
+
+    done("learner", "import", "--from", "start.safetensors", "--run", "run", "--run-id", "0123456789ab")
+    done("orchestrator", "export", "run", "--format", "safetensors", "--out", "policy.safetensors")
+    done("orchestrator", "export", "run", "--out", "policy.onnx")
+    files = ("--weights", "policy.safetensors", "--batch", "batch.safetensors", "--out", "found.safetensors")
+    done("learner", "probe", *files, "--preset", "gym", "--task", "run/task.toml")
+    found = load_file(tmp_path / "found.safetensors")
+
+    policy = onnxruntime.InferenceSession(tmp_path / "policy.onnx", providers=["CPUExecutionProvider"])
+    names = {value.name for value in policy.get_inputs()}
+    assert names == {"numbers"} | ({"belief", "previous_action"} if memory == "gru" else set())
+    loaded = stillroom.load(tmp_path / "policy.safetensors").network()
+    assert stillroom.load(run).weights.keys() == weights.keys()
+    beliefs = np.zeros((COLUMNS, HIDDEN), np.float32)
+    carried = loaded.begin(COLUMNS)
+    for step in range(STEPS):
+        starts = batch["episode_start"][step]
+        beliefs[starts] = 0
+        carried = carried * torch.tensor(~starts).unsqueeze(1)
+        given = {
+            "numbers": batch["numbers"][step],
+            "previous_action": (batch["previous_action"][step] + ACTIONS) % (ACTIONS + 1),
+        }
+        told = given | {"belief": beliefs}
+        log_probs, values, *after = policy.run(None, {name: told[name] for name in names})
+        beliefs = after[0] if after else beliefs
+        with torch.no_grad():
+            own_log_probs, own_values, carried = loaded(given, carried)
+        for ours, theirs in [(log_probs, found["log_probs"][step]), (values, found["values"][step])]:
+            np.testing.assert_allclose(ours, theirs, atol=2e-6)
+        for ours, theirs in [(own_log_probs, found["log_probs"][step]), (own_values, found["values"][step])]:
+            np.testing.assert_allclose(ours.numpy(), theirs, atol=2e-6)

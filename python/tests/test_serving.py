@@ -1,0 +1,119 @@
+"""What an environment says of itself, and how it is found. tests/tests/system/environments.rs has runs of such."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium import spaces
+
+import stillroom
+from stillroom.description import F32_MOST, Refused, describe
+from stillroom.determinism import prove
+from stillroom.serving import find
+
+
+class Env(gymnasium.Env):
+    """Counts its steps; `noise` is drawn beside the seed."""
+
+    def __init__(self, observation=None, actions=None, noise=False):
+        self.observation_space = observation or spaces.Box(-1.0, 1.0, (3,), np.float32)
+        self.action_space = actions or spaces.Discrete(3)
+        self._noise = np.random.default_rng() if noise else None
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self._steps = 0
+        return self._seen(), {}
+
+    def step(self, action):
+        self._steps += 1
+        return self._seen(), float(action), self._steps == 7, False, {}
+
+    def _seen(self):
+        random = self.np_random if self._noise is None else self._noise
+        return random.uniform(-1, 1, 3).astype(np.float32)
+
+
+def channels(observation):
+    return describe(Env(observation), "mine").description["channels"]
+
+
+def test_spaces_become_channels():
+    (box,) = channels(spaces.Box(np.array([-4.8, -np.inf]), np.array([4.8, np.inf]), dtype=np.float64))
+    assert (box["name"], box["dtype"], box["shape"], box["range"]) == ("observation", "f32", [2], [-F32_MOST, F32_MOST])
+    (number,) = channels(spaces.Discrete(16, start=-3))
+    assert (number["dtype"], number["range"], "shape" in number) == ("i32", [-3.0, 12.0], False)
+    (image,) = channels(spaces.Box(0, 255, (84, 84), np.uint8))
+    assert (image["dtype"], image["shape"], "range" in image) == ("u8", [84, 84], False)
+    (bits,) = channels(spaces.MultiBinary(4))
+    assert (bits["dtype"], bits["shape"], bits["range"]) == ("u8", [4], [0.0, 1.0])
+    (several,) = channels(spaces.MultiDiscrete([3, 5]))
+    assert (several["dtype"], several["shape"], several["range"]) == ("i32", [2], [0.0, 4.0])
+    both = describe(Env(spaces.Dict({"Goal-1": spaces.Discrete(2), "robot": spaces.Box(0, 1, (2,))})), "mine")
+    assert both.observed == [("goal_1", "Goal-1"), ("robot", "robot")]
+    assert both.description["actions"] == {"kind": "discrete", "names": ["action_0", "action_1", "action_2"]}
+
+
+@pytest.mark.parametrize(
+    ("observation", "actions", "problem"),
+    [
+        (None, spaces.Box(-1, 1, (2,)), "actions are Discrete"),
+        (None, spaces.Discrete(3, start=1), "begin with 0"),
+        (None, spaces.Discrete(255), "at most 254"),
+        (spaces.Text(5), None, "observations are Box"),
+        (spaces.Tuple([spaces.Discrete(2)]), None, "observations are Box"),
+        (spaces.Dict({"a": spaces.Dict({"b": spaces.Discrete(2)})}), None, "observations are Box"),
+        (spaces.Dict({"7": spaces.Discrete(2)}), None, "begins with a letter"),
+        (spaces.Box(0, 1, (2,), np.float16), None, "is of float16"),
+    ],
+)
+def test_what_a_run_cannot_have_is_refused_in_a_sentence(observation, actions, problem):
+    with pytest.raises(Refused, match=problem):
+        describe(Env(observation, actions), "mine")
+
+
+def test_an_environment_that_does_not_repeat_itself_is_refused():
+    prove(Env())
+    with pytest.raises(Refused, match="observation is another"):
+        prove(Env(noise=True))
+
+
+def test_an_environment_is_found_by_its_name(tmp_path: Path):
+    (tmp_path / "mine.py").write_text("def make_env(size=1):\n    return size\ndef other():\n    return 0\n")
+    file = tmp_path / "mine.py"
+    make, name = find(f"{file}:make_env", {"size": 5}, None)
+    assert (make(), name) == (5, "mine")
+    assert find(f"{file}:other", {}, None)[1] == "other"
+    assert find("gymnasium:CartPole-v1", {}, None)[0]().spec.id == "CartPole-v1"
+    for spec in ("mine", f"{file}:nothing", "no.such:make_env", f"{tmp_path / 'none.py'}:make_env"):
+        with pytest.raises(Refused):
+            find(spec, {}, str(tmp_path))
+
+
+def test_a_process_answers_with_its_description_alone(tmp_path: Path):
+    (tmp_path / "mine.py").write_text(
+        "import gymnasium\nprint('noise')\ndef make_env():\n    print('more')\n    return gymnasium.make('CartPole-v1')\n"
+    )
+    command = [sys.executable, "-m", "stillroom", "serve", "mine:make_env", "--path", str(tmp_path), "--describe"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["name"] == "mine"
+    assert "noise" in done.stderr
+    done = subprocess.run([*command[:-1]], capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert (done.returncode, done.stderr.splitlines()[-1]) == (
+        2,
+        "stillroom: error: --actor is missing: the orchestrator starts this, `orchestrator up --env ...`",
+    )
+
+
+def test_every_episode_has_a_seed_of_its_own():
+    seeds = {stillroom.episode_seed(seed, env, episode) for seed in (1, 2) for env in range(9) for episode in range(99)}
+    assert len(seeds) == 2 * 9 * 99
+    assert all(0 <= seed < 2**31 for seed in seeds)
+    assert stillroom.episode_seed(1, 0, 0) == stillroom.episode_seed(1, 0, 0)

@@ -1,0 +1,263 @@
+//! Environments of Python in a run: the same weights as built-in actors train, one sentence for each way to fail, and
+//! nothing started that the user has not named.
+//!
+//! They need a Python with the package `stillroom`, which `STILLROOM_TEST_PYTHON` names: `make test-python` runs them. Without
+//! one they are skipped.
+
+use proto::run_folder::RunFolder;
+use proto::task::{Role, Spec};
+use std::path::Path;
+use std::process::Command;
+use system_tests::{Printed, TINY, Workshop, complete, finish, kill, kill_child, start, tell, wait_until};
+use toml::{Table, Value};
+
+const ACTORS: u32 = 2;
+const ENVIRONMENTS: u32 = 3;
+const FRAMES: u64 = 600;
+const SEED: u64 = 5;
+
+/// A workshop, and a Python with the package; none where there is no such Python.
+struct Place {
+    workshop: Workshop,
+    python: String,
+}
+
+fn place() -> Option<Place> {
+    let Ok(python) = std::env::var("STILLROOM_TEST_PYTHON") else {
+        tell("skipped: `make test-python` runs it, with STILLROOM_TEST_PYTHON");
+        return None;
+    };
+    let workshop = Workshop::new();
+    std::fs::write(workshop.path("task.toml"), declaration()).expect("a writable folder");
+    std::fs::write(workshop.path("sums.toml"), SUMS).expect("a writable folder");
+    Some(Place { workshop, python })
+}
+
+/// The network averages over windows of an image.
+const SUMS: &str = "[[channels]]\nname = \"depth_mm\"\nrole = \"observation\"\ndtype = \"u16\"\nshape = [224, 224]\n\
+                    sums = 2\ndoc = \"\"\n";
+
+fn source(name: &str) -> String {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/system/environments");
+    folder.join(name).to_str().expect("a path of text").to_owned()
+}
+
+/// What `ArmPointNav` declares beside its spaces: the image's sums, parts of rewards, rewards, weights, label and cost.
+fn declaration() -> String {
+    let spec = Spec::built_in().iter().find(|spec| spec.name == "arm_point_nav").expect("a built-in task");
+    let mut table: Table = toml::from_str(spec.text()).expect("a declaration");
+    table.retain(|key, _| ["channels", "rewards", "weights", "label", "cost"].contains(&key));
+    let wanted = |name: &str| {
+        spec.channel(name).is_some_and(|(channel, _)| matches!(channel.role, Role::Part | Role::Observation))
+    };
+    let Some(Value::Array(channels)) = table.get_mut("channels") else { panic!("a declaration has channels") };
+    channels.retain(|channel| wanted(channel["name"].as_str().expect("a name")));
+    toml::to_string(&table).expect("tables can be written")
+}
+
+impl Place {
+    /// A command of the user who begins the runs.
+    fn user(&self, mut command: Command) -> Command {
+        command.env("XDG_STATE_HOME", self.workshop.path("states"));
+        command
+    }
+
+    /// `orchestrator` with these arguments, complete.
+    fn orchestrator(&self, arguments: &[&str]) -> Printed {
+        complete(self.user(self.workshop.orchestrator(arguments)))
+    }
+
+    /// `orchestrator up` with environments of a file beside this one.
+    fn up(&self, run: &str, env: &str, kwargs: &serde_json::Value, more: &[&str]) -> Command {
+        let mut command = self.workshop.up_seeded(run, ACTORS, ENVIRONMENTS, FRAMES, SEED);
+        command.args(["--env", &source(env), "--python", &self.python, "--env-kwargs", &kwargs.to_string()]);
+        command.args(more);
+        self.user(command)
+    }
+
+    /// The kitchen of a scene, played by Python.
+    fn kitchen(&self, run: &str) -> Command {
+        let kwargs = serde_json::json!({
+            "seed": SEED, "environments": ACTORS * ENVIRONMENTS, "scene": scene(), "preset": "demo", "max_steps": 24,
+            "start_distance_max_m": 1.0, "goal_distance_max_m": 1.0,
+        });
+        self.up(run, "kitchen.py:make_env", &kwargs, &["--env-declaration", "task.toml"])
+    }
+
+    /// The weights that built-in actors train in the scene.
+    fn built_in(&self) -> (String, u64) {
+        let mut command = self.workshop.up_seeded("built-in", ACTORS, ENVIRONMENTS, FRAMES, SEED);
+        command.args(["--set", &format!("scenes=[\"{}\"]", scene())]);
+        complete(command).result()
+    }
+
+    /// A run is begun, its first actor is killed in the second rollout, and its learner in the fourth.
+    fn disturbed(&self, run: &str, command: Command) -> Printed {
+        let child = start(command);
+        for (rollouts, word) in [(1, "--actor 0 "), (3, "--rank 0 ")] {
+            self.workshop.run(run).wait_for_rollouts(rollouts);
+            self.workshop.run(run).processes(word).into_iter().for_each(kill);
+        }
+        finish(child)
+    }
+}
+
+fn scene() -> String {
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes/studio/scene.toml");
+    scene.canonicalize().expect("a scene").to_str().expect("a path of text").to_owned()
+}
+
+#[test]
+fn a_kitchen_that_python_serves_ends_in_the_weights_of_built_in_actors_killed_or_not() {
+    let Some(place) = place() else { return };
+    let workshop = &place.workshop;
+    let expected = place.built_in();
+    let served = complete(place.kitchen("served"));
+    assert_eq!(served.result(), expected);
+    assert_eq!(served.deaths(), Vec::<&str>::new());
+    let killed = place.disturbed("killed", place.kitchen("killed"));
+    assert!(!killed.deaths().is_empty(), "{killed:#?}");
+    assert_eq!(killed.result(), expected);
+    workshop.run("killed").assert_nothing_left();
+    for run in ["served", "killed"] {
+        let replayed = place.orchestrator(&["replay", run, "--check"]);
+        assert!(replayed.success && replayed.stdout.contains("differences: 0"), "{replayed:#?}");
+        let drawn = place.orchestrator(&["replay", run]);
+        assert!(!drawn.success && drawn.stderr.contains("are drawn of built-in environments alone"), "{drawn:#?}");
+    }
+}
+
+/// An environment that fails once: the sentence, whether the actor dies of it, and the weights.
+#[test]
+fn every_failure_is_one_sentence_and_costs_nothing() {
+    let Some(place) = place() else { return };
+    let workshop = &place.workshop;
+    let text = TINY.replace("actor_deadline_s = 60.0", "actor_deadline_s = 30.0");
+    std::fs::write(workshop.path("tiny.toml"), text).expect("a writable folder");
+    let run = |name: &str, fault: &str| {
+        let kwargs = serde_json::json!({ "fault": fault, "marker": workshop.path(&format!("{name}.marker")) });
+        let stage = "stages=[{ name = \"I\", reward = \"r\", frames = 600 }]";
+        let more = ["--env-declaration", "sums.toml", "--set", stage, "--set", "auxiliary.weight=0.0"];
+        complete(place.up(name, "faulty.py:make_env", &kwargs, &more))
+    };
+    let expected = run("sound", "").result();
+    for (fault, sentence) in [
+        ("step", "step() raised ZeroDivisionError: the robot fell over"),
+        ("reset", "reset() raised ValueError: no start was found"),
+        ("shape", "its `goal_m` is an array of [2] float32, not an array of [3] F32"),
+        ("dtype", "its `goal_m` is an array of [3] int16, not an array of [3] F32"),
+        ("range", "which cannot be"),
+        ("nan", "its goal_m is not finite"),
+        ("reward", "its reward is not finite"),
+        ("key", "it gives no `goal_m`"),
+        ("tuple", "step() did not return (observation, reward, terminated, truncated, info)"),
+        ("exit", "step() asked Python to exit (enough)"),
+        ("os_exit", "died"),
+        ("segfault", "died"),
+        ("hang", "died"),
+        ("print", ""),
+        ("child", ""),
+    ] {
+        let printed = run(fault, fault);
+        assert_eq!(printed.result(), expected, "{fault}");
+        let found = printed.stderr.lines().find(|line| line.contains(sentence));
+        let line = found.unwrap_or_else(|| panic!("{fault}: no line with `{sentence}`: {printed:#?}"));
+        println!("{fault}: {line}");
+        // What ends the process leaves its place to the report of a run that is given up.
+        if !sentence.is_empty() && sentence != "died" {
+            let named = ["environment ", ", episode ", ", step "].iter().all(|part| line.contains(part));
+            assert!(named && line.contains("actor"), "{fault}: {line}");
+        }
+        assert_eq!(printed.deaths().is_empty(), sentence.is_empty(), "{fault}: {printed:#?}");
+        workshop.run(fault).assert_nothing_left();
+        assert_eq!(workshop.run(fault).processes(fault), Vec::<u32>::new(), "no process is left behind");
+    }
+    // The first actor to get there fails.
+    let logged = |name: &str| {
+        let log = |actor| std::fs::read_to_string(workshop.run(name).folder.log(&format!("actor-{actor:02}")));
+        (0..ACTORS).map(|actor| log(actor).unwrap_or_default()).collect::<String>()
+    };
+    assert!(logged("print").contains("a line of the environment's own"));
+    assert!(logged("step").contains("Traceback"));
+}
+
+#[test]
+fn an_environment_that_cannot_take_part_is_refused_before_a_run_begins() {
+    let Some(place) = place() else { return };
+    let workshop = &place.workshop;
+    let refused = |arguments: &[&str]| {
+        let printed = place.orchestrator(&[&["up", "--run", "refused"], arguments].concat());
+        assert!(!printed.success && !workshop.path("refused").exists(), "{printed:#?}");
+        printed.stderr
+    };
+    let python = place.python.as_str();
+    for (env, expected) in [
+        ("gymnasium:NoSuchThing-v0", "the environment cannot be made"),
+        ("gymnasium:Pendulum-v1", "actions are Discrete"),
+        ("no_such_module:make_env", "there is no Python module `no_such_module`"),
+        ("./no_such_file.py:make_env", "there is no file"),
+        ("json:no_such_function", "`json` has no function `no_such_function`"),
+        ("json:loads", "the environment cannot be made"),
+        ("nothing", "expected gymnasium:ID, package.module:function or ./file.py:function"),
+    ] {
+        let said = refused(&["--python", python, "--env", env]);
+        assert!(said.contains(expected), "{env}: {said}");
+    }
+    let said = refused(&["--python", python, "--env", &source("faulty.py:random_env")]);
+    assert!(said.contains("it does not repeat itself"), "{said}");
+    let said = refused(&["--python", "/usr/bin/env", "--env", "gymnasium:CartPole-v1"]);
+    assert!(said.lines().count() < 4, "{said}");
+    let said = refused(&["--python", python, "--env", "gymnasium:CartPole-v1", "--env-kwargs", "[1"]);
+    assert!(said.contains("--env-kwargs is no JSON"), "{said}");
+}
+
+#[test]
+fn a_run_of_somebody_elses_starts_no_command_before_it_is_allowed() {
+    let Some(place) = place() else { return };
+    let workshop = &place.workshop;
+    let child = start(place.kitchen("run"));
+    workshop.run("run").wait_for_rollouts(1);
+    let stopped = place.orchestrator(&["stop", "run"]);
+    assert!(stopped.success, "{stopped:#?}");
+    assert!(finish(child).success);
+    let other = |arguments: &[&str]| {
+        let mut command = workshop.orchestrator(arguments);
+        command.env("XDG_STATE_HOME", workshop.path("other-states"));
+        complete(command)
+    };
+    for command in [&["resume", "run"][..], &["replay", "run", "--check"]] {
+        let refused = other(command);
+        assert!(!refused.success, "{refused:#?}");
+        assert!(refused.stderr.contains("`orchestrator allow "), "{refused:#?}");
+    }
+    let allowed = other(&["allow", "run"]);
+    assert!(allowed.success && allowed.stdout.contains("stillroom serve"), "{allowed:#?}");
+    let resumed = other(&["resume", "run"]);
+    assert_eq!(resumed.result().1, FRAMES);
+}
+
+/// The environment is another one when the run goes on.
+#[test]
+fn an_environment_with_other_spaces_is_refused_by_name() {
+    let Some(place) = place() else { return };
+    let workshop = &place.workshop;
+    let file = workshop.path("mine.py");
+    let text = std::fs::read_to_string(source("faulty.py")).expect("a file beside this one");
+    std::fs::write(&file, &text).expect("a writable folder");
+    let mut command = workshop.up_seeded("run", 1, 1, 200_000, SEED);
+    command.args(["--env", "./mine.py:make_env", "--env-declaration", "sums.toml", "--set", "auxiliary.weight=0.0"]);
+    command
+        .args(["--set", "stages=[{ name = \"I\", reward = \"r\", frames = 200000 }]"])
+        .args(["--python", &place.python]);
+    let child = start(place.user(command));
+    workshop.run("run").wait_for_rollouts(1);
+    std::fs::write(&file, text.replace("Discrete(2)", "Discrete(3)")).expect("a writable folder");
+    workshop.run("run").processes("--actor 0 ").into_iter().for_each(kill);
+    let log = RunFolder::new(workshop.path("run")).log("actor-00");
+    wait_until("the actor refuses", || {
+        std::fs::read_to_string(&log)
+            .unwrap_or_default()
+            .contains("the environment has 3 actions, but the run was begun")
+    });
+    kill_child(child);
+}
