@@ -84,10 +84,10 @@ mod tests {
         let numbers = |name: &str| spec.channel(name).unwrap().1.numbers(&record).collect::<Vec<_>>();
         assert_eq!((numbers("disturbance_m"), numbers("target")), (vec![0.5], vec![3.0]));
         assert_eq!(numbers("goal_position_m"), [1.0, 2.0, 3.0]);
-        assert_eq!([size_of::<Transition>(), size_of::<Current>()], [
-            spec.layout().of_action.len(),
-            spec.layout().seen.len()
-        ]);
+        assert_eq!(
+            [size_of::<Transition>(), size_of::<Current>()],
+            [spec.layout().of_action.len(), spec.layout().seen.len()]
+        );
         assert_eq!(check(spec, &transition, &current), Ok(()));
         let far = Current { goal_position_m: [1e6, 0.0, 0.0], ..Current::default() };
         assert!(check(spec, &transition, &far).unwrap_err().to_string().contains("goal_position_m is 1000000"));

@@ -282,10 +282,18 @@ mod tests {
                 assert!((0.5..=2.0).contains(&way_m), "{way_m} m");
                 let done = drive(&mut environment);
                 let last = done.last().unwrap();
-                assert!((done.iter().map(|done| done.goal_progress_m).sum::<f32>() - (way_m - last.goal_distance_m)).abs() < 1e-3);
+                assert!(
+                    (done.iter().map(|done| done.goal_progress_m).sum::<f32>() - (way_m - last.goal_distance_m)).abs()
+                        < 1e-3
+                );
                 // 0.2 m each time that it drove.
-                let path_m = 0.2 * done.windows(2).filter(|pair| pair[1].path_m > pair[0].path_m).count() as f32 + done[0].path_m;
-                assert!((last.path_m - path_m).abs() < 1e-3 && last.goal_success >= last.spl && (last.spl > 0.0) == (last.goal_success > 0.0));
+                let path_m = 0.2 * done.windows(2).filter(|pair| pair[1].path_m > pair[0].path_m).count() as f32
+                    + done[0].path_m;
+                assert!(
+                    (last.path_m - path_m).abs() < 1e-3
+                        && last.goal_success >= last.spl
+                        && (last.spl > 0.0) == (last.goal_success > 0.0)
+                );
                 if last.goal_success > 0.0 {
                     assert!((last.spl - way_m / way_m.max(path_m)).abs() < 1e-3);
                 }
@@ -300,7 +308,8 @@ mod tests {
         let kitchen = kitchen(7);
         let mut environment = environment(&kitchen, &config(0.0), 3);
         for action in [LEFT, AHEAD, RIGHT, RIGHT, AHEAD, AHEAD] {
-            let Current { goal_m: [x, y, z], base_position_m: [base_x, base_z], base_yaw_rad, .. } = environment.current();
+            let Current { goal_m: [x, y, z], base_position_m: [base_x, base_z], base_yaw_rad, .. } =
+                environment.current();
             let [goal_x, goal_y, goal_z] = environment.current().goal_position_m;
             assert_eq!((y, goal_y, environment.current().camera_pitch_rad), (0.0, 0.0, 0.0));
             let (sin, cos) = base_yaw_rad.sin_cos();
@@ -309,7 +318,10 @@ mod tests {
             environment.step(action);
         }
         let last = environment.step(STOP);
-        assert!(environment.base.ended() && last.goal_success == 0.0 && last.failed_action == 1.0, "that is not the goal");
+        assert!(
+            environment.base.ended() && last.goal_success == 0.0 && last.failed_action == 1.0,
+            "that is not the goal"
+        );
     }
 
     #[test]
