@@ -8,15 +8,15 @@ pub mod simd;
 /// Miri knows no mapped files.
 #[cfg(all(test, not(miri)))]
 mod tests {
-    use super::shm::Words;
+    use super::shm::SharedWords;
 
     #[test]
     fn halves_of_words_are_counted_by_several_threads_and_touch_no_other_word() {
         use std::sync::atomic::Ordering;
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("halves");
-        Words::create(&path, 3).unwrap();
-        let words = Words::open(&path, 3, true).unwrap();
+        SharedWords::create(&path, 3).unwrap();
+        let words = SharedWords::open(&path, 3, true).unwrap();
         std::thread::scope(|scope| {
             for _ in 0..4 {
                 scope.spawn(|| (0..10_000).for_each(|_| drop(words.low(1).fetch_add(1, Ordering::SeqCst))));
@@ -29,10 +29,10 @@ mod tests {
     fn words_are_read_and_written_by_several_threads_to_the_last_one() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("words");
-        Words::create(&path, 600).unwrap();
-        assert!(Words::open(&path, 601, false).is_err());
+        SharedWords::create(&path, 600).unwrap();
+        assert!(SharedWords::open(&path, 601, false).is_err());
         // As processes, each has a mapping of its own.
-        let open = |writable| Words::open(&path, 600, writable).unwrap();
+        let open = |writable| SharedWords::open(&path, 600, writable).unwrap();
         std::thread::scope(|scope| {
             scope.spawn(|| {
                 let words = open(true);
