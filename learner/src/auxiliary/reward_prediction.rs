@@ -58,7 +58,6 @@ impl Task for RewardPrediction {
 }
 // ANCHOR_END: task
 
-// ANCHOR: test
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -131,4 +130,3 @@ mod tests {
         assert!(squares(&by_hand(&parameters)) < squares(&errors));
     }
 }
-// ANCHOR_END: test

@@ -42,7 +42,6 @@ impl VisualEncoder for Patchwork {
 }
 // ANCHOR_END: encoder
 
-// ANCHOR: test
 #[cfg(test)]
 mod tests {
     use super::super::visual::VISUAL;
@@ -64,4 +63,3 @@ mod tests {
         }
     }
 }
-// ANCHOR_END: test
