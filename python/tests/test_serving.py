@@ -23,7 +23,7 @@ class Env(gymnasium.Env):
 
     def __init__(self, observation=None, actions=None, noise=False):
         self.observation_space = observation or spaces.Box(-1.0, 1.0, (3,), np.float32)
-        self.action_space = actions or spaces.Discrete(3)
+        self.action_space = spaces.Discrete(3) if actions is None else actions
         self._noise = np.random.default_rng() if noise else None
 
     def reset(self, *, seed=None, options=None):

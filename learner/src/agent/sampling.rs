@@ -45,15 +45,15 @@ fn best(log_probs: &[f32], gumbel: &[f32]) -> usize {
 
 /// mean + deviation · noise for each number. libm, so that every machine draws the same.
 fn draw(row: &[f32], noise: &[f32]) -> (PolicyAction, f32) {
-    let (means, log_deviations) = row.split_at(noise.len());
+    let (means, log_stds) = row.split_at(noise.len());
     let (mut numbers, mut log_prob) = (Vec::with_capacity(noise.len()), 0.0);
-    for ((&mean, &log_deviation), &noise) in means.iter().zip(log_deviations).zip(noise) {
-        let (mean, log_deviation) = (f64::from(mean), f64::from(log_deviation));
-        let deviation = libm::exp(log_deviation);
+    for ((&mean, &log_std), &noise) in means.iter().zip(log_stds).zip(noise) {
+        let (mean, log_std) = (f64::from(mean), f64::from(log_std));
+        let deviation = libm::exp(log_std);
         // What is judged is the number as it is kept.
         let number = (mean + deviation * f64::from(noise)) as f32;
         let away = (f64::from(number) - mean) / deviation;
-        log_prob -= 0.5 * away * away + log_deviation + HALF_LN_TAU;
+        log_prob -= 0.5 * away * away + log_std + HALF_LN_TAU;
         numbers.push(number);
     }
     (PolicyAction::Numbers(numbers), log_prob as f32)

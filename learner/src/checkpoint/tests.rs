@@ -250,11 +250,16 @@ fn numbers_that_no_run_reaches_are_refused() {
 fn episodes_of_any_length_come_back_and_those_of_older_versions_do() {
     let agent = snapshot(1).agent;
     let long: Vec<u8> = (0..MAX_EPISODE_STEPS).map(|step| (step % 21) as u8).collect();
-    let environments = vec![EnvironmentState::after(4, &long, 1), EnvironmentState::after(5, &[7, 8, 9], 1)];
-    let boundary = Boundary { environments, ..snapshot(1).boundary };
-    let bytes = tensors::encode(&agent.tensors, &boundary).unwrap();
-    assert!(bytes.len() < MAX_EPISODE_STEPS + 4096);
-    assert_eq!(tensors::decode(&bytes, 4).unwrap().1, boundary);
+    for width in [1, 8] {
+        let (long, short) = (long.repeat(width), [250, 255, 9].repeat(width));
+        // Of several bytes each may be anything.
+        let short = if width == 1 { vec![7, 8, 9] } else { short };
+        let environments = [(4, &long), (5, &short)].map(|(at, actions)| EnvironmentState::after(at, actions, width));
+        let boundary = Boundary { environments: environments.into(), ..snapshot(1).boundary };
+        let bytes = tensors::encode(&agent.tensors, &boundary).unwrap();
+        assert!(bytes.len() < width * MAX_EPISODE_STEPS + 4096);
+        assert_eq!(tensors::decode(&bytes, 4).unwrap().1, boundary);
+    }
 
     // Each column had room for 512 actions.
     let boundary = snapshot(1).boundary;

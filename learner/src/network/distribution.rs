@@ -13,9 +13,9 @@ pub(crate) const HALF_LN_TAU: f64 = 0.918_938_533_204_672_7;
 pub enum Distribution {
     /// Independent choices: log-probabilities of the options of each, side by side, \[rows, options\]; options of each.
     Categorical { log_probs: Tensor, choices: Vec<i64> },
-    /// Independent numbers: means \[rows, numbers\], and logarithms of deviations, which no observation changes,
+    /// Independent numbers: means \[rows, numbers\], and logarithms of standard deviations, which no observation changes,
     /// \[numbers\].
-    Gaussian { means: Tensor, log_deviations: Tensor },
+    Gaussian { means: Tensor, log_std: Tensor },
 }
 
 /// How the actor's outputs become a distribution.
@@ -26,8 +26,8 @@ pub(super) enum Maker {
 }
 
 impl Maker {
-    /// Declares the deviations, if there are some: their logarithms begin with 0 (`ppo_continuous_action.py` of
-    /// `CleanRL`).
+    /// Declares the deviations, if there are some: their logarithms begin with 0 (`CleanRL`, its PPO of
+    /// continuous actions).
     pub fn new(layout: &mut Layout, head: &ActionHead) -> Self {
         if head.is_gaussian() {
             Self::Gaussian(layout.add("log_std".to_owned(), &[head.outputs() as i64], Initial::Constant(0.0)))
@@ -36,8 +36,8 @@ impl Maker {
         }
     }
 
-    /// Logarithms of the deviations \[numbers\].
-    pub fn log_deviations<'a>(&self, parameters: &'a Parameters) -> Option<&'a Tensor> {
+    /// Logarithms of the standard deviations \[numbers\].
+    pub fn log_std<'a>(&self, parameters: &'a Parameters) -> Option<&'a Tensor> {
         match self {
             Self::Categorical(_) => None,
             Self::Gaussian(id) => Some(&parameters[*id]),
@@ -52,9 +52,7 @@ impl Maker {
                 let log_probs = parts(outputs, choices).into_iter().map(of_choice).collect();
                 Distribution::Categorical { log_probs: beside(log_probs), choices: choices.clone() }
             }
-            Self::Gaussian(id) => {
-                Distribution::Gaussian { means: outputs, log_deviations: parameters[*id].shallow_clone() }
-            }
+            Self::Gaussian(id) => Distribution::Gaussian { means: outputs, log_std: parameters[*id].shallow_clone() },
         }
     }
 }
@@ -80,9 +78,9 @@ impl Distribution {
                 let parts = parts(log_probs.shallow_clone(), choices).into_iter().enumerate();
                 parts.map(of_choice).reduce(|sum, log_prob| sum + log_prob).expect("a policy chooses")
             }
-            Self::Gaussian { means, log_deviations } => {
-                let away = (actions - means) * (-log_deviations).exp();
-                let log_probs = away.square() * -0.5 - log_deviations - HALF_LN_TAU;
+            Self::Gaussian { means, log_std } => {
+                let away = (actions - means) * (-log_std).exp();
+                let log_probs = away.square() * -0.5 - log_std - HALF_LN_TAU;
                 log_probs.sum_dim_intlist(-1, false, Kind::Float)
             }
         }
@@ -95,8 +93,8 @@ impl Distribution {
             Self::Categorical { log_probs, .. } => {
                 -(log_probs.exp() * log_probs).sum_dim_intlist(-1, false, Kind::Float)
             }
-            Self::Gaussian { means, log_deviations } => {
-                (log_deviations + HALF_LN_TAU + 0.5).sum(Kind::Float).expand([means.size()[0]], false)
+            Self::Gaussian { means, log_std } => {
+                (log_std + HALF_LN_TAU + 0.5).sum(Kind::Float).expand([means.size()[0]], false)
             }
         }
     }
@@ -105,9 +103,9 @@ impl Distribution {
     pub fn tables(self) -> Vec<(&'static str, Tensor)> {
         match self {
             Self::Categorical { log_probs, .. } => vec![("log_probs", log_probs)],
-            Self::Gaussian { means, log_deviations } => {
-                let log_deviations = log_deviations.expand_as(&means);
-                vec![("means", means), ("log_stds", log_deviations)]
+            Self::Gaussian { means, log_std } => {
+                let log_std = log_std.expand_as(&means);
+                vec![("means", means), ("log_stds", log_std)]
             }
         }
     }

@@ -304,8 +304,8 @@ impl Network {
             [weight, bias].map(|id| &self.parameters[id])
         };
         let gate_biases = self.belief.gru().biases(&self.parameters);
-        let log_deviations = self.policy.log_deviations(&self.parameters);
-        Heads { gate_biases, actor: of(&self.actor), critic: of(&self.critic), log_deviations }
+        let log_std = self.policy.log_std(&self.parameters);
+        Heads { gate_biases, actor: of(&self.actor), critic: of(&self.critic), log_std }
     }
 
     /// Beliefs \[rows, hidden\], or embeddings without memory → policy and value.

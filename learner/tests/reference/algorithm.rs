@@ -1,6 +1,6 @@
 //! What the update is made of: targets, losses, optimiser, multiplier, sensors.
 
-use crate::shared::{assert_close, doubles, fixture, noise, noise_f32, noise_tensor};
+use crate::shared::{assert_close, choice, doubles, fixture, noise, noise_f32, noise_tensor};
 use crate::world::small_config;
 use learner::agent::Agent;
 use learner::auxiliary::focal_loss;

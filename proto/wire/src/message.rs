@@ -272,7 +272,7 @@ mod tests {
         for width in [1, 8] {
             let long = long.repeat(width);
             let mut states = vec![EnvironmentState::start_of(3), EnvironmentState::after(9, &long, width)];
-            assert_eq!(states[0].last_action(), []);
+            assert!(states[0].last_action().is_empty());
             states[0].push(&vec![5; width]);
             assert_eq!(
                 (states[0].last_action(), states[1].last_action()),

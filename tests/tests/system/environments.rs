@@ -127,14 +127,15 @@ fn a_kitchen_that_python_serves_ends_in_the_weights_of_built_in_actors_killed_or
     }
 }
 
-/// Numbers and choices cross, are recorded, and are taken again after kills.
+/// Numbers and choices cross, are recorded, and are taken again after kills; by one learner or two.
 #[test]
 fn a_run_with_actions_of_any_kind_ends_in_the_same_weights_killed_or_not() {
     let Some(place) = place() else { return };
     let stage = "stages=[{ name = \"I\", reward = \"r\", frames = 600 }]";
     let alone = ["auxiliary.task=none", "network.goal=plain", "network.memory=none", "network.previous_action=false"];
-    let settings: Vec<&str> = [stage].iter().chain(&alone).flat_map(|setting| ["--set", setting]).collect();
-    for kind in ["numbers", "choices"] {
+    for (kind, more) in [("numbers", "learner.shards=2"), ("choices", "ppo.overlap=true")] {
+        let settings = [stage, more].into_iter().chain(alone).flat_map(|setting| ["--set", setting]);
+        let settings: Vec<&str> = settings.collect();
         let run = |name: &str| place.up(name, &format!("actions.py:{kind}"), &serde_json::json!({}), &settings);
         let expected = complete(run(kind)).result();
         let name = format!("{kind}-killed");
@@ -144,6 +145,11 @@ fn a_run_with_actions_of_any_kind_ends_in_the_same_weights_killed_or_not() {
         for run in [kind, &name] {
             let replayed = place.orchestrator(&["replay", run, "--check"]);
             assert!(replayed.success && replayed.stdout.contains("differences: 0"), "{replayed:#?}");
+        }
+        if kind == "numbers" {
+            let mut two = run("numbers-of-two");
+            two.args(["--learners", "2"]);
+            assert_eq!(complete(two).result(), expected, "shards give the same weights to any number of learners");
         }
     }
 }

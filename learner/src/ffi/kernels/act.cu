@@ -113,7 +113,7 @@ extern "C" __global__ void decide(const float* from_input, const float* from_bef
                                   const float* input_bias, const float* before_bias, const float* actor,
                                   const float* actor_bias, const float* critic, const float* critic_bias,
                                   const float* noise, const long long* to, float* table, Chosen* choices, int hidden,
-                                  int actions, float* outputs_to, const float* log_deviations) {
+                                  int actions, float* outputs_to, const float* log_std) {
     __shared__ float belief[MAX_HIDDEN];
     __shared__ float outputs[MAX_OUTPUTS + 1];
     const size_t row = blockIdx.x;
@@ -147,10 +147,10 @@ extern "C" __global__ void decide(const float* from_input, const float* from_bef
     }
     __syncthreads();
     if (outputs_to) {
-        const int width = actions * (log_deviations ? 2 : 1) + 1;
+        const int width = actions * (log_std ? 2 : 1) + 1;
         for (int i = threadIdx.x; i < width; i += blockDim.x)
             outputs_to[row * width + i] =
-                i < actions ? outputs[i] : i + 1 == width ? outputs[actions] : log_deviations[i - actions];
+                i < actions ? outputs[i] : i + 1 == width ? outputs[actions] : log_std[i - actions];
         return;
     }
     if (warp > 0) return;

@@ -48,7 +48,7 @@ pub struct Heads<'a> {
     pub actor: [&'a Tensor; 2],
     pub critic: [&'a Tensor; 2],
     /// Logarithms of deviations \[actions\] of a policy that draws numbers.
-    pub log_deviations: Option<&'a Tensor>,
+    pub log_std: Option<&'a Tensor>,
 }
 
 /// What is decided about: what the gates get from what was seen, and from the belief before, \[rows, 3 · hidden\]; that
@@ -154,14 +154,14 @@ impl ActingKernels {
         self.launch_decide(heads, row, (to, table), choices, [address(choices), Argument::Address(0)]);
     }
 
-    /// The same without a choice: at `outputs` a row has what the actor gives, the logarithms of deviations if there are
+    /// The same without a choice: at `outputs` a row has what the actor gives, the logarithms of standard deviations if there are
     /// some, and the value.
     ///
     /// # Safety
     /// As [`Self::decide`].
     pub unsafe fn answer(&self, heads: &Heads, row: &Undecided, to: &Tensor, table: &Tensor, outputs: &Tensor) {
         let [rows, actions] = [row.before, heads.actor[0]].map(|tensor| tensor.size()[0]);
-        let each = if heads.log_deviations.is_some() { 2 } else { 1 };
+        let each = if heads.log_std.is_some() { 2 } else { 1 };
         assert!(outputs.size() == [rows, each * actions + 1]);
         self.launch_decide(heads, row, (to, table), outputs, [Argument::Address(0), address(outputs)]);
     }
@@ -178,7 +178,7 @@ impl ActingKernels {
         let (rows, hidden) = row.before.size2().expect("a row for each observation");
         let actions = heads.actor[0].size()[0];
         assert!(hidden <= MAX_HIDDEN && actions <= MAX_OUTPUTS, "the configuration admits no more");
-        let log_deviations = heads.log_deviations.map_or(Argument::Address(0), |tensor| {
+        let log_std = heads.log_std.map_or(Argument::Address(0), |tensor| {
             assert!(tensor.kind() == Kind::Float && tensor.size() == [actions] && tensor.is_contiguous());
             address(tensor)
         });
@@ -201,7 +201,7 @@ impl ActingKernels {
         assert!(table.kind() == Kind::Float && table.size()[1..] == [hidden] && table.is_contiguous());
         assert!(written.kind() == Kind::Float && written.is_contiguous(), "a row after the other");
         let mut arguments: Vec<Argument> = floats.iter().map(|(tensor, _)| address(tensor)).collect();
-        arguments.extend([address(to), address(table), choices, int(hidden), int(actions), outputs, log_deviations]);
+        arguments.extend([address(to), address(table), choices, int(hidden), int(actions), outputs, log_std]);
         launch(self.decide, rows, DECIDE_THREADS, &arguments);
     }
 }
