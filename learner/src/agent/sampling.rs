@@ -84,7 +84,7 @@ pub(super) fn option(action: &PolicyAction) -> usize {
 mod tests {
     use super::*;
 
-    /// A density is compared with a histogram, and log-probabilities with the textbook's formulas.
+    /// By the textbook's formulas.
     #[test]
     fn what_is_drawn_has_the_probability_that_is_told() {
         let head = ActionHead::Box(vec![[-1.0, 1.0]; 2]);

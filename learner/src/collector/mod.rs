@@ -462,9 +462,9 @@ impl<S: HalfSample> Collector<S> {
         batch
     }
 
-    /// Takes the bytes of the agent's actions, in batch order, and returns what to send to each actor. In a rollout's last step
-    /// the environments beyond its shape HOLD, whatever the agent chose for them. Lanes whose last action is taken are
-    /// valued now; there is nothing to send to them.
+    /// Takes the bytes of the agent's actions, in batch order, and returns what to send to each actor. In a rollout's last
+    /// step the environments beyond its shape HOLD, whatever the agent chose for them. Lanes whose last action is taken
+    /// are valued now; there is nothing to send to them.
     ///
     /// # Panics
     /// If their observations are not here, they are at other rows, there is not one action for each of their

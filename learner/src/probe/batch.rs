@@ -256,7 +256,7 @@ fn actions(
     let choices = head.choices();
     let (width, name) = (if head.is_gaussian() { head.outputs() } else { choices.len() }, "action");
     let size = [steps, columns, width as i64];
-    let size = if matches!(head, ActionHead::Discrete(_)) { &size[..2] } else { &size[..] };
+    let size = if choices.len() == 1 { &size[..2] } else { &size[..] };
     let actions: Vec<PolicyAction> = if head.is_gaussian() {
         let numbers = file.floats(name, size)?;
         numbers.chunks_exact(width).map(|drawn| PolicyAction::Numbers(drawn.to_vec())).collect()

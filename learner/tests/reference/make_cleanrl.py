@@ -1,5 +1,5 @@
-"""Reference values for learner/tests/reference/numbers.rs: CleanRL's ppo.py and ppo_continuous_action.py in double precision,
-without autograd.
+"""Reference values for learner/tests/reference/numbers.rs: CleanRL's ppo.py and ppo_continuous_action.py in double
+precision, without autograd.
 
     pip install numpy==2.4.6 safetensors==0.8.0
     python3 make_cleanrl.py             # writes cleanrl.safetensors beside this file

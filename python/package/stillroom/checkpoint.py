@@ -153,7 +153,8 @@ def _checkpoint(path: Path, verify: bool) -> Checkpoint:
     file, manifest, config, actions, tensors = read_checkpoint(path, PREFIX, verify)
     facts = json.loads(manifest)
     weights = _weights(file, tensors)
-    return Checkpoint(file, weights, facts.get("carried_goal", OLDER_SIGN), tomllib.loads(config), facts, json.loads(actions))
+    sign = facts.get("carried_goal", OLDER_SIGN)
+    return Checkpoint(file, weights, sign, tomllib.loads(config), facts, json.loads(actions))
 
 
 def _policy(path: Path, verify: bool) -> Checkpoint:
