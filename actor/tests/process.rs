@@ -165,7 +165,7 @@ impl Stand {
                 actions.push(HOLD);
             } else {
                 let action = chosen(environment as u32, state);
-                state.push(action);
+                state.push(&[action]);
                 actions.push(action);
             }
         }

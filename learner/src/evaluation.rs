@@ -1,12 +1,12 @@
 //! Runs planned episodes with a policy: chosen actions, outcomes, and columns without further episodes. No I/O, no
 //! tensors.
 
-use crate::collector::{ColumnMap, Decision, Signals, gumbel_of};
+use crate::collector::{ColumnMap, Decision, Noise, Signals};
 use proto::config::Config;
 use proto::evaluation::{Confusion, EpisodeRecord, Plan, category_of, has_targets};
 use proto::kitchen::KitchenId;
 use proto::random::{Key, Purpose};
-use proto::record::{HOLD, RecordHeader};
+use proto::record::RecordHeader;
 use proto::task::{Composition, Layout, Summing, Sums};
 
 /// The episode of a column.
@@ -24,7 +24,7 @@ struct Course {
     confusion: Option<Confusion>,
 }
 
-/// An episode that has ended: its record, and the actions taken, indices of the task's.
+/// An episode that has ended: its record, and the bytes of the actions taken.
 pub type Played = (EpisodeRecord, Vec<u8>);
 
 /// All columns of an evaluation.
@@ -40,15 +40,17 @@ pub(crate) struct Examination {
     signals: Signals,
     /// None: take the most probable action.
     seed: Option<u64>,
-    policy_actions: usize,
+    noise: Noise,
+    /// In place of an action.
+    hold: Vec<u8>,
     courses: Vec<Course>,
     remaining: usize,
 }
 
 impl Examination {
-    /// Every column at the start of its first episode. Noise of `seed` samples among `policy_actions` actions; without
-    /// a seed the most probable one is taken.
-    pub fn new(plan: Plan, column_map: ColumnMap, config: &Config, seed: Option<u64>, policy_actions: usize) -> Self {
+    /// Every column at the start of its first episode. Noise of `seed` samples actions; without a seed the most probable
+    /// one is taken.
+    pub fn new(plan: Plan, column_map: ColumnMap, config: &Config, seed: Option<u64>) -> Self {
         let course = |column| Course { episode: plan.dealt(column_map.environment(column), 0), ..Course::default() };
         let spec = config.spec();
         Self {
@@ -62,7 +64,8 @@ impl Examination {
             summing: Summing::of(spec),
             signals: Signals::of(config),
             seed,
-            policy_actions,
+            noise: Noise::of(&config.action_head()),
+            hold: spec.actions.hold(),
         }
     }
 
@@ -80,23 +83,23 @@ impl Examination {
     /// Appends the noise for one column's step: a function of (seed, kitchen, episode, step) and nothing else.
     pub fn noise(&self, place: Decision, noise: &mut Vec<f32>) {
         let (Some(seed), Some(episode)) = (self.seed, self.courses[place.column].episode) else {
-            noise.resize(noise.len() + self.policy_actions, 0.0);
+            noise.resize(noise.len() + self.noise.count(), 0.0);
             return;
         };
         let played = self.courses[place.column].played;
         let kitchen = self.kitchen(place.column, played).number();
         let key = Key { seed, purpose: Purpose::Evaluation, kitchen, environment: 0, episode, step: place.step };
-        gumbel_of(key, self.policy_actions, noise);
+        self.noise.draw_from(key, noise);
     }
 
     /// Notes the policy's action for a column and returns the action to send: HOLD if the column has no further
     /// episode.
-    pub(crate) fn choose(&mut self, column: usize, action: u8, foretold: Option<bool>) -> u8 {
+    pub(crate) fn choose<'a>(&'a mut self, column: usize, action: &'a [u8], foretold: Option<bool>) -> &'a [u8] {
         let course = &mut self.courses[column];
         if course.episode.is_none() {
-            return HOLD;
+            return &self.hold;
         }
-        course.actions.push(action);
+        course.actions.extend_from_slice(action);
         course.foretold = foretold;
         action
     }
@@ -131,7 +134,7 @@ impl Examination {
             episode,
             category: self.has_targets.then(|| category_of(episode)),
             end,
-            length: ended.actions.len() as u32,
+            length: (ended.actions.len() / self.hold.len()) as u32,
             numbers: sums.returns.iter().copied().map(Some).chain(metrics).collect(),
             prediction: ended.confusion,
             state_hash: header.outcome_hash,
@@ -145,7 +148,7 @@ mod tests {
     use super::*;
     use proto::evaluation::{EvaluationConfig, ObjectSet};
     use proto::kitchen::{Kitchens, Split};
-    use proto::record::End;
+    use proto::record::{End, HOLD};
     use proto::task::Dtype;
     use std::collections::BTreeSet;
     use wire::message::Line;
@@ -184,14 +187,14 @@ mod tests {
     #[test]
     fn every_episode_is_recorded_once_and_who_has_run_out_holds() {
         let (plan, column_map) = plan(7, 3);
-        let mut examination = Examination::new(plan.clone(), column_map, &Config::default(), Some(1), 21);
+        let mut examination = Examination::new(plan.clone(), column_map, &Config::default(), Some(1));
         let mut seen = BTreeSet::new();
         let mut rounds = 0;
         while examination.remaining() > 0 {
             rounds += 1;
             assert!(rounds < 10);
             for column in 0..column_map.columns() {
-                if examination.choose(column, 20, None) == HOLD {
+                if examination.choose(column, &[20], None) == [HOLD] {
                     assert!(settle(&mut examination, column, &record(None, &[])).is_none());
                     continue;
                 }
@@ -207,19 +210,19 @@ mod tests {
             }
         }
         assert_eq!(seen.into_iter().collect::<Vec<_>>(), plan.episodes().collect::<Vec<_>>());
-        assert!((0..column_map.columns()).all(|column| examination.choose(column, 3, None) == HOLD));
+        assert!((0..column_map.columns()).all(|column| examination.choose(column, &[3], None) == [HOLD]));
     }
 
     #[test]
     fn an_episodes_steps_add_up() {
         let (plan, column_map) = plan(5, 1);
-        let mut examination = Examination::new(plan, column_map, &Config::default(), None, 21);
+        let mut examination = Examination::new(plan, column_map, &Config::default(), None);
         // Foretold and came; missed; false alarm; quiet; and a last step, which is not asked about.
         let steps = [(true, -0.001), (false, -0.002), (true, 0.0), (false, -0.0009), (true, -0.5)];
         let mut played = None;
         for (step, (foretold, progress_m)) in steps.into_iter().enumerate() {
             assert!(played.is_none());
-            assert_eq!(examination.choose(2, step as u8, Some(foretold)), step as u8);
+            assert_eq!(examination.choose(2, &[step as u8], Some(foretold)), [step as u8]);
             let flag = |set: bool| f32::from(u8::from(set));
             let outcome = record(
                 (step == 4).then_some(End::Truncated),
@@ -265,15 +268,15 @@ mod tests {
     fn noise_belongs_to_the_episode() {
         let draw = |actors, environments, column, number, step, seed| {
             let (plan, column_map) = plan(actors, environments);
-            let mut examination = Examination::new(plan, column_map, &Config::default(), seed, 4);
+            let mut examination = Examination::new(plan, column_map, &Config::default(), seed);
             for _ in 0..number {
-                examination.choose(column, 20, None);
+                examination.choose(column, &[20], None);
                 settle(&mut examination, column, &record(Some(End::Terminated), &[])).unwrap();
             }
             let environment = column_map.environment(column);
             let mut noise = vec![];
             examination.noise(Decision { column, environment, episode: number, step }, &mut noise);
-            assert_eq!(noise.len(), 4);
+            assert_eq!(noise.len(), 21);
             noise
         };
         // Kitchen 8 is the second; entry 2 of its list.

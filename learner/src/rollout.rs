@@ -6,8 +6,9 @@
 use crate::device::upload;
 use crate::network::{Observations, Packing};
 use proto::stage::RolloutShape;
+use proto::task::PolicyAction;
 use std::collections::BTreeMap;
-use tch::{Device, Tensor};
+use tch::{Device, Kind, Tensor};
 
 /// One step of one column.
 // Four independent facts, not a state machine.
@@ -20,8 +21,8 @@ pub struct Step {
     pub previous_action: i64,
     /// The belief was zeroed before this observation.
     pub episode_start: bool,
-    /// Policy index of the action taken.
-    pub action: i64,
+    /// The action taken; none in a step that was never stored.
+    pub action: Option<PolicyAction>,
     /// Its log-probability when it was taken.
     pub log_prob: f32,
     /// The observation's value when the action was taken.
@@ -209,6 +210,11 @@ impl Rollout {
         }
     }
 
+    /// The actions taken, in the order of a packing: see [`crate::ppo::loss::Experience::actions`].
+    pub fn actions(&self, packing: &Packing) -> Tensor {
+        actions_of(packing.rows.iter().map(|&(t, n)| self.step(t, n)), self.frames.device())
+    }
+
     /// One number a row, in the order of a packing, on the device.
     pub fn gather<T: tch::kind::Element>(&self, packing: &Packing, number: impl Fn(&Step) -> T) -> Tensor {
         let values: Vec<T> = packing.rows.iter().map(|&(t, n)| number(self.step(t, n))).collect();
@@ -231,13 +237,18 @@ impl Rollout {
         let numbers = Tensor::from_slice(&numbers).view([(steps.len() / columns) as i64, columns as i64, width as i64]);
         let bootstrap: Vec<f32> = self.bootstrap.iter().map(|value| value.unwrap_or(f32::NAN)).collect();
         let frames = self.frames.narrow(0, 0, steps.len() as i64).to_device(Device::Cpu);
+        let actions = actions_of(steps.iter(), Device::Cpu);
+        let actions = actions.view([-1, columns as i64, actions.size()[1]]);
+        // One choice needs no dimension of its own.
+        let is_alone = actions.kind() == Kind::Int64 && actions.size()[2] == 1;
+        let actions = if is_alone { actions.squeeze_dim(2) } else { actions };
         BTreeMap::from([
             ("frames", frames.view([(steps.len() / columns) as i64, columns as i64, side, side])),
             // What stands beside a frame is called the goal.
             (if side == 0 { "numbers" } else { "goal" }, numbers),
             ("previous_action", table(steps, columns, |step| step.previous_action)),
             ("episode_start", table(steps, columns, |step| step.episode_start)),
-            ("action", table(steps, columns, |step| step.action)),
+            ("action", actions),
             ("log_prob", table(steps, columns, |step| step.log_prob)),
             ("value", table(steps, columns, |step| step.value)),
             ("reward", table(steps, columns, |step| step.reward)),
@@ -279,11 +290,31 @@ impl Rollout {
     }
 }
 
+/// Actions of steps: \[steps, choices\] or \[steps, numbers\].
+fn actions_of<'a>(steps: impl Iterator<Item = &'a Step> + Clone, device: Device) -> Tensor {
+    // Of a step that was never stored there is none.
+    let blank = match steps.clone().find_map(|step| step.action.as_ref()) {
+        Some(PolicyAction::Numbers(numbers)) => PolicyAction::Numbers(vec![0.0; numbers.len()]),
+        Some(PolicyAction::Options(options)) => PolicyAction::Options(vec![0; options.len()]),
+        None => PolicyAction::Options(vec![0]),
+    };
+    let (mut rows, mut options, mut numbers) = (0, vec![], vec![]);
+    for step in steps {
+        rows += 1;
+        match step.action.as_ref().unwrap_or(&blank) {
+            PolicyAction::Options(chosen) => options.extend_from_slice(chosen),
+            PolicyAction::Numbers(drawn) => numbers.extend_from_slice(drawn),
+        }
+    }
+    let width = (options.len() + numbers.len()).checked_div(rows).unwrap_or(1);
+    let table = if numbers.is_empty() { upload(&options, device) } else { upload(&numbers, device) };
+    table.view([rows as i64, width as i64])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::network::to_vec;
-    use tch::Kind;
 
     fn rollout() -> Rollout {
         // 3 steps of 2 columns, the second of which holds in the last.

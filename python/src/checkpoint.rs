@@ -2,6 +2,7 @@
 //! with one is a `CheckpointError` that names the file.
 
 use crate::argument;
+use crate::error::value_error;
 use proto::bounded;
 use proto::checkpoint::Manifest;
 use proto::config::Config;
@@ -29,8 +30,8 @@ const AGAIN: &str = "copy it again, or take another checkpoint";
 /// A tensor as Python makes an array of it: name, type, shape, bytes.
 type Tensor<'py> = (String, String, Vec<usize>, Bound<'py, PyBytes>);
 
-/// Of a policy file: configuration, rollout, frames, run.
-type Facts = (String, u64, u64, String);
+/// Of a policy file: configuration, rollout, frames, run, and the task's actions as JSON.
+type Facts = (String, u64, u64, String, String);
 
 fn refused(path: &Path, problem: impl Display) -> PyErr {
     CheckpointError::new_err(printable(&format!("{} {problem}", path.display())).into_owned())
@@ -48,13 +49,13 @@ fn plain(path: &Path, most: u64) -> io::Result<Vec<u8>> {
 }
 
 /// Reads the checkpoint with this manifest: the file of its tensors, the manifest as JSON, the configuration as TOML
-/// ("" where an older version wrote the checkpoint), and its tensors whose names begin with `prefix`.
+/// ("" where an older version wrote the checkpoint), its task's actions as JSON, and its tensors whose names begin with `prefix`.
 #[pyfunction]
 pub fn read_checkpoint<'py>(
     path: &Bound<'py, PyAny>,
     prefix: &str,
     verify: bool,
-) -> PyResult<(PathBuf, String, String, Vec<Tensor<'py>>)> {
+) -> PyResult<(PathBuf, String, String, String, Vec<Tensor<'py>>)> {
     let (py, path) = (path.py(), argument::path("path", path)?);
     let manifest = Manifest::read(&path).map_err(|problem| refused(&path, format!("{problem}; {AGAIN}")))?;
     let file = path.with_file_name(&manifest.tensors);
@@ -62,11 +63,12 @@ pub fn read_checkpoint<'py>(
         let problem = format!("names tensors that are not beside it: {:?}; {AGAIN}", manifest.tensors);
         return Err(refused(&path, problem));
     }
-    let config = match manifest.config.as_str() {
-        "" => String::new(),
+    let (config, actions) = match manifest.config.as_str() {
+        "" => (String::new(), "{}".to_owned()),
         text => {
             let config = Config::from_toml(text, "its configuration");
-            config.map_err(|problem| refused(&path, format!("cannot be used: {problem}; {AGAIN}")))?.to_toml()
+            let config = config.map_err(|problem| refused(&path, format!("cannot be used: {problem}; {AGAIN}")))?;
+            (config.to_toml(), actions_of(&config)?)
         }
     };
     let most = manifest.tensors_bytes.min(TENSORS_BYTES_MOST);
@@ -78,10 +80,16 @@ pub fn read_checkpoint<'py>(
     }
     let tensors = tensors(py, &file, &bytes, prefix)?;
     let manifest = serde_json::to_string(&manifest).map_err(|problem| refused(&path, problem))?;
-    Ok((file, manifest, config, tensors))
+    Ok((file, manifest, config, actions, tensors))
 }
 
-/// Reads a safetensors file: of a policy file also its configuration as TOML, rollout, frames and run.
+/// The actions of a configuration's task, as JSON.
+fn actions_of(config: &Config) -> PyResult<String> {
+    serde_json::to_string(&config.spec().actions).map_err(value_error)
+}
+
+/// Reads a safetensors file: of a policy file also its configuration as TOML, rollout, frames, run, and its task's
+/// actions as JSON.
 #[pyfunction]
 pub fn read_policy<'py>(path: &Bound<'py, PyAny>, verify: bool) -> PyResult<(Option<Facts>, Vec<Tensor<'py>>)> {
     let (py, path) = (path.py(), argument::path("path", path)?);
@@ -99,7 +107,8 @@ pub fn read_policy<'py>(path: &Bound<'py, PyAny>, verify: bool) -> PyResult<(Opt
         facts.verify(pieces).map_err(|problem| refused(&path, format!("{problem}; copy it again")))?;
     }
     let PolicyFacts { config, origin, .. } = facts;
-    Ok((Some((config.to_toml(), origin.rollout, origin.frames, origin.run)), tensors))
+    let actions = actions_of(&config)?;
+    Ok((Some((config.to_toml(), origin.rollout, origin.frames, origin.run, actions)), tensors))
 }
 
 /// The tensors of a file whose names begin with `prefix`, ascending.

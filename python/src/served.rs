@@ -2,12 +2,13 @@
 
 use crate::numbers;
 use engine::Simulator;
+use numpy::PyArray1;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::last_place::LastPlace;
 use proto::random::Key;
 use proto::record::{End, RecordHeader};
-use proto::task::{Channel, Check, Field, Layout, REWARD, Role};
+use proto::task::{Channel, Check, Field, Layout, REWARD, Role, Spec};
 use pyo3::exceptions::PySystemExit;
 use pyo3::intern;
 use pyo3::prelude::*;
@@ -35,6 +36,7 @@ pub struct Served {
     observed: Vec<Source>,
     of_info: Vec<Source>,
     reward: Option<Field>,
+    actions: ActionForm,
     environments: Vec<Environment>,
     /// Where the last place is kept, for whoever finds an actor dead.
     last_place: Option<File>,
@@ -59,6 +61,35 @@ struct Environment {
     history: Xxh3,
     /// The record as it is now, but for its header and actions.
     record: Vec<Line>,
+}
+
+/// How an action's bytes become what `step` is given.
+enum ActionForm {
+    /// The number of one of them.
+    Number,
+    /// An array of this shape and type, which the action space has.
+    Array { field: Field, shape: Py<PyAny>, dtype: Py<PyAny> },
+}
+
+impl ActionForm {
+    fn of(environments: &[Bound<'_, PyAny>], field: Field, spec: &Spec) -> PyResult<Self> {
+        let Some(first) = environments.first().filter(|_| spec.actions.names().is_empty()) else {
+            return Ok(Self::Number);
+        };
+        let space = first.getattr("action_space")?;
+        let [shape, dtype] = ["shape", "dtype"].map(|name| space.getattr(name).map(Bound::unbind));
+        Ok(Self::Array { field, shape: shape?, dtype: dtype? })
+    }
+
+    fn value<'py>(&self, py: Python<'py>, action: &[u8]) -> PyResult<Bound<'py, PyAny>> {
+        let Self::Array { field, shape, dtype } = self else {
+            return Ok(action.first().copied().unwrap_or_default().into_pyobject(py)?.into_any());
+        };
+        let numbers = action.chunks_exact(field.dtype.bytes()).map(|bytes| field.dtype.read(bytes));
+        // Exact: numbers have 32 bits.
+        let array = PyArray1::from_iter(py, numbers);
+        array.call_method1("astype", (dtype,))?.call_method1("reshape", (shape,))
+    }
 }
 
 /// An observation's channel, and its key in the dictionary of observations.
@@ -100,6 +131,7 @@ impl Served {
             observed: observed.iter().filter_map(|(name, key)| source(name, key.clone())).collect(),
             of_info: of_info.filter_map(|channel| source(&channel.name, Some(channel.name.clone()))).collect(),
             reward: spec.channel(REWARD).map(|(_, field)| field),
+            actions: ActionForm::of(environments, layout.action, spec)?,
             environments: environments.iter().map(environment).collect::<PyResult<_>>()?,
             last_place,
         })
@@ -154,8 +186,8 @@ impl Simulator for Served {
         self.enter(place);
         let result = Python::attach(|py| {
             let one = &mut self.environments[index];
-            let number = action.first().copied().unwrap_or_default();
-            let returned = one.step.bind(py).call1((number,)).map_err(|error| raised(py, "step", &error))?;
+            let action = self.actions.value(py, action).map_err(|error| raised(py, "step", &error))?;
+            let returned = one.step.bind(py).call1((action,)).map_err(|error| raised(py, "step", &error))?;
             let returned = returned.cast_into::<PyTuple>().ok().filter(|returned| returned.len() == 5);
             let returned =
                 returned.ok_or("step() did not return (observation, reward, terminated, truncated, info)")?;

@@ -17,7 +17,7 @@ onnxruntime = pytest.importorskip("onnxruntime")
 torch = pytest.importorskip("torch")
 
 TASK = REPOSITORY / "learner/tests/support/numbers.toml"
-NUMBERS, ACTIONS, HIDDEN, STEPS, COLUMNS = 9, 3, 20, 40, 5
+NUMBERS, HIDDEN, STEPS, COLUMNS = 9, 20, 40, 5
 
 
 def program(name: str) -> Path:
@@ -28,37 +28,56 @@ def program(name: str) -> Path:
     return found
 
 
-def weights_of(memory: str) -> dict[str, np.ndarray]:
+# Of each kind its declaration, how many outputs the actor has, and actions.
+DISCRETE = 'kind = "discrete"\nnames = ["left", "stay", "right"]'
+KINDS = {
+    "discrete": (DISCRETE, 3),
+    "choices": ('kind = "multi_discrete"\ncounts = [3, 2]', 5),
+    "box": ('kind = "box"\nbounds = [[-1, 1], [-0.25, 2]]', 2),
+}
+
+
+def weights_of(memory: str, kind: str) -> dict[str, np.ndarray]:
     """Weights of a network with layers of 12 and 10."""
     random = np.random.default_rng(3)
     shapes: dict[str, tuple[int, ...]] = {}
+    outputs = KINDS[kind][1]
 
     def layer(name: str, outputs: int, inputs: int) -> None:
         shapes[f"{name}.weight"], shapes[f"{name}.bias"] = (outputs, inputs), (outputs,)
 
     if memory == "none":
-        for head, outputs in (("actor", ACTIONS), ("critic", 1)):
+        for head, width in (("actor", outputs), ("critic", 1)):
             layer(f"{head}.0", 12, NUMBERS)
             layer(f"{head}.2", 10, 12)
-            layer(f"{head}.4", outputs, 10)
+            layer(f"{head}.4", width, 10)
     else:
         layer("mlp.0", 12, NUMBERS)
         layer("mlp.2", 10, 12)
-        layer("actor", ACTIONS, HIDDEN)
+        layer("actor", outputs, HIDDEN)
         layer("critic", 1, HIDDEN)
-        shapes["previous_action_embedder.weight"] = (ACTIONS + 1, 16)
-        shapes["belief.weight_ih_l0"], shapes["belief.weight_hh_l0"] = (3 * HIDDEN, 26), (3 * HIDDEN, HIDDEN)
+        inputs = 10
+        if kind == "discrete":
+            shapes["previous_action_embedder.weight"] = (outputs + 1, 16)
+            inputs = 26
+        shapes["belief.weight_ih_l0"], shapes["belief.weight_hh_l0"] = (3 * HIDDEN, inputs), (3 * HIDDEN, HIDDEN)
         shapes["belief.bias_ih_l0"] = shapes["belief.bias_hh_l0"] = (3 * HIDDEN,)
+    if kind == "box":
+        shapes["log_std"] = (outputs,)
     return {name: random.normal(0, 0.4, shape).astype(np.float32) for name, shape in shapes.items()}
 
 
-def batch_of() -> dict[str, np.ndarray]:
+def batch_of(kind: str) -> dict[str, np.ndarray]:
     """What `learner probe` is given."""
     random, size = np.random.default_rng(4), (STEPS, COLUMNS)
     ended = random.random(size) < 0.1
     start = np.vstack([np.ones((1, COLUMNS), bool), ended[:-1]])
-    actions = random.integers(0, ACTIONS, size)
+    actions = random.integers(0, 3, size)
     previous = np.where(start, 0, 1 + np.vstack([np.zeros((1, COLUMNS), int), actions[:-1]]))
+    if kind != "discrete":
+        previous = np.zeros(size, int)
+        drawn = random.normal(0, 1, (*size, 2)).astype(np.float32)
+        actions = drawn if kind == "box" else random.integers(0, [3, 2], (*size, 2))
     table = random.normal(0, 1, (3, *size)).astype(np.float32)
     return {
         "numbers": random.normal(0, 1, (*size, NUMBERS)).astype(np.float32),
@@ -75,15 +94,19 @@ def batch_of() -> dict[str, np.ndarray]:
     }
 
 
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("memory", ["none", "gru"])
-def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str) -> None:
-    run, weights, batch = tmp_path / "run", weights_of(memory), batch_of()
+def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str, kind: str) -> None:
+    run, weights, batch = tmp_path / "run", weights_of(memory, kind), batch_of(kind)
     run.mkdir()
-    (run / "task.toml").write_bytes(TASK.read_bytes())
+    # A process knows a task by its name.
+    declared = TASK.read_text().replace('name = "numbers"', f'name = "numbers_{kind}"')
+    (run / "task.toml").write_text(declared.replace(DISCRETE, KINDS[kind][0]))
+    told_previous = memory == "gru" and kind == "discrete"
     network = f'goal = "plain"\nmemory = "{memory}"\nmlp = [12, 10]\nhidden = {HIDDEN}\n'
-    network += f"previous_action = {'true' if memory == 'gru' else 'false'}\n"
+    network += f"previous_action = {'true' if told_previous else 'false'}\n"
     stage = '[[stages]]\nname = "I"\nreward = "r"\nframes = 100\n'
-    config = f'task = "numbers"\n[auxiliary]\ntask = "none"\n[network]\n{network}{stage}'
+    config = f'task = "numbers_{kind}"\n[auxiliary]\ntask = "none"\n[network]\n{network}{stage}'
     config = config.replace("[network]\n", '[network]\ncarried_goal = "goal_to_object"\n')
     (run / "config.toml").write_text(config)
     save_file(weights, tmp_path / "start.safetensors")
@@ -103,7 +126,11 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str)
 
     policy = onnxruntime.InferenceSession(tmp_path / "policy.onnx", providers=["CPUExecutionProvider"])
     names = {value.name for value in policy.get_inputs()}
-    assert names == {"numbers"} | ({"belief", "previous_action"} if memory == "gru" else set())
+    assert names - {"previous_action"} == {"numbers"} | ({"belief"} if memory == "gru" else set())
+    assert ("previous_action" in names) == told_previous
+    outputs = {value.name: at for at, value in enumerate(policy.get_outputs())}
+    # What a policy is given by.
+    tables = ["means", "log_stds"] if kind == "box" else ["log_probs"]
     loaded = stillroom.load(tmp_path / "policy.safetensors").network()
     assert stillroom.load(run).weights.keys() == weights.keys()
     beliefs = np.zeros((COLUMNS, HIDDEN), np.float32)
@@ -114,14 +141,20 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str)
         carried = carried * torch.tensor(~starts).unsqueeze(1)
         given = {
             "numbers": batch["numbers"][step],
-            "previous_action": (batch["previous_action"][step] + ACTIONS) % (ACTIONS + 1),
+            "previous_action": (batch["previous_action"][step] + 3) % 4,
         }
         told = given | {"belief": beliefs}
-        log_probs, values, *after = policy.run(None, {name: told[name] for name in names})
-        beliefs = after[0] if after else beliefs
+        answer = policy.run(None, {name: told[name] for name in names})
+        beliefs = answer[outputs["next_belief"]] if "next_belief" in outputs else beliefs
         with torch.no_grad():
-            own_log_probs, own_values, carried = loaded(given, carried)
-        for ours, theirs in [(log_probs, found["log_probs"][step]), (values, found["values"][step])]:
-            np.testing.assert_allclose(ours, theirs, atol=2e-6)
-        for ours, theirs in [(own_log_probs, found["log_probs"][step]), (own_values, found["values"][step])]:
+            own, own_values, carried = loaded(given, carried)
+        for name, theirs in [(table, table) for table in tables] + [("value", "values")]:
+            np.testing.assert_allclose(answer[outputs[name]], found[theirs][step], atol=2e-6)
+        for ours, theirs in [(own, found[tables[0]][step]), (own_values, found["values"][step])]:
             np.testing.assert_allclose(ours.numpy(), theirs, atol=2e-6)
+        best = {
+            "discrete": lambda own: own.argmax(1),
+            "choices": lambda own: np.stack([own[:, :3].argmax(1), own[:, 3:].argmax(1)], 1),
+            "box": lambda own: own.clip([-1, -0.25], [1, 2]),
+        }[kind]
+        np.testing.assert_array_equal(loaded.best(own).numpy(), np.float32(best(own.numpy())))

@@ -23,7 +23,7 @@ class Env(gymnasium.Env):
 
     def __init__(self, observation=None, actions=None, noise=False):
         self.observation_space = observation or spaces.Box(-1.0, 1.0, (3,), np.float32)
-        self.action_space = actions or spaces.Discrete(3)
+        self.action_space = spaces.Discrete(3) if actions is None else actions
         self._noise = np.random.default_rng() if noise else None
 
     def reset(self, *, seed=None, options=None):
@@ -60,10 +60,21 @@ def test_spaces_become_channels():
     assert both.description["actions"] == {"kind": "discrete", "names": ["action_0", "action_1", "action_2"]}
 
 
+def test_action_spaces_of_any_shape_become_lists():
+    def actions(space):
+        return describe(Env(actions=space), "mine").description["actions"]
+
+    assert actions(spaces.MultiDiscrete([[3, 2], [4, 5]])) == {"kind": "multi_discrete", "counts": [3, 2, 4, 5]}
+    box = spaces.Box(np.array([[-1.0], [-np.inf]]), np.array([[0.5], [np.inf]]), dtype=np.float64)
+    assert actions(box) == {"kind": "box", "bounds": [[-1.0, 0.5], [-F32_MOST, F32_MOST]]}
+
+
 @pytest.mark.parametrize(
     ("observation", "actions", "problem"),
     [
-        (None, spaces.Box(-1, 1, (2,)), "actions are Discrete"),
+        (None, spaces.Tuple([spaces.Discrete(2)]), "actions are Discrete, MultiDiscrete or Box"),
+        (None, spaces.Box(-1, 1, (2,), np.int32), "numbers of int32"),
+        (None, spaces.MultiDiscrete([3, 2], start=[0, 1]), "begin with"),
         (None, spaces.Discrete(3, start=1), "begin with 0"),
         (None, spaces.Discrete(255), "at most 254"),
         (spaces.Text(5), None, "observations are Box"),

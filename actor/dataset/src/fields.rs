@@ -53,7 +53,7 @@ impl Source {
         let named = !self.spec.actions.names().is_empty();
         let action = |name: &str, about: &str, is_seen, field: Field, of: fn(Field) -> Of<'static>| Column {
             shape: if named { vec![] } else { vec![field.count] },
-            kind: if named { "<i8" } else { "<f4" },
+            kind: if named { "<i8" } else { numpy_type(field.dtype) },
             ..column(name, about, "", is_seen, if named { of(field) } else { Of::Numbers(field) })
         };
         let mut columns: Vec<Column> = channels(true).map(|(channel, field)| of_channel(channel, field)).collect();
@@ -85,16 +85,7 @@ impl Source {
 
 fn of_channel<'a>(channel: &Channel, field: &'a Field) -> Column<'a> {
     let is_bool = channel.values == [0.0, 1.0];
-    let kind = match channel.dtype {
-        _ if is_bool => "|b1",
-        Dtype::U8 => "|u1",
-        Dtype::U16 => "<u2",
-        Dtype::I32 => "<i4",
-        Dtype::U32 => "<u4",
-        Dtype::U64 => "<u8",
-        Dtype::F32 => "<f4",
-        Dtype::F64 => "<f8",
-    };
+    let kind = if is_bool { "|b1" } else { numpy_type(channel.dtype) };
     Column {
         name: channel.name.clone(),
         about: channel.doc.clone(),
@@ -102,6 +93,19 @@ fn of_channel<'a>(channel: &Channel, field: &'a Field) -> Column<'a> {
         shape: channel.shape.clone(),
         is_seen: !channel.is_of_action(),
         of: Of::Channel(field, is_bool),
+    }
+}
+
+/// `NumPy`'s name of a type.
+fn numpy_type(dtype: Dtype) -> &'static str {
+    match dtype {
+        Dtype::U8 => "|u1",
+        Dtype::U16 => "<u2",
+        Dtype::I32 => "<i4",
+        Dtype::U32 => "<u4",
+        Dtype::U64 => "<u8",
+        Dtype::F32 => "<f4",
+        Dtype::F64 => "<f8",
     }
 }
 

@@ -6,8 +6,8 @@ use crate::whereabouts::{self, Whereabouts};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::random::{Key, Purpose};
-use proto::record::{HOLD, RecordHeader};
-use proto::task::Layout;
+use proto::record::RecordHeader;
+use proto::task::{Actions, Layout};
 use std::collections::VecDeque;
 use std::ops::Range;
 use wire::message::EnvironmentState;
@@ -25,8 +25,9 @@ pub struct Environments<S> {
 struct Rules {
     /// Where everything lies in a record.
     layout: &'static Layout,
-    /// How many actions the task has.
-    actions: usize,
+    actions: &'static Actions,
+    /// In place of an action.
+    hold: Vec<u8>,
     seed: u64,
     /// Share of the episodes whose frames are recorded.
     recorded: f64,
@@ -40,8 +41,8 @@ struct Running {
     id: EnvironmentId,
     /// What the last exchange did, and which episode and state it led to.
     header: RecordHeader,
-    /// The last action, 0 if none was taken; and that before what is seen now, 0 at an episode's start.
-    actions: [u8; 2],
+    /// The last action, zeros if none was taken; and that before what is seen now, zeros at an episode's start.
+    actions: [Vec<u8>; 2],
     /// What the last action did: parts and outcomes, as in a record.
     done: Vec<u8>,
 }
@@ -52,7 +53,8 @@ impl Rules {
         let spec = config.spec();
         Self {
             layout: spec.layout(),
-            actions: spec.actions.names().len(),
+            actions: &spec.actions,
+            hold: spec.actions.hold(),
             seed: config.seed,
             recorded: if config.recording.enabled { config.recording.depth_share } else { 0.0 },
         }
@@ -71,20 +73,20 @@ impl Rules {
         let index = running.header.environment as usize;
         let state_hash = simulator.begin(index, running.home, episode).map_err(failed::<S>)?;
         running.header.begin(episode, state_hash, self.records(running.id, episode));
-        running.actions[1] = 0;
+        running.actions[1].fill(0);
         Ok(())
     }
 
     /// Takes an action; after the last one of an episode the environment stands at the start of the next. False if the
     /// task has no such action.
-    fn act<S: Simulator>(&self, running: &mut Running, simulator: &mut S, action: u8) -> Result<bool, EngineError> {
-        if usize::from(action) >= self.actions {
+    fn act<S: Simulator>(&self, running: &mut Running, simulator: &mut S, action: &[u8]) -> Result<bool, EngineError> {
+        if !self.actions.has(action) {
             return Ok(false);
         }
         whereabouts::enter(running.id, running.header.episode);
         let index = running.header.environment as usize;
-        let (state_hash, end) = simulator.act(index, &[action], &mut running.done).map_err(failed::<S>)?;
-        running.actions = [action; 2];
+        let (state_hash, end) = simulator.act(index, action, &mut running.done).map_err(failed::<S>)?;
+        running.actions.iter_mut().for_each(|last| last.copy_from_slice(action));
         running.header.act(state_hash, end);
         if end.is_some() {
             let next = running.next_episode().expect("four billion episodes outlast any run");
@@ -103,7 +105,7 @@ impl Running {
     /// Nothing was done.
     fn hold(&mut self) {
         self.header.hold();
-        self.actions[0] = 0;
+        self.actions[0].fill(0);
         self.done.fill(0);
     }
 
@@ -128,7 +130,8 @@ impl<S: Simulator> Environments<S> {
         for (index, &home) in (0..).zip(homes) {
             let header = RecordHeader { environment: index, ..RecordHeader::default() };
             let done = vec![0; rules.layout.of_action.len()];
-            let mut one = Running { home, id: home, header, actions: [0; 2], done };
+            let actions = [(); 2].map(|()| vec![0; rules.hold.len()]);
+            let mut one = Running { home, id: home, header, actions, done };
             rules.begin(&mut one, &mut simulator, 0)?;
             running.push(one);
         }
@@ -176,29 +179,34 @@ impl<S: Simulator> Environments<S> {
             running.hold();
             rules.begin(running, simulator, state.episode)?;
             let place = running.place();
-            let actions = state.actions();
-            for (step, &action) in actions.iter().enumerate() {
+            let actions = state.actions().chunks_exact(rules.hold.len());
+            let count = actions.len();
+            for (step, action) in actions.enumerate() {
                 if !rules.act(running, simulator, action)? {
+                    let action = rules.actions.text(action);
                     return Err(EngineError::NoSuchActionBefore { action, step, place });
                 }
                 let ended = running.header.end().is_some();
-                if ended && step + 1 < actions.len() {
-                    return Err(EngineError::EndsEarlier { actions: actions.len(), place, ended: step + 1 });
+                if ended && step + 1 < count {
+                    return Err(EngineError::EndsEarlier { actions: count, place, ended: step + 1 });
                 }
             }
         }
         Ok(())
     }
 
-    /// Applies one action to each environment of `range`. HOLD leaves an environment as it is.
+    /// Applies one action to each environment of `range`, of as many bytes as the task's have. HOLD leaves an environment as
+    /// it is.
     pub fn act(&mut self, range: Range<usize>, actions: &[u8]) -> Result<(), EngineError> {
-        assert_eq!(range.len(), actions.len(), "one action an environment");
-        for (index, &action) in range.zip(actions) {
+        let bytes = self.rules.hold.len();
+        assert_eq!(range.len() * bytes, actions.len(), "one action an environment");
+        for (index, action) in range.zip(actions.chunks_exact(bytes)) {
             let running = &mut self.running[index];
             let episode = running.header.episode;
-            if action == HOLD {
+            if action == self.rules.hold {
                 running.hold();
             } else if !self.rules.act(running, &mut self.simulator, action)? {
+                let action = self.rules.actions.text(action);
                 return Err(EngineError::NoSuchAction { action, place: running.place() });
             }
             if running.header.episode != episode && !self.unprepared.contains(&index) {
@@ -217,8 +225,8 @@ impl<S: Simulator> Environments<S> {
         let running = &running[index];
         whereabouts::enter(running.id, running.header.episode);
         record[..layout.small_bytes].fill(0);
-        for (field, action) in [layout.action, layout.previous_action].into_iter().zip(running.actions) {
-            record[field.offset] = action;
+        for (field, action) in [layout.action, layout.previous_action].into_iter().zip(&running.actions) {
+            record[field.range()].copy_from_slice(action);
         }
         record[layout.of_action.clone()].copy_from_slice(&running.done);
         let mut header = running.header;

@@ -23,11 +23,11 @@ pub enum EngineError {
     #[error("an actor has environments")]
     NoEnvironments,
     #[error("the learner sent action {action} to {place}: there is none")]
-    NoSuchAction { action: u8, place: Whereabouts },
+    NoSuchAction { action: String, place: Whereabouts },
     #[error(transparent)]
     BadRestore(#[from] wire::message::BadRestore),
     #[error("a restore names action {action} at step {step} of {place}: there is none")]
-    NoSuchActionBefore { action: u8, step: usize, place: Whereabouts },
+    NoSuchActionBefore { action: String, step: usize, place: Whereabouts },
     #[error(
         "a restore has {actions} actions for {place}, which ends after {ended}: was the run recorded with another version \
          of the simulator?"

@@ -98,7 +98,7 @@ fn receive<S: Simulator>(
         }
     }
     for (header, actions) in actions {
-        match protocol.on_actions(&header, actions.len()) {
+        match protocol.on_actions(&header, link.count(&actions)) {
             Verdict::Accepted => {
                 fault::reach("actor.after_receive");
                 accepted[header.half as usize] = actions;

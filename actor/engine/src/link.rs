@@ -65,6 +65,12 @@ impl Link {
         self.actor
     }
 
+    /// How many actions a batch has; 0 if one of them is cut off.
+    pub(crate) fn count(&self, batch: &[u8]) -> usize {
+        let whole = batch.chunks_exact(self.shape.action_bytes);
+        if whole.remainder().is_empty() { whole.len() } else { 0 }
+    }
+
     /// Whether there is a recorder.
     pub(crate) fn is_recorded(&self) -> bool {
         self.receipts.is_some()
@@ -86,7 +92,9 @@ impl Link {
         }
         fault::reach("actor.mid_receive");
         while let Some(restore) = self.restores.receive().map_err(EngineError::port("receive restores"))? {
-            arrived.restores.push((*restore.user_header(), EnvironmentState::decode(restore.payload())?));
+            arrived
+                .restores
+                .push((*restore.user_header(), EnvironmentState::decode(restore.payload(), self.shape.action_bytes)?));
         }
         Ok(arrived)
     }

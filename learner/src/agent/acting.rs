@@ -5,15 +5,17 @@
 //! The graph also keeps what the step leaves: frames in the rollout's store, beliefs in their table. Store and table
 //! have one row more than are used; what is not to be kept goes there.
 
+use super::sampling::{Sampled, normalize, sample};
 use crate::ffi;
 use crate::ffi::branches::Branches;
 use crate::ffi::graph::{Graph, GraphError, Memory, Recorder};
 use crate::ffi::host_memory::HostMemory;
-use crate::ffi::kernels::{CHOSEN_WORDS, Chosen, Kernels, Source, Undecided};
+use crate::ffi::kernels::{ActingKernels, CHOSEN_WORDS, Chosen, Kernels, Source, Undecided};
 use crate::ffi::stream::{Priority, Streams};
 use crate::network::{Network, Staging};
 use crate::rollout::Step;
 use proto::camera::DepthFrame;
+use proto::task::{ActionHead, PolicyAction};
 use std::ops::Range;
 use tch::{Device, Kind, Tensor};
 
@@ -47,6 +49,7 @@ pub(super) struct Acting {
 pub(super) struct Policy<'a> {
     pub network: &'a Network,
     pub kernels: &'a Kernels,
+    pub head: &'a ActionHead,
     /// The table \[columns + 1, hidden\].
     pub beliefs: &'a Tensor,
     /// The rollout's frames, \[frames + 1, side, side\].
@@ -64,7 +67,7 @@ pub(super) struct Rows<'a> {
     pub beliefs_to: &'a [i64],
     /// Numbers, previous actions, episode starts.
     pub steps: &'a [Step],
-    /// \[rows · actions\].
+    /// As [`super::StepInput`] has it.
     pub noise: &'a [f32],
 }
 
@@ -78,8 +81,34 @@ struct Prepared {
     graph: Option<Graph>,
     /// The inputs, in pinned memory.
     inputs: Tensor,
-    /// \[rows, [`CHOSEN_WORDS`]\], in pinned memory.
+    /// What was chosen, \[rows, [`CHOSEN_WORDS`]\], or what the host chooses from, \[rows, …\]; in pinned memory.
     choices: Tensor,
+}
+
+/// Whether kernels choose an action, too; otherwise the host does.
+fn is_chosen_there(head: &ActionHead) -> bool {
+    matches!(head, ActionHead::Discrete(named) if ActingKernels::can_choose(named.len()))
+}
+
+impl Policy<'_> {
+    /// Numbers of a row of what a step leaves for the host.
+    fn words(self) -> usize {
+        let given = self.head.outputs() * if self.head.is_gaussian() { 2 } else { 1 };
+        if is_chosen_there(self.head) { CHOSEN_WORDS } else { given + 1 }
+    }
+
+    /// What was chosen for a row, or is now.
+    fn read(self, row: &mut [f32], noise: &[f32]) -> Sampled {
+        if is_chosen_there(self.head) {
+            let Chosen { log_prob, value, action, finite } = Chosen::from_words(row);
+            return Sampled { action: PolicyAction::Options(vec![action as i64]), log_prob, value, finite };
+        }
+        let finite = row.iter().all(|number| number.is_finite());
+        let (value, row) = row.split_last_mut().expect("a row has at least the value");
+        normalize(self.head, row);
+        let (action, log_prob) = sample(self.head, row, noise);
+        Sampled { action, log_prob, value: *value, finite }
+    }
 }
 
 /// Where each input lies among the bytes of all.
@@ -144,7 +173,7 @@ impl Acting {
     }
 
     /// Takes a step.
-    pub fn step(&mut self, policy: Policy, rows: Rows) -> Result<Vec<Chosen>, GraphError> {
+    pub fn step(&mut self, policy: Policy, rows: Rows) -> Result<Vec<Sampled>, GraphError> {
         let count = rows.steps.len();
         let layout = InputBytes::new(count, [rows.steps[0].numbers.len(), rows.noise.len() / count]);
         let store = policy.store.data_ptr() as usize;
@@ -172,7 +201,8 @@ impl Acting {
         launched?;
         // SAFETY: the GPU has written them, as the line above has waited for; no other tensor shares this memory.
         let words = unsafe { ffi::floats_mut(&mut self.prepared[at].choices) };
-        Ok(words.chunks_exact(CHOSEN_WORDS).map(Chosen::from_words).collect())
+        let rows = words.chunks_exact_mut(policy.words()).zip(rows.noise.chunks_exact(rows.noise.len() / count));
+        Ok(rows.map(|(row, noise)| policy.read(row, noise)).collect())
     }
 
     /// Where the GPU finds the frames: where they are if it can read them there, or in pinned memory.
@@ -199,7 +229,7 @@ impl Acting {
         let Policy { beliefs, store, .. } = policy;
         let pinned = |size: &[i64], kind| Tensor::zeros(size, (kind, Device::Cpu)).pin_memory(self.device);
         let inputs = pinned(&[layout.bytes() as i64], Kind::Uint8);
-        let choices = pinned(&[layout.rows as i64, CHOSEN_WORDS as i64], Kind::Float);
+        let choices = pinned(&[layout.rows as i64, policy.words() as i64], Kind::Float);
         let mut prepared = Prepared { store: store.data_ptr() as usize, graph: None, inputs, choices, layout };
         if self.refused {
             return prepared;
@@ -221,7 +251,7 @@ impl Acting {
 
     /// Launches a step's kernels on this thread's stream.
     fn launch(&self, policy: Policy, prepared: &Prepared) -> Result<(), GraphError> {
-        let Policy { network, kernels, beliefs, store } = policy;
+        let Policy { network, kernels, head, beliefs, store } = policy;
         let Prepared { layout, inputs, choices, .. } = prepared;
         let device = self.device;
         let _no_grad = tch::no_grad_guard();
@@ -257,8 +287,15 @@ impl Acting {
         let noise = part(&layout.noise, Kind::Float).view([layout.rows as i64, -1]);
         let row = Undecided { from_input: &from_input, from_before: &from_before, before: &before, noise: &noise };
         let to = part(&layout.beliefs_to, Kind::Int64);
+        let heads = network.heads();
         // SAFETY: `fill` puts rows of the table there.
-        unsafe { kernels.acting.decide(&network.heads(), &row, &to, beliefs, choices) };
+        unsafe {
+            if is_chosen_there(head) {
+                kernels.acting.decide(&heads, &row, &to, beliefs, choices);
+            } else {
+                kernels.acting.answer(&heads, &row, &to, beliefs, choices);
+            }
+        }
         Ok(())
     }
 }

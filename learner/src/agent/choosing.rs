@@ -3,9 +3,9 @@
 use super::acting::{Policy, Rows};
 use super::overlap::policy;
 use super::padding::padded;
-use super::step::{Inference, column_indices, pick, sample};
+use super::sampling::{Sampled, sample};
+use super::step::{Inference, column_indices, pick};
 use super::{Agent, AgentError, StepInput, StepOutput};
-use crate::ffi::kernels::Chosen;
 use crate::network::{FramePreparation, Observations, coordinates, table_row, to_vec};
 use crate::rollout::Step;
 use tch::Tensor;
@@ -15,12 +15,12 @@ impl Agent {
     pub(super) fn step_together(&mut self, rows: &[usize], input: &StepInput) -> Result<StepOutput, AgentError> {
         input.check();
         let count = input.columns.len();
-        let actions = self.config.policy_actions().len();
+        let draws = self.config.action_head().outputs();
         let steps = self.rollout.as_ref().expect("step is called between begin_rollout and update").shape().steps;
         // Whose last action is taken chooses none, and needs no noise.
-        let silence = rows.iter().all(|&t| t == steps).then(|| vec![0.0; count * actions]);
+        let silence = rows.iter().all(|&t| t == steps).then(|| vec![0.0; count * draws]);
         let input = &StepInput { gumbel: silence.as_deref().unwrap_or(input.gumbel), ..*input };
-        assert_eq!(input.gumbel.len(), count * actions, "noise for every action of every column");
+        assert_eq!(input.gumbel.len(), count * draws, "noise for every column");
         let choices = match self.batch_rows.filter(|&wanted| count < wanted) {
             Some(wanted) => self.choose(rows, &padded(input, rows, wanted).input())?,
             None => self.choose(rows, input)?,
@@ -30,7 +30,7 @@ impl Agent {
 
     /// What the policy makes of a batch, of which the first `rows.len()` rows are kept: their frames and beliefs are,
     /// what was chosen is not yet.
-    fn choose(&mut self, rows: &[usize], input: &StepInput) -> Result<Vec<(Step, Chosen)>, AgentError> {
+    fn choose(&mut self, rows: &[usize], input: &StepInput) -> Result<Vec<(Step, Sampled)>, AgentError> {
         let steps = self.seen(input)?;
         let choices = match self.choose_on_gpu(rows, input, &steps)? {
             Some(choices) => choices,
@@ -48,15 +48,15 @@ impl Agent {
         rows: &[usize],
         input: &StepInput,
         steps: &[Step],
-    ) -> Result<Vec<Chosen>, AgentError> {
-        let Inference { kept, beliefs, log_probs, values } = self.infer(input, steps)?;
+    ) -> Result<Vec<Sampled>, AgentError> {
+        let Inference { kept, beliefs, policy, values } = self.infer(input, steps)?;
         let rollout = self.rollout.as_mut().expect("step is called between begin_rollout and update");
-        let actions = self.config.policy_actions().len();
-        let choose = |((log_probs, noise), &value): ((&[f32], &[f32]), &f32)| {
-            let action = sample(log_probs, noise);
-            Chosen { log_prob: log_probs[action], value, action, finite: true }
+        let head = self.config.action_head();
+        let choose = |((row, noise), &value): ((&[f32], &[f32]), &f32)| {
+            let (action, log_prob) = sample(&head, row, noise);
+            Sampled { action, log_prob, value, finite: true }
         };
-        let noisy = log_probs.chunks_exact(actions).zip(input.gumbel.chunks_exact(actions));
+        let noisy = policy.chunks_exact(policy.len() / values.len()).zip(input.gumbel.chunks_exact(head.outputs()));
         let choices = noisy.zip(&values).map(choose).collect();
 
         let places = |holds: &dyn Fn(usize, usize) -> bool| -> Vec<usize> {
@@ -103,7 +103,7 @@ impl Agent {
         rows: &[usize],
         input: &StepInput,
         steps: &[Step],
-    ) -> Result<Option<Vec<Chosen>>, AgentError> {
+    ) -> Result<Option<Vec<Sampled>>, AgentError> {
         let network = policy(self.overlap.as_ref(), self.trainer.as_deref());
         let (Some(acting), Some(kernels), Some(rollout)) = (&mut self.acting, network.kernels(), self.rollout.as_ref())
         else {
@@ -129,24 +129,25 @@ impl Agent {
             steps,
             noise: input.gumbel,
         };
-        let policy = Policy { network, kernels, beliefs: &self.table, store: rollout.frames() };
+        let head = &self.config.action_head();
+        let policy = Policy { network, kernels, head, beliefs: &self.table, store: rollout.frames() };
         Ok(Some(acting.step(policy, batch)?))
     }
 
     /// Notes what was chosen for each column at its row, or its value after the last.
-    fn note(&mut self, rows: &[usize], columns: &[usize], choices: Vec<(Step, Chosen)>) -> StepOutput {
-        let space = self.config.policy_actions();
+    fn note(&mut self, rows: &[usize], columns: &[usize], choices: Vec<(Step, Sampled)>) -> StepOutput {
+        let head = self.config.action_head();
         let rollout = self.rollout.as_mut().expect("step is called between begin_rollout and update");
         let mut output = StepOutput::default();
         for ((mut step, choice), (&t, &column)) in choices.into_iter().zip(rows.iter().zip(columns)) {
-            let Chosen { log_prob, value, action, .. } = choice;
+            let Sampled { log_prob, value, action, .. } = choice;
+            head.write(&action, &mut output.actions);
             if t == rollout.shape().steps {
                 rollout.set_bootstrap(column, value);
             } else {
-                (step.action, step.log_prob, step.value) = (action as i64, log_prob, value);
+                (step.action, step.log_prob, step.value) = (Some(action), log_prob, value);
                 rollout.note(t, column, step);
             }
-            output.actions.push(space[action]);
             output.log_probs.push(log_prob);
             output.values.push(value);
         }
@@ -180,19 +181,19 @@ impl Agent {
         let beliefs = network.belief.step(&network.parameters, &embedded, &before);
         let output = network.actor_critic(&beliefs);
 
-        // One copy back: each row is the log-probabilities and then the value.
-        let judged = to_vec(&Tensor::cat(&[output.log_probs, output.values.unsqueeze(1)], 1));
-        let mut log_probs = Vec::with_capacity(judged.len());
+        // One copy back: each row is the policy and then the value.
+        let judged = to_vec(&Tensor::cat(&[output.policy.rows(), output.values.unsqueeze(1)], 1));
+        let mut policy = Vec::with_capacity(judged.len());
         let mut values = Vec::with_capacity(rows);
         for (row, &column) in judged.chunks_exact(judged.len() / rows).zip(columns) {
             if !row.iter().all(|number| number.is_finite()) {
                 return Err(AgentError::NonFinite { what: format!("column {column}: policy or value") });
             }
-            let (value, row_log_probs) = row.split_last().expect("a row has at least the value");
-            log_probs.extend_from_slice(row_log_probs);
+            let (value, row_policy) = row.split_last().expect("a row has at least the value");
+            policy.extend_from_slice(row_policy);
             values.push(*value);
         }
-        Ok(Inference { kept: observations.frames, beliefs, log_probs, values })
+        Ok(Inference { kept: observations.frames, beliefs, policy, values })
     }
 }
 

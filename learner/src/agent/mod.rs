@@ -17,6 +17,7 @@ mod choosing;
 mod error;
 mod overlap;
 mod padding;
+mod sampling;
 mod shards;
 mod state;
 mod step;
@@ -40,10 +41,12 @@ use overlap::{Overlap, policy};
 use padding::batch_rows;
 use proto::config::Config;
 use proto::stage::RolloutShape;
+use proto::task::PolicyAction;
+use sampling::{option, sample};
 use state::{FIRST_MOMENT, SECOND_MOMENT};
 use std::collections::BTreeMap;
 use std::ops::Range;
-use step::{Inference, column_indices, sample};
+use step::{Inference, column_indices};
 use tch::{Device, Tensor};
 use trainer::{Done, HERE, Job, Trainer, build};
 
@@ -149,20 +152,23 @@ impl Agent {
     /// When the input's slices differ in length.
     pub fn act(&mut self, input: &StepInput) -> Result<Choice, AgentError> {
         input.check();
-        let space = self.config.policy_actions();
-        assert_eq!(input.gumbel.len(), input.columns.len() * space.len(), "noise for every action of every column");
+        let (head, count) = (self.config.action_head(), input.columns.len());
+        assert_eq!(input.gumbel.len(), count * head.outputs(), "noise for every column");
         let steps = self.seen(input)?;
-        let Inference { beliefs, log_probs, .. } = self.infer(input, &steps)?;
-        let rows = log_probs.chunks_exact(space.len()).zip(input.gumbel.chunks_exact(space.len()));
-        let chosen: Vec<usize> = rows.map(|(log_probs, gumbel)| sample(log_probs, gumbel)).collect();
+        let Inference { beliefs, policy, .. } = self.infer(input, &steps)?;
+        let rows = policy.chunks_exact(policy.len() / count).zip(input.gumbel.chunks_exact(head.outputs()));
+        let chosen: Vec<PolicyAction> = rows.map(|(row, noise)| sample(&head, row, noise).0).collect();
         let _no_grad = tch::no_grad_guard();
         self.carry(input.columns, &beliefs);
         let Trainer { network, auxiliary, .. } = self.trainer();
         let disturbs = auxiliary.disturbance_logits(&network.parameters, &beliefs).map(|logits| {
-            let logits = logits.gather(1, &column_indices(&chosen, self.device).unsqueeze(1), false);
+            let options: Vec<usize> = chosen.iter().map(option).collect();
+            let logits = logits.gather(1, &column_indices(&options, self.device).unsqueeze(1), false);
             to_vec(&logits).into_iter().map(|logit| logit > 0.0).collect()
         });
-        Ok(Choice { actions: chosen.into_iter().map(|action| space[action]).collect(), disturbs })
+        let mut actions = vec![];
+        chosen.iter().for_each(|action| head.write(action, &mut actions));
+        Ok(Choice { actions, disturbs })
     }
 
     /// Beliefs before these columns' next observations; without memory there are none.

@@ -17,7 +17,7 @@ pub struct StepInput<'a> {
     pub previous_action: &'a [u8],
     /// True at an episode's first observation: the belief is zeroed before it is used.
     pub episode_start: &'a [bool],
-    /// Gumbel noise, `columns.len() * actions`, row-major: the action is argmax(logits + noise). Unused by
+    /// What chooses actions, as many draws a column as [`crate::collector::Noise`] has, row-major. Unused by
     /// [`crate::agent::Agent::bootstrap`].
     pub gumbel: &'a [f32],
 }
@@ -70,7 +70,7 @@ impl Batch<'_> {
 /// What the policy chose, one entry a column of the input.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct StepOutput {
-    /// Indices of the task's actions.
+    /// Bytes of the actions, one behind the other.
     pub actions: Vec<u8>,
     /// Log-probability of the action.
     pub log_probs: Vec<f32>,
@@ -81,7 +81,7 @@ pub struct StepOutput {
 /// What the policy chose outside of a rollout, one entry a column of the input.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Choice {
-    /// Indices of the task's actions.
+    /// Bytes of the actions, one behind the other.
     pub actions: Vec<u8>,
     /// Whether the disturbance head predicts that the action disturbs something; none without the auxiliary task
     /// `disturb`.
@@ -92,20 +92,9 @@ pub struct Choice {
 pub(super) struct Inference {
     pub kept: Tensor,
     pub beliefs: Tensor,
-    /// \[rows · actions\].
-    pub log_probs: Vec<f32>,
+    /// [`crate::network::Distribution::rows`], one behind the other.
+    pub policy: Vec<f32>,
     pub values: Vec<f32>,
-}
-
-/// argmax of log-probability plus Gumbel noise: a sample of the policy (Gumbel's trick). The first of equals.
-pub(super) fn sample(log_probs: &[f32], gumbel: &[f32]) -> usize {
-    let mut best = (0, f32::NEG_INFINITY);
-    for (action, (log_prob, noise)) in log_probs.iter().zip(gumbel).enumerate() {
-        if log_prob + noise > best.1 {
-            best = (action, log_prob + noise);
-        }
-    }
-    best.0
 }
 
 /// Some rows of a tensor; all of it where they are all, without a copy.

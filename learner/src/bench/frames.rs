@@ -1,7 +1,7 @@
 //! Observations of both halves of all environments, in the shared memory of the real services.
 
 use crate::agent::Batch;
-use crate::collector::{ColumnMap, gumbel};
+use crate::collector::{ColumnMap, Noise};
 use crate::record::{Frame, Inputs};
 use anyhow::{Context, Result, ensure};
 use iceoryx2::sample::Sample;
@@ -40,7 +40,7 @@ pub struct Frames {
     map: ColumnMap,
     frame: Frame,
     seed: u64,
-    actions: usize,
+    draws: Noise,
     /// The action that was always taken before.
     action: u8,
     /// Numbers of an observation.
@@ -102,19 +102,18 @@ impl Frames {
             publishers.push(publisher);
         }
         let map = ColumnMap::of(0, config);
-        let actions = config.policy_actions();
-        let (actions, action) = (actions.len(), actions[actions.len() - 1]);
+        let (draws, action) = (Noise::of(&config.action_head()), config.policy_actions().pop().unwrap_or_default());
         let numbers = Inputs::of(config.spec()).width();
         let ports = (subscriber, publishers);
         let (seed, frame) = (config.seed, Frame::of(config));
-        Ok(Self { halves, map, frame, seed, actions, action, numbers, _ports: ports, _host: host, _swept: swept })
+        Ok(Self { halves, map, frame, seed, draws, action, numbers, _ports: ports, _host: host, _swept: swept })
     }
 
     /// Noise for one half's actions in a step: the collector draws it when an observation arrives.
     pub fn noise(&self, half: u32, step: usize) -> Vec<f32> {
         let mut noise = vec![];
         for column in self.map.batch(half) {
-            gumbel(self.seed, self.map.environment(column), 0, step as u32, self.actions, &mut noise);
+            self.draws.draw(self.seed, self.map.environment(column), 0, step as u32, &mut noise);
         }
         noise
     }
@@ -223,7 +222,7 @@ mod tests {
                 assert_eq!(Some(*frame), frames.frame.read(record, RecordHeader::of(record)));
                 assert_eq!(matches!(frame, DepthFrame::Sums(_)), sums);
             }
-            assert_eq!(batch.gumbel.len(), columns.len() * frames.actions);
+            assert_eq!(batch.gumbel.len(), columns.len() * frames.draws.count());
         }
         drop(frames);
         assert_eq!(left(), 0);

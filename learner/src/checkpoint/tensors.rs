@@ -5,7 +5,8 @@
 //! | whatever [`crate::agent::AgentState`] names | weights, with `ppo.overlap` also those that act, moments, beliefs |
 //! | `environment.episode` | u32 (N): episode number of each column |
 //! | `environment.action_count` | u32 (N): actions taken in it |
-//! | `environment.actions` | u8: those actions, one column's behind the other's; of older versions (N, 512), those actions, then zeros |
+//! | `environment.actions` | u8: bytes of those actions, one column's behind the other's; of older versions (N, 512), those actions, then zeros |
+//! | `environment.action_bytes` | u32 (1): bytes of an action, if they are not 1 |
 //! | `running.return` | f64 (N): return of the episode in progress |
 //! | `running.discounted_disturbance_m` | f64 (N): Σ `γ^t` cost of the episode in progress, by its name of older versions |
 //! | `running.metrics` | f64 (N, M): its metrics, in the task's order; 0 in checkpoints of older versions |
@@ -14,6 +15,7 @@ use crate::collector::{Boundary, RunningEpisode};
 use crate::network::Unfit;
 use proto::episode::MAX_EPISODE_STEPS;
 use proto::record::HOLD;
+use proto::task::NUMBERS_MOST;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::BTreeMap;
 use tch::{Kind, Tensor};
@@ -22,14 +24,18 @@ use wire::message::EnvironmentState;
 const EPISODE: &str = "environment.episode";
 const ACTION_COUNT: &str = "environment.action_count";
 const ACTIONS: &str = "environment.actions";
+const ACTION_BYTES: &str = "environment.action_bytes";
 const RETURN: &str = "running.return";
 const METRICS: &str = "running.metrics";
 /// Of older versions.
 const PICKED_UP: &str = "running.picked_up";
 const DISCOUNTED_DISTURBANCE: &str = "running.discounted_disturbance_m";
+/// No action has more.
+const ACTION_BYTES_MOST: usize = 4 * NUMBERS_MOST as usize;
 /// No run plays more episodes in one environment.
 const EPISODE_MOST: u32 = u32::MAX / 2;
-const OWN: [&str; 7] = [EPISODE, ACTION_COUNT, ACTIONS, RETURN, DISCOUNTED_DISTURBANCE, METRICS, PICKED_UP];
+const OWN: [&str; 8] =
+    [EPISODE, ACTION_COUNT, ACTIONS, ACTION_BYTES, RETURN, DISCOUNTED_DISTURBANCE, METRICS, PICKED_UP];
 
 /// Why tensors do not make a state.
 #[derive(Debug, thiserror::Error)]
@@ -101,6 +107,10 @@ pub fn encode(tensors: &BTreeMap<String, Tensor>, boundary: &Boundary) -> Result
     own(ACTION_COUNT, Dtype::U32, vec![columns], counts.collect())?;
     let actions: Vec<u8> = states.iter().flat_map(EnvironmentState::actions).copied().collect();
     own(ACTIONS, Dtype::U8, vec![actions.len()], actions)?;
+    let bytes = states.iter().map(|state| state.last_action().len()).max().unwrap_or(0);
+    if bytes > 1 {
+        own(ACTION_BYTES, Dtype::U32, vec![1], (bytes as u32).to_le_bytes().to_vec())?;
+    }
     let mut column_of = |name: &str, figure: fn(&RunningEpisode) -> f64| {
         own(name, Dtype::F64, vec![columns], running.iter().flat_map(|episode| figure(episode).to_le_bytes()).collect())
     };
@@ -114,23 +124,30 @@ pub fn encode(tensors: &BTreeMap<String, Tensor>, boundary: &Boundary) -> Result
     serialize(&entries)
 }
 
-/// Actions of each column, by how many it has.
-fn split_actions<'a>(file: &SafeTensors<'a>, counts: &[u32]) -> Result<Vec<&'a [u8]>, TensorsError> {
+/// Actions of each column, by how many it has, and bytes of an action: all have as many.
+fn split_actions<'a>(file: &SafeTensors<'a>, counts: &[u32]) -> Result<(Vec<&'a [u8]>, usize), TensorsError> {
     let mut bytes = own_bytes(file, ACTIONS, Dtype::U8)?;
+    // Of older versions: room for as many as an episode could have then.
+    let room = match file.tensor(ACTIONS)?.shape() {
+        [_, room] => Some(*room),
+        _ => None,
+    };
+    let each = match file.tensor(ACTION_BYTES) {
+        Ok(_) => u32s(own_bytes(file, ACTION_BYTES, Dtype::U32)?)[..].try_into().map_or(0, |[each]: [u32; 1]| each),
+        Err(_) => 1,
+    };
+    let each = Some(each as usize).filter(|each| (1..=ACTION_BYTES_MOST).contains(each));
+    let each = each.ok_or_else(|| wrong(ACTION_BYTES, "is no number of bytes that actions have"))?;
     let count = |count: &u32| usize::try_from(*count).ok().filter(|&count| count <= MAX_EPISODE_STEPS);
     let mut split = Vec::with_capacity(counts.len());
     for claimed in counts {
         let too_many = || wrong(ACTION_COUNT, format!("has {claimed} actions in one episode"));
         let count = count(claimed).ok_or_else(too_many)?;
-        // Of older versions: room for as many as an episode could have then.
-        let room = match file.tensor(ACTIONS)?.shape() {
-            [_, room] => *room,
-            _ => count,
-        };
-        let own = bytes.split_off(..room).ok_or_else(|| wrong(ACTIONS, "is not of as many actions as are counted"))?;
-        split.push(own.get(..count).ok_or_else(too_many)?);
+        let own = bytes.split_off(..room.unwrap_or(count * each));
+        let own = own.ok_or_else(|| wrong(ACTIONS, "is not of as many actions as are counted"))?;
+        split.push(own.get(..count * each).ok_or_else(too_many)?);
     }
-    if bytes.is_empty() { Ok(split) } else { Err(wrong(ACTIONS, "is not of as many actions as are counted")) }
+    if bytes.is_empty() { Ok((split, each)) } else { Err(wrong(ACTIONS, "is not of as many actions as are counted")) }
 }
 
 /// What [`encode`] wrote, of environments that stood at `exchange`.
@@ -158,14 +175,15 @@ pub fn decode(bytes: &[u8], exchange: u64) -> Result<(BTreeMap<String, Tensor>, 
         }
     }
     let mut boundary = Boundary { exchange, environments: vec![], running: vec![] };
-    for (column, actions) in split_actions(&file, &counts)?.into_iter().enumerate() {
-        let state = EnvironmentState::after(episodes[column], actions);
+    let (split, each) = split_actions(&file, &counts)?;
+    for (column, actions) in split.into_iter().enumerate() {
+        let state = EnvironmentState::after(episodes[column], actions, each);
         // The next episode's number must exist, too.
         if state.episode > EPISODE_MOST {
             return Err(wrong(EPISODE, format!("has an episode {}, and no run gets so far", state.episode)));
         }
         // The actor refuses what its task has not.
-        if let Some(action) = actions.iter().find(|&&action| action >= HOLD) {
+        if let Some(action) = actions.iter().find(|&&action| each == 1 && action >= HOLD) {
             return Err(wrong(ACTIONS, format!("has an action {action}: there is none")));
         }
         boundary.environments.push(state);

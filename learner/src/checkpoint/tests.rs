@@ -59,7 +59,7 @@ fn figures(rollout: u64) -> History {
 
 fn snapshot(rollout: u64) -> Snapshot {
     let mut state = EnvironmentState::start_of(rollout as u32);
-    (0..5).for_each(|action| state.push(action));
+    (0..5).for_each(|action| state.push(&[action]));
     let weights = Tensor::from_slice(&[1.5_f32, -0.0, f32::MIN_POSITIVE, rollout as f32]).reshape([2, 2]);
     let tensors = BTreeMap::from([
         ("adam.first".to_owned(), Tensor::from_slice(&[0.25_f64, 1e-300])),
@@ -230,7 +230,7 @@ fn numbers_that_no_run_reaches_are_refused() {
     };
     let text = refused(&|saved| saved.boundary.environments[0].episode = u32::MAX);
     assert!(text.contains("environment.episode") && text.contains("no run gets so far"), "{text}");
-    let text = refused(&|saved| saved.boundary.environments[0].push(254));
+    let text = refused(&|saved| saved.boundary.environments[0].push(&[254]));
     assert!(text.contains("has an action 254"), "{text}");
     let text = refused(&|saved| saved.boundary.running[0].episode_return = f64::NAN);
     assert!(text.contains("not finite"), "{text}");
@@ -250,11 +250,16 @@ fn numbers_that_no_run_reaches_are_refused() {
 fn episodes_of_any_length_come_back_and_those_of_older_versions_do() {
     let agent = snapshot(1).agent;
     let long: Vec<u8> = (0..MAX_EPISODE_STEPS).map(|step| (step % 21) as u8).collect();
-    let environments = vec![EnvironmentState::after(4, &long), EnvironmentState::after(5, &[7, 8, 9])];
-    let boundary = Boundary { environments, ..snapshot(1).boundary };
-    let bytes = tensors::encode(&agent.tensors, &boundary).unwrap();
-    assert!(bytes.len() < MAX_EPISODE_STEPS + 4096);
-    assert_eq!(tensors::decode(&bytes, 4).unwrap().1, boundary);
+    for width in [1, 8] {
+        let (long, short) = (long.repeat(width), [250, 255, 9].repeat(width));
+        // Of several bytes each may be anything.
+        let short = if width == 1 { vec![7, 8, 9] } else { short };
+        let environments = [(4, &long), (5, &short)].map(|(at, actions)| EnvironmentState::after(at, actions, width));
+        let boundary = Boundary { environments: environments.into(), ..snapshot(1).boundary };
+        let bytes = tensors::encode(&agent.tensors, &boundary).unwrap();
+        assert!(bytes.len() < width * MAX_EPISODE_STEPS + 4096);
+        assert_eq!(tensors::decode(&bytes, 4).unwrap().1, boundary);
+    }
 
     // Each column had room for 512 actions.
     let boundary = snapshot(1).boundary;

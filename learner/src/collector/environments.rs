@@ -4,8 +4,8 @@ use super::column_map::ColumnMap;
 use super::settings::{Reward, Settings, Signals};
 use super::statistics::{Ended, RunningEpisode};
 use crate::rollout::Outcome;
-use proto::record::{End, HOLD, RecordHeader, flag};
-use proto::task::{Check, Implausible, Layout, Measure};
+use proto::record::{End, RecordHeader, flag};
+use proto::task::{Actions, Check, Implausible, Layout, Measure};
 use wire::message::EnvironmentState;
 
 /// What an action led to.
@@ -44,14 +44,13 @@ pub struct Environments {
     gamma: f64,
     signals: Signals,
     layout: &'static Layout,
-    /// How many actions the task has.
-    actions: usize,
+    actions: &'static Actions,
     soundness: Check,
     measures: Vec<Measure>,
     states: Vec<EnvironmentState>,
     running: Vec<RunningEpisode>,
-    /// The action that was sent and whose outcome is not yet recorded.
-    in_flight: Vec<Option<u8>>,
+    /// The last action was sent, and its outcome is not yet recorded.
+    in_flight: Vec<bool>,
     /// The episode has ended with the last outcome, and the state still holds all of it: an actor that has to send
     /// that outcome again can.
     ended: Vec<bool>,
@@ -69,17 +68,16 @@ impl Environments {
             "there is one state and one running episode for each environment"
         );
         let columns = column_map.columns();
-        let (in_flight, ended) = (vec![None; columns], vec![false; columns]);
+        let (in_flight, ended) = (vec![false; columns], vec![false; columns]);
         let (layout, soundness) = (task.layout(), Check::of(task));
         let measures = task.rollout_metrics().map(|(_, one)| one).collect();
-        let actions = task.actions.names().len();
         Self {
             column_map,
             max_episode_steps,
             gamma,
             signals,
             layout,
-            actions,
+            actions: &task.actions,
             soundness,
             measures,
             states,
@@ -106,7 +104,7 @@ impl Environments {
 
     /// True if the outcome of some action is not yet recorded.
     pub(crate) fn any_in_flight(&self) -> bool {
-        self.in_flight.iter().any(Option::is_some)
+        self.in_flight.contains(&true)
     }
 
     /// Nobody needs a column's last outcome again: where it ended an episode, the next one begins.
@@ -116,19 +114,19 @@ impl Environments {
         }
     }
 
-    /// Notes an action that is being sent; [`HOLD`] changes nothing but that the last outcome is forgotten.
+    /// Notes an action that is being sent; HOLD changes nothing but that the last outcome is forgotten.
     ///
     /// # Panics
-    /// If the byte is neither an action nor HOLD, or the last action's outcome has not been taken in.
-    pub fn act(&mut self, column: usize, action: u8) {
-        assert!(self.in_flight[column].is_none(), "one action at a time is in flight");
+    /// If the bytes are neither an action nor HOLD, or the last action's outcome has not been taken in.
+    pub fn act(&mut self, column: usize, action: &[u8]) {
+        assert!(!self.in_flight[column], "one action at a time is in flight");
         self.forget_outcome(column);
-        if action == HOLD {
+        if action == self.actions.hold() {
             return;
         }
-        assert!(usize::from(action) < self.actions, "the agent answers with actions of the task, not {action}");
+        assert!(self.actions.has(action), "the agent answers with actions of the task, not {action:?}");
         self.states[column].push(action);
-        self.in_flight[column] = Some(action);
+        self.in_flight[column] = true;
     }
 
     /// What contradicts the record of a column.
@@ -149,9 +147,9 @@ impl Environments {
         header.check().map_err(|cause| mismatch(cause.to_string()))?;
         let state = &self.states[column];
         let mut expected = (state.episode, state.action_count());
-        if let Some(action) = self.in_flight[column] {
-            let reported = record[self.layout.action.offset];
-            check_action(state, action, header, reported).map_err(&mismatch)?;
+        if self.in_flight[column] {
+            let reported = &record[self.layout.action.range()];
+            check_action(state, header, reported, self.actions).map_err(&mismatch)?;
             if header.end().is_some() {
                 expected = (state.episode + 1, 0);
             } else if state.action_count() >= self.max_episode_steps {
@@ -174,9 +172,9 @@ impl Environments {
         if header.has(flag::EPISODE_START) != start {
             return Err(mismatch(format!("its episode-start flag is wrong at step {}", header.step)));
         }
-        let reported = record[self.layout.previous_action.offset];
-        if !start && reported != state.actions()[header.step as usize - 1] {
-            let previous = state.actions()[header.step as usize - 1];
+        let reported = &record[self.layout.previous_action.range()];
+        if !start && reported != state.last_action() {
+            let [reported, previous] = [reported, state.last_action()].map(|action| self.actions.text(action));
             return Err(mismatch(format!("it reports {reported} as the previous action; that was {previous}")));
         }
         self.soundness.record(record, header.has(flag::ACTED)).map_err(|cause| {
@@ -187,7 +185,9 @@ impl Environments {
 
     /// Records the outcome of the action in flight, if there is one. Call it once for each checked report.
     pub fn settle(&mut self, column: usize, record: &[u8], reward: &Reward) -> Option<Settlement> {
-        self.in_flight[column].take()?;
+        if !std::mem::take(&mut self.in_flight[column]) {
+            return None;
+        }
         let header = RecordHeader::of(record);
         let Self { layout, signals, gamma, .. } = *self;
         let part = |index| layout.part(record, index);
@@ -211,18 +211,28 @@ impl Environments {
     }
 }
 
-/// `state` already includes `action`, which must be reported.
-fn check_action(state: &EnvironmentState, action: u8, header: &RecordHeader, reported: u8) -> Result<(), String> {
+/// The last action of `state` must be reported.
+fn check_action(
+    state: &EnvironmentState,
+    header: &RecordHeader,
+    reported: &[u8],
+    actions: &Actions,
+) -> Result<(), String> {
     let step = state.action_count() - 1;
+    let action = actions.text(state.last_action());
     if !header.has(flag::ACTED) {
         return Err(format!("it reports nothing of action {action} of episode {}, step {step}", state.episode));
     }
     let seen = (header.acted_episode, header.acted_step, reported);
-    let expected = (state.episode, step, action);
+    let expected = (state.episode, step, state.last_action());
     if seen != expected {
         return Err(format!(
-            "its last action is that of episode {}, step {}, action {}; sent was episode {}, step {}, action {}",
-            seen.0, seen.1, seen.2, expected.0, expected.1, expected.2
+            "its last action is that of episode {}, step {}, action {}; sent was episode {}, step {}, action {action}",
+            seen.0,
+            seen.1,
+            actions.text(reported),
+            expected.0,
+            expected.1
         ));
     }
     Ok(())

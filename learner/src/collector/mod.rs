@@ -31,8 +31,7 @@ pub use column_map::ColumnMap;
 pub use environments::{Environments, Mismatch};
 pub use error::ProtocolError;
 pub use lanes::{Lane, Pace};
-pub use noise::gumbel;
-pub(crate) use noise::gumbel_of;
+pub use noise::Noise;
 pub use settings::{Reward, Settings, Signals};
 pub use statistics::{Ended, RolloutStatistics, RunningEpisode};
 
@@ -44,7 +43,7 @@ use environments::Settlement;
 use lanes::{Arrival, Lanes, Next};
 use proto::camera::DepthFrame;
 use proto::episode::EnvironmentId;
-use proto::record::{HOLD, RecordHeader, flag};
+use proto::record::{RecordHeader, flag};
 use proto::stage::RolloutShape;
 use tally::Tally;
 use wire::Receipt;
@@ -131,7 +130,7 @@ pub enum Received {
 pub struct ActionBatch {
     pub actor: u32,
     pub header: ActionHeader,
-    /// One byte an environment of the half.
+    /// One action an environment of the half, as bytes.
     pub actions: Vec<u8>,
 }
 
@@ -292,10 +291,10 @@ impl<S: HalfSample> Collector<S> {
         }
         // Here, because others are still awaited: once enough are there, those wait for their actions.
         for (i, column) in columns.enumerate() {
-            let (Settings { seed, policy_actions, .. }, place) = (self.settings, self.ids[column]);
+            let (Settings { seed, noise, .. }, place) = (self.settings, self.ids[column]);
             let RecordHeader { episode, step, .. } = *sample.header(i);
             self.noise[column].clear();
-            gumbel(seed, place, episode, step, policy_actions, &mut self.noise[column]);
+            noise.draw(seed, place, episode, step, &mut self.noise[column]);
         }
         self.lanes.keep(index, half, sample);
         Ok(Received::Kept)
@@ -427,12 +426,13 @@ impl<S: HalfSample> Collector<S> {
         self.batch_with(lanes, |place, noise| noise.extend_from_slice(&self.noise[place.column]))
     }
 
-    /// The same with the caller's noise: `noise` gets the place and appends one number for each action of the policy.
+    /// The same with the caller's noise: `noise` gets the place and appends as many draws as the
+    /// policy takes.
     ///
     /// # Panics
     /// If the observations are not here.
     pub(crate) fn batch_with(&self, lanes: &[Lane], mut noise: impl FnMut(Decision, &mut Vec<f32>)) -> Batch<'_> {
-        let Settings { column_map, policy_actions, .. } = self.settings;
+        let Settings { column_map, noise: kind, .. } = self.settings;
         let count = lanes.iter().map(|lane| column_map.half(lane.half).len()).sum();
         let mut batch = Batch {
             columns: Vec::with_capacity(count),
@@ -441,7 +441,7 @@ impl<S: HalfSample> Collector<S> {
             numbers: Vec::with_capacity(count * self.inputs.width()),
             previous_action: Vec::with_capacity(count),
             episode_start: Vec::with_capacity(count),
-            gumbel: Vec::with_capacity(count * policy_actions),
+            gumbel: Vec::with_capacity(count * kind.count()),
         };
         for &lane in lanes {
             let sample = self.lanes.sample(lane);
@@ -462,9 +462,9 @@ impl<S: HalfSample> Collector<S> {
         batch
     }
 
-    /// Takes the agent's actions, in batch order, and returns what to send to each actor. In a rollout's last step
-    /// the environments beyond its shape HOLD, whatever the agent chose for them. Lanes whose last action is taken are
-    /// valued now; there is nothing to send to them.
+    /// Takes the bytes of the agent's actions, in batch order, and returns what to send to each actor. In a rollout's last
+    /// step the environments beyond its shape HOLD, whatever the agent chose for them. Lanes whose last action is taken
+    /// are valued now; there is nothing to send to them.
     ///
     /// # Panics
     /// If their observations are not here, they are at other rows, there is not one action for each of their
@@ -473,23 +473,26 @@ impl<S: HalfSample> Collector<S> {
         assert!(self.unrecorded(lanes).actors.is_empty(), "what is answered is recorded");
         let Settings { column_map, learner_incarnation, .. } = self.settings;
         let shape = self.rollout().shape;
+        let hold = self.settings.task.actions.hold();
         let mut chosen = actions;
         let mut batches = Vec::with_capacity(lanes.len());
         for &lane in lanes {
             let Lane { index, half, t } = lane;
             let columns = column_map.columns_of(index, half);
             assert!(self.lanes.stands(lane), "it is the turn of these lanes");
-            let own = chosen.split_off(..columns.len()).expect("one action for each environment of the lanes");
+            let own =
+                chosen.split_off(..columns.len() * hold.len()).expect("one action for each environment of the lanes");
             if t == shape.steps {
                 columns.for_each(|column| self.environments.forget_outcome(column));
                 self.lanes.value(lane);
                 continue;
             }
             let acting = if t + 1 == shape.steps { shape.environments_in_last_step } else { column_map.columns() };
-            let sent: Vec<u8> =
-                columns.clone().zip(own).map(|(column, &a)| if column < acting { a } else { HOLD }).collect();
-            for (column, &action) in columns.zip(&sent) {
+            let mut sent = Vec::with_capacity(own.len());
+            for (column, action) in columns.zip(own.chunks_exact(hold.len())) {
+                let action = if column < acting { action } else { &hold };
                 self.environments.act(column, action);
+                sent.extend_from_slice(action);
             }
             let (step, stage_version) = (self.lanes.step(index, half), self.stage_version);
             let header = ActionHeader { step, stage_version, learner_incarnation, half };

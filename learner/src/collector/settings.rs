@@ -1,6 +1,7 @@
 //! What a collector is given: constants of a run, and the reward of a rollout.
 
 use super::column_map::ColumnMap;
+use super::noise::Noise;
 use proto::config::Config;
 use proto::task::{Composition, Condition, Spec};
 
@@ -11,8 +12,8 @@ pub struct Settings {
     pub task: &'static Spec,
     /// Seed of the run, for the action noise.
     pub seed: u64,
-    /// Actions of the policy head: Gumbel draws for each environment's step.
-    pub policy_actions: usize,
+    /// What chooses actions.
+    pub noise: Noise,
     /// Step limit of an episode.
     pub max_episode_steps: u32,
     /// Discount a step, of the cost that PPO-Lagrangian constrains.

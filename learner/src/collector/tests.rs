@@ -361,7 +361,7 @@ fn settings(column_map: ColumnMap, learner_incarnation: u32) -> Settings {
         column_map,
         task: Config::default().spec(),
         seed: SEED,
-        policy_actions: POLICY_ACTIONS,
+        noise: Noise::Gumbel(POLICY_ACTIONS),
         max_episode_steps: MAX_STEPS,
         gamma: 0.99,
         signals: Signals::of(&Config::default()),

@@ -87,8 +87,9 @@ impl ActionEmbedding {
 }
 
 /// Row of the embedding for a previous action, if there was one, among those of the policy; `None` if it has no such action.
+/// Actions without names have no embedding.
 pub(crate) fn table_row(space: &[u8], previous_action: Option<u8>) -> Option<i64> {
-    let Some(action) = previous_action else { return Some(0) };
+    let Some(action) = previous_action.filter(|_| !space.is_empty()) else { return Some(0) };
     space.iter().position(|&other| other == action).map(|index| index as i64 + 1)
 }
 
@@ -138,5 +139,6 @@ mod tests {
             [Some(0), Some(21), None]
         );
         assert_eq!([table_row(&small, Some(20)), table_row(&small, Some(14))], [Some(4), None]);
+        assert_eq!(table_row(&[], Some(20)), Some(0));
     }
 }

@@ -72,18 +72,21 @@ impl Initial {
     }
 }
 
-/// Standard normal numbers by Box and Muller's transform.
+/// Standard normal numbers.
 fn normals(seed: u64, name: &str, count: usize) -> Vec<f64> {
-    draw(seed, name, count, |random, values| {
-        for pair in values.chunks_mut(2) {
-            let radius = (-2.0 * libm::log(random.uniform_open())).sqrt();
-            let angle = TAU * random.uniform_open();
-            pair[0] = radius * libm::cos(angle);
-            if let [_, second] = pair {
-                *second = radius * libm::sin(angle);
-            }
+    draw(seed, name, count, fill_normal)
+}
+
+/// Fills in standard normal numbers by Box and Muller's transform.
+pub(crate) fn fill_normal(random: &mut Random, values: &mut [f64]) {
+    for pair in values.chunks_mut(2) {
+        let radius = (-2.0 * libm::log(random.uniform_open())).sqrt();
+        let angle = TAU * random.uniform_open();
+        pair[0] = radius * libm::cos(angle);
+        if let [_, second] = pair {
+            *second = radius * libm::sin(angle);
         }
-    })
+    }
 }
 
 fn draw(seed: u64, name: &str, count: usize, mut fill: impl FnMut(&mut Random, &mut [f64])) -> Vec<f64> {

@@ -6,6 +6,7 @@
 //! embedding of each observation ([`Network::embed`]), then the belief and the heads.
 
 mod belief;
+mod distribution;
 mod embedding;
 mod encoder;
 mod frame;
@@ -15,11 +16,14 @@ mod mlp;
 mod parameters;
 
 pub use belief::{Belief, Packing};
+pub use distribution::Distribution;
+pub(crate) use distribution::HALF_LN_TAU;
 pub(crate) use embedding::table_row;
 pub use embedding::{coordinates, goal_coordinates};
 pub(crate) use encoder::{ENCODERS, VISUAL};
 pub use frame::{FramePreparation, RawFrame, Staging};
 pub use initialize::Initial;
+pub(crate) use initialize::fill_normal;
 pub(crate) use layers::{Gru, Linear};
 pub use parameters::{Layout, ParameterId, Parameters, Unfit, to_vec};
 pub(crate) use parameters::{all_finite, fits};
@@ -54,8 +58,8 @@ pub struct Observations {
 /// The heads' outputs.
 #[derive(Debug)]
 pub struct ActorCriticOutput {
-    /// Log-probabilities of the policy's actions \[rows, actions\].
-    pub log_probs: Tensor,
+    /// What the policy would do.
+    pub policy: Distribution,
     /// Values \[rows\].
     pub values: Tensor,
 }
@@ -78,6 +82,7 @@ pub struct Network {
     embedding: Embedding,
     previous_action: Option<ActionEmbedding>,
     actor: Head,
+    policy: distribution::Maker,
     critic: Head,
 }
 
@@ -107,7 +112,8 @@ impl Network {
     pub fn new<T>(config: &Config, device: Device, declare: impl FnOnce(&mut Layout, i64) -> T) -> (Self, T) {
         let mut layout = Layout::default();
         let preparation = FramePreparation::of(config, device);
-        let actions = config.policy_actions().len() as i64;
+        let action_head = config.action_head();
+        let actions = action_head.outputs() as i64;
         let hidden = i64::from(config.network.hidden);
         let seen = config.spec().inputs().expect("a validated configuration's task has what networks take");
         let numbers = seen.width() as i64;
@@ -139,10 +145,14 @@ impl Network {
         let mut head = |path: &str, outputs: i64, gain| Head::new(&mut layout, path, [hidden, outputs], own, gain);
         let actor = head("actor", actions, 0.01);
         let critic = head("critic", 1, 1.0);
+        let policy = distribution::Maker::new(&mut layout, &action_head);
         let declared = declare(&mut layout, hidden);
 
         let parameters = Parameters::new(layout, config.seed, device);
-        (Self { parameters, preparation, belief, observation, embedding, previous_action, actor, critic }, declared)
+        (
+            Self { parameters, preparation, belief, observation, embedding, previous_action, actor, policy, critic },
+            declared,
+        )
     }
 
     /// Selects bfloat16 for the encoder if the configuration demands it, or if it is `auto` and bfloat16 is available.
@@ -294,13 +304,14 @@ impl Network {
             [weight, bias].map(|id| &self.parameters[id])
         };
         let gate_biases = self.belief.gru().biases(&self.parameters);
-        Heads { gate_biases, actor: of(&self.actor), critic: of(&self.critic) }
+        let log_std = self.policy.log_std(&self.parameters);
+        Heads { gate_biases, actor: of(&self.actor), critic: of(&self.critic), log_std }
     }
 
     /// Beliefs \[rows, hidden\], or embeddings without memory → policy and value.
     pub fn actor_critic(&self, beliefs: &Tensor) -> ActorCriticOutput {
         ActorCriticOutput {
-            log_probs: self.actor.forward(&self.parameters, beliefs).log_softmax(-1, None),
+            policy: self.policy.distribution(&self.parameters, self.actor.forward(&self.parameters, beliefs)),
             values: self.critic.forward(&self.parameters, beliefs).squeeze_dim(1),
         }
     }

@@ -7,10 +7,10 @@ use crate::network::ActorCriticOutput;
 use proto::config::PpoConfig;
 use tch::{Kind, Tensor};
 
-/// What the loss compares the network's output with, \[B\] each, in the order of the chunk's packing.
+/// What the loss compares the network's output with, \[B\] each but for actions, in the order of the chunk's packing.
 #[derive(Debug)]
 pub struct Experience {
-    /// Policy indices of the actions taken, i64.
+    /// The actions taken: options, i64 \[B, choices\], or numbers, f32 \[B, numbers\].
     pub actions: Tensor,
     /// Their log-probabilities when they were taken.
     pub log_probs: Tensor,
@@ -43,8 +43,7 @@ pub fn terms(output: &ActorCriticOutput, experience: &Experience, ppo: &PpoConfi
     let share = 1.0 / batch_rows as f64;
     let mean = |per_row: Tensor| per_row.sum(Kind::Float) * share;
 
-    let log_prob = output.log_probs.gather(1, &experience.actions.unsqueeze(1), false).squeeze_dim(1);
-    let log_ratio = log_prob - &experience.log_probs;
+    let log_ratio = output.policy.log_prob(&experience.actions) - &experience.log_probs;
     let ratio = log_ratio.exp();
     let surrogate = &ratio * &experience.advantages;
     let clipped_surrogate = ratio.clamp(1.0 - clip, 1.0 + clip) * &experience.advantages;
@@ -58,7 +57,7 @@ pub fn terms(output: &ActorCriticOutput, experience: &Experience, ppo: &PpoConfi
     }
     let value = mean(error * 0.5);
 
-    let entropy = mean(-(output.log_probs.exp() * &output.log_probs).sum_dim_intlist(-1, false, Kind::Float));
+    let entropy = mean(output.policy.entropy());
 
     let (ratio, log_ratio) = (ratio.detach(), log_ratio.detach());
     let clip_fraction = mean((&ratio - 1.0).abs().gt(clip).to_kind(Kind::Float));

@@ -113,7 +113,7 @@ impl Chunk {
                     upload(&values, device)
                 };
                 let experience = Experience {
-                    actions: rollout.gather(&packing, |step| step.action),
+                    actions: rollout.actions(&packing),
                     log_probs: rollout.gather(&packing, |step| step.log_prob),
                     values: rollout.gather(&packing, |step| step.value),
                     advantages: target(&|row| targets.advantage(row)),

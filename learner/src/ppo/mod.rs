@@ -244,7 +244,7 @@ impl<'a> Update<'a> {
         let Self { network, rollout, ppo, .. } = *self;
         let Chunk { shard, packing, experience, .. } = chunk;
 
-        // Forward: embeddings [B, 512 + 32 + 16] → beliefs [B, H] → log-probabilities [B, A] and values [B].
+        // Forward: embeddings [B, 512 + 32 + 16] → beliefs [B, H] → the policy and values [B].
         let embedded = chunk.embed(network, rollout, self.rollout_number);
         let beliefs = network.belief.unroll(&network.parameters, &embedded.rows, packing, rollout.beliefs_at_start());
         let output = network.actor_critic(&beliefs);
@@ -256,7 +256,9 @@ impl<'a> Update<'a> {
 
         // + w · the auxiliary task's loss, from what each observation gives by itself and from the beliefs.
         let embeddings = network.observations_of(&embedded.rows);
-        let pass = Pass { rollout, packing, embeddings: &embeddings, beliefs: &beliefs, actions: &experience.actions };
+        // Such tasks are of one choice.
+        let options = experience.actions.select(1, 0);
+        let pass = Pass { rollout, packing, embeddings: &embeddings, beliefs: &beliefs, actions: &options };
         let (mut auxiliary, mut counted) = (policy.zeros_like(), Vec::new());
         if let Some(task) = self.auxiliary.loss(&network.parameters, &pass, queries, totals.queries) {
             loss += &task.loss * self.auxiliary_config.weight;

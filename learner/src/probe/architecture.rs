@@ -5,7 +5,7 @@ use crate::checkpoint::TensorsError;
 use crate::network::ENCODERS;
 use proto::camera::FRAME_SIDE;
 use proto::config::{AuxiliaryTask, Config, INPUT_POOLS, Memory};
-use proto::task::ActionSpace;
+use proto::task::{ActionHead, ActionSpace};
 use std::collections::BTreeMap;
 use tch::Tensor;
 
@@ -20,8 +20,9 @@ pub fn fit(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> Result<()
         "actor.weight".to_owned()
     };
     let (actions, width) = (side(&actor, 0)?, side(&actor, 1)?);
-    let spaces: Vec<(usize, ActionSpace)> =
-        ActionSpace::all().filter_map(|space| Some((space.of(&config.spec().actions)?.len(), space))).collect();
+    let spaces: Vec<(usize, ActionSpace)> = ActionSpace::all()
+        .filter_map(|space| Some((ActionHead::of(space, &config.spec().actions)?.outputs(), space)))
+        .collect();
     let found = spaces.iter().find(|(count, _)| *count as i64 == actions);
     let counts: Vec<String> = spaces.iter().map(|(count, _)| count.to_string()).collect();
     let none = || wrong(&actor, format!("has {actions} actions; there are spaces of {}", counts.join(" and ")));

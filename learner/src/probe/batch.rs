@@ -7,6 +7,7 @@ use crate::rollout::{Outcome, Rollout, Step};
 use proto::camera::{DepthFrame, FRAME_SIDE};
 use proto::config::{Config, nearest};
 use proto::stage::RolloutShape;
+use proto::task::{ActionHead, PolicyAction};
 use std::collections::BTreeMap;
 use tch::{Device, Kind, Tensor};
 
@@ -198,7 +199,7 @@ impl Batch {
 /// Steps and columns, the rollout's shape, and which cells have an outcome.
 fn shape(file: &Tensors) -> Result<([i64; 2], RolloutShape, Vec<bool>), TensorsError> {
     let cells = match file.any("action")?.size()[..] {
-        [steps, columns] if steps > 0 && columns > 0 => [steps, columns],
+        [steps, columns] | [steps, columns, _] if steps > 0 && columns > 0 => [steps, columns],
         ref size => return Err(wrong("action", format!("has shape {size:?}, not [T, N]"))),
     };
     let [steps, columns] = cells;
@@ -218,32 +219,58 @@ fn shape(file: &Tensors) -> Result<([i64; 2], RolloutShape, Vec<bool>), TensorsE
 
 /// What was seen and chosen in each cell, and what it led to.
 fn rows(file: &Tensors, cells: [i64; 2], config: &Config) -> Result<(Vec<Step>, Vec<Outcome>), TensorsError> {
-    let actions = config.policy_actions().len() as i64;
+    let named = config.policy_actions().len() as i64;
     let numbers = numbers(file, cells, config)?;
-    let previous = file.integers("previous_action", &cells, 0..actions + 1)?;
+    let previous = file.integers("previous_action", &cells, 0..named + 1)?;
     let start = file.flags("episode_start", &cells)?;
-    let action = file.integers("action", &cells, 0..actions)?;
+    let mut actions = actions(file, cells, &config.action_head())?;
     let [log_prob, value, reward] =
         [file.floats("log_prob", &cells)?, file.floats("value", &cells)?, file.floats("reward", &cells)?];
     let [ended, time_limit, disturbed] =
         [file.flags("ended", &cells)?, file.flags("time_limit", &cells)?, file.flags("disturbed", &cells)?];
     warn_of_contradictions(&ended, &start, cells[1] as usize);
-    let seen = (0..action.len()).map(|cell| Step {
+    let seen = (0..start.len()).map(|cell| Step {
         numbers: numbers[cell].clone(),
         previous_action: previous[cell],
         episode_start: start[cell],
-        action: action[cell],
+        action: actions.next(),
         log_prob: log_prob[cell],
         value: value[cell],
         ..Step::default()
     });
-    let outcomes = (0..action.len()).map(|cell| Outcome {
+    let outcomes = (0..start.len()).map(|cell| Outcome {
         reward: reward[cell],
         ended: ended[cell],
         time_limit: time_limit[cell],
         label: disturbed[cell],
     });
     Ok((seen.collect(), outcomes.collect()))
+}
+
+/// The actions of each cell: of one choice a number, otherwise a row of some.
+fn actions(
+    file: &Tensors,
+    [steps, columns]: [i64; 2],
+    head: &ActionHead,
+) -> Result<std::vec::IntoIter<PolicyAction>, TensorsError> {
+    let choices = head.choices();
+    let (width, name) = (if head.is_gaussian() { head.outputs() } else { choices.len() }, "action");
+    let size = [steps, columns, width as i64];
+    let size = if choices.len() == 1 { &size[..2] } else { &size[..] };
+    let actions: Vec<PolicyAction> = if head.is_gaussian() {
+        let numbers = file.floats(name, size)?;
+        numbers.chunks_exact(width).map(|drawn| PolicyAction::Numbers(drawn.to_vec())).collect()
+    } else {
+        let most = choices.iter().max().copied().unwrap_or(0) as i64;
+        let options = file.integers(name, size, 0..most)?;
+        let beyond = |(at, &option): (usize, &i64)| option >= choices[at % width] as i64;
+        if let Some((at, option)) = options.iter().enumerate().find(|&pair| beyond(pair)) {
+            let count = choices[at % width];
+            return Err(wrong(name, format!("has {option} as choice {}, which has {count} options", at % width)));
+        }
+        options.chunks_exact(width).map(|chosen| PolicyAction::Options(chosen.to_vec())).collect()
+    };
+    Ok(actions.into_iter())
 }
 
 /// Frames as the rollout keeps them, \[T · N, side, side\].

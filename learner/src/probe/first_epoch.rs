@@ -105,21 +105,19 @@ impl Cells<'_> {
         let _no_grad = tch::no_grad_guard();
         let embeddings = network.embed(&rollout.observations(packing));
         let beliefs = network.belief.unroll(&network.parameters, &embeddings, packing, rollout.beliefs_at_start());
-        let ActorCriticOutput { log_probs, values } = network.actor_critic(&beliefs);
+        let ActorCriticOutput { policy, values } = network.actor_critic(&beliefs);
         let target = |of: &dyn Fn((usize, usize)) -> f32| {
             Tensor::from_slice(&packing.rows.iter().map(|&row| of(row)).collect::<Vec<f32>>())
         };
-        [
-            ("log_probs", log_probs),
+        let others = [
             ("values", values),
             ("embeddings", embeddings),
             ("beliefs", beliefs),
             ("advantages", target(&|row| targets.advantage(row))),
             ("returns", target(&|row| targets.value_target(row))),
-        ]
-        .into_iter()
-        .map(|(name, rows)| (name.to_owned(), self.table(&rows)))
-        .collect()
+        ];
+        let tables = policy.tables().into_iter().chain(others);
+        tables.map(|(name, rows)| (name.to_owned(), self.table(&rows))).collect()
     }
 
     /// What the auxiliary task was asked: (step, column, offset) of each query, and each cell's negative sample, -1

@@ -39,7 +39,7 @@ A batch is a rollout of T steps and N environments (bool may be u8, i64 may be a
                                    other, whole numbers as one-hot
   previous_action  i64 (T, N)      0 = none yet, else 1 + action
   episode_start    bool (T, N)     the belief is zeroed before this observation
-  action           i64 (T, N)      action taken
+  action           i64 (T, N)      action taken; of several choices i64 (T, N, K), of a box f32 (T, N, K), unclipped
   log_prob, value  f32 (T, N)      its log-probability, and the observation's value, when it was taken
   reward           f32 (T, N)
   ended            bool (T, N)     the action ended the episode
@@ -51,9 +51,9 @@ A batch is a rollout of T steps and N environments (bool may be u8, i64 may be a
   negatives        i64 (T, N)      cell t·N + n that `cpca16` shows where (t, n) was seen [default: drawn]
 Names may begin with `rollout.`: the dump of a non-finite update can be probed (--weights and --batch the same file).
 
-Written are log_probs, values, embeddings, beliefs, advantages, returns, each loss and figure by its name in the metrics
-(loss/policy, ...), loss/total, gradient.NAME of every weight (unclipped) and what the auxiliary task was asked. All names,
-shapes and formulas: docs/probe.md.")]
+Written are log_probs (of a box means and log_stds), values, embeddings, beliefs, advantages, returns, each loss and figure
+by its name in the metrics (loss/policy, ...), loss/total, gradient.NAME of every weight (unclipped) and what the auxiliary
+task was asked. All names, shapes and formulas: docs/probe.md.")]
 pub struct Arguments {
     /// Weights by PyTorch's module paths, or a checkpoint of a run: which network they are of is read from them
     #[arg(long, value_name = "W.safetensors")]

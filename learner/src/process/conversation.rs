@@ -6,7 +6,7 @@ use super::control::Control;
 use super::link::{Ports, Sample};
 use super::patience::{Patience, Waited};
 use super::stop::{OrchestratorGone, Stop};
-use crate::collector::{Boundary, Collector, ColumnMap, Lane, Missing, Received, Settings, Signals};
+use crate::collector::{Boundary, Collector, ColumnMap, Lane, Missing, Noise, Received, Settings, Signals};
 use crate::shards::Shards;
 use anyhow::Result;
 use proto::config::Config;
@@ -67,7 +67,7 @@ impl<'a, W: Write> Conversation<'a, W> {
         let settings = Settings {
             column_map: ColumnMap::of(rank, config),
             seed: config.seed,
-            policy_actions: config.policy_actions().len(),
+            noise: Noise::of(&config.action_head()),
             max_episode_steps: config.episode.max_steps,
             task: config.spec(),
             gamma: config.ppo.gamma,

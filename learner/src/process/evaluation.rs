@@ -64,8 +64,7 @@ pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
     };
     let column_map = ColumnMap::of(RANK, &config);
     let seed = (!asked.deterministic).then_some(config.seed);
-    let policy_actions = config.policy_actions().len();
-    let examination = Examination::new(plan, column_map, &config, seed, policy_actions);
+    let examination = Examination::new(plan, column_map, &config, seed);
     let ports = Ports::open(&wire, &config, RANK)?;
     let speaker = Speaker { rank: RANK, incarnation, ports: &ports, gone: &gone };
     let boundary = Boundary::start(column_map.columns());
@@ -181,9 +180,10 @@ impl<W: Write> Room<'_, W> {
         let input = batch.input();
         let choice = self.agent.act(&input)?;
         let mut actions = Vec::with_capacity(choice.actions.len());
-        for (row, (&column, &action)) in input.columns.iter().zip(&choice.actions).enumerate() {
+        let bytes = choice.actions.len() / input.columns.len();
+        for (row, (&column, action)) in input.columns.iter().zip(choice.actions.chunks_exact(bytes)).enumerate() {
             let foretold = choice.disturbs.as_ref().map(|disturbs| disturbs[row]);
-            actions.push(self.examination.choose(column, action, foretold));
+            actions.extend_from_slice(self.examination.choose(column, action, foretold));
         }
         drop(batch);
         // In lockstep all are of one half.

@@ -1,6 +1,6 @@
 //! What the update is made of: targets, losses, optimiser, multiplier, sensors.
 
-use crate::shared::{assert_close, doubles, fixture, noise, noise_f32, noise_tensor};
+use crate::shared::{assert_close, choice, doubles, fixture, noise, noise_f32, noise_tensor};
 use crate::world::small_config;
 use learner::agent::Agent;
 use learner::auxiliary::focal_loss;
@@ -66,7 +66,7 @@ fn the_losses_and_their_gradients_are_the_formulas() {
     let logits = (noise_tensor("loss.logits", &[rows, 21]) * 2.0).set_requires_grad(true);
     let values = noise_tensor("loss.values", &[rows]).set_requires_grad(true);
     let experience = Experience {
-        actions: Tensor::from_slice(&(0..rows).map(|i| (7 * i) % 21).collect::<Vec<_>>()),
+        actions: Tensor::from_slice(&(0..rows).map(|i| (7 * i) % 21).collect::<Vec<_>>()).view([rows, 1]),
         log_probs: expected["old_log_probs"].shallow_clone(),
         values: values.detach() + noise_tensor("loss.value_drift", &[rows]) * 0.3,
         advantages: noise_tensor("loss.advantages", &[rows]),
@@ -77,7 +77,7 @@ fn the_losses_and_their_gradients_are_the_formulas() {
     let mut loss = Tensor::zeros([] as [i64; 0], (Kind::Float, Device::Cpu));
     for (first, count) in [(0, 15), (15, 25)] {
         let cut = |tensor: &Tensor| tensor.narrow(0, first, count);
-        let output = ActorCriticOutput { log_probs: cut(&logits).log_softmax(-1, None), values: cut(&values) };
+        let output = ActorCriticOutput { policy: choice(cut(&logits).log_softmax(-1, None)), values: cut(&values) };
         let part = Experience {
             actions: cut(&experience.actions),
             log_probs: cut(&experience.log_probs),

@@ -1,10 +1,12 @@
-"""Reference values for learner/tests/reference/numbers.rs: CleanRL's ppo.py in double precision, without autograd.
+"""Reference values for learner/tests/reference/numbers.rs: CleanRL's ppo.py and ppo_continuous_action.py in double
+precision, without autograd.
 
     pip install numpy==2.4.6 safetensors==0.8.0
     python3 make_cleanrl.py             # writes cleanrl.safetensors beside this file
 
 Formulas and constants are those of `ppo.py` in vwxyzjn/cleanrl: two networks of tanh layers, the loop over t for
-advantages, the clipped losses. The backward pass is written out by hand. Nothing is shared with the Rust code but the
+advantages, the clipped losses; Gaussians are those of `ppo_continuous_action.py`, and several choices are a product of
+categoricals. The backward pass is written out by hand. Nothing is shared with the Rust code but the
 formula `noise`, from which both sides make weights and inputs, so that the file holds results only.
 """
 
@@ -14,7 +16,7 @@ import numpy as np
 from safetensors.numpy import save_file
 
 HERE = pathlib.Path(__file__).parent
-STEPS, COLUMNS, INPUTS, WIDTHS, ACTIONS = 16, 4, 6, [64, 64], 3
+STEPS, COLUMNS, INPUTS, WIDTHS = 16, 4, 6, [64, 64]
 GAMMA, LAMBDA, VALUE, ENTROPY = 0.99, 0.95, 0.5, 0.01
 
 
@@ -42,10 +44,10 @@ def noise(name: str, *shape: int) -> np.ndarray:
     return rounded(exact(name, *shape))
 
 
-def weights() -> dict[str, np.ndarray]:
+def weights(actions: int) -> dict[str, np.ndarray]:
     """`weight_values` of the tests."""
     found = {}
-    for head, outputs in [("actor", ACTIONS), ("critic", 1)]:
+    for head, outputs in [("actor", actions), ("critic", 1)]:
         sizes = [INPUTS, *WIDTHS, outputs]
         for index, (inputs, width) in enumerate(zip(sizes, sizes[1:], strict=False)):
             name = f"{head}.{2 * index}"
@@ -76,11 +78,70 @@ def backward(w: dict[str, np.ndarray], head: str, layers: list[np.ndarray], dy: 
     return found
 
 
-def case(name: str, clip: float, *, norm_adv: bool, clip_vloss: bool) -> dict[str, np.ndarray]:
+class Categorical:
+    """Independent choices: the logits of their options stand side by side."""
+
+    def __init__(self, counts: list[int]) -> None:
+        self.counts, self.outputs = counts, sum(counts)
+        cells = 3 * np.arange(STEPS)[:, None] + 5 * np.arange(COLUMNS)
+        self.actions = np.stack([(cells + at) % count for at, count in enumerate(counts)], -1)
+
+    def judge(self, logits: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
+        """What the policy is given by, log-probabilities of the actions, entropies."""
+        self.log_probs, self.new, self.entropies = [], 0.0, 0.0
+        rows = np.arange(len(logits))
+        for part, chosen in zip(np.split(logits, np.cumsum(self.counts)[:-1], 1), self.chosen(), strict=True):
+            log_probs = part - part.max(1, keepdims=True)
+            log_probs = log_probs - np.log(np.exp(log_probs).sum(1, keepdims=True))
+            self.new = self.new + log_probs[rows, chosen]
+            self.entropies = self.entropies - (np.exp(log_probs) * log_probs).sum(1)
+            self.log_probs.append(log_probs)
+        return {"log_probs": np.concatenate(self.log_probs, 1)}, self.new, self.entropies
+
+    def chosen(self) -> np.ndarray:
+        return self.actions.reshape(-1, len(self.counts)).T
+
+    def backward(self, d_logprob: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Gradients by the actor's outputs and by the policy's own weights."""
+        found = []
+        for log_probs, chosen, count in zip(self.log_probs, self.chosen(), self.counts, strict=True):
+            probs = np.exp(log_probs)
+            d_logits = d_logprob[:, None] * (np.eye(count)[chosen] - probs)
+            # dH/dlogits = -p (log p + H).
+            entropies = -(probs * log_probs).sum(1, keepdims=True)
+            found.append(d_logits + ENTROPY * probs * (log_probs + entropies) / len(probs))
+        return np.concatenate(found, 1), {}
+
+
+class Gaussian:
+    """Independent numbers: the actor gives their means, and deviations are weights of their own."""
+
+    def __init__(self, numbers: int) -> None:
+        self.outputs = numbers
+        self.actions = 2.0 * noise("cleanrl.drawn", STEPS, COLUMNS, numbers)
+        self.log_std = rounded(0.1 * exact("log_std", numbers))
+
+    def judge(self, means: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
+        """What the policy is given by, log-probabilities of the actions, entropies."""
+        std = np.exp(self.log_std)
+        self.away = (self.actions.reshape(means.shape) - means) / std
+        log_probs = -(self.away**2) / 2 - self.log_std - np.log(np.sqrt(2 * np.pi))
+        entropies = np.broadcast_to(0.5 + 0.5 * np.log(2 * np.pi) + self.log_std, means.shape)
+        given = {"means": means, "log_stds": np.broadcast_to(self.log_std, means.shape)}
+        return given, log_probs.sum(1), entropies.sum(1)
+
+    def backward(self, d_logprob: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Gradients by the actor's outputs and by the policy's own weights."""
+        d_means = d_logprob[:, None] * self.away / np.exp(self.log_std)
+        return d_means, {"log_std": (d_logprob[:, None] * (self.away**2 - 1)).sum(0) - ENTROPY}
+
+
+def case(
+    name: str, policy: Categorical | Gaussian, clip: float, *, norm_adv: bool, clip_vloss: bool
+) -> dict[str, np.ndarray]:
     """One minibatch of everything."""
-    w = weights()
+    w = weights(policy.outputs)
     obs = 2.0 * noise("cleanrl.numbers", STEPS, COLUMNS, INPUTS)
-    actions = (3 * np.arange(STEPS)[:, None] + 5 * np.arange(COLUMNS)) % ACTIONS
     # 32-bit arithmetic makes these on both sides.
     half = np.float32(0.25)
     logprobs = (noise("cleanrl.log_prob", STEPS, COLUMNS).astype(np.float32) * half - np.float32(1.25)).astype(float)
@@ -104,13 +165,9 @@ def case(name: str, clip: float, *, norm_adv: bool, clip_vloss: bool) -> dict[st
     returns = advantages + values
 
     rows = STEPS * COLUMNS
-    x, a = obs.reshape(rows, INPUTS), actions.reshape(rows)
+    x = obs.reshape(rows, INPUTS)
     actor, critic = forward(w, "actor", x), forward(w, "critic", x)
-    logits = actor[-1]
-    log_probs = logits - logits.max(1, keepdims=True)
-    log_probs = log_probs - np.log(np.exp(log_probs).sum(1, keepdims=True))
-    probs = np.exp(log_probs)
-    newlogprob = log_probs[np.arange(rows), a]
+    given, newlogprob, entropies = policy.judge(actor[-1])
     logratio = newlogprob - logprobs.reshape(rows)
     ratio = np.exp(logratio)
     approx_kl = ((ratio - 1) - logratio).mean()
@@ -129,7 +186,6 @@ def case(name: str, clip: float, *, norm_adv: bool, clip_vloss: bool) -> dict[st
     v_clipped = old + np.clip(newvalue - old, -clip, clip)
     v_loss_clipped = (v_clipped - target) ** 2
     v_loss = 0.5 * (np.maximum(v_loss_unclipped, v_loss_clipped) if clip_vloss else v_loss_unclipped).mean()
-    entropies = -(probs * log_probs).sum(1)
     entropy_loss = entropies.mean()
     loss = pg_loss - ENTROPY * entropy_loss + VALUE * v_loss
 
@@ -137,20 +193,17 @@ def case(name: str, clip: float, *, norm_adv: bool, clip_vloss: bool) -> dict[st
     inside = (ratio >= 1 - clip) & (ratio <= 1 + clip)
     d_ratio = np.where((pg_loss1 > pg_loss2) | inside, -mb_advantages, 0.0) / rows
     d_logprob = d_ratio * ratio
-    one_hot = np.eye(ACTIONS)[a]
-    d_logits = d_logprob[:, None] * (one_hot - probs)
-    # dH/dlogits = -p (log p + H).
-    d_logits += ENTROPY * probs * (log_probs + entropies[:, None]) / rows
+    d_outputs, own = policy.backward(d_logprob)
     within = np.abs(newvalue - old) <= clip
     d_unclipped, d_clipped = 2 * (newvalue - target), 2 * (v_clipped - target) * within
     d_value = np.where(v_loss_unclipped > v_loss_clipped, d_unclipped, d_clipped)
     # Where nothing is clipped both are the same.
     d_value = np.where(within | (not clip_vloss), d_unclipped, d_value)
     d_value = 0.5 * VALUE * d_value / rows
-    gradients = backward(w, "actor", actor, d_logits) | backward(w, "critic", critic, d_value[:, None])
+    gradients = backward(w, "actor", actor, d_outputs) | backward(w, "critic", critic, d_value[:, None]) | own
 
     found = {
-        "log_probs": log_probs.reshape(STEPS, COLUMNS, ACTIONS),
+        **{key: table.reshape(STEPS, COLUMNS, -1) for key, table in given.items()},
         "values": newvalue.reshape(STEPS, COLUMNS),
         "advantages": mb_advantages.reshape(STEPS, COLUMNS),
         "returns": returns,
@@ -168,8 +221,10 @@ def case(name: str, clip: float, *, norm_adv: bool, clip_vloss: bool) -> dict[st
 
 if __name__ == "__main__":
     save_file(
-        case("defaults", 0.2, norm_adv=True, clip_vloss=True)
-        | case("plain", 0.2, norm_adv=False, clip_vloss=False)
-        | case("narrow", 0.05, norm_adv=False, clip_vloss=True),
+        case("defaults", Categorical([3]), 0.2, norm_adv=True, clip_vloss=True)
+        | case("plain", Categorical([3]), 0.2, norm_adv=False, clip_vloss=False)
+        | case("narrow", Categorical([3]), 0.05, norm_adv=False, clip_vloss=True)
+        | case("choices", Categorical([3, 2]), 0.2, norm_adv=True, clip_vloss=True)
+        | case("numbers", Gaussian(2), 0.2, norm_adv=True, clip_vloss=True),
         HERE / "cleanrl.safetensors",
     )

@@ -1,10 +1,10 @@
 //! Tasks of numbers alone: `learner probe` against `ppo.py` of `CleanRL`, settings against their formulas, and a pole that is
 //! balanced.
 
-use crate::shared::{assert_close, doubles, fixture, noise_tensor, weight_values};
+use crate::shared::{assert_close, choice, doubles, fixture, noise_tensor, weight_values};
 use crate::world::{World, numbers_config, weights_of};
 use learner::agent::{Agent, StepInput};
-use learner::collector::gumbel;
+use learner::collector::Noise;
 use learner::network::{ActorCriticOutput, to_vec};
 use learner::optimizer::Adam;
 use learner::ppo::loss::{Experience, terms};
@@ -17,27 +17,32 @@ use proto::stage::RolloutShape;
 use proto::task::Spec;
 use std::collections::BTreeMap;
 use std::process::Command;
-use tch::{Device, Tensor};
+use tch::{Device, Kind, Tensor};
 
 const STEPS: i64 = 16;
 const COLUMNS: i64 = 4;
-const ACTIONS: i64 = 3;
 /// Numbers of the task: speed, and one-hot those of the door and of the room would be five more.
 const INPUTS: i64 = 6;
 
-/// What `case` of `make_cleanrl.py` is given.
-fn batch() -> Vec<(&'static str, Tensor)> {
+/// What `case` of `make_cleanrl.py` is given, with actions of as many choices, or numbers if there are none.
+fn batch(choices: &[i64]) -> Vec<(&'static str, Tensor)> {
     let size = [STEPS, COLUMNS];
     let table = |name: &str| noise_tensor(&format!("cleanrl.{name}"), &size);
     let ended = table("ended").gt(0.7);
     let first = Tensor::from_slice(&[true; COLUMNS as usize]).view([1, COLUMNS]);
     let start = Tensor::cat(&[first, ended.narrow(0, 0, STEPS - 1)], 0);
-    let cells = (0..STEPS).flat_map(|t| (0..COLUMNS).map(move |n| (3 * t + 5 * n) % ACTIONS));
-    let actions = Tensor::from_slice(&cells.collect::<Vec<i64>>()).view(size);
+    let cells = (0..STEPS).flat_map(|t| (0..COLUMNS).map(move |n| 3 * t + 5 * n));
+    let options = cells.flat_map(|cell| (0..).zip(choices).map(move |(at, count)| (cell + at) % count));
+    let options = Tensor::from_slice(&options.collect::<Vec<i64>>());
+    let actions = match choices {
+        [] => noise_tensor("cleanrl.drawn", &[STEPS, COLUMNS, 2]) * 2.0,
+        [_] => options.view(size),
+        several => options.view([STEPS, COLUMNS, several.len() as i64]),
+    };
     let zeros = ended.zeros_like();
     vec![
         ("numbers", noise_tensor("cleanrl.numbers", &[STEPS, COLUMNS, INPUTS]) * 2.0),
-        ("previous_action", actions.zeros_like()),
+        ("previous_action", ended.zeros_like().to_kind(Kind::Int64)),
         ("episode_start", start),
         ("action", actions),
         ("log_prob", table("log_prob") * 0.25 - 1.25),
@@ -50,59 +55,73 @@ fn batch() -> Vec<(&'static str, Tensor)> {
     ]
 }
 
-/// A task with [`INPUTS`] numbers, in a file for `learner probe`.
-fn six_numbers() -> String {
-    include_str!("../support/numbers.toml").replacen("name = \"numbers\"", "name = \"six_numbers\"", 1).replacen(
-        "shape = [4]",
-        "shape = [1]",
-        1,
-    )
+/// A task with [`INPUTS`] numbers and these actions, in a file for `learner probe`.
+fn six_numbers(name: &str, actions: &str) -> String {
+    let discrete = "kind = \"discrete\"\nnames = [\"left\", \"stay\", \"right\"]";
+    let text = include_str!("../support/numbers.toml").replacen("name = \"numbers\"", &format!("name = \"{name}\""), 1);
+    text.replacen("shape = [4]", "shape = [1]", 1).replacen(discrete, actions, 1)
 }
 
 /// Losses, advantages, returns and each gradient, to 1e-5 of the largest number.
 #[test]
 fn a_probe_finds_what_cleanrl_computes() {
     let expected = fixture("cleanrl");
-    let task = Spec::declare(&six_numbers()).expect("a sound task");
-    assert_eq!(task.inputs().expect("networks can take it").width() as i64, INPUTS);
-    let config = Config::resolve_with("gym", Some(("task = \"six_numbers\"", "a test"))).expect("it fits");
-    let agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
-    let weights: Vec<(String, Tensor)> = weights_of(&agent)
-        .into_iter()
-        .map(|(name, weight)| (name.clone(), weight_values(&name, &weight.size())))
-        .collect();
-    assert_eq!(weights.len(), 12);
+    let discrete = "kind = \"discrete\"\nnames = [\"left\", \"stay\", \"right\"]";
+    for (case, actions, choices, settings) in [
+        ("defaults", discrete, &[3][..], "ppo.clip = 0.2"),
+        ("plain", discrete, &[3], "ppo.clip = 0.2\nppo.clip_value = false\nppo.normalize_advantages = false"),
+        ("narrow", discrete, &[3], "ppo.clip = 0.05\nppo.normalize_advantages = false"),
+        ("choices", "kind = \"multi_discrete\"\ncounts = [3, 2]", &[3, 2], "ppo.clip = 0.2"),
+        ("numbers", "kind = \"box\"\nbounds = [[-1, 1], [-2, 2]]", &[], "ppo.clip = 0.2"),
+    ] {
+        let name = format!("six_numbers_{case}");
+        let task = Spec::declare(&six_numbers(&name, actions)).expect("a sound task");
+        assert_eq!(task.inputs().expect("networks can take it").width() as i64, INPUTS);
+        let settings = format!("task = \"{name}\"\n{settings}\n");
+        let config = Config::resolve_with("gym", Some((&settings, "a test"))).expect("it fits");
+        let agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+        let value = |(name, weight): (String, Tensor)| (name.clone(), weight_values(&name, &weight.size()));
+        let weights: Vec<(String, Tensor)> = weights_of(&agent).into_iter().map(value).collect();
+        compare(case, task, &weights, &batch(choices), &settings, &expected);
+    }
+}
+
+fn compare(
+    case: &str,
+    task: &Spec,
+    weights: &[(String, Tensor)],
+    batch: &[(&str, Tensor)],
+    settings: &str,
+    expected: &BTreeMap<String, Tensor>,
+) {
     let folder = tempfile::tempdir().expect("a folder for the files");
     let path = |name: &str| folder.path().join(name);
-    Tensor::write_safetensors(&weights, path("weights")).expect("weights are written");
-    Tensor::write_safetensors(&batch(), path("batch")).expect("a batch is written");
+    Tensor::write_safetensors(weights, path("weights")).expect("weights are written");
+    Tensor::write_safetensors(batch, path("batch")).expect("a batch is written");
     std::fs::write(RunFolder::new(folder.path()).task(), task.text()).expect("the task is written");
-    for (case, settings) in [
-        ("defaults", "ppo.clip = 0.2"),
-        ("plain", "ppo.clip = 0.2\nppo.clip_value = false\nppo.normalize_advantages = false"),
-        ("narrow", "ppo.clip = 0.05\nppo.normalize_advantages = false"),
-    ] {
-        std::fs::write(path("config"), format!("task = \"six_numbers\"\n{settings}\n")).expect("settings");
-        let task_file = RunFolder::new(folder.path()).task();
-        let run = Command::new(env!("CARGO_BIN_EXE_learner"))
-            .args(["probe", "--weights", "weights", "--batch", "batch", "--out", "out", "--config", "config"])
-            .args(["--preset", "gym", "--task"])
-            .arg(task_file)
-            .current_dir(folder.path())
-            .output()
-            .expect("the learner starts");
-        assert!(run.status.success(), "{case}: {run:?}");
-        let found: BTreeMap<String, Tensor> =
-            Tensor::read_safetensors(path("out")).expect("it is written").into_iter().collect();
-        let mut compared = 0;
-        for (name, theirs) in &expected {
-            let Some(name) = name.strip_prefix(&format!("{case}.")) else { continue };
-            let ours = found.get(name).unwrap_or_else(|| panic!("{name} is missing"));
-            assert_close(&format!("{case}: {name}"), &ours.view(theirs.size().as_slice()), theirs, 1e-5);
-            compared += 1;
-        }
-        assert_eq!(compared, 11 + 12, "{case}");
+    std::fs::write(path("config"), settings).expect("settings");
+    let task_file = RunFolder::new(folder.path()).task();
+    let run = Command::new(env!("CARGO_BIN_EXE_learner"))
+        .args(["probe", "--weights", "weights", "--batch", "batch", "--out", "out", "--config", "config"])
+        .args(["--preset", "gym", "--task"])
+        .arg(task_file)
+        .current_dir(folder.path())
+        .output()
+        .expect("the learner starts");
+    assert!(run.status.success(), "{case}: {run:?}");
+    let found: BTreeMap<String, Tensor> =
+        Tensor::read_safetensors(path("out")).expect("it is written").into_iter().collect();
+    let mut compared = 0;
+    for (name, theirs) in expected {
+        let Some(name) = name.strip_prefix(&format!("{case}.")) else { continue };
+        let ours = found.get(name).unwrap_or_else(|| panic!("{name} is missing"));
+        assert_close(&format!("{case}: {name}"), &ours.view(theirs.size().as_slice()), theirs, 1e-5);
+        compared += 1;
     }
+    // A Gaussian has a table more, and its deviations.
+    let gaussian = usize::from(weights.iter().any(|(name, _)| name == "log_std"));
+    assert_eq!(compared, 11 + gaussian + weights.len(), "{case}");
+    assert_eq!(weights.len(), 12 + gaussian, "{case}");
 }
 
 #[test]
@@ -110,11 +129,11 @@ fn values_are_clipped_unless_they_are_not_to_be() {
     let [values, old, returns] = [[0.5f32, 0.0], [0.0, 0.0], [1.0, 0.1]];
     let zeros = || Tensor::from_slice(&[0.0f32, 0.0]);
     let output = ActorCriticOutput {
-        log_probs: Tensor::from_slice(&[0.5f32.ln(); 4]).view([2, 2]),
+        policy: choice(Tensor::from_slice(&[0.5f32.ln(); 4]).view([2, 2])),
         values: Tensor::from_slice(&values),
     };
     let experience = Experience {
-        actions: Tensor::from_slice(&[0i64, 1]),
+        actions: Tensor::from_slice(&[0i64, 1]).view([2, 1]),
         log_probs: zeros(),
         values: Tensor::from_slice(&old),
         advantages: zeros(),
@@ -267,7 +286,7 @@ fn a_pole_is_balanced() {
         let starts: Vec<bool> = poles.iter().map(|pole| pole.step == 0).collect();
         let mut noise = vec![];
         for (&column, pole) in columns.iter().zip(poles) {
-            gumbel(1, EnvironmentId::of(column as u32, 0, 1), pole.episode, pole.step, 2, &mut noise);
+            Noise::Gumbel(2).draw(1, EnvironmentId::of(column as u32, 0, 1), pole.episode, pole.step, &mut noise);
         }
         let input = StepInput {
             columns: &columns,

@@ -89,7 +89,7 @@ impl FakeEnvironment {
             self.done = None;
             return;
         }
-        self.state.push(action);
+        self.state.push(&[action]);
         let hash = self.hash();
         self.done = Some((action, hash));
         let limit = self.state.action_count() == self.max_steps;

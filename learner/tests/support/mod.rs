@@ -407,7 +407,7 @@ impl Acting {
                         let id = EnvironmentId::of(self.number, e as u32, per_actor);
                         FakeEnvironment::rebuild(self.config.spec(), id, self.config.episode.max_steps, state)
                     };
-                    let states = EnvironmentState::decode(sample.payload()).unwrap();
+                    let states = EnvironmentState::decode(sample.payload(), 1).unwrap();
                     self.environments = states.iter().enumerate().map(rebuild).collect();
                     unsent = (0..halves.count()).collect();
                 }

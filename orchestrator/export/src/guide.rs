@@ -2,13 +2,42 @@
 
 use crate::policy::Policy;
 use proto::config::{CarriedGoal, GoalCoordinates, Memory};
+use proto::task::ActionHead;
 use std::fmt::Write;
 
 /// What somebody who has only `model` (its file's name), an ONNX model of this policy, needs to know; Markdown.
 pub fn guide(policy: &Policy, model: &str) -> String {
     let network = &policy.config.network;
-    let names = policy.action_names();
-    let (hidden, actions) = (network.hidden, names.len());
+    let head = policy.config.action_head();
+    let (hidden, actions) = (network.hidden, head.outputs());
+    let (given, actions_are) = match &head {
+        ActionHead::Discrete(_) => (
+            format!(
+                "| log_probs | float32 | rows, {actions} | log-probabilities of the actions; training and evaluation sample |"
+            ),
+            format!(
+                "Actions by number: {}. The file's metadata hold these names and the units, too.",
+                policy.action_names().join(", ")
+            ),
+        ),
+        ActionHead::MultiDiscrete(choices) => (
+            format!(
+                "| log_probs | float32 | rows, {actions} | log-probabilities of the options of each choice, side by side |"
+            ),
+            format!(
+                "An action is a choice among each of {choices:?} options. The file's metadata hold these counts, too."
+            ),
+        ),
+        ActionHead::Box(bounds) => (
+            format!(
+                "| means | float32 | rows, {actions} | of Gaussians; an evaluation without noise takes them |\n\
+                 | log_stds | float32 | rows, {actions} | logarithms of their standard deviations |"
+            ),
+            format!(
+                "An action is {actions} numbers, clipped to {bounds:?}. The file's metadata hold these bounds, too."
+            ),
+        ),
+    };
     let origin = &policy.origin;
     let held = match policy.carried_goal() {
         CarriedGoal::GoalToObject => "object - goal",
@@ -64,7 +93,7 @@ A policy of Stillroom after {frames} frames of training: one step of any number 
         "
 | output | type | shape | |
 |---|---|---|---|
-| log_probs | float32 | rows, {actions} | log-probabilities of the actions; training and evaluation sample |
+{given}
 | value | float32 | rows | the critic's estimate of the discounted return |"
     ));
     if remembers {
@@ -72,9 +101,8 @@ A policy of Stillroom after {frames} frames of training: one step of any number 
     }
     line(format_args!(
         "
-Actions by number: {names}. The file's metadata hold these names and the units, too.
-",
-        names = names.join(", "),
+{actions_are}
+"
     ));
     if policy.has_frame() && remembers {
         line(format_args!("With `pip install onnxruntime` and the package `stillroom`:\n"));

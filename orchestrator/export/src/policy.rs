@@ -7,7 +7,7 @@ use proto::digest::sha256;
 use proto::disk::TENSORS_BYTES_MOST;
 use proto::policy_file::{Origin, PolicyFileError};
 use proto::run_folder::RunFolder;
-use proto::task::Inputs;
+use proto::task::{ActionHead, Inputs};
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensorError, SafeTensors};
 use std::collections::BTreeMap;
@@ -17,8 +17,16 @@ use std::path::{Path, PathBuf};
 const PREFIX: &str = "model.";
 
 /// Heads of auxiliary tasks and whatever else is trained but does not act have other names.
-const ACTING: [&str; 7] =
-    ["visual_encoder.", "goal_embedder.", "mlp.", "previous_action_embedder.", "belief.", "actor.", "critic."];
+const ACTING: [&str; 8] = [
+    "visual_encoder.",
+    "goal_embedder.",
+    "mlp.",
+    "previous_action_embedder.",
+    "belief.",
+    "actor.",
+    "critic.",
+    "log_std",
+];
 
 /// Why a checkpoint or a file gives no policy.
 #[derive(Debug, thiserror::Error)]
@@ -137,8 +145,13 @@ impl Policy {
             ("carried_goal", self.carried_goal().to_string()),
             ("camera_fov_degrees", proto::camera::FIELD_OF_VIEW_DEG.to_string()),
         ];
+        let actions = match self.config.action_head() {
+            ActionHead::Discrete(_) => ("actions", serde_json::json!(actions)),
+            ActionHead::MultiDiscrete(choices) => ("choices", serde_json::json!(choices)),
+            ActionHead::Box(bounds) => ("bounds", serde_json::json!(bounds)),
+        };
         let facts = [
-            ("actions", serde_json::Value::from(actions).to_string()),
+            (actions.0, actions.1.to_string()),
             ("run", self.origin.run.clone()),
             ("rollout", self.origin.rollout.to_string()),
             ("frames", self.origin.frames.to_string()),

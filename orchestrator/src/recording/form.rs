@@ -93,11 +93,11 @@ impl Forms {
         let small = || spec.channels.iter().zip(&layout.fields).filter(|(channel, _)| !channel.is_bulk());
         let channels = |of_action: bool| small().filter(move |(channel, _)| channel.is_of_action() == of_action);
         let rewards: Vec<&str> = compared.rewards().collect();
-        let (dtype, count) = spec.actions.numbers();
+        let (dtype, _) = spec.actions.numbers();
         let names = spec.actions.names();
         let action = Slot {
             names: names.to_vec(),
-            is_list: count > 1 || dtype == Dtype::F32,
+            is_list: names.is_empty(),
             ..Slot::new("action", FieldSource::Record(layout.action, false), kind_of(dtype, names))
         };
         let number = |name: &str, place: FieldSource, kind: Type, is_optional: bool| Slot {

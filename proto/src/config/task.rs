@@ -3,7 +3,7 @@
 use super::validate::check;
 use super::{AuxiliaryTask, Config, ConfigError, EnvironmentConfig, GoalCoordinates, nearest};
 use crate::run_folder::RunFolder;
-use crate::task::{Actions, Composition, Condition, Spec, SpecError};
+use crate::task::{ActionHead, Composition, Condition, Spec, SpecError};
 
 impl Config {
     /// The task's declaration.
@@ -62,7 +62,16 @@ impl Config {
         self.find_reward(name).expect("a validated configuration names rewards that there are")
     }
 
-    /// The actions that the policy chooses from, in the order of its head.
+    /// How the policy chooses an action.
+    ///
+    /// # Panics
+    /// As [`Self::policy_actions`].
+    pub fn action_head(&self) -> ActionHead {
+        let head = ActionHead::of(self.episode.action_space, &self.spec().actions);
+        head.expect("a validated configuration names a subset that there is")
+    }
+
+    /// The actions that the policy chooses from, in the order of its head; none where they have no names.
     ///
     /// # Panics
     /// If the configuration was not validated.
@@ -120,13 +129,16 @@ impl Config {
         check(
             "auxiliary.task",
             serde_json::json!(self.auxiliary.task),
-            self.auxiliary.task == AuxiliaryTask::None || inputs.image.is_some(),
-            "must be \"none\" in a task without a frame",
+            self.auxiliary.task == AuxiliaryTask::None || inputs.image.is_some() && !spec.actions.names().is_empty(),
+            "must be \"none\" in a task without a frame, or whose actions have no names",
         )?;
-        if matches!(spec.actions, Actions::Box { .. }) {
-            let problem = "policies choose among named actions, and a box has none".to_owned();
-            return Err(wrong("task", SpecError::Actions { problem }));
-        }
+        let is_named = !spec.actions.names().is_empty();
+        check(
+            "network.previous_action",
+            self.network.previous_action,
+            is_named || !self.network.previous_action,
+            "must be false in this task: only actions with names have an embedding",
+        )?;
         if self.episode.action_space.of(&spec.actions).is_none() {
             let problem = format!("task `{}` has no subset `{}`", spec.name, self.episode.action_space);
             return Err(wrong("episode.action_space", SpecError::Actions { problem }));
@@ -191,6 +203,19 @@ mod tests {
             let found = problem(text).unwrap_err();
             assert!(found.contains(expected), "{found}");
         }
+        let numbers = WITHOUT_A_FRAME.replace("without_a_frame", "of_numbers");
+        let discrete = "{ kind = \"discrete\", names = [\"left\", \"right\"] }";
+        Spec::declare(&numbers.replace(discrete, "{ kind = \"box\", bounds = [[-1, 1]] }")).unwrap();
+        let with = |text: &str| {
+            let text = format!("task = \"of_numbers\"\n{text}");
+            Config::resolve_with("gym", Some((&text, "mine.toml"))).map_err(|error| error.to_string())
+        };
+        let config = with("").unwrap();
+        assert_eq!((config.action_head().outputs(), config.policy_actions()), (1, vec![]));
+        let found = with("network.previous_action = true").unwrap_err();
+        assert!(found.contains("network.previous_action = true: must be false in this task"), "{found}");
+        let found = with("episode.action_space = \"small\"").unwrap_err();
+        assert!(found.contains("task `of_numbers` has no subset `small`"), "{found}");
     }
 
     #[test]

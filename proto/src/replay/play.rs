@@ -29,7 +29,7 @@ pub enum PlayError {
     #[error("{steps} steps but {digests} digests of {each} each were recorded")]
     Digests { steps: usize, digests: usize, each: usize },
     #[error("step {step}: there is no action {action}")]
-    NoSuchAction { step: u64, action: f64 },
+    NoSuchAction { step: u64, action: String },
     #[error("step {step}")]
     Failed {
         step: u64,
@@ -124,10 +124,9 @@ fn act<P: Player + ?Sized>(
     spec: &Spec,
     record: &mut [u8],
 ) -> Result<(), PlayError> {
-    let (layout, names) = (spec.layout(), spec.actions.names());
-    let number = layout.action.dtype.read(action);
-    if !names.is_empty() && number >= names.len() as f64 {
-        return Err(PlayError::NoSuchAction { step, action: number });
+    let layout = spec.layout();
+    if !spec.actions.has(action) {
+        return Err(PlayError::NoSuchAction { step, action: spec.actions.text(action) });
     }
     record[layout.action.range()].copy_from_slice(action);
     let done = environment.act(action, &mut record[layout.of_action.clone()]);

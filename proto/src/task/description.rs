@@ -57,8 +57,8 @@ impl Description {
             };
             return differs(format!("observations {}", text(now)), text(then));
         }
-        let [now, then] = [&self.actions, &spec.actions].map(|actions| actions.names().len());
-        if now == then { Ok(()) } else { differs(format!("{now} actions"), then.to_string()) }
+        let [now, then] = [&self.actions, &spec.actions].map(Actions::summary);
+        if now == then { Ok(()) } else { differs(now, then) }
     }
 }
 

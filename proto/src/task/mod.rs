@@ -12,6 +12,7 @@ mod columns;
 mod description;
 mod error;
 mod figure;
+mod head;
 mod inputs;
 mod layout;
 mod metric;
@@ -25,12 +26,13 @@ mod sums;
 #[cfg(test)]
 mod tests;
 
-pub use actions::Actions;
+pub use actions::{Actions, NUMBERS_MOST};
 pub use channel::{Channel, Dtype, Role};
 pub use check::{Check, Implausible};
 pub use description::{Description, REWARD};
 pub use error::SpecError;
 pub use figure::{Column, Curve, Described, Figure, Take};
+pub use head::{ActionHead, PolicyAction};
 pub use inputs::Inputs;
 pub use layout::{Field, HEADER_BYTES, LINE_BYTES, Layout};
 pub use metric::{Clause, Comparison, Kind, Limit, Measure, Metric, Over};

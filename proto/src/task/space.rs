@@ -19,13 +19,13 @@ impl ActionSpace {
         self.0
     }
 
-    /// Its actions, in the order of a policy's head; none if the task has no such subset.
+    /// Its actions, in the order of a policy's head, if they have names; none if the task has no such subset.
     pub fn of(self, actions: &Actions) -> Option<Vec<u8>> {
         let all = actions.names();
         let subset = match actions {
             _ if self.0 == ALL => all,
             Actions::Discrete { subsets, .. } => subsets.get(self.0)?,
-            Actions::Box { .. } => return None,
+            Actions::MultiDiscrete { .. } | Actions::Box { .. } => return None,
         };
         let index = |name: &String| all.iter().position(|other| other == name).map(|index| index as u8);
         subset.iter().map(index).collect()
@@ -35,7 +35,7 @@ impl ActionSpace {
     pub fn all() -> impl Iterator<Item = Self> {
         let subsets = Spec::built_in().iter().flat_map(|spec| match &spec.actions {
             Actions::Discrete { subsets, .. } => subsets.keys().map(|name| Self(name)).collect(),
-            Actions::Box { .. } => vec![],
+            Actions::MultiDiscrete { .. } | Actions::Box { .. } => vec![],
         });
         std::iter::once(Self::default()).chain(subsets)
     }

@@ -114,6 +114,9 @@ at_most = [0.0, 1.0]
 doc = "Pushed at most so much."
 "#;
 
+/// Its actions.
+const BOX: &str = "\"box\", bounds = [[-1.0, 1.0], [0.0, 2.0]]";
+
 fn small() -> Spec {
     Spec::parse(SMALL).unwrap()
 }
@@ -149,6 +152,48 @@ fn everything_has_its_place() {
         (layout.small_bytes, place("image"), layout.images[1].range(), layout.bytes),
         (128, 128..256, 256..288, 320)
     );
+}
+
+/// Bytes of actions of each kind, those that the task has and those that it has not; and what heads of policies choose.
+#[test]
+fn an_action_of_any_kind_is_checked_and_told_from_standing_still() {
+    let actions = |kind: &str| Spec::parse(&SMALL.replacen(BOX, kind, 1)).unwrap().actions;
+    let numbers = |numbers: &[f32]| numbers.iter().flat_map(|number| number.to_ne_bytes()).collect::<Vec<_>>();
+    let whole = |numbers: &[i32]| numbers.iter().flat_map(|number| number.to_ne_bytes()).collect::<Vec<_>>();
+    for (kind, sound, strange, text) in [
+        (
+            BOX,
+            [numbers(&[-1.0, 2.0]), numbers(&[0.5, 0.0])],
+            [numbers(&[0.0, -0.1]), numbers(&[f32::NAN, 0.0])],
+            "[-1.0, 2.0]",
+        ),
+        (
+            "\"multi_discrete\", counts = [3, 2]",
+            [whole(&[2, 0]), whole(&[0, 1])],
+            [whole(&[0, 2]), whole(&[-1, 0])],
+            "[2.0, 0.0]",
+        ),
+        ("\"discrete\", names = [\"a\", \"b\"]", [vec![1], vec![0]], [vec![2], vec![0, 1]], "1"),
+    ] {
+        let actions = actions(kind);
+        let [first, second] = &sound;
+        assert!(actions.has(first) && actions.has(second), "{kind}");
+        assert!(!strange.iter().chain([&actions.hold(), &vec![]]).any(|action| actions.has(action)), "{kind}");
+        assert_eq!((actions.hold().len(), first.len()), (actions.bytes(), actions.bytes()));
+        assert_eq!(actions.text(first), text);
+        let head = ActionHead::of(ActionSpace::default(), &actions).unwrap();
+        let mut written = vec![];
+        let chosen = match kind {
+            BOX => PolicyAction::Numbers(vec![-7.0, 2.0]),
+            _ => {
+                PolicyAction::Options(first.chunks(actions.numbers().0.bytes()).map(|bytes| bytes[0].into()).collect())
+            }
+        };
+        head.write(&chosen, &mut written);
+        assert_eq!(&written, first, "clipped, or by number");
+        assert_eq!((head.is_gaussian(), head.outputs()), (kind == BOX, if kind.contains("multi") { 5 } else { 2 }));
+        assert_eq!(ActionHead::of(ActionSpace::named("small").unwrap(), &actions), None);
+    }
 }
 
 /// What other people's tools depend on: an unchanged task has an unchanged layout.
@@ -342,6 +387,11 @@ fn a_declaration_that_is_not_sound_is_refused_with_its_place() {
         ("sums = 2", "range = [0, 1]", "not checked on arrival"),
         ("role = \"part\"\ndtype = \"f32\"", "role = \"part\"\ndtype = \"f64\"", "a scalar f32"),
         ("[[-1.0, 1.0]", "[[1.0, 1.0]", "the lower first"),
+        (BOX, "\"box\", bounds = []", "a box has 1 to 1024 numbers"),
+        (BOX, "\"multi_discrete\", counts = []", "each choice has options, 1 to 1024 in all"),
+        (BOX, "\"multi_discrete\", counts = [3, 0]", "each choice has options"),
+        (BOX, "\"multi_discrete\", counts = [1000, 25]", "each choice has options"),
+        (BOX, "\"multi_discrete\", counts = [4294967295, 2]", "each choice has options"),
         ("base = \"r\"", "base = \"s\"", "no reward `s`"),
         ("[\"near_m\", 1.0]", "[\"near_m\", true]", "part with its weight"),
         ("value = \"pushed_m\"", "value = \"goal_m\"", "`goal_m` is no scalar"),

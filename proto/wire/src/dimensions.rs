@@ -17,6 +17,8 @@ pub struct WireShape {
     pub layout_hash: u64,
     /// Actions of an episode at most.
     pub max_steps: u32,
+    /// Bytes of an action.
+    pub action_bytes: usize,
 }
 
 impl WireShape {
@@ -35,7 +37,8 @@ impl WireShape {
     pub fn new(shares: Shares, environments_per_actor: u32, task: &Spec) -> Self {
         let record_lines = task.layout().bytes / LINE_BYTES;
         let max_steps = MAX_EPISODE_STEPS as u32;
-        Self { shares, environments_per_actor, record_lines, layout_hash: task.layout_hash(), max_steps }
+        let (layout_hash, action_bytes) = (task.layout_hash(), task.actions.bytes());
+        Self { shares, environments_per_actor, record_lines, layout_hash, max_steps, action_bytes }
     }
 
     /// Cache lines of a sample of so many records.

@@ -62,8 +62,8 @@ pub struct ObservationHeader {
     pub reserved: u32,
 }
 
-/// Header of an action batch. The payload is one byte an environment of the half: the index of an
-/// action of the task, or [`proto::record::HOLD`].
+/// Header of an action batch. The payload is one action an environment of the half, as many bytes as
+/// [`proto::task::Actions::bytes`] says: an action of the task, or [`proto::task::Actions::hold`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
 #[type_name("stillroom/ActionHeader/1")]
 #[repr(C)]
@@ -98,6 +98,8 @@ pub struct RestoreHeader {
 pub struct EnvironmentState {
     /// Episode number within the environment.
     pub episode: u32,
+    /// Actions taken so far, and their bytes.
+    count: u32,
     actions: Vec<u8>,
 }
 
@@ -113,30 +115,38 @@ impl EnvironmentState {
     /// Bytes of one before its actions: episode and number of actions, both little-endian `u32`.
     const HEAD_BYTES: usize = 8;
 
-    /// After these actions, by their indices.
+    /// After these actions of `bytes` bytes each.
     ///
     /// # Panics
-    /// If they are more than [`MAX_EPISODE_STEPS`].
-    pub fn after(episode: u32, actions: &[u8]) -> Self {
-        assert!(actions.len() <= MAX_EPISODE_STEPS, "an episode never exceeds MAX_EPISODE_STEPS");
-        Self { episode, actions: actions.to_vec() }
+    /// If they are more than [`MAX_EPISODE_STEPS`], or one is cut off.
+    pub fn after(episode: u32, actions: &[u8], bytes: usize) -> Self {
+        assert!(actions.len().is_multiple_of(bytes), "actions are whole");
+        let count = actions.len() / bytes;
+        assert!(count <= MAX_EPISODE_STEPS, "an episode never exceeds MAX_EPISODE_STEPS");
+        Self { episode, count: count as u32, actions: actions.to_vec() }
     }
 
     pub fn start_of(episode: u32) -> Self {
-        Self::after(episode, &[])
+        Self { episode, count: 0, actions: vec![] }
     }
 
-    /// The actions taken so far, by their indices.
+    /// Bytes of the actions taken so far, one behind the other.
     pub fn actions(&self) -> &[u8] {
         &self.actions
     }
 
     /// How many they are.
     pub fn action_count(&self) -> u32 {
-        self.actions.len() as u32
+        self.count
     }
 
-    /// Bytes of a state with so many actions.
+    /// The last one; nothing at an episode's start.
+    pub fn last_action(&self) -> &[u8] {
+        let bytes = self.actions.len().checked_div(self.count as usize).unwrap_or(0);
+        &self.actions[self.actions.len() - bytes..]
+    }
+
+    /// Bytes of a state whose actions have so many.
     pub(crate) const fn bytes(actions: usize) -> usize {
         Self::HEAD_BYTES + actions
     }
@@ -152,16 +162,17 @@ impl EnvironmentState {
         bytes
     }
 
-    /// What [`Self::encode`] made.
-    pub fn decode(payload: &[u8]) -> Result<Vec<Self>, BadRestore> {
+    /// What [`Self::encode`] made of states whose actions have `bytes` bytes each.
+    pub fn decode(payload: &[u8], bytes: usize) -> Result<Vec<Self>, BadRestore> {
         let (mut states, mut rest) = (vec![], payload);
         while !rest.is_empty() {
             let mut word = || Some(u32::from_le_bytes(*rest.split_off(..4)?.first_chunk()?));
             let head = [word(), word()];
             let claimed = head[1].unwrap_or_default();
-            let actions = rest.split_off(..claimed as usize).filter(|actions| actions.len() <= MAX_EPISODE_STEPS);
+            let claimed_bytes = (claimed as usize).checked_mul(bytes).filter(|_| claimed as usize <= MAX_EPISODE_STEPS);
+            let actions = claimed_bytes.and_then(|claimed| rest.split_off(..claimed));
             match (head, actions) {
-                ([Some(episode), Some(_)], Some(actions)) => states.push(Self::after(episode, actions)),
+                ([Some(episode), Some(_)], Some(actions)) => states.push(Self::after(episode, actions, bytes)),
                 _ => return Err(BadRestore { bytes: payload.len(), claimed }),
             }
         }
@@ -172,9 +183,10 @@ impl EnvironmentState {
     ///
     /// # Panics
     /// If the episode already has [`MAX_EPISODE_STEPS`] actions.
-    pub fn push(&mut self, action: u8) {
-        assert!(self.actions.len() < MAX_EPISODE_STEPS, "an episode never exceeds MAX_EPISODE_STEPS");
-        self.actions.push(action);
+    pub fn push(&mut self, action: &[u8]) {
+        assert!(self.action_count() < MAX_EPISODE_STEPS as u32, "an episode never exceeds MAX_EPISODE_STEPS");
+        self.count += 1;
+        self.actions.extend_from_slice(action);
     }
 }
 
@@ -257,16 +269,27 @@ mod tests {
     #[test]
     fn states_of_any_length_cross_and_what_is_no_state_is_refused() {
         let long: Vec<u8> = (0..MAX_EPISODE_STEPS).map(|step| (step % 7) as u8).collect();
-        let mut states = vec![EnvironmentState::start_of(3), EnvironmentState::after(9, &long)];
-        states[0].push(5);
-        let bytes = EnvironmentState::encode(&states);
-        assert_eq!(bytes.len(), EnvironmentState::bytes(1) + EnvironmentState::bytes(MAX_EPISODE_STEPS));
-        assert_eq!(EnvironmentState::decode(&bytes), Ok(states));
-        for cut in [1, 4, 7, 8, 12, bytes.len() - 1] {
-            assert!(EnvironmentState::decode(&bytes[..cut]).is_err(), "{cut}");
+        for width in [1, 8] {
+            let long = long.repeat(width);
+            let mut states = vec![EnvironmentState::start_of(3), EnvironmentState::after(9, &long, width)];
+            assert!(states[0].last_action().is_empty());
+            states[0].push(&vec![5; width]);
+            assert_eq!(
+                (states[0].last_action(), states[1].last_action()),
+                (&[5; 8][..width], &long[long.len() - width..])
+            );
+            let bytes = EnvironmentState::encode(&states);
+            assert_eq!(
+                bytes.len(),
+                EnvironmentState::bytes(width) + EnvironmentState::bytes(width * MAX_EPISODE_STEPS)
+            );
+            assert_eq!(EnvironmentState::decode(&bytes, width), Ok(states));
+            for cut in [1, 4, 7, 8, 12, bytes.len() - 1] {
+                assert!(EnvironmentState::decode(&bytes[..cut], width).is_err(), "{cut}");
+            }
         }
         let claims = [0, 0, 0, 0, 255, 255, 255, 255, 1];
-        let refused = EnvironmentState::decode(&claims).unwrap_err().to_string();
+        let refused = EnvironmentState::decode(&claims, 1).unwrap_err().to_string();
         assert_eq!(refused, "a restore of 9 bytes claims 4294967295 actions in one episode");
     }
 

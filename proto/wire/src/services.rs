@@ -80,7 +80,7 @@ impl WireShape {
 
     /// An actor's longest restore, bytes.
     fn restore_bytes(self) -> usize {
-        self.environments_per_actor as usize * EnvironmentState::bytes(self.max_steps as usize)
+        self.environments_per_actor as usize * EnvironmentState::bytes(self.max_steps as usize * self.action_bytes)
     }
 
     fn nodes(self) -> usize {
@@ -177,7 +177,7 @@ impl Wire {
         let service = open!(self.actions(actor), &name);
         service
             .publisher_builder()
-            .initial_max_slice_len(self.shape.half())
+            .initial_max_slice_len(self.shape.half() * self.shape.action_bytes)
             .allocation_strategy(AllocationStrategy::Static)
             .max_loaned_samples(1)
             // Two batches at most are on the way, one a half, and the buffer holds both: nothing is ever discarded

@@ -52,6 +52,10 @@ class Checkpoint:
     """The checkpoint's manifest: `frames`, `rollout`, `stage`, ...; of a policy file `frames`, `rollout` and `run`;
     empty for a file of weights alone."""
 
+    actions: dict[str, Any] = field(default_factory=dict)
+    """The task's actions, as it declares them: their `kind`, and `names`, `counts` or `bounds`; empty for a file of
+    weights alone."""
+
     @property
     def frames(self) -> int | None:
         """Frames that it was trained on, if it says so."""
@@ -73,7 +77,8 @@ class Checkpoint:
         """The network in PyTorch with these weights; needs torch."""
         from stillroom.network import Network
 
-        return Network.of(self.weights, goal=self.goal)
+        choices, bounds = self.actions.get("counts"), self.actions.get("bounds")
+        return Network.of(self.weights, goal=self.goal, choices=choices, bounds=bounds)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Writes the weights alone as a safetensors file, which `load` and `learner probe` read."""
@@ -145,10 +150,11 @@ def _newest(folder: Path, rollout: int | None, verify: bool) -> Checkpoint:
 
 
 def _checkpoint(path: Path, verify: bool) -> Checkpoint:
-    file, manifest, config, tensors = read_checkpoint(path, PREFIX, verify)
+    file, manifest, config, actions, tensors = read_checkpoint(path, PREFIX, verify)
     facts = json.loads(manifest)
     weights = _weights(file, tensors)
-    return Checkpoint(file, weights, facts.get("carried_goal", OLDER_SIGN), tomllib.loads(config), facts)
+    sign = facts.get("carried_goal", OLDER_SIGN)
+    return Checkpoint(file, weights, sign, tomllib.loads(config), facts, json.loads(actions))
 
 
 def _policy(path: Path, verify: bool) -> Checkpoint:
@@ -158,10 +164,10 @@ def _policy(path: Path, verify: bool) -> Checkpoint:
     weights = _weights(path, named or tensors)
     if facts is None:
         return Checkpoint(path, weights, "goal_to_object")
-    config, rollout, frames, run = facts
+    config, rollout, frames, run, actions = facts
     table = tomllib.loads(config)
     manifest = {"frames": frames, "rollout": rollout, "run": run}
-    return Checkpoint(path, weights, table["network"]["carried_goal"], table, manifest)
+    return Checkpoint(path, weights, table["network"]["carried_goal"], table, manifest, json.loads(actions))
 
 
 def _weights(path: Path, tensors: list[tuple[str, str, list[int], bytes]]) -> dict[str, NDArray[Any]]:

@@ -45,10 +45,8 @@ def describe(env: gymnasium.Env, name: str) -> Described:
     else:
         found = [("observation", None, space)]
     channels = [_channel(channel, inner) for channel, _, inner in found]
-    actions = {"kind": "discrete", "names": _actions(env.action_space)}
-    return Described(
-        {"name": name, "actions": actions, "channels": channels}, [(channel, key) for channel, key, _ in found]
-    )
+    description = {"name": name, "actions": _actions(env.action_space), "channels": channels}
+    return Described(description, [(channel, key) for channel, key, _ in found])
 
 
 def _channel_name(key: Any) -> str:
@@ -58,14 +56,23 @@ def _channel_name(key: Any) -> str:
     return name
 
 
-def _actions(space: spaces.Space) -> list[str]:
-    if not isinstance(space, spaces.Discrete):
-        raise Refused(f"its action space is {space}; actions are Discrete, so wrap it (gymnasium.ActionWrapper)")
-    if space.start != 0:
-        raise Refused(f"its actions begin with {space.start}; they begin with 0, so wrap it (gymnasium.ActionWrapper)")
+def _actions(space: spaces.Space) -> dict[str, Any]:
+    wrap = "so wrap it (gymnasium.ActionWrapper)"
+    if isinstance(space, spaces.Box):
+        if space.dtype not in (np.float32, np.float64):
+            raise Refused(f"its actions are numbers of {space.dtype}; they are float32 or float64, {wrap}")
+        # Where there is no bound, that of 32 bits is one.
+        bounds = np.stack([space.low, space.high], -1).reshape(-1, 2).astype(np.float64).clip(-F32_MOST, F32_MOST)
+        return {"kind": "box", "bounds": bounds.tolist()}
+    if not isinstance(space, spaces.Discrete | spaces.MultiDiscrete):
+        raise Refused(f"its action space is {space}; actions are Discrete, MultiDiscrete or Box, {wrap}")
+    if np.any(space.start):
+        raise Refused(f"its actions begin with {space.start}; they begin with 0, {wrap}")
+    if isinstance(space, spaces.MultiDiscrete):
+        return {"kind": "multi_discrete", "counts": space.nvec.reshape(-1).tolist()}
     if space.n > 254:
         raise Refused(f"it has {space.n} actions; a task has at most 254")
-    return [f"action_{number}" for number in range(int(space.n))]
+    return {"kind": "discrete", "names": [f"action_{number}" for number in range(int(space.n))]}
 
 
 def _channel(name: str, space: spaces.Space) -> dict[str, Any]:

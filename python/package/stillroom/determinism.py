@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import gymnasium
@@ -31,12 +32,13 @@ def prove(env: gymnasium.Env) -> None:
 
 def _play(env: gymnasium.Env, seed: int, steps: int) -> list[dict[str, Any]]:
     """What is seen from the start on; a seed's actions are always the same."""
-    random = np.random.default_rng(seed)
+    space = copy.deepcopy(env.action_space)
+    space.seed(seed)
     observation, _ = env.reset(seed=seed)
     seen: list[dict[str, Any]] = [{"observation": _copy(observation)}]
     ended = False
     for _ in range(steps):
-        action = int(random.integers(env.action_space.n))  # type: ignore[attr-defined]
+        action = space.sample()
         if ended:
             seen.append({})
             continue

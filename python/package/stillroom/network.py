@@ -108,7 +108,7 @@ def layers(inputs: int, widths: list[int]) -> list[nn.Module]:
 
 
 class Network(nn.Module):
-    """Observations and a belief to log-probabilities, a value and the next belief.
+    """Observations and a belief to the policy, a value and the next belief.
 
     Args:
         encoder: "resnet" or "cnn"; None in a task without a frame.
@@ -116,7 +116,9 @@ class Network(nn.Module):
         goal: what becomes of the numbers beside a frame: "polar", "cartesian", "plain".
         previous_action: whether the network is given the last action.
         hidden: width of the GRU; 0 without memory.
-        actions: how many there are.
+        actions: how many there are; of several choices the options of all, of a box its numbers.
+        choices: options of each choice, if there are several.
+        bounds: least and greatest of each number of a box: means are the policy's, and `log_std` is a weight.
         numbers: how many numbers an observation has, beside its frame if there is one.
         mlp: widths of the layers of a task without a frame.
     """
@@ -132,8 +134,13 @@ class Network(nn.Module):
         actions: int = 21,
         numbers: int = 3,
         mlp: list[int] | None = None,
+        choices: list[int] | None = None,
+        bounds: list[list[float]] | None = None,
     ) -> None:
         super().__init__()
+        self.choices = choices or [actions]
+        self.log_std = nn.Parameter(torch.zeros(actions)) if bounds else None
+        self.register_buffer("bounds", torch.tensor(bounds) if bounds else None, persistent=False)
         self.input_pool, self.goal, self.hidden, self.actions = input_pool, goal, hidden, actions
         goals = ("polar", "cartesian", "plain")
         if encoder not in ("resnet", "cnn", None) or goal not in goals or input_pool not in (1, 2, 4):
@@ -164,9 +171,16 @@ class Network(nn.Module):
         self.actor, self.critic = head(actions), head(1)
 
     @classmethod
-    def of(cls, weights: dict[str, NDArray[Any]], *, goal: str = "polar") -> Network:
-        """The network that weights belong to: names and shapes give all but `goal`. Heads of auxiliary tasks are left
-        out."""
+    def of(
+        cls,
+        weights: dict[str, NDArray[Any]],
+        *,
+        goal: str = "polar",
+        choices: list[int] | None = None,
+        bounds: list[list[float]] | None = None,
+    ) -> Network:
+        """The network that weights belong to: names and shapes give all but `goal` and the actions' form. Heads of
+        auxiliary tasks are left out."""
 
         def widths(path: str) -> list[int]:
             """Outputs of a Sequential's linear layers."""
@@ -191,6 +205,8 @@ class Network(nn.Module):
             raise ValueError(f"these are no weights of a policy: {actor} is empty")
         if remembers and weights["belief.weight_hh_l0"].shape != (3 * width, width):
             raise ValueError(f"these are no weights of a policy: belief.weight_hh_l0 does not fit {actor}")
+        if len(bounds or []) != (actions if "log_std" in weights else 0) or sum(choices or [actions]) != actions:
+            raise ValueError(f"these weights are of other actions: {actor} has {actions} outputs")
         previous_action = "previous_action_embedder.weight" in weights
         seen = last if encoder is None else "goal_embedder.0.weight"
         if seen not in weights or len(weights[seen].shape) != 2:
@@ -207,6 +223,8 @@ class Network(nn.Module):
                 actions=actions,
                 numbers=numbers,
                 mlp=shared or own_layers,
+                choices=choices,
+                bounds=bounds,
             )
             own = network.state_dict()
             if own[last].shape == weights[last].shape:
@@ -264,7 +282,8 @@ class Network(nn.Module):
             belief: [rows, hidden]; zeros (`begin`) where an episode begins.
 
         Returns:
-            log-probabilities of the actions [rows, actions], values [rows], and beliefs for the next step.
+            log-probabilities of the actions [rows, actions] (of several choices side by side; of a box means), values
+            [rows], and beliefs for the next step.
         """
 
         def given(name: str) -> Tensor:
@@ -286,4 +305,15 @@ class Network(nn.Module):
         else:
             weights = (gru.weight_ih_l0, gru.weight_hh_l0, gru.bias_ih_l0, gru.bias_hh_l0)
             seen = belief = torch.gru_cell(embedded, belief, *weights)
-        return F.log_softmax(self.actor(seen), -1), self.critic(seen).squeeze(1), belief
+        policy = self.actor(seen)
+        if self.log_std is None:
+            policy = torch.cat([F.log_softmax(logits, -1) for logits in policy.split(self.choices, 1)], 1)
+        return policy, self.critic(seen).squeeze(1), belief
+
+    def best(self, policy: Tensor) -> Tensor:
+        """The most probable actions of a policy that `forward` gave: numbers [rows], options [rows, choices], or means
+        within the bounds [rows, numbers]."""
+        if self.log_std is not None:
+            return policy.clamp(self.bounds[:, 0], self.bounds[:, 1])
+        options = torch.stack([log_probs.argmax(1) for log_probs in policy.split(self.choices, 1)], 1)
+        return options if len(self.choices) > 1 else options.squeeze(1)

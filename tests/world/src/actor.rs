@@ -164,7 +164,7 @@ impl Actor {
         let rebuilt = self.ids.iter().zip(states).map(|(&id, state)| {
             let actions = state.actions();
             let kept = if too_early { actions.len().saturating_sub(1) } else { actions.len() };
-            FakeEnvironment::rebuild(task, id, MAX_STEPS, &EnvironmentState::after(state.episode, &actions[..kept]))
+            FakeEnvironment::rebuild(task, id, MAX_STEPS, &EnvironmentState::after(state.episode, &actions[..kept], 1))
         });
         self.environments = rebuilt.collect();
     }

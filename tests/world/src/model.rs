@@ -3,7 +3,7 @@
 
 use crate::environment::{FakeEnvironment, mix};
 use crate::setup::{ACTIONS, MAX_STEPS, NOISE, Setup};
-use learner::collector::{Signals, gumbel};
+use learner::collector::{Noise, Signals};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::record::{End, HOLD, RecordHeader, flag};
@@ -76,7 +76,7 @@ fn seen_by(config: &Config, id: EnvironmentId, environment: &FakeEnvironment) ->
     let record = Line::bytes(&lines);
     let (header, layout) = (RecordHeader::of(record), config.spec().layout());
     let mut noise = vec![];
-    gumbel(config.seed, id, header.episode, header.step, NOISE, &mut noise);
+    Noise::Gumbel(NOISE).draw(config.seed, id, header.episode, header.step, &mut noise);
     let (_, goal) = config.spec().channel("goal_m").expect("the task has it");
     let start = header.has(flag::EPISODE_START);
     look(goal.of(record), &noise, record[layout.previous_action.offset], start)

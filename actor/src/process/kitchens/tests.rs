@@ -123,7 +123,7 @@ fn restore(config: &Config) {
     let states = [9, 0, 4].map(|episode| {
         let mut state = EnvironmentState::start_of(episode);
         for action in [1, 1] {
-            state.push(action);
+            state.push(&[action]);
         }
         state
     });

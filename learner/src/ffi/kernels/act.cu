@@ -8,6 +8,8 @@
 // Of the belief, and of the policy: one lane of a warp each.
 #define MAX_HIDDEN 4096
 #define MAX_ACTIONS 32
+// Of a policy whose actions are chosen elsewhere.
+#define MAX_OUTPUTS 1024
 
 // Added to the address of a frame's sums, to tell them from a frame.
 #define SUMS 1ull
@@ -104,13 +106,16 @@ __device__ inline float sum_of(float a, float b) {
 // goes to row to[i] of the table; several may go to one row that nobody reads. actor [actions, hidden] and critic
 // [hidden] have biases, too. noise [rows, actions]: the action is argmax(log-probability + noise), the first of equals.
 // All sums have one order, whatever the batch.
+//
+// With `outputs_to` [rows, width] no action is chosen: a row gets what the actor gives, the logarithms of deviations
+// [actions] if there are some, and the value.
 extern "C" __global__ void decide(const float* from_input, const float* from_before, const float* before,
                                   const float* input_bias, const float* before_bias, const float* actor,
                                   const float* actor_bias, const float* critic, const float* critic_bias,
                                   const float* noise, const long long* to, float* table, Chosen* choices, int hidden,
-                                  int actions) {
+                                  int actions, float* outputs_to, const float* log_std) {
     __shared__ float belief[MAX_HIDDEN];
-    __shared__ float outputs[MAX_ACTIONS + 1];
+    __shared__ float outputs[MAX_OUTPUTS + 1];
     const size_t row = blockIdx.x;
     from_input += row * 3 * hidden;
     from_before += row * 3 * hidden;
@@ -141,6 +146,13 @@ extern "C" __global__ void decide(const float* from_input, const float* from_bef
         if (lane == 0) outputs[output] = sum + (output < actions ? actor_bias[output] : critic_bias[0]);
     }
     __syncthreads();
+    if (outputs_to) {
+        const int width = actions * (log_std ? 2 : 1) + 1;
+        for (int i = threadIdx.x; i < width; i += blockDim.x)
+            outputs_to[row * width + i] =
+                i < actions ? outputs[i] : i + 1 == width ? outputs[actions] : log_std[i - actions];
+        return;
+    }
     if (warp > 0) return;
 
     const bool is_action = lane < actions;

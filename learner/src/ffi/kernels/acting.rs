@@ -17,6 +17,7 @@ const DECIDE_THREADS: u32 = 256;
 /// As in `act.cu`.
 const MAX_HIDDEN: i64 = 4096;
 const MAX_ACTIONS: i64 = 32;
+const MAX_OUTPUTS: i64 = 1024;
 
 #[derive(Debug)]
 pub struct ActingKernels {
@@ -33,7 +34,7 @@ pub struct Chosen {
     pub log_prob: f32,
     /// Value of the observation.
     pub value: f32,
-    /// Policy index of the action.
+    /// Option of the policy.
     pub action: usize,
     /// Whether all of the row's log-probabilities and its value are finite.
     pub finite: bool,
@@ -46,6 +47,8 @@ pub struct Heads<'a> {
     pub gate_biases: [&'a Tensor; 2],
     pub actor: [&'a Tensor; 2],
     pub critic: [&'a Tensor; 2],
+    /// Logarithms of deviations \[actions\] of a policy that draws numbers.
+    pub log_std: Option<&'a Tensor>,
 }
 
 /// What is decided about: what the gates get from what was seen, and from the belief before, \[rows, 3 · hidden\]; that
@@ -133,6 +136,11 @@ impl ActingKernels {
         launch(self.observe, (rows * BANDS).min(most), OBSERVE_THREADS, &arguments);
     }
 
+    /// Whether [`Self::decide`] chooses among so many options.
+    pub fn can_choose(options: usize) -> bool {
+        options <= MAX_ACTIONS as usize
+    }
+
     /// Belief, policy and value of each row, and the action that is chosen: [`CHOSEN_WORDS`] numbers a row at
     /// `choices`, which may be pinned memory of the host. Beliefs go to the rows `to` (i64 \[rows\]) of a table \[..,
     /// hidden\]; several may go to a row that nobody reads.
@@ -140,9 +148,40 @@ impl ActingKernels {
     /// # Safety
     /// When this runs, `to` must hold rows of the table.
     pub unsafe fn decide(&self, heads: &Heads, row: &Undecided, to: &Tensor, table: &Tensor, choices: &Tensor) {
+        let [rows, actions] = [row.before, heads.actor[0]].map(|tensor| tensor.size()[0]);
+        assert!(actions <= MAX_ACTIONS, "other actions are chosen elsewhere");
+        assert!(choices.size() == [rows, CHOSEN_WORDS as i64]);
+        self.launch_decide(heads, row, (to, table), choices, [address(choices), Argument::Address(0)]);
+    }
+
+    /// The same without a choice: at `outputs` a row has what the actor gives, the logarithms of standard deviations if there are
+    /// some, and the value.
+    ///
+    /// # Safety
+    /// As [`Self::decide`].
+    pub unsafe fn answer(&self, heads: &Heads, row: &Undecided, to: &Tensor, table: &Tensor, outputs: &Tensor) {
+        let [rows, actions] = [row.before, heads.actor[0]].map(|tensor| tensor.size()[0]);
+        let each = if heads.log_std.is_some() { 2 } else { 1 };
+        assert!(outputs.size() == [rows, each * actions + 1]);
+        self.launch_decide(heads, row, (to, table), outputs, [Argument::Address(0), address(outputs)]);
+    }
+
+    /// `addresses`: where choices go, and where outputs do; one of them is none.
+    fn launch_decide(
+        &self,
+        heads: &Heads,
+        row: &Undecided,
+        (to, table): (&Tensor, &Tensor),
+        written: &Tensor,
+        [choices, outputs]: [Argument; 2],
+    ) {
         let (rows, hidden) = row.before.size2().expect("a row for each observation");
         let actions = heads.actor[0].size()[0];
-        assert!(hidden <= MAX_HIDDEN && actions <= MAX_ACTIONS, "the configuration admits no more");
+        assert!(hidden <= MAX_HIDDEN && actions <= MAX_OUTPUTS, "the configuration admits no more");
+        let log_std = heads.log_std.map_or(Argument::Address(0), |tensor| {
+            assert!(tensor.kind() == Kind::Float && tensor.size() == [actions] && tensor.is_contiguous());
+            address(tensor)
+        });
         let floats = [
             (row.from_input, vec![rows, 3 * hidden]),
             (row.from_before, vec![rows, 3 * hidden]),
@@ -160,10 +199,9 @@ impl ActingKernels {
         }
         assert!(to.kind() == Kind::Int64 && to.size() == [rows] && to.is_contiguous());
         assert!(table.kind() == Kind::Float && table.size()[1..] == [hidden] && table.is_contiguous());
-        assert!(choices.kind() == Kind::Float && choices.size() == [rows, CHOSEN_WORDS as i64]);
-        assert!(choices.is_contiguous(), "a row after the other");
+        assert!(written.kind() == Kind::Float && written.is_contiguous(), "a row after the other");
         let mut arguments: Vec<Argument> = floats.iter().map(|(tensor, _)| address(tensor)).collect();
-        arguments.extend([address(to), address(table), address(choices), int(hidden), int(actions)]);
+        arguments.extend([address(to), address(table), choices, int(hidden), int(actions), outputs, log_std]);
         launch(self.decide, rows, DECIDE_THREADS, &arguments);
     }
 }

@@ -198,7 +198,7 @@ fn kernel_of_decisions() {
         let (from_input, from_before) = (x.matmul(&gates[0].tr()), before.matmul(&gates[1].tr()));
         let row = Undecided { from_input: &from_input, from_before: &from_before, before: &before, noise: &noise };
         let [actor, critic] = heads.each_ref().map(|[weight, bias]| [weight, bias]);
-        let heads = Heads { gate_biases: [&biases[0], &biases[1]], actor, critic };
+        let heads = Heads { gate_biases: [&biases[0], &biases[1]], actor, critic, log_std: None };
         // Each to another row than its own.
         let to = Tensor::arange_start_step(rows - 1, -1, -1, (Kind::Int64, DEVICE));
         let (table, choices) =
@@ -216,6 +216,18 @@ fn kernel_of_decisions() {
             assert!((perturbed.double_value(&at) - best).abs() < 1e-4, "row {index}");
             assert!((f64::from(chosen.log_prob) - log_probs.double_value(&at)).abs() < 1e-4);
             assert!((f64::from(chosen.value) - values.double_value(&[index])).abs() < 1e-4);
+        }
+        // Without a choice: the same logits and values, and deviations if there are some.
+        let deviations = random(&[actions]);
+        for log_std in [None, Some(&deviations)] {
+            let (open, logits) = (Heads { log_std, ..heads }, expected.linear(actor[0], Some(actor[1])));
+            let given = log_std.map(|tensor| tensor.expand_as(&logits));
+            let parts: Vec<Tensor> = [logits].into_iter().chain(given).chain([values.unsqueeze(1)]).collect();
+            let wanted = Tensor::cat(&parts, 1);
+            let outputs = wanted.zeros_like();
+            // SAFETY: as above.
+            unsafe { kernels.acting.answer(&open, &row, &to, &table, &outputs) };
+            assert_close(&outputs, &wanted, 1e-5);
         }
         // Of equal actions the first: here of all, and of those from the fourth on.
         let zeros = heads.actor.map(Tensor::zeros_like);

@@ -6,6 +6,7 @@ use super::message::{Element, Graph};
 use crate::policy::{Policy, PolicyError};
 use proto::camera::FRAME_SIDE;
 use proto::config::{Encoder, GoalCoordinates, Memory};
+use proto::task::ActionHead;
 use std::f32::consts::{FRAC_PI_2, PI};
 
 type Result<T> = std::result::Result<T, PolicyError>;
@@ -45,7 +46,8 @@ struct Convolution {
 
 pub(super) fn graph(policy: &Policy) -> Result<Graph> {
     let network = &policy.config.network;
-    let (hidden, actions) = (network.hidden as usize, policy.config.policy_actions().len());
+    let head = policy.config.action_head();
+    let (hidden, actions) = (network.hidden as usize, head.outputs());
     let mut maker = Maker { policy, builder: Builder::new("policy") };
     let numbers = policy.numbers();
     let side = FRAME_SIDE as i64;
@@ -92,11 +94,13 @@ pub(super) fn graph(policy: &Policy) -> Result<Graph> {
     let next = belief.map(|belief| maker.belief(&embedding, &belief, [width, hidden])).transpose()?;
     let (seen, width) = next.as_ref().map_or((&embedding, width), |next| (next, hidden));
     let logits = maker.head("actor", seen, [width, actions], own)?;
-    let log_probs = maker.builder.apply("LogSoftmax", &[&logits], &[Int("axis", -1)]);
+    let given = maker.policy(&head, logits)?;
     let value = maker.head("critic", seen, [width, 1], own)?;
     let last = maker.builder.integers(&[1]);
     let value = maker.builder.apply("Squeeze", &[&value, &last], &[]);
-    maker.builder.output(&log_probs, "log_probs", &[actions as i64], "Log-probabilities of the actions.");
+    for (output, name, doc) in given {
+        maker.builder.output(&output, name, &[actions as i64], doc);
+    }
     maker.builder.output(&value, "value", &[], "The critic's estimate of the discounted return.");
     if let Some(next) = next {
         maker.builder.output(&next, "next_belief", &[hidden as i64], "The belief for the next step.");
@@ -105,6 +109,38 @@ pub(super) fn graph(policy: &Policy) -> Result<Graph> {
 }
 
 impl Maker<'_> {
+    /// What the model gives of the policy, out of the actor's outputs \[rows, outputs\]: name and description of each.
+    fn policy(&mut self, head: &ActionHead, outputs: Name) -> Result<Vec<(Name, &'static str, &'static str)>> {
+        if head.is_gaussian() {
+            let log_stds = self.weight("log_std", &[head.outputs()])?;
+            let shape = self.builder.apply("Shape", &[&outputs], &[]);
+            let log_stds = self.builder.apply("Expand", &[&log_stds, &shape], &[]);
+            return Ok(vec![
+                (outputs, "means", "Means of the numbers, which environments are given within the bounds."),
+                (log_stds, "log_stds", "Logarithms of their standard deviations."),
+            ]);
+        }
+        let (axis, choices) = ([Int("axis", -1)], head.choices());
+        let mut log_probs = vec![];
+        let mut begin = 0;
+        for options in &choices {
+            let end = begin + *options as i64;
+            let logits = if choices.len() == 1 {
+                outputs.clone()
+            } else {
+                let [from, to, columns] = [begin, end, 1].map(|number| self.builder.integers(&[number]));
+                self.builder.apply("Slice", &[&outputs, &from, &to, &columns], &[])
+            };
+            log_probs.push(self.builder.apply("LogSoftmax", &[&logits], &axis));
+            begin = end;
+        }
+        let beside = match &log_probs[..] {
+            [alone] => return Ok(vec![(alone.clone(), "log_probs", "Log-probabilities of the actions.")]),
+            several => self.builder.apply("Concat", &several.iter().collect::<Vec<_>>(), &[Int("axis", 1)]),
+        };
+        Ok(vec![(beside, "log_probs", "Log-probabilities of the options of each choice, side by side.")])
+    }
+
     /// Raw depth \[rows, 224, 224\] to the encoder's input: averaged over `pool` pixels each way, normalised.
     fn frames(&mut self, depth: &Name, pool: usize) -> Images {
         let builder = &mut self.builder;

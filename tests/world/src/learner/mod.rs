@@ -14,7 +14,7 @@ use crate::kernel::{MILLISECOND, Next, Program, SECOND, TORN, World};
 use crate::meeting::{Lost, Meeting, Word};
 use crate::service::{NoPlace, TaskId};
 use crate::setup::{MAX_STEPS, Mutation, NOISE};
-use learner::collector::{ActionBatch, Boundary, Collector, ColumnMap, Lane, Settings, Signals};
+use learner::collector::{ActionBatch, Boundary, Collector, ColumnMap, Lane, Noise, Settings, Signals};
 use learner::process::{Announcements, Patience};
 use learner::shards::Shards;
 use orchestrator::{Event, Exit};
@@ -286,7 +286,7 @@ impl Learner {
         let settings = Settings {
             column_map: ColumnMap::of(self.rank, config),
             seed: config.seed,
-            policy_actions: NOISE,
+            noise: Noise::Gumbel(NOISE),
             max_episode_steps: MAX_STEPS,
             task: config.spec(),
             gamma: config.ppo.gamma,
