@@ -4,7 +4,9 @@
     python3 make_cleanrl.py             # writes cleanrl.safetensors beside this file
 
 Formulas and constants are those of `ppo.py` in vwxyzjn/cleanrl: two networks of tanh layers, the loop over t for
-advantages, the clipped losses. The backward pass is written out by hand. Nothing is shared with the Rust code but the
+advantages, the clipped losses. The case `normalized` is given what Gymnasium's NormalizeObservation and NormalizeReward make
+of its numbers and rewards, clipped as in `ppo_continuous_action.py`, and truncated episodes are bootstrapped as in
+`collect_rollouts` of Stable-Baselines3. The backward pass is written out by hand. Nothing is shared with the Rust code but the
 formula `noise`, from which both sides make weights and inputs, so that the file holds results only.
 """
 
@@ -76,7 +78,12 @@ def backward(w: dict[str, np.ndarray], head: str, layers: list[np.ndarray], dy: 
     return found
 
 
-def case(name: str, clip: float, *, norm_adv: bool, clip_vloss: bool) -> dict[str, np.ndarray]:
+def normalized(values: np.ndarray, mean: np.ndarray | float, var: np.ndarray | float, clip: float) -> np.ndarray:
+    """`normalize` of Gymnasium's wrappers, then the clip of CleanRL's."""
+    return np.clip((values - mean) / np.sqrt(var + 1e-8), -clip, clip)
+
+
+def case(name: str, clip: float, *, norm_adv: bool, clip_vloss: bool, norm: bool = False) -> dict[str, np.ndarray]:
     """One minibatch of everything."""
     w = weights()
     obs = 2.0 * noise("cleanrl.numbers", STEPS, COLUMNS, INPUTS)
@@ -88,6 +95,13 @@ def case(name: str, clip: float, *, norm_adv: bool, clip_vloss: bool) -> dict[st
     rewards = noise("cleanrl.reward", STEPS, COLUMNS)
     ended = noise("cleanrl.ended", STEPS, COLUMNS) > 0.7
     next_value = noise("cleanrl.bootstrap", COLUMNS)
+    if norm:
+        mean, var = noise("cleanrl.mean", INPUTS), 1.25 + noise("cleanrl.var", INPUTS)
+        obs = normalized(obs, mean, rounded(var), 1.5)
+        # Of 500 returns: their squares of deviations are in the checkpoint.
+        rewards = normalized(rewards, 0.0, 8.0 / 500.0, 5.0)
+        truncated = ended & (noise("cleanrl.limit", STEPS, COLUMNS) > 0.0)
+        rewards = rewards + truncated * GAMMA * noise("cleanrl.last_value", STEPS, COLUMNS)
 
     # dones[t] of ppo.py is what ended before the observation of t.
     dones = np.concatenate([np.zeros((1, COLUMNS)), ended[:-1]])
@@ -170,6 +184,7 @@ if __name__ == "__main__":
     save_file(
         case("defaults", 0.2, norm_adv=True, clip_vloss=True)
         | case("plain", 0.2, norm_adv=False, clip_vloss=False)
-        | case("narrow", 0.05, norm_adv=False, clip_vloss=True),
+        | case("narrow", 0.05, norm_adv=False, clip_vloss=True)
+        | case("normalized", 0.2, norm_adv=True, clip_vloss=True, norm=True),
         HERE / "cleanrl.safetensors",
     )

@@ -17,8 +17,18 @@ use std::path::{Path, PathBuf};
 const PREFIX: &str = "model.";
 
 /// Heads of auxiliary tasks and whatever else is trained but does not act have other names.
-const ACTING: [&str; 7] =
-    ["visual_encoder.", "goal_embedder.", "mlp.", "previous_action_embedder.", "belief.", "actor.", "critic."];
+const ACTING: [&str; 8] = [
+    NORMALIZER,
+    "visual_encoder.",
+    "goal_embedder.",
+    "mlp.",
+    "previous_action_embedder.",
+    "belief.",
+    "actor.",
+    "critic.",
+];
+/// Mean and variance of observations.
+pub(crate) const NORMALIZER: &str = "observation_norm.";
 
 /// Why a checkpoint or a file gives no policy.
 #[derive(Debug, thiserror::Error)]

@@ -73,7 +73,8 @@ class Checkpoint:
         """The network in PyTorch with these weights; needs torch."""
         from stillroom.network import Network
 
-        return Network.of(self.weights, goal=self.goal)
+        clip = self.config.get("normalize", {}).get("observation_clip", 10.0)
+        return Network.of(self.weights, goal=self.goal, observation_clip=clip)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Writes the weights alone as a safetensors file, which `load` and `learner probe` read."""

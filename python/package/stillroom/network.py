@@ -107,6 +107,19 @@ def layers(inputs: int, widths: list[int]) -> list[nn.Module]:
     ]
 
 
+class Normalizer(nn.Module):
+    """Numbers less their mean, divided by their deviation, then clipped. Both are as a run has found them."""
+
+    def __init__(self, numbers: int, clip: float) -> None:
+        super().__init__()
+        self.clip = clip
+        self.register_buffer("running_mean", torch.zeros(numbers))
+        self.register_buffer("running_var", torch.ones(numbers))
+
+    def forward(self, x: Tensor) -> Tensor:
+        return ((x - self.running_mean) / (self.running_var + 1e-8).sqrt()).clamp(-self.clip, self.clip)
+
+
 class Network(nn.Module):
     """Observations and a belief to log-probabilities, a value and the next belief.
 
@@ -132,6 +145,7 @@ class Network(nn.Module):
         actions: int = 21,
         numbers: int = 3,
         mlp: list[int] | None = None,
+        observation_clip: float | None = None,
     ) -> None:
         super().__init__()
         self.input_pool, self.goal, self.hidden, self.actions = input_pool, goal, hidden, actions
@@ -141,6 +155,7 @@ class Network(nn.Module):
                 f'encoder is {encoder!r}, goal {goal!r}, input_pool {input_pool!r}: there are "resnet", "cnn", None;'
                 ' "polar", "cartesian", "plain"; 1, 2, 4'
             )
+        self.observation_norm = None if observation_clip is None else Normalizer(numbers, observation_clip)
         # Layers that actor and critic share, and those that each has of its own.
         shared, own = (mlp or [], []) if hidden else ([], mlp or [])
         if encoder is None:
@@ -164,9 +179,9 @@ class Network(nn.Module):
         self.actor, self.critic = head(actions), head(1)
 
     @classmethod
-    def of(cls, weights: dict[str, NDArray[Any]], *, goal: str = "polar") -> Network:
-        """The network that weights belong to: names and shapes give all but `goal`. Heads of auxiliary tasks are left
-        out."""
+    def of(cls, weights: dict[str, NDArray[Any]], *, goal: str = "polar", observation_clip: float = 10.0) -> Network:
+        """The network that weights belong to: names and shapes give all but `goal` and `observation_clip`. Heads of
+        auxiliary tasks are left out."""
 
         def widths(path: str) -> list[int]:
             """Outputs of a Sequential's linear layers."""
@@ -207,6 +222,7 @@ class Network(nn.Module):
                 actions=actions,
                 numbers=numbers,
                 mlp=shared or own_layers,
+                observation_clip=observation_clip if "observation_norm.running_mean" in weights else None,
             )
             own = network.state_dict()
             if own[last].shape == weights[last].shape:
@@ -247,6 +263,8 @@ class Network(nn.Module):
     def embed(self, depth_mm: Tensor, goal: Tensor, previous_action: Tensor) -> Tensor:
         """Pooled millimetres [rows, side, side], goal coordinates [rows, 3] and rows of the action table [rows] (0 is
         none yet, else 1 + action) to [rows, 560]. In a task without a frame the numbers take the goal's place."""
+        if self.observation_norm is not None:
+            goal = self.observation_norm(goal)
         if self.visual_encoder is None or self.goal_embedder is None:
             parts = [self.mlp(goal)]
         else:
