@@ -2,7 +2,7 @@
 
 use proto::camera::{DepthFrame, WINDOW};
 use proto::config::Config;
-use proto::record::{RecordHeader, flag};
+use proto::record::{End, RecordHeader, flag};
 use proto::task::{Field, LINE_BYTES, Spec};
 
 /// Place of a channel of this name.
@@ -16,12 +16,16 @@ pub(crate) fn named(task: &Spec, name: &str) -> Field {
 pub(crate) struct Inputs {
     previous_action: Field,
     observations: proto::task::Inputs,
+    /// What was seen last of a truncated episode; none in a task with images.
+    last: Option<proto::task::Inputs>,
 }
 
 impl Inputs {
     /// Those of a task.
     pub fn of(task: &Spec) -> Self {
-        Self { previous_action: task.layout().previous_action, observations: inputs(task) }
+        let observations = inputs(task);
+        let last = observations.last(task.layout());
+        Self { previous_action: task.layout().previous_action, observations, last }
     }
 
     /// How many numbers a record has for the policy.
@@ -32,6 +36,14 @@ impl Inputs {
     /// Appends a record's numbers.
     pub fn read(&self, record: &[u8], numbers: &mut Vec<f32>) {
         self.observations.read(record, numbers);
+    }
+
+    /// The numbers that were seen last of the episode that the last action truncated, if it did and they are there.
+    pub fn read_last(&self, record: &[u8]) -> Option<Vec<f32>> {
+        let last = self.last.as_ref().filter(|_| RecordHeader::of(record).end() == Some(End::Truncated))?;
+        let mut numbers = Vec::with_capacity(self.width());
+        last.read(record, &mut numbers);
+        Some(numbers)
     }
 
     /// The action before what is seen; meaningless at an episode's start.

@@ -33,12 +33,16 @@ pub struct Step {
     pub ended: bool,
     /// It ended by the step limit.
     pub time_limit: bool,
+    /// Value of what was seen last then, where it is known.
+    pub last_value: Option<f32>,
+    /// Discounted sum of the episode's rewards up to this one, the newest undiscounted.
+    pub discounted_return: f64,
     /// What the auxiliary task predicts holds of the action.
     pub label: bool,
 }
 
 /// What an action led to.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Outcome {
     /// Reward under the stage in force.
     pub reward: f32,
@@ -46,6 +50,8 @@ pub struct Outcome {
     pub ended: bool,
     /// It ended by the step limit.
     pub time_limit: bool,
+    /// Discounted sum of the episode's rewards up to this one, the newest undiscounted.
+    pub discounted_return: f64,
     /// What the auxiliary task predicts holds of this action.
     pub label: bool,
 }
@@ -156,8 +162,15 @@ impl Rollout {
         step.reward = outcome.reward;
         step.ended = outcome.ended;
         step.time_limit = outcome.time_limit;
+        step.discounted_return = outcome.discounted_return;
         step.label = outcome.label;
         self.recorded[index] = true;
+    }
+
+    /// Notes the value of what was seen last of the episode that ended with a column's action in step t.
+    pub fn set_last_value(&mut self, t: usize, column: usize, value: f32) {
+        let index = self.index(t, column);
+        self.steps[index].last_value = Some(value);
     }
 
     /// Notes the value of a column's observation after its last action.
@@ -221,7 +234,7 @@ impl Rollout {
         upload(&values, self.frames.device())
     }
 
-    /// All of it on the CPU, by name: (T, N, …), `bootstrap` (N), NaN where there is none yet. Rows that are not
+    /// All of it on the CPU, by name: (T, N, …), `bootstrap` (N); this and `last_value` are NaN where there is none. Rows that are not
     /// `recorded` have no outcome; rows that were never stored hold data of an earlier rollout.
     pub fn tensors(&self) -> BTreeMap<&'static str, Tensor> {
         fn table<T: tch::kind::Element>(steps: &[Step], columns: usize, number: impl Fn(&Step) -> T) -> Tensor {
@@ -252,8 +265,10 @@ impl Rollout {
             ("log_prob", table(steps, columns, |step| step.log_prob)),
             ("value", table(steps, columns, |step| step.value)),
             ("reward", table(steps, columns, |step| step.reward)),
+            ("discounted_return", table(steps, columns, |step| step.discounted_return)),
             ("ended", table(steps, columns, |step| step.ended)),
             ("time_limit", table(steps, columns, |step| step.time_limit)),
+            ("last_value", table(steps, columns, |step| step.last_value.unwrap_or(f32::NAN))),
             ("disturbed", table(steps, columns, |step| step.label)),
             ("recorded", Tensor::from_slice(&self.recorded).view([-1, columns as i64])),
             ("bootstrap", Tensor::from_slice(&bootstrap)),
@@ -346,7 +361,7 @@ mod tests {
     #[test]
     fn a_frame_without_an_outcome_is_found() {
         let mut rollout = rollout();
-        let outcome = Outcome { reward: 1.0, ended: false, time_limit: false, label: false };
+        let outcome = Outcome { reward: 1.0, ..Outcome::default() };
         for (t, n) in [(0, 0), (0, 1), (1, 0), (2, 0)] {
             rollout.record(t, n, outcome);
         }

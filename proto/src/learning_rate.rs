@@ -1,4 +1,4 @@
-//! The learning rate's way over a stage: the learner takes it, the orchestrator foretells it.
+//! The learning rate's way over a stage, and the entropy bonus's: the learner takes it, the orchestrator foretells it.
 
 /// How far the learning rate has fallen after so many frames of a stage, 0..=1. It falls over `learning_rate_frames`,
 /// whatever the stage's length; over the stage if that is 0.
@@ -7,8 +7,8 @@ pub fn learning_rate_progress(frames_in_stage: u64, stage_frames: u64, learning_
     (frames_in_stage as f64 / whole as f64).min(1.0)
 }
 
-/// The learning rate after a share `progress` of its way: linear from `start` to `start · end_share`.
-pub fn learning_rate(start: f64, end_share: f64, progress: f64) -> f64 {
+/// A number that falls with it, or itself, after a share `progress` of the way: linear from `start` to `start · end_share`.
+pub fn falling(start: f64, end_share: f64, progress: f64) -> f64 {
     start * (1.0 + (end_share - 1.0) * progress.clamp(0.0, 1.0))
 }
 
@@ -18,15 +18,15 @@ mod tests {
 
     #[test]
     fn the_rate_falls_linearly_to_a_third() {
-        assert_eq!(learning_rate(3e-4, 1.0 / 3.0, 0.0), 3e-4);
-        assert!((learning_rate(3e-4, 1.0 / 3.0, 1.0) - 1e-4).abs() < 1e-18);
-        assert!((learning_rate(3e-4, 1.0 / 3.0, 0.5) - 2e-4).abs() < 1e-18);
+        assert_eq!(falling(3e-4, 1.0 / 3.0, 0.0), 3e-4);
+        assert!((falling(3e-4, 1.0 / 3.0, 1.0) - 1e-4).abs() < 1e-18);
+        assert!((falling(3e-4, 1.0 / 3.0, 0.5) - 2e-4).abs() < 1e-18);
     }
 
     /// The reference's factor: max(1/3, 1 - 2/3 · frames / 30M), in each of its stages.
     #[test]
     fn the_rate_of_a_stage_falls_over_frames_of_its_own_number() {
-        let after = |frames, stage, whole| learning_rate(1.0, 1.0 / 3.0, learning_rate_progress(frames, stage, whole));
+        let after = |frames, stage, whole| falling(1.0, 1.0 / 3.0, learning_rate_progress(frames, stage, whole));
         let million = 1_000_000;
         for (stage, end) in [(20 * million, 0.556), (25 * million, 0.444), (30 * million, 0.333), (45 * million, 0.333)]
         {

@@ -6,11 +6,11 @@ use crate::whereabouts::{self, Whereabouts};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::random::{Key, Purpose};
-use proto::record::RecordHeader;
-use proto::task::{Actions, Layout};
+use proto::record::{End, RecordHeader};
+use proto::task::{Actions, LINE_BYTES, Layout};
 use std::collections::VecDeque;
 use std::ops::Range;
-use wire::message::EnvironmentState;
+use wire::message::{EnvironmentState, Line};
 
 /// All environments of an actor.
 pub struct Environments<S> {
@@ -45,6 +45,8 @@ struct Running {
     actions: [Vec<u8>; 2],
     /// What the last action did: parts and outcomes, as in a record.
     done: Vec<u8>,
+    /// What was seen last before that action truncated the episode, as in a record.
+    last_seen: Vec<u8>,
 }
 
 impl Rules {
@@ -88,15 +90,33 @@ impl Rules {
         let (state_hash, end) = simulator.act(index, action, &mut running.done).map_err(failed::<S>)?;
         running.actions.iter_mut().for_each(|last| last.copy_from_slice(action));
         running.header.act(state_hash, end);
+        running.last_seen.fill(0);
         if end.is_some() {
+            if end == Some(End::Truncated) {
+                self.keep_last_seen(running, simulator)?;
+            }
             let next = running.next_episode().expect("four billion episodes outlast any run");
             self.begin(running, simulator, next)?;
         }
         Ok(true)
     }
+
+    /// Keeps what is seen now, before the next episode begins.
+    fn keep_last_seen<S: Simulator>(&self, running: &mut Running, simulator: &mut S) -> Result<(), EngineError> {
+        let Layout { seen, last_seen, bytes, .. } = self.layout;
+        if last_seen.is_empty() {
+            return Ok(());
+        }
+        let mut record = vec![Line([0; LINE_BYTES]); bytes / LINE_BYTES];
+        let (record, mut header) = (Line::bytes_mut(&mut record), running.header);
+        simulator.observe(header.environment as usize, &mut header, record).map_err(failed::<S>)?;
+        running.last_seen.copy_from_slice(&record[seen.clone()]);
+        Ok(())
+    }
 }
 
 /// An environment's failure.
+
 fn failed<S: Simulator>(cause: S::Error) -> EngineError {
     EngineError::Simulator(cause.into())
 }
@@ -107,6 +127,7 @@ impl Running {
         self.header.hold();
         self.actions[0].fill(0);
         self.done.fill(0);
+        self.last_seen.fill(0);
     }
 
     fn next_episode(&self) -> Option<u32> {
@@ -131,7 +152,8 @@ impl<S: Simulator> Environments<S> {
             let header = RecordHeader { environment: index, ..RecordHeader::default() };
             let done = vec![0; rules.layout.of_action.len()];
             let actions = [(); 2].map(|()| vec![0; rules.hold.len()]);
-            let mut one = Running { home, id: home, header, actions, done };
+            let last_seen = vec![0; rules.layout.last_seen.len()];
+            let mut one = Running { home, id: home, header, actions, done, last_seen };
             rules.begin(&mut one, &mut simulator, 0)?;
             running.push(one);
         }
@@ -229,9 +251,103 @@ impl<S: Simulator> Environments<S> {
             record[field.range()].copy_from_slice(action);
         }
         record[layout.of_action.clone()].copy_from_slice(&running.done);
+        record[layout.last_seen.clone()].copy_from_slice(&running.last_seen);
         let mut header = running.header;
         simulator.observe(index, &mut header, record).map_err(failed::<S>)?;
         *RecordHeader::of_mut(record) = header;
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proto::task::Spec;
+    use std::convert::Infallible;
+
+    const TASK: &str = r#"
+name = "counts"
+[actions]
+kind = "discrete"
+names = ["go", "end"]
+[[channels]]
+name = "gain"
+role = "part"
+dtype = "f32"
+range = [0, 1]
+doc = ""
+[[channels]]
+name = "count"
+role = "observation"
+dtype = "u32"
+range = [0, 99]
+doc = "Ten times the episode, and the steps in it."
+[[rewards]]
+name = "r"
+terms = [["gain", 1.0]]
+"#;
+
+    /// Each episode is truncated after three steps, if no action ends it before.
+    #[derive(Default)]
+    struct Counts([[u32; 2]; 2]);
+
+    impl Simulator for Counts {
+        type Error = Infallible;
+
+        fn begin(&mut self, index: usize, _home: EnvironmentId, episode: u32) -> Result<u64, Infallible> {
+            self.0[index] = [episode, 0];
+            Ok(0)
+        }
+
+        fn act(&mut self, index: usize, action: &[u8], _done: &mut [u8]) -> Result<(u64, Option<End>), Infallible> {
+            self.0[index][1] += 1;
+            let limit = (self.0[index][1] == 3).then_some(End::Truncated);
+            Ok((0, if action == [1] { Some(End::Terminated) } else { limit }))
+        }
+
+        fn observe(&mut self, index: usize, _header: &mut RecordHeader, record: &mut [u8]) -> Result<(), Infallible> {
+            let (_, place) = Spec::named("counts").expect("it is declared").channel("count").expect("it is there");
+            let [episode, step] = self.0[index];
+            place.of_mut(record)[0] = 10 * episode + step;
+            Ok(())
+        }
+    }
+
+    /// The records of two environments: their counts, what was seen last, and all bytes.
+    fn records(environments: &mut Environments<Counts>) -> [(u32, u32, Vec<u8>); 2] {
+        let layout = Spec::named("counts").expect("it is declared").layout();
+        [0, 1].map(|index| {
+            let mut record = vec![Line([7; LINE_BYTES]); layout.bytes / LINE_BYTES];
+            environments.observe(index, Line::bytes_mut(&mut record)).expect("nothing fails");
+            let bytes = Line::bytes(&record);
+            let count = |at: usize| u32::from_ne_bytes(bytes[at..][..4].try_into().expect("four bytes"));
+            (count(layout.seen.start), count(layout.last_seen.start), bytes.to_vec())
+        })
+    }
+
+    #[test]
+    fn what_was_seen_last_of_a_truncated_episode_stands_beside_the_start_of_the_next() {
+        Spec::declare(TASK).expect("a sound task");
+        let config = Config::resolve_with("gym", Some(("task = \"counts\"", "a test"))).expect("it fits");
+        let homes = [0, 1].map(|number| EnvironmentId::of(0, number, 2));
+        let new = || Environments::new(Counts::default(), &homes, &config).expect("nothing fails");
+        let mut environments = new();
+        let whole = 0..2;
+        let mut seen = vec![];
+        for actions in [[0, 0], [0, 0], [0, 1], [0, HOLD], [HOLD, 0]] {
+            environments.act(whole.clone(), &actions).expect("nothing fails");
+            seen.push(records(&mut environments).map(|(count, last, _)| (count, last)));
+        }
+        // The first one is truncated after three actions, the second one ends by itself then.
+        let expected = [[(1, 0), (1, 0)], [(2, 0), (2, 0)], [(10, 3), (10, 0)], [(11, 0), (10, 0)], [(11, 0), (11, 0)]];
+        assert_eq!(seen, expected);
+
+        // Rebuilt from its actions, it is sent again.
+        let mut environments = new();
+        [[0, 0], [0, 0], [0, 1]].map(|actions| environments.act(whole.clone(), &actions).expect("nothing fails"));
+        let mut rebuilt = new();
+        let states = [EnvironmentState::after(0, &[0, 0, 0]), EnvironmentState::after(0, &[0, 0, 1])];
+        rebuilt.rebuild(&states).expect("nothing fails");
+        assert_eq!(records(&mut rebuilt), records(&mut environments));
     }
 }

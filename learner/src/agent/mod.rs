@@ -34,6 +34,7 @@ use crate::optimizer::Adam;
 use crate::peers::{PeerError, Peers};
 use crate::ppo::lagrangian::ascend;
 use crate::ppo::preemption::ends_early;
+use crate::ppo::running::{Running, STATISTICS};
 use crate::rollout::{Outcome, Rollout};
 use crate::shards::Shards;
 use acting::Acting;
@@ -100,7 +101,8 @@ impl Agent {
             }
         });
         let (shards, first_column) = (Shards::of(config, &columns), columns.start);
-        let trainer = Trainer { network, auxiliary, adam, peers, shards: shards.clone(), first_column };
+        let running = Running::before(config);
+        let trainer = Trainer { network, auxiliary, adam, running, peers, shards: shards.clone(), first_column };
         let batch_rows = batch_rows(config, &shards).filter(|_| acting.is_some());
         let agent = Self {
             config: config.clone(),
@@ -182,6 +184,32 @@ impl Agent {
     pub fn record(&mut self, t: usize, column: usize, outcome: Outcome) {
         let rollout = self.rollout.as_mut().expect("record is called between begin_rollout and update");
         rollout.record(t, column, outcome);
+    }
+
+    /// Values what was seen last of the episode that a column's action in step `t` truncated, with the belief before the
+    /// next one begins; after [`Agent::record`]. Nothing happens unless ends by the step limit are to be bootstrapped.
+    ///
+    /// # Panics
+    /// Outside a rollout.
+    pub fn value_last(&mut self, t: usize, column: usize, numbers: &[f32]) -> Result<(), AgentError> {
+        if !self.config.ppo.bootstrap_time_limits {
+            return Ok(());
+        }
+        let rollout = self.rollout.as_ref().expect("an episode ends within a rollout");
+        let action = self.config.policy_actions()[rollout.step(t, column).action as usize];
+        // By itself: so no bit depends on which episodes end together.
+        let input = StepInput {
+            columns: &[column],
+            frames: &[],
+            numbers,
+            previous_action: &[action],
+            episode_start: &[false],
+            gumbel: &[],
+        };
+        let steps = self.seen(&input)?;
+        let Inference { values, .. } = self.infer(&input, &steps)?;
+        self.rollout.as_mut().expect("it is still there").set_last_value(t, column, values[0]);
+        Ok(())
     }
 
     /// Whether this learner, `steps` of `planned` steps into rollout `rollout`, should let the others wait no longer.
@@ -324,9 +352,9 @@ impl Agent {
     /// those it started from.
     pub fn state(&self) -> AgentState {
         let host = |tensor: &Tensor| tensor.detach().to_device(Device::Cpu).copy();
-        let Trainer { network, adam, .. } = self.trainer();
+        let Trainer { network, adam, running, .. } = self.trainer();
         let acting = self.overlap.iter().map(|overlap| (ACTING, &overlap.policy));
-        let mut tensors = BTreeMap::new();
+        let mut tensors: BTreeMap<String, Tensor> = running.tensors().collect();
         for (prefix, network) in acting.chain([(MODEL, network)]) {
             let weights = network.parameters.named();
             tensors.extend(weights.map(|(name, weight)| (format!("{prefix}{name}"), host(&weight))));
@@ -357,7 +385,7 @@ impl Agent {
         let second = saved(SECOND_MOMENT, &self.trainer().adam.second)?;
         let beliefs = saved(BELIEFS, &self.beliefs)?;
         let known = |name: &str| {
-            [MODEL, ACTING].iter().any(|prefix| name.starts_with(prefix))
+            [MODEL, ACTING, STATISTICS].iter().any(|prefix| name.starts_with(prefix))
                 || [FIRST_MOMENT, SECOND_MOMENT, BELIEFS].contains(&name)
         };
         if let Some(name) = tensors.keys().find(|name| !known(name)) {
@@ -366,7 +394,10 @@ impl Agent {
         if !multiplier.is_finite() {
             return Err(Unfit::not_finite("multiplier").into());
         }
-        self.load(&weights_of(tensors, MODEL), &weights_of(tensors, ACTING))?;
+        if let Some(unfit) = self.trainer().running.differing(tensors) {
+            return Err(unfit.into());
+        }
+        self.load(tensors, &weights_of(tensors, ACTING))?;
         // Nothing can fail from here on.
         self.abandon_rollout();
         let adam = &mut self.trainer.as_mut().expect(HERE).adam;
@@ -380,18 +411,21 @@ impl Agent {
         Ok(())
     }
 
-    /// Takes the weights of another run's state and nothing else. After an error nothing has changed.
+    /// Takes the weights of another run's state, with the statistics that belong to them, and nothing else. After an error
+    /// nothing has changed.
     pub fn load_weights(&mut self, state: &AgentState) -> Result<(), AgentError> {
         OtherSign::refuse(state.carried_goal, &self.config.network)?;
-        Ok(self.load(&weights_of(&state.tensors, MODEL), &BTreeMap::new())?)
+        Ok(self.load(&state.tensors, &BTreeMap::new())?)
     }
 
-    /// Takes weights, and others to act with; the same where there are none. After an error nothing has changed.
-    fn load(&mut self, weights: &BTreeMap<String, Tensor>, acting: &BTreeMap<String, Tensor>) -> Result<(), Unfit> {
+    /// Takes a state's weights and statistics, and other weights to act with; the same where there are none. After an error
+    /// nothing has changed.
+    fn load(&mut self, tensors: &BTreeMap<String, Tensor>, acting: &BTreeMap<String, Tensor>) -> Result<(), Unfit> {
         let trainer = self.trainer.as_mut().expect(HERE);
         let before = trainer.network.parameters.flat().copy();
-        trainer.network.parameters.load(weights)?;
-        match &mut self.overlap {
+        let running = trainer.running.found_in(tensors)?;
+        trainer.network.parameters.load(&weights_of(tensors, MODEL))?;
+        let loaded = match &mut self.overlap {
             None => Ok(()),
             Some(overlap) if acting.is_empty() => {
                 overlap.publish(&trainer.network);
@@ -400,7 +434,8 @@ impl Agent {
             Some(overlap) => overlap.policy.parameters.load(acting).inspect_err(|_| {
                 tch::no_grad(|| trainer.network.parameters.flat().copy_(&before));
             }),
-        }
+        };
+        loaded.map(|()| trainer.running = running)
     }
 
     /// Actors have started again. To be called before frames of theirs are given to a step.

@@ -6,11 +6,12 @@ use crate::auxiliary::{Auxiliary, Sizes};
 use crate::network::Network;
 use crate::optimizer::Adam;
 use crate::peers::Peers;
+use crate::ppo::running::Running;
 use crate::ppo::{Update, UpdateError};
 use crate::rollout::Rollout;
 use crate::shards::Shards;
 use proto::config::Config;
-use proto::learning_rate::learning_rate;
+use proto::learning_rate::falling;
 use std::collections::BTreeMap;
 use tch::Device;
 
@@ -23,6 +24,7 @@ pub(super) struct Trainer {
     pub network: Network,
     pub auxiliary: Auxiliary,
     pub adam: Adam,
+    pub running: Running,
     pub peers: Peers,
     pub shards: Shards,
     /// Number, in the whole run, of this learner's first column.
@@ -60,15 +62,18 @@ pub(super) fn build(config: &Config, device: Device) -> Result<(Network, Auxilia
 }
 
 impl Job {
-    /// `progress` is how far the learning rate has fallen.
+    /// `progress` is how far the learning rate and the entropy bonus have fallen.
     pub fn new(trainer: Box<Trainer>, collected: Rollout, number: u64, progress: f64, config: &Config) -> Self {
-        let learning_rate = learning_rate(config.ppo.learning_rate, config.ppo.learning_rate_end, progress);
-        Self { trainer, collected, number, learning_rate, config: config.clone() }
+        let mut config = config.clone();
+        let ppo = &mut config.ppo;
+        let learning_rate = falling(ppo.learning_rate, ppo.learning_rate_end, progress);
+        ppo.entropy_coefficient = falling(ppo.entropy_coefficient, ppo.entropy_coefficient_end, progress);
+        Self { trainer, collected, number, learning_rate, config }
     }
 
     pub fn run(self) -> Done {
         let Self { mut trainer, collected, number, learning_rate, config } = self;
-        let Trainer { network, auxiliary, adam, peers, shards, first_column } = &mut *trainer;
+        let Trainer { network, auxiliary, adam, running, peers, shards, first_column } = &mut *trainer;
         let update = Update {
             network,
             auxiliary,
@@ -77,12 +82,17 @@ impl Job {
             auxiliary_config: &config.auxiliary,
             peers,
             shards,
+            reward_scale: running.reward_scale(),
             first_column: *first_column,
             learning_rate,
             seed: config.seed,
             rollout_number: number,
         };
-        let result = update.run(adam).map_err(|error| match error {
+        let result = update.run(adam).and_then(|figures| {
+            running.take_in(&collected, *first_column, network, peers)?;
+            Ok(figures)
+        });
+        let result = result.map_err(|error| match error {
             UpdateError::NonFinite(what) => AgentError::NonFinite { what: format!("rollout {number}: {what}") },
             UpdateError::Peers(error) => error.into(),
         });

@@ -80,7 +80,7 @@ mod tests {
             rollout.store(t, &[0, 1], &zeros(&[COLUMNS as i64, 1, 1]), &steps);
             for column in 0..COLUMNS {
                 let reward = (t * COLUMNS + column + 1) as f32 / 10.0;
-                rollout.record(t, column, Outcome { reward, ended: false, time_limit: false, label: false });
+                rollout.record(t, column, Outcome { reward, ..Outcome::default() });
             }
         }
         rollout

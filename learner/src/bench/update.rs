@@ -104,7 +104,7 @@ fn fill(agent: &mut Agent, config: &Config, observations: &Frames) -> Result<()>
         for column in 0..config.environments() {
             let reward = ((t * 31 + column * 17) % 13) as f32 * 0.01 - 0.06;
             let ended = Frames::ends(column, t);
-            agent.record(t, column, Outcome { reward, ended, time_limit: false, label: (t + column) % 11 == 0 });
+            agent.record(t, column, Outcome { reward, ended, label: (t + column) % 11 == 0, ..Outcome::default() });
         }
     }
     for half in 0..2 {

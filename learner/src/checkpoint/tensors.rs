@@ -9,6 +9,7 @@
 //! | `environment.action_bytes` | u32 (1): bytes of an action, if they are not 1 |
 //! | `running.return` | f64 (N): return of the episode in progress |
 //! | `running.discounted_disturbance_m` | f64 (N): Σ `γ^t` cost of the episode in progress, by its name of older versions |
+//! | `running.discounted_return` | f64 (N): sum of its rewards, each discounted by its age; 0 in checkpoints of older versions |
 //! | `running.metrics` | f64 (N, M): its metrics, in the task's order; 0 in checkpoints of older versions |
 
 use crate::collector::{Boundary, RunningEpisode};
@@ -26,6 +27,7 @@ const ACTION_COUNT: &str = "environment.action_count";
 const ACTIONS: &str = "environment.actions";
 const ACTION_BYTES: &str = "environment.action_bytes";
 const RETURN: &str = "running.return";
+const DISCOUNTED_RETURN: &str = "running.discounted_return";
 const METRICS: &str = "running.metrics";
 /// Of older versions.
 const PICKED_UP: &str = "running.picked_up";
@@ -35,7 +37,7 @@ const ACTION_BYTES_MOST: usize = 4 * NUMBERS_MOST as usize;
 /// No run plays more episodes in one environment.
 const EPISODE_MOST: u32 = u32::MAX / 2;
 const OWN: [&str; 8] =
-    [EPISODE, ACTION_COUNT, ACTIONS, ACTION_BYTES, RETURN, DISCOUNTED_DISTURBANCE, METRICS, PICKED_UP];
+    [EPISODE, ACTION_COUNT, ACTIONS, ACTION_BYTES, RETURN, DISCOUNTED_RETURN, DISCOUNTED_DISTURBANCE, METRICS, PICKED_UP];
 
 /// Why tensors do not make a state.
 #[derive(Debug, thiserror::Error)]
@@ -115,6 +117,7 @@ pub fn encode(tensors: &BTreeMap<String, Tensor>, boundary: &Boundary) -> Result
         own(name, Dtype::F64, vec![columns], running.iter().flat_map(|episode| figure(episode).to_le_bytes()).collect())
     };
     column_of(RETURN, |episode| episode.episode_return)?;
+    column_of(DISCOUNTED_RETURN, |episode| episode.discounted_return)?;
     column_of(DISCOUNTED_DISTURBANCE, |episode| episode.discounted_cost)?;
     // An episode without a step has none yet.
     let count = running.iter().map(|episode| episode.metrics.len()).max().unwrap_or(0);
@@ -158,15 +161,17 @@ pub fn decode(bytes: &[u8], exchange: u64) -> Result<(BTreeMap<String, Tensor>, 
     let counts = u32s(own_bytes(&file, ACTION_COUNT, Dtype::U32)?);
     let returns = own_bytes(&file, RETURN, Dtype::F64)?;
     let disturbances = own_bytes(&file, DISCOUNTED_DISTURBANCE, Dtype::F64)?;
-    let metrics = match file.tensor(METRICS) {
-        Ok(_) => own_bytes(&file, METRICS, Dtype::F64)?,
-        Err(_) => &[],
-    };
+    // Older versions have none.
+    let or_none = |name: &str| file.tensor(name).map_or(Ok(&[][..]), |_| own_bytes(&file, name, Dtype::F64));
+    let (metrics, discounted) = (or_none(METRICS)?, or_none(DISCOUNTED_RETURN)?);
+    let without = vec![0; columns * 8];
+    let discounted = if discounted.is_empty() { &without } else { discounted };
     let metrics: Vec<f64> = metrics.as_chunks().0.iter().map(|&bytes| f64::from_le_bytes(bytes)).collect();
     let count = metrics.len().checked_div(columns).unwrap_or(0);
     for (name, found, expected) in [
         (ACTION_COUNT, counts.len(), columns),
         (RETURN, returns.len(), columns * 8),
+        (DISCOUNTED_RETURN, discounted.len(), columns * 8),
         (DISCOUNTED_DISTURBANCE, disturbances.len(), columns * 8),
         (METRICS, metrics.len(), columns * count),
     ] {
@@ -192,15 +197,16 @@ pub fn decode(bytes: &[u8], exchange: u64) -> Result<(BTreeMap<String, Tensor>, 
             value.copy_from_slice(&bytes[column * 8..][..8]);
             f64::from_le_bytes(value)
         };
-        let [episode_return, discounted_cost] = [returns, disturbances].map(figure);
-        if !(episode_return.is_finite() && discounted_cost.is_finite()) {
+        let figures @ [episode_return, discounted_return, discounted_cost] =
+            [returns, discounted, disturbances].map(figure);
+        if !figures.into_iter().all(f64::is_finite) {
             return Err(wrong(RETURN, "or the cost is not finite"));
         }
         let metrics = metrics[column * count..][..count].to_vec();
         if !metrics.iter().all(|metric| metric.is_finite()) {
             return Err(wrong(METRICS, "has one that is not finite"));
         }
-        boundary.running.push(RunningEpisode { episode_return, discounted_cost, metrics });
+        boundary.running.push(RunningEpisode { episode_return, discounted_cost, discounted_return, metrics });
     }
     Ok((agents_tensors(&file)?, boundary))
 }

@@ -81,8 +81,18 @@ fn snapshot(rollout: u64) -> Snapshot {
             exchange: rollout * 4,
             environments: vec![state, EnvironmentState::start_of(2)],
             running: vec![
-                RunningEpisode { episode_return: -0.1, discounted_cost: 1.0 / 3.0, metrics: vec![1.0, 0.25] },
-                RunningEpisode { episode_return: 3e-310, discounted_cost: -0.0, metrics: vec![0.0, -0.5] },
+                RunningEpisode {
+                    episode_return: -0.1,
+                    discounted_cost: 1.0 / 3.0,
+                    discounted_return: 1e-7,
+                    metrics: vec![1.0, 0.25],
+                },
+                RunningEpisode {
+                    episode_return: 3e-310,
+                    discounted_cost: -0.0,
+                    discounted_return: -2.5,
+                    metrics: vec![0.0, -0.5],
+                },
             ],
         },
         weights: "ab".into(),

@@ -195,6 +195,7 @@ impl Environments {
         let cost = signals.cost.map_or(0.0, |(index, weight)| weight * part(index));
         let running = &mut self.running[column];
         running.add(header.acted_step, value, cost, gamma);
+        let discounted_return = running.discounted_return;
         running.metrics.resize(self.measures.len(), 0.0);
         for (metric, measure) in running.metrics.iter_mut().zip(&self.measures) {
             *metric = measure.after(|index| layout.fields[index].number(record), *metric);
@@ -205,6 +206,7 @@ impl Environments {
             reward: value,
             ended: ended.is_some(),
             time_limit: header.end() == Some(End::Truncated),
+            discounted_return,
             label: signals.labels(part),
         };
         Some(Settlement { outcome, ended })

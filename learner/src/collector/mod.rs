@@ -135,13 +135,15 @@ pub struct ActionBatch {
 }
 
 /// What an action led to: the agent's record at row `t` of `column`.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Settled {
     /// Row of the rollout in which the action was taken.
     pub t: usize,
     pub column: usize,
     /// What it led to.
     pub outcome: Outcome,
+    /// What the policy would have been given next of an episode that it truncated, where the record has it.
+    pub last_seen: Option<Vec<f32>>,
 }
 
 /// Whose action is about to be chosen.
@@ -384,7 +386,7 @@ impl<S: HalfSample> Collector<S> {
     /// # Panics
     /// If their observations are not here.
     pub fn settle(&mut self, of: &[Lane]) -> Vec<Settled> {
-        let Self { settings, lanes, environments, shards, cursor, .. } = self;
+        let Self { settings, lanes, environments, inputs, shards, cursor, .. } = self;
         let Cursor { reward, tally, .. } = cursor.as_mut().expect("outcomes belong to a rollout in progress");
         let mut settled = vec![];
         for &lane in of {
@@ -393,11 +395,12 @@ impl<S: HalfSample> Collector<S> {
             }
             let sample = lanes.sample(lane);
             for (i, column) in settings.column_map.columns_of(lane.index, lane.half).enumerate() {
-                let settlement = environments.settle(column, sample.record(i), reward);
+                let record = sample.record(i);
+                let settlement = environments.settle(column, record, reward);
                 if let Some(Settlement { outcome, ended }) = settlement {
                     let t = lane.t - 1;
                     tally.take(t, column, outcome.reward, ended);
-                    settled.push(Settled { t, column, outcome });
+                    settled.push(Settled { t, column, outcome, last_seen: inputs.read_last(record) });
                 }
             }
         }

@@ -16,7 +16,7 @@ pub struct Settings {
     pub noise: Noise,
     /// Step limit of an episode.
     pub max_episode_steps: u32,
-    /// Discount a step, of the cost that PPO-Lagrangian constrains.
+    /// Discount a step, of returns and of the cost that PPO-Lagrangian constrains.
     pub gamma: f64,
     /// Label and cost.
     pub signals: Signals,

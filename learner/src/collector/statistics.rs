@@ -13,14 +13,17 @@ pub struct RunningEpisode {
     pub episode_return: f64,
     /// Σ `γ^t` cost so far.
     pub discounted_cost: f64,
+    /// Sum of the rewards so far, each discounted by its age.
+    pub discounted_return: f64,
     /// The task's metrics of rollouts so far, in its order; none at the start, where all are 0.
     pub metrics: Vec<f64>,
 }
 
 impl RunningEpisode {
-    /// Adds step `step` with its reward and its cost; `gamma` is the discount of the constraint.
+    /// Adds step `step` with its reward and its cost; `gamma` is the discount.
     pub fn add(&mut self, step: u32, reward: f32, cost: f32, gamma: f64) {
         self.episode_return += f64::from(reward);
+        self.discounted_return = self.discounted_return * gamma + f64::from(reward);
         self.discounted_cost += libm::pow(gamma, f64::from(step)) * f64::from(cost);
     }
 }

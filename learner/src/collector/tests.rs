@@ -290,8 +290,8 @@ impl World {
 
     fn settle(&mut self, lanes: &[Lane]) {
         let record = self.in_progress.as_mut().unwrap();
-        for Settled { t, column, outcome } in self.collector.settle(lanes) {
-            let Outcome { reward, ended, time_limit, label } = outcome;
+        for Settled { t, column, outcome, .. } in self.collector.settle(lanes) {
+            let Outcome { reward, ended, time_limit, label, .. } = outcome;
             record.outcomes.push((t, column, reward.to_bits(), ended, time_limit, label));
         }
     }

@@ -122,6 +122,12 @@ impl Packing {
         }
     }
 
+    /// Packs frames in this order, for a network without memory: each is a segment of its own.
+    pub(crate) fn of_rows(rows: Vec<(usize, usize)>) -> Self {
+        let columns: Vec<i64> = rows.iter().map(|&(_, column)| column as i64).collect();
+        Self { batch_sizes: vec![rows.len() as i64], carried: vec![false; rows.len()], columns, rows }
+    }
+
     /// Of each row, the row that comes `offset` steps after it in its segment: in the rollout and in the same episode.
     pub fn later(&self, offset: usize) -> Vec<Option<i64>> {
         // Row k of segment s is the s-th of its block, because segments that end drop out from the back.

@@ -13,6 +13,7 @@ mod frame;
 mod initialize;
 mod layers;
 mod mlp;
+mod normalizer;
 mod parameters;
 
 pub use belief::{Belief, Packing};
@@ -25,6 +26,7 @@ pub use frame::{FramePreparation, RawFrame, Staging};
 pub use initialize::Initial;
 pub(crate) use initialize::fill_normal;
 pub(crate) use layers::{Gru, Linear};
+pub(crate) use normalizer::is_among as has_normalizer;
 pub use parameters::{Layout, ParameterId, Parameters, Unfit, to_vec};
 pub(crate) use parameters::{all_finite, fits};
 
@@ -32,6 +34,7 @@ use crate::ffi::kernels::{Heads, Kernels};
 use embedding::{ActionEmbedding, GoalEmbedding};
 use encoder::{Backward, VisualEncoder};
 use mlp::{Head, Mlp};
+use normalizer::Normalizer;
 use proto::config::{Config, EncoderPrecision, Memory};
 use std::fmt;
 use tch::{Device, Tensor};
@@ -79,6 +82,7 @@ pub struct Network {
     pub belief: Belief,
     /// Width of what an observation gives by itself, which comes first in the rows of [`Network::embed`].
     observation: i64,
+    normalizer: Option<Normalizer>,
     embedding: Embedding,
     previous_action: Option<ActionEmbedding>,
     actor: Head,
@@ -119,6 +123,9 @@ impl Network {
         let numbers = seen.width() as i64;
         let memory = config.network.memory;
 
+        let normalize = config.normalize;
+        let normalizer =
+            normalize.observations.then(|| Normalizer::new(&mut layout, numbers, normalize.observation_clip));
         // Layers that actor and critic share, and those that each has of its own.
         let (mut shared, mut own) = (&config.network.mlp[..], &[][..]);
         let (embedding, mut inputs) = if seen.image.is_some() {
@@ -149,10 +156,19 @@ impl Network {
         let declared = declare(&mut layout, hidden);
 
         let parameters = Parameters::new(layout, config.seed, device);
-        (
-            Self { parameters, preparation, belief, observation, embedding, previous_action, actor, policy, critic },
-            declared,
-        )
+        let network = Self {
+            parameters,
+            preparation,
+            belief,
+            observation,
+            normalizer,
+            embedding,
+            previous_action,
+            actor,
+            policy,
+            critic,
+        };
+        (network, declared)
     }
 
     /// Selects bfloat16 for the encoder if the configuration demands it, or if it is `auto` and bfloat16 is available.
@@ -232,6 +248,7 @@ impl Network {
     /// With what the encoder made of the frames by itself, if it did.
     fn embedded<'a>(&'a self, observations: &Observations, visual: Option<(Tensor, Backward<'a>)>) -> Embedded<'a> {
         let Observations { frames, numbers, previous_actions } = observations;
+        let numbers = &self.normalized(numbers);
         let (encoder, goal) = match &self.embedding {
             Embedding::Frame { encoder, goal } => (encoder, goal),
             Embedding::Numbers(mlp) => {
@@ -272,7 +289,19 @@ impl Network {
     /// In a task without a frame.
     pub(crate) fn told(&self, numbers: &Tensor, previous_actions: &Tensor) -> Tensor {
         let Embedding::Frame { goal, .. } = &self.embedding else { panic!("numbers stand beside a frame") };
-        self.beside(goal.forward(&self.parameters, numbers), previous_actions)
+        self.beside(goal.forward(&self.parameters, &self.normalized(numbers)), previous_actions)
+    }
+
+    fn normalized(&self, numbers: &Tensor) -> Tensor {
+        let normalizer = self.normalizer.as_ref();
+        normalizer.map_or_else(|| numbers.shallow_clone(), |one| one.forward(&self.parameters, numbers))
+    }
+
+    /// Takes mean and variance of each number, if it normalises them.
+    pub(crate) fn normalize_by(&self, known: &[[f32; 2]]) {
+        if let Some(normalizer) = &self.normalizer {
+            normalizer.set(&self.parameters, known);
+        }
     }
 
     /// With the embeddings of previous actions, if the network has them.

@@ -8,9 +8,10 @@
 //! At an episode's end both `V(s_{t+1})` and `A_{t+1}` are 0, since row t+1 belongs to the next episode.
 //!
 //! An end by the step limit counts as an end, as in the reference. With `bootstrap_time_limits` it is a truncation
-//! instead: the state that would have followed still has a value. The environment has been reset by then, so that
-//! observation has no value; `V(s_t)`, one step earlier, is used instead.
+//! instead: `V(s_{t+1})` is that of the episode's last observation. Records of tasks with images do not have it; there
+//! `V(s_t)`, one step earlier, is used instead.
 
+use super::moments::RewardScale;
 use crate::peers::{PeerError, Peers};
 use crate::rollout::Rollout;
 use crate::shards::Shards;
@@ -40,7 +41,13 @@ impl Targets {
 
 /// Estimates advantages and returns, and normalises the advantages if the configuration asks for it: over the frames of
 /// all learners.
-pub fn estimate(rollout: &Rollout, config: &PpoConfig, shards: &Shards, peers: &Peers) -> Result<Targets, PeerError> {
+pub fn estimate(
+    rollout: &Rollout,
+    config: &PpoConfig,
+    scale: RewardScale,
+    shards: &Shards,
+    peers: &Peers,
+) -> Result<Targets, PeerError> {
     let columns = rollout.columns();
     let rows = rollout.shape().steps * columns;
     let mut targets = Targets { columns, advantages: vec![0.0; rows], returns: vec![0.0; rows] };
@@ -54,10 +61,11 @@ pub fn estimate(rollout: &Rollout, config: &PpoConfig, shards: &Shards, peers: &
             let value = f64::from(step.value);
             if step.ended {
                 let truncated = config.bootstrap_time_limits && step.time_limit;
-                next_value = if truncated { value } else { 0.0 };
+                let last_value = step.last_value.map_or(value, f64::from);
+                next_value = if truncated { last_value } else { 0.0 };
                 next_advantage = 0.0;
             }
-            let delta = f64::from(step.reward) + gamma * next_value - value;
+            let delta = scale.apply(step.reward) + gamma * next_value - value;
             let advantage = delta + gamma * lambda * next_advantage;
             targets.advantages[t * columns + column] = advantage as f32;
             targets.returns[t * columns + column] = (advantage + value) as f32;

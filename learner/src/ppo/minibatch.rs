@@ -1,5 +1,5 @@
-//! The batch, divided by columns: into minibatches, of which each is a step of the optimiser, and these into chunks, which
-//! only bound memory. Each shard is divided by itself: a chunk has columns of one.
+//! The batch, divided by columns or by rows: into minibatches, of which each is a step of the optimiser, and these into
+//! chunks, which only bound memory. Each shard is divided by itself: a chunk has columns of one.
 
 use super::gae::Targets;
 use super::loss::Experience;
@@ -34,44 +34,58 @@ pub(crate) struct Deal {
     pub first_column: usize,
 }
 
-/// Deals a shard's columns out among minibatches, as evenly as can be: one list of columns each, in order. Neighbours
-/// are alike, such as the environments of one kitchen, so chance deals: a function of (seed, rollout, column of the
-/// whole run). Minibatch `to`, counted round, gets the first that is drawn.
-fn deal_out(columns: Range<usize>, to: usize, deal: Deal) -> Vec<Vec<usize>> {
-    let Deal { minibatches, seed, rollout, first_column } = deal;
-    let drawn = |column: usize| Key {
-        seed,
-        purpose: Purpose::Minibatch,
-        kitchen: 0,
-        environment: (first_column + column) as u32,
-        episode: rollout as u32,
-        step: 0,
-    };
-    let mut order: Vec<(u32, usize)> = columns.map(|column| (drawn(column).stream().next_u32(), column)).collect();
-    order.sort_unstable();
-    let mut dealt = vec![Vec::new(); minibatches as usize];
-    for (rank, (_, column)) in order.into_iter().enumerate() {
-        dealt[(to + rank) % minibatches as usize].push(column);
-    }
-    for columns in &mut dealt {
-        columns.sort_unstable();
-    }
-    dealt
-}
+/// What each minibatch is dealt: a list for each shard, with the shard's number.
+type Dealt<T> = Vec<Vec<(usize, Vec<T>)>>;
 
 impl Deal {
-    /// The columns of each minibatch: a list for each shard, with the shard's number.
-    pub(crate) fn columns(self, shards: &Shards) -> Vec<Vec<(usize, Vec<usize>)>> {
-        let mut minibatches = vec![Vec::new(); self.minibatches as usize];
+    /// The columns of each minibatch, in order.
+    pub(crate) fn columns(self, shards: &Shards) -> Dealt<usize> {
+        let mut dealt = self.out(shards, 0, |columns| columns.map(|column| (0, column)).collect());
+        dealt.iter_mut().flatten().for_each(|(_, cells)| cells.sort_unstable());
+        let column = |(_, column): (usize, usize)| column;
+        let columns = |(shard, cells): (usize, Vec<_>)| (shard, cells.into_iter().map(column).collect());
+        dealt.into_iter().map(|minibatch| minibatch.into_iter().map(columns).collect()).collect()
+    }
+
+    /// The frames, (step, column), of each minibatch of an epoch, in the order in which they are drawn. Column n has
+    /// `steps(n)`.
+    pub(crate) fn rows(self, shards: &Shards, epoch: u32, steps: impl Fn(usize) -> usize) -> Dealt<(usize, usize)> {
+        let of = |column: usize| (0..steps(column)).map(move |t| (t, column));
+        self.out(shards, epoch, |columns| columns.flat_map(of).collect())
+    }
+
+    /// Deals the cells of each shard out among minibatches, as evenly as can be. Neighbours are alike, such as the
+    /// environments of one kitchen, so chance deals: a function of (seed, rollout, epoch, column of the whole run, step).
+    fn out(
+        self,
+        shards: &Shards,
+        epoch: u32,
+        cells: impl Fn(Range<usize>) -> Vec<(usize, usize)>,
+    ) -> Dealt<(usize, usize)> {
+        let Self { minibatches, seed, rollout, first_column } = self;
+        let drawn = |(t, column): (usize, usize)| Key {
+            seed,
+            purpose: Purpose::Minibatch,
+            // The key has no field for the epoch, and no kitchen applies here.
+            kitchen: epoch,
+            environment: (first_column + column) as u32,
+            episode: rollout as u32,
+            step: t as u32,
+        };
+        let mut dealt = vec![Vec::new(); minibatches as usize];
         for (shard, columns) in shards.columns().iter().enumerate() {
             // Where there are several, one goes on where the last one ended: each may have fewer columns than there are
             // minibatches.
-            let to = if shards.are_fixed() { self.first_column + columns.start } else { 0 };
-            for (minibatch, columns) in minibatches.iter_mut().zip(deal_out(columns.clone(), to, self)) {
-                minibatch.push((shard, columns));
+            let to = if shards.are_fixed() { first_column + columns.start } else { 0 };
+            let mut order: Vec<(u32, (usize, usize))> =
+                cells(columns.clone()).into_iter().map(|cell| (drawn(cell).stream().next_u32(), cell)).collect();
+            order.sort_unstable();
+            dealt.iter_mut().for_each(|minibatch| minibatch.push((shard, vec![])));
+            for (rank, (_, cell)) in order.into_iter().enumerate() {
+                dealt[(to + rank) % minibatches as usize][shard].1.push(cell);
             }
         }
-        minibatches
+        dealt
     }
 }
 
@@ -91,6 +105,23 @@ impl Chunk {
         minibatch.iter().flat_map(of).collect()
     }
 
+    /// The same of a minibatch of frames: chunks have at most as many as such columns have.
+    pub(crate) fn of_rows(
+        rollout: &Rollout,
+        targets: &Targets,
+        minibatch: Vec<(usize, Vec<(usize, usize)>)>,
+        columns_each: u32,
+    ) -> Vec<Self> {
+        let most = (columns_each as usize * rollout.shape().steps).max(1);
+        let dealt = minibatch.into_iter().filter(|(_, rows)| !rows.is_empty());
+        let of = |(shard, rows): (usize, Vec<(usize, usize)>)| -> Vec<Self> {
+            let width = if columns_each == 0 { rows.len() } else { most };
+            let chunks = rows.chunks(width).map(|chunk| Packing::of_rows(chunk.to_vec()));
+            chunks.map(|packing| Self::new(rollout, targets, shard, (packing, width == rows.len()))).collect()
+        };
+        dealt.flat_map(of).collect()
+    }
+
     /// `unbounded`: a pass has room for all columns.
     fn of_shard(
         rollout: &Rollout,
@@ -105,26 +136,28 @@ impl Chunk {
         };
         columns
             .chunks(width.max(1))
-            .map(|chunk| {
-                let packing = rollout.packing(chunk.iter().copied());
-                let device = rollout.beliefs_at_start().device();
-                let target = |of: &dyn Fn((usize, usize)) -> f32| {
-                    let values: Vec<f32> = packing.rows.iter().map(|&row| of(row)).collect();
-                    upload(&values, device)
-                };
-                let experience = Experience {
-                    actions: rollout.actions(&packing),
-                    log_probs: rollout.gather(&packing, |step| step.log_prob),
-                    values: rollout.gather(&packing, |step| step.value),
-                    advantages: target(&|row| targets.advantage(row)),
-                    returns: target(&|row| targets.value_target(row)),
-                };
-                let observations = unbounded.then(|| rollout.observations(&packing));
-                Self { shard, packing, experience, observations }
-            })
+            .map(|chunk| rollout.packing(chunk.iter().copied()))
             // In a rollout of one step, columns that hold have no rows.
-            .filter(|chunk| !chunk.packing.rows.is_empty())
+            .filter(|packing| !packing.rows.is_empty())
+            .map(|packing| Self::new(rollout, targets, shard, (packing, unbounded)))
             .collect()
+    }
+
+    fn new(rollout: &Rollout, targets: &Targets, shard: usize, (packing, unbounded): (Packing, bool)) -> Self {
+        let device = rollout.beliefs_at_start().device();
+        let target = |of: &dyn Fn((usize, usize)) -> f32| {
+            let values: Vec<f32> = packing.rows.iter().map(|&row| of(row)).collect();
+            upload(&values, device)
+        };
+        let experience = Experience {
+            actions: rollout.actions(&packing),
+            log_probs: rollout.gather(&packing, |step| step.log_prob),
+            values: rollout.gather(&packing, |step| step.value),
+            advantages: target(&|row| targets.advantage(row)),
+            returns: target(&|row| targets.value_target(row)),
+        };
+        let observations = unbounded.then(|| rollout.observations(&packing));
+        Self { shard, packing, experience, observations }
     }
 
     /// Embeds its observations, to train with them in the update of this number: \[rows, 512 + 32 + 16\].
@@ -160,6 +193,22 @@ mod tests {
         }
         assert_eq!(deal(19, 1, 7, 3, 0), [(0..19).collect::<Vec<_>>()]);
         assert_eq!(deal(2, 3, 7, 3, 0).concat().len(), 2, "more minibatches than columns");
+    }
+
+    #[test]
+    fn every_frame_is_dealt_once_in_an_epoch_evenly_and_by_chance() {
+        let deal = Deal { minibatches: 4, seed: 7, rollout: 3, first_column: 0 };
+        // The last two columns hold in the last step.
+        let rows = |epoch: u32| deal.rows(&Shards::one(5), epoch, |column| 8 - usize::from(column > 2));
+        let dealt: Vec<Vec<(usize, usize)>> = rows(0).into_iter().map(|mut own| own.remove(0).1).collect();
+        assert_eq!(dealt.iter().map(Vec::len).collect::<Vec<_>>(), [10, 10, 9, 9]);
+        let mut all = dealt.concat();
+        assert!(!all.is_sorted());
+        all.sort_unstable();
+        let cells = (0..8).flat_map(|t| (0..5).map(move |column| (t, column)));
+        assert_eq!(all, cells.filter(|&(t, column)| t < 7 || column < 3).collect::<Vec<_>>());
+        assert_eq!(rows(0), rows(0));
+        assert_ne!(rows(1), rows(0));
     }
 
     /// A shard's columns are dealt alike whichever learner has it, and all minibatches are alike large.

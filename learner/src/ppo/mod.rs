@@ -24,14 +24,16 @@
 //! weights. A minibatch has the frames of all learners.
 //!
 //! Beside the update: the multiplier of PPO-Lagrangian ([`lagrangian`]), the rule for stragglers ([`preemption`]), the
-//! figures ([`metrics`]).
+//! figures ([`metrics`]), and running statistics of what was met ([`running`]).
 
 pub mod gae;
 pub(crate) mod lagrangian;
 pub mod loss;
 pub mod metrics;
 pub(crate) mod minibatch;
+pub mod moments;
 pub(crate) mod preemption;
+pub mod running;
 mod tree;
 
 use crate::auxiliary::{Auxiliary, Epoch, Pass, Query, count};
@@ -43,7 +45,8 @@ use crate::shards::Shards;
 use loss::{Terms, terms};
 use metrics::{StepMetrics, StepSums, UpdateSums, means};
 use minibatch::{Chunk, Deal};
-use proto::config::{AuxiliaryConfig, PpoConfig};
+use moments::RewardScale;
+use proto::config::{AuxiliaryConfig, PpoConfig, Shuffle};
 use proto::metric;
 use std::collections::BTreeMap;
 use tch::Tensor;
@@ -74,6 +77,8 @@ pub(crate) struct Update<'a> {
     pub peers: &'a Peers,
     /// The rollout's columns as shards, which are computed by themselves.
     pub shards: &'a Shards,
+    /// What becomes of rewards.
+    pub reward_scale: RewardScale,
     /// Number, in the whole run, of the rollout's first column.
     pub first_column: usize,
     /// Step size of this update.
@@ -133,22 +138,20 @@ impl<'a> Update<'a> {
 
     fn epochs(&self, weights: &mut Tensor, adam: &mut Adam, look: Look) -> Result<BTreeMap<String, f64>, UpdateError> {
         // Advantages and returns, [T, N].
-        let targets = gae::estimate(self.rollout, self.ppo, self.shards, self.peers)?;
-        let Self { rollout, shards, seed, first_column, .. } = *self;
-        let deal = Deal { minibatches: self.ppo.minibatches, seed, rollout: self.rollout_number, first_column };
-        let dealt = deal.columns(shards);
-        let chunks = |minibatch: &Vec<(usize, Vec<usize>)>| {
-            Chunk::divide(rollout, &targets, minibatch, self.ppo.environments_per_pass)
-        };
-        let minibatches: Vec<Vec<Chunk>> = dealt.iter().map(chunks).collect();
-        let frames = self.peers.totals(minibatches.iter().map(|chunks| rows(chunks)))?;
-        let packings: Vec<&Packing> = minibatches.iter().flatten().map(|chunk| &chunk.packing).collect();
+        let targets = gae::estimate(self.rollout, self.ppo, self.reward_scale, self.shards, self.peers)?;
+        let shards = self.shards;
+        let (mut minibatches, mut frames) = (vec![], vec![]);
         let mut sums = UpdateSums::default();
 
         for epoch in 0..self.ppo.epochs {
             if epoch > 0 && self.is_far(&sums)? {
                 break;
             }
+            if epoch == 0 || self.ppo.shuffle == Shuffle::Rows {
+                minibatches = self.minibatches(&targets, epoch);
+                frames = self.peers.totals(minibatches.iter().map(|chunks| rows(chunks)))?;
+            }
+            let packings: Vec<&Packing> = minibatches.iter().flatten().map(|chunk| &chunk.packing).collect();
             let mut queries = self.auxiliary.queries(&packings, self.epoch(epoch), self.peers)?.into_iter();
             let queries: Vec<Vec<Vec<Query>>> =
                 minibatches.iter().map(|chunks| queries.by_ref().take(chunks.len()).collect()).collect();
@@ -193,6 +196,22 @@ impl<'a> Update<'a> {
             means.insert(metric::EXCHANGED.to_owned(), self.peers.exchanged()?.bytes as f64);
         }
         Ok(means)
+    }
+
+    /// The minibatches of an epoch.
+    fn minibatches(&self, targets: &gae::Targets, epoch: u32) -> Vec<Vec<Chunk>> {
+        let Self { ppo, rollout, shards, seed, first_column, .. } = *self;
+        let deal = Deal { minibatches: ppo.minibatches, seed, rollout: self.rollout_number, first_column };
+        match ppo.shuffle {
+            Shuffle::Environments => {
+                let dealt = deal.columns(shards);
+                dealt.iter().map(|own| Chunk::divide(rollout, targets, own, ppo.environments_per_pass)).collect()
+            }
+            Shuffle::Rows => {
+                let dealt = deal.rows(shards, epoch, |column| rollout.steps_of(column));
+                dealt.into_iter().map(|own| Chunk::of_rows(rollout, targets, own, ppo.environments_per_pass)).collect()
+            }
+        }
     }
 
     /// Whether the policy has moved further from the one that acted than `ppo.target_kl`, by the last step's minibatch. All

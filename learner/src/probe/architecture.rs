@@ -2,14 +2,14 @@
 
 use crate::auxiliary::TASKS;
 use crate::checkpoint::TensorsError;
-use crate::network::ENCODERS;
+use crate::network::{ENCODERS, has_normalizer};
 use proto::camera::FRAME_SIDE;
 use proto::config::{AuxiliaryTask, Config, INPUT_POOLS, Memory};
 use proto::task::{ActionHead, ActionSpace};
 use std::collections::BTreeMap;
 use tch::Tensor;
 
-/// Sets encoder, pooling or layers, memory, previous action, width, action space and auxiliary task to what the weights are
+/// Sets encoder, pooling or layers, memory, previous action, normalisation, width, action space and auxiliary task to what the weights are
 /// of.
 pub fn fit(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> Result<(), TensorsError> {
     let side = |name: &str, dimension| side(weights, name, dimension);
@@ -31,6 +31,7 @@ pub fn fit(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> Result<()
     if config.network.memory == Memory::Gru {
         config.network.hidden = u32::try_from(width).map_err(|_| wrong(&actor, format!("is {width} wide")))?;
     }
+    config.normalize.observations = has_normalizer(weights.keys());
     config.network.previous_action = weights.contains_key("previous_action_embedder.weight");
     let has_task = |name: &str| weights.keys().any(|weight| weight.starts_with(&format!("auxiliary.{name}.")));
     let task = TASKS.into_iter().find(|entry| has_task(entry.name));
@@ -112,6 +113,7 @@ mod tests {
             config.network.hidden = 16;
             config.network.memory = if index < 5 { Memory::Gru } else { Memory::None };
             config.network.previous_action = index % 2 == 0;
+            config.normalize.observations = index % 2 == 1;
             config.episode.action_space =
                 if index < 3 { ActionSpace::named("small").unwrap() } else { ActionSpace::default() };
             config.auxiliary.task = tasks[index % tasks.len()];
@@ -125,6 +127,7 @@ mod tests {
             found.network.hidden = 16;
             fit(&mut found, &weights).unwrap();
             assert_eq!((found.network, found.auxiliary), (config.network, config.auxiliary));
+            assert_eq!(found.normalize, config.normalize);
             assert_eq!(found.episode.action_space, config.episode.action_space);
         }
     }

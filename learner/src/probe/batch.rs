@@ -3,6 +3,7 @@
 use crate::agent::{ACTING, MODEL};
 use crate::checkpoint::TensorsError;
 use crate::network::{Network, Staging, all_finite, coordinates, to_vec};
+use crate::ppo::running::STATISTICS;
 use crate::rollout::{Outcome, Rollout, Step};
 use proto::camera::{DepthFrame, FRAME_SIDE};
 use proto::config::{Config, nearest};
@@ -20,7 +21,7 @@ pub struct Batch {
 }
 
 /// Every tensor that a batch may have.
-const NAMES: [&str; 17] = [
+const NAMES: [&str; 19] = [
     "frames",
     "goal_m",
     "goal",
@@ -31,8 +32,10 @@ const NAMES: [&str; 17] = [
     "log_prob",
     "value",
     "reward",
+    "discounted_return",
     "ended",
     "time_limit",
+    "last_value",
     "disturbed",
     "bootstrap",
     "beliefs",
@@ -54,7 +57,8 @@ impl<'a> Tensors<'a> {
     /// A file's tensors, if each means something here. In a dump the agent's own are beside the batch.
     fn of_batch(file: &'a BTreeMap<String, Tensor>) -> Result<Self, TensorsError> {
         let dump = file.keys().any(|name| name.starts_with(ROLLOUT));
-        let of_agent = |name: &str| dump && [MODEL, ACTING, "adam."].iter().any(|own| name.starts_with(own));
+        let of_agent =
+            |name: &str| dump && [MODEL, ACTING, "adam.", STATISTICS].iter().any(|own| name.starts_with(own));
         for name in file.keys().filter(|name| !of_agent(name)) {
             let bare = name.strip_prefix(ROLLOUT).unwrap_or(name);
             if !NAMES.contains(&bare) {
@@ -181,6 +185,13 @@ impl Batch {
         for (cell, outcome) in outcomes.into_iter().enumerate().filter(|&(cell, _)| recorded[cell]) {
             rollout.record(cell / every_column.len(), cell % every_column.len(), outcome);
         }
+        if file.find("last_value").is_some() {
+            let values = file.any_floats("last_value", &cells)?;
+            for (cell, value) in values.into_iter().enumerate().filter(|(_, value)| !value.is_nan()) {
+                finite("last_value", &[value], &[1])?;
+                rollout.set_last_value(cell / every_column.len(), cell % every_column.len(), value);
+            }
+        }
         // The last step of a column that held contains the observation after its last action.
         let last = shape.environments_in_last_step;
         let bootstrap = file.any_floats("bootstrap", &[columns])?;
@@ -243,6 +254,7 @@ fn rows(file: &Tensors, cells: [i64; 2], config: &Config) -> Result<(Vec<Step>, 
         ended: ended[cell],
         time_limit: time_limit[cell],
         label: disturbed[cell],
+        ..Outcome::default()
     });
     Ok((seen.collect(), outcomes.collect()))
 }

@@ -8,6 +8,7 @@ use crate::peers::Peers;
 use crate::ppo::gae::{self, Targets};
 use crate::ppo::metrics::{SCALARS, StepMetrics};
 use crate::ppo::minibatch::Chunk;
+use crate::ppo::moments::RewardScale;
 use crate::ppo::{Totals, Update, UpdateError};
 use crate::rollout::Rollout;
 use crate::shards::Shards;
@@ -30,6 +31,7 @@ pub(super) fn probe(
     config: &Config,
     network: &Network,
     auxiliary: &Auxiliary,
+    reward_scale: RewardScale,
     batch: &Batch,
 ) -> Result<Probed, UpdateError> {
     let Batch { rollout, negatives } = batch;
@@ -42,12 +44,13 @@ pub(super) fn probe(
         auxiliary_config: &config.auxiliary,
         peers: &Peers::Alone,
         shards: &shards,
+        reward_scale,
         first_column: 0,
         learning_rate: config.ppo.learning_rate,
         seed: config.seed,
         rollout_number: 0,
     };
-    let targets = gae::estimate(rollout, &config.ppo, &shards, update.peers)?;
+    let targets = gae::estimate(rollout, &config.ppo, reward_scale, &shards, update.peers)?;
     let columns: Vec<usize> = (0..rollout.columns()).collect();
     let chunks = Chunk::divide(rollout, &targets, &[(0, columns)], 0);
     let packing = rollout.packing(0..rollout.columns());

@@ -18,6 +18,7 @@ use crate::device::{self, DeviceError};
 use crate::import::how_to_convert;
 use crate::network::{Network, PrecisionError};
 use crate::ppo::UpdateError;
+use crate::ppo::running::{Running, STATISTICS};
 use batch::Batch;
 use first_epoch::{Probed, probe};
 use proto::config::{Config, ConfigError, DeviceChoice, LearnerConfig, Setting};
@@ -44,6 +45,7 @@ A batch is a rollout of T steps and N environments (bool may be u8, i64 may be a
   reward           f32 (T, N)
   ended            bool (T, N)     the action ended the episode
   time_limit       bool (T, N)     it ended by the step limit
+  last_value       f32 (T, N)      value of what was seen last then; NaN where it is not known [default: not known]
   disturbed        bool (T, N)     label of the auxiliary task `disturb`
   bootstrap        f32 (N)         value of the observation after the last action
   beliefs          f32 (N, hidden) before the first step [default: 0]
@@ -132,8 +134,9 @@ pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<(), ProbeErr
     let settings: Vec<Setting> = arguments.task.iter().chain(&arguments.set).cloned().collect();
     let mut config = Config::resolve_set(&arguments.preset, arguments.config.as_deref(), &settings)?;
     let device = device::choose(&LearnerConfig { device: arguments.device, ..config.learner })?;
-    let weights = model(read(&arguments.weights)?);
+    let saved = read(&arguments.weights)?;
     let in_weights = |cause| ProbeError::Tensors { path: arguments.weights.clone(), cause };
+    let weights = model(&saved);
     fit(&mut config, &weights).map_err(in_weights)?;
     // What weights are of may be more than can be.
     config.validate()?;
@@ -148,7 +151,8 @@ pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<(), ProbeErr
     let batch = Batch::read(&read(&arguments.batch)?, &config, &network)
         .map_err(|cause| ProbeError::Tensors { path: arguments.batch.clone(), cause })?;
 
-    let Probed { tensors, figures } = probe(&config, &network, &auxiliary, &batch)?;
+    let running = Running::before(&config).found_in(&saved).map_err(|unfit| in_weights(unfit.into()))?;
+    let Probed { tensors, figures } = probe(&config, &network, &auxiliary, running.reward_scale(), &batch)?;
     let bytes = encode_tensors(&tensors).map_err(|cause| ProbeError::Tensors { path: arguments.out.clone(), cause })?;
     write_atomically(&arguments.out, &bytes).map_err(|cause| ProbeError::File {
         verb: "write",
@@ -169,11 +173,12 @@ fn read(path: &Path) -> Result<BTreeMap<String, Tensor>, ProbeError> {
     })
 }
 
-/// The weights among a file's tensors: a checkpoint's, or else all. Those of a policy file may have 16 bits: they are
+/// The weights among a file's tensors: a checkpoint's, or else all but statistics. Those of a policy file may have 16 bits: they are
 /// widened, as an evaluation does.
-fn model(tensors: BTreeMap<String, Tensor>) -> BTreeMap<String, Tensor> {
-    let weights = weights_of(&tensors, MODEL);
-    let weights = if weights.is_empty() { tensors } else { weights };
+fn model(tensors: &BTreeMap<String, Tensor>) -> BTreeMap<String, Tensor> {
+    let weights = weights_of(tensors, MODEL);
+    let weights = if weights.is_empty() { weights_of(tensors, "") } else { weights };
+    let is_weight = |(name, _): &(String, Tensor)| !name.starts_with(STATISTICS);
     let widened = |tensor: Tensor| if tensor.kind() == Kind::Half { tensor.to_kind(Kind::Float) } else { tensor };
-    weights.into_iter().map(|(name, tensor)| (name, widened(tensor))).collect()
+    weights.into_iter().filter(is_weight).map(|(name, tensor)| (name, widened(tensor))).collect()
 }

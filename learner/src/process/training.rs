@@ -14,7 +14,7 @@ use super::stop::Stop;
 use super::writing::Unrecorded;
 use crate::agent::{Agent, AgentError};
 use crate::checkpoint::{CheckpointError, Part, Snapshot, Store};
-use crate::collector::{Lane, Reward, RolloutStatistics, Task};
+use crate::collector::{Lane, Reward, RolloutStatistics, Settled, Task};
 use anyhow::Result;
 use proto::config::Config;
 use proto::event::{LearnerEvent, Timing};
@@ -505,7 +505,7 @@ impl<W: Write> Training<'_, W> {
                     self.conversation.note_connected();
                     let began = Instant::now();
                     self.look_for_new_actors(state);
-                    self.settle(&lanes);
+                    self.settle(&lanes)?;
                     let batch = self.conversation.collector.batch(&lanes);
                     let output = self.agent.step_each(&batch.at, &batch.input())?;
                     drop(batch);
@@ -537,10 +537,14 @@ impl<W: Write> Training<'_, W> {
         }
     }
 
-    fn settle(&mut self, lanes: &[Lane]) {
-        for settled in self.conversation.collector.settle(lanes) {
-            self.agent.record(settled.t, settled.column, settled.outcome);
+    fn settle(&mut self, lanes: &[Lane]) -> Result<(), AgentError> {
+        for Settled { t, column, outcome, last_seen } in self.conversation.collector.settle(lanes) {
+            self.agent.record(t, column, outcome);
+            if let Some(numbers) = last_seen {
+                self.agent.value_last(t, column, &numbers)?;
+            }
         }
+        Ok(())
     }
 
     /// Writes the rollout that led to a number that is not finite.

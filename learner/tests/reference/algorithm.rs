@@ -10,10 +10,11 @@ use learner::optimizer::{Adam, clip, norm};
 use learner::peers::Peers;
 use learner::ppo::gae;
 use learner::ppo::loss::{Experience, terms};
+use learner::ppo::moments::RewardScale;
 use learner::rollout::{Outcome, Rollout, Step};
 use learner::shards::Shards;
 use proto::config::{GoalCoordinates, LagrangianConfig, PpoConfig};
-use proto::learning_rate::learning_rate;
+use proto::learning_rate::falling;
 use proto::stage::RolloutShape;
 use tch::{Device, Kind, Tensor};
 
@@ -35,7 +36,7 @@ fn advantages_are_the_explicit_sums() {
             let index = t * columns + n;
             let ended = ended[index] > 0.6;
             let time_limit = ended && limit[index] > 0.0;
-            rollout.record(t, n, Outcome { reward: rewards[index], ended, time_limit, label: false });
+            rollout.record(t, n, Outcome { reward: rewards[index], ended, time_limit, ..Outcome::default() });
         }
     }
     for (n, value) in noise_f32("gae.after", columns).into_iter().enumerate().take(3) {
@@ -46,7 +47,8 @@ fn advantages_are_the_explicit_sums() {
         for (figure, normalize_advantages) in [("advantages", false), ("normalized", true)] {
             let ppo = proto::config::PpoConfig { bootstrap_time_limits, normalize_advantages, ..Default::default() };
             let targets =
-                gae::estimate(&rollout, &ppo, &Shards::one(rollout.columns()), &Peers::Alone).expect("nobody to lose");
+                gae::estimate(&rollout, &ppo, RewardScale::NONE, &Shards::one(rollout.columns()), &Peers::Alone)
+                    .expect("nobody to lose");
             let collect = |of: &dyn Fn((usize, usize)) -> f32| {
                 let values: Vec<f32> = (0..steps * columns).map(|i| of((i / columns, i % columns))).collect();
                 Tensor::from_slice(&values).view([12, 5])
@@ -57,6 +59,55 @@ fn advantages_are_the_explicit_sums() {
             assert_close("returns", &collect(&|row| targets.value_target(row)), theirs, 1e-6);
         }
     }
+}
+
+/// `collect_rollouts` of Stable-Baselines3 adds the discounted value of a truncated episode's last observation to its last
+/// reward, and `compute_returns_and_advantage` knows ends alone.
+#[test]
+fn truncated_episodes_are_bootstrapped_as_by_stable_baselines() {
+    let (steps, columns) = (40, 3);
+    let float = (Kind::Float, Device::Cpu);
+    let shape = RolloutShape::next(u64::MAX, steps, columns);
+    let mut rollout = Rollout::new(shape, columns, Tensor::zeros([120, 0, 0], float), Tensor::zeros([3, 0], float));
+    let table = |name: &str| noise_f32(&format!("sb3.{name}"), steps * columns);
+    let [mut rewards, values, last, ended, limit] = ["reward", "value", "last", "ended", "limit"].map(table);
+    let after = noise_f32("sb3.after", columns);
+    let dones: Vec<bool> = ended.iter().map(|&number| number > 0.5).collect();
+    let truncated = |row: usize| dones[row] && limit[row] > 0.0;
+    for t in 0..steps {
+        let rows = [0, 1, 2].map(|n| Step { value: values[t * columns + n], ..Step::default() });
+        rollout.store(t, &[0, 1, 2], &Tensor::zeros([3, 0, 0], float), &rows);
+        for n in 0..columns {
+            let row = t * columns + n;
+            let (reward, time_limit) = (rewards[row], truncated(row));
+            rollout.record(t, n, Outcome { reward, ended: dones[row], time_limit, ..Outcome::default() });
+            if time_limit {
+                rollout.set_last_value(t, n, last[row]);
+            }
+        }
+    }
+    (0..columns).for_each(|n| rollout.set_bootstrap(n, after[n]));
+    let ppo = PpoConfig { bootstrap_time_limits: true, ..PpoConfig::default() };
+    let targets =
+        gae::estimate(&rollout, &ppo, RewardScale::NONE, &Shards::one(columns), &Peers::Alone).expect("nobody to lose");
+
+    for row in (0..steps * columns).filter(|&row| truncated(row)) {
+        rewards[row] += 0.99 * last[row];
+    }
+    let mut last_gae_lam = vec![0.0; columns];
+    for row in (0..steps * columns).rev() {
+        let (t, n) = (row / columns, row % columns);
+        // episode_starts[t + 1], or dones of the last step.
+        let next_non_terminal = if dones[row] { 0.0 } else { 1.0 };
+        let next_value = if t == steps - 1 { after[n] } else { values[row + columns] };
+        let delta = rewards[row] + 0.99 * next_value * next_non_terminal - values[row];
+        last_gae_lam[n] = delta + 0.99 * 0.95 * next_non_terminal * last_gae_lam[n];
+        let found = [targets.advantage((t, n)), targets.value_target((t, n))];
+        for (ours, theirs) in found.into_iter().zip([last_gae_lam[n], last_gae_lam[n] + values[row]]) {
+            assert!((ours - theirs).abs() < 1e-5, "({t}, {n}): {ours} is not {theirs}");
+        }
+    }
+    assert!((0..steps * columns).any(truncated) && (0..steps * columns).any(|row| dones[row] && !truncated(row)));
 }
 
 #[test]
@@ -124,7 +175,7 @@ fn adam_with_clipping_and_schedule_is_pytorchs() {
         let theirs = expected["norms"].double_value(&[update]);
         let norm = norm.double_value(&[]);
         assert!((norm - theirs).abs() < 1e-5 * theirs, "update {update}: norm {norm} is not {theirs}");
-        adam.step(&mut weights, &gradient, learning_rate(3e-2, 1.0 / 3.0, update as f64 / updates as f64), 1e-8);
+        adam.step(&mut weights, &gradient, falling(3e-2, 1.0 / 3.0, update as f64 / updates as f64), 1e-8);
         if update % 10 == 9 {
             assert_close("weights", &weights, &expected["weights"].get(update / 10), 1e-6);
         }

@@ -5,7 +5,7 @@ use learner::agent::Agent;
 use learner::network::to_vec;
 use learner::peers::{Meeting, Peers};
 use learner::rollout::Outcome;
-use proto::config::{AuxiliaryTask, Config, Encoder, Memory};
+use proto::config::{AuxiliaryTask, Config, Encoder, Memory, Shuffle};
 use proto::metric;
 use std::collections::BTreeMap;
 use tch::{Device, Tensor};
@@ -122,7 +122,7 @@ fn broken(by_reward: bool) -> [String; 2] {
         let before = agent.weights_digest();
         world.collect(&mut agent, 0, 4).expect("finite");
         if by_reward && rank == 1 {
-            agent.record(3, 1, Outcome { reward: f32::NAN, ended: false, time_limit: false, label: false });
+            agent.record(3, 1, Outcome { reward: f32::NAN, ..Outcome::default() });
         }
         let error = agent.update(0.0, 0).expect_err("a number is not finite").to_string();
         assert_eq!((agent.weights_digest(), agent.state().adam_steps), (before.clone(), 0));
@@ -212,6 +212,21 @@ fn with_shards_minibatches_are_dealt_alike() {
     }
     // Fewer columns in a shard than minibatches.
     train_with_any_number(|config| (config.actors.environments_per_actor, config.ppo.minibatches) = (1, 3));
+}
+
+/// Minibatches of frames, running statistics, and episodes that are bootstrapped where they were truncated.
+#[test]
+fn with_shards_numbers_are_trained_on_alike() {
+    for minibatches in [1, 3] {
+        train_with_any_number(|config| {
+            let (actors, shards) = (config.actors, config.learner.shards);
+            *config = numbers_config(Memory::None);
+            (config.actors, config.learner.shards) = (actors, shards);
+            (config.ppo.minibatches, config.ppo.shuffle, config.ppo.bootstrap_time_limits) =
+                (minibatches, Shuffle::Rows, true);
+            (config.normalize.observations, config.normalize.rewards) = (true, true);
+        });
+    }
 }
 
 #[test]

@@ -6,7 +6,9 @@ precision, without autograd.
 
 Formulas and constants are those of `ppo.py` in vwxyzjn/cleanrl: two networks of tanh layers, the loop over t for
 advantages, the clipped losses; Gaussians are those of `ppo_continuous_action.py`, and several choices are a product of
-categoricals. The backward pass is written out by hand. Nothing is shared with the Rust code but the
+categoricals. The case `normalized` is given what Gymnasium's NormalizeObservation and NormalizeReward make of its numbers and
+rewards, clipped as in `ppo_continuous_action.py`, and truncated episodes are bootstrapped as in `collect_rollouts` of
+Stable-Baselines3. The backward pass is written out by hand. Nothing is shared with the Rust code but the
 formula `noise`, from which both sides make weights and inputs, so that the file holds results only.
 """
 
@@ -136,8 +138,13 @@ class Gaussian:
         return d_means, {"log_std": (d_logprob[:, None] * (self.away**2 - 1)).sum(0) - ENTROPY}
 
 
+def normalized(values: np.ndarray, mean: np.ndarray | float, var: np.ndarray | float, clip: float) -> np.ndarray:
+    """`normalize` of Gymnasium's wrappers, then the clip of CleanRL's."""
+    return np.clip((values - mean) / np.sqrt(var + 1e-8), -clip, clip)
+
+
 def case(
-    name: str, policy: Categorical | Gaussian, clip: float, *, norm_adv: bool, clip_vloss: bool
+    name: str, policy: Categorical | Gaussian, clip: float, *, norm_adv: bool, clip_vloss: bool, norm: bool = False
 ) -> dict[str, np.ndarray]:
     """One minibatch of everything."""
     w = weights(policy.outputs)
@@ -149,6 +156,13 @@ def case(
     rewards = noise("cleanrl.reward", STEPS, COLUMNS)
     ended = noise("cleanrl.ended", STEPS, COLUMNS) > 0.7
     next_value = noise("cleanrl.bootstrap", COLUMNS)
+    if norm:
+        mean, var = noise("cleanrl.mean", INPUTS), 1.25 + noise("cleanrl.var", INPUTS)
+        obs = normalized(obs, mean, rounded(var), 1.5)
+        # Of 500 returns: their squares of deviations are in the checkpoint.
+        rewards = normalized(rewards, 0.0, 8.0 / 500.0, 5.0)
+        truncated = ended & (noise("cleanrl.limit", STEPS, COLUMNS) > 0.0)
+        rewards = rewards + truncated * GAMMA * noise("cleanrl.last_value", STEPS, COLUMNS)
 
     # dones[t] of ppo.py is what ended before the observation of t.
     dones = np.concatenate([np.zeros((1, COLUMNS)), ended[:-1]])
@@ -225,6 +239,7 @@ if __name__ == "__main__":
         | case("plain", Categorical([3]), 0.2, norm_adv=False, clip_vloss=False)
         | case("narrow", Categorical([3]), 0.05, norm_adv=False, clip_vloss=True)
         | case("choices", Categorical([3, 2]), 0.2, norm_adv=True, clip_vloss=True)
-        | case("numbers", Gaussian(2), 0.2, norm_adv=True, clip_vloss=True),
+        | case("numbers", Gaussian(2), 0.2, norm_adv=True, clip_vloss=True)
+        | case("normalized", Categorical([3]), 0.2, norm_adv=True, clip_vloss=True, norm=True),
         HERE / "cleanrl.safetensors",
     )

@@ -9,7 +9,7 @@ use learner::network::{ActorCriticOutput, to_vec};
 use learner::optimizer::Adam;
 use learner::ppo::loss::{Experience, terms};
 use learner::rollout::Outcome;
-use proto::config::{Config, Memory, PpoConfig};
+use proto::config::{Config, Memory, PpoConfig, Shuffle};
 use proto::episode::EnvironmentId;
 use proto::metric;
 use proto::run_folder::RunFolder;
@@ -24,8 +24,9 @@ const COLUMNS: i64 = 4;
 /// Numbers of the task: speed, and one-hot those of the door and of the room would be five more.
 const INPUTS: i64 = 6;
 
-/// What `case` of `make_cleanrl.py` is given, with actions of as many choices, or numbers if there are none.
-fn batch(choices: &[i64]) -> Vec<(&'static str, Tensor)> {
+/// What `case` of `make_cleanrl.py` is given: actions of as many choices, or numbers if there are none; with truncated
+/// episodes, or with none.
+fn batch(choices: &[i64], truncated: bool) -> Vec<(&'static str, Tensor)> {
     let size = [STEPS, COLUMNS];
     let table = |name: &str| noise_tensor(&format!("cleanrl.{name}"), &size);
     let ended = table("ended").gt(0.7);
@@ -40,6 +41,9 @@ fn batch(choices: &[i64]) -> Vec<(&'static str, Tensor)> {
         several => options.view([STEPS, COLUMNS, several.len() as i64]),
     };
     let zeros = ended.zeros_like();
+    let limit = if truncated { ended.logical_and(&table("limit").gt(0.0)) } else { zeros.shallow_clone() };
+    // Of episodes that were not truncated none is known.
+    let last_value = table("last_value").masked_fill(&limit.logical_not(), f64::NAN);
     vec![
         ("numbers", noise_tensor("cleanrl.numbers", &[STEPS, COLUMNS, INPUTS]) * 2.0),
         ("previous_action", ended.zeros_like().to_kind(Kind::Int64)),
@@ -48,7 +52,8 @@ fn batch(choices: &[i64]) -> Vec<(&'static str, Tensor)> {
         ("log_prob", table("log_prob") * 0.25 - 1.25),
         ("value", table("value")),
         ("reward", table("reward")),
-        ("time_limit", zeros.shallow_clone()),
+        ("time_limit", limit),
+        ("last_value", last_value),
         ("ended", ended),
         ("disturbed", zeros),
         ("bootstrap", noise_tensor("cleanrl.bootstrap", &[COLUMNS])),
@@ -73,6 +78,12 @@ fn a_probe_finds_what_cleanrl_computes() {
         ("narrow", discrete, &[3], "ppo.clip = 0.05\nppo.normalize_advantages = false"),
         ("choices", "kind = \"multi_discrete\"\ncounts = [3, 2]", &[3, 2], "ppo.clip = 0.2"),
         ("numbers", "kind = \"box\"\nbounds = [[-1, 1], [-2, 2]]", &[], "ppo.clip = 0.2"),
+        (
+            "normalized",
+            discrete,
+            &[3],
+            "ppo.clip = 0.2\nnormalize.observation_clip = 1.5\nnormalize.rewards = true\nnormalize.reward_clip = 5.0",
+        ),
     ] {
         let name = format!("six_numbers_{case}");
         let task = Spec::declare(&six_numbers(&name, actions)).expect("a sound task");
@@ -82,7 +93,7 @@ fn a_probe_finds_what_cleanrl_computes() {
         let agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
         let value = |(name, weight): (String, Tensor)| (name.clone(), weight_values(&name, &weight.size()));
         let weights: Vec<(String, Tensor)> = weights_of(&agent).into_iter().map(value).collect();
-        compare(case, task, &weights, &batch(choices), &settings, &expected);
+        compare(case, task, &weights, &batch(choices, case == "normalized"), &settings, &expected);
     }
 }
 
@@ -96,7 +107,15 @@ fn compare(
 ) {
     let folder = tempfile::tempdir().expect("a folder for the files");
     let path = |name: &str| folder.path().join(name);
-    Tensor::write_safetensors(weights, path("weights")).expect("weights are written");
+    let statistics = [
+        ("observation_norm.running_mean", noise_tensor("cleanrl.mean", &[INPUTS])),
+        ("observation_norm.running_var", noise_tensor("cleanrl.var", &[INPUTS]) + 1.25),
+        // Count, mean, squares of deviations.
+        ("statistics.returns", Tensor::from_slice(&[500.0f64, 3.0, 8.0])),
+    ];
+    let statistics = statistics.iter().filter(|_| case == "normalized").map(|(name, one)| (*name, one));
+    let all = weights.iter().map(|(name, weight)| (name.as_str(), weight)).chain(statistics);
+    Tensor::write_safetensors(&all.collect::<Vec<_>>(), path("weights")).expect("weights are written");
     Tensor::write_safetensors(batch, path("batch")).expect("a batch is written");
     std::fs::write(RunFolder::new(folder.path()).task(), task.text()).expect("the task is written");
     std::fs::write(path("config"), settings).expect("settings");
@@ -195,8 +214,11 @@ fn epochs_end_where_the_policy_has_gone_as_far_as_it_may() {
 
 #[test]
 fn the_same_calls_give_the_same_bits_also_through_a_saved_state() {
-    for memory in [Memory::None, Memory::Gru] {
-        let config = numbers_config(memory);
+    for (memory, all) in [(Memory::None, false), (Memory::None, true), (Memory::Gru, false), (Memory::Gru, true)] {
+        let mut config = numbers_config(memory);
+        if all {
+            with_all(&mut config);
+        }
         let train = |agent: &mut Agent, world: &mut World, rollouts: std::ops::Range<usize>| {
             for rollout in rollouts {
                 world.collect(agent, rollout, if rollout == 1 { 2 } else { 4 }).expect("finite");
@@ -211,11 +233,145 @@ fn the_same_calls_give_the_same_bits_also_through_a_saved_state() {
         second.load_state(&first.state()).expect("the state fits");
         train(&mut second, &mut world, 2..3);
         assert_eq!(second.weights_digest(), straight.weights_digest(), "{memory:?}");
+        let statistics = |agent: &Agent| {
+            let tensors = agent.state().tensors.into_iter();
+            tensors
+                .filter(|(name, _)| name.starts_with("statistics."))
+                .map(|(_, one)| doubles(&one))
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(statistics(&second), statistics(&straight));
+        assert_eq!(statistics(&second).len(), if all { 2 } else { 0 });
         let dumped = {
             world.collect(&mut second, 3, 4).expect("finite");
             second.rollout_tensors()
         };
         assert_eq!(dumped["rollout.numbers"].size(), [6, 4, 9], "{memory:?}");
+    }
+}
+
+/// Everything that a rollout of numbers can be given.
+fn with_all(config: &mut Config) {
+    (config.ppo.bootstrap_time_limits, config.ppo.minibatches) = (true, 3);
+    (config.normalize.observations, config.normalize.rewards) = (true, true);
+    config.ppo.entropy_coefficient_end = 0.0;
+    if config.network.memory == Memory::None {
+        config.ppo.shuffle = Shuffle::Rows;
+    }
+    config.validate().expect("a run can have this");
+}
+
+/// Means and variances one vector at a time (Welford 1962), of all columns as they come: not how they are computed.
+#[test]
+fn observations_and_returns_are_normalised_by_all_that_was_met_before_the_rollout() {
+    let mut found = vec![];
+    for shards in [0, 1, 2, 4] {
+        let mut config = numbers_config(Memory::None);
+        with_all(&mut config);
+        (config.actors.count, config.actors.environments_per_actor, config.learner.shards) = (4, 1, shards);
+        let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+        let mut world = World::new(&config);
+        // As Gymnasium begins.
+        let mut known = vec![(1e-4, 0.0, 1e-4); 10];
+        for rollout in 0..3 {
+            world.collect(&mut agent, rollout, 4).expect("finite");
+            let [numbers, returns] = {
+                let dumped = agent.rollout_tensors();
+                ["numbers", "discounted_return"].map(|name| doubles(&dumped[&format!("rollout.{name}")]))
+            };
+            agent.update(0.0, rollout as u64).expect("finite");
+            for (numbers, discounted_return) in numbers.chunks_exact(9).zip(&returns) {
+                for ((count, mean, squares), number) in known.iter_mut().zip(numbers.iter().chain([discounted_return]))
+                {
+                    *count += 1.0;
+                    let before = number - *mean;
+                    *mean += before / *count;
+                    *squares += before * (number - *mean);
+                }
+            }
+            let weights = weights_of(&agent);
+            let [means, variances] =
+                ["running_mean", "running_var"].map(|name| doubles(&weights[&format!("observation_norm.{name}")]));
+            for i in 0..9 {
+                let (count, mean, squares) = known[i];
+                // Speed alone is a vector; door and room are one-hot.
+                let expected = if i < 4 { [mean, squares / count] } else { [0.0, 1.0] };
+                assert!((means[i] - expected[0]).abs() < 1e-6 && (variances[i] - expected[1]).abs() < 1e-5, "{i}");
+            }
+            let saved = doubles(&agent.state().tensors["statistics.returns"]);
+            let (count, mean, squares) = known[9];
+            assert!((saved[0] - count).abs() < 1e-9 && (saved[1] - mean).abs() < 1e-9);
+            assert!((saved[2] - squares).abs() < 1e-9 * squares, "{saved:?}");
+        }
+        found.push(doubles(&agent.state().tensors["statistics.observations"]));
+    }
+    assert!(found.iter().all(|one| *one == found[0]), "the same bits for every number of shards");
+}
+
+/// The bonus ends at nothing, and a rollout's steps are dealt out anew in each epoch.
+#[test]
+fn the_entropy_bonus_falls_with_the_learning_rate() {
+    let digest = |coefficient: f64, end: f64, progress: f64| {
+        let mut config = numbers_config(Memory::None);
+        (config.ppo.entropy_coefficient, config.ppo.entropy_coefficient_end) = (coefficient, end);
+        config.ppo.learning_rate_end = 1.0;
+        let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+        World::new(&config).collect(&mut agent, 0, 4).expect("finite");
+        agent.update(progress, 0).expect("finite");
+        agent.weights_digest()
+    };
+    assert_eq!(digest(0.5, 0.0, 1.0), digest(0.0, 1.0, 0.3));
+    assert_eq!(digest(0.5, 0.0, 0.5), digest(0.25, 1.0, 0.3));
+    assert_ne!(digest(0.5, 0.0, 0.5), digest(0.5, 1.0, 0.5));
+}
+
+/// What was seen last of a truncated episode has the value that a rollout's end there bootstraps from: with the belief of
+/// that episode, not of the next. Without memory it is the critic's two layers, by hand.
+#[test]
+fn a_truncated_episode_is_valued_by_what_was_seen_last() {
+    for memory in [Memory::None, Memory::Gru] {
+        let mut config = numbers_config(memory);
+        (config.ppo.bootstrap_time_limits, config.network.previous_action) = (true, true);
+        let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+        let (last, place) = (noise_tensor("last", &[9]), "rollout.last_value");
+        let numbers: Vec<f32> = to_vec(&last);
+        let world = World::new(&config);
+        let columns: Vec<usize> = (0..4).collect();
+        agent.begin_rollout(RolloutShape::next(u64::MAX, 2, 4));
+        let mut chosen = vec![];
+        for t in 0..2 {
+            let output = world.see(&mut agent, t, &columns, |agent, input| {
+                let gumbel = vec![0.0; 4 * ACTIONS as usize];
+                agent.step(t, &StepInput { gumbel: &gumbel, ..*input }).expect("finite")
+            });
+            for column in 0..4 {
+                let ended = t == 1 && column == 2;
+                agent.record(t, column, Outcome { ended, time_limit: ended, ..Outcome::default() });
+            }
+            chosen = output.actions;
+        }
+        assert!(to_vec(&agent.rollout_tensors()[place]).iter().all(|value| value.is_nan()));
+        agent.value_last(1, 2, &numbers).expect("finite");
+        let found = to_vec(&agent.rollout_tensors()[place])[4 + 2];
+        world.see(&mut agent, 2, &columns, |agent, input| {
+            let mut all = input.numbers.to_vec();
+            all[2 * 9..][..9].copy_from_slice(&numbers);
+            let input = StepInput { numbers: &all, previous_action: &chosen, episode_start: &[false; 4], ..*input };
+            agent.bootstrap(&input).expect("finite");
+        });
+        let bootstrap = to_vec(&agent.rollout_tensors()["rollout.bootstrap"])[2];
+        assert!((found - bootstrap).abs() < 1e-6, "{memory:?}: {found} is not {bootstrap}");
+        if memory == Memory::None {
+            let weights = weights_of(&agent);
+            let action = weights["previous_action_embedder.weight"].get(1 + i64::from(chosen[2]));
+            let layer = |x: Tensor, at: usize| {
+                let [weight, bias] = ["weight", "bias"].map(|of| &weights[&format!("critic.{at}.{of}")]);
+                weight.mv(&x) + bias
+            };
+            let x = layer(layer(Tensor::cat(&[last, action], 0), 0).tanh(), 2).tanh();
+            let by_hand = layer(x, 4).double_value(&[0]);
+            assert!((f64::from(found) - by_hand).abs() < 1e-6, "{found} is not {by_hand}");
+        }
     }
 }
 
@@ -308,7 +464,7 @@ fn a_pole_is_balanced() {
             previous = see(&mut agent, &poles, &previous, Some(t));
             for (&column, pole) in columns.iter().zip(&mut poles) {
                 let ended = pole.push(previous[column] == 1);
-                agent.record(t, column, Outcome { reward: 1.0, ended, time_limit: false, label: false });
+                agent.record(t, column, Outcome { reward: 1.0, ended, ..Outcome::default() });
                 if ended {
                     lengths.push((rollout, pole.step));
                     *pole = Pole::start(column, pole.episode + 1);

@@ -96,7 +96,7 @@ fn a_number_that_is_not_finite_leaves_everything_as_it_was() {
 
     let mut world = World::new(&config);
     world.collect(&mut agent, 1, 4).expect("finite");
-    agent.record(3, 1, Outcome { reward: f32::NAN, ended: false, time_limit: false, label: false });
+    agent.record(3, 1, Outcome { reward: f32::NAN, ..Outcome::default() });
     let error = agent.update(0.0, 1).expect_err("a reward is not a number");
     assert!(matches!(&error, AgentError::NonFinite { what } if what.contains("rollout 1: loss/")), "{error}");
     assert_eq!(agent.weights_digest(), digest);
@@ -313,7 +313,7 @@ fn beside_an_update_that_fails_its_own_rollout_is_kept() {
     agent.overlap().expect("a thread");
     let digest = agent.weights_digest();
     world.collect(&mut agent, 0, 4).expect("finite");
-    agent.record(3, 1, Outcome { reward: f32::NAN, ended: false, time_limit: false, label: false });
+    agent.record(3, 1, Outcome { reward: f32::NAN, ..Outcome::default() });
     agent.begin_update(0.0, 0);
     world.collect(&mut agent, 1, 4).expect("finite");
     let error = agent.finish_update().expect_err("a reward is not a number");

@@ -127,9 +127,15 @@ impl World {
                                 reward: reward[n] * 3.0,
                                 ended,
                                 time_limit: ended && limit[n] > 0.0,
+                                // Any numbers of the size of returns.
+                                discounted_return: f64::from(reward[n]) * 20.0,
                                 label: disturbed[n] > 0.4,
                             },
                         );
+                        if ended && limit[n] > 0.0 && !self.has_frame {
+                            let last = noise_f32(&format!("last.{now}.{n}"), self.width);
+                            agent.value_last(t, n - own.start, &last)?;
+                        }
                         self.previous[n] = if ended { NO_ACTION } else { action };
                     }
                 }

@@ -2,7 +2,7 @@
 //! (`proto::policy_file`).
 
 use crate::onnx::onnx;
-use crate::policy::{Array, Policy, PolicyError, array_of, tensors_of};
+use crate::policy::{Array, NORMALIZER, Policy, PolicyError, array_of, tensors_of};
 use half::f16;
 use proto::policy_file::{BYTES_MOST, ENTRY, PolicyFacts, configuration_alone, tensors_sha256};
 use safetensors::tensor::TensorView;
@@ -56,17 +56,19 @@ pub fn open(path: &Path) -> Result<Policy, PolicyError> {
 /// Writes a policy's weights under PyTorch's module paths, with metadata that make the file a policy of its own.
 pub fn save(policy: &Policy, path: &Path, precision: Precision) -> Result<(), PolicyError> {
     let unwritten = |problem| PolicyError::Unwritten { path: path.to_owned(), problem };
-    let mut tensors: Vec<(&String, &Array, Vec<u8>)> = Vec::new();
+    let mut tensors: Vec<(&String, &Array, Dtype, Vec<u8>)> = Vec::new();
     for (name, array) in &policy.weights {
+        // Units of the task's own may be too large or too small for 16 bits.
+        let precision = if name.starts_with(NORMALIZER) { Precision::Single } else { precision };
         if precision == Precision::Half && array.values.iter().any(|value| !f16::from_f32(*value).is_finite()) {
             let problem = "holds a number that is too large for 16 bits: export it with 32".to_owned();
             return Err(PolicyError::Weight { name: name.clone(), problem });
         }
-        tensors.push((name, array, precision.bytes(&array.values)));
+        tensors.push((name, array, precision.dtype(), precision.bytes(&array.values)));
     }
     let views: Result<Vec<(&String, TensorView)>, SafeTensorError> = tensors
         .iter()
-        .map(|(name, array, bytes)| Ok((*name, TensorView::new(precision.dtype(), array.shape.clone(), bytes)?)))
+        .map(|(name, array, dtype, bytes)| Ok((*name, TensorView::new(*dtype, array.shape.clone(), bytes)?)))
         .collect();
     let mut facts = policy.facts();
     let mut config = configuration_alone(policy.config.clone());
@@ -76,7 +78,7 @@ pub fn save(policy: &Policy, path: &Path, precision: Precision) -> Result<(), Po
         facts.insert("task".to_owned(), spec.text().to_owned());
     }
     facts.insert("config".to_owned(), config.to_toml());
-    let digest = tensors_sha256(tensors.iter().map(|(name, _, bytes)| (name.as_str(), bytes.as_slice())));
+    let digest = tensors_sha256(tensors.iter().map(|(name, _, _, bytes)| (name.as_str(), bytes.as_slice())));
     facts.insert("tensors_sha256".to_owned(), digest);
     // One entry: several would come in any order, and the same weights give the same file.
     let metadata = [(ENTRY.to_owned(), serde_json::json!(facts).to_string())].into();

@@ -17,7 +17,8 @@ use std::path::{Path, PathBuf};
 const PREFIX: &str = "model.";
 
 /// Heads of auxiliary tasks and whatever else is trained but does not act have other names.
-const ACTING: [&str; 8] = [
+const ACTING: [&str; 9] = [
+    NORMALIZER,
     "visual_encoder.",
     "goal_embedder.",
     "mlp.",
@@ -27,6 +28,8 @@ const ACTING: [&str; 8] = [
     "critic.",
     "log_std",
 ];
+/// Mean and variance of observations.
+pub(crate) const NORMALIZER: &str = "observation_norm.";
 
 /// Why a checkpoint or a file gives no policy.
 #[derive(Debug, thiserror::Error)]

@@ -8,7 +8,7 @@ use crate::output::{format, terminal};
 use anyhow::{Context, Result};
 use proto::config::{Config, StageConfig};
 use proto::disk::sync_folder;
-use proto::learning_rate::{learning_rate, learning_rate_progress};
+use proto::learning_rate::{falling, learning_rate_progress};
 use proto::run_folder::{RunFolder, write_atomically};
 use proto::stage::{position_at, rebudget, total_frames};
 use wire::fault;
@@ -75,7 +75,7 @@ impl Budget {
         let rate = |stage: &StageConfig| {
             let ppo = &config.ppo;
             let progress = learning_rate_progress(position.frames_in_stage, stage.frames, ppo.learning_rate_frames);
-            learning_rate(ppo.learning_rate, ppo.learning_rate_end, progress)
+            falling(ppo.learning_rate, ppo.learning_rate_end, progress)
         };
         let (before, after) = (rate(old), rate(&self.new[position.stage]));
         (before != after).then_some((before, after))

@@ -12,6 +12,7 @@ mod experiment;
 mod kitchens;
 mod machine;
 mod network;
+mod normalize;
 mod preset;
 mod presets;
 mod resolve;
@@ -27,6 +28,7 @@ pub use error::{ConfigError, nearest};
 pub use kitchens::{KitchenSource, KitchensConfig};
 pub use machine::{MachineConfig, Pin};
 pub use network::{CarriedGoal, Encoder, GoalCoordinates, INPUT_POOLS, Memory, NetworkConfig};
+pub use normalize::NormalizeConfig;
 pub use preset::{Preset, overlay};
 pub use presets::presets;
 pub use reward::{LagrangianConfig, RewardConfig};
@@ -67,6 +69,8 @@ pub struct Config {
     pub network: NetworkConfig,
     /// DD-PPO.
     pub ppo: PpoConfig,
+    /// Observations and rewards, normalised by what was met so far.
+    pub normalize: NormalizeConfig,
     /// Reward weights.
     #[serde(default)]
     pub reward: RewardConfig,
@@ -135,8 +139,10 @@ pub struct PpoConfig {
     pub target_kl: f64,
     /// Weight of the value loss.
     pub value_coefficient: f64,
-    /// Weight of the entropy bonus.
+    /// Weight of the entropy bonus at a stage's start.
     pub entropy_coefficient: f64,
+    /// What that weight falls to, as a share of itself, as the learning rate does.
+    pub entropy_coefficient_end: f64,
     /// Adam's learning rate at a stage's start.
     pub learning_rate: f64,
     /// What the learning rate falls to, as a share of the one at a stage's start; linear in between.
@@ -155,14 +161,17 @@ pub struct PpoConfig {
     pub gae_lambda: f64,
     /// Normalise advantages over the rollout ("Original" in the paper's tables).
     pub normalize_advantages: bool,
-    /// Treat an end by the step limit as a truncation and bootstrap from the value there. The paper does not.
+    /// Treat an end by the step limit as a truncation: the advantage of the last action has the value of what was seen
+    /// after it, or, in a task with images, of what was seen before it. The paper does not.
     pub bootstrap_time_limits: bool,
     /// Environments that go through forward and backward at once; gradients add up to those of the whole batch.
     /// 0 = all, or with `learner.shards` all of a shard. A smaller number bounds memory.
     pub environments_per_pass: u32,
-    /// Minibatches of a rollout, each a step of the optimiser: every learner, or shard, deals its environments out among
-    /// them, anew for each rollout. 1 = all in one, as in the paper. More of them take more steps on a large batch.
+    /// Minibatches of a rollout, each a step of the optimiser: every learner, or shard, deals its frames out among them.
+    /// 1 = all in one, as in the paper. More of them take more steps on a large batch.
     pub minibatches: u32,
+    /// What is dealt out among minibatches.
+    pub shuffle: Shuffle,
     /// With several learners: share of them that must have finished a rollout for the others to end theirs early (0.6
     /// in DD-PPO). Results then depend on timing, and a stage's last rollouts may have few frames. 0 = all learners
     /// finish. A single learner never ends early.
@@ -171,6 +180,16 @@ pub struct PpoConfig {
     /// so results still do not depend on timing. Faster, above all on a GPU, where acting leaves much of it idle; but a
     /// rollout is one update older than in the paper's DD-PPO.
     pub overlap: bool,
+}
+
+/// What is dealt out among minibatches.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Shuffle {
+    /// Whole environments, anew for each rollout: memory and auxiliary tasks need what follows on one another.
+    Environments,
+    /// Single frames, anew for each epoch.
+    Rows,
 }
 
 /// Which auxiliary task.
@@ -358,6 +377,7 @@ impl Default for Config {
             episode: EpisodeConfig::default(),
             network: NetworkConfig::default(),
             ppo: PpoConfig::default(),
+            normalize: NormalizeConfig::default(),
             reward: RewardConfig::default(),
             rewards: Vec::new(),
             auxiliary: AuxiliaryConfig::default(),
@@ -400,6 +420,7 @@ impl Default for PpoConfig {
             target_kl: 0.0,
             value_coefficient: 0.5,
             entropy_coefficient: 0.01,
+            entropy_coefficient_end: 1.0,
             learning_rate: 3e-4,
             learning_rate_end: 1.0 / 3.0,
             learning_rate_frames: 30_000_000,
@@ -411,6 +432,7 @@ impl Default for PpoConfig {
             bootstrap_time_limits: false,
             environments_per_pass: 0,
             minibatches: 1,
+            shuffle: Shuffle::Environments,
             preemption_share: 0.0,
             overlap: false,
         }

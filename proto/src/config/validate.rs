@@ -1,6 +1,9 @@
 //! Ranges of every setting: an invalid configuration is refused before any process starts.
 
-use super::{Config, ConfigError, EnvironmentConfig, INPUT_POOLS, KitchenSource, KitchensConfig, ValidationConfig};
+use super::{
+    AuxiliaryTask, Config, ConfigError, EnvironmentConfig, INPUT_POOLS, KitchenSource, KitchensConfig, Memory, Shuffle,
+    ValidationConfig,
+};
 use crate::episode::MAX_EPISODE_STEPS;
 use crate::evaluation::{Distribution, EvaluationConfig};
 use crate::kitchen::{KitchenId, Split};
@@ -114,7 +117,7 @@ impl Config {
 
     /// Network, algorithm, curriculum.
     fn validate_learning(&self) -> Result<(), ConfigError> {
-        let Self { network, ppo, reward, auxiliary, .. } = self;
+        let Self { network, ppo, normalize, reward, auxiliary, .. } = self;
         check(
             "network.input_pool",
             network.input_pool,
@@ -135,6 +138,15 @@ impl Config {
         ] {
             check(key, value, (0.0..=1.0).contains(&value), "must be 0 to 1")?;
         }
+        let of_rows = ppo.shuffle == Shuffle::Rows;
+        let of_frames = network.memory == Memory::None && auxiliary.task == AuxiliaryTask::None;
+        check(
+            "ppo.shuffle",
+            "\"rows\"",
+            !of_rows || of_frames,
+            "must be \"environments\" unless network.memory and auxiliary.task are \"none\": both need frames that follow \
+             on one another",
+        )?;
         check(
             "ppo.overlap",
             ppo.overlap,
@@ -146,12 +158,15 @@ impl Config {
             ("ppo.learning_rate", ppo.learning_rate),
             ("ppo.adam_epsilon", ppo.adam_epsilon),
             ("ppo.max_gradient_norm", ppo.max_gradient_norm),
+            ("normalize.observation_clip", normalize.observation_clip),
+            ("normalize.reward_clip", normalize.reward_clip),
         ] {
             check(key, value, value.is_finite() && value > 0.0, "must be greater than 0")?;
         }
         for (key, value) in [
             ("ppo.value_coefficient", ppo.value_coefficient),
             ("ppo.entropy_coefficient", ppo.entropy_coefficient),
+            ("ppo.entropy_coefficient_end", ppo.entropy_coefficient_end),
             ("ppo.learning_rate_end", ppo.learning_rate_end),
             ("ppo.target_kl", ppo.target_kl),
             ("auxiliary.weight", auxiliary.weight),

@@ -7,6 +7,7 @@
 use super::channel::Channel;
 use super::layout::{Field, HEADER_BYTES};
 use super::spec::Spec;
+use crate::record::{End, RecordHeader};
 use std::ops::Range;
 
 /// A number that the task does not declare.
@@ -31,6 +32,10 @@ enum Sound {
 pub struct Check {
     of_action: Vec<(Field, Sound, String)>,
     seen: Vec<(Field, Sound, String)>,
+    /// Of a truncated episode.
+    last_seen: Vec<(Field, Sound, String)>,
+    /// All of that, 0 of any other record.
+    last_bytes: Range<usize>,
     /// Bytes that no channel has, always 0.
     gaps: Vec<Range<usize>>,
 }
@@ -38,7 +43,7 @@ pub struct Check {
 impl Check {
     /// That of a task.
     pub fn of(spec: &Spec) -> Self {
-        let checks = |of_action: bool| {
+        let checks = |of_action: bool| -> Vec<(Field, Sound, String)> {
             let pairs = spec.channels.iter().zip(&spec.layout().fields);
             pairs
                 .filter(|(channel, _)| channel.is_of_action() == of_action && !channel.is_bulk())
@@ -50,6 +55,8 @@ impl Check {
         let mut end = HEADER_BYTES;
         let mut fields: Vec<Field> = [layout.action, layout.previous_action].to_vec();
         fields.extend(layout.fields.iter().filter(|field| field.offset < layout.small_bytes));
+        let is_seen = |field: &Field| layout.seen.contains(&field.offset);
+        fields.extend(layout.fields.iter().copied().filter(is_seen).filter_map(|field| layout.last(field)));
         fields.sort_by_key(|field| field.offset);
         for field in fields {
             gaps.push(end..field.offset);
@@ -57,7 +64,12 @@ impl Check {
         }
         gaps.push(end..layout.small_bytes);
         gaps.retain(|gap| !gap.is_empty());
-        Self { of_action: checks(true), seen: checks(false), gaps }
+        let seen = checks(false);
+        let again = seen
+            .iter()
+            .filter_map(|(field, sound, what)| Some((layout.last(*field)?, sound.clone(), format!("last {what}"))));
+        let (last_seen, last_bytes) = (again.collect(), layout.last_seen.clone());
+        Self { of_action: checks(true), seen, last_seen, last_bytes, gaps }
     }
 
     /// Checks a record. `acted`: an action was taken, so that what it did counts.
@@ -66,7 +78,10 @@ impl Check {
     /// If the record is shorter than [`super::Layout::small_bytes`].
     pub fn record(&self, record: &[u8], acted: bool) -> Result<(), Implausible> {
         let of_action = if acted { &self.of_action[..] } else { &[] };
-        for (field, sound, what) in self.seen.iter().chain(of_action) {
+        let header: RecordHeader = bytemuck::pod_read_unaligned(&record[..HEADER_BYTES]);
+        let truncated = header.end() == Some(End::Truncated);
+        let last_seen = if truncated { &self.last_seen[..] } else { &[] };
+        for (field, sound, what) in self.seen.iter().chain(of_action).chain(last_seen) {
             for value in field.numbers(record) {
                 let is_sound = match sound {
                     Sound::Range([least, most]) => (*least..=*most).contains(&value),
@@ -82,7 +97,9 @@ impl Check {
                 }
             }
         }
-        let strange = self.gaps.iter().flat_map(|gap| &record[gap.clone()]).find(|&&byte| byte != 0);
+        let unused = (!truncated).then_some(&self.last_bytes);
+        let gaps = self.gaps.iter().chain(unused);
+        let strange = gaps.flat_map(|gap| &record[gap.clone()]).find(|&&byte| byte != 0);
         strange.map_or(Ok(()), |&byte| Err(Implausible::Range { what: "reserved byte".to_owned(), value: byte.into() }))
     }
 }

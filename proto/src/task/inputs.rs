@@ -2,7 +2,7 @@
 
 use super::channel::{Channel, Dtype, Role};
 use super::error::SpecError;
-use super::layout::Field;
+use super::layout::{Field, Layout};
 use super::spec::Spec;
 use crate::camera::{FRAME_SIDE, WINDOW};
 
@@ -34,6 +34,20 @@ impl Inputs {
             Coding::OneHot { count, .. } => field.count * count,
         };
         self.numbers.iter().map(of).sum()
+    }
+
+    /// The same of what was seen last of a truncated episode; none in a task with images.
+    pub fn last(&self, layout: &Layout) -> Option<Self> {
+        let numbers = self.numbers.iter().map(|&(field, coding)| Some((layout.last(field)?, coding)));
+        Some(Self { image: None, numbers: numbers.collect::<Option<_>>()? })
+    }
+
+    /// Of each number, whether it is one as the task declares it, and not a place of a one-hot code.
+    pub fn are_plain(&self) -> impl Iterator<Item = bool> {
+        self.numbers.iter().flat_map(|(field, coding)| match coding {
+            Coding::Plain => std::iter::repeat_n(true, field.count),
+            Coding::OneHot { count, .. } => std::iter::repeat_n(false, field.count * count),
+        })
     }
 
     /// Whether the numbers are one vector in space, or could be.

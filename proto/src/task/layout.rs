@@ -5,6 +5,7 @@
 //! action, last action    as the action space wants
 //! parts, outcomes        of the last action, in the declaration's order, each aligned to its type
 //! observations, …        what is seen now, likewise, from a multiple of 8 on
+//! observations, …        what was seen last of an episode that the limit of steps has ended; not in a task with images
 //! images                 each from a cache line on; the sums of their windows behind them
 //! ```
 
@@ -85,6 +86,10 @@ pub struct Layout {
     pub of_action: Range<usize>,
     /// What is seen now, but for images.
     pub seen: Range<usize>,
+    /// The same as it was seen last of an episode that was truncated with the last action, all 0 otherwise: the next one
+    /// begins in the same record, and a truncated episode has a value to come. Empty in a task with images, which would
+    /// double.
+    pub last_seen: Range<usize>,
     /// Place of each channel, in the declaration's order.
     pub fields: Vec<Field>,
     /// Images, and the sums of their windows: each can be there or not.
@@ -96,6 +101,12 @@ pub struct Layout {
 }
 
 impl Layout {
+    /// Where a field of what is seen now lies among what was seen last; none in a task with images.
+    pub(super) fn last(&self, field: Field) -> Option<Field> {
+        let moved = Field { offset: field.offset + self.last_seen.start - self.seen.start, ..field };
+        (!self.last_seen.is_empty()).then_some(moved)
+    }
+
     /// The part of rewards that is this channel's, by its index.
     ///
     /// # Panics
@@ -125,6 +136,8 @@ impl Layout {
         };
         let of_action = block(true, &mut place);
         let seen = block(false, &mut place);
+        let again = if channels.iter().any(Channel::is_bulk) { 0 } else { seen.len() };
+        let last_seen = place(Dtype::U8, again, 8).range();
         let small_bytes = place(Dtype::U8, 0, LINE_BYTES).offset;
         let mut images = vec![];
         for (channel, field) in channels.iter().zip(&mut fields).filter(|(channel, _)| channel.is_bulk()) {
@@ -135,6 +148,6 @@ impl Layout {
             }
         }
         let bytes = place(Dtype::U8, 0, LINE_BYTES).offset;
-        Self { action, previous_action, of_action, seen, fields, images, small_bytes, bytes }
+        Self { action, previous_action, of_action, seen, last_seen, fields, images, small_bytes, bytes }
     }
 }

@@ -125,6 +125,9 @@ impl Spec {
             let Channel { name, dtype, shape, sums, .. } = channel;
             let _ = writeln!(text, "{name} {dtype:?} {shape:?} {sums:?} {}", field.offset);
         }
+        if !self.layout.last_seen.is_empty() {
+            let _ = writeln!(text, "last {}", self.layout.last_seen.start);
+        }
         let digest = Sha256::digest(text);
         u64::from_le_bytes(digest[..8].try_into().expect("a digest has 32 bytes"))
     }

@@ -196,6 +196,43 @@ fn an_action_of_any_kind_is_checked_and_told_from_standing_still() {
     }
 }
 
+/// The same task without its image.
+fn blind() -> Spec {
+    let (before, rest) = SMALL.split_once("[[channels]]\nname = \"image\"").unwrap();
+    let (_, after) = rest.split_once("An image.\"").unwrap();
+    Spec::parse(&format!("{before}{after}")).unwrap()
+}
+
+#[test]
+fn a_truncated_episode_has_its_last_observation_where_there_are_no_images() {
+    assert!(small().layout().last_seen.is_empty());
+    let spec = blind();
+    let layout = spec.layout();
+    assert_eq!((layout.seen.clone(), layout.last_seen.clone(), layout.small_bytes), (104..120, 120..136, 192));
+    let mut record = record(&spec, &[("goal_m", 1.0)]);
+    record[120..124].copy_from_slice(&7.0f32.to_ne_bytes());
+    let inputs = spec.inputs().unwrap();
+    let read = |inputs: &Inputs| {
+        let mut lines = [[0u64; LINE_BYTES / 8]; 3];
+        bytemuck::cast_slice_mut(&mut lines).copy_from_slice(&record);
+        let mut numbers = vec![];
+        inputs.read(bytemuck::cast_slice(&lines), &mut numbers);
+        numbers
+    };
+    assert_eq!(
+        [read(&inputs), read(&inputs.last(layout).unwrap())],
+        [[1.0, 0.0, 0.0].to_vec(), [7.0, 0.0, 0.0].to_vec()]
+    );
+
+    let refused = |record: &[u8]| Check::of(&spec).record(record, true).unwrap_err().to_string();
+    assert_eq!(refused(&record), "its reserved byte is 224, which cannot be");
+    let flags = std::mem::offset_of!(crate::record::RecordHeader, flags);
+    record[flags] = (crate::record::flag::ACTED | crate::record::flag::TRUNCATED) as u8;
+    assert_eq!(Check::of(&spec).record(&record, true), Ok(()));
+    record[120..124].copy_from_slice(&f32::NAN.to_ne_bytes());
+    assert_eq!(refused(&record), "its last goal_m is not finite");
+}
+
 /// What other people's tools depend on: an unchanged task has an unchanged layout.
 #[test]
 fn the_built_in_tasks_are_sound() {

@@ -77,8 +77,9 @@ class Checkpoint:
         """The network in PyTorch with these weights; needs torch."""
         from stillroom.network import Network
 
+        clip = self.config.get("normalize", {}).get("observation_clip", 10.0)
         choices, bounds = self.actions.get("counts"), self.actions.get("bounds")
-        return Network.of(self.weights, goal=self.goal, choices=choices, bounds=bounds)
+        return Network.of(self.weights, goal=self.goal, observation_clip=clip, choices=choices, bounds=bounds)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Writes the weights alone as a safetensors file, which `load` and `learner probe` read."""

@@ -107,6 +107,19 @@ def layers(inputs: int, widths: list[int]) -> list[nn.Module]:
     ]
 
 
+class Normalizer(nn.Module):
+    """Numbers less their mean, divided by their deviation, then clipped. Both are as a run has found them."""
+
+    def __init__(self, numbers: int, clip: float) -> None:
+        super().__init__()
+        self.clip = clip
+        self.register_buffer("running_mean", torch.zeros(numbers))
+        self.register_buffer("running_var", torch.ones(numbers))
+
+    def forward(self, x: Tensor) -> Tensor:
+        return ((x - self.running_mean) / (self.running_var + 1e-8).sqrt()).clamp(-self.clip, self.clip)
+
+
 class Network(nn.Module):
     """Observations and a belief to the policy, a value and the next belief.
 
@@ -136,6 +149,7 @@ class Network(nn.Module):
         mlp: list[int] | None = None,
         choices: list[int] | None = None,
         bounds: list[list[float]] | None = None,
+        observation_clip: float | None = None,
     ) -> None:
         super().__init__()
         self.choices = choices or [actions]
@@ -148,6 +162,7 @@ class Network(nn.Module):
                 f'encoder is {encoder!r}, goal {goal!r}, input_pool {input_pool!r}: there are "resnet", "cnn", None;'
                 ' "polar", "cartesian", "plain"; 1, 2, 4'
             )
+        self.observation_norm = None if observation_clip is None else Normalizer(numbers, observation_clip)
         # Layers that actor and critic share, and those that each has of its own.
         shared, own = (mlp or [], []) if hidden else ([], mlp or [])
         if encoder is None:
@@ -176,10 +191,11 @@ class Network(nn.Module):
         weights: dict[str, NDArray[Any]],
         *,
         goal: str = "polar",
+        observation_clip: float = 10.0,
         choices: list[int] | None = None,
         bounds: list[list[float]] | None = None,
     ) -> Network:
-        """The network that weights belong to: names and shapes give all but `goal` and the actions' form. Heads of
+        """The network that weights belong to: names and shapes give all but `goal`, `observation_clip` and the actions' form. Heads of
         auxiliary tasks are left out."""
 
         def widths(path: str) -> list[int]:
@@ -225,6 +241,7 @@ class Network(nn.Module):
                 mlp=shared or own_layers,
                 choices=choices,
                 bounds=bounds,
+                observation_clip=observation_clip if "observation_norm.running_mean" in weights else None,
             )
             own = network.state_dict()
             if own[last].shape == weights[last].shape:
@@ -265,6 +282,8 @@ class Network(nn.Module):
     def embed(self, depth_mm: Tensor, goal: Tensor, previous_action: Tensor) -> Tensor:
         """Pooled millimetres [rows, side, side], goal coordinates [rows, 3] and rows of the action table [rows] (0 is
         none yet, else 1 + action) to [rows, 560]. In a task without a frame the numbers take the goal's place."""
+        if self.observation_norm is not None:
+            goal = self.observation_norm(goal)
         if self.visual_encoder is None or self.goal_embedder is None:
             parts = [self.mlp(goal)]
         else:

@@ -3,7 +3,7 @@
 use super::build::Parameter::{Float, Int, Ints};
 use super::build::{Builder, Name};
 use super::message::{Element, Graph};
-use crate::policy::{Policy, PolicyError};
+use crate::policy::{NORMALIZER, Policy, PolicyError};
 use proto::camera::FRAME_SIDE;
 use proto::config::{Encoder, GoalCoordinates, Memory};
 use proto::task::ActionHead;
@@ -17,6 +17,8 @@ const OFFSET: f32 = -2.0;
 
 const GROUPS: usize = 16;
 const EPSILON: f32 = 1e-5;
+/// Beside the variance of an observation.
+const VARIANCE_EPSILON: f32 = 1e-8;
 const VISUAL: usize = 512;
 const GOAL: [usize; 2] = [100, 32];
 const PREVIOUS_ACTION: usize = 16;
@@ -79,9 +81,12 @@ pub(super) fn graph(policy: &Policy) -> Result<Graph> {
     }
     let (mut parts, mut width) = if let Some(depth) = depth {
         let frames = maker.frames(&depth, network.input_pool as usize);
-        let parts = vec![maker.encoder(network.encoder, frames)?, maker.goal(network.goal, &given, numbers)?];
+        let given = maker.coordinates(network.goal, &given);
+        let given = maker.normalized_numbers(given, numbers)?;
+        let parts = vec![maker.encoder(network.encoder, frames)?, maker.goal(&given, numbers)?];
         (parts, VISUAL + GOAL[1])
     } else {
+        let given = maker.normalized_numbers(given, numbers)?;
         let (seen, width) = maker.layers("mlp", &given, numbers, shared)?;
         (vec![seen], width)
     };
@@ -271,15 +276,40 @@ impl Maker<'_> {
         Ok(Images { name, ..*x })
     }
 
-    /// Goal \[rows, numbers\], metres → \[rows, 32\].
-    fn goal(&mut self, coordinates: GoalCoordinates, goal: &Name, numbers: usize) -> Result<Name> {
+    /// Goal \[rows, numbers\], metres, as the network is given it.
+    fn coordinates(&mut self, coordinates: GoalCoordinates, goal: &Name) -> Name {
         self.builder.part("goal");
-        let given = match coordinates {
+        match coordinates {
             GoalCoordinates::Cartesian => self.builder.apply("Abs", &[goal], &[]),
             GoalCoordinates::Polar => self.polar(goal),
             GoalCoordinates::Plain => goal.clone(),
-        };
-        let first = self.linear("goal_embedder.0", &given, [numbers, GOAL[0]])?;
+        }
+    }
+
+    /// Less their mean, divided by their deviation and clipped, if the network does so.
+    fn normalized_numbers(&mut self, given: Name, numbers: usize) -> Result<Name> {
+        let normalize = self.policy.config.normalize;
+        if !normalize.observations {
+            return Ok(given);
+        }
+        let mean = self.policy.weight(&format!("{NORMALIZER}running_mean"), &[numbers])?;
+        let variance = self.policy.weight(&format!("{NORMALIZER}running_var"), &[numbers])?;
+        let deviation: Vec<f32> = variance.iter().map(|variance| (variance + VARIANCE_EPSILON).sqrt()).collect();
+        let builder = &mut self.builder;
+        builder.part("observation_norm");
+        let mean = builder.floats("observation_norm.mean", &[numbers as i64], mean);
+        let deviation = builder.floats("observation_norm.deviation", &[numbers as i64], &deviation);
+        let (least, most) =
+            (builder.float(-normalize.observation_clip as f32), builder.float(normalize.observation_clip as f32));
+        let apart = builder.apply("Sub", &[&given, &mean], &[]);
+        let normal = builder.apply("Div", &[&apart, &deviation], &[]);
+        let clipped = builder.apply("Max", &[&normal, &least], &[]);
+        Ok(builder.apply("Min", &[&clipped, &most], &[]))
+    }
+
+    /// Goal as the network is given it \[rows, numbers\] → \[rows, 32\].
+    fn goal(&mut self, given: &Name, numbers: usize) -> Result<Name> {
+        let first = self.linear("goal_embedder.0", given, [numbers, GOAL[0]])?;
         let rectified = self.builder.apply("LeakyRelu", &[&first], &[Float("alpha", 0.01)]);
         self.linear("goal_embedder.2", &rectified, GOAL)
     }
