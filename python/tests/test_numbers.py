@@ -28,7 +28,10 @@ def program(name: str) -> Path:
     return found
 
 
-def weights_of(memory: str) -> dict[str, np.ndarray]:
+CLIP = 0.8
+
+
+def weights_of(memory: str, normalized: bool) -> dict[str, np.ndarray]:
     """Weights of a network with layers of 12 and 10."""
     random = np.random.default_rng(3)
     shapes: dict[str, tuple[int, ...]] = {}
@@ -49,7 +52,12 @@ def weights_of(memory: str) -> dict[str, np.ndarray]:
         shapes["previous_action_embedder.weight"] = (ACTIONS + 1, 16)
         shapes["belief.weight_ih_l0"], shapes["belief.weight_hh_l0"] = (3 * HIDDEN, 26), (3 * HIDDEN, HIDDEN)
         shapes["belief.bias_ih_l0"] = shapes["belief.bias_hh_l0"] = (3 * HIDDEN,)
-    return {name: random.normal(0, 0.4, shape).astype(np.float32) for name, shape in shapes.items()}
+    weights = {name: random.normal(0, 0.4, shape).astype(np.float32) for name, shape in shapes.items()}
+    if normalized:
+        weights["observation_norm.running_mean"] = random.normal(0, 1, NUMBERS).astype(np.float32)
+        # More than 16 bits hold, and less.
+        weights["observation_norm.running_var"] = np.geomspace(1e-9, 1e9, NUMBERS).astype(np.float32)
+    return weights
 
 
 def batch_of() -> dict[str, np.ndarray]:
@@ -75,9 +83,9 @@ def batch_of() -> dict[str, np.ndarray]:
     }
 
 
-@pytest.mark.parametrize("memory", ["none", "gru"])
-def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str) -> None:
-    run, weights, batch = tmp_path / "run", weights_of(memory), batch_of()
+@pytest.mark.parametrize(("memory", "normalized"), [("none", False), ("none", True), ("gru", False), ("gru", True)])
+def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str, normalized: bool) -> None:
+    run, weights, batch = tmp_path / "run", weights_of(memory, normalized), batch_of()
     run.mkdir()
     (run / "task.toml").write_bytes(TASK.read_bytes())
     network = f'goal = "plain"\nmemory = "{memory}"\nmlp = [12, 10]\nhidden = {HIDDEN}\n'
@@ -85,6 +93,7 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str)
     stage = '[[stages]]\nname = "I"\nreward = "r"\nframes = 100\n'
     config = f'task = "numbers"\n[auxiliary]\ntask = "none"\n[network]\n{network}{stage}'
     config = config.replace("[network]\n", '[network]\ncarried_goal = "goal_to_object"\n')
+    config += f"[normalize]\nobservations = {str(normalized).lower()}\nobservation_clip = {CLIP}\n"
     (run / "config.toml").write_text(config)
     save_file(weights, tmp_path / "start.safetensors")
     save_file(batch, tmp_path / "batch.safetensors")
@@ -98,7 +107,8 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str)
     done("orchestrator", "export", "run", "--format", "safetensors", "--out", "policy.safetensors")
     done("orchestrator", "export", "run", "--out", "policy.onnx")
     files = ("--weights", "policy.safetensors", "--batch", "batch.safetensors", "--out", "found.safetensors")
-    done("learner", "probe", *files, "--preset", "gym", "--task", "run/task.toml")
+    clip = ("--set", f"normalize.observation_clip={CLIP}")
+    done("learner", "probe", *files, "--preset", "gym", "--task", "run/task.toml", *clip)
     found = load_file(tmp_path / "found.safetensors")
 
     policy = onnxruntime.InferenceSession(tmp_path / "policy.onnx", providers=["CPUExecutionProvider"])
