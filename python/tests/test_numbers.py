@@ -37,7 +37,10 @@ KINDS = {
 }
 
 
-def weights_of(memory: str, kind: str) -> dict[str, np.ndarray]:
+CLIP = 0.8
+
+
+def weights_of(memory: str, kind: str, normalized: bool) -> dict[str, np.ndarray]:
     """Weights of a network with layers of 12 and 10."""
     random = np.random.default_rng(3)
     shapes: dict[str, tuple[int, ...]] = {}
@@ -64,7 +67,12 @@ def weights_of(memory: str, kind: str) -> dict[str, np.ndarray]:
         shapes["belief.bias_ih_l0"] = shapes["belief.bias_hh_l0"] = (3 * HIDDEN,)
     if kind == "box":
         shapes["log_std"] = (outputs,)
-    return {name: random.normal(0, 0.4, shape).astype(np.float32) for name, shape in shapes.items()}
+    weights = {name: random.normal(0, 0.4, shape).astype(np.float32) for name, shape in shapes.items()}
+    if normalized:
+        weights["observation_norm.running_mean"] = random.normal(0, 1, NUMBERS).astype(np.float32)
+        # More than 16 bits hold, and less.
+        weights["observation_norm.running_var"] = np.geomspace(1e-9, 1e9, NUMBERS).astype(np.float32)
+    return weights
 
 
 def batch_of(kind: str) -> dict[str, np.ndarray]:
@@ -95,9 +103,9 @@ def batch_of(kind: str) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("memory", ["none", "gru"])
-def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str, kind: str) -> None:
-    run, weights, batch = tmp_path / "run", weights_of(memory, kind), batch_of(kind)
+@pytest.mark.parametrize(("memory", "normalized"), [("none", False), ("none", True), ("gru", False), ("gru", True)])
+def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str, normalized: bool, kind: str) -> None:
+    run, weights, batch = tmp_path / "run", weights_of(memory, kind, normalized), batch_of(kind)
     run.mkdir()
     # A process knows a task by its name.
     declared = TASK.read_text().replace('name = "numbers"', f'name = "numbers_{kind}"')
@@ -108,6 +116,7 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str,
     stage = '[[stages]]\nname = "I"\nreward = "r"\nframes = 100\n'
     config = f'task = "numbers_{kind}"\n[auxiliary]\ntask = "none"\n[network]\n{network}{stage}'
     config = config.replace("[network]\n", '[network]\ncarried_goal = "goal_to_object"\n')
+    config += f"[normalize]\nobservations = {str(normalized).lower()}\nobservation_clip = {CLIP}\n"
     (run / "config.toml").write_text(config)
     save_file(weights, tmp_path / "start.safetensors")
     save_file(batch, tmp_path / "batch.safetensors")
@@ -121,7 +130,8 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str,
     done("orchestrator", "export", "run", "--format", "safetensors", "--out", "policy.safetensors")
     done("orchestrator", "export", "run", "--out", "policy.onnx")
     files = ("--weights", "policy.safetensors", "--batch", "batch.safetensors", "--out", "found.safetensors")
-    done("learner", "probe", *files, "--preset", "gym", "--task", "run/task.toml")
+    clip = ("--set", f"normalize.observation_clip={CLIP}")
+    done("learner", "probe", *files, "--preset", "gym", "--task", "run/task.toml", *clip)
     found = load_file(tmp_path / "found.safetensors")
 
     policy = onnxruntime.InferenceSession(tmp_path / "policy.onnx", providers=["CPUExecutionProvider"])

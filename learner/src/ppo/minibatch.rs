@@ -105,19 +105,18 @@ impl Chunk {
         minibatch.iter().flat_map(of).collect()
     }
 
-    /// The same of a minibatch of frames: chunks have at most as many as such columns have.
+    /// The same of a minibatch of frames, in chunks of at most so many; 0 = all of a shard in one.
     pub(crate) fn of_rows(
         rollout: &Rollout,
         targets: &Targets,
         minibatch: Vec<(usize, Vec<(usize, usize)>)>,
-        columns_each: u32,
+        rows_each: usize,
     ) -> Vec<Self> {
-        let most = (columns_each as usize * rollout.shape().steps).max(1);
         let dealt = minibatch.into_iter().filter(|(_, rows)| !rows.is_empty());
         let of = |(shard, rows): (usize, Vec<(usize, usize)>)| -> Vec<Self> {
-            let width = if columns_each == 0 { rows.len() } else { most };
-            let chunks = rows.chunks(width).map(|chunk| Packing::of_rows(chunk.to_vec()));
-            chunks.map(|packing| Self::new(rollout, targets, shard, (packing, width == rows.len()))).collect()
+            let width = if rows_each == 0 { rows.len() } else { rows_each };
+            let packings = rows.chunks(width).map(|chunk| Packing::of_rows(chunk.to_vec()));
+            packings.map(|packing| Self::new(rollout, targets, shard, (packing, rows.len() <= width))).collect()
         };
         dealt.flat_map(of).collect()
     }

@@ -209,7 +209,9 @@ impl<'a> Update<'a> {
             }
             Shuffle::Rows => {
                 let dealt = deal.rows(shards, epoch, |column| rollout.steps_of(column));
-                dealt.into_iter().map(|own| Chunk::of_rows(rollout, targets, own, ppo.environments_per_pass)).collect()
+                // Not those of this rollout: of its last step a learner may have nothing.
+                let rows_each = ppo.environments_per_pass as usize * ppo.rollout_steps as usize;
+                dealt.into_iter().map(|own| Chunk::of_rows(rollout, targets, own, rows_each)).collect()
             }
         }
     }

@@ -186,9 +186,10 @@ pub struct PpoConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Shuffle {
-    /// Whole environments, anew for each rollout: memory and auxiliary tasks need what follows on one another.
+    /// Whole environments, anew for each rollout.
     Environments,
-    /// Single frames, anew for each epoch.
+    /// Single frames, anew for each epoch; whole environments where memory or an auxiliary task needs what follows on one
+    /// another.
     Rows,
 }
 
@@ -529,6 +530,12 @@ impl Config {
     pub fn longest_update_s(&self) -> f64 {
         let rollout_frames = self.environments() as f64 * f64::from(self.ppo.rollout_steps);
         (rollout_frames * f64::from(self.ppo.epochs) / 10.0).max(600.0)
+    }
+
+    /// What is dealt out among minibatches in a run of this network.
+    pub fn shuffle(&self) -> Shuffle {
+        let alone = self.network.memory == Memory::None && self.auxiliary.task == AuxiliaryTask::None;
+        if alone { self.ppo.shuffle } else { Shuffle::Environments }
     }
 
     /// The actors, divided among the learners.

@@ -161,7 +161,7 @@ impl Config {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Setting;
+    use super::super::{Setting, Shuffle};
     use super::*;
     use std::collections::BTreeMap;
 
@@ -191,12 +191,19 @@ mod tests {
         };
         assert_eq!(problem(""), Ok(()));
         assert_eq!(problem("network.memory = \"gru\"\nepisode.max_steps = 100000"), Ok(()));
+        let shuffle = |memory: &str| {
+            let text = format!("task = \"without_a_frame\"\nnetwork.memory = \"{memory}\"");
+            Config::resolve_with("gym", Some((&text, "mine.toml"))).unwrap().shuffle()
+        };
+        assert_eq!(["none", "gru"].map(shuffle), [Shuffle::Rows, Shuffle::Environments]);
         for (text, expected) in [
             ("network.goal = \"polar\"", "network.goal = \"polar\": must be \"plain\" in this task"),
             ("auxiliary.task = \"disturb\"", "auxiliary.task = \"disturb\": must be \"none\""),
             ("network.mlp = []", "network.mlp = []: must be 1 to 8 widths of 1 to 4096"),
             ("network.mlp = [64, 0]", "network.mlp = [64, 0]"),
             ("ppo.adam_epsilon = 0.0", "ppo.adam_epsilon = 0: must be greater than 0"),
+            ("normalize.reward_clip = 0.0", "normalize.reward_clip = 0: must be greater than 0"),
+            ("ppo.entropy_coefficient_end = -1.0", "ppo.entropy_coefficient_end = -1: must be 0 or greater"),
             ("ppo.target_kl = -1.0", "ppo.target_kl = -1: must be 0 or greater"),
             ("episode.max_steps = 100001", "episode.max_steps = 100001: must be 1 to 100000"),
         ] {

@@ -1,9 +1,6 @@
 //! Ranges of every setting: an invalid configuration is refused before any process starts.
 
-use super::{
-    AuxiliaryTask, Config, ConfigError, EnvironmentConfig, INPUT_POOLS, KitchenSource, KitchensConfig, Memory, Shuffle,
-    ValidationConfig,
-};
+use super::{Config, ConfigError, EnvironmentConfig, INPUT_POOLS, KitchenSource, KitchensConfig, ValidationConfig};
 use crate::episode::MAX_EPISODE_STEPS;
 use crate::evaluation::{Distribution, EvaluationConfig};
 use crate::kitchen::{KitchenId, Split};
@@ -138,15 +135,6 @@ impl Config {
         ] {
             check(key, value, (0.0..=1.0).contains(&value), "must be 0 to 1")?;
         }
-        let of_rows = ppo.shuffle == Shuffle::Rows;
-        let of_frames = network.memory == Memory::None && auxiliary.task == AuxiliaryTask::None;
-        check(
-            "ppo.shuffle",
-            "\"rows\"",
-            !of_rows || of_frames,
-            "must be \"environments\" unless network.memory and auxiliary.task are \"none\": both need frames that follow \
-             on one another",
-        )?;
         check(
             "ppo.overlap",
             ppo.overlap,
