@@ -6,11 +6,11 @@ use crate::whereabouts::{self, Whereabouts};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::random::{Key, Purpose};
-use proto::record::{HOLD, RecordHeader};
-use proto::task::Layout;
+use proto::record::{End, HOLD, RecordHeader};
+use proto::task::{Layout, Restore};
 use std::collections::VecDeque;
 use std::ops::Range;
-use wire::message::EnvironmentState;
+use wire::message::{EnvironmentState, Snapshot};
 
 /// All environments of an actor.
 pub struct Environments<S> {
@@ -30,6 +30,7 @@ struct Rules {
     seed: u64,
     /// Share of the episodes whose frames are recorded.
     recorded: f64,
+    restore: Restore,
 }
 
 /// One environment in its current episode.
@@ -44,6 +45,9 @@ struct Running {
     actions: [u8; 2],
     /// What the last action did: parts and outcomes, as in a record.
     done: Vec<u8>,
+    /// It cannot be brought back to where the learner has it: its next action ends the episode, as a truncation without a
+    /// reward. Until then it shows another episode's start.
+    is_lost: bool,
 }
 
 impl Rules {
@@ -55,6 +59,7 @@ impl Rules {
             actions: spec.actions.names().len(),
             seed: config.seed,
             recorded: if config.recording.enabled { config.recording.depth_share } else { 0.0 },
+            restore: spec.restore,
         }
     }
 
@@ -75,6 +80,45 @@ impl Rules {
         Ok(())
     }
 
+    /// Puts an environment where it was before the last action of an episode.
+    fn restore<S: Simulator>(
+        &self,
+        running: &mut Running,
+        simulator: &mut S,
+        state: &EnvironmentState,
+        snapshot: &Snapshot,
+    ) -> Result<u32, EngineError> {
+        let (episode, step) = (state.episode, state.action_count() - 1);
+        running.id = simulator.place(running.home, episode);
+        whereabouts::enter(running.id, episode);
+        let index = running.header.environment as usize;
+        simulator.restore(index, running.home, episode, step, snapshot).map_err(failed::<S>)?;
+        running.header.begin(episode, snapshot.state_hash, self.records(running.id, episode));
+        running.header.step = step;
+        Ok(step)
+    }
+
+    /// Lets an environment that cannot be brought back stand as if an episode's last action had led nowhere.
+    fn lose<S: Simulator>(
+        &self,
+        running: &mut Running,
+        simulator: &mut S,
+        state: &EnvironmentState,
+        step: u32,
+        last: u8,
+    ) -> Result<(), EngineError> {
+        self.begin(running, simulator, state.episode)?;
+        running.header.step = step;
+        running.header.act(running.header.state_hash, state.has_ended().then_some(End::Truncated));
+        running.actions = [last; 2];
+        running.is_lost = !state.has_ended();
+        if state.has_ended() {
+            let next = running.next_episode().expect("four billion episodes outlast any run");
+            self.begin(running, simulator, next)?;
+        }
+        Ok(())
+    }
+
     /// Takes an action; after the last one of an episode the environment stands at the start of the next. False if the
     /// task has no such action.
     fn act<S: Simulator>(&self, running: &mut Running, simulator: &mut S, action: u8) -> Result<bool, EngineError> {
@@ -83,7 +127,13 @@ impl Rules {
         }
         whereabouts::enter(running.id, running.header.episode);
         let index = running.header.environment as usize;
-        let (state_hash, end) = simulator.act(index, &[action], &mut running.done).map_err(failed::<S>)?;
+        let (state_hash, end) = if running.is_lost {
+            running.is_lost = false;
+            running.done.fill(0);
+            (0, Some(End::Truncated))
+        } else {
+            simulator.act(index, &[action], &mut running.done).map_err(failed::<S>)?
+        };
         running.actions = [action; 2];
         running.header.act(state_hash, end);
         if end.is_some() {
@@ -128,7 +178,7 @@ impl<S: Simulator> Environments<S> {
         for (index, &home) in (0..).zip(homes) {
             let header = RecordHeader { environment: index, ..RecordHeader::default() };
             let done = vec![0; rules.layout.of_action.len()];
-            let mut one = Running { home, id: home, header, actions: [0; 2], done };
+            let mut one = Running { home, id: home, header, actions: [0; 2], done, is_lost: false };
             rules.begin(&mut one, &mut simulator, 0)?;
             running.push(one);
         }
@@ -174,10 +224,21 @@ impl<S: Simulator> Environments<S> {
         simulator.announce(places.collect::<Vec<_>>().into_iter().flatten());
         for (running, state) in running.iter_mut().zip(states) {
             running.hold();
-            rules.begin(running, simulator, state.episode)?;
-            let place = running.place();
+            running.is_lost = false;
             let actions = state.actions();
-            for (step, &action) in actions.iter().enumerate() {
+            let taken = match (rules.restore, state.snapshot(), actions) {
+                (Restore::None, _, [before @ .., last]) => {
+                    rules.lose(running, simulator, state, before.len() as u32, *last)?;
+                    continue;
+                }
+                (_, Some(snapshot), _) => rules.restore(running, simulator, state, snapshot)?,
+                _ => {
+                    rules.begin(running, simulator, state.episode)?;
+                    0
+                }
+            };
+            let place = running.place();
+            for (step, &action) in actions.iter().enumerate().skip(taken as usize) {
                 if !rules.act(running, simulator, action)? {
                     return Err(EngineError::NoSuchActionBefore { action, step, place });
                 }

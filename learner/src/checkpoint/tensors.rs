@@ -6,6 +6,7 @@
 //! | `environment.episode` | u32 (N): episode number of each column |
 //! | `environment.action_count` | u32 (N): actions taken in it |
 //! | `environment.actions` | u8: those actions, one column's behind the other's; of older versions (N, 512), those actions, then zeros |
+//! | `environment.states` | u8: the same as a restore holds it, with snapshots, where there are some |
 //! | `running.return` | f64 (N): return of the episode in progress |
 //! | `running.discounted_disturbance_m` | f64 (N): Σ `γ^t` cost of the episode in progress, by its name of older versions |
 //! | `running.metrics` | f64 (N, M): its metrics, in the task's order; 0 in checkpoints of older versions |
@@ -22,6 +23,7 @@ use wire::message::EnvironmentState;
 const EPISODE: &str = "environment.episode";
 const ACTION_COUNT: &str = "environment.action_count";
 const ACTIONS: &str = "environment.actions";
+const STATES: &str = "environment.states";
 const RETURN: &str = "running.return";
 const METRICS: &str = "running.metrics";
 /// Of older versions.
@@ -29,7 +31,7 @@ const PICKED_UP: &str = "running.picked_up";
 const DISCOUNTED_DISTURBANCE: &str = "running.discounted_disturbance_m";
 /// No run plays more episodes in one environment.
 const EPISODE_MOST: u32 = u32::MAX / 2;
-const OWN: [&str; 7] = [EPISODE, ACTION_COUNT, ACTIONS, RETURN, DISCOUNTED_DISTURBANCE, METRICS, PICKED_UP];
+const OWN: [&str; 8] = [EPISODE, ACTION_COUNT, ACTIONS, STATES, RETURN, DISCOUNTED_DISTURBANCE, METRICS, PICKED_UP];
 
 /// Why tensors do not make a state.
 #[derive(Debug, thiserror::Error)]
@@ -101,6 +103,10 @@ pub fn encode(tensors: &BTreeMap<String, Tensor>, boundary: &Boundary) -> Result
     own(ACTION_COUNT, Dtype::U32, vec![columns], counts.collect())?;
     let actions: Vec<u8> = states.iter().flat_map(EnvironmentState::actions).copied().collect();
     own(ACTIONS, Dtype::U8, vec![actions.len()], actions)?;
+    if states.iter().any(|state| state.snapshot().is_some()) {
+        let bytes = EnvironmentState::encode(states);
+        own(STATES, Dtype::U8, vec![bytes.len()], bytes)?;
+    }
     let mut column_of = |name: &str, figure: fn(&RunningEpisode) -> f64| {
         own(name, Dtype::F64, vec![columns], running.iter().flat_map(|episode| figure(episode).to_le_bytes()).collect())
     };
@@ -157,6 +163,11 @@ pub fn decode(bytes: &[u8], exchange: u64) -> Result<(BTreeMap<String, Tensor>, 
             return Err(wrong(name, format!("is not of {columns} environments")));
         }
     }
+    let states = match file.tensor(STATES) {
+        Ok(_) => EnvironmentState::decode(own_bytes(&file, STATES, Dtype::U8)?),
+        Err(_) => Ok(vec![]),
+    };
+    let states = states.map_err(|cause| wrong(STATES, cause.to_string()))?;
     let mut boundary = Boundary { exchange, environments: vec![], running: vec![] };
     for (column, actions) in split_actions(&file, &counts)?.into_iter().enumerate() {
         let state = EnvironmentState::after(episodes[column], actions);
@@ -168,7 +179,13 @@ pub fn decode(bytes: &[u8], exchange: u64) -> Result<(BTreeMap<String, Tensor>, 
         if let Some(action) = actions.iter().find(|&&action| action >= HOLD) {
             return Err(wrong(ACTIONS, format!("has an action {action}: there is none")));
         }
-        boundary.environments.push(state);
+        match states.get(column) {
+            Some(whole) if (whole.episode, whole.actions()) == (state.episode, actions) => {
+                boundary.environments.push(whole.clone());
+            }
+            None if states.is_empty() => boundary.environments.push(state),
+            _ => return Err(wrong(STATES, format!("is of other episodes than {EPISODE} and {ACTIONS}"))),
+        }
         let figure = |bytes: &[u8]| {
             let mut value = [0; 8];
             value.copy_from_slice(&bytes[column * 8..][..8]);

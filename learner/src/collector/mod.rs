@@ -488,8 +488,9 @@ impl<S: HalfSample> Collector<S> {
             let acting = if t + 1 == shape.steps { shape.environments_in_last_step } else { column_map.columns() };
             let sent: Vec<u8> =
                 columns.clone().zip(own).map(|(column, &a)| if column < acting { a } else { HOLD }).collect();
-            for (column, &action) in columns.zip(&sent) {
-                self.environments.act(column, action);
+            let sample = self.lanes.sample(lane);
+            for (i, (column, &action)) in columns.zip(&sent).enumerate() {
+                self.environments.act(column, action, sample.record(i));
             }
             let (step, stage_version) = (self.lanes.step(index, half), self.stage_version);
             let header = ActionHeader { step, stage_version, learner_incarnation, half };

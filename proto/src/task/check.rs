@@ -4,7 +4,7 @@
 //! number that the task does not declare must not be trained on, and not be recorded as a fact. The checks are a few dozen
 //! comparisons for each step, next to an image of 100 kB.
 
-use super::channel::Channel;
+use super::channel::{Channel, Dtype};
 use super::layout::{Field, HEADER_BYTES};
 use super::spec::Spec;
 use std::ops::Range;
@@ -50,6 +50,8 @@ impl Check {
         let mut end = HEADER_BYTES;
         let mut fields: Vec<Field> = [layout.action, layout.previous_action].to_vec();
         fields.extend(layout.fields.iter().filter(|field| field.offset < layout.small_bytes));
+        let snapshot = Field { offset: layout.snapshot.start, dtype: Dtype::U8, count: layout.snapshot.len() };
+        fields.extend((snapshot.count > 0).then_some(snapshot));
         fields.sort_by_key(|field| field.offset);
         for field in fields {
             gaps.push(end..field.offset);

@@ -17,6 +17,8 @@ pub struct WireShape {
     pub layout_hash: u64,
     /// Actions of an episode at most.
     pub max_steps: u32,
+    /// Bytes of a snapshot at most; 0 of a task without.
+    pub snapshot_bytes: usize,
 }
 
 impl WireShape {
@@ -34,8 +36,14 @@ impl WireShape {
     /// The shape of so many processes at a task whose episodes are as long as any can be.
     pub fn new(shares: Shares, environments_per_actor: u32, task: &Spec) -> Self {
         let record_lines = task.layout().bytes / LINE_BYTES;
-        let max_steps = MAX_EPISODE_STEPS as u32;
-        Self { shares, environments_per_actor, record_lines, layout_hash: task.layout_hash(), max_steps }
+        Self {
+            shares,
+            environments_per_actor,
+            record_lines,
+            layout_hash: task.layout_hash(),
+            max_steps: MAX_EPISODE_STEPS as u32,
+            snapshot_bytes: task.layout().snapshot.len(),
+        }
     }
 
     /// Cache lines of a sample of so many records.

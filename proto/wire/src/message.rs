@@ -99,6 +99,17 @@ pub struct EnvironmentState {
     /// Episode number within the environment.
     pub episode: u32,
     actions: Vec<u8>,
+    has_ended: bool,
+    snapshot: Option<Snapshot>,
+}
+
+/// An environment's own state before the last action of an [`EnvironmentState`], of a task that is restored by such.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Snapshot {
+    /// Hash of the state.
+    pub state_hash: u64,
+    /// As the environment makes of them what it will.
+    pub bytes: Vec<u8>,
 }
 
 /// A restore that no learner of ours sends.
@@ -110,8 +121,9 @@ pub struct BadRestore {
 }
 
 impl EnvironmentState {
-    /// Bytes of one before its actions: episode and number of actions, both little-endian `u32`.
-    const HEAD_BYTES: usize = 8;
+    /// Bytes of one before its actions: episode, number of actions, whether the episode has ended, and how many bytes a
+    /// snapshot behind the actions has, 0 without one: little-endian `u32`. A snapshot begins with its hash.
+    const HEAD_BYTES: usize = 16;
 
     /// After these actions, by their indices.
     ///
@@ -119,7 +131,7 @@ impl EnvironmentState {
     /// If they are more than [`MAX_EPISODE_STEPS`].
     pub fn after(episode: u32, actions: &[u8]) -> Self {
         assert!(actions.len() <= MAX_EPISODE_STEPS, "an episode never exceeds MAX_EPISODE_STEPS");
-        Self { episode, actions: actions.to_vec() }
+        Self { episode, actions: actions.to_vec(), has_ended: false, snapshot: None }
     }
 
     pub fn start_of(episode: u32) -> Self {
@@ -136,18 +148,40 @@ impl EnvironmentState {
         self.actions.len() as u32
     }
 
-    /// Bytes of a state with so many actions.
-    pub(crate) const fn bytes(actions: usize) -> usize {
-        Self::HEAD_BYTES + actions
+    /// The last action has ended the episode.
+    pub fn end(&mut self) {
+        self.has_ended = true;
+    }
+
+    /// Whether the last action is known to have ended the episode.
+    pub fn has_ended(&self) -> bool {
+        self.has_ended
+    }
+
+    /// The state before the last action, if it is known.
+    pub fn snapshot(&self) -> Option<&Snapshot> {
+        self.snapshot.as_ref()
+    }
+
+    /// Bytes of a state with so many actions and a snapshot of so many bytes.
+    pub(crate) const fn bytes(actions: usize, snapshot: usize) -> usize {
+        Self::HEAD_BYTES + actions + if snapshot > 0 { size_of::<u64>() + snapshot } else { 0 }
     }
 
     /// States as the payload of a restore.
     pub fn encode(states: &[Self]) -> Vec<u8> {
-        let mut bytes = Vec::with_capacity(states.iter().map(|state| Self::bytes(state.actions.len())).sum());
+        let snapshot_bytes = |state: &Self| state.snapshot.as_ref().map_or(0, |snapshot| snapshot.bytes.len());
+        let length = states.iter().map(|state| Self::bytes(state.actions.len(), snapshot_bytes(state))).sum();
+        let mut bytes = Vec::with_capacity(length);
         for state in states {
-            bytes.extend(state.episode.to_le_bytes());
-            bytes.extend(state.action_count().to_le_bytes());
+            for word in [state.episode, state.action_count(), state.has_ended.into(), snapshot_bytes(state) as u32] {
+                bytes.extend(word.to_le_bytes());
+            }
             bytes.extend(&state.actions);
+            if let Some(snapshot) = &state.snapshot {
+                bytes.extend(snapshot.state_hash.to_le_bytes());
+                bytes.extend(&snapshot.bytes);
+            }
         }
         bytes
     }
@@ -157,15 +191,27 @@ impl EnvironmentState {
         let (mut states, mut rest) = (vec![], payload);
         while !rest.is_empty() {
             let mut word = || Some(u32::from_le_bytes(*rest.split_off(..4)?.first_chunk()?));
-            let head = [word(), word()];
+            let head = [word(), word(), word(), word()];
             let claimed = head[1].unwrap_or_default();
             let actions = rest.split_off(..claimed as usize).filter(|actions| actions.len() <= MAX_EPISODE_STEPS);
-            match (head, actions) {
-                ([Some(episode), Some(_)], Some(actions)) => states.push(Self::after(episode, actions)),
+            let snapshot = match head[3].unwrap_or_default() {
+                0 => Some(None),
+                _ if claimed == 0 => None,
+                count => Self::decode_snapshot(&mut rest, count as usize).map(Some),
+            };
+            match (head, actions, snapshot) {
+                ([Some(episode), _, Some(ended), Some(_)], Some(actions), Some(snapshot)) => {
+                    states.push(Self { has_ended: ended != 0, snapshot, ..Self::after(episode, actions) });
+                }
                 _ => return Err(BadRestore { bytes: payload.len(), claimed }),
             }
         }
         Ok(states)
+    }
+
+    fn decode_snapshot(rest: &mut &[u8], count: usize) -> Option<Snapshot> {
+        let state_hash = u64::from_le_bytes(*rest.split_off(..size_of::<u64>())?.first_chunk()?);
+        Some(Snapshot { state_hash, bytes: rest.split_off(..count)?.to_vec() })
     }
 
     /// Notes one more action.
@@ -175,6 +221,16 @@ impl EnvironmentState {
     pub fn push(&mut self, action: u8) {
         assert!(self.actions.len() < MAX_EPISODE_STEPS, "an episode never exceeds MAX_EPISODE_STEPS");
         self.actions.push(action);
+        self.snapshot = None;
+    }
+
+    /// Notes the state that the last action was taken in.
+    ///
+    /// # Panics
+    /// If there is no action.
+    pub fn remember(&mut self, snapshot: Snapshot) {
+        assert!(!self.actions.is_empty(), "a snapshot is of a state that an action was taken in");
+        self.snapshot = Some(snapshot);
     }
 }
 
@@ -258,13 +314,25 @@ mod tests {
     fn states_of_any_length_cross_and_what_is_no_state_is_refused() {
         let long: Vec<u8> = (0..MAX_EPISODE_STEPS).map(|step| (step % 7) as u8).collect();
         let mut states = vec![EnvironmentState::start_of(3), EnvironmentState::after(9, &long)];
+        states.push(EnvironmentState::start_of(4));
         states[0].push(5);
+        for action in [1, 2] {
+            states[2].push(action);
+            assert_eq!(states[2].snapshot(), None, "that of the action before");
+            states[2].remember(Snapshot { state_hash: action.into(), bytes: vec![action, 11] });
+        }
+        states[2].end();
         let bytes = EnvironmentState::encode(&states);
-        assert_eq!(bytes.len(), EnvironmentState::bytes(1) + EnvironmentState::bytes(MAX_EPISODE_STEPS));
+        let lengths = [(1, 0), (MAX_EPISODE_STEPS, 0), (2, 2)];
+        let length = |(actions, snapshot)| EnvironmentState::bytes(actions, snapshot);
+        assert_eq!(bytes.len(), lengths.map(length).iter().sum::<usize>());
         assert_eq!(EnvironmentState::decode(&bytes), Ok(states));
-        for cut in [1, 4, 7, 8, 12, bytes.len() - 1] {
+        for cut in [1, 4, 7, 8, 12, bytes.len() - 1, bytes.len() - 9] {
             assert!(EnvironmentState::decode(&bytes[..cut]).is_err(), "{cut}");
         }
+        let mut of_no_action = [0; 16 + 8 + 1];
+        of_no_action[12] = 1;
+        assert!(EnvironmentState::decode(&of_no_action).is_err());
         let claims = [0, 0, 0, 0, 255, 255, 255, 255, 1];
         let refused = EnvironmentState::decode(&claims).unwrap_err().to_string();
         assert_eq!(refused, "a restore of 9 bytes claims 4294967295 actions in one episode");
