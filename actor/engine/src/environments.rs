@@ -31,6 +31,7 @@ struct Rules {
     /// Share of the episodes whose frames are recorded.
     recorded: f64,
     restore: Restore,
+    max_steps: u32,
 }
 
 /// One environment in its current episode.
@@ -60,6 +61,7 @@ impl Rules {
             seed: config.seed,
             recorded: if config.recording.enabled { config.recording.depth_share } else { 0.0 },
             restore: spec.restore,
+            max_steps: config.episode.max_steps,
         }
     }
 
@@ -107,12 +109,13 @@ impl Rules {
         step: u32,
         last: u8,
     ) -> Result<(), EngineError> {
+        let ended = state.has_ended() || state.action_count() >= self.max_steps;
         self.begin(running, simulator, state.episode)?;
         running.header.step = step;
-        running.header.act(running.header.state_hash, state.has_ended().then_some(End::Truncated));
+        running.header.act(running.header.state_hash, ended.then_some(End::Truncated));
         running.actions = [last; 2];
-        running.is_lost = !state.has_ended();
-        if state.has_ended() {
+        running.is_lost = !ended;
+        if ended {
             let next = running.next_episode().expect("four billion episodes outlast any run");
             self.begin(running, simulator, next)?;
         }
