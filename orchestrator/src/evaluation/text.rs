@@ -66,8 +66,7 @@ pub fn lines(spec: &Spec, evaluation: &Evaluation) -> Vec<String> {
     };
     lines.push(line("", "episodes", &|_, head| head.to_owned()));
     // A hundred lines would bury the others; the result file has them all.
-    let hides = conditions.procedural.is_some() || conditions.distribution == Distribution::Seeds;
-    let kitchens = if hides { 0 } else { evaluation.kitchens.len() };
+    let kitchens = if conditions.procedural.is_some() { 0 } else { evaluation.kitchens.len() };
     let of_kitchen = |part: &KitchenFigures| row(&format!("kitchen {}", part.kitchen), &part.figures);
     lines.extend(evaluation.kitchens[..kitchens].iter().map(of_kitchen));
     lines.extend(evaluation.categories.iter().map(|part| row(part.category.name(), &part.figures)));

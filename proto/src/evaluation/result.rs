@@ -151,7 +151,7 @@ pub struct Evaluation {
     pub intervals: BTreeMap<String, [f64; 2]>,
     /// Novel and seen, if requested; none of a task without targets.
     pub object_sets: Vec<ObjectSetFigures>,
-    /// By kitchen, ascending.
+    /// By kitchen, ascending; none of episodes of fixed seeds.
     pub kitchens: Vec<KitchenFigures>,
     /// By category, in wire order, for the requested ones.
     pub categories: Vec<CategoryFigures>,
@@ -174,7 +174,8 @@ impl Evaluation {
         };
         let object_sets = [ObjectSet::Novel, ObjectSet::Seen]
             .map(|objects| ObjectSetFigures { objects, figures: figures(&|record| record.is_in(objects)) });
-        let kitchens = records.iter().map(|(record, _)| record.kitchen).collect::<BTreeSet<_>>();
+        let in_kitchens = records.iter().filter(|_| conditions.distribution != Distribution::Seeds);
+        let kitchens = in_kitchens.map(|(record, _)| record.kitchen).collect::<BTreeSet<_>>();
         let kitchens = kitchens
             .into_iter()
             .map(|kitchen| KitchenFigures { kitchen, figures: figures(&|record| record.kitchen == kitchen) });
