@@ -17,7 +17,7 @@ FORCES_N = (-1.0, 0.0, 1.0)
 class Forces(gymnasium.ActionWrapper):
     """Actions are the numbers of forces on the cart."""
 
-    def __init__(self, env: gymnasium.Env):
+    def __init__(self, env: gymnasium.Env) -> None:
         super().__init__(env)
         self.action_space = gymnasium.spaces.Discrete(len(FORCES_N))
 

@@ -109,7 +109,7 @@ def test_a_mujoco_environment_goes_on_from_a_snapshot_to_the_same_bits(name: str
 
 @pytest.mark.parametrize(
     ("metadata", "problem"),
-    [({"restore": "snapshots"}, "not \"replay\""), ({"restore": "snapshot"}, "has no get_state")],
+    [({"restore": "snapshots"}, 'not "replay"'), ({"restore": "snapshot"}, "has no get_state")],
 )
 def test_a_way_to_be_restored_that_there_is_not_is_refused(metadata, problem):
     env = Env()

@@ -18,7 +18,7 @@ pub enum Restore {
 
 impl Restore {
     /// The most bytes of a snapshot. Each environment's lies in every record.
-    pub const SNAPSHOT_BYTES_MOST: u32 = 1 << 20;
+    pub(super) const SNAPSHOT_BYTES_MOST: u32 = 1 << 20;
 
     /// Whether a run ends in the same bits after any kill.
     pub fn is_exact(self) -> bool {

@@ -51,7 +51,7 @@ def describe(env: gymnasium.Env, name: str) -> Described:
 
 
 def way_of(env: gymnasium.Env) -> str:
-    """How an environment is restored: as its `metadata["restore"]` says, or by snapshots where it has them, or by replay."""
+    """How an environment is restored: as `metadata["restore"]` says, by snapshots if it has them, or by replay."""
     has_snapshots = all(callable(getattr(env, name, None)) for name in ("get_state", "set_state"))
     way = env.metadata.get("restore", "snapshot" if has_snapshots else "replay")
     if way not in ("replay", "snapshot", "none"):

@@ -21,8 +21,8 @@ STEPS_BEFORE = 20
 def prove(env: gymnasium.Env, make: Callable[[], gymnasium.Env]) -> None:
     """Refuses an environment that does not go on as it did when it is restored in the way that it declares.
 
-    For "replay" an episode is played twice, another one between. For "snapshot" another environment, in an episode of its
-    own, is put into the middle of the first one's; and episodes begin by their seeds.
+    For "replay" an episode is played twice, another one between. For "snapshot" another environment, in an episode of
+    its own, is put into the middle of the first one's; and episodes begin by their seeds.
     """
     way = way_of(env)
     if way == "none":
@@ -31,9 +31,9 @@ def prove(env: gymnasium.Env, make: Callable[[], gymnasium.Env]) -> None:
     _play(env, 2, STEPS_BETWEEN)
     if way == "replay":
         advice = (
-            "A run rebuilds an environment by its seed and actions: draw all random numbers from self.np_random, and reset"
-            ' everything in reset(). An environment with metadata["restore"] = "none" trains all the same, but not to the'
-            " same bits after a kill"
+            "A run rebuilds an environment by its seed and actions: draw all random numbers from self.np_random,"
+            ' and reset everything in reset(). An environment with metadata["restore"] = "none" trains all the same, but'
+            " not to the same bits after a kill"
         )
         return _compare(once, _play(env, 1, STEPS), 0, "reset(seed=1)", advice)
     _compare(once[:1], _play(env, 1, 0), 0, "reset(seed=1)", "Every episode begins by its seed")
@@ -56,7 +56,7 @@ def prove(env: gymnasium.Env, make: Callable[[], gymnasium.Env]) -> None:
 def _compare(once: list[dict[str, Any]], again: list[dict[str, Any]], first: int, after: str, advice: str) -> None:
     for step, (one, other) in enumerate(zip_longest(once, again, fillvalue={}), first):
         for what in ("observation", "reward", "end"):
-            if (what in one) != (what in other) or what in one and not _same(one[what], other[what]):
+            if (what in one) != (what in other) or (what in one and not _same(one[what], other[what])):
                 raise Refused(
                     f"it does not repeat itself: after {after} its {what} after {step} actions is another one. {advice}"
                 )

@@ -22,12 +22,12 @@ LAST_S = 2.0
 class Camera(gymnasium.Wrapper):
     """Keeps a picture of every state that an episode comes through."""
 
-    def __init__(self, env: gymnasium.Env):
+    def __init__(self, env: gymnasium.Env) -> None:
         super().__init__(env)
         if env.render_mode != "rgb_array":
             raise Refused(
-                f"it was made with render_mode {env.render_mode!r}, and films need 'rgb_array': give the function that makes"
-                " it a parameter `render_mode`"
+                f"it was made with render_mode {env.render_mode!r}, and films need 'rgb_array': give the function that"
+                " makes it a parameter `render_mode`"
             )
         self.pictures: list[NDArray[np.uint8]] = []
 

@@ -74,24 +74,25 @@ def mujoco_of(env: gymnasium.Env) -> tuple[Any, Any]:
     raise ValueError(f"{env} has no MuJoCo model that is known here: Depth looks for `model` and `data`")
 
 
-# What Gymnasium's environments read of `MjData` beside its state: it is as of the last step's beginning, so that it cannot
-# be computed again from the state.
-_DERIVED = (
-    "xpos xquat xmat xipos ximat geom_xpos geom_xmat site_xpos site_xmat subtree_com subtree_linvel subtree_angmom cinert"
-    " cvel cacc cfrc_int cfrc_ext actuator_force actuator_length actuator_velocity qfrc_actuator qfrc_constraint qacc"
-    " sensordata ten_length ten_velocity energy"
-).split()
+# What Gymnasium's environments read of `MjData` beside its state: it is as of the last step's beginning, so that it
+# cannot be computed again from the state.
+_DERIVED = [
+    *("xpos", "xquat", "xmat", "xipos", "ximat", "geom_xpos", "geom_xmat", "site_xpos", "site_xmat", "subtree_com"),
+    *("subtree_linvel", "subtree_angmom", "cinert", "cvel", "cacc", "cfrc_int", "cfrc_ext", "actuator_force"),
+    *("actuator_length", "actuator_velocity", "qfrc_actuator", "qfrc_constraint", "qacc", "sensordata", "ten_length"),
+    *("ten_velocity", "energy"),
+]
 
 
 class MujocoSnapshot(gymnasium.Wrapper):
     """Restores an environment with a MuJoCo model from bytes, and not by its episode's actions.
 
-    The bytes hold the state of `mj_getState`, what was derived from it, the environment's generator `np_random`, and the
-    counts of `gymnasium.wrappers.TimeLimit`. It is the outermost wrapper. An environment, or a wrapper, that remembers more
-    than these is refused when a run begins: the run tries a snapshot first.
+    The bytes hold the state of `mj_getState`, what was derived from it, the environment's generator `np_random`, and
+    the counts of `gymnasium.wrappers.TimeLimit`. It is the outermost wrapper. An environment, or a wrapper, that
+    remembers more than these is refused when a run begins: the run tries a snapshot first.
     """
 
-    def __init__(self, env: gymnasium.Env):
+    def __init__(self, env: gymnasium.Env) -> None:
         import mujoco
 
         super().__init__(env)
@@ -119,7 +120,7 @@ class MujocoSnapshot(gymnasium.Wrapper):
         return b"".join([*(word.to_bytes(16, "little") for word in words), *(array.tobytes() for array in arrays)])
 
     def set_state(self, state: bytes) -> None:
-        """Puts the environment into a state that `get_state` returned, of this or of another one that was made alike."""
+        """Puts the environment into a state that `get_state` returned, of this one or of one that was made alike."""
         env: Any = self.unwrapped
         physics = np.empty(self._mujoco.mj_stateSize(env.model, self._spec))
         counts = np.empty(len(self._limits), np.int64)
