@@ -14,7 +14,7 @@ pub enum Distribution {
     /// depends on kitchen, number and distances, and on no seed.
     Run,
     /// Of environments that are not built in: each begins with `reset(seed=...)` under a fixed seed, the same for every
-    /// policy ([`seed_of`]).
+    /// policy.
     Seeds,
 }
 
