@@ -160,7 +160,7 @@ dist: build
 # The runs with environments of Python need the programs, too.
 test-python: build
 	@python=$$(PYTHON='$(PYTHON)' python/setup) && (cd python && "$$python" -m pytest -q -rs $(ARGS)) && \
-		STILLROOM_TEST_PYTHON="$$python" cargo test --release --locked --workspace --test system environments::
+		STILLROOM_TEST_PYTHON="$$python" cargo test --release --locked --workspace --test system environments:: -- --ignored
 
 bench-python:
 	cargo build --release --locked --workspace --bin actor

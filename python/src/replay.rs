@@ -7,7 +7,6 @@ use proto::config::Config;
 use proto::record::End;
 use proto::replay::{Performance, PlayError, Player, RecordedEpisode, ReplaySetup, Rules, play};
 use proto::task::Description;
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::error::Error;
 
@@ -25,9 +24,6 @@ impl Replay {
     #[expect(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over")]
     fn new(setup: &str, environment: Bound<'_, PyAny>, description: &str, observed: Vec<Observed>) -> PyResult<Self> {
         let setup: ReplaySetup = serde_json::from_str(setup).map_err(value_error)?;
-        if setup.images.is_some() {
-            return Err(PyValueError::new_err("pictures are drawn of built-in environments alone"));
-        }
         let config = Config::from_toml(&setup.config, "the setup's configuration").map_err(value_error)?;
         let description: Description = serde_json::from_str(description).map_err(value_error)?;
         description.check(config.spec()).map_err(value_error)?;

@@ -5,6 +5,8 @@ use engine::Simulator;
 use numpy::PyArray1;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
+use proto::evaluation::{Plan, seed_of};
+use proto::kitchen::Split;
 use proto::last_place::LastPlace;
 use proto::random::Key;
 use proto::record::{End, RecordHeader};
@@ -12,10 +14,10 @@ use proto::task::{Channel, Check, Field, Layout, REWARD, Role, Spec};
 use pyo3::exceptions::PySystemExit;
 use pyo3::intern;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyTuple};
+use pyo3::types::{PyBytes, PyDict, PyTuple};
 use std::fs::File;
 use std::os::unix::fs::FileExt;
-use wire::message::Line;
+use wire::message::{Line, Snapshot};
 use xxhash_rust::xxh3::Xxh3;
 
 /// An environment failed.
@@ -29,6 +31,8 @@ pub struct Failure {
 /// Environments of a run.
 pub struct Served {
     seed: u64,
+    /// An evaluation's episodes, and whether they are the test's or validation's.
+    plan: Option<(Plan, Split)>,
     max_steps: u32,
     layout: &'static Layout,
     check: Check,
@@ -59,6 +63,9 @@ struct Environment {
     steps: u32,
     /// All that was seen and done in this episode so far.
     history: Xxh3,
+    state_hash: u64,
+    /// Of a task that is restored by snapshots: bound methods.
+    snapshots: Option<[Py<PyAny>; 2]>,
     /// The record as it is now, but for its header and actions.
     record: Vec<Line>,
 }
@@ -112,6 +119,10 @@ impl Served {
         let is_of_info = |channel: &&Channel| channel.role != Role::Observation && channel.name != REWARD;
         let of_info = spec.channels.iter().filter(is_of_info);
         let lines = layout.bytes / size_of::<Line>();
+        let has_snapshots = !layout.snapshot.is_empty();
+        let snapshots = |environment: &Bound<'_, PyAny>| -> PyResult<_> {
+            Ok([environment.getattr("get_state")?.unbind(), environment.getattr("set_state")?.unbind()])
+        };
         let environment = |environment: &Bound<'_, PyAny>| {
             Ok(Environment {
                 reset: environment.getattr("reset")?.unbind(),
@@ -120,11 +131,14 @@ impl Served {
                 episode: 0,
                 steps: 0,
                 history: Xxh3::new(),
+                state_hash: 0,
+                snapshots: has_snapshots.then(|| snapshots(environment)).transpose()?,
                 record: vec![Line([0; 64]); lines],
             })
         };
         Ok(Self {
             seed: config.seed,
+            plan: config.evaluation_plan().zip(config.evaluation.as_ref().map(|asked| asked.split)),
             max_steps: config.episode.max_steps,
             layout,
             check: Check::of(spec),
@@ -135,6 +149,18 @@ impl Served {
             environments: environments.iter().map(environment).collect::<PyResult<_>>()?,
             last_place,
         })
+    }
+
+    /// The number of an episode wherever it is told of, and the seed that it begins with.
+    fn which(&self, home: EnvironmentId, episode: u32) -> (u32, u32) {
+        match &self.plan {
+            None => (episode, Key::episode_seed(self.seed, home.number, episode)),
+            Some((plan, split)) => {
+                // One that has run out is not asked to act.
+                let dealt = plan.dealt(home, episode).unwrap_or_default();
+                (dealt, seed_of(*split, dealt))
+            }
+        }
     }
 
     /// Says where this process is, before Python is called: it may not return.
@@ -159,12 +185,12 @@ impl Simulator for Served {
     type Error = Failure;
 
     fn begin(&mut self, index: usize, home: EnvironmentId, episode: u32) -> Result<u64, Failure> {
+        let (told, seed) = self.which(home, episode);
         let one = &mut self.environments[index];
-        (one.number, one.episode, one.steps) = (home.number, episode, 0);
+        (one.number, one.episode, one.steps) = (home.number, told, 0);
         one.history = Xxh3::new();
         let place = one.place();
         self.enter(place);
-        let seed = Key::episode_seed(self.seed, home.number, episode);
         Python::attach(|py| {
             let one = &mut self.environments[index];
             let arguments = PyDict::new(py);
@@ -179,6 +205,29 @@ impl Simulator for Served {
             check(&self.check, one, false, self.layout)
         })
         .map_err(|problem| Failure { place, problem })
+    }
+
+    fn restore(
+        &mut self,
+        index: usize,
+        home: EnvironmentId,
+        episode: u32,
+        step: u32,
+        snapshot: &Snapshot,
+    ) -> Result<(), Failure> {
+        let (told, _) = self.which(home, episode);
+        let one = &mut self.environments[index];
+        (one.number, one.episode, one.steps) = (home.number, told, step);
+        one.state_hash = snapshot.state_hash;
+        let place = one.place();
+        self.enter(place);
+        let set_state = self.environments[index].snapshots.as_ref().map(|[_, set_state]| set_state);
+        let restored = Python::attach(|py| {
+            let set_state = set_state.ok_or_else(|| "it has no set_state()".to_owned())?;
+            let called = set_state.bind(py).call1((PyBytes::new(py, &snapshot.bytes),));
+            called.map(drop).map_err(|error| raised(py, "set_state", &error))
+        });
+        restored.map_err(|problem| Failure { place, problem })
     }
 
     fn act(&mut self, index: usize, action: &[u8], done: &mut [u8]) -> Result<(u64, Option<End>), Failure> {
@@ -223,7 +272,18 @@ impl Simulator for Served {
             let bit = self.layout.images.iter().position(|&image| image == source.field);
             header.bulk |= bit.map_or(0, |bit| 1 << bit);
         }
-        Ok(())
+        let one = &self.environments[index];
+        let Some([get_state, _]) = &one.snapshots else { return Ok(()) };
+        let place = one.place();
+        self.enter(place);
+        let taken = Python::attach(|py| {
+            let state = get_state.bind(py).call0().map_err(|error| raised(py, "get_state", &error))?;
+            let bytes = state.cast_into::<PyBytes>().map_err(|_| "get_state() returned no bytes".to_owned())?;
+            let fits = !bytes.as_bytes().is_empty() && self.layout.write_snapshot(bytes.as_bytes(), record);
+            let problem = || format!("get_state() returned {} bytes, which is none or more", bytes.as_bytes().len());
+            fits.then_some(()).ok_or_else(|| format!("{} than are declared", problem()))
+        });
+        taken.map_err(|problem| Failure { place, problem })
     }
 }
 
@@ -248,11 +308,16 @@ fn take_in<'a>(
 fn check(check: &Check, one: &mut Environment, acted: bool, layout: &Layout) -> Result<u64, String> {
     let record = Line::bytes(&one.record);
     check.record(record, acted).map_err(|problem| problem.to_string())?;
+    if one.snapshots.is_some() && acted {
+        // A chain, which goes on from a snapshot.
+        one.history = Xxh3::with_seed(one.state_hash);
+    }
     one.history.update(&record[layout.seen.start..]);
     if acted {
         one.history.update(&record[layout.of_action.clone()]);
     }
-    Ok(one.history.digest())
+    one.state_hash = one.history.digest();
+    Ok(one.state_hash)
 }
 
 /// That a method raised an exception. Its traceback goes to the log.

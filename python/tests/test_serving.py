@@ -16,6 +16,7 @@ import stillroom
 from stillroom.description import F32_MOST, Refused, describe
 from stillroom.determinism import prove
 from stillroom.serving import find
+from stillroom.wrappers import MujocoSnapshot
 
 
 class Env(gymnasium.Env):
@@ -90,9 +91,42 @@ def test_what_a_run_cannot_have_is_refused_in_a_sentence(observation, actions, p
 
 
 def test_an_environment_that_does_not_repeat_itself_is_refused():
-    prove(Env())
-    with pytest.raises(Refused, match="observation is another"):
-        prove(Env(noise=True))
+    prove(Env(), Env)
+    with pytest.raises(Refused, match="observation after 0 actions is another"):
+        prove(Env(noise=True), Env)
+
+
+@pytest.mark.parametrize("name", ["InvertedPendulum-v5", "Ant-v5"])
+def test_a_mujoco_environment_goes_on_from_a_snapshot_to_the_same_bits(name: str):
+    make = lambda: MujocoSnapshot(gymnasium.make(name, disable_env_checker=True))  # noqa: E731
+    one, other = make(), make()
+    actions = np.random.default_rng(0).uniform(-1, 1, (40, *one.action_space.shape)).astype(np.float32)
+    one.reset(seed=1)
+    other.reset(seed=2)
+    for action in actions[:3]:
+        one.step(action)
+        other.step(-action)
+    state = one.get_state()
+    other.set_state(state)
+    assert other.get_state() == state
+    for action in actions:
+        for expected, found in zip(one.step(action)[:4], other.step(action)[:4], strict=True):
+            np.testing.assert_array_equal(expected, found)
+    # The generator, too.
+    np.testing.assert_array_equal(one.reset()[0], other.reset()[0])
+    with pytest.raises(ValueError, match="7 bytes are no state"):
+        one.set_state(state[:7])
+
+
+@pytest.mark.parametrize(
+    ("metadata", "problem"),
+    [({"restore": "snapshots"}, 'not "replay"'), ({"restore": "snapshot"}, "has no get_state")],
+)
+def test_a_way_to_be_restored_that_there_is_not_is_refused(metadata, problem):
+    env = Env()
+    env.metadata = metadata
+    with pytest.raises(Refused, match=problem):
+        describe(env, "mine")
 
 
 def test_an_environment_is_found_by_its_name(tmp_path: Path):

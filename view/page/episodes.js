@@ -54,9 +54,10 @@ export async function showEpisodes(root, run, query, signal) {
   const kind = (word, successes) => (successes.indexOf(word) === 0 ? "good" : successes.includes(word) ? "warn" : word === "failure" ? "bad" : "soft");
   /** A figure: of a share whether it is so. */
   const figure = (value, { is_share: share }) => (value === undefined ? "–" : share ? (value ? "yes" : "no") : number(value, Number.isInteger(value) ? 0 : 3));
-  const row = (each, { columns, successes }) => {
+  const row = (each, { columns, successes, elsewhere }) => {
     const address = each.key && `#/run/${encoded}/episode/${each.key}`;
-    const where = each.environment === null ? String(each.kitchen) : `${each.kitchen} / ${each.environment}`;
+    const places = [elsewhere ? null : each.kitchen, each.environment];
+    const where = places.filter((place) => place !== null).join(" / ");
     return h("tr", { class: address ? "link" : null, onclick: (event) => { if (address && !event.target.closest("a")) location.hash = address; } },
       h("td", {}, where),
       h("td", { class: "number" }, address ? h("a", { href: address }, count(each.episode)) : h("span", { title: "its actions were not recorded" }, count(each.episode))),
@@ -82,6 +83,7 @@ export async function showEpisodes(root, run, query, signal) {
       const reading = page.indexed < 0.999 ? ` · recordings read: ${percent(page.indexed, 0)}` : "";
       status.textContent = `${count(page.matching)} of ${count(page.total)} episodes${reading}`;
       options("source", page.sources.length ? page.sources.map((name) => [name === "training" ? "" : name, name === "training" ? "training" : name.replace("rollout-", "validation ").replace(/ 0+(?=\d)/, " ")]) : [["", "the evaluation"]]);
+      selects.kitchen.parentElement.hidden = page.elsewhere;
       options("kitchen", [["", "all"], ...page.kitchens.map((kitchen) => [String(kitchen), String(kitchen)])]);
       options("target", [["", "all"], ...page.targets.map((target) => [target, target])]);
       const { columns, successes } = page;
@@ -90,7 +92,7 @@ export async function showEpisodes(root, run, query, signal) {
       const figures = columns.map(({ name, doc }) => [words(name), name, "number optional", doc]);
       options("range", [["length", "steps"], ...figures.map(([label, name]) => [name, label])]);
       if (heads.length !== COLUMNS.length + figures.length) {
-        heads = [...COLUMNS, ...figures].map(sorter);
+        heads = [...(page.elsewhere ? [["Environment", "kitchen", ""], ...COLUMNS.slice(1)] : COLUMNS), ...figures].map(sorter);
         figures.forEach(([, , , doc], at) => { heads[COLUMNS.length + at].title = doc; });
         replace(head, heads);
       }

@@ -99,7 +99,7 @@ pub struct Live {
     pub log: Vec<LogLine>,
     /// Evaluations of its checkpoints on validation kitchens.
     pub validation: Vec<Validated>,
-    /// Means by kitchen over the newest episodes of each.
+    /// Means by kitchen over the newest episodes of each; none where environments are not built in.
     pub kitchens: Vec<Kitchen>,
     /// The recordings in a line.
     pub recordings: Option<String>,
@@ -308,6 +308,8 @@ pub struct EpisodePage {
     /// The rows asked for.
     pub rows: Vec<EpisodeRow>,
     pub kitchens: Vec<u32>,
+    /// The environments are not built in, and are in no kitchen.
+    pub elsewhere: bool,
     /// None of a task without targets.
     pub targets: Vec<String>,
     /// Figures that rows have, beside their length.

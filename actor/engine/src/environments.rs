@@ -7,10 +7,10 @@ use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::random::{Key, Purpose};
 use proto::record::{End, RecordHeader};
-use proto::task::{Actions, LINE_BYTES, Layout};
+use proto::task::{Actions, LINE_BYTES, Layout, Restore};
 use std::collections::VecDeque;
 use std::ops::Range;
-use wire::message::{EnvironmentState, Line};
+use wire::message::{EnvironmentState, Line, Snapshot};
 
 /// All environments of an actor.
 pub struct Environments<S> {
@@ -31,6 +31,8 @@ struct Rules {
     seed: u64,
     /// Share of the episodes whose frames are recorded.
     recorded: f64,
+    restore: Restore,
+    max_steps: u32,
 }
 
 /// One environment in its current episode.
@@ -47,6 +49,9 @@ struct Running {
     done: Vec<u8>,
     /// What was seen last before that action truncated the episode, as in a record.
     last_seen: Vec<u8>,
+    /// It cannot be brought back to where the learner has it: its next action ends the episode, as a truncation without a
+    /// reward. Until then it shows another episode's start.
+    is_lost: bool,
 }
 
 impl Rules {
@@ -59,6 +64,8 @@ impl Rules {
             hold: spec.actions.hold(),
             seed: config.seed,
             recorded: if config.recording.enabled { config.recording.depth_share } else { 0.0 },
+            restore: spec.restore,
+            max_steps: config.episode.max_steps,
         }
     }
 
@@ -79,6 +86,45 @@ impl Rules {
         Ok(())
     }
 
+    /// Puts an environment where it was before the last action of an episode.
+    fn restore<S: Simulator>(
+        &self,
+        running: &mut Running,
+        simulator: &mut S,
+        state: &EnvironmentState,
+        snapshot: &Snapshot,
+    ) -> Result<u32, EngineError> {
+        let (episode, step) = (state.episode, state.action_count() - 1);
+        running.id = simulator.place(running.home, episode);
+        whereabouts::enter(running.id, episode);
+        let index = running.header.environment as usize;
+        simulator.restore(index, running.home, episode, step, snapshot).map_err(failed::<S>)?;
+        running.header.begin(episode, snapshot.state_hash, self.records(running.id, episode));
+        running.header.step = step;
+        Ok(step)
+    }
+
+    /// Lets an environment that cannot be brought back stand as if an episode's last action had led nowhere.
+    fn lose<S: Simulator>(
+        &self,
+        running: &mut Running,
+        simulator: &mut S,
+        state: &EnvironmentState,
+    ) -> Result<(), EngineError> {
+        let ended = state.has_ended() || state.action_count() >= self.max_steps;
+        self.begin(running, simulator, state.episode)?;
+        running.header.step = state.action_count() - 1;
+        running.header.act(running.header.state_hash, ended.then_some(End::Truncated));
+        running.take(state.last_action());
+        running.is_lost = !ended;
+        if ended {
+            self.keep_last_seen(running, simulator)?;
+            let next = running.next_episode().expect("four billion episodes outlast any run");
+            self.begin(running, simulator, next)?;
+        }
+        Ok(())
+    }
+
     /// Takes an action; after the last one of an episode the environment stands at the start of the next. False if the
     /// task has no such action.
     fn act<S: Simulator>(&self, running: &mut Running, simulator: &mut S, action: &[u8]) -> Result<bool, EngineError> {
@@ -87,8 +133,14 @@ impl Rules {
         }
         whereabouts::enter(running.id, running.header.episode);
         let index = running.header.environment as usize;
-        let (state_hash, end) = simulator.act(index, action, &mut running.done).map_err(failed::<S>)?;
-        running.actions.iter_mut().for_each(|last| last.copy_from_slice(action));
+        let (state_hash, end) = if running.is_lost {
+            running.is_lost = false;
+            running.done.fill(0);
+            (0, Some(End::Truncated))
+        } else {
+            simulator.act(index, action, &mut running.done).map_err(failed::<S>)?
+        };
+        running.take(action);
         running.header.act(state_hash, end);
         running.last_seen.fill(0);
         if end.is_some() {
@@ -116,7 +168,6 @@ impl Rules {
 }
 
 /// An environment's failure.
-
 fn failed<S: Simulator>(cause: S::Error) -> EngineError {
     EngineError::Simulator(cause.into())
 }
@@ -128,6 +179,11 @@ impl Running {
         self.actions[0].fill(0);
         self.done.fill(0);
         self.last_seen.fill(0);
+    }
+
+    /// An action was taken.
+    fn take(&mut self, action: &[u8]) {
+        self.actions.iter_mut().for_each(|last| last.copy_from_slice(action));
     }
 
     fn next_episode(&self) -> Option<u32> {
@@ -153,7 +209,7 @@ impl<S: Simulator> Environments<S> {
             let done = vec![0; rules.layout.of_action.len()];
             let actions = [(); 2].map(|()| vec![0; rules.hold.len()]);
             let last_seen = vec![0; rules.layout.last_seen.len()];
-            let mut one = Running { home, id: home, header, actions, done, last_seen };
+            let mut one = Running { home, id: home, header, actions, done, last_seen, is_lost: false };
             rules.begin(&mut one, &mut simulator, 0)?;
             running.push(one);
         }
@@ -199,11 +255,22 @@ impl<S: Simulator> Environments<S> {
         simulator.announce(places.collect::<Vec<_>>().into_iter().flatten());
         for (running, state) in running.iter_mut().zip(states) {
             running.hold();
-            rules.begin(running, simulator, state.episode)?;
+            running.is_lost = false;
+            let taken = match (rules.restore, state.snapshot()) {
+                (Restore::None, _) if state.action_count() > 0 => {
+                    rules.lose(running, simulator, state)?;
+                    continue;
+                }
+                (_, Some(snapshot)) => rules.restore(running, simulator, state, snapshot)?,
+                _ => {
+                    rules.begin(running, simulator, state.episode)?;
+                    0
+                }
+            };
             let place = running.place();
             let actions = state.actions().chunks_exact(rules.hold.len());
             let count = actions.len();
-            for (step, action) in actions.enumerate() {
+            for (step, action) in actions.enumerate().skip(taken as usize) {
                 if !rules.act(running, simulator, action)? {
                     let action = rules.actions.text(action);
                     return Err(EngineError::NoSuchActionBefore { action, step, place });

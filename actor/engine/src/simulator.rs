@@ -3,6 +3,7 @@
 use proto::episode::EnvironmentId;
 use proto::record::{End, RecordHeader};
 use std::error::Error;
+use wire::message::Snapshot;
 
 /// Environments of a task, numbered from 0, each in one episode at a time. The same episode and actions give the same bits
 /// in every process. Where every method is implemented, whatever it simulates can take part in a run.
@@ -22,12 +23,24 @@ pub trait Simulator {
     /// state's hash.
     fn begin(&mut self, index: usize, home: EnvironmentId, episode: u32) -> Result<u64, Self::Error>;
 
+    /// Puts environment number `index` where it was after `step` actions of an episode, by what it wrote into a record's
+    /// snapshot there ([`proto::task::Layout::snapshot`]) and the state's hash. At least one action follows before it is
+    /// seen. A task without snapshots is never asked.
+    fn restore(
+        &mut self,
+        index: usize,
+        home: EnvironmentId,
+        episode: u32,
+        step: u32,
+        snapshot: &Snapshot,
+    ) -> Result<(), Self::Error>;
+
     /// Takes one action, which the task has, and writes what it did: the bytes of a record's parts and outcomes. It does
     /// not begin the next episode. Returns the state's hash, and how the episode has ended, if it has.
     fn act(&mut self, index: usize, action: &[u8], done: &mut [u8]) -> Result<(u64, Option<End>), Self::Error>;
 
-    /// Writes what is seen now: observations and states, and images with their bits in the header. All other small bytes
-    /// of the record are written already.
+    /// Writes what is seen now: observations and states, images with their bits in the header, and the snapshot of a task
+    /// that is restored by such. All other small bytes of the record are written already.
     fn observe(&mut self, index: usize, header: &mut RecordHeader, record: &mut [u8]) -> Result<(), Self::Error>;
 
     /// Prepares the start of an episode that may come next, by a piece of work of about a quarter of a millisecond.

@@ -2,7 +2,7 @@
 
 use super::prefetcher::KitchenPrefetcher;
 use super::scenes::Scenes;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use engine::Simulator;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
@@ -10,6 +10,7 @@ use proto::kitchen::KitchenId;
 use proto::record::{End, RecordHeader};
 use proto::task::Layout;
 use simulator::environment::Environment;
+use wire::message::Snapshot;
 
 /// The environments of an actor, each in the kitchen of its episode.
 pub struct Kitchens {
@@ -81,6 +82,10 @@ impl Simulator for Kitchens {
         };
         self.scenes.look_ahead(home, episode, enters);
         Ok(self.environment(index)?.base().state_hash())
+    }
+
+    fn restore(&mut self, _: usize, home: EnvironmentId, _: u32, _: u32, _: &Snapshot) -> Result<()> {
+        bail!("kitchen {} is rebuilt from its actions: it has no snapshots", home.kitchen)
     }
 
     fn act(&mut self, index: usize, action: &[u8], done: &mut [u8]) -> Result<(u64, Option<End>)> {

@@ -7,6 +7,7 @@
 //! | `environment.action_count` | u32 (N): actions taken in it |
 //! | `environment.actions` | u8: bytes of those actions, one column's behind the other's; of older versions (N, 512), those actions, then zeros |
 //! | `environment.action_bytes` | u32 (1): bytes of an action, if they are not 1 |
+//! | `environment.states` | u8: the same as a restore holds it, with snapshots, where there are some |
 //! | `running.return` | f64 (N): return of the episode in progress |
 //! | `running.discounted_disturbance_m` | f64 (N): Σ `γ^t` cost of the episode in progress, by its name of older versions |
 //! | `running.discounted_return` | f64 (N): sum of its rewards, each discounted by its age; 0 in checkpoints of older versions |
@@ -26,6 +27,7 @@ const EPISODE: &str = "environment.episode";
 const ACTION_COUNT: &str = "environment.action_count";
 const ACTIONS: &str = "environment.actions";
 const ACTION_BYTES: &str = "environment.action_bytes";
+const STATES: &str = "environment.states";
 const RETURN: &str = "running.return";
 const DISCOUNTED_RETURN: &str = "running.discounted_return";
 const METRICS: &str = "running.metrics";
@@ -36,8 +38,18 @@ const DISCOUNTED_DISTURBANCE: &str = "running.discounted_disturbance_m";
 const ACTION_BYTES_MOST: usize = 4 * NUMBERS_MOST as usize;
 /// No run plays more episodes in one environment.
 const EPISODE_MOST: u32 = u32::MAX / 2;
-const OWN: [&str; 8] =
-    [EPISODE, ACTION_COUNT, ACTIONS, ACTION_BYTES, RETURN, DISCOUNTED_RETURN, DISCOUNTED_DISTURBANCE, METRICS, PICKED_UP];
+const OWN: [&str; 10] = [
+    EPISODE,
+    ACTION_COUNT,
+    ACTIONS,
+    ACTION_BYTES,
+    STATES,
+    RETURN,
+    DISCOUNTED_RETURN,
+    DISCOUNTED_DISTURBANCE,
+    METRICS,
+    PICKED_UP,
+];
 
 /// Why tensors do not make a state.
 #[derive(Debug, thiserror::Error)]
@@ -113,6 +125,10 @@ pub fn encode(tensors: &BTreeMap<String, Tensor>, boundary: &Boundary) -> Result
     if bytes > 1 {
         own(ACTION_BYTES, Dtype::U32, vec![1], (bytes as u32).to_le_bytes().to_vec())?;
     }
+    if states.iter().any(|state| state.snapshot().is_some()) {
+        let bytes = EnvironmentState::encode(states);
+        own(STATES, Dtype::U8, vec![bytes.len()], bytes)?;
+    }
     let mut column_of = |name: &str, figure: fn(&RunningEpisode) -> f64| {
         own(name, Dtype::F64, vec![columns], running.iter().flat_map(|episode| figure(episode).to_le_bytes()).collect())
     };
@@ -179,8 +195,13 @@ pub fn decode(bytes: &[u8], exchange: u64) -> Result<(BTreeMap<String, Tensor>, 
             return Err(wrong(name, format!("is not of {columns} environments")));
         }
     }
-    let mut boundary = Boundary { exchange, environments: vec![], running: vec![] };
     let (split, each) = split_actions(&file, &counts)?;
+    let states = match file.tensor(STATES) {
+        Ok(_) => EnvironmentState::decode(own_bytes(&file, STATES, Dtype::U8)?, each),
+        Err(_) => Ok(vec![]),
+    };
+    let states = states.map_err(|cause| wrong(STATES, cause.to_string()))?;
+    let mut boundary = Boundary { exchange, environments: vec![], running: vec![] };
     for (column, actions) in split.into_iter().enumerate() {
         let state = EnvironmentState::after(episodes[column], actions, each);
         // The next episode's number must exist, too.
@@ -191,7 +212,13 @@ pub fn decode(bytes: &[u8], exchange: u64) -> Result<(BTreeMap<String, Tensor>, 
         if let Some(action) = actions.iter().find(|&&action| each == 1 && action >= HOLD) {
             return Err(wrong(ACTIONS, format!("has an action {action}: there is none")));
         }
-        boundary.environments.push(state);
+        match states.get(column) {
+            Some(whole) if (whole.episode, whole.actions()) == (state.episode, actions) => {
+                boundary.environments.push(whole.clone());
+            }
+            None if states.is_empty() => boundary.environments.push(state),
+            _ => return Err(wrong(STATES, format!("is of other episodes than {EPISODE} and {ACTIONS}"))),
+        }
         let figure = |bytes: &[u8]| {
             let mut value = [0; 8];
             value.copy_from_slice(&bytes[column * 8..][..8]);

@@ -2,7 +2,7 @@
 
 use proto::config::Config;
 use proto::episode::EnvironmentId;
-use proto::kitchen::Kitchens;
+use proto::kitchen::{KitchenId, Kitchens};
 use std::ops::Range;
 use wire::message::Halves;
 
@@ -91,6 +91,11 @@ impl ColumnMap {
     pub fn place(self, column: usize) -> (u32, u32) {
         let each = self.environments_per_actor as usize;
         (self.actor((column / each) as u32), (column % each) as u32)
+    }
+
+    /// The kitchen of a column's environment; none where environments are not built in.
+    pub(super) fn kitchen(self, column: usize) -> Option<KitchenId> {
+        (self.kitchens != Kitchens::Elsewhere).then(|| self.environment(column).kitchen)
     }
 
     /// The environment in a column, as randomness counts it.

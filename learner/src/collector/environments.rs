@@ -4,9 +4,10 @@ use super::column_map::ColumnMap;
 use super::settings::{Reward, Settings, Signals};
 use super::statistics::{Ended, RunningEpisode};
 use crate::rollout::Outcome;
+use proto::kitchen::KitchenId;
 use proto::record::{End, RecordHeader, flag};
 use proto::task::{Actions, Check, Implausible, Layout, Measure};
-use wire::message::EnvironmentState;
+use wire::message::{EnvironmentState, Snapshot};
 
 /// What an action led to.
 #[derive(Debug, Clone, PartialEq)]
@@ -20,16 +21,21 @@ pub struct Settlement {
 /// An actor's report contradicts the learner's record of that environment. One of the two is faulty, so the data must
 /// not be used for training.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("actor {actor}, kitchen {kitchen}, environment {environment}: {problem}")]
+#[error("actor {actor}, {}environment {environment}: {problem}", in_kitchen(*kitchen))]
 pub struct Mismatch {
     pub actor: u32,
-    pub kitchen: u32,
+    /// None where environments are not built in.
+    pub kitchen: Option<KitchenId>,
     /// Environment index within the actor.
     pub environment: u32,
     /// What is wrong.
     pub problem: String,
     /// Nothing but that a number is not finite.
     pub non_finite: bool,
+}
+
+fn in_kitchen(kitchen: Option<KitchenId>) -> String {
+    kitchen.map_or_else(String::new, |kitchen| format!("kitchen {kitchen}, "))
 }
 
 /// Every environment's episode, actions taken in it, and figures so far.
@@ -51,9 +57,6 @@ pub struct Environments {
     running: Vec<RunningEpisode>,
     /// The last action was sent, and its outcome is not yet recorded.
     in_flight: Vec<bool>,
-    /// The episode has ended with the last outcome, and the state still holds all of it: an actor that has to send
-    /// that outcome again can.
-    ended: Vec<bool>,
 }
 
 impl Environments {
@@ -67,8 +70,7 @@ impl Environments {
             states.len() == column_map.columns() && running.len() == column_map.columns(),
             "there is one state and one running episode for each environment"
         );
-        let columns = column_map.columns();
-        let (in_flight, ended) = (vec![false; columns], vec![false; columns]);
+        let in_flight = vec![false; column_map.columns()];
         let (layout, soundness) = (task.layout(), Check::of(task));
         let measures = task.rollout_metrics().map(|(_, one)| one).collect();
         Self {
@@ -83,7 +85,6 @@ impl Environments {
             states,
             running,
             in_flight,
-            ended,
         }
     }
 
@@ -107,18 +108,21 @@ impl Environments {
         self.in_flight.contains(&true)
     }
 
-    /// Nobody needs a column's last outcome again: where it ended an episode, the next one begins.
+    /// Nobody needs a column's last outcome again: where it ended an episode, the next one begins. Until then the state
+    /// holds all of the old one: an actor that has to send that outcome again can.
     pub(crate) fn forget_outcome(&mut self, column: usize) {
-        if std::mem::take(&mut self.ended[column]) {
-            self.states[column] = EnvironmentState::start_of(self.states[column].episode + 1);
+        let state = &mut self.states[column];
+        if state.has_ended() {
+            *state = EnvironmentState::start_of(state.episode + 1);
         }
     }
 
-    /// Notes an action that is being sent; HOLD changes nothing but that the last outcome is forgotten.
+    /// Notes an action that is being sent where the record `seen` is of; HOLD changes nothing but that the last outcome is
+    /// forgotten.
     ///
     /// # Panics
     /// If the bytes are neither an action nor HOLD, or the last action's outcome has not been taken in.
-    pub fn act(&mut self, column: usize, action: &[u8]) {
+    pub fn act(&mut self, column: usize, action: &[u8], seen: &[u8]) {
         assert!(!self.in_flight[column], "one action at a time is in flight");
         self.forget_outcome(column);
         if action == self.actions.hold() {
@@ -126,13 +130,18 @@ impl Environments {
         }
         assert!(self.actions.has(action), "the agent answers with actions of the task, not {action:?}");
         self.states[column].push(action);
+        let snapshot = self.layout.snapshot_in(seen);
+        if !snapshot.is_empty() {
+            let state_hash = RecordHeader::of(seen).state_hash;
+            self.states[column].remember(Snapshot { state_hash, bytes: snapshot.to_vec() });
+        }
         self.in_flight[column] = true;
     }
 
     /// What contradicts the record of a column.
     pub(super) fn mismatch(&self, column: usize, problem: String) -> Mismatch {
         let (actor, environment) = self.column_map.place(column);
-        let kitchen = self.column_map.environment(column).kitchen.number();
+        let kitchen = self.column_map.kitchen(column);
         Mismatch { actor, kitchen, environment, problem, non_finite: false }
     }
 
@@ -201,7 +210,9 @@ impl Environments {
             *metric = measure.after(|index| layout.fields[index].number(record), *metric);
         }
         let ended = header.end().map(|_| Ended { length: header.acted_step + 1, running: std::mem::take(running) });
-        self.ended[column] |= ended.is_some();
+        if ended.is_some() {
+            self.states[column].end();
+        }
         let outcome = Outcome {
             reward: value,
             ended: ended.is_some(),

@@ -492,9 +492,10 @@ impl<S: HalfSample> Collector<S> {
             }
             let acting = if t + 1 == shape.steps { shape.environments_in_last_step } else { column_map.columns() };
             let mut sent = Vec::with_capacity(own.len());
-            for (column, action) in columns.zip(own.chunks_exact(hold.len())) {
+            let sample = self.lanes.sample(lane);
+            for (i, (column, action)) in columns.zip(own.chunks_exact(hold.len())).enumerate() {
                 let action = if column < acting { action } else { &hold };
-                self.environments.act(column, action);
+                self.environments.act(column, action, sample.record(i));
                 sent.extend_from_slice(action);
             }
             let (step, stage_version) = (self.lanes.step(index, half), self.stage_version);

@@ -90,7 +90,13 @@ mod tests {
     fn a_number_that_is_not_finite_is_found_under_whatever_was_said_on_the_way() {
         let seen = |error: anyhow::Error| is_non_finite(&error.context("in the middle").context("of something"));
         let mismatch = |non_finite| {
-            ProtocolError::from(Mismatch { actor: 0, kitchen: 1, environment: 0, problem: String::new(), non_finite })
+            ProtocolError::from(Mismatch {
+                actor: 0,
+                kitchen: None,
+                environment: 0,
+                problem: String::new(),
+                non_finite,
+            })
         };
         assert!(seen(AgentError::NonFinite { what: "loss".into() }.into()));
         assert!(seen(mismatch(true).into()));

@@ -427,7 +427,7 @@ name = "r"
 terms = [["upright", 1.0]]
 "#;
 
-/// With the constants of the preset the pole stands for hundreds of steps after a tenth of its frames, instead of twenty.
+/// With the constants of the preset the pole stands for hundreds of steps after a fifth of its frames, instead of twenty.
 #[test]
 fn a_pole_is_balanced() {
     Spec::declare(&CART_POLE.replace("\"state\"", "\"motion\"")).expect("a sound task");
@@ -457,7 +457,7 @@ fn a_pole_is_balanced() {
             None => agent.bootstrap(&input).map(|()| vec![]).expect("finite"),
         }
     };
-    let rollouts = 60;
+    let rollouts = 120;
     for rollout in 0..rollouts {
         agent.begin_rollout(RolloutShape::next(u64::MAX, steps, columns.len()));
         for t in 0..steps {
@@ -472,7 +472,7 @@ fn a_pole_is_balanced() {
             }
         }
         see(&mut agent, &poles, &previous, None);
-        agent.update(rollout as f64 / 488.0, rollout as u64).expect("finite");
+        agent.update(rollout as f64 / 586.0, rollout as u64).expect("finite");
     }
     let mean = |from: usize, to: usize| {
         let of: Vec<f64> =

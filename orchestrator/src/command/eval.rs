@@ -4,7 +4,7 @@ use super::play::ShownArgs;
 use crate::evaluation::choice::{ObjectsChoice, SplitChoice};
 use crate::evaluation::run::EvaluationRun;
 use crate::evaluation::subject::{Found, Provenance, Source, find};
-use crate::evaluation::text::{episodes_of, place};
+use crate::evaluation::text::{episodes_of, place, seeds_of};
 use crate::output::{format, terminal};
 use crate::preflight::all::demand_all;
 use crate::preflight::tools::Tools;
@@ -14,7 +14,9 @@ use crate::run::{lifeline, scenes};
 use anyhow::{Result, ensure};
 use proto::checkpoint::Manifest;
 use proto::config::{Config, DeviceChoice, Setting, ValidationConfig};
-use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet, Plan, has_targets};
+use proto::evaluation::{
+    Distribution, EPISODES_OF_SET, EvaluationConfig, ObjectSet, Plan, SEEDED_EPISODES_MOST, has_targets,
+};
 use proto::kitchen::{KitchenId, KitchenRange, Split, TargetCategory};
 use proto::run_folder::RunFolder;
 use rustix::process::Signal;
@@ -28,8 +30,8 @@ const ENVIRONMENTS_MAX: u32 = 32;
 ///
 /// A run whose episodes begin near their targets is asked for such episodes, drawn alike for every policy; any other
 /// one plays the fixed episodes. A run in scenes of its own is evaluated there. --kitchens chooses procedural kitchens,
-/// such as a run in kitchens without end has never seen. The same weights and seed give the same
-/// table (docs/evaluation.md). Without a run, `--preset` evaluates the weights that a fresh run begins with: a nearly
+/// such as a run in kitchens without end has never seen. A run with an environment of your own plays episodes of fixed
+/// seeds. The same weights and seed give the same table, whatever the number of actors (docs/evaluation.md). Without a run, `--preset` evaluates the weights that a fresh run begins with: a nearly
 /// uniform policy, the baseline of a random one. Exit status 1 without a result.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -40,6 +42,7 @@ const ENVIRONMENTS_MAX: u32 = 32;
   orchestrator eval runs/demo --distribution fixed          the paper's kind of episodes, whatever the run trained on
   orchestrator eval runs/a --split train --episodes 6 --json
   orchestrator eval runs/a --kitchens procedural:5000..5100 --episodes 6     in a hundred kitchens never seen
+  orchestrator eval runs/cart-pole --episodes 100        an environment of your own: seeds 0 to 99
   orchestrator eval --preset recipe --split test         a random policy")]
 pub struct EvalArgs {
     /// Run folder (its newest checkpoint), RUN/best, a checkpoint's manifest, or a policy file (.safetensors)
@@ -68,9 +71,9 @@ pub struct EvalArgs {
     /// table `episode` [default: fixed; run where the run has such limits, in training kitchens and in scenes]
     #[arg(long, value_enum)]
     distribution: Option<DistributionChoice>,
-    /// Only the first N episodes of each kitchen and object set; a multiple of 6 has each category as often [default:
-    /// all 360]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=360))]
+    /// Only the first N episodes of each kitchen and object set, at most 360; a multiple of 6 has each category as often
+    /// [default: all]. Of an environment of your own: N episodes [default: 100]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(SEEDED_EPISODES_MOST)))]
     episodes: Option<u32>,
     /// Take the most probable action instead of sampling
     #[arg(long)]
@@ -234,7 +237,20 @@ fn asked(
     scene_targets: Vec<Vec<TargetCategory>>,
     checkpoint: Option<String>,
 ) -> Result<EvaluationConfig> {
-    let in_scenes = !run.scenes.is_empty();
+    let (in_scenes, elsewhere) = (!run.scenes.is_empty(), run.environment.is_some());
+    let episodes = args.episodes.unwrap_or(0);
+    ensure!(
+        elsewhere || episodes <= EPISODES_OF_SET,
+        "--episodes {episodes}: a kitchen has {EPISODES_OF_SET} episodes of each object set"
+    );
+    ensure!(
+        !elsewhere || args.kitchens.is_none() && args.distribution.is_none() && args.shown.kitchen.is_none(),
+        "--kitchens, --kitchen, --distribution: the run's environments are not built in, and are in no kitchen"
+    );
+    ensure!(
+        !elsewhere || args.split != Some(SplitChoice::Train),
+        "--split train: episodes of fixed seeds are those of the test or of validation (--split valid)"
+    );
     let split = match args.split {
         None if args.shown.kitchen.is_some() => args.shown.kitchen.map_or(Split::Test, KitchenId::split),
         None if in_scenes || args.kitchens.is_some() => Split::Train,
@@ -245,10 +261,11 @@ fn asked(
     let distribution = match args.distribution {
         Some(DistributionChoice::Fixed) => Distribution::Fixed,
         Some(DistributionChoice::Run) => Distribution::Run,
+        None if elsewhere => Distribution::Seeds,
         None => run.episode.default_distribution(split),
     };
     ensure!(
-        distribution == Distribution::Run || split != Split::Train,
+        distribution != Distribution::Fixed || split != Split::Train,
         "--distribution fixed: {} have no fixed episodes, only validation and test kitchens do (--split valid or test)",
         match args.kitchens {
             Some(_) => "procedural kitchens",
@@ -256,7 +273,7 @@ fn asked(
             None => "training kitchens",
         }
     );
-    let has_targets = has_targets(run.spec());
+    let has_targets = has_targets(run.spec()) && !elsewhere;
     ensure!(
         has_targets || args.objects.is_none(),
         "--objects: an episode of the task `{}` has no target, and so there are no sets of them",
@@ -273,7 +290,7 @@ fn asked(
             Some(ObjectsChoice::Seen) => ObjectSet::Seen,
             Some(ObjectsChoice::All) => ObjectSet::All,
         },
-        episodes: args.episodes.unwrap_or(0),
+        episodes,
         distribution,
         scene_targets,
         deterministic: args.deterministic,
@@ -286,6 +303,9 @@ fn asked(
 /// Which episodes are played where, and how to have others where that was not asked for.
 fn announcement(args: &EvalArgs, config: &Config, asked: &EvaluationConfig) -> String {
     let what = episodes_of(config, asked).0;
+    if let Some(seeds) = seeds_of(asked.distribution, asked.split, asked.episodes) {
+        return seeds;
+    }
     let place = place(asked.split, asked.procedural, asked.scene_targets.len());
     let otherwise = match (args.distribution, asked.distribution, asked.split) {
         _ if !config.scenes.is_empty() => " (--split goes elsewhere)",

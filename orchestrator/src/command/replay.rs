@@ -99,9 +99,14 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
     let (shares, incomplete) = if picks { (args.picked()?, false) } else { args.chosen()? };
     let images = if args.check { None } else { Some(args.images_wanted()?) };
     let mut totals = Totals::default();
+    let mut in_kitchens = true;
     for (mut setup, episodes) in shares {
-        let is_built_in = Config::from_toml(&setup.config, "the recorded configuration")?.environment.is_none();
-        ensure!(is_built_in || args.check, "films are drawn of built-in environments alone: add --check to compare");
+        let config = Config::from_toml(&setup.config, "the recorded configuration")?;
+        in_kitchens = config.environment.is_none();
+        ensure!(
+            config.spec().restore.is_exact(),
+            "the environment cannot be restored (restore none), and so its episodes cannot be simulated again"
+        );
         setup.images.clone_from(&images);
         totals.merge(simulate(&setup, episodes)?);
     }
@@ -122,9 +127,10 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
         None => Ok(ExitCode::SUCCESS),
         Some((kitchen, environment, episode, Difference { step, what })) => {
             let kinds = totals.kinds.iter().map(|(what, count)| format!("{what} {count}"));
+            let place = if in_kitchens { format!("kitchen {kitchen}, ") } else { String::new() };
             bail!(
-                "the simulation differs from the recording, first in kitchen {kitchen}, environment {environment}, \
-                 episode {episode}, step {step}: {what} (episodes by what differs first: {})",
+                "the simulation differs from the recording, first in {place}environment {environment}, episode {episode}, \
+                 step {step}: {what} (episodes by what differs first: {})",
                 kinds.collect::<Vec<_>>().join(", ")
             )
         }

@@ -132,6 +132,9 @@ impl Work {
                 if !stages.is_empty() {
                     lines.extend(table(&metrics, stages));
                 }
+                if config.environment.is_some() {
+                    lines.push(format!("restore {}", config.spec().restore.describe()));
+                }
                 if starts > 0 {
                     lines.push(wall.text(starts as u32));
                 }

@@ -245,4 +245,7 @@ fn introduce(config: &Config, asked: bool) {
     } else if !asked {
         terminal::note(&format!("preset {}: {frames} frames", config.preset));
     }
+    if config.environment.is_some() {
+        terminal::note(&format!("restore {}", config.spec().restore.describe()));
+    }
 }

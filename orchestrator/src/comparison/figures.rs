@@ -1,7 +1,7 @@
 //! What runs and evaluations came to, as figures with names.
 
 use super::row::Row;
-use crate::evaluation::text::{place, shown};
+use crate::evaluation::text::{place, seeds_of, shown};
 use crate::output::{format, terminal};
 use crate::run::identity::Identity;
 use crate::run::lock::{LockState, holder};
@@ -154,7 +154,9 @@ fn evaluations(list: &mut List, folder: &RunFolder) {
 fn kind_of(evaluation: &Evaluation) -> String {
     let conditions = &evaluation.conditions;
     let place = place(conditions.split, conditions.procedural, conditions.scenes.len());
-    let mut kind = format!("{}, {} targets", place.trim_start_matches("the "), conditions.objects.name());
+    let seeds = seeds_of(conditions.distribution, conditions.split, conditions.episodes);
+    let in_kitchens = || format!("{}, {} targets", place.trim_start_matches("the "), conditions.objects.name());
+    let mut kind = seeds.unwrap_or_else(in_kitchens);
     if conditions.distribution == Distribution::Run {
         kind.push_str(", drawn");
     }

@@ -2,7 +2,9 @@
 
 use crate::output::format::{self, NOTHING, counted};
 use proto::config::Config;
-use proto::evaluation::{Cost, Distribution, Evaluation, EvaluationConfig, Figures, KitchenFigures, describe};
+use proto::evaluation::{
+    Cost, Distribution, Evaluation, EvaluationConfig, Figures, KitchenFigures, SEEDED_EPISODES, describe, seed_of,
+};
 use proto::kitchen::{KitchenRange, Split};
 use proto::task::{Described, Kind, Spec};
 
@@ -10,7 +12,7 @@ use proto::task::{Described, Kind, Spec};
 /// target.
 pub fn episodes_of(config: &Config, asked: &EvaluationConfig) -> (String, [f32; 2]) {
     let distances_m = match asked.distribution {
-        Distribution::Fixed => [0.0; 2],
+        Distribution::Fixed | Distribution::Seeds => [0.0; 2],
         Distribution::Run => [config.episode.start_distance_max_m, config.episode.goal_distance_max_m],
     };
     (describe(asked.distribution, distances_m[0], distances_m[1]), distances_m)
@@ -30,12 +32,22 @@ pub fn place(split: Split, procedural: Option<KitchenRange>, scenes: usize) -> S
     split.to_owned()
 }
 
+/// The episodes of an environment that is not built in, as text; none of others.
+pub fn seeds_of(distribution: Distribution, split: Split, episodes: u32) -> Option<String> {
+    let count = if episodes == 0 { SEEDED_EPISODES } else { episodes };
+    let whose = if split == Split::Validation { "validation" } else { "test" };
+    let [first, last] = [0, count - 1].map(|episode| seed_of(split, episode));
+    let seeds = format!("{}, reset with seeds {first} to {last}", counted(count.into(), &format!("{whose} episode")));
+    (distribution == Distribution::Seeds).then_some(seeds)
+}
+
 /// The result as a table on the terminal: what the task prints of each episode, then its further figures.
 pub fn lines(spec: &Spec, evaluation: &Evaluation) -> Vec<String> {
     let Cost { wall_s, steps, .. } = evaluation.cost;
     let conditions = &evaluation.conditions;
     let place = place(conditions.split, conditions.procedural, conditions.scenes.len());
-    let mut lines = vec![format!("{}, in {place}", conditions.episodes_played())];
+    let seeds = seeds_of(conditions.distribution, conditions.split, conditions.episodes);
+    let mut lines = vec![seeds.unwrap_or_else(|| format!("{}, in {place}", conditions.episodes_played()))];
     let further = spec.described().len() - spec.figures.len();
     let printed = |one: &&Described| !one.label.is_empty();
     let (described, heads) = (spec.described(), |one: &Described| match one.unit.as_str() {
@@ -60,6 +72,13 @@ pub fn lines(spec: &Spec, evaluation: &Evaluation) -> Vec<String> {
     lines.extend(evaluation.categories.iter().map(|part| row(part.category.name(), &part.figures)));
     lines.extend(evaluation.object_sets.iter().map(|part| row(part.objects.name(), &part.figures)));
     lines.push(row("all", &evaluation.overall));
+    for one in described.iter().filter(printed) {
+        if let Some([low, high]) = evaluation.intervals.get(&one.name) {
+            let [low, high] = [low, high].map(|&bound| shown(one, Some(bound)));
+            let mean = shown(one, evaluation.overall.get(&one.name));
+            lines.push(format!("{} {mean}, 95% interval {low} to {high}", one.label));
+        }
+    }
     let figure = |one: &Described| {
         let unit = if one.unit.is_empty() { String::new() } else { format!(" {}", one.unit) };
         format!("{} {}{unit}", one.label, shown(one, evaluation.overall.get(&one.name)))

@@ -48,13 +48,6 @@ pub fn complete(program: &str, folder: &RunFolder, preset: &str, recorded: bool)
     lines
 }
 
-/// The same after a run whose environments are not built in: they are neither drawn nor evaluated.
-pub fn complete_elsewhere(program: &str, folder: &RunFolder, recorded: bool) -> Vec<String> {
-    let run = quoted(folder.root());
-    let look = recorded.then(|| line("prove", &format!("{program} replay {run}")));
-    look.into_iter().chain([line("report", &format!("{program} report {run}"))]).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -72,13 +65,6 @@ mod tests {
         ];
         assert_eq!(lines("demo", true), expected);
         assert_eq!(lines("paper", false), expected[1..3], "nothing was recorded, and this was the full run");
-    }
-
-    #[test]
-    fn a_run_of_other_environments_is_proven_and_reported() {
-        let lines = |recorded| complete_elsewhere("orchestrator", &RunFolder::new("runs/a"), recorded);
-        assert_eq!(lines(true), ["prove       orchestrator replay runs/a", "report      orchestrator report runs/a"]);
-        assert_eq!(lines(false).len(), 1);
     }
 
     #[test]

@@ -275,9 +275,6 @@ impl TrainingRun {
         let recorded = summary.is_some_and(|summary| !summary.recordings.is_empty());
         let program = next_steps::program();
         let next = match outcome.end {
-            SessionEnd::Complete if self.config.environment.is_some() => {
-                next_steps::complete_elsewhere(&program, &self.folder, recorded)
-            }
             SessionEnd::Complete => next_steps::complete(&program, &self.folder, &self.config.preset, recorded),
             _ => next_steps::unfinished(&program, &self.folder, self.hosts()),
         };

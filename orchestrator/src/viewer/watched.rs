@@ -248,7 +248,10 @@ impl Watched {
             warnings: log.map_or(&empty, |log| &log.warnings).iter().cloned().collect(),
             log: log.map_or(&empty, |log| &log.lines).iter().cloned().collect(),
             validation: scores.scores.into_iter().map(|score| validated(config.spec(), score)).collect(),
-            kitchens: kitchens(config.spec(), &self.episode_index),
+            kitchens: match config.environment {
+                None => kitchens(config.spec(), &self.episode_index),
+                Some(_) => Vec::new(),
+            },
             recordings: Recordings::of(&self.folder).map(|recordings| recordings.line()),
             indexed: self.episode_index.indexed(),
             notes,
@@ -340,6 +343,7 @@ impl Watched {
             sources,
             indexed: self.episode_index.indexed(),
             notes: self.episode_index.notes.clone(),
+            elsewhere: config.environment.is_some(),
             ..page
         })
     }

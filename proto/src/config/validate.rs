@@ -2,7 +2,7 @@
 
 use super::{Config, ConfigError, EnvironmentConfig, INPUT_POOLS, KitchenSource, KitchensConfig, ValidationConfig};
 use crate::episode::MAX_EPISODE_STEPS;
-use crate::evaluation::{Distribution, EvaluationConfig};
+use crate::evaluation::{Distribution, EPISODES_OF_SET, EvaluationConfig, SEEDED_EPISODES_MOST};
 use crate::kitchen::{KitchenId, Split};
 use std::fmt::Display;
 
@@ -86,10 +86,7 @@ impl Config {
         check("kitchens.source", "\"procedural\"", built_in, "cannot be set beside `environment`: it has no kitchens")?;
         let scenes = self.scenes.len();
         check("scenes", scenes, scenes == 0, "cannot be set beside `environment`: it has no kitchens")?;
-        let every = self.validation.every_frames;
-        let evaluation = self.evaluation.is_none();
-        check("evaluation", "{ ... }", evaluation, "cannot be beside `environment`: an evaluation is in kitchens")?;
-        check("validation.every_frames", every, every == 0, "must be 0 beside `environment`: validation is in kitchens")
+        Ok(())
     }
 
     /// Settings of procedural kitchens.
@@ -233,7 +230,17 @@ impl Config {
             check("machine.pin", &self.machine.pin, false, problem)?;
         }
         let ValidationConfig { episodes, actors, .. } = self.validation;
-        check("validation.episodes", episodes, episodes <= 360, "a kitchen has 360 episodes of each object set")?;
+        if self.environment.is_some() {
+            let few = episodes <= SEEDED_EPISODES_MOST;
+            check("validation.episodes", episodes, few, "must be at most 100000")?;
+            return check("validation.actors", actors, (1..=512).contains(&actors), "must be 1 to 512");
+        }
+        check(
+            "validation.episodes",
+            episodes,
+            episodes <= EPISODES_OF_SET,
+            "a kitchen has 360 episodes of each object set",
+        )?;
         check(
             "validation.actors",
             actors,
@@ -283,6 +290,18 @@ impl Config {
         let EvaluationConfig { split, procedural, kitchen, distribution, scene_targets, steps_per_s, .. } = asked;
         if let Some(steps) = steps_per_s {
             check("evaluation.steps_per_s", steps, (1..=1000).contains(steps), "must be 1 to 1000")?;
+        }
+        let (elsewhere, seeds) = (self.environment.is_some(), *distribution == Distribution::Seeds);
+        check(
+            "evaluation.distribution",
+            serde_json::json!(distribution),
+            elsewhere == seeds,
+            "must be \"seeds\" beside `environment`, and only there",
+        )?;
+        if seeds {
+            let (episodes, split) = (asked.episodes, serde_json::json!(split));
+            check("evaluation.episodes", episodes, episodes <= SEEDED_EPISODES_MOST, "must be at most 100000")?;
+            return check("evaluation.split", split, asked.split != Split::Train, "must be \"test\" or \"validation\"");
         }
         let (scenes, lists) = (self.scenes.len(), scene_targets.len());
         check("evaluation.scene_targets", lists, lists == scenes, "must be one list of targets for each of `scenes`")?;

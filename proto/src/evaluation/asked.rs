@@ -39,6 +39,11 @@ impl ObjectSet {
     }
 }
 
+/// Episodes of an evaluation of environments that are not built in, unless it is asked for another number.
+pub const SEEDED_EPISODES: u32 = 100;
+/// The most of them.
+pub const SEEDED_EPISODES_MOST: u32 = 100_000;
+
 /// Request of an evaluation: a table of the configuration that `orchestrator eval` writes for its processes. A run has
 /// none.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -54,9 +59,10 @@ pub struct EvaluationConfig {
     pub kitchen: Option<KitchenId>,
     /// Targets.
     pub objects: ObjectSet,
-    /// The first this many episodes of each kitchen and of each of the sets novel and seen; 0 = all.
+    /// The first this many episodes of each kitchen and of each of the sets novel and seen; 0 = all. Of environments that
+    /// are not built in: this many, 0 = 100.
     pub episodes: u32,
-    /// Fixed or drawn.
+    /// Fixed, drawn, or of fixed seeds.
     #[serde(default)]
     pub distribution: Distribution,
     /// Targets that each scene of the configuration has; empty where kitchens are built in, which have all.
@@ -99,6 +105,7 @@ impl EvaluationConfig {
     /// Kitchens whose episodes are played.
     pub fn kitchens(&self) -> Kitchens {
         match (self.procedural, self.kitchen, self.scene_targets.len()) {
+            _ if self.distribution == Distribution::Seeds => Kitchens::Elsewhere,
             (Some(range), ..) => Kitchens::Procedural(range),
             (None, Some(kitchen), _) => Kitchens::One(kitchen),
             (None, None, 0) => Kitchens::Split(self.split),

@@ -1,5 +1,6 @@
 //! Where an evaluation's episodes come from.
 
+use crate::kitchen::Split;
 use serde::{Deserialize, Serialize};
 
 /// Where an evaluation's episodes come from.
@@ -12,14 +13,28 @@ pub enum Distribution {
     /// Drawn as the run draws its training episodes, within its distances. The same for every policy: an episode
     /// depends on kitchen, number and distances, and on no seed.
     Run,
+    /// Of environments that are not built in: each begins with `reset(seed=...)` under a fixed seed, the same for every
+    /// policy.
+    Seeds,
+}
+
+/// The seed of an evaluation's episode in environments that are not built in. Validation, which chooses a checkpoint, and
+/// the test have no episode in common.
+pub fn seed_of(split: Split, episode: u32) -> u32 {
+    const FIRST_OF_VALIDATION: u32 = 1_000_000;
+    match split {
+        Split::Validation => FIRST_OF_VALIDATION + episode,
+        Split::Train | Split::Test => episode,
+    }
 }
 
 impl Distribution {
-    /// `fixed` or `run`.
+    /// `fixed`, `run` or `seeds`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Fixed => "fixed",
             Self::Run => "run",
+            Self::Seeds => "seeds",
         }
     }
 }
@@ -32,6 +47,7 @@ pub fn describe(distribution: Distribution, start_m: f32, goal_m: f32) -> String
     };
     match distribution {
         Distribution::Fixed => "fixed episodes at full distance".to_owned(),
+        Distribution::Seeds => "episodes of fixed seeds".to_owned(),
         Distribution::Run if start_m == 0.0 && goal_m == 0.0 => "drawn episodes at full distance".to_owned(),
         Distribution::Run => format!(
             "drawn episodes near their targets: the robot starts {}, the goal is {}",

@@ -4,7 +4,7 @@ use super::asked::ObjectSet;
 use super::confusion::Confusion;
 use super::distribution::Distribution;
 use super::record::EpisodeRecord;
-use crate::kitchen::{KitchenId, TargetCategory};
+use crate::kitchen::{KitchenId, Kitchens, TargetCategory};
 use crate::record::End;
 use crate::task::{Described, Kind, Spec};
 use csv::{ErrorKind, Reader, StringRecord, WriterBuilder};
@@ -16,7 +16,7 @@ const COUNTS: [&str; 4] = ["prediction_hits", "prediction_misses", "prediction_f
 
 /// Names of the columns, in order.
 fn names(spec: &Spec, distribution: Distribution) -> Vec<String> {
-    let mut names = vec!["kitchen", "episode"];
+    let mut names = if has_kitchens(distribution) { vec!["kitchen", "episode"] } else { vec!["episode"] };
     names.extend(["category", "objects"].iter().filter(|_| has_targets(spec)));
     names.extend(["end", "length"]);
     let mut names: Vec<String> = names.into_iter().map(str::to_owned).collect();
@@ -26,6 +26,10 @@ fn names(spec: &Spec, distribution: Distribution) -> Vec<String> {
     // Only in tables of drawn episodes.
     names.extend((distribution == Distribution::Run).then(|| "distribution".to_owned()));
     names
+}
+
+fn has_kitchens(distribution: Distribution) -> bool {
+    distribution != Distribution::Seeds
 }
 
 /// Whether an episode of the task has a target, of a category that is novel or seen.
@@ -41,7 +45,8 @@ pub fn write_table(spec: &Spec, records: &[EpisodeRecord], distribution: Distrib
     writer.write_record(names(spec, distribution)).expect(WRITTEN);
     let columns = spec.columns();
     for record in records {
-        let mut cells = vec![record.kitchen.to_string(), record.episode.to_string()];
+        let mut cells = if has_kitchens(distribution) { vec![record.kitchen.to_string()] } else { vec![] };
+        cells.push(record.episode.to_string());
         if let Some(category) = record.category.filter(|_| has_targets(spec)) {
             let set = if ObjectSet::Novel.contains(category) { ObjectSet::Novel } else { ObjectSet::Seen };
             cells.extend([category.name(), set.name()].map(str::to_owned));
@@ -140,7 +145,10 @@ impl Row<'_> {
         let category_named = |name: &str| TargetCategory::ALL.into_iter().find(|category| category.name() == name);
         let category = has_targets(spec).then(|| self.with("category", category_named));
         Ok(EpisodeRecord {
-            kitchen: self.with("kitchen", |cell| KitchenId::new(cell.parse().ok()?).ok())?,
+            kitchen: match Kitchens::Elsewhere.ids()[..] {
+                [elsewhere] if !self.names.iter().any(|name| name == "kitchen") => elsewhere,
+                _ => self.with("kitchen", |cell| KitchenId::new(cell.parse().ok()?).ok())?,
+            },
             episode: self.parsed("episode")?,
             category: category.transpose()?,
             end: self
@@ -235,6 +243,12 @@ mod tests {
                         26,7,terminated,200,1,1,,00000000000000ab\n";
         assert_eq!(text, expected);
         assert_eq!(read_table(&spec, &text).unwrap()[1], there);
+        // Elsewhere there are no kitchens, and all is as if in one.
+        there.kitchen = Kitchens::Elsewhere.ids()[0];
+        let elsewhere = write_table(&spec, std::slice::from_ref(&there), Distribution::Seeds);
+        assert_eq!(elsewhere.lines().nth(1), Some("7,terminated,200,1,1,,00000000000000ab"));
+        assert_eq!(read_table(&spec, &elsewhere).unwrap(), [there.clone()]);
+        there.kitchen = KitchenId::new(26).unwrap();
         // A metric that was declared later is none of an older table's episodes.
         let older = text.replace(",spl", "").replace(",0,0,0,", ",0,0,").replace(",1,1,,", ",1,1,");
         assert_eq!(read_table(&spec, &older).unwrap()[1], there);

@@ -12,16 +12,17 @@ mod confusion;
 mod distribution;
 mod episode_table;
 mod figures;
+mod interval;
 mod plan;
 mod record;
 mod result;
 
-pub use asked::{EvaluationConfig, ObjectSet};
+pub use asked::{EvaluationConfig, ObjectSet, SEEDED_EPISODES, SEEDED_EPISODES_MOST};
 pub use confusion::Confusion;
-pub use distribution::{Distribution, describe};
+pub use distribution::{Distribution, describe, seed_of};
 pub use episode_table::{has_targets, read_table, read_table_from, write_table};
 pub use figures::{CurvePoint, Figures};
-pub use plan::{EPISODES_PER_KITCHEN, Plan, category_of};
+pub use plan::{EPISODES_OF_SET, EPISODES_PER_KITCHEN, Plan, category_of};
 pub use record::EpisodeRecord;
 pub use result::{
     ActionCounts, CategoryFigures, Conditions, Cost, Evaluation, KitchenFigures, ObjectSetFigures, RESULT_FILE,

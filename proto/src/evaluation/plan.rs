@@ -1,10 +1,13 @@
 //! Which environment runs which episode. The assignment is made beforehand, so that results do not depend on timing.
 
-use super::asked::{EvaluationConfig, ObjectSet};
+use super::asked::{EvaluationConfig, ObjectSet, SEEDED_EPISODES};
+use super::distribution::Distribution;
 use crate::episode::EnvironmentId;
 use crate::kitchen::{KitchenId, TargetCategory};
 use std::ops::Range;
 
+/// Episodes of one object set in one kitchen.
+pub const EPISODES_OF_SET: u32 = EPISODES_PER_KITCHEN / 2;
 /// Episodes of one category in one kitchen, fixed or drawn.
 const EPISODES_PER_CATEGORY: u32 = 60;
 pub const EPISODES_PER_KITCHEN: u32 = EPISODES_PER_CATEGORY * TargetCategory::ALL.len() as u32;
@@ -19,6 +22,8 @@ pub fn category_of(episode: u32) -> TargetCategory {
 /// Every kitchen of a split plays the same episode numbers, a scene those of the targets that it has. Its environments,
 /// numbered as [`EnvironmentId::number`], take turns: environment n of N plays the list's entries n, n + N, n + 2N, ...
 /// as its episodes 0, 1, 2, ...; one that has run out holds.
+///
+/// Environments that are not built in have one list, as those of one kitchen do.
 ///
 /// Procedural kitchens are dealt with their episodes: of the list of all episodes, by kitchen and number, each
 /// environment plays a part of its own, as long as the others' but for one, so that it changes its kitchen seldom.
@@ -54,7 +59,12 @@ impl Plan {
             Some(index) => config.scene_targets.get(index).map_or(&[][..], Vec::as_slice),
             None => &TargetCategory::ALL,
         };
-        let kitchens = config.kitchens().ids().into_iter().map(|kitchen| (kitchen, in_kitchen(targets(kitchen))));
+        let episodes = |kitchen| match (config.distribution, config.episodes) {
+            (Distribution::Seeds, 0) => (0..SEEDED_EPISODES).collect(),
+            (Distribution::Seeds, episodes) => (0..episodes).collect(),
+            _ => in_kitchen(targets(kitchen)),
+        };
+        let kitchens = config.kitchens().ids().into_iter().map(|kitchen| (kitchen, episodes(kitchen)));
         Self { kitchens: kitchens.collect(), actors, environments_per_actor, moving: config.procedural.is_some() }
     }
 
@@ -210,7 +220,7 @@ mod tests {
             let config = EvaluationConfig {
                 split: Split::Train,
                 procedural,
-                distribution: crate::evaluation::Distribution::Run,
+                distribution: Distribution::Run,
                 ..config(ObjectSet::All, 12)
             };
             let plan = Plan::new(&config, actors, environments);

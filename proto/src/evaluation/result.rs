@@ -3,11 +3,12 @@
 use super::asked::ObjectSet;
 use super::distribution::{Distribution, describe};
 use super::figures::Figures;
+use super::interval::intervals;
 use super::record::EpisodeRecord;
 use crate::kitchen::{KitchenId, KitchenRange, Split, TargetCategory};
 use crate::task::{ActionSpace, Described, Spec};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Read;
 
 /// Name of the result file in an evaluation's folder.
@@ -144,9 +145,13 @@ pub struct Evaluation {
     pub cost: Cost,
     /// All episodes together.
     pub overall: Figures,
+    /// 95% intervals of the means of each return and metric, by name: percentiles of a bootstrap over the episodes. Only of
+    /// episodes of fixed seeds: those of a kitchen are not independent.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub intervals: BTreeMap<String, [f64; 2]>,
     /// Novel and seen, if requested; none of a task without targets.
     pub object_sets: Vec<ObjectSetFigures>,
-    /// By kitchen, ascending.
+    /// By kitchen, ascending; none of episodes of fixed seeds.
     pub kitchens: Vec<KitchenFigures>,
     /// By category, in wire order, for the requested ones.
     pub categories: Vec<CategoryFigures>,
@@ -169,7 +174,8 @@ impl Evaluation {
         };
         let object_sets = [ObjectSet::Novel, ObjectSet::Seen]
             .map(|objects| ObjectSetFigures { objects, figures: figures(&|record| record.is_in(objects)) });
-        let kitchens = records.iter().map(|(record, _)| record.kitchen).collect::<BTreeSet<_>>();
+        let in_kitchens = records.iter().filter(|_| conditions.distribution != Distribution::Seeds);
+        let kitchens = in_kitchens.map(|(record, _)| record.kitchen).collect::<BTreeSet<_>>();
         let kitchens = kitchens
             .into_iter()
             .map(|kitchen| KitchenFigures { kitchen, figures: figures(&|record| record.kitchen == kitchen) });
@@ -182,6 +188,10 @@ impl Evaluation {
             task: spec.name.clone(),
             described: spec.described(),
             overall: figures(&|_| true),
+            intervals: match conditions.distribution {
+                Distribution::Seeds => intervals(spec, records.iter().map(|(record, _)| record)),
+                Distribution::Fixed | Distribution::Run => BTreeMap::new(),
+            },
             object_sets: object_sets.into_iter().filter(|set| set.figures.episodes > 0).collect(),
             kitchens: kitchens.collect(),
             categories: categories.into_iter().filter(|category| category.figures.episodes > 0).collect(),

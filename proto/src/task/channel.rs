@@ -149,6 +149,17 @@ impl Channel {
         if self.names.is_empty() { self.range } else { Some([0.0, self.names.len() as f64 - 1.0]) }
     }
 
+    /// Where an environment cannot be restored, an action that was lost leaves zeros.
+    pub(super) fn check_nothing(&self) -> Result<(), SpecError> {
+        let in_range = self.bounds().is_none_or(|[least, most]| least <= 0.0 && most >= 0.0);
+        if !self.is_of_action() || in_range && (self.values.is_empty() || self.values.contains(&0.0)) {
+            return Ok(());
+        }
+        let problem =
+            "of an environment that cannot be restored, what an action did can be 0: so it is where one is lost";
+        Err(SpecError::Channel { name: self.name.clone(), problem })
+    }
+
     pub(super) fn check(&self) -> Result<(), SpecError> {
         let wrong = |problem| Err(SpecError::Channel { name: self.name.clone(), problem });
         let whole = !matches!(self.dtype, Dtype::F32 | Dtype::F64);

@@ -4,7 +4,7 @@
 //! number that the task does not declare must not be trained on, and not be recorded as a fact. The checks are a few dozen
 //! comparisons for each step, next to an image of 100 kB.
 
-use super::channel::Channel;
+use super::channel::{Channel, Dtype};
 use super::layout::{Field, HEADER_BYTES};
 use super::spec::Spec;
 use crate::record::{End, RecordHeader};
@@ -57,6 +57,8 @@ impl Check {
         fields.extend(layout.fields.iter().filter(|field| field.offset < layout.small_bytes));
         let is_seen = |field: &Field| layout.seen.contains(&field.offset);
         fields.extend(layout.fields.iter().copied().filter(is_seen).filter_map(|field| layout.last(field)));
+        let snapshot = Field { offset: layout.snapshot.start, dtype: Dtype::U8, count: layout.snapshot.len() };
+        fields.extend((snapshot.count > 0).then_some(snapshot));
         fields.sort_by_key(|field| field.offset);
         for field in fields {
             gaps.push(end..field.offset);

@@ -3,6 +3,7 @@
 use super::actions::Actions;
 use super::channel::{Channel, Dtype, Role};
 use super::error::SpecError;
+use super::restore::Restore;
 use super::spec::Spec;
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
@@ -19,6 +20,8 @@ pub struct Description {
     pub actions: Actions,
     /// Its observations.
     pub channels: Vec<Channel>,
+    #[serde(default)]
+    pub restore: Restore,
 }
 
 impl Description {
@@ -29,6 +32,9 @@ impl Description {
         let more: Table = toml::from_str(more).map_err(|cause| toml(&cause))?;
         let mut table = Table::try_from(self).map_err(|cause| toml(&cause))?;
         let common: Table = toml::from_str(COMMON).map_err(|cause| toml(&cause))?;
+        // Policies are ranked by the user's first metric, then by the score.
+        let first = more.get("metrics").and_then(|metrics| metrics.get(0)?.get("name")).cloned();
+        table.extend(first.map(|name| ("headline".to_owned(), name)));
         for (key, value) in common.into_iter().chain(more) {
             match (table.get_mut(&key), value) {
                 (Some(Value::Array(list)), Value::Array(added)) => added.into_iter().for_each(|one| join(list, one)),
@@ -58,7 +64,14 @@ impl Description {
             return differs(format!("observations {}", text(now)), text(then));
         }
         let [now, then] = [&self.actions, &spec.actions].map(Actions::summary);
-        if now == then { Ok(()) } else { differs(now, then) }
+        if now != then {
+            return differs(now, then);
+        }
+        // A declaration can do without snapshots that there are.
+        match (self.restore, spec.restore) {
+            (now, then @ Restore::Snapshot { .. }) if now != then => differs(format!("{now:?}"), format!("{then:?}")),
+            _ => Ok(()),
+        }
     }
 }
 
@@ -128,12 +141,19 @@ mod tests {
             [cost]
             part = "speed"
             weight = 1.0
+            [[metrics]]
+            name = "fast"
+            over = "last"
+            all_of = [{ channel = "speed", at_least = 3.0 }]
+            doc = ""
         "#;
         let spec = Spec::parse(&description().declaration(more).unwrap()).unwrap();
         let names: Vec<&str> = spec.channels.iter().map(|channel| channel.name.as_str()).collect();
         assert_eq!(names, ["observation", "reward", "speed"]);
         assert_eq!(spec.channels[1].range, Some([0.0, 1.0]));
         assert!(spec.rewards.len() == 2 && spec.cost().is_some());
+        let ranking: Vec<&str> = spec.ranking().iter().map(|metric| metric.name.as_str()).collect();
+        assert_eq!(ranking, ["fast", "score"]);
         assert!(description().declaration("channels = 3").is_ok_and(|text| Spec::parse(&text).is_err()));
     }
 

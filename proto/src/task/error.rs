@@ -17,6 +17,8 @@ pub enum SpecError {
     Taken(String),
     #[error("channel `{name}`: {problem}")]
     Channel { name: String, problem: &'static str },
+    #[error("restore: a snapshot of {bytes} bytes; it has 1 to {most}", most = super::Restore::SNAPSHOT_BYTES_MOST)]
+    Snapshot { bytes: u32 },
     #[error("actions: {problem}")]
     Actions { problem: String },
     #[error("reward `{name}`: {problem}")]

@@ -6,11 +6,13 @@
 //! parts, outcomes        of the last action, in the declaration's order, each aligned to its type
 //! observations, …        what is seen now, likewise, from a multiple of 8 on
 //! observations, …        what was seen last of an episode that the limit of steps has ended; not in a task with images
+//! snapshot               of a task that is restored by such, from a multiple of 8 on
 //! images                 each from a cache line on; the sums of their windows behind them
 //! ```
 
 use super::actions::Actions;
 use super::channel::{Channel, Dtype};
+use super::restore::Restore;
 use crate::record::RecordHeader;
 use bytemuck::{AnyBitPattern, Pod};
 use std::ops::Range;
@@ -19,6 +21,9 @@ use std::ops::Range;
 pub const LINE_BYTES: usize = 64;
 /// Bytes of the engine's header.
 pub const HEADER_BYTES: usize = size_of::<RecordHeader>();
+
+/// The count before a snapshot's bytes.
+const SNAPSHOT_HEAD_BYTES: usize = size_of::<u32>();
 
 /// Place of a channel's numbers in a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -90,6 +95,9 @@ pub struct Layout {
     /// begins in the same record, and a truncated episode has a value to come. Empty in a task with images, which would
     /// double.
     pub last_seen: Range<usize>,
+    /// What brings the environment back to what is seen now: how many bytes, a `u32`, then those, then zeros. Empty of a
+    /// task that needs none.
+    pub snapshot: Range<usize>,
     /// Place of each channel, in the declaration's order.
     pub fields: Vec<Field>,
     /// Images, and the sums of their windows: each can be there or not.
@@ -115,7 +123,26 @@ impl Layout {
         self.fields[index].f32(record)
     }
 
-    pub(super) fn of(actions: &Actions, channels: &[Channel]) -> Self {
+    /// The snapshot in a record; empty where the task has none, or the record none that could be.
+    pub fn snapshot_in<'a>(&self, record: &'a [u8]) -> &'a [u8] {
+        let Some((count, bytes)) = record[self.snapshot.clone()].split_first_chunk() else { return &[] };
+        bytes.get(..u32::from_le_bytes(*count) as usize).unwrap_or_default()
+    }
+
+    /// Writes a snapshot into a record; false if it is longer than declared.
+    pub fn write_snapshot(&self, snapshot: &[u8], record: &mut [u8]) -> bool {
+        let room = &mut record[self.snapshot.clone()];
+        let end = SNAPSHOT_HEAD_BYTES + snapshot.len();
+        if room.len() < end {
+            return false;
+        }
+        room[..SNAPSHOT_HEAD_BYTES].copy_from_slice(&(snapshot.len() as u32).to_le_bytes());
+        room[SNAPSHOT_HEAD_BYTES..end].copy_from_slice(snapshot);
+        room[end..].fill(0);
+        true
+    }
+
+    pub(super) fn of(actions: &Actions, channels: &[Channel], restore: Restore) -> Self {
         let mut end = HEADER_BYTES;
         let mut place = |dtype: Dtype, count: usize, alignment: usize| {
             let field = Field { offset: end.next_multiple_of(alignment), dtype, count };
@@ -138,6 +165,10 @@ impl Layout {
         let seen = block(false, &mut place);
         let again = if channels.iter().any(Channel::is_bulk) { 0 } else { seen.len() };
         let last_seen = place(Dtype::U8, again, 8).range();
+        let snapshot = match restore {
+            Restore::Snapshot { bytes } => place(Dtype::U8, SNAPSHOT_HEAD_BYTES + bytes as usize, 8).range(),
+            Restore::Replay | Restore::None => 0..0,
+        };
         let small_bytes = place(Dtype::U8, 0, LINE_BYTES).offset;
         let mut images = vec![];
         for (channel, field) in channels.iter().zip(&mut fields).filter(|(channel, _)| channel.is_bulk()) {
@@ -148,6 +179,6 @@ impl Layout {
             }
         }
         let bytes = place(Dtype::U8, 0, LINE_BYTES).offset;
-        Self { action, previous_action, of_action, seen, last_seen, fields, images, small_bytes, bytes }
+        Self { action, previous_action, of_action, seen, last_seen, snapshot, fields, images, small_bytes, bytes }
     }
 }

@@ -6,6 +6,7 @@ use super::error::SpecError;
 use super::figure::{Curve, Figure};
 use super::layout::Layout;
 use super::metric::Metric;
+use super::restore::Restore;
 use super::reward::{Cost, Label, Reward};
 use super::spec::Spec;
 use serde::Deserialize;
@@ -36,6 +37,8 @@ struct Declaration {
     weights: BTreeMap<String, f32>,
     actions: Actions,
     channels: Vec<Channel>,
+    #[serde(default)]
+    restore: Restore,
     #[serde(default)]
     rewards: Vec<Reward>,
     cost: Option<Cost>,
@@ -118,6 +121,7 @@ impl Spec {
             weights,
             actions,
             channels,
+            restore,
             rewards,
             cost,
             label,
@@ -132,12 +136,20 @@ impl Spec {
         }
         actions.check()?;
         channels.iter().try_for_each(Channel::check)?;
-        let (layout, text) = (Layout::of(&actions, &channels), text.to_owned());
+        if let Restore::Snapshot { bytes } = restore {
+            let valid = (1..=Restore::SNAPSHOT_BYTES_MOST).contains(&bytes);
+            valid.then_some(()).ok_or(SpecError::Snapshot { bytes })?;
+        }
+        if restore == Restore::None {
+            channels.iter().try_for_each(Channel::check_nothing)?;
+        }
+        let (layout, text) = (Layout::of(&actions, &channels, restore), text.to_owned());
         let spec = Self {
             name,
             formerly,
             actions,
             channels,
+            restore,
             rewards,
             weights,
             metrics,

@@ -5,6 +5,7 @@ use super::channel::Channel;
 use super::figure::{Curve, Described, Figure};
 use super::layout::{Field, HEADER_BYTES, Layout};
 use super::metric::Metric;
+use super::restore::Restore;
 use super::reward::{Cost, Label, Reward};
 use crate::digest::sha256;
 use sha2::{Digest, Sha256};
@@ -20,6 +21,8 @@ pub struct Spec {
     pub formerly: Vec<String>,
     pub actions: Actions,
     pub channels: Vec<Channel>,
+    /// How its environments are brought back. Kitchens are by replay.
+    pub restore: Restore,
     /// Rewards that stages can name, beside those of a configuration.
     pub rewards: Vec<Reward>,
     /// Weights that rewards name, and that a configuration can set.
@@ -127,6 +130,9 @@ impl Spec {
         }
         if !self.layout.last_seen.is_empty() {
             let _ = writeln!(text, "last {}", self.layout.last_seen.start);
+        }
+        if !self.layout.snapshot.is_empty() {
+            let _ = writeln!(text, "snapshot {:?}", self.layout.snapshot);
         }
         let digest = Sha256::digest(text);
         u64::from_le_bytes(digest[..8].try_into().expect("a digest has 32 bytes"))

@@ -19,6 +19,8 @@ pub struct WireShape {
     pub max_steps: u32,
     /// Bytes of an action.
     pub action_bytes: usize,
+    /// Bytes of a snapshot at most; 0 of a task without.
+    pub snapshot_bytes: usize,
 }
 
 impl WireShape {
@@ -36,9 +38,15 @@ impl WireShape {
     /// The shape of so many processes at a task whose episodes are as long as any can be.
     pub fn new(shares: Shares, environments_per_actor: u32, task: &Spec) -> Self {
         let record_lines = task.layout().bytes / LINE_BYTES;
-        let max_steps = MAX_EPISODE_STEPS as u32;
-        let (layout_hash, action_bytes) = (task.layout_hash(), task.actions.bytes());
-        Self { shares, environments_per_actor, record_lines, layout_hash, max_steps, action_bytes }
+        Self {
+            shares,
+            environments_per_actor,
+            record_lines,
+            layout_hash: task.layout_hash(),
+            action_bytes: task.actions.bytes(),
+            max_steps: MAX_EPISODE_STEPS as u32,
+            snapshot_bytes: task.layout().snapshot.len(),
+        }
     }
 
     /// Cache lines of a sample of so many records.

@@ -101,6 +101,17 @@ pub struct EnvironmentState {
     /// Actions taken so far, and their bytes.
     count: u32,
     actions: Vec<u8>,
+    has_ended: bool,
+    snapshot: Option<Snapshot>,
+}
+
+/// An environment's own state before the last action of an [`EnvironmentState`], of a task that is restored by such.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Snapshot {
+    /// Hash of the state.
+    pub state_hash: u64,
+    /// As the environment makes of them what it will.
+    pub bytes: Vec<u8>,
 }
 
 /// A restore that no learner of ours sends.
@@ -112,8 +123,9 @@ pub struct BadRestore {
 }
 
 impl EnvironmentState {
-    /// Bytes of one before its actions: episode and number of actions, both little-endian `u32`.
-    const HEAD_BYTES: usize = 8;
+    /// Bytes of one before its actions: episode, number of actions, whether the episode has ended, and how many bytes a
+    /// snapshot behind the actions has, 0 without one: little-endian `u32`. A snapshot begins with its hash.
+    const HEAD_BYTES: usize = 16;
 
     /// After these actions of `bytes` bytes each.
     ///
@@ -123,11 +135,11 @@ impl EnvironmentState {
         assert!(actions.len().is_multiple_of(bytes), "actions are whole");
         let count = actions.len() / bytes;
         assert!(count <= MAX_EPISODE_STEPS, "an episode never exceeds MAX_EPISODE_STEPS");
-        Self { episode, count: count as u32, actions: actions.to_vec() }
+        Self { count: count as u32, actions: actions.to_vec(), ..Self::start_of(episode) }
     }
 
     pub fn start_of(episode: u32) -> Self {
-        Self { episode, count: 0, actions: vec![] }
+        Self { episode, count: 0, actions: vec![], has_ended: false, snapshot: None }
     }
 
     /// Bytes of the actions taken so far, one behind the other.
@@ -146,18 +158,40 @@ impl EnvironmentState {
         &self.actions[self.actions.len() - bytes..]
     }
 
-    /// Bytes of a state whose actions have so many.
-    pub(crate) const fn bytes(actions: usize) -> usize {
-        Self::HEAD_BYTES + actions
+    /// The last action has ended the episode.
+    pub fn end(&mut self) {
+        self.has_ended = true;
+    }
+
+    /// Whether the last action is known to have ended the episode.
+    pub fn has_ended(&self) -> bool {
+        self.has_ended
+    }
+
+    /// The state before the last action, if it is known.
+    pub fn snapshot(&self) -> Option<&Snapshot> {
+        self.snapshot.as_ref()
+    }
+
+    /// Bytes of a state with so many actions and a snapshot of so many bytes.
+    pub(crate) const fn bytes(actions: usize, snapshot: usize) -> usize {
+        Self::HEAD_BYTES + actions + if snapshot > 0 { size_of::<u64>() + snapshot } else { 0 }
     }
 
     /// States as the payload of a restore.
     pub fn encode(states: &[Self]) -> Vec<u8> {
-        let mut bytes = Vec::with_capacity(states.iter().map(|state| Self::bytes(state.actions.len())).sum());
+        let snapshot_bytes = |state: &Self| state.snapshot.as_ref().map_or(0, |snapshot| snapshot.bytes.len());
+        let length = states.iter().map(|state| Self::bytes(state.actions.len(), snapshot_bytes(state))).sum();
+        let mut bytes = Vec::with_capacity(length);
         for state in states {
-            bytes.extend(state.episode.to_le_bytes());
-            bytes.extend(state.action_count().to_le_bytes());
+            for word in [state.episode, state.action_count(), state.has_ended.into(), snapshot_bytes(state) as u32] {
+                bytes.extend(word.to_le_bytes());
+            }
             bytes.extend(&state.actions);
+            if let Some(snapshot) = &state.snapshot {
+                bytes.extend(snapshot.state_hash.to_le_bytes());
+                bytes.extend(&snapshot.bytes);
+            }
         }
         bytes
     }
@@ -167,16 +201,28 @@ impl EnvironmentState {
         let (mut states, mut rest) = (vec![], payload);
         while !rest.is_empty() {
             let mut word = || Some(u32::from_le_bytes(*rest.split_off(..4)?.first_chunk()?));
-            let head = [word(), word()];
+            let head = [word(), word(), word(), word()];
             let claimed = head[1].unwrap_or_default();
             let claimed_bytes = (claimed as usize).checked_mul(bytes).filter(|_| claimed as usize <= MAX_EPISODE_STEPS);
             let actions = claimed_bytes.and_then(|claimed| rest.split_off(..claimed));
-            match (head, actions) {
-                ([Some(episode), Some(_)], Some(actions)) => states.push(Self::after(episode, actions, bytes)),
+            let snapshot = match head[3].unwrap_or_default() {
+                0 => Some(None),
+                _ if claimed == 0 => None,
+                count => Self::decode_snapshot(&mut rest, count as usize).map(Some),
+            };
+            match (head, actions, snapshot) {
+                ([Some(episode), _, Some(ended), Some(_)], Some(actions), Some(snapshot)) => {
+                    states.push(Self { has_ended: ended != 0, snapshot, ..Self::after(episode, actions, bytes) });
+                }
                 _ => return Err(BadRestore { bytes: payload.len(), claimed }),
             }
         }
         Ok(states)
+    }
+
+    fn decode_snapshot(rest: &mut &[u8], count: usize) -> Option<Snapshot> {
+        let state_hash = u64::from_le_bytes(*rest.split_off(..size_of::<u64>())?.first_chunk()?);
+        Some(Snapshot { state_hash, bytes: rest.split_off(..count)?.to_vec() })
     }
 
     /// Notes one more action.
@@ -187,6 +233,16 @@ impl EnvironmentState {
         assert!(self.action_count() < MAX_EPISODE_STEPS as u32, "an episode never exceeds MAX_EPISODE_STEPS");
         self.count += 1;
         self.actions.extend_from_slice(action);
+        self.snapshot = None;
+    }
+
+    /// Notes the state that the last action was taken in.
+    ///
+    /// # Panics
+    /// If there is no action.
+    pub fn remember(&mut self, snapshot: Snapshot) {
+        assert!(!self.actions.is_empty(), "a snapshot is of a state that an action was taken in");
+        self.snapshot = Some(snapshot);
     }
 }
 
@@ -272,22 +328,31 @@ mod tests {
         for width in [1, 8] {
             let long = long.repeat(width);
             let mut states = vec![EnvironmentState::start_of(3), EnvironmentState::after(9, &long, width)];
+            states.push(EnvironmentState::start_of(4));
             assert!(states[0].last_action().is_empty());
             states[0].push(&vec![5; width]);
             assert_eq!(
                 (states[0].last_action(), states[1].last_action()),
                 (&[5; 8][..width], &long[long.len() - width..])
             );
+            for action in [1, 2] {
+                states[2].push(&vec![action; width]);
+                assert_eq!(states[2].snapshot(), None, "that of the action before");
+                states[2].remember(Snapshot { state_hash: action.into(), bytes: vec![action, 11] });
+            }
+            states[2].end();
             let bytes = EnvironmentState::encode(&states);
-            assert_eq!(
-                bytes.len(),
-                EnvironmentState::bytes(width) + EnvironmentState::bytes(width * MAX_EPISODE_STEPS)
-            );
+            let lengths = [(1, 0), (MAX_EPISODE_STEPS, 0), (2, 2)];
+            let length = |(actions, snapshot)| EnvironmentState::bytes(actions * width, snapshot);
+            assert_eq!(bytes.len(), lengths.map(length).iter().sum::<usize>());
             assert_eq!(EnvironmentState::decode(&bytes, width), Ok(states));
-            for cut in [1, 4, 7, 8, 12, bytes.len() - 1] {
+            for cut in [1, 4, 7, 8, 12, bytes.len() - 1, bytes.len() - 9] {
                 assert!(EnvironmentState::decode(&bytes[..cut], width).is_err(), "{cut}");
             }
         }
+        let mut of_no_action = [0; 16 + 8 + 1];
+        of_no_action[12] = 1;
+        assert!(EnvironmentState::decode(&of_no_action, 1).is_err());
         let claims = [0, 0, 0, 0, 255, 255, 255, 255, 1];
         let refused = EnvironmentState::decode(&claims, 1).unwrap_err().to_string();
         assert_eq!(refused, "a restore of 9 bytes claims 4294967295 actions in one episode");

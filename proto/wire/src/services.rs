@@ -80,7 +80,8 @@ impl WireShape {
 
     /// An actor's longest restore, bytes.
     fn restore_bytes(self) -> usize {
-        self.environments_per_actor as usize * EnvironmentState::bytes(self.max_steps as usize * self.action_bytes)
+        let actions = self.max_steps as usize * self.action_bytes;
+        self.environments_per_actor as usize * EnvironmentState::bytes(actions, self.snapshot_bytes)
     }
 
     fn nodes(self) -> usize {

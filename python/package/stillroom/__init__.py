@@ -5,7 +5,8 @@ step together; `stillroom.tasks()` lists the tasks. Observations and all else th
 `stillroom.types`.
 `stillroom.DepthCamera`, `stillroom.Scene` and `stillroom.wrappers.Depth` give depth images of any MuJoCo model or scene.
 
-`stillroom.serve(make_env)` lets an environment of your own take part in a run (docs/your-simulator.md).
+`stillroom.serve(make_env)` lets an environment of your own take part in a run (docs/your-simulator.md);
+`stillroom.wrappers.MujocoSnapshot` restores a MuJoCo environment from bytes.
 """
 
 from __future__ import annotations

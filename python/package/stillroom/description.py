@@ -45,8 +45,31 @@ def describe(env: gymnasium.Env, name: str) -> Described:
     else:
         found = [("observation", None, space)]
     channels = [_channel(channel, inner) for channel, _, inner in found]
-    description = {"name": name, "actions": _actions(env.action_space), "channels": channels}
+    actions = _actions(env.action_space)
+    description = {"name": name, "actions": actions, "channels": channels, "restore": _restore(env)}
     return Described(description, [(channel, key) for channel, key, _ in found])
+
+
+def way_of(env: gymnasium.Env) -> str:
+    """How an environment is restored: as `metadata["restore"]` says, by snapshots if it has them, or by replay."""
+    has_snapshots = all(callable(getattr(env, name, None)) for name in ("get_state", "set_state"))
+    way = env.metadata.get("restore", "snapshot" if has_snapshots else "replay")
+    if way not in ("replay", "snapshot", "none"):
+        raise Refused(f'its metadata["restore"] is {way!r}, not "replay", "snapshot" or "none"')
+    if way == "snapshot" and not has_snapshots:
+        raise Refused('its metadata["restore"] is "snapshot", but it has no get_state() and set_state(bytes)')
+    return way
+
+
+def _restore(env: gymnasium.Env) -> dict[str, Any]:
+    way = way_of(env)
+    if way != "snapshot":
+        return {"way": way}
+    env.reset(seed=0)
+    state = env.get_state()  # type: ignore[attr-defined]
+    if not isinstance(state, bytes) or not state:
+        raise Refused(f"its get_state() returned {type(state).__name__}, not bytes, or none of them")
+    return {"way": way, "bytes": int(env.metadata.get("snapshot_bytes", len(state)))}
 
 
 def _channel_name(key: Any) -> str:

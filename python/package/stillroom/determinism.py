@@ -1,51 +1,88 @@
-"""Whether an environment can be rebuilt from an episode's seed and its actions, as a run does after a kill."""
+"""Whether an environment can be restored as it says: from an episode's seed and its actions, or from a snapshot."""
 
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
+from itertools import zip_longest
 from typing import Any
 
 import gymnasium
 import numpy as np
 
-from stillroom.description import Refused
+from stillroom.description import Refused, way_of
 
 # Of the episode that is played twice, and of another one between.
 STEPS = 40
 STEPS_BETWEEN = 10
+# A snapshot is taken after so many steps, or before the last one of an episode that is shorter.
+STEPS_BEFORE = 20
 
 
-def prove(env: gymnasium.Env) -> None:
-    """Plays an episode twice, another one between, and refuses an environment that does not repeat the first."""
+def prove(env: gymnasium.Env, make: Callable[[], gymnasium.Env]) -> None:
+    """Refuses an environment that does not go on as it did when it is restored in the way that it declares.
+
+    For "replay" an episode is played twice, another one between. For "snapshot" another environment, in an episode of
+    its own, is put into the middle of the first one's; and episodes begin by their seeds.
+    """
+    way = way_of(env)
+    if way == "none":
+        return
     once = _play(env, 1, STEPS)
     _play(env, 2, STEPS_BETWEEN)
-    again = _play(env, 1, STEPS)
-    for step, (first, second) in enumerate(zip(once, again, strict=True)):
-        for what in first.keys() | second.keys():
-            if what not in first or what not in second or not _same(first[what], second[what]):
+    if way == "replay":
+        advice = (
+            "A run rebuilds an environment by its seed and actions: draw all random numbers from self.np_random, and"
+            ' reset everything in reset(). With metadata["restore"] = "none" it trains all the same, but not to'
+            " the same bits after a kill"
+        )
+        return _compare(once, _play(env, 1, STEPS), 0, "reset(seed=1)", advice)
+    _compare(once[:1], _play(env, 1, 0), 0, "reset(seed=1)", "Every episode begins by its seed")
+    actions, seen = _actions(env, 1, STEPS), []
+    for step, action in enumerate(actions):
+        if step <= STEPS_BEFORE:
+            first, state = step, env.get_state()  # type: ignore[attr-defined]
+        seen.append(_step(env, action))
+        if seen[-1]["end"]:
+            break
+    other = make()
+    _play(other, 2, STEPS_BETWEEN)
+    other.set_state(state)  # type: ignore[attr-defined]
+    again = [_step(other, action) for action in actions[first : len(seen)]]
+    other.close()
+    advice = "A snapshot holds all that the next step depends on, generators and wrappers too"
+    return _compare(seen[first:], again, first + 1, "set_state() of a snapshot in another environment", advice)
+
+
+def _compare(once: list[dict[str, Any]], again: list[dict[str, Any]], first: int, after: str, advice: str) -> None:
+    for step, (one, other) in enumerate(zip_longest(once, again, fillvalue={}), first):
+        for what in ("observation", "reward", "end"):
+            if (what in one) != (what in other) or (what in one and not _same(one[what], other[what])):
                 raise Refused(
-                    f"it does not repeat itself: after reset(seed=1) and the same {step} actions its {what} is another"
-                    " one. A run rebuilds an environment by its seed and actions: draw all random numbers from"
-                    " self.np_random, and reset everything in reset()"
+                    f"it does not repeat itself: after {after} its {what} after {step} actions is another one. {advice}"
                 )
 
 
 def _play(env: gymnasium.Env, seed: int, steps: int) -> list[dict[str, Any]]:
     """What is seen from the start on; a seed's actions are always the same."""
-    space = copy.deepcopy(env.action_space)
-    space.seed(seed)
     observation, _ = env.reset(seed=seed)
     seen: list[dict[str, Any]] = [{"observation": _copy(observation)}]
-    ended = False
-    for _ in range(steps):
-        action = space.sample()
-        if ended:
-            seen.append({})
-            continue
-        observation, reward, terminated, truncated, _ = env.step(action)
-        ended = bool(terminated or truncated)
-        seen.append({"observation": _copy(observation), "reward": float(reward), "end": ended})
+    for action in _actions(env, seed, steps):
+        seen.append(_step(env, action))
+        if seen[-1]["end"]:
+            break
     return seen
+
+
+def _actions(env: gymnasium.Env, seed: int, steps: int) -> list[Any]:
+    space = copy.deepcopy(env.action_space)
+    space.seed(seed)
+    return [space.sample() for _ in range(steps)]
+
+
+def _step(env: gymnasium.Env, action: Any) -> dict[str, Any]:
+    observation, reward, terminated, truncated, _ = env.step(action)
+    return {"observation": _copy(observation), "reward": float(reward), "end": bool(terminated or truncated)}
 
 
 def _copy(observation: Any) -> Any:

@@ -9,12 +9,14 @@ from __future__ import annotations
 import argparse
 import importlib
 import importlib.util
+import inspect
 import json
 import os
 import re
 import sys
 import traceback
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
@@ -23,8 +25,9 @@ import gymnasium
 from stillroom._stillroom import Actor, Replay, hold_lifeline
 from stillroom.description import Refused, describe
 from stillroom.determinism import prove
+from stillroom.film import Camera, write
 
-MakeEnv = Callable[[], gymnasium.Env]
+MakeEnv = Callable[..., gymnasium.Env]
 
 
 def serve(make_env: MakeEnv, *, name: str | None = None) -> NoReturn:
@@ -59,7 +62,11 @@ def find(spec: str, kwargs: dict[str, Any], path: str | None) -> tuple[MakeEnv, 
             f"`{spec}` names no environment: give gymnasium:ID, package.module:function or ./file.py:function"
         )
     if place == "gymnasium":
-        return lambda: gymnasium.make(name, disable_env_checker=True, **kwargs), name.rpartition("/")[2]
+
+        def registered(render_mode: str | None = None) -> gymnasium.Env:
+            return gymnasium.make(name, disable_env_checker=True, **({"render_mode": render_mode} | kwargs))
+
+        return registered, name.rpartition("/")[2]
     if path is not None:
         sys.path.insert(0, path)
     try:
@@ -72,7 +79,7 @@ def find(spec: str, kwargs: dict[str, Any], path: str | None) -> tuple[MakeEnv, 
     if not callable(make):
         raise Refused(f"`{place}` has no function `{name}`")
     plain = name in ("make", "make_env")
-    return lambda: make(**kwargs), Path(place).stem.rpartition(".")[2] if plain else name
+    return partial(make, **kwargs), Path(place).stem.rpartition(".")[2] if plain else name
 
 
 def _module(place: str) -> Any:
@@ -122,17 +129,14 @@ def _run(
     asked, answer = streams
     try:
         make_env, name = found()
-        if arguments.describe or arguments.replay:
+        if arguments.describe:
             env = _made(make_env)
-            described = describe(env, _task_name(name))
-            description = json.dumps(described.description)
-            if arguments.describe:
-                prove(env)
-                print(description, file=answer, flush=True)
-            else:
-                replay = Replay(next(asked), env, description, described.observed)
-                for line in asked:
-                    print(replay.verdict(line), file=answer, flush=True)
+            description = describe(env, _task_name(name)).description
+            prove(env, lambda: _made(make_env))
+            print(json.dumps(description), file=answer, flush=True)
+            raise SystemExit(0)
+        if arguments.replay:
+            _replay(make_env, _task_name(name), asked, answer)
             raise SystemExit(0)
         missing = [name for name in ("actor", "wire", "config") if getattr(arguments, name) is None]
         if missing:
@@ -152,9 +156,28 @@ def _run(
     raise SystemExit(1)
 
 
-def _made(make_env: MakeEnv) -> gymnasium.Env:
+def _replay(make_env: MakeEnv, name: str, asked: TextIO, answer: TextIO) -> None:
+    """Simulates recorded episodes again, and films them if that is asked for."""
+    setup = next(asked)
+    images = json.loads(setup)["images"]
+    has_mode = "render_mode" in inspect.signature(make_env).parameters
+    env = _made(make_env, **({"render_mode": "rgb_array"} if images and has_mode else {}))
+    described = describe(env, name)
+    camera = Camera(env) if images else None
+    replay = Replay(setup, camera or env, json.dumps(described.description), described.observed)
+    for line in asked:
+        verdict = replay.verdict(line)
+        if camera is not None:
+            told = json.loads(verdict)
+            film = f"environment-{told['environment']['number']}-episode-{told['episode']:06}"
+            told["images"] = write(images, film, camera.pictures, env.metadata.get("render_fps") or 30)
+            verdict = json.dumps(told)
+        print(verdict, file=answer, flush=True)
+
+
+def _made(make_env: MakeEnv, **more: Any) -> gymnasium.Env:
     try:
-        env = make_env()
+        env = make_env(**more)
     except Exception as error:
         traceback.print_exc()
         raise Refused(f"the environment cannot be made: {type(error).__name__}: {error}") from error

@@ -14,6 +14,8 @@ pub enum Source {
     Scenes,
     /// Drawn within the run's distances, in procedural kitchens.
     Procedural,
+    /// Of fixed seeds, in environments that are not built in.
+    Seeds,
 }
 
 impl Source {
@@ -22,6 +24,7 @@ impl Source {
             _ if conditions.procedural.is_some() => Self::Procedural,
             _ if !conditions.scenes.is_empty() => Self::Scenes,
             Distribution::Fixed => Self::Fixed,
+            Distribution::Seeds => Self::Seeds,
             Distribution::Run => Self::Drawn,
         }
     }
@@ -51,6 +54,8 @@ impl Field {
             (Split::Train, Source::Drawn),
             (Split::Train, Source::Scenes),
             (Split::Train, Source::Procedural),
+            (Split::Test, Source::Seeds),
+            (Split::Validation, Source::Seeds),
         ];
         let sets = [ObjectSet::Novel, ObjectSet::Seen, ObjectSet::NoTargets];
         let newest = places.into_iter().flat_map(move |(split, source)| sets.map(|set| Self::new(split, set, source)));
@@ -69,7 +74,11 @@ impl Field {
 
     /// `test, novel objects`, or `test, novel objects, drawn episodes`
     pub(crate) fn name(self) -> String {
-        let drawn = if self.source == Source::Fixed { "" } else { ", drawn episodes" };
+        let drawn = match self.source {
+            Source::Fixed => "",
+            Source::Seeds => ", episodes of fixed seeds",
+            Source::Drawn | Source::Scenes | Source::Procedural => ", drawn episodes",
+        };
         let best = if self.best { ", best checkpoint" } else { "" };
         let objects = match self.objects {
             ObjectSet::NoTargets => String::new(),
@@ -80,7 +89,11 @@ impl Field {
 
     /// `test-novel`, `test-novel-drawn` or `test-novel-best`, `test` without targets, for file names.
     pub(crate) fn key(self) -> String {
-        let drawn = if self.source == Source::Drawn { "-drawn" } else { "" };
+        let drawn = match self.source {
+            Source::Drawn => "-drawn",
+            Source::Seeds => "-seeds",
+            Source::Fixed | Source::Scenes | Source::Procedural => "",
+        };
         let best = if self.best { "-best" } else { "" };
         let objects = match self.objects {
             ObjectSet::NoTargets => String::new(),
