@@ -196,7 +196,9 @@ impl Agent {
             return Ok(());
         }
         let rollout = self.rollout.as_ref().expect("an episode ends within a rollout");
-        let action = self.config.policy_actions()[rollout.step(t, column).action as usize];
+        let chosen = rollout.step(t, column).action.as_ref().expect("an action led there");
+        // Only an action with a name is an input.
+        let action = self.config.policy_actions().get(sampling::option(chosen)).copied().unwrap_or_default();
         // By itself: so no bit depends on which episodes end together.
         let input = StepInput {
             columns: &[column],

@@ -341,7 +341,7 @@ fn a_truncated_episode_is_valued_by_what_was_seen_last() {
         let mut chosen = vec![];
         for t in 0..2 {
             let output = world.see(&mut agent, t, &columns, |agent, input| {
-                let gumbel = vec![0.0; 4 * ACTIONS as usize];
+                let gumbel = vec![0.0; 4 * 3];
                 agent.step(t, &StepInput { gumbel: &gumbel, ..*input }).expect("finite")
             });
             for column in 0..4 {
