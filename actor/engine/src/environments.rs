@@ -75,12 +75,9 @@ impl Rules {
         Ok(())
     }
 
-    /// Takes an action; after the last one of an episode the environment stands at the start of the next. False if the
-    /// task has no such action.
-    fn act<S: Simulator>(&self, running: &mut Running, simulator: &mut S, action: u8) -> Result<bool, EngineError> {
-        if usize::from(action) >= self.actions {
-            return Ok(false);
-        }
+    /// Takes an action that the task has; after the last one of an episode the environment stands at the start of the
+    /// next.
+    fn act<S: Simulator>(&self, running: &mut Running, simulator: &mut S, action: u8) -> Result<(), EngineError> {
         whereabouts::enter(running.id, running.header.episode);
         let index = running.header.environment as usize;
         let (state_hash, end) = simulator.act(index, &[action], &mut running.done).map_err(failed::<S>)?;
@@ -90,7 +87,12 @@ impl Rules {
             let next = running.next_episode().expect("four billion episodes outlast any run");
             self.begin(running, simulator, next)?;
         }
-        Ok(true)
+        Ok(())
+    }
+
+    /// Whether the task has an action.
+    fn has(&self, action: u8) -> bool {
+        usize::from(action) < self.actions
     }
 }
 
@@ -162,28 +164,46 @@ impl<S: Simulator> Environments<S> {
     }
 
     /// Puts every environment into the state that its actions lead to. Nothing is rendered on the way, and what was
-    /// simulated before does not matter.
+    /// simulated before does not matter. All take their last actions at the same moment, so that environments which step
+    /// together do so here, too.
     pub fn rebuild(&mut self, states: &[EnvironmentState]) -> Result<(), EngineError> {
         let Self { running, simulator, rules, unprepared } = self;
         assert_eq!(states.len(), running.len(), "a restore holds one state an environment");
         *unprepared = (0..states.len()).collect();
-        let places = running.iter().zip(states).map(|(running, state)| {
-            let place = simulator.place(running.home, state.episode);
-            (place != running.id).then_some(place)
+        let counts: Vec<usize> = states.iter().map(|state| state.actions().len()).collect();
+        let moments = counts.iter().copied().max().unwrap_or_default();
+        let mut order: Vec<usize> = (0..states.len()).collect();
+        order.sort_by_key(|&index| moments - counts[index]);
+        let places = order.iter().map(|&index| {
+            let place = simulator.place(running[index].home, states[index].episode);
+            (place != running[index].id).then_some(place)
         });
         simulator.announce(places.collect::<Vec<_>>().into_iter().flatten());
-        for (running, state) in running.iter_mut().zip(states) {
-            running.hold();
-            rules.begin(running, simulator, state.episode)?;
-            let place = running.place();
-            let actions = state.actions();
-            for (step, &action) in actions.iter().enumerate() {
-                if !rules.act(running, simulator, action)? {
+        let mut actions = vec![HOLD; states.len()];
+        for moment in 0..=moments {
+            let begun = |index: &usize| counts[*index] + moment >= moments;
+            for &index in order.iter().filter(|&&index| counts[index] + moment == moments) {
+                running[index].hold();
+                rules.begin(&mut running[index], simulator, states[index].episode)?;
+            }
+            if moment == moments {
+                break;
+            }
+            for index in order.iter().copied().filter(begun) {
+                let step = counts[index] + moment - moments;
+                let (action, place) = (states[index].actions()[step], running[index].place());
+                if !rules.has(action) {
                     return Err(EngineError::NoSuchActionBefore { action, step, place });
                 }
-                let ended = running.header.end().is_some();
-                if ended && step + 1 < actions.len() {
-                    return Err(EngineError::EndsEarlier { actions: actions.len(), place, ended: step + 1 });
+                actions[index] = action;
+            }
+            simulator.act_together(0, &actions).map_err(failed::<S>)?;
+            for index in order.iter().copied().filter(begun) {
+                let place = running[index].place();
+                rules.act(&mut running[index], simulator, actions[index])?;
+                let (taken, all) = (counts[index] + moment - moments + 1, counts[index]);
+                if running[index].header.end().is_some() && taken < all {
+                    return Err(EngineError::EndsEarlier { actions: all, place, ended: taken });
                 }
             }
         }
@@ -193,13 +213,19 @@ impl<S: Simulator> Environments<S> {
     /// Applies one action to each environment of `range`. HOLD leaves an environment as it is.
     pub fn act(&mut self, range: Range<usize>, actions: &[u8]) -> Result<(), EngineError> {
         assert_eq!(range.len(), actions.len(), "one action an environment");
+        for (index, &action) in range.clone().zip(actions) {
+            if action != HOLD && !self.rules.has(action) {
+                return Err(EngineError::NoSuchAction { action, place: self.running[index].place() });
+            }
+        }
+        self.simulator.act_together(range.start, actions).map_err(failed::<S>)?;
         for (index, &action) in range.zip(actions) {
             let running = &mut self.running[index];
             let episode = running.header.episode;
             if action == HOLD {
                 running.hold();
-            } else if !self.rules.act(running, &mut self.simulator, action)? {
-                return Err(EngineError::NoSuchAction { action, place: running.place() });
+            } else {
+                self.rules.act(running, &mut self.simulator, action)?;
             }
             if running.header.episode != episode && !self.unprepared.contains(&index) {
                 self.unprepared.push_back(index);

@@ -25,7 +25,8 @@ def prove(env: gymnasium.Env) -> None:
                 raise Refused(
                     f"it does not repeat itself: after reset(seed=1) and the same {step} actions its {what} is another"
                     " one. A run rebuilds an environment by its seed and actions: draw all random numbers from"
-                    " self.np_random, and reset everything in reset()"
+                    " self.np_random, and reset everything in reset(); a vector resets columns alone, each by a seed of"
+                    ' its own: reset(seed=[1, None], options={"reset_mask": ...})'
                 )
 
 

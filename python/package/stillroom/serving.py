@@ -7,6 +7,7 @@ program of your own does the same with `stillroom.serve(make_env)`, and is start
 from __future__ import annotations
 
 import argparse
+import functools
 import importlib
 import importlib.util
 import json
@@ -21,17 +22,20 @@ from typing import Any, NoReturn, TextIO
 import gymnasium
 
 from stillroom._stillroom import Actor, Replay, hold_lifeline
+from stillroom.columns import Among, Vector, check_sizes, halves, takes_size
 from stillroom.description import Refused, describe
 from stillroom.determinism import prove
+from stillroom.pools import PoolEnv
 
-MakeEnv = Callable[[], gymnasium.Env]
+MakeEnv = Callable[..., gymnasium.Env | gymnasium.vector.VectorEnv]
 
 
 def serve(make_env: MakeEnv, *, name: str | None = None) -> NoReturn:
     """Serves environments to the orchestrator that has started this program. It returns only by `SystemExit`.
 
     Args:
-        make_env: makes an environment; it is called once for each.
+        make_env: makes an environment; it is called once for each. Or it makes a gymnasium.vector.VectorEnv, and is called
+            for each half of an actor's environments, with their number if it has an argument `num_envs`.
         name: of the task: lower-case letters, digits and underscores; otherwise it is that of `make_env`.
     """
     arguments = _parser().parse_args()
@@ -43,7 +47,7 @@ def main(argv: Sequence[str]) -> NoReturn:
     """`python -m stillroom serve SPEC`."""
     parser = _parser()
     parser.prog = "python -m stillroom serve"
-    parser.add_argument("env", help="gymnasium:ID, package.module:function or file.py:function")
+    parser.add_argument("env", help="gymnasium:ID, envpool:ID, package.module:function or file.py:function")
     parser.add_argument("--kwargs", type=json.loads, default={}, help="keyword arguments for it, as JSON")
     parser.add_argument("--path", help="a folder to import modules from")
     arguments = parser.parse_args(argv)
@@ -56,10 +60,13 @@ def find(spec: str, kwargs: dict[str, Any], path: str | None) -> tuple[MakeEnv, 
     place, _, name = spec.partition(":")
     if not name:
         raise Refused(
-            f"`{spec}` names no environment: give gymnasium:ID, package.module:function or ./file.py:function"
+            f"`{spec}` names no environment: give gymnasium:ID, envpool:ID, package.module:function or"
+            " ./file.py:function"
         )
     if place == "gymnasium":
         return lambda: gymnasium.make(name, disable_env_checker=True, **kwargs), name.rpartition("/")[2]
+    if place == "envpool":
+        return lambda: PoolEnv(name, **kwargs), name.rpartition("/")[2]
     if path is not None:
         sys.path.insert(0, path)
     try:
@@ -72,7 +79,7 @@ def find(spec: str, kwargs: dict[str, Any], path: str | None) -> tuple[MakeEnv, 
     if not callable(make):
         raise Refused(f"`{place}` has no function `{name}`")
     plain = name in ("make", "make_env")
-    return lambda: make(**kwargs), Path(place).stem.rpartition(".")[2] if plain else name
+    return functools.partial(make, **kwargs), Path(place).stem.rpartition(".")[2] if plain else name
 
 
 def _module(place: str) -> Any:
@@ -122,26 +129,31 @@ def _run(
     asked, answer = streams
     try:
         make_env, name = found()
-        if arguments.describe or arguments.replay:
-            env = _made(make_env)
+        if arguments.describe:
+            env = _made(make_env, 2)
+            vector = env if isinstance(env, Vector) else None
+            described = describe(vector.columns[0] if vector else env, _task_name(name))
+            prove(Among(vector) if vector else env)
+            # Of vectors that have a size, an actor has two.
+            size = {"environments": 2 * len(vector)} if vector and not takes_size(make_env) else {}
+            print(json.dumps(described.description | size), file=answer, flush=True)
+            raise SystemExit(0)
+        if arguments.replay:
+            env = _made(make_env, 1)
+            env, vectors = (env.columns[0], [env]) if isinstance(env, Vector) else (env, [])
             described = describe(env, _task_name(name))
-            description = json.dumps(described.description)
-            if arguments.describe:
-                prove(env)
-                print(description, file=answer, flush=True)
-            else:
-                replay = Replay(next(asked), env, description, described.observed)
-                for line in asked:
-                    print(replay.verdict(line), file=answer, flush=True)
+            replay = Replay(next(asked), env, vectors, json.dumps(described.description), described.observed)
+            for line in asked:
+                print(replay.verdict(line), file=answer, flush=True)
             raise SystemExit(0)
         missing = [name for name in ("actor", "wire", "config") if getattr(arguments, name) is None]
         if missing:
             raise Refused(f"--{missing[0]} is missing: the orchestrator starts this, `orchestrator up --env ...`")
         actor = Actor(arguments.actor, arguments.incarnation, arguments.wire, arguments.config)
         # Before the actor joins the run: they may start processes of their own.
-        envs = [_made(make_env) for _ in range(actor.environments)]
+        envs, vectors = _made_for_actor(make_env, actor.environments)
         described = describe(envs[0], _task_name(name))
-        actor.run(envs, json.dumps(described.description), described.observed)
+        actor.run(envs, vectors, json.dumps(described.description), described.observed)
     except Refused as refusal:
         print(f"stillroom: error: {refusal}", file=sys.stderr)
         raise SystemExit(2) from None
@@ -152,14 +164,26 @@ def _run(
     raise SystemExit(1)
 
 
-def _made(make_env: MakeEnv) -> gymnasium.Env:
+def _made_for_actor(make_env: MakeEnv, environments: int) -> tuple[list[Any], list[Vector]]:
+    """All environments of an actor, and the vectors whose columns they are."""
+    sizes = halves(environments)
+    made = [_made(make_env, size) for size in sizes[:1]]
+    if isinstance(made[0], Vector):
+        vectors = [*made, *(_made(make_env, size) for size in sizes[1:])]
+        check_sizes(vectors, environments)
+        return [column for vector in vectors for column in vector.columns], vectors
+    return made + [_made(make_env, 1) for _ in range(environments - 1)], []
+
+
+def _made(make_env: MakeEnv, size: int) -> Any:
+    """An environment, or a vector of them: of this size, if it takes one."""
     try:
-        env = make_env()
+        env = make_env(num_envs=size) if takes_size(make_env) else make_env()
     except Exception as error:
         traceback.print_exc()
         raise Refused(f"the environment cannot be made: {type(error).__name__}: {error}") from error
     if isinstance(env, gymnasium.vector.VectorEnv):
-        raise Refused("it makes a VectorEnv; make single environments, an actor steps as many as --envs-per-actor says")
+        return Vector(env)
     if not isinstance(env, gymnasium.Env):
         raise Refused(f"it makes a {type(env).__name__}, which is no gymnasium.Env")
     return env

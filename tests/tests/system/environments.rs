@@ -127,18 +127,39 @@ fn a_kitchen_that_python_serves_ends_in_the_weights_of_built_in_actors_killed_or
     }
 }
 
+/// Environments of an image and a place, which fail as the arguments say.
+fn faulty(place: &Place, name: &str, function: &str, kwargs: &serde_json::Value) -> Command {
+    let text = TINY.replace("actor_deadline_s = 60.0", "actor_deadline_s = 30.0");
+    std::fs::write(place.workshop.path("tiny.toml"), text).expect("a writable folder");
+    let stage = "stages=[{ name = \"I\", reward = \"r\", frames = 600 }]";
+    let more = ["--env-declaration", "sums.toml", "--set", stage, "--set", "auxiliary.weight=0.0"];
+    place.up(name, &format!("faulty.py:{function}"), kwargs, &more)
+}
+
+/// The last rollout has a step in which some columns of a vector act and others do not.
+#[test]
+fn vectors_end_in_the_weights_of_single_environments_killed_or_not() {
+    let Some(place) = place() else { return };
+    let expected = complete(faulty(&place, "single", "make_env", &serde_json::json!({}))).result();
+    for mode in ["NextStep", "SameStep", "Disabled"] {
+        let vectors = faulty(&place, mode, "make_vector", &serde_json::json!({ "mode": mode }));
+        assert_eq!(complete(vectors).result(), expected, "{mode}");
+    }
+    let killed = place.disturbed("killed", faulty(&place, "killed", "make_vector", &serde_json::json!({ "mode": "NextStep" })));
+    assert!(!killed.deaths().is_empty(), "{killed:#?}");
+    assert_eq!(killed.result(), expected);
+    let replayed = place.orchestrator(&["replay", "killed", "--check"]);
+    assert!(replayed.success && replayed.stdout.contains("differences: 0"), "{replayed:#?}");
+}
+
 /// An environment that fails once: the sentence, whether the actor dies of it, and the weights.
 #[test]
 fn every_failure_is_one_sentence_and_costs_nothing() {
     let Some(place) = place() else { return };
     let workshop = &place.workshop;
-    let text = TINY.replace("actor_deadline_s = 60.0", "actor_deadline_s = 30.0");
-    std::fs::write(workshop.path("tiny.toml"), text).expect("a writable folder");
     let run = |name: &str, fault: &str| {
         let kwargs = serde_json::json!({ "fault": fault, "marker": workshop.path(&format!("{name}.marker")) });
-        let stage = "stages=[{ name = \"I\", reward = \"r\", frames = 600 }]";
-        let more = ["--env-declaration", "sums.toml", "--set", stage, "--set", "auxiliary.weight=0.0"];
-        complete(place.up(name, "faulty.py:make_env", &kwargs, &more))
+        complete(faulty(&place, name, "make_env", &kwargs))
     };
     let expected = run("sound", "").result();
     for (fault, sentence) in [
@@ -198,7 +219,7 @@ fn an_environment_that_cannot_take_part_is_refused_before_a_run_begins() {
         ("./no_such_file.py:make_env", "there is no file"),
         ("json:no_such_function", "`json` has no function `no_such_function`"),
         ("json:loads", "the environment cannot be made"),
-        ("nothing", "expected gymnasium:ID, package.module:function or ./file.py:function"),
+        ("nothing", "expected gymnasium:ID, envpool:ID, package.module:function or ./file.py:function"),
     ] {
         let said = refused(&["--python", python, "--env", env]);
         assert!(said.contains(expected), "{env}: {said}");
