@@ -5,7 +5,8 @@ step together; `stillroom.tasks()` lists the tasks. Observations and all else th
 `stillroom.types`.
 `stillroom.DepthCamera`, `stillroom.Scene` and `stillroom.wrappers.Depth` give depth images of any MuJoCo model or scene.
 
-`stillroom.serve(make_env)` lets an environment of your own take part in a run (docs/your-simulator.md).
+`stillroom.serve(make_env)` lets an environment of your own take part in a run, and `stillroom.train(make_env, frames=...)`
+starts one (docs/your-simulator.md).
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from stillroom.env import ArmPointNav, KitchenEnv
 from stillroom.oracle import Oracle, oracle
 from stillroom.run import Run, RunError, read_run
 from stillroom.serving import serve
+from stillroom.training import Training, train
 from stillroom.vector import VectorEnv
 
 __all__ = [
@@ -50,6 +52,7 @@ __all__ = [
     "RunError",
     "Scene",
     "Snapshot",
+    "Training",
     "VectorEnv",
     "__version__",
     "channels",
@@ -57,7 +60,9 @@ __all__ = [
     "load",
     "oracle",
     "read_run",
+    "serve",
     "tasks",
+    "train",
     "wrappers",
 ]
 

@@ -257,6 +257,78 @@ fn a_run_of_somebody_elses_starts_no_command_before_it_is_allowed() {
     assert_eq!(resumed.result().1, FRAMES);
 }
 
+/// A program in C with `stillroom_actor.h`, compiled into the workshop; none where there is no library.
+fn compiled(workshop: &Workshop, file: &str, name: &str) -> Option<String> {
+    let programs = system_tests::binary("orchestrator").parent().expect("a folder").to_owned();
+    if !programs.join("libstillroom_actor.so").exists() {
+        tell("skipped: `make library` builds what it needs");
+        return None;
+    }
+    let program = workshop.path(name).to_str().expect("a path of text").to_owned();
+    let folder = programs.to_str().expect("a path of text");
+    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+    let done = Command::new("cc")
+        .args(["-std=c11", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2", file, "-o", &program])
+        .args([&format!("-I{root}/actor/c/include"), &format!("-L{folder}"), "-lstillroom_actor", "-lm"])
+        .arg(format!("-Wl,-rpath,{folder}"))
+        .status();
+    assert!(done.expect("a C compiler").success());
+    Some(program)
+}
+
+/// The arithmetic is the same, and so are the seeds.
+#[test]
+fn a_simulator_in_c_ends_in_the_weights_of_the_same_in_python_killed_or_not() {
+    let Some(place) = place() else { return };
+    let workshop = &place.workshop;
+    let example = concat!(env!("CARGO_MANIFEST_DIR"), "/../actor/c/examples/cart_pole.c");
+    let Some(program) = compiled(workshop, example, "cart_pole") else { return };
+    let up = |run: &str, environment: &[&str]| {
+        let common = ["up", "--run", run, "--actors", "2", "--envs-per-actor", "3", "--frames", "12000", "--seed", "5"];
+        let set = ["--set", "ppo.rollout_steps=32", "--set", "learner.device=cpu"];
+        place.user(workshop.orchestrator(&[&common, environment, &set].concat()))
+    };
+    let expected = complete(up("python", &["--env", &source("cart_pole.py:make_env"), "--python", &place.python])).result();
+    assert_eq!(complete(up("c", &["--env-command", &program])).result(), expected);
+    let killed = place.disturbed("killed", up("killed", &["--env-command", &program]));
+    assert!(!killed.deaths().is_empty(), "{killed:#?}");
+    assert_eq!(killed.result(), expected);
+    let replayed = place.orchestrator(&["replay", "c", "--check"]);
+    assert!(replayed.success && replayed.stdout.contains("differences: 0"), "{replayed:#?}");
+}
+
+#[test]
+fn a_program_in_c_with_something_wrong_is_refused_in_a_sentence() {
+    let workshop = Workshop::new();
+    let Some(program) = compiled(&workshop, &source("wrong.c"), "wrong") else { return };
+    for (wrong, expected) in [
+        ("null", "was given no simulator"),
+        ("argv", "was not given main's argc and argv"),
+        ("abi", "compiled for ABI 7 of stillroom_actor.h, the library has 1"),
+        ("actions", "has 255 actions, not 1 to 254"),
+        ("name", "the simulator's name is NULL"),
+        ("channels", "has 1 channels at 0x0"),
+        ("count", "channels at 0x"),
+        ("functions", "`make`, `reset` or `step` of the simulator is NULL"),
+        ("role", "channel `seen` has role 9"),
+        ("dimensions", "channel `seen` has 9 dimensions"),
+        ("shape", "channel `seen` has 1 dimensions at 0x0"),
+        ("text", "the name of channel 0 is not UTF-8"),
+        ("outcome", "has no channel of STILLROOM_OBSERVATION"),
+        ("make", "make() failed: it does not say why"),
+        ("reset", "reset() failed: it does not say why"),
+        ("step", "step() failed: the robot fell over"),
+        ("random", "it does not repeat itself"),
+    ] {
+        let mut command = Command::new(&program);
+        let printed = command.args([wrong, "--describe"]).output().expect("a program");
+        let said = String::from_utf8_lossy(&printed.stderr);
+        assert_eq!(printed.status.code(), Some(2), "{wrong}: {said}");
+        assert!(said.starts_with("stillroom: error: ") && said.contains(expected), "{wrong}: {said}");
+        assert_eq!(said.lines().count(), 1, "{wrong}: {said}");
+    }
+}
+
 /// The environment is another one when the run goes on.
 #[test]
 fn an_environment_with_other_spaces_is_refused_by_name() {
