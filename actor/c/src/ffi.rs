@@ -114,7 +114,9 @@ impl Simulator {
         // SAFETY: as the caller promises.
         let abi = unsafe { (&raw const (*simulator).abi).read() };
         if abi != ABI {
-            return refused(format!("the program is compiled for ABI {abi} of stillroom_actor.h, the library has {ABI}"));
+            return refused(format!(
+                "the program is compiled for ABI {abi} of stillroom_actor.h, the library has {ABI}"
+            ));
         }
         // SAFETY: as the caller promises, now that the layout is known.
         let simulator = unsafe { &*simulator };
@@ -187,7 +189,9 @@ impl CChannel {
         let dtypes = [Dtype::U8, Dtype::U16, Dtype::I32, Dtype::U32, Dtype::F32];
         let (Some(&role), Some(&dtype)) = (roles.get(self.role as usize), dtypes.get(self.dtype as usize)) else {
             let Self { role, dtype, .. } = self;
-            return refused(format!("channel `{name}` has role {role} and dtype {dtype}, which the header does not have"));
+            return refused(format!(
+                "channel `{name}` has role {role} and dtype {dtype}, which the header does not have"
+            ));
         };
         let dimensions = self.dimensions as usize;
         if dimensions > DIMENSIONS_MOST || dimensions > 0 && (self.shape.is_null() || !self.shape.is_aligned()) {
@@ -199,7 +203,10 @@ impl CChannel {
         let shape = match dimensions {
             0 => vec![],
             // SAFETY: not null, aligned, and as many as the caller of `stillroom_serve` promises.
-            _ => unsafe { std::slice::from_raw_parts(self.shape, dimensions) }.iter().map(|&size| size as usize).collect(),
+            _ => unsafe { std::slice::from_raw_parts(self.shape, dimensions) }
+                .iter()
+                .map(|&size| size as usize)
+                .collect(),
         };
         let (unit, doc) = (String::new(), format!("Of the simulator: `{name}`."));
         let mut channel = Channel {

@@ -5,8 +5,8 @@ step together; `stillroom.tasks()` lists the tasks. Observations and all else th
 `stillroom.types`.
 `stillroom.DepthCamera`, `stillroom.Scene` and `stillroom.wrappers.Depth` give depth images of any MuJoCo model or scene.
 
-`stillroom.serve(make_env)` lets an environment of your own take part in a run, and `stillroom.train(make_env, frames=...)`
-starts one (docs/your-simulator.md).
+`stillroom.serve(make_env)` lets an environment of your own take part in a run, and `stillroom.train(make_env,
+frames=...)` starts one (docs/your-simulator.md).
 """
 
 from __future__ import annotations

@@ -11,7 +11,9 @@ match sys.argv[1:]:
     case ["flags"]:
         folder = Path(__file__).parent / "c"
         if not (folder / "libstillroom_actor.so").exists():
-            sys.exit("stillroom: error: this package has no libstillroom_actor.so: `make install` puts one under PREFIX")
+            sys.exit(
+                "stillroom: error: this package has no libstillroom_actor.so: `make install` puts one under PREFIX"
+            )
         print(f"-I{folder} -L{folder} -Wl,-rpath,{folder} -lstillroom_actor")
     case _:
         sys.exit(

@@ -1,9 +1,10 @@
 """The environments of a vector environment, each in its own episode under its own seed.
 
-A run begins every episode by `reset(seed)` with a seed of its own, and rebuilds an environment from that and its actions.
-So a column is reset alone, by `options={"reset_mask": ...}`, as soon as its episode has ended: whatever the vector's
-autoreset mode is, at its next step it finds no episode that has ended. A column that does not act while others do is
-stepped all the same, as a vector has no other way, and is lost: before it acts again, the whole vector is replayed.
+A run begins every episode by `reset(seed)` with a seed of its own, and rebuilds an environment from that and its
+actions. So a column is reset alone, by `options={"reset_mask": ...}`, as soon as its episode has ended: whatever the
+vector's autoreset mode is, at its next step it finds no episode that has ended. A column that does not act while
+others do is stepped all the same, as a vector has no other way, and is lost: before it acts again, the whole vector is
+replayed.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ import inspect
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 

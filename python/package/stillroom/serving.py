@@ -34,8 +34,8 @@ def serve(make_env: MakeEnv, *, name: str | None = None) -> NoReturn:
     """Serves environments to the orchestrator that has started this program. It returns only by `SystemExit`.
 
     Args:
-        make_env: makes an environment; it is called once for each. Or it makes a gymnasium.vector.VectorEnv, and is called
-            for each half of an actor's environments, with their number if it has an argument `num_envs`.
+        make_env: makes an environment; it is called once for each. Or it makes a gymnasium.vector.VectorEnv, and is
+            called for each half of an actor's environments, with their number if it has an argument `num_envs`.
         name: of the task: lower-case letters, digits and underscores; otherwise it is that of `make_env`.
     """
     arguments = _parser().parse_args()
@@ -127,22 +127,25 @@ def _run(
     arguments: argparse.Namespace, found: Callable[[], tuple[MakeEnv, str]], streams: tuple[TextIO, TextIO]
 ) -> NoReturn:
     asked, answer = streams
+    one: Any
+    proven: Any
     try:
         make_env, name = found()
         if arguments.describe:
             env = _made(make_env, 2)
             vector = env if isinstance(env, Vector) else None
-            described = describe(vector.columns[0] if vector else env, _task_name(name))
-            prove(Among(vector) if vector else env)
+            one, proven = (vector.columns[0], Among(vector)) if vector else (env, env)
+            described = describe(one, _task_name(name))
+            prove(proven)
             # Of vectors that have a size, an actor has two.
             size = {"environments": 2 * len(vector)} if vector and not takes_size(make_env) else {}
             print(json.dumps(described.description | size), file=answer, flush=True)
             raise SystemExit(0)
         if arguments.replay:
-            env = _made(make_env, 1)
-            env, vectors = (env.columns[0], [env]) if isinstance(env, Vector) else (env, [])
-            described = describe(env, _task_name(name))
-            replay = Replay(next(asked), env, vectors, json.dumps(described.description), described.observed)
+            made = _made(make_env, 1)
+            one, vectors = (made.columns[0], [made]) if isinstance(made, Vector) else (made, [])
+            described = describe(one, _task_name(name))
+            replay = Replay(next(asked), one, vectors, json.dumps(described.description), described.observed)
             for line in asked:
                 print(replay.verdict(line), file=answer, flush=True)
             raise SystemExit(0)

@@ -6,13 +6,14 @@ import builtins
 import dis
 import inspect
 import json
+import os
 import re
 import shutil
 import subprocess
 import sys
-import tempfile
 import textwrap
 import time
+import weakref
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
 # Between two looks whether a run has begun or ended, seconds.
 LOOKS_EVERY_S = 0.1
+# Bytes of complaints that are read.
+SAYS_MOST = 1 << 20
 # Of the line by which `up` says why it ends.
 ERROR = "error: "
 
@@ -34,9 +37,10 @@ ERROR = "error: "
 class Training:
     """A run that `train` has started. It goes on when this object is gone, or this process."""
 
-    def __init__(self, path: Path, orchestrator: str, process: subprocess.Popen[bytes], said: Any) -> None:
+    def __init__(self, path: Path, orchestrator: str, process: subprocess.Popen[bytes], said: int) -> None:
         self.path = path
         self._orchestrator, self._process, self._said = orchestrator, process, said
+        weakref.finalize(self, os.close, said)
 
     def __repr__(self) -> str:
         """Where it is, and how far."""
@@ -76,7 +80,9 @@ class Training:
     def stop(self) -> None:
         """Has the run save a checkpoint and end; `orchestrator resume` goes on with it."""
         if self.is_running:
-            done = subprocess.run([self._orchestrator, "stop", str(self.path)], capture_output=True, text=True, check=False)
+            done = subprocess.run(
+                [self._orchestrator, "stop", str(self.path)], capture_output=True, text=True, check=False
+            )
             if done.returncode and self.is_running:
                 raise RunError(_reason(done.stderr) or f"`orchestrator stop` ended with {done.returncode}")
         self.wait()
@@ -88,8 +94,7 @@ class Training:
         except subprocess.TimeoutExpired:
             raise TimeoutError(f"{self.path} has not ended within {timeout_s} s") from None
         if status:
-            self._said.seek(0)
-            text = self._said.read().decode(errors="replace")
+            text = os.pread(self._said, SAYS_MOST, 0).decode(errors="replace")
             raise RunError(_reason(text) or f"`orchestrator up` ended with {status}: orchestrator logs {self.path}")
         return self
 
@@ -131,7 +136,8 @@ def train(
         command += ["--env-kwargs", json.dumps(dict(env_kwargs))]
     for name, value in (settings or {}).items():
         command += ["--set", f"{name}={json.dumps(value)}"]
-    said = tempfile.TemporaryFile()
+    # A file in memory: the run's process goes on writing when this one is gone.
+    said = os.memfd_create("orchestrator up")
     process = subprocess.Popen([*command, *options], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said)
     training = Training(path, program, process, said)
     while not (path / "config.toml").exists():
@@ -158,7 +164,9 @@ def _place(make_env: Callable[..., Any], run: Path) -> str:
     if file is None:
         return _written(make_env, name, run)
     is_script = make_env.__module__ == "__main__"
-    return f"{Path(file).absolute()}:{name}" if is_script or not _is_installed(file) else f"{make_env.__module__}:{name}"
+    return (
+        f"{Path(file).absolute()}:{name}" if is_script or not _is_installed(file) else f"{make_env.__module__}:{name}"
+    )
 
 
 def _is_installed(file: str) -> bool:

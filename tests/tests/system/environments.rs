@@ -145,7 +145,8 @@ fn vectors_end_in_the_weights_of_single_environments_killed_or_not() {
         let vectors = faulty(&place, mode, "make_vector", &serde_json::json!({ "mode": mode }));
         assert_eq!(complete(vectors).result(), expected, "{mode}");
     }
-    let killed = place.disturbed("killed", faulty(&place, "killed", "make_vector", &serde_json::json!({ "mode": "NextStep" })));
+    let killed =
+        place.disturbed("killed", faulty(&place, "killed", "make_vector", &serde_json::json!({ "mode": "NextStep" })));
     assert!(!killed.deaths().is_empty(), "{killed:#?}");
     assert_eq!(killed.result(), expected);
     let replayed = place.orchestrator(&["replay", "killed", "--check"]);
@@ -288,7 +289,8 @@ fn a_simulator_in_c_ends_in_the_weights_of_the_same_in_python_killed_or_not() {
         let set = ["--set", "ppo.rollout_steps=32", "--set", "learner.device=cpu"];
         place.user(workshop.orchestrator(&[&common, environment, &set].concat()))
     };
-    let expected = complete(up("python", &["--env", &source("cart_pole.py:make_env"), "--python", &place.python])).result();
+    let expected =
+        complete(up("python", &["--env", &source("cart_pole.py:make_env"), "--python", &place.python])).result();
     assert_eq!(complete(up("c", &["--env-command", &program])).result(), expected);
     let killed = place.disturbed("killed", up("killed", &["--env-command", &program]));
     assert!(!killed.deaths().is_empty(), "{killed:#?}");

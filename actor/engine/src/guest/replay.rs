@@ -31,7 +31,11 @@ pub struct Replay<G> {
 
 impl<G: Guest> Replay<G> {
     /// `setup` is the first line, `description` JSON, and `guest` makes one environment of that run.
-    pub fn new<E>(setup: &str, description: &str, guest: impl FnOnce(&Config) -> Result<G, E>) -> Result<Self, ReplayError>
+    pub fn new<E>(
+        setup: &str,
+        description: &str,
+        guest: impl FnOnce(&Config) -> Result<G, E>,
+    ) -> Result<Self, ReplayError>
     where
         E: Into<Box<dyn Error + Send + Sync>>,
     {

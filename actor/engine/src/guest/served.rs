@@ -85,7 +85,13 @@ impl<G: Guest> Served<G> {
             history: Xxh3::new(),
             record: vec![Line([0; 64]); lines],
         };
-        let filled: Vec<Field> = spec.channels.iter().zip(&layout.fields).filter(|(channel, _)| channel.is_bulk()).map(|(_, &field)| field).collect();
+        let filled: Vec<Field> = spec
+            .channels
+            .iter()
+            .zip(&layout.fields)
+            .filter(|(channel, _)| channel.is_bulk())
+            .map(|(_, &field)| field)
+            .collect();
         let bits = layout.images.iter().enumerate().map(|(bit, &image)| (image, 1 << bit));
         Self {
             guest,
