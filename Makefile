@@ -1,8 +1,8 @@
 # Set-up, build and run in one command; for everything else there is plain cargo, which works after `make setup`.
 .DEFAULT_GOAL := help
-.PHONY: help setup build install uninstall up play policy test test-all test-part schemas chaos soak lint check-deploy doc book examples deny fuzz \
+.PHONY: help setup build library install uninstall up play policy test test-all test-part schemas chaos soak lint check-deploy doc book examples deny fuzz \
 	sanitize bench-peers bench-learner bench-kernels bench-wire bench-view bench-hosts check-determinism \
-	python python-aarch64 test-python bench-python bench-depth dist
+	python python-aarch64 test-python bench-python bench-env bench-depth dist
 # Cargo uses all cores by itself; targets run one after the other also under -j.
 .NOTPARALLEL:
 
@@ -22,7 +22,8 @@ help:
 	@echo 'make build   set up and compile the programs'
 	@echo 'make up      build and start a run: the demonstration, on a GPU the preset recipe; ARGS="..." adds options'
 	@echo 'make play    build, and let the policy in models/ play on a page; POLICY=FILE plays another'
-	@echo 'make install puts the programs, their libtorch, manual pages and completions under PREFIX (~/.local);'
+	@echo 'make install puts the programs, their libtorch, stillroom_actor.h with its library, manual pages and completions'
+	@echo '             under PREFIX (~/.local);'
 	@echo '             make uninstall takes them away'
 	@echo 'make test    set up, build and run the tests that every change has to pass'
 	@echo 'make test-all   and those that a release has to pass: chaos, thousands of schedules, a browser, Slurm, an archive,'
@@ -39,6 +40,7 @@ help:
 	@echo '             AVX2, the wheel, notes, a bill of materials, checksums; STRICT=yes: what keeps them from being one is'
 	@echo '             an error'
 	@echo 'make test-python   build it and run its tests; make bench-python measures it beside Gymnasium'
+	@echo 'make bench-env   what a run adds to a step of an environment of Python, beside a bare loop and AsyncVectorEnv'
 	@echo 'make bench-depth'
 	@echo '             stillroom.DepthCamera beside mujoco.Renderer in software, on the models of six packages, which go into'
 	@echo '             .venv/; needs libosmesa6 or libegl1; ARGS="--only Franka --picture docs/depth.png" measures fewer'
@@ -78,8 +80,12 @@ setup:
 build: setup
 	cargo build --release --locked --workspace --bin orchestrator --bin actor --bin learner
 
+# A shared library for simulators in other languages. Of the workspace, so that nothing is compiled twice.
+library: build
+	cargo build --release --locked -p stillroom_actor
+
 PREFIX := $(HOME)/.local
-install: build
+install: library
 	@deploy/install '$(PREFIX)'
 
 uninstall:
@@ -158,13 +164,17 @@ dist: build
 	@STRICT='$(STRICT)' deploy/dist
 
 # The runs with environments of Python need the programs, too.
-test-python: build
+test-python: library
 	@python=$$(PYTHON='$(PYTHON)' python/setup) && (cd python && "$$python" -m pytest -q -rs $(ARGS)) && \
 		STILLROOM_TEST_PYTHON="$$python" cargo test --release --locked --workspace --test system environments:: -- --ignored
 
 bench-python:
 	cargo build --release --locked --workspace --bin actor
 	@python=$$(PYTHON='$(PYTHON)' python/setup) && "$$python" python/bench.py --actor target/release/actor $(ARGS)
+
+bench-env: build
+	@python=$$(PYTHON='$(PYTHON)' python/setup) && \
+		"$$python" python/bench_environments.py --orchestrator target/release/orchestrator $(ARGS)
 
 bench-depth:
 	@python=$$(PYTHON='$(PYTHON)' python/setup) && \

@@ -14,8 +14,7 @@
 //! depth_scene     depth images of any scene
 //! error           errors of Rust as those of Python
 //! serve           an actor's process that is a Python interpreter
-//! served          environments of Python, as the engine runs them
-//! replay          its recorded episodes, simulated again
+//! served          environments of Python, called step by step
 //! numbers         what Python gives, written where it lies in a record
 //! batch           many environments, stepped by threads while Python's lock is free
 //! ```
@@ -29,7 +28,6 @@ mod error;
 mod facts;
 mod frames;
 mod numbers;
-mod replay;
 mod room;
 mod run_files;
 mod serve;
@@ -106,7 +104,7 @@ fn _stillroom(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(serve::episode_seed, module)?)?;
     module.add_function(wrap_pyfunction!(serve::hold_lifeline, module)?)?;
     module.add_class::<serve::Actor>()?;
-    module.add_class::<replay::Replay>()?;
+    module.add_class::<serve::Replay>()?;
     module.add_function(wrap_pyfunction!(depth_scene::tangent, module)?)?;
     module.add_function(wrap_pyfunction!(depth_scene::sine_cosine, module)?)?;
     module.add_class::<settings::Settings>()?;

@@ -86,6 +86,31 @@ impl Rules {
         Ok(())
     }
 
+    /// Actions of a state that are still to be taken when its environment has been put there.
+    fn left(&self, state: &EnvironmentState) -> usize {
+        match (self.restore, state.snapshot()) {
+            (Restore::None, _) => 0,
+            (_, Some(_)) => 1,
+            _ => state.action_count() as usize,
+        }
+    }
+
+    /// Puts an environment where a state's actions begin, or as near to its last action as it can be restored.
+    fn put<S: Simulator>(
+        &self,
+        running: &mut Running,
+        simulator: &mut S,
+        state: &EnvironmentState,
+    ) -> Result<(), EngineError> {
+        running.hold();
+        running.is_lost = false;
+        match (self.restore, state.snapshot()) {
+            (Restore::None, _) if state.action_count() > 0 => self.lose(running, simulator, state),
+            (_, Some(snapshot)) => self.restore(running, simulator, state, snapshot),
+            _ => self.begin(running, simulator, state.episode),
+        }
+    }
+
     /// Puts an environment where it was before the last action of an episode.
     fn restore<S: Simulator>(
         &self,
@@ -93,7 +118,7 @@ impl Rules {
         simulator: &mut S,
         state: &EnvironmentState,
         snapshot: &Snapshot,
-    ) -> Result<u32, EngineError> {
+    ) -> Result<(), EngineError> {
         let (episode, step) = (state.episode, state.action_count() - 1);
         running.id = simulator.place(running.home, episode);
         whereabouts::enter(running.id, episode);
@@ -101,7 +126,7 @@ impl Rules {
         simulator.restore(index, running.home, episode, step, snapshot).map_err(failed::<S>)?;
         running.header.begin(episode, snapshot.state_hash, self.records(running.id, episode));
         running.header.step = step;
-        Ok(step)
+        Ok(())
     }
 
     /// Lets an environment that cannot be brought back stand as if an episode's last action had led nowhere.
@@ -125,12 +150,9 @@ impl Rules {
         Ok(())
     }
 
-    /// Takes an action; after the last one of an episode the environment stands at the start of the next. False if the
-    /// task has no such action.
-    fn act<S: Simulator>(&self, running: &mut Running, simulator: &mut S, action: &[u8]) -> Result<bool, EngineError> {
-        if !self.actions.has(action) {
-            return Ok(false);
-        }
+    /// Takes an action that the task has; after the last one of an episode the environment stands at the start of the
+    /// next.
+    fn act<S: Simulator>(&self, running: &mut Running, simulator: &mut S, action: &[u8]) -> Result<(), EngineError> {
         whereabouts::enter(running.id, running.header.episode);
         let index = running.header.environment as usize;
         let (state_hash, end) = if running.is_lost {
@@ -150,7 +172,7 @@ impl Rules {
             let next = running.next_episode().expect("four billion episodes outlast any run");
             self.begin(running, simulator, next)?;
         }
-        Ok(true)
+        Ok(())
     }
 
     /// Keeps what is seen now, before the next episode begins.
@@ -243,41 +265,47 @@ impl<S: Simulator> Environments<S> {
     }
 
     /// Puts every environment into the state that its actions lead to. Nothing is rendered on the way, and what was
-    /// simulated before does not matter.
+    /// simulated before does not matter. All take their last actions at the same moment, so that environments which step
+    /// together do so here, too.
     pub fn rebuild(&mut self, states: &[EnvironmentState]) -> Result<(), EngineError> {
         let Self { running, simulator, rules, unprepared } = self;
         assert_eq!(states.len(), running.len(), "a restore holds one state an environment");
         *unprepared = (0..states.len()).collect();
-        let places = running.iter().zip(states).map(|(running, state)| {
-            let place = simulator.place(running.home, state.episode);
-            (place != running.id).then_some(place)
+        let left: Vec<usize> = states.iter().map(|state| rules.left(state)).collect();
+        let moments = left.iter().copied().max().unwrap_or_default();
+        let mut order: Vec<usize> = (0..states.len()).collect();
+        order.sort_by_key(|&index| moments - left[index]);
+        let places = order.iter().map(|&index| {
+            let place = simulator.place(running[index].home, states[index].episode);
+            (place != running[index].id).then_some(place)
         });
         simulator.announce(places.collect::<Vec<_>>().into_iter().flatten());
-        for (running, state) in running.iter_mut().zip(states) {
-            running.hold();
-            running.is_lost = false;
-            let taken = match (rules.restore, state.snapshot()) {
-                (Restore::None, _) if state.action_count() > 0 => {
-                    rules.lose(running, simulator, state)?;
-                    continue;
-                }
-                (_, Some(snapshot)) => rules.restore(running, simulator, state, snapshot)?,
-                _ => {
-                    rules.begin(running, simulator, state.episode)?;
-                    0
-                }
-            };
-            let place = running.place();
-            let actions = state.actions().chunks_exact(rules.hold.len());
-            let count = actions.len();
-            for (step, action) in actions.enumerate().skip(taken as usize) {
-                if !rules.act(running, simulator, action)? {
-                    let action = rules.actions.text(action);
+        let bytes = rules.hold.len();
+        let mut actions = rules.hold.repeat(states.len());
+        for moment in 0..=moments {
+            for &index in order.iter().filter(|&&index| left[index] + moment == moments) {
+                rules.put(&mut running[index], simulator, &states[index])?;
+            }
+            if moment == moments {
+                break;
+            }
+            let acting = || order.iter().copied().filter(|&index| left[index] + moment >= moments);
+            for index in acting() {
+                let step = states[index].action_count() as usize + moment - moments;
+                let action = &states[index].actions()[step * bytes..][..bytes];
+                if !rules.actions.has(action) {
+                    let (action, place) = (rules.actions.text(action), running[index].place());
                     return Err(EngineError::NoSuchActionBefore { action, step, place });
                 }
-                let ended = running.header.end().is_some();
-                if ended && step + 1 < count {
-                    return Err(EngineError::EndsEarlier { actions: count, place, ended: step + 1 });
+                actions[index * bytes..][..bytes].copy_from_slice(action);
+            }
+            simulator.act_together(0, &actions).map_err(failed::<S>)?;
+            for index in acting() {
+                let place = running[index].place();
+                rules.act(&mut running[index], simulator, &actions[index * bytes..][..bytes])?;
+                let (all, left) = (states[index].action_count() as usize, moments - moment - 1);
+                if running[index].header.end().is_some() && left > 0 {
+                    return Err(EngineError::EndsEarlier { actions: all, place, ended: all - left });
                 }
             }
         }
@@ -289,14 +317,24 @@ impl<S: Simulator> Environments<S> {
     pub fn act(&mut self, range: Range<usize>, actions: &[u8]) -> Result<(), EngineError> {
         let bytes = self.rules.hold.len();
         assert_eq!(range.len() * bytes, actions.len(), "one action an environment");
+        let mut together = actions.to_vec();
+        for (index, action) in range.clone().zip(together.chunks_exact_mut(bytes)) {
+            if action != self.rules.hold && !self.rules.actions.has(action) {
+                let (action, place) = (self.rules.actions.text(action), self.running[index].place());
+                return Err(EngineError::NoSuchAction { action, place });
+            }
+            if self.running[index].is_lost {
+                action.copy_from_slice(&self.rules.hold);
+            }
+        }
+        self.simulator.act_together(range.start, &together).map_err(failed::<S>)?;
         for (index, action) in range.zip(actions.chunks_exact(bytes)) {
             let running = &mut self.running[index];
             let episode = running.header.episode;
             if action == self.rules.hold {
                 running.hold();
-            } else if !self.rules.act(running, &mut self.simulator, action)? {
-                let action = self.rules.actions.text(action);
-                return Err(EngineError::NoSuchAction { action, place: running.place() });
+            } else {
+                self.rules.act(running, &mut self.simulator, action)?;
             }
             if running.header.episode != episode && !self.unprepared.contains(&index) {
                 self.unprepared.push_back(index);

@@ -6,6 +6,7 @@
 //! protocol      who says what when: a pure state machine
 //! link          the actor's ends of the shared-memory services
 //! shm           observations written where they lie in shared memory
+//! guest         simulators whose code is not ours, in any language
 //! whereabouts   which environment is being simulated, for last words
 //! ```
 //!
@@ -15,6 +16,7 @@
 
 mod environments;
 mod error;
+pub mod guest;
 mod link;
 pub mod protocol;
 mod shm;

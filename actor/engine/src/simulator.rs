@@ -35,6 +35,12 @@ pub trait Simulator {
         snapshot: &Snapshot,
     ) -> Result<(), Self::Error>;
 
+    /// Environments from number `first` on are about to take these actions, each of which the task has or is
+    /// HOLD: whatever steps several at once does it now, and [`Self::act`] reports what came of each.
+    fn act_together(&mut self, _first: usize, _actions: &[u8]) -> Result<(), Self::Error> {
+        Ok(())
+    }
+
     /// Takes one action, which the task has, and writes what it did: the bytes of a record's parts and outcomes. It does
     /// not begin the next episode. Returns the state's hash, and how the episode has ended, if it has.
     fn act(&mut self, index: usize, action: &[u8], done: &mut [u8]) -> Result<(u64, Option<End>), Self::Error>;

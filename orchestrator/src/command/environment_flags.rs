@@ -1,7 +1,7 @@
 //! Options of `up` for environments that are not built in.
 
 use crate::environment::consent;
-use crate::environment::describe::describe;
+use crate::environment::describe::{Answer, describe};
 use crate::preflight::programs::on_path;
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
@@ -14,7 +14,8 @@ use std::path::{Path, PathBuf};
 /// An environment of the user's.
 #[derive(Debug, Clone, Default, Args)]
 pub struct EnvironmentFlags {
-    /// Environment of your own (docs/your-simulator.md): gymnasium:ID, package.module:function or ./file.py:function
+    /// Environment of your own (docs/your-simulator.md): gymnasium:ID, envpool:ID, package.module:function
+    /// or ./file.py:function
     #[arg(long, value_name = "ENV", conflicts_with = "env_command")]
     env: Option<String>,
     /// Keyword arguments for it, as JSON
@@ -39,23 +40,34 @@ impl EnvironmentFlags {
     }
 
     /// Asks the environment what it is. The settings of its task; none where no environment is named. Naming it is the
-    /// consent to start it.
-    pub fn settings(&self) -> Result<Vec<Setting>> {
+    /// consent to start it. `environments_per_actor` is what the user gives.
+    pub fn settings(&self, environments_per_actor: Option<u32>) -> Result<Vec<Setting>> {
         let Some(command) = self.command()? else {
             ensure!(self.env_declaration.is_none(), "--env-declaration goes with --env or --env-command");
             return Ok(vec![]);
         };
         let mut environment = EnvironmentConfig { command, declaration: String::new() };
-        let described = describe(&environment)?;
+        let Answer { description, environments } = describe(&environment)?;
+        if let (Some(size), Some(given)) = (environments, environments_per_actor) {
+            ensure!(
+                size == given,
+                "the environment makes vectors of a size that an actor of {given} environments cannot have: leave out \
+                 --envs-per-actor, or say --envs-per-actor {size}"
+            );
+        }
         let more = match &self.env_declaration {
             Some(path) => bounded::read_text(path).with_context(|| format!("cannot read {}", path.display()))?,
             None => String::new(),
         };
-        environment.declaration = described.declaration(&more).context("--env-declaration")?;
+        environment.declaration = description.declaration(&more).context("--env-declaration")?;
         let task = Spec::kept(&environment.declaration).context("the environment's declaration")?.name.clone();
         consent::allow(&environment.command)?;
         let environment = toml::Value::try_from(environment)?;
-        Ok(vec![Setting::new("task", task.into())?, Setting::new("environment", environment)?])
+        let mut settings = vec![Setting::new("task", task.into())?, Setting::new("environment", environment)?];
+        if let Some(size) = environments {
+            settings.push(Setting::new("actors.environments_per_actor", i64::from(size).into())?);
+        }
+        Ok(settings)
     }
 
     fn command(&self) -> Result<Option<Vec<String>>> {
@@ -67,14 +79,14 @@ impl EnvironmentFlags {
         }
         let Some(env) = &self.env else { return Ok(None) };
         let Some((place, name)) = env.split_once(':') else {
-            bail!("--env {env}: expected gymnasium:ID, package.module:function or ./file.py:function")
+            bail!("--env {env}: expected gymnasium:ID, envpool:ID, package.module:function or ./file.py:function")
         };
         let text = |path: PathBuf| path.into_os_string().into_string().ok().context("a path is not text");
         let absolute = |path: &Path| std::path::absolute(path).context("the current folder").and_then(text);
         let is_file = Path::new(place).extension().is_some_and(|extension| extension == "py");
         let env = if is_file { format!("{}:{name}", absolute(Path::new(place))?) } else { env.clone() };
         let mut command = vec![text(self.interpreter()?)?, "-m".into(), "stillroom".into(), "serve".into(), env];
-        if place != "gymnasium" {
+        if !["gymnasium", "envpool"].contains(&place) {
             command.extend(["--path".to_owned(), absolute(Path::new("."))?]);
         }
         if let Some(kwargs) = &self.env_kwargs {

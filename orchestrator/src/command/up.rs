@@ -105,7 +105,7 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
     };
     let preset = args.overrides.preset(args.preset.as_deref(), default)?;
     let mut overrides = args.overrides.clone();
-    overrides.set.extend(args.environment.settings()?);
+    overrides.set.extend(args.environment.settings(overrides.envs_per_actor)?);
     let mut config = args.hosts.resolve(&overrides, &preset, member.as_ref())?;
     check_hosts(&config, member.as_ref())?;
     let started = args.hosts.started(member.as_ref())?;

@@ -20,8 +20,17 @@ const SAYS_MOST: u64 = 4 << 20;
 /// What begins the line of standard error that says what is wrong.
 const ERROR: &str = "stillroom: error: ";
 
+/// What a command answers.
+#[derive(Debug)]
+pub struct Answer {
+    /// What its environments are.
+    pub description: Description,
+    /// How many of them an actor has, where it makes vectors of a size.
+    pub environments: Option<u32>,
+}
+
 /// What the environments of a command are.
-pub fn describe(environment: &EnvironmentConfig) -> Result<Description> {
+pub fn describe(environment: &EnvironmentConfig) -> Result<Answer> {
     let command = &environment.command;
     let mut asked = environment.program();
     asked.arg("--describe").stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -47,7 +56,13 @@ pub fn describe(environment: &EnvironmentConfig) -> Result<Description> {
         }
     })?;
     let said = || format!("`{}` answers with what is no description; it says: {}", shown(command), last(&errors));
-    serde_json::from_slice(&answer).with_context(said)
+    read(&answer).with_context(said)
+}
+
+fn read(answer: &[u8]) -> serde_json::Result<Answer> {
+    let mut table: serde_json::Map<String, serde_json::Value> = serde_json::from_slice(answer)?;
+    let environments = table.remove("environments").map(serde_json::from_value).transpose()?;
+    Ok(Answer { description: serde_json::from_value(table.into())?, environments })
 }
 
 /// All that a stream holds, up to a bound.
@@ -81,7 +96,7 @@ fn last(errors: &str) -> String {
 mod tests {
     use super::*;
 
-    fn asked(script: &str) -> Result<Description, String> {
+    fn asked(script: &str) -> Result<Answer, String> {
         let command = ["sh", "-c", script].map(str::to_owned).to_vec();
         describe(&EnvironmentConfig { command, declaration: String::new() }).map_err(|error| format!("{error:#}"))
     }
@@ -89,7 +104,9 @@ mod tests {
     #[test]
     fn a_description_is_read_and_everything_else_is_one_sentence() {
         let answer = r#"{ "name": "mine", "actions": { "kind": "discrete", "names": ["a"] }, "channels": [] }"#;
-        assert_eq!(asked(&format!("echo '{answer}'; sleep 100 &")).unwrap().name, "mine");
+        assert_eq!(asked(&format!("echo '{answer}'; sleep 100 &")).unwrap().description.name, "mine");
+        let vectors = asked(&format!("echo '{}'", answer.replacen('{', "{ \"environments\": 16,", 1))).unwrap();
+        assert_eq!((vectors.description.name.as_str(), vectors.environments), ("mine", Some(16)));
         for (script, expected) in [
             ("echo nonsense; echo noise >&2", "what is no description; it says: noise"),
             ("echo trace >&2; echo 'stillroom: error: it has no step' >&2; exit 2", "it has no step"),

@@ -5,8 +5,9 @@ step together; `stillroom.tasks()` lists the tasks. Observations and all else th
 `stillroom.types`.
 `stillroom.DepthCamera`, `stillroom.Scene` and `stillroom.wrappers.Depth` give depth images of any MuJoCo model or scene.
 
-`stillroom.serve(make_env)` lets an environment of your own take part in a run (docs/your-simulator.md);
-`stillroom.wrappers.MujocoSnapshot` restores a MuJoCo environment from bytes.
+`stillroom.serve(make_env)` lets an environment of your own take part in a run, and `stillroom.train(make_env,
+frames=...)` starts one (docs/your-simulator.md); `stillroom.wrappers.MujocoSnapshot` restores a MuJoCo environment from
+bytes.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from stillroom.env import ArmPointNav, KitchenEnv
 from stillroom.oracle import Oracle, oracle
 from stillroom.run import Run, RunError, read_run
 from stillroom.serving import serve
+from stillroom.training import Training, train
 from stillroom.vector import VectorEnv
 
 __all__ = [
@@ -51,6 +53,7 @@ __all__ = [
     "RunError",
     "Scene",
     "Snapshot",
+    "Training",
     "VectorEnv",
     "__version__",
     "channels",
@@ -58,7 +61,9 @@ __all__ = [
     "load",
     "oracle",
     "read_run",
+    "serve",
     "tasks",
+    "train",
     "wrappers",
 ]
 

@@ -143,14 +143,21 @@ class Actor:
     @property
     def environments(self) -> int:
         """How many environments it has."""
-    def run(self, environments: list[Any], description: str, observed: list[tuple[str, str | None]]) -> None:
+    def run(
+        self, environments: list[Any], vectors: list[Any], description: str, observed: list[tuple[str, str | None]]
+    ) -> None:
         """Takes part in the run until something fails."""
 
 class Replay:
     """Simulates recorded episodes of one run again."""
 
     def __init__(
-        self, setup: str, environment: Any, description: str, observed: list[tuple[str, str | None]]
+        self,
+        setup: str,
+        environment: Any,
+        vectors: list[Any],
+        description: str,
+        observed: list[tuple[str, str | None]],
     ) -> None: ...
     def verdict(self, line: str) -> str:
         """The verdict on the episode of a further line."""

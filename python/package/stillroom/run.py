@@ -133,6 +133,17 @@ def read_run(path: str | PathLike[str]) -> Run:
         raise RunError(f"{path} holds what no run of this version does: {error}") from error
 
 
+def read_progress(path: Path) -> tuple[int, int]:
+    """Frames that a run has trained on, and those that it is to have. Needs no pandas."""
+    files = _Files(path)
+    try:
+        budget = sum(int(stage["frames"]) for stage in (files.toml("config.toml") or {})["stages"])
+        lines = files.lines("metrics.jsonl", voids=True)
+        return int(lines[-1]["frames"]) if lines else 0, budget
+    except (LookupError, TypeError, ValueError) as error:
+        raise RunError(f"{path} holds what no run of this version does: {error}") from error
+
+
 def _run(path: Path) -> Run:
     if path.is_file() and path.name in ("evaluation.json", "episodes.csv", "summary.json", "config.toml"):
         path = path.parent

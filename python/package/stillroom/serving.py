@@ -7,6 +7,7 @@ program of your own does the same with `stillroom.serve(make_env)`, and is start
 from __future__ import annotations
 
 import argparse
+import functools
 import importlib
 import importlib.util
 import inspect
@@ -16,25 +17,27 @@ import re
 import sys
 import traceback
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
 import gymnasium
 
 from stillroom._stillroom import Actor, Replay, hold_lifeline
+from stillroom.columns import Among, Vector, check_sizes, halves, takes_size
 from stillroom.description import Refused, describe
 from stillroom.determinism import prove
 from stillroom.film import Camera, write
+from stillroom.pools import PoolEnv
 
-MakeEnv = Callable[..., gymnasium.Env]
+MakeEnv = Callable[..., gymnasium.Env | gymnasium.vector.VectorEnv]
 
 
 def serve(make_env: MakeEnv, *, name: str | None = None) -> NoReturn:
     """Serves environments to the orchestrator that has started this program. It returns only by `SystemExit`.
 
     Args:
-        make_env: makes an environment; it is called once for each.
+        make_env: makes an environment; it is called once for each. Or it makes a gymnasium.vector.VectorEnv, and is
+            called for each half of an actor's environments, with their number if it has an argument `num_envs`.
         name: of the task: lower-case letters, digits and underscores; otherwise it is that of `make_env`.
     """
     arguments = _parser().parse_args()
@@ -46,7 +49,7 @@ def main(argv: Sequence[str]) -> NoReturn:
     """`python -m stillroom serve SPEC`."""
     parser = _parser()
     parser.prog = "python -m stillroom serve"
-    parser.add_argument("env", help="gymnasium:ID, package.module:function or file.py:function")
+    parser.add_argument("env", help="gymnasium:ID, envpool:ID, package.module:function or file.py:function")
     parser.add_argument("--kwargs", type=json.loads, default={}, help="keyword arguments for it, as JSON")
     parser.add_argument("--path", help="a folder to import modules from")
     arguments = parser.parse_args(argv)
@@ -59,7 +62,8 @@ def find(spec: str, kwargs: dict[str, Any], path: str | None) -> tuple[MakeEnv, 
     place, _, name = spec.partition(":")
     if not name:
         raise Refused(
-            f"`{spec}` names no environment: give gymnasium:ID, package.module:function or ./file.py:function"
+            f"`{spec}` names no environment: give gymnasium:ID, envpool:ID, package.module:function or"
+            " ./file.py:function"
         )
     if place == "gymnasium":
 
@@ -67,6 +71,8 @@ def find(spec: str, kwargs: dict[str, Any], path: str | None) -> tuple[MakeEnv, 
             return gymnasium.make(name, disable_env_checker=True, **({"render_mode": render_mode} | kwargs))
 
         return registered, name.rpartition("/")[2]
+    if place == "envpool":
+        return lambda: PoolEnv(name, **kwargs), name.rpartition("/")[2]
     if path is not None:
         sys.path.insert(0, path)
     try:
@@ -79,7 +85,7 @@ def find(spec: str, kwargs: dict[str, Any], path: str | None) -> tuple[MakeEnv, 
     if not callable(make):
         raise Refused(f"`{place}` has no function `{name}`")
     plain = name in ("make", "make_env")
-    return partial(make, **kwargs), Path(place).stem.rpartition(".")[2] if plain else name
+    return functools.partial(make, **kwargs), Path(place).stem.rpartition(".")[2] if plain else name
 
 
 def _module(place: str) -> Any:
@@ -127,13 +133,19 @@ def _run(
     arguments: argparse.Namespace, found: Callable[[], tuple[MakeEnv, str]], streams: tuple[TextIO, TextIO]
 ) -> NoReturn:
     asked, answer = streams
+    one: Any
+    proven: Any
     try:
         make_env, name = found()
         if arguments.describe:
-            env = _made(make_env)
-            description = describe(env, _task_name(name)).description
-            prove(env, lambda: _made(make_env))
-            print(json.dumps(description), file=answer, flush=True)
+            env = _made(make_env, 2)
+            vector = env if isinstance(env, Vector) else None
+            one, proven = (vector.columns[0], Among(vector)) if vector else (env, env)
+            described = describe(one, _task_name(name))
+            prove(proven, lambda: _made(make_env, 1))
+            # Of vectors that have a size, an actor has two.
+            size = {"environments": 2 * len(vector)} if vector and not takes_size(make_env) else {}
+            print(json.dumps(described.description | size), file=answer, flush=True)
             raise SystemExit(0)
         if arguments.replay:
             _replay(make_env, _task_name(name), asked, answer)
@@ -143,9 +155,9 @@ def _run(
             raise Refused(f"--{missing[0]} is missing: the orchestrator starts this, `orchestrator up --env ...`")
         actor = Actor(arguments.actor, arguments.incarnation, arguments.wire, arguments.config)
         # Before the actor joins the run: they may start processes of their own.
-        envs = [_made(make_env) for _ in range(actor.environments)]
+        envs, vectors = _made_for_actor(make_env, actor.environments)
         described = describe(envs[0], _task_name(name))
-        actor.run(envs, json.dumps(described.description), described.observed)
+        actor.run(envs, vectors, json.dumps(described.description), described.observed)
     except Refused as refusal:
         print(f"stillroom: error: {refusal}", file=sys.stderr)
         raise SystemExit(2) from None
@@ -161,28 +173,43 @@ def _replay(make_env: MakeEnv, name: str, asked: TextIO, answer: TextIO) -> None
     setup = next(asked)
     images = json.loads(setup)["images"]
     has_mode = "render_mode" in inspect.signature(make_env).parameters
-    env = _made(make_env, **({"render_mode": "rgb_array"} if images and has_mode else {}))
-    described = describe(env, name)
-    camera = Camera(env) if images else None
-    replay = Replay(setup, camera or env, json.dumps(described.description), described.observed)
+    made = _made(make_env, 1, **({"render_mode": "rgb_array"} if images and has_mode else {}))
+    one, vectors = (made.columns[0], [made]) if isinstance(made, Vector) else (made, [])
+    if images and vectors:
+        raise Refused("it is a vector, of which no film is made: --check replays its episodes")
+    described = describe(one, name)
+    camera = Camera(one) if images else None
+    replay = Replay(setup, camera or one, vectors, json.dumps(described.description), described.observed)
     for line in asked:
         verdict = replay.verdict(line)
         if camera is not None:
             told = json.loads(verdict)
             film = f"environment-{told['environment']['number']}-episode-{told['episode']:06}"
-            told["images"] = write(images, film, camera.pictures, env.metadata.get("render_fps") or 30)
+            told["images"] = write(images, film, camera.pictures, one.metadata.get("render_fps") or 30)
             verdict = json.dumps(told)
         print(verdict, file=answer, flush=True)
 
 
-def _made(make_env: MakeEnv, **more: Any) -> gymnasium.Env:
+def _made_for_actor(make_env: MakeEnv, environments: int) -> tuple[list[Any], list[Vector]]:
+    """All environments of an actor, and the vectors whose columns they are."""
+    sizes = halves(environments)
+    made = [_made(make_env, size) for size in sizes[:1]]
+    if isinstance(made[0], Vector):
+        vectors = [*made, *(_made(make_env, size) for size in sizes[1:])]
+        check_sizes(vectors, environments)
+        return [column for vector in vectors for column in vector.columns], vectors
+    return made + [_made(make_env, 1) for _ in range(environments - 1)], []
+
+
+def _made(make_env: MakeEnv, size: int, **more: Any) -> Any:
+    """An environment, or a vector of them: of this size, if it takes one."""
     try:
-        env = make_env(**more)
+        env = make_env(**more, **({"num_envs": size} if takes_size(make_env) else {}))
     except Exception as error:
         traceback.print_exc()
         raise Refused(f"the environment cannot be made: {type(error).__name__}: {error}") from error
     if isinstance(env, gymnasium.vector.VectorEnv):
-        raise Refused("it makes a VectorEnv; make single environments, an actor steps as many as --envs-per-actor says")
+        return Vector(env)
     if not isinstance(env, gymnasium.Env):
         raise Refused(f"it makes a {type(env).__name__}, which is no gymnasium.Env")
     return env

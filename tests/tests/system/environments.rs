@@ -215,6 +215,7 @@ fn an_environment_is_restored_as_it_declares() {
 
 /// Numbers and choices cross, are recorded, and are taken again after kills; by one learner or two.
 #[test]
+#[ignore = "needs a Python with the package: make test-python"]
 fn a_run_with_actions_of_any_kind_ends_in_the_same_weights_killed_or_not() {
     let place = place();
     let stage = "stages=[{ name = \"I\", reward = \"r\", frames = 600 }]";
@@ -240,19 +241,42 @@ fn a_run_with_actions_of_any_kind_ends_in_the_same_weights_killed_or_not() {
     }
 }
 
+/// Environments of an image and a place, which fail as the arguments say.
+fn faulty(place: &Place, name: &str, function: &str, kwargs: &serde_json::Value) -> Command {
+    let text = TINY.replace("actor_deadline_s = 60.0", "actor_deadline_s = 30.0");
+    std::fs::write(place.workshop.path("tiny.toml"), text).expect("a writable folder");
+    let stage = "stages=[{ name = \"I\", reward = \"r\", frames = 600 }]";
+    let more = ["--env-declaration", "sums.toml", "--set", stage, "--set", "auxiliary.weight=0.0"];
+    place.up(name, &format!("faulty.py:{function}"), kwargs, &more)
+}
+
+/// The last rollout has a step in which some columns of a vector act and others do not.
+#[test]
+#[ignore = "needs a Python with the package: make test-python"]
+fn vectors_end_in_the_weights_of_single_environments_killed_or_not() {
+    let place = place();
+    let expected = complete(faulty(&place, "single", "make_env", &serde_json::json!({}))).result();
+    for mode in ["NextStep", "SameStep", "Disabled"] {
+        let vectors = faulty(&place, mode, "make_vector", &serde_json::json!({ "mode": mode }));
+        assert_eq!(complete(vectors).result(), expected, "{mode}");
+    }
+    let killed =
+        place.disturbed("killed", faulty(&place, "killed", "make_vector", &serde_json::json!({ "mode": "NextStep" })));
+    assert!(!killed.deaths().is_empty(), "{killed:#?}");
+    assert_eq!(killed.result(), expected);
+    let replayed = place.orchestrator(&["replay", "killed", "--check"]);
+    assert!(replayed.success && replayed.stdout.contains("differences: 0"), "{replayed:#?}");
+}
+
 /// An environment that fails once: the sentence, whether the actor dies of it, and the weights.
 #[test]
 #[ignore = "needs a Python with the package: make test-python"]
 fn every_failure_is_one_sentence_and_costs_nothing() {
     let place = place();
     let workshop = &place.workshop;
-    let text = TINY.replace("actor_deadline_s = 60.0", "actor_deadline_s = 30.0");
-    std::fs::write(workshop.path("tiny.toml"), text).expect("a writable folder");
     let run = |name: &str, fault: &str| {
         let kwargs = serde_json::json!({ "fault": fault, "marker": workshop.path(&format!("{name}.marker")) });
-        let stage = "stages=[{ name = \"I\", reward = \"r\", frames = 600 }]";
-        let more = ["--env-declaration", "sums.toml", "--set", stage, "--set", "auxiliary.weight=0.0"];
-        complete(place.up(name, "faulty.py:make_env", &kwargs, &more))
+        complete(faulty(&place, name, "make_env", &kwargs))
     };
     let expected = run("sound", "").result();
     for (fault, sentence) in [
@@ -312,7 +336,7 @@ fn an_environment_that_cannot_take_part_is_refused_before_a_run_begins() {
         ("./no_such_file.py:make_env", "there is no file"),
         ("json:no_such_function", "`json` has no function `no_such_function`"),
         ("json:loads", "the environment cannot be made"),
-        ("nothing", "expected gymnasium:ID, package.module:function or ./file.py:function"),
+        ("nothing", "expected gymnasium:ID, envpool:ID, package.module:function or ./file.py:function"),
     ] {
         let said = refused(&["--python", python, "--env", env]);
         assert!(said.contains(expected), "{env}: {said}");
@@ -349,6 +373,77 @@ fn a_run_of_somebody_elses_starts_no_command_before_it_is_allowed() {
     assert!(allowed.success && allowed.stdout.contains("stillroom serve"), "{allowed:#?}");
     let resumed = other(&["resume", "run"]);
     assert_eq!(resumed.result().1, FRAMES);
+}
+
+/// A program in C with `stillroom_actor.h`, compiled into the workshop; `make library` builds what it needs.
+fn compiled(workshop: &Workshop, file: &str, name: &str) -> String {
+    let programs = system_tests::binary("orchestrator").parent().expect("a folder").to_owned();
+    let program = workshop.path(name).to_str().expect("a path of text").to_owned();
+    let folder = programs.to_str().expect("a path of text");
+    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+    let done = Command::new("cc")
+        .args(["-std=c11", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2", file, "-o", &program])
+        .args([&format!("-I{root}/actor/c/include"), &format!("-L{folder}"), "-lstillroom_actor", "-lm"])
+        .arg(format!("-Wl,-rpath,{folder}"))
+        .status();
+    assert!(done.expect("a C compiler").success());
+    program
+}
+
+/// The arithmetic is the same, and so are the seeds.
+#[test]
+#[ignore = "needs a Python with the package: make test-python"]
+fn a_simulator_in_c_ends_in_the_weights_of_the_same_in_python_killed_or_not() {
+    let place = place();
+    let workshop = &place.workshop;
+    let example = concat!(env!("CARGO_MANIFEST_DIR"), "/../actor/c/examples/cart_pole.c");
+    let program = compiled(workshop, example, "cart_pole");
+    let up = |run: &str, environment: &[&str]| {
+        let common = ["up", "--run", run, "--actors", "2", "--envs-per-actor", "3", "--frames", "12000", "--seed", "5"];
+        let set = ["--set", "ppo.rollout_steps=32", "--set", "learner.device=cpu"];
+        place.user(workshop.orchestrator(&[&common, environment, &set].concat()))
+    };
+    let expected =
+        complete(up("python", &["--env", &source("cart_pole.py:make_env"), "--python", &place.python])).result();
+    assert_eq!(complete(up("c", &["--env-command", &program])).result(), expected);
+    let killed = place.disturbed("killed", up("killed", &["--env-command", &program]));
+    assert!(!killed.deaths().is_empty(), "{killed:#?}");
+    assert_eq!(killed.result(), expected);
+    let replayed = place.orchestrator(&["replay", "c", "--check"]);
+    assert!(replayed.success && replayed.stdout.contains("differences: 0"), "{replayed:#?}");
+}
+
+#[test]
+#[ignore = "needs a Python with the package: make test-python"]
+fn a_program_in_c_with_something_wrong_is_refused_in_a_sentence() {
+    let workshop = Workshop::new();
+    let program = compiled(&workshop, &source("wrong.c"), "wrong");
+    for (wrong, expected) in [
+        ("null", "was given no simulator"),
+        ("argv", "was not given main's argc and argv"),
+        ("abi", "compiled for ABI 7 of stillroom_actor.h, the library has 1"),
+        ("actions", "has 255 actions, not 1 to 254"),
+        ("name", "the simulator's name is NULL"),
+        ("channels", "has 1 channels at 0x0"),
+        ("count", "channels at 0x"),
+        ("functions", "`make`, `reset` or `step` of the simulator is NULL"),
+        ("role", "channel `seen` has role 9"),
+        ("dimensions", "channel `seen` has 9 dimensions"),
+        ("shape", "channel `seen` has 1 dimensions at 0x0"),
+        ("text", "the name of channel 0 is not UTF-8"),
+        ("outcome", "has no channel of STILLROOM_OBSERVATION"),
+        ("make", "make() failed: it does not say why"),
+        ("reset", "reset() failed: it does not say why"),
+        ("step", "step() failed: the robot fell over"),
+        ("random", "it does not repeat itself"),
+    ] {
+        let mut command = Command::new(&program);
+        let printed = command.args([wrong, "--describe"]).output().expect("a program");
+        let said = String::from_utf8_lossy(&printed.stderr);
+        assert_eq!(printed.status.code(), Some(2), "{wrong}: {said}");
+        assert!(said.starts_with("stillroom: error: ") && said.contains(expected), "{wrong}: {said}");
+        assert_eq!(said.lines().count(), 1, "{wrong}: {said}");
+    }
 }
 
 /// The environment is another one when the run goes on.

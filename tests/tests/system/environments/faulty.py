@@ -88,6 +88,11 @@ def make_env(**arguments):
     return Faulty(**arguments)
 
 
+def make_vector(num_envs: int, mode: str, **arguments):
+    envs = [lambda: Faulty(**arguments)] * num_envs
+    return gymnasium.vector.SyncVectorEnv(envs, autoreset_mode=gymnasium.vector.AutoresetMode(mode))
+
+
 class Random(Faulty):
     """Draws from a generator that no seed resets."""
 

@@ -1,0 +1,81 @@
+"""A run from a script or a notebook."""
+
+from __future__ import annotations
+
+import linecache
+from pathlib import Path
+
+import gymnasium
+import pytest
+
+import stillroom
+from stillroom.training import _place
+
+ORCHESTRATOR = Path(__file__).parents[2] / "target/release/orchestrator"
+needs_programs = pytest.mark.skipif(not ORCHESTRATOR.exists(), reason="needs `make build`")
+
+
+def make_cart_pole(**kwargs):
+    return gymnasium.make("CartPole-v1", **kwargs)
+
+
+def start(tmp_path, make_env=make_cart_pole, **more):
+    more = {"frames": 2000, "settings": {"ppo.rollout_steps": 32, "learner.device": "cpu"}} | more
+    options = ["--actors", "2", "--envs-per-actor", "2"]
+    return stillroom.train(make_env, run=tmp_path / "run", options=options, orchestrator=str(ORCHESTRATOR), **more)
+
+
+@needs_programs
+def test_a_run_is_watched_and_its_policy_loaded(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "states"))
+    training = start(tmp_path).wait(120)
+    assert (training.is_running, training.frames, training.budget, training.progress) == (False, 2000, 2000, 1.0)
+    assert training.load().frames == 2000
+    assert training.metrics["frames"].iloc[-1] == 2000
+    with pytest.raises(stillroom.RunError, match="is there already"):
+        start(tmp_path)
+
+
+@needs_programs
+def test_a_run_is_stopped_before_its_end(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "states"))
+    training = start(tmp_path, frames=50_000_000)
+    with pytest.raises(TimeoutError):
+        training.wait(0.1)
+    training.stop()
+    assert not training.is_running and training.progress < 1.0
+
+
+@needs_programs
+def test_what_is_wrong_is_one_sentence(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "states"))
+    with pytest.raises(stillroom.RunError, match="the environment cannot be made"):
+        start(tmp_path, "gymnasium:NoSuchThing-v0")
+    with pytest.raises(stillroom.RunError, match=r"no\.such\.setting|no such"):
+        start(tmp_path, settings={"no.such.setting": 1})
+    with pytest.raises(stillroom.RunError, match="there is no program"):
+        stillroom.train(make_cart_pole, frames=1, orchestrator="no-such-program")
+
+
+def test_a_function_of_a_notebook_lies_beside_the_run(tmp_path):
+    def cell(text):
+        name = f"<cell {len(text)}>"
+        linecache.cache[name] = (len(text), None, text.splitlines(True), name)
+        space = {"__name__": "__main__", "gymnasium": gymnasium, "__builtins__": __builtins__}
+        exec(compile(text, name, "exec"), space)
+        return space["make_env"]
+
+    import sys
+
+    main, sys.modules["__main__"] = sys.modules["__main__"], type(sys)("__main__")
+    try:
+        whole = cell("def make_env():\n    import gymnasium\n    return gymnasium.make('CartPole-v1')\n")
+        file, _, name = _place(whole, tmp_path / "run").rpartition(":")
+        assert (Path(file).parent, name) == (tmp_path, "make_env")
+        assert "import gymnasium" in Path(file).read_text()
+        with pytest.raises(stillroom.RunError, match="uses `gymnasium` of the notebook"):
+            _place(cell("def make_env():\n    return gymnasium.make('CartPole-v1')\n"), tmp_path / "run")
+    finally:
+        sys.modules["__main__"] = main
+    with pytest.raises(stillroom.RunError, match="not inside another"):
+        _place(lambda: None, tmp_path / "run")
