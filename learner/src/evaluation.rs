@@ -287,6 +287,6 @@ mod tests {
             assert_ne!(reference, other);
         }
         assert_ne!(reference, draw(5, 1, 1, 2, 6, Some(4)));
-        assert_eq!(draw(5, 1, 1, 2, 6, None), [0.0; 4]);
+        assert_eq!(draw(5, 1, 1, 2, 6, None), [0.0; 21]);
     }
 }
