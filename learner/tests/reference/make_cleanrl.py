@@ -4,11 +4,11 @@
     python3 make_cleanrl.py             # writes cleanrl.safetensors beside this file
 
 Formulas and constants are those of `ppo.py` in vwxyzjn/cleanrl: two networks of tanh layers, the loop over t for
-advantages, the clipped losses. The case `normalized` is given what Gymnasium's NormalizeObservation and NormalizeReward make
-of its numbers and rewards, clipped as in `ppo_continuous_action.py`, and truncated episodes are bootstrapped as in
-`collect_rollouts` of Stable-Baselines3. The backward pass is written out by hand. Nothing is shared with the Rust code but the
-formula `noise`, from which both sides make weights and inputs, so that the file holds results only.
-"""
+advantages, the clipped losses. The case `normalized` is given what Gymnasium's NormalizeObservation and
+NormalizeReward make of its numbers and rewards, clipped as in `ppo_continuous_action.py`, and truncated episodes are
+bootstrapped as in `collect_rollouts` of Stable-Baselines3. The backward pass is written out by hand. Nothing is shared
+with the Rust code but the formula `noise`, from which both sides make weights and inputs, so that the file holds
+results only. """
 
 import pathlib
 

@@ -311,8 +311,8 @@ fn the_entropy_bonus_falls_with_the_learning_rate() {
     assert_ne!(digest(0.5, 0.0, 0.5), digest(0.5, 1.0, 0.5));
 }
 
-/// What was seen last of a truncated episode has the value that a rollout's end there bootstraps from: with the belief of
-/// that episode, not of the next. Without memory it is the critic's two layers, by hand.
+/// What was seen last of a truncated episode has the value that a rollout's end there bootstraps from: with the belief
+/// of that episode, not of the next. Without memory it is the critic's two layers, by hand.
 #[test]
 fn a_truncated_episode_is_valued_by_what_was_seen_last() {
     for memory in [Memory::None, Memory::Gru] {
