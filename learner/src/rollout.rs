@@ -234,8 +234,8 @@ impl Rollout {
         upload(&values, self.frames.device())
     }
 
-    /// All of it on the CPU, by name: (T, N, …), `bootstrap` (N); this and `last_value` are NaN where there is none. Rows that are not
-    /// `recorded` have no outcome; rows that were never stored hold data of an earlier rollout.
+    /// All of it on the CPU, by name: (T, N, …), `bootstrap` (N); this and `last_value` are NaN where there is none.
+    /// Rows that are not `recorded` have no outcome; rows that were never stored hold data of an earlier rollout.
     pub fn tensors(&self) -> BTreeMap<&'static str, Tensor> {
         fn table<T: tch::kind::Element>(steps: &[Step], columns: usize, number: impl Fn(&Step) -> T) -> Tensor {
             let values: Vec<T> = steps.iter().map(number).collect();

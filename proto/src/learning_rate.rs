@@ -7,7 +7,8 @@ pub fn learning_rate_progress(frames_in_stage: u64, stage_frames: u64, learning_
     (frames_in_stage as f64 / whole as f64).min(1.0)
 }
 
-/// A number that falls with it, or itself, after a share `progress` of the way: linear from `start` to `start · end_share`.
+/// A number that falls with it, or itself, after a share `progress` of the way: linear from `start` to `start ·
+/// end_share`.
 pub fn falling(start: f64, end_share: f64, progress: f64) -> f64 {
     start * (1.0 + (end_share - 1.0) * progress.clamp(0.0, 1.0))
 }

@@ -186,8 +186,9 @@ impl Agent {
         rollout.record(t, column, outcome);
     }
 
-    /// Values what was seen last of the episode that a column's action in step `t` truncated, with the belief before the
-    /// next one begins; after [`Agent::record`]. Nothing happens unless ends by the step limit are to be bootstrapped.
+    /// Values what was seen last of the episode that a column's action in step `t` truncated, with the belief before
+    /// the next one begins; after [`Agent::record`]. Nothing happens unless ends by the step limit are to be
+    /// bootstrapped.
     ///
     /// # Panics
     /// Outside a rollout.
@@ -413,15 +414,15 @@ impl Agent {
         Ok(())
     }
 
-    /// Takes the weights of another run's state, with the statistics that belong to them, and nothing else. After an error
-    /// nothing has changed.
+    /// Takes the weights of another run's state, with the statistics that belong to them, and nothing else. After an
+    /// error nothing has changed.
     pub fn load_weights(&mut self, state: &AgentState) -> Result<(), AgentError> {
         OtherSign::refuse(state.carried_goal, &self.config.network)?;
         Ok(self.load(&state.tensors, &BTreeMap::new())?)
     }
 
-    /// Takes a state's weights and statistics, and other weights to act with; the same where there are none. After an error
-    /// nothing has changed.
+    /// Takes a state's weights and statistics, and other weights to act with; the same where there are none. After an
+    /// error nothing has changed.
     fn load(&mut self, tensors: &BTreeMap<String, Tensor>, acting: &BTreeMap<String, Tensor>) -> Result<(), Unfit> {
         let trainer = self.trainer.as_mut().expect(HERE);
         let before = trainer.network.parameters.flat().copy();

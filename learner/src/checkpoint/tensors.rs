@@ -10,7 +10,7 @@
 //! | `environment.states` | u8: the same as a restore holds it, with snapshots, where there are some |
 //! | `running.return` | f64 (N): return of the episode in progress |
 //! | `running.discounted_disturbance_m` | f64 (N): Σ `γ^t` cost of the episode in progress, by its name of older versions |
-//! | `running.discounted_return` | f64 (N): sum of its rewards, each discounted by its age; 0 in checkpoints of older versions |
+//! | `running.discounted_return` | f64 (N): sum of its rewards, each discounted by its age; of older versions 0 |
 //! | `running.metrics` | f64 (N, M): its metrics, in the task's order; 0 in checkpoints of older versions |
 
 use crate::collector::{Boundary, RunningEpisode};

@@ -269,13 +269,13 @@ fn episodes_of_any_length_come_back_and_those_of_older_versions_do() {
         let bytes = tensors::encode(&agent.tensors, &boundary).unwrap();
         assert!(bytes.len() < width * MAX_EPISODE_STEPS + 4096);
         assert_eq!(tensors::decode(&bytes, 4).unwrap().1, boundary);
-    }
 
-    let mut with_snapshot = boundary;
-    let snapshot_before = wire::message::Snapshot { state_hash: u64::MAX, bytes: vec![3; 1000] };
-    with_snapshot.environments[1].remember(snapshot_before);
-    let bytes = tensors::encode(&agent.tensors, &with_snapshot).unwrap();
-    assert_eq!(tensors::decode(&bytes, 4).unwrap().1, with_snapshot);
+        let mut with_snapshot = boundary;
+        let snapshot_before = wire::message::Snapshot { state_hash: u64::MAX, bytes: vec![3; 1000] };
+        with_snapshot.environments[1].remember(snapshot_before);
+        let bytes = tensors::encode(&agent.tensors, &with_snapshot).unwrap();
+        assert_eq!(tensors::decode(&bytes, 4).unwrap().1, with_snapshot);
+    }
 
     // Each column had room for 512 actions.
     let boundary = snapshot(1).boundary;

@@ -26,7 +26,7 @@ pub use frame::{FramePreparation, RawFrame, Staging};
 pub use initialize::Initial;
 pub(crate) use initialize::fill_normal;
 pub(crate) use layers::{Gru, Linear};
-pub(crate) use normalizer::is_among as has_normalizer;
+pub(crate) use normalizer::{EPSILON as VARIANCE_EPSILON, is_among as has_normalizer};
 pub use parameters::{Layout, ParameterId, Parameters, Unfit, to_vec};
 pub(crate) use parameters::{all_finite, fits};
 

@@ -1,11 +1,12 @@
-//! Numbers less their mean, divided by their deviation, then clipped: `NormalizeObservation` of Gymnasium. Mean and variance lie
-//! among the weights, under the names of PyTorch's running statistics; no loss has a gradient there.
+//! Numbers less their mean, divided by their deviation, then clipped: `NormalizeObservation` of Gymnasium. Mean and
+//! variance lie among the weights, under the names of PyTorch's running statistics; no loss has a gradient there.
 
 use super::initialize::Initial;
 use super::parameters::{Layout, ParameterId, Parameters};
-use crate::ppo::moments::EPSILON;
 use tch::Tensor;
 
+/// Beside a variance of which the root is taken (Gymnasium).
+pub(crate) const EPSILON: f64 = 1e-8;
 /// What the names begin with.
 const PATH: &str = "observation_norm";
 

@@ -55,7 +55,8 @@ impl Deal {
     }
 
     /// Deals the cells of each shard out among minibatches, as evenly as can be. Neighbours are alike, such as the
-    /// environments of one kitchen, so chance deals: a function of (seed, rollout, epoch, column of the whole run, step).
+    /// environments of one kitchen, so chance deals: a function of (seed, rollout, epoch, column of the whole run,
+    /// step).
     fn out(
         self,
         shards: &Shards,

@@ -1,5 +1,7 @@
-//! Count, mean and variance of vectors that come in parts (Chan, Golub and `LeVeque` 1979), and rewards divided by such a
-//! deviation: `RunningMeanStd` and `NormalizeReward` of Gymnasium.
+//! Count, mean and variance of vectors that come in parts (Chan, Golub and `LeVeque` 1979), and rewards divided by
+//! such a deviation: `RunningMeanStd` and `NormalizeReward` of Gymnasium.
+
+use crate::network::VARIANCE_EPSILON;
 
 /// Count, means, and sums of squared deviations from them.
 #[derive(Debug, Clone, PartialEq)]
@@ -11,8 +13,6 @@ pub struct Moments {
 
 /// Of so many vectors consists what is known before the first one: mean 0 and deviation 1 (Gymnasium).
 const BEFORE: f64 = 1e-4;
-/// Beside a variance of which the root is taken (Gymnasium).
-pub(crate) const EPSILON: f64 = 1e-8;
 
 impl Moments {
     /// Before anything was met.
@@ -86,7 +86,7 @@ impl RewardScale {
     /// Divided by the deviation of discounted returns with these moments, then clipped.
     pub fn of(returns: &Moments, clip: f64) -> Self {
         let [_, variance] = returns.of_number(0);
-        Self { divisor: (variance + EPSILON).sqrt(), clip }
+        Self { divisor: (variance + VARIANCE_EPSILON).sqrt(), clip }
     }
 
     /// The reward that is learned from.

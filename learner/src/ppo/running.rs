@@ -1,6 +1,6 @@
-//! Running statistics of observations and of discounted returns (`[normalize]`). They hold for a whole rollout, and take it in
-//! when the update with it is through. Columns are merged in the order of the run's, so no bit depends on how they are divided
-//! among learners or shards.
+//! Running statistics of observations and of discounted returns (`[normalize]`). They hold for a whole rollout, and
+//! take it in when the update with it is through. Columns are merged in the order of the run's, so no bit depends on
+//! how they are divided among learners or shards.
 
 use super::moments::{Moments, RewardScale};
 use crate::network::{Network, Unfit};
@@ -119,8 +119,8 @@ fn read(name: &str, saved: &Tensor, width: usize) -> Result<Moments, Unfit> {
     Ok(Moments::from_numbers(&numbers))
 }
 
-/// Merges a rollout's vectors, of which number `i` of a step is `number(step, i)`: those of each column, then the columns of
-/// all learners in their order.
+/// Merges a rollout's vectors, of which number `i` of a step is `number(step, i)`: those of each column, then the
+/// columns of all learners in their order.
 fn merge(
     moments: &mut Moments,
     rollout: &Rollout,

@@ -9,8 +9,8 @@ use proto::task::{ActionHead, ActionSpace};
 use std::collections::BTreeMap;
 use tch::Tensor;
 
-/// Sets encoder, pooling or layers, memory, previous action, normalisation, width, action space and auxiliary task to what the weights are
-/// of.
+/// Sets encoder, pooling or layers, memory, previous action, normalisation, width, action space and auxiliary task to
+/// what the weights are of.
 pub fn fit(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> Result<(), TensorsError> {
     let side = |name: &str, dimension| side(weights, name, dimension);
     let actor = if config.spec().inputs().is_ok_and(|inputs| inputs.image.is_none()) {

@@ -173,8 +173,8 @@ fn read(path: &Path) -> Result<BTreeMap<String, Tensor>, ProbeError> {
     })
 }
 
-/// The weights among a file's tensors: a checkpoint's, or else all but statistics. Those of a policy file may have 16 bits: they are
-/// widened, as an evaluation does.
+/// The weights among a file's tensors: a checkpoint's, or else all but statistics. Those of a policy file may have 16
+/// bits: they are widened, as an evaluation does.
 fn model(tensors: &BTreeMap<String, Tensor>) -> BTreeMap<String, Tensor> {
     let weights = weights_of(tensors, MODEL);
     let weights = if weights.is_empty() { weights_of(tensors, "") } else { weights };

@@ -61,8 +61,8 @@ fn advantages_are_the_explicit_sums() {
     }
 }
 
-/// `collect_rollouts` of Stable-Baselines3 adds the discounted value of a truncated episode's last observation to its last
-/// reward, and `compute_returns_and_advantage` knows ends alone.
+/// `collect_rollouts` of Stable-Baselines3 adds the discounted value of a truncated episode's last observation to its
+/// last reward, and `compute_returns_and_advantage` knows ends alone.
 #[test]
 fn truncated_episodes_are_bootstrapped_as_by_stable_baselines() {
     let (steps, columns) = (40, 3);

@@ -229,7 +229,9 @@ fn the_same_calls_give_the_same_bits_also_through_a_saved_state() {
         train(&mut straight, &mut world, 0..3);
         let (mut first, mut world) = (Agent::new(&config, Device::Cpu).expect("fresh"), World::new(&config));
         train(&mut first, &mut world, 0..2);
-        let mut second = Agent::new(&Config { seed: 99, ..config.clone() }, Device::Cpu).expect("fresh");
+        // Other weights at first; but frames are dealt out by the seed.
+        let seed = if all { config.seed } else { 99 };
+        let mut second = Agent::new(&Config { seed, ..config.clone() }, Device::Cpu).expect("fresh");
         second.load_state(&first.state()).expect("the state fits");
         train(&mut second, &mut world, 2..3);
         assert_eq!(second.weights_digest(), straight.weights_digest(), "{memory:?}");
@@ -325,8 +327,8 @@ fn the_entropy_bonus_falls_with_the_learning_rate() {
     assert_ne!(digest(0.5, 0.0, 0.5), digest(0.5, 1.0, 0.5));
 }
 
-/// What was seen last of a truncated episode has the value that a rollout's end there bootstraps from: with the belief of
-/// that episode, not of the next. Without memory it is the critic's two layers, by hand.
+/// What was seen last of a truncated episode has the value that a rollout's end there bootstraps from: with the belief
+/// of that episode, not of the next. Without memory it is the critic's two layers, by hand.
 #[test]
 fn a_truncated_episode_is_valued_by_what_was_seen_last() {
     for memory in [Memory::None, Memory::Gru] {

@@ -167,8 +167,8 @@ pub struct PpoConfig {
     /// Environments that go through forward and backward at once; gradients add up to those of the whole batch.
     /// 0 = all, or with `learner.shards` all of a shard. A smaller number bounds memory.
     pub environments_per_pass: u32,
-    /// Minibatches of a rollout, each a step of the optimiser: every learner, or shard, deals its frames out among them.
-    /// 1 = all in one, as in the paper. More of them take more steps on a large batch.
+    /// Minibatches of a rollout, each a step of the optimiser: every learner, or shard, deals its frames out among
+    /// them. 1 = all in one, as in the paper. More of them take more steps on a large batch.
     pub minibatches: u32,
     /// What is dealt out among minibatches.
     pub shuffle: Shuffle,
@@ -188,8 +188,8 @@ pub struct PpoConfig {
 pub enum Shuffle {
     /// Whole environments, anew for each rollout.
     Environments,
-    /// Single frames, anew for each epoch; whole environments where memory or an auxiliary task needs what follows on one
-    /// another.
+    /// Single frames, anew for each epoch; whole environments where memory or an auxiliary task needs what follows on
+    /// one another.
     Rows,
 }
 

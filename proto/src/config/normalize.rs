@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct NormalizeConfig {
-    /// Give the network each number less its mean, divided by its deviation, over all observations so far. One-hot codes
-    /// stay as they are.
+    /// Give the network each number less its mean, divided by its deviation, over all observations so far. One-hot
+    /// codes stay as they are.
     pub observations: bool,
     /// A normalised number is clipped at this, either way.
     pub observation_clip: f64,

@@ -91,9 +91,9 @@ pub struct Layout {
     pub of_action: Range<usize>,
     /// What is seen now, but for images.
     pub seen: Range<usize>,
-    /// The same as it was seen last of an episode that was truncated with the last action, all 0 otherwise: the next one
-    /// begins in the same record, and a truncated episode has a value to come. Empty in a task with images, which would
-    /// double.
+    /// The same as it was seen last of an episode that was truncated with the last action, all 0 otherwise: the next
+    /// one begins in the same record, and a truncated episode has a value to come. Empty in a task with images, which
+    /// would double.
     pub last_seen: Range<usize>,
     /// What brings the environment back to what is seen now: how many bytes, a `u32`, then those, then zeros. Empty of a
     /// task that needs none.
