@@ -367,6 +367,7 @@ impl<S: Simulator> Environments<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proto::record::HOLD;
     use proto::task::Spec;
     use std::convert::Infallible;
 
@@ -402,6 +403,18 @@ terms = [["gain", 1.0]]
         fn begin(&mut self, index: usize, _home: EnvironmentId, episode: u32) -> Result<u64, Infallible> {
             self.0[index] = [episode, 0];
             Ok(0)
+        }
+
+        fn restore(
+            &mut self,
+            index: usize,
+            _home: EnvironmentId,
+            episode: u32,
+            step: u32,
+            _snapshot: &Snapshot,
+        ) -> Result<(), Infallible> {
+            self.0[index] = [episode, step];
+            Ok(())
         }
 
         fn act(&mut self, index: usize, action: &[u8], _done: &mut [u8]) -> Result<(u64, Option<End>), Infallible> {
@@ -451,7 +464,7 @@ terms = [["gain", 1.0]]
         let mut environments = new();
         [[0, 0], [0, 0], [0, 1]].map(|actions| environments.act(whole.clone(), &actions).expect("nothing fails"));
         let mut rebuilt = new();
-        let states = [EnvironmentState::after(0, &[0, 0, 0]), EnvironmentState::after(0, &[0, 0, 1])];
+        let states = [EnvironmentState::after(0, &[0, 0, 0], 1), EnvironmentState::after(0, &[0, 0, 1], 1)];
         rebuilt.rebuild(&states).expect("nothing fails");
         assert_eq!(records(&mut rebuilt), records(&mut environments));
     }
