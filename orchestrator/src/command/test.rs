@@ -11,8 +11,8 @@ use crate::training::summary::Summary;
 use anyhow::{Context, Result, bail, ensure};
 use proto::run_folder::RunFolder;
 use std::fs::File;
-use std::path::Path;
-use std::process::{Child, Command, ExitCode, Stdio};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ExitCode, Stdio};
 use std::time::{Duration, Instant};
 
 /// Prove this installation: check the machine, train for a moment, kill a run and resume it
@@ -87,33 +87,37 @@ fn killed(place: &Path) -> Result<String> {
     child.kill().context("cannot kill the run")?;
     child.wait().context("cannot wait for the run")?;
     ensure!(frames < FRAMES && Summary::read(&folder)?.is_none(), "it was complete before it could be killed");
-    finish(&mut start(this_program().arg("resume").arg(folder.root()), &folder)?, &folder)?;
+    finish(&mut start(&folder, &["resume"])?, &folder)?;
     demand_known_weights(&folder)?;
     Ok(format!("killed after {frames} frames and resumed, it ends in the same"))
 }
 
 fn up(folder: &RunFolder) -> Result<Child> {
-    let mut command = this_program();
-    command.args(["up", "--preset", PRESET, "--seed", "1", "--frames", &FRAMES.to_string()]);
-    command.args(SETTINGS.iter().flat_map(|setting| ["--set", setting])).arg("--run").arg(folder.root());
-    start(&mut command, folder)
+    let frames = FRAMES.to_string();
+    let mut words = vec!["up", "--preset", PRESET, "--seed", "1", "--frames", &frames];
+    words.extend(SETTINGS.iter().flat_map(|setting| ["--set", setting]));
+    words.push("--run");
+    start(folder, &words)
 }
 
-/// Starts a command that ends with this one, its words in a file beside the run.
-fn start(command: &mut Command, folder: &RunFolder) -> Result<Child> {
+/// Starts a command of this program on a run, which ends with this process; what it says goes to a file beside the run.
+fn start(folder: &RunFolder, words: &[&str]) -> Result<Child> {
     let log = File::create(log(folder)).context("cannot write to the temporary folder")?;
-    command.args(["--parent", &std::process::id().to_string()]);
+    let mut command = this_program();
+    command.args(["--parent", &std::process::id().to_string()]).args(words).arg(folder.root());
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(log).spawn().context("cannot start a run")
 }
 
-fn log(folder: &RunFolder) -> std::path::PathBuf {
+fn log(folder: &RunFolder) -> PathBuf {
     folder.root().with_extension("log")
 }
 
-/// The last line that a run has said.
+/// Why a run failed, as it said; else its last line.
 fn said(folder: &RunFolder) -> String {
     let text = proto::bounded::read_text(&log(folder)).unwrap_or_default();
-    text.trim().lines().last().unwrap_or("it said nothing").to_owned()
+    let mut lines = text.lines().rev();
+    let reason = lines.clone().find(|line| line.starts_with("error: ")).or_else(|| lines.next());
+    reason.unwrap_or("it said nothing").to_owned()
 }
 
 fn finish(child: &mut Child, folder: &RunFolder) -> Result<()> {

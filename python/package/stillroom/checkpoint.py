@@ -71,8 +71,10 @@ class Checkpoint:
 
     def network(self) -> Network:
         """The network in PyTorch with these weights; needs torch."""
-        from stillroom.network import Network
-
+        try:
+            from stillroom.network import Network
+        except ModuleNotFoundError as error:
+            raise ModuleNotFoundError("Checkpoint.network needs torch: pip install 'stillroom[train]'") from error
         return Network.of(self.weights, goal=self.goal)
 
     def save(self, path: str | PathLike[str]) -> None:

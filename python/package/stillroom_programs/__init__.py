@@ -1,18 +1,20 @@
 """The programs of Stillroom, which a wheel holds in this folder, and their console commands.
 
-A package of its own, which imports nothing: `stillroom` loads NumPy and the simulator. The learner looks for libtorch in
-`../torch/lib`, where pip installs torch.
+A package of its own, which imports nothing: `stillroom` loads NumPy and the simulator. The learner looks for libtorch
+in `../torch/lib`, where pip installs torch.
 """
 
 import os
+import shutil
 import sys
 from importlib.util import find_spec
 from pathlib import Path
+from typing import NoReturn
 
 _HERE = Path(__file__).resolve().parent
 
 
-def _become(name):
+def _become(name: str) -> NoReturn:
     program = _HERE / name
     if not program.exists():
         sys.exit(f"{name}: this wheel has no programs: `make dist` makes one that has, and `make build` compiles them")
@@ -23,22 +25,21 @@ def _become(name):
         os.environ["LIBTORCH"] = str(Path(elsewhere.origin).parent)
     if name == "learner" and not (beside or os.environ.get("LIBTORCH")):
         sys.exit("learner: there is no torch 2.11 in this environment: pip install 'stillroom[train]'")
-    # As a shell would call it: messages quote it.
-    called = Path(sys.argv[0]).name
-    on_path = any(Path(folder, called) == Path(sys.argv[0]) for folder in os.environ.get("PATH", "").split(":"))
-    os.execv(program, [called if on_path else sys.argv[0], *sys.argv[1:]])
+    # Messages quote the command: by its name, where a shell finds it by that.
+    called = Path(sys.argv[0])
+    os.execv(program, [called.name if shutil.which(called.name) == str(called) else str(called), *sys.argv[1:]])
 
 
-def orchestrator():
-    """The command `orchestrator`, and `stillroom`."""
+def orchestrator() -> NoReturn:
+    """The commands `stillroom` and `orchestrator`."""
     _become("orchestrator")
 
 
-def actor():
+def actor() -> NoReturn:
     """The command `actor`."""
     _become("actor")
 
 
-def learner():
+def learner() -> NoReturn:
     """The command `learner`."""
     _become("learner")
