@@ -23,8 +23,13 @@ def _become(name: str) -> NoReturn:
     elsewhere = None if beside or os.environ.get("LIBTORCH") else find_spec("torch")
     if elsewhere and elsewhere.origin:
         os.environ["LIBTORCH"] = str(Path(elsewhere.origin).parent)
-    if name == "learner" and not (beside or os.environ.get("LIBTORCH")):
-        sys.exit("learner: there is no torch 2.11 in this environment: pip install 'stillroom[train]'")
+    if name == "learner" and not beside:
+        torch = os.environ.get("LIBTORCH")
+        if not torch:
+            sys.exit("learner: there is no torch 2.11 in this environment: pip install 'stillroom[train]'")
+        # As the orchestrator does for its learners.
+        folders = [f"{torch}/lib", os.environ.get("LD_LIBRARY_PATH")]
+        os.environ["LD_LIBRARY_PATH"] = os.pathsep.join(filter(None, folders))
     # Messages quote the command: by its name, where a shell finds it by that.
     called = Path(sys.argv[0])
     os.execv(program, [called.name if shutil.which(called.name) == str(called) else str(called), *sys.argv[1:]])
