@@ -1,6 +1,6 @@
 # Set-up, build and run in one command; for everything else there is plain cargo, which works after `make setup`.
 .DEFAULT_GOAL := help
-.PHONY: help setup build library install uninstall up play policy test test-all test-part schemas chaos soak lint check-deploy doc book examples deny fuzz \
+.PHONY: help setup build library install uninstall up play test test-all test-part schemas chaos soak lint check-deploy doc book examples deny fuzz \
 	sanitize bench-peers bench-learner bench-kernels bench-wire bench-view bench-hosts check-determinism \
 	python python-aarch64 test-python bench-python bench-env bench-depth dist
 # Cargo uses all cores by itself; targets run one after the other also under -j.
@@ -33,12 +33,12 @@ help:
 	@echo '             ARGS="--seed S --faults N --minutes M" chooses, ARGS="--seed S --case K" does one case again'
 	@echo 'make soak    a run of two hours with faults, and how its processes and files grow; ARGS="--minutes M"'
 	@echo 'make check-determinism   the simulator, built for other processors and in debug, gives the same bits (minutes)'
-	@echo 'make python  build the Python package stillroom: a wheel in target/wheels/, installed in .venv/ (no libtorch)'
+	@echo 'make python  build the Python package stillroom without the programs: a wheel in target/wheels/, installed in .venv/'
 	@echo 'make python-aarch64   the wheel for 64-bit ARM Linux, in target/wheels/aarch64/ (Zig links it: 100 MB, once);'
 	@echo '             seen under an emulator, not on a real one (docs/release.md)'
-	@echo 'make dist    the files of a release in target/dist/: an archive of the programs for any Linux with glibc 2.28 and'
-	@echo '             AVX2, the wheel, notes, a bill of materials, checksums; STRICT=yes: what keeps them from being one is'
-	@echo '             an error'
+	@echo 'make dist    the files of a release in target/dist/: the wheel with the programs and an archive of them, for any Linux'
+	@echo '             with glibc 2.28 and AVX2; the sources, notes, a bill of materials, checksums; STRICT=yes: what keeps'
+	@echo '             them from being one is an error'
 	@echo 'make test-python   build it and run its tests; make bench-python measures it beside Gymnasium'
 	@echo 'make bench-env   what a run adds to a step of an environment of Python, beside a bare loop and AsyncVectorEnv'
 	@echo 'make bench-depth'
@@ -96,17 +96,10 @@ up: build
 	@interrupted=; trap 'interrupted=yes' INT; \
 	$(if $(LIBTORCH),LIBTORCH='$(LIBTORCH)') ./target/release/orchestrator up $(ARGS) || { code=$$?; [ "$$interrupted" ] || exit $$code; }
 
-# The policy is in the checkout: no run is needed. Whether there is one is seen before anything is built.
-MODELS := models
-POLICY := $(firstword $(sort $(wildcard $(MODELS)/*.safetensors)))
-policy:
-	@[ -n '$(POLICY)' ] || { \
-		echo 'play: there is no policy in $(MODELS)/: models/README.md says how to make one, and POLICY=FILE plays any' >&2; \
-		exit 1; }
-
-play: policy build
+# The policy is in the checkout: no run is needed.
+play: build
 	@interrupted=; trap 'interrupted=yes' INT; \
-	./target/release/orchestrator view --policy '$(POLICY)' --open $(ARGS) || { code=$$?; [ "$$interrupted" ] || exit $$code; }
+	./target/release/orchestrator play $(if $(POLICY),'$(POLICY)') $(ARGS) || { code=$$?; [ "$$interrupted" ] || exit $$code; }
 
 # .config/nextest.toml says what `make test` leaves out; plain cargo leaves out nothing.
 nextest := cargo nextest run --release --locked --workspace --no-fail-fast

@@ -1,4 +1,4 @@
-"""Packs a release: an archive of the programs, the wheel, a bill of materials, checksums.
+"""Packs a release: the wheel, archives of the programs and of the sources, a bill of materials, checksums.
 
     python3 deploy/release/pack.py --programs target/release --wheels target/wheels --out target/dist
 
@@ -11,7 +11,6 @@ import argparse
 import gzip
 import hashlib
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -22,10 +21,13 @@ from pathlib import Path
 
 import changelog
 import parts
+import sources
 import symbols
+import wheel
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-PROGRAMS = ["orchestrator", "actor", "learner"]
+# What a package index takes without asking is more; what people wait for is less.
+WHEEL_BYTES_MOST = 40_000_000
 TEXTS = ["CHANGELOG.md", "LICENSE-APACHE", "LICENSE-MIT", "README.md", "SECURITY.md"]
 FOLDERS = ["scenes", "suites", "models"]
 SCRIPTS = ["deploy/setup", "deploy/setup_libtorch.py", "deploy/install"]
@@ -51,30 +53,14 @@ def run(*command):
     return done.stdout
 
 
-def version():
-    return re.search(r'^version = "(.*)"', (ROOT / "Cargo.toml").read_text(), re.MULTILINE).group(1)
-
-
-def cut_run_path(program):
-    """Takes the folder of the machine that built it out of a program's run path; what is beside the program stays."""
-    data = program.read_bytes()
-    found = list(re.finditer(rb"\$ORIGIN/libtorch/lib(:[^\0]*)\0", data))
-    if len(found) > 1:
-        raise Failed(f"{program.name} has several run paths")
-    for place in found:
-        begin, end = place.span(1)
-        program.write_bytes(data[:begin] + bytes(end - begin) + data[end:])
-
-
 def stage(programs, folder, glibc):
     """Everything of the archive, in `folder`."""
     folder.mkdir()
-    for name in PROGRAMS:
+    for name in wheel.PROGRAMS:
         if not (programs / name).exists():
             raise Failed(f"{programs / name} is not there: `make build` compiles it")
         shutil.copy2(programs / name, folder / name)
-        run("strip", folder / name)
-        cut_run_path(folder / name)
+        wheel.strip(folder / name)
     for name in TEXTS:
         shutil.copy2(ROOT / name, folder)
     for name in FOLDERS:
@@ -93,14 +79,23 @@ def stage(programs, folder, glibc):
         (folder / "share" / place).write_text(run(folder / "orchestrator", "completions", shell))
 
 
-def unpack(wheel, work):
+def unpack(packed, work):
     """The files of a wheel, in a folder of its name."""
-    folder = Path(work) / wheel.stem
-    with zipfile.ZipFile(wheel) as packed:
-        packed.extractall(folder)
+    folder = Path(work) / packed.stem
+    with zipfile.ZipFile(packed) as files:
+        files.extractall(folder)
     if not symbols.compiled(folder):
-        raise Failed(f"{wheel.name} has no compiled module in it")
+        raise Failed(f"{packed.name} has no compiled module in it")
     return folder
+
+
+def complete(made, programs, third_party, work):
+    """A wheel of the Python package with the programs in it, in another folder."""
+    whole = Path(shutil.copy2(made, work))
+    wheel.complete(whole, programs, third_party)
+    if (size := whole.stat().st_size) > WHEEL_BYTES_MOST:
+        raise Failed(f"{whole.name} has {size / 1e6:.1f} MB, more than {WHEEL_BYTES_MOST / 1e6:.0f}")
+    return whole
 
 
 def check(folders, glibc):
@@ -154,7 +149,7 @@ def reservations(said, number, text):
 
 def pack(programs, wheels, out, glibc, text):
     """`text` is the changelog's."""
-    number = version()
+    number = parts.version()
     name = f"stillroom-{number}"
     out.mkdir(parents=True, exist_ok=True)
     for path in out.iterdir():
@@ -165,15 +160,18 @@ def pack(programs, wheels, out, glibc, text):
     with tempfile.TemporaryDirectory(dir=out) as work:
         folder = Path(work) / name
         stage(programs, folder, glibc)
-        (folder / "THIRD-PARTY.txt").write_text(parts.licences(data))
+        third_party = parts.licences(data)
+        (folder / "THIRD-PARTY.txt").write_text(third_party)
+        whole = [complete(path, programs, third_party, work) for path in made]
         said = run(folder / "orchestrator", "--version").strip()
-        check([folder, *(unpack(wheel, work) for wheel in made)], glibc)
+        check([folder, *(unpack(path, work) for path in whole)], glibc)
+        for path in whole:
+            shutil.copy2(path, out)
         archive(folder, out / f"{name}-x86_64-linux-{f'glibc{glibc}' if glibc else 'as-built'}.tar.gz")
     parts.write_bill(data, out / f"{name}.cdx.json")
     if notes := changelog.notes(text, number):
         (out / f"{name}.notes.md").write_text(notes)
-    for wheel in made:
-        shutil.copy2(wheel, out)
+    sources.write(number, out)
     files = sorted(path for path in out.iterdir() if path.name.startswith(name))
     (out / "SHA256SUMS").write_text("".join(f"{digest(path)}  {path.name}\n" for path in files))
     print(f"dist: {said}")

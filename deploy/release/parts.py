@@ -20,6 +20,10 @@ PROGRAMS = ["orchestrator", "actor", "learner", "python"]
 LICENCE = re.compile(r"(LICEN[CS]E|COPYING|COPYRIGHT|NOTICE|UNLICENSE|OFL)", re.IGNORECASE)
 
 
+def version():
+    return re.search(r'^version = "(.*)"', (ROOT / "Cargo.toml").read_text(), re.MULTILINE).group(1)
+
+
 def metadata():
     command = ["cargo", "metadata", "--locked", "--format-version", "1", "--filter-platform", "x86_64-unknown-linux-gnu"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
@@ -102,7 +106,7 @@ def bill(data):
     packages = {package["id"]: package for package in data["packages"]}
     sums = checksums()
     linked = linked_into_programs(data)
-    version = next(package["version"] for package in data["packages"] if package["name"] == "orchestrator")
+    number = version()
 
     def reference(identity):
         return f"pkg:cargo/{packages[identity]['name']}@{packages[identity]['version']}"
@@ -111,25 +115,25 @@ def bill(data):
         component(packages[identity], sums.get((packages[identity]["name"], packages[identity]["version"])))
         for identity in sorted(linked, key=reference)
     ]
-    for name, number, digest in torch():
-        place = f"pkg:pypi/{name}@{number}"
+    for name, torch_version, digest in torch():
+        place = f"pkg:pypi/{name}@{torch_version}"
         components.append({
             "type": "library",
             "bom-ref": place,
             "name": name,
-            "version": number,
+            "version": torch_version,
             "purl": place,
             "scope": "required",
-            "description": "Not in the archive: its set-up fetches this, or finds a torch that is there.",
+            "description": "Not included: set-up or pip fetches this, or finds a torch that is there.",
             "hashes": [{"alg": "SHA-256", "content": digest}],
         })  # fmt: skip
-    number, digest, _ = charts()
-    place = f"pkg:npm/uplot@{number}"
+    charts_version, digest, _ = charts()
+    place = f"pkg:npm/uplot@{charts_version}"
     components.append({
         "type": "library",
         "bom-ref": place,
         "name": "uPlot",
-        "version": number,
+        "version": charts_version,
         "purl": place,
         "scope": "required",
         "licenses": [{"expression": "MIT"}],
@@ -139,7 +143,7 @@ def bill(data):
         {"ref": reference(identity), "dependsOn": [reference(to) for to in linked[identity]]}
         for identity in sorted(linked, key=reference)
     ]
-    root = f"pkg:generic/stillroom@{version}"
+    root = f"pkg:generic/stillroom@{number}"
     programs = [reference(identity) for identity in sorted(linked) if packages[identity]["name"] in PROGRAMS]
     dependencies.insert(0, {"ref": root, "dependsOn": sorted(programs)})
     body = json.dumps([components, dependencies], sort_keys=True)
@@ -154,7 +158,7 @@ def bill(data):
                 "type": "application",
                 "bom-ref": root,
                 "name": "stillroom",
-                "version": version,
+                "version": number,
                 "purl": root,
                 "licenses": [{"expression": "MIT OR Apache-2.0"}],
             }

@@ -63,6 +63,7 @@ enum Command {
     List(command::list::ListArgs),
     Top(command::top::TopArgs),
     View(command::view::ViewArgs),
+    Play(command::play::PlayArgs),
     Logs(command::logs::LogsArgs),
     Compare(command::compare::CompareArgs),
     Eval(command::eval::EvalArgs),
@@ -78,6 +79,7 @@ enum Command {
     Allow(command::allow::AllowArgs),
     Clean(command::clean::CleanArgs),
     Doctor(command::doctor::DoctorArgs),
+    Test(command::test::TestArgs),
     Completions(command::completions::CompletionsArgs),
     Man(command::man::ManArgs),
 }
@@ -101,6 +103,7 @@ pub fn main(version: &'static str) -> ExitCode {
         Command::List(args) => command::list::run(args).map(done),
         Command::Top(args) => command::top::run(args).map(done),
         Command::View(args) => command::view::run(args).map(done),
+        Command::Play(args) => command::play::run(args).map(done),
         Command::Logs(args) => command::logs::run(args).map(done),
         Command::Compare(args) => command::compare::run(args).map(done),
         Command::Eval(args) => command::eval::run(args),
@@ -116,6 +119,7 @@ pub fn main(version: &'static str) -> ExitCode {
         Command::Allow(args) => command::allow::run(args).map(done),
         Command::Clean(args) => command::clean::run(args).map(done),
         Command::Doctor(args) => command::doctor::run(args),
+        Command::Test(args) => command::test::run(args),
         Command::Completions(args) => command::completions::run(args, CommandLine::command()).map(done),
         Command::Man(args) => command::man::run(args, CommandLine::command()).map(done),
     });

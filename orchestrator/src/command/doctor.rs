@@ -38,6 +38,13 @@ pub struct DoctorArgs {
     json: bool,
 }
 
+impl DoctorArgs {
+    /// Checks for runs with this preset and these settings.
+    pub fn of(preset: &str, overrides: Overrides) -> Self {
+        Self { preset: Some(preset.to_owned()), overrides, run: None, json: false }
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
     let mut table = Table { json: args.json, rows: Vec::new() };

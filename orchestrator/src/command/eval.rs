@@ -1,6 +1,6 @@
 //! `orchestrator eval`: the metrics of a policy on fixed or drawn episodes.
 
-use super::play::ShownArgs;
+use super::player::ShownArgs;
 use crate::evaluation::choice::{ObjectsChoice, SplitChoice};
 use crate::evaluation::run::EvaluationRun;
 use crate::evaluation::subject::{Found, Provenance, Source, find};
@@ -449,7 +449,7 @@ mod tests {
     fn what_is_shown_has_one_slow_environment_a_kitchen_on_any_machine() {
         let of = |kitchen: Option<u32>, split: Option<&str>, cores: u32| {
             let kitchen = kitchen.map(|number| KitchenId::new(number).unwrap());
-            let options = super::super::play::options(kitchen, split, 4);
+            let options = super::super::player::options(kitchen, split, 4);
             let args =
                 args(&[&["a.safetensors"], &options.iter().map(String::as_str).collect::<Vec<_>>()[..]].concat());
             let run = Config::resolve("demo", None).unwrap();

@@ -1,219 +1,62 @@
-//! `orchestrator view --policy`: a policy plays, episode after episode, while somebody watches.
-//!
-//! The viewer only reads folders. So it is shown an evaluation that records, in a temporary folder: a child plays it
-//! (`orchestrator eval`), slowly enough to be watched, and begins again when all episodes are played. When the viewer
-//! ends it stops the child and removes the folder; when it is killed the kernel interrupts the child, which does that.
+//! `orchestrator play`: a policy at work on a page in a browser; the shipped one, if none is named.
 
-use crate::evaluation::subject::find;
-use crate::output::log_line::error_in;
-use crate::run::identity::Identity;
-use crate::run::lifeline::{follow, this_program};
-use anyhow::{Context, Result, bail};
-use proto::config::Config;
-use proto::exit::how;
-use proto::kitchen::KitchenId;
-use rustix::process::{Pid, Signal, getppid, kill_process};
-use std::fs::{DirBuilder, File};
-use std::os::unix::fs::DirBuilderExt;
-use std::os::unix::process::CommandExt;
+use super::player::{Player, SceneArgs};
+use super::view::{self, PageArgs};
+use anyhow::{Context, Result};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
-use std::time::Duration;
-use tokio::process::Child;
 
-/// What the temporary folder's name begins with.
-const PREFIX: &str = "stillroom-play-";
-/// Episodes of each kitchen and object set in a round: as many of each target. A viewer may run for days, and keeps what it
-/// knows of a round in memory.
-const EPISODES: &str = "36";
-/// How long the child may take to end.
-const LAST: Duration = Duration::from_secs(30);
-
-/// What `orchestrator view` is asked to play.
+/// Let a trained policy play, and show it on a page in a browser
+///
+/// It plays on the CPU until Ctrl-C, episode after episode. Without FILE it is the policy that comes with the programs:
+/// trained for 45 million frames, it fetches things in kitchens that it has never seen.
 #[derive(Debug, clap::Args)]
-pub struct PolicyArgs {
-    /// Instead of runs: let a policy play on the CPU, and show it: a policy file (.safetensors), a run folder, RUN/best, or
-    /// a checkpoint's manifest
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["runs", "compare"])]
-    policy: Option<PathBuf>,
-    /// With --policy: a single kitchen by its number; from 1000 on a procedural one
-    #[arg(long, value_name = "K", requires = "policy", value_parser = generated)]
-    kitchen: Option<KitchenId>,
-    /// With --policy: the kitchens of a split [default: test; of a run in scenes of its own: those scenes]
-    #[arg(long, value_name = "SPLIT", value_parser = ["train", "valid", "test"], requires = "policy", conflicts_with = "kitchen")]
-    split: Option<String>,
-    /// With --policy: steps a second
-    #[arg(long, value_name = "N", default_value = "5", value_parser = clap::value_parser!(u32).range(1..=100))]
-    speed: u32,
+#[command(after_help = "Examples:
+  orchestrator play                                the shipped policy in the test kitchens
+  orchestrator play runs/a/best --kitchen 7        the best policy of a run, in one kitchen
+  orchestrator play --no-open --port 8000          only prints the page's address")]
+pub struct PlayArgs {
+    /// A policy file (.safetensors), a run folder, RUN/best, or a checkpoint's manifest
+    #[arg(value_name = "FILE")]
+    file: Option<PathBuf>,
+    #[command(flatten)]
+    scene: SceneArgs,
+    #[command(flatten)]
+    page: PageArgs,
+    /// Print the page's address, and open no browser
+    #[arg(long)]
+    no_open: bool,
 }
 
-fn generated(text: &str) -> Result<KitchenId, String> {
-    let number = text.parse().map_err(|_| format!("`{text}` is no kitchen's number"))?;
-    KitchenId::generated(number).map_err(|error| error.to_string())
+/// The policy that is shipped. A wheel and an archive hold it beside the programs, a checkout two folders above.
+const SHIPPED: [&str; 2] = ["models/fetch.safetensors", "../../models/fetch.safetensors"];
+
+/// Runs the command.
+pub fn run(args: &PlayArgs) -> Result<()> {
+    let program = std::env::current_exe().context("this program has no place")?;
+    let policy = args.file.clone().or_else(|| shipped(program.parent()?));
+    let policy = policy.context("no policy lies beside this program: name one, `orchestrator play FILE`")?;
+    view::play(Player::of(&policy, &args.scene)?, &args.page, !args.no_open)
 }
 
-/// How an evaluation is told that it is shown: see [`Player`].
-#[derive(Debug, clap::Args)]
-pub struct ShownArgs {
-    /// The viewer that started this: the evaluation stops with it
-    #[arg(long, hide = true, value_name = "PID", requires = "out")]
-    shown_by: Option<u32>,
-    /// A single built-in kitchen
-    #[arg(long, hide = true, value_name = "K", value_parser = generated, conflicts_with_all = ["split", "kitchens"])]
-    pub kitchen: Option<KitchenId>,
-    /// Steps a second at most, of each environment
-    #[arg(long, hide = true, value_name = "N")]
-    pub steps_per_s: Option<u32>,
+fn shipped(programs: &Path) -> Option<PathBuf> {
+    SHIPPED.iter().map(|place| programs.join(place)).find(|place| place.is_file())
 }
 
-impl ShownArgs {
-    /// Ties this process to the viewer, if there is one; what comes back is to be kept until the evaluation has ended.
-    pub fn begin(&self, out: Option<&Path>) -> Result<Option<Orphan>> {
-        let (Some(viewer), Some(root)) = (self.shown_by, out.and_then(Path::parent)) else { return Ok(None) };
-        follow(viewer, Signal::INT)?;
-        Ok(Some(Orphan { viewer, root: root.to_owned() }))
-    }
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-    /// Whether somebody watches.
-    pub fn is_watched(&self) -> bool {
-        self.steps_per_s.is_some()
-    }
-
-    /// How long a learner may be silent that somebody watches, seconds: three of the longest episodes.
-    pub fn patience_s(&self, config: &Config) -> f64 {
-        let episode_s = self.steps_per_s.map_or(0.0, |steps| f64::from(config.episode.max_steps) / f64::from(steps));
-        config.learner.progress_deadline_s.max(3.0 * episode_s)
-    }
-}
-
-/// The folder of an evaluation that is shown. It is removed here if the viewer, whose it is, was killed.
-#[derive(Debug)]
-pub struct Orphan {
-    viewer: u32,
-    root: PathBuf,
-}
-
-impl Drop for Orphan {
-    fn drop(&mut self) {
-        let parent = getppid().map_or(0, Pid::as_raw_pid);
-        let is_ours = self.root.file_name().is_some_and(|name| name.to_string_lossy().starts_with(PREFIX));
-        if is_ours && u32::try_from(parent) != Ok(self.viewer) {
-            let _ = std::fs::remove_dir_all(&self.root);
-        }
-    }
-}
-
-/// Options of an evaluation that is shown: where it plays, and how fast.
-pub fn options(kitchen: Option<KitchenId>, split: Option<&str>, steps_per_s: u32) -> Vec<String> {
-    let place = match (kitchen, split) {
-        (Some(kitchen), _) if kitchen.is_procedural() => {
-            Some(("--kitchens", format!("procedural:{kitchen}..{}", kitchen.number() + 1)))
-        }
-        (Some(kitchen), _) => Some(("--kitchen", kitchen.to_string())),
-        (None, Some(split)) => Some(("--split", split.to_owned())),
-        (None, None) => None,
-    };
-    let place = place.into_iter().flat_map(|(option, value)| [option.to_owned(), value]);
-    let rest =
-        ["--objects", "all", "--episodes", EPISODES, "--environments", "1", "--record", "all", "--device", "cpu"];
-    let speed = ["--steps-per-s".to_owned(), steps_per_s.to_string()];
-    place.chain(speed).chain(rest.map(str::to_owned)).collect()
-}
-
-/// Lets a policy play.
-#[derive(Debug)]
-pub struct Player {
-    root: PathBuf,
-    policy: PathBuf,
-    /// Options of the evaluation: where, how fast.
-    options: Vec<String>,
-    /// What the policy is called in folders.
-    name: String,
-    child: Option<Child>,
-}
-
-impl Player {
-    /// Checks what is asked; none where no policy is. Nothing is started or written yet.
-    pub fn of(args: &PolicyArgs) -> Result<Option<Self>> {
-        let Some(policy) = &args.policy else { return Ok(None) };
-        find(policy)?;
-        let policy = std::path::absolute(policy)?;
-        let options = options(args.kitchen, args.split.as_deref(), args.speed);
-        let name = policy.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let root = wire::temporary_folder().join(format!("{PREFIX}{}", Identity::new()?.id));
-        Ok(Some(Self { root, policy, options, name, child: None }))
-    }
-
-    /// Where the evaluations are while they are played.
-    pub fn root(&self) -> &Path {
-        &self.root
-    }
-
-    /// Whose policy it is, as the user called it.
-    pub fn policy(&self) -> &Path {
-        &self.policy
-    }
-
-    /// Plays all episodes again and again; comes back with the reason when that is not possible.
-    ///
-    /// To be called on the main thread: the kernel interrupts the child when the thread that started it ends.
-    pub async fn play(&mut self) -> Result<std::convert::Infallible> {
-        DirBuilder::new()
-            .mode(0o700)
-            .create(&self.root)
-            .with_context(|| format!("cannot make {}", self.root.display()))?;
-        for round in 1u64.. {
-            let folder = |round: u64| self.root.join(format!("{}-{round}", self.name));
-            // The last round stays until this one can be seen.
-            if let Some(old) = round.checked_sub(2) {
-                let _ = std::fs::remove_dir_all(folder(old));
-            }
-            let out = folder(round);
-            let log = self.root.join("log");
-            let mut command = self.command(&out, round);
-            let file = File::create(&log).with_context(|| format!("cannot write {}", log.display()))?;
-            command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(file);
-            // Ctrl-C is the viewer's: the child would get it twice.
-            command.process_group(0);
-            let spawned = tokio::process::Command::from(command).kill_on_drop(true).spawn();
-            let child = self.child.insert(spawned.context("cannot start an evaluation")?);
-            let status = child.wait().await.context("cannot wait for the evaluation")?;
-            self.child = None;
-            if !status.success() {
-                let text = std::fs::read_to_string(&log).unwrap_or_default();
-                let last = || text.rsplit_once("error: ").map(|(_, error)| error);
-                bail!(
-                    "the policy does not play: `orchestrator eval` {}: {}",
-                    how(status),
-                    error_in(&text).or_else(last).unwrap_or(&text).trim()
-                );
-            }
-        }
-        unreachable!("rounds do not end")
-    }
-
-    fn command(&self, out: &Path, round: u64) -> Command {
-        let mut command = this_program();
-        command.arg("eval").arg(&self.policy).arg("--out").arg(out).args(&self.options);
-        command.args(["--shown-by", &std::process::id().to_string(), "--seed", &round.to_string()]);
-        command
-    }
-
-    /// Stops the child and removes what it has left.
-    pub async fn stop(&mut self) -> Result<()> {
-        if let Some(mut child) = self.child.take()
-            && let Some(pid) = child.id().and_then(|pid| i32::try_from(pid).ok()).and_then(Pid::from_raw)
-        {
-            let _ = kill_process(pid, Signal::INT);
-            if tokio::time::timeout(LAST, child.wait()).await.is_err() {
-                child.kill().await.context("the evaluation does not end")?;
-            }
-        }
-        match std::fs::remove_dir_all(&self.root) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                Err(error).with_context(|| format!("cannot remove {}", self.root.display()))
-            }
-            _ => Ok(()),
+    #[test]
+    fn the_policy_of_a_wheel_and_of_a_checkout_is_found() {
+        let root = tempfile::tempdir().unwrap();
+        let programs = root.path().join("target/release");
+        std::fs::create_dir_all(programs.join("models")).unwrap();
+        assert_eq!(shipped(&programs), None);
+        std::fs::create_dir(root.path().join("models")).unwrap();
+        for place in ["models", "target/release/models"] {
+            let policy = root.path().join(place).join("fetch.safetensors");
+            std::fs::write(&policy, "").unwrap();
+            assert_eq!(shipped(&programs).unwrap().canonicalize().unwrap(), policy.canonicalize().unwrap());
         }
     }
 }

@@ -1,6 +1,6 @@
 //! `orchestrator view`: a page on runs, live, and any recorded episode from any camera.
 
-use super::play::{Player, PolicyArgs};
+use super::player::{Player, PolicyArgs};
 use crate::hosts::token::refuse_public;
 use crate::output::terminal;
 use crate::preflight::programs;
@@ -28,7 +28,7 @@ use view::{Settings, serve};
 #[command(after_help = "Examples:
   orchestrator view                          all runs below runs/
   orchestrator view runs/a runs/b            these two, their curves over each other
-  orchestrator view --policy models/fetch.safetensors      a policy at work in the test kitchens, without a run
+  orchestrator view --policy runs/a          its newest policy at work in the test kitchens (`orchestrator play`)
   orchestrator view --policy runs/a/best --kitchen 7       in one kitchen
   orchestrator view --compare E1 E2          the same episodes of two evaluations side by side
   ssh -L 8765:127.0.0.1:8765 HOST            then the address that is printed there opens here, too
@@ -40,12 +40,6 @@ pub struct ViewArgs {
     /// Run folders, those of evaluations, or folders that hold runs [default: runs]
     #[arg(value_name = "RUN")]
     runs: Vec<PathBuf>,
-    /// Port; another one is taken if it is in use and was not asked for [default: 8765]
-    #[arg(long, value_name = "N")]
-    port: Option<u16>,
-    /// Address to listen at
-    #[arg(long, value_name = "IP", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST), value_parser = ip)]
-    address: IpAddr,
     /// Show episodes of two evaluations or runs side by side
     #[arg(long, num_args = 2, value_names = ["A", "B"], conflicts_with = "runs")]
     compare: Vec<PathBuf>,
@@ -54,6 +48,19 @@ pub struct ViewArgs {
     /// Open the page in a browser
     #[arg(long)]
     open: bool,
+    #[command(flatten)]
+    page: PageArgs,
+}
+
+/// Where the page is served.
+#[derive(Debug, clap::Args)]
+pub struct PageArgs {
+    /// Port; another one is taken if it is in use and was not asked for [default: 8765]
+    #[arg(long, value_name = "N")]
+    port: Option<u16>,
+    /// Address to listen at
+    #[arg(long, value_name = "IP", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST), value_parser = ip)]
+    address: IpAddr,
     /// Keep the token in this file: the same one at each start, e.g. for Prometheus; made if it is not there
     #[arg(long, value_name = "FILE")]
     token_file: Option<PathBuf>,
@@ -72,11 +79,37 @@ const NICENESS: i32 = 10;
 
 /// Runs the command.
 pub fn run(args: &ViewArgs) -> Result<()> {
-    let player = Player::of(&args.policy)?;
-    let (readers, open) = readers(args, player.as_ref())?;
-    let listener = listen(args)?;
+    if let Some(policy) = &args.policy.policy {
+        return play(Player::of(policy, &args.policy.scene)?, &args.page, args.open);
+    }
+    let (readers, open) = readers(args)?;
+    let shows = crate::output::format::counted(readers.count() as u64, "run");
+    let note = format!("shows {shows} until Ctrl-C; it only reads, and ends no run");
+    show(Shown { readers, open, compare: !args.compare.is_empty(), player: None, note }, &args.page, args.open)
+}
+
+/// Lets a policy play on a page.
+pub fn play(player: Player, page: &PageArgs, open: bool) -> Result<()> {
+    let readers = RunReaders::of(vec![player.root().to_owned()]);
+    let note = format!("{} plays until Ctrl-C, on the CPU", player.policy().display());
+    show(Shown { readers, open: Vec::new(), compare: false, player: Some(player), note }, page, open)
+}
+
+/// What a page shows.
+struct Shown {
+    readers: RunReaders,
+    /// The runs that it opens with.
+    open: Vec<String>,
+    compare: bool,
+    player: Option<Player>,
+    /// What is said of it.
+    note: String,
+}
+
+fn show(shown: Shown, page: &PageArgs, open: bool) -> Result<()> {
+    let listener = listen(page)?;
     let address = listener.local_addr().context("the listener has no address")?;
-    let token = match &args.token_file {
+    let token = match &page.token_file {
         Some(file) => token_in(file)?,
         None => token()?,
     };
@@ -84,34 +117,28 @@ pub fn run(args: &ViewArgs) -> Result<()> {
     let settings = Settings {
         actor: programs::find("actor")?,
         token,
-        open,
-        compare: !args.compare.is_empty(),
-        play: player.is_some(),
+        open: shown.open,
+        compare: shown.compare,
+        play: shown.player.is_some(),
     };
     // Where it is refused the server is as important as others.
     let _ = rustix::process::setpriority_process(None, NICENESS);
     terminal::out(&format!("view: {place}"));
-    let runs = || crate::output::format::counted(readers.count() as u64, "run");
-    let shows = || format!("shows {} until Ctrl-C; it only reads, and ends no run", runs());
-    let plays = |player: &Player| format!("{} plays until Ctrl-C, on the CPU", player.policy().display());
-    terminal::note(&player.as_ref().map_or_else(shows, plays));
-    let page = if args.open { open_browser(&place) } else { None };
-    serve_until_interrupted(listener, Arc::new(readers), settings, player, page)
+    terminal::note(&shown.note);
+    let opened = if open { open_browser(&place) } else { None };
+    serve_until_interrupted(listener, Arc::new(shown.readers), settings, shown.player, opened)
 }
 
 /// The runs that are shown, and those that the page opens with.
-fn readers(args: &ViewArgs, player: Option<&Player>) -> Result<(RunReaders, Vec<String>)> {
-    if let Some(player) = player {
-        return Ok((RunReaders::of(vec![player.root().to_owned()]), Vec::new()));
-    }
+fn readers(args: &ViewArgs) -> Result<(RunReaders, Vec<String>)> {
     let asked = if args.compare.is_empty() { &args.runs } else { &args.compare };
     for path in asked {
         ensure!(path.is_dir(), "{} is not a folder: give the folder of a run, or one that holds runs", path.display());
     }
     if asked.is_empty() && !Path::new("runs").is_dir() {
         bail!(
-            "there is no folder runs/ here: give the folder of a run, start one with `orchestrator up`, or let a policy play \
-             with --policy FILE"
+            "there is no folder runs/ here: give the folder of a run, start one with `orchestrator up`, or see the shipped \
+             policy at work with `orchestrator play`"
         );
     }
     let readers = RunReaders::of(if asked.is_empty() { vec![PathBuf::from("runs")] } else { asked.clone() });
@@ -172,7 +199,7 @@ async fn keep(page: Option<TempPath>) -> Infallible {
     std::future::pending().await
 }
 
-fn listen(args: &ViewArgs) -> Result<TcpListener> {
+fn listen(args: &PageArgs) -> Result<TcpListener> {
     let ports = args.port.map_or(PORT..=PORT + PORTS, |port| port..=port);
     let (first, mut last_error) = (*ports.start(), None);
     for port in ports {

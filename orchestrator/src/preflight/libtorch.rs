@@ -17,15 +17,18 @@ const SERIES: &str = "2.11";
 /// Loading libtorch takes half a second from a warm cache; a cold network file system may take a minute.
 const PATIENCE: Duration = Duration::from_mins(2);
 
-/// What to type for a libtorch: a release has its own script beside the programs, a checkout a target of its Makefile.
+/// What to type for a libtorch: the Python package has an extra, an archive its own script beside the programs, a checkout a
+/// target of its Makefile.
 fn set_up() -> String {
     let own = std::env::current_exe().ok();
     set_up_beside(own.as_deref().and_then(Path::parent))
 }
 
 fn set_up_beside(programs: Option<&Path>) -> String {
-    match programs.map(|folder| folder.join("setup")).filter(|script| script.is_file()) {
+    let beside = |name| programs.map(|folder| folder.join(name)).filter(|path| path.is_file());
+    match beside("setup") {
         Some(script) => script.display().to_string(),
+        None if beside("__init__.py").is_some() => "pip install 'stillroom[train]'".to_owned(),
         None => "make setup".to_owned(),
     }
 }
@@ -101,7 +104,7 @@ fn explain(learner: &Path, status: &str, complaint: &str) -> String {
     if let Some((_, rest)) = complaint.split_once(MISSING) {
         let library: PathBuf = rest.split(':').next().unwrap_or(rest).trim().into();
         return format!(
-            "there is no libtorch: {} cannot load {}. Run `{}`, which fetches torch {SERIES} into .torch/, or set \
+            "there is no libtorch: {} cannot load {}. Run `{}`, which fetches torch {SERIES}, or set \
              LIBTORCH to the folder of a torch {SERIES} that is already on this machine (the one that holds lib/ and \
              include/)",
             learner.display(),
@@ -160,9 +163,11 @@ mod tests {
     }
 
     #[test]
-    fn a_release_names_the_script_beside_its_programs() {
+    fn a_release_names_what_comes_with_it() {
         let release = tempfile::tempdir().unwrap();
         assert_eq!(set_up_beside(Some(release.path())), "make setup");
+        std::fs::write(release.path().join("__init__.py"), "").unwrap();
+        assert_eq!(set_up_beside(Some(release.path())), "pip install 'stillroom[train]'");
         let script = release.path().join("setup");
         std::fs::write(&script, "").unwrap();
         assert_eq!(set_up_beside(Some(release.path())), script.display().to_string());

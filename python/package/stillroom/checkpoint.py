@@ -75,8 +75,10 @@ class Checkpoint:
 
     def network(self) -> Network:
         """The network in PyTorch with these weights; needs torch."""
-        from stillroom.network import Network
-
+        try:
+            from stillroom.network import Network
+        except ModuleNotFoundError as error:
+            raise ModuleNotFoundError("Checkpoint.network needs torch: pip install 'stillroom[train]'") from error
         clip = self.config.get("normalize", {}).get("observation_clip", 10.0)
         choices, bounds = self.actions.get("counts"), self.actions.get("bounds")
         return Network.of(self.weights, goal=self.goal, observation_clip=clip, choices=choices, bounds=bounds)

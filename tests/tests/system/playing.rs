@@ -178,14 +178,3 @@ fn what_is_no_policy_is_refused_before_anything_is_started() {
         assert!(!printed.success && printed.stderr.contains(expected), "{options:?}: {}", printed.stderr);
     }
 }
-
-#[test]
-fn make_says_where_a_policy_could_come_from_before_it_builds_anything() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let mut make = std::process::Command::new("make");
-    make.args(["--no-print-directory", "play", "MODELS=no-such-folder"]).current_dir(root).env_remove("MAKEFLAGS");
-    make.stdin(std::process::Stdio::null()).stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
-    let printed = complete(make);
-    assert!(!printed.success && printed.stdout.is_empty(), "{printed:?}");
-    assert!(printed.stderr.starts_with("play: there is no policy in no-such-folder/: models/README.md"), "{printed:?}");
-}

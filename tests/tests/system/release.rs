@@ -233,6 +233,48 @@ fn an_archive_holds_all_that_a_machine_needs_and_its_programs_run() {
     assert!(!doctor(&release).contains("there is no libtorch"));
 }
 
+/// As a user installs it: a virtual environment of its own, pip, nothing of the checkout but the libtorch.
+#[test]
+fn a_wheel_proves_itself_in_a_fresh_environment() {
+    let workshop = Workshop::new();
+    let run = |program: &Path, arguments: &[&str]| {
+        let mut command = command(program, &workshop.path("."));
+        command.args(arguments);
+        complete(command)
+    };
+    let succeed = |program: &Path, arguments: &[&str]| {
+        let printed = run(program, arguments);
+        assert!(printed.success, "{program:?} {arguments:?}: {}{}", printed.stdout, printed.stderr);
+        printed.stdout
+    };
+    // maturin's wheel, with the programs as they were built.
+    succeed(&root().join("python/setup"), &[]);
+    let name = |path: &PathBuf| path.file_name().expect("a name").to_string_lossy().into_owned();
+    let wheels = std::fs::read_dir(root().join("target/wheels")).expect("a folder").flatten().map(|entry| entry.path());
+    let made = wheels.into_iter().find(|path| name(path).starts_with("stillroom-")).expect("a wheel");
+    let wheel = workshop.path(&name(&made));
+    std::fs::copy(&made, &wheel).expect("a copy");
+    let programs = binary("orchestrator").parent().expect("a folder").display().to_string();
+    let wheel = wheel.display().to_string();
+    let printed = python("wheel.py", &["--programs", &programs, &wheel], &workshop.path("."));
+    assert!(printed.success, "{}", printed.stderr);
+
+    let environment = workshop.path("environment");
+    succeed(Path::new("python3"), &["-m", "venv", &environment.display().to_string()]);
+    let bin = environment.join("bin");
+    // The console commands need none of what the simulator's module needs.
+    succeed(&bin.join("pip"), &["install", "--no-index", "--no-deps", &wheel]);
+    let without = run(&bin.join("learner"), &["check"]);
+    assert!(!without.success && without.stderr.contains("pip install 'stillroom[train]'"), "{}", without.stderr);
+    let without = run(&bin.join("stillroom"), &["doctor", "--preset", "demo"]);
+    assert!(!without.success && without.stdout.contains("Run `pip install 'stillroom[train]'`"), "{}", without.stdout);
+
+    let site = succeed(&bin.join("python"), &["-c", "import sysconfig; print(sysconfig.get_path('purelib'))"]);
+    std::os::unix::fs::symlink(torch(), Path::new(site.trim()).join("torch")).expect("a link");
+    let said = succeed(&bin.join("stillroom"), &["test"]);
+    assert!(said.contains(site.trim()) && said.ends_with("this installation works\n"), "{said}");
+}
+
 /// The torch that the programs were built with: `LIBTORCH`, as for the build, or what set-up made.
 fn torch() -> PathBuf {
     std::env::var_os("LIBTORCH").map_or_else(|| root().join(".torch/libtorch"), PathBuf::from)

@@ -1,0 +1,81 @@
+"""Puts the programs, and the policy that `play` shows, into a wheel of the Python package.
+
+    python3 deploy/release/wheel.py --programs target/release WHEEL
+
+maturin makes wheels of one library or of one program: WHEEL is what it made of the library, and is replaced. The same
+files give the same bytes. Standard library only, Python 3.8 or newer.
+"""
+
+import argparse
+import base64
+import hashlib
+import re
+import shutil
+import subprocess
+import tempfile
+import zipfile
+from pathlib import Path
+
+import parts
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+PROGRAMS = ["orchestrator", "actor", "learner"]
+# The package of the console commands; the learner in it finds the torch beside it.
+PACKAGE = "stillroom_programs"
+RUN_PATH = b"$ORIGIN/../torch/lib"
+POLICY = "models/fetch.safetensors"
+
+
+def strip(program, run_path=b"$ORIGIN/libtorch/lib"):
+    """Takes line tables out of a program, and out of its run path the folder of the machine that built it."""
+    subprocess.run(["strip", str(program)], check=True)
+    data = program.read_bytes()
+    found = list(re.finditer(rb"\$ORIGIN/libtorch/lib(:[^\0]*)?\0", data))
+    if len(found) > 1 or any(len(place[0]) <= len(run_path) for place in found):
+        raise OSError(f"{program.name} has several run paths, or a short one")
+    for place in found:
+        begin, end = place.span()
+        program.write_bytes(data[:begin] + run_path + bytes(end - begin - len(run_path)) + data[end:])
+
+
+def complete(wheel, programs, third_party):
+    """Adds programs, policy and the licences of what they link to this wheel."""
+    made = wheel.with_suffix(".part")
+    with zipfile.ZipFile(wheel) as old, zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as new:
+        record = next(name for name in old.namelist() if name.endswith(".dist-info/RECORD"))
+        lines = []
+
+        def add(name, data, entry=None, mode=0o644):
+            if entry is None:
+                entry = zipfile.ZipInfo(name, old.getinfo(record).date_time)
+                entry.external_attr = (0o100000 | mode) << 16
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            new.writestr(entry, data)
+            digest = base64.urlsafe_b64encode(hashlib.sha256(data).digest()).rstrip(b"=").decode()
+            lines.append(f"{name},sha256={digest},{len(data)}")
+
+        for entry in old.infolist():
+            if entry.filename != record:
+                add(entry.filename, old.read(entry), entry)
+        with tempfile.TemporaryDirectory() as work:
+            for name in PROGRAMS:
+                program = Path(work, name)
+                shutil.copy2(programs / name, program)
+                strip(program, RUN_PATH)
+                add(f"{PACKAGE}/{name}", program.read_bytes(), mode=0o755)
+        add(f"{PACKAGE}/{POLICY}", (ROOT / POLICY).read_bytes())
+        add(record.replace("RECORD", "licenses/THIRD-PARTY.txt"), third_party.encode())
+        new.writestr(old.getinfo(record), "\n".join([*lines, f"{record},,", ""]))
+    made.replace(wheel)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--programs", type=Path, required=True)
+    parser.add_argument("wheel", type=Path)
+    arguments = parser.parse_args()
+    complete(arguments.wheel, arguments.programs, parts.licences(parts.metadata()))
+
+
+if __name__ == "__main__":
+    main()
