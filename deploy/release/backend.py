@@ -22,7 +22,8 @@ def build_wheel(wheel_directory, config_settings=None, metadata_directory=None):
     """The hook that makes the wheel; its file name."""
     cargo = ["cargo", "build", "--release", LOCKED, "--workspace"]
     programs = [part for name in wheel.PROGRAMS for part in ("--bin", name)]
-    for command in (["deploy/setup"], cargo + programs):
+    library = ["cargo", "build", "--release", LOCKED, "-p", "stillroom_actor"]
+    for command in (["deploy/setup"], cargo + programs, library):
         subprocess.run(command, cwd=wheel.ROOT, check=True, env={**os.environ, "PYTHON": sys.executable})
     os.environ.setdefault("MATURIN_PEP517_ARGS", LOCKED)
     name = maturin.build_wheel(wheel_directory, config_settings, metadata_directory)

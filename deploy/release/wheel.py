@@ -1,4 +1,5 @@
-"""Puts the programs, and the policy that `play` shows, into a wheel of the Python package.
+"""Puts the programs, the library for simulators in other languages, and the policy that `play` shows, into a wheel of the
+Python package.
 
     python3 deploy/release/wheel.py --programs target/release WHEEL
 
@@ -24,6 +25,8 @@ PROGRAMS = ["orchestrator", "actor", "learner"]
 PACKAGE = "stillroom_programs"
 RUN_PATH = b"$ORIGIN/../torch/lib"
 POLICY = "models/fetch.safetensors"
+LIBRARY = "libstillroom_actor.so"
+HEADER = "actor/c/include/stillroom_actor.h"
 
 
 def strip(program, run_path=b"$ORIGIN/libtorch/lib"):
@@ -39,7 +42,7 @@ def strip(program, run_path=b"$ORIGIN/libtorch/lib"):
 
 
 def complete(wheel, programs, third_party):
-    """Adds programs, policy and the licences of what they link to this wheel."""
+    """Adds programs, library, policy and the licences of what they link to this wheel."""
     made = wheel.with_suffix(".part")
     with zipfile.ZipFile(wheel) as old, zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as new:
         record = next(name for name in old.namelist() if name.endswith(".dist-info/RECORD"))
@@ -63,6 +66,11 @@ def complete(wheel, programs, third_party):
                 shutil.copy2(programs / name, program)
                 strip(program, RUN_PATH)
                 add(f"{PACKAGE}/{name}", program.read_bytes(), mode=0o755)
+            library = Path(work, LIBRARY)
+            shutil.copy2(programs / LIBRARY, library)
+            subprocess.run(["strip", str(library)], check=True)
+            add(f"stillroom/c/{LIBRARY}", library.read_bytes(), mode=0o755)
+        add(f"stillroom/c/{Path(HEADER).name}", (ROOT / HEADER).read_bytes())
         add(f"{PACKAGE}/{POLICY}", (ROOT / POLICY).read_bytes())
         add(record.replace("RECORD", "licenses/THIRD-PARTY.txt"), third_party.encode())
         new.writestr(old.getinfo(record), "\n".join([*lines, f"{record},,", ""]))
