@@ -336,7 +336,9 @@ terms = [["gain", 1.0]]
 
         // Rebuilt from its actions, it is sent again.
         let mut environments = new();
-        [[0, 0], [0, 0], [0, 1]].map(|actions| environments.act(whole.clone(), &actions).expect("nothing fails"));
+        for actions in [[0, 0], [0, 0], [0, 1]] {
+            environments.act(whole.clone(), &actions).expect("nothing fails");
+        }
         let mut rebuilt = new();
         let states = [EnvironmentState::after(0, &[0, 0, 0]), EnvironmentState::after(0, &[0, 0, 1])];
         rebuilt.rebuild(&states).expect("nothing fails");
