@@ -106,7 +106,6 @@ fn of_channel<'a>(channel: &Channel, field: &'a Field) -> Column<'a> {
 }
 
 impl Column<'_> {
-    /// Its rows.
     pub fn rows<'e>(&self, episode: &'e Episode) -> &'e [Moment] {
         &episode.moments[usize::from(!self.is_seen)..]
     }
