@@ -38,7 +38,6 @@ pub struct DoctorArgs {
     json: bool,
 }
 
-/// Runs the command.
 pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
     let mut table = Table { json: args.json, rows: Vec::new() };
     let [learner, actor] = ["learner", "actor"].map(|program| {

@@ -70,7 +70,6 @@ const OPENING: Duration = Duration::from_mins(1);
 /// The server gives way to whatever trains on the machine.
 const NICENESS: i32 = 10;
 
-/// Runs the command.
 pub fn run(args: &ViewArgs) -> Result<()> {
     let player = Player::of(&args.policy)?;
     let (readers, open) = readers(args, player.as_ref())?;
