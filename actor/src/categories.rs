@@ -17,7 +17,6 @@ pub struct Listed {
     pub shape: String,
     /// Size of its bounding box as it stands: width, height, depth, metres.
     pub size_m: [f32; 3],
-    /// Mass, kilograms.
     pub mass_kg: f32,
     /// What its surface is made of.
     pub material: &'static str,
@@ -32,7 +31,6 @@ pub struct Listed {
     pub share_of_kitchens: Option<f32>,
 }
 
-/// All categories by name.
 pub fn all() -> Vec<Listed> {
     let mut listed: Vec<Listed> = CATEGORIES.iter().map(Listed::of).collect();
     listed.sort_by_key(|category| category.name);

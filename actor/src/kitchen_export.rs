@@ -70,7 +70,6 @@ pub fn glb(kitchen: &Kitchen) -> Vec<u8> {
     writer.finish()
 }
 
-/// What has been written so far.
 #[derive(Default)]
 struct Writer {
     root: Root,

@@ -22,21 +22,18 @@ const HEAD: usize = 46;
 const WIDTH_MIN: u32 = 320;
 const WIDTH_MAX: u32 = 8192;
 
-/// What to draw.
 #[derive(Debug, Clone)]
 pub struct SheetOptions {
     /// What is on it, in this order.
     pub subjects: Vec<Subject>,
     /// Width of the sheet, pixels.
     pub width: u32,
-    /// The PNG file.
     pub out: PathBuf,
 }
 
 /// What a picture is of.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Subject {
-    /// A built-in or procedural kitchen.
     BuiltIn(KitchenId),
     /// A scene of a user's own: its TOML file.
     Scene(PathBuf),

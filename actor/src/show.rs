@@ -28,7 +28,6 @@ use std::sync::Arc;
 
 /// Episodes that are kept; the one that was asked for longest ago gives way.
 const KEPT: usize = 6;
-/// Kitchens that are kept.
 const KITCHENS: usize = 4;
 /// What moved less than this is not listed, metres.
 const LISTED_M: f32 = 0.001;
@@ -67,7 +66,6 @@ struct House {
     run: Arc<tasks::Run>,
 }
 
-/// An episode that is kept.
 struct Kept {
     name: String,
     scene: Scene,

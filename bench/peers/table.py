@@ -24,7 +24,6 @@ ROWS: list[tuple[Figure, str, dict[str, int], int | None]] = [
 ]
 #: What of ours stands beside a figure that ours has none of.
 OWN: dict[Figure, Figure] = {"rays_s": "depth_s"}
-MEMORY_TARGET_MB = 2.0
 
 
 @dataclass(frozen=True)
@@ -32,7 +31,6 @@ class Ours:
     """What `actor bench --json` prints."""
 
     measurements: list[dict]
-    further_environment_mb: list[float]
 
     def seconds(self, key: Figure, policy: str) -> dict[str, float]:
         """Processor time of one frame or step, for each kitchen."""
@@ -124,10 +122,6 @@ def report(ours: Ours, answers: list[Answer], policies: list[str], skipped: list
                 verdicts.append(
                     verdict(f"{policy}: {what}, ratio to the best peer", found[0].ratio, ratio_target, "{:.1f}")
                 )
-    if ours.further_environment_mb:
-        most = max(ours.further_environment_mb)
-        met = "met" if most <= MEMORY_TARGET_MB else "MISSED"
-        verdicts.append(f"further environment: {most:.2f} MB (target at most {MEMORY_TARGET_MB:g}): {met}")
     out.append("")
     triangles = [row["view_set_triangles"] for row in ours.measurements if row["environments"] == ENVIRONMENTS]
     out.append(f"triangles in the view set: median {median(triangles):,.0f}, fewest {min(triangles):,.0f}")

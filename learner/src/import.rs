@@ -171,7 +171,6 @@ pub struct Imported {
 /// A weight as the file calls it, and as we do.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Named {
-    /// In the file.
     pub theirs: String,
     pub ours: String,
 }
@@ -198,7 +197,6 @@ pub enum ImportError {
     /// A weight of ours that nothing is there for.
     #[error("nothing is there for `{ours}`: the file has no {}{hint}", alternatives(.theirs))]
     Missing {
-        /// Our name.
         ours: String,
         /// What it could be called in the file.
         theirs: Vec<String>,
@@ -210,11 +208,7 @@ pub enum ImportError {
     NoPlace(Named),
     /// Another shape, or a number that is not finite.
     #[error("{name} {problem}")]
-    Unfit {
-        name: Named,
-        /// What is wrong with it.
-        problem: String,
-    },
+    Unfit { name: Named, problem: String },
     /// Not floating-point numbers.
     #[error("{0} does not hold floating-point numbers")]
     Kind(Named),

@@ -25,7 +25,6 @@ const PATIENCE: Duration = Duration::from_hours(24);
 /// The note that holds NCCL's invitation.
 const INVITATION: &str = "nccl";
 
-/// All learners of a run.
 #[derive(Debug)]
 pub enum Peers {
     Alone,
@@ -141,7 +140,6 @@ impl Peers {
         Ok(())
     }
 
-    /// How many learners there are.
     pub fn count(&self) -> u32 {
         match self {
             Self::Alone => 1,

@@ -27,7 +27,6 @@ pub struct Step {
     pub log_prob: f32,
     /// The observation's value when the action was taken.
     pub value: f32,
-    /// Reward of the action.
     pub reward: f32,
     /// The action ended the episode.
     pub ended: bool,
@@ -98,7 +97,6 @@ impl Rollout {
         self.shape
     }
 
-    /// Number of columns N.
     pub fn columns(&self) -> usize {
         self.columns
     }

@@ -10,7 +10,6 @@ use std::path::{Path, PathBuf};
 
 const PACKAGES: [&str; 3] = ["foxglove", "stillroom", "tensorboard"];
 
-/// The compiled files by name.
 fn compiled(schemas: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut sources = Vec::new();
     for package in PACKAGES {

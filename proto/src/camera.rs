@@ -2,13 +2,11 @@
 
 /// Width and height of a depth frame in pixels.
 pub const FRAME_SIDE: usize = 224;
-/// Pixels of a depth frame.
 pub const FRAME_PIXELS: usize = FRAME_SIDE * FRAME_SIDE;
 /// Side of the windows that [`sum_windows`] adds up, pixels: the paper's input pooling.
 pub const WINDOW: usize = 2;
 /// Width and height of a frame of sums.
 pub const SUMS_SIDE: usize = FRAME_SIDE / WINDOW;
-/// Sums of a frame.
 pub const SUMS_PIXELS: usize = SUMS_SIDE * SUMS_SIDE;
 /// Field of view, horizontally and vertically, degrees (`ManipulaTHOR`).
 pub const FIELD_OF_VIEW_DEG: f64 = 100.0;

@@ -156,12 +156,8 @@ pub enum ManifestError {
     Unreadable(#[from] std::io::Error),
     #[error("is not a manifest: {0}")]
     Json(#[from] serde_json::Error),
-    /// Another version.
     #[error("has schema version {found}; this program reads {}", crate::SCHEMA_VERSION)]
-    Version {
-        /// The version found.
-        found: u64,
-    },
+    Version { found: u64 },
     /// Its own checksum does not match.
     #[error("does not match its own checksum")]
     Checksum,

@@ -49,7 +49,6 @@ impl PictureKind {
 /// Every further line of the input.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DatasetRequest {
-    /// Number of its configuration.
     pub config: usize,
     pub recorded: RecordedEpisode,
 }

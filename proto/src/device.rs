@@ -8,7 +8,6 @@ pub struct Torch {
     /// Version of libtorch.
     #[serde(rename = "torch")]
     pub version: String,
-    /// Path of the loaded library.
     pub library: String,
     /// Devices it can compute on: `cuda:0`, ..., `cpu`.
     pub devices: Vec<String>,

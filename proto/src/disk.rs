@@ -11,7 +11,6 @@ use std::path::{Path, PathBuf};
 
 /// What a writer of files that must survive asks of a file system.
 pub trait Disk: Debug {
-    /// An open file.
     type File;
     /// Makes a folder and those above it.
     fn create_folders(&self, folder: &Path) -> Result<()>;
@@ -19,7 +18,6 @@ pub trait Disk: Debug {
     fn create_new(&self, path: &Path) -> Result<Self::File>;
     /// Opens a plain file that is there; an error of the kind `InvalidInput` if it is a link or something else.
     fn open(&self, path: &Path) -> Result<Self::File>;
-    /// Appends to it.
     fn write_all(&self, file: &mut Self::File, content: &[u8]) -> Result<()>;
     /// Returns when its content would survive a power failure.
     fn sync(&self, file: &Self::File) -> Result<()>;
@@ -27,7 +25,6 @@ pub trait Disk: Debug {
     fn sync_folder(&self, folder: &Path) -> Result<()>;
     /// Gives a file another name, in place of whatever had it.
     fn rename(&self, from: &Path, to: &Path) -> Result<()>;
-    /// Removes a file.
     fn remove(&self, path: &Path) -> Result<()>;
     /// A whole plain file that has `most` bytes at most.
     fn read(&self, path: &Path, most: u64) -> Result<Vec<u8>>;

@@ -10,7 +10,6 @@ pub const MAX_EPISODE_STEPS: usize = 100_000;
 /// One environment of the run, named independently of how actors are spread over machines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct EnvironmentId {
-    /// The kitchen it simulates.
     pub kitchen: KitchenId,
     /// Its number among the environments of that kitchen, over the whole run.
     pub number: u32,

@@ -24,7 +24,6 @@ pub enum LearnerEvent {
         frames: u64,
         /// What it computes on, e.g. `cpu, 2 threads` or `cuda:0, bfloat16 encoder`; float32 unless it is named.
         device: String,
-        /// Trainable parameters.
         parameters: u64,
         /// Manifest of the checkpoint it came from, relative to the run folder; none on a fresh start. Of an
         /// evaluation: as its configuration names it.
@@ -80,7 +79,6 @@ pub enum LearnerEvent {
     },
     /// An episode of an evaluation has ended.
     EpisodePlayed {
-        /// Its result.
         record: EpisodeRecord,
         /// The actions taken, indices of the task's.
         actions: Vec<u8>,
@@ -90,7 +88,6 @@ pub enum LearnerEvent {
         /// Rank in the process group.
         rank: u32,
         actor: u32,
-        /// How long it has waited, seconds.
         waited_s: f64,
     },
     /// The learner waits for its host's recorder, which stands still: its disk hangs, or its orchestrator is stopped.

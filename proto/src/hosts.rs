@@ -31,7 +31,6 @@ impl Hosts {
         Self::new(1, shares)
     }
 
-    /// How many hosts there are.
     pub fn count(self) -> u32 {
         self.hosts
     }
@@ -84,14 +83,6 @@ impl Hosts {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-
-    #[test]
-    fn nineteen_actors_of_three_learners_on_two_hosts() {
-        let hosts = Hosts::new(2, Shares::new(19, 3));
-        assert_eq!([0, 1].map(|host| hosts.ranks_of(host)), [0..2, 2..3]);
-        assert_eq!([0, 1].map(|host| hosts.actors_of(host)), [0..13, 13..19]);
-        assert_eq!([0, 1, 2].map(|rank| hosts.leads(rank)), [true, false, true]);
-    }
 
     proptest! {
         #[test]

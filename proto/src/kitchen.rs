@@ -34,7 +34,6 @@ pub enum Split {
 impl KitchenId {
     /// Number of a run's first scene.
     pub(crate) const FIRST_SCENE: u32 = 128;
-    /// Scenes that one run can have.
     pub const SCENES_MAX: usize = 128;
     pub const FIRST_PROCEDURAL: u32 = 1000;
     pub const LAST_PROCEDURAL: u32 = 9_999_999;
@@ -128,7 +127,6 @@ impl KitchenRange {
         KitchenId(self.first)
     }
 
-    /// How many there are.
     pub fn count(self) -> u32 {
         self.end - self.first
     }
@@ -202,7 +200,6 @@ impl Kitchens {
         }
     }
 
-    /// How many there are.
     pub fn count(self) -> usize {
         match self {
             Self::Split(split) => KitchenId::all().filter(|kitchen| kitchen.split() == split).count(),
@@ -330,7 +327,6 @@ impl TargetCategory {
         Self::ALL.get(usize::from(index)).copied()
     }
 
-    /// The wire value.
     pub fn index(self) -> u8 {
         self as u8
     }

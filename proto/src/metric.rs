@@ -28,7 +28,6 @@ pub const CLIP_FRACTION: &str = "policy/clip_fraction";
 pub const APPROXIMATE_KL: &str = "policy/approximate_kl";
 /// Global gradient norm before clipping, mean over epochs.
 pub const GRADIENT_NORM: &str = "optimizer/gradient_norm";
-/// Learning rate of the update.
 pub const LEARNING_RATE: &str = "optimizer/learning_rate";
 /// PPO-Lagrangian's multiplier after the update; only in its stages.
 pub const MULTIPLIER: &str = "lagrangian/multiplier";

@@ -10,12 +10,10 @@ use crate::task::{Spec, SpecError};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 
-/// Name of the entry.
 pub const ENTRY: &str = "stillroom";
 /// A larger file is not read as a policy.
 pub const BYTES_MOST: u64 = 1 << 30;
 
-/// Why a file is no policy.
 #[derive(Debug, thiserror::Error)]
 pub enum PolicyFileError {
     /// Weights, perhaps, but nobody can tell of which network.
@@ -61,7 +59,6 @@ pub struct Origin {
 pub struct PolicyFacts {
     /// The run's configuration, as [`configuration_alone`] leaves it.
     pub config: Config,
-    /// Where it comes from.
     pub origin: Origin,
     tensors_sha256: String,
 }

@@ -55,7 +55,6 @@ pub enum Purpose {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Key {
     pub seed: u64,
-    /// What the numbers are for.
     pub purpose: Purpose,
     /// Kitchen number, or 0 where none applies.
     pub kitchen: u32,

@@ -29,7 +29,6 @@ const FLAGS: u32 = (flag::RECORD_BULK << 1) - 1;
 /// Bits about the last action.
 const OF_ACTION: u32 = flag::ACTED | flag::TERMINATED | flag::TRUNCATED;
 
-/// How an episode ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum End {
@@ -126,7 +125,6 @@ impl RecordHeader {
         if sound { Ok(()) } else { Err(BadHeader { flags, reserved }) }
     }
 
-    /// An episode begins in this state.
     pub fn begin(&mut self, episode: u32, state_hash: u64, record_bulk: bool) {
         (self.episode, self.step, self.state_hash) = (episode, 0, state_hash);
         let records = if record_bulk { flag::RECORD_BULK } else { 0 };

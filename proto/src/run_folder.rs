@@ -70,7 +70,6 @@ impl RunFolder {
         Self { named: root.clone(), root }
     }
 
-    /// The folder itself.
     pub fn root(&self) -> &Path {
         &self.root
     }
@@ -91,7 +90,6 @@ impl RunFolder {
         open_below(&self.named, self.below(path)?)
     }
 
-    /// Whether a plain file is there.
     pub fn has(&self, path: &Path) -> bool {
         self.open(path).is_ok()
     }
@@ -151,7 +149,6 @@ impl RunFolder {
         toml::from_str(&text).ok().map(|Named { id }| id)
     }
 
-    /// Effective configuration.
     pub fn config(&self) -> PathBuf {
         self.root.join("config.toml")
     }
@@ -337,7 +334,6 @@ impl RunFolder {
         self.root.join(format!("nonfinite-rollout-{rollout}{learner}.safetensors"))
     }
 
-    /// Summary of a complete run.
     pub fn summary(&self) -> PathBuf {
         self.root.join("summary.json")
     }

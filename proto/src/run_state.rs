@@ -9,7 +9,6 @@ use std::fmt::{Display, Formatter};
 pub enum Ending {
     /// The budget is reached, or all episodes are played.
     Complete,
-    /// A stop was requested.
     Stopped,
     /// A stop was requested twice.
     Interrupted,

@@ -11,7 +11,6 @@ use std::collections::BTreeMap;
 /// Widest and highest picture that is drawn, pixels.
 pub const SHOWN_SIDE_MAX: u32 = 2048;
 
-/// What is asked for.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ShowRequest {
@@ -64,7 +63,6 @@ pub enum ShowView {
 pub struct ShowOrbit {
     /// Middle of the ball, metres.
     pub centre_m: [f32; 3],
-    /// Its radius, metres.
     pub radius_m: f32,
     /// Direction of the look, radians about the vertical.
     pub yaw_rad: f32,
@@ -79,7 +77,6 @@ pub enum ShowAnswer {
     Opened(Box<ShownEpisode>),
     /// A picture follows: so many bytes of PNG.
     Picture {
-        /// Its size.
         bytes: u64,
     },
     Solids(Box<ShownSolids>),
@@ -127,7 +124,6 @@ pub struct ShownTask {
     /// Of rewards, as the run has set them.
     pub weights: BTreeMap<String, f32>,
     pub metrics: Vec<Metric>,
-    /// Outcomes that are successes.
     pub successes: Vec<String>,
 }
 
@@ -186,7 +182,6 @@ pub struct ShownSolid {
     pub corners_m: Vec<[f32; 3]>,
 }
 
-/// A thing that was moved.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ShownThing {
     pub category: String,

@@ -17,7 +17,6 @@ pub struct StagePosition {
     pub frames_left: u64,
 }
 
-/// Total frame budget of all stages.
 pub fn total_frames(stages: &[StageConfig]) -> u64 {
     stages.iter().map(|stage| stage.frames).sum()
 }
@@ -131,7 +130,6 @@ pub fn rebudget(stages: &[StageConfig], trained: u64, total: u64) -> Result<Vec<
 /// A frame budget that a run cannot have any more.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum BudgetError {
-    /// More is trained.
     #[error("--frames {total}: the run has trained {trained} frames already, and a budget cannot take them back")]
     Trained {
         /// Frames asked for.
@@ -147,7 +145,6 @@ pub enum BudgetError {
     StageTrained {
         /// Frames asked for.
         total: u64,
-        /// The stage in progress.
         stage: String,
         /// Where it would end.
         end: u64,
@@ -163,7 +160,6 @@ pub enum BudgetError {
         total: u64,
         /// Frames for the stages that have not ended.
         left: u64,
-        /// How many these are.
         stages: usize,
     },
 }

@@ -23,7 +23,6 @@ pub struct Trained {
     pub stage: u32,
     /// When it was trained, seconds since 1970.
     pub at_unix_s: u64,
-    /// Incarnation of the orchestrator.
     pub incarnation: u32,
     /// How long that had been running then, seconds by a clock that nobody sets. None in a checkpoint, and in lines of
     /// older versions.
@@ -159,12 +158,10 @@ impl History {
         self.rollouts.values()
     }
 
-    /// How many there are.
     pub fn len(&self) -> usize {
         self.rollouts.len()
     }
 
-    /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.rollouts.is_empty()
     }

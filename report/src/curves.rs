@@ -17,7 +17,6 @@ const BINS: u64 = 80;
 /// A metric over training, of a group.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Curve {
-    /// Name of the metric.
     pub metric: String,
     /// In order of frames.
     pub points: Vec<TrainingPoint>,
@@ -31,9 +30,7 @@ pub struct TrainingPoint {
     pub mean: f64,
     /// Lowest seed.
     pub low: f64,
-    /// Highest seed.
     pub high: f64,
-    /// How many seeds.
     pub seeds: usize,
 }
 

@@ -30,7 +30,6 @@ struct KeptRow {
     /// Settings that are not those of the preset.
     differences: Vec<String>,
     kitchens: Vec<KitchenId>,
-    /// By seed.
     seeds: Vec<KeptSeed>,
 }
 
@@ -42,7 +41,6 @@ struct KeptSeed {
     run: String,
     /// Frames of the run that were trained on.
     frames: u64,
-    /// Episodes.
     episodes: u64,
     /// SHA-256 of the weights.
     weights: String,
@@ -62,7 +60,6 @@ pub enum KeptError {
         preset: String,
         /// Episodes.
         field: String,
-        /// Seed.
         seed: u64,
         /// Digest that is there.
         known: String,
@@ -126,7 +123,6 @@ impl Kept {
         Ok(())
     }
 
-    /// Names of the runs' folders.
     pub fn runs(&self) -> BTreeSet<&str> {
         self.rows.iter().flat_map(|row| &row.seeds).map(|seed| seed.run.as_str()).collect()
     }

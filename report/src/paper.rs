@@ -49,20 +49,16 @@ pub struct ResultRow {
     pub srwod_iqm: Option<f64>,
 }
 
-/// A row of the ablation table.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AblationRow {
     /// `cnn` or `resnet`.
     pub encoder: String,
-    /// Advantages are normalised.
     pub normalized_advantage: bool,
-    /// The previous action is an input.
     pub previous_action: bool,
     /// `cartesian` or `polar`.
     pub goal: String,
     pub sr: f64,
-    /// `SRwoD`.
     pub srwod: f64,
 }
 
@@ -79,7 +75,6 @@ pub struct ActionSpaceRow {
     /// Auxiliary task; `none_original` is the original baseline.
     pub aux: String,
     pub sr: f64,
-    /// `SRwoD`.
     pub srwod: f64,
 }
 
@@ -134,7 +129,6 @@ impl ResultRow {
         format!("{}-{plan}", task(&self.aux))
     }
 
-    /// Its figures.
     pub(crate) fn published(&self) -> Published {
         Published::new([self.sr, self.srwod], [self.sr_iqm, self.srwod_iqm])
     }
@@ -148,7 +142,6 @@ impl AblationRow {
         format!("ablation-{}-{advantages}-{action}-{}", self.encoder, self.goal)
     }
 
-    /// Its figures.
     pub(crate) fn published(&self) -> Published {
         Published::new([self.sr, self.srwod], [None, None])
     }
@@ -166,7 +159,6 @@ impl ActionSpaceRow {
         }
     }
 
-    /// Its figures.
     pub(crate) fn published(&self) -> Published {
         Published::new([self.sr, self.srwod], [None, None])
     }

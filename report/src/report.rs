@@ -21,7 +21,6 @@ pub struct Report {
     pub schema_version: u32,
     /// Where the paper's figures are from.
     pub paper: String,
-    /// How the intervals were made.
     pub statistics: IntervalMethod,
     /// Which episodes the figures are of, a sentence each.
     pub episodes: Vec<String>,
@@ -36,10 +35,8 @@ pub struct Report {
     pub notes: Vec<String>,
 }
 
-/// How the intervals were made.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct IntervalMethod {
-    /// Coverage.
     pub interval: f64,
     /// Resamples behind an interval in a table.
     pub resamples: u32,
@@ -59,9 +56,7 @@ pub struct TaskReport {
 
 #[derive(Debug, Clone, Serialize)]
 pub struct GroupReport {
-    /// Its name.
     pub label: String,
-    /// Name of its task.
     pub task: String,
     pub preset: String,
     /// Settings that are not the preset's.
@@ -71,7 +66,6 @@ pub struct GroupReport {
     /// The task's metrics.
     pub metrics: Vec<Described>,
     pub runs: Vec<RunReport>,
-    /// Where it was evaluated.
     pub results: Vec<FieldResult>,
     /// Every metric over training.
     pub training: Vec<Curve>,
@@ -88,14 +82,12 @@ pub struct StageReport {
 
 #[derive(Debug, Clone, Serialize)]
 pub struct RunReport {
-    /// Its folder.
     pub name: String,
     /// Its state, or why its training is not known.
     pub state: Origin,
     pub seed: u64,
     /// Frames trained on.
     pub frames: u64,
-    /// Frames it is to have.
     pub budget: u64,
     /// Its evaluations, whether they count or not.
     pub evaluations: Vec<String>,

@@ -28,7 +28,6 @@ pub struct FieldResult {
     pub actions: ActionShares,
 }
 
-/// A group with its results.
 #[derive(Debug, Clone)]
 pub struct GroupResults<'a> {
     pub group: &'a Group<'a>,
@@ -46,7 +45,6 @@ impl GroupResults<'_> {
 #[derive(Debug, Clone, Serialize)]
 pub struct SeedResult {
     pub seed: u64,
-    /// Its folder.
     pub run: String,
     /// The evaluation that counts.
     pub evaluation: String,
@@ -85,7 +83,6 @@ pub struct LimitPoint {
 /// Counts of actions by step.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct ActionShares {
-    /// Names.
     pub actions: Vec<String>,
     /// \[steps\]\[actions\]
     pub counts_by_step: Vec<Vec<u64>>,

@@ -9,9 +9,6 @@ use std::path::Path;
 pub type Curves = BTreeMap<u64, BTreeMap<String, f32>>;
 
 /// The curves of a run's folder for TensorBoard: of all its stages, or of its validations.
-///
-/// # Panics
-/// If a file is none of event files.
 pub fn curves(folder: &RunFolder, of_stages: bool) -> Curves {
     let mut curves = Curves::new();
     for entry in std::fs::read_dir(folder.tensorboard()).into_iter().flatten().flatten() {

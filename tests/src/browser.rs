@@ -16,10 +16,8 @@ use std::time::{Duration, Instant};
 const PATIENCE: Duration = Duration::from_mins(2);
 /// How long a page may take to make a file, such as a film whose frames are drawn on a busy machine.
 const MAKING: Duration = Duration::from_mins(6);
-/// Names of the browser.
 const PROGRAMS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
 
-/// A browser with one page.
 #[derive(Debug)]
 pub struct Browser {
     child: Child,
@@ -38,9 +36,6 @@ pub struct Browser {
 
 impl Browser {
     /// Starts it; none where no browser is installed.
-    ///
-    /// # Panics
-    /// If it is installed and cannot be used.
     pub fn start() -> Option<Self> {
         let program = find()?;
         let profile = tempfile::tempdir().expect("a temporary folder");
@@ -88,10 +83,6 @@ impl Browser {
         Some(browser)
     }
 
-    /// Calls a method of the protocol.
-    ///
-    /// # Panics
-    /// If it fails, or is not answered.
     fn call(&mut self, method: &str, parameters: &Value) -> Value {
         self.last += 1;
         let mut call = json!({ "id": self.last, "method": method, "params": parameters });
@@ -148,9 +139,6 @@ impl Browser {
     }
 
     /// Clicks an element as a person does, and waits for the file of this name that it leads to.
-    ///
-    /// # Panics
-    /// If it does not come.
     pub fn download(&mut self, selector: &str, folder: &Path, name: &str) -> Vec<u8> {
         self.whole.remove(name);
         // Of what no person asked for, a browser takes ten files and no more.
@@ -169,15 +157,11 @@ impl Browser {
         std::fs::read(folder.join(name)).expect("a readable file")
     }
 
-    /// Opens an address.
     pub fn open(&mut self, address: &str) {
         self.call("Page.navigate", &json!({ "url": address }));
     }
 
     /// The value of an expression in the page.
-    ///
-    /// # Panics
-    /// If it throws.
     pub fn value(&mut self, expression: &str) -> Value {
         let parameters = json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
         let mut result = self.call("Runtime.evaluate", &parameters);
@@ -187,9 +171,6 @@ impl Browser {
     }
 
     /// Waits until an expression in the page is true.
-    ///
-    /// # Panics
-    /// If it does not become so; says what the page shows then.
     pub fn wait_for(&mut self, expression: &str) {
         let begun = Instant::now();
         // While a page loads there is nothing that an expression could be about.
@@ -265,9 +246,6 @@ impl Browser {
     }
 
     /// A picture of what is seen, as PNG.
-    ///
-    /// # Panics
-    /// If there is none.
     pub fn screenshot(&mut self) -> Vec<u8> {
         let taken = self.call("Page.captureScreenshot", &json!({ "format": "png" }));
         base64::prelude::BASE64_STANDARD.decode(taken["data"].as_str().expect("a picture")).expect("base64")

@@ -9,10 +9,8 @@ use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
-/// A channel that is offered.
 #[derive(Debug, Clone)]
 pub struct Channel {
-    /// Its number.
     pub id: u64,
     /// What its messages are called.
     pub schema_name: String,
@@ -20,12 +18,10 @@ pub struct Channel {
     pub schema: Vec<u8>,
 }
 
-/// A connection.
 #[derive(Debug)]
 pub struct Foxglove {
     stream: TcpStream,
     begun: Instant,
-    /// Channels by topic.
     pub channels: BTreeMap<String, Channel>,
     /// What the server is called.
     pub name: String,
@@ -47,9 +43,6 @@ const PATIENCE: Duration = DEADLINE.saturating_mul(2);
 
 impl Foxglove {
     /// Opens one; the refusal's status where there is none.
-    ///
-    /// # Panics
-    /// If the server does not answer, or not as RFC 6455 says.
     pub fn connect(address: &str, path: &str, token: &str) -> Result<Self, u16> {
         let mut stream = TcpStream::connect(address).expect("the viewer listens");
         stream.set_read_timeout(Some(Duration::from_mins(2))).expect("a timeout");
@@ -79,9 +72,6 @@ impl Foxglove {
     }
 
     /// Waits until this topic is offered, and subscribes to it.
-    ///
-    /// # Panics
-    /// If the server ends, or this connection is older than twice [`DEADLINE`].
     pub fn subscribe(&mut self, topic: &str) -> Channel {
         while !self.channels.contains_key(topic) {
             self.receive();
@@ -95,9 +85,6 @@ impl Foxglove {
     }
 
     /// The next message.
-    ///
-    /// # Panics
-    /// If the server ends, or this connection is older than twice [`DEADLINE`].
     pub fn message(&mut self) -> Told {
         loop {
             if let Some(message) = self.waiting.pop_front() {
@@ -108,9 +95,6 @@ impl Foxglove {
     }
 
     /// Waits until the server has taken all that was said to it: it answers in order.
-    ///
-    /// # Panics
-    /// If the server ends.
     pub fn settle(&mut self) {
         self.send(PING, b"");
         while self.receive() != PONG {}

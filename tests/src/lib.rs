@@ -61,9 +61,6 @@ depth_share = 0.2
 pub const DEADLINE: Duration = Duration::from_mins(4);
 
 /// Waits until `condition` holds, looking fifty times a second.
-///
-/// # Panics
-/// If it does not within [`DEADLINE`].
 pub fn wait_until(what: &str, mut condition: impl FnMut() -> bool) {
     let begun = Instant::now();
     while !condition() {
@@ -79,10 +76,6 @@ pub fn tell(text: &str) {
     let _ = writeln!(std::io::stderr(), "{}: {text}", test.name().unwrap_or("test"));
 }
 
-/// Path of one of our binaries.
-///
-/// # Panics
-/// If it has not been built.
 pub fn binary(name: &str) -> PathBuf {
     let test = std::env::current_exe().expect("a running test has a path");
     // Tests lie in target/PROFILE/deps, programs beside those that are started.
@@ -108,16 +101,12 @@ impl Default for Workshop {
 
 impl Workshop {
     /// A new, empty one.
-    ///
-    /// # Panics
-    /// If the temporary folder cannot be written.
     pub fn new() -> Self {
         let folder = tempfile::tempdir().expect("a temporary folder");
         std::fs::write(folder.path().join("tiny.toml"), TINY).expect("a writable temporary folder");
         Self { folder }
     }
 
-    /// A path inside it.
     pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
@@ -147,7 +136,6 @@ impl Workshop {
         self.up_seeded(name, actors, environments_per_actor, frames, 5)
     }
 
-    /// The same with a seed.
     pub fn up_seeded(&self, name: &str, actors: u32, environments_per_actor: u32, frames: u64, seed: u64) -> Command {
         self.orchestrator(&[
             "up",
@@ -189,7 +177,6 @@ impl Workshop {
     }
 }
 
-/// What a finished command printed.
 #[derive(Debug)]
 pub struct Printed {
     /// Exit status 0.
@@ -216,9 +203,6 @@ impl Printed {
     }
 
     /// The weights digest and the frame count of the summary's last two lines.
-    ///
-    /// # Panics
-    /// If the command failed or the lines are not there.
     pub fn result(&self) -> (String, u64) {
         assert!(self.success, "the command failed\n--- stdout\n{}\n--- stderr\n{}", self.stdout, self.stderr);
         let lines: Vec<&str> = self.stdout.trim_end().lines().rev().take(2).collect();
@@ -235,9 +219,6 @@ impl Printed {
 }
 
 /// Waits for a started command, draining its pipes.
-///
-/// # Panics
-/// If it takes longer than [`DEADLINE`]: no fault may end in a hang.
 pub fn finish(child: Child) -> Printed {
     let pid = child.id();
     let (sender, receiver) = std::sync::mpsc::channel();
@@ -251,9 +232,6 @@ pub fn finish(child: Child) -> Printed {
 }
 
 /// Starts a command.
-///
-/// # Panics
-/// If it cannot be started.
 pub fn start(mut command: Command) -> Child {
     command.spawn().expect("the binary can be started")
 }
@@ -264,17 +242,11 @@ pub fn complete(command: Command) -> Printed {
 }
 
 /// SIGKILL; a process that is already gone is fine.
-///
-/// # Panics
-/// If `pid` is not a process id.
 pub fn kill(pid: u32) {
     signal(pid, rustix::process::Signal::KILL);
 }
 
 /// Kills a started command and waits for it.
-///
-/// # Panics
-/// If it ended in any other way: a test of a kill that did not happen proves nothing.
 pub fn kill_child(child: Child) -> Printed {
     kill(child.id());
     let printed = finish(child);
@@ -283,9 +255,6 @@ pub fn kill_child(child: Child) -> Printed {
 }
 
 /// Sends a signal; a process that is already gone is fine.
-///
-/// # Panics
-/// If `pid` is not a process id.
 pub fn signal(pid: u32, signal: rustix::process::Signal) {
     let pid = i32::try_from(pid).ok().and_then(rustix::process::Pid::from_raw).expect("a process id");
     let _ = rustix::process::kill_process(pid, signal);
@@ -300,15 +269,11 @@ pub fn is_held(pid: u32) -> bool {
 /// A run folder under test.
 #[derive(Debug)]
 pub struct Run {
-    /// The folder.
     pub folder: RunFolder,
 }
 
 impl Run {
     /// Waits until the learner has trained at least `rollouts` rollouts.
-    ///
-    /// # Panics
-    /// If that takes longer than [`DEADLINE`].
     pub fn wait_for_rollouts(&self, rollouts: usize) {
         let begun = Instant::now();
         while self.metrics().len() < rollouts {
@@ -346,9 +311,6 @@ impl Run {
     }
 
     /// Waits until one of these [`Run::processes`] is held at a fault point (`STILLROOM_FAULT=hold=POINT`); its pid.
-    ///
-    /// # Panics
-    /// If that takes longer than [`DEADLINE`].
     pub fn wait_until_held(&self, word: &str) -> u32 {
         let mut held = None;
         wait_until(&format!("a process `{word}` is held"), || {
@@ -359,9 +321,6 @@ impl Run {
     }
 
     /// Kills one process whose command line holds `word`, and waits until it is gone.
-    ///
-    /// # Panics
-    /// If there is none, or it stays: a test of a kill that did not happen proves nothing.
     pub fn kill_one(&self, word: &str) {
         let found = self.processes(word);
         let pid = *found.first().unwrap_or_else(|| panic!("no process to kill has `{word}` in its command line"));
@@ -373,15 +332,10 @@ impl Run {
         }
     }
 
-    /// Frames trained so far.
     pub fn trained(&self) -> u64 {
         self.metrics().values().filter_map(|line| line["frames"].as_u64()).max().unwrap_or(0)
     }
 
-    /// The one learner process.
-    ///
-    /// # Panics
-    /// If there is not exactly one.
     pub fn learner(&self) -> u32 {
         let found = self.processes("--rank");
         assert_eq!(found.len(), 1, "one learner runs");
@@ -389,9 +343,6 @@ impl Run {
     }
 
     /// Messages per topic over all recordings of the run, in file order.
-    ///
-    /// # Panics
-    /// If a recording cannot be read.
     pub fn recorded(&self) -> BTreeMap<String, u64> {
         let mut counts = BTreeMap::new();
         for path in self.recordings() {
@@ -417,9 +368,6 @@ impl Run {
     }
 
     /// Waits until no process of the run is left: a killed orchestrator's children notice within moments, not at once.
-    ///
-    /// # Panics
-    /// If some are left.
     pub fn wait_for_end(&self) {
         let begun = Instant::now();
         while !self.processes("").is_empty() && begun.elapsed() < Duration::from_secs(20) {
@@ -430,9 +378,6 @@ impl Run {
     }
 
     /// Asserts that no process, no shared memory and no temporary folder of this run is left.
-    ///
-    /// # Panics
-    /// If something is.
     pub fn assert_nothing_left(&self) {
         self.wait_for_end();
         let id = self.folder.id().expect("run.toml holds the run's id");

@@ -113,7 +113,6 @@ impl Network {
         run(inside(&self.middle).args(["tc", "qdisc", "del", "dev", "lo", "root"]))
     }
 
-    /// A host's address.
     pub fn address(host: usize) -> String {
         format!("10.77.0.{}", host + 1)
     }
@@ -124,25 +123,16 @@ impl Network {
     }
 
     /// Unplugs a host's cable: nothing arrives any more, and nobody is told.
-    ///
-    /// # Panics
-    /// If that fails.
     pub fn cut(&self, host: usize) {
         ip(&self.middle, &["link", "set", &port(host), "down"]).expect("ip works");
     }
 
     /// Plugs it in again.
-    ///
-    /// # Panics
-    /// If that fails.
     pub fn mend(&self, host: usize) {
         ip(&self.middle, &["link", "set", &port(host), "up"]).expect("ip works");
     }
 
     /// The processes of a host whose command line holds `word`.
-    ///
-    /// # Panics
-    /// If the host is gone.
     pub fn processes(&self, host: usize, word: &str) -> Vec<u32> {
         let holder = self.hosts[host].0.id();
         let here = std::fs::read_link(format!("/proc/{holder}/ns/net")).expect("the host's namespace is there");
@@ -157,9 +147,6 @@ impl Network {
     }
 
     /// Waits until a process of this host is held at a fault point (`STILLROOM_FAULT=hold=POINT`).
-    ///
-    /// # Panics
-    /// If none is in time.
     pub fn wait_until_held(&self, host: usize, word: &str) {
         wait_until(&format!("a process `{word}` of host {host} is held"), || {
             self.processes(host, word).into_iter().any(is_held)
@@ -178,7 +165,6 @@ fn netem(device: &str, Quality { delay_ms, jitter_ms, loss_percent }: Quality) -
     words.split(' ').map(str::to_owned).collect()
 }
 
-/// A namespace that the command makes.
 fn held(command: &mut Command) -> Result<Namespace, String> {
     // An hour: longer than any test, should nobody end it.
     command.args(["sleep", "3600"]).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());

@@ -39,9 +39,6 @@ struct Image {
 }
 
 /// The recorded depth frames of a run, by topic, in the order in which they were written.
-///
-/// # Panics
-/// If a recording cannot be read.
 pub fn recorded_depth(run: &Run) -> BTreeMap<String, Vec<Vec<u8>>> {
     let mut frames: BTreeMap<String, Vec<Vec<u8>>> = BTreeMap::new();
     for path in run.recordings() {
@@ -63,15 +60,11 @@ pub fn recorded_depth(run: &Run) -> BTreeMap<String, Vec<Vec<u8>>> {
 pub struct RecordedSteps {
     /// By (kitchen, environment): by (episode, step): whether it ended the episode.
     environments: BTreeMap<(u32, u32), BTreeMap<(u32, u32), bool>>,
-    /// Messages.
     pub messages: u64,
 }
 
 impl RecordedSteps {
     /// Of all recordings of a run.
-    ///
-    /// # Panics
-    /// If one cannot be read.
     pub fn of(run: &Run) -> Self {
         let mut recorded = Self::default();
         for path in run.recordings() {
@@ -99,7 +92,6 @@ impl RecordedSteps {
         environment.insert((step.episode, step.step), step.ended);
     }
 
-    /// How many there are.
     pub fn count(&self) -> u64 {
         self.environments.values().map(|steps| steps.len() as u64).sum()
     }

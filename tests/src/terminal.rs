@@ -9,7 +9,6 @@ use std::os::unix::fs::OpenOptionsExt;
 use std::process::Command;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// A terminal.
 #[derive(Debug)]
 pub struct Terminal {
     /// Our side.
@@ -21,9 +20,6 @@ pub struct Terminal {
 
 impl Terminal {
     /// One of this size.
-    ///
-    /// # Panics
-    /// If the system has none.
     pub fn open(columns: u16, lines: u16) -> Self {
         let (desk, line) = sides();
         let written = Arc::new(Mutex::new(Vec::new()));
@@ -41,26 +37,17 @@ impl Terminal {
     }
 
     /// The programs' side of one that was closed: whoever still writes to it gets EIO.
-    ///
-    /// # Panics
-    /// If the system has none.
     pub fn closed() -> File {
         sides().1
     }
 
     /// Gives it another size.
-    ///
-    /// # Panics
-    /// If it does not take it.
     pub fn resize(&self, columns: u16, lines: u16) {
         let size = Winsize { ws_row: lines, ws_col: columns, ws_xpixel: 0, ws_ypixel: 0 };
         tcsetwinsize(&self.desk, size).expect("a size");
     }
 
     /// The same command as a session of its own on this terminal.
-    ///
-    /// # Panics
-    /// If there are no descriptors left.
     pub fn session(&self, command: &Command) -> Command {
         let side = || self.line.try_clone().expect("a descriptor");
         let mut session = Command::new("setsid");
@@ -74,14 +61,10 @@ impl Terminal {
     }
 
     /// Presses keys.
-    ///
-    /// # Panics
-    /// If the terminal is gone.
     pub fn press(&self, keys: &str) {
         (&self.desk).write_all(keys.as_bytes()).expect("somebody reads");
     }
 
-    /// All that was written to it.
     pub fn written(&self) -> String {
         let written = self.written.lock().unwrap_or_else(PoisonError::into_inner);
         String::from_utf8_lossy(&written).into_owned()
@@ -105,9 +88,6 @@ impl Terminal {
     }
 
     /// Waits until all of these were written after this place.
-    ///
-    /// # Panics
-    /// If they are not.
     pub fn wait_for(&self, place: usize, words: &[&str]) {
         let missing = || {
             let text = self.text_from(place);
@@ -122,9 +102,6 @@ impl Terminal {
     }
 
     /// How it treats keys and lines.
-    ///
-    /// # Panics
-    /// If it is gone.
     pub fn modes(&self) -> String {
         format!("{:?}", tcgetattr(&self.line).expect("a terminal"))
     }

@@ -21,9 +21,6 @@ pub struct Undisturbed {
 impl Undisturbed {
     /// The run that `command`, one of `workshop` for a run called `undisturbed`, makes with the configuration there. It is
     /// made unless these programs have made it before.
-    ///
-    /// # Panics
-    /// If the command fails.
     pub fn of(workshop: &Workshop, command: Command) -> Self {
         let config = std::fs::read_to_string(workshop.path("tiny.toml")).expect("a workshop has a configuration");
         let programs = ["orchestrator", "learner", "actor"].map(|name| {

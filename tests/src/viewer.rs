@@ -20,20 +20,14 @@ pub struct Viewer {
     pub token: String,
 }
 
-/// What it answered.
 #[derive(Debug)]
 pub struct Answer {
-    /// HTTP status.
     pub status: u16,
     /// What comes after the head.
     pub body: Vec<u8>,
 }
 
 impl Answer {
-    /// The body as JSON.
-    ///
-    /// # Panics
-    /// If it is none.
     pub fn json(&self) -> Value {
         let text = String::from_utf8_lossy(&self.body);
         serde_json::from_slice(&self.body).unwrap_or_else(|error| panic!("{error}: {text}"))
@@ -43,9 +37,6 @@ impl Answer {
 impl Workshop {
     /// Gives a command a home folder, `home`, and a desktop: it copies the file that it is asked to open to the path that
     /// comes back, and runs until that file is removed.
-    ///
-    /// # Panics
-    /// If the workshop cannot be written.
     pub fn with_desktop(&self, command: &mut Command) -> PathBuf {
         let opener = self.path("bin/xdg-open");
         let script = "#!/bin/sh\ncp \"$1\" \"$0.new\" && mv \"$0.new\" \"$0.html\"\n\
@@ -63,17 +54,11 @@ impl Workshop {
 
 impl Viewer {
     /// Starts one in a workshop, on any port.
-    ///
-    /// # Panics
-    /// If it does not say where it listens.
     pub fn start(workshop: &Workshop, arguments: &[&str]) -> Self {
         Self::of(workshop.orchestrator(&[&["view", "--port", "0"], arguments].concat()))
     }
 
     /// Starts this command, which is one.
-    ///
-    /// # Panics
-    /// If it does not say where it listens.
     pub fn of(command: Command) -> Self {
         let mut child = start(command);
         let mut lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();
@@ -89,10 +74,6 @@ impl Viewer {
         format!("http://{}/#token={}", self.address, self.token)
     }
 
-    /// Asks for a path.
-    ///
-    /// # Panics
-    /// If nothing comes back.
     pub fn get(&self, path: &str) -> Answer {
         let token = &self.token;
         let mut stream = TcpStream::connect(&self.address).expect("the viewer listens");
@@ -110,10 +91,6 @@ impl Viewer {
         Answer { status, body }
     }
 
-    /// JSON at a path.
-    ///
-    /// # Panics
-    /// If there is none.
     pub fn json(&self, path: &str) -> Value {
         let answer = self.get(path);
         assert_eq!(answer.status, 200, "{path}: {}", String::from_utf8_lossy(&answer.body));
@@ -121,17 +98,11 @@ impl Viewer {
     }
 
     /// Interrupts it; whether it ended well.
-    ///
-    /// # Panics
-    /// If it hangs.
     pub fn stop(self) -> bool {
         self.end(Signal::INT).success
     }
 
     /// Ends it by a signal; what it printed.
-    ///
-    /// # Panics
-    /// If it hangs.
     pub fn end(mut self, by: Signal) -> Printed {
         let child = self.child.take().expect("it is stopped once");
         signal(child.id(), by);
@@ -139,9 +110,6 @@ impl Viewer {
     }
 
     /// Waits for its own end.
-    ///
-    /// # Panics
-    /// If it does not end.
     pub fn wait(mut self) -> Printed {
         finish(self.child.take().expect("it is waited for once"))
     }

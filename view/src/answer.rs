@@ -39,7 +39,6 @@ impl From<TheatreError> for Refusal {
     }
 }
 
-/// A value as JSON.
 pub fn text(value: &impl Serialize) -> String {
     // Numbers, strings and lists always serialise.
     serde_json::to_string(value).unwrap_or_else(|error| serde_json::json!({ "error": error.to_string() }).to_string())

@@ -24,7 +24,6 @@ pub enum Problem {
 pub trait Runs: Send + Sync + 'static {
     /// All runs and evaluations, the newest first.
     fn list(&self) -> Vec<Card>;
-    /// How a run stands.
     fn live(&self, run: &str) -> Result<Live, Problem>;
     /// Its learning curves: those that come after the first `known` rollouts of that edition, or all if the figures
     /// were written anew since.
@@ -55,7 +54,6 @@ pub struct Card {
     pub created_unix_s: u64,
     /// Frames trained on, or episodes played.
     pub done: u64,
-    /// Of so many.
     pub budget: u64,
     /// The task's metrics that are shown.
     pub metrics: Vec<Described>,
@@ -70,7 +68,6 @@ pub struct Card {
     pub problem: Option<String>,
 }
 
-/// How a run stands.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Live {
     /// As in the list.
@@ -101,7 +98,6 @@ pub struct Live {
     pub validation: Vec<Validated>,
     /// Means by kitchen over the newest episodes of each; none where environments are not built in.
     pub kitchens: Vec<Kitchen>,
-    /// The recordings in a line.
     pub recordings: Option<String>,
     /// Share of the recordings that the table of episodes has taken in, 0..1.
     pub indexed: f64,
@@ -120,7 +116,6 @@ pub struct Stage {
     pub reward: String,
     /// Frames before it.
     pub begins_at: u64,
-    /// Frames it is to have.
     pub budget: u64,
     /// Frames trained on in it.
     pub frames: u64,
@@ -128,7 +123,6 @@ pub struct Stage {
     pub figures: BTreeMap<String, f64>,
 }
 
-/// One start of the orchestrator.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Start {
     /// From 1.
@@ -269,11 +263,8 @@ impl Serialize for EpisodeKey {
 pub struct EpisodeQuery {
     /// `training`, or the folder's name of a validation; empty: what the folder is about.
     pub source: String,
-    /// Only of this kitchen.
     pub kitchen: Option<u32>,
-    /// Only with this target.
     pub target: Option<String>,
-    /// Only with this outcome.
     pub outcome: Option<String>,
     /// Only those that can be simulated again.
     pub recorded: Option<bool>,
@@ -314,7 +305,6 @@ pub struct EpisodePage {
     pub targets: Vec<String>,
     /// Figures that rows have, beside their length.
     pub columns: Vec<EpisodeColumn>,
-    /// Outcomes that are successes.
     pub successes: Vec<String>,
     /// Tables that there are: `training`, and one for each validation.
     pub sources: Vec<String>,
@@ -324,7 +314,6 @@ pub struct EpisodePage {
     pub notes: Vec<String>,
 }
 
-/// An episode in the table.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct EpisodeRow {
     /// Its address; none if its actions were not recorded.
@@ -344,7 +333,6 @@ pub struct EpisodeRow {
     pub figures: BTreeMap<String, f64>,
 }
 
-/// A figure of episodes.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct EpisodeColumn {
     /// Its unit is its last word.

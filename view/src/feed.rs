@@ -3,28 +3,21 @@
 use proto::show::{ShownEpisode, ShownSolids};
 use std::sync::Arc;
 
-/// What a topic carries.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Topic {
     pub name: String,
-    /// Encoding of its messages.
     pub encoding: String,
     /// What a message is called.
     pub schema_name: String,
-    /// Encoding of its description.
     pub schema_encoding: String,
-    /// Its description.
     pub schema: Vec<u8>,
 }
 
-/// One message.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Recorded {
-    /// Where it belongs.
     pub topic: Arc<Topic>,
     /// When it was recorded, nanoseconds since 1970.
     pub at_ns: u64,
-    /// Its content.
     pub data: Vec<u8>,
 }
 

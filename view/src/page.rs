@@ -5,10 +5,8 @@ use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use sha2::{Digest, Sha256};
 
-/// One file.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Asset {
-    /// Its address.
     pub path: &'static str,
     pub kind: &'static str,
     pub content: &'static str,
@@ -33,7 +31,6 @@ const MODULES: [&str; 5] = [
     include_str!("../page/report.js"),
 ];
 
-/// All files.
 pub(crate) const ASSETS: &[Asset] = &[
     asset!("/", "text/html; charset=utf-8", "index.html"),
     asset!("/uPlot.css", "text/css; charset=utf-8", "uPlot/uPlot.min.css"),

@@ -39,13 +39,10 @@ struct Server {
 /// What the page opens with.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Opening {
-    /// Runs to look at.
     pub runs: Vec<String>,
     /// Two of them, episode beside episode.
     pub compare: bool,
-    /// A policy plays.
     pub play: bool,
-    /// Version of the program.
     pub version: &'static str,
 }
 

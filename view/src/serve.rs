@@ -26,7 +26,6 @@ const HEAD_BYTES: usize = 32 << 10;
 /// What the server is told.
 #[derive(Debug, Clone)]
 pub struct Settings {
-    /// The executable of the actor.
     pub actor: PathBuf,
     /// What a request must show.
     pub token: String,
@@ -38,7 +37,6 @@ pub struct Settings {
     pub play: bool,
 }
 
-/// Why the server ended.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot accept connections at {address}: {cause}")]
 pub struct ServeError {

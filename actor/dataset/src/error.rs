@@ -7,26 +7,15 @@ use std::path::{Path, PathBuf};
 /// Why a data set was not written.
 #[derive(Debug, thiserror::Error)]
 pub enum DatasetError {
-    /// The folder is there.
     #[error("{} exists; remove it or choose another --out", .0.display())]
     Exists(PathBuf),
     /// What an export that is running or was killed works in.
     #[error("{} is there: another export writes it, or was killed; if none is running, remove it", .0.display())]
     Partial(PathBuf),
     #[error("{} cannot be written", path.display())]
-    Disk {
-        /// File or folder.
-        path: PathBuf,
-        /// What is wrong.
-        source: io::Error,
-    },
+    Disk { path: PathBuf, source: io::Error },
     #[error("{} cannot be written", path.display())]
-    Archive {
-        /// Its file.
-        path: PathBuf,
-        /// What is wrong.
-        source: zip::result::ZipError,
-    },
+    Archive { path: PathBuf, source: zip::result::ZipError },
 }
 
 /// The disk's error at this path.

@@ -110,7 +110,6 @@ fn numpy_type(dtype: Dtype) -> &'static str {
 }
 
 impl Column<'_> {
-    /// Its rows.
     pub fn rows<'e>(&self, episode: &'e Episode) -> &'e [Moment] {
         &episode.moments[usize::from(!self.is_seen)..]
     }

@@ -9,7 +9,6 @@ use std::path::Path;
 use zip::result::ZipResult;
 use zip::write::{SimpleFileOptions, ZipWriter};
 
-/// Writes an episode.
 pub fn write_episode(path: &Path, episode: &Episode, source: &Source) -> Result<(), DatasetError> {
     let file = File::create_new(path).map_err(|source| disk(path, source))?;
     let mut archive = Archive(ZipWriter::new(BufWriter::new(file)));

@@ -15,28 +15,15 @@ const CLUSTER: usize = LANES * LANES;
 pub enum MeshError {
     /// A triangle has a corner that is not there.
     #[error("triangle {triangle} has vertex {vertex}, and there are {count} vertices")]
-    NoSuchVertex {
-        /// Its number.
-        triangle: usize,
-        /// The vertex that it names.
-        vertex: u32,
-        /// How many vertices there are.
-        count: usize,
-    },
+    NoSuchVertex { triangle: usize, vertex: u32, count: usize },
     /// A vertex is nowhere.
     #[error("vertex {0} is not finite: every coordinate must be a number")]
     NotFinite(usize),
     /// Heights are no grid.
     #[error("{heights} heights are no grid of {columns} columns: there must be at least two rows and two columns")]
-    NoGrid {
-        /// How many heights there are.
-        heights: usize,
-        /// How many columns were asked for.
-        columns: usize,
-    },
+    NoGrid { heights: usize, columns: usize },
 }
 
-/// A ball.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Ball {
     pub centre_m: [f32; 3],
@@ -56,7 +43,6 @@ pub(crate) struct Node {
     pub axis: [[f32; LANES]; 3],
     pub cos: [f32; LANES],
     pub sin: [f32; LANES],
-    /// How many parts there are.
     pub count: u32,
     pub parts: Parts,
 }
@@ -65,7 +51,6 @@ pub(crate) struct Node {
 #[derive(Debug, Clone)]
 pub(crate) enum Parts {
     Nodes([u32; LANES]),
-    /// Blocks from this one on.
     Blocks(u32),
 }
 
@@ -75,7 +60,6 @@ impl Default for Parts {
     }
 }
 
-/// A mesh.
 #[derive(Debug, Clone)]
 pub struct Mesh {
     /// The first is the whole mesh; none if it has no triangles.
@@ -157,7 +141,6 @@ impl Mesh {
         Self::new(&vertices, &triangles)
     }
 
-    /// How many triangles it has.
     pub fn triangles(&self) -> usize {
         self.triangles
     }

@@ -29,7 +29,6 @@ pub struct Scene {
     things: Vec<(u32, Shape)>,
 }
 
-/// A thing in view.
 #[derive(Debug, Clone, Copy)]
 struct InView {
     thing: usize,
@@ -64,7 +63,6 @@ impl Shape {
 }
 
 impl Scene {
-    /// Adds a thing.
     pub fn add(&mut self, number: u32, shape: Shape) {
         self.things.push((number, shape));
     }

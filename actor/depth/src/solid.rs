@@ -112,7 +112,6 @@ pub(crate) fn plane(image: &mut Image, lens: &Lens, placed: &Placed, half_m: [f6
     sweep_planes(image, at, &[inverse_m], [0.0, f32::MAX], number);
 }
 
-/// A box.
 pub(crate) fn cuboid(image: &mut Image, lens: &Lens, placed: &Placed, half_m: [f64; 3], at: Rectangle, number: u32) {
     let Some(planes) = mark_cuboid(image, lens, placed, half_m, at) else { return };
     let (mut nearest_m, mut farthest_m) = (f64::MAX, 0.0f64);

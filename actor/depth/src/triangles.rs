@@ -56,7 +56,6 @@ struct Corner {
     inverse_m: f64,
 }
 
-/// Draws a mesh.
 pub(crate) fn mesh(image: &mut Image, lens: &Lens, placed: &Placed, mesh: &Mesh, number: u32) {
     let factors = lens.focal_px.map(|px| px * f64::from(UNITS));
     let matrix = [0, 1, 2].map(|i| {

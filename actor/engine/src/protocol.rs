@@ -288,71 +288,6 @@ mod tests {
     }
 
     #[test]
-    fn it_says_hello_until_its_restore_arrives() {
-        let mut protocol = Protocol::new(3, 7, 2, false);
-        assert_eq!(protocol.next(T0), Todo::Hello);
-        assert_eq!((protocol.hello_header().actor, protocol.hello_header().actor_incarnation), (3, 7));
-        protocol.hello_sent(T0);
-        assert_eq!(protocol.next(ms(1)), Todo::Wait(ms(199)));
-        assert_eq!(protocol.next(ms(190)), Todo::Wait(ms(10)));
-        assert_eq!(protocol.next(ms(200)), Todo::Hello);
-        assert!(ignored(protocol.on_restore(&restore(1, 6, [0, 0]), 2, ms(200))), "for its predecessor");
-        assert!(ignored(protocol.on_restore(&restore(1, 7, [0, 0]), 3, ms(200))), "of another size");
-        assert!(ignored(protocol.on_actions(&actions(1, 0, 0), 1)));
-        assert_eq!(protocol.next(ms(200)), Todo::Hello);
-        assert_eq!(protocol.on_restore(&restore(1, 7, [4, 5]), 2, ms(200)), Verdict::Accepted);
-        assert_eq!(protocol.next(ms(200)), Todo::Send { half: 0 });
-        assert_eq!(protocol.observation_header(0).step, 4);
-        assert_eq!(protocol.observation_header(1).step, 5);
-    }
-
-    #[test]
-    fn a_learner_that_was_never_started_is_not_followed() {
-        let mut protocol = Protocol::new(3, 7, 2, false);
-        assert!(ignored(protocol.on_restore(&restore(u32::MAX, 7, [0, 0]), 2, T0)));
-        assert_eq!(protocol.on_restore(&restore(3, 7, [4, 5]), 2, T0), Verdict::Accepted);
-        assert!(ignored(protocol.on_restore(&restore(u32::MAX, 7, [0, 0]), 2, T0)));
-        // The true learner is followed still, and so is its successor.
-        assert_eq!(protocol.on_actions(&actions(3, 0, 4), 1), Verdict::Accepted);
-        assert_eq!(protocol.on_restore(&restore(5, 0, [1, 1]), 2, T0), Verdict::Accepted);
-    }
-
-    #[test]
-    fn it_takes_no_part_before_the_recorder_has_met_it() {
-        let mut protocol = Protocol::new(3, 7, 2, true);
-        protocol.hello_sent(T0);
-        assert_eq!(protocol.on_restore(&restore(1, 7, [4, 5]), 2, T0), Verdict::Accepted);
-        // The recorder's word is looked for often, and HELLO said again: the one before may have been dropped.
-        assert_eq!(protocol.next(ms(1)), Todo::Wait(MEETING_INTERVAL));
-        assert_eq!(protocol.next(ms(200)), Todo::Hello);
-        protocol.hello_sent(ms(200));
-        protocol.on_met(6);
-        assert!(protocol.is_strange(), "that was its predecessor");
-        assert_eq!(protocol.next(ms(201)), Todo::Wait(MEETING_INTERVAL));
-        protocol.on_met(7);
-        assert_eq!(protocol.next(ms(202)), Todo::Send { half: 0 });
-        // It stays so, whichever learner comes.
-        assert_eq!(protocol.on_restore(&restore(2, 0, [4, 4]), 2, ms(203)), Verdict::Accepted);
-        assert!(!protocol.is_strange());
-        assert_eq!(protocol.next(ms(203)), Todo::Send { half: 0 });
-    }
-
-    #[test]
-    fn an_exchange_advances_one_half() {
-        let mut protocol = talking(3);
-        assert_eq!(protocol.next(T0), Todo::Wait(WAIT_MAX));
-        assert_eq!(protocol.on_actions(&actions(1, 0, 10), 2), Verdict::Accepted);
-        assert_eq!(protocol.next(T0), Todo::Act { half: 0 });
-        protocol.acted(0, T0);
-        assert_eq!(protocol.next(T0), Todo::Send { half: 0 });
-        let header = protocol.observation_header(0);
-        assert_eq!((header.step, header.stage_version, header.learner_incarnation), (11, 2, 1));
-        assert_eq!(protocol.observation_header(1).step, 10);
-        protocol.sent(0, true, T0);
-        assert_eq!(protocol.next(T0), Todo::Wait(WAIT_MAX));
-    }
-
-    #[test]
     fn a_half_is_simulated_and_sent_before_the_other_is_simulated() {
         let mut protocol = talking(4);
         protocol.on_actions(&actions(1, 1, 10), 2);
@@ -369,44 +304,6 @@ mod tests {
         }
         let turns = [Todo::Act { half: 0 }, Todo::Send { half: 0 }, Todo::Act { half: 1 }, Todo::Send { half: 1 }];
         assert_eq!(order[..4], turns);
-    }
-
-    #[test]
-    fn duplicates_and_strangers_change_nothing() {
-        let mut protocol = talking(3);
-        for (header, count) in [
-            (actions(1, 0, 9), 2),
-            (actions(1, 0, 11), 2),
-            (actions(0, 0, 10), 2),
-            (actions(2, 0, 10), 2),
-            (actions(1, 0, 10), 1),
-            (actions(1, 2, 10), 2),
-        ] {
-            assert!(ignored(protocol.on_actions(&header, count)), "{header:?}");
-            assert_eq!(protocol.next(T0), Todo::Wait(WAIT_MAX));
-        }
-        assert_eq!(protocol.on_actions(&actions(1, 0, 10), 2), Verdict::Accepted);
-        assert!(ignored(protocol.on_actions(&actions(1, 0, 10), 2)), "twice");
-        protocol.acted(0, T0);
-        protocol.sent(0, true, T0);
-        assert!(ignored(protocol.on_actions(&actions(1, 0, 10), 2)), "late");
-        assert!(ignored(protocol.on_restore(&restore(0, 0, [0, 0]), 3, T0)), "of a dead learner");
-        assert_eq!(protocol.next(T0), Todo::Wait(WAIT_MAX));
-    }
-
-    #[test]
-    fn a_new_learner_rewinds_also_in_the_middle_of_an_exchange() {
-        let mut protocol = talking(3);
-        protocol.on_actions(&actions(1, 1, 10), 1);
-        assert_eq!(protocol.on_restore(&restore(2, 0, [6, 6]), 3, T0), Verdict::Accepted);
-        assert!(ignored(protocol.on_actions(&actions(1, 0, 10), 2)), "of the old learner");
-        for half in 0..2 {
-            assert_eq!(protocol.next(T0), Todo::Send { half }, "the actions taken from the old learner are forgotten");
-            let header = protocol.observation_header(half);
-            assert_eq!((header.step, header.learner_incarnation, header.stage_version), (6, 2, 1));
-            protocol.sent(half, true, T0);
-        }
-        assert_eq!(protocol.on_actions(&actions(2, 0, 6), 2), Verdict::Accepted);
     }
 
     #[test]
@@ -431,29 +328,6 @@ mod tests {
         assert_eq!(protocol.next(T0), Todo::Act { half: 1 }, "the learner will not send them again");
         protocol.acted(1, T0);
         assert_eq!(protocol.observation_header(1).step, 11);
-    }
-
-    #[test]
-    fn an_observation_that_reached_nobody_is_sent_again() {
-        let mut protocol = Protocol::new(0, 1, 1, false);
-        protocol.on_restore(&restore(1, 0, [0, 0]), 1, T0);
-        protocol.sent(0, false, T0);
-        assert_eq!(protocol.next(ms(20)), Todo::Wait(ms(30)));
-        assert_eq!(protocol.next(ms(50)), Todo::Send { half: 0 });
-        protocol.sent(0, true, ms(50));
-        assert_eq!(protocol.next(ms(50)), Todo::Wait(WAIT_MAX));
-    }
-
-    #[test]
-    fn one_environment_is_one_half() {
-        let mut protocol = talking(1);
-        assert!(ignored(protocol.on_actions(&actions(1, 1, 10), 0)));
-        assert_eq!(protocol.on_actions(&actions(1, 0, 10), 1), Verdict::Accepted);
-        assert_eq!(protocol.next(T0), Todo::Act { half: 0 });
-        protocol.acted(0, T0);
-        assert_eq!(protocol.next(T0), Todo::Send { half: 0 });
-        protocol.sent(0, true, T0);
-        assert_eq!(protocol.next(T0), Todo::Wait(WAIT_MAX));
     }
 
     proptest! {

@@ -51,7 +51,6 @@ pub enum Variant {
 }
 
 impl Variant {
-    /// Both.
     pub const ALL: [Self; 2] = [Self::Fast, Self::Careful];
 
     pub fn named(name: &str) -> Option<Self> {

@@ -16,7 +16,6 @@ pub struct Moment<'a> {
     pub target: usize,
     /// Where the target is to be brought, metres.
     pub goal: Vec3,
-    /// The robot's configuration.
     pub robot: Configuration,
     /// `world_from_body` of every movable thing.
     pub movables: Vec<Pose3>,

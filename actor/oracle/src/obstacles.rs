@@ -33,7 +33,6 @@ fn cells(low_m: f32, high_m: f32) -> impl Iterator<Item = usize> + Clone {
 }
 
 impl Obstacles {
-    /// Adds the parts of a body.
     pub fn add(&mut self, solid: &Solid, world_from_body: &Pose3) {
         for (shape, body_from_part) in &solid.parts {
             let pose = *world_from_body * *body_from_part;

@@ -18,7 +18,6 @@ const SAME_STAND_M: f32 = 0.1;
 /// Which floor poses in reach of the aim are looked at.
 #[derive(Debug, Clone, Copy)]
 pub struct Stands<'a> {
-    /// How many at most.
     most: usize,
     /// None that is like one of these.
     avoided: &'a [Configuration],

@@ -46,11 +46,7 @@ const ACTIONS: [Action; 10] = [
 #[derive(Clone, Copy)]
 pub enum Aim<'a> {
     /// Touch the target with the magnet.
-    Grasp {
-        /// The target.
-        solid: &'a Solid,
-        pose: Pose3,
-    },
+    Grasp { solid: &'a Solid, pose: Pose3 },
     /// Bring the held target to its goal.
     Place {
         /// The goal of its centre.

@@ -102,7 +102,6 @@ impl<S: Copy> Search<S> {
         self.nodes[index].cost
     }
 
-    /// The actions that lead to it.
     pub fn path(&self, index: usize) -> Vec<Action> {
         let mut actions = Vec::new();
         let mut at = index;

@@ -19,10 +19,7 @@ pub struct Camera {
 #[derive(Debug, Clone, Copy)]
 pub enum Projection {
     /// Along parallel rays; the picture's width is twice this, metres.
-    Parallel {
-        /// Half of the width, metres.
-        half_width_m: f32,
-    },
+    Parallel { half_width_m: f32 },
     /// Through the camera's centre; this is the tangent of half the horizontal field of view.
     Central {
         /// Tangent of half the horizontal field of view.

@@ -7,12 +7,9 @@ use std::path::{Path, PathBuf};
 /// 24-bit sRGB.
 pub type Rgb = [u8; 3];
 
-/// A picture.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Canvas {
-    /// Columns.
     pub width: usize,
-    /// Rows.
     pub height: usize,
     /// Row after row from the top.
     pub pixels: Vec<Rgb>,

@@ -9,7 +9,6 @@ use simulator::mesh::triangles_of;
 use simulator::robot::links::{PartPoses, part_shapes};
 use simulator::shape::Shape;
 
-/// One triangle in the world.
 #[derive(Debug, Clone, Copy)]
 pub struct Triangle {
     /// Its corners, metres.
@@ -97,7 +96,6 @@ impl Model {
         }
     }
 
-    /// The corners of every triangle.
     pub fn corners(&self) -> impl Iterator<Item = [Vec3; 3]> + '_ {
         self.triangles.iter().map(|triangle| triangle.corners)
     }

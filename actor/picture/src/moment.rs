@@ -17,20 +17,16 @@ pub struct Task {
     pub goal: Option<Vec3>,
     /// How near is enough on each axis, metres.
     pub goal_tolerance_m: f32,
-    /// Which episode.
     pub title: String,
 }
 
-/// One moment of an episode.
 #[derive(Debug, Clone)]
 pub struct Moment {
     /// Poses of the kitchen's movable things.
     pub things: Vec<Pose3>,
     /// Poses of the robot's parts.
     pub robot: PartPoses,
-    /// Pose of the head camera.
     pub world_from_camera: Pose3,
-    /// What happens.
     pub captions: Captions,
 }
 

@@ -19,7 +19,6 @@ const HEAD_M: Vec3 = Vec3::new(0.09, 0.05, 0.07);
 /// Thickness of a link, of its capsule's.
 const LINK: f32 = 0.75;
 
-/// A piece of the robot.
 pub struct Piece {
     pub shape: Shape,
     pub world_from_body: Pose3,

@@ -49,7 +49,6 @@ struct Inks {
     background: [f32; 3],
 }
 
-/// What one sample shows.
 #[derive(Clone, Copy)]
 struct Sample {
     /// Linear colour; of what waits for light, under full light.

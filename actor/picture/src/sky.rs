@@ -10,7 +10,6 @@ use rapier3d::math::{Pose3, Rot3, Vec3};
 use std::borrow::Borrow;
 use std::f32::consts::PI;
 
-/// Lamps on the dome.
 const LAMPS: usize = 96;
 /// Lowest lamp: sine of its elevation.
 const LOWEST: f32 = 0.12;

@@ -64,7 +64,6 @@ fn plan_camera(model: &Model) -> Camera {
 pub struct PlanFrame {
     /// Its middle on the highest thing, metres.
     pub centre: Vec3,
-    /// Half of its width, metres.
     pub half_width_m: f32,
 }
 

@@ -9,7 +9,6 @@ use std::f32::consts::TAU;
 
 /// Tangent of half the field of view.
 const TAN_HALF_WIDTH: f32 = 0.42;
-/// Directions that are tried.
 const DIRECTIONS: usize = 16;
 /// Angles at which it may look down, radians, the best liked first.
 const PITCHES: [f32; 3] = [0.75, 0.6, 1.05];
@@ -28,7 +27,6 @@ const SLACK_M: f32 = 0.1;
 pub struct Orbit {
     /// Middle of the ball, metres.
     pub centre: Vec3,
-    /// Its radius, metres.
     pub radius_m: f32,
     /// Direction of the look, radians about the vertical.
     pub yaw_rad: f32,

@@ -9,9 +9,7 @@ pub const NOTHING: u32 = u32::MAX;
 /// A picture of triangle numbers and nearness.
 #[derive(Debug, Clone)]
 pub struct Visible {
-    /// Columns.
     pub width: usize,
-    /// Rows.
     pub height: usize,
     /// Nearness of what a pixel shows (see [`Pixel::nearness`]); negative infinity where there is nothing.
     pub nearness: Vec<f32>,

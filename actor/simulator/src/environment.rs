@@ -122,7 +122,6 @@ pub struct Displacement {
     pub total_m: f64,
     /// Things further than [`DISTURBED_AXIS_M`] away on some axis.
     pub disturbed: u32,
-    /// The farthest, metres.
     pub farthest_m: f32,
 }
 
@@ -309,7 +308,6 @@ impl Base {
         self.ever_disturbed.iter().filter(|&&ever| ever).count() as u32
     }
 
-    /// Whether the episode has ended.
     pub fn ended(&self) -> bool {
         self.end.is_some()
     }
@@ -324,7 +322,6 @@ impl Base {
         self.max_steps
     }
 
-    /// The robot's configuration.
     pub fn robot(&self) -> &Configuration {
         self.simulation.configuration()
     }

@@ -13,7 +13,6 @@ use std::f64::consts::PI;
 
 /// Fewest sides of a round thing.
 const SIDES_LEAST: usize = 40;
-/// Most sides of a round thing.
 const SIDES_MOST: usize = 120;
 /// The sides of a round thing lie within this distance of it, metres, unless that takes more than the most sides.
 const FINEST_ERROR_M: f64 = 0.000_15;
@@ -35,7 +34,6 @@ pub struct Face {
     pub count: u32,
 }
 
-/// A polyhedron.
 #[derive(Debug, Clone, Default)]
 pub struct Mesh {
     /// Vertices, metres.
@@ -59,7 +57,6 @@ pub struct Edge {
 pub struct Sphere {
     /// Its centre, metres.
     pub centre: [f32; 3],
-    /// Its radius, metres.
     pub radius_m: f32,
 }
 

@@ -13,20 +13,16 @@ pub enum Primitive {
     },
     /// A cylinder about the y axis.
     Cylinder {
-        /// Radius, metres.
         radius_m: f32,
-        /// Half of its height, metres.
         half_height_m: f32,
     },
     /// A capsule about the y axis: a segment swept by a sphere.
     Capsule {
-        /// Radius, metres.
         radius_m: f32,
         /// Half of the segment's length, metres (the caps come on top).
         half_height_m: f32,
     },
     Sphere {
-        /// Radius, metres.
         radius_m: f32,
     },
     /// The convex hull of points; at least four, not in one plane.
@@ -97,7 +93,6 @@ impl Shape {
         self
     }
 
-    /// Adds a part at a pose.
     #[must_use]
     pub fn turned(mut self, primitive: Primitive, body_from_part: Pose3) -> Self {
         self.parts.push(Part { primitive, body_from_part });

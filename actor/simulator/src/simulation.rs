@@ -105,7 +105,6 @@ impl Simulation {
             .fold(0.0, f32::max)
     }
 
-    /// The robot's configuration.
     pub fn configuration(&self) -> &Configuration {
         &self.configuration
     }
@@ -120,12 +119,10 @@ impl Simulation {
         self.poses[HAND].translation
     }
 
-    /// Whether something is held.
     pub fn holding(&self) -> bool {
         self.held.is_some()
     }
 
-    /// Pose of a movable thing.
     pub fn movable_pose(&self, movable: usize) -> &Pose3 {
         &self.things.poses()[movable]
     }
@@ -159,7 +156,6 @@ impl Simulation {
         self.watch.as_ref().map(|watch| watch.extremes())
     }
 
-    /// Number of movable things.
     pub fn movable_count(&self) -> usize {
         self.things.poses().len()
     }

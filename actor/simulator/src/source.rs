@@ -26,12 +26,7 @@ pub enum SourceError {
     Scene(#[from] SceneError),
     /// The scene cannot be opened as a file of the run folder.
     #[error("scene {path}: {cause}", path = .path.display())]
-    NotItsOwn {
-        /// Its file.
-        path: PathBuf,
-        /// Why.
-        cause: std::io::Error,
-    },
+    NotItsOwn { path: PathBuf, cause: std::io::Error },
     /// Another program simulates.
     #[error(
         "the run's environments are not built in: they can be simulated again by `orchestrator replay`, but not drawn"
@@ -43,7 +38,6 @@ pub enum SourceError {
         kitchen: KitchenId,
         /// Its place in the list.
         index: usize,
-        /// How many there are.
         scenes: usize,
     },
 }

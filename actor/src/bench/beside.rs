@@ -26,11 +26,8 @@ use wire::message::{Halves, Line};
 pub struct Options {
     /// Where all environments are.
     pub kitchen: KitchenId,
-    /// How many.
     pub environments: u32,
-    /// Seed of their episodes.
     pub seed: u64,
-    /// Steps of a turn.
     pub steps: u32,
 }
 

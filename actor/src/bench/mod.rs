@@ -6,13 +6,10 @@
 //! time on a processor, so that other programs of the machine do not count.
 
 pub mod action_source;
-pub mod apart;
 pub mod beside;
 mod clock;
-pub mod memory;
 pub mod player;
 mod report;
-mod visits;
 
 use action_source::PolicyKind;
 use anyhow::{Result, ensure};
@@ -22,7 +19,7 @@ use proto::camera::{FRAME_PIXELS, FRAME_SIDE};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use report::{Measurement, Memory};
+use report::Measurement;
 use simulator::depth::DepthCamera;
 use simulator::kitchen::Kitchen;
 use simulator::scene_file;
@@ -38,7 +35,6 @@ const EPISODES: u32 = 8;
 /// Views that frames without physics are drawn from, of all environments together.
 const VIEWS: u32 = 64;
 
-/// What to measure.
 #[derive(Debug, Clone)]
 pub struct Options {
     pub kitchens: Vec<KitchenId>,
@@ -47,10 +43,6 @@ pub struct Options {
     pub policies: Vec<PolicyKind>,
     /// Processor time for each figure, seconds.
     pub seconds: f64,
-    /// Measure the memory of a further environment as well.
-    pub memory: bool,
-    /// As many environments as kitchens, each in its own, in place of the table.
-    pub apart: bool,
     /// Print JSON in place of the table.
     pub json: bool,
 }
@@ -58,13 +50,8 @@ pub struct Options {
 /// Measures and prints.
 pub fn run(options: &Options) -> Result<()> {
     ensure!(options.seconds > 0.0 && options.seconds <= 3600.0, "measure for a time between 0 and 3600 seconds");
-    if options.apart {
-        let out = std::io::stdout().lock();
-        return apart::run(&options.kitchens, &options.policies, options.seconds, options.memory, out);
-    }
     let config = Config::default();
     let mut rows = Vec::new();
-    let mut memory = Memory { mb: Vec::new() };
     let scene = options.scene.as_ref().and_then(|_| KitchenId::scene(0));
     let kitchens: Vec<KitchenId> = scene.map_or_else(|| options.kitchens.clone(), |scene| vec![scene]);
     for &kitchen in &kitchens {
@@ -78,14 +65,11 @@ pub fn run(options: &Options) -> Result<()> {
                 rows.push(measure(&built, policy, environments, &config, options.seconds)?);
             }
         }
-        if options.memory && options.scene.is_none() {
-            memory.mb.push(memory::further_environment_mb(kitchen)?);
-        }
         tracing::info!("kitchen {kitchen} measured");
     }
     let mut out = std::io::stdout().lock();
     if options.json {
-        writeln!(out, "{:#}", report::json(&rows, &memory))?;
+        writeln!(out, "{:#}", report::json(&rows))?;
     } else {
         writeln!(
             out,
@@ -94,7 +78,7 @@ pub fn run(options: &Options) -> Result<()> {
             config.simulation.substeps,
             config.simulation.timestep_s,
         )?;
-        report::table(&mut out, &rows, &memory)?;
+        report::table(&mut out, &rows)?;
     }
     Ok(())
 }

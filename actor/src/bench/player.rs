@@ -16,7 +16,6 @@ use std::sync::Arc;
 /// One environment, from one episode into the next, and after the last into the first again.
 pub(crate) struct Player {
     pub environment: Environment,
-    /// Actions of each episode.
     script: Vec<Vec<Action>>,
     episode: usize,
     step: usize,
@@ -62,12 +61,6 @@ impl Player {
             self.step = 0;
             self.environment.start_episode(self.episode as u32);
         }
-    }
-
-    /// Prepares the next episode to the end, as an actor does that has time.
-    pub fn prepare(&mut self) {
-        let next = self.episode as u32 + 1;
-        while self.environment.prepare_episode(next) {}
     }
 
     /// Actions of the episode at hand.

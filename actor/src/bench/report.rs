@@ -10,7 +10,6 @@ use std::io::{self, Write};
 pub struct Measurement {
     pub kitchen: KitchenId,
     pub policy: PolicyKind,
-    /// Environments on one core.
     pub environments: u32,
     /// Processor time of a step without a frame, seconds.
     pub physics_s: f64,
@@ -40,14 +39,8 @@ impl Spread {
     }
 }
 
-/// Memory of a further environment in each kitchen.
-pub struct Memory {
-    /// Megabytes.
-    pub mb: Vec<f64>,
-}
-
 /// Writes the table: a line for each policy and number of environments.
-pub fn table(out: &mut impl Write, rows: &[Measurement], memory: &Memory) -> io::Result<()> {
+pub fn table(out: &mut impl Write, rows: &[Measurement]) -> io::Result<()> {
     writeln!(
         out,
         "{:>7} {:>4}  {:>26}  {:>28}  {:>26}  {:>15}",
@@ -78,15 +71,11 @@ pub fn table(out: &mut impl Write, rows: &[Measurement], memory: &Memory) -> io:
             format!("{:.0} (≥ {:.0})", -triangles.median, -triangles.worst),
         )?;
     }
-    if !memory.mb.is_empty() {
-        let spread = Spread::of(memory.mb.iter().copied());
-        writeln!(out, "memory of a further environment: {:.2} MB (most {:.2} MB)", spread.median, spread.worst)?;
-    }
     Ok(())
 }
 
 /// Everything that was measured, for machines.
-pub fn json(rows: &[Measurement], memory: &Memory) -> Value {
+pub fn json(rows: &[Measurement]) -> Value {
     let rows: Vec<Value> = rows
         .iter()
         .map(|row| {
@@ -101,7 +90,7 @@ pub fn json(rows: &[Measurement], memory: &Memory) -> Value {
             })
         })
         .collect();
-    json!({ "measurements": rows, "further_environment_mb": memory.mb })
+    json!({ "measurements": rows })
 }
 
 #[cfg(test)]

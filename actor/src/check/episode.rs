@@ -18,7 +18,6 @@ const REST_DRIFT_M: f32 = 0.01;
 /// Least cosine of the angle by which it leans then: 3 degrees.
 const UPRIGHT_COSINE: f32 = 0.998_6;
 
-/// What is wrong with an episode.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Problem {
     /// There is nothing to do.

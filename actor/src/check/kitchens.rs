@@ -19,7 +19,6 @@ use simulator::tasks::arm_point_nav::episodes::{self, EpisodesError};
 use std::io::Write;
 use std::sync::Arc;
 
-/// Steps of standing still.
 const STILL_STEPS: u32 = 200;
 /// Sampled episodes of a training kitchen that are checked.
 const SAMPLED_EPISODES: u32 = 60;
@@ -28,7 +27,6 @@ const CHAIR_TO_TABLE_M: f32 = 0.15;
 /// Height up to which floor is kept clear, metres: a wall cabinet may hang over it.
 const CLEAR_HEIGHT_M: f32 = 1.3;
 
-/// What is wrong with a kitchen.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Problem {
     /// Two bodies stand in each other.
@@ -55,7 +53,6 @@ pub enum Problem {
     /// A target has too few positions.
     #[error("{category} has {spots} valid positions, {SPOTS_LEAST} are wanted")]
     FewSpots {
-        /// The target.
         category: &'static str,
         /// Its positions.
         spots: usize,
@@ -65,11 +62,7 @@ pub enum Problem {
     ChairAlone(String),
     /// An episode cannot be played as it should.
     #[error("episode {episode}: {problem}")]
-    Episode {
-        episode: usize,
-        /// What is wrong with it.
-        problem: episode::Problem,
-    },
+    Episode { episode: usize, problem: episode::Problem },
     /// A kitchen has not the fixed episodes it should have.
     #[error("{0}")]
     Episodes(#[from] EpisodesError),
@@ -78,7 +71,6 @@ pub enum Problem {
     TooNear {
         /// The kitchen of validation or test.
         kitchen: KitchenId,
-        /// How far from it.
         distance: f32,
         /// How far it must be.
         least: f32,

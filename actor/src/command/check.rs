@@ -22,7 +22,6 @@ pub struct CheckArgs {
     targets: bool,
 }
 
-/// Runs the command.
 pub fn run(args: &CheckArgs) -> Result<()> {
     let out = std::io::stdout().lock();
     match &args.scene {

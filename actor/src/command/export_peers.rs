@@ -23,7 +23,6 @@ pub struct ExportPeersArgs {
     out: PathBuf,
 }
 
-/// Runs the command.
 pub fn run(args: &ExportPeersArgs) -> Result<()> {
     export::run(&export::Options {
         kitchens: args.kitchens.0.clone(),

@@ -60,7 +60,6 @@ pub enum KitchensCommand {
     },
 }
 
-/// Runs the command.
 pub fn run(command: &KitchensCommand) -> Result<()> {
     match command {
         KitchensCommand::Sheet { kitchens, scene, width, out, lifeline } => {

@@ -39,9 +39,6 @@ pub enum Command {
     Bench(bench::BenchArgs),
     /// Write kitchens, episodes and frames for other programs to be measured on; `make bench-peers` calls this.
     ExportPeers(export_peers::ExportPeersArgs),
-    /// Print the memory of a further environment; `bench` calls this in a process of its own.
-    #[command(hide = true)]
-    BenchMemory(bench::BenchMemoryArgs),
     /// Take actions from standard input, in turns with a program that measures itself beside; `make bench-python` calls
     /// this.
     #[command(hide = true)]
@@ -64,7 +61,6 @@ pub fn run(command: &Command) -> Result<()> {
         Command::Soak(args) => soak::run(args),
         Command::Bench(args) => bench::run(args),
         Command::ExportPeers(args) => export_peers::run(args),
-        Command::BenchMemory(args) => bench::run_memory(args),
         Command::BenchBeside(args) => bench::run_beside(args),
     }
 }

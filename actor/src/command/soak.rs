@@ -17,7 +17,6 @@ pub struct SoakArgs {
     seed: u64,
 }
 
-/// Runs the command.
 pub fn run(args: &SoakArgs) -> Result<()> {
     actor::soak::run(&args.kitchens.0, args.steps, args.seed)
 }

@@ -56,7 +56,6 @@ pub struct Options {
     pub folder: PathBuf,
 }
 
-/// Writes the folder.
 pub fn run(options: &Options) -> Result<()> {
     let config = Config::default();
     let mut kitchens = Vec::new();

@@ -28,7 +28,6 @@ pub struct Settings {
     pub actor: u32,
     /// How often it has been started in this run incarnation, from 1.
     pub incarnation: u32,
-    /// Where the services are.
     pub wire: WireAddress,
     /// The run's effective configuration.
     pub config: PathBuf,

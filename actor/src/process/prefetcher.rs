@@ -18,7 +18,6 @@ use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
 
-/// The kitchens of a run.
 pub struct KitchenPrefetcher {
     config: Config,
     folder: PathBuf,
@@ -98,6 +97,7 @@ impl KitchenPrefetcher {
     }
 
     /// Whether the kitchen that an environment ordered is open.
+    #[cfg(test)]
     pub fn is_ready(&self, environment: u32) -> bool {
         self.orders.lock().ready.contains_key(&environment)
     }

@@ -18,7 +18,6 @@ use std::sync::Arc;
 /// Who played the episode: its name, without target and outcome.
 #[derive(Debug, Clone, Copy)]
 pub struct Played {
-    /// Environment it ran in.
     pub environment: EnvironmentId,
     /// Episode number within the environment.
     pub episode: u32,

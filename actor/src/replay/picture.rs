@@ -20,7 +20,6 @@ pub struct Sink {
 }
 
 enum Kind {
-    /// A folder of stills.
     Stills(PathBuf),
     /// A file, open until all pictures are there, and the picture before.
     Animation(PathBuf, png::Writer<BufWriter<File>>, Option<Canvas>),

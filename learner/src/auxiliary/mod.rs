@@ -29,7 +29,6 @@ use proto::config::{AuxiliaryConfig, AuxiliaryTask};
 use std::collections::BTreeMap;
 use tch::Tensor;
 
-/// Every task.
 pub(crate) const TASKS: [TaskEntry; 3] = [disturb::ENTRY, inverse_dynamics::ENTRY, cpca::ENTRY];
 
 /// The task that a run trains, or none.

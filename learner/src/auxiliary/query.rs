@@ -26,7 +26,6 @@ pub struct Epoch {
 /// One query: predict row `later`, `offset` steps ahead, from the belief of `row`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Query {
-    /// Row of the packing.
     pub row: i64,
     /// Steps ahead, from 1.
     pub offset: i64,

@@ -51,7 +51,6 @@ pub(crate) struct TaskEntry {
 pub struct Sizes {
     /// Of the belief.
     pub hidden: i64,
-    /// Actions of the policy.
     pub actions: i64,
 }
 

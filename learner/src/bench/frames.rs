@@ -179,21 +179,6 @@ mod tests {
     use proto::camera::DepthFrame;
 
     #[test]
-    fn a_batch_is_a_half_of_allowed_actors() {
-        for (batch, shape) in [
-            (10, [1, 20]),
-            (19, [19, 2]),
-            (152, [19, 16]),
-            (304, [19, 32]),
-            (608, [19, 64]),
-            (129, [3, 86]),
-            (131, [131, 2]),
-        ] {
-            assert_eq!(shape_of(batch), shape, "{batch}");
-        }
-    }
-
-    #[test]
     fn frames_lie_in_shared_memory_in_the_order_of_columns_and_are_swept() {
         // The demonstration averages over other windows than sums have.
         for (preset, sums) in [("demo", false), ("recipe", true)] {

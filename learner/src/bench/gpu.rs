@@ -53,16 +53,3 @@ fn mean(readings: &[Reading]) -> Option<Use> {
     let memory = readings.iter().map(|reading| reading.memory).max()?;
     Some(Use { busy: readings.iter().map(|reading| reading.busy).sum::<f64>() / readings.len() as f64, memory })
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn shares_are_averaged_and_memory_is_the_most() {
-        let readings = [(0.5, 10), (1.0, 30), (0.0, 20)].map(|(busy, memory)| Reading { busy, memory });
-        assert_eq!(mean(&readings), Some(Use { busy: 0.5, memory: 30 }));
-        assert_eq!(mean(&[]), None);
-        assert_eq!(Monitor::of(Device::Cpu).during(|| 7), (7, None));
-    }
-}

@@ -6,7 +6,6 @@ use super::update::Updates;
 use super::whole_loop::WholeLoop;
 use serde_json::{Value, json};
 
-/// All that was measured.
 #[derive(Debug)]
 pub struct Report {
     /// The configuration's name.
@@ -15,7 +14,6 @@ pub struct Report {
     pub place: String,
     /// The encoder's name; `mlp` without a frame.
     pub encoder: &'static str,
-    /// Weights.
     pub parameters: u64,
     /// By batch.
     pub inference: Vec<Inference>,
@@ -26,7 +24,6 @@ pub struct Report {
 }
 
 impl Report {
-    /// For people.
     pub fn table(&self) -> String {
         let Self { preset, place, encoder, parameters, .. } = self;
         let mut lines = vec![format!("{preset} on {place}; {encoder}, {:.2} M weights", *parameters as f64 / 1e6)];
@@ -132,51 +129,4 @@ fn cells(gpu: Option<Use>) -> [String; 2] {
 
 fn gpu_json(Use { busy, memory }: Use) -> Value {
     json!({ "busy": busy, "memory_bytes": memory })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use proto::event::Timing;
-
-    #[test]
-    fn table_and_json_hold_the_same_figures() {
-        let gpu = Some(Use { busy: 0.85, memory: 12_300_000_000 });
-        let timing = Timing { simulate_s: 1.0, infer_s: 3.0, update_s: 5.0, exchange_s: 0.0, other_s: 1.0 };
-        let report = Report {
-            preset: "recipe".to_owned(),
-            place: "cuda:0".to_owned(),
-            encoder: "resnet",
-            parameters: 5_800_000,
-            inference: vec![Inference { batch: 152, p50_s: 0.00076, p99_s: 0.001, copy_s: None, gpu }],
-            updates: vec![Updates {
-                steps: 32,
-                environments: 304,
-                frames: 9728,
-                epochs: 4,
-                epoch_s: 0.064,
-                update_s: 0.25,
-                gpu: None,
-            }],
-            whole_loop: Some(WholeLoop { frames: 340_000, timing, gpu }),
-        };
-        let table = report.table();
-        for cell in [
-            "0.76",
-            "200000",
-            "152000",
-            "32 × 304",
-            "64.0",
-            "34000 frames/s",
-            "infer (copy included) 30%",
-            "85%",
-            "12.3 GB",
-        ] {
-            assert!(table.contains(cell), "{cell} in\n{table}");
-        }
-        let json = report.json();
-        assert_eq!(json["updates"][0]["epoch_frames_per_s"].as_f64(), Some(152_000.0));
-        assert_eq!(json["whole_loop"]["frames_per_s"].as_f64(), Some(34_000.0));
-        assert!(json["updates"][0]["gpu"].is_null() && json["inference"][0]["gpu"]["busy"] == 0.85);
-    }
 }

@@ -14,15 +14,3 @@ pub fn synchronise(device: Device) {
 pub fn percentile(sorted: &[f64], share: f64) -> f64 {
     sorted[((sorted.len() - 1) as f64 * share).round() as usize]
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn percentiles_are_values_that_were_measured() {
-        let sorted: Vec<f64> = (0..=100).map(f64::from).collect();
-        assert_eq!([0.0, 0.5, 0.99, 1.0].map(|share| percentile(&sorted, share)), [0.0, 50.0, 99.0, 100.0]);
-        assert_eq!(percentile(&[3.0], 0.99), 3.0);
-    }
-}

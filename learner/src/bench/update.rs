@@ -12,7 +12,6 @@ use proto::stage::RolloutShape;
 use std::time::Instant;
 use tch::Device;
 
-/// Updates that are measured.
 const UPDATES: u64 = 3;
 /// Updates before: in the first one libraries warm up, in the second one passes are recorded for all that follow.
 const WARM_UPS: u64 = 2;
@@ -20,10 +19,8 @@ const WARM_UPS: u64 = 2;
 /// What was measured with rollouts of some steps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Updates {
-    /// Steps of a rollout.
     pub steps: u32,
     pub environments: usize,
-    /// Frames of a rollout.
     pub frames: u64,
     pub epochs: u32,
     /// Time of one epoch, seconds: forward and backward pass of all frames, and the optimiser's step.

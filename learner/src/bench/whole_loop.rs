@@ -15,7 +15,6 @@ const ROLLOUTS: u64 = 8;
 /// Rollouts that do not count: in the first processes start, after the second a GPU's graphs are recorded.
 const WARM_UP: usize = 2;
 
-/// What the run took.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WholeLoop {
     /// Frames of the rollouts that count.
@@ -94,34 +93,4 @@ fn read(path: &Path) -> Result<(u64, Timing)> {
         "the run has no rollout that counts, which the first {WARM_UP} and the last do not: give it more --loop-frames"
     );
     Ok((frames, sum))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use proto::trained::Trained;
-
-    #[test]
-    fn the_first_rollouts_and_the_last_do_not_count() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("metrics.jsonl");
-        let write = |rollouts: &[(u64, f64)]| {
-            let mut history = History::default();
-            for (rollout, &(frames, update_s)) in (0..).zip(rollouts) {
-                let timing = Timing { simulate_s: 1.0, infer_s: 2.0, update_s, exchange_s: 0.0, other_s: 0.5 };
-                let (stage, at_unix_s, incarnation, wall_s, metrics) = Default::default();
-                history.insert(Trained { rollout, frames, stage, at_unix_s, incarnation, wall_s, timing, metrics });
-            }
-            std::fs::write(&path, history.encode()).unwrap();
-        };
-        for few in [&[][..], &[(50, 9.0)], &[(50, 9.0), (100, 8.0)], &[(50, 9.0), (100, 8.0), (200, 1.0)]] {
-            write(few);
-            assert!(read(&path).unwrap_err().to_string().contains("--loop-frames"));
-        }
-        write(&[(50, 9.0), (100, 8.0), (200, 1.0), (250, 2.0), (300, 7.0)]);
-        let (frames, timing) = read(&path).unwrap();
-        assert_eq!(frames, 150);
-        let whole = WholeLoop { frames, timing, gpu: None };
-        assert_eq!((timing.update_s, whole.seconds()), (3.0, 10.0));
-    }
 }

@@ -31,6 +31,5 @@ pub struct Snapshot {
     pub agent: AgentState,
     /// Environments.
     pub boundary: Boundary,
-    /// Digest of the weights.
     pub weights: String,
 }

@@ -19,9 +19,7 @@ use std::path::{Path, PathBuf};
 /// A checkpoint that cannot be used, and why.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Rejected {
-    /// The file at fault.
     pub path: PathBuf,
-    /// What is wrong with it.
     pub reason: String,
 }
 
@@ -38,9 +36,7 @@ pub enum CheckpointError {
     #[error("cannot write checkpoint {path}: {cause} ({free_bytes} bytes are free there; earlier checkpoints are kept)",
         path = .path.display(), free_bytes = free_text(*.free_bytes))]
     Write {
-        /// The file.
         path: PathBuf,
-        /// Why.
         cause: std::io::Error,
         /// Free space on its file system, if known.
         free_bytes: Option<u64>,
@@ -48,29 +44,17 @@ pub enum CheckpointError {
     /// The recording could not be seen onto the disk: a checkpoint must not be ahead of it.
     #[error("cannot see recording {path} onto the disk: {cause} (the checkpoint is not written; earlier ones are kept)",
         path = .path.display())]
-    Recording {
-        /// The file or folder.
-        path: PathBuf,
-        /// Why.
-        cause: std::io::Error,
-    },
+    Recording { path: PathBuf, cause: std::io::Error },
     /// The folder could not be read or created.
     #[error("cannot use checkpoint folder {path}: {cause}", path = .path.display())]
-    Folder {
-        /// The folder.
-        path: PathBuf,
-        /// Why.
-        cause: std::io::Error,
-    },
+    Folder { path: PathBuf, cause: std::io::Error },
     /// The state could not be turned into a file.
     #[error("cannot encode the state: {0}")]
     Encode(#[from] TensorsError),
     /// The folder does not belong to this run any more: whoever made it anew would go on from our checkpoint.
     #[error("{folder} is not the folder of run {run} any more ({found}): nothing is written there", folder = .folder.display())]
     Foreign {
-        /// The run's folder.
         folder: PathBuf,
-        /// Our run.
         run: String,
         /// Whose it is now.
         found: String,
@@ -95,7 +79,6 @@ fn list(rejected: &[Rejected]) -> String {
 /// The newest good checkpoint, and the newer unusable ones that were skipped.
 #[derive(Debug)]
 pub struct Loaded {
-    /// The state.
     pub snapshot: Snapshot,
     pub manifest: Manifest,
     /// Path of the manifest, relative to the run folder.

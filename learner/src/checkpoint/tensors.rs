@@ -54,7 +54,6 @@ const OWN: [&str; 10] = [
 /// Why tensors do not make a state.
 #[derive(Debug, thiserror::Error)]
 pub enum TensorsError {
-    /// Not a safetensors file.
     #[error("not a safetensors file: {0}")]
     Format(#[from] safetensors::SafeTensorError),
     /// libtorch refused.
@@ -62,11 +61,7 @@ pub enum TensorsError {
     Torch(#[from] tch::TchError),
     /// A tensor that must be there is not, or has another type or shape.
     #[error("tensor `{name}` {problem}")]
-    Tensor {
-        name: String,
-        /// What is wrong.
-        problem: String,
-    },
+    Tensor { name: String, problem: String },
 }
 
 impl From<Unfit> for TensorsError {

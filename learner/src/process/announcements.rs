@@ -67,35 +67,3 @@ impl Announcements {
         }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn train(version: u64, rollout: u64, stage: u32) -> StageAnnouncement {
-        StageAnnouncement { version, rollout, stage, directive: directive::TRAIN }
-    }
-
-    #[test]
-    fn a_rollout_begins_when_it_is_announced_in_its_stage() {
-        let stages = ["I", "II"].map(|name| StageConfig { name: name.into(), reward: "r".into(), frames: 100 });
-        let mut announcements = Announcements::default();
-        assert_eq!(announcements.permission(&stages, 3, 100), Ok(Permission::Wait));
-        // Made to a predecessor that died further on.
-        announcements.hear(train(7, 5, 1));
-        assert_eq!(announcements.permission(&stages, 3, 100), Ok(Permission::Wait));
-        announcements.hear(train(8, 3, 1));
-        assert_eq!(announcements.permission(&stages, 3, 100), Ok(Permission::Begin { version: 8 }));
-        announcements.hear(train(7, 5, 1));
-        assert_eq!(
-            announcements.permission(&stages, 3, 100),
-            Ok(Permission::Begin { version: 8 }),
-            "an old word is not heard"
-        );
-        assert!(announcements.permission(&stages, 3, 99).unwrap_err().to_string().contains("stage 1, but 99 frames"));
-        assert!(!announcements.stop());
-        announcements.hear(StageAnnouncement { version: 9, directive: directive::STOP, ..train(0, 3, 1) });
-        assert_eq!(announcements.permission(&stages, 3, 100), Ok(Permission::Stop));
-        assert!(announcements.stop());
-    }
-}

@@ -93,7 +93,6 @@ impl<'a, W: Write> Conversation<'a, W> {
         }
     }
 
-    /// Tells the orchestrator an event.
     pub fn tell(&mut self, event: &LearnerEvent) {
         self.control.tell(event);
     }

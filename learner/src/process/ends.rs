@@ -6,7 +6,6 @@ use crate::peers::PeerError;
 /// Why a rollout is abandoned. The work up to its beginning is good.
 #[derive(Debug)]
 pub enum CutShort {
-    /// A stop was requested.
     Stop(Stop),
     /// The rollout cannot be collected.
     Fault(anyhow::Error),

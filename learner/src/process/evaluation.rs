@@ -27,7 +27,6 @@ const LAST: Duration = Duration::from_mins(1);
 /// This machine's learner is the only one.
 const RANK: u32 = 0;
 
-/// What an evaluation is started with.
 #[derive(Debug, Clone)]
 pub struct EvaluationArguments {
     /// Folder of the evaluation; its config.toml is the configuration.

@@ -130,7 +130,6 @@ impl Ports {
         self.wire.bells().bell([Sleeper::Learner(self.rank)])
     }
 
-    /// Whether there is a recorder.
     pub fn recorded(&self) -> bool {
         self.receipts.is_some()
     }
@@ -144,7 +143,6 @@ impl Ports {
         })
     }
 
-    /// How far the recording is written.
     pub fn written(&self) -> Option<Written> {
         self.receipts.as_ref().and_then(Receipts::written)
     }

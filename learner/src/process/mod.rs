@@ -61,7 +61,6 @@ use wire::message::Halves;
 /// What a learner is started with.
 #[derive(Debug, Clone)]
 pub struct Arguments {
-    /// Run folder.
     pub run: PathBuf,
     /// Where its services live.
     pub wire: WireAddress,

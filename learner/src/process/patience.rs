@@ -6,14 +6,12 @@ use std::time::Duration;
 const FIRST_NOTICE: Duration = Duration::from_secs(2);
 const NOTICE_INTERVAL: Duration = Duration::from_secs(10);
 
-/// One wait.
 #[derive(Debug, Clone, Copy)]
 pub struct Patience {
     deadline: Duration,
     notice: Duration,
 }
 
-/// What a wait has come to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Waited {
     /// Wait on, at most this long.
@@ -42,24 +40,5 @@ impl Patience {
         }
         let left = self.notice.min(self.deadline).saturating_sub(waited);
         if noticed { Waited::Notice(left) } else { Waited::Wait(left) }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn who_is_late_is_reported_now_and_then_until_it_is_too_late() {
-        let s = Duration::from_secs;
-        let mut patience = Patience::new(20.0);
-        assert_eq!(patience.after(s(0)), Waited::Wait(s(2)));
-        assert_eq!(patience.after(s(1)), Waited::Wait(s(1)));
-        assert_eq!(patience.after(s(3)), Waited::Notice(s(10)));
-        assert_eq!(patience.after(s(4)), Waited::Wait(s(9)));
-        assert_eq!(patience.after(s(13)), Waited::Notice(s(7)));
-        assert_eq!(patience.after(s(19)), Waited::Wait(s(1)));
-        assert_eq!(patience.after(s(20)), Waited::Overdue);
-        assert_eq!(Patience::new(f64::INFINITY).after(s(1)), Waited::Wait(s(1)), "no deadline");
     }
 }

@@ -33,11 +33,8 @@ use wire::fault;
 /// Longest wait for a rollout's announcement.
 const ANNOUNCEMENT_DEADLINE: Duration = Duration::from_mins(1);
 
-/// All that training needs.
 pub struct Training<'a, W> {
-    /// The run's configuration.
     pub config: Config,
-    /// The run's folder.
     pub run: RunFolder,
     /// Where checkpoints go.
     pub store: Store,

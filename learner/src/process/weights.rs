@@ -14,7 +14,6 @@ use std::path::Path;
 pub struct Trained {
     /// The first rollout that they were not trained on.
     pub rollout: u64,
-    /// Frames that they were.
     pub frames: u64,
 }
 

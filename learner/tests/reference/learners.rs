@@ -207,9 +207,7 @@ fn with_shards_each_is_inferred_by_itself() {
 
 #[test]
 fn with_shards_minibatches_are_dealt_alike() {
-    for minibatches in [2, 3] {
-        train_with_any_number(|config| config.ppo.minibatches = minibatches);
-    }
+    train_with_any_number(|config| config.ppo.minibatches = 3);
     // Fewer columns in a shard than minibatches.
     train_with_any_number(|config| (config.actors.environments_per_actor, config.ppo.minibatches) = (1, 3));
 }
@@ -229,11 +227,6 @@ fn with_shards_numbers_are_trained_on_alike() {
     }
 }
 
-#[test]
-fn with_shards_advantages_are_normalised_alike() {
-    train_with_any_number(|config| config.ppo.normalize_advantages = true);
-}
-
 /// Without frames, and with epochs left out by what all learners agree on.
 #[test]
 fn with_shards_numbers_alone_train_the_same_weights() {
@@ -245,16 +238,16 @@ fn with_shards_numbers_alone_train_the_same_weights() {
                 (config.ppo.epochs, config.ppo.minibatches, config.ppo.target_kl) = (3, 2, target_kl);
             })
         };
-        assert_ne!(of(0.0), of(1e-9), "{memory:?}: one epoch is another update");
-        assert_eq!(of(0.0), of(1e9), "{memory:?}");
+        let all_epochs = of(0.0);
+        assert_ne!(all_epochs, of(1e-9), "{memory:?}: one epoch is another update");
+        assert_eq!(all_epochs, of(1e9), "{memory:?}");
     }
 }
 
 #[test]
 fn with_shards_auxiliary_tasks_ask_alike() {
-    for task in [AuxiliaryTask::Disturb, AuxiliaryTask::InverseDynamics, AuxiliaryTask::Cpca16] {
-        train_with_any_number(|config| (config.auxiliary.task, config.auxiliary.subsample) = (task, 0.5));
-    }
+    let task = AuxiliaryTask::InverseDynamics;
+    train_with_any_number(|config| (config.auxiliary.task, config.auxiliary.subsample) = (task, 0.5));
 }
 
 #[test]

@@ -51,7 +51,6 @@ static CHANNELS: LazyLock<Channels> = LazyLock::new(|| {
     }
 });
 
-/// A simulated environment.
 #[derive(Debug, Clone)]
 pub struct FakeEnvironment {
     task: &'static Spec,
@@ -76,7 +75,6 @@ impl FakeEnvironment {
         environment
     }
 
-    /// Hash of the whole state.
     pub fn hash(&self) -> u64 {
         let place = [u64::from(self.id.kitchen.number()), u64::from(self.id.number), u64::from(self.state.episode)];
         mix(place.into_iter().chain(self.state.actions().iter().map(|&action| u64::from(action))))

@@ -117,8 +117,6 @@ pub enum Plan<'a> {
     LoseReceipts,
     /// Nothing, but the recording fails with this rollout; STOP is announced.
     FailRecording(u64),
-    /// Its lifeline is cut when it says that this rollout is trained.
-    CutLifelineAfter(u64),
     /// An actor dies when the learner says that this rollout is trained, and is started again.
     CrashActorAfter(u64, u32),
     /// An actor dies for good then.
@@ -235,7 +233,6 @@ impl Rig {
             }
             LearnerEvent::RolloutTrained { rollout, .. } => match plan {
                 Plan::StopAfter(after) if *after == rollout => self.say(rollout + 1, 0, directive::STOP),
-                Plan::CutLifelineAfter(after) if *after == rollout => *lifeline = None,
                 Plan::CrashActorAfter(after, actor) if *after == rollout => {
                     let old = &mut self.actors[*actor as usize];
                     old.stop();
@@ -278,15 +275,8 @@ impl Rig {
             (0..shape.shares.actors()).map(|actor| StandIn::start(&self.address, &self.config, actor, 1)).collect();
     }
 
-    /// All actors die for good.
-    pub fn stop_actors(&mut self) {
-        for actor in &mut self.actors {
-            actor.stop();
-        }
-    }
-
     fn close(&mut self) {
-        self.stop_actors();
+        self.actors.iter_mut().for_each(StandIn::stop);
         self.stage = None;
         self.host = None;
         self.address.sweep().unwrap();

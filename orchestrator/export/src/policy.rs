@@ -36,58 +36,28 @@ pub(crate) const NORMALIZER: &str = "observation_norm.";
 pub enum PolicyError {
     /// The manifest cannot be used.
     #[error("{path} {problem}", path = .path.display())]
-    Manifest {
-        /// The manifest.
-        path: PathBuf,
-        /// Why.
-        problem: ManifestError,
-    },
+    Manifest { path: PathBuf, problem: ManifestError },
     /// The tensors cannot be read.
     #[error("{path} cannot be read: {problem}", path = .path.display())]
-    Unreadable {
-        /// The tensors' file.
-        path: PathBuf,
-        /// Why.
-        problem: std::io::Error,
-    },
+    Unreadable { path: PathBuf, problem: std::io::Error },
     /// The tensors are not those of the manifest.
     #[error("{path} is damaged: its SHA-256 is not the one that its manifest names", path = .path.display())]
-    Damaged {
-        /// The tensors' file.
-        path: PathBuf,
-    },
-    /// Not a file of tensors.
+    Damaged { path: PathBuf },
     #[error("{path} is no safetensors file: {problem}", path = .path.display())]
-    Tensors {
-        /// The tensors' file.
-        path: PathBuf,
-        /// Why.
-        problem: SafeTensorError,
-    },
+    Tensors { path: PathBuf, problem: SafeTensorError },
     /// A file of tensors that is no policy.
     #[error("{path} {problem}", path = .path.display())]
-    NoPolicy {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        problem: PolicyFileError,
-    },
+    NoPolicy { path: PathBuf, problem: PolicyFileError },
     /// A weight is missing, or is not what the network has there.
     #[error("the weights do not fit the network of the configuration: {name} {problem}")]
     Weight {
         /// The weight's name.
         name: String,
-        /// Why.
         problem: String,
     },
     /// The weights cannot be written.
     #[error("{path} cannot be written: {problem}", path = .path.display())]
-    Unwritten {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        problem: SafeTensorError,
-    },
+    Unwritten { path: PathBuf, problem: SafeTensorError },
 }
 
 /// An array of numbers, row-major.
@@ -99,7 +69,6 @@ pub(crate) struct Array {
 
 #[derive(Debug)]
 pub struct Policy {
-    /// Where it comes from.
     pub origin: Origin,
     /// The run's configuration; of a policy file without what a file of its own cannot hold.
     pub config: Config,
@@ -171,7 +140,6 @@ impl Policy {
         self.config.spec().inputs().expect("a validated configuration's task has what networks take")
     }
 
-    /// Whether the task has a frame.
     pub(crate) fn has_frame(&self) -> bool {
         self.inputs().image.is_some()
     }

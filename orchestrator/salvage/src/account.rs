@@ -9,7 +9,6 @@ const FINDINGS_MAX: usize = 64;
 /// `finding-00` and so on.
 pub const REPAIR_METADATA: &str = "stillroom.repair";
 
-/// What a finding cost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Cost {
     /// Nothing: all that was recorded was read.
@@ -26,14 +25,12 @@ pub enum Cost {
     Record,
 }
 
-/// One thing that is wrong.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Finding {
     /// Where it begins: in the file, and for what is in a chunk the chunk's place.
     pub offset: u64,
     /// Bytes of the file that it covers.
     pub bytes: u64,
-    /// What is wrong, in words.
     pub problem: String,
     pub cost: Cost,
     /// Log times between which something was lost or may be wrong, nanoseconds since 1970.
@@ -63,7 +60,6 @@ impl Display for Finding {
 /// All about one reading.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Account {
-    /// Messages read.
     pub messages: u64,
     /// Of these, those that may hold wrong content.
     pub doubtful: u64,
@@ -83,7 +79,6 @@ pub struct Account {
 }
 
 impl Account {
-    /// Whether nothing at all is wrong.
     pub fn is_whole(&self) -> bool {
         self.findings.is_empty()
     }
@@ -125,7 +120,6 @@ impl Account {
         lines
     }
 
-    /// Adds a finding and its cost.
     pub(crate) fn add(&mut self, finding: Finding) {
         match finding.cost {
             Cost::Nothing => {}

@@ -20,7 +20,6 @@ pub const PRIVATE: u8 = 0x80;
 /// The head of a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Frame {
-    /// Where its opcode is.
     pub offset: u64,
     pub opcode: u8,
     /// Bytes after the head, as it says itself.
@@ -76,7 +75,6 @@ impl Frame {
         Self { offset, opcode, length: u64::from_le_bytes(length) }
     }
 
-    /// Where the content begins.
     pub fn content(self) -> u64 {
         self.offset + HEAD_BYTES
     }

@@ -12,7 +12,6 @@ const BLOCK_BYTES: u64 = 4096;
 
 /// Bytes that can be read at any place.
 pub trait Source {
-    /// How many there are.
     fn length(&self) -> u64;
 
     /// The bytes of this range; all of them must be there.
@@ -48,7 +47,6 @@ pub struct FileSource {
 }
 
 impl FileSource {
-    /// Reads this file.
     pub fn new(file: File) -> Result<Self> {
         let length = file.metadata()?.len();
         Ok(Self { file, length, block: RefCell::default() })

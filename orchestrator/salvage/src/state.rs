@@ -41,10 +41,8 @@ pub enum Trust {
 /// Why reading ended early.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError<E> {
-    /// An empty file.
     #[error("it is empty")]
     Empty,
-    /// It is no MCAP file.
     #[error("it does not begin with MCAP's magic bytes")]
     NotMcap,
     /// The file system returned an error.

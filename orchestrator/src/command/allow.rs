@@ -20,7 +20,6 @@ pub struct AllowArgs {
     run: PathBuf,
 }
 
-/// Runs the command.
 pub fn run(args: &AllowArgs) -> Result<()> {
     let config = Config::of_run(&RunFolder::new(&args.run))?;
     let Some(EnvironmentConfig { command, .. }) = &config.environment else {

@@ -140,17 +140,3 @@ fn recordings_at(path: &Path) -> Result<Vec<PathBuf>> {
     }
     Ok(files?)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn environments_are_named_kitchen_slash_number() {
-        let EnvironmentChoice(id) = "13/2".parse().unwrap();
-        assert_eq!((id.kitchen.number(), id.number), (13, 2));
-        assert!("28/0".parse::<EnvironmentChoice>().unwrap_err().contains("no kitchen 28"));
-        assert!("x/0".parse::<EnvironmentChoice>().unwrap_err().contains("expected e.g. 1/0"));
-        assert!("3".parse::<EnvironmentChoice>().unwrap_err().contains("expected e.g. 1/0"));
-    }
-}

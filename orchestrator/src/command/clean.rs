@@ -22,7 +22,6 @@ pub struct CleanArgs {
     patience: u64,
 }
 
-/// Runs the command.
 pub fn run(args: &CleanArgs) -> Result<()> {
     free(&survey()?, args)
 }

@@ -24,7 +24,6 @@ pub struct CompareArgs {
     json: bool,
 }
 
-/// Runs the command.
 pub fn run(args: &CompareArgs) -> Result<()> {
     if let Some(gone) = args.runs.iter().find(|run| !run.exists()) {
         bail!("{} does not exist", gone.display());

@@ -39,7 +39,6 @@ pub struct ConfigArgs {
     json: bool,
 }
 
-/// Runs the command.
 pub fn run(args: &ConfigArgs) -> Result<()> {
     let config = match &args.of {
         Some(run) => saved_under(run)?,

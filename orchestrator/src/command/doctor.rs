@@ -45,7 +45,6 @@ impl DoctorArgs {
     }
 }
 
-/// Runs the command.
 pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
     let mut table = Table { json: args.json, rows: Vec::new() };
     let [learner, actor] = ["learner", "actor"].map(|program| {

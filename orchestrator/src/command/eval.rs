@@ -133,7 +133,6 @@ enum DeviceArg {
     Cuda,
 }
 
-/// Runs the command.
 pub fn run(args: &EvalArgs) -> Result<ExitCode> {
     if let Some(parent) = args.beside {
         // It ends with the run, which comes first on the processor.
@@ -380,44 +379,6 @@ mod tests {
         // All else of the learner is as it was for training.
         let learner = LearnerConfig { count: 1, shards: 0, device: DeviceChoice::Cpu, ..run.learner };
         assert_eq!(config.learner, learner);
-    }
-
-    #[test]
-    fn a_run_is_asked_what_it_trained_where_it_trained_unless_told_otherwise() {
-        let of = |line: &[&str], preset: &str, scenes: &[Vec<TargetCategory>]| {
-            let mut run = Config::resolve(preset, None).unwrap();
-            run.scenes = scenes.iter().map(|_| "scene.toml".to_owned()).collect();
-            let args = args(line);
-            let asked = asked(&args, &run, scenes.to_vec(), None)?;
-            let config = configuration(run, &asked, &args, 2)?;
-            let announced = announcement(&args, &config, &asked);
-            Ok::<_, anyhow::Error>((asked.split, asked.objects, asked.distribution, config.actors.count, announced))
-        };
-        let (test, valid, train) = (Split::Test, Split::Validation, Split::Train);
-        let (fixed, drawn) = (Distribution::Fixed, Distribution::Run);
-        for (line, preset, expected) in [
-            (&["a"][..], "paper", (test, fixed, 5, "fixed episodes at full distance, in the 5 test kitchens")),
-            (&["a", "--split", "valid", "--distribution", "run"], "paper", (valid, drawn, 5, "drawn episodes at full")),
-            (&["a", "--split", "train"], "paper", (train, drawn, 19, "drawn episodes at full distance, in the 19")),
-            (&["a"], "demo", (test, drawn, 5, "drawn episodes near their targets")),
-            (&["a", "--split", "valid"], "demo", (valid, drawn, 5, "drawn episodes near their targets")),
-            (&["a", "--distribution", "fixed"], "demo", (test, fixed, 5, "fixed episodes at full distance, in the 5")),
-        ] {
-            let (split, objects, distribution, actors, announced) = of(line, preset, &[]).unwrap();
-            assert_eq!((split, distribution, actors), (expected.0, expected.1, expected.2), "{line:?} {preset}");
-            assert_eq!(objects, ObjectSet::Novel);
-            assert!(announced.starts_with(expected.3), "{announced}");
-        }
-        let scenes = [vec![TargetCategory::Mug], vec![TargetCategory::Pot, TargetCategory::Apple]];
-        let (split, objects, distribution, actors, announced) = of(&["a"], "paper", &scenes).unwrap();
-        assert_eq!((split, objects, distribution, actors), (train, ObjectSet::All, drawn, 2));
-        assert!(announced.contains("2 scenes of the run's own"), "{announced}");
-        let problem = |line: &[&str], scenes| of(line, "paper", scenes).unwrap_err().to_string();
-        let novel = problem(&["a", "--objects", "novel"], &scenes);
-        assert!(novel.contains("no targets that are novel (they have: Mug, Pot, Apple)"), "{novel}");
-        assert!(problem(&["a", "--distribution", "fixed"], &scenes).contains("scenes have no fixed episodes"));
-        let train = problem(&["a", "--distribution", "fixed", "--split", "train"], &[]);
-        assert!(train.contains("training kitchens have no fixed episodes"), "{train}");
     }
 
     #[test]

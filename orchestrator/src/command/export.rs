@@ -102,7 +102,6 @@ impl EpisodeArgs {
     }
 }
 
-/// Runs the command.
 pub fn run(args: &ExportArgs) -> Result<ExitCode> {
     let format = args.format.map_or_else(|| Format::of(&args.out), Ok)?;
     ensure!(!args.half || format == Format::Safetensors, "--half is for --format safetensors");

@@ -51,7 +51,6 @@ pub struct ImportArgs {
     run: PathBuf,
 }
 
-/// Runs the command.
 pub fn run(args: &ImportArgs) -> Result<()> {
     let folder = RunFolder::new(&args.run);
     check_free(&folder)?;

@@ -25,7 +25,6 @@ pub struct ListArgs {
     json: bool,
 }
 
-/// Runs the command.
 pub fn run(args: &ListArgs) -> Result<()> {
     let unused = args.folders == [PathBuf::from(RUNS)] && !args.folders[0].exists();
     for folder in args.folders.iter().filter(|_| !unused) {
@@ -63,30 +62,4 @@ fn cells(card: &Card) -> Vec<String> {
     let left = left.map_or_else(String::new, |left| format!("{} left", format::duration(left)));
     let subject = format!("{}, seed {}", card.preset, card.seed);
     vec![card.folder.clone(), card.state.clone(), subject, done, figures, left]
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use proto::config::Config;
-
-    #[test]
-    fn columns_stand_below_each_other_and_a_damaged_run_is_named() {
-        let card = |folder: &str, done| Card {
-            folder: folder.to_owned(),
-            state: "complete".to_owned(),
-            preset: "demo".to_owned(),
-            done,
-            budget: 440_000,
-            metrics: Config::default().spec().shown(),
-            figures: [("success".to_owned(), 0.5)].into(),
-            ..Card::default()
-        };
-        let broken = Card { problem: Some("no run.toml".to_owned()), ..card("runs/c", 0) };
-        let lines = aligned(&[card("runs/a", 440_000), card("runs/longer", 7), broken].map(|card| cells(&card)));
-        let place = |line: &str| line.find("SR ").map(|at| line[..at].chars().count());
-        assert_eq!(place(&lines[0]), place(&lines[1]));
-        assert!(lines[0].starts_with("runs/a       complete    demo, seed 0"), "{}", lines[0]);
-        assert!(lines[2].contains("unreadable") && lines[2].ends_with("no run.toml"), "{}", lines[2]);
-    }
 }

@@ -38,7 +38,6 @@ pub struct LogsArgs {
 /// How often is looked for new lines.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 
-/// Runs the command.
 pub fn run(args: &LogsArgs) -> Result<()> {
     let folder = RunFolder::new(&args.run);
     suite::refuse(folder.root())?;

@@ -135,31 +135,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn flags_win_over_the_file_and_the_file_over_the_preset() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("mine.toml");
-        std::fs::write(&path, "preset = \"paper\"\nseed = 5\n[actors]\ncount = 3\n").unwrap();
-        let set = ["actors.count=7", "actors.environments_per_actor=3"].map(|set| set.parse().unwrap()).to_vec();
-        let overrides = Overrides { config: Some(path), set, actors: Some(2), ..Overrides::default() };
-        let unused = || -> Result<&'static str> { anyhow::bail!("nobody needs a default") };
-        assert_eq!(overrides.preset(None, unused).unwrap(), "paper");
-        assert_eq!(overrides.preset(Some("demo"), unused).unwrap(), "demo");
-        assert_eq!(Overrides::default().preset(None, || Ok("recipe")).unwrap(), "recipe");
-        let config = overrides.resolve("demo").unwrap();
-        assert_eq!((config.preset.as_str(), config.seed, config.actors.count), ("demo", 5, 2));
-        assert_eq!(config.actors.environments_per_actor, 3);
-    }
-
-    #[test]
-    fn several_seeds_are_a_suite() {
-        assert_eq!(one_seed("7"), Ok(7));
-        assert!(one_seed("1,2,3").unwrap_err().contains("`orchestrator suite FILE --seed 1,2,3`"));
-        for text in ["x", "-1", "1.5", "9223372036854775808"] {
-            assert_eq!(one_seed(text).unwrap_err(), "a seed is a whole number from 0 to 9223372036854775807", "{text}");
-        }
-    }
-
-    #[test]
     fn frames_are_read_as_people_write_them() {
         for (text, expected) in [("7", 7), ("1_000", 1000), ("1e6", 1_000_000), ("2M", 2_000_000), ("1.5k", 1500)] {
             assert_eq!(frames(text), Ok(expected), "{text}");
@@ -178,22 +153,5 @@ mod tests {
         assert_eq!(learners(2, 2).unwrap(), 2);
         assert!(learners(3, 2).unwrap_err().to_string().contains("learner.count"));
         assert_eq!(learners(30, 60).unwrap(), 30, "more than the preset has actors");
-    }
-
-    #[test]
-    fn frames_scale_all_stages() {
-        let frames_of = |overrides: Overrides| -> Vec<u64> {
-            overrides.resolve("demo").unwrap().stages.iter().map(|stage| stage.frames).collect()
-        };
-        let whole = frames_of(Overrides::default());
-        let total: u64 = whole.iter().sum();
-        let scaled = frames_of(Overrides { frames: Some(500), ..Overrides::default() });
-        assert_eq!((scaled.len(), scaled.iter().sum::<u64>()), (whole.len(), 500));
-        for (scaled, whole) in scaled.iter().zip(&whole) {
-            let exact = *whole as f64 / total as f64 * 500.0;
-            assert!((*scaled as f64 - exact).abs() <= 1.0, "{scaled} is not {exact}");
-        }
-        let overrides = Overrides { frames: Some(1), ..Overrides::default() };
-        assert!(overrides.resolve("demo").unwrap_err().to_string().contains("--frames"));
     }
 }

@@ -12,7 +12,6 @@ pub struct PresetsArgs {
     json: bool,
 }
 
-/// Runs the command.
 pub fn run(args: &PresetsArgs) -> Result<()> {
     if args.json {
         let list: Vec<_> = presets()

@@ -44,7 +44,6 @@ pub struct ReportArgs {
     json: bool,
 }
 
-/// Runs the command.
 pub fn run(args: &ReportArgs) -> Result<()> {
     if let (Some(table), []) = (&args.table, args.runs.as_slice()) {
         terminal::out(kept::read(table)?.markdown()?.trim_end());

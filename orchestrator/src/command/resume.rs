@@ -74,7 +74,6 @@ pub struct ResumeArgs {
     json: bool,
 }
 
-/// Runs the command.
 pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     if args.json {
         events::begin();

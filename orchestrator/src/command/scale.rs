@@ -48,7 +48,6 @@ pub struct ScaleArgs {
     timeout: u64,
 }
 
-/// Runs the command.
 pub fn run(args: &ScaleArgs) -> Result<()> {
     let folder = RunFolder::new(&args.run);
     suite::refuse(folder.root())?;

@@ -177,7 +177,6 @@ fn stopped_line(process: &Stopped, holder: u32) -> String {
     }
 }
 
-/// Runs the command.
 pub fn run(args: &StatusArgs) -> Result<()> {
     let folder = RunFolder::new(&args.run);
     suite::refuse(folder.root())?;

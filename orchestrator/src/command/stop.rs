@@ -46,7 +46,6 @@ pub struct StopArgs {
     timeout: u64,
 }
 
-/// Runs the command.
 pub fn run(args: &StopArgs) -> Result<()> {
     let folder = RunFolder::new(&args.run);
     suite::refuse(folder.root())?;

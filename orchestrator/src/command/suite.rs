@@ -98,7 +98,6 @@ pub struct SuiteArgs {
     json: bool,
 }
 
-/// Runs the command.
 pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     check_gpus(&args.gpus)?;
     check_seeds(&args.seed)?;

@@ -27,7 +27,6 @@ pub struct TopArgs {
 /// Whatever trains on the machine comes first.
 const NICENESS: i32 = 10;
 
-/// Runs the command.
 pub fn run(args: &TopArgs) -> Result<()> {
     let (readers, run) = match &args.run {
         Some(folder) => {

@@ -73,7 +73,6 @@ pub struct UpArgs {
     hosts: HostFlags,
 }
 
-/// Runs the command.
 pub fn run(args: &UpArgs) -> Result<ExitCode> {
     if args.json {
         events::begin();

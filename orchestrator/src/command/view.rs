@@ -77,7 +77,6 @@ const OPENING: Duration = Duration::from_mins(1);
 /// The server gives way to whatever trains on the machine.
 const NICENESS: i32 = 10;
 
-/// Runs the command.
 pub fn run(args: &ViewArgs) -> Result<()> {
     if let Some(policy) = &args.policy.policy {
         return play(Player::of(policy, &args.policy.scene)?, &args.page, args.open);

@@ -28,7 +28,6 @@ fn column(folder: &RunFolder) -> Result<(Config, Vec<Figure>)> {
 /// Runs beside each other.
 #[derive(Debug, PartialEq, Serialize)]
 pub struct Comparison {
-    /// Their folders.
     pub runs: Vec<String>,
     /// The settings that are not the same in all.
     pub configuration: Vec<Row>,

@@ -3,7 +3,6 @@
 use serde::Serialize;
 use serde_json::Value;
 
-/// One thing of all runs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Row {
     pub name: String,

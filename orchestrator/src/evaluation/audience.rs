@@ -52,7 +52,6 @@ impl EvaluationAudience {
         self.plan.len()
     }
 
-    /// Episodes played.
     pub fn played(&self) -> usize {
         self.records.len()
     }
@@ -62,12 +61,10 @@ impl EvaluationAudience {
         self.frames
     }
 
-    /// Trainable parameters.
     pub fn parameters(&self) -> u64 {
         self.parameters
     }
 
-    /// What infers.
     pub fn device(&self) -> &str {
         &self.device
     }

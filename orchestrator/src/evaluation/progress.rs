@@ -19,12 +19,10 @@ use std::path::PathBuf;
 pub struct Progress {
     /// Episodes to play.
     pub asked: u64,
-    /// Episodes played.
     pub played: u64,
     /// Means so far of the metrics that are printed, by name; none before the first episode.
     #[serde(flatten)]
     pub means: BTreeMap<String, Option<f64>>,
-    /// What they are.
     #[serde(skip)]
     described: Vec<Described>,
     /// The result file, once it is there.

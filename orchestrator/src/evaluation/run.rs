@@ -26,7 +26,6 @@ pub struct EvaluationRun {
     pub folder: RunFolder,
     /// Contents of config.toml.
     pub config: Config,
-    /// Its request.
     pub asked: EvaluationConfig,
     /// Print the result as JSON instead of a table.
     pub json: bool,
@@ -34,9 +33,7 @@ pub struct EvaluationRun {
     pub subject: subject::Provenance,
     /// Contents of run.toml.
     pub identity: Identity,
-    /// The right to run it.
     pub lock: RunLock,
-    /// Programs.
     pub tools: Tools,
 }
 
@@ -156,7 +153,6 @@ impl EvaluationRun {
     }
 }
 
-/// The result file.
 fn json(evaluation: &Evaluation) -> Result<String> {
     let mut json = serde_json::to_string_pretty(evaluation).context(RESULT_FILE)?;
     json.push('\n');

@@ -28,13 +28,11 @@ pub struct Provenance {
 /// A checkpoint and the run it belongs to.
 #[derive(Debug, Clone)]
 pub struct Found {
-    /// Absolute path of its manifest.
     pub manifest: PathBuf,
     /// The folder that the user named, or that the manifest lies in.
     pub named: RunFolder,
     /// Absolute path of the folder that the configuration was found in.
     pub run: PathBuf,
-    /// The run's configuration.
     pub config: Config,
 }
 
@@ -42,12 +40,7 @@ pub struct Found {
 #[derive(Debug)]
 pub enum Source {
     Checkpoint(Box<Found>),
-    /// A policy file.
-    File {
-        /// Its absolute path.
-        path: PathBuf,
-        policy: Box<Policy>,
-    },
+    File { path: PathBuf, policy: Box<Policy> },
 }
 
 impl Source {

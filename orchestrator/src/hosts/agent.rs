@@ -45,11 +45,9 @@ const KILLED: Duration = Duration::from_secs(5);
 /// What a host's command asks for otherwise than the run in this folder does, by key.
 pub type Otherwise<'a> = &'a dyn Fn(&Config, &RunFolder) -> Result<Vec<String>>;
 
-/// What an agent is started with.
 #[derive(Debug)]
 pub struct Agent {
     pub member: Membership,
-    /// The run's token.
     pub token: Token,
     /// The interface to use, if the user names one.
     pub interface: Option<String>,

@@ -178,27 +178,6 @@ mod tests {
     }
 
     #[test]
-    fn messages_cross_both_ways_and_the_last_one_before_the_end_too() {
-        let [door, guest] = pair();
-        let silence = Duration::from_secs(20);
-        let (said, heard) = channel::<std::result::Result<String, String>>();
-        let ear = move |message| said.send(message).is_ok();
-        let at_door: Mouth<u32> = serve(door, silence, ear).unwrap();
-        let (answers, answered) = channel();
-        let at_guest: Mouth<String> =
-            serve(guest, silence, move |message: std::result::Result<u32, String>| answers.send(message).is_ok())
-                .unwrap();
-        at_guest.say("one".into());
-        at_door.say(7);
-        assert_eq!(heard.recv().unwrap().unwrap(), "one");
-        assert_eq!(answered.recv().unwrap().unwrap(), 7);
-        at_guest.say("last".into());
-        drop(at_guest);
-        assert_eq!(heard.recv().unwrap().unwrap(), "last");
-        assert!(heard.recv().unwrap().unwrap_err().contains("closed"));
-    }
-
-    #[test]
     fn one_that_is_silent_is_lost_and_one_that_beats_is_not() {
         let [door, guest] = pair();
         let silence = Duration::from_millis(300);

@@ -16,7 +16,6 @@ pub struct Flags {
 /// What named this host.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Launcher {
-    /// The command line.
     Flags,
     /// torchrun, or what sets its variables (Kubernetes' trainers).
     Torchrun,
@@ -52,9 +51,7 @@ pub enum MembershipError {
     /// A variable does not hold what it should.
     #[error("the variable {variable} is `{value}`, which is no {wanted}")]
     Variable {
-        /// Its name.
         variable: &'static str,
-        /// What it holds.
         value: String,
         /// What it should hold.
         wanted: &'static str,
@@ -67,12 +64,10 @@ pub enum MembershipError {
     Crowded {
         /// What shows it.
         variable: &'static str,
-        /// What it holds.
         value: u32,
         /// What to do.
         instead: &'static str,
     },
-    /// Something is missing.
     #[error("{missing} is missing: with several hosts each needs --hosts N, --host-rank K and --rendezvous HOST:PORT")]
     Missing { missing: &'static str },
     /// A number is out of range.
@@ -91,10 +86,7 @@ pub enum MembershipError {
         "this Slurm job has {nodes} nodes, but srun did not start this program on them: use `srun orchestrator up ...`, \
          or `--hosts 1` for a run on this node alone"
     )]
-    NotStarted {
-        /// Nodes of the job.
-        nodes: u32,
-    },
+    NotStarted { nodes: u32 },
 }
 
 type Variables<'a> = &'a dyn Fn(&str) -> Option<String>;

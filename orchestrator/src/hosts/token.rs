@@ -16,7 +16,6 @@ const SHORTEST: usize = 16;
 /// No token is longer.
 const LONGEST: u64 = 4096;
 
-/// A run's token.
 #[derive(Clone)]
 pub struct Token(Vec<u8>);
 

@@ -66,15 +66,3 @@ impl Visit for Message {
         }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_event_has_a_name_a_time_and_its_fields() {
-        let told = Told { event: "checkpoint", at_unix_s: 1.5, fields: json!({ "frames": 7 }) };
-        let text = serde_json::to_string(&told).unwrap();
-        assert_eq!(text, r#"{"event":"checkpoint","at_unix_s":1.5,"frames":7}"#);
-    }
-}

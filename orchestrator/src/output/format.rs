@@ -96,37 +96,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn counts_and_bytes() {
-        assert_eq!(count(0), "0");
-        assert_eq!(count(999), "999");
-        assert_eq!(count(1000), "1 000");
-        assert_eq!(count(45_000_000), "45 000 000");
-        assert_eq!(bytes(1023), "1023 B");
-        assert_eq!(bytes(1024), "1.00 KiB");
-        assert_eq!(bytes(1536 << 20), "1.50 GiB");
-        assert_eq!(bytes((100 << 20) - 1), "100 MiB");
-        assert_eq!(bytes(u64::MAX), "16777216 TiB");
-    }
-
-    #[test]
     fn durations_round_to_whole_seconds_before_they_are_split() {
         assert_eq!(duration(Duration::from_millis(59_400)), "59 s");
         assert_eq!(duration(Duration::from_millis(59_600)), "1 min 00 s");
         assert_eq!(duration(Duration::from_mins(125)), "2 h 05 min");
         assert_eq!(duration(Duration::from_hours(76)), "3 d 4 h");
-    }
-
-    #[test]
-    fn what_is_unknown_is_a_dash() {
-        assert_eq!((percent(Some(0.4567)), percent(None)), ("45.7%".to_owned(), "–".to_owned()));
-        assert_eq!((number(Some(0.25), 3), number(None, 3)), ("0.250".to_owned(), "–".to_owned()));
-    }
-
-    #[test]
-    fn rates() {
-        assert_eq!(rate(3.25), "3.2");
-        assert_eq!(rate(99.96), "100");
-        assert_eq!(rate(10_900.4), "10 900");
     }
 
     #[test]

@@ -27,21 +27,3 @@ pub fn cell(text: &str, most: usize) -> String {
         _ => text.chars().take(most.saturating_sub(1)).chain(['…']).collect(),
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn columns_stand_below_each_other_and_no_line_ends_in_spaces() {
-        let rows = [["a", "r′", ""], ["long", "x", "end"]].map(|row| row.map(str::to_owned).to_vec());
-        assert_eq!(aligned(&rows), ["a     r′", "long  x   end"]);
-        assert_eq!(aligned(&[]), Vec::<String>::new());
-        assert_eq!(aligned(&[vec!["x".repeat(70_000), "y".to_owned()]])[0].len(), 70_003);
-    }
-
-    #[test]
-    fn a_cell_has_its_width() {
-        assert_eq!((cell("", 4), cell("abcd", 4), cell("abcde", 4)), ("–".into(), "abcd".into(), "abc…".into()));
-    }
-}

@@ -30,11 +30,9 @@ pub struct Need {
     pub actor: u64,
     /// One learner, that with the most actors.
     pub learner: u64,
-    /// How many there are.
     pub learners: u32,
     /// Shared memory, which is memory too.
     pub shared: u64,
-    /// All together.
     pub total: u64,
 }
 

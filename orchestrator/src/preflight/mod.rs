@@ -17,7 +17,6 @@ pub mod shared_memory;
 pub mod temporary;
 pub mod tools;
 
-/// What a check found.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Finding {
     /// All is well; what there is.

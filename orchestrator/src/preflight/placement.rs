@@ -50,7 +50,6 @@ pub enum PlacementError {
     Kernel {
         /// What was asked for.
         what: String,
-        /// Why.
         cause: std::io::Error,
     },
 }
@@ -119,12 +118,10 @@ fn part(cores: &[usize], index: usize, among: usize) -> &[usize] {
 }
 
 impl Placement {
-    /// The cores of a learner.
     pub fn of_learner(&self, rank: u32) -> &[usize] {
         &self.learners[rank as usize]
     }
 
-    /// The cores of an actor.
     pub fn of_actor(&self, actor: u32) -> &[usize] {
         &self.actors[self.shares.learner_of(actor) as usize]
     }

@@ -34,7 +34,6 @@ pub struct Assembly {
 }
 
 impl Assembly {
-    /// Takes a step.
     pub fn step(&mut self, declared: &Declared, told: Told) {
         let (generation, step) = (told.engine.whose().1, told.engine.step as usize);
         if !self.is_current(declared, generation, step) {

@@ -24,7 +24,6 @@ impl Declared {
         Self::task(spec, &config.reward.weights).map_err(|cause| wrong(&cause))
     }
 
-    /// A task with these weights.
     pub fn task(spec: &'static Spec, weights: &BTreeMap<String, f32>) -> Result<Self, SpecError> {
         let compared = Compared::of(spec, weights)?;
         Ok(Self { spec, forms: Forms::of(spec, &compared), compared, summing: Summing::of(spec) })
@@ -35,7 +34,6 @@ impl Declared {
         self.summing.nothing(self.compared.rewards().len())
     }
 
-    /// Adds a step.
     pub fn add(&self, sums: &mut Sums, step: &Told) {
         self.summing.add(sums, &step.record, &step.rewards);
     }

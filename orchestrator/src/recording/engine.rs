@@ -23,7 +23,6 @@ macro_rules! engine {
             $($(#[$doc])* pub $name: $type,)*
         }
 
-        /// All of them.
         pub const OWN: &[Own] = &[
             Own {
                 name: "fixed_episode",
@@ -45,7 +44,6 @@ macro_rules! engine {
 }
 
 engine! {
-    /// Kitchen number.
     kitchen: u32, Uint32;
     /// Number of the environment among those of its kitchen, over the whole run.
     environment: u32, Uint32;

@@ -33,7 +33,6 @@ use std::time::{Duration, Instant};
 const RECORD_MAX: u64 = 256 << 20;
 /// Bytes before a record's content: its kind and its length.
 const RECORD_HEAD: u64 = 9;
-/// Episodes that are kept.
 const EPISODES_MAX: usize = 1_000_000;
 
 /// Sentences about files that are kept.
@@ -54,7 +53,6 @@ pub struct Shelved {
     generation: Generation,
     /// When it was first met, counted in episodes.
     pub order: u64,
-    /// Steps that were recorded.
     pub steps: u32,
     pub end: Option<Ended>,
     /// Name of its `target`, if the task has such a channel.
@@ -67,10 +65,8 @@ pub struct Shelved {
     from_its_start: bool,
 }
 
-/// How an episode ended.
 #[derive(Debug, Clone, Default)]
 pub struct Ended {
-    /// Its outcome, in words.
     pub outcome: String,
     pub length: u32,
     /// Returns and metrics, by name; without those that are not known.
@@ -87,13 +83,6 @@ impl Ended {
             figures: returns.chain(metrics).filter_map(|(name, number)| Some((name, (*number)?))).collect(),
         }
     }
-}
-
-/// A whole episode in a recording.
-#[cfg(test)]
-pub(super) fn shelved(order: u64, outcome: &str) -> Shelved {
-    let end = Ended { outcome: outcome.to_owned(), ..Ended::default() };
-    Shelved { order, steps: 1, from_its_start: true, end: Some(end), ..Shelved::default() }
 }
 
 impl Shelved {
@@ -120,7 +109,6 @@ impl Shelved {
     }
 }
 
-/// A file of recordings.
 #[derive(Debug)]
 struct Volume {
     path: PathBuf,
@@ -140,7 +128,6 @@ struct Volume {
 /// What a file was recorded under.
 #[derive(Debug)]
 struct Setting {
-    /// Its configuration.
     text: String,
     kitchens: Kitchens,
     declared: Declared,
@@ -481,7 +468,6 @@ impl Volume {
     }
 }
 
-/// Name of a step's target.
 fn target(declared: &Declared, step: &Told) -> Option<String> {
     let (channel, field) = declared.spec.channel("target")?;
     channel.names.get(field.number(&step.record) as usize).cloned()

@@ -59,7 +59,6 @@ pub struct Slot {
     pub wire: WireType,
     /// What it begins with there: number and type.
     key: u64,
-    /// Names of its numbers.
     names: Vec<String>,
     /// Several numbers.
     pub is_list: bool,
@@ -137,7 +136,6 @@ impl Forms {
         }
     }
 
-    /// The one of a topic.
     pub fn of_topic(&self, topic: &str) -> Option<(Carries, &Form)> {
         match topic {
             "/step" => Some((Carries::Step, &self.step)),

@@ -23,11 +23,9 @@ const EXIT_DEADLINE: Duration = Duration::from_secs(10);
 /// What came of it.
 #[derive(Debug, Default)]
 pub struct Harvest {
-    /// Episodes that were simulated.
     pub simulated: u64,
     /// Those of them that the recording ends in the middle of.
     pub unfinished: u64,
-    /// States compared.
     pub compared: u64,
     /// Episodes, steps and bytes of the data set; none if no episode was to be kept.
     pub written: Option<[u64; 3]>,

@@ -80,7 +80,6 @@ fn is_growing(folder: &RunFolder, path: &Path) -> bool {
 #[derive(Debug, PartialEq, Eq, Serialize)]
 pub struct Recordings {
     pub files: usize,
-    /// Their size together.
     pub bytes: u64,
     /// The last one.
     pub newest: PathBuf,

@@ -108,29 +108,3 @@ fn pick<'a>(
         }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::super::episode_index::shelved;
-    use super::*;
-
-    #[test]
-    fn the_newest_successes_and_one_of_each_other_kind_are_shown() {
-        let outcomes = ["failure", "best", "best", "good", "best", "time-limit", "good"];
-        let episodes: Vec<Shelved> = outcomes.iter().zip(0..).map(|(outcome, order)| shelved(order, outcome)).collect();
-        let good = ["best".to_owned(), "good".to_owned()];
-        let picked = |only, count| -> Vec<u32> {
-            let keyed = episodes.iter().zip(0..).map(|(one, episode)| ((1, 0, episode), one));
-            pick(keyed, &good, only, count).into_iter().map(|(_, _, episode)| episode).collect()
-        };
-        assert_eq!(picked(None, None), [4, 2, 6, 5], "two of the best, a disturbed one, a failure");
-        assert_eq!(picked(None, Some(3)), [6, 5, 4]);
-        let failures: Vec<Shelved> = (0..9).map(|order| shelved(order, "failure")).collect();
-        let keyed = failures.iter().zip(0..).map(|(one, episode)| ((1, 0, episode), one));
-        let keys = pick(keyed, &good, None, None);
-        assert_eq!(keys.iter().map(|(_, _, episode)| *episode).collect::<Vec<_>>(), [8, 7, 6, 5]);
-        assert_eq!(picked(Some(Only::Success), None), [6, 4, 3]);
-        assert_eq!(picked(Some(Only::Failure), Some(9)), [5, 0]);
-        assert_eq!(picked(Some(Only::Disturbed), Some(1)), [6]);
-    }
-}

@@ -20,7 +20,6 @@ pub struct Origin {
     /// None if the file does not hold it.
     pub place: Option<Place>,
     run_id: Option<String>,
-    /// Version of the file.
     version: Option<u32>,
     /// Seed of the run, which the identity repeats.
     seed: Option<u64>,

@@ -12,13 +12,7 @@ use std::path::{Path, PathBuf};
 pub enum RecordingError {
     /// The file system returned an error.
     #[error("cannot read {path}: {cause}", path = .path.display())]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        cause: std::io::Error,
-    },
-    /// An empty file.
+    Unreadable { path: PathBuf, cause: std::io::Error },
     #[error("{path} is empty: no recording", path = .0.display())]
     Empty(PathBuf),
     /// Something else.
@@ -27,7 +21,6 @@ pub enum RecordingError {
     /// MCAP, but not one of ours, or of another version.
     #[error("{path} is not a recording that this version can use: {problem}", path = .path.display())]
     Foreign {
-        /// The file.
         path: PathBuf,
         /// What does not fit.
         problem: String,

@@ -54,7 +54,6 @@ impl Reading {
         Ok(Self { slots: slots.collect::<Result<_, MessageError>>()?, form: Arc::new(form.clone()) })
     }
 
-    /// Reads a message.
     pub fn read(&self, mut data: &[u8]) -> Result<Told, MessageError> {
         let mut told = self.form.empty();
         while data.has_remaining() {

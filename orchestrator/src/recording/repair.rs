@@ -15,7 +15,6 @@ const PARTIAL_NAMES_MAX: u32 = 1000;
 /// Why a file could not be repaired.
 #[derive(Debug, thiserror::Error)]
 pub enum RepairError {
-    /// The old file.
     #[error(transparent)]
     Read(#[from] RecordingError),
     /// A recorder writes it at this moment.
@@ -24,23 +23,16 @@ pub enum RepairError {
     /// Something would be replaced that may be the only good copy.
     #[error("{path} exists: move it away first", path = .0.display())]
     Exists(PathBuf),
-    /// The new file.
     #[error("cannot write {path}: {cause}", path = .path.display(), cause = in_words(.cause))]
-    Write {
-        path: PathBuf,
-        /// Why not.
-        cause: McapError,
-    },
+    Write { path: PathBuf, cause: McapError },
 }
 
-/// What was done.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Repair {
     /// The file is complete; nothing was touched.
     NotNeeded { messages: u64 },
     /// A complete file was written.
     Repaired {
-        /// The complete file.
         repaired: PathBuf,
         /// The old file, where it was kept under another name.
         kept: Option<PathBuf>,

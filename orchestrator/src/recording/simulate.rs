@@ -31,15 +31,11 @@ const EXIT_DEADLINE: Duration = Duration::from_secs(10);
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(200);
 const PROGRESS_LINE_INTERVAL: Duration = Duration::from_secs(10);
 
-/// The result.
 #[derive(Debug, Default)]
 pub struct Totals {
     pub episodes: u64,
-    /// States compared.
     pub compared: u64,
-    /// Images drawn.
     pub images: u64,
-    /// Episodes with a difference.
     pub different: u64,
     /// Kitchen, environment, episode, step of the first one, in that order, and what differs.
     pub first: Option<(u32, u32, u32, Difference)>,

@@ -90,7 +90,6 @@ fn end(episode: u32) -> impl Fn(&Said) -> bool {
     move |(carries, told)| *carries == Carries::End && told.engine.episode == episode
 }
 
-/// A folder of recordings.
 struct RecordingsFolder(tempfile::TempDir);
 
 impl RecordingsFolder {

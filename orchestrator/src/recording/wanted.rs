@@ -7,7 +7,6 @@ use std::collections::BTreeSet;
 /// Which episodes are wanted; the default is all of them.
 #[derive(Debug, Clone, Default)]
 pub struct Wanted {
-    /// Only of this kitchen.
     pub kitchen: Option<KitchenId>,
     /// Only of this environment.
     pub environment: Option<EnvironmentId>,
@@ -75,26 +74,4 @@ fn check<T: Ord>(
         (None, None) => "there are none at all".to_owned(),
     };
     Err(NotRecorded { what, name: name(wanted), nearest })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_is_not_there_is_said_with_its_nearest() {
-        let known = Known { environments: BTreeSet::from([(2, 0), (2, 1), (5, 0)]), episodes: BTreeSet::from([3, 7]) };
-        let kitchen = |number| KitchenId::new(number).unwrap();
-        let said = |wanted: Wanted| wanted.check(&known).map_err(|error| error.to_string());
-        let episodes = |episodes: &[u32]| said(Wanted { episodes: episodes.to_vec(), ..Wanted::default() });
-        assert_eq!(said(Wanted::default()), Ok(()));
-        assert_eq!(episodes(&[7, 3]), Ok(()));
-        assert_eq!(episodes(&[3, 5]).unwrap_err(), "the recordings hold no episode 5; the nearest are 3 and 7");
-        assert_eq!(episodes(&[9]).unwrap_err(), "the recordings hold no episode 9; the last is 7");
-        let of = |kitchen, number| EnvironmentId { kitchen, number };
-        let environment = said(Wanted { environment: Some(of(kitchen(2), 4)), ..Wanted::default() });
-        assert_eq!(environment.unwrap_err(), "the recordings hold no environment 2/4; the nearest are 2/1 and 5/0");
-        let kitchen = said(Wanted { kitchen: Some(kitchen(1)), ..Wanted::default() });
-        assert_eq!(kitchen.unwrap_err(), "the recordings hold no kitchen 1; the first is 2");
-    }
 }

@@ -16,9 +16,7 @@ use std::fmt::Write;
 use std::path::Path;
 use wire::fault;
 
-/// Name of the page.
 pub const PAGE: &str = "report.html";
-/// Name of the numbers.
 pub const NUMBERS: &str = "report.json";
 
 /// Everything that a call which was killed may have left.

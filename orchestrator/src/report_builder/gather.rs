@@ -22,7 +22,6 @@ use std::path::{Path, PathBuf};
 /// Depth of the search for runs below a given folder.
 const DEPTH: usize = 3;
 
-/// What was found.
 #[derive(Debug)]
 pub struct Gathered {
     /// Runs that were found, then weights that were evaluated without one.
@@ -219,7 +218,7 @@ fn evaluations_of(spec: &Spec, folder: &RunFolder, notes: &mut Vec<String>) -> R
 mod tests {
     use super::*;
     use crate::evaluation::testing::played;
-    use proto::SCHEMA_VERSION;
+
     use proto::config::FromConfig;
     use proto::evaluation::{
         Conditions, Cost, Distribution, Evaluation, EvaluationConfig, ObjectSet, TABLE_FILE, category_of, write_table,
@@ -450,49 +449,5 @@ mod tests {
         let rates: Vec<_> = rollouts.iter().map(|rollout| rollout.frames_per_s).collect();
         assert_eq!(rates, [Some(25.0), Some(50.0), None, Some(25.0)]);
         assert!(rollouts.iter().map(|rollout| rollout.elapsed_s).eq([4.0, 8.0, 12.0, 16.0]));
-    }
-
-    #[test]
-    fn what_cannot_be_read_is_a_note_and_without_anything_else_an_error() {
-        let temporary = tempfile::tempdir().unwrap();
-        let at = |name: &str| temporary.path().join(name);
-        begin(&at("all/good"), |_| {});
-        evaluate(&at("all/good/evaluations/fine"), Split::Test, Some(&at("all/good")), "a");
-        evaluate(&at("all/good/evaluations/old"), Split::Test, Some(&at("all/good")), "a");
-        let old = at("all/good/evaluations/old").join(RESULT_FILE);
-        let text = std::fs::read_to_string(&old).unwrap();
-        assert!(text.contains("\"format\":2"));
-        std::fs::write(&old, text.replace("\"format\":2", "\"schema_version\":3")).unwrap();
-        evaluate(&at("all/good/evaluations/later"), Split::Test, Some(&at("all/good")), "a");
-        std::fs::write(at("all/good/evaluations/later").join(RESULT_FILE), text.replace("t\":2", "t\":9")).unwrap();
-        begin(&at("all/older"), |_| {});
-        let identity = Identity { schema_version: SCHEMA_VERSION - 1, ..Identity::new().unwrap() };
-        identity.write(&RunFolder::new(at("all/older"))).unwrap();
-        begin(&at("all/torn"), |_| {});
-        std::fs::write(at("all/torn/config.toml"), "[ppo").unwrap();
-
-        let gathered = gather(&[at("all")]).unwrap();
-        assert_eq!((gathered.runs.len(), gathered.runs[0].evaluations.len()), (1, 1));
-        assert_eq!(gathered.notes.len(), 4, "{:#?}", gathered.notes);
-        let commit =
-            "evaluation.json: it is the result of an older version, which the programs of commit 0e4cae3e read";
-        for (name, why) in
-            [("old", commit), ("later", "has format 9"), ("older", "reads schema"), ("torn", "config.toml")]
-        {
-            let note = gathered.notes.iter().find(|note| note.contains(&format!("/{name} is left out: ")));
-            assert!(note.is_some_and(|note| note.contains(why)), "{name}: {:#?}", gathered.notes);
-        }
-        for name in ["all/older", "all/torn"] {
-            let gathered = gather(&[at("all/good"), at(name)]).unwrap();
-            assert!(gathered.runs.len() == 1 && gathered.notes.len() == 3, "{name}: {:#?}", gathered.notes);
-            assert!(gather(&[at(name)]).is_err(), "{name}");
-        }
-        let asked = EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 1);
-        begin(&at("stopped"), |config| config.evaluation = Some(asked));
-        let problem = gather(&[at("stopped")]).unwrap_err().to_string();
-        assert!(problem.contains("is an evaluation without a result"), "{problem}");
-        std::fs::remove_dir_all(at("all/good")).unwrap();
-        let problem = gather(&[at("all")]).unwrap_err().to_string();
-        assert!(problem.contains("nothing to report on") && problem.contains("older"), "{problem}");
     }
 }

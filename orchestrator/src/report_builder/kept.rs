@@ -7,7 +7,6 @@ use report::Kept;
 use report::comparison::Comparison;
 use std::path::Path;
 
-/// Reads it.
 pub fn read(path: &Path) -> Result<Kept> {
     let text = bounded::read_text(path).with_context(|| path.display().to_string())?;
     serde_json::from_str(&text).with_context(|| format!("{} keeps no table", path.display()))

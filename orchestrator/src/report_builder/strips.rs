@@ -35,7 +35,6 @@ const PATIENCE: Duration = Duration::from_mins(2);
 const MARKS: &str =
     "Violet: what is displaced, with a ghost where it stood; pink ring: the target; green box: the goal.";
 
-/// One episode.
 #[derive(Debug, Serialize)]
 pub struct ShownEpisode {
     /// What is said of it: of which run, which episode, and how it was chosen.
@@ -107,7 +106,6 @@ fn best(run: &Run, evaluated: &Evaluated) -> Result<ShownEpisode> {
     })
 }
 
-/// Which episode it is.
 fn called(record: &EpisodeRecord) -> String {
     let target = record.category.map_or_else(String::new, |category| format!(", target {}", category.name()));
     format!("kitchen {}, episode {}{target}", record.kitchen.number(), record.episode)
@@ -165,7 +163,6 @@ fn ending(spec: &Spec, record: &EpisodeRecord) -> String {
     words.collect::<Vec<_>>().join(", ")
 }
 
-/// What an evaluation recorded.
 struct Recorded {
     episode_index: EpisodeIndex,
     folder: String,

@@ -46,7 +46,6 @@ pub struct Incarnation {
     pub wire: String,
     /// Machine it ran on.
     pub host: String,
-    /// Its process.
     pub pid: u32,
     /// When it began, seconds since 1970.
     pub started_unix_s: u64,
@@ -109,7 +108,6 @@ impl ProcessCounts {
     }
 }
 
-/// How an incarnation ended.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Ended {
     /// In a word.
@@ -282,7 +280,6 @@ pub struct Sign {
 pub struct Moment {
     /// Which boot of which machine: the kernel's `boot_id`.
     boot: String,
-    /// Seconds since then.
     monotonic_s: f64,
 }
 
@@ -319,7 +316,6 @@ pub fn unix_now() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs())
 }
 
-/// Name of this machine.
 pub fn host_name() -> String {
     rustix::system::uname().nodename().to_string_lossy().into_owned()
 }

@@ -51,7 +51,6 @@ pub fn read<T: DeserializeOwned>(folder: &RunFolder, path: &Path, most: u64) -> 
     Ok((read, damaged))
 }
 
-/// Appends to a file.
 #[derive(Debug)]
 pub struct Writer {
     file: File,

@@ -21,7 +21,6 @@ const HOLDER_BYTES_MOST: u64 = 4096;
 pub struct Holder {
     /// Process id of the orchestrator.
     pub pid: u32,
-    /// Machine it runs on.
     pub host: String,
     pub incarnation: u32,
     /// The PID namespace that numbers its process. None in locks of versions that did not note it.
@@ -121,10 +120,8 @@ fn refuse_links(folder: &RunFolder) -> Result<()> {
     Ok(())
 }
 
-/// Whether someone holds a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum LockState {
-    /// Nobody.
     Free,
     By(Holder),
     /// A holder that has not written its process id yet.
@@ -209,24 +206,6 @@ mod tests {
         let temporary = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(temporary.path());
         (temporary, folder)
-    }
-
-    #[test]
-    fn a_folder_is_held_by_one_and_names_the_holder() {
-        let (_temporary, folder) = folder();
-        assert_eq!(holder(&folder).unwrap(), LockState::Free);
-        let mut lock = RunLock::acquire(&folder).unwrap();
-        assert_eq!(holder(&folder).unwrap(), LockState::Unsigned);
-        lock.sign(3).unwrap();
-        let expected = Holder::this_process(3);
-        assert!(expected.pid_namespace.is_some() && expected.is_here(), "{expected:?}");
-        assert_eq!(holder(&folder).unwrap(), LockState::By(expected));
-        let message = RunLock::acquire(&folder).unwrap_err().to_string();
-        assert!(message.contains("already in use: pid"), "{message}");
-        drop(lock);
-        assert_eq!(holder(&folder).unwrap(), LockState::Free);
-        let _unsigned = RunLock::acquire(&folder).unwrap();
-        assert_eq!(holder(&folder).unwrap(), LockState::Unsigned, "the signature of the holder before");
     }
 
     #[test]

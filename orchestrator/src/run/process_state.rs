@@ -4,7 +4,6 @@ use std::path::Path;
 
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct Stopped {
-    /// Name of its program.
     pub program: String,
     pub pid: u32,
 }
@@ -29,36 +28,4 @@ fn look(pid: u32) -> Option<Stopped> {
 fn parse(stat: &str) -> Option<(String, char)> {
     let (before, after) = stat.rsplit_once(") ")?;
     Some((before.split_once('(')?.1.to_owned(), after.chars().next()?))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use rustix::process::{Pid, Signal, kill_process};
-    use std::process::{Child, Command};
-    use std::time::{Duration, Instant};
-
-    fn signal(child: &Child, signal: Signal) {
-        kill_process(Pid::from_child(child), signal).unwrap();
-    }
-
-    #[test]
-    fn a_stopped_process_is_told_from_one_that_runs() {
-        assert_eq!(parse("12 (a) (b) T 1 2"), Some(("a) (b".to_owned(), 'T')));
-        let mut child = Command::new("sleep").arg("60").spawn().unwrap();
-        let of_child = || stopped(child.id());
-        assert_eq!(of_child(), []);
-        signal(&child, Signal::STOP);
-        let begun = Instant::now();
-        while of_child().is_empty() {
-            assert!(begun.elapsed() < Duration::from_secs(10), "it is stopped soon");
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        let expected = Stopped { program: "sleep".to_owned(), pid: child.id() };
-        assert_eq!(of_child(), std::slice::from_ref(&expected));
-        assert!(stopped(std::process::id()).contains(&expected), "a child is found by its parent");
-        signal(&child, Signal::KILL);
-        child.wait().unwrap();
-        assert_eq!(stopped(child.id()), []);
-    }
 }

@@ -175,7 +175,6 @@ fn is_mapped(prefix: &str) -> bool {
 /// What a sweep did.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 pub struct Swept {
-    /// Names removed.
     pub names: usize,
     /// Processes that had to be killed.
     pub killed: usize,

@@ -14,7 +14,6 @@ use std::io::ErrorKind;
 pub struct ScaleRequest {
     /// The start that is asked. One that a crash left behind is nobody's.
     pub incarnation: u32,
-    /// Actors of the whole run.
     pub actors: u32,
     /// The rollout that is to be the first with them; none: the next that has not begun.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -138,34 +137,5 @@ mod tests {
         std::fs::write(folder.scale_request(), "actors = 1").unwrap();
         assert_eq!(take(), None);
         assert!(!folder.scale_request().exists());
-    }
-
-    #[test]
-    fn what_cannot_be_is_answered() {
-        let temporary = tempfile::tempdir().unwrap();
-        let folder = RunFolder::new(temporary.path());
-        let mut config = Config::resolve("demo", None).unwrap();
-        config.actors.count = 4;
-        config.learner.count = 2;
-        for (asked, next, answer) in [
-            (request(3, 1, None), Some(7), "every learner has actors of its own"),
-            (request(3, 600, None), Some(7), "must be 1 to 512"),
-            (
-                request(3, 5, Some(6)),
-                Some(7),
-                "rollout 6 has begun already; the next one that can have another number is 7",
-            ),
-            (request(3, 5, Some(60)), None, "it is being saved"),
-        ] {
-            asked.write(&folder).unwrap();
-            for _ in 0..2 {
-                assert_eq!(ScaleRequest::take(&folder, 3, &config, next), None);
-            }
-            let answered = ScaleRequest::read(&folder).unwrap().unwrap();
-            assert_eq!(answered.clone().answers(&request(3, 7, Some(6))), None, "that is another one's");
-            let refused = answered.answers(&asked).unwrap();
-            assert!(refused.contains(answer), "{refused}");
-        }
-        assert_eq!(request(3, 5, None).answers(&request(3, 5, None)), None, "it has not been looked at");
     }
 }

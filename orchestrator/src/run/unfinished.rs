@@ -48,39 +48,3 @@ fn partial(path: &Path) -> PathBuf {
     name.push(proto::run_folder::PARTIAL);
     name.into()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn only_what_is_there_before_the_identity_counts() {
-        let temporary = tempfile::tempdir().unwrap();
-        let folder = RunFolder::new(temporary.path());
-        let seen = || is_cut_off(&folder).unwrap();
-        assert!(!seen(), "empty");
-        std::fs::create_dir(folder.logs()).unwrap();
-        assert!(seen());
-        std::fs::write(folder.config(), "seed = 1").unwrap();
-        assert!(!seen(), "a configuration without a lock is the user's own");
-        std::fs::write(folder.orchestrator_lock(), "").unwrap();
-        assert!(seen());
-        std::fs::write(folder.task(), "").unwrap();
-        std::fs::create_dir_all(folder.scene(0)).unwrap();
-        std::fs::write(folder.scene(0).join("scene.toml"), "").unwrap();
-        for path in [folder.config(), folder.identity()] {
-            std::fs::write(partial(&path), "").unwrap();
-        }
-        assert!(seen());
-        clear(&folder).unwrap();
-        assert!(!folder.scenes().exists());
-        clear(&folder).unwrap();
-        std::fs::create_dir(folder.checkpoints()).unwrap();
-        assert!(seen());
-        std::fs::write(folder.checkpoint_manifest(3), "").unwrap();
-        assert!(!seen(), "work");
-        std::fs::remove_file(folder.checkpoint_manifest(3)).unwrap();
-        std::fs::write(folder.identity(), "").unwrap();
-        assert!(!seen(), "a run");
-    }
-}

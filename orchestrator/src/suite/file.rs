@@ -19,7 +19,6 @@ const RUNS_MAX: usize = 1000;
 /// Longest name of a run without its seed: file systems allow 255 bytes, and its folders and files add to it.
 const NAME_BYTES_MAX: usize = 200;
 
-/// The file as it is written.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
@@ -70,9 +69,7 @@ pub enum AskedCheckpoint {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Asked {
-    /// Kitchens.
     pub split: SplitChoice,
-    /// Targets.
     pub objects: ObjectsChoice,
     /// Episodes of each kitchen and object set; all 360 if not given.
     pub episodes: Option<u32>,
@@ -90,22 +87,18 @@ pub struct SuiteEntry {
     pub name: String,
     pub preset: String,
     pub seed: u64,
-    /// `--frames`.
     pub frames: Option<u64>,
     /// Number of the run before it in the suite whose weights it begins with.
     pub from: Option<usize>,
     /// What `--config` is given: TOML.
     pub overrides: String,
-    /// The resulting configuration.
     pub config: Config,
 }
 
 /// A file that has been found sound.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Suite {
-    /// Runs, in order.
     pub entries: Vec<SuiteEntry>,
-    /// Evaluations of each, in order.
     pub evaluations: Vec<Asked>,
 }
 
@@ -461,29 +454,6 @@ mod tests {
         assert_eq!(folders, ["suite-test-novel", "suite-test-novel-best"]);
         let problem = problem(&format!("seeds = [1]\n{best}{runs}"));
         assert!(problem.contains("number 1: checkpoint = \"best\", but demo-1 is not validated"), "{problem}");
-    }
-
-    #[test]
-    fn a_wrong_key_is_named_as_it_is_written_with_the_run_that_has_it() {
-        let run = "[[runs]]\npreset = \"demo\"\n";
-        let of_second = |more: &str| problem(&format!("seeds = [1]\n{run}{run}name = \"second\"\n{more}\n"));
-        let second = |text: &str| format!("[[runs]] number 2, `second`, preset `demo`: {text}");
-        let unknown = second("config.ppo.lerning_rate: unknown key `lerning_rate` (did you mean `learning_rate`?)");
-        assert_eq!(of_second("config.ppo.clip = 0.2\nconfig.ppo.lerning_rate = 1.0"), unknown);
-        let table = of_second("[runs.config.ppoo]");
-        assert_eq!(table, second("config.ppoo: unknown key `ppoo` (did you mean `ppo`?)"));
-        let kind = of_second("config.reward.lagrangian.initial = \"one\"");
-        assert!(kind.starts_with(&second("config.reward.lagrangian.initial: expected a number, found \"")), "{kind}");
-        let range = of_second("config.ppo.clip = 0.0");
-        assert_eq!(range, second("configuration: ppo.clip = 0: must be greater than 0"));
-        assert!(of_second("config.from.frames = 3").ends_with("config.from: set it by `from` of the run"));
-        // Values that fit each other alone.
-        Suite::parse(
-            "seeds = [1]\n[config]\nactors.count = 600\n[[runs]]\npreset = \"demo\"\nconfig.actors.count = 2\n",
-        )
-        .unwrap();
-        let whole = problem(&format!("seeds = [1]\n[config]\nppo.epoch = 2\n{run}"));
-        assert_eq!(whole, "for every run: config.ppo.epoch: unknown key `epoch` (did you mean `epochs`?)");
     }
 
     #[test]

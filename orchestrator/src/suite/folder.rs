@@ -31,9 +31,7 @@ use std::fs::{File, OpenOptions, TryLockError};
 use std::path::{Path, PathBuf};
 use wire::fault;
 
-/// Name of the lock.
 const LOCK: &str = "suite.lock";
-/// Name of the suite's file.
 const FILE: &str = "suite.toml";
 
 /// Refuses a suite's folder where a run's is asked for.
@@ -96,7 +94,6 @@ impl SuiteFolder {
         self.root.join("report")
     }
 
-    /// Page of the report.
     pub fn page(&self) -> PathBuf {
         self.report().join(PAGE)
     }
@@ -291,13 +288,12 @@ mod tests {
     use crate::run::create::{check_free, create};
     use crate::run::identity::Identity;
     use crate::run::lock::RunLock;
-    use crate::run::remains;
+
     use proto::config::FromConfig;
     use proto::evaluation::{EvaluationConfig, ObjectSet};
     use proto::kitchen::Split;
     use std::os::unix::process::ExitStatusExt;
     use std::process::Command;
-    use std::time::Duration;
 
     const TEXT: &str = "seeds = [1]\n[[evaluations]]\nsplit = \"test\"\nobjects = \"novel\"\n\
                         [[evaluations]]\nsplit = \"valid\"\nobjects = \"novel\"\n[[runs]]\npreset = \"demo\"\n";
@@ -375,31 +371,6 @@ mod tests {
         assert!(problem.contains("another configuration (ppo.epochs = 4)"), "{problem}");
         let foreign = SuiteFolder::new(temporary.path());
         assert!(foreign.check(&suite).unwrap_err().to_string().contains("no suite"));
-    }
-
-    #[test]
-    fn an_evaluation_that_was_cut_off_is_removed_with_what_it_left_in_shared_memory() {
-        let temporary = tempfile::tempdir().unwrap();
-        let folder = SuiteFolder::new(temporary.path().join("suite"));
-        let suite = Suite::parse(TEXT).unwrap();
-        let _lock = folder.open(&suite, TEXT).unwrap();
-        let entry = &suite.entries[0];
-        let evaluation = RunFolder::new(folder.evaluation(entry, &suite.evaluations[0]));
-        std::fs::create_dir_all(evaluation.logs()).unwrap();
-        let asked = EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 1);
-        let config = Config { evaluation: Some(asked), ..entry.config.clone() };
-        std::fs::write(evaluation.config(), config.to_toml()).unwrap();
-        let mut identity = Identity::new().unwrap();
-        identity.begin_incarnation();
-        identity.write(&evaluation).unwrap();
-        let address = identity.address(&identity.incarnations[0]);
-        drop(remains::claim(&address, evaluation.root()).unwrap());
-        folder.clear(&suite, entry, &Step::Resume).unwrap();
-        assert!(evaluation.root().exists(), "its logs say why, until it is tried again");
-        folder.clear(&suite, entry, &Step::Evaluate(0)).unwrap();
-        assert!(!evaluation.root().exists());
-        drop(remains::claim(&address, evaluation.root()).expect("nothing of it is left in shared memory"));
-        remains::sweep(&address, Duration::ZERO).unwrap();
     }
 
     /// A kill while an evaluation was cleared could leave its logs without its run.toml: a folder that the suite refused

@@ -4,7 +4,6 @@ use anyhow::{Context, Result, bail, ensure};
 use proto::config::Setting;
 use toml::{Table, Value};
 
-/// One combination.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Point {
     /// What it adds to the run's name: `-learning_rate=0.001-clip=0.2`; nothing without a grid.

@@ -43,7 +43,6 @@ const LAST_WORDS_BYTES: u64 = 8192;
 pub enum SuiteOutcome {
     /// Everything is trained and evaluated.
     Done,
-    /// A stop was requested.
     Stopped,
     /// A stop was requested twice: the processes ended without saving.
     Interrupted,
@@ -51,7 +50,6 @@ pub enum SuiteOutcome {
     Incomplete,
 }
 
-/// A process at work.
 struct Worker {
     entry: usize,
     step: Step,
@@ -61,7 +59,6 @@ struct Worker {
     log_begin: u64,
 }
 
-/// The work of one call.
 struct Scheduler<'a> {
     suite: &'a Suite,
     folder: &'a SuiteFolder,
@@ -73,7 +70,6 @@ struct Scheduler<'a> {
     settled: Vec<bool>,
     /// Since when another process has held a run's lock.
     held_since: BTreeMap<usize, Instant>,
-    /// Number of stop requests.
     stops: u32,
 }
 

@@ -47,7 +47,6 @@ impl Status {
     }
 }
 
-/// One run in the file.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct RunStatus {
     #[serde(flatten)]
@@ -56,12 +55,10 @@ pub struct RunStatus {
     pub tries: u32,
 }
 
-/// The file.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct State {
     /// [`SCHEMA_VERSION`] of the writer.
     pub schema_version: u32,
-    /// By name of the run.
     pub runs: BTreeMap<String, RunStatus>,
 }
 

@@ -20,9 +20,7 @@ const FIRST: u32 = 2;
 pub struct Deadlines {
     /// Kitchens that the actors simulate.
     pub kitchens: Kitchens,
-    /// Learner processes.
     pub learners: u32,
-    /// Actor processes.
     pub actors: u32,
     pub restart: RestartPolicy,
     /// From a learner's start to its `Ready`. One that takes longer is started again, once.
@@ -54,7 +52,6 @@ pub struct Deadlines {
 }
 
 impl Deadlines {
-    /// The bounds for a configuration.
     pub fn of(config: &Config) -> Self {
         let actor_deadline = Duration::from_secs_f64(config.learner.actor_deadline_s.min(1e6));
         Self {

@@ -43,11 +43,9 @@ impl Process {
 pub enum Exit {
     /// It exited with this status.
     Code(i32),
-    /// A signal ended it.
     Signal(i32),
     /// The orchestrator killed it, and has said why.
     Killed,
-    /// It could not be started.
     NotStarted(String),
 }
 
@@ -79,24 +77,18 @@ fn signal_name(signal: i32) -> Option<&'static str> {
     })
 }
 
-/// What happened.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Event {
     /// A process ended and was reaped.
     Exited {
         process: Process,
-        /// The incarnation that ended.
         incarnation: u32,
         exit: Exit,
         /// Its last lines on standard error.
         last_words: Vec<String>,
     },
     /// An event of a learner; it contains the rank.
-    Learner {
-        /// The incarnation that spoke.
-        incarnation: u32,
-        event: LearnerEvent,
-    },
+    Learner { incarnation: u32, event: LearnerEvent },
     /// Time passed.
     Tick,
     /// Request for an orderly stop (`orchestrator stop`, SIGTERM, SIGHUP). Asking twice changes nothing.
@@ -131,7 +123,6 @@ pub enum Level {
     Error,
 }
 
-/// What is to be done.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Action {
     /// Start a process.
@@ -157,7 +148,6 @@ pub enum Action {
 /// How a session ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Outcome {
-    /// Why.
     pub end: SessionEnd,
     /// State that the learners saved before they exited; none if they did not report any.
     pub saved: Option<Saved>,

@@ -28,7 +28,6 @@ pub struct Bereaved {
     pub last_words: Vec<String>,
 }
 
-/// The learners of a run.
 #[derive(Debug)]
 pub struct LearnerGroup {
     reported: Vec<Reported>,
@@ -83,7 +82,6 @@ impl LearnerGroup {
         }
     }
 
-    /// How many there are.
     pub fn size(&self) -> usize {
         self.reported.len()
     }
@@ -281,40 +279,8 @@ impl LearnerGroup {
 mod tests {
     use super::*;
 
-    const PATIENCE: Duration = Duration::from_secs(10);
-
     fn at(second: u64) -> Duration {
         Duration::from_secs(second)
-    }
-
-    #[test]
-    fn deadlines_are_everyones() {
-        let mut learner_group = LearnerGroup::new(3);
-        learner_group.begin(at(100));
-        learner_group.ready(0, at(101));
-        learner_group.ready(2, at(102));
-        assert_eq!(learner_group.late_to_be_ready(at(110), PATIENCE), None);
-        assert_eq!(learner_group.late_to_be_ready(at(111), PATIENCE), Some(1));
-        assert_eq!((learner_group.all_ready_since(), learner_group.silent_for(at(111))), (None, None));
-        learner_group.ready(1, at(111));
-        assert_eq!(learner_group.late_to_be_ready(at(1000), PATIENCE), None);
-        // Actors are waited for from when the last learner was ready; rank 0 tells whether all get on.
-        assert!(!learner_group.connected(0) && !learner_group.connected(1));
-        assert_eq!(learner_group.late_to_be_connected(at(121), PATIENCE), None);
-        assert_eq!(learner_group.late_to_be_connected(at(122), PATIENCE), Some(2));
-        assert_eq!(learner_group.silent_for(at(122)), Some(at(21)));
-        learner_group.collected(at(122));
-        assert_eq!(learner_group.late_to_be_connected(at(1000), PATIENCE), None, "it had no part in a short rollout");
-        assert_eq!(learner_group.silent_for(at(123)), Some(at(1)));
-        assert!(learner_group.connected(2));
-        learner_group.waits(at(150));
-        assert_eq!(learner_group.silent_for(at(151)), Some(at(1)), "one that waits for an actor lives");
-        learner_group.begin(at(200));
-        assert_eq!(
-            learner_group.late_to_be_ready(at(211), PATIENCE),
-            Some(0),
-            "what was said before a fall is forgotten"
-        );
     }
 
     #[test]
@@ -341,24 +307,5 @@ mod tests {
             learner_group.goes_on(at(begin + 63), Work::Collect);
             assert_eq!(longest(&learner_group), [Some(at(3)), Some(at(2)), Some(at(7))]);
         }
-    }
-
-    #[test]
-    fn all_may_meet_non_finite_numbers_together() {
-        let deadlines = RestartPolicy::default();
-        let non_finite = Exit::Code(EXIT_NON_FINITE);
-        let mut learner_group = LearnerGroup::new(2);
-        for fall in 0..2 {
-            learner_group.begin(at(fall));
-            assert!(!learner_group.met_non_finite_again(&Exit::Code(1)), "one whose peer was gone first");
-            assert!(matches!(learner_group.fell(at(fall), &deadlines), Verdict::RestartAt(_)));
-            assert!(learner_group.is_falling());
-            assert_eq!(learner_group.met_non_finite_again(&non_finite), fall == 1);
-            assert!(!learner_group.met_non_finite_again(&non_finite), "once a fall");
-        }
-        learner_group.progress();
-        learner_group.begin(at(2));
-        assert!(!learner_group.is_falling());
-        assert!(!learner_group.met_non_finite_again(&non_finite));
     }
 }

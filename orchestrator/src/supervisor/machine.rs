@@ -100,7 +100,6 @@ impl Supervisor {
         }
     }
 
-    /// Starts everything.
     pub fn start(&mut self, now: Duration) -> Vec<Action> {
         self.start_learners(now);
         for actor in 0..self.deadlines.actors {
@@ -185,7 +184,6 @@ impl Supervisor {
         self.learner_group.ranks().all(|rank| lives(rank) || self.learner_group.has_finished(rank))
     }
 
-    /// Whether no learner runs.
     fn learners_are_down(&self) -> bool {
         self.learner_group.ranks().all(|rank| self.children.is_down(Process::Learner(rank)))
     }

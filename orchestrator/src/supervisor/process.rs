@@ -53,7 +53,6 @@ const FAILED: i32 = 1;
 /// What all children of one incarnation have in common.
 #[derive(Debug, Clone)]
 pub struct Launch {
-    /// Executables.
     pub programs: Programs,
     /// What simulates, where the environments are not built in.
     pub environment: Option<EnvironmentConfig>,
@@ -63,7 +62,6 @@ pub struct Launch {
     /// The learner plays an evaluation's episodes instead of training.
     pub evaluates: bool,
     pub folder: RunFolder,
-    /// Its services.
     pub address: WireAddress,
     /// Cores of each; none where the kernel chooses. It numbers the processes of this host from 0.
     pub placement: Option<Placement>,
@@ -241,7 +239,6 @@ impl Processes {
         }
     }
 
-    /// Kills a child.
     pub fn kill(&mut self, process: Process) {
         if let Some(kill) = self.running.get_mut(&process).and_then(|handle| handle.kill.take()) {
             // Err: it has just ended by itself.
@@ -255,7 +252,6 @@ impl Processes {
     }
 }
 
-/// A child that runs.
 struct Attended {
     child: Child,
     process: Process,

@@ -63,7 +63,6 @@ impl From<Announced> for StageAnnouncement {
     }
 }
 
-/// What another host reports.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum HostReport {
     /// It is ready for orders.
@@ -75,18 +74,13 @@ pub enum HostReport {
     /// A process ended.
     Exited {
         process: Process,
-        /// The incarnation that ended.
         incarnation: u32,
         exit: Exit,
         /// Its last lines on standard error.
         last_words: Vec<String>,
     },
     /// An event of a learner.
-    Learner {
-        /// The incarnation that spoke.
-        incarnation: u32,
-        event: LearnerEvent,
-    },
+    Learner { incarnation: u32, event: LearnerEvent },
     /// Its recording cannot be written any more.
     CannotWrite(String),
     /// Somebody asks for a stop there.
@@ -103,7 +97,6 @@ pub enum HostReport {
 /// What is received from a host, or of it.
 #[derive(Debug, Clone, PartialEq)]
 pub enum FromHost {
-    /// Its message.
     Reported(HostReport),
     /// It is gone, and why that is known.
     Lost(String),

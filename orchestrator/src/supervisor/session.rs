@@ -31,18 +31,14 @@ const RECORDED: Duration = Duration::from_secs(30);
 /// The same after the loss of a host: all is to end within `--host-deadline`.
 const RECORDED_AFTER_LOSS: Duration = Duration::from_secs(5);
 
-/// What a session needs.
 #[derive(Debug)]
 pub struct Session<'a> {
     /// The folder, with config.toml in it.
     pub folder: &'a RunFolder,
     /// Contents of config.toml.
     pub config: &'a Config,
-    /// Number of this start.
     pub incarnation: u32,
-    /// Address of its services.
     pub address: &'a WireAddress,
-    /// Programs.
     pub tools: &'a Tools,
     /// A scheduler or launcher started this program: see [`Signals::install`].
     pub launched: bool,
@@ -53,7 +49,6 @@ pub struct Session<'a> {
 pub struct Together {
     /// Hosts with what is divided among them.
     pub hosts: Hosts,
-    /// The other hosts.
     pub remote_hosts: RemoteHosts,
     /// Where the learners meet.
     pub network: LearnersNetwork,

@@ -128,9 +128,7 @@ pub trait Audience {
 
 /// What the loop works with.
 pub struct Shell<'a> {
-    /// Configuration of the run.
     pub config: &'a Config,
-    /// The services.
     pub host: &'a WireHost,
     pub recorder: Option<&'a Recorder>,
     /// Requests to stop.

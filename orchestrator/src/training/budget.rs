@@ -34,7 +34,6 @@ impl Budget {
         self.old == self.new
     }
 
-    /// The configuration with it.
     pub fn lay_over(&self, config: &Config) -> Config {
         Config { stages: self.new.clone(), ..config.clone() }
     }
@@ -97,61 +96,5 @@ impl Budget {
             .with_context(|| format!("cannot write {}", folder.config().display()))?;
         fault::reach("resume.after_budget");
         Ok(())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::training::means::tests::stages;
-
-    /// Of 1000 and 500 frames.
-    fn configured() -> Config {
-        Config { stages: stages(), ..Config::default() }
-    }
-
-    #[test]
-    fn the_summary_goes_and_the_configuration_is_replaced() {
-        let temporary = tempfile::tempdir().unwrap();
-        let (folder, config) = (RunFolder::new(temporary.path()), configured());
-        std::fs::write(folder.config(), config.to_toml()).unwrap();
-        std::fs::write(folder.summary(), "{}").unwrap();
-        let budget = Budget::of(&config, 1500, 2500).unwrap();
-        assert!(!budget.is_old() && Budget::of(&config, 1500, 1500).unwrap().is_old());
-        budget.write(&folder, &config).unwrap();
-        assert!(!folder.summary().exists());
-        let written = Config::of_run(&folder).unwrap();
-        assert_eq!(written, budget.lay_over(&config));
-        let frames: Vec<u64> = written.stages.iter().map(|stage| stage.frames).collect();
-        assert_eq!(frames, [1000, 1500]);
-        // A run that is not complete has no summary.
-        Budget::of(&written, 1500, 3000).unwrap().write(&folder, &written).unwrap();
-        assert_eq!(total_frames(&Config::of_run(&folder).unwrap().stages), 3000);
-        let refused = Budget::of(&written, 1500, 1499).unwrap_err().to_string();
-        assert!(refused.contains("--frames 1499: the run has trained 1500 frames already"), "{refused}");
-    }
-
-    #[test]
-    fn what_it_means_is_said() {
-        let lines_of = |trained, total, learning_rate_frames| {
-            let mut config = configured();
-            config.ppo.learning_rate_frames = learning_rate_frames;
-            Budget::of(&config, trained, total).unwrap().lines(&config)
-        };
-        // The rate falls over each stage.
-        let lines = |trained, total| lines_of(trained, total, 0);
-        let longer = lines(1500, 2500);
-        assert_eq!(longer[0], "the budget is 2 500 frames instead of 1 500 (stage II: 1 500 instead of 500)");
-        // A third of the way instead of at the end: 3e-4 · (1 - 2/3 · 1/3) instead of 3e-4 / 3.
-        assert!(longer[1].contains("takes 2.333e-4 instead of 1.000e-4"), "{longer:?}");
-        assert_eq!(lines(0, 3000).len(), 1, "nothing is trained yet");
-        assert_eq!(lines(1000, 3000).len(), 1, "stage II has not begun");
-        assert_eq!(lines(500, 3000).len(), 2);
-        assert_eq!(lines(1200, 1200).len(), 1, "there is no next update");
-        assert_eq!(lines_of(1500, 2500, 30_000_000).len(), 1, "a rate that falls over so many frames of any stage");
-        let mut config = configured();
-        config.ppo.learning_rate_frames = 0;
-        config.ppo.learning_rate_end = 1.0;
-        assert_eq!(Budget::of(&config, 1500, 2500).unwrap().lines(&config).len(), 1, "a rate that does not fall");
     }
 }

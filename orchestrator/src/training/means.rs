@@ -11,7 +11,6 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Episode figures over some rollouts: means over the episodes that ended in them.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct EpisodeMeans {
-    /// Episodes that ended.
     pub episodes: u64,
     /// Mean undiscounted return.
     pub mean_return: Option<f64>,
@@ -52,14 +51,11 @@ impl EpisodeMeans {
     }
 }
 
-/// The figures of one stage.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StageMeans {
     pub name: String,
-    /// The reward it optimises.
     pub reward: String,
     pub frames: u64,
-    /// Frames it is to have.
     pub budget: u64,
     /// PPO-Lagrangian's multiplier after its newest update; none in other stages.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -139,7 +135,6 @@ pub struct Recent {
     pub update: f64,
     /// Time left at this rate, seconds.
     pub left_s: Option<f64>,
-    /// Episodes that ended.
     pub episodes: EpisodeMeans,
 }
 

@@ -36,7 +36,6 @@ pub fn read_history(folder: &RunFolder) -> Result<History> {
 /// What is known of a run's rollouts, from the file and from the newest checkpoint.
 #[derive(Debug)]
 pub struct Figures {
-    /// The rollouts.
     pub history: History,
     /// What is wrong with the files, as sentences without an end.
     pub notes: Vec<String>,
@@ -98,7 +97,6 @@ fn lost(gaps: &[RangeInclusive<u64>]) -> Option<String> {
     (!named.is_empty()).then(|| format!("the figures of rollouts {} {are}", named.join(", ")))
 }
 
-/// Writes the file.
 #[derive(Debug)]
 pub struct Journal {
     folder: RunFolder,
@@ -215,59 +213,6 @@ mod tests {
         let line = |(number, line)| if lines.contains(&number) { "{\"rollout\": garbage" } else { line };
         let lines: Vec<&str> = text.lines().enumerate().map(line).collect();
         std::fs::write(folder.metrics(), lines.join("\n") + "\n").unwrap();
-    }
-
-    #[test]
-    fn a_learner_that_begins_has_the_file_say_what_its_checkpoint_says() {
-        let (_temporary, folder) = run();
-        let undisturbed = String::from_utf8(history(6).encode()).unwrap();
-        let begin = || {
-            let mut journal = Journal::open(&folder).unwrap();
-            journal.begin(6, Some("checkpoints/rollout-00000006.json")).unwrap();
-            assert_eq!(text(&folder), undisturbed);
-            journal
-        };
-        begin();
-        damage(&folder, &[0, 4]);
-        begin();
-        // Killed in the middle of a line.
-        std::fs::write(folder.metrics(), &undisturbed[..undisturbed.len() * 2 / 3]).unwrap();
-        begin();
-        std::fs::remove_file(folder.metrics()).unwrap();
-        let mut journal = begin();
-
-        // Meddled with while the run goes on.
-        let seventh = history(7).iter().next_back().unwrap().clone();
-        std::fs::remove_file(folder.metrics()).unwrap();
-        journal.append(seventh).unwrap();
-        assert_eq!(text(&folder).lines().count(), 7);
-        damage(&folder, &[2]);
-        journal.close().unwrap();
-        assert_eq!(text(&folder).as_bytes(), history(7).encode());
-    }
-
-    #[test]
-    fn a_reader_takes_from_the_checkpoint_what_the_file_lacks_and_says_so() {
-        let (_temporary, folder) = run();
-        let read = |at_rest| {
-            let Figures { history, notes } = Figures::read(&folder, at_rest);
-            (history.len(), notes.join(". "))
-        };
-        assert_eq!((read(false), read(true)), ((7, String::new()), (7, String::new())));
-        damage(&folder, &[0, 4]);
-        let (known, notes) = read(true);
-        assert_eq!(known, 7);
-        for part in ["2 damaged lines", "of 2 rollouts are not in metrics.jsonl and are taken from the checkpoint"] {
-            assert!(notes.contains(part), "{notes}");
-        }
-        std::fs::remove_file(folder.metrics()).unwrap();
-        let (known, notes) = read(true);
-        assert!(known == 6 && notes.contains("is missing") && !notes.contains("lost"), "{notes}");
-        // A damaged list of figures: nobody has them any more.
-        std::fs::write(folder.checkpoint_figures(6), "{}").unwrap();
-        let (known, notes) = read(true);
-        assert!(known == 0 && notes.contains("rollout-00000006.jsonl does not match"), "{notes}");
-        assert!(notes.contains("the figures of rollouts 0 to 5 are lost"), "{notes}");
     }
 
     #[test]

@@ -240,17 +240,6 @@ mod tests {
         config
     }
 
-    #[test]
-    fn lines_read_as_they_should() {
-        let recent = recent(&stages(), &history(22));
-        assert_eq!(
-            frames_line(&stages(), &recent),
-            "stage II (r_prime)  1 100 / 1 500 frames  73.3%  |  25.0 frames/s: simulate 40% infer 20% update 30%  |  16 s left"
-        );
-        let figures = "return 20.75  SR 50.0%  SRwoD –  disturbance 0.250 m  disturbance per success 0.500 m";
-        assert_eq!(figures_line(&config(false).spec().shown(), &recent), figures);
-    }
-
     /// Only `ArmPointNav`'s metrics were shown of any task.
     #[test]
     fn another_tasks_metrics_are_shown_in_their_own_words() {
@@ -272,21 +261,6 @@ mod tests {
         assert_eq!(figures_line(&metrics, &recent), "return –  SR 75.0%  path 3.500 m");
         let line = short_line(&metrics, &stages(), &recent, "updating", true, 200);
         assert!(line.contains("frames/s | SR 75.0% | path 3.500 m | updating"), "{line}");
-    }
-
-    #[test]
-    fn one_line_of_a_terminal_has_what_fits_and_what_is_wrong_first() {
-        let recent = recent(&stages(), &history(22));
-        let metrics = config(false).spec().shown();
-        let line = |doing, is_usual, columns| short_line(&metrics, &stages(), &recent, doing, is_usual, columns);
-        let all = "II  1 100 / 1 500  73.3% | 16 s left | 25.0 frames/s | SR 50.0% | disturbance 0.250 m | \
-                   return 20.75 | updating | simulate/infer/update 40/20/30%";
-        assert_eq!(line("updating", true, 200), all);
-        let of_80 = "II  1 100 / 1 500  73.3% | 16 s left | 25.0 frames/s | SR 50.0%";
-        assert_eq!(line("updating", true, 79), of_80);
-        let waiting = "II  1 100 / 1 500  73.3% | waiting for actor-00, 9 s | 16 s left";
-        assert_eq!(line("waiting for actor-00, 9 s", false, 79), waiting);
-        assert_eq!(line("updating", true, 20), "", "too narrow for anything");
     }
 
     #[test]
@@ -350,12 +324,5 @@ mod tests {
         progress.learner(seconds(40), &LearnerEvent::WaitingForActor { rank: 0, actor: 3, waited_s: 2.0 });
         progress.learner(seconds(41), &LearnerEvent::RolloutCollected { rank: 0, rollout: 5, frames: 60, here: 10 });
         assert_eq!(progress.doing(seconds(42), false), "updating on rollout 5, 1 s");
-    }
-
-    #[test]
-    fn before_the_first_rollout_there_are_only_frames() {
-        let recent = recent(&stages(), &History::default());
-        assert_eq!(frames_line(&stages(), &recent), "0 / 1 500 frames  0.0%");
-        assert_eq!(figures_line(&[], &recent), "");
     }
 }

@@ -38,9 +38,7 @@ pub struct TrainingRun {
     pub config: Config,
     /// Contents of run.toml.
     pub identity: Identity,
-    /// The right to run it.
     pub lock: RunLock,
-    /// Programs.
     pub tools: Tools,
     /// Who starts this program, and may start it again.
     pub started: Started,
@@ -76,7 +74,6 @@ struct Before {
     commanded_actors: Option<u32>,
 }
 
-/// Makes a configuration the run's.
 pub fn write_config(folder: &RunFolder, config: &Config) -> Result<()> {
     let path = folder.config();
     write_atomically(&path, config.to_toml().as_bytes()).with_context(|| format!("cannot write {}", path.display()))
@@ -159,7 +156,6 @@ impl TrainingRun {
         }
     }
 
-    /// How many hosts work on it.
     fn hosts(&self) -> u32 {
         self.started.rendezvous.as_ref().map_or(1, Rendezvous::hosts)
     }

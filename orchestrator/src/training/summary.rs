@@ -55,16 +55,13 @@ impl Display for Missing {
 /// The summary of a run at its end.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
-    /// Version of the format.
     pub schema_version: u32,
     pub id: String,
-    /// Preset it came from.
     pub preset: String,
     pub seed: u64,
     /// True when the budget is reached.
     pub complete: bool,
     pub frames: u64,
-    /// Frames it is to have.
     pub budget: u64,
     /// SHA-256 of the weights, 64 hex digits.
     pub weights: String,
@@ -260,26 +257,6 @@ mod tests {
     }
 
     #[test]
-    fn the_last_lines_are_weights_and_frames() {
-        let lines = summary().lines(&metrics(), &RunFolder::new("/nowhere/run"), &SessionEnd::Stopped);
-        assert!(lines[0].starts_with("run 0a1b stopped: "), "{}", lines[0]);
-        assert_eq!(lines[lines.len() - 2], format!("weights: {}", "f".repeat(64)));
-        assert_eq!(lines[lines.len() - 1], "frames: 1500");
-        assert_eq!(
-            lines[1..4],
-            [
-                "stage  reward   frames  episodes          return     SR  SRwoD  disturbance  disturbance per success",
-                "I      r         1 000        40   0.75 -> 18.75  50.0%      –      0.250 m                  0.500 m",
-                "II     r_prime     500        20  20.00 -> 29.00  50.0%      –      0.250 m                  0.500 m",
-            ]
-        );
-        assert_eq!(
-            lines[4],
-            "training time 1 min 00 s, wall time 1 min 15 s over 2 starts (the last 1 min 01 s), 25.0 frames/s"
-        );
-    }
-
-    #[test]
     fn lost_figures_are_said_to_be() {
         let mut history = history(30);
         let lines = |history: &History| {
@@ -301,23 +278,5 @@ mod tests {
             summary().lines(&metrics(), &RunFolder::new("/nowhere/run"), &SessionEnd::Failed("disk full".to_owned()));
         assert!(lines[0].starts_with("run 0a1b failed: "), "{}", lines[0]);
         assert!(!lines.iter().any(|line| line.starts_with("weights:") || line.starts_with("frames:")));
-    }
-
-    #[test]
-    fn it_is_read_back_as_written() {
-        let temporary = tempfile::tempdir().unwrap();
-        let folder = RunFolder::new(temporary.path());
-        assert_eq!(Summary::read(&folder).unwrap(), None);
-        let summary = summary();
-        summary.write(&folder).unwrap();
-        assert_eq!(Summary::read(&folder).unwrap(), Some(summary.clone()));
-        // One of an older version: its duration is unknown.
-        let text = std::fs::read_to_string(folder.summary()).unwrap();
-        let mut older: serde_json::Value = serde_json::from_str(&text).unwrap();
-        older.as_object_mut().unwrap().remove("wall").unwrap();
-        std::fs::write(folder.summary(), older.to_string()).unwrap();
-        let older = Summary::read(&folder).unwrap().unwrap();
-        assert_eq!(older, Summary { wall: None, ..summary });
-        assert!(!older.lines(&metrics(), &folder, &SessionEnd::Complete).iter().any(|line| line.contains("wall")));
     }
 }

@@ -6,7 +6,6 @@ use view::data::{Curves, Live, Problem};
 /// What was read of a run at a time.
 #[derive(Debug, Clone)]
 pub struct Look {
-    /// How it stands.
     pub live: Result<Live, Problem>,
     /// Its curves after those that were known.
     pub curves: Result<Curves, Problem>,
@@ -32,7 +31,6 @@ pub struct Model {
     pub problem: Option<String>,
     /// Processes that are scrolled away.
     pub scrolled: usize,
-    /// Which lines are shown.
     pub lines: Lines,
     /// The first of the charts that are shown.
     pub chart: usize,

@@ -14,7 +14,6 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::{Axis, Block, Cell, Chart, Dataset, GraphType, Paragraph, Row, Table};
 use view::data::{Kitchen, Live, LogLine, Worker};
 
-/// Colours of the stages.
 const STAGES: [Color; 4] = [Color::Cyan, Color::Yellow, Color::Green, Color::Magenta];
 /// Colour of a chart's second figure, in all stages.
 const SECOND: Color = Color::DarkGray;

@@ -62,33 +62,6 @@ fn press(model: &mut Model, code: KeyCode) -> bool {
     model.key(KeyEvent::new(code, KeyModifiers::NONE))
 }
 
-fn is_braille(character: char) -> bool {
-    ('\u{2801}'..='\u{28ff}').contains(&character)
-}
-
-#[test]
-fn a_run_is_all_there_on_eighty_columns() {
-    let (_temporary, readers, name) = run(22);
-    let mut model = Model::default();
-    assert!(screen(&model, 80, 24)[0].contains("reading"));
-    look(&readers, &name, &mut model);
-    let shown = screen(&model, 80, 24);
-    let text = shown.join("\n");
-    assert!(shown[0].contains("my-run") && shown[0].contains("not started"), "{text}");
-    assert!(shown[1].contains("stage II (r_prime)  1 100 / 1 500 frames  73.3%"), "{text}");
-    assert!(shown[2].contains("25.0 frames/s  simulate 40%") && shown[2].contains("other 10%"), "{text}");
-    for title in ["return 21.00", "SR 50.0%  SRwoD –", "disturbance 0.250 m"] {
-        assert!(shown[4].contains(title), "{title}: {text}");
-    }
-    let in_lines = |lines: std::ops::Range<usize>| shown[lines].join("").chars().filter(|&one| is_braille(one)).count();
-    assert!(in_lines(5..13) > 30, "curves: {text}");
-    assert!(text.contains("2 learners, 30 actors, 2 restarts"), "{text}");
-    assert!(text.contains("learner-0") && text.contains("learner-1") && text.contains("actor-01"), "{text}");
-    assert!(text.contains("log, 1 warning") && text.contains("02:04:24 actor-01 died: signal 9"), "{text}");
-    assert!(!text.contains('\u{1b}') && text.contains("it begins"), "{text}");
-    assert!(shown[23].contains("q leave"), "{text}");
-}
-
 #[test]
 fn keys_scroll_switch_and_leave() {
     let (_temporary, readers, name) = run(3);

@@ -15,7 +15,6 @@ const FOLDERS_MAX: usize = 20_000;
 /// Nor are more folders named that are too large.
 const PROBLEMS_MAX: usize = 10;
 
-/// A run or an evaluation.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Entry {
     /// In addresses: letters, digits, `-`, `_` and `.`; never a path.
@@ -45,7 +44,6 @@ pub struct Roster {
 #[derive(Default)]
 struct Look {
     found: Vec<RunFolder>,
-    /// Folders that were looked at.
     folders: usize,
     left_out: Vec<Card>,
 }
@@ -156,19 +154,6 @@ mod tests {
         let folder = root.join(path);
         std::fs::create_dir_all(&folder).unwrap();
         std::fs::write(folder.join("run.toml"), "").unwrap();
-    }
-
-    #[test]
-    fn runs_are_found_and_keep_their_names() {
-        let root = tempfile::tempdir().unwrap();
-        for path in ["a/x", "b/x", "b/x/evaluations/e", "b/strange name?", "deep/er/and/deeper/still"] {
-            run(root.path(), path);
-        }
-        let mut roster = Roster::of(vec![root.path().to_path_buf(), root.path().join("a")]);
-        let names = |roster: &mut Roster| roster.look().into_iter().map(|entry| entry.id).collect::<Vec<_>>();
-        assert_eq!(names(&mut roster), ["x", "strange-name-", "x-2", "x.e"], "each once, four levels down");
-        std::fs::remove_dir_all(root.path().join("a")).unwrap();
-        assert_eq!(names(&mut roster), ["strange-name-", "x-2", "x.e"], "names do not move on");
     }
 
     /// The others were left out in silence.

@@ -27,7 +27,6 @@ pub struct Tail {
     first: Vec<u8>,
 }
 
-/// What was read.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct New {
     /// The file was replaced or cut: all that was read before is void.

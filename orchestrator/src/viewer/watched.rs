@@ -115,7 +115,6 @@ fn push(lines: &mut VecDeque<LogLine>, line: LogLine, most: usize) {
     lines.push_back(line);
 }
 
-/// A run or an evaluation.
 pub struct Watched {
     entry: Entry,
     folder: RunFolder,
@@ -210,7 +209,6 @@ impl Watched {
         })
     }
 
-    /// How it stands.
     pub fn live(&mut self) -> Result<Live> {
         let identity = self.notice_another_run()?;
         self.read_metrics(LOOK);

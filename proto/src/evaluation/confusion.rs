@@ -16,7 +16,6 @@ pub struct Confusion {
 }
 
 impl Confusion {
-    /// Counts one step.
     pub fn count(&mut self, foretold: bool, came: bool) {
         *match (foretold, came) {
             (true, true) => &mut self.hits,
@@ -26,7 +25,6 @@ impl Confusion {
         } += 1;
     }
 
-    /// The counts of both.
     pub(super) fn merged(self, other: Self) -> Self {
         Self {
             hits: self.hits + other.hits,

@@ -78,7 +78,6 @@ pub fn write_table(spec: &Spec, records: &[EpisodeRecord], distribution: Distrib
 pub struct TableError {
     /// Line in the file, from 1.
     pub line: u64,
-    /// What is wrong.
     pub problem: String,
 }
 

@@ -80,7 +80,6 @@ impl Figures {
         }
     }
 
-    /// A figure by its name.
     pub fn get(&self, name: &str) -> Option<f64> {
         self.numbers.get(name).copied().flatten()
     }
@@ -238,7 +237,6 @@ mod tests {
     }
 
     proptest! {
-        /// Curves rise.
         #[test]
         fn curves_rise_towards_the_success_rate(records in prop::collection::vec(any_record(arm()), 1..40)) {
             let figures = Figures::of(arm(), records.iter());

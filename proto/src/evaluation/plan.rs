@@ -83,7 +83,6 @@ impl Plan {
         self.kitchens.iter().flat_map(|(kitchen, episodes)| episodes.iter().map(|&episode| (*kitchen, episode)))
     }
 
-    /// How many there are.
     pub fn len(&self) -> usize {
         self.kitchens.iter().map(|(_, episodes)| episodes.len()).sum()
     }

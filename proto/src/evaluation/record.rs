@@ -7,7 +7,6 @@ use crate::record::End;
 use crate::task::Column;
 use serde::{Deserialize, Serialize};
 
-/// The record of one episode.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct EpisodeRecord {
     pub kitchen: KitchenId,
@@ -28,7 +27,6 @@ pub struct EpisodeRecord {
 }
 
 impl EpisodeRecord {
-    /// One of its numbers.
     pub fn number(&self, column: Column) -> Option<f64> {
         match column {
             Column::Terminated => Some(f64::from(u8::from(self.end == End::Terminated))),

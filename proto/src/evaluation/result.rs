@@ -35,7 +35,6 @@ pub struct Subject {
     pub frames: u64,
     /// SHA-256 of the weights, 64 hex digits.
     pub weights: String,
-    /// Trainable parameters.
     pub parameters: u64,
 }
 
@@ -50,7 +49,6 @@ pub struct Conditions {
     /// Scenes, as the evaluation's configuration names them; empty where kitchens are built in.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub scenes: Vec<String>,
-    /// Targets.
     pub objects: ObjectSet,
     /// Episodes of each kitchen and object set at most; 0 = all.
     pub episodes: u32,
@@ -71,7 +69,6 @@ pub struct Conditions {
     pub max_steps: u32,
     /// Actions the policy chose from.
     pub action_space: ActionSpace,
-    /// Actor processes.
     pub actors: u32,
     pub environments_per_actor: u32,
     /// Device of the inference, e.g. `cpu, 1 thread` or `cuda:0, bfloat16 encoder`; float32 unless stated.
@@ -85,29 +82,24 @@ impl Conditions {
     }
 }
 
-/// What it took.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Cost {
     /// When it ended, seconds since 1970.
     pub at_unix_s: u64,
     /// From the first action to the last, seconds.
     pub wall_s: f64,
-    /// Simulated steps.
     pub steps: u64,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct KitchenFigures {
     pub kitchen: KitchenId,
-    /// Its episodes.
     pub figures: Figures,
 }
 
-/// Figures of one target category.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CategoryFigures {
     pub category: TargetCategory,
-    /// Its episodes.
     pub figures: Figures,
 }
 
@@ -116,7 +108,6 @@ pub struct CategoryFigures {
 pub struct ObjectSetFigures {
     /// Novel or seen, never all.
     pub objects: ObjectSet,
-    /// Its episodes.
     pub figures: Figures,
 }
 
@@ -134,7 +125,6 @@ pub struct ActionCounts {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Evaluation {
     format: u32,
-    /// Name of the task.
     pub task: String,
     /// What its numbers are, of an episode and over episodes.
     pub described: Vec<Described>,
@@ -207,7 +197,6 @@ impl Evaluation {
         }
     }
 
-    /// Reads a result file.
     pub fn read(file: impl Read) -> Result<Self, ResultError> {
         // The number first: a file of another form cannot be read by this one's rules.
         let value: serde_json::Value = serde_json::from_reader(file)?;

@@ -34,7 +34,6 @@ pub struct ReplayImages {
     pub side: u32,
 }
 
-/// Format of the pictures.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ImageFormat {
@@ -57,7 +56,6 @@ pub struct Ffmpeg {
 /// Every further line of the input: one recorded episode, possibly cut off at its end.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RecordedEpisode {
-    /// Environment it ran in.
     pub environment: EnvironmentId,
     /// Episode number within the environment.
     pub episode: u32,
@@ -121,7 +119,6 @@ impl Compared {
         self.channels.len()
     }
 
-    /// Names of the rewards.
     pub fn rewards(&self) -> impl ExactSizeIterator<Item = &str> {
         self.rewards.iter().map(|(name, _)| &**name)
     }
@@ -161,7 +158,6 @@ fn digest(numbers: impl IntoIterator<Item = u64>) -> u32 {
 /// Every line of the output: the verdict on one episode, in input order.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ReplayVerdict {
-    /// Environment it ran in.
     pub environment: EnvironmentId,
     /// Episode number within the environment.
     pub episode: u32,
@@ -169,7 +165,6 @@ pub struct ReplayVerdict {
     pub compared: u64,
     /// The first thing that differs, if any.
     pub first_difference: Option<Difference>,
-    /// Images written.
     pub images: u64,
 }
 

@@ -14,7 +14,6 @@ pub trait Player {
     /// Writes what is seen now: the bytes of a record's observations and states, but for images.
     fn observe(&mut self, seen: &mut [u8]);
 
-    /// Hash of its state.
     fn state_hash(&self) -> u64;
 
     /// How the episode has ended, if it has.

@@ -129,7 +129,6 @@ impl Channel {
         unit.and_then(|name| name.strip_suffix('_')).unwrap_or(&self.name)
     }
 
-    /// How many numbers it has.
     pub fn count(&self) -> usize {
         self.shape.iter().product()
     }

@@ -15,10 +15,8 @@ pub const REWARD: &str = "reward";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Description {
-    /// Of the task.
     pub name: String,
     pub actions: Actions,
-    /// Its observations.
     pub channels: Vec<Channel>,
     #[serde(default)]
     pub restore: Restore,

@@ -1,6 +1,5 @@
 //! What can be wrong with a declaration.
 
-/// What is wrong with a declaration.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SpecError {
     #[error("it is no task: {0}")]

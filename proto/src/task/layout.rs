@@ -48,7 +48,6 @@ impl Field {
         self.dtype.read(&record[self.offset..])
     }
 
-    /// Its numbers.
     pub fn numbers(self, record: &[u8]) -> impl Iterator<Item = f64> {
         record[self.range()].chunks_exact(self.dtype.bytes()).map(move |bytes| self.dtype.read(bytes))
     }

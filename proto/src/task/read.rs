@@ -57,7 +57,6 @@ struct Declaration {
 const ENGINES: &str = "kitchen episode category objects end terminated length prediction prediction_hits prediction_misses \
                        prediction_false_alarms prediction_quiet state_hash distribution episodes curves";
 
-/// Tasks that are built in.
 static BUILT_IN: LazyLock<Vec<Spec>> = LazyLock::new(|| {
     let texts: &[&str] = include!(concat!(env!("OUT_DIR"), "/tasks.rs"));
     texts.iter().map(|text| Spec::parse(text).expect("a test reads every built-in task")).collect()
@@ -89,7 +88,6 @@ impl Spec {
         }
     }
 
-    /// Whether it is built in.
     pub fn is_built_in(&self) -> bool {
         Self::built_in().iter().any(|spec| spec.name == self.name)
     }

@@ -47,13 +47,11 @@ impl Spec {
         &self.layout
     }
 
-    /// A channel and its place.
     pub fn channel(&self, name: &str) -> Option<(&Channel, Field)> {
         let index = self.channels.iter().position(|channel| channel.name == name)?;
         Some((&self.channels[index], self.layout.fields[index]))
     }
 
-    /// The metric of this name.
     pub fn metric(&self, name: &str) -> Option<&Metric> {
         self.metrics.iter().find(|metric| metric.name == name)
     }

@@ -35,9 +35,7 @@ const AT_ONCE: usize = 2;
 /// A process that can be woken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sleeper {
-    /// The recorder of this host.
     Recorder,
-    /// The learner of this rank.
     Learner(u32),
     Actor(u32),
 }

@@ -11,7 +11,6 @@ pub struct WireShape {
     /// Actor processes, divided among learners.
     pub shares: Shares,
     pub environments_per_actor: u32,
-    /// Cache lines of a record.
     pub record_lines: usize,
     /// [`Spec::layout_hash`] of the task.
     pub layout_hash: u64,

@@ -27,7 +27,6 @@ pub enum WireError {
     Service {
         /// `create` or `open`.
         verb: &'static str,
-        /// Name of the service.
         service: String,
         /// iceoryx2's error text.
         cause: String,
@@ -37,16 +36,12 @@ pub enum WireError {
         "service `{service}` carries records of another task, or of another version of it: start all processes of a run \
          from one version and with one configuration"
     )]
-    Unlike {
-        /// Name of the service.
-        service: String,
-    },
+    Unlike { service: String },
     /// A port could not be made.
     #[error(
         "cannot make a port on service `{service}`: {cause}; if /dev/shm is full, `orchestrator clean` frees what dead runs left"
     )]
     Port {
-        /// Name of the service.
         service: String,
         /// iceoryx2's error text.
         cause: String,
@@ -68,20 +63,10 @@ pub enum WireError {
     },
     /// The file of the recorder's receipts could not be made or mapped.
     #[error("cannot use the recorder's receipts in {path}: {cause}")]
-    Receipts {
-        /// The file.
-        path: String,
-        /// Why.
-        cause: std::io::Error,
-    },
+    Receipts { path: String, cause: std::io::Error },
     /// The file of the bells could not be made or mapped.
     #[error("cannot use the bells in {path}: {cause}{}", remedy(.cause))]
-    Bells {
-        /// The file.
-        path: String,
-        /// Why.
-        cause: std::io::Error,
-    },
+    Bells { path: String, cause: std::io::Error },
     /// An announcement could not be made.
     #[error("a stage announcement cannot be published: {0}")]
     Announcement(String),

@@ -21,7 +21,6 @@ pub struct Line(pub [u8; LINE_BYTES]);
 const _: () = assert!(align_of::<Line>() == LINE_BYTES);
 
 impl Line {
-    /// The bytes of a record.
     pub fn bytes(record: &[Self]) -> &[u8] {
         bytemuck::cast_slice(record)
     }
@@ -40,7 +39,6 @@ pub mod observation_kind {
     pub const OBSERVATIONS: u32 = 2;
 }
 
-/// Header of an observation sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
 #[type_name("stillroom/ObservationHeader/1")]
 #[repr(C)]
@@ -72,7 +70,6 @@ pub struct ActionHeader {
     pub step: u64,
     /// Version of the stage announcement in force.
     pub stage_version: u64,
-    /// Incarnation of the sending learner.
     pub learner_incarnation: u32,
     /// Which half: 0 or 1.
     pub half: u32,
@@ -147,7 +144,6 @@ impl EnvironmentState {
         &self.actions
     }
 
-    /// How many they are.
     pub fn action_count(&self) -> u32 {
         self.count
     }

@@ -21,7 +21,6 @@ use std::time::{Duration, Instant};
 pub struct Receipt {
     /// The learner incarnation that these exchanges belong to.
     pub learner_incarnation: u32,
-    /// The exchange.
     pub step: u64,
 }
 
@@ -155,7 +154,6 @@ impl Receipts {
             .map(|(learner_incarnation, step)| Receipt { learner_incarnation, step })
     }
 
-    /// How far the recording is written.
     pub fn written(&self) -> Option<Written> {
         unpack(self.0.load(WRITTEN)).map(|(learner_incarnation, rollout)| Written { learner_incarnation, rollout })
     }
@@ -172,7 +170,6 @@ impl Receipts {
     }
 }
 
-/// What the recorder writes.
 pub struct ReceiptBook(SharedWords);
 
 impl Debug for ReceiptBook {
@@ -202,7 +199,6 @@ impl ReceiptBook {
         }
     }
 
-    /// The recording is written so far.
     pub fn write(&self, Written { learner_incarnation, rollout }: Written) {
         if let Some(word) = pack(learner_incarnation, rollout) {
             self.0.store(WRITTEN, word);

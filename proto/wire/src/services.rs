@@ -43,11 +43,9 @@ pub type Ipc = ipc::Service;
 pub type ObservationPublisher = Publisher<Ipc, [Line], ObservationHeader>;
 /// Subscriber of observations; held by the learner and by recorders.
 pub type ObservationSubscriber = Subscriber<Ipc, [Line], ObservationHeader>;
-/// Publisher of actions for one actor.
 pub type ActionPublisher = Publisher<Ipc, [u8], ActionHeader>;
 /// Subscriber of actions; held by one actor.
 pub type ActionSubscriber = Subscriber<Ipc, [u8], ActionHeader>;
-/// Publisher of restores for one actor.
 pub type RestorePublisher = Publisher<Ipc, [u8], RestoreHeader>;
 /// Subscriber of restores; held by one actor.
 pub type RestoreSubscriber = Subscriber<Ipc, [u8], RestoreHeader>;
@@ -299,7 +297,6 @@ pub struct ObservationReaders {
 }
 
 impl ObservationReaders {
-    /// How many there are now.
     pub fn count(&self) -> usize {
         self.service.dynamic_config().number_of_subscribers()
     }
@@ -438,10 +435,8 @@ pub(crate) fn port(service: &str, cause: &dyn Debug) -> WireError {
 mod tests {
     use super::*;
     use crate::SHARED_MEMORY;
-    use crate::message::observation_kind;
     use proto::config::Config;
     use proto::shares::Shares;
-    use std::time::Duration;
 
     fn shape(shares: Shares, environments_per_actor: u32) -> WireShape {
         WireShape::new(shares, environments_per_actor, Config::default().spec())
@@ -490,54 +485,5 @@ mod tests {
         }
         drop((actor, host));
         address.sweep().unwrap();
-    }
-
-    #[test]
-    fn a_frame_and_its_answer_cross_and_nothing_is_left() {
-        let shape = shape(Shares::new(3, 2), 3);
-        let address = address("cross");
-        let host = WireHost::create(&address, shape).unwrap();
-        {
-            let learner = Wire::join(&address, shape, "learner-1").unwrap();
-            let actor = Wire::join(&address, shape, "actor-02").unwrap();
-            let subscriber = learner.observation_subscriber(1).unwrap();
-            let others = learner.observation_subscriber(0).unwrap();
-            let wakeups = [Sleeper::Learner(1), Sleeper::Recorder].map(|sleeper| learner.bells().wakeup(sleeper));
-            let publisher = actor.observation_publisher(2).unwrap();
-            let bell = actor.observations_bell(2);
-            assert!(wakeups.iter().all(|wakeup| wakeup.wait(Duration::ZERO) && !wakeup.wait(Duration::ZERO)));
-
-            let lines = shape.lines(2);
-            let mut sample = publisher.loan_slice_uninit(lines).unwrap();
-            *sample.user_header_mut() =
-                ObservationHeader { actor: 2, kind: observation_kind::OBSERVATIONS, ..Default::default() };
-            assert_eq!(sample.write_from_fn(|line| Line([line as u8; 64])).send().unwrap(), 1);
-            bell.ring_counted();
-            assert!(wakeups.iter().all(|wakeup| wakeup.wait(Duration::from_secs(5))));
-            let received = subscriber.receive().unwrap().unwrap();
-            assert_eq!((received.user_header().actor, received.payload().len()), (2, lines));
-            assert_eq!(received.payload()[7], Line([7; 64]));
-            assert!(others.receive().unwrap().is_none(), "what another learner's actors send is not heard");
-
-            let actions = learner.action_publisher(2).unwrap();
-            let answers = actor.action_subscriber(2).unwrap();
-            actions.loan_slice_uninit(2).unwrap().write_from_slice(&[3, 4]).send().unwrap();
-            assert_eq!(answers.receive().unwrap().unwrap().payload(), &[3, 4]);
-
-            let stage = host.wire().announcer().unwrap();
-            stage.announce(StageAnnouncement { version: 5, ..Default::default() }).unwrap();
-            let late = learner.stage_subscriber().unwrap();
-            stage.update().unwrap();
-            assert_eq!(late.receive().unwrap().unwrap().payload().version, 5, "history reaches a late subscriber");
-        }
-        drop(host);
-        address.sweep().unwrap();
-        let left: Vec<_> = std::fs::read_dir(SHARED_MEMORY)
-            .unwrap()
-            .filter_map(|entry| entry.unwrap().file_name().into_string().ok())
-            .filter(|name| name.starts_with(address.prefix()))
-            .collect();
-        assert!(left.is_empty(), "{left:?}");
-        assert!(!address.root().exists());
     }
 }

@@ -9,7 +9,6 @@ use std::path::Path;
 use std::ptr::NonNull;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
-/// A mapped file of words.
 pub struct SharedWords {
     start: NonNull<AtomicU64>,
     count: usize,

@@ -7,7 +7,6 @@ use serde::Serialize;
 /// A mean with what may be said about it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Estimate {
-    /// The figure itself.
     pub point: f64,
     /// Its 95% interval; none where there is one seed only.
     pub interval: Option<Interval>,
@@ -45,12 +44,6 @@ mod tests {
     use super::*;
     use crate::statistics::intervals_over;
     use proptest::prelude::*;
-
-    #[test]
-    fn of_five_seeds_the_middle_three_count() {
-        let rows: Vec<Vec<f64>> = [9.0, 1.0, 2.0, 3.0, -5.0].map(|score| vec![score - 1.0, score + 1.0]).to_vec();
-        assert_eq!(Aggregate::of(&Scores::new(&rows).unwrap(), 10).iqm_of_seeds, 2.0);
-    }
 
     #[test]
     fn one_seed_has_no_interval() {

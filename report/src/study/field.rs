@@ -33,7 +33,6 @@ impl Source {
 /// Which episodes a table is about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Field {
-    /// Kitchens.
     pub split: Split,
     /// Targets: novel or seen, or that there are none.
     pub objects: ObjectSet,

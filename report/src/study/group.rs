@@ -14,7 +14,6 @@ pub struct Group<'a> {
     pub preset: String,
     /// Settings that are not the preset's.
     pub differences: Vec<String>,
-    /// Runs, by seed.
     pub runs: Vec<&'a Run>,
     /// What the runs have in common.
     pub settings: Table,
@@ -95,7 +94,6 @@ impl Group<'_> {
         self.runs.iter().all(|run| run.origin == Origin::Unknown)
     }
 
-    /// A label with this name.
     fn named(&self, name: &str) -> String {
         let star = if self.differences.is_empty() { "" } else { "*" };
         let trained = match (self.untrained(), self.unknown()) {

@@ -18,7 +18,6 @@ pub struct Run {
     pub name: String,
     /// Who trained its weights, and the state of that run.
     pub origin: Origin,
-    /// Its configuration.
     pub config: Config,
     /// What was trained, in order.
     pub rollouts: Vec<Rollout>,
@@ -30,7 +29,6 @@ pub struct Run {
 /// Who trained the weights of a [`Run`]. Its text is that of the page and of `report.json`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Origin {
-    /// The run itself, with its state.
     Run(RunState),
     /// A run that is not in the study: only its configuration is known.
     NotGiven,
@@ -68,7 +66,6 @@ impl Serialize for Origin {
     }
 }
 
-/// One trained rollout.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Rollout {
     /// Frames trained on, this rollout included.
@@ -87,7 +84,6 @@ const FRAMES_PER_S: &str = "time/frames_per_second";
 const ELAPSED_S: &str = "time/elapsed_s";
 
 impl Rollout {
-    /// A metric of it.
     pub(crate) fn get(&self, name: &str) -> Option<f64> {
         match name {
             FRAMES_PER_S => self.frames_per_s,
@@ -96,22 +92,18 @@ impl Rollout {
         }
     }
 
-    /// Names of all metrics.
     pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
         self.metrics.names().chain(self.frames_per_s.map(|_| FRAMES_PER_S)).chain([ELAPSED_S])
     }
 }
 
-/// One evaluation.
 #[derive(Debug, Clone)]
 pub struct Evaluated {
     /// Its folder, as far as it is not the run's.
     pub name: String,
     /// Where that is; what it recorded is in there.
     pub folder: PathBuf,
-    /// Its result file.
     pub result: Evaluation,
-    /// Its table.
     pub episodes: Vec<EpisodeRecord>,
 }
 

@@ -20,7 +20,6 @@ pub enum How {
     Run,
     /// A test runs it, and `orchestrator up` gets a tiny network and few frames.
     RunSmall,
-    /// It is not run.
     NotRun,
     /// It says nothing, or something that means nothing.
     Unsaid,
@@ -145,15 +144,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_block_says_what_becomes_of_it() {
-        let how = |info: &str| Block { line: 1, info: info.to_owned(), text: String::new() }.how();
-        assert_eq!([how("sh,run"), how("sh,run=small"), how("sh,norun=gpu")], [How::Run, How::RunSmall, How::NotRun]);
-        for unsaid in ["sh", "sh,norun", "sh,norun=why", "sh,run,norun=gpu", "sh,runs"] {
-            assert_eq!(how(unsaid), How::Unsaid, "{unsaid}");
-        }
-    }
-
-    #[test]
     fn calls_of_programs_are_found_whole() {
         let text = "A=1 orchestrator up --set 'a = 1' \\\n    --run R # not --this\nls | grep orchestrator\n\
                     ./target/release/actor check > out\necho hi && learner bench\n";
@@ -161,13 +151,5 @@ mod tests {
         let expected = ["orchestrator up --set a = 1 --run R", "./target/release/actor check", "learner bench"];
         assert_eq!(block.calls().iter().map(|call| call.join(" ")).collect::<Vec<_>>(), expected);
         assert_eq!(block.calls()[0][3], "a = 1");
-    }
-
-    #[test]
-    fn fences_are_paired() {
-        let text = "a\n```sh,run\nls\n```\nb\n```text\nc\n```\n";
-        let blocks = Block::of(text);
-        assert_eq!(blocks.len(), 2);
-        assert_eq!((blocks[0].line, blocks[0].language(), blocks[0].text.as_str()), (2, "sh", "ls\n"));
     }
 }

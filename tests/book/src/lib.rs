@@ -22,44 +22,20 @@ use std::path::{Path, PathBuf};
 pub enum BookError {
     /// A file cannot be read.
     #[error("{path}: {cause}")]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        cause: std::io::Error,
-    },
-    /// A source is no Rust.
+    Unreadable { path: PathBuf, cause: std::io::Error },
     #[error("{path}: {cause}")]
-    NoRust {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        cause: syn::Error,
-    },
+    NoRust { path: PathBuf, cause: syn::Error },
     /// A type of the configuration is not among the sources.
     #[error("no source defines the type `{0}`")]
     NoType(String),
     /// A setting has a type that the page has no words for.
     #[error("`{key}` is of type `{kind}`, for which there are no words here: name it in settings.rs")]
-    NoWords {
-        /// The setting.
-        key: String,
-        /// Its type.
-        kind: String,
-    },
+    NoWords { key: String, kind: String },
     /// What is copied is not there.
     #[error("{page} copies {target}, where there is no anchor `{anchor}`")]
-    NoAnchor {
-        /// The page.
-        page: String,
-        /// The file.
-        target: String,
-        /// The anchor.
-        anchor: String,
-    },
+    NoAnchor { page: String, target: String, anchor: String },
 }
 
-/// Reads a text.
 fn read(path: &Path) -> Result<String, BookError> {
     std::fs::read_to_string(path).map_err(|cause| BookError::Unreadable { path: path.to_owned(), cause })
 }

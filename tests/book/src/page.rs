@@ -3,7 +3,6 @@
 use crate::{Block, BookError, read};
 use std::path::Path;
 
-/// A page.
 #[derive(Debug, Clone)]
 pub struct Page {
     /// Its path below `docs/`.
@@ -15,7 +14,6 @@ pub struct Page {
 }
 
 impl Page {
-    /// Its blocks of code.
     pub fn blocks(&self) -> Vec<Block> {
         Block::of(&self.text)
     }
@@ -76,13 +74,6 @@ pub fn source(root: &Path, page: &str, target: &str) -> Result<String, BookError
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn links_are_title_and_target() {
-        let found = links("# Summary\n\n- [One](one.md)\n  - [Two, three](two/three.md)\n");
-        let expected = [("One", "one.md"), ("Two, three", "two/three.md")];
-        assert_eq!(found, expected.map(|(title, path)| (title.to_owned(), path.to_owned())));
-    }
 
     #[test]
     fn an_anchor_that_is_not_there_is_an_error() {

@@ -72,7 +72,6 @@ fn within(kind: &str) -> &str {
     inner.map_or(kind, within)
 }
 
-/// A line of a table.
 fn row(types: &Types, default: &Table, key: &str, field: &Field) -> Result<String, BookError> {
     let variants = types.variants(within(&field.kind)).filter(|_| !field.kind.starts_with("Vec<Vec"));
     let kind = match (within(&field.kind), &variants) {
@@ -112,7 +111,6 @@ fn sentence(text: &str) -> String {
     if text.is_empty() || text.ends_with(['.', ':']) { text.to_owned() } else { format!("{text}.") }
 }
 
-/// The unit that a name carries.
 fn unit(name: &str) -> &'static str {
     let endings = [
         ("_per_s", "per second"),
@@ -192,29 +190,5 @@ fn attempts(kind: &str, whole_kind: &str) -> Vec<Value> {
         "String" if whole_kind.starts_with("Vec") => vec![Value::Array(vec![Value::String("a".into()); 200])],
         "Pin" => [&[][..], &[5000], &[1, 1]].map(|list| Value::Array(numbers(list))).to_vec(),
         _ => vec![],
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn ranges_are_what_the_configuration_answers() {
-        assert_eq!(allowed("ppo.epochs", "u32", "u32"), "1 to 64");
-        assert_eq!(allowed("ppo.clip", "f64", "f64"), "greater than 0");
-        assert_eq!(allowed("network.input_pool", "u32", "u32"), "1, 2 or 4");
-        assert!(allowed("stages.frames", "u64", "u64").contains("at least one frame"));
-        assert_eq!(allowed("seed", "u64", "u64"), "0 or greater");
-        assert!(allowed("scenes", "String", "Vec<String>").contains("128"));
-    }
-
-    #[test]
-    fn defaults_have_the_digits_of_their_type() {
-        let default: Table = Config::default().to_toml().parse().unwrap();
-        assert_eq!(shown(&default, "simulation.timestep_s", "f32"), "`0.016666668`");
-        assert_eq!(shown(&default, "ppo.epochs", "u32"), "`4`");
-        assert_eq!(shown(&default, "stages.name", "String"), "`\"I\"`, then `\"II\"`");
-        assert_eq!(shown(&default, "evaluation.episodes", "u32"), "");
     }
 }

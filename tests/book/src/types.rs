@@ -14,7 +14,6 @@ pub struct Types {
     enums: BTreeMap<String, syn::ItemEnum>,
 }
 
-/// A field of a struct.
 #[derive(Debug)]
 pub(crate) struct Field {
     pub name: String,
@@ -45,7 +44,6 @@ impl Types {
         Ok(())
     }
 
-    /// Adds the types of a source.
     pub fn add(&mut self, source: &str) -> Result<(), syn::Error> {
         for item in syn::parse_file(source)?.items {
             match item {
@@ -68,7 +66,6 @@ impl Types {
         self.structs.get(name).is_some_and(|item| matches!(item.fields, syn::Fields::Named(_)))
     }
 
-    /// The fields of a struct.
     pub(crate) fn fields(&self, name: &str) -> Result<Vec<Field>, BookError> {
         let item = self.structs.get(name).ok_or_else(|| BookError::NoType(name.to_owned()))?;
         let named = item.fields.iter().filter_map(|field| {
@@ -150,24 +147,4 @@ fn written(kind: &syn::Type) -> String {
         _ => String::new(),
     };
     format!("{}{inner}", last.ident)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn types_are_read_with_documentation_and_serdes_names() {
-        let mut types = Types::default();
-        let source = "/// A shop.\npub struct Shop {\n/// What it sells,\n/// by name.\npub goods: Vec<std::string::String>,\n}\n\
-                      #[serde(rename_all = \"snake_case\")]\npub enum Day {\n/// Late.\nLongSunday,\n#[serde(rename = \"m\")]\nMonday }\n";
-        types.add(source).unwrap();
-        assert_eq!(types.doc_of("Shop").unwrap(), "A shop.");
-        let fields = types.fields("Shop").unwrap();
-        assert_eq!((fields[0].name.as_str(), fields[0].kind.as_str()), ("goods", "Vec<String>"));
-        assert_eq!(fields[0].doc, "What it sells, by name.");
-        let days = types.variants("Day").unwrap();
-        assert_eq!(days, [("long_sunday".to_owned(), "Late.".to_owned()), ("m".to_owned(), String::new())]);
-        assert!(types.fields("Day").is_err() && types.variants("Shop").is_none());
-    }
 }

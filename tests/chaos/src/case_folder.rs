@@ -14,7 +14,6 @@ const DISK_MIB: u32 = 400;
 /// The largest shape needs 22 MiB.
 const MEMORY_MIB: u32 = 48;
 
-/// The folder of a case.
 #[derive(Debug)]
 pub struct CaseFolder {
     root: PathBuf,
@@ -42,7 +41,6 @@ enum Storage {
     Disk(Disk),
 }
 
-/// How a command is started.
 #[derive(Debug, Clone, Default)]
 pub struct Start {
     /// The fault point that is armed.
@@ -191,10 +189,8 @@ impl Drop for CaseFolder {
     }
 }
 
-/// File that fills a file system.
 const FILLER: &str = "filler";
 
-/// What fills a file system.
 #[derive(Debug)]
 pub struct Filler {
     file: File,

@@ -15,7 +15,6 @@ const WITHOUT_FLUSH: u32 = 2;
 /// How long a file system may be in use after its last process has ended.
 const BUSY: Duration = Duration::from_secs(20);
 
-/// A disk, mounted.
 #[derive(Debug)]
 pub struct Disk {
     image: PathBuf,

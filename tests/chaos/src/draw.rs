@@ -13,13 +13,11 @@ impl Draw {
         Self(Key { seed, purpose, kitchen: 0, environment: 0, episode: case, step: 0 }.stream())
     }
 
-    /// Uniform in a range.
     pub fn within(&mut self, range: RangeInclusive<u64>) -> u64 {
         let (low, high) = range.into_inner();
         low + u64::from(self.0.below((high - low + 1) as u32))
     }
 
-    /// One of these.
     pub fn of<T: Copy>(&mut self, choices: &[T]) -> T {
         choices[self.0.below(choices.len() as u32) as usize]
     }

@@ -18,12 +18,10 @@ use std::path::Path;
 /// One that has no result after so many starts gets nowhere.
 const STARTS_MAX: usize = 12;
 
-/// What is compared.
 #[derive(Debug)]
 pub struct Evaluated {
     table: String,
     result: Value,
-    /// Starts that it took.
     pub starts: usize,
 }
 

@@ -9,27 +9,22 @@ use std::fmt::{Display, Formatter};
 /// As many open files as every shape has room with.
 pub const ENOUGH_DESCRIPTORS: u64 = 4096;
 
-/// A process of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Who {
     /// The one that was started: of a run, an evaluation or a suite.
     Orchestrator,
-    /// The learner of this rank.
     Learner(u32),
-    /// The actor of this number.
     Actor(u32),
     /// The orchestrator of a validation beside the run, or of a suite's run or evaluation.
     Child,
 }
 
-/// How a checkpoint is damaged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Damage {
     /// A bit of the tensors is another.
     FlippedBit,
     /// The tensors end early.
     ShortTensors,
-    /// The tensors are gone.
     NoTensors,
     /// The manifest ends early.
     ShortManifest,
@@ -48,7 +43,6 @@ pub enum Journal {
     Missing,
 }
 
-/// Something that happens.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fault {
     /// SIGKILL.
@@ -86,7 +80,6 @@ pub enum Fault {
 /// What became of a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Fate {
-    /// It happened.
     Landed,
     /// Its time never came, or the process was not there.
     Missed,
@@ -112,7 +105,6 @@ pub struct Planned {
     pub rollout: u64,
     /// So long after that, or after the start if they had been trained before it.
     pub delay_ms: u64,
-    /// What happens.
     pub fault: Fault,
 }
 
@@ -121,7 +113,6 @@ pub struct Planned {
 pub struct Case {
     /// Its number under the seed.
     pub number: u32,
-    /// What is disturbed.
     pub shape: RunKind,
     /// By what, in order.
     pub faults: Vec<Planned>,
@@ -304,29 +295,5 @@ impl Display for Fault {
 impl Display for Planned {
     fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
         write!(f, "at rollout {} + {} ms: {}", self.rollout, self.delay_ms, self.fault)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::collections::BTreeSet;
-
-    #[test]
-    fn a_case_follows_from_its_seed_and_number_alone() {
-        assert_eq!(Case::draw(7, 3), Case::draw(7, 3));
-        assert_ne!(Case::draw(7, 3), Case::draw(7, 4));
-        assert_ne!(Case::draw(7, 3).faults, Case::draw(8, 3).faults);
-    }
-
-    #[test]
-    fn all_shapes_and_classes_are_drawn() {
-        let cases: Vec<Case> = (0..400).map(|number| Case::draw(1, number)).collect();
-        let shapes: BTreeSet<_> = cases.iter().map(|case| case.shape.name).collect();
-        assert_eq!(shapes.len(), RUN_KINDS.len());
-        let classes: BTreeSet<_> =
-            cases.iter().flat_map(|case| &case.faults).map(|planned| planned.fault.class()).collect();
-        assert_eq!(classes.len(), 20, "{classes:?}");
-        assert!(cases.iter().all(|case| case.faults.is_sorted_by_key(|planned| planned.rollout)));
     }
 }

@@ -31,26 +31,3 @@ pub fn of_id(id: &str) -> Result<Vec<String>> {
     }
     Ok(left)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn held_locks_and_names_are_left() {
-        let temporary = tempfile::tempdir().unwrap();
-        let folder = RunFolder::new(temporary.path());
-        let id = format!("chaos{}", std::process::id());
-        std::fs::write(folder.identity(), format!("id = \"{id}\"\n")).unwrap();
-        let lock = File::create(folder.learner_lock(0)).unwrap();
-        assert!(of_run(&folder).unwrap().is_empty());
-        lock.lock().unwrap();
-        let name = Path::new(wire::SHARED_MEMORY).join(format!("{}{id}_1.thing", wire::PREFIX_MARK));
-        File::create(&name).unwrap();
-        let left = of_run(&folder).unwrap();
-        std::fs::remove_file(&name).unwrap();
-        assert_eq!(left.len(), 2, "{left:?}");
-        lock.unlock().unwrap();
-        assert!(of_run(&folder).unwrap().is_empty());
-    }
-}

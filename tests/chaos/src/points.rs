@@ -7,7 +7,6 @@ use crate::draw::Draw;
 pub struct Point {
     /// Its name in the sources.
     pub name: &'static str,
-    /// The program that is armed.
     pub program: &'static str,
     /// A start of a run passes it this often at least, if there is as much left to train.
     pub passes: u64,

@@ -7,9 +7,7 @@ use std::path::Path;
 /// A process of ours.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Found {
-    /// Its number.
     pub pid: u32,
-    /// Its command line, with spaces.
     pub line: String,
 }
 
@@ -62,31 +60,4 @@ pub fn find(who: Who, folder: &Path, first: u32) -> Option<u32> {
 /// Sends a signal; false if there is no such process any more.
 pub fn signal(pid: u32, signal: Signal) -> bool {
     i32::try_from(pid).ok().and_then(Pid::from_raw).is_some_and(|pid| kill_process(pid, signal).is_ok())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::process::{Command, Stdio};
-
-    #[test]
-    fn processes_are_found_by_their_folder_and_named_by_their_number() {
-        let folder = tempfile::tempdir().unwrap();
-        assert_eq!(of_folder(folder.path()), []);
-        let mut sleeper = Command::new("sh");
-        sleeper.args(["-c", "read -r line", "--actor", "7", "--config"]).arg(folder.path().join("config.toml"));
-        let mut child = sleeper.stdin(Stdio::piped()).spawn().unwrap();
-        // The kernel shows the command line of a process a moment after it began.
-        let mut found = vec![];
-        system_tests::wait_until("the process has a command line", || {
-            found = of_folder(folder.path());
-            !found.is_empty()
-        });
-        assert_eq!(found.iter().map(|one| one.pid).collect::<Vec<_>>(), [child.id()]);
-        assert_eq!(found[0].name(), "sh-7");
-        assert_eq!(find(Who::Actor(7), folder.path(), 0), None, "it is no actor");
-        assert!(signal(child.id(), Signal::KILL));
-        child.wait().unwrap();
-        assert!(!signal(child.id(), Signal::KILL));
-    }
 }

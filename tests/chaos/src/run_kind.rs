@@ -2,7 +2,6 @@
 
 use system_tests::TINY;
 
-/// What kind of command is disturbed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// `orchestrator up`, then `resume` until it is complete.
@@ -13,20 +12,14 @@ pub enum Kind {
     Suite,
 }
 
-/// A configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RunKind {
     /// What it is called.
     pub name: &'static str,
-    /// Which command.
     pub kind: Kind,
-    /// Learners.
     pub learners: u32,
-    /// Actors.
     pub actors: u32,
-    /// Environments of each actor.
     pub environments: u32,
-    /// Frames of the run.
     pub frames: u64,
     /// Changes of the tiny configuration: (what is replaced, by what).
     changes: &'static [(&'static str, &'static str)],
@@ -99,7 +92,6 @@ const LAGRANGIAN: &str = "[[stages]]\nname = \"I\"\nreward = \"r\"\nframes = 900
 const VALIDATION: &str = "[validation]\nevery_frames = 700\nepisodes = 1\n";
 
 impl RunKind {
-    /// The configuration file.
     pub fn config(&self) -> String {
         let tiny = self.changes.iter().fold(TINY.to_owned(), |text, (from, to)| {
             assert!(text.contains(from), "the tiny configuration holds {from:?}");

@@ -15,7 +15,6 @@ const DEADLINE: Duration = Duration::from_mins(4);
 /// How long children that have lost their orchestrator may take to end.
 const ORPHANS_LEAVE: Duration = Duration::from_mins(1);
 
-/// A command that runs.
 pub struct Session<'a> {
     /// What its output is called.
     pub name: String,
@@ -26,10 +25,8 @@ pub struct Session<'a> {
     deadline: Duration,
 }
 
-/// How it ended.
 #[derive(Debug)]
 pub struct Ended {
-    /// Its status.
     pub status: ExitStatus,
     /// Its standard output.
     pub stdout: String,
@@ -38,7 +35,6 @@ pub struct Ended {
 }
 
 impl Ended {
-    /// The signal that ended it.
     pub fn signal(&self) -> Option<i32> {
         self.status.signal()
     }
@@ -84,7 +80,6 @@ impl<'a> Session<'a> {
         Ok(Self { name, place, child, begun: Instant::now(), status: None, deadline: DEADLINE })
     }
 
-    /// Its process.
     pub fn pid(&self) -> u32 {
         self.child.id()
     }
@@ -112,7 +107,6 @@ impl<'a> Session<'a> {
         Ok(self.status.is_none())
     }
 
-    /// Waits for its end.
     pub fn wait(mut self) -> Result<Ended> {
         while self.runs()? {
             std::thread::sleep(Duration::from_millis(10));

@@ -81,27 +81,3 @@ impl Display for Line {
         write!(f, "{slope:+8.2}/h ± {error:.2} ({least:.1} to {most:.1}, {count:.0} samples)")
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn levels_of_groups_do_not_bend_their_slope() {
-        let [mut one, mut other] = [Slope::default(); 2];
-        for step in 0..15 {
-            let x = f64::from(step) * 0.1;
-            one.add(x, 100.0 + 3.0 * x);
-            other.add(x + 1.0, 20.0 + 3.0 * x);
-        }
-        let line = Slope::pooled([&one, &other]);
-        assert!((line.slope - 3.0).abs() < 1e-9 && line.error < 1e-4, "{line:?}");
-        assert_eq!((line.least, line.count), (20.0, 30.0));
-        assert!(line.exceeds(2.9) && !line.exceeds(3.1));
-        let mut noisy = Slope::default();
-        for step in 0..24 {
-            noisy.add(f64::from(step) * 0.01, if step % 2 == 0 { 0.0 } else { 50.0 });
-        }
-        assert!(noisy.line().slope > 1.0 && !noisy.line().exceeds(1.0), "scatter is no growth");
-    }
-}

@@ -304,24 +304,3 @@ fn last_frames(folder: &RunFolder) -> u64 {
     let last = text.lines().rev().find_map(|line| serde_json::from_str::<serde_json::Value>(line).ok());
     last.and_then(|line| line["frames"].as_u64()).unwrap_or(0)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_doctor_foretells_is_read() {
-        let text = "checkpoints take up to 75.5 MiB, recordings about 7.08 GiB; 320 MiB are free at /a";
-        assert_eq!(foretold(text).unwrap(), [75.5 * MIB, 7.08 * 1024.0 * MIB]);
-        assert!(foretold("all is well").unwrap_err().to_string().contains("all is well"));
-    }
-
-    #[test]
-    fn a_process_has_memory_and_descriptors() {
-        let own = std::process::id();
-        assert!(memory_bytes(own).unwrap() > 100_000);
-        let before = descriptors(own).unwrap();
-        let _files: Vec<_> = (0..20).map(|_| std::fs::File::open("/dev/null").unwrap()).collect();
-        assert!(descriptors(own).unwrap() >= before + 15);
-    }
-}

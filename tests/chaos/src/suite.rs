@@ -21,7 +21,6 @@ const CALLS_MAX: usize = 15;
 #[derive(Debug)]
 pub struct Done {
     runs: BTreeMap<String, (String, String, Value)>,
-    /// Calls that it took.
     pub calls: usize,
 }
 

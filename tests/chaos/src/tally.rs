@@ -10,7 +10,6 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Counts one.
     pub fn add(&mut self, fault: Fault, fate: Fate) {
         *self.counts.entry((fault.class(), fate)).or_default() += 1;
     }
@@ -22,7 +21,6 @@ impl Tally {
         }
     }
 
-    /// Faults with this fate.
     pub fn total(&self, fate: Fate) -> u64 {
         self.counts.iter().filter(|((_, one), _)| *one == fate).map(|(_, count)| count).sum()
     }
@@ -37,25 +35,5 @@ impl Tally {
             format!("{class:28} {landed:4} happened  {missed:4} missed  {skipped:4} skipped")
         };
         classes.iter().map(line).collect()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn faults_are_counted_by_class_and_fate() {
-        let mut tally = Tally::default();
-        tally.add(Fault::KillAll, Fate::Landed);
-        tally.add(Fault::KillAll, Fate::Missed);
-        let mut sum = Tally::default();
-        sum.absorb(&tally);
-        sum.absorb(&tally);
-        sum.add(Fault::Interrupt, Fate::Landed);
-        assert_eq!([Fate::Landed, Fate::Missed, Fate::Skipped].map(|fate| sum.total(fate)), [3, 2, 0]);
-        let lines = sum.lines();
-        assert_eq!(lines.len(), 2, "{lines:?}");
-        assert!(lines[1].contains("SIGKILL, all at once") && lines[1].contains("2 happened"), "{lines:?}");
     }
 }

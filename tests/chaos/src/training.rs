@@ -22,15 +22,12 @@ use std::time::{Duration, Instant};
 /// A run that is not complete after so many starts gets nowhere.
 const STARTS_MAX: usize = 20;
 
-/// A complete run.
 pub struct Complete {
-    /// What it left.
     pub evidence: Evidence,
     /// Digest of its weights and number of frames, as printed.
     pub result: (String, u64),
     /// What `orchestrator replay` printed of its recordings, and how it failed, if it did.
     pub replay: String,
-    /// Starts that it took.
     pub starts: usize,
     /// Damaged files that no start complained of.
     pub unsaid: Vec<String>,

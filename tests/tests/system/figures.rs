@@ -23,7 +23,6 @@ pub fn validating() -> Workshop {
     workshop
 }
 
-/// The figures of a complete run.
 #[derive(Debug, PartialEq)]
 pub struct Figures {
     metrics: Vec<Value>,
@@ -137,24 +136,6 @@ fn an_orchestrator_that_hears_nothing_before_it_is_killed_loses_no_figures() {
 }
 
 #[test]
-fn everything_killed_at_any_moment_changes_no_figure() {
-    let workshop = validating();
-    let child = start(workshop.up("all", ACTORS, ENVIRONMENTS, FRAMES));
-    let run = workshop.run("all");
-    let mut running = Some(child);
-    for rollouts in [2, 6] {
-        let child = running.take().unwrap_or_else(|| start(workshop.resume("all")));
-        run.wait_for_rollouts(rollouts);
-        for word in ["--rank", "--actor ", "--beside"] {
-            run.processes(word).into_iter().for_each(kill);
-        }
-        kill_child(child);
-        run.wait_for_end();
-    }
-    assert_resumes(&workshop, "all", "killed twice");
-}
-
-#[test]
 fn a_killed_validation_is_made_again() {
     let workshop = validating();
     let child = start(workshop.up("killed", ACTORS, ENVIRONMENTS, FRAMES));
@@ -204,7 +185,6 @@ fn a_validation_that_is_killed_in_every_try_is_missed_and_made_up_by_resume() {
     assert_eq!([before, starts(&run)], [2, 2]);
 }
 
-/// Stops a run in its middle.
 fn stopped_in_its_middle(workshop: &Workshop, name: &str) -> Run {
     let child: Child = start(workshop.up(name, ACTORS, ENVIRONMENTS, FRAMES));
     let run = workshop.run(name);

@@ -3,7 +3,6 @@
 
 use system_tests::{Printed, Workshop, complete, finish, kill_child, start};
 
-/// What is run.
 #[derive(Clone, Copy)]
 struct Shape {
     learners: u32,

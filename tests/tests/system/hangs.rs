@@ -2,7 +2,7 @@
 
 use rustix::process::Signal;
 use std::time::{Duration, Instant};
-use system_tests::{DEADLINE, Run, TINY, Undisturbed, Workshop, complete, finish, signal, start};
+use system_tests::{Run, TINY, Undisturbed, Workshop, complete, finish, signal, start};
 
 const ACTORS: u32 = 2;
 const ENVIRONMENTS: u32 = 3;
@@ -30,49 +30,6 @@ fn hung(workshop: &Workshop, name: &str) -> (std::process::Child, Run, u32) {
     let run = workshop.run(name);
     let learner = run.wait_until_held("--rank 0 ");
     (child, run, learner)
-}
-
-/// The log of the orchestrator so far.
-fn log(run: &Run) -> String {
-    std::fs::read_to_string(run.folder.log("orchestrator")).unwrap_or_default()
-}
-
-#[test]
-fn a_learner_that_hangs_is_told_of_and_started_again() {
-    let workshop = workshop();
-    let (child, run, learner) = hung(&workshop, "learner");
-    let begun = Instant::now();
-    while !log(&run).contains("shown no progress for") {
-        assert!(begun.elapsed() < DEADLINE, "{}", log(&run));
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    let status = complete(workshop.orchestrator(&["status", "learner"])).stdout;
-    assert!(status.contains(&format!("learner (pid {learner}) is stopped")), "{status}");
-    let printed = finish(child);
-    assert_eq!(printed.result(), undisturbed());
-    for part in ["learner-0 has shown no progress for", "and is killed", "learner-0 died: killed by the orchestrator"] {
-        assert!(printed.stderr.contains(part), "{part}: {printed:#?}");
-    }
-    run.assert_nothing_left();
-}
-
-#[test]
-fn processes_that_are_stopped_for_a_moment_go_on() {
-    let workshop = workshop();
-    let child = start(workshop.up("moment", ACTORS, ENVIRONMENTS, FRAMES));
-    let run = workshop.run("moment");
-    for rollouts in [2, 4, 6] {
-        run.wait_for_rollouts(rollouts);
-        for process in run.processes("--actor ").into_iter().chain([run.learner()]) {
-            signal(process, Signal::STOP);
-            std::thread::sleep(Duration::from_millis(50));
-            signal(process, Signal::CONT);
-        }
-    }
-    let printed = finish(child);
-    assert_eq!(printed.result(), undisturbed());
-    assert_eq!(printed.deaths(), Vec::<&str>::new());
-    run.assert_nothing_left();
 }
 
 #[test]

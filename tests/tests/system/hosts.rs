@@ -8,7 +8,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 use system_tests::{
-    Network, Printed, RecordedSteps, Run, TINY, Undisturbed, Workshop, complete, finish, kill_child, signal, start,
+    Network, Printed, RecordedSteps, Run, Undisturbed, Workshop, complete, finish, kill_child, signal, start,
 };
 
 pub const ACTORS: u32 = 4;
@@ -114,7 +114,6 @@ fn on_one_host() -> &'static (String, u64) {
     RESULT.get_or_init(|| as_many_on_one_host(2, FRAMES))
 }
 
-/// So many learners on one host.
 pub fn as_many_on_one_host(learners: u32, frames: u64) -> (String, u64) {
     let workshop = Workshop::new();
     let mut command = workshop.up("undisturbed", ACTORS, ENVIRONMENTS, frames);
@@ -186,7 +185,6 @@ fn a_killed_learner_and_a_killed_actor_of_the_other_host_are_started_again() {
     hosts.assert_nothing_left();
 }
 
-/// `ppo.overlap`: learners of both hosts speak to each other in updates and between them, in one order.
 #[test]
 fn what_another_hosts_command_asks_for_otherwise_is_said_on_both_and_host_0_counts() {
     let mut hosts = Hosts::new(&["first", "second"]);
@@ -234,25 +232,6 @@ fn a_stranger_who_knocks_writes_no_log() {
         let count = |line: &&str| line.split_whitespace().filter_map(|word| word.parse::<usize>().ok()).max();
         assert!(lines.iter().filter_map(count).any(|count| count >= 290), "they are counted: {lines:#?}");
     }
-}
-
-#[test]
-fn beside_updates_two_hosts_collect_as_one_does() {
-    let hosts = Hosts::new(&["first-beside", "second-beside"]);
-    let overlapping = TINY.replace("[ppo]\n", "[ppo]\noverlap = true\n");
-    std::fs::write(hosts.workshop.path("tiny.toml"), overlapping).expect("a writable folder");
-    let mut command = hosts.workshop.up("one-host", ACTORS, ENVIRONMENTS, FRAMES);
-    command.args(["--learners", "2"]);
-    let on_one_host_beside = complete(command).result();
-    assert_ne!(&on_one_host_beside, on_one_host(), "rollouts are one update older");
-
-    let [first, second] = hosts.start();
-    let (run, other) = (hosts.run(), hosts.workshop.run("second-beside"));
-    run.wait_for_rollouts(6);
-    other.kill_one("--rank 1 ");
-    assert_eq!(finish(first).result(), on_one_host_beside);
-    assert!(finish(second).success);
-    hosts.assert_nothing_left();
 }
 
 #[test]

@@ -1,10 +1,10 @@
-//! Several learners: one run, whoever dies. Every run here but those that are said to depend on timing ends in the
-//! weights of an undisturbed one.
+//! Several learners: one run that is stopped, and one whose straggler is preempted. `hosts.rs`, `overlap.rs` and
+//! `recordings.rs` kill them.
 
 use rustix::process::Signal;
 use std::process::Command;
 use std::time::Duration;
-use system_tests::{Run, TINY, Undisturbed, Workshop, complete, finish, kill, kill_child, signal, start};
+use system_tests::{TINY, Undisturbed, Workshop, complete, finish, signal, start};
 
 const LEARNERS: usize = 3;
 const ACTORS: u32 = 4;
@@ -25,46 +25,6 @@ fn undisturbed() -> (String, u64) {
     let Undisturbed { result, run } = Undisturbed::of(&workshop, up(&workshop, "undisturbed"));
     assert_eq!((result.1, run.recorded()["/step"]), (FRAMES, FRAMES), "every learner's frames are recorded once");
     result
-}
-
-/// Learners by rank, of which all run.
-fn learners(run: &Run) -> Vec<u32> {
-    let found: Vec<u32> = (0..LEARNERS).flat_map(|rank| run.processes(&format!("--rank {rank} "))).collect();
-    assert_eq!(found.len(), LEARNERS, "one learner of each rank runs");
-    found
-}
-
-#[test]
-fn a_killed_learner_takes_the_others_along_and_all_go_on_from_the_checkpoint() {
-    for rank in [0, LEARNERS - 1] {
-        let workshop = Workshop::new();
-        let child = start(up(&workshop, "killed"));
-        let run = workshop.run("killed");
-        run.wait_for_rollouts(5);
-        kill(learners(&run)[rank]);
-        let printed = finish(child);
-        assert_eq!(printed.result(), undisturbed());
-        let deaths = printed.deaths();
-        assert_eq!(deaths.len(), 1, "one death is told: {printed:#?}");
-        assert!(deaths[0].contains(&format!("learner-{rank} died")), "{printed:#?}");
-        assert!(!printed.stderr.contains("ERROR"), "{printed:#?}");
-        run.assert_nothing_left();
-    }
-}
-
-#[test]
-fn a_killed_actor_and_a_killed_orchestrator_change_nothing() {
-    let workshop = Workshop::new();
-    let child = start(up(&workshop, "orchestrator"));
-    let run = workshop.run("orchestrator");
-    run.wait_for_rollouts(3);
-    run.kill_one("--actor 3 ");
-    run.wait_for_rollouts(8);
-    let printed = kill_child(child);
-    assert!(matches!(printed.deaths()[..], [death] if death.contains("actor-03")), "{printed:#?}");
-    assert!(run.trained() < FRAMES, "the run was killed in its middle");
-    assert_eq!(complete(workshop.resume("orchestrator")).result(), undisturbed());
-    run.assert_nothing_left();
 }
 
 #[test]
@@ -142,43 +102,5 @@ fn a_straggler_is_preempted_and_stages_end_on_their_budget() {
     let stage_end = metrics.values().filter(|line| line["stage"] == 0).filter_map(|line| line["frames"].as_u64()).max();
     assert_eq!((stage_end, ends.last()), (Some(HURRIED_FRAMES * 260 / 440), Some(&HURRIED_FRAMES)), "{metrics:#?}");
     assert_eq!(run.recorded()["/step"], HURRIED_FRAMES);
-    run.assert_nothing_left();
-}
-
-#[test]
-fn more_learners_than_actors_are_refused() {
-    let workshop = Workshop::new();
-    let mut command = workshop.up("refused", 2, 1, 100);
-    command.args(["--learners", "3"]);
-    let printed = complete(command);
-    assert!(!printed.success);
-    assert!(
-        printed.stderr.contains("learner.count = 3") && printed.stderr.contains("every learner has actors"),
-        "{printed:#?}"
-    );
-}
-
-/// Folders where files of checkpoints are to be written stand for a full disk.
-#[test]
-fn learners_that_cannot_save_go_on_and_are_not_started_again_at_the_end() {
-    let workshop = Workshop::new();
-    let child = start(up(&workshop, "unsaved"));
-    let run = workshop.run("unsaved");
-    run.wait_for_rollouts(3);
-    let obstacles = (10..100).map(|rollout| run.folder.checkpoint_tensors(rollout).with_added_extension("partial"));
-    let obstacles: Vec<_> = obstacles.collect();
-    for path in &obstacles {
-        std::fs::create_dir(path).expect("a writable run folder");
-    }
-    let printed = finish(child);
-    assert!(!printed.success && printed.deaths().is_empty(), "{printed:#?}");
-    for part in ["The run goes on and tries again", "learner-0 could not save", "cannot write checkpoint"] {
-        assert!(printed.stderr.contains(part), "{part}: {printed:#?}");
-    }
-    assert_eq!(run.trained(), FRAMES, "all of it was trained");
-    for path in &obstacles {
-        std::fs::remove_dir(path).expect("an empty folder");
-    }
-    assert_eq!(complete(workshop.resume("unsaved")).result(), undisturbed());
     run.assert_nothing_left();
 }

@@ -1,5 +1,5 @@
 //! `ppo.overlap`: updates run while the next rollout is collected. Whoever dies or hangs, and whenever, every run ends in
-//! the weights and figures of an undisturbed one, with one learner and with two.
+//! the weights and figures of an undisturbed one. `kills.rs` has deaths of one learner.
 
 use crate::figures::Figures;
 use rustix::process::Signal;
@@ -25,9 +25,10 @@ fn up(workshop: &Workshop, name: &str, learners: u32) -> Command {
     command
 }
 
-fn whoever_dies(learners: u32, tables: &str) {
-    let workshop = workshop(tables);
-    let undisturbed = complete(up(&workshop, "undisturbed", learners)).result();
+#[test]
+fn whoever_dies_and_whoever_asks_it_to_stop_two_learners_end_in_the_same_weights() {
+    let workshop = workshop("\n[validation]\nevery_frames = 300\nepisodes = 1\n");
+    let undisturbed = complete(up(&workshop, "undisturbed", 2)).result();
     assert_eq!(undisturbed.1, FRAMES);
     let run = workshop.run("undisturbed");
     let figures = Figures::of(&run);
@@ -35,10 +36,10 @@ fn whoever_dies(learners: u32, tables: &str) {
     run.assert_nothing_left();
 
     // A learner, an actor and the orchestrator.
-    let child = start(up(&workshop, "killed", learners));
+    let child = start(up(&workshop, "killed", 2));
     let run = workshop.run("killed");
     run.wait_for_rollouts(3);
-    kill(run.processes(&format!("--rank {} ", learners - 1))[0]);
+    kill(run.processes("--rank 1 ")[0]);
     run.wait_for_rollouts(5);
     run.kill_one("--actor ");
     run.wait_for_rollouts(7);
@@ -47,7 +48,7 @@ fn whoever_dies(learners: u32, tables: &str) {
     assert_eq!(Figures::of(&run), figures);
     run.assert_nothing_left();
 
-    let child = start(up(&workshop, "stopped", learners));
+    let child = start(up(&workshop, "stopped", 2));
     let run = workshop.run("stopped");
     run.wait_for_rollouts(4);
     signal(child.id(), Signal::INT);
@@ -57,16 +58,6 @@ fn whoever_dies(learners: u32, tables: &str) {
     assert_eq!(complete(workshop.resume("stopped")).result(), undisturbed);
     assert_eq!(Figures::of(&run), figures);
     run.assert_nothing_left();
-}
-
-#[test]
-fn one_learner() {
-    whoever_dies(1, "\n[validation]\nevery_frames = 300\nepisodes = 1\n");
-}
-
-#[test]
-fn two_learners() {
-    whoever_dies(2, "");
 }
 
 #[test]

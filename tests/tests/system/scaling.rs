@@ -2,7 +2,6 @@
 //! what they are, the budget is exact, and the same changes at the same rollouts give the same weights.
 
 use super::hosts::Hosts;
-use super::overlap;
 use rustix::process::Signal;
 use std::process::{Child, Command};
 use system_tests::{
@@ -56,75 +55,6 @@ fn changed_twice(workshop: &Workshop, name: &str) -> Printed {
     }
     signal(run.wait_until_held(LEARNER), Signal::CONT);
     finish(child)
-}
-
-/// A learner that is killed while it saves for another number, before anything is written or when it has only not said
-/// so yet: the next one saves at the same rollout.
-#[test]
-fn a_learner_that_dies_while_it_saves_for_another_number_is_started_again() {
-    let workshop = Workshop::new();
-    let undisturbed = {
-        let child = start(up(&workshop, "undisturbed", 1));
-        let run = workshop.run("undisturbed");
-        change(&workshop, &run, "undisturbed", CHANGES[0], Signal::CONT);
-        signal(run.wait_until_held(LEARNER), Signal::CONT);
-        finish(child).result()
-    };
-    // A run's first checkpoint is that before its first rollout.
-    for (name, point) in [("unsaved", "learner.before_checkpoint:2"), ("saved", "learner.before_finished")] {
-        killed_while_it_saves(&workshop, name, point, &undisturbed);
-    }
-}
-
-fn killed_while_it_saves(workshop: &Workshop, name: &str, point: &str, undisturbed: &(String, u64)) {
-    let mut command = up(workshop, name, 1);
-    // So that it saves for that alone.
-    command.args(["--set", "checkpoint.interval_s=3600"]);
-    command.env("STILLROOM_FAULT", format!("{HOLD},hold={point}@learner"));
-    let mut child = start(command);
-    let run = workshop.run(name);
-    let learner = run.wait_until_held(LEARNER);
-    let asking = ask(workshop, &run, name, CHANGES[0]);
-    signal(learner, Signal::CONT);
-    wait_until("it trains", || !is_held(learner));
-    assert_eq!(run.wait_until_held(LEARNER), learner, "it saves");
-    signal(learner, Signal::KILL);
-    wait_until("it is gone", || !run.processes(LEARNER).contains(&learner));
-    // Whoever is held after that may go on: the next one, and the one that trains with the new number.
-    wait_until("the run is over", || {
-        run.processes(LEARNER).into_iter().filter(|pid| is_held(*pid)).for_each(|pid| signal(pid, Signal::CONT));
-        child.try_wait().is_ok_and(|end| end.is_some())
-    });
-    let printed = finish(asking);
-    assert!(printed.success && printed.stdout.contains("from rollout: 5 ("), "{printed:#?}");
-    let printed = finish(child);
-    assert_eq!(printed.result(), *undisturbed);
-    assert!(matches!(printed.deaths()[..], [death] if death.contains("learner-0 died")), "{printed:#?}");
-    run.assert_nothing_left();
-}
-
-/// With `ppo.overlap` a rollout is collected beside the update of the one before it, also where the number changes.
-#[test]
-fn beside_updates_the_number_of_actors_changes_at_the_same_rollouts() {
-    let workshop = overlap::workshop("");
-    let result = changed_twice(&workshop, "scaled").result();
-    assert_eq!(result.1, FRAMES);
-    let run = workshop.run("scaled");
-    run.assert_nothing_left();
-    let config = std::fs::read_to_string(run.folder.config()).expect("a run has a configuration");
-    assert!(config.contains("overlap = true"), "{config}");
-    let steps = RecordedSteps::of(&run);
-    assert_eq!((steps.count(), steps.messages), (FRAMES, FRAMES), "each step once");
-    assert_eq!(steps.holes(), Vec::<String>::new(), "each environment goes on where it was");
-    assert_replays(&workshop, "scaled");
-
-    let child = start(up(&workshop, "disturbed", 1));
-    let other = workshop.run("disturbed");
-    change(&workshop, &other, "disturbed", CHANGES[0], Signal::KILL);
-    change(&workshop, &other, "disturbed", CHANGES[1], Signal::CONT);
-    signal(other.wait_until_held(LEARNER), Signal::CONT);
-    assert_eq!(finish(child).result(), result);
-    other.assert_nothing_left();
 }
 
 /// Host 0 has all processes' ends and completes its recording; it hears no more words of this start.

@@ -1,6 +1,5 @@
 //! `learner.shards`: one run whatever its number of learners, and also if that number changes.
 
-use super::hosts::{self, Hosts};
 use rustix::process::Signal;
 use std::process::Command;
 use std::sync::OnceLock;
@@ -26,14 +25,10 @@ frames = 1000
 
 fn workshop() -> Workshop {
     let workshop = Workshop::new();
-    configure(&workshop);
-    workshop
-}
-
-fn configure(workshop: &Workshop) {
     let text = TINY.replace("[ppo]\n", "[ppo]\nnormalize_advantages = true\nminibatches = 2\n");
     let text = text.replace("[learner]\n", "[learner]\nshards = 4\n");
     std::fs::write(workshop.path("tiny.toml"), text + SETTINGS).expect("a writable temporary folder");
+    workshop
 }
 
 fn up(workshop: &Workshop, name: &str, learners: usize) -> Command {
@@ -75,18 +70,6 @@ fn two_and_four_learners_train_the_weights_of_one() {
         assert_eq!(complete(up(&workshop, &name, learners)).result(), of_one().0, "{learners} learners");
         assert_eq!(figures(&workshop.run(&name)), of_one().1, "{learners} learners");
     }
-}
-
-#[test]
-fn learners_on_two_hosts_train_the_weights_of_one() {
-    let hosts = Hosts::new(&["shared", "shared"]);
-    configure(&hosts.workshop);
-    let [first, second] = hosts.complete();
-    assert!(second.success, "{second:#?}");
-    let workshop = workshop();
-    let alone = complete(workshop.up("one", hosts::ACTORS, hosts::ENVIRONMENTS, hosts.frames));
-    assert_eq!(first.result(), alone.result());
-    hosts.assert_nothing_left();
 }
 
 /// Four learners, of which one is killed; then one; then two.

@@ -9,7 +9,6 @@ const ACTORS: u32 = 2;
 const ENVIRONMENTS: u32 = 2;
 const FRAMES: u64 = 600;
 
-/// The only recording of a run.
 fn recording(folder: &RunFolder) -> std::path::PathBuf {
     let mut files = std::fs::read_dir(folder.recordings()).expect("recordings").flatten().map(|entry| entry.path());
     files.next().expect("a recording")

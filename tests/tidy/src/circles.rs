@@ -8,7 +8,6 @@
 //! again.
 
 use crate::modules::{Place, Target};
-use crate::paths::Reach;
 use crate::{Finding, Rule};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
@@ -84,7 +83,7 @@ fn rooms<'a>(target: &'a Target, files: &Ties<'a>) -> Ties<'a> {
 fn ties(target: &Target) -> Ties<'_> {
     let mut ties = Ties::new();
     for (index, module) in target.modules.iter().enumerate().filter(|(_, module)| !module.test) {
-        let imports = module.uses.iter().filter(|used| used.reach == Reach::Module && !used.glob && !used.test);
+        let imports = module.uses.iter().filter(|used| !used.passed_on && !used.glob && !used.test);
         let imports = imports.map(|used| (&used.path, used.line));
         let mentions = module.mentions.iter().filter(|mention| !mention.test);
         for (path, line) in imports.chain(mentions.map(|mention| (&mention.path, mention.line))) {

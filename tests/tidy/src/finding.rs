@@ -2,19 +2,14 @@
 
 use std::fmt;
 
-/// The rules.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Rule {
     /// No circle between the files of one crate.
     Circle,
     /// No circle between the rooms of one crate: the folders and files beside its root.
     RoomCircle,
-    /// No file over 600 lines.
-    LongFile,
     /// No reference to a file that is not there.
     DeadReference,
-    /// No function or constant of a library that nobody outside uses.
-    UnusedPub,
     /// No way to open a file of a run folder but `RunFolder`'s.
     Opening,
     /// No Rust source that the other rules cannot read.
@@ -26,9 +21,7 @@ impl Rule {
         match self {
             Self::Circle => "move what both sides need into a file that uses neither",
             Self::RoomCircle => "move a file into the room that needs it, or what both need into a third room",
-            Self::LongFile => "split it where its second idea begins",
             Self::DeadReference => "name the file that is there, or delete the reference",
-            Self::UnusedPub => "delete it, or lower its visibility to its users",
             Self::Opening => "open it by a method of `RunFolder`; what is in no run folder stands in openings.rs",
             Self::Unreadable => "mend the syntax",
         }
@@ -42,9 +35,7 @@ pub struct Finding {
     pub path: String,
     /// The line, counted from 1.
     pub line: usize,
-    /// The rule.
     pub rule: Rule,
-    /// What breaks it.
     pub what: String,
     /// More of it, for the reader.
     pub detail: String,

@@ -6,20 +6,18 @@
 //! ```
 //! let mut tree = tidy::Tree::default();
 //! tree.add("Cargo.toml", "[package]\nname = \"small\"\n");
-//! tree.add("src/lib.rs", "//! Small.\npub fn forgotten() {}\n");
+//! tree.add("src/lib.rs", "//! Small, as `src/gone.rs` says.\n");
 //! let found = tidy::findings(&tree);
 //! assert_eq!(found.len(), 1);
-//! assert_eq!(found[0].rule, tidy::Rule::UnusedPub);
+//! assert_eq!(found[0].rule, tidy::Rule::DeadReference);
 //! ```
 
 mod circles;
-mod exposure;
 mod finding;
 mod modules;
 mod openings;
 mod paths;
 mod references;
-mod sizes;
 mod syntax;
 mod tree;
 
@@ -31,9 +29,7 @@ pub fn findings(tree: &Tree) -> Vec<Finding> {
     let (sources, mut found) = syntax::parse(tree);
     let targets: Vec<_> = tree.targets().iter().map(|target| modules::Target::load(target, &sources)).collect();
     found.extend(circles::findings(&targets));
-    found.extend(sizes::findings(tree));
     found.extend(references::findings(tree));
-    found.extend(exposure::findings(tree, &targets, &sources));
     found.extend(openings::findings(&targets));
     found.sort();
     found.dedup();

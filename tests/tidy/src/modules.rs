@@ -1,8 +1,7 @@
 //! The modules of a crate, what each defines and imports, and where a path leads.
 
-use crate::paths::{Mention, Reach, Reader, Use};
+use crate::paths::{Mention, Reader, Use};
 use crate::syntax::{Sources, attributes, for_tests, name, plain};
-use crate::tree::CrateRoot;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// How many re-exports a name is followed through.
@@ -11,19 +10,13 @@ const MOST_STEPS: usize = 24;
 /// One module: a file, or a block in a file.
 #[derive(Debug, Default)]
 pub(crate) struct Module {
-    /// The file it is in.
     pub file: String,
-    /// Whether it is a block in its file.
-    pub inline: bool,
     /// Whether it is compiled for tests only.
     pub test: bool,
-    /// Whether it is declared `pub`.
-    pub public: bool,
     /// The module that declares it.
     pub parent: Option<usize>,
     /// Modules that it declares.
     pub children: BTreeMap<String, usize>,
-    /// Names that it defines.
     pub items: BTreeSet<String>,
     /// Names that it imports or passes on.
     pub uses: Vec<Use>,
@@ -34,16 +27,12 @@ pub(crate) struct Module {
 /// A crate with its modules; the first is the root.
 #[derive(Debug)]
 pub(crate) struct Target {
-    /// Whether other crates can import it.
-    pub is_library: bool,
-    /// Its modules.
     pub modules: Vec<Module>,
 }
 
 /// Where a path leads inside a crate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Place {
-    /// To a module.
     Module(usize),
     /// To an item that this module defines.
     Item(usize),
@@ -51,12 +40,12 @@ pub(crate) enum Place {
 
 impl Target {
     /// Reads a crate from its root file on.
-    pub(crate) fn load(root: &CrateRoot, sources: &Sources) -> Self {
-        let mut target = Self { is_library: root.is_library, modules: vec![] };
-        let module = Module { file: root.path.clone(), public: true, ..Module::default() };
-        let (folder, _) = root.path.rsplit_once('/').unwrap_or_default();
+    pub(crate) fn load(root: &str, sources: &Sources) -> Self {
+        let mut target = Self { modules: vec![] };
+        let module = Module { file: root.to_owned(), ..Module::default() };
+        let (folder, _) = root.rsplit_once('/').unwrap_or_default();
         target.modules.push(module);
-        if let Some(file) = sources.get(&root.path) {
+        if let Some(file) = sources.get(root) {
             target.read(0, &file.items, folder, sources);
         }
         target
@@ -97,11 +86,9 @@ impl Target {
         let name = plain(&item.ident);
         let inside = join(folder, &name);
         let index = self.modules.len();
-        let public = matches!(item.vis, syn::Visibility::Public(_));
-        let mut module = Module { test, public, parent: Some(parent), ..Module::default() };
+        let mut module = Module { test, parent: Some(parent), ..Module::default() };
         if let Some((_, items)) = &item.content {
             module.file.clone_from(&self.modules[parent].file);
-            module.inline = true;
             self.add(parent, name, module);
             self.read(index, items, &inside, sources);
             return;
@@ -175,31 +162,6 @@ impl Target {
             Place::Module(other) if other != at => self.look_up(other, name, last, steps),
             _ => None,
         })
-    }
-
-    /// Whether another crate can name what module `at` defines as `name`.
-    pub(crate) fn is_exposed(&self, at: usize, name: &str) -> bool {
-        let passed_on = |index: usize, used: &Use| match self.resolve(index, &used.path) {
-            Some(Place::Module(module)) if used.glob => self.look_up(module, name, true, MOST_STEPS),
-            place => place,
-        } == Some(Place::Item(at));
-        let named = |used: &&Use| {
-            used.reach == Reach::World && (used.glob || used.path.last().is_some_and(|last| last == name))
-        };
-        let mut modules = self.modules.iter().enumerate().filter(|(index, _)| self.is_reachable(*index));
-        self.is_reachable(at)
-            || modules.any(|(index, module)| module.uses.iter().filter(named).any(|used| passed_on(index, used)))
-    }
-
-    /// Whether a module can be reached from outside by its own path.
-    fn is_reachable(&self, mut at: usize) -> bool {
-        while let Some(parent) = self.modules[at].parent {
-            if !self.modules[at].public {
-                return false;
-            }
-            at = parent;
-        }
-        true
     }
 }
 

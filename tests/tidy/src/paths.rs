@@ -13,33 +13,19 @@ pub(crate) struct Use {
     pub name: String,
     /// Whether it ends in `*`.
     pub glob: bool,
-    /// Who gets the name from here.
-    pub reach: Reach,
+    /// Whether others get the name from here.
+    pub passed_on: bool,
     /// Whether only tests have it.
     pub test: bool,
-    /// Its line.
     pub line: usize,
 }
 
-/// Who can use an imported name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Reach {
-    /// The module that imports it.
-    Module,
-    /// Others of the crate, too: a re-export.
-    Crate,
-    /// Other crates, too, as far as they reach the module.
-    World,
-}
-
-/// A path that code names.
 #[derive(Debug)]
 pub(crate) struct Mention {
     /// The path as written, without generic arguments.
     pub path: Vec<String>,
     /// Whether only tests name it.
     pub test: bool,
-    /// Its line.
     pub line: usize,
 }
 
@@ -58,7 +44,6 @@ impl Reader {
         Self { uses: vec![], mentions: vec![], test }
     }
 
-    /// Reads an item.
     pub(crate) fn read(&mut self, item: &syn::Item) {
         self.visit_item(item);
     }
@@ -90,12 +75,8 @@ impl Reader {
             syn::UseTree::Glob(glob) => (String::new(), true, glob.star_token.spans[0].start().line),
         };
         if !path.is_empty() {
-            let reach = match vis {
-                syn::Visibility::Inherited => Reach::Module,
-                syn::Visibility::Restricted(_) => Reach::Crate,
-                syn::Visibility::Public(_) => Reach::World,
-            };
-            self.uses.push(Use { path, name, glob, reach, test: self.test, line });
+            let passed_on = !matches!(vis, syn::Visibility::Inherited);
+            self.uses.push(Use { path, name, glob, passed_on, test: self.test, line });
         }
     }
 

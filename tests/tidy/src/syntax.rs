@@ -65,7 +65,6 @@ pub(crate) fn name(item: &syn::Item) -> Option<&syn::Ident> {
     })
 }
 
-/// The attributes of an item.
 pub(crate) fn attributes(item: &syn::Item) -> &[Attribute] {
     match item {
         syn::Item::Const(item) => &item.attrs,

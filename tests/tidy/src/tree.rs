@@ -11,15 +11,6 @@ pub struct Tree {
     pub(crate) files: BTreeMap<String, String>,
 }
 
-/// One crate of a package.
-#[derive(Clone, Debug)]
-pub(crate) struct CrateRoot {
-    /// Whether other crates can import it.
-    pub is_library: bool,
-    /// Its root file.
-    pub path: String,
-}
-
 impl Tree {
     /// The tracked files of a checkout that are there; a deleted file that is still in the index is passed over.
     pub fn tracked(root: &Path) -> io::Result<Self> {
@@ -38,13 +29,12 @@ impl Tree {
         Ok(tree)
     }
 
-    /// Adds a file.
     pub fn add(&mut self, path: &str, text: &str) {
         self.files.insert(path.to_owned(), text.to_owned());
     }
 
-    /// The crates of all packages, by Cargo's conventions.
-    pub(crate) fn targets(&self) -> Vec<CrateRoot> {
+    /// The root files of all packages' crates, by Cargo's conventions.
+    pub(crate) fn targets(&self) -> Vec<String> {
         let packages = self.files.iter().filter(|(_, text)| text.lines().any(|line| line == "[package]"));
         let folders = packages.filter_map(|(path, _)| path.strip_suffix("Cargo.toml"));
         folders
@@ -53,7 +43,7 @@ impl Tree {
             .collect()
     }
 
-    fn crates(&self, folder: &str) -> Vec<CrateRoot> {
+    fn crates(&self, folder: &str) -> Vec<String> {
         let mut found = vec![];
         for path in self.files.range(folder.to_owned()..).map_while(|(path, _)| path.strip_prefix(folder)) {
             let is_root = match path.split('/').collect::<Vec<_>>()[..] {
@@ -66,7 +56,7 @@ impl Tree {
                 _ => false,
             };
             if is_root {
-                found.push(CrateRoot { is_library: path == "src/lib.rs", path: format!("{folder}{path}") });
+                found.push(format!("{folder}{path}"));
             }
         }
         found

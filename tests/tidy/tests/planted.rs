@@ -112,19 +112,6 @@ fn rooms_that_use_each_other_are_found_though_no_files_do() {
 }
 
 #[test]
-fn a_file_of_more_than_six_hundred_lines_is_found() {
-    let file = |lines: usize| format!("//! Till.\npub fn count() {{}}\n{}", "// A line.\n".repeat(lines - 2));
-    assert_eq!(planted("docs/long.md", &"words\n".repeat(601)), []);
-    let mut tree = clean();
-    tree.add("stock/src/unused.py", &"pass\n".repeat(600));
-    assert_eq!(findings(&tree), []);
-    let found = only("stock/src/long.py", &"pass\n".repeat(601), Rule::LongFile);
-    assert_eq!(found.line, 1);
-    assert!(planted("shop/src/till.rs", &file(601)).iter().any(|finding| finding.rule == Rule::LongFile));
-    assert!(planted("shop/src/till.rs", &file(600)).iter().all(|finding| finding.rule != Rule::LongFile));
-}
-
-#[test]
 fn a_dead_reference_is_found_in_comments_and_documents() {
     for (comment, name) in [
         ("//! Prices; taxes are in `stock/src/tax.rs`.", "`stock/src/tax.rs`"),
@@ -144,29 +131,6 @@ fn a_dead_reference_is_found_in_comments_and_documents() {
         "See `price.rs:3`, `shelf/`, `shelf/*.rs`, https://example.org/gone.md, `/step`, `loss/total`, README.md.\n";
     assert_eq!(planted("docs/more.md", fine), []);
     assert_eq!(planted("CHANGELOG.md", "`gone.rs` is gone.\n"), []);
-}
-
-#[test]
-fn a_public_item_without_a_user_outside_is_found() {
-    let text = "//! Prices.\nuse crate::Shelf;\npub fn price(shelf: &Shelf) -> u32 { shelf.0 }\n";
-    let found = only("stock/src/price.rs", &format!("{text}pub const TAX: u32 = 3;\n"), Rule::UnusedPub);
-    assert_eq!((found.line, found.what.as_str()), (4, "nobody outside uses `TAX`"));
-    let method = BOARD.replace("Self(length) }\n", "Self(length) }\n    pub fn sawn(self) {}\n");
-    assert_eq!(only("stock/src/shelf/board.rs", &method, Rule::UnusedPub).what, "nobody outside uses `Shelf::sawn`");
-    // The method of a type that others can name needs others, also where its file is private.
-    let sawn = |used: &str| {
-        let mut tree = clean();
-        tree.add("stock/src/shelf/mod.rs", "mod board;\nmod saw;\npub use board::Shelf;\n");
-        tree.add("stock/src/shelf/saw.rs", "use super::Shelf;\nimpl Shelf {\n    pub fn sawn(self) {}\n}\n");
-        tree.add("stock/src/price.rs", &format!("{text}fn all(shelf: Shelf) {{ shelf.sawn() }}\n"));
-        tree.add("shop/src/main.rs", &format!("mod till;\nfn main() {{ till::count(); {used} }}\n"));
-        findings(&tree)
-    };
-    assert_eq!(sawn("stock::Shelf::new(3).sawn();"), []);
-    assert_eq!(sawn("")[0].what, "nobody outside uses `Shelf::sawn`");
-    // An example in the documentation is a user.
-    let shown = format!("//! ```\n//! assert_eq!(stock::price::TAX, 3);\n//! ```\n{text}pub const TAX: u32 = 3;\n");
-    assert_eq!(planted("stock/src/price.rs", &shown), []);
 }
 
 #[test]

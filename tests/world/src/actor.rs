@@ -15,7 +15,6 @@ use wire::message::{ActionHeader, EnvironmentState, observation_kind};
 /// Actions for a half.
 type Batch = (ActionHeader, Rc<Vec<u8>>);
 
-/// Its open ports.
 struct Ports {
     restores: u32,
     actions: u32,
@@ -36,7 +35,6 @@ enum Doing {
     Sent { sample: Observations, receivers: usize },
 }
 
-/// The actor as a process.
 pub struct Actor {
     session: usize,
     number: u32,

@@ -14,7 +14,6 @@ pub struct Dice {
 }
 
 impl Dice {
-    /// The dice of a seed.
     pub fn new(seed: u64) -> Self {
         let key = Key { seed, purpose: Purpose::Schedule, kitchen: 0, environment: 0, episode: 0, step: 0 };
         Self { key, stream: key.stream(), drawn: 0 }
@@ -48,7 +47,6 @@ impl Dice {
         octave + self.between(0, octave)
     }
 
-    /// One of these.
     pub fn one_of<T: Copy>(&mut self, choice: &[T]) -> T {
         choice[self.below(choice.len() as u32) as usize]
     }

@@ -34,7 +34,6 @@ struct State {
     crashed: bool,
 }
 
-/// The disk of a world.
 #[derive(Debug, Default, Clone)]
 pub struct SimulatedDisk(Rc<RefCell<State>>);
 
@@ -73,7 +72,6 @@ impl SimulatedDisk {
         Ok(())
     }
 
-    /// Synchronises a file and its name.
     pub fn sync_whole(&self, path: &Path) -> Result<()> {
         let number = *self.0.borrow().names.get(path).ok_or(ErrorKind::NotFound)?;
         self.sync(&number)?;

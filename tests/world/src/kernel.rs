@@ -18,7 +18,6 @@ use std::time::Duration;
 
 /// A second of the world's clock, which counts microseconds.
 pub const SECOND: u64 = 1_000_000;
-/// A millisecond.
 pub const MILLISECOND: u64 = 1_000;
 
 /// What a task does after a turn.
@@ -34,7 +33,6 @@ pub enum Next {
 
 /// A program, as the processor sees it.
 pub trait Program {
-    /// Takes a turn.
     fn turn(&mut self, world: &mut World, me: TaskId) -> Next;
     /// Its lifeline has closed. The end of its process, if that is what follows.
     fn let_go(&mut self) -> Option<Exit> {
@@ -85,12 +83,7 @@ enum Happening {
 #[derive(Debug, Clone, Copy)]
 pub enum Note {
     /// One goes on from this many frames.
-    Began {
-        /// Its incarnation.
-        learner_incarnation: u32,
-        /// Frames.
-        frames: u64,
-    },
+    Began { learner_incarnation: u32, frames: u64 },
     /// A rollout is collected.
     Collected {
         /// By this incarnation.
@@ -136,9 +129,7 @@ pub const TORN: &str = "torn checkpoint";
 /// The kind of fault that waits for the next process.
 pub const NO_PROCESS: &str = "no process";
 
-/// The world.
 pub struct World {
-    /// The run.
     pub setup: Setup,
     /// What it must come to.
     pub model: Model,
@@ -146,7 +137,6 @@ pub struct World {
     pub now: u64,
     /// Chance.
     pub dice: Dice,
-    /// The file system.
     pub disk: SimulatedDisk,
     /// By session.
     pub wires: Vec<Wire>,
@@ -168,7 +158,6 @@ pub struct World {
     pub power_fails: bool,
     /// The first thing that was wrong.
     pub violation: Option<String>,
-    /// Faults that struck, by their kind.
     pub faults: BTreeMap<&'static str, u64>,
     /// When the last one did.
     pub last_fault: u64,
@@ -264,7 +253,6 @@ impl World {
         none
     }
 
-    /// How many faults have struck.
     pub fn struck(&self) -> u64 {
         self.faults.values().sum()
     }
@@ -313,7 +301,6 @@ impl World {
         self.tasks.iter().filter(|(_, task)| is(task.label)).map(|(id, _)| *id).collect()
     }
 
-    /// Whether a task lives.
     pub fn lives(&self, id: TaskId) -> bool {
         self.tasks.contains_key(&id)
     }

@@ -44,7 +44,6 @@ const MOST_TURNS: u64 = 3_000_000;
 pub struct Report {
     /// The first thing that was wrong; none if all was well.
     pub violation: Option<String>,
-    /// Faults that struck, by their kind.
     pub faults: BTreeMap<&'static str, u64>,
     /// Starts of the orchestrator.
     pub sessions: usize,

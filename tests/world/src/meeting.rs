@@ -8,7 +8,6 @@ use std::rc::Rc;
 /// What a learner brings to a collective operation.
 #[derive(Debug, Clone)]
 pub enum Word {
-    /// It has come.
     Here,
     /// A number that must be everybody's.
     Same(u64),

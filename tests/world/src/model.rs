@@ -28,14 +28,11 @@ pub struct Expected {
     pub weights: u64,
 }
 
-/// The run as it must be.
 #[derive(Debug)]
 pub struct Model {
-    /// Every rollout.
     pub rollouts: Vec<Expected>,
     /// Every step, with the hash of the state that it led to.
     pub steps: BTreeMap<StepName, u64>,
-    /// Frames in all.
     pub frames: u64,
 }
 
@@ -55,7 +52,6 @@ pub fn of_action(t: usize, column: usize, action: u8, seen: u64) -> u64 {
     mix([1, t as u64, column as u64, u64::from(action), seen])
 }
 
-/// What an outcome adds.
 pub fn of_outcome(t: usize, column: usize, reward: f32, [ended, time_limit, disturbed]: [bool; 3]) -> u64 {
     let flags = [ended, time_limit, disturbed].map(u64::from);
     mix([2, t as u64, column as u64, u64::from(reward.to_bits())].into_iter().chain(flags))

@@ -21,12 +21,10 @@ use wire::{Receipt, Written};
 const FLUSH_INTERVAL: u64 = SECOND;
 /// Without samples for this long, it is done.
 const QUIET: u64 = 20 * MILLISECOND;
-/// The folder of recordings.
 const FOLDER: &str = "run/recordings";
 /// Numbers of a record.
 const NUMBERS: usize = 5;
 
-/// The thread.
 pub struct Recorder {
     session: usize,
     ports: Vec<u32>,

@@ -29,7 +29,6 @@ pub enum Full {
     Replace,
 }
 
-/// Settings of a service.
 #[derive(Debug, Clone, Copy)]
 pub struct Settings {
     /// Samples that wait for one subscriber.
@@ -71,7 +70,6 @@ struct Channel<T> {
 /// A received sample, which holds its place until it is dropped.
 #[derive(Debug)]
 pub struct Borrowed<T> {
-    /// The sample.
     pub value: T,
     held: Rc<Cell<u32>>,
 }
@@ -93,7 +91,6 @@ pub enum Delivery {
     Blocked,
 }
 
-/// The service.
 #[derive(Debug)]
 pub struct Service<T> {
     settings: Settings,
@@ -102,7 +99,6 @@ pub struct Service<T> {
     channels: Vec<Channel<T>>,
     last: Option<T>,
     next_port: u32,
-    /// Tasks that wait for room.
     waiting: Vec<TaskId>,
 }
 

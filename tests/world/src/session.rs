@@ -17,7 +17,6 @@ const TICK: u64 = 250 * MILLISECOND;
 /// Ticks after a death on which the dead are swept.
 const SWEEPS_AFTER_DEATH: u32 = 4;
 
-/// Where it stands.
 enum Phase {
     /// Its services are to be made.
     Starting,

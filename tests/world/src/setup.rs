@@ -40,7 +40,6 @@ pub enum Mutation {
 /// A world's run.
 #[derive(Debug, Clone)]
 pub struct Setup {
-    /// Configuration.
     pub config: Config,
     /// Who acts together, in rollouts with even and with odd numbers.
     pub paces: [Pace; 2],
@@ -50,7 +49,6 @@ pub struct Setup {
 
 /// Step limit of an episode: short, so that many end.
 pub const MAX_STEPS: u32 = 7;
-/// Actions of the policy.
 pub const ACTIONS: u64 = 21;
 /// Draws of noise for an action: one is enough for a policy that is a hash.
 pub const NOISE: usize = 1;

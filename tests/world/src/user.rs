@@ -15,7 +15,6 @@ const PATIENCE: u64 = 3600 * SECOND;
 /// Faults without which no process can be given up: it may die five times in a minute.
 const MANY: u64 = 5;
 
-/// The user.
 #[derive(Debug, Default)]
 pub struct User {
     session: Option<TaskId>,

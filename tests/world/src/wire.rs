@@ -7,15 +7,12 @@ use wire::message::{ActionHeader, EnvironmentState, Line, ObservationHeader, Res
 
 /// An observation sample: header, and the records of one half's environments without their frames.
 pub type Observations = (ObservationHeader, Rc<Vec<Vec<Line>>>);
-/// A restore.
 pub type Restore = (RestoreHeader, Rc<Vec<EnvironmentState>>);
-/// An action batch.
 pub type Actions = (ActionHeader, Rc<Vec<u8>>);
 
 /// Ports that a restarted process may need while its dead predecessor's are not swept yet.
 const RESTART_MARGIN: usize = 2;
 
-/// The services.
 #[derive(Debug)]
 pub struct Wire {
     /// By rank.
@@ -24,7 +21,6 @@ pub struct Wire {
     pub restores: Vec<Service<Restore>>,
     /// By actor.
     pub actions: Vec<Service<Actions>>,
-    /// Of all learners.
     pub stage: Service<StageAnnouncement>,
 }
 

@@ -136,7 +136,6 @@ fn newest(runs: &dyn Runs, run: &str, place: Option<EnvironmentKey>) -> Result<N
     Ok((key, setup, episode))
 }
 
-/// A client.
 struct Session {
     sources: Sources,
     run: String,

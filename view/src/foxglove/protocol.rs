@@ -137,7 +137,6 @@ impl Subscriptions {
         }
     }
 
-    /// Whether a topic is subscribed to.
     pub fn wants(&self, topic: &Topic) -> bool {
         self.subscriptions(&topic.name).next().is_some()
     }

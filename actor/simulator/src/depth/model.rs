@@ -82,7 +82,6 @@ impl Model {
         model
     }
 
-    /// The finest mesh.
     pub fn mesh(&self) -> &Mesh {
         self.mesh.get_or_init(|| Mesh::of(&self.primitive))
     }

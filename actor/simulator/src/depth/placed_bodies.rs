@@ -14,7 +14,6 @@ use std::sync::Arc;
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Points([[f32; LANES]; 3]);
 
-/// Eight spheres.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Spheres {
     pub centre: Points,

@@ -36,7 +36,6 @@ fn along([at_zero, per_x]: [f32; 2], x_px: Lanes) -> Lanes {
     Lanes::splat(at_zero) + Lanes::splat(per_x) * x_px
 }
 
-/// A few planes.
 #[derive(Debug)]
 pub struct Planes<const N: usize> {
     planes: [Plane; N],
@@ -86,7 +85,6 @@ impl ManyPlanes {
         self.blocks.clear();
     }
 
-    /// Adds a plane.
     #[inline(always)]
     pub fn push(&mut self, plane: Plane) {
         let lane = self.count % LANES;

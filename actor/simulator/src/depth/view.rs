@@ -101,13 +101,11 @@ impl Rigid {
         Self { rotation, translation: turned.map(|v| -v) }
     }
 
-    /// Moves a point.
     pub fn point(&self, p: [f32; 3]) -> [f32; 3] {
         let v = self.vector(p);
         [v[0] + self.translation[0], v[1] + self.translation[1], v[2] + self.translation[2]]
     }
 
-    /// Turns a vector.
     pub fn vector(&self, v: [f32; 3]) -> [f32; 3] {
         self.rotation.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
     }

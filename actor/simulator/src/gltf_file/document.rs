@@ -49,18 +49,10 @@ pub struct Node {
 pub enum DocumentError {
     /// It cannot be read.
     #[error("{file}: cannot be read: {cause}", file = .file.display())]
-    Unreadable {
-        file: PathBuf,
-        /// Why.
-        cause: std::io::Error,
-    },
+    Unreadable { file: PathBuf, cause: std::io::Error },
     /// It is not glTF 2.0.
     #[error("{file}: is not sound glTF 2.0: {problem}", file = .file.display())]
-    Unsound {
-        file: PathBuf,
-        /// What is wrong.
-        problem: String,
-    },
+    Unsound { file: PathBuf, problem: String },
     /// It cannot be understood without an extension that is not known here.
     #[error(
         "{file}: needs the extension {extension}, which is not read here; export it again without it, as plain glTF 2.0 \
@@ -70,17 +62,10 @@ pub enum DocumentError {
     Extension { file: PathBuf, extension: String },
     /// A buffer is not where the file says.
     #[error("{file}: its buffer {uri} is missing: {problem}; put it beside the file, or export as .glb", file = .file.display())]
-    Buffer {
-        file: PathBuf,
-        /// The buffer.
-        uri: String,
-        /// What is wrong.
-        problem: String,
-    },
+    Buffer { file: PathBuf, uri: String, problem: String },
 }
 
 impl Document {
-    /// Reads a file.
     pub fn open(path: &Path) -> Result<Self, DocumentError> {
         let file = || path.to_path_buf();
         let bytes =

@@ -14,7 +14,6 @@ pub const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 /// What extensions are about that say nothing of where geometry is: the second word of their names.
 const HARMLESS: [&str; 9] =
     ["animation", "audio", "image", "lights", "materials", "packing", "techniques", "texture", "xmp"];
-/// More of these.
 const HARMLESS_NAMES: [&str; 7] = [
     "EXT_instance_features",
     "EXT_mesh_features",

@@ -5,7 +5,6 @@ pub const CORNERS_MOST: usize = 512;
 /// Triangles of a mesh that is decomposed, at most: with three vertices each, their numbers still fit into 16 bits.
 pub const TRIANGLES_MOST: usize = 20_000;
 
-/// Why a mesh is no solid.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum NoSolid {
     /// It has no thickness.
@@ -20,25 +19,15 @@ pub enum NoSolid {
         /// How deep, millimetres.
         dent_mm: f32,
     },
-    /// Its hull has too many corners.
     #[error("has {corners} corners on its hull, more than {CORNERS_MOST}: simplify it")]
-    TooDetailed {
-        /// How many.
-        corners: usize,
-    },
+    TooDetailed { corners: usize },
     /// It has no inside that could be cut into pieces.
     #[error(
         "has {edges} edges without a face on either side, or between faces that do not both look outwards, so that it \
          has no inside to decompose: fill its holes and recalculate its normals, or say `convex = \"hull\"`"
     )]
-    Open {
-        /// How many edges.
-        edges: usize,
-    },
+    Open { edges: usize },
     /// It has too many triangles to be decomposed.
     #[error("has {triangles} triangles, more than the {TRIANGLES_MOST} that can be decomposed: simplify it")]
-    TooManyTriangles {
-        /// How many.
-        triangles: usize,
-    },
+    TooManyTriangles { triangles: usize },
 }

@@ -28,7 +28,6 @@ pub struct Piece {
     pub extras: Option<String>,
 }
 
-/// Whether a primitive has a surface.
 pub fn has_surface(primitive: &Primitive) -> bool {
     primitive.mode.unwrap_or(TRIANGLES) >= TRIANGLES
 }

@@ -43,7 +43,6 @@ pub enum Flaw {
     Fell {
         /// Which of the room's things.
         thing: usize,
-        /// How far it moved, metres.
         moved_m: f32,
     },
     /// A thing does not come to rest.
@@ -54,10 +53,7 @@ pub enum Flaw {
     },
     /// There is little room for the robot.
     #[error("free floor ({stands} robot poses)")]
-    Stands {
-        /// How many.
-        stands: usize,
-    },
+    Stands { stands: usize },
     /// The arm comes to no place on any surface.
     #[error("surfaces within reach")]
     Unreachable,
@@ -65,11 +61,7 @@ pub enum Flaw {
     Target { category: TargetCategory },
     /// There is little room for a target.
     #[error("{spots} spots for {}", .category.name())]
-    Spots {
-        category: TargetCategory,
-        /// How many.
-        spots: usize,
-    },
+    Spots { category: TargetCategory, spots: usize },
 }
 
 /// A room whose things have come to rest.

@@ -13,7 +13,6 @@ pub enum BodyRole {
     Robot,
 }
 
-/// One thing in a kitchen.
 #[derive(Debug, Clone)]
 pub struct Body {
     /// Unique within the kitchen, for example `Mug` or `Cabinet-3`.

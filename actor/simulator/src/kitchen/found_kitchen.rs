@@ -32,7 +32,6 @@ const FARTHEST_M: f32 = 100.0;
 /// No kitchen has as many movable things.
 const THINGS_MOST: usize = 1000;
 
-/// A procedural kitchen, found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FoundKitchen {
     kitchen_key: KitchenKey,

@@ -44,17 +44,12 @@ pub enum KitchenError {
     },
     /// What was kept of it is not of this program.
     #[error("kitchen {kitchen}: what was kept of it does not fit this program: {problem}")]
-    FoundKitchen {
-        kitchen: KitchenId,
-        /// What is wrong.
-        problem: String,
-    },
+    FoundKitchen { kitchen: KitchenId, problem: String },
 }
 
 /// A room as the generator draws it: furnished, not yet at rest.
 #[derive(Debug, Clone)]
 pub struct DrawnRoom {
-    /// The furnished room.
     pub room: Room,
     /// How its runs of counters lie.
     pub plan: Plan,

@@ -58,12 +58,10 @@ pub struct Surface {
     pub high: Vec3,
 }
 
-/// A furnished room.
 #[derive(Debug, Clone)]
 pub struct Room {
     /// Fixed bodies, in the order they were put in.
     pub fixtures: Vec<Fixture>,
-    /// Movable things.
     pub things: Vec<Thing>,
     /// Where targets can stand.
     pub surfaces: Vec<Surface>,
@@ -75,7 +73,6 @@ pub struct Room {
 pub(crate) const MOVABLE_MASS_MAX_KG: f32 = 10.0;
 
 impl Surface {
-    /// Its area, square metres.
     pub(crate) fn area_m2(&self) -> f32 {
         (self.high.x - self.low.x) * (self.high.z - self.low.z)
     }

@@ -47,7 +47,6 @@ pub struct Kitchen {
 /// What a movable thing is made of.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Matter {
-    /// Mass, kilograms.
     pub mass_kg: f32,
     /// Coulomb friction coefficient of its surface.
     pub friction: f32,
@@ -78,7 +77,6 @@ impl Kitchen {
         0..self.static_count
     }
 
-    /// Indices of the movable bodies.
     pub fn movable_bodies(&self) -> Range<usize> {
         self.static_count..self.static_count + self.movables.len()
     }

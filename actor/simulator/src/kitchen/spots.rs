@@ -25,9 +25,7 @@ const POINTS_JUDGED: usize = 4;
 /// A robot pose at which an episode can begin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stand {
-    /// World x, metres.
     pub x_m: f32,
-    /// World z, metres.
     pub z_m: f32,
     /// Yaw in turns of 45 degrees.
     pub yaw_ticks: i32,

@@ -62,7 +62,6 @@ pub struct Posture {
     pub x_m: f32,
     /// Position of the body's axis on the floor, world z, metres.
     pub z_m: f32,
-    /// Yaw, radians.
     pub yaw_rad: f32,
     /// Height of the arm's base above the floor, metres.
     pub arm_height_m: f32,
@@ -70,9 +69,7 @@ pub struct Posture {
     pub wrist_m: Vec3,
     /// Elbow about the shoulder-wrist line, radians.
     pub elbow_rad: f32,
-    /// Wrist yaw, radians.
     pub wrist_yaw_rad: f32,
-    /// Wrist pitch, radians.
     pub wrist_pitch_rad: f32,
 }
 

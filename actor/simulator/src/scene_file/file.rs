@@ -76,7 +76,6 @@ fn in_words(message: &str) -> String {
 const ROLES: &str = "`floor`, `fixed`, `surface`, `movable`, `ignore`";
 
 impl SceneFile {
-    /// Reads a file.
     pub fn open(path: &Path) -> Result<Self, Problem> {
         if path.extension().is_some_and(|kind| kind == "glb" || kind == "gltf") {
             return Err(Problem::Geometry);

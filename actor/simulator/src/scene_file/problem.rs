@@ -47,15 +47,11 @@ impl fmt::Display for SceneError {
 
 impl std::error::Error for SceneError {}
 
-/// One thing that is wrong.
 #[derive(Debug, thiserror::Error)]
 pub enum Problem {
     /// The TOML file cannot be read.
     #[error("cannot be read: {cause}")]
-    Unreadable {
-        /// Why.
-        cause: String,
-    },
+    Unreadable { cause: String },
     /// It is not the TOML file.
     #[error(
         "is geometry alone: give the scene's TOML file, which names it and says which node is floor (docs/scenes.md)"
@@ -66,29 +62,18 @@ pub enum Problem {
     Toml {
         /// Line, from 1.
         line: usize,
-        /// What is wrong.
         problem: String,
     },
     /// The TOML file says too much.
     #[error("has {entries} [[node]] entries, more than {ENTRIES_MOST}: use patterns, `*` stands for any characters")]
-    TooManyEntries {
-        /// How many.
-        entries: usize,
-    },
+    TooManyEntries { entries: usize },
     #[error("makes {bodies} bodies, more than {BODIES_MOST}: join what is one thing under one node, or ignore it")]
-    TooManyBodies {
-        /// How many.
-        bodies: usize,
-    },
+    TooManyBodies { bodies: usize },
     /// The glTF file lies elsewhere.
     #[error("gltf = \"{gltf}\" lies outside of this file's folder: put it beside it, a scene's files travel together")]
-    Elsewhere {
-        /// What stands there.
-        gltf: String,
-    },
+    Elsewhere { gltf: String },
     #[error("gltf = \"{gltf}\": there is no such file beside this one{}", suggestion(.nearest.as_deref()))]
     NoGltf {
-        /// What stands there.
         gltf: String,
         /// The closest glTF file's name.
         nearest: Option<String>,
@@ -132,18 +117,12 @@ pub enum Problem {
     NoMesh { node: String },
     /// A node's mesh cannot be read.
     #[error("node {node}: {problem}")]
-    Mesh {
-        node: String,
-        /// What is wrong.
-        problem: &'static str,
-    },
-    /// A mesh is no solid.
+    Mesh { node: String, problem: &'static str },
     #[error("node {node}: primitive {primitive} of its mesh {cause}")]
     NoSolid {
         node: String,
         /// Which primitive, from 0.
         primitive: usize,
-        /// Why not.
         cause: NoSolid,
     },
     /// A movable thing weighs nothing.
@@ -154,11 +133,7 @@ pub enum Problem {
         "node {node}: mass_kg = {mass_kg} is not between 0 and {MOVABLE_MASS_MAX_KG}; what is heavier does not move: its \
          role is `fixed`"
     )]
-    Mass {
-        node: String,
-        /// Its mass, kilograms.
-        mass_kg: f32,
-    },
+    Mass { node: String, mass_kg: f32 },
     /// A movable thing has a friction that it cannot have.
     #[error("node {node}: friction = {friction} is not between 0 and 4")]
     Friction {
@@ -177,7 +152,6 @@ pub enum Problem {
     )]
     UnknownCategory {
         node: String,
-        /// What stands there.
         category: String,
         /// The closest category.
         nearest: Option<String>,
@@ -197,25 +171,15 @@ pub enum Problem {
     /// Two things are the same target.
     #[error("nodes {} are all {category:?}: an episode must know which it means; give one its own category", .nodes.join(", "))]
     TwoTargets { category: TargetCategory, nodes: Vec<String> },
-    /// No node is the floor.
     #[error("no entry has the role `floor`: the robot needs one to drive on")]
     NoFloor,
-    /// Several nodes are the floor.
     #[error("{floors} nodes have the role `floor`: one is the floor, others are `fixed`")]
-    SeveralFloors {
-        /// How many.
-        floors: usize,
-    },
-    /// Nothing is a surface.
+    SeveralFloors { floors: usize },
     #[error("no entry has the role `surface`: targets need one to stand on")]
     NoSurface,
     /// A surface has no top to stand on.
     #[error("node {node}: is a `surface`, but targets cannot stand on it: {cause}")]
-    NoTop {
-        node: String,
-        /// Why not.
-        cause: NoTop,
-    },
+    NoTop { node: String, cause: NoTop },
     /// Something lies on every surface.
     #[error(
         "targets have nothing to stand on: something fixed lies on each `surface`, or hangs less than 0.05 m above it ({}); \
@@ -234,11 +198,7 @@ pub enum Problem {
         "node {node}: moved {moved_m:.3} m while coming to rest: it hangs in the air, stands tilted or overlaps something; \
          put it down where it stays"
     )]
-    Fell {
-        node: String,
-        /// How far, metres.
-        moved_m: f32,
-    },
+    Fell { node: String, moved_m: f32 },
     /// A thing does not come to rest.
     #[error("node {node}: does not come to rest; give it a flat underside (a thin cylinder or box as a foot)")]
     Awake { node: String },
@@ -273,7 +233,6 @@ pub enum Problem {
         /// How many places.
         spots: usize,
     },
-    /// A target is missing.
     #[error("there is no {category:?}")]
     NoSuchTarget { category: TargetCategory },
 }

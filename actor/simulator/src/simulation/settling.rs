@@ -11,10 +11,8 @@ use std::sync::Arc;
 /// After an episode's target is set down, it has this many sub-steps to come to rest.
 const SETTLE_SUBSTEPS: u32 = 240;
 
-/// Where an episode starts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Start {
-    /// How the robot stands there.
     pub robot: Configuration,
     /// The movable thing that is set down elsewhere than the kitchen has it, and where, metres.
     pub set_down: Option<(usize, Vec3)>,

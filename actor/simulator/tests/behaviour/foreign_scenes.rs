@@ -34,7 +34,6 @@ impl Studio {
         nodes.iter_mut().find(|node| node["name"] == name).unwrap()
     }
 
-    /// The mesh of a node.
     fn mesh(&mut self, name: &str) -> &mut Value {
         let mesh = self.node(name)["mesh"].as_u64().unwrap() as usize;
         &mut self.json["meshes"][mesh]
@@ -46,7 +45,6 @@ impl Studio {
         list.len() - 1
     }
 
-    /// Adds a node to the scene.
     fn add(&mut self, node: Value) -> usize {
         let node = self.push("nodes", node);
         self.json["scenes"][0]["nodes"].as_array_mut().unwrap().push(node.into());

@@ -7,7 +7,6 @@ use super::message::{
 /// Name of the dimension that a caller chooses.
 const ROWS: &str = "rows";
 
-/// A result's name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Name(String);
 
@@ -36,7 +35,6 @@ impl Parameter<'_> {
     }
 }
 
-/// The graph so far.
 #[derive(Debug)]
 pub(super) struct Builder {
     graph: Graph,

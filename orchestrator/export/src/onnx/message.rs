@@ -1,7 +1,6 @@
 //! Those of ONNX's messages that a model of ours needs; numbers of fields and types as in its own definition
 //! (<https://github.com/onnx/onnx/blob/main/onnx/onnx.proto>).
 
-/// `ModelProto`.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct Model {
     #[prost(int64, tag = "1")]
@@ -20,7 +19,6 @@ pub struct Model {
     pub metadata_props: Vec<Entry>,
 }
 
-/// `OperatorSetIdProto`.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct OperatorSet {
     /// Empty for ONNX's own.
@@ -39,7 +37,6 @@ pub struct Entry {
     pub value: String,
 }
 
-/// `GraphProto`.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct Graph {
     #[prost(message, repeated, tag = "1")]
@@ -54,7 +51,6 @@ pub struct Graph {
     pub output: Vec<Value>,
 }
 
-/// `NodeProto`.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct Node {
     #[prost(string, repeated, tag = "1")]
@@ -85,7 +81,6 @@ pub struct Attribute {
     pub kind: i32,
 }
 
-/// `AttributeProto.AttributeType`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, prost::Enumeration)]
 #[repr(i32)]
 pub enum AttributeType {
@@ -95,7 +90,6 @@ pub enum AttributeType {
     Ints = 7,
 }
 
-/// `TensorProto`.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct Tensor {
     #[prost(int64, repeated, packed = "false", tag = "1")]
@@ -119,7 +113,6 @@ pub enum Element {
     Int64 = 7,
 }
 
-/// `ValueInfoProto`.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct Value {
     #[prost(string, tag = "1")]
@@ -137,7 +130,6 @@ pub struct Type {
     pub tensor_type: Option<TensorType>,
 }
 
-/// `TypeProto.Tensor`.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct TensorType {
     #[prost(enumeration = "Element", tag = "1")]

@@ -30,7 +30,6 @@ fn costs_nothing(file: &[u8], problem: &str) {
     assert_eq!(whole.others, damaged.others, "attachments, metadata, private records, profile and library");
 }
 
-/// The file with one byte altered.
 fn altered(offset: u64, byte: impl Fn(u8) -> u8) -> Vec<u8> {
     let mut file = recording("zstd");
     let place = &mut file[offset as usize];

@@ -12,9 +12,7 @@ use std::ops::Range;
 /// Messages in [`recording`].
 pub const MESSAGES: u64 = 600;
 
-/// What is read of a file.
 pub struct Read {
-    /// The account.
     pub account: Account,
     /// Every message: channel, sequence, log time, content.
     pub messages: Vec<(u16, u32, u64, Vec<u8>)>,
@@ -29,7 +27,6 @@ pub fn read(file: &[u8]) -> Read {
     read_within(file, &Limits::default())
 }
 
-/// Reads a file within these limits.
 pub fn read_within(file: &[u8], limits: &Limits) -> Read {
     let (mut messages, mut others, mut doubtful) = (Vec::new(), Vec::new(), 0);
     let account = salvage::read(&file, limits, |record, trust| {
@@ -47,7 +44,6 @@ pub fn read_within(file: &[u8], limits: &Limits) -> Read {
     Read { account: account.unwrap(), messages, others, doubtful }
 }
 
-/// The file after a repair.
 pub fn repaired(file: &[u8]) -> Vec<u8> {
     let mut out = Cursor::new(Vec::new());
     salvage::rewrite(&file, &Limits::default(), WriteOptions::new(), &mut out).unwrap();
@@ -205,7 +201,6 @@ impl Raw {
         self.record(op::CHUNK, &body);
     }
 
-    /// The bytes so far.
     pub fn bytes(&self) -> &[u8] {
         &self.0
     }

@@ -27,7 +27,6 @@ impl Images {
         Self(images.filter_map(|(channel, &field)| Image::of(spec, channel, field)).collect())
     }
 
-    /// How many there are.
     pub fn count(&self) -> usize {
         self.0.len()
     }

@@ -17,7 +17,6 @@ const LOOK: Duration = Duration::from_millis(5);
 /// From here on the end of a recording that hangs is told of.
 const FIRST_WARNING: Duration = Duration::from_secs(5);
 
-/// A running recorder.
 #[derive(Debug)]
 pub struct Recorder {
     thread: JoinHandle<Result<RecordingSummary, RecorderError>>,

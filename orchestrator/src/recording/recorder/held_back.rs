@@ -11,7 +11,6 @@ pub struct Message {
     pub topic: Topic,
     /// When it was made.
     pub time_ns: u64,
-    /// What it holds, encoded.
     pub data: Vec<u8>,
 }
 

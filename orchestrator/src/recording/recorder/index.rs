@@ -63,7 +63,6 @@ impl Index {
         put(&mut self.described, op::CHANNEL, &[&ids[..], &text(topic), &text(encoding), &sized(&[])].concat());
     }
 
-    /// Chunks so far.
     pub fn chunk_count(&self) -> u32 {
         self.chunk_count
     }

@@ -45,7 +45,6 @@ pub struct RolloutMetrics {
     pub rollout: u64,
     /// Frames trained on so far.
     pub frames: u64,
-    /// Index of the stage.
     pub stage: u32,
     /// Where the time went.
     pub timing: Timing,
@@ -346,7 +345,6 @@ impl MessageWriter {
         self.segments
     }
 
-    /// What was recorded so far.
     pub fn counts(&self) -> Counts {
         self.counts
     }

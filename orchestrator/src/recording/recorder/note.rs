@@ -15,7 +15,6 @@ use wire::{WireAddress, WireError, WireShape};
 /// How long the thread may take to create the first segment and its subscriber.
 pub const START_DEADLINE: Duration = Duration::from_secs(30);
 
-/// Settings of a recorder.
 #[derive(Debug, Clone)]
 pub struct RecorderSetup {
     /// Where the services of this incarnation are.
@@ -42,7 +41,6 @@ pub struct RecordingSummary {
     pub files: Vec<PathBuf>,
     /// Messages on `/step`: in an uninterrupted run, the frames trained on.
     pub steps: u64,
-    /// Episodes that ended.
     pub episodes: u64,
     pub depth_frames: u64,
     /// Size of all segments.

@@ -110,7 +110,6 @@ struct Learners {
 struct Told {
     /// Of all of them, of each half.
     complete: [Option<Receipt>; 2],
-    /// How many there were.
     news: u64,
 }
 

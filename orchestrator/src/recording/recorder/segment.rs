@@ -32,7 +32,6 @@ pub mod identity {
     pub const RUN_ID: &str = "run_id";
     /// The host that wrote the file, where the run has several; otherwise it is not there.
     pub const HOST: &str = "host";
-    /// Incarnation of the orchestrator.
     pub const INCARNATION: &str = "incarnation";
     /// Number of the segment within the incarnation, from 0.
     pub const SEGMENT: &str = "segment";
@@ -99,13 +98,10 @@ struct TopicEntry {
 pub struct Preamble {
     pub run_id: String,
     pub host: u32,
-    /// Incarnation of the orchestrator.
     pub incarnation: u32,
-    /// The run's configuration.
     pub config: Config,
 }
 
-/// The segments of one incarnation.
 pub struct Segments {
     folder: RunFolder,
     preamble: Preamble,
@@ -197,7 +193,6 @@ impl Segments {
         &self.files
     }
 
-    /// Bytes written so far.
     pub fn bytes(&self) -> u64 {
         self.finished_bytes + self.open_bytes.get()
     }

@@ -20,7 +20,6 @@ fn task() -> &'static Spec {
     Config::default().spec()
 }
 
-/// A record.
 pub struct Record(pub Vec<Line>);
 
 impl Record {
@@ -119,7 +118,6 @@ pub fn record(environment: u32, exchange: u64, flags: u32) -> Record {
     record
 }
 
-/// Its header.
 pub fn header(environment: u32, exchange: u64, flags: u32) -> RecordHeader {
     let mut header = RecordHeader { environment, bulk: 1, ..RecordHeader::default() };
     header.begin(0, hash(0, 0), false);
@@ -162,7 +160,6 @@ impl FakeActor {
         }
     }
 
-    /// Header of an exchange.
     pub fn header(&self, half: u32, learner_incarnation: u32, step: u64) -> ObservationHeader {
         ObservationHeader {
             step,

@@ -9,9 +9,9 @@ mod throughput;
 use super::testing::{self, EPISODE_STEPS, FakeActor, Record, action, hash};
 use super::{Recorder, RecorderSetup};
 use crate::recording::episodes::gather;
-use crate::recording::form::{Carries, Told};
+use crate::recording::form::Carries;
 use crate::recording::reader::{FileEnd, RecordingError, read, read_with_trust};
-use crate::recording::repair::{Repair, repair};
+use crate::recording::repair::repair;
 use crate::recording::schema::stillroom::LearnerMetrics;
 use crate::recording::tests::{ARM, said, those};
 use crate::recording::wanted::Wanted;
@@ -19,9 +19,7 @@ use mcap::records::Record as McapRecord;
 use proptest::prelude::*;
 use prost::Message;
 use proto::config::Config;
-use proto::evaluation::{EvaluationConfig, ObjectSet};
 use proto::event::{LearnerEvent, Timing};
-use proto::kitchen::Split;
 use proto::metric;
 use proto::record::flag;
 use proto::run_folder::RunFolder;
@@ -79,7 +77,6 @@ impl Drop for Bench {
     }
 }
 
-/// Messages by topic.
 fn messages(path: &Path) -> BTreeMap<String, Vec<Vec<u8>>> {
     let mut topics: HashMap<u16, String> = HashMap::new();
     let mut found: BTreeMap<String, Vec<Vec<u8>>> = BTreeMap::new();
@@ -173,73 +170,6 @@ fn every_step_is_recorded_once_and_puts_its_episode_together() {
     }
 }
 
-#[test]
-fn a_hold_is_not_recorded() {
-    let bench = Bench::new("hold");
-    let recorder = bench.start();
-    let actors = bench.actors();
-    let depth = |record: &mut Record| record.header_mut().flags |= flag::RECORD_BULK;
-    for half in 0..2 {
-        actors[0].send(half, 1, 0, depth);
-        // The same observation comes back, with no transition.
-        actors[0].send(half, 1, 1, |record| {
-            *record = testing::record(record.header().environment, 0, flag::RECORD_BULK);
-        });
-    }
-    let summary = recorder.finish().unwrap();
-    assert_eq!((summary.steps, summary.depth_frames), (0, 3));
-    assert_eq!(messages(&summary.files[0])["/episode/start"].len(), 3);
-}
-
-/// Of a frame of which an actor wrote the sums alone, shared memory holds what an earlier one left.
-#[test]
-fn a_frame_that_is_not_there_is_not_recorded() {
-    let bench = Bench::new("sums");
-    let recorder = bench.start();
-    let actors = bench.actors();
-    for (step, parts) in (0..).zip([2, 2 | 1, 0, 1]) {
-        actors[0].send(1, 1, step, |record| {
-            record.header_mut().flags |= flag::RECORD_BULK;
-            record.header_mut().bulk = parts;
-        });
-    }
-    let summary = recorder.finish().unwrap();
-    assert_eq!((summary.steps, summary.depth_frames), (3, 2));
-}
-
-#[test]
-fn a_step_holds_the_observation_that_its_action_was_chosen_from() {
-    let bench = Bench::new("goal");
-    let recorder = bench.start();
-    let [actor, _] = bench.actors();
-    // The target is held from the third observation of each episode on.
-    let send = |learner: u32, step: u64, shift_m: f32| {
-        actor.send(1, learner, step, |record| {
-            record.reals("wrist_to_object_m")[0] += shift_m;
-            record.wholes("holding")[0] = u32::from(record.header().step >= 2);
-        });
-    };
-    (0..=6).for_each(|step| send(1, step, 0.0));
-    // The learner goes back to exchange 5, where episode 1 begins: what it saw then counts, not what was seen before.
-    (5..=6).for_each(|step| send(2, step, 0.5));
-    let summary = recorder.finish().unwrap();
-    let said = said(&summary.files[0], &ARM);
-    let seen = |told: &Told| {
-        let numbers = |name: &str| ARM.spec.channel(name).unwrap().1.numbers(&told.record).collect::<Vec<_>>();
-        told.seen.then(|| (numbers("wrist_to_object_m"), numbers("holding")))
-    };
-    let expected = |step: u32, shift_m: f32| {
-        let wrist = [0.3 + shift_m, 0.01 * step as f32, 0.4].map(f64::from);
-        Some((wrist.to_vec(), vec![f64::from(u8::from(step >= 2))]))
-    };
-    let all: Vec<_> = those(&said, Carries::Step).map(seen).collect();
-    let expected: Vec<_> = [(0, 0.0), (1, 0.0), (2, 0.0), (3, 0.0), (4, 0.0), (0, 0.0), (0, 0.5)]
-        .map(|(step, shift_m)| expected(step, shift_m))
-        .into();
-    assert_eq!(all, expected);
-    assert!(said.iter().all(|(_, told)| told.engine.fixed_episode.is_none()), "a run has no fixed episodes");
-}
-
 /// A recorder that starts at a restore point has not seen what the action was chosen from.
 #[test]
 fn what_was_not_seen_is_not_recorded() {
@@ -251,65 +181,6 @@ fn what_was_not_seen_is_not_recorded() {
     let said = said(&recorder.finish().unwrap().files[0], &ARM);
     let step = those(&said, Carries::Step).next().unwrap();
     assert!(!step.seen && step.rewards[0] != 0.0);
-}
-
-#[test]
-fn an_evaluations_episodes_have_the_numbers_of_its_table() {
-    let mut bench = Bench::new("fixed");
-    bench.config.evaluation = Some(EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 6));
-    bench.config.actors = proto::config::ActorsConfig { count: 5, environments_per_actor: 3 };
-    let recorder = bench.start();
-    let [actor, _] = bench.actors();
-    // Environment 2 of the first test kitchen: of the six novel episodes the third and the last are its.
-    for step in 0..=2 * u64::from(EPISODE_STEPS) {
-        actor.send(1, 1, step, |_| {});
-    }
-    let files = recorder.finish().unwrap().files;
-    let plan = bench.config.evaluation_plan().unwrap();
-    let kitchen = plan.episodes().next().expect("the plan has episodes").0;
-    let id = proto::episode::EnvironmentId { kitchen, number: 2 };
-    let [third, last] = [0, 1].map(|episode| plan.dealt(id, episode).unwrap());
-    let said = said(&files[0], &ARM);
-    let fixed = |carries| those(&said, carries).map(|told| told.engine.fixed_episode).collect::<Vec<_>>();
-    assert_eq!(fixed(Carries::Start), [Some(third), Some(last), None]);
-    assert_eq!(fixed(Carries::End), [Some(third), Some(last)]);
-    let step = those(&said, Carries::Step).nth(5).unwrap();
-    assert_eq!((step.engine.episode, step.engine.fixed_episode), (1, Some(last)));
-
-    let wanted = Wanted { kitchen: Some(kitchen), episodes: vec![last], ..Wanted::default() };
-    let recorded = gather(&files, wanted.clone()).unwrap();
-    assert_eq!(recorded.episodes.iter().map(|episode| episode.episode).collect::<Vec<_>>(), [1]);
-    assert_eq!(recorded.known.episodes.iter().copied().collect::<Vec<_>>(), [third, last]);
-    assert!(wanted.check(&recorded.known).is_ok());
-    let wrong = Wanted { episodes: vec![last + 1], ..Wanted::default() };
-    let refused = wrong.check(&gather(&files, wrong.clone()).unwrap().known).unwrap_err().to_string();
-    assert!(refused.ends_with(&format!("the last is {last}")), "{refused}");
-}
-
-#[test]
-fn an_actor_restarted_during_a_hold_repeats_no_step() {
-    let bench = Bench::new("hold2");
-    let recorder = bench.start();
-    let [actor, _] = bench.actors();
-    // Sent as exchange `step`, it describes where the environment stood after `exchange` actions.
-    let repeat = |step: u64, learner: u32, exchange: u64| {
-        actor.send(1, learner, step, |record| {
-            *record = testing::record(record.header().environment, exchange, 0);
-        });
-    };
-    let last = u64::from(EPISODE_STEPS);
-    for step in 0..=last {
-        actor.send(1, 1, step, |_| {});
-    }
-    // HOLD, and an actor that was rebuilt sends the last action again: the one that ended the episode.
-    repeat(last + 1, 1, last);
-    repeat(last + 2, 1, last + 1);
-    // The learner goes back to before this point, and the HOLD comes right after its restore point.
-    repeat(last, 2, last);
-    repeat(last + 1, 2, last);
-    repeat(last + 2, 2, last + 1);
-    let summary = recorder.finish().unwrap();
-    assert_eq!((summary.steps, summary.episodes), (last + 2, 1));
 }
 
 #[test]
@@ -335,37 +206,6 @@ fn files_may_be_given_in_any_order_and_under_any_name() {
     assert_eq!((recorded.broken, recorded.headless), (0, 0));
     assert_eq!(recorded.episodes, in_order.episodes);
     assert_eq!(recorded.episodes.len(), 3 * 6);
-}
-
-#[test]
-fn a_rewind_is_recorded_again_and_readers_take_the_newest() {
-    let bench = Bench::new("rewind");
-    let recorder = bench.start();
-    let [actor, _] = bench.actors();
-    for step in 0..=9 {
-        actor.send(1, 1, step, |_| {});
-    }
-    // The learner comes back at exchange 7 = episode 1, step 2; other actions follow.
-    for step in 7..=8 {
-        actor.send(1, 2, step, |record| {
-            *record.action() = 20;
-            record.header_mut().outcome_hash = step;
-        });
-    }
-    // Still on the way from before.
-    actor.send(1, 1, 10, |_| {});
-    let busy = repair(&RunFolder::new(bench.folder.path()).recording(1, 0), None).unwrap_err().to_string();
-    assert!(busy.contains("is still being written"), "{busy}");
-    let summary = recorder.finish().unwrap();
-    assert_eq!(summary.steps, 9 + 1);
-    let said = said(&summary.files[0], &ARM);
-    let last = those(&said, Carries::Step).last().unwrap().engine;
-    assert_eq!((last.learner_incarnation, last.exchange, last.kitchen, last.environment), (2, 8, 1, 2));
-
-    let recorded = gather(&summary.files, Wanted { episodes: vec![1], ..Wanted::default() }).unwrap();
-    assert_eq!(recorded.episodes.len(), 1);
-    assert_eq!(recorded.episodes[0].actions, [action(1, 0) as u8, action(1, 1) as u8, 20]);
-    assert_eq!(recorded.episodes[0].hashes[2], 8);
 }
 
 #[test]
@@ -477,32 +317,6 @@ fn all_messages(path: &Path) -> (Vec<Vec<u8>>, FileEnd) {
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
-
-    /// Wherever a kill or a full disk cuts a file: it reads as a prefix, and recover makes a whole file of just that.
-    #[test]
-    fn a_cut_file_is_a_prefix_and_can_be_repaired(cut in 0.0f64..1.0) {
-        let whole = recording();
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.mcap");
-        std::fs::write(&path, whole).unwrap();
-        let (all, end) = all_messages(&path);
-        prop_assert_eq!(end, FileEnd::Whole);
-        let length = 8 + (cut * (whole.len() - 9) as f64) as usize;
-        std::fs::write(&path, &whole[..length]).unwrap();
-        let (some, end) = all_messages(&path);
-        prop_assert_eq!(end, FileEnd::Cut);
-        prop_assert!(all.starts_with(&some));
-        match repair(&path, None).unwrap() {
-            Repair::Repaired { kept: Some(kept), extent, .. } => {
-                prop_assert_eq!(extent.messages as usize, some.len());
-                prop_assert_eq!(std::fs::read(kept).unwrap(), &whole[..length]);
-            }
-            other => prop_assert!(false, "{:?}", other),
-        }
-        prop_assert_eq!(all_messages(&path), (some, FileEnd::Whole));
-        let again = repair(&path, None).unwrap();
-        prop_assert_eq!(again, Repair::NotNeeded { messages: all_messages(&path).0.len() as u64 });
-    }
 
     /// Whatever a disk does to a file: reading it neither panics nor invents messages without a word.
     #[test]

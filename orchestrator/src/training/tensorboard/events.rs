@@ -64,7 +64,6 @@ pub struct Mark {
 }
 
 impl Point {
-    /// What it says.
     pub fn mark(&self) -> Mark {
         let mut hasher = DefaultHasher::new();
         for (tag, value) in &self.values {
@@ -151,7 +150,6 @@ fn kept_of<T>(folder: &Path, kept: impl Fn(Point) -> T) -> Vec<T> {
     points.into_values().collect()
 }
 
-/// A file that is written.
 #[derive(Debug)]
 pub struct EventFile {
     file: File,
@@ -187,7 +185,6 @@ impl EventFile {
         Ok(begun)
     }
 
-    /// Adds a point.
     pub fn append(&mut self, point: &Point) -> Result<()> {
         let mut bytes = Vec::new();
         add_record(&mut bytes, &point.event());
@@ -203,7 +200,6 @@ impl EventFile {
 pub mod tests {
     use super::*;
 
-    /// The points themselves.
     pub fn points_in(folder: &Path) -> Vec<Point> {
         kept_of(folder, |point| point)
     }

@@ -47,7 +47,6 @@ fn tag_of_task(task: &Spec, name: &str) -> String {
     format!("charts/{name}{rate}")
 }
 
-/// Name of the validations' folder.
 const VALIDATION: &str = "validation";
 
 /// Writes the event files of a run.

@@ -51,22 +51,6 @@ fn each_stage_has_its_own_curves_and_a_new_start_a_file_of_its_own() {
 }
 
 #[test]
-fn what_a_learner_trains_again_is_shown_once() {
-    let temporary = tempfile::tempdir().unwrap();
-    let folder = RunFolder::new(temporary.path());
-    let mut first = board(1, &folder);
-    train(&mut first, 0, 25);
-    // Back into stage I, by the same orchestrator: stage II has not begun.
-    first.begin(&history(18));
-    assert_eq!((shown(&folder, "stage-1-I"), shown(&folder, "stage-2-II")), (expected(0..18), vec![]));
-    train(&mut first, 18, 23);
-    assert_eq!((shown(&folder, "stage-1-I"), shown(&folder, "stage-2-II")), (expected(0..20), expected(20..23)));
-    // The next one knows from the checkpoint what this one was killed before it could write.
-    board(2, &folder).begin(&history(25));
-    assert_eq!(shown(&folder, "stage-2-II"), expected(20..25));
-}
-
-#[test]
 fn files_that_lack_something_or_say_something_else_are_corrected() {
     let temporary = tempfile::tempdir().unwrap();
     let folder = RunFolder::new(temporary.path());
@@ -108,31 +92,4 @@ fn a_board_that_cannot_be_written_ends_no_run_and_is_tried_again() {
     assert!(!folder.tensorboard().exists(), "a gap would be left");
     assert!(first.is_whole(&history(4), &[]));
     assert_eq!(shown(&folder, "stage-1-I"), expected(0..4));
-}
-
-#[test]
-fn validations_are_curves_whenever_they_come() {
-    let temporary = tempfile::tempdir().unwrap();
-    let folder = RunFolder::new(temporary.path());
-    let score = |rollout: u64, success: f64| {
-        let line = serde_json::json!({ "rollout": rollout, "frames": rollout * 100, "weights": "", "result": "",
-            "episodes": 5, "success": success, "success_without_disturbance": 0.25, "picked_up": 1.0, "length": 9.0,
-            "disturbance_m": 0.5, "disturbed_objects": 1.0, "at_unix_s": 7, "wall_s": 1.0 });
-        serde_json::from_value::<Score>(line).unwrap()
-    };
-    let shown = || {
-        let points = points_in(&folder.tensorboard().join("validation"));
-        // The tag of a share ends so, that of a value does not.
-        assert!(points.iter().all(|point| point.values["charts/disturbance_m"] == 0.5));
-        points.iter().map(|point| (point.step, point.values["charts/success_rate"])).collect::<Vec<_>>()
-    };
-    let mut first = board(1, &folder);
-    first.validations(&[]);
-    assert!(!folder.tensorboard().exists());
-    first.validations(&[score(3, 0.5)]);
-    // One that was made again after a later one.
-    first.validations(&[score(3, 0.5), score(5, 0.75), score(4, 0.625)]);
-    assert_eq!(shown(), [(300, 0.5), (400, 0.625), (500, 0.75)]);
-    board(2, &folder).validations(&[score(3, 0.5), score(4, 0.625), score(5, 0.75)]);
-    assert_eq!((shown().len(), file_count(&folder, "validation")), (3, 1), "nothing new");
 }

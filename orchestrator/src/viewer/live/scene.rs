@@ -15,7 +15,6 @@ use std::collections::HashMap;
 const GHOST_S: i64 = 3;
 /// How much of a ghost is seen, and of the goal.
 const GHOST_ALPHA: f64 = 0.35;
-/// Colour of the goal.
 const GOAL: [u8; 3] = [46, 160, 67];
 
 /// The scene of an episode's newest moment; `whole`: what was shown before is taken away first.

@@ -138,7 +138,6 @@ struct Ports {
     actors: Vec<(u32, u32)>,
 }
 
-/// The learner as a process.
 pub struct Learner {
     session: usize,
     rank: u32,

@@ -82,13 +82,11 @@ pub enum Presence {
 pub struct Category {
     /// Its name; iTHOR's where iTHOR has the category.
     pub name: &'static str,
-    /// Mass, kilograms.
     pub mass_kg: f32,
     /// What its surface is made of.
     pub material: Material,
     /// Colour in pictures and exports, 8-bit sRGB.
     pub colour: [u8; 3],
-    /// Where it stands.
     pub place: Place,
     /// How often kitchens have it.
     pub presence: Presence,

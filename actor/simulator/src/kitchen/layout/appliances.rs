@@ -13,7 +13,6 @@ pub(super) const FRIDGE_DEPTH_M: f32 = 0.68;
 /// Radius of a burner and height of its plate above the counter's top, metres.
 const BURNER_RADIUS_M: f32 = 0.095;
 pub(super) const GRATE_M: f32 = 0.022;
-/// Size of a microwave, metres.
 const MICROWAVE_M: [f32; 3] = [0.50, 0.29, 0.38];
 
 impl Draft<'_> {

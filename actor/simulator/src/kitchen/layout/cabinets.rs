@@ -15,7 +15,6 @@ pub(super) const WALL_CABINET_DEPTH_M: f32 = 0.33;
 const DOOR_M: f32 = 0.02;
 /// Wider openings have two doors, metres.
 const DOOR_WIDEST_M: f32 = 0.56;
-/// Widest wall cabinet, metres.
 const WALL_CABINET_WIDEST_M: f32 = 1.05;
 /// Narrowest, metres; what is narrower stays open wall.
 const WALL_CABINET_NARROWEST_M: f32 = 0.22;
@@ -107,7 +106,6 @@ impl Draft<'_> {
         }
     }
 
-    /// One wall cabinet.
     pub fn cabinet_above(&mut self, frame: Frame, along: Span, up: Span, depth: f32) {
         let body = Assembly::new(frame).slab(along, up, [0.0, depth]);
         let body = self.doors(body, along, up, depth, false);

@@ -14,7 +14,6 @@ pub enum WorktopKind {
     Counter,
     /// An island or a peninsula.
     Island,
-    /// A dining table.
     Table,
     SideTable,
     Shelf,
@@ -47,7 +46,6 @@ pub struct Seat {
 /// What all fixtures of a kitchen share.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Style {
-    /// Height of the counters' tops, metres.
     pub counter_height_m: f32,
     /// Thickness of counter tops, metres.
     pub slab_m: f32,
@@ -55,7 +53,6 @@ pub(super) struct Style {
     pub wall_cabinet_m: Span,
     /// Whether doors and drawers have knobs; bars otherwise.
     pub knobs: bool,
-    /// Height of the toe kick, metres.
     pub toe_kick_m: f32,
 }
 
@@ -74,7 +71,6 @@ pub(super) struct Draft<'a> {
     pub before_door: Rectangle,
     /// Drawers that are still to be built.
     pub drawers: u32,
-    /// Burners of the stove.
     pub burner_count: u32,
 }
 

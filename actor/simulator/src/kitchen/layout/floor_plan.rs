@@ -33,7 +33,7 @@ impl Rectangle {
 
     /// Larger by this much on each side.
     #[must_use]
-    pub fn grown(self, by_m: f32) -> Self {
+    pub(super) fn grown(self, by_m: f32) -> Self {
         let by = Vec3::new(by_m, 0.0, by_m);
         Self { low: self.low - by, high: self.high + by }
     }

@@ -8,7 +8,6 @@ use super::shell::ROOM_HEIGHT_M;
 use crate::kitchen::room::Surface;
 use rapier3d::math::Vec3;
 
-/// Height of a dining table, metres.
 const TABLE_HEIGHT_M: f32 = 0.75;
 const TABLE_TOP_M: f32 = 0.03;
 /// Thickness of a shelf. With the hand's radius it exceeds the magnet's reach: nothing is picked up through a shelf.
@@ -246,7 +245,6 @@ impl Draft<'_> {
         Some(())
     }
 
-    /// A safe on the floor.
     pub fn safe(&mut self) -> Option<()> {
         let frame = self.at_wall(0.42, 0.40)?;
         let body = Assembly::new(frame)

@@ -79,7 +79,6 @@ pub struct FittedRoom {
     pub seats: Vec<Seat>,
     /// How many chairs and stools there shall be.
     pub chairs: u32,
-    /// How many stools there shall be.
     pub stools: u32,
     /// Middles of the large burners' tops.
     pub burners: Vec<Vec3>,

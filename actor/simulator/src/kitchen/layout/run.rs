@@ -9,7 +9,6 @@ use super::frame::{Assembly, Frame, Span};
 use crate::kitchen::room::Surface;
 use proto::random::Random;
 
-/// Depth of a counter top, metres.
 pub(super) const COUNTER_DEPTH_M: f32 = 0.62;
 /// Length that a corner takes of either wall: the other run's depth and a filler, so that fronts can open, metres.
 pub(super) const CORNER_M: f32 = 0.67;
@@ -21,7 +20,6 @@ const FILLER_WIDEST_M: f32 = 0.18;
 pub(super) const BASIN_SIDE_M: f32 = 0.09;
 pub(super) const BASIN_OUT_M: Span = [0.13, 0.54];
 
-/// What stands in a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Unit {
     /// Cabinets and drawers under the counter, as many as fill the length.
@@ -116,7 +114,6 @@ impl Run {
         [self.units.first().map_or(0.0, |unit| unit.along[0]), self.units.last().map_or(0.0, |unit| unit.along[1])]
     }
 
-    /// The units of one kind.
     pub fn of(&self, unit: Unit) -> impl Iterator<Item = Span> {
         self.units.iter().filter(move |placed| placed.unit == unit).map(|placed| placed.along)
     }

@@ -7,7 +7,6 @@ use super::wall::{Opening, Wall};
 use crate::kitchen::room::Fixture;
 use rapier3d::math::Vec3;
 
-/// Inner height of a room, metres.
 pub(super) const ROOM_HEIGHT_M: f32 = 2.6;
 /// Thickness of walls, floor and ceiling, metres.
 const WALL_M: f32 = 0.2;

@@ -102,7 +102,7 @@ impl Environment {
 
     /// Prepares the start of the episode that [`Environment::start_episode`] begins with this number, by a piece of work
     /// of about a quarter of a millisecond. Returns whether there is more to do. The episode is the same without it.
-    pub fn prepare_episode(&mut self, number: u32) -> bool {
+    pub(crate) fn prepare_episode(&mut self, number: u32) -> bool {
         let Self { base, run, fixed, id, .. } = self;
         base.prepare(run.hashed_number(*id, number), |kitchen| {
             start(kitchen, &episode(run, kitchen, fixed.as_deref(), *id, number))
@@ -172,7 +172,6 @@ impl Environment {
         }
     }
 
-    /// The task.
     pub fn episode(&self) -> &Episode {
         &self.episode
     }

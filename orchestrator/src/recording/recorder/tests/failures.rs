@@ -28,7 +28,6 @@ fn only_failures_are_kept_where_that_is_asked() {
     assert_eq!((kept(&recorded), recorded.headless, recorded.broken), (vec![(1, 5), (3, 2)], 0, 0));
 }
 
-/// Makes these episodes fail.
 fn failing(episodes: &[u32]) -> impl Fn(&mut Record) {
     |record| {
         if episodes.contains(&record.header().acted_episode) {

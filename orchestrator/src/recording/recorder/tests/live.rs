@@ -1,8 +1,8 @@
 //! A recording is a complete file while it grows.
 
 use super::*;
-use crate::recording::Recordings;
 use crate::recording::recorder::segment::{self, Preamble, Segments};
+use crate::recording::repair::Repair;
 use crate::recording::schema::Schema;
 
 /// What a program that seeks finds in a file: messages by topic, through the index at the file's end.
@@ -64,25 +64,4 @@ fn a_file_is_complete_after_every_flush_and_its_index_is_the_one_it_ends_with() 
     assert_eq!(live.metadata_indexes, finished.metadata_indexes);
     assert_eq!((&live.channels, &live.schemas), (&finished.channels, &finished.schemas));
     assert_eq!(indexed(&path)["/step"], 1 + 3 + 5);
-}
-
-#[test]
-fn the_file_of_a_recorder_at_work_is_readable_and_said_to_be_at_work() {
-    let bench = Bench::new("live");
-    let recorder = bench.start();
-    let [actor, _] = bench.actors();
-    (0..=8).for_each(|step| actor.send(1, 1, step, |_| {}));
-    let folder = RunFolder::new(bench.folder.path());
-    let path = folder.recording(1, 0);
-    let deadline = std::time::Instant::now() + Duration::from_secs(20);
-    while indexed(&path).get("/step").is_none_or(|&steps| steps < 8) {
-        assert!(std::time::Instant::now() < deadline, "the steps never reach the file");
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    let standing = Recordings::of(&folder).unwrap();
-    assert!(standing.being_written && standing.line().contains("is being written"), "{}", standing.line());
-    recorder.finish().unwrap();
-    let standing = Recordings::of(&folder).unwrap();
-    assert_eq!((standing.files, standing.being_written, &standing.newest), (1, false, &path));
-    assert_eq!(standing.bytes, std::fs::metadata(&path).unwrap().len());
 }

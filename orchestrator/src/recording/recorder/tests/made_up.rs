@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::recording::declared::Declared;
+use crate::recording::form::Told;
 use crate::recording::recorder::message_writer::MessageWriter;
 use crate::recording::recorder::segment::{Preamble, Segments};
 use proptest::prelude::*;

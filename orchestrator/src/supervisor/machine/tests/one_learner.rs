@@ -38,22 +38,6 @@ fn a_stop_saves_and_can_be_told_from_completion() {
 }
 
 #[test]
-fn a_stopped_evaluation_is_not_said_to_save() {
-    let interrupted = |stages: Vec<StageConfig>| {
-        let mut supervisor = Supervisor::new(deadlines(1), stages);
-        supervisor.start(Duration::ZERO);
-        let said = supervisor.on_event(Duration::from_secs(1), Event::Interrupt).into_iter().find_map(|action| {
-            let Action::Report(Level::Info, text) = action else { return None };
-            Some(text)
-        });
-        said.expect("who presses Ctrl-C is told what follows")
-    };
-    assert!(interrupted(stages()).starts_with("stopping: the learner saves; Ctrl-C again"));
-    let evaluation = interrupted(Vec::new());
-    assert!(!evaluation.contains("save") && evaluation.contains("leaves no result; Ctrl-C again"), "{evaluation}");
-}
-
-#[test]
 fn a_second_interrupt_kills_everything_at_once() {
     let mut world = World::new();
     world.step(false);
@@ -173,18 +157,6 @@ fn a_recorder_that_stands_still_is_told_of_and_nobody_is_killed() {
         world.learner(LearnerEvent::WaitingForRecorder { rank: 0, waited_s });
     }
     assert_eq!(warnings(&world), 9, "each further standstill is told of anew");
-}
-
-/// No actor can connect while the recorder, which has to meet it, stands still.
-#[test]
-fn a_recorder_that_stands_still_at_the_start_is_waited_for() {
-    let mut world = World::new();
-    world.step(false);
-    for second in 2..500 {
-        world.pass(Duration::from_secs(1));
-        world.learner(LearnerEvent::WaitingForRecorder { rank: 0, waited_s: f64::from(second) });
-    }
-    assert!(world.killed.is_empty() && !world.supervisor.is_stopping(), "{:#?}", world.reports);
 }
 
 /// Seconds that pass, a tick each, until someone is killed or the run stops.
@@ -330,24 +302,6 @@ fn a_disk_that_hangs_in_a_checkpoint_is_waited_for_as_long_as_one_that_hangs_the
     assert!(world.killed.is_empty(), "{:#?}", world.reports);
     world.pass(Duration::from_secs(1));
     assert_eq!(world.killed.len(), 1, "{:#?}", world.reports);
-}
-
-#[test]
-fn a_learner_that_never_gets_ready_is_started_again_once() {
-    let mut world = World::new();
-    assert_eq!(seconds_until_a_kill(&mut world), 121);
-    assert_eq!(
-        world.reports,
-        [
-            "learner-0 is not ready after 61 s; it is given 120 s",
-            "learner-0 was not ready after 120 s; its log says what it was doing. It is killed"
-        ]
-    );
-    world.obey();
-    assert_eq!((world.spawned[&LEARNER], seconds_until_a_kill(&mut world)), (2, 121));
-    train(&mut world);
-    let Some(Outcome { end: SessionEnd::Failed(reason), .. }) = world.outcome else { panic!("{:?}", world.outcome) };
-    assert!(reason.contains("not ready after 120 s"), "{reason}");
 }
 
 /// What an evaluation's learner says of an episode that ended.

@@ -71,21 +71,6 @@ fn a_learner_that_dies_first_gets_there_all_the_same_and_a_run_that_is_over_is_c
     assert_eq!(outcome.end, SessionEnd::Complete);
 }
 
-/// Rank 0 does not know yet that another one is gone when it tells of the last rollout of this number.
-#[test]
-fn a_learner_that_dies_with_the_last_rollout_leaves_none_behind() {
-    let mut world = World::with(2);
-    world.feed(Event::Scale { before: Some(4) });
-    while world.trained < 3 || !world.collected {
-        world.step(true);
-    }
-    world.exit(Process::Learner(1), Exit::Signal(9));
-    world.learner_step(0, true);
-    let (at, outcome) = end_of(world, u32::MAX, None, false);
-    assert_eq!((at, outcome.end), (4, SessionEnd::Stopped));
-    assert!(outcome.saved.is_some(), "what is gone on with was saved at that rollout");
-}
-
 /// Learners that are to save before rollout 4, and have not yet.
 fn saving(learners: u32) -> World {
     let mut world = World::with(learners);
@@ -139,16 +124,6 @@ fn after_a_save_that_failed_another_number_can_be_asked_for() {
     world.feed(Event::Scale { before: Some(6) });
     let (at, outcome) = end_of(world, u32::MAX, None, false);
     assert_eq!((at, outcome.end), (6, SessionEnd::Stopped));
-}
-
-#[test]
-fn an_actor_that_died_while_they_saved_is_there_again_with_them() {
-    let mut world = saving(1);
-    world.exit(Process::Actor(1), Exit::Signal(9));
-    assert!(!world.up.contains_key(&Process::Actor(1)), "during a stop nothing is started");
-    world.exit(LEARNER, Exit::Signal(9));
-    assert!(world.up.contains_key(&Process::Actor(1)) && world.up.contains_key(&LEARNER));
-    assert_eq!(world.announced.directive, directive::TRAIN, "a learner that starts now would leave at once");
 }
 
 /// Who asks for a stop while the learners save for another number gets that, and no run that goes on.

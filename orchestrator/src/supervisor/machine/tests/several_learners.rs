@@ -51,31 +51,6 @@ fn whoever_of_the_learners_dies_takes_the_others_along_and_all_go_on_together() 
 }
 
 #[test]
-fn a_learner_that_speaks_while_its_peer_is_dead_is_not_listened_to() {
-    let mut world = learner_group();
-    world.exit(Process::Learner(1), Exit::Signal(9));
-    for rank in [0, 2] {
-        world.exit(Process::Learner(rank), Exit::Signal(9));
-    }
-    // They come up again, and one dies before rank 0 is ready: it says so when it is already being killed.
-    world.learner_step(2, true);
-    world.exit(Process::Learner(1), Exit::Signal(11));
-    let (version, reports) = (world.announced.version, world.reports.len());
-    world.learner_step(0, true);
-    assert_eq!((world.announced.version, world.reports.len()), (version, reports));
-    world.exit(Process::Learner(0), Exit::Signal(9));
-    world.pass(Duration::from_secs(5));
-    assert_eq!(world.spawned[&LEARNER], 2, "the last still holds on");
-    world.exit(Process::Learner(2), Exit::Signal(9));
-    assert_eq!(world.spawned[&LEARNER], 3);
-    // What the one before had in its pipe is nobody's word any more.
-    world.feed(Event::Learner { incarnation: 2, event: LearnerEvent::ActorsConnected { rank: 2 } });
-    assert!(!world.reports.iter().skip(reports).any(|text| text.contains("connected")));
-    train(&mut world);
-    assert_eq!(world.outcome.map(|outcome| outcome.end), Some(SessionEnd::Complete));
-}
-
-#[test]
 fn a_fall_is_one_death_in_the_count() {
     let mut world = learner_group();
     let falls = deadlines(3).restart.in_window as u32;
@@ -193,37 +168,6 @@ fn learners_may_leave_in_any_order() {
 }
 
 #[test]
-fn a_stop_when_one_has_already_left_lets_the_others_save() {
-    let mut world = learner_group();
-    while world.agreed.is_none() {
-        world.step(true);
-    }
-    world.finishes(2, true);
-    world.exit(Process::Learner(2), Exit::Code(0));
-    world.feed(Event::Stop);
-    assert_eq!(world.announced.directive, directive::STOP);
-    assert!(world.killed.is_empty());
-    train(&mut world);
-    assert_eq!(world.outcome.map(|outcome| outcome.end), Some(SessionEnd::Complete));
-}
-
-#[test]
-fn one_that_left_comes_back_when_rank_0_dies_before_it_has_saved() {
-    let mut world = learner_group();
-    while world.agreed.is_none() {
-        world.step(true);
-    }
-    world.finishes(1, true);
-    world.exit(Process::Learner(1), Exit::Code(0));
-    world.exit(LEARNER, Exit::Signal(9));
-    assert_eq!(world.killed.iter().copied().collect::<Vec<_>>(), [Process::Learner(2)]);
-    world.obey();
-    assert!(world.ranks().all(|rank| world.spawned[&Process::Learner(rank)] == 2));
-    train(&mut world);
-    assert_eq!(world.outcome.map(|outcome| outcome.end), Some(SessionEnd::Complete));
-}
-
-#[test]
 fn a_learner_that_dies_while_they_save_is_named() {
     for rank in 0..3 {
         let mut world = learner_group();
@@ -242,36 +186,6 @@ fn a_learner_that_dies_while_they_save_is_named() {
         assert_eq!(world.deaths().len(), 1);
         assert!(world.spawned.values().all(|&starts| starts == 1));
     }
-}
-
-#[test]
-fn a_learner_that_dies_after_rank_0_has_saved_changes_nothing() {
-    let mut world = learner_group();
-    world.feed(Event::Stop);
-    while world.agreed.is_none() {
-        world.step(true);
-    }
-    world.finishes(0, false);
-    world.exit(Process::Learner(1), Exit::Signal(11));
-    world.exit(LEARNER, Exit::Code(0));
-    world.exit(Process::Learner(2), Exit::Code(1));
-    for _ in 0..ACTORS {
-        world.obey();
-    }
-    let outcome = world.outcome.as_ref().expect("it ended");
-    assert_eq!((&outcome.end, outcome.saved.is_some(), world.deaths().len()), (&SessionEnd::Stopped, true, 0));
-}
-
-#[test]
-fn a_stop_in_the_middle_of_a_fall_waits_for_nobody() {
-    let mut world = learner_group();
-    world.exit(Process::Learner(1), Exit::Signal(9));
-    world.feed(Event::Stop);
-    for _ in 0..2 + ACTORS {
-        world.obey();
-    }
-    assert_eq!(world.outcome, Some(Outcome { end: SessionEnd::Stopped, saved: None }));
-    assert!(world.spawned.values().all(|&starts| starts == 1));
 }
 
 #[test]

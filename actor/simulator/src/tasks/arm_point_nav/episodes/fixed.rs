@@ -20,10 +20,7 @@ static FILE: &[u8] = include_bytes!("fixed.bin");
 pub enum EpisodesError {
     /// The file in the program is not the one the code was written for.
     #[error("the file of fixed episodes has hash {found:#018x}, not {FILE_HASH:#018x}")]
-    WrongFile {
-        /// Hash of the file.
-        found: u64,
-    },
+    WrongFile { found: u64 },
     /// The file cannot be read.
     #[error("the file of fixed episodes: {0}")]
     Format(#[from] FormatError),
@@ -44,11 +41,7 @@ pub enum EpisodesError {
     },
     /// The evaluation has episodes about something that is not there.
     #[error("kitchen {kitchen} has no place for the target {target}, which the evaluation asks for")]
-    NoTarget {
-        kitchen: KitchenId,
-        /// Name of the category.
-        target: &'static str,
-    },
+    NoTarget { kitchen: KitchenId, target: &'static str },
     /// An episode names a place that the kitchen does not have.
     #[error("episode {episode} of kitchen {kitchen} names a place that is not there")]
     NoSuchPlace { kitchen: KitchenId, episode: usize },

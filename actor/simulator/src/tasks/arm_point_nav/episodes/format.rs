@@ -58,15 +58,12 @@ pub struct Section {
     pub records: Vec<Record>,
 }
 
-/// The whole file.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct File {
-    /// A section for each kitchen.
     pub sections: Vec<Section>,
 }
 
 impl File {
-    /// Reads a file.
     pub fn parse(bytes: &[u8]) -> Result<Self, FormatError> {
         if bytes.get(..8) != Some(MAGIC) {
             return Err(FormatError::Magic);
