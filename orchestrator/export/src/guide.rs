@@ -8,36 +8,8 @@ use std::fmt::Write;
 /// What somebody who has only `model` (its file's name), an ONNX model of this policy, needs to know; Markdown.
 pub fn guide(policy: &Policy, model: &str) -> String {
     let network = &policy.config.network;
-    let head = policy.config.action_head();
-    let (hidden, actions) = (network.hidden, head.outputs());
-    let (given, actions_are) = match &head {
-        ActionHead::Discrete(_) => (
-            format!(
-                "| log_probs | float32 | rows, {actions} | log-probabilities of the actions; training and evaluation sample |"
-            ),
-            format!(
-                "Actions by number: {}. The file's metadata hold these names and the units, too.",
-                policy.action_names().join(", ")
-            ),
-        ),
-        ActionHead::MultiDiscrete(choices) => (
-            format!(
-                "| log_probs | float32 | rows, {actions} | log-probabilities of the options of each choice, side by side |"
-            ),
-            format!(
-                "An action is a choice among each of {choices:?} options. The file's metadata hold these counts, too."
-            ),
-        ),
-        ActionHead::Box(bounds) => (
-            format!(
-                "| means | float32 | rows, {actions} | of Gaussians; an evaluation without noise takes them |\n\
-                 | log_stds | float32 | rows, {actions} | logarithms of their standard deviations |"
-            ),
-            format!(
-                "An action is {actions} numbers, clipped to {bounds:?}. The file's metadata hold these bounds, too."
-            ),
-        ),
-    };
+    let (hidden, actions) = (network.hidden, policy.config.action_head().outputs());
+    let (given, actions_are) = actions_of(policy);
     let origin = &policy.origin;
     let held = match policy.carried_goal() {
         CarriedGoal::GoalToObject => "object - goal",
@@ -104,11 +76,45 @@ A policy of Stillroom after {frames} frames of training: one step of any number 
 {actions_are}
 "
     ));
-    if policy.has_frame() && remembers {
+    if policy.has_frame() && remembers && !policy.action_names().is_empty() {
         line(format_args!("With `pip install onnxruntime` and the package `stillroom`:\n"));
         text.push_str(&program(policy, model, actions));
     }
     text
+}
+
+/// Rows of the table of outputs that give the policy, and what an action is.
+fn actions_of(policy: &Policy) -> (String, String) {
+    let head = policy.config.action_head();
+    let actions = head.outputs();
+    match &head {
+        ActionHead::Discrete(_) => (
+            format!(
+                "| log_probs | float32 | rows, {actions} | log-probabilities of the actions; training and evaluation sample |"
+            ),
+            format!(
+                "Actions by number: {}. The file's metadata hold these names and the units, too.",
+                policy.action_names().join(", ")
+            ),
+        ),
+        ActionHead::MultiDiscrete(choices) => (
+            format!(
+                "| log_probs | float32 | rows, {actions} | log-probabilities of the options of each choice, side by side |"
+            ),
+            format!(
+                "An action is a choice among each of {choices:?} options. The file's metadata hold these counts, too."
+            ),
+        ),
+        ActionHead::Box(bounds) => (
+            format!(
+                "| means | float32 | rows, {actions} | of Gaussians; an evaluation without noise takes them |\n\
+                 | log_stds | float32 | rows, {actions} | logarithms of their standard deviations |"
+            ),
+            format!(
+                "An action is {actions} numbers, clipped to {bounds:?}. The file's metadata hold these bounds, too."
+            ),
+        ),
+    }
 }
 
 fn program(policy: &Policy, model: &str, actions: usize) -> String {
