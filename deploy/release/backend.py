@@ -1,7 +1,7 @@
 """What `pip install .` calls in a checkout or a source archive (PEP 517): maturin, and the programs in its wheel.
 
-Set-up fetches libtorch into .torch/ (544 MB) as for `make build`, unless LIBTORCH names a torch 2.11; cargo compiles for
-minutes.
+Set-up fetches libtorch into .torch/ (544 MB) as for `make build`, unless LIBTORCH names a torch 2.11; cargo compiles
+for minutes.
 """
 
 import os
