@@ -13,7 +13,8 @@ use toml::{Table, Value};
 
 const ACTORS: u32 = 2;
 const ENVIRONMENTS: u32 = 3;
-const FRAMES: u64 = 600;
+/// In the last step of the last rollout some environments of an actor act, and others do not.
+const FRAMES: u64 = 603;
 const SEED: u64 = 5;
 
 /// A workshop, and a Python with the package; none where there is no such Python.
@@ -131,12 +132,11 @@ fn a_kitchen_that_python_serves_ends_in_the_weights_of_built_in_actors_killed_or
 fn faulty(place: &Place, name: &str, function: &str, kwargs: &serde_json::Value) -> Command {
     let text = TINY.replace("actor_deadline_s = 60.0", "actor_deadline_s = 30.0");
     std::fs::write(place.workshop.path("tiny.toml"), text).expect("a writable folder");
-    let stage = "stages=[{ name = \"I\", reward = \"r\", frames = 600 }]";
-    let more = ["--env-declaration", "sums.toml", "--set", stage, "--set", "auxiliary.weight=0.0"];
+    let stage = format!("stages=[{{ name = \"I\", reward = \"r\", frames = {FRAMES} }}]");
+    let more = ["--env-declaration", "sums.toml", "--set", &stage, "--set", "auxiliary.weight=0.0"];
     place.up(name, &format!("faulty.py:{function}"), kwargs, &more)
 }
 
-/// The last rollout has a step in which some columns of a vector act and others do not.
 #[test]
 fn vectors_end_in_the_weights_of_single_environments_killed_or_not() {
     let Some(place) = place() else { return };
