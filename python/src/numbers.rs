@@ -1,6 +1,6 @@
 //! Numbers of Python and `NumPy`, written where they lie in a record.
 
-use numpy::{Element, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{Element, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use proto::task::{Dtype, Field};
 use pyo3::prelude::*;
 use pyo3::types::PyTypeMethods;
@@ -49,7 +49,27 @@ fn same<T: Element + bytemuck::Pod>(
     field: Field,
     record: &mut [u8],
 ) -> Result<(), String> {
-    cast::<T, T>(value, shape, field, record, Some)
+    let numbers = array::<T>(value, shape, field)?;
+    let places = field.of_mut::<T>(record);
+    match numbers.as_slice() {
+        Ok(numbers) => places.copy_from_slice(numbers),
+        Err(_) => places.iter_mut().zip(numbers.as_array().iter()).for_each(|(place, number)| *place = *number),
+    }
+    Ok(())
+}
+
+/// An array of a field's shape, and of this type.
+fn array<'py, T: Element>(
+    value: &Bound<'py, PyAny>,
+    shape: &[usize],
+    field: Field,
+) -> Result<PyReadonlyArrayDyn<'py, T>, String> {
+    let wrong = || format!("{}, not an array of {shape:?} {:?}", kind(value), field.dtype);
+    let array = value.cast::<PyArrayDyn<T>>().map_err(|_| wrong())?;
+    if array.shape() != shape {
+        return Err(wrong());
+    }
+    array.try_readonly().map_err(|_| wrong())
 }
 
 fn cast<T: Element + Copy, U: bytemuck::Pod>(
@@ -59,12 +79,7 @@ fn cast<T: Element + Copy, U: bytemuck::Pod>(
     record: &mut [u8],
     number: impl Fn(T) -> Option<U>,
 ) -> Result<(), String> {
-    let wrong = || format!("{}, not an array of {shape:?} {:?}", kind(value), field.dtype);
-    let array = value.cast::<PyArrayDyn<T>>().map_err(|_| wrong())?;
-    if array.shape() != shape {
-        return Err(wrong());
-    }
-    let numbers = array.try_readonly().map_err(|_| wrong())?;
+    let numbers = array::<T>(value, shape, field)?;
     let places = field.of_mut::<U>(record);
     let mut fits = true;
     let mut put = |(place, from): (&mut U, &T)| match number(*from) {
