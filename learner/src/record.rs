@@ -39,7 +39,7 @@ impl Inputs {
     }
 
     /// The numbers that were seen last of the episode that the last action truncated, if it did and they are there.
-    pub fn read_last(&self, record: &[u8]) -> Option<Vec<f32>> {
+    pub(crate) fn read_last(&self, record: &[u8]) -> Option<Vec<f32>> {
         let last = self.last.as_ref().filter(|_| RecordHeader::of(record).end() == Some(End::Truncated))?;
         let mut numbers = Vec::with_capacity(self.width());
         last.read(record, &mut numbers);

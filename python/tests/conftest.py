@@ -141,7 +141,9 @@ def probed(
     others.update(action=np.zeros(cells, np.int64), bootstrap=np.zeros(cells[1], np.float32))
     save_file({**batch, **others}, folder / "batch.safetensors")
     command = [learner, "probe", "--weights", weights, "--batch", "batch.safetensors", "--out", "out.safetensors"]
-    subprocess.run([*command, "--device", "cpu", "--set", f"network.goal={goal}"], cwd=folder, check=True, capture_output=True)
+    subprocess.run(
+        [*command, "--device", "cpu", "--set", f"network.goal={goal}"], cwd=folder, check=True, capture_output=True
+    )
     return load_file(folder / "out.safetensors")
 
 

@@ -34,7 +34,12 @@ def test_the_newest_whole_checkpoint_of_a_run_is_read(tmp_path: Path) -> None:
     assert (newest.frames, newest.goal, newest.path.name) == (100_000, "cartesian", "rollout-00000100.safetensors")
     assert list(newest.weights) == ["actor.weight"] and newest.weights["actor.weight"][0, 0] == 100
     distances = {"start_distance_max_m": 0.0, "goal_distance_max_m": 0.0}
-    task = {"task": "arm_point_nav", "carried_goal": "goal_to_object", "max_steps": 77, "action_space": "small"} | distances
+    task = {
+        "task": "arm_point_nav",
+        "carried_goal": "goal_to_object",
+        "max_steps": 77,
+        "action_space": "small",
+    } | distances
     assert newest.environment() == task
     env = stillroom.ArmPointNav(1, **newest.environment())
     assert env.action_space.n == 13

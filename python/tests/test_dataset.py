@@ -118,7 +118,9 @@ def test_tables_hold_what_the_environment_gives(orchestrator: Path, run: Path, t
             for name in SAME:
                 # Distances are told once of the vectors and once of the places.
                 close = 1e-6 if name in ("wrist_object_m", "object_goal_m") else 0
-                assert row[name] == (told[name] if name == "target" else pytest.approx(told[name], abs=close, rel=0)), name
+                assert row[name] == (told[name] if name == "target" else pytest.approx(told[name], abs=close, rel=0)), (
+                    name
+                )
             for name, theirs in OTHER.items():
                 assert row[name] == told[theirs], name
             for name in PARTS:
@@ -206,9 +208,7 @@ def test_lerobots_layout_is_whole(lerobot: Path) -> None:
     assert (depth["min"], depth["max"]) == ([[[frames.min()]]], [[[frames.max()]]])
 
 
-def test_a_file_is_followed_by_the_next_before_it_is_too_large(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_is_followed_by_the_next_before_it_is_too_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("stillroom.dataset.FILE_BYTES", 50_000)
     files, places = _Files(tmp_path), []
     for _ in range(4):
@@ -248,7 +248,17 @@ def test_what_is_not_to_be_written_is_not(orchestrator: Path, run: Path, tmp_pat
     mine.mkdir()
     there = call(orchestrator, "export", run, "--format", "npz", "--out", mine)
     assert there.returncode == 1 and "mine exists" in there.stderr
-    none = call(orchestrator, "export", run, "--format", "npz", "--only", "success_without_disturbance", "--out", tmp_path / "none")
+    none = call(
+        orchestrator,
+        "export",
+        run,
+        "--format",
+        "npz",
+        "--only",
+        "success_without_disturbance",
+        "--out",
+        tmp_path / "none",
+    )
     assert none.returncode == 1 and "nothing is written" in none.stderr
     filtered = call(orchestrator, "export", run, "--limit", 3, "--out", tmp_path / "policy.onnx")
     assert filtered.returncode == 1 and "choose episodes" in filtered.stderr

@@ -192,9 +192,7 @@ def test_the_page_beside_a_model_is_a_program_that_runs(programs: dict[str, Path
     assert first.returncode == 0 and "fetch.md says what it takes and gives" in first.stdout, first.stderr
     page = (tmp_path / "fetch.md").read_text()
     (program,) = re.findall(r"```python\n(.*?)```", page, re.S)
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=120
-    )
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     assert re.fullmatch(r"(success|failure) after \d+ steps\n", done.stdout), done.stdout
 

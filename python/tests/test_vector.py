@@ -225,7 +225,9 @@ def test_an_ended_moment_begins_anew_in_the_mode_of_the_same_step(kitchens: dict
 
 
 def test_processes_of_gymnasium_take_hashes_of_all_64_bits(kitchens: dict) -> None:
-    make = [lambda number=number: stillroom.ArmPointNav(kitchens[1], number=number, frame_side=32) for number in range(4)]
+    make = [
+        lambda number=number: stillroom.ArmPointNav(kitchens[1], number=number, frame_side=32) for number in range(4)
+    ]
     with_processes = gymnasium.vector.AsyncVectorEnv(make, context="fork")
     _, infos = with_processes.reset(seed=[1] * 4)
     with_processes.close()

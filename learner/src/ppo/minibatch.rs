@@ -81,7 +81,9 @@ impl Deal {
             let mut order: Vec<(u32, (usize, usize))> =
                 cells(columns.clone()).into_iter().map(|cell| (drawn(cell).stream().next_u32(), cell)).collect();
             order.sort_unstable();
-            dealt.iter_mut().for_each(|minibatch| minibatch.push((shard, vec![])));
+            for minibatch in &mut dealt {
+                minibatch.push((shard, vec![]));
+            }
             for (rank, (_, cell)) in order.into_iter().enumerate() {
                 dealt[(to + rank) % minibatches as usize][shard].1.push(cell);
             }

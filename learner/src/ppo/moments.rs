@@ -52,12 +52,12 @@ impl Moments {
     }
 
     /// Mean and variance of number `i`.
-    pub fn of_number(&self, i: usize) -> [f64; 2] {
+    pub(crate) fn of_number(&self, i: usize) -> [f64; 2] {
         [self.mean[i], self.squares[i] / self.count]
     }
 
     /// All of them: `1 + 2 * width` numbers.
-    pub fn to_numbers(&self) -> Vec<f64> {
+    pub(crate) fn to_numbers(&self) -> Vec<f64> {
         [&[self.count][..], &self.mean, &self.squares].concat()
     }
 
@@ -65,7 +65,7 @@ impl Moments {
     ///
     /// # Panics
     /// If there are no numbers.
-    pub fn from_numbers(numbers: &[f64]) -> Self {
+    pub(crate) fn from_numbers(numbers: &[f64]) -> Self {
         let (count, rest) = numbers.split_first().expect("moments have a count");
         let (mean, squares) = rest.split_at(rest.len() / 2);
         Self { count: *count, mean: mean.to_vec(), squares: squares.to_vec() }

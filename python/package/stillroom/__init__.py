@@ -57,6 +57,7 @@ __all__ = [
     "VectorEnv",
     "__version__",
     "channels",
+    "episode_seed",
     "kitchens",
     "load",
     "oracle",

@@ -43,14 +43,14 @@ def toml_as_json(text: str) -> str: ...
 def read_checkpoint(
     path: str | PathLike[str], prefix: str, verify: bool
 ) -> tuple[Path, str, str, str, list[tuple[str, str, list[int], bytes]]]:
-    """Of the checkpoint with this manifest: file, manifest as JSON, configuration as TOML, the task's actions as JSON, and
-    tensors (name, type, shape, bytes) whose names begin with `prefix`."""
+    """Of the checkpoint with this manifest: file, manifest as JSON, configuration as TOML, the task's actions as JSON,
+    and tensors (name, type, shape, bytes) whose names begin with `prefix`."""
 
 def read_policy(
     path: str | PathLike[str], verify: bool
 ) -> tuple[tuple[str, int, int, str, str] | None, list[tuple[str, str, list[int], bytes]]]:
-    """Of a policy file: configuration as TOML, rollout, frames, run and the task's actions as JSON, unless it is of weights
-    alone; tensors."""
+    """Of a policy file: configuration as TOML, rollout, frames, run and the task's actions as JSON, unless it is of
+    weights alone; tensors."""
 
 class Settings:
     def __init__(

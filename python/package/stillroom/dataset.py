@@ -94,8 +94,14 @@ def to_lerobot(arrays: Path, out: Path) -> None:
     picture = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
     for number, episode in enumerate(_episodes(arrays)):
         count = len(episode["action"])
-        names_of = {name: _rows(episode, name, values) for name, values in _of_steps(episode).items() if _has_names(episode, name)}
-        task = ", ".join([str(episode["task"]).replace("_", " "), *(f"{name} {values[0]}" for name, values in names_of.items())])
+        names_of = {
+            name: _rows(episode, name, values)
+            for name, values in _of_steps(episode).items()
+            if _has_names(episode, name)
+        }
+        task = ", ".join(
+            [str(episode["task"]).replace("_", " "), *(f"{name} {values[0]}" for name, values in names_of.items())]
+        )
         if task not in tasks:
             tasks.append(task)
         cameras = {f"observation.images.{name}": frames[:-1] for name, frames in _cameras(episode).items()}
@@ -215,7 +221,9 @@ def _cameras(episode: dict[str, Array]) -> dict[str, Array]:
 
 def _with_rows(episode: dict[str, Array], count: int) -> dict[str, Array]:
     """The arrays of so many rows but images and lists of names."""
-    names = {name for name, values in episode.items() if name.endswith("_names") or values.ndim == 0 or _is_image(values)}
+    names = {
+        name for name, values in episode.items() if name.endswith("_names") or values.ndim == 0 or _is_image(values)
+    }
     return {name: values for name, values in episode.items() if name not in names and len(values) == count}
 
 

@@ -34,8 +34,8 @@ def prove(env: gymnasium.Env, make: Callable[[], gymnasium.Env]) -> None:
         advice = (
             "A run rebuilds an environment by its seed and actions: draw all random numbers from self.np_random, and"
             ' reset everything in reset(). With metadata["restore"] = "none" it trains all the same, but not to'
-            " the same bits after a kill. A vector resets columns alone, each by a seed of its own: reset(seed=[1, None],"
-            ' options={"reset_mask": ...})'
+            " the same bits after a kill. A vector resets columns alone, each by a seed of its own:"
+            ' reset(seed=[1, None], options={"reset_mask": ...})'
         )
         return _compare(once, _play(env, 1, STEPS), 0, "reset(seed=1)", advice)
     _compare(once[:1], _play(env, 1, 0), 0, "reset(seed=1)", "Every episode begins by its seed")

@@ -195,8 +195,8 @@ class Network(nn.Module):
         choices: list[int] | None = None,
         bounds: list[list[float]] | None = None,
     ) -> Network:
-        """The network that weights belong to: names and shapes give all but `goal`, `observation_clip` and the actions' form. Heads of
-        auxiliary tasks are left out."""
+        """The network that weights belong to: names and shapes give all but `goal`, `observation_clip` and the actions'
+        form. Heads of auxiliary tasks are left out."""
 
         def widths(path: str) -> list[int]:
             """Outputs of a Sequential's linear layers."""

@@ -276,7 +276,9 @@ def _declared(files: _Files) -> dict[str, dict[str, Any]]:
     """What the metrics of a run are, by name: its task declares them."""
     metrics = (files.toml("task.toml") or {}).get("metrics", [])
     is_share = [one.get("over") in ("last", "any") and "all_of" in one for one in metrics]
-    return {one["name"]: one | {"kind": "share" if share else "f64"} for one, share in zip(metrics, is_share)}
+    return {
+        one["name"]: one | {"kind": "share" if share else "f64"} for one, share in zip(metrics, is_share, strict=True)
+    }
 
 
 def _of_checkpoint(files: _Files) -> list[dict[str, Any]]:
