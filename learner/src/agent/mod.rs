@@ -169,7 +169,9 @@ impl Agent {
             to_vec(&logits).into_iter().map(|logit| logit > 0.0).collect()
         });
         let mut actions = vec![];
-        chosen.iter().for_each(|action| head.write(action, &mut actions));
+        for action in &chosen {
+            head.write(action, &mut actions);
+        }
         Ok(Choice { actions, disturbs })
     }
 

@@ -67,7 +67,9 @@ pub(super) fn normalize(head: &ActionHead, row: &mut [f32]) {
         let most = logits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
         let total: f64 = logits.iter().map(|&logit| libm::exp(f64::from(logit - most))).sum();
         let log_total = libm::log(total);
-        logits.iter_mut().for_each(|logit| *logit = (f64::from(*logit - most) - log_total) as f32);
+        for logit in logits {
+            *logit = (f64::from(*logit - most) - log_total) as f32;
+        }
         rest = others;
     }
 }

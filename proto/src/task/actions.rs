@@ -115,7 +115,7 @@ impl Actions {
             }
             Self::MultiDiscrete { counts } => {
                 let options = counts.iter().try_fold(0u32, |sum, &count| sum.checked_add(count));
-                if counts.is_empty() || counts.contains(&0) || !options.is_some_and(|options| options <= NUMBERS_MOST) {
+                if counts.is_empty() || counts.contains(&0) || options.is_none_or(|options| options > NUMBERS_MOST) {
                     return wrong(format!("each choice has options, 1 to {NUMBERS_MOST} in all"));
                 }
                 Ok(())

@@ -6,10 +6,9 @@
 //! ```
 //! let mut tree = tidy::Tree::default();
 //! tree.add("Cargo.toml", "[package]\nname = \"small\"\n");
-//! tree.add("src/lib.rs", "//! Small, as `src/gone.rs` says.\n");
+//! tree.add("src/lib.rs", "//! Small.\npub fn broken( {}\n");
 //! let found = tidy::findings(&tree);
-//! assert_eq!(found.len(), 1);
-//! assert_eq!(found[0].rule, tidy::Rule::DeadReference);
+//! assert_eq!(found[0].rule, tidy::Rule::Unreadable);
 //! ```
 
 mod circles;

@@ -67,7 +67,8 @@ const OTHERS: &[(&str, &str)] = &[
     ("orchestrator/src/report_builder/files.rs", "the folder that the report writes"),
     ("orchestrator/src/suite/", "a suite's folder, which the suite writes"),
     ("learner/src/bench/", "a run of its own in the temporary folder"),
-    ("orchestrator/src/command/play.rs", "a run of its own in the temporary folder"),
+    ("orchestrator/src/command/player.rs", "a run of its own in the temporary folder"),
+    ("orchestrator/src/command/test.rs", "runs of its own in the temporary folder"),
 ];
 
 /// Files that are opened in another way.
