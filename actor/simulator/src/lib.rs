@@ -25,6 +25,7 @@
 //! The same kitchen, episode and actions give the same state at each step and the same frame, bit for bit, on every
 //! x86-64 machine.
 
+mod arc_cosine;
 pub mod depth;
 pub mod environment;
 pub mod gltf_file;

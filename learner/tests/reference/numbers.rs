@@ -88,7 +88,7 @@ fn a_probe_finds_what_cleanrl_computes() {
         let name = format!("six_numbers_{case}");
         let task = Spec::declare(&six_numbers(&name, actions)).expect("a sound task");
         assert_eq!(task.inputs().expect("networks can take it").width() as i64, INPUTS);
-        let settings = format!("task = \"{name}\"\n{settings}\n");
+        let settings = format!("task = \"{name}\"\nppo.entropy_coefficient = 0.01\n{settings}\n");
         let config = Config::resolve_with("gym", Some((&settings, "a test"))).expect("it fits");
         let agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
         let value = |(name, weight): (String, Tensor)| (name.clone(), weight_values(&name, &weight.size()));
