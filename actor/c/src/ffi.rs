@@ -74,7 +74,7 @@ pub struct Environments {
     simulator: Simulator,
     sources: Vec<Source>,
     reward: Option<Source>,
-    environments: Vec<Environment>,
+    made: Vec<Environment>,
     /// Where each channel's numbers are written, for a call.
     places: Vec<*mut c_void>,
 }
@@ -172,9 +172,9 @@ impl Simulator {
             let made = NonNull::new(unsafe { (self.make)() });
             made.ok_or_else(|| ServeError::Refused(self.failed("make")))
         };
-        let environments = (0..count).map(make).collect::<Result<_, _>>()?;
+        let made = (0..count).map(make).collect::<Result<_, _>>()?;
         let places = vec![null_mut(); sources.len()];
-        Ok(Environments { reward: Source::reward(spec), simulator: self, sources, environments, places })
+        Ok(Environments { reward: Source::reward(spec), simulator: self, sources, made, places })
     }
 
     /// The same for what a run's configuration names.
@@ -242,7 +242,7 @@ impl Guest for Environments {
     fn reset(&mut self, index: usize, seed: u32, record: &mut [u8]) -> Result<(), String> {
         let places = self.point(record);
         // SAFETY: an environment that `make` returned, and places within the record, each as long as its channel.
-        let status = unsafe { (self.simulator.reset)(self.environments[index].as_ptr(), seed, places) };
+        let status = unsafe { (self.simulator.reset)(self.made[index].as_ptr(), seed, places) };
         if status == 0 { Ok(()) } else { Err(self.simulator.failed("reset")) }
     }
 
@@ -250,7 +250,7 @@ impl Guest for Environments {
         let mut result = CResult::default();
         let number = action.first().copied().unwrap_or_default();
         let places = self.point(record);
-        let environment = self.environments[index].as_ptr();
+        let environment = self.made[index].as_ptr();
         // SAFETY: as in `reset`; the result outlives the call.
         let status = unsafe { (self.simulator.step)(environment, number.into(), places, &raw mut result) };
         if status != 0 {

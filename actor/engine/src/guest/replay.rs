@@ -42,7 +42,7 @@ impl<G: Guest> Replay<G> {
         let description: Description = serde_json::from_str(description)?;
         description.check(config.spec())?;
         let rules = Rules::of(&config)?;
-        let guest = guest(&config).map_err(|error| error.into())?;
+        let guest = guest(&config).map_err(Into::into)?;
         Ok(Self { rules, served: Served::new(guest, 1, None, &config) })
     }
 
