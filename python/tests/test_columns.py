@@ -64,9 +64,9 @@ def assert_same(given, expected, key):
 
 def test_a_vector_whose_columns_have_seeds_of_their_own_is_proven():
     for mode in AutoresetMode:
-        prove(Among(vector(mode)))
+        prove(Among(vector(mode)), Walk)
     served = vector(AutoresetMode.NEXT_STEP, AsyncVectorEnv, 2)
-    prove(Among(served))
+    prove(Among(served), Walk)
 
 
 class Deaf(SyncVectorEnv):
@@ -87,9 +87,9 @@ class Coupled(SyncVectorEnv):
 def test_a_vector_that_a_run_cannot_rebuild_is_refused_in_a_sentence():
     for kind in (Deaf, Coupled):
         with pytest.raises(Refused, match=r"it does not repeat itself.*reset_mask"):
-            prove(Among(vector(AutoresetMode.NEXT_STEP, kind)))
+            prove(Among(vector(AutoresetMode.NEXT_STEP, kind)), Walk)
     with pytest.raises(Refused, match="takes no seed for each column"):
-        prove(Among(Vector(gymnasium.make_vec("CartPole-v1", 3, vectorization_mode="vector_entry_point"))))
+        prove(Among(Vector(gymnasium.make_vec("CartPole-v1", 3, vectorization_mode="vector_entry_point"))), Walk)
     nameless = SyncVectorEnv([Walk])
     nameless.metadata = {}
     with pytest.raises(Refused, match="autoreset_mode"):
@@ -108,6 +108,6 @@ def test_vectors_are_the_halves_of_an_actors_environments():
 @pytest.mark.filterwarnings("ignore:.*precision lowered by casting")
 def test_an_environment_of_envpool_has_a_pool_for_each_episode():
     envpool = pytest.importorskip("envpool")
-    prove(PoolEnv("CartPole-v1"))
+    prove(PoolEnv("CartPole-v1"), Walk)
     with pytest.raises(Refused, match="--env envpool:ID"):
         Vector(envpool.make("CartPole-v1", env_type="gymnasium", num_envs=2))
