@@ -153,7 +153,7 @@ fn shells_and_man_get_all_commands() {
 fn an_installation_brings_pages_and_completions_and_takes_them_away() {
     let workshop = Workshop::new();
     let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    for folder in ["deploy", "target/release", ".torch/libtorch/lib"] {
+    for folder in ["deploy", "target/release", ".torch/libtorch/lib", "models"] {
         std::fs::create_dir_all(workshop.path(folder)).expect("a folder");
     }
     std::fs::copy(sources.join("deploy/install"), workshop.path("deploy/install")).expect("the script");
