@@ -1,21 +1,19 @@
-//! What `stillroom_actor.h` declares. Every pointer, size and number that can be checked is.
+//! A simulator as `stillroom_actor.h` describes it. Every pointer, size and number that can be checked is.
 
-use crate::serving::{ServeError, serve};
+use crate::error::ServeError;
 use engine::guest::{Guest, Source};
 use proto::config::Config;
 use proto::task::{Actions, Channel, Description, Dtype, Restore, Role, Spec};
 use std::collections::BTreeMap;
-use std::ffi::{CStr, CString, OsString, c_char, c_int, c_void};
-use std::os::unix::ffi::OsStrExt;
+use std::ffi::{CStr, c_char, c_int, c_void};
 use std::ptr::{NonNull, null, null_mut};
-use std::sync::Mutex;
 
 const ABI: u32 = 1;
 const CHANNELS_MOST: usize = 256;
 const DIMENSIONS_MOST: usize = 8;
 const ACTIONS_MOST: u32 = 254;
 /// Arguments of a program, and the letters of one text.
-const ARGUMENTS_MOST: usize = 4096;
+pub const ARGUMENTS_MOST: usize = 4096;
 
 type Environment = NonNull<c_void>;
 
@@ -82,11 +80,8 @@ pub struct Environments {
 // SAFETY: the environments are used by one thread at a time, and it is the one that called `stillroom_serve`.
 unsafe impl Send for Environments {}
 
-/// The last error, for `stillroom_error`.
-static ERROR: Mutex<Option<CString>> = Mutex::new(None);
-
 /// Why a simulator cannot take part.
-fn refused<T>(problem: impl Into<String>) -> Result<T, ServeError> {
+pub fn refused<T>(problem: impl Into<String>) -> Result<T, ServeError> {
     Err(ServeError::Refused(problem.into()))
 }
 
@@ -106,7 +101,7 @@ fn text(what: &str, place: *const c_char) -> Result<String, ServeError> {
 impl Simulator {
     /// # Safety
     /// The pointer is null, or what the header asks for.
-    unsafe fn read(simulator: *const CSimulator) -> Result<Self, ServeError> {
+    pub unsafe fn read(simulator: *const CSimulator) -> Result<Self, ServeError> {
         // The number stands first under every ABI, and nothing else is read before it is the right one.
         if simulator.is_null() || !simulator.is_aligned() {
             return refused("stillroom_serve was given no simulator: the pointer is NULL, or not aligned");
@@ -261,52 +256,4 @@ impl Guest for Environments {
         }
         Ok([result.terminated != 0, result.truncated != 0])
     }
-}
-
-/// The program's arguments.
-///
-/// # Safety
-/// They are those of `main`.
-unsafe fn arguments(count: c_int, place: *const *const c_char) -> Result<Vec<OsString>, ServeError> {
-    let count = usize::try_from(count).ok().filter(|&count| count <= ARGUMENTS_MOST);
-    let Some(count) = count.filter(|_| !place.is_null() && place.is_aligned()) else {
-        return refused("stillroom_serve was not given main's argc and argv");
-    };
-    // SAFETY: not null, aligned, and as many as the caller promises.
-    let places = unsafe { std::slice::from_raw_parts(place, count) };
-    let argument = |&place: &*const c_char| {
-        if place.is_null() {
-            return refused("an argument of the program is NULL: argc is too great");
-        }
-        // SAFETY: not null, and a text, as the caller promises.
-        Ok(std::ffi::OsStr::from_bytes(unsafe { CStr::from_ptr(place) }.to_bytes()).to_owned())
-    };
-    places.iter().map(argument).collect()
-}
-
-/// See `stillroom_actor.h`.
-///
-/// # Safety
-/// The pointers are null, or what the header asks for.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn stillroom_serve(
-    simulator: *const CSimulator,
-    argc: c_int,
-    argv: *const *const c_char,
-) -> c_int {
-    // SAFETY: as the caller promises.
-    let served = unsafe { arguments(argc, argv).and_then(|words| Ok((words, Simulator::read(simulator)?))) };
-    let Err(error) = served.and_then(|(words, simulator)| serve(&words, simulator)) else { return 0 };
-    let text = error.to_string();
-    eprintln!("stillroom: error: {text}");
-    let kept = CString::new(text.replace('\0', " ")).ok();
-    *ERROR.lock().unwrap_or_else(std::sync::PoisonError::into_inner) = kept;
-    error.status()
-}
-
-/// See `stillroom_actor.h`.
-#[unsafe(no_mangle)]
-pub extern "C" fn stillroom_error() -> *const c_char {
-    let error = ERROR.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-    error.as_ref().map_or(c"".as_ptr(), |text| text.as_ptr())
 }

@@ -1,8 +1,9 @@
 //! What a program is asked by the orchestrator that has started it: the same questions as `python -m stillroom serve`.
 
+use crate::error::ServeError;
 use crate::ffi::{Environments, Simulator};
 use clap::Parser;
-use engine::guest::{Guest, GuestActor, GuestError, Replay, ReplayError};
+use engine::guest::{Guest, GuestActor, Replay};
 use proto::replay::ReplaySetup;
 use proto::task::{Field, Role, Spec};
 use std::ffi::OsString;
@@ -13,31 +14,6 @@ use wire::message::Line;
 
 /// Steps of the episode that is played twice.
 const STEPS: usize = 40;
-
-/// Why the program ends.
-#[derive(Debug, thiserror::Error)]
-pub enum ServeError {
-    /// The simulator cannot take part.
-    #[error("{0}")]
-    Refused(String),
-    #[error(transparent)]
-    Part(#[from] GuestError),
-    #[error(transparent)]
-    Replay(#[from] ReplayError),
-    #[error(transparent)]
-    Spec(#[from] proto::task::SpecError),
-    #[error("cannot answer: {0}")]
-    Answer(#[from] std::io::Error),
-    #[error("it does not describe itself: {0}")]
-    Description(#[from] serde_json::Error),
-}
-
-impl ServeError {
-    /// The program's exit status.
-    pub fn status(&self) -> i32 {
-        if matches!(self, Self::Refused(_)) { 2 } else { 1 }
-    }
-}
 
 /// Serves a simulator to a run; the orchestrator starts this.
 #[derive(Debug, Parser)]

@@ -1,0 +1,28 @@
+//! Why a program does not serve.
+
+use engine::guest::{GuestError, ReplayError};
+
+/// Why the program ends.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    /// The simulator cannot take part.
+    #[error("{0}")]
+    Refused(String),
+    #[error(transparent)]
+    Part(#[from] GuestError),
+    #[error(transparent)]
+    Replay(#[from] ReplayError),
+    #[error(transparent)]
+    Spec(#[from] proto::task::SpecError),
+    #[error("cannot answer: {0}")]
+    Answer(#[from] std::io::Error),
+    #[error("it does not describe itself: {0}")]
+    Description(#[from] serde_json::Error),
+}
+
+impl ServeError {
+    /// The program's exit status.
+    pub fn status(&self) -> i32 {
+        if matches!(self, Self::Refused(_)) { 2 } else { 1 }
+    }
+}
