@@ -5,10 +5,9 @@ use anyhow::{Context, Result};
 use mcap::read::Options;
 use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor, ReflectMessage};
 use proto::run_folder::RunFolder;
-use std::collections::{BTreeMap, HashMap};
+use proto::task::{Metric, Over, Spec};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::path::{Path, PathBuf};
-
-const ENDS: &str = "ends of episodes";
 
 /// Kitchen, environment, episode, step (0 for the starts and ends of episodes).
 type Key = (u32, u32, u32, u32);
@@ -72,6 +71,8 @@ pub struct Recording {
     ends: BTreeMap<Key, Vec<Copy>>,
     /// Steps in the order of the files, each with who took it: (orchestrator's, learner's start).
     order: Vec<(Key, (u32, u32))>,
+    /// Each end, with who took the episode's last step, and how many it had.
+    closed: Vec<(Key, (u32, u32), u32)>,
 }
 
 impl Recording {
@@ -93,7 +94,10 @@ impl Recording {
                     &mut self.steps
                 }
                 "/episode/start" => &mut self.starts,
-                _ => &mut self.ends,
+                _ => {
+                    self.closed.push((key, generation_of(&message), number(&message, "length")));
+                    &mut self.ends
+                }
             };
             copies.entry(key).or_default().push(Copy::of(message));
         })
@@ -109,14 +113,32 @@ impl Recording {
         count(self.order.clone())
     }
 
+    /// Ends of episodes whose steps were all taken by the same start of orchestrator and learner. Of others a recorder has
+    /// not seen, or not for good, how they began.
+    fn whole_episodes(&self) -> BTreeSet<Key> {
+        let taken: HashSet<_> = self.order.iter().copied().collect();
+        let is_whole = |&&((kitchen, environment, episode, _), generation, length): &&(Key, (u32, u32), u32)| {
+            (0..length).all(|step| taken.contains(&((kitchen, environment, episode, step), generation)))
+        };
+        self.closed.iter().filter(is_whole).map(|&(key, ..)| key).collect()
+    }
+
     /// What differs from an undisturbed run's: what is missing, what is there besides, what is other.
     pub fn differences(&self, reference: &Self) -> Vec<String> {
         let mut found = vec![];
-        compare("steps", &self.steps, &reference.steps, &mut found);
-        compare("starts of episodes", &self.starts, &reference.starts, &mut found);
-        compare(ENDS, &self.ends, &reference.ends, &mut found);
+        compare("steps", &self.steps, &reference.steps, |_, _| false, &mut found);
+        compare("starts of episodes", &self.starts, &reference.starts, |_, _| false, &mut found);
+        let whole = self.whole_episodes();
+        let may_lack = |key: &Key, name: &str| !whole.contains(key) && is_of_all_steps(name);
+        compare("ends of episodes", &self.ends, &reference.ends, may_lack, &mut found);
         found
     }
+}
+
+/// Whether a field of an episode's end is made of all steps, not of the last one alone: returns, and such metrics.
+fn is_of_all_steps(name: &str) -> bool {
+    let is_of_all = |metric: &Metric| metric.name == name && metric.over != Over::Last;
+    name.starts_with("return_") || Spec::built_in().iter().flat_map(|spec| &spec.metrics).any(is_of_all)
 }
 
 /// Steps of a run as it was in the end, of a recording of any length.
@@ -198,20 +220,26 @@ fn merged(copies: &[Copy]) -> Option<Copy> {
     Some(all)
 }
 
-fn compare(what: &str, ours: &BTreeMap<Key, Vec<Copy>>, theirs: &BTreeMap<Key, Vec<Copy>>, found: &mut Vec<String>) {
+/// `may_lack`: the fields that ours need not have.
+fn compare(
+    what: &str,
+    ours: &BTreeMap<Key, Vec<Copy>>,
+    theirs: &BTreeMap<Key, Vec<Copy>>,
+    may_lack: impl Fn(&Key, &str) -> bool,
+    found: &mut Vec<String>,
+) {
     let place = |(kitchen, environment, episode, step): &Key| format!("{kitchen}/{environment} {episode}:{step}");
     let some = |keys: &[&Key]| keys.iter().take(3).map(|key| place(key)).collect::<Vec<_>>().join(", ");
     let missing: Vec<_> = theirs.keys().filter(|key| !ours.contains_key(key)).collect();
     let besides: Vec<_> = ours.keys().filter(|key| !theirs.contains_key(key)).collect();
-    // Where a recorder was started within an episode, its end has no metrics of the whole (docs/recordings.md).
-    let same = |ours: &[Copy], theirs: &[Copy]| match (merged(ours), merged(theirs)) {
-        (Some(ours), Some(theirs)) if what == ENDS => {
-            ours.always == theirs.always
-                && ours.sometimes.iter().all(|(name, value)| theirs.sometimes.get(name) == Some(value))
+    let same = |key: &Key, ours: &[Copy], theirs: &[Copy]| {
+        let (Some(mut ours), Some(theirs)) = (merged(ours), merged(theirs)) else { return false };
+        for (name, value) in theirs.sometimes.iter().filter(|(name, _)| may_lack(key, name)) {
+            ours.sometimes.entry(name.clone()).or_insert_with(|| value.clone());
         }
-        (ours, theirs) => ours.is_some() && ours == theirs,
+        ours == theirs
     };
-    let other = |(key, copies): &(&Key, &Vec<Copy>)| theirs.get(key).is_some_and(|their| !same(copies, their));
+    let other = |(key, copies): &(&Key, &Vec<Copy>)| theirs.get(key).is_some_and(|their| !same(key, copies, their));
     let other: Vec<_> = ours.iter().filter(other).map(|(key, _)| key).collect();
     for (how, keys) in [("missing", missing), ("besides", besides), ("other", other)] {
         if !keys.is_empty() {
@@ -261,6 +289,29 @@ mod tests {
         assert_eq!(recording(&[step(0, 0, 1)]).differences(&reference).len(), 1);
         assert_eq!(recording(&[seen("2")]).differences(&reference).len(), 1);
         assert_eq!(recording(&[seen("2"), seen("1")]).differences(&reference).len(), 1);
+    }
+
+    #[test]
+    fn an_end_lacks_only_what_is_of_steps_that_its_recorder_has_not_seen() {
+        let key = (1, 0, 4, 0);
+        let ended = |names: &[&str], learner_of_first: u32| {
+            let sometimes = names.iter().map(|&name| (name.to_owned(), "1".to_owned())).collect();
+            let copy = Copy { always: vec![], sometimes };
+            Recording {
+                ends: BTreeMap::from([(key, vec![copy])]),
+                order: vec![((1, 0, 4, 0), (1, learner_of_first)), ((1, 0, 4, 1), (1, 2))],
+                closed: vec![(key, (1, 2), 2)],
+                ..Recording::default()
+            }
+        };
+        let reference = ended(&["return_r", "picked_up", "success"], 2);
+        assert!(ended(&["return_r", "picked_up", "success"], 2).differences(&reference).is_empty());
+        assert!(ended(&["success"], 1).differences(&reference).is_empty());
+        // One recorder has seen all of it; and what the last step says is never absent.
+        for (names, learner) in [(&["success"][..], 2), (&["return_r", "success"], 2), (&["return_r", "picked_up"], 1)]
+        {
+            assert_eq!(ended(names, learner).differences(&reference).len(), 1, "{names:?}");
+        }
     }
 
     #[test]
