@@ -7,10 +7,11 @@ use proto::camera::{SUMS_PIXELS, sum_windows};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::random::{Key, Purpose};
-use proto::record::{RecordHeader, flag};
+use proto::record::{HOLD, RecordHeader, flag};
 use proto::task::Layout;
 use simulator::robot::action::Action;
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use wire::message::{ActionHeader, EnvironmentState, Halves, Line, RestoreHeader, observation_kind};
@@ -40,6 +41,8 @@ struct Stand {
     /// Bytes of every observation that counted, by (step, environment).
     seen: BTreeMap<(u64, u32), Vec<u8>>,
     hellos: Vec<u32>,
+    /// The step at which every environment is told to hold.
+    hold_at: Option<u64>,
     /// Whether it answers. If not, it keeps what counts: half, step, records.
     answers: bool,
     kept: Vec<(u32, u64, Vec<Line>)>,
@@ -72,18 +75,20 @@ impl Stand {
             states: vec![EnvironmentState::start_of(0); ENVIRONMENTS as usize],
             seen: BTreeMap::new(),
             hellos: vec![],
+            hold_at: None,
             answers: true,
             kept: vec![],
         }
     }
 
+    fn config(&self) -> PathBuf {
+        self.folder.path().join("config.toml")
+    }
+
     fn spawn(&self, incarnation: u32, fault: Option<&str>) -> Actor {
         let mut command = Command::new(env!("CARGO_BIN_EXE_actor"));
         command.args(["--actor", "0", "--lifeline", "--incarnation", &incarnation.to_string()]);
-        command
-            .args(["--wire", &self.host.address().to_string()])
-            .arg("--config")
-            .arg(self.folder.path().join("config.toml"));
+        command.args(["--wire", &self.host.address().to_string()]).arg("--config").arg(self.config());
         if let Some(fault) = fault {
             command.env(wire::fault::VARIABLE, fault);
         }
@@ -156,9 +161,13 @@ impl Stand {
             }
             let state = &mut self.states[environment];
             assert_eq!((header.episode, header.step), (state.episode, state.action_count()));
-            let action = chosen(environment as u32, state);
-            state.push(&[action]);
-            actions.push(action);
+            if self.hold_at == Some(step) {
+                actions.push(HOLD);
+            } else {
+                let action = chosen(environment as u32, state);
+                state.push(&[action]);
+                actions.push(action);
+            }
         }
         let mut sample = self.actions.loan_slice_uninit(actions.len()).unwrap();
         *sample.user_header_mut() =
@@ -362,6 +371,33 @@ fn actions_that_come_together_with_their_restore_are_not_lost() {
 }
 
 #[test]
+fn hold_shows_the_same_again_without_a_transition() {
+    let mut stand = Stand::new("hold");
+    stand.hold_at = Some(4);
+    let actor = stand.spawn(1, None);
+    stand.run_to(6);
+    for environment in 0..ENVIRONMENTS {
+        let (before, held) = (&stand.seen[&(4, environment)], &stand.seen[&(5, environment)]);
+        let layout = layout();
+        let header = |bytes: &[u8]| bytemuck::pod_read_unaligned::<RecordHeader>(&bytes[..size_of::<RecordHeader>()]);
+        let mut expected = header(before);
+        expected.hold();
+        assert_eq!(header(held), expected, "nothing was done, and what is seen stays");
+        let at = (layout.previous_action.offset..held.len())
+            .find(|at| !layout.of_action.contains(at) && before[*at] != held[*at]);
+        assert_eq!(at, None, "what is seen stays, but for that byte");
+        let done = |bytes: &[u8]| {
+            [layout.action.range(), layout.of_action.clone()]
+                .into_iter()
+                .any(|range| bytes[range].iter().any(|&b| b != 0))
+        };
+        assert!(!done(held) && done(&stand.seen[&(6, environment)]), "nothing was done, and it goes on");
+    }
+    actor.kill();
+    stand.end();
+}
+
+#[test]
 fn it_ends_with_its_lifeline_also_when_nobody_reads() {
     let stand = Stand::new("lifeline");
     let mut actor = stand.spawn(1, None);
@@ -377,5 +413,36 @@ fn it_ends_with_its_lifeline_also_when_nobody_reads() {
     assert_eq!(actor.code_within(Duration::from_millis(200)), None, "Ctrl-C is the orchestrator's");
     drop(actor.0.stdin.take());
     assert_eq!(actor.code_within(Duration::from_secs(1)), Some(0));
+    stand.end();
+}
+
+#[test]
+fn bad_settings_are_named_once() {
+    let stand = Stand::new("bad");
+    let address = stand.host.address().to_string();
+    let config = stand.config();
+    let config = config.to_str().unwrap();
+    let run = |actor: &str, config: &str| {
+        let output = Command::new(env!("CARGO_BIN_EXE_actor"))
+            .args(["--actor", actor, "--wire", &address, "--config", config])
+            .stdin(Stdio::null())
+            .output()
+            .unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    let (code, text) = run("4", config);
+    assert_eq!(code, Some(1), "{text}");
+    assert!(text.contains("there is no actor 4"), "{text}");
+    let (code, text) = run("0", "/nowhere/config.toml");
+    assert_eq!(code, Some(1), "{text}");
+    assert_eq!(text.matches("/nowhere/config.toml").count(), 1, "{text}");
+    let output = Command::new(env!("CARGO_BIN_EXE_actor"))
+        .args(["--actor", "0", "--wire", &address, "--config", config, "--lifeline", "--kitchen", "7"])
+        .stdin(Stdio::null())
+        .output()
+        .unwrap();
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(text.contains("--kitchen cannot be used in a run"), "{text}");
     stand.end();
 }

@@ -44,6 +44,7 @@ pub fn sleep_until_end(process: Pid, longest: Duration) {
     let _ = poll(&mut [PollFd::new(&descriptor, PollFlags::IN)], Some(&timeout));
 }
 
+/// What a program answered.
 #[derive(Debug)]
 pub struct Answer {
     /// How it ended, which was not by a signal.
@@ -110,6 +111,27 @@ fn heard(pipe: Option<impl Read + Send + 'static>) -> JoinHandle<String> {
 mod tests {
     use super::*;
     use std::process::Command;
+
+    /// `learner check`, killed once, was said to be a libtorch that does not work.
+    #[test]
+    fn what_a_signal_kills_is_asked_once_more_and_then_named_with_the_signal() {
+        let folder = tempfile::tempdir().unwrap();
+        let asked = |script: &str| {
+            let mut command = Command::new("sh");
+            command.args(["-c", script]).current_dir(folder.path());
+            ask(&mut command, Duration::from_secs(20))
+        };
+        let once = asked("if mkdir asked; then kill -9 $$; fi; echo yes").unwrap().unwrap();
+        assert!(once.status.success() && once.stdout == "yes\n", "{once:?}");
+        let message = asked("echo out of luck >&2; kill -SEGV $$").unwrap_err().to_string();
+        assert!(
+            message.starts_with("`sh -c` was killed by signal 11 (SIGSEGV) when it was asked once more"),
+            "{message}"
+        );
+        assert!(message.ends_with("it said: out of luck"), "{message}");
+        assert!(asked("rmdir asked; exit 3").unwrap().unwrap().status.code() == Some(3));
+        assert!(asked("mkdir asked && exit 4").unwrap().unwrap().status.code() == Some(4), "it is asked once");
+    }
 
     #[test]
     fn an_end_wakes_and_patience_ends() {

@@ -170,4 +170,40 @@ mod tests {
             assert!(parts.iter().all(|part| message.contains(part)), "{parts:?}: {message}");
         }
     }
+
+    #[test]
+    fn another_hosts_command_is_compared_by_what_it_says_and_by_nothing_else() {
+        let temporary = tempfile::tempdir().unwrap();
+        let file = |text: &str| {
+            let path = temporary.path().join("mine.toml");
+            std::fs::write(&path, text).unwrap();
+            path.display().to_string()
+        };
+        let folder = RunFolder::new(temporary.path().join("run"));
+        let run = Config { seed: 7, ..Config::resolve("paper", None).unwrap() };
+        let found = |preset: Option<&str>, words: &[&str]| {
+            let Line { hosts, overrides } = Line::try_parse_from([&["up"], words].concat()).unwrap();
+            hosts.otherwise(&overrides, preset, 2, &run, &folder).unwrap()
+        };
+        assert_eq!(found(None, &[]), Vec::<String>::new(), "another host may say nothing");
+        let frames: u64 = run.stages.iter().map(|stage| stage.frames).sum();
+        let frames = frames.to_string();
+        let same = file("preset = \"demo\"\n[ppo]\nclip = 0.1\n");
+        assert_eq!(run.ppo.clip, 0.1, "as the file has it");
+        let words = ["--seed", "7", "--frames", &frames, "--actors", "19", "--config", &same];
+        assert_eq!(found(Some("paper"), &words), Vec::<String>::new(), "it says the same");
+        assert_eq!(
+            found(Some("demo"), &["--seed", "9"]),
+            ["preset = \"demo\" instead of \"paper\"", "seed = 9 instead of 7"]
+        );
+        assert_eq!(found(None, &["--actors-per-host", "4"]), ["actors.count = 8 instead of 19"]);
+        let words = ["--set", "ppo.learning_rate=1", "--learners-per-host", "1"];
+        let expected = ["learner.count = 2 instead of 1", "ppo.learning_rate = 1.0 instead of 0.0003"];
+        let all = found(None, &words);
+        assert!(all.len() == 2 && expected.iter().all(|key| all.iter().any(|found| found == key)), "{all:?}");
+        let less = found(None, &["--frames", "450"]);
+        assert!(less.iter().all(|key| key.starts_with("stages.") && key.contains(".frames = ")), "{less:?}");
+        assert_eq!(less.len(), run.stages.len());
+        assert_eq!(found(None, &["--set", "scenes=[\"a.toml\"]"]), ["scenes = [\"a.toml\"] instead of []"]);
+    }
 }

@@ -66,6 +66,7 @@ pub enum Reply {
     Over {
         /// Exit status.
         status: u8,
+        /// Why.
         text: String,
     },
     /// That it cannot take part.
@@ -76,6 +77,7 @@ pub enum Reply {
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Invitation {
     pub run_id: String,
+    /// Start of it.
     pub incarnation: u32,
     pub hosts: u32,
     /// Host 0's name.
@@ -101,6 +103,7 @@ pub enum Incomplete {
     Refuses(u32, String),
 }
 
+/// The door.
 #[derive(Debug)]
 pub struct Rendezvous {
     listener: TcpListener,
@@ -392,5 +395,22 @@ mod tests {
         let refused = beyond.join().unwrap();
         assert!(matches!(&refused, Some(Reply::Refused(why)) if why.contains("hosts 0 to 2")), "{refused:?}");
         assert!(second.join().unwrap().is_none(), "the door is closed");
+    }
+
+    #[test]
+    fn many_that_say_nothing_keep_nobody_out_for_long() {
+        let (door, address) = door(2);
+        let mute: Vec<_> = (0..2 * UNPROVED).map(|_| TcpStream::connect(address).unwrap()).collect();
+        let late = std::thread::spawn(move || {
+            // After those that were mute have used up their time.
+            std::thread::sleep(PROOF + Duration::from_secs(1));
+            guest(address, b"the token of a run", 1).join().unwrap()
+        });
+        let guests = door.admit_all(Duration::from_secs(20)).unwrap();
+        for mut stream in guests.into_values() {
+            send(&mut stream, &Reply::Over { status: 0, text: "done".into() }).unwrap();
+        }
+        assert!(matches!(late.join().unwrap(), Some(Reply::Over { status: 0, .. })));
+        drop(mute);
     }
 }

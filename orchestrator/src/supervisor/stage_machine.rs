@@ -80,3 +80,59 @@ impl StageMachine {
         self.last
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use proto::stage::RolloutShape;
+
+    fn stages(frames: &[u64]) -> Vec<StageConfig> {
+        let stage = |(i, &frames): (usize, &u64)| StageConfig { name: i.to_string(), reward: "r".into(), frames };
+        frames.iter().enumerate().map(stage).collect()
+    }
+
+    proptest! {
+        /// Whatever the budgets, and wherever learners fall back to: every switch is at its stage's first frame, the
+        /// run ends on the budget, versions only grow.
+        #[test]
+        fn switches_are_where_stages_begin(
+            budgets in prop::collection::vec(1u64..3_000, 1..4), steps in 1usize..20, environments in 1usize..20,
+            rewinds in prop::collection::vec(any::<prop::sample::Index>(), 0..5),
+        ) {
+            let stages = stages(&budgets);
+            let mut machine = StageMachine::new(stages.clone());
+            let mut boundaries = vec![0u64];
+            let mut rewinds = rewinds.into_iter();
+            let mut version = 0;
+            let mut stage_in_force = None;
+            let mut at = 0usize;
+            while let Some(word) = machine.allow(at as u64, boundaries[at]) {
+                prop_assert_eq!(word.announcement.version, version + 1);
+                version += 1;
+                prop_assert_eq!(word.announcement.rollout, at as u64);
+                prop_assert_eq!(word.announcement.directive, directive::TRAIN);
+                let position = position_at(&stages, boundaries[at]).expect("allowed");
+                prop_assert_eq!(word.announcement.stage as usize, position.stage);
+                prop_assert_eq!(word.switch.is_some(), stage_in_force != Some(position.stage));
+                if let Some(switch) = word.switch {
+                    prop_assert_eq!((switch.from, switch.frames), (stage_in_force, boundaries[at]));
+                    if stage_in_force.is_some_and(|before| before < switch.to) {
+                        prop_assert_eq!(position.frames_in_stage, 0);
+                    }
+                }
+                stage_in_force = Some(position.stage);
+                let end = boundaries[at] + RolloutShape::next(position.frames_left, steps, environments).frames;
+                boundaries.truncate(at + 1);
+                boundaries.push(end);
+                at += 1;
+                if at % 7 == 3 && let Some(rewind) = rewinds.next() {
+                    at = rewind.index(at + 1);
+                }
+            }
+            prop_assert_eq!(boundaries[at], machine.budget());
+            let stop = machine.stop();
+            prop_assert_eq!((stop.version, stop.directive), (version + 1, directive::STOP));
+        }
+    }
+}

@@ -26,6 +26,7 @@ pub struct Score {
     pub weights: String,
     /// Folder of the result, relative to the run folder.
     pub result: String,
+    /// Episodes played.
     pub episodes: u64,
     /// Fixed ones, or drawn as the run draws its own.
     #[serde(default)]
@@ -240,5 +241,30 @@ pub mod tests {
         let below = evaluations_below(&RunFolder::new(temporary.path()), &mut notes).unwrap();
         assert!(below.len() == EVALUATIONS_MOST && below[0].root().ends_with("evaluations/1"));
         assert_eq!(notes, ["evaluations/ has 1 001 results: only the last 1000 by name are read"]);
+    }
+
+    #[test]
+    fn damaged_lines_and_results_are_told_of() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(temporary.path());
+        let read = || {
+            let Scores { scores, notes } = Scores::read(&folder, task(), true);
+            (scores.iter().map(|score| score.rollout).collect::<Vec<_>>(), notes.join(". "))
+        };
+        assert_eq!(read(), (vec![], String::new()));
+        let line = |rollout| serde_json::to_string(&validated(rollout, 0.0, 0.0)).unwrap();
+        // Evaluated twice, in the wrong order, and one cut off by a kill, which is nobody's fault.
+        std::fs::write(folder.validation_log(), [line(5), line(3), line(5), "{\"roll".into()].join("\n")).unwrap();
+        assert_eq!(read(), (vec![3, 5], String::new()));
+        std::fs::write(folder.validation_log(), [line(5), "garbage".into(), line(3) + "\n"].join("\n")).unwrap();
+        assert_eq!(read(), (vec![3, 5], "validation.jsonl has 1 damaged line".into()));
+        let result = result_folder(&folder, 8);
+        std::fs::create_dir_all(result.root()).unwrap();
+        std::fs::write(result.root().join(RESULT_FILE), "{}").unwrap();
+        let (rollouts, notes) = read();
+        assert!(
+            rollouts == [3, 5] && notes.contains("cannot be used") && notes.contains("rollout-00000008"),
+            "{notes}"
+        );
     }
 }

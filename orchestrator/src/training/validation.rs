@@ -46,6 +46,7 @@ const WAITING: usize = 8;
 /// How often one start tries to evaluate a checkpoint.
 const TRIES: u32 = 3;
 
+/// The evaluation that runs.
 #[derive(Debug)]
 struct Running {
     rollout: u64,
@@ -387,7 +388,7 @@ pub mod tests {
     use crate::run::checkpoints::tests::manifest;
     use crate::training::scores::tests::validated;
     use std::io::Write;
-
+    use std::os::unix::process::ExitStatusExt;
     use std::process::Command;
 
     /// A run with checkpoints on disk, each of 100 frames more, to be validated after each 250.
@@ -470,6 +471,31 @@ pub mod tests {
     }
 
     #[test]
+    fn an_evaluation_that_was_killed_is_made_again_and_then_left_to_the_next_start() {
+        let (_temporary, folder, config) = run(&[3, 5]);
+        let mut validation = Validation::open(&folder, &config).unwrap().unwrap();
+        validation.checkpoint(3, 300);
+        validation.checkpoint(5, 500);
+        assert_eq!(validation.waiting.pop_front(), Some(3));
+        let mut child = Command::new("sleep").arg("60").spawn().unwrap();
+        child.kill().unwrap();
+        assert_eq!(child.wait().unwrap().signal(), Some(9));
+        validation.running = Some(Running { rollout: 3, child });
+        // Killed, and then it cannot be started: there is no folder for its log.
+        validation.look(None);
+        assert_eq!((validation.failures[&3], validation.is_busy()), (2, true));
+        assert_eq!(validation.waiting, [3, 5]);
+        validation.look(None);
+        assert_eq!(validation.failures, BTreeMap::from([(3, TRIES)]));
+        assert_eq!(validation.waiting, [5]);
+        assert_eq!(validation.pinned().unwrap(), [3, 5], "its checkpoint is kept");
+        assert_eq!(validation.missing(), [Missing::Validation(3)]);
+        let again = Validation::open(&folder, &config).unwrap().unwrap();
+        assert_eq!(again.waiting, [3, 5]);
+        assert_eq!(again.missing(), []);
+    }
+
+    #[test]
     fn the_best_is_kept_and_a_crash_at_any_point_is_mended() {
         let (_temporary, folder, config) = run(&[3, 5, 8]);
         for rollout in [3, 5, 8] {
@@ -522,5 +548,13 @@ pub mod tests {
         let again = Validation::open(&folder, &config).unwrap().unwrap();
         assert_eq!(again.missing(), [Missing::Validation(5)]);
         assert_eq!((again.pinned().unwrap(), again.waiting, again.reached), (vec![3], VecDeque::from([3]), 300));
+    }
+
+    #[test]
+    fn a_run_that_asks_for_none_has_none() {
+        let (_temporary, folder, mut config) = run(&[]);
+        config.validation.every_frames = 0;
+        assert!(Validation::open(&folder, &config).unwrap().is_none());
+        assert!(!folder.validations().exists());
     }
 }

@@ -147,6 +147,33 @@ mod tests {
     }
 
     #[test]
+    fn the_clock_of_the_day_may_be_set_while_a_run_goes_on() {
+        for [first, second] in [[0, 9_000_000_000], [9_000_000_000, 0]] {
+            let mut identity = identity();
+            identity.incarnations[0].ended.as_mut().unwrap().wall_s = Some(90.5);
+            identity.incarnations[0].ended.as_mut().unwrap().at_unix_s = first;
+            let signs = seen(&[(2, second, Some(30.25)), (3, first, Some(4.0))]);
+            assert_eq!(wall(&identity, &signs), [124.75, 4.0]);
+            let mut noted = identity.clone();
+            noted.note_signs_of_life(&signs);
+            assert_eq!(wall(&noted, &seen(&[])), [124.75, 4.0]);
+            // One that goes on, and has just begun.
+            let (_, _) = identity.begin_incarnation();
+            identity.incarnations[3].started_unix_s = second;
+            let Wall { all_starts_s, last_start_s } = Wall::of(&identity, &signs, true);
+            assert!((0.0..60.0).contains(&last_start_s), "{last_start_s}");
+            assert!((all_starts_s - last_start_s - 124.75).abs() < 1e-9);
+            let start = &identity.incarnations[3];
+            assert!(silent_s(start, None) < 60.0);
+            assert!(silent_s(start, Some(Sign { at_unix_s: second, wall_s: Some(0.0) })) < 60.0);
+            // Its end is measured, too.
+            let ended = identity.incarnations[0].ended.clone().unwrap();
+            identity.end_incarnation(ended);
+            assert!((0.0..60.0).contains(&Wall::of(&identity, &signs, false).last_start_s));
+        }
+    }
+
+    #[test]
     fn a_sign_of_life_is_the_latest_and_a_checkpoint_takes_none_away() {
         let mut history = crate::training::means::tests::history(5);
         let mut last = history.iter().next_back().unwrap().clone();

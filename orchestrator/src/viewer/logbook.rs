@@ -13,10 +13,12 @@ const LOGS_MOST: usize = 2048;
 /// All logs together are read up to so many bytes; of longer ones the ends.
 const BYTES_MOST: u64 = 4 << 30;
 
+/// A log.
 #[derive(Debug, Clone)]
 pub struct Found {
     /// Its process. What supervises another host is its `agent`.
     pub name: String,
+    /// Its file.
     pub path: PathBuf,
     bytes: u64,
 }
@@ -74,6 +76,7 @@ pub struct Entry {
     /// When: what the line begins with, or the last line before it that has a time. Sorts by time.
     pub at: String,
     pub process: String,
+    /// The whole line.
     pub line: String,
 }
 
@@ -205,6 +208,69 @@ mod tests {
         });
         assert!(all.unwrap());
         lines
+    }
+
+    #[test]
+    fn lines_of_all_processes_and_hosts_come_by_time_and_each_once() {
+        let (temporary, folder) = run(&[
+            (
+                "logs/orchestrator.log",
+                "2026-11-21T02:00:01.000000Z  INFO begin\n2026-11-21T02:00:09.000000Z  INFO end\n",
+            ),
+            ("logs/learner-0.log", "--- start one\n2026-11-21T02:00:03.000000Z  INFO two\na panic\n"),
+            ("logs/notes.txt", "no log\n"),
+            ("hosts/001/logs/orchestrator.log", "2026-11-21T02:00:02.000000Z  INFO joined\n"),
+            ("hosts/001/logs/actor-07.log", "2026-11-21T02:00:04.000000Z  WARN late\n"),
+        ]);
+        let mut book = Logbook::of(folder, vec![]);
+        assert_eq!(
+            lines(&mut book),
+            [
+                "learner-0 one",
+                "orchestrator begin",
+                "agent-1 joined",
+                "learner-0 two",
+                "learner-0 panic",
+                "actor-07 late",
+                "orchestrator end"
+            ]
+        );
+        assert!(lines(&mut book).is_empty());
+        let path = temporary.path().join("logs/learner-0.log");
+        let mut file = std::fs::File::options().append(true).open(path).unwrap();
+        std::io::Write::write_all(&mut file, b"more of the panic\n").unwrap();
+        assert_eq!(lines(&mut book), ["learner-0 panic"]);
+    }
+
+    #[test]
+    fn a_process_is_named_or_its_group() {
+        let line = "2026-11-21T02:00:01.000000Z  INFO x\n";
+        let (_temporary, folder) = run(&[
+            ("logs/orchestrator.log", line),
+            ("logs/actor-01.log", line),
+            ("logs/actor-10.log", line),
+            ("logs/learner-0.log", line),
+        ]);
+        let of = |wanted: &[&str]| {
+            let mut book = Logbook::of(folder.clone(), wanted.iter().map(|&name| name.to_owned()).collect());
+            (lines(&mut book), book.unknown().unwrap().join(","))
+        };
+        assert_eq!(of(&["actor"]), (vec!["actor-01 x".to_owned(), "actor-10 x".to_owned()], String::new()));
+        assert_eq!(of(&["actor-1", "learner-0"]), (vec!["learner-0 x".to_owned()], "actor-1".to_owned()));
+    }
+
+    #[test]
+    fn a_log_that_is_a_link_is_refused_and_the_others_are_read() {
+        let line = "2026-11-21T02:00:01.000000Z  INFO x\n";
+        let (temporary, folder) = run(&[("logs/learner-0.log", line), ("private", "secret\n")]);
+        std::os::unix::fs::symlink(temporary.path().join("private"), folder.log("orchestrator")).unwrap();
+        let (mut book, mut shown) = (Logbook::of(folder, vec![]), Vec::new());
+        let error = book.read(|entry, _| {
+            shown.push(entry.line.clone());
+            Ok(true)
+        });
+        assert!(error.unwrap_err().to_string().contains("the log of orchestrator: it is a link"));
+        assert_eq!(shown, [line.trim_end()]);
     }
 
     /// They were left out in silence.

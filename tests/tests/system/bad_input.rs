@@ -106,6 +106,49 @@ fn what_is_no_ordinary_file_is_not_read() {
     }
 }
 
+/// A run folder of somebody else's can hold anything in the place of its files.
+#[test]
+fn pipes_and_devices_in_a_run_folder_are_not_read() {
+    let workshop = Workshop::new();
+    complete(workshop.up("runs/good", 1, 2, 300)).result();
+    let bad = workshop.run("runs/bad").folder;
+    let commands: [&[&str]; 5] = [
+        &["status", "runs/bad"],
+        &["list"],
+        &["report", "runs/bad", "--out", "page.html"],
+        &["replay", "--check", "runs/bad"],
+        &["resume", "runs/bad"],
+    ];
+    // Commands that need not read the file, or of which it is no run any more.
+    for (victim, unread) in [
+        (bad.identity(), &["list", "replay"][..]),
+        (bad.config(), &["replay", "resume"]),
+        (bad.summary(), &[]),
+        (bad.metrics(), &["replay", "resume"]),
+        (bad.recording(1, 0), &["status", "list", "report", "resume"]),
+    ] {
+        for pipe in [true, false] {
+            let copied =
+                Command::new("cp").args(["-r", "runs/good", "runs/bad"]).current_dir(workshop.path("")).status();
+            assert!(copied.unwrap().success());
+            std::fs::remove_file(&victim).unwrap();
+            if pipe {
+                assert!(Command::new("mkfifo").arg(&victim).status().unwrap().success());
+            } else {
+                std::os::unix::fs::symlink("/dev/zero", &victim).unwrap();
+            }
+            for command in commands {
+                // None waits for ever, and none takes it for what it should be.
+                let printed = complete(workshop.orchestrator(command));
+                let told = printed.stderr + &printed.stdout;
+                let told = told.contains("a link or no plain file");
+                assert!(told || unread.contains(&command[0]), "{} {command:?}", victim.display());
+            }
+            std::fs::remove_dir_all(bad.root()).unwrap();
+        }
+    }
+}
+
 #[test]
 fn a_result_that_cannot_be_written_is_a_failure() {
     let workshop = Workshop::new();
@@ -145,6 +188,37 @@ fn a_terminal_is_given_no_orders_by_a_file() {
     let printed = complete(workshop.orchestrator(&["up", "--preset", "demo", "--config", "loud.toml"]));
     refused(&printed, "unknown key `a\\u{1b}]0;mine\\u{7}\\u{1b}[2J`");
     assert!(!printed.stderr.contains(['\u{1b}', '\u{7}']), "{printed:#?}");
+}
+
+#[test]
+fn a_temporary_folder_with_too_long_a_name() {
+    let workshop = Workshop::new();
+    let long = workshop.path(&"long".repeat(20));
+    std::fs::create_dir(&long).unwrap();
+    let mut command = workshop.up("far", 1, 1, 100);
+    command.env("TMPDIR", &long);
+    refused(&complete(command), "set TMPDIR to a shorter one");
+    assert!(!workshop.path("far").exists(), "nothing is left of a run that never began");
+    let mut doctor = workshop.orchestrator(&["doctor", "--preset", "demo"]);
+    doctor.env("TMPDIR", &long);
+    let Printed { success, stdout, .. } = complete(doctor);
+    assert!(!success && stdout.contains("set TMPDIR to a shorter one"), "{stdout}");
+}
+
+#[test]
+fn a_temporary_folder_that_is_not_there_is_named_before_anything_is_made() {
+    let workshop = Workshop::new();
+    let doctor = ["doctor", "--preset", "demo"];
+    for mut command in
+        [workshop.up("far", 1, 1, 100), workshop.orchestrator(&["clean"]), workshop.orchestrator(&doctor)]
+    {
+        command.env("TMPDIR", workshop.path("gone"));
+        let Printed { success, stdout, stderr, .. } = complete(command);
+        let told = stdout + &stderr;
+        let why = "gone cannot be used: No such file or directory (os error 2). Set TMPDIR to a folder";
+        assert!(!success && told.matches(why).count() == 1, "{told}");
+    }
+    assert!(!workshop.path("far").exists(), "nothing is left of a run that never began");
 }
 
 #[test]

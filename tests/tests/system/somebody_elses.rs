@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use system_tests::{TINY, Viewer, Workshop, complete};
 
 const SECRET: &str = "xyzzy-private-xyzzy";
+/// What reads a run.
 const READERS: [&[&str]; 8] = [
     &["list"],
     &["status", "runs/bad"],
@@ -178,4 +179,31 @@ fn a_run_that_cannot_be_read_is_named_and_the_others_are_shown() {
             assert!(printed.success && (told.contains(is_said) || is_lock), "{} {command:?}: {told}", file.display());
         }
     }
+}
+
+#[test]
+fn one_runs_folder_does_not_hold_up_the_page_of_another() {
+    let workshop = workshop();
+    let bad = copy(&workshop);
+    for file in
+        [bad.metrics(), bad.validation_log(), bad.log("orchestrator"), bad.log("learner-0"), bad.recording(1, 0)]
+    {
+        sparse(&file);
+    }
+    // As long as it may be, without one line that is sound.
+    File::create(bad.metrics()).unwrap().set_len(256 << 20).unwrap();
+    let viewer = Viewer::start(&workshop, &[]);
+    let began = Instant::now();
+    std::thread::scope(|scope| {
+        for _ in 0..16 {
+            scope.spawn(|| viewer.get("/api/runs/bad/curves"));
+        }
+        std::thread::sleep(Duration::from_millis(200));
+        for _ in 0..3 {
+            assert_eq!(viewer.json("/api/runs/good")["card"]["done"], 300);
+            assert_eq!(viewer.json("/api/runs").as_array().map(Vec::len), Some(2));
+        }
+        assert!(began.elapsed() < Duration::from_secs(30), "{:?}", began.elapsed());
+    });
+    assert!(viewer.stop());
 }

@@ -51,6 +51,7 @@ impl Ledger {
         Self { actors: vec![Seen::default(); actors as usize], missed: 0 }
     }
 
+    /// Whether the run has this actor.
     pub fn has(&self, actor: u32) -> bool {
         (actor as usize) < self.actors.len()
     }
@@ -127,6 +128,25 @@ mod tests {
     }
 
     #[test]
+    fn a_rewind_is_recorded_again_and_what_was_on_the_way_is_not() {
+        use Verdict::{News, Repeated, RestorePoint, Stale};
+        let mut ledger = Ledger::new(1);
+        let verdicts = [(1, 0), (1, 1), (1, 2), (2, 1), (1, 3), (2, 2), (2, 2), (2, 3)]
+            .map(|(incarnation, step)| ledger.judge(&header(0, 0, incarnation, step)));
+        assert_eq!(verdicts, [RestorePoint, News, News, RestorePoint, Stale, News, Repeated, News]);
+        assert_eq!(ledger.missed(), 0);
+    }
+
+    #[test]
+    fn what_one_learners_actors_sent_before_a_fall_is_news_also_after_anothers_came_back() {
+        use Verdict::{News, RestorePoint};
+        let mut ledger = Ledger::new(2);
+        let verdicts = [(0, 1, 0), (1, 1, 0), (0, 2, 0), (1, 1, 1), (1, 2, 0), (1, 2, 1)]
+            .map(|(actor, incarnation, step)| ledger.judge(&header(actor, 0, incarnation, step)));
+        assert_eq!(verdicts, [RestorePoint, RestorePoint, RestorePoint, News, RestorePoint, News]);
+    }
+
+    #[test]
     fn numbers_that_cannot_be_do_not_silence_what_comes_after() {
         use Verdict::{Alien, News, RestorePoint};
         let mut ledger = Ledger::new(1);
@@ -137,11 +157,47 @@ mod tests {
     }
 
     #[test]
+    fn what_is_complete_has_come_from_all_under_one_learner() {
+        let mut ledger = Ledger::new(3);
+        let receipt = |learner_incarnation, step| Some(Receipt { learner_incarnation, step });
+        let mut after = |actor, incarnation, step| {
+            ledger.judge(&header(actor, 1, incarnation, step));
+            (ledger.complete(0..2, 1), ledger.complete(2..3, 1), ledger.complete(0..3, 0))
+        };
+        assert_eq!(after(0, 1, 4), (None, None, None));
+        assert_eq!(after(1, 1, 4), (receipt(1, 4), None, None));
+        assert_eq!(after(1, 1, 5), (receipt(1, 4), None, None));
+        assert_eq!(after(2, 1, 9), (receipt(1, 4), receipt(1, 9), None));
+        assert_eq!(after(0, 2, 4), (None, receipt(1, 9), None), "one has gone back, the other not yet");
+        assert_eq!(after(1, 2, 4), (receipt(2, 4), receipt(1, 9), None));
+    }
+
+    #[test]
     fn nobody_can_make_it_index_out_of_bounds() {
         let mut ledger = Ledger::new(2);
         assert_eq!(ledger.judge(&header(2, 0, 1, 0)), Verdict::Alien);
         assert_eq!(ledger.judge(&header(0, 2, 1, 0)), Verdict::Alien);
     }
 
-    proptest! {}
+    proptest! {
+        /// However often samples are repeated and halves interleave, every exchange is news exactly once.
+        #[test]
+        fn every_exchange_is_news_once(order in prop::collection::vec((0u32..3, 0u32..2, 0u64..3), 0..200)) {
+            let mut ledger = Ledger::new(3);
+            let mut next = [[0u64; 2]; 3];
+            let mut news = 0;
+            let mut sent = 0;
+            for (actor, half, back) in order {
+                let position = &mut next[actor as usize][half as usize];
+                // `back` = 0 is the next one, anything else a repetition.
+                let step = position.saturating_sub(back);
+                if step == *position { *position += 1; sent += u64::from(step > 0); }
+                if ledger.judge(&header(actor, half, 1, step)) == Verdict::News { news += 1; }
+            }
+            prop_assert_eq!(news, sent);
+            let begun: u64 = next.as_flattened().iter().map(|&position| u64::from(position > 0)).sum();
+            prop_assert_eq!(ledger.news(0..3), sent + begun, "and has a receipt");
+            prop_assert_eq!(ledger.missed(), 0);
+        }
+    }
 }
