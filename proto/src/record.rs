@@ -3,10 +3,11 @@
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
-/// In place of an action: the environment stands still for one exchange. No step is taken and none is counted.
+/// In place of an action with a name: the environment stands still for one exchange. No step is taken and none is counted.
+/// [`crate::task::Actions::hold`] is that of actions of any kind.
 ///
 /// The learner sends it to the environments that are left over when a stage's frame budget is not a multiple of the number
-/// of environments. No task has so many actions.
+/// of environments. No task has so many named actions.
 pub const HOLD: u8 = 254;
 
 /// Bits of [`RecordHeader::flags`].

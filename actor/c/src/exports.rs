@@ -7,6 +7,9 @@ use std::ffi::{CStr, CString, OsString, c_char, c_int};
 use std::os::unix::ffi::OsStrExt;
 use std::sync::Mutex;
 
+/// Cargo links the library again where this is another one, as it does the programs: `make dist` links for an older glibc.
+const _LINKED_FOR: Option<&str> = option_env!("STILLROOM_LINKED_FOR");
+
 /// The last error, for `stillroom_error`.
 static ERROR: Mutex<Option<CString>> = Mutex::new(None);
 

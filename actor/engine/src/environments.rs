@@ -32,6 +32,8 @@ struct Rules {
     /// Share of the episodes whose frames are recorded.
     recorded: f64,
     restore: Restore,
+    /// Its episodes are scores, which a cut one is not.
+    is_evaluation: bool,
     max_steps: u32,
 }
 
@@ -65,6 +67,7 @@ impl Rules {
             seed: config.seed,
             recorded: if config.recording.enabled { config.recording.depth_share } else { 0.0 },
             restore: spec.restore,
+            is_evaluation: config.evaluation.is_some(),
             max_steps: config.episode.max_steps,
         }
     }
@@ -105,6 +108,9 @@ impl Rules {
         running.hold();
         running.is_lost = false;
         match (self.restore, state.snapshot()) {
+            (Restore::None, _) if state.action_count() > 0 && self.is_evaluation => {
+                Err(EngineError::CutEvaluation { place: running.place() })
+            }
             (Restore::None, _) if state.action_count() > 0 => self.lose(running, simulator, state),
             (_, Some(snapshot)) => self.restore(running, simulator, state, snapshot),
             _ => self.begin(running, simulator, state.episode),
@@ -136,17 +142,14 @@ impl Rules {
         simulator: &mut S,
         state: &EnvironmentState,
     ) -> Result<(), EngineError> {
-        let ended = state.has_ended() || state.action_count() >= self.max_steps;
         self.begin(running, simulator, state.episode)?;
         running.header.step = state.action_count() - 1;
-        running.header.act(running.header.state_hash, ended.then_some(End::Truncated));
-        running.take(state.last_action());
-        running.is_lost = !ended;
-        if ended {
-            self.keep_last_seen(running, simulator)?;
-            let next = running.next_episode().expect("four billion episodes outlast any run");
-            self.begin(running, simulator, next)?;
+        running.is_lost = true;
+        if state.has_ended() || state.action_count() >= self.max_steps {
+            return self.act(running, simulator, state.last_action());
         }
+        running.take(state.last_action());
+        running.header.act(running.header.state_hash, None);
         Ok(())
     }
 

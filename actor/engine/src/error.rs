@@ -33,6 +33,10 @@ pub enum EngineError {
          of the simulator?"
     )]
     EndsEarlier { actions: usize, place: Whereabouts, ended: usize },
+    #[error(
+        "{place} was cut off, and its environment cannot be restored (metadata[\"restore\"] is \"none\"): evaluate again"
+    )]
+    CutEvaluation { place: Whereabouts },
 }
 
 impl EngineError {

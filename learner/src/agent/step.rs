@@ -1,4 +1,4 @@
-//! What an agent is given and gives in one step, and how an action is sampled.
+//! What an agent is given and gives in one step.
 
 use proto::camera::DepthFrame;
 use tch::{Device, Tensor};

@@ -196,6 +196,9 @@ pub fn decode(bytes: &[u8], exchange: u64) -> Result<(BTreeMap<String, Tensor>, 
         Err(_) => Ok(vec![]),
     };
     let states = states.map_err(|cause| wrong(STATES, cause.to_string()))?;
+    if !states.is_empty() && states.len() != columns {
+        return Err(wrong(STATES, format!("is not of {columns} environments")));
+    }
     let mut boundary = Boundary { exchange, environments: vec![], running: vec![] };
     for (column, actions) in split.into_iter().enumerate() {
         let state = EnvironmentState::after(episodes[column], actions, each);

@@ -51,6 +51,8 @@ pub struct Environments {
     signals: Signals,
     layout: &'static Layout,
     actions: &'static Actions,
+    /// In place of an action.
+    hold: Vec<u8>,
     soundness: Check,
     measures: Vec<Measure>,
     states: Vec<EnvironmentState>,
@@ -80,6 +82,7 @@ impl Environments {
             signals,
             layout,
             actions: &task.actions,
+            hold: task.actions.hold(),
             soundness,
             measures,
             states,
@@ -125,7 +128,7 @@ impl Environments {
     pub fn act(&mut self, column: usize, action: &[u8], seen: &[u8]) {
         assert!(!self.in_flight[column], "one action at a time is in flight");
         self.forget_outcome(column);
-        if action == self.actions.hold() {
+        if action == self.hold {
             return;
         }
         assert!(self.actions.has(action), "the agent answers with actions of the task, not {action:?}");
@@ -232,20 +235,21 @@ fn check_action(
     actions: &Actions,
 ) -> Result<(), String> {
     let step = state.action_count() - 1;
-    let action = actions.text(state.last_action());
+    let action = || actions.text(state.last_action());
     if !header.has(flag::ACTED) {
-        return Err(format!("it reports nothing of action {action} of episode {}, step {step}", state.episode));
+        return Err(format!("it reports nothing of action {} of episode {}, step {step}", action(), state.episode));
     }
     let seen = (header.acted_episode, header.acted_step, reported);
     let expected = (state.episode, step, state.last_action());
     if seen != expected {
         return Err(format!(
-            "its last action is that of episode {}, step {}, action {}; sent was episode {}, step {}, action {action}",
+            "its last action is that of episode {}, step {}, action {}; sent was episode {}, step {}, action {}",
             seen.0,
             seen.1,
             actions.text(reported),
             expected.0,
-            expected.1
+            expected.1,
+            action()
         ));
     }
     Ok(())

@@ -10,21 +10,21 @@ use crate::shards::Shards;
 use proto::random::{Key, Purpose};
 use std::ops::Range;
 
-/// Rows of a minibatch that go through the network in one pass: those of some columns.
+/// Rows of a minibatch that go through the network in one pass.
 #[derive(Debug)]
 pub(crate) struct Chunk {
-    /// Which of this learner's shards its columns are of.
+    /// Which of this learner's shards its rows are of.
     pub shard: usize,
     /// Which (step, column) each row is.
     pub packing: Packing,
     /// What the loss compares the network's output with.
     pub experience: Experience,
-    /// What was seen, if nothing bounds the memory of a pass: then it is gathered once, not in every epoch. Otherwise each
-    /// chunk gathers its own anew.
+    /// What was seen, where chunks outlast an epoch and nothing bounds the memory of a pass: then it is gathered once.
+    /// Otherwise each pass gathers its own.
     observations: Option<Observations>,
 }
 
-/// A rollout's columns to be dealt out.
+/// How a rollout is dealt out, by columns or by frames.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Deal {
     pub minibatches: u32,
@@ -119,7 +119,7 @@ impl Chunk {
         let of = |(shard, rows): (usize, Vec<(usize, usize)>)| -> Vec<Self> {
             let width = if rows_each == 0 { rows.len() } else { rows_each };
             let packings = rows.chunks(width).map(|chunk| Packing::of_rows(chunk.to_vec()));
-            packings.map(|packing| Self::new(rollout, targets, shard, (packing, rows.len() <= width))).collect()
+            packings.map(|packing| Self::new(rollout, targets, shard, (packing, false))).collect()
         };
         dealt.flat_map(of).collect()
     }

@@ -4,7 +4,7 @@
 //!
 //! ```text
 //! targets: advantages and returns by GAE              gae.rs
-//! minibatches and their chunks                        minibatch.rs
+//! minibatches and their chunks                        minibatch.rs; of frames, anew in each epoch
 //! for each epoch:
 //!     for each minibatch:
 //!         for each chunk:
@@ -17,8 +17,8 @@
 //! figures, and whether all was finite                 metrics.rs
 //! ```
 //! With one minibatch, as in the reference, an epoch is one step of the optimiser with the gradient of the whole batch;
-//! `ppo.minibatches` makes it several, and `ppo.target_kl` leaves epochs out. Chunks only bound memory (`ppo.environments_per_pass`): their gradients add up
-//! before the step. With `learner.shards` all of it goes by shard ([`crate::shards`]).
+//! `ppo.minibatches` makes it several, and `ppo.target_kl` leaves epochs out. Chunks only bound memory
+//! (`ppo.environments_per_pass`): their gradients add up before the step. With `learner.shards` all of it goes by shard ([`crate::shards`]).
 //!
 //! Shapes in comments: T steps, N environments of this learner, B rows of a chunk, A actions, H width of the belief, W
 //! weights. A minibatch has the frames of all learners.

@@ -186,7 +186,9 @@ fn configuration(run: Config, asked: &EvaluationConfig, args: &EvalArgs, cores: 
     config.learner.progress_deadline_s = args.shown.patience_s(&config);
     // For somebody who watches one actor a kitchen is enough, on any machine.
     let cores = if args.shown.is_watched() { 1 } else { cores };
-    let (actors, environments) = shape(asked, args.actors, args.environments, cores);
+    // A vector of a fixed size has as many as the run's.
+    let of_run = config.environment.is_some().then_some(config.actors.environments_per_actor);
+    let (actors, environments) = shape(asked, args.actors, args.environments.or(of_run), cores);
     config.actors.count = actors;
     config.actors.environments_per_actor = environments;
     config.validate()?;
@@ -272,7 +274,7 @@ fn asked(
             None => "training kitchens",
         }
     );
-    let has_targets = has_targets(run.spec()) && !elsewhere;
+    let has_targets = has_targets(run.spec());
     ensure!(
         has_targets || args.objects.is_none(),
         "--objects: an episode of the task `{}` has no target, and so there are no sets of them",
@@ -410,7 +412,7 @@ mod tests {
     fn what_is_shown_has_one_slow_environment_a_kitchen_on_any_machine() {
         let of = |kitchen: Option<u32>, split: Option<&str>, cores: u32| {
             let kitchen = kitchen.map(|number| KitchenId::new(number).unwrap());
-            let options = super::super::player::options(kitchen, split, 4);
+            let options = super::super::player::options(kitchen, split, 4, true);
             let args =
                 args(&[&["a.safetensors"], &options.iter().map(String::as_str).collect::<Vec<_>>()[..]].concat());
             let run = Config::resolve("demo", None).unwrap();

@@ -8,8 +8,9 @@ use crate::evaluation::subject::find;
 use crate::output::log_line::error_in;
 use crate::run::identity::Identity;
 use crate::run::lifeline::{follow, this_program};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use proto::config::Config;
+use proto::evaluation::has_targets;
 use proto::exit::how;
 use proto::kitchen::KitchenId;
 use rustix::process::{Pid, Signal, getppid, kill_process};
@@ -114,8 +115,8 @@ impl Drop for Orphan {
     }
 }
 
-/// Options of an evaluation that is shown: where it plays, and how fast.
-pub fn options(kitchen: Option<KitchenId>, split: Option<&str>, steps_per_s: u32) -> Vec<String> {
+/// Options of an evaluation that is shown: where it plays, and how fast. `has_targets`: its episodes have targets.
+pub fn options(kitchen: Option<KitchenId>, split: Option<&str>, steps_per_s: u32, has_targets: bool) -> Vec<String> {
     let place = match (kitchen, split) {
         (Some(kitchen), _) if kitchen.is_procedural() => {
             Some(("--kitchens", format!("procedural:{kitchen}..{}", kitchen.number() + 1)))
@@ -125,10 +126,10 @@ pub fn options(kitchen: Option<KitchenId>, split: Option<&str>, steps_per_s: u32
         (None, None) => None,
     };
     let place = place.into_iter().flat_map(|(option, value)| [option.to_owned(), value]);
-    let rest =
-        ["--objects", "all", "--episodes", EPISODES, "--environments", "1", "--record", "all", "--device", "cpu"];
+    let objects = ["--objects", "all"].into_iter().filter(|_| has_targets);
+    let rest = ["--episodes", EPISODES, "--environments", "1", "--record", "all", "--device", "cpu"];
     let speed = ["--steps-per-s".to_owned(), steps_per_s.to_string()];
-    place.chain(speed).chain(rest.map(str::to_owned)).collect()
+    place.chain(speed).chain(objects.chain(rest).map(str::to_owned)).collect()
 }
 
 /// Lets a policy play.
@@ -146,9 +147,16 @@ pub struct Player {
 impl Player {
     /// Checks what is asked. Nothing is started or written yet.
     pub fn of(policy: &Path, scene: &SceneArgs) -> Result<Self> {
-        find(policy)?;
+        let found = find(policy)?;
+        let config = found.config();
+        ensure!(
+            config.environment.is_none(),
+            "{} was trained in an environment that is not built in, which this page cannot show: `orchestrator replay RUN` \
+             makes films of it",
+            policy.display()
+        );
         let policy = std::path::absolute(policy)?;
-        let options = options(scene.kitchen, scene.split.as_deref(), scene.speed);
+        let options = options(scene.kitchen, scene.split.as_deref(), scene.speed, has_targets(config.spec()));
         let name = policy.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let root = wire::temporary_folder().join(format!("{PREFIX}{}", Identity::new()?.id));
         Ok(Self { root, policy, options, name, child: None })

@@ -44,6 +44,14 @@ pub enum Source {
 }
 
 impl Source {
+    /// The configuration that the weights were trained with.
+    pub fn config(&self) -> &Config {
+        match self {
+            Self::Checkpoint(found) => &found.config,
+            Self::File { policy, .. } => &policy.config,
+        }
+    }
+
     /// The checkpoint, where nothing less will do.
     pub fn checkpoint(self) -> Result<Found> {
         match self {
@@ -82,9 +90,13 @@ pub fn network_differences(theirs: &Config, ours: &Config) -> Result<Vec<String>
     if theirs.episode.action_space != ours.episode.action_space {
         differences.push(format!(
             "episode.action_space has {} actions, there {}",
-            ours.policy_actions().len(),
-            theirs.policy_actions().len()
+            ours.action_head().outputs(),
+            theirs.action_head().outputs()
         ));
+    }
+    if theirs.normalize.observations != ours.normalize.observations {
+        let [ours, theirs] = [ours, theirs].map(|config| config.normalize.observations);
+        differences.push(format!("normalize.observations is {ours}, there {theirs}"));
     }
     if theirs.auxiliary.task != ours.auxiliary.task {
         differences.push(format!("auxiliary.task is {:?}, there {:?}", ours.auxiliary.task, theirs.auxiliary.task));

@@ -288,7 +288,6 @@ mod tests {
     use crate::run::create::{check_free, create};
     use crate::run::identity::Identity;
     use crate::run::lock::RunLock;
-
     use proto::config::FromConfig;
     use proto::evaluation::{EvaluationConfig, ObjectSet};
     use proto::kitchen::Split;

@@ -230,11 +230,11 @@ impl Validation {
         let validation = self.config.validation;
         let mut words = vec!["eval".into(), self.manifest(rollout).into_os_string()];
         let elsewhere = self.config.environment.is_some();
-        // Beside the run, and it needs no actor for each of five kitchens.
+        // The preset's number is one for each of five kitchens.
         let actors = if elsewhere { validation.actors.min(self.config.actors.count) } else { validation.actors };
         let (objects, actors) = (validation.objects.name(), actors.to_string());
         words.extend(["--split", "valid", "--actors", &actors].map(OsString::from));
-        if has_targets(self.config.spec()) && !elsewhere {
+        if has_targets(self.config.spec()) {
             words.extend(["--objects", objects].map(OsString::from));
         }
         if validation.episodes > 0 {

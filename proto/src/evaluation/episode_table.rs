@@ -34,7 +34,7 @@ fn has_kitchens(distribution: Distribution) -> bool {
 
 /// Whether an episode of the task has a target, of a category that is novel or seen.
 pub fn has_targets(spec: &Spec) -> bool {
-    spec.channel("target").is_some()
+    spec.is_built_in() && spec.channel("target").is_some()
 }
 
 /// The table of these episodes: the line of names, then a line for each. A number that an episode does not have is an

@@ -50,9 +50,9 @@ pub struct Conditions {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub scenes: Vec<String>,
     pub objects: ObjectSet,
-    /// Episodes of each kitchen and object set at most; 0 = all.
+    /// Episodes of each kitchen and object set at most; 0 = all. Of fixed seeds: so many, 0 = 100.
     pub episodes: u32,
-    /// Fixed or drawn.
+    /// Fixed, drawn, or of fixed seeds.
     #[serde(default)]
     pub distribution: Distribution,
     /// Robots started at most this far from the target, metres; 0 = anywhere in the kitchen, as in fixed episodes.

@@ -1,8 +1,8 @@
 //! The check of a record on arrival.
 //!
 //! Records come from another process through shared memory. One that is faulty, or not ours, can write anything there. A
-//! number that the task does not declare must not be trained on, and not be recorded as a fact. The checks are a few dozen
-//! comparisons for each step, next to an image of 100 kB.
+//! number that the task does not declare must not be trained on, and not be recorded as a fact. Each number but those of
+//! images is compared with its range at each step.
 
 use super::channel::{Channel, Dtype};
 use super::layout::{Field, HEADER_BYTES};

@@ -68,7 +68,10 @@ def _restore(env: gymnasium.Env) -> dict[str, Any]:
     env.reset(seed=0)
     state = env.get_state()  # type: ignore[attr-defined]
     if not isinstance(state, bytes) or not state:
-        raise Refused(f"its get_state() returned {type(state).__name__}, not bytes, or none of them")
+        raise Refused(
+            f"its get_state() returned {type(state).__name__}, not bytes, or none of them; if it is no snapshot, set"
+            ' metadata["restore"] = "replay"'
+        )
     return {"way": way, "bytes": int(env.metadata.get("snapshot_bytes", len(state)))}
 
 
@@ -99,6 +102,8 @@ def _actions(space: spaces.Space) -> dict[str, Any]:
 
 
 def _channel(name: str, space: spaces.Space) -> dict[str, Any]:
+    if space.shape is not None and 0 in space.shape:
+        raise Refused(f"its observation `{name}` has the shape {space.shape}, which holds no number")
     channel: dict[str, Any] = {"name": name, "role": "observation", "doc": f"Observation: {space}."}
     if isinstance(space, spaces.Discrete):
         return channel | {"dtype": "i32", "range": [float(space.start), float(space.start + space.n - 1)]}

@@ -94,5 +94,6 @@ def _copy(observation: Any) -> Any:
 
 def _same(one: Any, other: Any) -> bool:
     if isinstance(one, dict):
-        return all(np.array_equal(value, other[key]) for key, value in one.items())
-    return bool(np.array_equal(one, other))
+        return all(_same(value, other[key]) for key, value in one.items())
+    # The run itself refuses what is not a number.
+    return bool(np.array_equal(one, other, equal_nan=np.issubdtype(np.asarray(one).dtype, np.floating)))

@@ -73,7 +73,9 @@ def write(images: dict[str, Any], name: str, pictures: Sequence[NDArray[np.uint8
         command += ["-s", f"{width}x{height}", "-r", str(fps), "-i", "-", "-c:v", ffmpeg["encoder"], "-vf", even]
         command += ["-pix_fmt", "yuv420p", "-movflags", "+faststart", str(folder / f"{name}.mp4")]
         bytes_of_all = b"".join(picture.tobytes() for picture in [*pictures, *last])
-        subprocess.run(command, input=bytes_of_all, check=True, stdout=subprocess.DEVNULL)
+        done = subprocess.run(command, input=bytes_of_all, capture_output=True, check=False)
+        if done.returncode:
+            raise Refused(f"ffmpeg ended with {done.returncode}: {done.stderr.decode(errors='replace').strip()}")
     return len(pictures)
 
 

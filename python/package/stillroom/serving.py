@@ -42,7 +42,7 @@ def serve(make_env: MakeEnv, *, name: str | None = None) -> NoReturn:
     """
     arguments = _parser().parse_args()
     streams = _stand_apart(arguments.lifeline)
-    _run(arguments, lambda: (make_env, name or make_env.__name__), streams)
+    _run(arguments, lambda: (make_env, name or getattr(make_env, "__name__", "task")), streams)
 
 
 def main(argv: Sequence[str]) -> NoReturn:

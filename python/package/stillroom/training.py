@@ -123,9 +123,14 @@ def train(
         options: further words for `orchestrator up`, such as ["--seed", "7", "--actors", "4"].
         orchestrator: the program.
     """
-    program = shutil.which(orchestrator)
+    # A notebook's interpreter does not activate its environment.
+    program = shutil.which(orchestrator) or shutil.which(Path(sys.executable).with_name(orchestrator))
     if program is None:
-        raise RunError(f"there is no program `{orchestrator}`: install it (make install), or name it: orchestrator=...")
+        raise RunError(
+            f"there is no program `{orchestrator}`: install a wheel that has it, or name it: orchestrator=..."
+        )
+    if isinstance(options, str):
+        raise RunError(f"options is {shown(options)}: give a list of words")
     frames = whole("frames", frames, 2**63 - 1, 1)
     path = Path(run) if run is not None else Path("runs") / time.strftime("%Y%m%d-%H%M%S-train")
     if path.exists():
@@ -133,9 +138,9 @@ def train(
     env = make_env if isinstance(make_env, str) else _place(make_env, path)
     command = [program, "up", "--run", str(path), "--frames", str(frames), "--env", env, "--python", sys.executable]
     if env_kwargs:
-        command += ["--env-kwargs", json.dumps(dict(env_kwargs))]
+        command += ["--env-kwargs", _json("env_kwargs", dict(env_kwargs))]
     for name, value in (settings or {}).items():
-        command += ["--set", f"{name}={json.dumps(value)}"]
+        command += ["--set", f"{name}={_json(name, value)}"]
     # A file in memory: the run's process goes on writing when this one is gone.
     said = os.memfd_create("orchestrator up")
     process = subprocess.Popen([*command, *options], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said)
@@ -146,6 +151,13 @@ def train(
             raise RunError(f"`orchestrator up` has ended without a run in {path}")
         time.sleep(LOOKS_EVERY_S)
     return training
+
+
+def _json(name: str, value: Any) -> str:
+    try:
+        return json.dumps(value)
+    except (TypeError, ValueError) as error:
+        raise RunError(f"{name}: {error}") from error
 
 
 def _reason(text: str) -> str:
@@ -182,5 +194,11 @@ def _written(make_env: Callable[..., Any], name: str, run: Path) -> str:
         raise RunError(f"make_env uses `{word}` of the notebook, which actors do not have: import it within make_env")
     file = run.with_name(re.sub(r"\W", "_", run.name) + "_env.py").absolute()
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(textwrap.dedent(inspect.getsource(make_env)))
+    try:
+        text = textwrap.dedent(inspect.getsource(make_env))
+    except OSError as error:
+        raise RunError(f"the source of make_env is not to be had: {error}. Put it into a file") from error
+    if file.exists() and file.read_text() != text:
+        raise RunError(f"{file} is there already, with something else: name another run")
+    file.write_text(text)
     return f"{file}:{name}"

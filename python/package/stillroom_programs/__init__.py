@@ -17,7 +17,15 @@ _HERE = Path(__file__).resolve().parent
 def _become(name: str) -> NoReturn:
     program = _HERE / name
     if not program.exists():
-        sys.exit(f"{name}: this wheel has no programs: `make dist` makes one that has, and `make build` compiles them")
+        # A wheel of `make python`: another installation's program may be there.
+        here = str(Path(sys.argv[0]).absolute().parent)
+        folders = [folder for folder in os.environ.get("PATH", "").split(os.pathsep) if folder != here]
+        other = shutil.which(name, path=os.pathsep.join(folders))
+        if other is None:
+            sys.exit(
+                f"{name}: this wheel has no programs: `make dist` makes one that has, `make install` compiles them"
+            )
+        os.execv(other, [other, *sys.argv[1:]])
     beside = (_HERE.parent / "torch/lib/libtorch_cpu.so").exists()
     # A torch of another folder: the system's in a virtual environment that shows it, for one.
     elsewhere = None if beside or os.environ.get("LIBTORCH") else find_spec("torch")

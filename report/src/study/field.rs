@@ -36,7 +36,7 @@ pub struct Field {
     pub split: Split,
     /// Targets: novel or seen, or that there are none.
     pub objects: ObjectSet,
-    /// Fixed or drawn.
+    /// Fixed, drawn, or of fixed seeds.
     pub source: Source,
     /// Of the best checkpoint by the run's own validation instead of the newest one.
     pub best: bool,

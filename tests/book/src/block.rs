@@ -91,7 +91,9 @@ impl Block {
         for line in joined.lines() {
             let words = words(line);
             for command in words.split(|word| ["|", "&&", "||", ";", "&", "--", ">"].contains(&word.as_str())) {
-                let at = command.iter().position(|word| ["orchestrator", "actor", "learner"].contains(&name_of(word)));
+                let at = command
+                    .iter()
+                    .position(|word| ["stillroom", "orchestrator", "actor", "learner"].contains(&name_of(word)));
                 // The name of an image or a folder is no call.
                 let Some(at) = at.filter(|&at| at == 0 || command[at - 1].contains('=') || command[at - 1] == "$(")
                 else {

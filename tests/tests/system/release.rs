@@ -90,13 +90,15 @@ fn a_file_that_needs_a_newer_glibc_is_not_packed() {
     let symbols = |glibc: &str| python("symbols.py", &["--glibc", glibc, &name], &workshop.path("."));
     assert!(symbols("2.34").success && !symbols("2.33").success);
 
-    // As a program, and as the module in a wheel.
+    // As a program, as the library for other languages, and as the module in a wheel.
     let programs = workshop.path("programs");
     std::fs::create_dir(&programs).expect("a folder");
     for program in ["orchestrator", "learner"] {
         std::os::unix::fs::symlink(binary(program), programs.join(program)).expect("a link");
     }
-    std::fs::copy(&newer, programs.join("actor")).expect("a copy");
+    for program in ["actor", "libstillroom_actor.so"] {
+        std::fs::copy(&newer, programs.join(program)).expect("a copy");
+    }
     let wheels = workshop.path("wheels");
     std::fs::create_dir(&wheels).expect("a folder");
     let wheel = wheels.join(format!("stillroom-{}-cp310-abi3-manylinux_2_28_x86_64.whl", env!("CARGO_PKG_VERSION")));
@@ -111,7 +113,8 @@ fn a_file_that_needs_a_newer_glibc_is_not_packed() {
     let arguments = ["--programs", &folders[0], "--wheels", &folders[1], "--out", &folders[2], "--glibc", "2.28"];
     let printed = python("pack.py", &arguments, &workshop.path("."));
     assert!(!printed.success);
-    for file in [format!("stillroom-{}/actor", env!("CARGO_PKG_VERSION")), "_x86_64/newer.so".to_owned()] {
+    let of_library = "_x86_64/stillroom/c/libstillroom_actor.so".to_owned();
+    for file in [format!("stillroom-{}/actor", env!("CARGO_PKG_VERSION")), "_x86_64/newer.so".to_owned(), of_library] {
         let finding = format!("{file} needs GLIBC_2.34 of libc.so.6, newer than GLIBC_2.28: planted");
         assert!(printed.stderr.contains(&finding), "{finding}: {}", printed.stderr);
     }

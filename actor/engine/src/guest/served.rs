@@ -196,7 +196,7 @@ impl<G: Guest> Simulator for Served<G> {
 
     fn act_together(&mut self, first: usize, actions: &[u8]) -> Result<(), Failure> {
         let mut each = actions.chunks_exact(self.hold.len());
-        let acting = each.position(|action| action != self.hold).unwrap_or_default();
+        let Some(acting) = each.position(|action| action != self.hold) else { return Ok(()) };
         let place = self.environments[first + acting].place();
         self.enter(place);
         self.guest.step_together(first, actions).map_err(|problem| Failure { place, problem })
