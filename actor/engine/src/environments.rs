@@ -113,6 +113,12 @@ impl Rules {
             }
             (Restore::None, _) if state.action_count() > 0 => self.lose(running, simulator, state),
             (_, Some(snapshot)) => self.restore(running, simulator, state, snapshot),
+            (Restore::Snapshot { .. }, None) => {
+                // Whether a reset undoes what came before it, only the environment decides.
+                let places = [(running.header.episode, running.header.step), (state.episode, state.action_count())];
+                let stands = places == [(0, 0); 2];
+                stands.then_some(()).ok_or_else(|| EngineError::NoSnapshot { place: running.place() })
+            }
             _ => self.begin(running, simulator, state.episode),
         }
     }

@@ -37,6 +37,8 @@ pub enum EngineError {
         "{place} was cut off, and its environment cannot be restored (metadata[\"restore\"] is \"none\"): evaluate again"
     )]
     CutEvaluation { place: Whereabouts },
+    #[error("{place} cannot be put back to where it began, of which there is no snapshot: a new process begins there")]
+    NoSnapshot { place: Whereabouts },
 }
 
 impl EngineError {

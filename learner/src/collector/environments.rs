@@ -112,8 +112,16 @@ impl Environments {
     }
 
     /// Nobody needs a column's last outcome again: where it ended an episode, the next one begins. Until then the state
-    /// holds all of the old one: an actor that has to send that outcome again can.
+    /// holds all of the old one: an actor that has to send that outcome again can. A snapshot is kept until there is a
+    /// newer one: without it nothing leads to the next episode's start.
     pub(crate) fn forget_outcome(&mut self, column: usize) {
+        if self.layout.snapshot.is_empty() {
+            self.begin_next(column);
+        }
+    }
+
+    /// Where the last outcome ended an episode, the next one begins.
+    fn begin_next(&mut self, column: usize) {
         let state = &mut self.states[column];
         if state.has_ended() {
             *state = EnvironmentState::start_of(state.episode + 1);
@@ -127,10 +135,11 @@ impl Environments {
     /// If the bytes are neither an action nor HOLD, or the last action's outcome has not been taken in.
     pub fn act(&mut self, column: usize, action: &[u8], seen: &[u8]) {
         assert!(!self.in_flight[column], "one action at a time is in flight");
-        self.forget_outcome(column);
         if action == self.hold {
+            self.forget_outcome(column);
             return;
         }
+        self.begin_next(column);
         assert!(self.actions.has(action), "the agent answers with actions of the task, not {action:?}");
         self.states[column].push(action);
         let snapshot = self.layout.snapshot_in(seen);
@@ -158,12 +167,13 @@ impl Environments {
         }
         header.check().map_err(|cause| mismatch(cause.to_string()))?;
         let state = &self.states[column];
-        let mut expected = (state.episode, state.action_count());
+        let next = (state.episode + 1, 0);
+        let mut expected = if state.has_ended() { next } else { (state.episode, state.action_count()) };
         if self.in_flight[column] {
             let reported = &record[self.layout.action.range()];
             check_action(state, header, reported, self.actions).map_err(&mismatch)?;
             if header.end().is_some() {
-                expected = (state.episode + 1, 0);
+                expected = next;
             } else if state.action_count() >= self.max_episode_steps {
                 return Err(mismatch(format!(
                     "episode {} goes on after {} steps; the limit is {}",

@@ -199,6 +199,12 @@ fn an_environment_is_restored_as_it_declares() {
         let killed = place.disturbed(&format!("{name}-killed"), place.of_numbers(&format!("{name}-killed"), &env, &[]));
         assert!(!killed.deaths().is_empty(), "{killed:#?}");
         assert_eq!(killed.result(), expected, "{name}");
+        // A learner without a checkpoint begins again, and its actors, which have gone on, too.
+        let run = format!("{name}-anew");
+        let more = ["--set", "checkpoint.interval_s=1000.0"];
+        let anew = place.disturbed(&run, place.of_numbers(&run, &env, &more));
+        assert!(!anew.deaths().is_empty(), "{anew:#?}");
+        assert_eq!(anew.result(), expected, "{run}");
         let status = place.orchestrator(&["status", name]).stdout;
         assert!(status.contains("restore snapshot: "), "{status}");
     }
