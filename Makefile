@@ -82,7 +82,7 @@ build: setup
 
 # A shared library for simulators in other languages. Of the workspace, so that nothing is compiled twice.
 library: build
-	cargo build --release --locked -p stillroom_actor
+	cargo build --release --locked --workspace --lib
 
 PREFIX := $(HOME)/.local
 install: library
@@ -158,7 +158,7 @@ dist: build
 
 # The runs with environments of Python need the programs, too.
 test-python: library
-	@python=$$(PYTHON='$(PYTHON)' python/setup) && (cd python && "$$python" -m pytest -q -rs $(ARGS)) && \
+	@python=$$(LIBRARY=target/release/libstillroom_actor.so PYTHON='$(PYTHON)' python/setup) && (cd python && "$$python" -m pytest -q -rs $(ARGS)) && \
 		STILLROOM_TEST_PYTHON="$$python" cargo test --release --locked --workspace --test system environments:: -- --ignored
 
 bench-python:
