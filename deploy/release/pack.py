@@ -53,7 +53,7 @@ def run(*command):
     return done.stdout
 
 
-def stage(programs, folder, glibc):
+def stage(programs, folder):
     """Everything of the archive, in `folder`."""
     folder.mkdir()
     for name in wheel.PROGRAMS:
@@ -159,7 +159,7 @@ def pack(programs, wheels, out, glibc, text):
     made = sorted(wheels.glob(f"{name}-*.whl")) if wheels else []
     with tempfile.TemporaryDirectory(dir=out) as work:
         folder = Path(work) / name
-        stage(programs, folder, glibc)
+        stage(programs, folder)
         third_party = parts.licences(data)
         (folder / "THIRD-PARTY.txt").write_text(third_party)
         whole = [complete(path, programs, third_party, work) for path in made]

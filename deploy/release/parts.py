@@ -15,8 +15,8 @@ import uuid
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-# The programs, and the module of the Python package.
-PROGRAMS = ["orchestrator", "actor", "learner", "python"]
+# The programs, the library for simulators in other languages, and the module of the Python package.
+PROGRAMS = ["orchestrator", "actor", "learner", "stillroom_actor", "python"]
 LICENCE = re.compile(r"(LICEN[CS]E|COPYING|COPYRIGHT|NOTICE|UNLICENSE|OFL)", re.IGNORECASE)
 
 

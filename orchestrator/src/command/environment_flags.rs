@@ -52,7 +52,7 @@ impl EnvironmentFlags {
             ensure!(
                 size == given,
                 "the environment makes vectors of a size that an actor of {given} environments cannot have: leave out \
-                 --envs-per-actor, or say --envs-per-actor {size}"
+                 --envs-per-actor and actors.environments_per_actor, or say {size}"
             );
         }
         let more = match &self.env_declaration {
