@@ -1,6 +1,6 @@
 //! An action, drawn on the host from what the policy gives.
 
-use crate::network::HALF_LN_TAU;
+use crate::network::{FORBIDDEN_LOGIT, HALF_LN_TAU};
 use proto::task::{ActionHead, PolicyAction};
 
 /// What the policy chose for a row.
@@ -57,6 +57,13 @@ fn draw(row: &[f32], noise: &[f32]) -> (PolicyAction, f32) {
         numbers.push(number);
     }
     (PolicyAction::Numbers(numbers), log_prob as f32)
+}
+
+/// Puts the logit of what is never chosen where a mask forbids an option; of a task without masks it is empty.
+pub(super) fn forbid(mask: &[bool], logits: &mut [f32]) {
+    for (logit, _) in logits.iter_mut().zip(mask).filter(|(_, allowed)| !**allowed) {
+        *logit = FORBIDDEN_LOGIT as f32;
+    }
 }
 
 /// Logits of each choice become log-probabilities.
