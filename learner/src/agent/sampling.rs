@@ -122,5 +122,12 @@ mod tests {
         head.write(&action, &mut bytes);
         assert_eq!(bytes, [1i32, 0].map(i32::to_ne_bytes).concat());
         assert_eq!(ActionHead::Discrete(vec![3, 7]).choices(), [2]);
+
+        // What is forbidden has no part in a choice, whatever its logit and noise.
+        let mut row = [9.0, 2.0, 0.0, 9.0, 0.0];
+        forbid(&[false, true, true, false, true], &mut row);
+        normalize(&head, &mut row);
+        let (action, log_prob) = sample(&head, &row, &[50.0, 0.0, 0.0, 50.0, 1.0]);
+        assert_eq!((action, log_prob), (PolicyAction::Options(vec![1, 2]), 0.5f32.ln()));
     }
 }

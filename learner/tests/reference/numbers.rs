@@ -2,7 +2,7 @@
 //! balanced.
 
 use crate::shared::{assert_close, choice, doubles, fixture, noise_tensor, weight_values};
-use crate::world::{World, numbers_config, weights_of};
+use crate::world::{World, mask, masked_config, numbers_config, weights_of};
 use learner::agent::{Agent, StepInput};
 use learner::collector::Noise;
 use learner::network::{ActorCriticOutput, to_vec};
@@ -271,6 +271,38 @@ fn the_same_calls_give_the_same_bits_also_through_a_saved_state() {
             second.rollout_tensors()
         };
         assert_eq!(dumped["rollout.numbers"].size(), [6, 4, 9], "{memory:?}");
+    }
+}
+
+/// Nothing that is forbidden is chosen, by chance or without noise, and the update begins with the policy that acted.
+#[test]
+fn a_policy_with_masks_is_the_same_in_acting_and_in_the_update() {
+    for (memory, shards) in [(Memory::None, 0), (Memory::Gru, 4)] {
+        let mut config = masked_config(memory);
+        (config.ppo.epochs, config.ppo.minibatches) = (1, 1);
+        (config.actors.count, config.actors.environments_per_actor, config.learner.shards) = (4, 1, shards);
+        let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+        let mut world = World::new(&config);
+        let outputs = world.collect(&mut agent, 0, 4).expect("finite");
+        let (mut forbidden, columns) = (0, [0, 1, 2, 3]);
+        for (t, output) in outputs.iter().enumerate() {
+            for (n, &action) in output.actions.iter().enumerate() {
+                let mask = mask(t, n, 3);
+                assert!(mask[usize::from(action)], "{mask:?} {action}");
+                forbidden += mask.iter().filter(|allowed| !**allowed).count();
+            }
+        }
+        assert!(forbidden > 6, "{forbidden}");
+        let kept = doubles(&agent.rollout_tensors()["rollout.mask"].to_kind(Kind::Double));
+        assert_eq!(kept.iter().filter(|allowed| **allowed == 0.0).count(), forbidden);
+        let figures = agent.update(0.0, 0).expect("finite");
+        assert!(figures[metric::APPROXIMATE_KL].abs() < 1e-6, "{figures:?}");
+        for now in 7..20 {
+            let chosen = world.see(&mut agent, now, &columns, |agent, input| {
+                agent.act(&StepInput { gumbel: &[0.0; 12], ..*input }).expect("finite").actions
+            });
+            assert!(columns.iter().zip(chosen).all(|(&n, action)| mask(now, n, 3)[usize::from(action)]));
+        }
     }
 }
 

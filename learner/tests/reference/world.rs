@@ -62,6 +62,14 @@ pub fn numbers_config(memory: Memory) -> Config {
     config
 }
 
+/// The same with a mask.
+pub fn masked_config(memory: Memory) -> Config {
+    let mask = "[[channels]]\nname = \"action_mask\"\nrole = \"mask\"\ndtype = \"u8\"\nshape = [3]\ndoc = \"\"\n";
+    let text = include_str!("../support/numbers.toml").replacen("\"numbers\"", "\"masked_numbers\"", 1);
+    Spec::declare(&(text + mask)).expect("a sound task");
+    Config { task: "masked_numbers".to_owned(), ..numbers_config(memory) }
+}
+
 impl World {
     pub fn new(config: &Config) -> Self {
         Self::of_learner(config, 0..config.environments())

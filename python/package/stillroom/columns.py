@@ -19,7 +19,7 @@ from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from stillroom.description import Refused
-from stillroom.masks import MASK, chosen, mask_of, sample
+from stillroom.masks import MASK, chosen, sample
 
 # The share of steps in which a column beside the one that is looked at acts.
 ACTS = 0.95
@@ -198,7 +198,7 @@ class Among:
         """Begins an episode in each column, in this one that of the seed."""
         for index, other in enumerate(self._others):
             _, info = other.reset(seed=int(self._random.integers(1 << 31)))
-            self._masks[index] = mask_of(info)
+            self._masks[index] = info.get(MASK)
         return self.column.reset(seed=seed)
 
     def step(self, action: Any) -> tuple[Any, Any, Any, Any, Any]:
@@ -212,7 +212,7 @@ class Among:
                 _, info = other.reset(seed=other.seed)
             elif taken is None:
                 continue
-            self._masks[index] = mask_of(info)
+            self._masks[index] = info.get(MASK)
         return self.column.step(action)
 
 

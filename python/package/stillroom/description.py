@@ -10,8 +10,6 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from stillroom.masks import MASK, counts, mask_of
-
 F32_MOST = float(np.finfo(np.float32).max)
 
 # What a record holds for numbers of NumPy's types.
@@ -50,22 +48,6 @@ def describe(env: gymnasium.Env, name: str) -> Described:
     actions = _actions(env.action_space)
     description = {"name": name, "actions": actions, "channels": channels, "restore": _restore(env)}
     return Described(description, [(channel, key) for channel, key, _ in found])
-
-
-def add_mask(described: Described, env: gymnasium.Env) -> None:
-    """Declares the mask that is in the `info` of an episode's start, if one is."""
-    _, info = env.reset(seed=0)
-    mask, options = mask_of(info), sum(counts(env.action_space))
-    if mask is None or options == 0:
-        return
-    if np.shape(mask) != (options,):
-        raise Refused(
-            f'its info["{MASK}"] has the shape {np.shape(mask)}, not ({options},): one number for each option, of several'
-            " choices side by side"
-        )
-    doc = "Whether each option may be chosen."
-    channel = {"name": MASK, "role": "mask", "dtype": "u8", "shape": [options], "doc": doc}
-    described.description["channels"].append(channel)
 
 
 def way_of(env: gymnasium.Env) -> str:

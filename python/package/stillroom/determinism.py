@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 
 from stillroom.description import Refused, way_of
-from stillroom.masks import MASK, mask_of, sample
+from stillroom.masks import MASK, sample
 
 # Of the episode that is played twice, and of another one between.
 STEPS = 40
@@ -91,7 +91,7 @@ def _step(env: gymnasium.Env, action: Any) -> dict[str, Any]:
 
 
 def _seen(observation: Any, info: Any) -> dict[str, Any]:
-    mask = mask_of(info)
+    mask = info.get(MASK)
     return {"observation": _copy(observation)} | ({} if mask is None else {MASK: np.array(mask)})
 
 

@@ -24,9 +24,10 @@ import gymnasium
 
 from stillroom._stillroom import Actor, Replay, hold_lifeline
 from stillroom.columns import Among, Vector, check_sizes, halves, takes_size
-from stillroom.description import Refused, add_mask, describe
+from stillroom.description import Refused, describe
 from stillroom.determinism import prove
 from stillroom.film import Camera, write
+from stillroom.masks import add_mask
 from stillroom.pools import PoolEnv
 
 MakeEnv = Callable[..., gymnasium.Env | gymnasium.vector.VectorEnv]

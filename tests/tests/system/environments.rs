@@ -352,8 +352,12 @@ fn an_environment_that_cannot_take_part_is_refused_before_a_run_begins() {
         let said = refused(&["--python", python, "--env", env]);
         assert!(said.contains(expected), "{env}: {said}");
     }
-    let said = refused(&["--python", python, "--env", &source("faulty.py:random_env")]);
-    assert!(said.contains("it does not repeat itself"), "{said}");
+    for (env, expected) in
+        [("faulty.py:random_env", "it does not repeat itself"), ("actions.py:stuck", "its action_mask allows no option")]
+    {
+        let said = refused(&["--python", python, "--env", &source(env)]);
+        assert!(said.contains(expected), "{said}");
+    }
     let said = refused(&["--python", "/usr/bin/env", "--env", "gymnasium:CartPole-v1"]);
     assert!(said.lines().count() < 4, "{said}");
     let said = refused(&["--python", python, "--env", "gymnasium:CartPole-v1", "--env-kwargs", "[1"]);
