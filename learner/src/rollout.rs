@@ -260,7 +260,8 @@ impl Rollout {
         // One choice needs no dimension of its own.
         let is_alone = actions.kind() == Kind::Int64 && actions.size()[2] == 1;
         let actions = if is_alone { actions.squeeze_dim(2) } else { actions };
-        let masks = masks_of(steps.iter(), Device::Cpu).map(|masks| ("mask", masks.view([-1, columns as i64, masks.size()[1]])));
+        let masks = masks_of(steps.iter(), Device::Cpu)
+            .map(|masks| ("mask", masks.view([-1, columns as i64, masks.size()[1]])));
         let mut tensors = BTreeMap::from([
             ("frames", frames.view([(steps.len() / columns) as i64, columns as i64, side, side])),
             // What stands beside a frame is called the goal.

@@ -113,8 +113,9 @@ fn play(environments: &mut Environments, seed: u32, actions: usize, spec: &Spec)
         let record = Line::bytes(&lines);
         seen.push(observed.iter().flat_map(|field| &record[field.range()]).copied().collect());
         let first = step * 7 + step / 3 + seed as usize;
-        let allows =
-            |&action: &usize| spec.mask().is_none_or(|mask| spec.actions.allows(&record[mask.range()], &[action as u8]));
+        let allows = |&action: &usize| {
+            spec.mask().is_none_or(|mask| spec.actions.allows(&record[mask.range()], &[action as u8]))
+        };
         let Some(action) = (0..actions).map(|more| (first + more) % actions).find(allows) else {
             return Err(ServeError::Refused("its mask allows no action: one at least can always be taken".to_owned()));
         };

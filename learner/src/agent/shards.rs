@@ -102,7 +102,10 @@ mod tests {
         assert_eq!(parts.iter().map(|part| part.columns).collect::<Vec<_>>(), [&[1][..], &[4, 5]]);
         assert_eq!(parts.iter().map(|part| part.previous_action).collect::<Vec<_>>(), [&[1][..], &[4, 5]]);
         assert_eq!(parts.iter().map(|part| part.episode_start).collect::<Vec<_>>(), [&[true][..], &[false, true]]);
-        assert_eq!(parts.iter().map(|part| part.masks).collect::<Vec<_>>(), [&[true, false][..], &[false, true, true, true]]);
+        assert_eq!(
+            parts.iter().map(|part| part.masks).collect::<Vec<_>>(),
+            [&[true, false][..], &[false, true, true, true]]
+        );
         assert_eq!(parts.iter().map(|part| part.gumbel).collect::<Vec<_>>(), [&[0.0, 1.0][..], &[2.0, 3.0, 4.0, 5.0]]);
         assert_eq!(
             parts.iter().map(|part| (part.frames.len(), part.numbers)).collect::<Vec<_>>(),

@@ -112,7 +112,14 @@ fn a_probe_finds_what_cleanrl_computes() {
         let agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
         let value = |(name, weight): (String, Tensor)| (name.clone(), weight_values(&name, &weight.size()));
         let weights: Vec<(String, Tensor)> = weights_of(&agent).into_iter().map(value).collect();
-        compare(case, task, &weights, &batch(choices, case == "normalized", case.starts_with("masked")), &settings, &expected);
+        compare(
+            case,
+            task,
+            &weights,
+            &batch(choices, case == "normalized", case.starts_with("masked")),
+            &settings,
+            &expected,
+        );
     }
 }
 

@@ -352,9 +352,10 @@ fn an_environment_that_cannot_take_part_is_refused_before_a_run_begins() {
         let said = refused(&["--python", python, "--env", env]);
         assert!(said.contains(expected), "{env}: {said}");
     }
-    for (env, expected) in
-        [("faulty.py:random_env", "it does not repeat itself"), ("actions.py:stuck", "its action_mask allows no option")]
-    {
+    for (env, expected) in [
+        ("faulty.py:random_env", "it does not repeat itself"),
+        ("actions.py:stuck", "its action_mask allows no option"),
+    ] {
         let said = refused(&["--python", python, "--env", &source(env)]);
         assert!(said.contains(expected), "{said}");
     }
