@@ -37,7 +37,7 @@ enum stillroom_role {
     STILLROOM_OBSERVATION = 0, /* what the policy is given */
     STILLROOM_PART = 1,        /* part of rewards or a cost, of the last action: one STILLROOM_F32 */
     STILLROOM_OUTCOME = 2,     /* what else the last action led to */
-    STILLROOM_MASK = 3         /* of each action 1 if it may be taken now, else 0: STILLROOM_U8, as many as there are actions */
+    STILLROOM_MASK = 3         /* 1 for each action that may be taken now, 0 for others: STILLROOM_U8 [actions] */
 };
 
 /* A named array of numbers that every step fills in. */
@@ -47,7 +47,7 @@ typedef struct stillroom_channel {
     uint32_t dtype;        /* enum stillroom_dtype */
     uint32_t dimensions;   /* 0: one number; at most 8 */
     const uint32_t *shape; /* a size for each dimension; may be NULL without dimensions */
-    double least, most;    /* all numbers lie between; a mask, or an image of STILLROOM_U8 or STILLROOM_U16, needs none */
+    double least, most;    /* all numbers lie between; a mask, and an image of STILLROOM_U8 or STILLROOM_U16, need none */
 } stillroom_channel;
 
 /* What an action led to. */

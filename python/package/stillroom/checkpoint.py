@@ -53,8 +53,8 @@ class Checkpoint:
     empty for a file of weights alone."""
 
     actions: dict[str, Any] = field(default_factory=dict)
-    """The task's actions, as it declares them: their `kind`, and `names`, `counts` or `bounds`; `masked`, if not all can
-    always be chosen. Empty for a file of weights alone."""
+    """The task's actions, as it declares them: their `kind`, and `names`, `counts` or `bounds`; `masked`, if not all
+    can always be chosen. Empty for a file of weights alone."""
 
     @property
     def frames(self) -> int | None:

@@ -83,7 +83,7 @@ class Vector:
         return last, rewards[index], terminated[index], truncated[index], Info(info, index)
 
     def _step(self, actions: Sequence[Any]) -> list[Column]:
-        """Steps by an action for each column, None where it does not act; returns the columns whose episodes have ended."""
+        """Steps by an action for each column, None where it does not act; returns those whose episodes have ended."""
         pairs = zip(actions, self.columns, strict=True)
         taken = [self._idle(column) if action is None else action for action, column in pairs]
         self._stepped = self._env.step(np.array(taken, self._env.action_space.dtype))

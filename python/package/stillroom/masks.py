@@ -24,8 +24,8 @@ def add_mask(described: Described, env: gymnasium.Env) -> None:
         return
     if np.shape(mask) != (options,):
         raise Refused(
-            f'its info["{MASK}"] has the shape {np.shape(mask)}, not ({options},): one number for each option, of several'
-            " choices side by side"
+            f'its info["{MASK}"] has the shape {np.shape(mask)}, not ({options},): one number for each option,'
+            " of several choices side by side"
         )
     doc = "Whether each option may be chosen."
     channel = {"name": MASK, "role": "mask", "dtype": "u8", "shape": [options], "doc": doc}

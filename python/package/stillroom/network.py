@@ -201,8 +201,8 @@ class Network(nn.Module):
         bounds: list[list[float]] | None = None,
         masked: bool = False,
     ) -> Network:
-        """The network that weights belong to: names and shapes give all but `goal`, `observation_clip`, `masked` and the
-        actions' form. Heads of auxiliary tasks are left out."""
+        """The network that weights belong to: names and shapes give all but `goal`, `observation_clip`, `masked` and
+        the actions' form. Heads of auxiliary tasks are left out."""
 
         def widths(path: str) -> list[int]:
             """Outputs of a Sequential's linear layers."""
