@@ -16,6 +16,7 @@ pub(crate) fn named(task: &Spec, name: &str) -> Field {
 pub(crate) struct Inputs {
     previous_action: Field,
     observations: proto::task::Inputs,
+    mask: Option<Field>,
     /// What was seen last of a truncated episode; none in a task with images.
     last: Option<proto::task::Inputs>,
 }
@@ -25,7 +26,7 @@ impl Inputs {
     pub fn of(task: &Spec) -> Self {
         let observations = inputs(task);
         let last = observations.last(task.layout());
-        Self { previous_action: task.layout().previous_action, observations, last }
+        Self { previous_action: task.layout().previous_action, observations, mask: task.mask(), last }
     }
 
     /// How many numbers a record has for the policy.
@@ -36,6 +37,12 @@ impl Inputs {
     /// Appends a record's numbers.
     pub fn read(&self, record: &[u8], numbers: &mut Vec<f32>) {
         self.observations.read(record, numbers);
+    }
+
+    /// Appends which options may be chosen; nothing in a task without masks.
+    pub fn read_mask(&self, record: &[u8], mask: &mut Vec<bool>) {
+        let numbers = self.mask.map_or(&[][..], |field| &record[field.range()]);
+        mask.extend(numbers.iter().map(|&number| number == 1));
     }
 
     /// The numbers that were seen last of the episode that the last action truncated, if it did and they are there.

@@ -19,6 +19,8 @@ pub struct Step {
     pub numbers: Vec<f32>,
     /// Row of the action embedding for the previous action.
     pub previous_action: i64,
+    /// Whether each option may be chosen; empty in a task without masks.
+    pub mask: Vec<bool>,
     /// The belief was zeroed before this observation.
     pub episode_start: bool,
     /// The action taken; none in a step that was never stored.
@@ -226,6 +228,11 @@ impl Rollout {
         actions_of(packing.rows.iter().map(|&(t, n)| self.step(t, n)), self.frames.device())
     }
 
+    /// Which options could be chosen, in the order of a packing: see [`masks_of`].
+    pub fn masks(&self, packing: &Packing) -> Option<Tensor> {
+        masks_of(packing.rows.iter().map(|&(t, n)| self.step(t, n)), self.frames.device())
+    }
+
     /// One number a row, in the order of a packing, on the device.
     pub fn gather<T: tch::kind::Element>(&self, packing: &Packing, number: impl Fn(&Step) -> T) -> Tensor {
         let values: Vec<T> = packing.rows.iter().map(|&(t, n)| number(self.step(t, n))).collect();
@@ -253,7 +260,9 @@ impl Rollout {
         // One choice needs no dimension of its own.
         let is_alone = actions.kind() == Kind::Int64 && actions.size()[2] == 1;
         let actions = if is_alone { actions.squeeze_dim(2) } else { actions };
-        BTreeMap::from([
+        let masks = masks_of(steps.iter(), Device::Cpu)
+            .map(|masks| ("mask", masks.view([-1, columns as i64, masks.size()[1]])));
+        let mut tensors = BTreeMap::from([
             ("frames", frames.view([(steps.len() / columns) as i64, columns as i64, side, side])),
             // What stands beside a frame is called the goal.
             (if side == 0 { "numbers" } else { "goal" }, numbers),
@@ -270,7 +279,9 @@ impl Rollout {
             ("disturbed", table(steps, columns, |step| step.label)),
             ("recorded", Tensor::from_slice(&self.recorded).view([-1, columns as i64])),
             ("bootstrap", Tensor::from_slice(&bootstrap)),
-        ])
+        ]);
+        tensors.extend(masks);
+        tensors
     }
 
     /// Ends it after its first `steps` steps, which all columns have taken.
@@ -301,6 +312,14 @@ impl Rollout {
         assert!(t < self.shape.steps && column < self.columns, "({t}, {column}) lies outside the rollout");
         t * self.columns + column
     }
+}
+
+/// Masks of steps: bool \[steps, options\]; none in a task without masks. A step that was never stored allows nothing.
+pub(crate) fn masks_of<'a>(steps: impl Iterator<Item = &'a Step> + Clone, device: Device) -> Option<Tensor> {
+    let options = steps.clone().map(|step| step.mask.len()).max().filter(|&options| options > 0)?;
+    let of = |step: &Step| step.mask.iter().copied().chain(std::iter::repeat(false)).take(options).collect::<Vec<_>>();
+    let masks: Vec<bool> = steps.flat_map(of).collect();
+    Some(upload(&masks, device).view([-1, options as i64]))
 }
 
 /// Actions of steps: \[steps, choices\] or \[steps, numbers\].

@@ -10,11 +10,13 @@ use proto::digest::sha256;
 use proto::plain_file::open_plain;
 use proto::policy_file::{self, PolicyFacts, PolicyFileError};
 use proto::printable::printable;
+use proto::task::Actions;
 use pyo3::create_exception;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use safetensors::SafeTensors;
+use serde::Serialize;
 use std::fmt::Display;
 use std::fs::OpenOptions;
 use std::io::{self, ErrorKind, Read};
@@ -83,9 +85,17 @@ pub fn read_checkpoint<'py>(
     Ok((file, manifest, config, actions, tensors))
 }
 
-/// The actions of a configuration's task, as JSON.
+/// The actions of a configuration's task, as JSON, and whether they are `masked`.
 fn actions_of(config: &Config) -> PyResult<String> {
-    serde_json::to_string(&config.spec().actions).map_err(value_error)
+    #[derive(Serialize)]
+    struct Told<'a> {
+        #[serde(flatten)]
+        actions: &'a Actions,
+        #[serde(skip_serializing_if = "std::ops::Not::not")]
+        masked: bool,
+    }
+    let told = Told { actions: &config.spec().actions, masked: config.spec().mask().is_some() };
+    serde_json::to_string(&told).map_err(value_error)
 }
 
 /// Reads a safetensors file: of a policy file also its configuration as TOML, rollout, frames, run, and its task's

@@ -13,7 +13,10 @@ pub fn write(value: &Bound<'_, PyAny>, shape: &[usize], field: Field, record: &m
     }
     match field.dtype {
         Dtype::U8 => same::<u8>(value, shape, field, record).or_else(|wrong| {
-            cast::<bool, u8>(value, shape, field, record, |number| Some(number.into())).map_err(|_| wrong)
+            cast::<bool, u8>(value, shape, field, record, |number| Some(number.into()))
+                // Of which Gymnasium makes masks.
+                .or_else(|_| cast::<i8, u8>(value, shape, field, record, |number| number.try_into().ok()))
+                .map_err(|_| wrong)
         }),
         Dtype::U16 => same::<u16>(value, shape, field, record),
         Dtype::U32 => same::<u32>(value, shape, field, record),

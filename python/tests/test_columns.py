@@ -30,6 +30,23 @@ class Walk(gymnasium.Env):
         return {"at": self.at.copy()}, float(self.at[1]), self.left == 0, False, {"far": float(abs(self.at).sum())}
 
 
+class Masked(Walk):
+    """Fails if a forbidden action is taken; at its end it allows nothing."""
+
+    def reset(self, *, seed=None, options=None):
+        seen, info = super().reset(seed=seed)
+        return seen, info | self._mask()
+
+    def step(self, action):
+        assert self.mask[action]
+        *seen, info = super().step(action)
+        return *seen, info | self._mask()
+
+    def _mask(self):
+        self.mask = (self.np_random.random(3) < 0.3) | (np.arange(3) == self.np_random.integers(3))
+        return {"action_mask": self.mask.astype(np.int8) * (self.left > 0)}
+
+
 def vector(mode, kind=SyncVectorEnv, count=3):
     return Vector(kind([Walk] * count, autoreset_mode=mode))
 
@@ -65,6 +82,7 @@ def assert_same(given, expected, key):
 def test_a_vector_whose_columns_have_seeds_of_their_own_is_proven():
     for mode in AutoresetMode:
         prove(Among(vector(mode)), Walk)
+        prove(Among(Vector(SyncVectorEnv([Masked] * 3, autoreset_mode=mode))), Masked)
     served = vector(AutoresetMode.NEXT_STEP, AsyncVectorEnv, 2)
     prove(Among(served), Walk)
 

@@ -33,6 +33,8 @@ DISCRETE = 'kind = "discrete"\nnames = ["left", "stay", "right"]'
 KINDS = {
     "discrete": (DISCRETE, 3),
     "choices": ('kind = "multi_discrete"\ncounts = [3, 2]', 5),
+    "masked": (DISCRETE, 3),
+    "masked_choices": ('kind = "multi_discrete"\ncounts = [3, 2]', 5),
     "box": ('kind = "box"\nbounds = [[-1, 1], [-0.25, 2]]', 2),
 }
 
@@ -60,7 +62,7 @@ def weights_of(memory: str, kind: str, normalized: bool) -> dict[str, np.ndarray
         layer("actor", outputs, HIDDEN)
         layer("critic", 1, HIDDEN)
         inputs = 10
-        if kind == "discrete":
+        if kind in ("discrete", "masked"):
             shapes["previous_action_embedder.weight"] = (outputs + 1, 16)
             inputs = 26
         shapes["belief.weight_ih_l0"], shapes["belief.weight_hh_l0"] = (3 * HIDDEN, inputs), (3 * HIDDEN, HIDDEN)
@@ -82,12 +84,17 @@ def batch_of(kind: str) -> dict[str, np.ndarray]:
     start = np.vstack([np.ones((1, COLUMNS), bool), ended[:-1]])
     actions = random.integers(0, 3, size)
     previous = np.where(start, 0, 1 + np.vstack([np.zeros((1, COLUMNS), int), actions[:-1]]))
-    if kind != "discrete":
+    if kind not in ("discrete", "masked"):
         previous = np.zeros(size, int)
         drawn = random.normal(0, 1, (*size, 2)).astype(np.float32)
         actions = drawn if kind == "box" else random.integers(0, [3, 2], (*size, 2))
     table = random.normal(0, 1, (3, *size)).astype(np.float32)
-    return {
+    masks = {}
+    if kind.startswith("masked"):
+        chosen = np.split(actions.reshape(*size, -1), 1 if kind == "masked" else 2, -1)
+        taken = [chosen[at] == np.arange(count) for at, count in enumerate([3, 2][: len(chosen)])]
+        masks["mask"] = np.concatenate(taken, -1) | (random.random((*size, KINDS[kind][1])) < 0.5)
+    return masks | {
         "numbers": random.normal(0, 1, (*size, NUMBERS)).astype(np.float32),
         "previous_action": previous,
         "episode_start": start,
@@ -109,8 +116,11 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str,
     run.mkdir()
     # A process knows a task by its name.
     declared = TASK.read_text().replace('name = "numbers"', f'name = "numbers_{kind}"')
-    (run / "task.toml").write_text(declared.replace(DISCRETE, KINDS[kind][0]))
-    told_previous = memory == "gru" and kind == "discrete"
+    is_masked = kind.startswith("masked")
+    channel = f'\n[[channels]]\nname = "legal"\nrole = "mask"\ndtype = "u8"\nshape = [{KINDS[kind][1]}]\ndoc = ""\n'
+    declared = declared.replace(DISCRETE, KINDS[kind][0]) + (channel if is_masked else "")
+    (run / "task.toml").write_text(declared)
+    told_previous = memory == "gru" and kind in ("discrete", "masked")
     network = f'goal = "plain"\nmemory = "{memory}"\nmlp = [12, 10]\nhidden = {HIDDEN}\n'
     network += f"previous_action = {'true' if told_previous else 'false'}\n"
     stage = '[[stages]]\nname = "I"\nreward = "r"\nframes = 100\n'
@@ -136,7 +146,8 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str,
 
     policy = onnxruntime.InferenceSession(tmp_path / "policy.onnx", providers=["CPUExecutionProvider"])
     names = {value.name for value in policy.get_inputs()}
-    assert names - {"previous_action"} == {"numbers"} | ({"belief"} if memory == "gru" else set())
+    expected = {"numbers"} | ({"belief"} if memory == "gru" else set()) | ({"action_mask"} if is_masked else set())
+    assert names - {"previous_action"} == expected
     assert ("previous_action" in names) == told_previous
     outputs = {value.name: at for at, value in enumerate(policy.get_outputs())}
     # What a policy is given by.
@@ -152,7 +163,7 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str,
         given = {
             "numbers": batch["numbers"][step],
             "previous_action": (batch["previous_action"][step] + 3) % 4,
-        }
+        } | ({"action_mask": batch["mask"][step]} if is_masked else {})
         told = given | {"belief": beliefs}
         answer = policy.run(None, {name: told[name] for name in names})
         beliefs = answer[outputs["next_belief"]] if "next_belief" in outputs else beliefs
@@ -163,6 +174,8 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str,
         for ours, theirs in [(own, found[tables[0]][step]), (own_values, found["values"][step])]:
             np.testing.assert_allclose(ours.numpy(), theirs, atol=2e-6)
         best = {
+            "masked": lambda own: own.argmax(1),
+            "masked_choices": lambda own: np.stack([own[:, :3].argmax(1), own[:, 3:].argmax(1)], 1),
             "discrete": lambda own: own.argmax(1),
             "choices": lambda own: np.stack([own[:, :3].argmax(1), own[:, 3:].argmax(1)], 1),
             "box": lambda own: own.clip([-1, -0.25], [1, 2]),

@@ -15,8 +15,9 @@ from gymnasium import spaces
 import stillroom
 from stillroom.description import F32_MOST, Refused, describe
 from stillroom.determinism import prove
+from stillroom.masks import add_mask
 from stillroom.serving import find
-from stillroom.wrappers import MujocoSnapshot
+from stillroom.wrappers import ActionMasks, MujocoSnapshot
 
 
 class Env(gymnasium.Env):
@@ -68,6 +69,31 @@ def test_action_spaces_of_any_shape_become_lists():
     assert actions(spaces.MultiDiscrete([[3, 2], [4, 5]])) == {"kind": "multi_discrete", "counts": [3, 2, 4, 5]}
     box = spaces.Box(np.array([[-1.0], [-np.inf]]), np.array([[0.5], [np.inf]]), dtype=np.float64)
     assert actions(box) == {"kind": "box", "bounds": [[-1.0, 0.5], [-F32_MOST, F32_MOST]]}
+
+
+class Masked(Env):
+    """Allows what its `action_masks` says, as environments for sb3-contrib do."""
+
+    def action_masks(self):
+        return [self._steps % 2 == 0, True, False]
+
+    def step(self, action):
+        assert self.action_masks()[action]
+        return super().step(action)
+
+
+def test_a_mask_in_info_is_declared_and_kept_to():
+    def mask(env):
+        described = describe(env, "mine")
+        add_mask(described, env)
+        prove(env, lambda: env)
+        return [channel["shape"] for channel in described.description["channels"] if channel["role"] == "mask"]
+
+    assert mask(gymnasium.make("Taxi-v4")) == [[6]]
+    assert mask(ActionMasks(Masked())) == [[3]]
+    assert mask(Env()) == []
+    with pytest.raises(Refused, match=r"has the shape \(3,\), not \(4,\)"):
+        mask(ActionMasks(Masked(actions=spaces.Discrete(4))))
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,8 @@ enum stillroom_dtype {
 enum stillroom_role {
     STILLROOM_OBSERVATION = 0, /* what the policy is given */
     STILLROOM_PART = 1,        /* part of rewards or a cost, of the last action: one STILLROOM_F32 */
-    STILLROOM_OUTCOME = 2      /* what else the last action led to */
+    STILLROOM_OUTCOME = 2,     /* what else the last action led to */
+    STILLROOM_MASK = 3         /* 1 for each action that may be taken now, 0 for others: STILLROOM_U8 [actions] */
 };
 
 /* A named array of numbers that every step fills in. */
@@ -46,7 +47,7 @@ typedef struct stillroom_channel {
     uint32_t dtype;        /* enum stillroom_dtype */
     uint32_t dimensions;   /* 0: one number; at most 8 */
     const uint32_t *shape; /* a size for each dimension; may be NULL without dimensions */
-    double least, most;    /* all numbers lie between; an image of STILLROOM_U8 or STILLROOM_U16 needs none */
+    double least, most;    /* all numbers lie between; a mask, and an image of STILLROOM_U8 or STILLROOM_U16, need none */
 } stillroom_channel;
 
 /* What an action led to. */
@@ -71,8 +72,8 @@ typedef struct stillroom_simulator {
     stillroom_environment *(*make)(void);
 
     /* Begins the episode of a seed, whatever happened before: the same seed and actions always lead to the same numbers.
-     * `numbers[i]` is where channel i's numbers are written, in the order of the channels, row by row. Observations must be
-     * written, others need not. Returns 0, or anything else for a failure. */
+     * `numbers[i]` is where channel i's numbers are written, in the order of the channels, row by row. Observations and a
+     * mask must be written, others need not. Returns 0, or anything else for a failure. */
     int (*reset)(stillroom_environment *environment, uint32_t seed, void *const *numbers);
 
     /* Takes an action, 0 to actions - 1, writes all channels as `reset` does, and the result. An episode that has ended is

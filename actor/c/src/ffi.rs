@@ -181,7 +181,7 @@ impl Simulator {
 impl CChannel {
     fn read(&self, index: usize) -> Result<Channel, ServeError> {
         let name = text(&format!("the name of channel {index}"), self.name)?;
-        let roles = [Role::Observation, Role::Part, Role::Outcome];
+        let roles = [Role::Observation, Role::Part, Role::Outcome, Role::Mask];
         let dtypes = [Dtype::U8, Dtype::U16, Dtype::I32, Dtype::U32, Dtype::F32];
         let (Some(&role), Some(&dtype)) = (roles.get(self.role as usize), dtypes.get(self.dtype as usize)) else {
             let Self { role, dtype, .. } = self;
@@ -218,7 +218,7 @@ impl CChannel {
             tolerance: None,
             doc,
         };
-        channel.range = (!channel.is_bulk()).then_some([self.least, self.most]);
+        channel.range = (role != Role::Mask && !channel.is_bulk()).then_some([self.least, self.most]);
         Ok(channel)
     }
 }

@@ -100,7 +100,7 @@ fn prove(simulator: Simulator) -> Result<(), ServeError> {
     )))
 }
 
-/// What is seen in an episode whose actions follow from its seed, and the reward after each.
+/// What is seen in an episode whose actions follow from its seed and from what is allowed, and the reward after each.
 fn play(environments: &mut Environments, seed: u32, actions: usize, spec: &Spec) -> Result<Vec<Vec<u8>>, ServeError> {
     let layout = spec.layout();
     let observed = spec.channels.iter().zip(&layout.fields);
@@ -112,7 +112,13 @@ fn play(environments: &mut Environments, seed: u32, actions: usize, spec: &Spec)
     for step in 0..=STEPS {
         let record = Line::bytes(&lines);
         seen.push(observed.iter().flat_map(|field| &record[field.range()]).copied().collect());
-        let action = (step * 7 + step / 3 + seed as usize) % actions;
+        let first = step * 7 + step / 3 + seed as usize;
+        let allows = |&action: &usize| {
+            spec.mask().is_none_or(|mask| spec.actions.allows(&record[mask.range()], &[action as u8]))
+        };
+        let Some(action) = (0..actions).map(|more| (first + more) % actions).find(allows) else {
+            return Err(ServeError::Refused("its mask allows no action: one at least can always be taken".to_owned()));
+        };
         let ended = environments.step(0, &[action as u8], Line::bytes_mut(&mut lines)).map_err(ServeError::Refused)?;
         if ended.contains(&true) {
             break;

@@ -5,7 +5,7 @@
 //! The graph also keeps what the step leaves: frames in the rollout's store, beliefs in their table. Store and table
 //! have one row more than are used; what is not to be kept goes there.
 
-use super::sampling::{Sampled, normalize, sample};
+use super::sampling::{Sampled, forbid, normalize, sample};
 use crate::ffi;
 use crate::ffi::branches::Branches;
 use crate::ffi::graph::{Graph, GraphError, Memory, Recorder};
@@ -50,6 +50,8 @@ pub(super) struct Policy<'a> {
     pub network: &'a Network,
     pub kernels: &'a Kernels,
     pub head: &'a ActionHead,
+    /// Whether there are options that may not be chosen.
+    pub masked: bool,
     /// The table \[columns + 1, hidden\].
     pub beliefs: &'a Tensor,
     /// The rollout's frames, \[frames + 1, side, side\].
@@ -85,26 +87,27 @@ struct Prepared {
     choices: Tensor,
 }
 
-/// Whether kernels choose an action, too; otherwise the host does.
-fn is_chosen_there(head: &ActionHead) -> bool {
-    matches!(head, ActionHead::Discrete(named) if ActingKernels::can_choose(named.len()))
-}
-
 impl Policy<'_> {
+    /// Whether kernels choose an action, too; otherwise the host does.
+    fn is_chosen_there(self) -> bool {
+        !self.masked && matches!(self.head, ActionHead::Discrete(named) if ActingKernels::can_choose(named.len()))
+    }
+
     /// Numbers of a row of what a step leaves for the host.
     fn words(self) -> usize {
         let given = self.head.outputs() * if self.head.is_gaussian() { 2 } else { 1 };
-        if is_chosen_there(self.head) { CHOSEN_WORDS } else { given + 1 }
+        if self.is_chosen_there() { CHOSEN_WORDS } else { given + 1 }
     }
 
     /// What was chosen for a row, or is now.
-    fn read(self, row: &mut [f32], noise: &[f32]) -> Sampled {
-        if is_chosen_there(self.head) {
+    fn read(self, row: &mut [f32], mask: &[bool], noise: &[f32]) -> Sampled {
+        if self.is_chosen_there() {
             let Chosen { log_prob, value, action, finite } = Chosen::from_words(row);
             return Sampled { action: PolicyAction::Options(vec![action as i64]), log_prob, value, finite };
         }
         let finite = row.iter().all(|number| number.is_finite());
         let (value, row) = row.split_last_mut().expect("a row has at least the value");
+        forbid(mask, row);
         normalize(self.head, row);
         let (action, log_prob) = sample(self.head, row, noise);
         Sampled { action, log_prob, value: *value, finite }
@@ -201,8 +204,9 @@ impl Acting {
         launched?;
         // SAFETY: the GPU has written them, as the line above has waited for; no other tensor shares this memory.
         let words = unsafe { ffi::floats_mut(&mut self.prepared[at].choices) };
-        let rows = words.chunks_exact_mut(policy.words()).zip(rows.noise.chunks_exact(rows.noise.len() / count));
-        Ok(rows.map(|(row, noise)| policy.read(row, noise)).collect())
+        let noise = rows.noise.chunks_exact(rows.noise.len() / count);
+        let rows = words.chunks_exact_mut(policy.words()).zip(rows.steps).zip(noise);
+        Ok(rows.map(|((row, step), noise)| policy.read(row, &step.mask, noise)).collect())
     }
 
     /// Where the GPU finds the frames: where they are if it can read them there, or in pinned memory.
@@ -251,7 +255,7 @@ impl Acting {
 
     /// Launches a step's kernels on this thread's stream.
     fn launch(&self, policy: Policy, prepared: &Prepared) -> Result<(), GraphError> {
-        let Policy { network, kernels, head, beliefs, store } = policy;
+        let Policy { network, kernels, beliefs, store, .. } = policy;
         let Prepared { layout, inputs, choices, .. } = prepared;
         let device = self.device;
         let _no_grad = tch::no_grad_guard();
@@ -290,7 +294,7 @@ impl Acting {
         let heads = network.heads();
         // SAFETY: `fill` puts rows of the table there.
         unsafe {
-            if is_chosen_there(head) {
+            if policy.is_chosen_there() {
                 kernels.acting.decide(&heads, &row, &to, beliefs, choices);
             } else {
                 kernels.acting.answer(&heads, &row, &to, beliefs, choices);

@@ -7,7 +7,7 @@ use super::sampling::{Sampled, sample};
 use super::step::{Inference, column_indices, pick};
 use super::{Agent, AgentError, StepInput, StepOutput};
 use crate::network::{FramePreparation, Observations, coordinates, table_row, to_vec};
-use crate::rollout::Step;
+use crate::rollout::{Step, masks_of};
 use tch::Tensor;
 
 impl Agent {
@@ -76,10 +76,11 @@ impl Agent {
 
     /// The network's inputs besides the frames; no actions are chosen yet.
     pub(super) fn seen(&self, input: &StepInput) -> Result<Vec<Step>, AgentError> {
-        let StepInput { columns, numbers, previous_action, episode_start, .. } = *input;
+        let StepInput { columns, numbers, previous_action, episode_start, masks, .. } = *input;
         let rows = columns.len();
         let (space, mut steps) = (self.config.policy_actions(), Vec::with_capacity(rows));
         let each = numbers.chunks_exact(numbers.len() / rows);
+        let options = masks.len() / rows;
         for ((row, &column), numbers) in columns.iter().enumerate().zip(each) {
             if !numbers.iter().all(|number| number.is_finite()) {
                 return Err(AgentError::NonFinite { what: format!("column {column}: an observation") });
@@ -90,6 +91,7 @@ impl Agent {
                 previous_action: table_row(&space, action)
                     .ok_or(AgentError::UnknownAction { column, action: previous_action[row] })?,
                 episode_start: episode_start[row],
+                mask: masks[row * options..][..options].to_vec(),
                 ..Step::default()
             });
         }
@@ -130,7 +132,8 @@ impl Agent {
             noise: input.gumbel,
         };
         let head = &self.config.action_head();
-        let policy = Policy { network, kernels, head, beliefs: &self.table, store: rollout.frames() };
+        let masked = self.config.spec().mask().is_some();
+        let policy = Policy { network, kernels, head, masked, beliefs: &self.table, store: rollout.frames() };
         Ok(Some(acting.step(policy, batch)?))
     }
 
@@ -179,7 +182,7 @@ impl Agent {
             * to_device(Tensor::from_slice(&carried).unsqueeze(1));
         let embedded = network.embed(&observations);
         let beliefs = network.belief.step(&network.parameters, &embedded, &before);
-        let output = network.actor_critic(&beliefs);
+        let output = network.actor_critic(&beliefs, masks_of(steps.iter(), self.device).as_ref());
 
         // One copy back: each row is the policy and then the value.
         let judged = to_vec(&Tensor::cat(&[output.policy.rows(), output.values.unsqueeze(1)], 1));
@@ -225,6 +228,7 @@ mod tests {
             numbers: at().flat_map(|(batch, row)| batch.numbers[row * 3..][..3].to_vec()).collect(),
             previous_action: at().map(|(batch, row)| batch.previous_action[row]).collect(),
             episode_start: at().map(|(batch, row)| batch.episode_start[row]).collect(),
+            masks: vec![],
             gumbel: at().flat_map(|(batch, row)| batch.gumbel[row * actions..][..actions].to_vec()).collect(),
         }
     }

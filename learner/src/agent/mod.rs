@@ -209,6 +209,7 @@ impl Agent {
             numbers,
             previous_action: &[action],
             episode_start: &[false],
+            masks: &[],
             gumbel: &[],
         };
         let steps = self.seen(&input)?;

@@ -31,8 +31,11 @@ pub(super) fn padded<'a>(input: &StepInput<'a>, rows: &[usize], count: usize) ->
         }
         values
     }
-    let width = input.numbers.len() / input.columns.len();
-    let more = input.numbers[..width].repeat(count - input.columns.len());
+    fn first_again<T: Copy>(table: &[T], rows: usize, count: usize) -> Vec<T> {
+        let first = &table[..table.len() / rows];
+        [table, &first.repeat(count - rows)].concat()
+    }
+    let rows_given = input.columns.len();
     let draws = input.gumbel.len() / input.columns.len();
     let mut gumbel = input.gumbel.to_vec();
     gumbel.resize(count * draws, 0.0);
@@ -40,9 +43,10 @@ pub(super) fn padded<'a>(input: &StepInput<'a>, rows: &[usize], count: usize) ->
         columns: again(input.columns, count),
         at: rows.to_vec(),
         frames: again(input.frames, count),
-        numbers: [input.numbers, &more].concat(),
+        numbers: first_again(input.numbers, rows_given, count),
         previous_action: again(input.previous_action, count),
         episode_start: again(input.episode_start, count),
+        masks: first_again(input.masks, rows_given, count),
         gumbel,
     }
 }

@@ -1,6 +1,6 @@
 //! An action, drawn on the host from what the policy gives.
 
-use crate::network::HALF_LN_TAU;
+use crate::network::{FORBIDDEN_LOGIT, HALF_LN_TAU};
 use proto::task::{ActionHead, PolicyAction};
 
 /// What the policy chose for a row.
@@ -59,6 +59,13 @@ fn draw(row: &[f32], noise: &[f32]) -> (PolicyAction, f32) {
     (PolicyAction::Numbers(numbers), log_prob as f32)
 }
 
+/// Puts the logit of what is never chosen where a mask forbids an option; of a task without masks it is empty.
+pub(super) fn forbid(mask: &[bool], logits: &mut [f32]) {
+    for (logit, _) in logits.iter_mut().zip(mask).filter(|(_, allowed)| !**allowed) {
+        *logit = FORBIDDEN_LOGIT as f32;
+    }
+}
+
 /// Logits of each choice become log-probabilities.
 pub(super) fn normalize(head: &ActionHead, row: &mut [f32]) {
     let mut rest = row;
@@ -115,5 +122,12 @@ mod tests {
         head.write(&action, &mut bytes);
         assert_eq!(bytes, [1i32, 0].map(i32::to_ne_bytes).concat());
         assert_eq!(ActionHead::Discrete(vec![3, 7]).choices(), [2]);
+
+        // What is forbidden has no part in a choice, whatever its logit and noise.
+        let mut row = [9.0, 2.0, 0.0, 9.0, 0.0];
+        forbid(&[false, true, true, false, true], &mut row);
+        normalize(&head, &mut row);
+        let (action, log_prob) = sample(&head, &row, &[50.0, 0.0, 0.0, 50.0, 1.0]);
+        assert_eq!((action, log_prob), (PolicyAction::Options(vec![1, 2]), 0.5f32.ln()));
     }
 }

@@ -55,6 +55,7 @@ fn parts<'a>(shards: &Shards, input: &StepInput<'a>) -> Vec<StepInput<'a>> {
     }
     let rows = input.columns.len();
     let [draws, width] = [input.gumbel, input.numbers].map(|numbers| numbers.len() / rows.max(1));
+    let options = input.masks.len() / rows.max(1);
     let place = |column: usize| input.columns.partition_point(|&other| other < column);
     let of_shards = shards.columns().iter().map(|shard| place(shard.start)..place(shard.end));
     let of_shards = of_shards.filter(|rows| !rows.is_empty());
@@ -65,6 +66,7 @@ fn parts<'a>(shards: &Shards, input: &StepInput<'a>) -> Vec<StepInput<'a>> {
             numbers: &input.numbers[rows.start * width..rows.end * width],
             previous_action: &input.previous_action[rows.clone()],
             episode_start: &input.episode_start[rows.clone()],
+            masks: &input.masks[rows.start * options..rows.end * options],
             gumbel: &input.gumbel[rows.start * draws..rows.end * draws],
         })
         .collect()
@@ -93,12 +95,17 @@ mod tests {
             numbers: &[1.0, 1.0, 4.0, 4.0, 5.0, 5.0],
             previous_action: &[1, 4, 5],
             episode_start: &[true, false, true],
+            masks: &[true, false, false, true, true, true],
             gumbel: &numbers,
         };
         let parts = parts(&shards, &input);
         assert_eq!(parts.iter().map(|part| part.columns).collect::<Vec<_>>(), [&[1][..], &[4, 5]]);
         assert_eq!(parts.iter().map(|part| part.previous_action).collect::<Vec<_>>(), [&[1][..], &[4, 5]]);
         assert_eq!(parts.iter().map(|part| part.episode_start).collect::<Vec<_>>(), [&[true][..], &[false, true]]);
+        assert_eq!(
+            parts.iter().map(|part| part.masks).collect::<Vec<_>>(),
+            [&[true, false][..], &[false, true, true, true]]
+        );
         assert_eq!(parts.iter().map(|part| part.gumbel).collect::<Vec<_>>(), [&[0.0, 1.0][..], &[2.0, 3.0, 4.0, 5.0]]);
         assert_eq!(
             parts.iter().map(|part| (part.frames.len(), part.numbers)).collect::<Vec<_>>(),

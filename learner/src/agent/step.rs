@@ -17,6 +17,9 @@ pub struct StepInput<'a> {
     pub previous_action: &'a [u8],
     /// True at an episode's first observation: the belief is zeroed before it is used.
     pub episode_start: &'a [bool],
+    /// Whether each option may be chosen, `columns.len() * options`, row-major; empty in a task without masks, and where
+    /// nothing is chosen.
+    pub masks: &'a [bool],
     /// What chooses actions, as many draws a column as [`crate::collector::Noise`] has, row-major. Unused by
     /// [`crate::agent::Agent::bootstrap`].
     pub gumbel: &'a [f32],
@@ -26,10 +29,11 @@ impl StepInput<'_> {
     /// # Panics
     /// If the slices differ in length, there is no column, or columns do not ascend.
     pub(super) fn check(&self) {
-        let Self { columns, frames, numbers, previous_action, episode_start, .. } = *self;
+        let Self { columns, frames, numbers, previous_action, episode_start, masks, .. } = *self;
         let rows = columns.len();
         let of_rows = [previous_action.len(), episode_start.len()] == [rows; 2] && [0, rows].contains(&frames.len());
-        assert!(rows > 0 && of_rows && numbers.len().is_multiple_of(rows), "one entry a column");
+        let are_whole = [numbers.len(), masks.len()].iter().all(|count| count.is_multiple_of(rows));
+        assert!(rows > 0 && of_rows && are_whole, "one entry a column");
         assert!(columns.is_sorted_by(|a, b| a < b), "columns ascend");
     }
 }
@@ -45,6 +49,7 @@ pub struct Batch<'a> {
     pub(crate) numbers: Vec<f32>,
     pub(crate) previous_action: Vec<u8>,
     pub(crate) episode_start: Vec<bool>,
+    pub(crate) masks: Vec<bool>,
     pub(crate) gumbel: Vec<f32>,
 }
 
@@ -62,6 +67,7 @@ impl Batch<'_> {
             numbers: &self.numbers,
             previous_action: &self.previous_action,
             episode_start: &self.episode_start,
+            masks: &self.masks,
             gumbel: &self.gumbel,
         }
     }

@@ -139,6 +139,7 @@ impl Frames {
             numbers,
             previous_action: vec![self.action; starts.len()],
             episode_start: starts,
+            masks: vec![],
             gumbel: noise,
             columns,
         }

@@ -6,7 +6,7 @@ use super::statistics::{Ended, RunningEpisode};
 use crate::rollout::Outcome;
 use proto::kitchen::KitchenId;
 use proto::record::{End, RecordHeader, flag};
-use proto::task::{Actions, Check, Implausible, Layout, Measure};
+use proto::task::{Actions, Check, Field, Implausible, Layout, Measure};
 use wire::message::{EnvironmentState, Snapshot};
 
 /// What an action led to.
@@ -53,6 +53,7 @@ pub struct Environments {
     actions: &'static Actions,
     /// In place of an action.
     hold: Vec<u8>,
+    mask: Option<Field>,
     soundness: Check,
     measures: Vec<Measure>,
     states: Vec<EnvironmentState>,
@@ -83,6 +84,7 @@ impl Environments {
             layout,
             actions: &task.actions,
             hold: task.actions.hold(),
+            mask: task.mask(),
             soundness,
             measures,
             states,
@@ -132,7 +134,8 @@ impl Environments {
     /// forgotten.
     ///
     /// # Panics
-    /// If the bytes are neither an action nor HOLD, or the last action's outcome has not been taken in.
+    /// If the bytes are neither HOLD nor an action that the record allows, or the last action's outcome has not been taken
+    /// in.
     pub fn act(&mut self, column: usize, action: &[u8], seen: &[u8]) {
         assert!(!self.in_flight[column], "one action at a time is in flight");
         if action == self.hold {
@@ -141,6 +144,8 @@ impl Environments {
         }
         self.begin_next(column);
         assert!(self.actions.has(action), "the agent answers with actions of the task, not {action:?}");
+        let allows = |mask: Field| self.actions.allows(&seen[mask.range()], action);
+        assert!(self.mask.is_none_or(allows), "the agent answers with what the mask allows, not {action:?}");
         self.states[column].push(action);
         let snapshot = self.layout.snapshot_in(seen);
         if !snapshot.is_empty() {
@@ -199,7 +204,8 @@ impl Environments {
             let [reported, previous] = [reported, state.last_action()].map(|action| self.actions.text(action));
             return Err(mismatch(format!("it reports {reported} as the previous action; that was {previous}")));
         }
-        self.soundness.record(record, header.has(flag::ACTED)).map_err(|cause| {
+        let sound = self.soundness.record(record, header.has(flag::ACTED));
+        sound.and_then(|()| self.soundness.choice(record)).map_err(|cause| {
             let problem = format!("at episode {}, step {}, {cause}", header.episode, header.step);
             Mismatch { non_finite: matches!(cause, Implausible::NotFinite(_)), ..mismatch(problem) }
         })

@@ -444,6 +444,7 @@ impl<S: HalfSample> Collector<S> {
             numbers: Vec::with_capacity(count * self.inputs.width()),
             previous_action: Vec::with_capacity(count),
             episode_start: Vec::with_capacity(count),
+            masks: vec![],
             gumbel: Vec::with_capacity(count * kind.count()),
         };
         for &lane in lanes {
@@ -457,6 +458,7 @@ impl<S: HalfSample> Collector<S> {
                 self.inputs.read(record, &mut batch.numbers);
                 batch.previous_action.push(self.inputs.previous_action(record));
                 batch.episode_start.push(start);
+                self.inputs.read_mask(record, &mut batch.masks);
                 let environment = self.ids[column];
                 let RecordHeader { episode, step, .. } = *header;
                 noise(Decision { column, environment, episode, step }, &mut batch.gumbel);

@@ -5,6 +5,10 @@ use super::parameters::{Layout, ParameterId, Parameters};
 use proto::task::ActionHead;
 use tch::{Kind, Tensor};
 
+/// In place of the logit of an option that a mask forbids: its probability is exactly 0, and so are its part of the entropy
+/// and the gradient that goes through it (Huang and Ontañón 2022; sb3-contrib and `CleanRL` have the same number).
+pub(crate) const FORBIDDEN_LOGIT: f64 = -1e8;
+
 /// Half the logarithm of 2π.
 pub(crate) const HALF_LN_TAU: f64 = 0.918_938_533_204_672_7;
 
@@ -44,10 +48,14 @@ impl Maker {
         }
     }
 
-    /// Of what the actor gives, \[rows, outputs\].
-    pub fn distribution(&self, parameters: &Parameters, outputs: Tensor) -> Distribution {
+    /// Of what the actor gives, \[rows, outputs\]. `masks` are true where an option may be chosen, \[rows, options\].
+    pub fn distribution(&self, parameters: &Parameters, outputs: Tensor, masks: Option<&Tensor>) -> Distribution {
         match self {
             Self::Categorical(choices) => {
+                let outputs = match masks {
+                    Some(masks) => outputs.masked_fill(&masks.logical_not(), FORBIDDEN_LOGIT),
+                    None => outputs,
+                };
                 let of_choice = |logits: Tensor| logits.log_softmax(-1, None);
                 let log_probs = parts(outputs, choices).into_iter().map(of_choice).collect();
                 Distribution::Categorical { log_probs: beside(log_probs), choices: choices.clone() }

@@ -18,7 +18,7 @@ mod parameters;
 
 pub use belief::{Belief, Packing};
 pub use distribution::Distribution;
-pub(crate) use distribution::HALF_LN_TAU;
+pub(crate) use distribution::{FORBIDDEN_LOGIT, HALF_LN_TAU};
 pub(crate) use embedding::table_row;
 pub use embedding::{coordinates, goal_coordinates};
 pub(crate) use encoder::{ENCODERS, VISUAL};
@@ -337,10 +337,12 @@ impl Network {
         Heads { gate_biases, actor: of(&self.actor), critic: of(&self.critic), log_std }
     }
 
-    /// Beliefs \[rows, hidden\], or embeddings without memory → policy and value.
-    pub fn actor_critic(&self, beliefs: &Tensor) -> ActorCriticOutput {
+    /// Beliefs \[rows, hidden\], or embeddings without memory → policy and value. `masks` are true where an option may be
+    /// chosen, \[rows, options\].
+    pub fn actor_critic(&self, beliefs: &Tensor, masks: Option<&Tensor>) -> ActorCriticOutput {
+        let outputs = self.actor.forward(&self.parameters, beliefs);
         ActorCriticOutput {
-            policy: self.policy.distribution(&self.parameters, self.actor.forward(&self.parameters, beliefs)),
+            policy: self.policy.distribution(&self.parameters, outputs, masks),
             values: self.critic.forward(&self.parameters, beliefs).squeeze_dim(1),
         }
     }

@@ -12,6 +12,8 @@ use tch::{Kind, Tensor};
 pub struct Experience {
     /// The actions taken: options, i64 \[B, choices\], or numbers, f32 \[B, numbers\].
     pub actions: Tensor,
+    /// Which options could be chosen, bool \[B, options\]; none in a task without masks.
+    pub masks: Option<Tensor>,
     /// Their log-probabilities when they were taken.
     pub log_probs: Tensor,
     /// Values when the actions were taken.

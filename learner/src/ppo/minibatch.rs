@@ -153,6 +153,7 @@ impl Chunk {
         };
         let experience = Experience {
             actions: rollout.actions(&packing),
+            masks: rollout.masks(&packing),
             log_probs: rollout.gather(&packing, |step| step.log_prob),
             values: rollout.gather(&packing, |step| step.value),
             advantages: target(&|row| targets.advantage(row)),

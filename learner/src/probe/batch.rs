@@ -21,13 +21,14 @@ pub struct Batch {
 }
 
 /// Every tensor that a batch may have.
-const NAMES: [&str; 19] = [
+const NAMES: [&str; 20] = [
     "frames",
     "goal_m",
     "goal",
     "numbers",
     "previous_action",
     "episode_start",
+    "mask",
     "action",
     "log_prob",
     "value",
@@ -234,6 +235,7 @@ fn rows(file: &Tensors, cells: [i64; 2], config: &Config) -> Result<(Vec<Step>, 
     let numbers = numbers(file, cells, config)?;
     let previous = file.integers("previous_action", &cells, 0..named + 1)?;
     let start = file.flags("episode_start", &cells)?;
+    let masks = masks(file, cells, config)?;
     let mut actions = actions(file, cells, &config.action_head())?;
     let [log_prob, value, reward] =
         [file.floats("log_prob", &cells)?, file.floats("value", &cells)?, file.floats("reward", &cells)?];
@@ -244,6 +246,7 @@ fn rows(file: &Tensors, cells: [i64; 2], config: &Config) -> Result<(Vec<Step>, 
         numbers: numbers[cell].clone(),
         previous_action: previous[cell],
         episode_start: start[cell],
+        mask: masks.get(cell).cloned().unwrap_or_default(),
         action: actions.next(),
         log_prob: log_prob[cell],
         value: value[cell],
@@ -257,6 +260,17 @@ fn rows(file: &Tensors, cells: [i64; 2], config: &Config) -> Result<(Vec<Step>, 
         ..Outcome::default()
     });
     Ok((seen.collect(), outcomes.collect()))
+}
+
+/// Which options could be chosen in each cell; nothing in a task without masks.
+fn masks(file: &Tensors, [steps, columns]: [i64; 2], config: &Config) -> Result<Vec<Vec<bool>>, TensorsError> {
+    let (name, options) = ("mask", config.action_head().outputs());
+    if config.spec().mask().is_none() {
+        let told = file.find(name).map(|_| wrong(name, "is there, but the task declares none".to_owned()));
+        return told.map_or(Ok(vec![]), Err);
+    }
+    let flags = file.flags(name, &[steps, columns, options as i64])?;
+    Ok(flags.chunks_exact(options).map(<[bool]>::to_vec).collect())
 }
 
 /// The actions of each cell: of one choice a number, otherwise a row of some.

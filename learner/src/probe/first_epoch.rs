@@ -108,7 +108,7 @@ impl Cells<'_> {
         let _no_grad = tch::no_grad_guard();
         let embeddings = network.embed(&rollout.observations(packing));
         let beliefs = network.belief.unroll(&network.parameters, &embeddings, packing, rollout.beliefs_at_start());
-        let ActorCriticOutput { policy, values } = network.actor_critic(&beliefs);
+        let ActorCriticOutput { policy, values } = network.actor_critic(&beliefs, rollout.masks(packing).as_ref());
         let target = |of: &dyn Fn((usize, usize)) -> f32| {
             Tensor::from_slice(&packing.rows.iter().map(|&row| of(row)).collect::<Vec<f32>>())
         };

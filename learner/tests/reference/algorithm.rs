@@ -118,6 +118,7 @@ fn the_losses_and_their_gradients_are_the_formulas() {
     let values = noise_tensor("loss.values", &[rows]).set_requires_grad(true);
     let experience = Experience {
         actions: Tensor::from_slice(&(0..rows).map(|i| (7 * i) % 21).collect::<Vec<_>>()).view([rows, 1]),
+        masks: None,
         log_probs: expected["old_log_probs"].shallow_clone(),
         values: values.detach() + noise_tensor("loss.value_drift", &[rows]) * 0.3,
         advantages: noise_tensor("loss.advantages", &[rows]),
@@ -131,6 +132,7 @@ fn the_losses_and_their_gradients_are_the_formulas() {
         let output = ActorCriticOutput { policy: choice(cut(&logits).log_softmax(-1, None)), values: cut(&values) };
         let part = Experience {
             actions: cut(&experience.actions),
+            masks: None,
             log_probs: cut(&experience.log_probs),
             values: cut(&experience.values),
             advantages: cut(&experience.advantages),

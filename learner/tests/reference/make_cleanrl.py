@@ -6,7 +6,7 @@ precision, without autograd.
 
 Formulas and constants are those of `ppo.py` in vwxyzjn/cleanrl: two networks of tanh layers, the loop over t for
 advantages, the clipped losses; Gaussians are those of `ppo_continuous_action.py`, and several choices are a product of
-categoricals. The case `normalized` is given what Gymnasium's NormalizeObservation and NormalizeReward make of its numbers and
+categoricals. Masks are those of MaskableCategorical in sb3-contrib (common/maskable/distributions.py). The case `normalized` is given what Gymnasium's NormalizeObservation and NormalizeReward make of its numbers and
 rewards, clipped as in `ppo_continuous_action.py`, and truncated episodes are bootstrapped as in `collect_rollouts` of
 Stable-Baselines3. The backward pass is written out by hand. Nothing is shared with the Rust code but the
 formula `noise`, from which both sides make weights and inputs, so that the file holds results only.
@@ -83,22 +83,30 @@ def backward(w: dict[str, np.ndarray], head: str, layers: list[np.ndarray], dy: 
 class Categorical:
     """Independent choices: the logits of their options stand side by side."""
 
-    def __init__(self, counts: list[int]) -> None:
+    def __init__(self, counts: list[int], *, masked: bool = False) -> None:
         self.counts, self.outputs = counts, sum(counts)
         cells = 3 * np.arange(STEPS)[:, None] + 5 * np.arange(COLUMNS)
         self.actions = np.stack([(cells + at) % count for at, count in enumerate(counts)], -1)
+        # What was chosen was allowed.
+        taken = np.concatenate([np.eye(count)[self.actions[..., at]] for at, count in enumerate(counts)], -1) > 0
+        drawn = noise("cleanrl.mask", STEPS, COLUMNS, self.outputs) > 0.2 if masked else True
+        self.masks = np.split((taken | drawn).reshape(-1, self.outputs), np.cumsum(counts)[:-1], 1)
 
     def judge(self, logits: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
         """What the policy is given by, log-probabilities of the actions, entropies."""
         self.log_probs, self.new, self.entropies = [], 0.0, 0.0
         rows = np.arange(len(logits))
-        for part, chosen in zip(np.split(logits, np.cumsum(self.counts)[:-1], 1), self.chosen(), strict=True):
+        parts = np.split(logits, np.cumsum(self.counts)[:-1], 1)
+        for part, mask, chosen in zip(parts, self.masks, self.chosen(), strict=True):
+            part = np.where(mask, part, -1e8)
             log_probs = part - part.max(1, keepdims=True)
             log_probs = log_probs - np.log(np.exp(log_probs).sum(1, keepdims=True))
             self.new = self.new + log_probs[rows, chosen]
-            self.entropies = self.entropies - (np.exp(log_probs) * log_probs).sum(1)
+            self.entropies = self.entropies - np.where(mask, np.exp(log_probs) * log_probs, 0.0).sum(1)
             self.log_probs.append(log_probs)
-        return {"log_probs": np.concatenate(self.log_probs, 1)}, self.new, self.entropies
+        # Of what is not allowed the test compares no number.
+        shown = [np.where(mask, table, 0.0) for mask, table in zip(self.masks, self.log_probs, strict=True)]
+        return {"log_probs": np.concatenate(shown, 1)}, self.new, self.entropies
 
     def chosen(self) -> np.ndarray:
         return self.actions.reshape(-1, len(self.counts)).T
@@ -106,12 +114,13 @@ class Categorical:
     def backward(self, d_logprob: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Gradients by the actor's outputs and by the policy's own weights."""
         found = []
-        for log_probs, chosen, count in zip(self.log_probs, self.chosen(), self.counts, strict=True):
+        for log_probs, mask, chosen, count in zip(self.log_probs, self.masks, self.chosen(), self.counts, strict=True):
             probs = np.exp(log_probs)
             d_logits = d_logprob[:, None] * (np.eye(count)[chosen] - probs)
             # dH/dlogits = -p (log p + H).
             entropies = -(probs * log_probs).sum(1, keepdims=True)
-            found.append(d_logits + ENTROPY * probs * (log_probs + entropies) / len(probs))
+            d_logits = d_logits + ENTROPY * probs * (log_probs + entropies) / len(probs)
+            found.append(np.where(mask, d_logits, 0.0))
         return np.concatenate(found, 1), {}
 
 
@@ -239,6 +248,8 @@ if __name__ == "__main__":
         | case("plain", Categorical([3]), 0.2, norm_adv=False, clip_vloss=False)
         | case("narrow", Categorical([3]), 0.05, norm_adv=False, clip_vloss=True)
         | case("choices", Categorical([3, 2]), 0.2, norm_adv=True, clip_vloss=True)
+        | case("masked", Categorical([3], masked=True), 0.2, norm_adv=True, clip_vloss=True)
+        | case("masked_choices", Categorical([3, 2], masked=True), 0.2, norm_adv=True, clip_vloss=True)
         | case("numbers", Gaussian(2), 0.2, norm_adv=True, clip_vloss=True)
         | case("normalized", Categorical([3]), 0.2, norm_adv=True, clip_vloss=True, norm=True),
         HERE / "cleanrl.safetensors",

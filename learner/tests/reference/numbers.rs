@@ -2,7 +2,7 @@
 //! balanced.
 
 use crate::shared::{assert_close, choice, doubles, fixture, noise_tensor, weight_values};
-use crate::world::{World, numbers_config, weights_of};
+use crate::world::{World, mask, masked_config, numbers_config, weights_of};
 use learner::agent::{Agent, StepInput};
 use learner::collector::Noise;
 use learner::network::{ActorCriticOutput, to_vec};
@@ -25,8 +25,8 @@ const COLUMNS: i64 = 4;
 const INPUTS: i64 = 6;
 
 /// What `case` of `make_cleanrl.py` is given: actions of as many choices, or numbers if there are none; with truncated
-/// episodes, or with none.
-fn batch(choices: &[i64], truncated: bool) -> Vec<(&'static str, Tensor)> {
+/// episodes, or with none; with masks, or without.
+fn batch(choices: &[i64], truncated: bool, masked: bool) -> Vec<(&'static str, Tensor)> {
     let size = [STEPS, COLUMNS];
     let table = |name: &str| noise_tensor(&format!("cleanrl.{name}"), &size);
     let ended = table("ended").gt(0.7);
@@ -41,10 +41,19 @@ fn batch(choices: &[i64], truncated: bool) -> Vec<(&'static str, Tensor)> {
         several => options.view([STEPS, COLUMNS, several.len() as i64]),
     };
     let zeros = ended.zeros_like();
+    let chosen = (0..).zip(choices).map(|(at, &count)| {
+        let own = actions.view([STEPS, COLUMNS, -1]).select(2, at);
+        own.onehot(count).to_kind(Kind::Bool)
+    });
+    let chosen: Vec<Tensor> = chosen.take_while(|_| masked).collect();
+    let mask = (!chosen.is_empty()).then(|| {
+        let chosen = Tensor::cat(&chosen, 2);
+        noise_tensor("cleanrl.mask", &chosen.size()).gt(0.2).logical_or(&chosen)
+    });
     let limit = if truncated { ended.logical_and(&table("limit").gt(0.0)) } else { zeros.shallow_clone() };
     // Of episodes that were not truncated none is known.
     let last_value = table("last_value").masked_fill(&limit.logical_not(), f64::NAN);
-    vec![
+    let given = [
         ("numbers", noise_tensor("cleanrl.numbers", &[STEPS, COLUMNS, INPUTS]) * 2.0),
         ("previous_action", ended.zeros_like().to_kind(Kind::Int64)),
         ("episode_start", start),
@@ -57,7 +66,8 @@ fn batch(choices: &[i64], truncated: bool) -> Vec<(&'static str, Tensor)> {
         ("ended", ended),
         ("disturbed", zeros),
         ("bootstrap", noise_tensor("cleanrl.bootstrap", &[COLUMNS])),
-    ]
+    ];
+    given.into_iter().chain(mask.map(|mask| ("mask", mask))).collect()
 }
 
 /// A task with [`INPUTS`] numbers and these actions, in a file for `learner probe`.
@@ -65,6 +75,13 @@ fn six_numbers(name: &str, actions: &str) -> String {
     let discrete = "kind = \"discrete\"\nnames = [\"left\", \"stay\", \"right\"]";
     let text = include_str!("../support/numbers.toml").replacen("name = \"numbers\"", &format!("name = \"{name}\""), 1);
     text.replacen("shape = [4]", "shape = [1]", 1).replacen(discrete, actions, 1)
+}
+
+/// Actions, and a channel behind them that is their mask.
+fn masked(actions: &str, options: usize) -> String {
+    format!(
+        "{actions}\n[[channels]]\nname = \"action_mask\"\nrole = \"mask\"\ndtype = \"u8\"\nshape = [{options}]\ndoc = \"\"\n"
+    )
 }
 
 /// Losses, advantages, returns and each gradient, to 1e-5 of the largest number.
@@ -77,6 +94,8 @@ fn a_probe_finds_what_cleanrl_computes() {
         ("plain", discrete, &[3], "ppo.clip = 0.2\nppo.clip_value = false\nppo.normalize_advantages = false"),
         ("narrow", discrete, &[3], "ppo.clip = 0.05\nppo.normalize_advantages = false"),
         ("choices", "kind = \"multi_discrete\"\ncounts = [3, 2]", &[3, 2], "ppo.clip = 0.2"),
+        ("masked", &masked(discrete, 3), &[3], "ppo.clip = 0.2"),
+        ("masked_choices", &masked("kind = \"multi_discrete\"\ncounts = [3, 2]", 5), &[3, 2], "ppo.clip = 0.2"),
         ("numbers", "kind = \"box\"\nbounds = [[-1, 1], [-2, 2]]", &[], "ppo.clip = 0.2"),
         (
             "normalized",
@@ -93,7 +112,14 @@ fn a_probe_finds_what_cleanrl_computes() {
         let agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
         let value = |(name, weight): (String, Tensor)| (name.clone(), weight_values(&name, &weight.size()));
         let weights: Vec<(String, Tensor)> = weights_of(&agent).into_iter().map(value).collect();
-        compare(case, task, &weights, &batch(choices, case == "normalized"), &settings, &expected);
+        compare(
+            case,
+            task,
+            &weights,
+            &batch(choices, case == "normalized", case.starts_with("masked")),
+            &settings,
+            &expected,
+        );
     }
 }
 
@@ -134,6 +160,8 @@ fn compare(
     for (name, theirs) in expected {
         let Some(name) = name.strip_prefix(&format!("{case}.")) else { continue };
         let ours = found.get(name).unwrap_or_else(|| panic!("{name} is missing"));
+        // What a mask forbids has no probability, and would hide other differences.
+        let ours = if name == "log_probs" { ours.masked_fill(&ours.lt(-9e7), 0.0) } else { ours.shallow_clone() };
         assert_close(&format!("{case}: {name}"), &ours.view(theirs.size().as_slice()), theirs, 1e-5);
         compared += 1;
     }
@@ -153,6 +181,7 @@ fn values_are_clipped_unless_they_are_not_to_be() {
     };
     let experience = Experience {
         actions: Tensor::from_slice(&[0i64, 1]).view([2, 1]),
+        masks: None,
         log_probs: zeros(),
         values: Tensor::from_slice(&old),
         advantages: zeros(),
@@ -249,6 +278,38 @@ fn the_same_calls_give_the_same_bits_also_through_a_saved_state() {
             second.rollout_tensors()
         };
         assert_eq!(dumped["rollout.numbers"].size(), [6, 4, 9], "{memory:?}");
+    }
+}
+
+/// Nothing that is forbidden is chosen, by chance or without noise, and the update begins with the policy that acted.
+#[test]
+fn a_policy_with_masks_is_the_same_in_acting_and_in_the_update() {
+    for (memory, shards) in [(Memory::None, 0), (Memory::Gru, 4)] {
+        let mut config = masked_config(memory);
+        (config.ppo.epochs, config.ppo.minibatches) = (1, 1);
+        (config.actors.count, config.actors.environments_per_actor, config.learner.shards) = (4, 1, shards);
+        let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+        let mut world = World::new(&config);
+        let outputs = world.collect(&mut agent, 0, 4).expect("finite");
+        let (mut forbidden, columns) = (0, [0, 1, 2, 3]);
+        for (t, output) in outputs.iter().enumerate() {
+            for (n, &action) in output.actions.iter().enumerate() {
+                let mask = mask(t, n, 3);
+                assert!(mask[usize::from(action)], "{mask:?} {action}");
+                forbidden += mask.iter().filter(|allowed| !**allowed).count();
+            }
+        }
+        assert!(forbidden > 6, "{forbidden}");
+        let kept = doubles(&agent.rollout_tensors()["rollout.mask"].to_kind(Kind::Double));
+        assert_eq!(kept.iter().filter(|allowed| **allowed == 0.0).count(), forbidden);
+        let figures = agent.update(0.0, 0).expect("finite");
+        assert!(figures[metric::APPROXIMATE_KL].abs() < 1e-6, "{figures:?}");
+        for now in 7..20 {
+            let chosen = world.see(&mut agent, now, &columns, |agent, input| {
+                agent.act(&StepInput { gumbel: &[0.0; 12], ..*input }).expect("finite").actions
+            });
+            assert!(columns.iter().zip(chosen).all(|(&n, action)| mask(now, n, 3)[usize::from(action)]));
+        }
     }
 }
 
@@ -452,6 +513,7 @@ fn a_pole_is_balanced() {
             numbers: &numbers,
             previous_action: previous,
             episode_start: &starts,
+            masks: &[],
             gumbel: &noise,
         };
         match t {

@@ -23,6 +23,7 @@ pub struct World {
     width: usize,
     actions: usize,
     has_frame: bool,
+    is_masked: bool,
     /// Columns of the agent that acts, of all.
     own: Range<usize>,
     /// Those of either half of a step.
@@ -61,6 +62,14 @@ pub fn numbers_config(memory: Memory) -> Config {
     config
 }
 
+/// The same with a mask.
+pub fn masked_config(memory: Memory) -> Config {
+    let mask = "[[channels]]\nname = \"action_mask\"\nrole = \"mask\"\ndtype = \"u8\"\nshape = [3]\ndoc = \"\"\n";
+    let text = include_str!("../support/numbers.toml").replacen("\"numbers\"", "\"masked_numbers\"", 1);
+    Spec::declare(&(text + mask)).expect("a sound task");
+    Config { task: "masked_numbers".to_owned(), ..numbers_config(memory) }
+}
+
 impl World {
     pub fn new(config: &Config) -> Self {
         Self::of_learner(config, 0..config.environments())
@@ -74,7 +83,8 @@ impl World {
         let inputs = config.spec().inputs().expect("networks can take it");
         let (width, has_frame) = (inputs.width(), inputs.image.is_some());
         let (actions, previous) = (config.policy_actions().len(), vec![NO_ACTION; columns]);
-        Self { columns, width, actions, has_frame, own, halves, steps, planned: steps, previous }
+        let is_masked = config.spec().mask().is_some();
+        Self { columns, width, actions, has_frame, is_masked, own, halves, steps, planned: steps, previous }
     }
 
     /// The same, with a half of each actor's environments in either half, as in a run.
@@ -175,6 +185,8 @@ impl World {
         let numbers: Vec<f32> = columns.iter().flat_map(|&n| numbers(n)).collect();
         let previous_action: Vec<u8> = columns.iter().map(|&n| self.previous[n]).collect();
         let episode_start: Vec<bool> = previous_action.iter().map(|&action| action == NO_ACTION).collect();
+        let masks: Vec<bool> =
+            columns.iter().filter(|_| self.is_masked).flat_map(|&n| mask(now, n, self.actions)).collect();
         let places: Vec<usize> = columns.iter().map(|n| n - self.own.start).collect();
         let input = StepInput {
             columns: &places,
@@ -182,10 +194,17 @@ impl World {
             numbers: &numbers,
             previous_action: &previous_action,
             episode_start: &episode_start,
+            masks: &masks,
             gumbel: &[],
         };
         act(agent, &input)
     }
+}
+
+/// Which options may be chosen: at least one.
+pub fn mask(now: usize, n: usize, options: usize) -> Vec<bool> {
+    let drawn = noise(&format!("mask.{now}.{n}"), options);
+    (0..options).map(|option| drawn[option] > 0.2 || option == (now + n) % options).collect()
 }
 
 pub fn weights_of(agent: &Agent) -> BTreeMap<String, Tensor> {

@@ -1,6 +1,6 @@
 //! The page that goes with a policy: what it takes and gives, in which units, and ten lines that let it act.
 
-use crate::policy::Policy;
+use crate::policy::{MASK, Policy};
 use proto::config::{CarriedGoal, GoalCoordinates, Memory};
 use proto::task::ActionHead;
 use std::fmt::Write;
@@ -55,6 +55,11 @@ A policy of Stillroom after {frames} frames of training: one step of any number 
     }
     if network.previous_action {
         line(format_args!("| previous_action | int64 | rows | number of the last action; {actions} at first |"));
+    }
+    if policy.is_masked() {
+        line(format_args!(
+            "| {MASK} | bool | rows, {actions} | whether each option may be chosen; of several choices side by side |"
+        ));
     }
     if remembers {
         line(format_args!(

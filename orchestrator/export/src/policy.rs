@@ -28,6 +28,8 @@ const ACTING: [&str; 9] = [
     "critic.",
     "log_std",
 ];
+/// The model's input of masks.
+pub(crate) const MASK: &str = "action_mask";
 /// Mean and variance of observations.
 pub(crate) const NORMALIZER: &str = "observation_norm.";
 
@@ -142,6 +144,11 @@ impl Policy {
 
     pub(crate) fn has_frame(&self) -> bool {
         self.inputs().image.is_some()
+    }
+
+    /// Whether there are options that may not be chosen.
+    pub(crate) fn is_masked(&self) -> bool {
+        self.config.spec().mask().is_some()
     }
 
     /// How many numbers it is given, beside the frame if there is one.

@@ -59,6 +59,25 @@ impl Actions {
         }
     }
 
+    /// Options of each choice; none of numbers.
+    pub fn choices(&self) -> Vec<usize> {
+        match self {
+            Self::Discrete { names, .. } => vec![names.len()],
+            Self::MultiDiscrete { counts } => counts.iter().map(|&count| count as usize).collect(),
+            Self::Box { .. } => vec![],
+        }
+    }
+
+    /// Whether a mask, one byte an option, allows an action that is one of them.
+    pub fn allows(&self, mask: &[u8], action: &[u8]) -> bool {
+        let (dtype, _) = self.numbers();
+        let mut rest = mask;
+        self.choices().into_iter().zip(action.chunks_exact(dtype.bytes())).all(|(options, option)| {
+            let own = rest.split_off(..options).unwrap_or_default();
+            own.get(dtype.read(option) as usize) == Some(&1)
+        })
+    }
+
     /// Whether these bytes are one of them.
     pub fn has(&self, action: &[u8]) -> bool {
         let (dtype, _) = self.numbers();

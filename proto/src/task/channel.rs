@@ -13,6 +13,8 @@ pub enum Role {
     Outcome,
     /// What the policy may be given.
     Observation,
+    /// Of each option of the actions, whether it may be chosen now: 1 or 0. Of several choices, side by side.
+    Mask,
     /// For viewers and recordings alone.
     State,
 }
@@ -145,6 +147,9 @@ impl Channel {
 
     /// Least and greatest number that may arrive.
     pub(super) fn bounds(&self) -> Option<[f64; 2]> {
+        if self.role == Role::Mask {
+            return Some([0.0, 1.0]);
+        }
         if self.names.is_empty() { self.range } else { Some([0.0, self.names.len() as f64 - 1.0]) }
     }
 
@@ -179,6 +184,9 @@ impl Channel {
             return wrong("only a whole number stands for one of some names");
         }
         let given = [self.range.is_some(), !self.values.is_empty(), !self.names.is_empty()];
+        if self.role == Role::Mask && given.contains(&true) {
+            return wrong("the numbers of a mask are 0 and 1: it has neither range, values nor names");
+        }
         if given.into_iter().filter(|&given| given).count() > 1 {
             return wrong("range, values and names exclude each other");
         }

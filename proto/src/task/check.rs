@@ -4,7 +4,7 @@
 //! number that the task does not declare must not be trained on, and not be recorded as a fact. Each number but those of
 //! images is compared with its range at each step.
 
-use super::channel::{Channel, Dtype};
+use super::channel::{Channel, Dtype, Role};
 use super::layout::{Field, HEADER_BYTES};
 use super::spec::Spec;
 use crate::record::{End, RecordHeader};
@@ -17,6 +17,8 @@ pub enum Implausible {
     NotFinite(String),
     #[error("its {what} is {value}, which cannot be")]
     Range { what: String, value: f64 },
+    #[error("its {0} allows no option of a choice: one at least can always be chosen")]
+    NoOption(String),
 }
 
 /// What may lie in a field.
@@ -37,6 +39,15 @@ impl Sound {
     }
 }
 
+/// Where a mask lies.
+#[derive(Debug, Clone)]
+struct Mask {
+    field: Field,
+    /// Options of each choice.
+    choices: Vec<usize>,
+    what: String,
+}
+
 /// The check of a task's records, resolved.
 #[derive(Debug, Clone)]
 pub struct Check {
@@ -46,6 +57,7 @@ pub struct Check {
     last_seen: Vec<(Field, Sound, String)>,
     /// All of that, 0 of any other record.
     last_bytes: Range<usize>,
+    mask: Option<Mask>,
     /// Bytes that no channel has, always 0.
     gaps: Vec<Range<usize>>,
 }
@@ -81,7 +93,26 @@ impl Check {
             .iter()
             .filter_map(|(field, sound, what)| Some((layout.last(*field)?, sound.clone(), format!("last {what}"))));
         let (last_seen, last_bytes) = (again.collect(), layout.last_seen.clone());
-        Self { of_action: checks(true), seen, last_seen, last_bytes, gaps }
+        let pairs = spec.channels.iter().zip(&layout.fields);
+        let mut masks = pairs.filter(|(channel, _)| channel.role == Role::Mask);
+        let mask = masks.next().map(|(channel, &field)| Mask {
+            field,
+            choices: spec.actions.choices(),
+            what: channel.name.clone(),
+        });
+        Self { of_action: checks(true), seen, last_seen, last_bytes, mask, gaps }
+    }
+
+    /// Refuses a record after which no action could be chosen. Where an episode has ended none is: that of its end may
+    /// allow nothing.
+    ///
+    /// # Panics
+    /// As [`Self::record`].
+    pub fn choice(&self, record: &[u8]) -> Result<(), Implausible> {
+        let Some(Mask { field, choices, what }) = &self.mask else { return Ok(()) };
+        let mut rest = &record[field.range()];
+        let mut own = choices.iter().map(|&options| rest.split_off(..options).unwrap_or_default());
+        if own.all(|options| options.contains(&1)) { Ok(()) } else { Err(Implausible::NoOption(what.clone())) }
     }
 
     /// Checks a record. `acted`: an action was taken, so that what it did counts.

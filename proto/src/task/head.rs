@@ -30,9 +30,7 @@ impl ActionHead {
         let named = space.of(actions)?;
         Some(match actions {
             Actions::Discrete { .. } => Self::Discrete(named),
-            Actions::MultiDiscrete { counts } => {
-                Self::MultiDiscrete(counts.iter().map(|&count| count as usize).collect())
-            }
+            Actions::MultiDiscrete { .. } => Self::MultiDiscrete(actions.choices()),
             Actions::Box { bounds } => Self::Box(bounds.clone()),
         })
     }

@@ -1,7 +1,7 @@
 //! Reading declarations: those that are built in, and any text.
 
 use super::actions::Actions;
-use super::channel::Channel;
+use super::channel::{Channel, Dtype, Role};
 use super::error::SpecError;
 use super::figure::{Curve, Figure};
 use super::layout::Layout;
@@ -134,6 +134,7 @@ impl Spec {
         }
         actions.check()?;
         channels.iter().try_for_each(Channel::check)?;
+        check_masks(&actions, &channels)?;
         if let Restore::Snapshot { bytes } = restore {
             let valid = (1..=Restore::SNAPSHOT_BYTES_MOST).contains(&bytes);
             valid.then_some(()).ok_or(SpecError::Snapshot { bytes })?;
@@ -199,6 +200,24 @@ impl Spec {
         }
         check_names(self.rewards.iter().chain(own).map(|reward| &*reward.name))
     }
+}
+
+/// Refuses a mask that is not one of the actions.
+fn check_masks(actions: &Actions, channels: &[Channel]) -> Result<(), SpecError> {
+    let mut masks = channels.iter().filter(|channel| channel.role == Role::Mask);
+    let Some(mask) = masks.next() else { return Ok(()) };
+    let wrong = |channel: &Channel, problem| Err(SpecError::Channel { name: channel.name.clone(), problem });
+    if let Some(second) = masks.next() {
+        return wrong(second, "a task has one mask: of several choices the options stand side by side");
+    }
+    let options = actions.choices().iter().sum();
+    if options == 0 || matches!(actions, Actions::Discrete { subsets, .. } if !subsets.is_empty()) {
+        return wrong(mask, "a mask is of discrete or multi_discrete actions without subsets");
+    }
+    if (mask.dtype, &mask.shape[..]) != (Dtype::U8, &[options]) {
+        return wrong(mask, "a mask is u8, and its shape is how many options the actions have in all");
+    }
+    Ok(())
 }
 
 /// A declaration may be anybody's, and each name is looked up among all.

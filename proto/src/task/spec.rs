@@ -1,7 +1,7 @@
 //! A task's declaration, read.
 
 use super::actions::Actions;
-use super::channel::Channel;
+use super::channel::{Channel, Role};
 use super::figure::{Curve, Described, Figure};
 use super::layout::{Field, HEADER_BYTES, Layout};
 use super::metric::Metric;
@@ -50,6 +50,12 @@ impl Spec {
     pub fn channel(&self, name: &str) -> Option<(&Channel, Field)> {
         let index = self.channels.iter().position(|channel| channel.name == name)?;
         Some((&self.channels[index], self.layout.fields[index]))
+    }
+
+    /// Where a record says which options may be chosen; none of a task without a mask.
+    pub fn mask(&self) -> Option<Field> {
+        let index = self.channels.iter().position(|channel| channel.role == Role::Mask)?;
+        Some(self.layout.fields[index])
     }
 
     pub fn metric(&self, name: &str) -> Option<&Metric> {

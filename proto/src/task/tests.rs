@@ -528,3 +528,42 @@ fn numbers_that_a_task_does_not_declare_are_named() {
         "its reserved byte is 1, which cannot be"
     );
 }
+
+#[test]
+fn a_mask_is_of_the_options_and_allows_one_of_each_choice() {
+    let spec = |actions: &str, mask: &str| {
+        let channel = "[[channels]]\nrole = \"mask\"\ndoc = \"\"";
+        Spec::parse(&format!("name = \"masked\"\n[actions]\n{actions}\n{channel}\nname = \"legal\"\n{mask}\n"))
+    };
+    let [two, three] = ["kind = \"discrete\"\nnames = [\"a\", \"b\"]", "kind = \"multi_discrete\"\ncounts = [2, 3]"];
+    let again = "[[channels]]\nname = \"again\"\nrole = \"mask\"\ndoc = \"\"\ndtype = \"u8\"\nshape = [2]";
+    for (actions, mask, problem) in [
+        (two, "dtype = \"u8\"\nshape = [3]", "its shape is how many options the actions have in all"),
+        (two, "dtype = \"u8\"", "its shape is how many options"),
+        (two, "dtype = \"i32\"\nshape = [2]", "a mask is u8"),
+        (two, "dtype = \"u8\"\nshape = [2]\nrange = [0, 1]", "it has neither range, values nor names"),
+        (two, &format!("dtype = \"u8\"\nshape = [2]\n{again}"), "channel `again`: a task has one mask"),
+        (&format!("{two}\nsubsets = {{ some = [\"a\"] }}"), "dtype = \"u8\"\nshape = [2]", "without subsets"),
+        ("kind = \"box\"\nbounds = [[-1, 1]]", "dtype = \"u8\"\nshape = [1]", "discrete or multi_discrete actions"),
+    ] {
+        let error = spec(actions, mask).unwrap_err().to_string();
+        assert!(error.contains(problem), "{mask}: {error}");
+    }
+    let spec = spec(three, "dtype = \"u8\"\nshape = [5]").unwrap();
+    let found = |mask: [u8; 5]| {
+        let mut record = vec![0; spec.layout().bytes];
+        record[spec.mask().unwrap().range()].copy_from_slice(&mask);
+        let check = Check::of(&spec);
+        check.record(&record, false).and_then(|()| check.choice(&record)).map_err(|error| error.to_string())
+    };
+    assert_eq!(found([0, 1, 1, 0, 0]), Ok(()));
+    assert_eq!(found([0, 2, 1, 0, 0]).unwrap_err(), "its legal is 2, which cannot be");
+    for mask in [[0; 5], [0, 0, 1, 1, 1], [1, 1, 0, 0, 0]] {
+        assert!(found(mask).unwrap_err().starts_with("its legal allows no option of a choice"), "{mask:?}");
+    }
+    let allowed = |chosen: [i32; 2]| {
+        let action: Vec<u8> = chosen.iter().flat_map(|option| option.to_ne_bytes()).collect();
+        spec.actions.allows(&[0, 1, 1, 0, 1], &action)
+    };
+    assert!(allowed([1, 0]) && allowed([1, 2]) && !allowed([0, 0]) && !allowed([1, 1]));
+}

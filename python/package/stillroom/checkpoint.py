@@ -53,8 +53,8 @@ class Checkpoint:
     empty for a file of weights alone."""
 
     actions: dict[str, Any] = field(default_factory=dict)
-    """The task's actions, as it declares them: their `kind`, and `names`, `counts` or `bounds`; empty for a file of
-    weights alone."""
+    """The task's actions, as it declares them: their `kind`, and `names`, `counts` or `bounds`; `masked`, if not all
+    can always be chosen. Empty for a file of weights alone."""
 
     @property
     def frames(self) -> int | None:
@@ -81,7 +81,10 @@ class Checkpoint:
             raise ModuleNotFoundError("Checkpoint.network needs torch: pip install 'stillroom[train]'") from error
         clip = self.config.get("normalize", {}).get("observation_clip", 10.0)
         choices, bounds = self.actions.get("counts"), self.actions.get("bounds")
-        return Network.of(self.weights, goal=self.goal, observation_clip=clip, choices=choices, bounds=bounds)
+        masked = self.actions.get("masked", False)
+        return Network.of(
+            self.weights, goal=self.goal, observation_clip=clip, choices=choices, bounds=bounds, masked=masked
+        )
 
     def save(self, path: str | PathLike[str]) -> None:
         """Writes the weights alone as a safetensors file, which `load` and `learner probe` read."""

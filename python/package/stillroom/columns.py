@@ -19,6 +19,7 @@ from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from stillroom.description import Refused
+from stillroom.masks import MASK, chosen, sample
 
 # The share of steps in which a column beside the one that is looked at acts.
 ACTS = 0.95
@@ -38,10 +39,9 @@ class Vector:
         self._env = env
         self._shows_next_episode = mode is AutoresetMode.SAME_STEP
         self._has_begun = False
-        # Of a column that is stepped because others are.
         space = env.single_action_space
         nothing = np.zeros(space.shape or (), space.dtype)
-        self._idle = np.clip(nothing, space.low, space.high) if isinstance(space, Box) else nothing
+        self._nothing = np.clip(nothing, space.low, space.high) if isinstance(space, Box) else nothing
         self.columns = [Column(self, index, env) for index in range(env.num_envs)]
 
     def __len__(self) -> int:
@@ -58,7 +58,7 @@ class Vector:
         for column, action in acting:
             column.is_lost = False
             column.actions.append(action)
-        ended = self._step([self._idle if column.is_lost else column.actions[-1] for column in self.columns])
+        ended = self._step([None if column.is_lost else column.actions[-1] for column in self.columns])
         # The engine begins the next episodes of those that act.
         self._reset([column for column in ended if column.is_lost])
 
@@ -83,10 +83,24 @@ class Vector:
         return last, rewards[index], terminated[index], truncated[index], Info(info, index)
 
     def _step(self, actions: Sequence[Any]) -> list[Column]:
-        """Steps by an action for each column; returns the columns whose episodes have ended."""
-        self._stepped = self._env.step(np.array(actions, self._env.action_space.dtype))
-        _, _, terminated, truncated, _ = self._stepped
+        """Steps by an action for each column, None where it does not act; returns those whose episodes have ended."""
+        pairs = zip(actions, self.columns, strict=True)
+        taken = [self._idle(column) if action is None else action for action, column in pairs]
+        self._stepped = self._env.step(np.array(taken, self._env.action_space.dtype))
+        _, _, terminated, truncated, info = self._stepped
+        self._note_masks(info)
         return [column for column in self.columns if terminated[column.index] or truncated[column.index]]
+
+    def _idle(self, column: Column) -> Any:
+        """An action of a column that is stepped because others are."""
+        if column.mask is None:
+            return self._nothing
+        return chosen(self._env.single_action_space, column.mask, lambda allowed: allowed[0])
+
+    def _note_masks(self, info: dict[str, Any]) -> None:
+        """Keeps what columns may do next. Of those that were not reset there is nothing."""
+        for column in self.columns:
+            column.mask = Info(info, column.index).get(MASK, column.mask)
 
     def _reset(self, columns: Sequence[Column]) -> Any:
         if not columns:
@@ -94,7 +108,9 @@ class Vector:
         mask = np.zeros(len(self), np.bool_)
         mask[[column.index for column in columns]] = True
         seeds = [column.seed if mask[column.index] else None for column in self.columns]
-        return self._env.reset(seed=seeds, options={"reset_mask": mask})  # type: ignore[arg-type]
+        seen = self._env.reset(seed=seeds, options={"reset_mask": mask})  # type: ignore[arg-type]
+        self._note_masks(seen[1])
+        return seen
 
     def _reset_all(self) -> Any:
         try:
@@ -103,6 +119,7 @@ class Vector:
             problem = f"it takes no seed for each column (reset(seed=[1, 2])): {type(error).__name__}: {error}"
             raise Refused(f"{problem}. Every episode of a run has a seed of its own; {INSTEAD}") from error
         self._has_begun = True
+        self._note_masks(seen[1])
         return seen
 
     def _replay(self) -> None:
@@ -115,7 +132,7 @@ class Vector:
             waiting = [column for column in waiting if column not in begins]
             self._reset(begins)
             idle = [*waiting, *resting]
-            ended = self._step([self._idle if column in idle else column.actions[-left] for column in self.columns])
+            ended = self._step([None if column in idle else column.actions[-left] for column in self.columns])
             self._reset([column for column in ended if column in idle])
         self._reset(resting)
         for column in self.columns:
@@ -131,6 +148,7 @@ class Column:
         self.vector, self.index = vector, index
         self.seed = 0
         self.actions: list[Any] = []
+        self.mask: Any = None
         # Whether its state is not that of its seed and actions.
         self.is_lost = True
 
@@ -157,6 +175,13 @@ class Info:
             raise KeyError(key)
         return self._table[key][self._index]
 
+    def get(self, key: str, otherwise: Any = None) -> Any:
+        """As of a dictionary."""
+        try:
+            return self[key]
+        except KeyError:
+            return otherwise
+
 
 class Among:
     """A column while others around it do something else every time."""
@@ -167,22 +192,27 @@ class Among:
         self._chosen = copy.deepcopy(self.action_space)
         self._chosen.seed(0)
         self._random = np.random.default_rng(0)
+        self._masks: list[Any] = [None] * len(self._others)
 
     def reset(self, *, seed: int) -> tuple[Any, Info]:
         """Begins an episode in each column, in this one that of the seed."""
-        for other in self._others:
-            other.reset(seed=int(self._random.integers(1 << 31)))
+        for index, other in enumerate(self._others):
+            _, info = other.reset(seed=int(self._random.integers(1 << 31)))
+            self._masks[index] = info.get(MASK)
         return self.column.reset(seed=seed)
 
     def step(self, action: Any) -> tuple[Any, Any, Any, Any, Any]:
         """One column acts, the others by chance, or not at all."""
-        chosen = [self._chosen.sample() for _ in self._others]
-        others = [one if self._random.random() < ACTS else None for one in chosen]
+        drawn = [sample(self._chosen, mask) for mask in self._masks]
+        others = [one if self._random.random() < ACTS else None for one in drawn]
         self.column.vector.take([*others, action])
-        for other in self._others:
-            _, _, terminated, truncated, _ = other.step(0)
+        for index, (other, taken) in enumerate(zip(self._others, others, strict=True)):
+            _, _, terminated, truncated, info = other.step(0)
             if terminated or truncated:
-                other.reset(seed=other.seed)
+                _, info = other.reset(seed=other.seed)
+            elif taken is None:
+                continue
+            self._masks[index] = info.get(MASK)
         return self.column.step(action)
 
 

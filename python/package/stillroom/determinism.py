@@ -11,6 +11,7 @@ import gymnasium
 import numpy as np
 
 from stillroom.description import Refused, way_of
+from stillroom.masks import MASK, sample
 
 # Of the episode that is played twice, and of another one between.
 STEPS = 40
@@ -38,26 +39,28 @@ def prove(env: gymnasium.Env, make: Callable[[], gymnasium.Env]) -> None:
             ' reset(seed=[1, None], options={"reset_mask": ...})'
         )
         return _compare(once, _play(env, 1, STEPS), 0, "reset(seed=1)", advice)
-    _compare(once[:1], _play(env, 1, 0), 0, "reset(seed=1)", "Every episode begins by its seed")
-    actions, seen = _actions(env, 1, STEPS), []
-    for step, action in enumerate(actions):
+    start = _play(env, 1, 0)
+    _compare(once[:1], start, 0, "reset(seed=1)", "Every episode begins by its seed")
+    choose, actions, seen = _chance(env, 1), [], start
+    for step in range(STEPS):
         if step <= STEPS_BEFORE:
             first, state = step, env.get_state()  # type: ignore[attr-defined]
-        seen.append(_step(env, action))
+        actions.append(choose(seen[-1]))
+        seen.append(_step(env, actions[-1]))
         if seen[-1]["end"]:
             break
     other = make()
     _play(other, 2, STEPS_BETWEEN)
     other.set_state(state)  # type: ignore[attr-defined]
-    again = [_step(other, action) for action in actions[first : len(seen)]]
+    again = [_step(other, action) for action in actions[first:]]
     other.close()
     advice = "A snapshot holds all that the next step depends on, generators and wrappers too"
-    return _compare(seen[first:], again, first + 1, "set_state() of a snapshot in another environment", advice)
+    return _compare(seen[first + 1 :], again, first + 1, "set_state() of a snapshot in another environment", advice)
 
 
 def _compare(once: list[dict[str, Any]], again: list[dict[str, Any]], first: int, after: str, advice: str) -> None:
     for step, (one, other) in enumerate(zip_longest(once, again, fillvalue={}), first):
-        for what in ("observation", "reward", "end"):
+        for what in ("observation", "reward", "end", MASK):
             if (what in one) != (what in other) or (what in one and not _same(one[what], other[what])):
                 raise Refused(
                     f"it does not repeat itself: after {after} its {what} after {step} actions is another one. {advice}"
@@ -66,24 +69,30 @@ def _compare(once: list[dict[str, Any]], again: list[dict[str, Any]], first: int
 
 def _play(env: gymnasium.Env, seed: int, steps: int) -> list[dict[str, Any]]:
     """What is seen from the start on; a seed's actions are always the same."""
-    observation, _ = env.reset(seed=seed)
-    seen: list[dict[str, Any]] = [{"observation": _copy(observation)}]
-    for action in _actions(env, seed, steps):
-        seen.append(_step(env, action))
+    observation, info = env.reset(seed=seed)
+    seen, choose = [_seen(observation, info)], _chance(env, seed)
+    for _ in range(steps):
+        seen.append(_step(env, choose(seen[-1])))
         if seen[-1]["end"]:
             break
     return seen
 
 
-def _actions(env: gymnasium.Env, seed: int, steps: int) -> list[Any]:
+def _chance(env: gymnasium.Env, seed: int) -> Callable[[dict[str, Any]], Any]:
+    """Chooses actions where this is seen."""
     space = copy.deepcopy(env.action_space)
     space.seed(seed)
-    return [space.sample() for _ in range(steps)]
+    return lambda seen: sample(space, seen.get(MASK))
 
 
 def _step(env: gymnasium.Env, action: Any) -> dict[str, Any]:
-    observation, reward, terminated, truncated, _ = env.step(action)
-    return {"observation": _copy(observation), "reward": float(reward), "end": bool(terminated or truncated)}
+    observation, reward, terminated, truncated, info = env.step(action)
+    return _seen(observation, info) | {"reward": float(reward), "end": bool(terminated or truncated)}
+
+
+def _seen(observation: Any, info: Any) -> dict[str, Any]:
+    mask = info.get(MASK)
+    return {"observation": _copy(observation)} | ({} if mask is None else {MASK: np.array(mask)})
 
 
 def _copy(observation: Any) -> Any:

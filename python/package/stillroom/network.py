@@ -18,6 +18,8 @@ from torch.nn import functional as F
 RAW_SIDE = 224
 # Millimetres to the network's input: (metres - 0.5) / 0.25.
 SCALE, OFFSET = 1 / 250, -2.0
+# In place of the logit of an option that a mask forbids.
+FORBIDDEN_LOGIT = -1e8
 
 
 class Block(nn.Module):
@@ -134,6 +136,7 @@ class Network(nn.Module):
         bounds: least and greatest of each number of a box: means are the policy's, and `log_std` is a weight.
         numbers: how many numbers an observation has, beside its frame if there is one.
         mlp: widths of the layers of a task without a frame.
+        masked: whether observations have a mask of the options that may be chosen.
     """
 
     def __init__(
@@ -150,8 +153,10 @@ class Network(nn.Module):
         choices: list[int] | None = None,
         bounds: list[list[float]] | None = None,
         observation_clip: float | None = None,
+        masked: bool = False,
     ) -> None:
         super().__init__()
+        self.masked = masked
         self.choices = choices or [actions]
         self.log_std = nn.Parameter(torch.zeros(actions)) if bounds else None
         self.register_buffer("bounds", torch.tensor(bounds) if bounds else None, persistent=False)
@@ -194,9 +199,10 @@ class Network(nn.Module):
         observation_clip: float = 10.0,
         choices: list[int] | None = None,
         bounds: list[list[float]] | None = None,
+        masked: bool = False,
     ) -> Network:
-        """The network that weights belong to: names and shapes give all but `goal`, `observation_clip` and the actions'
-        form. Heads of auxiliary tasks are left out."""
+        """The network that weights belong to: names and shapes give all but `goal`, `observation_clip`, `masked` and
+        the actions' form. Heads of auxiliary tasks are left out."""
 
         def widths(path: str) -> list[int]:
             """Outputs of a Sequential's linear layers."""
@@ -242,6 +248,7 @@ class Network(nn.Module):
                 choices=choices,
                 bounds=bounds,
                 observation_clip=observation_clip if "observation_norm.running_mean" in weights else None,
+                masked=masked,
             )
             own = network.state_dict()
             if own[last].shape == weights[last].shape:
@@ -297,7 +304,8 @@ class Network(nn.Module):
 
         Args:
             observations: those of a `VectorEnv`, arrays or tensors: depth [rows, 224, 224], goal [rows, 3], and
-                previous_action [rows]. In a task without a frame numbers [rows, numbers] instead of depth and goal.
+                previous_action [rows]. In a task without a frame numbers [rows, numbers] instead of depth and goal; in
+                a task with masks action_mask [rows, actions], true where an option may be chosen.
             belief: [rows, hidden]; zeros (`begin`) where an episode begins.
 
         Returns:
@@ -325,6 +333,8 @@ class Network(nn.Module):
             weights = (gru.weight_ih_l0, gru.weight_hh_l0, gru.bias_ih_l0, gru.bias_hh_l0)
             seen = belief = torch.gru_cell(embedded, belief, *weights)
         policy = self.actor(seen)
+        if self.masked:
+            policy = policy.masked_fill(~given("action_mask").bool(), FORBIDDEN_LOGIT)
         if self.log_std is None:
             policy = torch.cat([F.log_softmax(logits, -1) for logits in policy.split(self.choices, 1)], 1)
         return policy, self.critic(seen).squeeze(1), belief

@@ -27,6 +27,7 @@ from stillroom.columns import Among, Vector, check_sizes, halves, takes_size
 from stillroom.description import Refused, describe
 from stillroom.determinism import prove
 from stillroom.film import Camera, write
+from stillroom.masks import add_mask
 from stillroom.pools import PoolEnv
 
 MakeEnv = Callable[..., gymnasium.Env | gymnasium.vector.VectorEnv]
@@ -142,6 +143,7 @@ def _run(
             vector = env if isinstance(env, Vector) else None
             one, proven = (vector.columns[0], Among(vector)) if vector else (env, env)
             described = describe(one, _task_name(name))
+            add_mask(described, one)
             prove(proven, lambda: _made(make_env, 1))
             # Of vectors that have a size, an actor has two.
             size = {"environments": 2 * len(vector)} if vector and not takes_size(make_env) else {}

@@ -9,6 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 from stillroom.depth import CameraPose, DepthCamera, plain
+from stillroom.masks import MASK
 
 
 class Depth(gymnasium.ObservationWrapper):
@@ -60,6 +61,27 @@ class Depth(gymnasium.ObservationWrapper):
         else:
             parts["depth"] = self._camera.render(data)
         return parts
+
+
+class ActionMasks(gymnasium.Wrapper):
+    """Puts into `info["action_mask"]` what the environment's `action_masks()` returns, which sb3-contrib asks for."""
+
+    def __getattr__(self, name: str) -> Any:
+        # Such as `get_state`.
+        return getattr(self.env, name)
+
+    def reset(self, **arguments: Any) -> tuple[Any, dict[str, Any]]:
+        """Begins an episode."""
+        observation, info = self.env.reset(**arguments)
+        return observation, info | self._mask()
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """A step, and what may be done after it."""
+        *seen, info = self.env.step(action)
+        return *seen, info | self._mask()  # type: ignore[return-value]
+
+    def _mask(self) -> dict[str, Any]:
+        return {MASK: np.asarray(self.env.get_wrapper_attr("action_masks")(), np.bool_).ravel()}
 
 
 def mujoco_of(env: gymnasium.Env) -> tuple[Any, Any]:

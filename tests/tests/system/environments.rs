@@ -227,7 +227,12 @@ fn a_run_with_actions_of_any_kind_ends_in_the_same_weights_killed_or_not() {
     let place = place();
     let stage = "stages=[{ name = \"I\", reward = \"r\", frames = 600 }]";
     let alone = ["auxiliary.task=none", "network.goal=plain", "network.memory=none", "network.previous_action=false"];
-    for (kind, more) in [("numbers", "learner.shards=2"), ("choices", "ppo.overlap=true")] {
+    for (kind, more) in [
+        ("numbers", "learner.shards=2"),
+        ("choices", "ppo.overlap=true"),
+        ("masked", "learner.shards=2"),
+        ("masked_choices", "ppo.overlap=true"),
+    ] {
         let settings = [stage, more].into_iter().chain(alone).flat_map(|setting| ["--set", setting]);
         let settings: Vec<&str> = settings.collect();
         let run = |name: &str| place.up(name, &format!("actions.py:{kind}"), &serde_json::json!({}), &settings);
@@ -240,8 +245,8 @@ fn a_run_with_actions_of_any_kind_ends_in_the_same_weights_killed_or_not() {
             let replayed = place.orchestrator(&["replay", run, "--check"]);
             assert!(replayed.success && replayed.stdout.contains("differences: 0"), "{replayed:#?}");
         }
-        if kind == "numbers" {
-            let mut two = run("numbers-of-two");
+        if more == "learner.shards=2" {
+            let mut two = run(&format!("{kind}-of-two"));
             two.args(["--learners", "2"]);
             assert_eq!(complete(two).result(), expected, "shards give the same weights to any number of learners");
         }
@@ -347,8 +352,13 @@ fn an_environment_that_cannot_take_part_is_refused_before_a_run_begins() {
         let said = refused(&["--python", python, "--env", env]);
         assert!(said.contains(expected), "{env}: {said}");
     }
-    let said = refused(&["--python", python, "--env", &source("faulty.py:random_env")]);
-    assert!(said.contains("it does not repeat itself"), "{said}");
+    for (env, expected) in [
+        ("faulty.py:random_env", "it does not repeat itself"),
+        ("actions.py:stuck", "its action_mask allows no option"),
+    ] {
+        let said = refused(&["--python", python, "--env", &source(env)]);
+        assert!(said.contains(expected), "{said}");
+    }
     let said = refused(&["--python", "/usr/bin/env", "--env", "gymnasium:CartPole-v1"]);
     assert!(said.lines().count() < 4, "{said}");
     let said = refused(&["--python", python, "--env", "gymnasium:CartPole-v1", "--env-kwargs", "[1"]);
@@ -438,6 +448,7 @@ fn a_program_in_c_with_something_wrong_is_refused_in_a_sentence() {
         ("shape", "channel `seen` has 1 dimensions at 0x0"),
         ("text", "the name of channel 0 is not UTF-8"),
         ("outcome", "has no channel of STILLROOM_OBSERVATION"),
+        ("mask", "its mask allows no action"),
         ("make", "make() failed: it does not say why"),
         ("reset", "reset() failed: it does not say why"),
         ("step", "step() failed: the robot fell over"),

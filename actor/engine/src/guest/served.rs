@@ -145,9 +145,10 @@ impl Environment {
     }
 
     /// Refuses numbers that the task does not declare; returns the state's hash: of all that was seen and done so far.
-    fn check(&mut self, check: &Check, acted: bool, layout: &Layout) -> Result<u64, String> {
+    fn check(&mut self, check: &Check, [acted, ended]: [bool; 2], layout: &Layout) -> Result<u64, String> {
         let record = Line::bytes(&self.record);
-        check.record(record, acted).map_err(|problem| problem.to_string())?;
+        let sound = check.record(record, acted).and_then(|()| if ended { Ok(()) } else { check.choice(record) });
+        sound.map_err(|problem| problem.to_string())?;
         if acted && !layout.snapshot.is_empty() {
             // A chain, which goes on from a snapshot.
             self.history = Xxh3::with_seed(self.state_hash);
@@ -173,7 +174,7 @@ impl<G: Guest> Simulator for Served<G> {
         self.enter(place);
         let one = &mut self.environments[index];
         let begun = self.guest.reset(index, seed, Line::bytes_mut(&mut one.record));
-        let hash = begun.and_then(|()| one.check(&self.check, false, self.layout));
+        let hash = begun.and_then(|()| one.check(&self.check, [false, false], self.layout));
         hash.map_err(|problem| Failure { place, problem })
     }
 
@@ -214,7 +215,7 @@ impl<G: Guest> Simulator for Served<G> {
                 (false, true) => Some(End::Truncated),
                 (false, false) => None,
             };
-            let hash = one.check(&self.check, true, self.layout)?;
+            let hash = one.check(&self.check, [true, end.is_some()], self.layout)?;
             done.copy_from_slice(&Line::bytes(&one.record)[self.layout.of_action.clone()]);
             Ok((hash, end))
         });

@@ -49,3 +49,25 @@ fn an_outcome_that_does_not_follow_from_the_action_is_an_error() {
     assert_eq!(settled[0].outcome.label, sample.clone().reals("disturbance_progress_m")[0] <= -0.001);
     assert!(collector.settle(&second).is_empty(), "an outcome is taken in once");
 }
+
+/// What allows nothing is refused where an action is to be chosen, and what is forbidden is not sent.
+#[test]
+fn a_record_allows_an_action_and_only_such_are_sent() {
+    let mask = "[[channels]]\nname = \"action_mask\"\nrole = \"mask\"\ndtype = \"u8\"\nshape = [2]\ndoc = \"\"";
+    let actions = "[actions]\nkind = \"discrete\"\nnames = [\"a\", \"b\"]";
+    let task = proto::task::Spec::kept(&format!("name = \"masked\"\n{actions}\n{mask}\n")).unwrap();
+    let settings = Settings { task, ..settings(ColumnMap::new(0, 1, 1), 1) };
+    let boundary = Boundary::start(1);
+    let mut environments = Environments::new(&settings, boundary.environments, boundary.running);
+    let mut lines = vec![Line([0; 64]); task.layout().bytes / size_of::<Line>()];
+    RecordHeader::of_mut(Line::bytes_mut(&mut lines)).begin(0, 0, false);
+    let error = environments.check(0, Line::bytes(&lines)).unwrap_err();
+    assert!(error.problem.contains("its action_mask allows no option of a choice"), "{error}");
+    task.mask().unwrap().of_mut::<u8>(Line::bytes_mut(&mut lines))[1] = 1;
+    environments.check(0, Line::bytes(&lines)).unwrap();
+    let mut forbidden = environments.clone();
+    let record = lines.clone();
+    let sent = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| forbidden.act(0, &[0], Line::bytes(&record))));
+    assert!(sent.is_err());
+    environments.act(0, &[1], Line::bytes(&lines));
+}

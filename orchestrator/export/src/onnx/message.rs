@@ -111,6 +111,7 @@ pub enum Element {
     Float = 1,
     Uint16 = 4,
     Int64 = 7,
+    Bool = 9,
 }
 
 #[derive(Clone, PartialEq, prost::Message)]

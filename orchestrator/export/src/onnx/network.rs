@@ -3,7 +3,7 @@
 use super::build::Parameter::{Float, Int, Ints};
 use super::build::{Builder, Name};
 use super::message::{Element, Graph};
-use crate::policy::{NORMALIZER, Policy, PolicyError};
+use crate::policy::{MASK, NORMALIZER, Policy, PolicyError};
 use proto::camera::FRAME_SIDE;
 use proto::config::{Encoder, GoalCoordinates, Memory};
 use proto::task::ActionHead;
@@ -17,6 +17,8 @@ const OFFSET: f32 = -2.0;
 
 const GROUPS: usize = 16;
 const EPSILON: f32 = 1e-5;
+/// In place of the logit of an option that a mask forbids.
+const FORBIDDEN_LOGIT: f32 = -1e8;
 /// Beside the variance of an observation.
 const VARIANCE_EPSILON: f32 = 1e-8;
 const VISUAL: usize = 512;
@@ -68,6 +70,9 @@ pub(super) fn graph(policy: &Policy) -> Result<Graph> {
         let doc = "The last action's number; the number of actions where an episode begins.";
         maker.builder.input("previous_action", Element::Int64, &[], doc)
     });
+    let doc = "Whether each option may be chosen; of several choices side by side.";
+    let masked = policy.is_masked();
+    let mask = masked.then(|| maker.builder.input(MASK, Element::Bool, &[actions as i64], doc));
     let doc = "The GRU's state: zeros where an episode begins, then next_belief of the step before.";
     let belief =
         (network.memory == Memory::Gru).then(|| maker.builder.input("belief", Element::Float, &[hidden as i64], doc));
@@ -98,8 +103,12 @@ pub(super) fn graph(policy: &Policy) -> Result<Graph> {
     let embedding = maker.builder.apply("Concat", &parts.iter().collect::<Vec<_>>(), &[Int("axis", 1)]);
     let next = belief.map(|belief| maker.belief(&embedding, &belief, [width, hidden])).transpose()?;
     let (seen, width) = next.as_ref().map_or((&embedding, width), |next| (next, hidden));
-    let logits = maker.head("actor", seen, [width, actions], own)?;
-    let given = maker.policy(&head, logits)?;
+    let mut outputs = maker.head("actor", seen, [width, actions], own)?;
+    if let Some(mask) = mask {
+        let forbidden = maker.builder.float(FORBIDDEN_LOGIT);
+        outputs = maker.builder.apply("Where", &[&mask, &outputs, &forbidden], &[]);
+    }
+    let given = maker.policy(&head, outputs)?;
     let value = maker.head("critic", seen, [width, 1], own)?;
     let last = maker.builder.integers(&[1]);
     let value = maker.builder.apply("Squeeze", &[&value, &last], &[]);

@@ -1,9 +1,10 @@
-"""Environments whose actions are numbers, or several choices. Slow: a run is to be killed in its middle."""
+"""Environments whose actions are numbers, several choices, or masked. Slow: a run is to be killed in its middle."""
 
 import time
 
 import gymnasium
 import numpy as np
+from stillroom.wrappers import ActionMasks
 
 STEP_S = 0.005
 
@@ -31,6 +32,50 @@ class Choices(gymnasium.Env):
         self._steps += 1
         paid = float((action == self._wanted).sum())
         return self._wanted.flatten(), paid, self._steps == 7, False, {}
+
+
+class Masked(gymnasium.Env):
+    """Allows some options, others at every step, and fails if another one is taken. At its end it allows nothing."""
+
+    def __init__(self, counts, space, stuck=False):
+        self._counts, self.action_space, self._stuck = counts, space, stuck
+        self.observation_space = gymnasium.spaces.Box(0, 1, (3,), np.float32)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self._steps, self._is_limit = 0, self.np_random.random() < 0.5
+        return self._see(), {}
+
+    def step(self, action):
+        chosen = np.ravel(action)
+        assert all(allowed[option] for allowed, option in zip(self._allowed, chosen, strict=True)), action
+        self._steps += 1
+        ended = self._steps == 7
+        seen = self._see()
+        if ended or self._stuck:
+            self._allowed = [allowed & False for allowed in self._allowed]
+        return seen, float(chosen.sum()), ended and not self._is_limit, ended and self._is_limit, {}
+
+    def action_masks(self):
+        return np.concatenate(self._allowed)
+
+    def _see(self):
+        self._allowed = [self.np_random.random(count) < 0.4 for count in self._counts]
+        for allowed in self._allowed:
+            allowed[self.np_random.integers(len(allowed))] = True
+        return self.np_random.random(3, np.float32)
+
+
+def masked():
+    return Slow(ActionMasks(Masked([5], gymnasium.spaces.Discrete(5))))
+
+
+def masked_choices():
+    return Slow(ActionMasks(Masked([3, 4], gymnasium.spaces.MultiDiscrete([3, 4]))))
+
+
+def stuck():
+    return ActionMasks(Masked([5], gymnasium.spaces.Discrete(5), stuck=True))
 
 
 def numbers():

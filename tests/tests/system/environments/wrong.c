@@ -11,6 +11,7 @@ static stillroom_environment *make(void) { return is("make") ? NULL : malloc(1);
 static int see(void *const *numbers) {
     static float calls = 0.0f;
     *(float *)numbers[0] = is("random") ? calls++ : 0.5f;
+    if (is("mask")) memset(numbers[1], 0, 2);
     return 0;
 }
 
@@ -27,8 +28,9 @@ static int step(stillroom_environment *e, uint32_t action, void *const *numbers,
 static const char *problem(void) { return is("step") ? "the robot fell over" : NULL; }
 
 int main(int argc, char **argv) {
-    uint32_t shape[] = {1};
-    stillroom_channel channels[] = {{"seen", STILLROOM_OBSERVATION, STILLROOM_F32, 1, shape, -1e9, 1e9}};
+    uint32_t shape[] = {1}, actions[] = {2};
+    stillroom_channel channels[] = {{"seen", STILLROOM_OBSERVATION, STILLROOM_F32, 1, shape, -1e9, 1e9},
+                                    {"mask", STILLROOM_MASK, STILLROOM_U8, 1, actions, 0, 0}};
     stillroom_simulator simulator = {STILLROOM_ACTOR_ABI, 2, "wrong", channels, 1, make, reset, step, problem};
     wrong = argv[1];
     if (is("abi")) simulator.abi = 7;
@@ -37,6 +39,7 @@ int main(int argc, char **argv) {
     if (is("channels")) simulator.channels = NULL;
     if (is("count")) simulator.channel_count = (size_t)-1;
     if (is("functions")) simulator.step = NULL;
+    if (is("mask")) simulator.channel_count = 2;
     if (is("role")) channels[0].role = 9;
     if (is("dimensions")) channels[0].dimensions = 9;
     if (is("shape")) channels[0].shape = NULL;
