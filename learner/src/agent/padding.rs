@@ -31,8 +31,10 @@ pub(super) fn padded<'a>(input: &StepInput<'a>, rows: &[usize], count: usize) ->
         }
         values
     }
-    let width = input.numbers.len() / input.columns.len();
-    let more = input.numbers[..width].repeat(count - input.columns.len());
+    fn more<T: Copy>(rows: &[T], input: &StepInput, count: usize) -> Vec<T> {
+        let first = &rows[..rows.len() / input.columns.len()];
+        [rows, &first.repeat(count - input.columns.len())].concat()
+    }
     let draws = input.gumbel.len() / input.columns.len();
     let mut gumbel = input.gumbel.to_vec();
     gumbel.resize(count * draws, 0.0);
@@ -40,7 +42,8 @@ pub(super) fn padded<'a>(input: &StepInput<'a>, rows: &[usize], count: usize) ->
         columns: again(input.columns, count),
         at: rows.to_vec(),
         frames: again(input.frames, count),
-        numbers: [input.numbers, &more].concat(),
+        images: more(input.images, input, count),
+        numbers: more(input.numbers, input, count),
         previous_action: again(input.previous_action, count),
         episode_start: again(input.episode_start, count),
         gumbel,
