@@ -20,7 +20,9 @@ SHAPES = {"depth": (41, 36), "heat": (2, 45, 36), "screen": (36, 40, 3)}
 
 def images() -> dict[str, Tensor]:
     """What is observed, [T, N, ...]."""
-    values = {name: noise(f"images.{name}", STEPS, COLUMNS, *shape).astype(np.float32) for name, shape in SHAPES.items()}
+    values = {
+        name: noise(f"images.{name}", STEPS, COLUMNS, *shape).astype(np.float32) for name, shape in SHAPES.items()
+    }
     one = np.float32(1)
     screen = ((values["screen"] + one) * np.float32(127)).astype(np.uint8)
     depth = ((values["depth"] + one) * np.float32(32767)).astype(np.uint16)
@@ -78,7 +80,9 @@ def main() -> None:
     """One minibatch of everything, as in ppo_atari.py."""
     agent = Agent().double()
     set_weights(agent)
-    log_prob = (noise("images.log_prob", STEPS, COLUMNS).astype(np.float32) * np.float32(0.25) - np.float32(1.25)).astype(float)
+    log_prob = (
+        noise("images.log_prob", STEPS, COLUMNS).astype(np.float32) * np.float32(0.25) - np.float32(1.25)
+    ).astype(float)
     values, rewards = noise("images.value", STEPS, COLUMNS), noise("images.reward", STEPS, COLUMNS)
     ended, bootstrap = noise("images.ended", STEPS, COLUMNS) > 0.7, noise("images.bootstrap", COLUMNS)
     actions = torch.tensor((3 * np.arange(STEPS)[:, None] + 5 * np.arange(COLUMNS)) % ACTIONS)

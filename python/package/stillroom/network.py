@@ -366,8 +366,9 @@ class Network(nn.Module):
 
         images = {name: given(f"images.{name}") for name in self.images or {}}
         if self.visual_encoder is None:
-            first = next(iter(images.values()), None)
-            goal = given("numbers") if self.numbers or first is None else torch.zeros(len(first), 0, device=first.device)
+            # Beside images there may be no numbers.
+            count = len(next(iter(images.values()), ()))
+            goal = given("numbers") if self.numbers else torch.zeros(count, 0, device=self.device())
             depth_mm = goal.new_zeros(len(goal), 0, 0)
         else:
             goal, depth_mm = self.coordinates(given("goal")), self.pool(given("depth"))
