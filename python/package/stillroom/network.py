@@ -99,8 +99,8 @@ class Cnn(nn.Module):
 
 
 class Images(nn.ModuleDict):
-    """Images of any declaration, each through the convolutions of DQN: by name [channels, features], features those that
-    the convolutions leave."""
+    """Images of any declaration, each through the convolutions of DQN: by name its channels, and the features that
+    convolutions leave."""
 
     def __init__(self, images: dict[str, tuple[int, int]]) -> None:
         super().__init__(
@@ -333,8 +333,8 @@ class Network(nn.Module):
         self, depth_mm: Tensor, goal: Tensor, previous_action: Tensor, images: dict[str, Tensor] | None = None
     ) -> Tensor:
         """Pooled millimetres [rows, side, side], goal coordinates [rows, 3] and rows of the action table [rows] (0 is
-        none yet, else 1 + action) to [rows, 560]. In a task without a frame the numbers take the goal's place. Images by
-        name, as they were observed, add 512 each."""
+        none yet, else 1 + action) to [rows, 560]. In a task without a frame the numbers take the goal's place. Images
+        by name, as they were observed, add 512 each."""
         if self.observation_norm is not None:
             goal = self.observation_norm(goal)
         if self.visual_encoder is None or self.goal_embedder is None:
