@@ -4,6 +4,7 @@ use proto::camera::{DepthFrame, WINDOW};
 use proto::config::Config;
 use proto::record::{End, RecordHeader, flag};
 use proto::task::{Field, LINE_BYTES, Spec};
+use std::sync::Arc;
 
 /// Place of a channel of this name.
 #[cfg(test)]
@@ -72,11 +73,16 @@ enum FramePart {
     Sums,
 }
 
-/// Where records and their frames are.
-#[derive(Debug, Clone, Copy)]
+/// Where records, their frames and their other images are.
+#[derive(Debug, Clone)]
 pub struct Frame {
     /// None in a task without a frame.
     image: Option<Image>,
+    images: Arc<[proto::task::Image]>,
+    /// Bits of [`RecordHeader::bulk`] that those of whole numbers have.
+    images_bits: u32,
+    /// Bytes of a row of them.
+    images_bytes: usize,
     record_lines: usize,
     small_lines: usize,
 }
@@ -97,13 +103,23 @@ impl Frame {
     /// In the records of a run.
     pub fn of(config: &Config) -> Self {
         let layout = config.spec().layout();
-        let image = inputs(config.spec()).image.map(|whole| {
-            let place = layout.images.iter().position(|&image| image == whole).expect("a frame is an image");
+        let inputs = inputs(config.spec());
+        let place = |field: Field| layout.images.iter().position(|&image| image == field);
+        let image = inputs.frame.map(|whole| {
+            let place = place(whole).expect("a frame is an image");
             let averages = config.network.input_pool as usize == WINDOW;
             let (whole_bit, sums_bit) = (1 << place, 1 << (place + 1));
             Image { whole, sums: layout.images[place + 1], whole_bit, sums_bit, averages }
         });
-        Self { image, record_lines: layout.bytes / LINE_BYTES, small_lines: layout.small_bytes / LINE_BYTES }
+        let images_bits = inputs.images.iter().filter_map(|image| place(image.field)).map(|place| 1 << place).sum();
+        Self {
+            image,
+            images_bits,
+            images_bytes: inputs.image_bytes(),
+            images: inputs.images.into(),
+            record_lines: layout.bytes / LINE_BYTES,
+            small_lines: layout.small_bytes / LINE_BYTES,
+        }
     }
 
     /// Cache lines of a record, and of its beginning: all but images.
@@ -113,13 +129,27 @@ impl Frame {
 
     /// Whether what is read of a record with this header is there.
     pub fn is_there(&self, header: &RecordHeader) -> bool {
-        self.image.is_none_or(|image| image.part(header).is_some())
+        let images = header.bulk & self.images_bits == self.images_bits;
+        images && self.image.is_none_or(|image| image.part(header).is_some())
     }
 
     /// What the network reads of a record with this header, where it lies; none in a task without a frame. Nobody asks for
     /// one that is not there, and any pixels are sound.
     pub fn read<'a>(&self, record: &'a [u8], header: &RecordHeader) -> Option<DepthFrame<'a>> {
         self.image.map(|image| image.read(record, image.part(header).unwrap_or(FramePart::Whole)))
+    }
+
+    /// Appends a row of the images but the frame. `small` is the beginning of the record as it was checked: images of whole
+    /// numbers, of which any are sound, lie behind it.
+    pub fn images(&self, small: &[u8], record: &[u8], row: &mut Vec<u8>) {
+        let begin = row.len();
+        for image in &*self.images {
+            let bytes = image.field.range();
+            let checked = if bytes.end <= small.len() { small } else { record };
+            row.resize(begin + image.begin, 0);
+            row.extend_from_slice(&checked[bytes]);
+        }
+        row.resize(begin + self.images_bytes, 0);
     }
 }
 

@@ -1,10 +1,10 @@
 //! Observations, actions and outcomes of one rollout of T steps × N columns.
 //!
-//! Frames stay on the learner's device; the few numbers besides them lie on the host, row-major in (step, column), and
+//! Frames and images stay on the learner's device; the few numbers besides them lie on the host, row-major in (step, column), and
 //! go to the device once an update, in the order of a [`Packing`].
 
 use crate::device::upload;
-use crate::network::{Observations, Packing};
+use crate::network::{Kept, Observations, Packing};
 use proto::stage::RolloutShape;
 use proto::task::PolicyAction;
 use std::collections::BTreeMap;
@@ -61,8 +61,8 @@ pub struct Outcome {
 pub struct Rollout {
     shape: RolloutShape,
     columns: usize,
-    /// Kept frames, \[T · N, side, side\].
-    frames: Tensor,
+    /// Frames and images, T · N rows.
+    kept: Kept,
     steps: Vec<Step>,
     /// Which steps have an outcome.
     recorded: Vec<bool>,
@@ -73,21 +73,21 @@ pub struct Rollout {
 }
 
 impl Rollout {
-    /// An empty rollout over `columns` columns; of no steps, where all that act are other learners'. `frames` has room
-    /// for steps · columns kept frames; they are overwritten.
+    /// An empty rollout over `columns` columns; of no steps, where all that act are other learners'. `kept` has room
+    /// for steps · columns rows; they are overwritten.
     ///
     /// # Panics
     /// If the shape does not fit.
-    pub fn new(shape: RolloutShape, columns: usize, frames: Tensor, beliefs_at_start: Tensor) -> Self {
+    pub fn new(shape: RolloutShape, columns: usize, kept: Kept, beliefs_at_start: Tensor) -> Self {
         assert!(shape.environments_in_last_step <= columns, "no more columns act than there are");
         assert!((shape.steps == 0) == (shape.environments_in_last_step == 0), "in a last step some act");
         let rows = shape.steps * columns;
-        assert!(frames.size()[0] >= rows as i64, "there is room for every frame");
+        assert!(kept.rows() >= rows as i64, "there is room for every frame");
         assert_eq!(beliefs_at_start.size()[0], columns as i64, "every column has a belief");
         Self {
             shape,
             columns,
-            frames,
+            kept,
             steps: vec![Step::default(); rows],
             recorded: vec![false; rows],
             bootstrap: vec![None; columns],
@@ -117,19 +117,26 @@ impl Rollout {
         &self.steps[self.index(t, column)]
     }
 
-    /// Stores the observations and actions of some columns in step t. `kept` holds their frames in the same order.
-    pub fn store(&mut self, t: usize, columns: &[usize], kept: &Tensor, steps: &[Step]) {
+    /// Stores the observations and actions of some columns in step t. `kept` holds their frames and images in the
+    /// same order.
+    pub fn store(&mut self, t: usize, columns: &[usize], kept: &Kept, steps: &[Step]) {
         self.keep(columns.iter().map(|&column| (t, column)), kept);
         for (&column, step) in columns.iter().zip(steps) {
             self.note(t, column, step.clone());
         }
     }
 
-    /// Stores frames, \[places, side, side\], each at its step and column.
-    pub(crate) fn keep(&mut self, places: impl Iterator<Item = (usize, usize)>, kept: &Tensor) {
+    /// Stores rows of frames and images, each at its step and column.
+    pub(crate) fn keep(&mut self, places: impl Iterator<Item = (usize, usize)>, kept: &Kept) {
         let rows: Vec<i64> = places.map(|(t, column)| self.index(t, column) as i64).collect();
-        let rows = Tensor::from_slice(&rows).to_device(self.frames.device());
-        let _ = self.frames.index_copy_(0, &rows, kept);
+        let rows = Tensor::from_slice(&rows).to_device(self.device());
+        for (store, new) in self.kept.parts(kept) {
+            let _ = store.shallow_clone().index_copy_(0, &rows, new);
+        }
+    }
+
+    fn device(&self) -> Device {
+        self.kept.frames.device()
     }
 
     /// Row of the store for a frame.
@@ -139,12 +146,12 @@ impl Rollout {
 
     /// Row of the store that no frame of a rollout has.
     pub(crate) fn unused_place(&self) -> i64 {
-        self.frames.size()[0] - 1
+        self.kept.rows() - 1
     }
 
-    /// The store \[frames, side, side\].
-    pub(crate) fn frames(&self) -> &Tensor {
-        &self.frames
+    /// The store of frames and images.
+    pub(crate) fn kept(&self) -> &Kept {
+        &self.kept
     }
 
     /// Notes the observation and action of a column in step t, whose frame is in the store.
@@ -210,14 +217,15 @@ impl Rollout {
 
     /// The observations, in the order of a packing.
     pub fn observations(&self, packing: &Packing) -> Observations {
-        let device = self.frames.device();
+        let device = self.device();
         let rows: Vec<i64> = packing.rows.iter().map(|&(t, n)| self.index(t, n) as i64).collect();
         let of = |&(t, n): &(usize, usize)| &self.step(t, n).numbers[..];
         let numbers: Vec<f32> = packing.rows.iter().flat_map(of).copied().collect();
         // Of no rows there is no width to find.
         let width = numbers.len().checked_div(rows.len()).unwrap_or(0);
+        let rows_there = upload(&rows, device);
         Observations {
-            frames: self.frames.index_select(0, &upload(&rows, device)),
+            kept: self.kept.map(|part| part.index_select(0, &rows_there)),
             numbers: upload(&numbers, device).view([rows.len() as i64, width as i64]),
             previous_actions: self.gather(packing, |step| step.previous_action),
         }
@@ -225,7 +233,7 @@ impl Rollout {
 
     /// The actions taken, in the order of a packing: see [`crate::ppo::loss::Experience::actions`].
     pub fn actions(&self, packing: &Packing) -> Tensor {
-        actions_of(packing.rows.iter().map(|&(t, n)| self.step(t, n)), self.frames.device())
+        actions_of(packing.rows.iter().map(|&(t, n)| self.step(t, n)), self.device())
     }
 
     /// Which options could be chosen, in the order of a packing: see [`masks_of`].
@@ -236,7 +244,7 @@ impl Rollout {
     /// One number a row, in the order of a packing, on the device.
     pub fn gather<T: tch::kind::Element>(&self, packing: &Packing, number: impl Fn(&Step) -> T) -> Tensor {
         let values: Vec<T> = packing.rows.iter().map(|&(t, n)| number(self.step(t, n))).collect();
-        upload(&values, self.frames.device())
+        upload(&values, self.device())
     }
 
     /// All of it on the CPU, by name: (T, N, …), `bootstrap` (N); this and `last_value` are NaN where there is none.
@@ -246,7 +254,7 @@ impl Rollout {
             let values: Vec<T> = steps.iter().map(number).collect();
             Tensor::from_slice(&values).view([-1, columns as i64])
         }
-        let (steps, columns, side) = (&self.steps, self.columns, self.frames.size()[1]);
+        let (steps, columns, side) = (&self.steps, self.columns, self.kept.frames.size()[1]);
         // Of a row that was never stored there are none.
         let width = steps.iter().map(|step| step.numbers.len()).max().unwrap_or(0);
         let of =
@@ -254,7 +262,8 @@ impl Rollout {
         let numbers: Vec<f32> = steps.iter().flat_map(of).collect();
         let numbers = Tensor::from_slice(&numbers).view([(steps.len() / columns) as i64, columns as i64, width as i64]);
         let bootstrap: Vec<f32> = self.bootstrap.iter().map(|value| value.unwrap_or(f32::NAN)).collect();
-        let frames = self.frames.narrow(0, 0, steps.len() as i64).to_device(Device::Cpu);
+        let Kept { frames, images } =
+            self.kept.map(|part| part.narrow(0, 0, steps.len() as i64).to_device(Device::Cpu));
         let actions = actions_of(steps.iter(), Device::Cpu);
         let actions = actions.view([-1, columns as i64, actions.size()[1]]);
         // One choice needs no dimension of its own.
@@ -264,6 +273,7 @@ impl Rollout {
             .map(|masks| ("mask", masks.view([-1, columns as i64, masks.size()[1]])));
         let mut tensors = BTreeMap::from([
             ("frames", frames.view([(steps.len() / columns) as i64, columns as i64, side, side])),
+            ("images", images.view([(steps.len() / columns) as i64, columns as i64, images.size()[1]])),
             // What stands beside a frame is called the goal.
             (if side == 0 { "numbers" } else { "goal" }, numbers),
             ("previous_action", table(steps, columns, |step| step.previous_action)),
@@ -296,16 +306,18 @@ impl Rollout {
         self.recorded.truncate(rows);
     }
 
-    /// Moves the frames to another store of the same size and returns the one that they were in.
-    pub(crate) fn move_frames(&mut self, store: Tensor) -> Tensor {
+    /// Moves frames and images to another store of the same size and returns the one that they were in.
+    pub(crate) fn move_to(&mut self, store: Kept) -> Kept {
         let rows = self.steps.len() as i64;
-        tch::no_grad(|| store.narrow(0, 0, rows).copy_(&self.frames.narrow(0, 0, rows)));
-        std::mem::replace(&mut self.frames, store)
+        for (to, from) in store.parts(&self.kept) {
+            tch::no_grad(|| to.narrow(0, 0, rows).copy_(&from.narrow(0, 0, rows)));
+        }
+        std::mem::replace(&mut self.kept, store)
     }
 
-    /// The store of frames, for the next rollout.
-    pub(crate) fn into_frames(self) -> Tensor {
-        self.frames
+    /// The store of frames and images, for the next rollout.
+    pub(crate) fn into_kept(self) -> Kept {
+        self.kept
     }
 
     fn index(&self, t: usize, column: usize) -> usize {
@@ -352,7 +364,7 @@ mod tests {
         // 3 steps of 2 columns, the second of which holds in the last.
         let shape = RolloutShape { steps: 3, environments_in_last_step: 1, frames: 5 };
         let float = (Kind::Float, Device::Cpu);
-        Rollout::new(shape, 2, Tensor::zeros([6, 1, 1], float), Tensor::zeros([2, 4], float))
+        Rollout::new(shape, 2, Kept::of_frames(Tensor::zeros([6, 1, 1], float)), Tensor::zeros([2, 4], float))
     }
 
     #[test]
@@ -362,7 +374,7 @@ mod tests {
         for t in 0..3 {
             let steps = [0, 1].map(|n| Step { value: (10 * t + n) as f32, ..Step::default() });
             let frames = Tensor::from_slice(&[(10 * t) as f32, (10 * t + 1) as f32]).view([2, 1, 1]);
-            rollout.store(t, &[0, 1], &frames, &steps);
+            rollout.store(t, &[0, 1], &Kept::of_frames(frames), &steps);
         }
         assert_eq!(rollout.bootstrap_value(1), 21.0);
         rollout.set_bootstrap(0, 5.0);
@@ -370,7 +382,7 @@ mod tests {
 
         let packing = rollout.packing(0..2);
         assert_eq!(packing.rows.len() as u64, rollout.shape().frames);
-        let frames = to_vec(&rollout.observations(&packing).frames);
+        let frames = to_vec(&rollout.observations(&packing).kept.frames);
         let expected: Vec<f32> = packing.rows.iter().map(|&(t, n)| (10 * t + n) as f32).collect();
         assert_eq!(frames, expected);
     }

@@ -1,4 +1,4 @@
-"""Tasks of numbers alone: onnxruntime and `stillroom.load` compute what `learner probe` does."""
+"""Tasks of numbers, with images or without: onnxruntime and `stillroom.load` compute what `learner probe` does."""
 
 from __future__ import annotations
 
@@ -17,6 +17,9 @@ onnxruntime = pytest.importorskip("onnxruntime")
 torch = pytest.importorskip("torch")
 
 TASK = REPOSITORY / "learner/tests/support/numbers.toml"
+# Name, type, shape, and features that the convolutions leave.
+IMAGES = [("heat", np.float32, (2, 45, 36), 128), ("screen", np.uint8, (36, 40, 3), 64)]
+IMAGES += [("depth", np.uint16, (1, 41, 36), 64)]
 NUMBERS, HIDDEN, STEPS, COLUMNS = 9, 20, 40, 5
 
 
@@ -36,7 +39,10 @@ KINDS = {
     "masked": (DISCRETE, 3),
     "masked_choices": ('kind = "multi_discrete"\ncounts = [3, 2]', 5),
     "box": ('kind = "box"\nbounds = [[-1, 1], [-0.25, 2]]', 2),
+    "images": (DISCRETE, 3),
 }
+# Those with the embedding of the last action.
+TOLD_PREVIOUS = ("discrete", "images", "masked")
 
 
 CLIP = 0.8
@@ -51,7 +57,18 @@ def weights_of(memory: str, kind: str, normalized: bool) -> dict[str, np.ndarray
     def layer(name: str, outputs: int, inputs: int) -> None:
         shapes[f"{name}.weight"], shapes[f"{name}.bias"] = (outputs, inputs), (outputs,)
 
-    if memory == "none":
+    of_images = 0
+    for image, _, shape, features in IMAGES if kind == "images" else []:
+        channels, of_images = min(shape), of_images + 512
+        for index, size in (("0", (32, channels, 8, 8)), ("2", (64, 32, 4, 4)), ("4", (64, 64, 3, 3))):
+            shapes[f"images.{image}.{index}.weight"], shapes[f"images.{image}.{index}.bias"] = size, size[:1]
+        layer(f"images.{image}.7", 512, features)
+    if memory == "none" and of_images:
+        layer("mlp.0", 12, NUMBERS)
+        layer("mlp.2", 10, 12)
+        layer("actor", outputs, 10 + of_images)
+        layer("critic", 1, 10 + of_images)
+    elif memory == "none":
         for head, width in (("actor", outputs), ("critic", 1)):
             layer(f"{head}.0", 12, NUMBERS)
             layer(f"{head}.2", 10, 12)
@@ -61,15 +78,17 @@ def weights_of(memory: str, kind: str, normalized: bool) -> dict[str, np.ndarray
         layer("mlp.2", 10, 12)
         layer("actor", outputs, HIDDEN)
         layer("critic", 1, HIDDEN)
-        inputs = 10
-        if kind in ("discrete", "masked"):
+        inputs = 10 + of_images
+        if kind in TOLD_PREVIOUS:
             shapes["previous_action_embedder.weight"] = (outputs + 1, 16)
-            inputs = 26
+            inputs += 16
         shapes["belief.weight_ih_l0"], shapes["belief.weight_hh_l0"] = (3 * HIDDEN, inputs), (3 * HIDDEN, HIDDEN)
         shapes["belief.bias_ih_l0"] = shapes["belief.bias_hh_l0"] = (3 * HIDDEN,)
     if kind == "box":
         shapes["log_std"] = (outputs,)
-    weights = {name: random.normal(0, 0.4, shape).astype(np.float32) for name, shape in shapes.items()}
+    # Many inputs add up.
+    scale = {name: 0.4 if np.prod(shape[1:]) < 100 else 0.05 for name, shape in shapes.items()}
+    weights = {name: random.normal(0, scale[name], shape).astype(np.float32) for name, shape in shapes.items()}
     if normalized:
         weights["observation_norm.running_mean"] = random.normal(0, 1, NUMBERS).astype(np.float32)
         # More than 16 bits hold, and less.
@@ -84,7 +103,7 @@ def batch_of(kind: str) -> dict[str, np.ndarray]:
     start = np.vstack([np.ones((1, COLUMNS), bool), ended[:-1]])
     actions = random.integers(0, 3, size)
     previous = np.where(start, 0, 1 + np.vstack([np.zeros((1, COLUMNS), int), actions[:-1]]))
-    if kind not in ("discrete", "masked"):
+    if kind not in TOLD_PREVIOUS:
         previous = np.zeros(size, int)
         drawn = random.normal(0, 1, (*size, 2)).astype(np.float32)
         actions = drawn if kind == "box" else random.integers(0, [3, 2], (*size, 2))
@@ -94,7 +113,12 @@ def batch_of(kind: str) -> dict[str, np.ndarray]:
         chosen = np.split(actions.reshape(*size, -1), 1 if kind == "masked" else 2, -1)
         taken = [chosen[at] == np.arange(count) for at, count in enumerate([3, 2][: len(chosen)])]
         masks["mask"] = np.concatenate(taken, -1) | (random.random((*size, KINDS[kind][1])) < 0.5)
-    return masks | {
+    images = {}
+    for name, dtype, shape, _ in IMAGES if kind == "images" else []:
+        shape = (*size, *shape)
+        drawn = random.uniform(-1, 1, shape) if dtype is np.float32 else random.integers(0, np.iinfo(dtype).max, shape)
+        images[f"images.{name}"] = drawn.astype(dtype)
+    return masks | images | {
         "numbers": random.normal(0, 1, (*size, NUMBERS)).astype(np.float32),
         "previous_action": previous,
         "episode_start": start,
@@ -119,8 +143,12 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str,
     is_masked = kind.startswith("masked")
     channel = f'\n[[channels]]\nname = "legal"\nrole = "mask"\ndtype = "u8"\nshape = [{KINDS[kind][1]}]\ndoc = ""\n'
     declared = declared.replace(DISCRETE, KINDS[kind][0]) + (channel if is_masked else "")
+    kinds = {np.float32: "f32", np.uint8: "u8", np.uint16: "u16"}
+    for image, dtype, shape, _ in IMAGES if kind == "images" else []:
+        declared += f'[[channels]]\nname = "{image}"\nrole = "observation"\ndtype = "{kinds[dtype]}"\n'
+        declared += f"shape = {list(shape)}\n" + "range = [-1, 1]\n" * (dtype is np.float32) + 'doc = ""\n'
     (run / "task.toml").write_text(declared)
-    told_previous = memory == "gru" and kind in ("discrete", "masked")
+    told_previous = memory == "gru" and kind in TOLD_PREVIOUS
     network = f'goal = "plain"\nmemory = "{memory}"\nmlp = [12, 10]\nhidden = {HIDDEN}\n'
     network += f"previous_action = {'true' if told_previous else 'false'}\n"
     stage = '[[stages]]\nname = "I"\nreward = "r"\nframes = 100\n'
@@ -129,7 +157,9 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str,
     config += f"[normalize]\nobservations = {str(normalized).lower()}\nobservation_clip = {CLIP}\n"
     (run / "config.toml").write_text(config)
     save_file(weights, tmp_path / "start.safetensors")
-    save_file(batch, tmp_path / "batch.safetensors")
+    # libtorch reads no numbers of 16 bits without a sign.
+    signed = {name: array.view(np.int16) if array.dtype == np.uint16 else array for name, array in batch.items()}
+    save_file(signed, tmp_path / "batch.safetensors")
 
     def done(name: str, *words: str) -> None:
         command = [program(name), *words]
@@ -146,8 +176,9 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str,
 
     policy = onnxruntime.InferenceSession(tmp_path / "policy.onnx", providers=["CPUExecutionProvider"])
     names = {value.name for value in policy.get_inputs()}
-    expected = {"numbers"} | ({"belief"} if memory == "gru" else set()) | ({"action_mask"} if is_masked else set())
-    assert names - {"previous_action"} == expected
+    images = {name for name in batch if name.startswith("images.")}
+    expected = {"numbers"} | images | ({"belief"} if memory == "gru" else set())
+    assert names - {"previous_action"} == expected | ({"action_mask"} if is_masked else set())
     assert ("previous_action" in names) == told_previous
     outputs = {value.name: at for at, value in enumerate(policy.get_outputs())}
     # What a policy is given by.
@@ -163,7 +194,8 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str,
         given = {
             "numbers": batch["numbers"][step],
             "previous_action": (batch["previous_action"][step] + 3) % 4,
-        } | ({"action_mask": batch["mask"][step]} if is_masked else {})
+        } | {name: batch[name][step] for name in images}
+        given |= {"action_mask": batch["mask"][step]} if is_masked else {}
         told = given | {"belief": beliefs}
         answer = policy.run(None, {name: told[name] for name in names})
         beliefs = answer[outputs["next_belief"]] if "next_belief" in outputs else beliefs
@@ -177,6 +209,7 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str,
             "masked": lambda own: own.argmax(1),
             "masked_choices": lambda own: np.stack([own[:, :3].argmax(1), own[:, 3:].argmax(1)], 1),
             "discrete": lambda own: own.argmax(1),
+            "images": lambda own: own.argmax(1),
             "choices": lambda own: np.stack([own[:, :3].argmax(1), own[:, 3:].argmax(1)], 1),
             "box": lambda own: own.clip([-1, -0.25], [1, 2]),
         }[kind]

@@ -389,7 +389,7 @@ mod tests {
             assert!(graph.acting.as_ref().is_some_and(Acting::has_copied_nothing));
             let stored = |agent: &Agent| {
                 let rollout = agent.rollout.as_ref().unwrap();
-                rollout.frames().narrow(0, 0, 4 * config.environments() as i64)
+                rollout.kept().frames.narrow(0, 0, 4 * config.environments() as i64)
             };
             assert!(stored(&graph).equal(&stored(&plain)), "the store has all frames");
             assert!(graph.beliefs.allclose(&plain.beliefs, 0.0, 0.02, false), "and the table the beliefs");

@@ -6,7 +6,7 @@ use super::padding::padded;
 use super::sampling::{Sampled, sample};
 use super::step::{Inference, column_indices, pick};
 use super::{Agent, AgentError, StepInput, StepOutput};
-use crate::network::{FramePreparation, Observations, coordinates, table_row, to_vec};
+use crate::network::{FramePreparation, Kept, Observations, coordinates, table_row, to_vec};
 use crate::rollout::{Step, masks_of};
 use tch::Tensor;
 
@@ -65,7 +65,7 @@ impl Agent {
         let seen = places(&|t, _| t < rollout.shape().steps);
         let acting = places(&|t, column| rollout.is_valid(t, column));
         if !seen.is_empty() {
-            rollout.keep(seen.iter().map(|&row| (rows[row], input.columns[row])), &pick(&kept, &seen));
+            rollout.keep(seen.iter().map(|&row| (rows[row], input.columns[row])), &kept.map(|part| pick(part, &seen)));
         }
         if !acting.is_empty() {
             let columns: Vec<usize> = acting.iter().map(|&row| input.columns[row]).collect();
@@ -79,9 +79,9 @@ impl Agent {
         let StepInput { columns, numbers, previous_action, episode_start, masks, .. } = *input;
         let rows = columns.len();
         let (space, mut steps) = (self.config.policy_actions(), Vec::with_capacity(rows));
-        let each = numbers.chunks_exact(numbers.len() / rows);
-        let options = masks.len() / rows;
-        for ((row, &column), numbers) in columns.iter().enumerate().zip(each) {
+        let [width, options] = [numbers.len(), masks.len()].map(|count| count / rows);
+        for (row, &column) in columns.iter().enumerate() {
+            let numbers = &numbers[row * width..][..width];
             if !numbers.iter().all(|number| number.is_finite()) {
                 return Err(AgentError::NonFinite { what: format!("column {column}: an observation") });
             }
@@ -133,7 +133,8 @@ impl Agent {
         };
         let head = &self.config.action_head();
         let masked = self.config.spec().mask().is_some();
-        let policy = Policy { network, kernels, head, masked, beliefs: &self.table, store: rollout.frames() };
+        let store = &rollout.kept().frames;
+        let policy = Policy { network, kernels, head, masked, beliefs: &self.table, store };
         Ok(Some(acting.step(policy, batch)?))
     }
 
@@ -159,7 +160,7 @@ impl Agent {
 
     /// What the network gives for a batch; nothing is stored.
     pub(super) fn infer(&mut self, input: &StepInput, steps: &[Step]) -> Result<Inference, AgentError> {
-        let StepInput { columns, frames, episode_start, .. } = *input;
+        let StepInput { columns, frames, images, episode_start, .. } = *input;
         let rows = columns.len();
         let network = policy(self.overlap.as_ref(), self.trainer.as_deref());
         let preparation: FramePreparation = network.preparation;
@@ -169,13 +170,14 @@ impl Agent {
         let to_device = |tensor: Tensor| tensor.to_device(self.device);
 
         let _no_grad = tch::no_grad_guard();
-        let kept = match frames {
+        let frames = match frames {
             [] => preparation.store(rows as i64),
             frames => preparation.keep(frames, &mut self.staging),
         };
+        let by_row = |tensor: Tensor| tensor.view([rows as i64, (tensor.numel() / rows) as i64]);
         let observations = Observations {
-            frames: kept,
-            numbers: to_device(Tensor::from_slice(&numbers).view([rows as i64, -1])),
+            kept: Kept { frames, images: to_device(by_row(Tensor::from_slice(images))) },
+            numbers: to_device(by_row(Tensor::from_slice(&numbers))),
             previous_actions: to_device(Tensor::from_slice(&previous_actions)),
         };
         let before = self.beliefs.index_select(0, &column_indices(columns, self.device))
@@ -196,7 +198,7 @@ impl Agent {
             policy.extend_from_slice(row_policy);
             values.push(*value);
         }
-        Ok(Inference { kept: observations.frames, beliefs, policy, values })
+        Ok(Inference { kept: observations.kept, beliefs, policy, values })
     }
 }
 
@@ -225,6 +227,7 @@ mod tests {
             columns: rows.iter().map(|row| row.0).collect(),
             at: at().map(|(batch, row)| batch.at[row]).collect(),
             frames: at().map(|(batch, row)| batch.frames[row]).collect(),
+            images: vec![],
             numbers: at().flat_map(|(batch, row)| batch.numbers[row * 3..][..3].to_vec()).collect(),
             previous_action: at().map(|(batch, row)| batch.previous_action[row]).collect(),
             episode_start: at().map(|(batch, row)| batch.episode_start[row]).collect(),

@@ -29,7 +29,7 @@ pub(crate) use state::{ACTING, BELIEFS, MODEL, weights_of};
 pub use step::{Batch, Choice, StepInput, StepOutput};
 
 use crate::device;
-use crate::network::{Network, Staging, Unfit, fits, to_vec};
+use crate::network::{IMAGES, Kept, Network, Staging, Unfit, fits, to_vec};
 use crate::optimizer::Adam;
 use crate::peers::{PeerError, Peers};
 use crate::ppo::lagrangian::ascend;
@@ -72,8 +72,8 @@ pub struct Agent {
     /// \[columns + 1, hidden\].
     table: Tensor,
     rollout: Option<Rollout>,
-    /// Room for a rollout's frames while no rollout holds it.
-    frames: Option<Tensor>,
+    /// Room for a rollout's frames and images while no rollout holds it.
+    kept: Option<Kept>,
     staging: Staging,
     /// The step by kernels of a GPU, where there are any.
     acting: Option<Acting>,
@@ -92,7 +92,7 @@ impl Agent {
         let adam = Adam::new(&network.parameters.flat());
         let table = network.belief.blank(columns.len() as i64 + 1, device);
         let beliefs = table.narrow(0, 0, columns.len() as i64);
-        let kernels = network.kernels().filter(|_| network.belief.hidden() > 0);
+        let kernels = network.kernels().filter(|_| network.belief.hidden() > 0 && network.images().are_none());
         let acting = kernels.and_then(|_| match Acting::new(device) {
             Ok(acting) => Some(acting),
             Err(error) => {
@@ -117,7 +117,7 @@ impl Agent {
             beliefs,
             table,
             rollout: None,
-            frames: None,
+            kept: None,
             staging: Staging::default(),
             acting,
         };
@@ -136,16 +136,16 @@ impl Agent {
     /// Begins a rollout and remembers the beliefs it starts from. A rollout in progress is forgotten.
     pub fn begin_rollout(&mut self, shape: RolloutShape) {
         let columns = self.columns.len();
-        // One more, for frames that nobody needs.
+        // One more, for what nobody needs.
         let rows = (shape.steps * columns) as i64 + 1;
-        let abandoned = self.rollout.take().map(Rollout::into_frames);
-        let frames = self
-            .frames
+        let abandoned = self.rollout.take().map(Rollout::into_kept);
+        let kept = self
+            .kept
             .take()
             .or(abandoned)
-            .filter(|frames| frames.size()[0] >= rows)
-            .unwrap_or_else(|| self.policy().preparation.store(rows.max(self.largest_rollout() + 1)));
-        self.rollout = Some(Rollout::new(shape, columns, frames, self.beliefs.copy()));
+            .filter(|kept| kept.rows() >= rows)
+            .unwrap_or_else(|| self.policy().store(rows.max(self.largest_rollout() + 1)));
+        self.rollout = Some(Rollout::new(shape, columns, kept, self.beliefs.copy()));
     }
 
     /// Chooses actions for some columns and advances their beliefs, outside of any rollout: nothing is stored.
@@ -206,6 +206,7 @@ impl Agent {
         let input = StepInput {
             columns: &[column],
             frames: &[],
+            images: &[],
             numbers,
             previous_action: &[action],
             episode_start: &[false],
@@ -269,7 +270,7 @@ impl Agent {
         let trainer = self.trainer.take().expect("one update at a time");
         let job = Job::new(trainer, collected, rollout, progress, &self.config);
         match &mut self.overlap {
-            Some(overlap) => self.frames = Some(overlap.begin(job)),
+            Some(overlap) => self.kept = Some(overlap.begin(job)),
             None => self.due = Some(job),
         }
     }
@@ -289,8 +290,8 @@ impl Agent {
         };
         self.trainer = Some(trainer);
         match (&result, &mut self.overlap) {
-            (Ok(_), Some(overlap)) => overlap.store = Some(collected.into_frames()),
-            (Ok(_), None) => self.frames = Some(collected.into_frames()),
+            (Ok(_), Some(overlap)) => overlap.store = Some(collected.into_kept()),
+            (Ok(_), None) => self.kept = Some(collected.into_kept()),
             (Err(_), _) => self.rollout = Some(collected),
         }
         result
@@ -307,7 +308,7 @@ impl Agent {
     pub fn abandon_rollout(&mut self) {
         if let Some(rollout) = self.rollout.take() {
             tch::no_grad(|| self.beliefs.copy_(rollout.beliefs_at_start()));
-            self.frames = Some(rollout.into_frames());
+            self.kept = Some(rollout.into_kept());
         }
     }
 
@@ -334,8 +335,16 @@ impl Agent {
     /// The rollout in progress for diagnosis: tensors on the CPU named `rollout.…`. Empty if no rollout is in progress.
     /// The beliefs it began with are in [`Agent::state`].
     pub fn rollout_tensors(&self) -> BTreeMap<String, Tensor> {
-        let tensors = self.rollout.as_ref().map(Rollout::tensors).unwrap_or_default();
-        tensors.into_iter().map(|(name, tensor)| (format!("rollout.{name}"), tensor)).collect()
+        let Some(rollout) = &self.rollout else { return BTreeMap::new() };
+        let mut tensors = rollout.tensors();
+        let images = tensors.remove("images").expect("a rollout has rows of images, if only of none");
+        let cells = images.size();
+        let named = self.policy().images().named(&images.flatten(0, 1)).into_iter().map(|(name, image)| {
+            let of_cells = [&cells[..2], &image.size()[1..]].concat();
+            (format!("{IMAGES}{name}"), image.view(of_cells.as_slice()))
+        });
+        let tensors = tensors.into_iter().map(|(name, tensor)| (name.to_owned(), tensor)).chain(named);
+        tensors.map(|(name, tensor)| (format!("rollout.{name}"), tensor)).collect()
     }
 
     /// SHA-256 over (name, 0, dimensions as little-endian u64, little-endian f32 values) of all weights in name order,

@@ -26,7 +26,7 @@ use super::trainer::{Done, HERE, Job, Trainer, build};
 use crate::device::log_warnings;
 use crate::ffi::graph::wait_for_device;
 use crate::ffi::stream::{Priority, StreamError, Streams};
-use crate::network::Network;
+use crate::network::{Kept, Network};
 use proto::config::Config;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
@@ -37,8 +37,8 @@ use tch::{Device, Kind, Tensor};
 pub(super) struct Overlap {
     /// The network that acts.
     pub policy: Network,
-    /// Room for the frames that are trained on, while no update has it.
-    pub store: Option<Tensor>,
+    /// Room for what is trained on, while no update has it.
+    pub store: Option<Kept>,
     /// Of a GPU.
     streams: Option<Streams>,
     /// Closed to end the thread.
@@ -91,12 +91,12 @@ impl Overlap {
     }
 
     /// Begins an update. Acting goes on with the weights from before it. Returns the store that acting has written to.
-    pub fn begin(&mut self, mut job: Job) -> Tensor {
+    pub fn begin(&mut self, mut job: Job) -> Kept {
         self.publish(&job.trainer.network);
-        let used = job.collected.frames();
-        let fits = |store: &Tensor| store.size() == used.size();
-        let store = self.store.take().filter(fits).unwrap_or_else(|| used.empty_like());
-        let free = job.collected.move_frames(store);
+        let used = job.collected.kept();
+        let fits = |store: &Kept| store.parts(used).into_iter().all(|(store, used)| store.size() == used.size());
+        let store = self.store.take().filter(fits).unwrap_or_else(|| used.map(Tensor::empty_like));
+        let free = job.collected.move_to(store);
         await_stream(self.streams);
         self.busy = true;
         let jobs = self.jobs.as_ref().expect("it is closed when this is dropped");

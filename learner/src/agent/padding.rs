@@ -31,11 +31,10 @@ pub(super) fn padded<'a>(input: &StepInput<'a>, rows: &[usize], count: usize) ->
         }
         values
     }
-    fn first_again<T: Copy>(table: &[T], rows: usize, count: usize) -> Vec<T> {
-        let first = &table[..table.len() / rows];
-        [table, &first.repeat(count - rows)].concat()
+    fn more<T: Copy>(rows: &[T], input: &StepInput, count: usize) -> Vec<T> {
+        let first = &rows[..rows.len() / input.columns.len()];
+        [rows, &first.repeat(count - input.columns.len())].concat()
     }
-    let rows_given = input.columns.len();
     let draws = input.gumbel.len() / input.columns.len();
     let mut gumbel = input.gumbel.to_vec();
     gumbel.resize(count * draws, 0.0);
@@ -43,10 +42,11 @@ pub(super) fn padded<'a>(input: &StepInput<'a>, rows: &[usize], count: usize) ->
         columns: again(input.columns, count),
         at: rows.to_vec(),
         frames: again(input.frames, count),
-        numbers: first_again(input.numbers, rows_given, count),
+        images: more(input.images, input, count),
+        numbers: more(input.numbers, input, count),
         previous_action: again(input.previous_action, count),
         episode_start: again(input.episode_start, count),
-        masks: first_again(input.masks, rows_given, count),
+        masks: more(input.masks, input, count),
         gumbel,
     }
 }

@@ -1,5 +1,6 @@
 //! What an agent is given and gives in one step.
 
+use crate::network::Kept;
 use proto::camera::DepthFrame;
 use tch::{Device, Tensor};
 
@@ -11,6 +12,8 @@ pub struct StepInput<'a> {
     pub columns: &'a [usize],
     /// Depth frames; may point into shared memory. None at all in a task without a frame.
     pub frames: &'a [DepthFrame<'a>],
+    /// Bytes of all other images, row-major: [`crate::network::Kept::images`].
+    pub images: &'a [u8],
     /// The task's numbers, `columns.len() * numbers`, row-major: [`proto::task::Inputs::read`].
     pub numbers: &'a [f32],
     /// Index of the previous action; meaningless at an episode's first observation.
@@ -29,10 +32,10 @@ impl StepInput<'_> {
     /// # Panics
     /// If the slices differ in length, there is no column, or columns do not ascend.
     pub(super) fn check(&self) {
-        let Self { columns, frames, numbers, previous_action, episode_start, masks, .. } = *self;
+        let Self { columns, frames, images, numbers, previous_action, episode_start, masks, .. } = *self;
         let rows = columns.len();
         let of_rows = [previous_action.len(), episode_start.len()] == [rows; 2] && [0, rows].contains(&frames.len());
-        let are_whole = [numbers.len(), masks.len()].iter().all(|count| count.is_multiple_of(rows));
+        let are_whole = [numbers.len(), images.len(), masks.len()].iter().all(|count| count.is_multiple_of(rows));
         assert!(rows > 0 && of_rows && are_whole, "one entry a column");
         assert!(columns.is_sorted_by(|a, b| a < b), "columns ascend");
     }
@@ -46,6 +49,7 @@ pub struct Batch<'a> {
     /// batch up, and nothing is kept of them.
     pub(crate) at: Vec<usize>,
     pub(crate) frames: Vec<DepthFrame<'a>>,
+    pub(crate) images: Vec<u8>,
     pub(crate) numbers: Vec<f32>,
     pub(crate) previous_action: Vec<u8>,
     pub(crate) episode_start: Vec<bool>,
@@ -64,6 +68,7 @@ impl Batch<'_> {
         StepInput {
             columns: &self.columns,
             frames: &self.frames,
+            images: &self.images,
             numbers: &self.numbers,
             previous_action: &self.previous_action,
             episode_start: &self.episode_start,
@@ -96,7 +101,7 @@ pub struct Choice {
 
 /// The network's outputs for the observations of some columns.
 pub(super) struct Inference {
-    pub kept: Tensor,
+    pub kept: Kept,
     pub beliefs: Tensor,
     /// [`crate::network::Distribution::rows`], one behind the other.
     pub policy: Vec<f32>,

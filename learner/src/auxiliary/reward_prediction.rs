@@ -61,6 +61,7 @@ impl Task for RewardPrediction {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::network::Kept;
     use crate::rollout::{Outcome, Rollout, Step};
     use proto::stage::RolloutShape;
     use tch::{Device, Tensor};
@@ -73,11 +74,12 @@ mod tests {
     fn rollout() -> Rollout {
         let shape = RolloutShape { steps: STEPS, environments_in_last_step: COLUMNS, frames: (STEPS * COLUMNS) as u64 };
         let zeros = |size: &[i64]| Tensor::zeros(size, (Kind::Float, Device::Cpu));
+        let kept = |rows: i64| Kept::of_frames(zeros(&[rows, 1, 1]));
         let rows = (STEPS * COLUMNS) as i64;
-        let mut rollout = Rollout::new(shape, COLUMNS, zeros(&[rows, 1, 1]), zeros(&[COLUMNS as i64, SIZES.hidden]));
+        let mut rollout = Rollout::new(shape, COLUMNS, kept(rows), zeros(&[COLUMNS as i64, SIZES.hidden]));
         for t in 0..STEPS {
             let steps = [(); COLUMNS].map(|()| Step::default());
-            rollout.store(t, &[0, 1], &zeros(&[COLUMNS as i64, 1, 1]), &steps);
+            rollout.store(t, &[0, 1], &kept(COLUMNS as i64), &steps);
             for column in 0..COLUMNS {
                 let reward = (t * COLUMNS + column + 1) as f32 / 10.0;
                 rollout.record(t, column, Outcome { reward, ..Outcome::default() });

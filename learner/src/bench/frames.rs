@@ -129,6 +129,9 @@ impl Frames {
             })
         });
         let frames = frames.collect();
+        let mut images = vec![];
+        let records = self.halves[half as usize].iter().flat_map(|sample| sample.payload().chunks_exact(record));
+        records.map(Line::bytes).for_each(|record| self.frame.images(&[], record, &mut images));
         let number = |column: usize, index: usize| if index % 3 < 2 { 0.1 } else { (column % 7) as f32 * 0.3 };
         let numbers = columns.iter().flat_map(|&column| (0..self.numbers).map(move |index| number(column, index)));
         let numbers = numbers.collect();
@@ -136,6 +139,7 @@ impl Frames {
         Batch {
             at: vec![step; columns.len()],
             frames,
+            images,
             numbers,
             previous_action: vec![self.action; starts.len()],
             episode_start: starts,

@@ -64,7 +64,7 @@ pub fn measure(
         profiled(|| agent.step(0, &frames.batch(0, 0, frames.noise(0, 0)).input()))??;
     }
     times.sort_by(f64::total_cmp);
-    let has_frames = config.spec().inputs()?.image.is_some();
+    let has_frames = config.spec().inputs()?.frame.is_some();
     let copy_s = (device == Device::Cpu && has_frames).then(|| copy(&frames, &config));
     Ok(Inference { batch, p50_s: percentile(&times, 0.5), p99_s: percentile(&times, 0.99), copy_s, gpu })
 }

@@ -146,8 +146,10 @@ pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<()> {
         updates.push(update::measure(&config, device, steps, frames, &monitor, mark(Mark::Update))?);
         tracing::info!("updates of {steps} steps measured");
     }
-    let encoder = match (config.spec().inputs()?.image, config.network.encoder) {
-        (None, _) => "mlp",
+    let inputs = config.spec().inputs()?;
+    let encoder = match (inputs.frame, config.network.encoder) {
+        (None, _) if inputs.images.is_empty() => "mlp",
+        (None, _) => "images",
         (Some(_), Encoder::Resnet) => "resnet",
         (Some(_), Encoder::Cnn) => "cnn",
     };

@@ -63,10 +63,12 @@ pub trait HalfSample {
     fn header(&self, i: usize) -> &RecordHeader {
         RecordHeader::of(self.record(i))
     }
-    /// Whether the part of its depth frame that the network reads is there; true in a task without a frame.
+    /// Whether its images are there, and the part of its depth frame that the network reads.
     fn has_frame(&self, i: usize) -> bool;
     /// None in a task without a frame.
     fn frame(&self, i: usize) -> Option<DepthFrame<'_>>;
+    /// Appends the row of record `i`'s other images, see [`crate::network::Kept::images`].
+    fn images(&self, i: usize, row: &mut Vec<u8>);
 }
 
 /// The state of all environments between two rollouts: with weights and beliefs, all a run needs to go on.
@@ -287,7 +289,7 @@ impl<S: HalfSample> Collector<S> {
         for (i, column) in columns.clone().enumerate() {
             self.environments.check(column, sample.record(i))?;
             if !sample.has_frame(i) {
-                let problem = "its depth frame, or the part of it that is needed, is not there".to_owned();
+                let problem = "an image, or the part of its depth frame that is needed, is not there".to_owned();
                 return Err(self.environments.mismatch(column, problem).into());
             }
         }
@@ -441,6 +443,7 @@ impl<S: HalfSample> Collector<S> {
             columns: Vec::with_capacity(count),
             at: Vec::with_capacity(count),
             frames: Vec::with_capacity(count),
+            images: vec![],
             numbers: Vec::with_capacity(count * self.inputs.width()),
             previous_action: Vec::with_capacity(count),
             episode_start: Vec::with_capacity(count),
@@ -455,6 +458,7 @@ impl<S: HalfSample> Collector<S> {
                 batch.columns.push(column);
                 batch.at.push(lane.t);
                 batch.frames.extend(sample.frame(i));
+                sample.images(i, &mut batch.images);
                 self.inputs.read(record, &mut batch.numbers);
                 batch.previous_action.push(self.inputs.previous_action(record));
                 batch.episode_start.push(start);

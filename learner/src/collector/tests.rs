@@ -39,6 +39,7 @@ impl HalfSample for FakeSample {
     fn frame(&self, _i: usize) -> Option<DepthFrame<'_>> {
         Some(DepthFrame::Whole(&FRAME))
     }
+    fn images(&self, _i: usize, _row: &mut Vec<u8>) {}
 }
 
 impl FakeSample {

@@ -45,7 +45,7 @@ impl FramePreparation {
     /// That of a configuration.
     pub fn of(config: &Config, device: Device) -> Self {
         let inputs = config.spec().inputs().expect("a validated configuration's task has what networks take");
-        match inputs.image {
+        match inputs.frame {
             Some(_) => Self::new(config.network.input_pool, device),
             None => Self { pool: FRAME_SIDE, side: 0, device },
         }

@@ -25,7 +25,7 @@ pub enum Initial {
         bound: f64,
     },
     /// A random (semi-)orthogonal matrix, uniform over all such (Saxe et al. 2013); what
-    /// `torch.nn.init.orthogonal_` draws from.
+    /// `torch.nn.init.orthogonal_` draws from. More than two dimensions are one row for each of the first.
     Orthogonal {
         /// Factor on the matrix.
         gain: f64,
@@ -62,8 +62,9 @@ impl Initial {
             .map(|value| value as f32)
             .collect(),
             Self::Orthogonal { gain } => {
-                let &[rows, columns] = shape else { panic!("{name}: only a matrix can be orthogonal") };
-                orthogonal(&normals(seed, name, count), rows as usize, columns as usize)
+                assert!(shape.len() > 1, "{name}: only a matrix can be orthogonal");
+                let rows = shape[0] as usize;
+                orthogonal(&normals(seed, name, count), rows, count / rows)
                     .into_iter()
                     .map(|value| (gain * value) as f32)
                     .collect()

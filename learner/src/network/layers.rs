@@ -64,6 +64,23 @@ impl Convolution {
         }
     }
 
+    /// Declares one without padding, whose weight and bias start as they are said to.
+    pub fn without_padding(
+        layout: &mut Layout,
+        path: &str,
+        [inputs, outputs]: [i64; 2],
+        [size, stride]: [i64; 2],
+        [weight, bias]: [Initial; 2],
+    ) -> Self {
+        Self {
+            weight: layout.add(format!("{path}.weight"), &[outputs, inputs, size, size], weight),
+            bias: Some(layout.add(format!("{path}.bias"), &[outputs], bias)),
+            stride,
+            padding: 0,
+            as_products: false,
+        }
+    }
+
     /// Computed as products of matrices on a CPU (`ffi/patches.cpp`). Where a map has few channels and windows are
     /// large that takes half of oneDNN's time; elsewhere oneDNN is quicker, and as reproducible.
     #[must_use]

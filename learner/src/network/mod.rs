@@ -1,6 +1,6 @@
 //! The network: visual encoder, goal and action embeddings, belief, actor and critic (`docs/method.md`, Network; Ni et
 //! al. section 3.1 and appendix B). In a task without a frame layers with hyperbolic tangents take the place of encoder
-//! and embedding; without memory they are the heads' own.
+//! and embedding; without memory they are the heads' own. Other images than the frame have encoders of their own.
 //!
 //! Modules hold parameter ids and shapes; all tensors live in [`Parameters`]. A forward pass has two parts: the
 //! embedding of each observation ([`Network::embed`]), then the belief and the heads.
@@ -10,6 +10,7 @@ mod distribution;
 mod embedding;
 mod encoder;
 mod frame;
+mod images;
 mod initialize;
 mod layers;
 mod mlp;
@@ -23,6 +24,7 @@ pub(crate) use embedding::table_row;
 pub use embedding::{coordinates, goal_coordinates};
 pub(crate) use encoder::{ENCODERS, VISUAL};
 pub use frame::{FramePreparation, RawFrame, Staging};
+pub(crate) use images::PATH as IMAGES;
 pub use initialize::Initial;
 pub(crate) use initialize::fill_normal;
 pub(crate) use layers::{Gru, Linear};
@@ -33,11 +35,12 @@ pub(crate) use parameters::{all_finite, fits};
 use crate::ffi::kernels::{Heads, Kernels};
 use embedding::{ActionEmbedding, GoalEmbedding};
 use encoder::{Backward, VisualEncoder};
+use images::Images;
 use mlp::{Head, Mlp};
 use normalizer::Normalizer;
 use proto::config::{Config, EncoderPrecision, Memory};
 use std::fmt;
-use tch::{Device, Tensor};
+use tch::{Device, Kind, Tensor};
 
 /// Width of an observation's embedding: visual embedding and goal embedding. They come first in the rows of
 /// [`Network::embed`].
@@ -47,11 +50,41 @@ pub(crate) const OBSERVATION: i64 = VISUAL + embedding::GOAL;
 /// recycled by the allocator; with thousands at once the small encoder took twice as long.
 const CPU_FRAMES: i64 = 192;
 
+/// What a rollout keeps of observations on the device, one row for each.
+#[derive(Debug)]
+pub struct Kept {
+    /// Kept frames, see [`FramePreparation`]; \[rows, side, side\]. Of side 0 in a task without a frame.
+    pub frames: Tensor,
+    /// Bytes of all other images, u8 \[rows, bytes\]; of none in a task without such images.
+    pub images: Tensor,
+}
+
+impl Kept {
+    /// Of tasks that have no images but the frame.
+    pub fn of_frames(frames: Tensor) -> Self {
+        let images = Tensor::zeros([frames.size()[0], 0], (Kind::Uint8, frames.device()));
+        Self { frames, images }
+    }
+
+    pub(crate) fn rows(&self) -> i64 {
+        self.frames.size()[0]
+    }
+
+    /// The same of each part.
+    pub(crate) fn map(&self, part: impl Fn(&Tensor) -> Tensor) -> Self {
+        Self { frames: part(&self.frames), images: part(&self.images) }
+    }
+
+    /// Each part beside that of another.
+    pub(crate) fn parts<'a>(&'a self, other: &'a Self) -> [(&'a Tensor, &'a Tensor); 2] {
+        [(&self.frames, &other.frames), (&self.images, &other.images)]
+    }
+}
+
 /// The network's inputs, one row for each observation.
 #[derive(Debug)]
 pub struct Observations {
-    /// Kept frames, see [`FramePreparation`]; \[rows, side, side\]. Of side 0 in a task without a frame.
-    pub frames: Tensor,
+    pub kept: Kept,
     /// The numbers beside them, see [`coordinates`]; f32 \[rows, numbers\].
     pub numbers: Tensor,
     /// Rows of the action embedding, see [`table_row`]; i64 \[rows\].
@@ -84,6 +117,7 @@ pub struct Network {
     observation: i64,
     normalizer: Option<Normalizer>,
     embedding: Embedding,
+    images: Images,
     previous_action: Option<ActionEmbedding>,
     actor: Head,
     policy: distribution::Maker,
@@ -124,16 +158,18 @@ impl Network {
         let memory = config.network.memory;
 
         let normalize = config.normalize;
-        let normalizer =
-            normalize.observations.then(|| Normalizer::new(&mut layout, numbers, normalize.observation_clip));
+        let normalizer = (normalize.observations && numbers > 0)
+            .then(|| Normalizer::new(&mut layout, numbers, normalize.observation_clip));
         // Layers that actor and critic share, and those that each has of its own.
         let (mut shared, mut own) = (&config.network.mlp[..], &[][..]);
-        let (embedding, mut inputs) = if seen.image.is_some() {
+        let (embedding, mut inputs) = if seen.frame.is_some() {
             let encoder = (encoder::entry(config.network.encoder).declare)(&mut layout, preparation.side());
             let goal = GoalEmbedding::new(&mut layout, "goal_embedder", numbers);
             (Embedding::Frame { encoder, goal }, OBSERVATION)
         } else {
-            if memory == Memory::None {
+            if numbers == 0 {
+                shared = &[];
+            } else if memory == Memory::None && seen.images.is_empty() {
                 std::mem::swap(&mut shared, &mut own);
             }
             let mlp = Mlp::new(&mut layout, "mlp", numbers, shared);
@@ -141,6 +177,8 @@ impl Network {
             (Embedding::Numbers(mlp), outputs)
         };
         let observation = inputs;
+        let images = Images::new(&mut layout, config);
+        inputs += images.outputs();
         let previous_action = config.network.previous_action.then(|| {
             inputs += embedding::PREVIOUS_ACTION;
             ActionEmbedding::new(&mut layout, "previous_action_embedder", actions)
@@ -163,6 +201,7 @@ impl Network {
             observation,
             normalizer,
             embedding,
+            images,
             previous_action,
             actor,
             policy,
@@ -231,7 +270,7 @@ impl Network {
     /// more with the previous action.
     pub fn embed(&self, observations: &Observations) -> Tensor {
         let scale_offset = FramePreparation::SCALE_OFFSET;
-        let (parameters, frames) = (&self.parameters, &observations.frames);
+        let (parameters, frames) = (&self.parameters, &observations.kept.frames);
         let visual = self.encoder().and_then(|encoder| encoder.forward_fused(parameters, frames, scale_offset));
         self.embedded(observations, visual).rows
     }
@@ -239,7 +278,7 @@ impl Network {
     /// The same, for [`Network::gradient_of`] a loss that is made of it. One such pass is to be over before the next one
     /// begins. `update` is the number of the update that it is part of, see [`VisualEncoder::forward_to_train`].
     pub(crate) fn embed_to_train<'a>(&'a self, observations: &Observations, update: u64) -> Embedded<'a> {
-        let (parameters, frames) = (&self.parameters, &observations.frames);
+        let (parameters, frames) = (&self.parameters, &observations.kept.frames);
         let scale_offset = FramePreparation::SCALE_OFFSET;
         let train = |encoder: &'a dyn VisualEncoder| encoder.forward_to_train(parameters, frames, scale_offset, update);
         self.embedded(observations, self.encoder().and_then(train))
@@ -247,12 +286,12 @@ impl Network {
 
     /// With what the encoder made of the frames by itself, if it did.
     fn embedded<'a>(&'a self, observations: &Observations, visual: Option<(Tensor, Backward<'a>)>) -> Embedded<'a> {
-        let Observations { frames, numbers, previous_actions } = observations;
+        let Observations { kept: Kept { frames, images }, numbers, previous_actions } = observations;
         let numbers = &self.normalized(numbers);
         let (encoder, goal) = match &self.embedding {
             Embedding::Frame { encoder, goal } => (encoder, goal),
             Embedding::Numbers(mlp) => {
-                let seen = mlp.forward(&self.parameters, numbers);
+                let seen = self.beside_images(mlp.forward(&self.parameters, numbers), images);
                 return Embedded { rows: self.beside(seen, previous_actions), fused: None };
             }
         };
@@ -262,13 +301,10 @@ impl Network {
                 let visual = visual.set_requires_grad(true);
                 (visual.shallow_clone(), Some((visual, backward)))
             }
-            None if frames.device() == Device::Cpu && frames.size()[0] > CPU_FRAMES => {
-                let parts = frames.split(CPU_FRAMES, 0);
-                (Tensor::cat(&parts.iter().map(see).collect::<Vec<_>>(), 0), None)
-            }
-            None => (see(frames), None),
+            None => (in_parts(frames, see), None),
         };
-        let told = self.beside(goal.forward(&self.parameters, numbers), previous_actions);
+        let goal = self.beside_images(goal.forward(&self.parameters, numbers), images);
+        let told = self.beside(goal, previous_actions);
         Embedded { rows: Tensor::cat(&[visual, told], 1), fused }
     }
 
@@ -302,6 +338,26 @@ impl Network {
         if let Some(normalizer) = &self.normalizer {
             normalizer.set(&self.parameters, known);
         }
+    }
+
+    /// With what encoders make of images, if there are some.
+    fn beside_images(&self, embedded: Tensor, images: &Tensor) -> Tensor {
+        if self.images.are_none() {
+            return embedded;
+        }
+        let see = |images: &Tensor| Tensor::cat(&self.images.forward(&self.parameters, images), 1);
+        Tensor::cat(&[embedded, in_parts(images, see)], 1)
+    }
+
+    /// Images but the frame, and how they lie in the rows of a store.
+    pub(crate) fn images(&self) -> &Images {
+        &self.images
+    }
+
+    /// An empty store of so many rows.
+    pub(crate) fn store(&self, rows: i64) -> Kept {
+        let device = self.parameters.flat().device();
+        Kept { frames: self.preparation.store(rows), images: self.images.store(rows, device) }
     }
 
     /// With the embeddings of previous actions, if the network has them.
@@ -348,12 +404,20 @@ impl Network {
     }
 }
 
+/// What is made of frames or images; on the CPU of some at a time.
+fn in_parts(rows: &Tensor, see: impl Fn(&Tensor) -> Tensor) -> Tensor {
+    if rows.device() != Device::Cpu || rows.size()[0] <= CPU_FRAMES {
+        return see(rows);
+    }
+    let parts = rows.split(CPU_FRAMES, 0);
+    Tensor::cat(&parts.iter().map(see).collect::<Vec<_>>(), 0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use proto::config::Encoder;
     use std::collections::BTreeSet;
-    use tch::Kind;
 
     fn network(change: impl FnOnce(&mut Config)) -> Network {
         let mut config = Config::default();
@@ -412,7 +476,7 @@ mod tests {
         // Walls and edges, not noise.
         let depth_mm = (Tensor::rand([64, 1, 8, 8], float) * 4000.0 + 300.0).upsample_nearest2d([112, 112], None, None);
         let observations = Observations {
-            frames: depth_mm.squeeze_dim(1).round(),
+            kept: Kept::of_frames(depth_mm.squeeze_dim(1).round()),
             numbers: Tensor::randn([64, 3], float),
             previous_actions: Tensor::zeros([64], (Kind::Int64, device)),
         };

@@ -33,7 +33,7 @@ impl Running {
         let inputs = config.spec().inputs().expect("a validated configuration's task has what networks take");
         let normalize = config.normalize;
         Self {
-            observations: normalize.observations.then(|| Moments::before(inputs.width())),
+            observations: (normalize.observations && inputs.width() > 0).then(|| Moments::before(inputs.width())),
             normalized: inputs.are_plain().collect(),
             returns: normalize.rewards.then(|| Moments::before(1)),
             reward_clip: normalize.reward_clip,

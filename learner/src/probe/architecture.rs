@@ -13,7 +13,7 @@ use tch::Tensor;
 /// what the weights are of.
 pub fn fit(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> Result<(), TensorsError> {
     let side = |name: &str, dimension| side(weights, name, dimension);
-    let actor = if config.spec().inputs().is_ok_and(|inputs| inputs.image.is_none()) {
+    let actor = if config.spec().inputs().is_ok_and(|inputs| inputs.frame.is_none()) {
         fit_numbers(config, weights)
     } else {
         fit_frames(config, weights)?;
@@ -72,6 +72,10 @@ fn fit_numbers(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> Strin
     let mut own = widths("actor");
     // The actor's last layer has as many outputs as there are actions.
     own.pop();
+    if own.is_empty() {
+        // Behind images alone there are no layers.
+        return "actor.weight".to_owned();
+    }
     let last = format!("actor.{}.weight", 2 * own.len());
     config.network.mlp = own;
     last

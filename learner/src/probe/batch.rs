@@ -2,7 +2,7 @@
 
 use crate::agent::{ACTING, MODEL};
 use crate::checkpoint::TensorsError;
-use crate::network::{Network, Staging, all_finite, coordinates, to_vec};
+use crate::network::{IMAGES, Kept, Network, Staging, all_finite, coordinates, to_vec};
 use crate::ppo::running::STATISTICS;
 use crate::rollout::{Outcome, Rollout, Step};
 use proto::camera::{DepthFrame, FRAME_SIDE};
@@ -62,7 +62,7 @@ impl<'a> Tensors<'a> {
             |name: &str| dump && [MODEL, ACTING, "adam.", STATISTICS].iter().any(|own| name.starts_with(own));
         for name in file.keys().filter(|name| !of_agent(name)) {
             let bare = name.strip_prefix(ROLLOUT).unwrap_or(name);
-            if !NAMES.contains(&bare) {
+            if !NAMES.contains(&bare) && !bare.starts_with(IMAGES) {
                 let near = nearest(bare, NAMES.into_iter());
                 let near = near.map_or_else(String::new, |near| format!(" (did you mean `{near}`?)"));
                 return Err(wrong(name, format!("means nothing in a batch{near}")));
@@ -174,14 +174,15 @@ impl Batch {
             None => Tensor::zeros([columns, hidden], (Kind::Float, Device::Cpu)),
         };
         let device = network.parameters.flat().device();
-        let kept = kept_frames(&file, cells, network)?;
-        let store = network.preparation.store(steps * columns);
+        let kept = Kept { frames: kept_frames(&file, cells, network)?, images: images(&file, cells, network)? };
+        let store = network.store(steps * columns);
         let mut rollout = Rollout::new(shape, columns as usize, store, beliefs.to_device(device));
 
         let (seen, outcomes) = rows(&file, cells, config)?;
         let every_column: Vec<usize> = (0..columns as usize).collect();
         for (t, seen) in seen.chunks_exact(every_column.len()).enumerate() {
-            rollout.store(t, &every_column, &kept.narrow(0, t as i64 * columns, columns), seen);
+            let kept = kept.map(|part| part.narrow(0, t as i64 * columns, columns));
+            rollout.store(t, &every_column, &kept, seen);
         }
         for (cell, outcome) in outcomes.into_iter().enumerate().filter(|&(cell, _)| recorded[cell]) {
             rollout.record(cell / every_column.len(), cell % every_column.len(), outcome);
@@ -336,12 +337,38 @@ fn kept_frames(file: &Tensors, [steps, columns]: [i64; 2], network: &Network) ->
     Ok(network.preparation.keep(&frames, &mut Staging::default()))
 }
 
+/// Images but the frame as the rollout keeps them, \[T · N, bytes\].
+fn images(file: &Tensors, [steps, columns]: [i64; 2], network: &Network) -> Result<Tensor, TensorsError> {
+    let of_network = |name: &String| {
+        let image = name.strip_prefix(ROLLOUT).unwrap_or(name).strip_prefix(IMAGES);
+        image.is_none_or(|image| network.images().names().any(|known| known == image))
+    };
+    if let Some(name) = file.0.keys().find(|name| !of_network(name)) {
+        return Err(wrong(name, "is no image of this task".to_owned()));
+    }
+    let rows = network.images().rows(steps * columns, |name, shape, kind| {
+        let name = format!("{IMAGES}{name}");
+        let image = file.of_size(&name, &[&[steps, columns], &shape[..]].concat())?;
+        if image.kind() != kind {
+            return Err(wrong(&name, format!("is {:?}, not {kind:?}", image.kind())));
+        }
+        if kind == Kind::Float && !all_finite(image) {
+            return Err(wrong(&name, "is not finite".to_owned()));
+        }
+        Ok(image.shallow_clone())
+    })?;
+    Ok(rows.to_device(network.parameters.flat().device()))
+}
+
 /// What the network is given for each cell's numbers. Those beside a frame are the goal.
 fn numbers(file: &Tensors, [steps, columns]: [i64; 2], config: &Config) -> Result<Vec<Vec<f32>>, TensorsError> {
     let inputs = config.spec().inputs().expect("a validated configuration's task has what networks take");
     let size = [steps, columns, inputs.width() as i64];
     let rows = |given: &[f32]| given.chunks_exact(inputs.width()).map(<[f32]>::to_vec).collect();
-    if inputs.image.is_none() {
+    if inputs.width() == 0 {
+        return Ok(vec![vec![]; (steps * columns) as usize]);
+    }
+    if inputs.frame.is_none() {
         return Ok(rows(&file.floats("numbers", &size)?));
     }
     match (file.find("goal"), file.find("goal_m")) {

@@ -34,6 +34,12 @@ impl Sample {
         records.for_each(|record| copied.extend_from_slice(&record[..small]));
         Self { borrowed, small: copied, frame }
     }
+
+    /// A record where it lies, images included.
+    fn whole(&self, i: usize) -> &[u8] {
+        let [record, _] = self.frame.lines();
+        Line::bytes(&self.borrowed.payload()[i * record..][..record])
+    }
 }
 
 impl HalfSample for Sample {
@@ -48,9 +54,10 @@ impl HalfSample for Sample {
         self.frame.is_there(self.header(i))
     }
     fn frame(&self, i: usize) -> Option<DepthFrame<'_>> {
-        let [record, _] = self.frame.lines();
-        let record = Line::bytes(&self.borrowed.payload()[i * record..][..record]);
-        self.frame.read(record, self.header(i))
+        self.frame.read(self.whole(i), self.header(i))
+    }
+    fn images(&self, i: usize, row: &mut Vec<u8>) {
+        self.frame.images(self.record(i), self.whole(i), row);
     }
 }
 
@@ -112,7 +119,7 @@ impl Ports {
     /// The next observation sample, if one is waiting.
     pub fn receive(&self) -> Result<Option<(ObservationHeader, Sample)>> {
         match self.observations.receive() {
-            Ok(sample) => Ok(sample.map(|sample| (*sample.user_header(), Sample::of(sample, self.frame)))),
+            Ok(sample) => Ok(sample.map(|sample| (*sample.user_header(), Sample::of(sample, self.frame.clone())))),
             // All that is left comes from actors of which two samples are held: it can only be something that was
             // sent twice, and waits until one of those is let go.
             Err(ReceiveError::ExceedsMaxBorrows) => Ok(None),

@@ -5,7 +5,7 @@ use crate::world::small_config;
 use learner::agent::Agent;
 use learner::auxiliary::focal_loss;
 use learner::collector::{Ended, RolloutStatistics, RunningEpisode};
-use learner::network::{ActorCriticOutput, goal_coordinates};
+use learner::network::{ActorCriticOutput, Kept, goal_coordinates};
 use learner::optimizer::{Adam, clip, norm};
 use learner::peers::Peers;
 use learner::ppo::gae;
@@ -23,15 +23,15 @@ fn advantages_are_the_explicit_sums() {
     let (steps, columns) = (12, 5);
     let float = (Kind::Float, Device::Cpu);
     let shape = RolloutShape { steps, environments_in_last_step: 3, frames: 58 };
-    let frames = Tensor::zeros([60, 1, 1], float);
-    let mut rollout = Rollout::new(shape, columns, frames, Tensor::zeros([5, 1], float));
+    let kept = |rows: i64| Kept::of_frames(Tensor::zeros([rows, 1, 1], float));
+    let mut rollout = Rollout::new(shape, columns, kept(60), Tensor::zeros([5, 1], float));
     let all = [0, 1, 2, 3, 4];
     let table = |name: &str| noise_f32(name, steps * columns);
     let (rewards, values) = (table("gae.reward"), table("gae.value"));
     let (ended, limit) = (noise("gae.ended", steps * columns), noise("gae.limit", steps * columns));
     for t in 0..steps {
         let rows = all.map(|n| Step { value: 2.0 * values[t * columns + n], ..Step::default() });
-        rollout.store(t, &all, &Tensor::zeros([5, 1, 1], float), &rows);
+        rollout.store(t, &all, &kept(5), &rows);
         for n in all.into_iter().filter(|&n| t + 1 < steps || n < 3) {
             let index = t * columns + n;
             let ended = ended[index] > 0.6;
@@ -68,7 +68,8 @@ fn truncated_episodes_are_bootstrapped_as_by_stable_baselines() {
     let (steps, columns) = (40, 3);
     let float = (Kind::Float, Device::Cpu);
     let shape = RolloutShape::next(u64::MAX, steps, columns);
-    let mut rollout = Rollout::new(shape, columns, Tensor::zeros([120, 0, 0], float), Tensor::zeros([3, 0], float));
+    let kept = |rows: i64| Kept::of_frames(Tensor::zeros([rows, 0, 0], float));
+    let mut rollout = Rollout::new(shape, columns, kept(120), Tensor::zeros([3, 0], float));
     let table = |name: &str| noise_f32(&format!("sb3.{name}"), steps * columns);
     let [mut rewards, values, last, ended, limit] = ["reward", "value", "last", "ended", "limit"].map(table);
     let after = noise_f32("sb3.after", columns);
@@ -76,7 +77,7 @@ fn truncated_episodes_are_bootstrapped_as_by_stable_baselines() {
     let truncated = |row: usize| dones[row] && limit[row] > 0.0;
     for t in 0..steps {
         let rows = [0, 1, 2].map(|n| Step { value: values[t * columns + n], ..Step::default() });
-        rollout.store(t, &[0, 1, 2], &Tensor::zeros([3, 0, 0], float), &rows);
+        rollout.store(t, &[0, 1, 2], &kept(3), &rows);
         for n in 0..columns {
             let row = t * columns + n;
             let (reward, time_limit) = (rewards[row], truncated(row));

@@ -2,7 +2,7 @@
 
 use crate::shared::{assert_probes, doubles, fixture, noise, noise_tensor, weight_values};
 use learner::auxiliary::{Cpca, InverseDynamics, Pass, Query, Sizes, Task, TaskLoss};
-use learner::network::{Layout, Packing, Parameters};
+use learner::network::{Kept, Layout, Packing, Parameters};
 use learner::rollout::Rollout;
 use proto::stage::RolloutShape;
 use std::collections::BTreeMap;
@@ -107,7 +107,12 @@ fn auxiliary_tasks_are_their_definitions() {
     let taken: Vec<i64> = rows.packing.rows.iter().map(|&(t, n)| ((3 * t + 5 * n + t * n) % 21) as i64).collect();
     let shape = RolloutShape { steps: STEPS, environments_in_last_step: COLUMNS - 1, frames: (CELLS - 1) as u64 };
     let zeros = |size: &[i64]| Tensor::zeros(size, (Kind::Float, Device::Cpu));
-    let rollout = Rollout::new(shape, COLUMNS, zeros(&[CELLS as i64, 1, 1]), zeros(&[COLUMNS as i64, SIZES.hidden]));
+    let rollout = Rollout::new(
+        shape,
+        COLUMNS,
+        Kept::of_frames(zeros(&[CELLS as i64, 1, 1])),
+        zeros(&[COLUMNS as i64, SIZES.hidden]),
+    );
     let pass = Pass {
         rollout: &rollout,
         packing: &rows.packing,

@@ -4,7 +4,7 @@ use crate::shared::{assert_close, depth_mm, fixture, goal_m, noise_tensor, weigh
 use learner::agent::Agent;
 use learner::auxiliary::{Disturb, Sizes};
 use learner::import::import;
-use learner::network::{ActorCriticOutput, Network, Observations, Staging, goal_coordinates};
+use learner::network::{ActorCriticOutput, Kept, Network, Observations, Staging, goal_coordinates};
 use proto::camera::DepthFrame;
 use proto::config::{AuxiliaryTask, Config, Encoder, GoalCoordinates};
 use proto::task::ActionSpace;
@@ -66,7 +66,7 @@ fn an_imported_network_says_what_allenacts_says() {
                 (0..2).flat_map(|n| goal_coordinates(config.network.goal, goal_m(t as usize, n))).collect();
             let seen = [0, 1].map(|n| DepthFrame::Whole(&frames[n]));
             let observations = Observations {
-                frames: network.preparation.keep(&seen, &mut Staging::default()),
+                kept: Kept::of_frames(network.preparation.keep(&seen, &mut Staging::default())),
                 numbers: Tensor::from_slice(&goals).view([2, 3]),
                 // In the second column an episode begins: nothing came before.
                 previous_actions: Tensor::from_slice(&[1 + 3 + t, 0]),

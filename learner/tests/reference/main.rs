@@ -5,6 +5,7 @@
 
 mod algorithm;
 mod auxiliary;
+mod images;
 mod import;
 mod kept;
 mod learners;

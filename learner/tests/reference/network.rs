@@ -2,7 +2,7 @@
 
 use crate::shared::{assert_close, assert_probes, depth_mm, fixture, goal_m, noise_tensor, weight_values};
 use learner::auxiliary::{Disturb, Sizes};
-use learner::network::{ActorCriticOutput, Network, Observations, Packing, RawFrame, Staging, goal_coordinates};
+use learner::network::{ActorCriticOutput, Kept, Network, Observations, Packing, RawFrame, Staging, goal_coordinates};
 use proto::camera::DepthFrame;
 use proto::config::{Config, Encoder, GoalCoordinates};
 use proto::task::ActionSpace;
@@ -28,7 +28,7 @@ fn network_matches(name: &str, config: &Config) {
             rows.iter().flat_map(|&(t, n)| goal_coordinates(config.network.goal, goal_m(t, n))).collect();
         let previous: Vec<i64> = rows.iter().map(|&(t, n)| (5 * t + 3 * n) as i64 % (actions + 1)).collect();
         Observations {
-            frames: network.preparation.keep(&frames, &mut Staging::default()),
+            kept: Kept::of_frames(network.preparation.keep(&frames, &mut Staging::default())),
             numbers: Tensor::from_slice(&goals).view([-1, 3]),
             previous_actions: Tensor::from_slice(&previous),
         }

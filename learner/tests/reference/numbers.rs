@@ -510,6 +510,7 @@ fn a_pole_is_balanced() {
         let input = StepInput {
             columns: &columns,
             frames: &[],
+            images: &[],
             numbers: &numbers,
             previous_action: previous,
             episode_start: &starts,

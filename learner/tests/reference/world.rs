@@ -7,7 +7,7 @@ use learner::rollout::Outcome;
 use proto::camera::DepthFrame;
 use proto::config::{Config, Encoder, Memory, PpoConfig};
 use proto::stage::RolloutShape;
-use proto::task::{ActionSpace, Spec};
+use proto::task::{ActionSpace, Dtype, Image, Spec};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use tch::Tensor;
@@ -24,6 +24,7 @@ pub struct World {
     actions: usize,
     has_frame: bool,
     is_masked: bool,
+    images: Vec<Image>,
     /// Columns of the agent that acts, of all.
     own: Range<usize>,
     /// Those of either half of a step.
@@ -81,10 +82,10 @@ impl World {
         let steps = config.ppo.rollout_steps as usize;
         let halves = [(0..columns / 2).collect(), (columns / 2..columns).collect()];
         let inputs = config.spec().inputs().expect("networks can take it");
-        let (width, has_frame) = (inputs.width(), inputs.image.is_some());
+        let (width, has_frame) = (inputs.width(), inputs.frame.is_some());
         let (actions, previous) = (config.policy_actions().len(), vec![NO_ACTION; columns]);
-        let is_masked = config.spec().mask().is_some();
-        Self { columns, width, actions, has_frame, is_masked, own, halves, steps, planned: steps, previous }
+        let (is_masked, images) = (config.spec().mask().is_some(), inputs.images);
+        Self { columns, width, actions, has_frame, is_masked, images, own, halves, steps, planned: steps, previous }
     }
 
     /// The same, with a half of each actor's environments in either half, as in a run.
@@ -142,7 +143,7 @@ impl World {
                                 label: disturbed[n] > 0.4,
                             },
                         );
-                        if ended && limit[n] > 0.0 && !self.has_frame {
+                        if ended && limit[n] > 0.0 && !self.has_frame && self.images.is_empty() {
                             let last = noise_f32(&format!("last.{now}.{n}"), self.width);
                             agent.value_last(t, n - own.start, &last)?;
                         }
@@ -169,6 +170,24 @@ impl World {
         Ok(outputs)
     }
 
+    /// A row of images: noise in each.
+    fn images_of(&self, now: usize, n: usize) -> Vec<u8> {
+        let mut row = vec![];
+        for image in &self.images {
+            let noise = noise_f32(&format!("{}.{now}.{n}", image.name), image.field.count);
+            row.resize(image.begin, 0);
+            match image.field.dtype {
+                Dtype::F32 => row.extend(noise.iter().flat_map(|number| number.to_ne_bytes())),
+                Dtype::U16 => {
+                    row.extend(noise.iter().flat_map(|number| (((number + 1.0) * 32767.0) as u16).to_ne_bytes()));
+                }
+                _ => row.extend(noise.iter().map(|number| ((number + 1.0) * 127.0) as u8)),
+            }
+        }
+        row.resize(row.len().next_multiple_of(4), 0);
+        row
+    }
+
     pub fn see<T>(
         &self,
         agent: &mut Agent,
@@ -183,6 +202,7 @@ impl World {
             width => noise_f32(&format!("numbers.{now}.{n}"), width),
         };
         let numbers: Vec<f32> = columns.iter().flat_map(|&n| numbers(n)).collect();
+        let images: Vec<u8> = columns.iter().flat_map(|&n| self.images_of(now, n)).collect();
         let previous_action: Vec<u8> = columns.iter().map(|&n| self.previous[n]).collect();
         let episode_start: Vec<bool> = previous_action.iter().map(|&action| action == NO_ACTION).collect();
         let masks: Vec<bool> =
@@ -191,6 +211,7 @@ impl World {
         let input = StepInput {
             columns: &places,
             frames: &frames,
+            images: &images,
             numbers: &numbers,
             previous_action: &previous_action,
             episode_start: &episode_start,

@@ -1,8 +1,8 @@
 //! The page that goes with a policy: what it takes and gives, in which units, and ten lines that let it act.
 
-use crate::policy::{MASK, Policy};
+use crate::policy::{IMAGES, MASK, Policy};
 use proto::config::{CarriedGoal, GoalCoordinates, Memory};
-use proto::task::ActionHead;
+use proto::task::{ActionHead, Dtype};
 use std::fmt::Write;
 
 /// What somebody who has only `model` (its file's name), an ONNX model of this policy, needs to know; Markdown.
@@ -42,15 +42,16 @@ A policy of Stillroom after {frames} frames of training: one step of any number 
             "| depth | uint16 | rows, 224, 224 | millimetres, row by row from the top, of a camera with 100 degrees of view |"
         ));
     }
-    if network.goal == GoalCoordinates::Plain {
-        let name = policy.numbers_name();
-        line(format_args!(
-            "| {name} | float32 | rows, {numbers} | the task's observations, one behind the other; whole numbers as one-hot |"
-        ));
-    } else {
+    rows_of_images(policy).for_each(|row| line(format_args!("{row}")));
+    if network.goal != GoalCoordinates::Plain {
         line(format_args!(
             "| goal | float32 | rows, 3 | metres in the robot's frame (x right, y up, z ahead): object - wrist{absolute}; \
              while the object is held {held} |"
+        ));
+    } else if numbers > 0 {
+        let name = policy.numbers_name();
+        line(format_args!(
+            "| {name} | float32 | rows, {numbers} | the task's observations, one behind the other; whole numbers as one-hot |"
         ));
     }
     if network.previous_action {
@@ -86,6 +87,19 @@ A policy of Stillroom after {frames} frames of training: one step of any number 
         text.push_str(&program(policy, model, actions));
     }
     text
+}
+
+/// Rows of the table of inputs that images have, but for the frame.
+fn rows_of_images(policy: &Policy) -> impl Iterator<Item = String> {
+    policy.inputs().images.into_iter().map(|image| {
+        let kind = match image.field.dtype {
+            Dtype::U16 => "uint16",
+            Dtype::F32 => "float32",
+            _ => "uint8",
+        };
+        let [first, second, third] = image.shape();
+        format!("| {IMAGES}{} | {kind} | rows, {first}, {second}, {third} | as the task observes it |", image.name)
+    })
 }
 
 /// Rows of the table of outputs that give the policy, and what an action is.

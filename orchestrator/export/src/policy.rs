@@ -17,8 +17,9 @@ use std::path::{Path, PathBuf};
 const PREFIX: &str = "model.";
 
 /// Heads of auxiliary tasks and whatever else is trained but does not act have other names.
-const ACTING: [&str; 9] = [
+const ACTING: [&str; 10] = [
     NORMALIZER,
+    IMAGES,
     "visual_encoder.",
     "goal_embedder.",
     "mlp.",
@@ -32,6 +33,8 @@ const ACTING: [&str; 9] = [
 pub(crate) const MASK: &str = "action_mask";
 /// Mean and variance of observations.
 pub(crate) const NORMALIZER: &str = "observation_norm.";
+/// Encoders of images but the frame; inputs of a model have the names, too.
+pub(crate) const IMAGES: &str = "images.";
 
 /// Why a checkpoint or a file gives no policy.
 #[derive(Debug, thiserror::Error)]
@@ -138,12 +141,12 @@ impl Policy {
         facts.map(|(name, value)| (name.to_owned(), value)).collect()
     }
 
-    fn inputs(&self) -> Inputs {
+    pub(crate) fn inputs(&self) -> Inputs {
         self.config.spec().inputs().expect("a validated configuration's task has what networks take")
     }
 
     pub(crate) fn has_frame(&self) -> bool {
-        self.inputs().image.is_some()
+        self.inputs().frame.is_some()
     }
 
     /// Whether there are options that may not be chosen.

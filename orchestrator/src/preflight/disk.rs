@@ -2,7 +2,7 @@
 
 use super::Finding;
 use crate::output::format::bytes;
-use proto::config::Config;
+use proto::config::{Config, dqn};
 use proto::disk::is_not_offered;
 use proto::stage::total_frames;
 use rustix::fs::statvfs;
@@ -28,7 +28,9 @@ pub fn need(config: &Config) -> (u64, u64) {
     let hidden = u64::from(config.network.hidden);
     // GRU and heads grow with the belief; the encoder's size is its own.
     let encoder = config.network.encoder.weights(config.network.input_pool);
-    let parameters = encoder + 3 * hidden * (hidden + 560) + hidden * 400;
+    let inputs = config.spec().inputs();
+    let images = inputs.map_or(0, |inputs| inputs.images.iter().map(dqn::weights).sum::<u64>());
+    let parameters = encoder + images + 3 * hidden * (hidden + 560) + hidden * 400;
     let environments = config.environments() as u64;
     // Weights and two moments, beliefs, environment states.
     let state = STATE + u64::from(config.episode.max_steps);

@@ -4,7 +4,7 @@
 use super::Finding;
 use crate::output::format::{bytes, counted};
 use proto::camera::FRAME_PIXELS;
-use proto::config::Config;
+use proto::config::{Config, dqn};
 use proto::kitchen::Kitchens;
 use std::path::Path;
 use wire::WireShape;
@@ -52,12 +52,14 @@ pub fn need(config: &Config, actors: u32, cuda: bool) -> Need {
     let steps = if config.evaluation.is_some() { 1 } else { u64::from(config.ppo.rollout_steps) };
     // One is collected while another is trained on.
     let rollouts = if config.ppo.overlap && config.evaluation.is_none() { 2 } else { 1 };
-    let has_frame = config.spec().inputs().is_ok_and(|inputs| inputs.image.is_some());
-    let pixels = if has_frame { FRAME_PIXELS as u64 } else { 0 };
-    let rollout = rollouts * environments * (steps + 1) * pixels * 2;
+    let inputs = config.spec().inputs();
+    let has_frame = inputs.as_ref().is_ok_and(|inputs| inputs.frame.is_some());
+    let (pixels, images) = (if has_frame { FRAME_PIXELS as u64 } else { 0 }, inputs.as_ref().ok());
+    let image_bytes = images.map_or(0, |inputs| inputs.image_bytes() as u64);
+    let rollout = rollouts * environments * (steps + 1) * (pixels * 2 + image_bytes);
     let learner = if cuda {
         // Rollout and activations lie on the GPU; the host has staging buffers.
-        LEARNER_BASE + LEARNER_CUDA + environments * pixels * 4
+        LEARNER_BASE + LEARNER_CUDA + environments * (pixels * 4 + image_bytes)
     } else {
         let minibatch = in_shard.div_ceil(u64::from(config.ppo.minibatches.max(1)));
         let in_pass = match u64::from(config.ppo.environments_per_pass) {
@@ -66,7 +68,8 @@ pub fn need(config: &Config, actors: u32, cuda: bool) -> Need {
         };
         let encoder = || config.network.encoder.autograd_bytes(config.network.input_pool);
         let frame = if has_frame { encoder() } else { NUMBERS };
-        LEARNER_BASE + rollout + in_pass * steps * frame
+        let images = images.map_or(0, |inputs| inputs.images.iter().map(dqn::autograd_bytes).sum());
+        LEARNER_BASE + rollout + in_pass * steps * (frame + images)
     };
     let shared = WireShape::with_actors(config, shares).shared_memory_bytes();
     let learners = shares.learners();

@@ -1,6 +1,7 @@
 //! Settings of the network.
 
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::fmt;
 
 /// Visual encoder.
@@ -50,7 +51,7 @@ pub enum GoalCoordinates {
 pub enum Memory {
     /// A gated recurrent unit: the belief. Actor and critic are one layer each behind it.
     Gru,
-    /// Nothing. In a task without a frame actor and critic have layers of their own.
+    /// Nothing. In a task of numbers alone actor and critic have layers of their own.
     None,
 }
 
@@ -102,8 +103,12 @@ pub struct NetworkConfig {
     pub carried_goal: CarriedGoal,
     /// Feed the previous action's embedding to the belief.
     pub previous_action: bool,
-    /// Widths of the layers (tanh) that see the numbers of a task without a frame: of one stack before a GRU, of one for
-    /// the actor and one for the critic without memory.
+    /// Encoders of images but the frame, by their names: `cnn`, which is DQN's there, and which images that are not named
+    /// have, too.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub images: BTreeMap<String, Encoder>,
+    /// Widths of the layers (tanh) that see the numbers of a task without a frame: of one stack before a GRU or beside
+    /// images, of one for the actor and one for the critic without either.
     pub mlp: Vec<u32>,
     /// What the policy remembers.
     pub memory: Memory,
@@ -119,6 +124,7 @@ impl Default for NetworkConfig {
             goal: GoalCoordinates::Polar,
             carried_goal: CarriedGoal::GoalToObject,
             previous_action: true,
+            images: BTreeMap::new(),
             mlp: vec![64, 64],
             memory: Memory::Gru,
             hidden: 512,

@@ -31,8 +31,9 @@ pub enum SpecError {
     #[error("cost: {0}")]
     Cost(String),
     #[error(
-        "task `{task}`: networks cannot take {what}. They take one image at most (u16, [224, 224], sums = 2), any f32, and \
-         whole numbers of a declared range, 1 to 65536 numbers in all"
+        "task `{task}`: networks cannot take {what}: they take images of 32 to 512 pixels each way and 1 to 12 channels, \
+         first or last, any other f32, and whole numbers of a declared range, at most 65536 numbers in all; declare \
+         anything else flat"
     )]
     Input { task: String, what: String },
     #[error("the environment has {now}, but the run was begun with {then}: serve the environment that began it")]

@@ -2,6 +2,7 @@
 
 use super::channel::{Channel, Dtype, Role};
 use super::error::SpecError;
+use super::image::Image;
 use super::layout::{Field, Layout};
 use super::spec::Spec;
 use crate::camera::{FRAME_SIDE, WINDOW};
@@ -21,13 +22,20 @@ enum Coding {
 /// Places of the observations.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Inputs {
-    /// The frame; none of a task of numbers alone.
-    pub image: Option<Field>,
+    /// The frame of kitchens, if there is one.
+    pub frame: Option<Field>,
+    /// All other images, in the order of their names.
+    pub images: Vec<Image>,
     numbers: Vec<(Field, Coding)>,
 }
 
 impl Inputs {
-    /// How many numbers the network is given beside the frame.
+    /// Bytes of a row of all images but the frame: one behind the other, with gaps before some.
+    pub fn image_bytes(&self) -> usize {
+        self.images.last().map_or(0, Image::end)
+    }
+
+    /// How many numbers the network is given beside frame and images.
     pub fn width(&self) -> usize {
         let of = |(field, coding): &(Field, Coding)| match coding {
             Coding::Plain => field.count,
@@ -39,7 +47,8 @@ impl Inputs {
     /// The same of what was seen last of a truncated episode; none in a task with images.
     pub fn last(&self, layout: &Layout) -> Option<Self> {
         let numbers = self.numbers.iter().map(|&(field, coding)| Some((layout.last(field)?, coding)));
-        Some(Self { image: None, numbers: numbers.collect::<Option<_>>()? })
+        let numbers = numbers.collect::<Option<_>>()?;
+        self.images.is_empty().then_some(Self { frame: None, images: vec![], numbers })
     }
 
     /// Of each number, whether it is one as the task declares it, and not a place of a one-hot code.
@@ -80,15 +89,16 @@ impl Spec {
     /// Its observations, if networks can take them.
     pub fn inputs(&self) -> Result<Inputs, SpecError> {
         let refuse = |what: String| Err(SpecError::Input { task: self.name.clone(), what });
-        let mut inputs = Inputs { image: None, numbers: vec![] };
+        let mut inputs = Inputs { frame: None, images: vec![], numbers: vec![] };
         let pairs = self.channels.iter().zip(&self.layout.fields);
         for (channel, &field) in pairs.filter(|(channel, _)| channel.role == Role::Observation) {
-            if channel.is_bulk() {
-                let fits = channel.dtype == Dtype::U16 && channel.shape == [FRAME_SIDE; 2];
-                if !fits || channel.sums != Some(WINDOW) || inputs.image.is_some() {
-                    return refuse(format!("its image `{}`", channel.name));
-                }
-                inputs.image = Some(field);
+            let is_frame = channel.dtype == Dtype::U16 && channel.shape == [FRAME_SIDE; 2];
+            if is_frame && channel.sums == Some(WINDOW) && inputs.frame.is_none() {
+                inputs.frame = Some(field);
+            } else if let Some(image) = Image::of(channel, field) {
+                inputs.images.push(image);
+            } else if channel.is_bulk() {
+                return refuse(format!("its image `{}` of the shape {:?}", channel.name, channel.shape));
             } else {
                 match coding(channel) {
                     Ok(coding) => inputs.numbers.push((field, coding)),
@@ -96,9 +106,17 @@ impl Spec {
                 }
             }
         }
+        inputs.images.sort_by(|one, other| one.name.cmp(&other.name));
+        let mut begin = 0;
+        for image in &mut inputs.images {
+            image.begin = begin;
+            begin = image.end();
+        }
         match inputs.width() {
-            0 => refuse("its observations: there are no numbers".to_owned()),
-            1..=NUMBERS_MOST => Ok(inputs),
+            0 if inputs.images.is_empty() || inputs.frame.is_some() => {
+                refuse("its observations: there are no numbers".to_owned())
+            }
+            0..=NUMBERS_MOST => Ok(inputs),
             width => refuse(format!("its observations: {width} numbers")),
         }
     }
@@ -150,7 +168,7 @@ mod tests {
             + &channel("rooms", "dtype = \"u8\"\nshape = [2]\nnames = [\"kitchen\", \"hall\"]")
             + &channel("angle", "dtype = \"f32\"\nrange = [-9, 9]");
         let (spec, inputs) = inputs(&text).unwrap();
-        assert_eq!((inputs.width(), inputs.image, inputs.are_coordinates()), (2 + 3 + 4 + 1, None, false));
+        assert_eq!((inputs.width(), inputs.frame, inputs.are_coordinates()), (2 + 3 + 4 + 1, None, false));
         // Records begin on a cache line.
         let mut lines = vec![[0u64; LINE_BYTES / 8]; spec.layout().bytes / LINE_BYTES];
         let record: &mut [u8] = bytemuck::cast_slice_mut(&mut lines);
@@ -165,6 +183,32 @@ mod tests {
     }
 
     #[test]
+    fn images_lie_one_behind_the_other_with_channels_where_they_are_declared() {
+        let text = channel("screen", "dtype = \"u8\"\nshape = [33, 41, 3]")
+            + &channel("speed", "dtype = \"f32\"\nrange = [-9, 9]")
+            + &channel("heat", "dtype = \"f32\"\nshape = [2, 32, 32]\nrange = [0, 1]")
+            + &channel("matrix", "dtype = \"f32\"\nshape = [32, 32]\nrange = [0, 1]")
+            + &channel("depth", "dtype = \"u16\"\nshape = [63, 47]");
+        let (spec, inputs) = inputs(&text).unwrap();
+        let found: Vec<_> = inputs.images.iter().map(|image| (&*image.name, image.shape(), image.bytes())).collect();
+        let (depth, screen) = (63 * 47 * 2, 33 * 41 * 3);
+        let heat = depth + 2;
+        let begin = heat + 2 * 32 * 32 * 4;
+        assert_eq!(
+            found,
+            [
+                ("depth", [1, 63, 47], 0..depth),
+                ("heat", [2, 32, 32], heat..begin),
+                ("screen", [33, 41, 3], begin..begin + screen),
+            ]
+        );
+        assert_eq!((inputs.image_bytes(), inputs.frame), (begin + screen + 1, None));
+        assert_eq!(inputs.width(), 1 + 32 * 32, "a matrix is numbers");
+        assert_eq!(inputs.images[0].field, spec.channel("depth").unwrap().1);
+        assert_eq!(inputs.last(spec.layout()), None, "what was seen last would double a record");
+    }
+
+    #[test]
     fn what_no_network_takes_is_named() {
         for (text, problem) in [
             (String::new(), "there are no numbers"),
@@ -173,7 +217,9 @@ mod tests {
             (channel("x", "dtype = \"u32\"\nrange = [0, 1e6]"), "`x`: its range is too large"),
             (channel("x", "dtype = \"u32\"\nrange = [0, 1.5]"), "`x`: its range is not of whole numbers"),
             (channel("x", "dtype = \"f32\"\nshape = [70000]\nrange = [0, 1]"), "its observations: 70000 numbers"),
-            (channel("x", "dtype = \"u8\"\nshape = [84, 84]"), "its image `x`"),
+            (channel("x", "dtype = \"u8\"\nshape = [84, 84, 13]"), "its image `x` of the shape [84, 84, 13]"),
+            (channel("x", "dtype = \"u8\"\nshape = [3, 31, 84]"), "its image `x` of the shape [3, 31, 84]"),
+            (channel("x", "dtype = \"u16\"\nshape = [2, 3, 84, 84]"), "its image `x` of the shape [2, 3, 84, 84]"),
         ] {
             let error = inputs(&text).unwrap_err();
             assert!(error.contains(problem), "{error}");
@@ -184,7 +230,7 @@ mod tests {
     fn built_in_tasks_have_a_frame_and_a_vector_in_space() {
         for spec in Spec::built_in() {
             let inputs = spec.inputs().unwrap();
-            assert!(inputs.image.is_some() && inputs.are_coordinates(), "{}", spec.name);
+            assert!(inputs.frame.is_some() && inputs.are_coordinates(), "{}", spec.name);
         }
     }
 }

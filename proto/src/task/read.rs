@@ -143,6 +143,8 @@ impl Spec {
             channels.iter().try_for_each(Channel::check_nothing)?;
         }
         let (layout, text) = (Layout::of(&actions, &channels, restore), text.to_owned());
+        // Each has a bit of a record's header.
+        at_most("images, and sums of them", layout.images.len(), u32::BITS as usize)?;
         let spec = Self {
             name,
             formerly,

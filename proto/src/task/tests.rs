@@ -333,15 +333,17 @@ fn observations_that_networks_cannot_take_are_refused_with_their_names() {
     let inputs = |from: &str, to: &str| Spec::parse(&frame.replacen(from, to, 1)).unwrap().inputs();
     let spec = Spec::parse(&frame).unwrap();
     let whole = inputs("", "").unwrap();
-    assert_eq!((whole.image, whole.are_coordinates()), (Some(spec.channel("image").unwrap().1), true));
+    assert_eq!((whole.frame, whole.are_coordinates()), (Some(spec.channel("image").unwrap().1), true));
     let other = inputs("shape = [3]", "shape = [2]").unwrap();
     assert_eq!((other.width(), other.are_coordinates()), (2, false));
     let (seen, unseen) = ("role = \"observation\"\ndtype = \"u16\"", "role = \"state\"\ndtype = \"u16\"");
-    assert_eq!(inputs(seen, unseen).unwrap().image, None);
+    assert_eq!(inputs(seen, unseen).unwrap().frame, None);
     for (from, to) in [("[224, 224]", "[112, 112]"), ("sums = 2", "")] {
-        let error = inputs(from, to).unwrap_err().to_string();
-        assert!(error.starts_with("task `small`: networks cannot take its image `image`"), "{to}: {error}");
+        let images = inputs(from, to).map(|inputs| (inputs.frame, inputs.images.len()));
+        assert_eq!(images, Ok((None, 1)), "{to}: an image like any other");
     }
+    let error = inputs("[224, 224]", "[24, 24]").unwrap_err().to_string();
+    assert!(error.starts_with("task `small`: networks cannot take its image `image` of the shape [24, 24]"), "{error}");
 }
 
 #[test]

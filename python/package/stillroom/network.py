@@ -100,6 +100,40 @@ class Cnn(nn.Module):
         return self.cnn(x)
 
 
+class Images(nn.ModuleDict):
+    """Images of any declaration, each through the convolutions of DQN: by name its channels, and the features that
+    convolutions leave."""
+
+    def __init__(self, images: dict[str, tuple[int, int]]) -> None:
+        super().__init__(
+            {
+                name: nn.Sequential(
+                    nn.Conv2d(channels, 32, 8, 4),
+                    nn.ReLU(),
+                    nn.Conv2d(32, 64, 4, 2),
+                    nn.ReLU(),
+                    nn.Conv2d(64, 64, 3),
+                    nn.ReLU(),
+                    nn.Flatten(),
+                    nn.Linear(features, 512),
+                    nn.ReLU(),
+                )
+                for name, (channels, features) in images.items()
+            }
+        )
+
+    def see(self, name: str, image: Tensor) -> Tensor:
+        """An image as it was observed, [rows, height, width], and channels first or last, to [rows, 512]."""
+        most = {torch.uint8: 255.0, torch.uint16: 65535.0}.get(image.dtype)
+        image = image.to(torch.float32) if most is None else image.to(torch.float32) / most
+        if image.dim() == 3:
+            image = image.unsqueeze(1)
+        # A side has more pixels than an image has channels.
+        elif image.shape[1] != self[name][0].in_channels:
+            image = image.permute(0, 3, 1, 2)
+        return self[name](image)
+
+
 def layers(inputs: int, widths: list[int]) -> list[nn.Module]:
     """Linear layers of these widths, each with a hyperbolic tangent behind it."""
     return [
@@ -137,6 +171,7 @@ class Network(nn.Module):
         numbers: how many numbers an observation has, beside its frame if there is one.
         mlp: widths of the layers of a task without a frame.
         masked: whether observations have a mask of the options that may be chosen.
+        images: channels, and features that convolutions leave, of each image but the frame, in the order of names.
     """
 
     def __init__(
@@ -154,6 +189,7 @@ class Network(nn.Module):
         bounds: list[list[float]] | None = None,
         observation_clip: float | None = None,
         masked: bool = False,
+        images: dict[str, tuple[int, int]] | None = None,
     ) -> None:
         super().__init__()
         self.masked = masked
@@ -169,7 +205,7 @@ class Network(nn.Module):
             )
         self.observation_norm = None if observation_clip is None else Normalizer(numbers, observation_clip)
         # Layers that actor and critic share, and those that each has of its own.
-        shared, own = (mlp or [], []) if hidden else ([], mlp or [])
+        shared, own = (mlp or [], []) if hidden or images else ([], mlp or [])
         if encoder is None:
             self.visual_encoder, self.goal_embedder = None, None
             self.mlp = nn.Sequential(*layers(numbers, shared))
@@ -179,6 +215,9 @@ class Network(nn.Module):
             self.visual_encoder = {"resnet": Resnet, "cnn": Cnn}[encoder](RAW_SIDE // input_pool)
             self.goal_embedder = nn.Sequential(nn.Linear(numbers, 100), nn.LeakyReLU(0.01), nn.Linear(100, 32))
             width = 544
+        self.numbers = numbers
+        self.images = Images(images) if images else None
+        width += 512 * len(images or {})
         self.previous_action_embedder = nn.Embedding(actions + 1, 16) if previous_action else None
         width += 16 if previous_action else 0
         self.belief = nn.GRU(width, hidden) if hidden else None
@@ -214,10 +253,18 @@ class Network(nn.Module):
         encoder = "resnet" if "visual_encoder.fc.1.weight" in weights else "cnn"
         shared, own_layers = widths("mlp"), widths("actor")[:-1]
         last = "visual_encoder.fc.1.weight" if encoder == "resnet" else "visual_encoder.cnn.6.weight"
-        if shared or own_layers:
+        images = {
+            name.split(".")[1]: (weights[name].shape[1], weights[name.replace(".0.", ".7.")].shape[1])
+            for name in sorted(weights)
+            if name.startswith("images.") and name.endswith(".0.weight")
+        }
+        has_frame = any(name.startswith("visual_encoder.") for name in weights)
+        if shared or own_layers or (images and not has_frame):
             encoder, last = None, "mlp.0.weight" if shared else "actor.0.weight"
+        if images and not (shared or has_frame):
+            last = "actor.weight"
         actor = f"actor.{2 * len(own_layers)}.weight" if own_layers else "actor.weight"
-        remembers = not own_layers and (encoder is None or "belief.weight_hh_l0" in weights)
+        remembers = "belief.weight_hh_l0" in weights or not (own_layers or images or has_frame)
         for name in (actor, last, *(["belief.weight_hh_l0"] if remembers else [])):
             if name not in weights or len(weights[name].shape) != 2:
                 raise ValueError(f"these are no weights of a policy: {name} is missing or no matrix")
@@ -235,6 +282,8 @@ class Network(nn.Module):
             raise ValueError(f"these are no weights of a policy: {seen} is missing or no matrix")
         # Layers of the actor's own are given the embedding of the last action, too.
         numbers = weights[seen].shape[1] - (16 if own_layers and previous_action else 0)
+        if seen == "actor.weight":
+            numbers = 0
         for input_pool in (1, 2, 4):
             network = cls(
                 encoder=encoder,
@@ -249,6 +298,7 @@ class Network(nn.Module):
                 bounds=bounds,
                 observation_clip=observation_clip if "observation_norm.running_mean" in weights else None,
                 masked=masked,
+                images=images,
             )
             own = network.state_dict()
             if own[last].shape == weights[last].shape:
@@ -286,15 +336,20 @@ class Network(nn.Module):
         azimuth = torch.atan2(y, x)
         return torch.stack([distance, elevation / (math.pi / 2), azimuth / math.pi], 1).to(torch.float32)
 
-    def embed(self, depth_mm: Tensor, goal: Tensor, previous_action: Tensor) -> Tensor:
+    def embed(
+        self, depth_mm: Tensor, goal: Tensor, previous_action: Tensor, images: dict[str, Tensor] | None = None
+    ) -> Tensor:
         """Pooled millimetres [rows, side, side], goal coordinates [rows, 3] and rows of the action table [rows] (0 is
-        none yet, else 1 + action) to [rows, 560]. In a task without a frame the numbers take the goal's place."""
+        none yet, else 1 + action) to [rows, 560]. In a task without a frame the numbers take the goal's place. Images
+        by name, as they were observed, add 512 each."""
         if self.observation_norm is not None:
             goal = self.observation_norm(goal)
         if self.visual_encoder is None or self.goal_embedder is None:
             parts = [self.mlp(goal)]
         else:
             parts = [self.visual_encoder((depth_mm * SCALE + OFFSET).unsqueeze(1)), self.goal_embedder(goal)]
+        if self.images is not None:
+            parts += [self.images.see(name, (images or {})[name]) for name in self.images]
         if self.previous_action_embedder is not None:
             parts.append(self.previous_action_embedder(previous_action))
         return torch.cat(parts, 1)
@@ -305,7 +360,8 @@ class Network(nn.Module):
         Args:
             observations: those of a `VectorEnv`, arrays or tensors: depth [rows, 224, 224], goal [rows, 3], and
                 previous_action [rows]. In a task without a frame numbers [rows, numbers] instead of depth and goal; in
-                a task with masks action_mask [rows, actions], true where an option may be chosen.
+                a task with masks action_mask [rows, actions], true where an option may be chosen. Any other image as
+                `images.NAME`, as it was observed.
             belief: [rows, hidden]; zeros (`begin`) where an episode begins.
 
         Returns:
@@ -316,8 +372,11 @@ class Network(nn.Module):
         def given(name: str) -> Tensor:
             return torch.as_tensor(observations[name], device=self.device())
 
+        images = {name: given(f"images.{name}") for name in self.images or {}}
         if self.visual_encoder is None:
-            goal = given("numbers")
+            # Beside images there may be no numbers.
+            count = len(next(iter(images.values()), ()))
+            goal = given("numbers") if self.numbers else torch.zeros(count, 0, device=self.device())
             depth_mm = goal.new_zeros(len(goal), 0, 0)
         else:
             goal, depth_mm = self.coordinates(given("goal")), self.pool(given("depth"))
@@ -325,7 +384,7 @@ class Network(nn.Module):
         if self.previous_action_embedder is not None:
             # In observations "none yet" is the last number, in the table the first row.
             rows = (given("previous_action").long() + 1) % (self.actions + 1)
-        embedded = self.embed(depth_mm, goal, rows)
+        embedded = self.embed(depth_mm, goal, rows, images)
         gru = self.belief
         if gru is None:
             seen = embedded

@@ -86,6 +86,7 @@ fn row(types: &Types, default: &Table, key: &str, field: &Field) -> Result<Strin
         ("KitchenRange", _) => "range",
         ("TargetCategory", _) => "lists of categories",
         ("Reward", _) => "list of tables",
+        ("BTreeMap<String,Encoder>", _) => "table of words",
         (other, _) => return Err(BookError::NoWords { key: key.to_owned(), kind: other.to_owned() }),
     };
     let mut what = sentence(&field.doc);

@@ -220,16 +220,17 @@ fn an_environment_is_restored_as_it_declares() {
     }
 }
 
-/// Numbers and choices cross, are recorded, and are taken again after kills; by one learner or two.
+/// Numbers, choices and images cross, are recorded, and are taken again after kills; by one learner or two.
 #[test]
 #[ignore = "needs a Python with the package: make test-python"]
-fn a_run_with_actions_of_any_kind_ends_in_the_same_weights_killed_or_not() {
+fn a_run_with_actions_and_images_of_any_kind_ends_in_the_same_weights_killed_or_not() {
     let place = place();
     let stage = "stages=[{ name = \"I\", reward = \"r\", frames = 600 }]";
     let alone = ["auxiliary.task=none", "network.goal=plain", "network.memory=none", "network.previous_action=false"];
     for (kind, more) in [
         ("numbers", "learner.shards=2"),
         ("choices", "ppo.overlap=true"),
+        ("images", "ppo.minibatches=2"),
         ("masked", "learner.shards=2"),
         ("masked_choices", "ppo.overlap=true"),
     ] {

@@ -1,12 +1,14 @@
-//! The visual encoders. To add one: a file here with its `ENTRY`, a line in [`ENCODERS`], and its variant with its
+//! The visual encoders of frames, and that of other images (`dqn.rs`). To add one of frames: a file here with its `ENTRY`, a line in [`ENCODERS`], and its variant with its
 //! sizes in `proto::config::Encoder`.
 
 mod cnn;
+mod dqn;
 #[cfg(test)]
 mod patchwork;
 mod resnet;
 mod visual;
 
+pub(crate) use dqn::Dqn;
 pub(crate) use visual::{Backward, EncoderEntry, VISUAL, VisualEncoder};
 
 use proto::config::Encoder;

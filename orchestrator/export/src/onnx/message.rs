@@ -109,6 +109,7 @@ pub struct Tensor {
 pub enum Element {
     Undefined = 0,
     Float = 1,
+    Uint8 = 2,
     Uint16 = 4,
     Int64 = 7,
     Bool = 9,

@@ -3,10 +3,10 @@
 use super::build::Parameter::{Float, Int, Ints};
 use super::build::{Builder, Name};
 use super::message::{Element, Graph};
-use crate::policy::{MASK, NORMALIZER, Policy, PolicyError};
+use crate::policy::{IMAGES, MASK, NORMALIZER, Policy, PolicyError};
 use proto::camera::FRAME_SIDE;
-use proto::config::{Encoder, GoalCoordinates, Memory};
-use proto::task::ActionHead;
+use proto::config::{Encoder, GoalCoordinates, Memory, dqn};
+use proto::task::{ActionHead, Dtype, Image};
 use std::f32::consts::{FRAC_PI_2, PI};
 
 type Result<T> = std::result::Result<T, PolicyError>;
@@ -33,11 +33,11 @@ struct Maker<'a> {
     builder: Builder,
 }
 
-/// Images \[rows, channels, side, side\].
+/// Images \[rows, channels, height, width\].
 struct Images {
     name: Name,
     channels: usize,
-    side: usize,
+    sides: [usize; 2],
 }
 
 #[derive(Clone, Copy)]
@@ -65,7 +65,9 @@ pub(super) fn graph(policy: &Policy) -> Result<Graph> {
         "Where to go, in the robot's frame (x right, y up, z ahead), metres: from the wrist to the object, and while \
          the object is held between object and goal (see carried_goal)."
     };
-    let given = maker.builder.input(policy.numbers_name(), Element::Float, &[numbers as i64], doc);
+    let given =
+        (numbers > 0).then(|| maker.builder.input(policy.numbers_name(), Element::Float, &[numbers as i64], doc));
+    let images: Vec<(Image, Name)> = policy.inputs().images.into_iter().map(|image| maker.image(image)).collect();
     let previous = network.previous_action.then(|| {
         let doc = "The last action's number; the number of actions where an episode begins.";
         maker.builder.input("previous_action", Element::Int64, &[], doc)
@@ -81,20 +83,28 @@ pub(super) fn graph(policy: &Policy) -> Result<Graph> {
     let (mut shared, mut own) = (&network.mlp[..], &[][..]);
     if depth.is_some() {
         shared = &[];
-    } else if belief.is_none() {
+    } else if belief.is_none() && images.is_empty() {
         std::mem::swap(&mut shared, &mut own);
     }
-    let (mut parts, mut width) = if let Some(depth) = depth {
-        let frames = maker.frames(&depth, network.input_pool as usize);
-        let given = maker.coordinates(network.goal, &given);
-        let given = maker.normalized_numbers(given, numbers)?;
-        let parts = vec![maker.encoder(network.encoder, frames)?, maker.goal(&given, numbers)?];
-        (parts, VISUAL + GOAL[1])
-    } else {
-        let given = maker.normalized_numbers(given, numbers)?;
-        let (seen, width) = maker.layers("mlp", &given, numbers, shared)?;
-        (vec![seen], width)
+    let (mut parts, mut width) = match (depth, given) {
+        (Some(depth), Some(given)) => {
+            let frames = maker.frames(&depth, network.input_pool as usize);
+            let given = maker.coordinates(network.goal, &given);
+            let given = maker.normalized_numbers(given, numbers)?;
+            let parts = vec![maker.encoder(network.encoder, frames)?, maker.goal(&given, numbers)?];
+            (parts, VISUAL + GOAL[1])
+        }
+        (None, Some(given)) => {
+            let given = maker.normalized_numbers(given, numbers)?;
+            let (seen, width) = maker.layers("mlp", &given, numbers, shared)?;
+            (vec![seen], width)
+        }
+        (_, None) => (vec![], 0),
     };
+    for (image, given) in images {
+        parts.push(maker.image_encoder(&image, given)?);
+        width += dqn::OUTPUTS;
+    }
     if let Some(previous) = previous {
         parts.push(maker.previous_action(&previous, actions)?);
         width += PREVIOUS_ACTION;
@@ -169,7 +179,50 @@ impl Maker<'_> {
         let (scale, offset) = (builder.float(SCALE), builder.float(OFFSET));
         let scaled = builder.apply("Mul", &[&frames, &scale], &[]);
         let name = builder.apply("Add", &[&scaled, &offset], &[]);
-        Images { name, channels: 1, side: FRAME_SIDE / pool }
+        Images { name, channels: 1, sides: [FRAME_SIDE / pool; 2] }
+    }
+
+    /// Declares the input of an image, as it was declared.
+    fn image(&mut self, image: Image) -> (Image, Name) {
+        let (element, doc) = match image.field.dtype {
+            Dtype::U16 => (Element::Uint16, "An image of the task's, as it is: 65535 is the brightest."),
+            Dtype::F32 => (Element::Float, "An image of the task's, as it is."),
+            _ => (Element::Uint8, "An image of the task's, as it is: 255 is the brightest."),
+        };
+        let shape = image.shape().map(|side| side as i64);
+        let name = self.builder.input(&format!("{IMAGES}{}", image.name), element, &shape, doc);
+        (image, name)
+    }
+
+    /// An image → \[rows, 512\].
+    fn image_encoder(&mut self, image: &Image, given: Name) -> Result<Name> {
+        let path = format!("{IMAGES}{}", image.name);
+        let builder = &mut self.builder;
+        builder.part(&path);
+        let mut name = given;
+        let most = match image.field.dtype {
+            Dtype::U16 => Some(f32::from(u16::MAX)),
+            Dtype::F32 => None,
+            _ => Some(f32::from(u8::MAX)),
+        };
+        if let Some(most) = most {
+            let (numbers, most) =
+                (builder.apply("Cast", &[&name], &[Int("to", Element::Float as i64)]), builder.float(most));
+            name = builder.apply("Div", &[&numbers, &most], &[]);
+        }
+        if image.channels_last {
+            name = builder.apply("Transpose", &[&name], &[Ints("perm", &[0, 3, 1, 2])]);
+        }
+        let mut x = Images { name, channels: image.channels, sides: [image.height, image.width] };
+        for (index, (outputs, size, stride)) in dqn::CONVOLUTIONS.into_iter().enumerate() {
+            let convolution = Convolution { outputs, size, stride, padding: 0 };
+            x = self.convolution(&format!("{path}.{}", 2 * index), &x, convolution, true)?;
+            x.name = self.builder.apply("Relu", &[&x.name], &[]);
+        }
+        let flat = self.builder.apply("Flatten", &[&x.name], &[Int("axis", 1)]);
+        let inputs = x.channels * x.sides[0] * x.sides[1];
+        let seen = self.linear(&format!("{path}.7"), &flat, [inputs, dqn::OUTPUTS])?;
+        Ok(self.builder.apply("Relu", &[&seen], &[]))
     }
 
     /// \[rows, 1, side, side\] → \[rows, 512\].
@@ -179,7 +232,7 @@ impl Maker<'_> {
             Encoder::Cnn => ("visual_encoder.cnn.6", self.cnn(frames)?),
         };
         let flat = self.builder.apply("Flatten", &[&features.name], &[Int("axis", 1)]);
-        let inputs = features.channels * features.side * features.side;
+        let inputs = features.channels * features.sides[0] * features.sides[1];
         let visual = self.linear(linear, &flat, [inputs, VISUAL])?;
         Ok(self.builder.apply("Relu", &[&visual], &[]))
     }
@@ -204,7 +257,7 @@ impl Maker<'_> {
         x.name = self.builder.apply("Relu", &[&x.name], &[]);
         let parameters = [Ints("kernel_shape", &[3, 3]), Ints("strides", &[2, 2]), Ints("pads", &[1; 4])];
         x.name = self.builder.apply("MaxPool", &[&x.name], &parameters);
-        x.side = x.side.div_ceil(2);
+        x.sides = x.sides.map(|side| side.div_ceil(2));
         for stage in 0..4 {
             for index in 0..2 {
                 let stride = if stage > 0 && index == 0 { 2 } else { 1 };
@@ -258,16 +311,17 @@ impl Maker<'_> {
             Ints("pads", &[of.padding as i64; 4]),
         ];
         let name = self.builder.apply("Conv", &inputs, &parameters);
-        Ok(Images { name, channels: of.outputs, side: (x.side + 2 * of.padding - of.size) / of.stride + 1 })
+        let sides = x.sides.map(|side| (side + 2 * of.padding - of.size) / of.stride + 1);
+        Ok(Images { name, channels: of.outputs, sides })
     }
 
     /// Group normalisation out of instance normalisation, which more runtimes have: each group is one instance.
     fn group_norm(&mut self, path: &str, x: &Images, groups: usize) -> Result<Images> {
         self.builder.part(path);
-        let (channels, side) = (x.channels as i64, x.side as i64);
+        let (channels, [height, width]) = (x.channels as i64, x.sides.map(|side| side as i64));
         // 0 keeps the number of rows.
         let grouped = self.builder.integers(&[0, groups as i64, -1]);
-        let back = self.builder.integers(&[0, channels, side, side]);
+        let back = self.builder.integers(&[0, channels, height, width]);
         let ones = self.builder.floats(&format!("ones.{groups}"), &[groups as i64], &vec![1.0; groups]);
         let zeros = self.builder.floats(&format!("zeros.{groups}"), &[groups as i64], &vec![0.0; groups]);
         let groups = self.builder.apply("Reshape", &[&x.name, &grouped], &[]);

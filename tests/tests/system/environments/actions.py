@@ -1,4 +1,4 @@
-"""Environments whose actions are numbers, several choices, or masked. Slow: a run is to be killed in its middle."""
+"""Environments whose actions are numbers, several choices, or masked, and one of images. Slow: a run is killed in it."""
 
 import time
 
@@ -78,9 +78,42 @@ def stuck():
     return ActionMasks(Masked([5], gymnasium.spaces.Discrete(5), stuck=True))
 
 
+class Images(gymnasium.Env):
+    """Pays for the side that is brighter, in two images of different types."""
+
+    def __init__(self):
+        self.action_space = gymnasium.spaces.Discrete(2)
+        self.observation_space = gymnasium.spaces.Dict(
+            {
+                "screen": gymnasium.spaces.Box(0, 255, (40, 44, 3), np.uint8),
+                "heat": gymnasium.spaces.Box(-1.0, 1.0, (2, 36, 37), np.float32),
+            }
+        )
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self._steps = 0
+        return self._seen(), {}
+
+    def step(self, action):
+        paid, self._steps = float(action == self._bright), self._steps + 1
+        return self._seen(), paid, self._steps == 9, False, {}
+
+    def _seen(self):
+        self._bright = int(self.np_random.integers(2))
+        screen = self.np_random.integers(0, 100, (40, 44, 3), np.uint8)
+        screen[:, 22 * self._bright : 22 * self._bright + 22] += 100
+        heat = self.np_random.uniform(-1, 1, (2, 36, 37)).astype(np.float32)
+        return {"screen": screen, "heat": heat}
+
+
 def numbers():
     return Slow(gymnasium.make("Pendulum-v1"))
 
 
 def choices():
     return Slow(Choices())
+
+
+def images():
+    return Slow(Images())

@@ -25,4 +25,5 @@ impl HalfSample for Sample {
     fn frame(&self, _i: usize) -> Option<DepthFrame<'_>> {
         Some(DepthFrame::Whole(&FRAME))
     }
+    fn images(&self, _i: usize, _row: &mut Vec<u8>) {}
 }
