@@ -14,9 +14,9 @@ const HEAD: &str = "\
 
 This page is made from the sources: `cargo test --release --workspace --test pages` compares it, and prints how to renew
 it. Defaults are those of preset `paper`; `orchestrator config PRESET` prints those of another one. A key is given in a
-file as in `[ppo]`, `clip = 0.2`, or on the command line as `--set ppo.clip=0.2`. The end of its name is its unit: `_s`
-seconds, `_m` metres, `_steps`, `_frames`, `_bytes`. The tables `[environment]`, `[from]` and `[evaluation]` are not listed:
-`orchestrator up --env`, `up --from` and `eval` write them.
+file as in `[ppo]`, `clip = 0.2`, or on the command line as `--set ppo.clip=0.2`. The default shows the key's type, the end of
+its name the unit: `_s` seconds, `_m` metres, `_steps`, `_frames`, `_bytes`. The tables `[environment]`, `[from]` and
+`[evaluation]` are not listed: `orchestrator up --env`, `up --from` and `eval` write them.
 
 ";
 
@@ -38,7 +38,7 @@ pub fn settings_page(types: &Types) -> Result<String, BookError> {
             if field.kind == "BTreeMap<String,f32>" {
                 for weight in Config::default().reward.weights.into_keys() {
                     let field = Field { name: weight.clone(), kind: "f32".to_owned(), doc: field.doc.clone() };
-                    rows += &row(types, &default, &format!("{path}.{weight}"), &field)?;
+                    rows += &row(types, &default, &format!("{path}.{weight}"), &field);
                 }
                 continue;
             }
@@ -49,11 +49,11 @@ pub fn settings_page(types: &Types) -> Result<String, BookError> {
             if types.is_struct(within(&field.kind)) && within(&field.kind) != "Reward" {
                 inner.push((key, within(&field.kind).to_owned()));
             } else {
-                rows += &row(types, &default, &key, &field)?;
+                rows += &row(types, &default, &key, &field);
             }
         }
         if !rows.is_empty() {
-            let _ = write!(page, "| key | type | default | allowed | |\n|---|---|---|---|---|\n{rows}\n");
+            let _ = write!(page, "| key | default | allowed | |\n|---|---|---|---|\n{rows}\n");
         }
         pending.extend(inner.into_iter().rev());
     }
@@ -68,20 +68,8 @@ fn within(kind: &str) -> &str {
     inner.map_or(kind, within)
 }
 
-fn row(types: &Types, default: &Table, key: &str, field: &Field) -> Result<String, BookError> {
+fn row(types: &Types, default: &Table, key: &str, field: &Field) -> String {
     let variants = types.variants(within(&field.kind));
-    let kind = match (within(&field.kind), &variants) {
-        (_, Some(_)) | ("ActionSpace", _) => "word",
-        ("u32", _) if field.kind.starts_with("Vec") => "list of whole numbers",
-        ("u32" | "u64", _) => "whole number",
-        ("f32" | "f64", _) => "number",
-        ("bool", _) => "true or false",
-        ("String", _) if field.kind.starts_with("Vec") => "list of texts",
-        ("String", _) => "text",
-        ("Pin", _) => "true, false or list of whole numbers",
-        ("Reward", _) => "list of tables",
-        (other, _) => return Err(BookError::NoWords { key: key.to_owned(), kind: other.to_owned() }),
-    };
     let mut what = sentence(&field.doc);
     let allowed = if let Some(variants) = &variants {
         for (name, doc) in variants.iter().filter(|(_, doc)| !doc.is_empty()) {
@@ -95,8 +83,8 @@ fn row(types: &Types, default: &Table, key: &str, field: &Field) -> Result<Strin
         allowed(key, within(&field.kind), &field.kind)
     };
     let name = key.rsplit('.').next().unwrap_or_default();
-    let cells = [&format!("`{name}`"), kind, &shown(default, key, &field.kind), &allowed, &what];
-    Ok(format!("| {} |\n", cells.map(|cell| cell.replace('|', "\\|")).join(" | ")))
+    let cells = [&format!("`{name}`"), &shown(default, key, &field.kind), &allowed, &what];
+    format!("| {} |\n", cells.map(|cell| cell.replace('|', "\\|")).join(" | "))
 }
 
 /// A text that ends in a full stop.
