@@ -75,7 +75,8 @@ fn row(types: &Types, default: &Table, key: &str, field: &Field) -> String {
         for (name, doc) in variants.iter().filter(|(_, doc)| !doc.is_empty()) {
             let _ = write!(what, " `{name}`: {}", sentence(doc));
         }
-        variants.iter().map(|(name, _)| format!("`{name}`")).collect::<Vec<_>>().join(", ")
+        let bare = variants.iter().filter(|(_, doc)| doc.is_empty()).map(|(name, _)| format!("`{name}`"));
+        bare.collect::<Vec<_>>().join(", ")
     } else {
         for meaning in types.meanings(within(&field.kind)) {
             let _ = write!(what, " {}", sentence(&meaning));
@@ -139,11 +140,10 @@ fn allowed(key: &str, kind: &str, whole_kind: &str) -> String {
     if !answers.is_empty() {
         return answers.join("; ");
     }
-    match kind {
-        "u32" | "u64" => "0 or greater".to_owned(),
-        "ActionSpace" => ActionSpace::all().map(|space| format!("`{space}`")).collect::<Vec<_>>().join(", "),
-        _ => String::new(),
+    if kind == "ActionSpace" {
+        return ActionSpace::all().map(|space| format!("`{space}`")).collect::<Vec<_>>().join(", ");
     }
+    String::new()
 }
 
 /// Values that are out of most ranges.

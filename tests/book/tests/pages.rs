@@ -86,7 +86,7 @@ fn a_copied_block_is_as_its_source() {
         }
         assert!(!page.text.contains("{{#"), "docs/{}: nothing fills this in on a code host", page.path);
     }
-    assert!(copies >= 2, "{copies} blocks were compared");
+    assert!(copies >= 1, "{copies} blocks were compared");
 }
 
 /// What a `diff` changes stands in the sources: context and removed lines, one after the other.
