@@ -20,7 +20,6 @@ def main(paths):
     steps = 0
     for path in paths:
         counts = collections.Counter()
-        # ANCHOR: read
         with open(path, "rb") as stream:
             reader = make_reader(stream, decoder_factories=[DecoderFactory()])
             for metadata in reader.iter_metadata():
@@ -33,7 +32,6 @@ def main(paths):
                     frames.add((message.kitchen, message.environment, message.exchange))
                 elif schema.name == "foxglove.RawImage":
                     check_image(message)
-        # ANCHOR_END: read
         steps += counts["/step", "stillroom.Step"]
         for (topic, schema), count in sorted(counts.items()):
             print(f"{path}: {topic} {schema} {count}")

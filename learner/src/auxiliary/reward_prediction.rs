@@ -2,7 +2,6 @@
 //! Learning with Unsupervised Auxiliary Tasks*, 2017), here as a regression: from the belief and the action taken, what
 //! will this action be rewarded with?
 
-// ANCHOR: task
 use super::query::{Epoch, Query};
 use super::task::{Pass, Sizes, Tally, Task, TaskLoss};
 use crate::network::{Layout, Linear, Packing, Parameters};
@@ -56,7 +55,6 @@ impl Task for RewardPrediction {
         mean.into_iter().collect()
     }
 }
-// ANCHOR_END: task
 
 #[cfg(test)]
 mod tests {

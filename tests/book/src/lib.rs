@@ -28,9 +28,6 @@ pub enum BookError {
     /// A type of the configuration is not among the sources.
     #[error("no source defines the type `{0}`")]
     NoType(String),
-    /// A setting has a type that the page has no words for.
-    #[error("`{key}` is of type `{kind}`, for which there are no words here: name it in settings.rs")]
-    NoWords { key: String, kind: String },
     /// What is copied is not there.
     #[error("{page} copies {target}, where there is no anchor `{anchor}`")]
     NoAnchor { page: String, target: String, anchor: String },

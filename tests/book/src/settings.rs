@@ -12,18 +12,16 @@ use toml::{Table, Value};
 const HEAD: &str = "\
 # All settings
 
-This page is made from the sources: `cargo test --release --workspace --test pages` compares it, and says how to renew
+This page is made from the sources: `cargo test --release --workspace --test pages` compares it, and prints how to renew
 it. Defaults are those of preset `paper`; `orchestrator config PRESET` prints those of another one. A key is given in a
-file as in `[ppo]`, `clip = 0.2`, or on the command line as `--set ppo.clip=0.2`.
+file as in `[ppo]`, `clip = 0.2`, or on the command line as `--set ppo.clip=0.2`. The default shows the key's type, the end of
+its name the unit: `_s` seconds, `_m` metres, `_steps`, `_frames`, `_bytes`. The tables `[environment]`, `[from]` and
+`[evaluation]` are not listed: `orchestrator up --env`, `up --from` and `eval` write them.
 
 ";
 
-/// Tables that programs write, and what writes them.
-const WRITTEN: [(&str, &str); 3] = [
-    ("from", "`orchestrator up --from`"),
-    ("evaluation", "`orchestrator eval`"),
-    ("environment", "`orchestrator up --env`"),
-];
+/// Tables that programs write.
+const WRITTEN: [&str; 3] = ["environment", "from", "evaluation"];
 
 /// The page. `types` has those of the configuration.
 pub fn settings_page(types: &Types) -> Result<String, BookError> {
@@ -34,30 +32,28 @@ pub fn settings_page(types: &Types) -> Result<String, BookError> {
         let heading = if path.is_empty() { "At the top".to_owned() } else { format!("`[{path}]`") };
         let heading = if path == "stages" { "`[[stages]]`".to_owned() } else { heading };
         let _ = write!(page, "## {heading}\n\n{}\n\n", sentence(&types.doc_of(&name)?));
-        if let Some((_, writer)) = WRITTEN.iter().find(|(table, _)| *table == path) {
-            let _ = write!(page, "Written by {writer}, and not by hand.\n\n");
-        }
         let mut rows = String::new();
         let mut inner = vec![];
         for field in types.fields(&name)? {
             if field.kind == "BTreeMap<String,f32>" {
                 for weight in Config::default().reward.weights.into_keys() {
                     let field = Field { name: weight.clone(), kind: "f32".to_owned(), doc: field.doc.clone() };
-                    rows += &row(types, &default, &format!("{path}.{weight}"), &field)?;
+                    rows += &row(types, &default, &format!("{path}.{weight}"), &field);
                 }
                 continue;
             }
             let key = if path.is_empty() { field.name.clone() } else { format!("{path}.{}", field.name) };
-            let shown_whole = ["KitchenRange", "Reward"].contains(&within(&field.kind));
-            let table = types.is_struct(within(&field.kind)) && !shown_whole;
-            if table {
+            if WRITTEN.contains(&key.as_str()) {
+                continue;
+            }
+            if types.is_struct(within(&field.kind)) && within(&field.kind) != "Reward" {
                 inner.push((key, within(&field.kind).to_owned()));
             } else {
-                rows += &row(types, &default, &key, &field)?;
+                rows += &row(types, &default, &key, &field);
             }
         }
         if !rows.is_empty() {
-            let _ = write!(page, "| key | type | unit | default | allowed | |\n|---|---|---|---|---|---|\n{rows}\n");
+            let _ = write!(page, "| key | default | allowed | |\n|---|---|---|---|\n{rows}\n");
         }
         pending.extend(inner.into_iter().rev());
     }
@@ -72,29 +68,15 @@ fn within(kind: &str) -> &str {
     inner.map_or(kind, within)
 }
 
-fn row(types: &Types, default: &Table, key: &str, field: &Field) -> Result<String, BookError> {
+fn row(types: &Types, default: &Table, key: &str, field: &Field) -> String {
     let variants = types.variants(within(&field.kind)).filter(|_| !field.kind.starts_with("Vec<Vec"));
-    let kind = match (within(&field.kind), &variants) {
-        (_, Some(_)) | ("ActionSpace", _) => "word",
-        ("u32", _) if field.kind.starts_with("Vec") => "list of whole numbers",
-        ("u32" | "u64" | "KitchenId", _) => "whole number",
-        ("f32" | "f64", _) => "number",
-        ("bool", _) => "true or false",
-        ("String", _) if field.kind.starts_with("Vec") => "list of texts",
-        ("String", _) => "text",
-        ("Pin", _) => "true, false or list of whole numbers",
-        ("KitchenRange", _) => "range",
-        ("TargetCategory", _) => "lists of categories",
-        ("Reward", _) => "list of tables",
-        ("BTreeMap<String,Encoder>", _) => "table of words",
-        (other, _) => return Err(BookError::NoWords { key: key.to_owned(), kind: other.to_owned() }),
-    };
     let mut what = sentence(&field.doc);
     let allowed = if let Some(variants) = &variants {
         for (name, doc) in variants.iter().filter(|(_, doc)| !doc.is_empty()) {
             let _ = write!(what, " `{name}`: {}", sentence(doc));
         }
-        variants.iter().map(|(name, _)| format!("`{name}`")).collect::<Vec<_>>().join(", ")
+        let bare = variants.iter().filter(|(_, doc)| doc.is_empty()).map(|(name, _)| format!("`{name}`"));
+        bare.collect::<Vec<_>>().join(", ")
     } else {
         for meaning in types.meanings(within(&field.kind)) {
             let _ = write!(what, " {}", sentence(&meaning));
@@ -102,29 +84,14 @@ fn row(types: &Types, default: &Table, key: &str, field: &Field) -> Result<Strin
         allowed(key, within(&field.kind), &field.kind)
     };
     let name = key.rsplit('.').next().unwrap_or_default();
-    let cells = [&format!("`{name}`"), kind, unit(name), &shown(default, key, &field.kind), &allowed, &what];
-    Ok(format!("| {} |\n", cells.map(|cell| cell.replace('|', "\\|")).join(" | ")))
+    let cells = [&format!("`{name}`"), &shown(default, key, &field.kind), &allowed, &what];
+    format!("| {} |\n", cells.map(|cell| cell.replace('|', "\\|")).join(" | "))
 }
 
 /// A text that ends in a full stop.
 fn sentence(text: &str) -> String {
     let text = text.trim();
     if text.is_empty() || text.ends_with(['.', ':']) { text.to_owned() } else { format!("{text}.") }
-}
-
-fn unit(name: &str) -> &'static str {
-    let endings = [
-        ("_per_s", "per second"),
-        ("_s", "seconds"),
-        ("_m", "metres"),
-        ("bytes", "bytes"),
-        ("frames", "frames"),
-        ("steps", "steps"),
-        ("episodes", "episodes"),
-        ("episodes_each", "episodes"),
-        ("share", "share"),
-    ];
-    endings.iter().find(|(ending, _)| name.ends_with(ending)).map_or("", |(_, unit)| *unit)
 }
 
 /// The default as TOML.
@@ -173,11 +140,10 @@ fn allowed(key: &str, kind: &str, whole_kind: &str) -> String {
     if !answers.is_empty() {
         return answers.join("; ");
     }
-    match kind {
-        "u32" | "u64" => "0 or greater".to_owned(),
-        "ActionSpace" => ActionSpace::all().map(|space| format!("`{space}`")).collect::<Vec<_>>().join(", "),
-        _ => String::new(),
+    if kind == "ActionSpace" {
+        return ActionSpace::all().map(|space| format!("`{space}`")).collect::<Vec<_>>().join(", ");
     }
+    String::new()
 }
 
 /// Values that are out of most ranges.

@@ -1,7 +1,6 @@
 //! The example of docs/own-parts.md, which only tests compile: an encoder that sees a frame as squares of eight by
 //! eight pixels, each of them through the same weights.
 
-// ANCHOR: encoder
 use super::visual::{PATH, VisualEncoder, visual_linear};
 use crate::network::layers::{Convolution, Linear};
 use crate::network::parameters::{Layout, Parameters};
@@ -40,7 +39,6 @@ impl VisualEncoder for Patchwork {
         self.linear.forward(parameters, &squares.flatten(1, -1)).relu()
     }
 }
-// ANCHOR_END: encoder
 
 #[cfg(test)]
 mod tests {
