@@ -10,9 +10,9 @@ import gymnasium
 import stillroom
 
 
-def make_env() -> gymnasium.Env:
-    """Called once for each environment of an actor."""
-    return gymnasium.make("CartPole-v1")
+def make_env(render_mode: str | None = None) -> gymnasium.Env:
+    """Called once for each environment of an actor; with a `render_mode` where films are made."""
+    return gymnasium.make("CartPole-v1", render_mode=render_mode)
 
 
 if __name__ == "__main__":

@@ -28,6 +28,7 @@ export async function showEpisodes(root, run, query, signal) {
   const limit = (name, label) => h("input", { type: "number", step: "any", class: "limit", value: asked[name], "aria-label": label, oninput: (event) => change(name, event.target.value) });
   const status = h("p", { class: "soft small", role: "status" });
   const notes = h("div", {});
+  const films = h("p", { class: "soft small", hidden: true }, "`orchestrator replay RUN --environment E --episode N` makes a film of one.");
   const sorter = ([label, name, kind]) => h("th", { scope: "col", class: kind, "aria-sort": "none", "data-column": name }, h("button", {
     onclick: () => {
       // Largest first, smallest first, and back to the newest first.
@@ -43,7 +44,7 @@ export async function showEpisodes(root, run, query, signal) {
   const on = h("button", { onclick: () => change("offset", String(Number(asked.offset) + PAGE)) }, "Next");
   replace(root,
     h("div", { class: "row between" }, h("h1", {}, "Episodes"), status),
-    notes,
+    notes, films,
     h("div", { class: "row", role: "group", "aria-label": "Filters" },
       select("source", "of"), select("kitchen", "kitchen"), select("target", "target"), select("outcome", "outcome"), select("recorded", "recording"),
       h("span", { class: "row range" }, select("range", "with"), h("label", {}, "from", limit("least", "at least")), h("label", {}, "to", limit("most", "at most")))),
@@ -51,18 +52,19 @@ export async function showEpisodes(root, run, query, signal) {
     h("div", { class: "row" }, back, on));
   options("recorded", [["", "any"], ["true", "can be simulated"], ["false", "not recorded"]]);
 
-  const kind = (word, successes) => (successes.indexOf(word) === 0 ? "good" : successes.includes(word) ? "warn" : word === "failure" ? "bad" : "soft");
+  const kind = (word, successes) => (successes.indexOf(word) === 0 ? "good" : successes.includes(word) ? "warn" : word === "failure" && successes.length ? "bad" : "soft");
   /** A figure: of a share whether it is so. */
   const figure = (value, { is_share: share }) => (value === undefined ? "–" : share ? (value ? "yes" : "no") : number(value, Number.isInteger(value) ? 0 : 3));
-  const row = (each, { columns, successes, elsewhere }) => {
-    const address = each.key && `#/run/${encoded}/episode/${each.key}`;
+  const row = (each, { columns, successes, elsewhere, targets }) => {
+    // Only kitchens are drawn here.
+    const address = each.key && !elsewhere && `#/run/${encoded}/episode/${each.key}`;
     const places = [elsewhere ? null : each.kitchen, each.environment];
     const where = places.filter((place) => place !== null).join(" / ");
     return h("tr", { class: address ? "link" : null, onclick: (event) => { if (address && !event.target.closest("a")) location.hash = address; } },
       h("td", {}, where),
-      h("td", { class: "number" }, address ? h("a", { href: address }, count(each.episode)) : h("span", { title: "its actions were not recorded" }, count(each.episode))),
-      h("td", {}, each.target ?? ""),
-      h("td", { class: kind(each.outcome, successes) }, outcome(each.outcome)),
+      h("td", { class: "number" }, address ? h("a", { href: address }, count(each.episode)) : h("span", { title: each.key ? null : "its actions were not recorded" }, count(each.episode))),
+      targets.length ? h("td", {}, each.target ?? "") : null,
+      h("td", { class: kind(each.outcome, successes) }, outcome(each.outcome, successes)),
       h("td", { class: "number" }, String(each.length)),
       columns.map((column) => h("td", { class: "number optional" }, figure(each.figures[column.name], column))));
   };
@@ -84,16 +86,20 @@ export async function showEpisodes(root, run, query, signal) {
       status.textContent = `${count(page.matching)} of ${count(page.total)} episodes${reading}`;
       options("source", page.sources.length ? page.sources.map((name) => [name === "training" ? "" : name, name === "training" ? "training" : name.replace("rollout-", "validation ").replace(/ 0+(?=\d)/, " ")]) : [["", "the evaluation"]]);
       selects.kitchen.parentElement.hidden = page.elsewhere;
+      selects.target.parentElement.hidden = !page.targets.length;
+      films.hidden = !page.elsewhere;
       options("kitchen", [["", "all"], ...page.kitchens.map((kitchen) => [String(kitchen), String(kitchen)])]);
       options("target", [["", "all"], ...page.targets.map((target) => [target, target])]);
       const { columns, successes } = page;
-      const outcomes = [...successes, "failure", "time-limit"].map((word) => [word, outcome(word)]);
-      options("outcome", [["", "any"], ["any-success", "any success"], ["any-failure", "any failure"], ...outcomes]);
+      const outcomes = [...successes, "failure", "time-limit"].map((word) => [word, outcome(word, successes)]);
+      const any = successes.length ? [["any-success", "any success"], ["any-failure", "any failure"]] : [];
+      options("outcome", [["", "any"], ...any, ...outcomes]);
       const figures = columns.map(({ name, doc }) => [words(name), name, "number optional", doc]);
       options("range", [["length", "steps"], ...figures.map(([label, name]) => [name, label])]);
-      if (heads.length !== COLUMNS.length + figures.length) {
-        heads = [...(page.elsewhere ? [["Environment", "kitchen", ""], ...COLUMNS.slice(1)] : COLUMNS), ...figures].map(sorter);
-        figures.forEach(([, , , doc], at) => { heads[COLUMNS.length + at].title = doc; });
+      const first = (page.elsewhere ? [["Environment", "kitchen", ""], ...COLUMNS.slice(1)] : COLUMNS).filter(([, name]) => name !== "target" || page.targets.length);
+      if (heads.length !== first.length + figures.length) {
+        heads = [...first, ...figures].map(sorter);
+        figures.forEach(([, , , doc], at) => { heads[first.length + at].title = doc; });
         replace(head, heads);
       }
       heads.forEach((one) => one.setAttribute("aria-sort", asked.sort !== one.dataset.column ? "none" : asked.descending === "true" ? "descending" : "ascending"));

@@ -11,6 +11,9 @@ function fieldName(key) {
   return key.split("-").map((word) => words[word] ?? word).join(", ");
 }
 
+/** What a mean of a field is over: episodes of fixed seeds are in no kitchen. */
+const samples = (field) => (field.endsWith("-seeds") ? "seeds" : "seeds and kitchens");
+
 const SHARE = { kind: "share" };
 /** A figure that `one` describes, as people read it; the unit stands in its heading. */
 const shown = ({ kind, unit }, value) => (kind === "share" ? percent(value) : number(value, { m: 3, steps: 1 }[unit] ?? 2));
@@ -134,7 +137,7 @@ class Page {
       return [table(["group", "episodes of", ...columns.map((one) => `#${heading(one)}`)], plain(found.map(row))), this.docs(columns)];
     };
     return section("results", "Results", fields,
-      says("Means and interquartile means (IQM) over seeds and kitchens with 95% intervals; one seed alone has none."),
+      says(`Means and interquartile means (IQM) over ${samples(this.fields[0])} with 95% intervals; one seed alone has none.`),
       this.byTask(this.results).map(([task, [{ result }]]) => this.docs(this.printed(task, result))),
       h("h3", {}, "Over all episodes of all seeds together"), this.byTask(this.results).map(further));
   }
@@ -154,7 +157,7 @@ class Page {
     const chart = (one) => {
       const { name: figure, label: title } = one;
       const visible = () => found.filter(({ group }) => !this.hidden.has(group.label)).map(({ group, index, result }) => ({ name: group.label, colour: look(index).colour, ...result.metrics[figure].mean, paper: this.published(group, field)?.[figure] }));
-      const made = new Chart(`${title}, ${fieldName(field)}`, { share: one.kind === "share", rows: [], xLabel: "mean over seeds and kitchens; open diamond: the paper", xFormat: (value) => (one.kind === "share" ? percent(value, 0) : short(value)) });
+      const made = new Chart(`${title}, ${fieldName(field)}`, { share: one.kind === "share", rows: [], xLabel: `mean over ${samples(field)}${found.some(({ group }) => this.published(group, field)) ? "; open diamond: the paper" : ""}`, xFormat: (value) => (one.kind === "share" ? percent(value, 0) : short(value)) });
       made.element.id = `${figure}-${field}`;
       this.redraws.push(() => {
         const all = visible();
@@ -191,6 +194,7 @@ class Page {
   /** The paper's tables with ours in them; rows of the paper that no group is are folded away. */
   comparisons() {
     const { comparisons, paper, statistics } = this.report;
+    if (!comparisons.some(({ rows }) => rows.some((row) => row.ours.length))) return this.none("Beside the paper: no group here is a row of its tables and evaluated on its episodes.");
     const heads = (columns) => [...columns, "#seeds", ...["#mean", "#IQM", "#IQM of seeds"], ...["#mean", "#IQM", "#IQM of seeds"], "#mean"];
     const published = ({ what, paper: row }, kind, seeds) => ({ kind, row: [...what, seeds, percent(row.success), "", percent(row.success_iqm), percent(row.success_without_disturbance), "", percent(row.success_without_disturbance_iqm), ""] });
     const ours = (columns) => (one) => {

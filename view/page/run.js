@@ -198,7 +198,9 @@ class Thumbnails {
     const { signal } = this;
     const run = encodeURIComponent(this.run);
     const ask = (ended) => json(`/api/runs/${run}/episodes?recorded=true&limit=2&outcome=${ended}`, { signal });
-    const { successes } = await ask("");
+    const { successes, elsewhere } = await ask("");
+    // Only kitchens are drawn here.
+    if (elsewhere) return;
     const pages = await Promise.all([...successes, "any-failure"].map(ask));
     const rows = pages.flatMap((page) => page.rows);
     this.element.hidden = !rows.length;

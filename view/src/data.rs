@@ -57,7 +57,7 @@ pub struct Card {
     pub budget: u64,
     /// The task's metrics that are shown.
     pub metrics: Vec<Described>,
-    /// Their means lately, by name; without those that are not known.
+    /// Their means over the newest tenth of its stage, by name; without those that are not known.
     pub figures: BTreeMap<String, f64>,
     /// Time left, seconds, of one that runs.
     pub left_s: Option<f64>,
@@ -76,7 +76,7 @@ pub struct Live {
     pub stages: Vec<Stage>,
     /// Stage of the newest rollout.
     pub stage: Option<usize>,
-    /// Frames a second over the last rollouts, updates included.
+    /// Frames a second, updates included: over the last rollouts, of a run at rest over all.
     pub frames_per_s: Option<f64>,
     /// Where the time goes, shares 0..1: simulate, infer, update.
     pub shares: [f64; 3],

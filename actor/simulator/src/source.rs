@@ -29,7 +29,7 @@ pub enum SourceError {
     NotItsOwn { path: PathBuf, cause: std::io::Error },
     /// Another program simulates.
     #[error(
-        "the run's environments are not built in: they can be simulated again by `orchestrator replay`, but not drawn"
+        "the run's environments are not built in, and are not drawn here: `orchestrator replay RUN` makes films of them"
     )]
     NotBuiltIn,
     /// The configuration names fewer scenes.

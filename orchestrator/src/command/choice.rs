@@ -20,7 +20,8 @@ pub struct Choice {
     /// Only this kitchen.
     #[arg(long, value_name = "K", value_parser = kitchen)]
     kitchen: Option<KitchenId>,
-    /// Only this environment: kitchen number and environment number within the kitchen.
+    /// Only this environment: kitchen number and environment number within the kitchen. Where the environments are your
+    /// own, its number alone.
     #[arg(long, value_name = "K/N")]
     environment: Option<EnvironmentChoice>,
     /// Only episodes of these numbers: within their environment, in an evaluation those of episodes.csv.
@@ -89,8 +90,13 @@ impl FromStr for EnvironmentChoice {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
         let wrong = || format!("`{text}` is not an environment (expected e.g. 1/0: kitchen 1, environment 0)");
-        let (number_of_kitchen, number) = text.split_once('/').ok_or_else(wrong)?;
-        let kitchen = kitchen(number_of_kitchen).map_err(|error| format!("{error}; {}", wrong()))?;
+        let (kitchen, number) = match text.split_once('/') {
+            Some((of_kitchen, number)) => {
+                (kitchen(of_kitchen).map_err(|error| format!("{error}; {}", wrong()))?, number)
+            }
+            // Environments in no kitchen are recorded as those of the first scene.
+            None => (KitchenId::scene(0).ok_or_else(wrong)?, text),
+        };
         Ok(Self(EnvironmentId { kitchen, number: number.parse().map_err(|_| wrong())? }))
     }
 }

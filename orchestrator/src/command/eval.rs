@@ -108,8 +108,10 @@ pub struct EvalArgs {
 
 fn procedural(text: &str) -> Result<KitchenRange, String> {
     let range = text.strip_prefix("procedural:");
-    let wanted =
-        || "expected procedural:FIRST..END, for example procedural:5000..5100; --split chooses built-in kitchens";
+    let wanted = || {
+        "expected procedural:FIRST..END, for example procedural:5000..5100; for built-in kitchens type --split train, \
+         valid or test"
+    };
     range.ok_or_else(wanted)?.parse()
 }
 

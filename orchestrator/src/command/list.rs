@@ -42,17 +42,19 @@ pub fn run(args: &ListArgs) -> Result<()> {
     for line in aligned(&rows) {
         terminal::out(&line);
     }
-    for (folder, note) in cards.iter().filter_map(|card| Some((&card.folder, card.note.as_ref()?))) {
-        terminal::note(&format!("{folder}: {note}"));
+    // Sentences would widen a column for all.
+    for card in &cards {
+        for sentence in card.problem.iter().chain(&card.note) {
+            // A parser's message shows the place in further lines.
+            terminal::note(&format!("{}: {}", card.folder, sentence.lines().next().unwrap_or_default()));
+        }
     }
     Ok(())
 }
 
 fn cells(card: &Card) -> Vec<String> {
-    if let Some(problem) = &card.problem {
-        // A parser's message shows the place in further lines.
-        let first = problem.lines().next().unwrap_or_default().to_owned();
-        return vec![card.folder.clone(), "unreadable".to_owned(), first];
+    if card.problem.is_some() {
+        return vec![card.folder.clone(), "unreadable".to_owned()];
     }
     let what = if card.evaluation { "episodes" } else { "frames" };
     let done = format!("{} / {} {what}", format::count(card.done), format::count(card.budget));

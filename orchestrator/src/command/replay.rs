@@ -9,6 +9,7 @@ use crate::recording::episodes::Recorded;
 use crate::recording::ffmpeg;
 use crate::recording::newest::{Only, newest};
 use crate::recording::simulate::{Totals, simulate};
+use crate::run::identity::perhaps;
 use anyhow::{Context, Result, bail, ensure};
 use proto::config::Config;
 use proto::exit::EXIT_INCOMPLETE;
@@ -145,6 +146,7 @@ impl ReplayArgs {
     fn picked(&self) -> Result<Vec<Share>> {
         let mut shares: Vec<Share> = Vec::new();
         for path in &self.paths {
+            ensure!(path.exists(), "{} does not exist{}", path.display(), perhaps(path));
             let folder = run_of(path).with_context(|| {
                 format!("{} lies in no run folder: choose with --episode, or --check it", path.display())
             })?;

@@ -13,7 +13,7 @@ use crate::suite;
 use crate::training::means::{Recent, StageMeans, by_stage, recent};
 use crate::training::metrics::Figures;
 use crate::training::next_steps;
-use crate::training::progress::{figures_line, frames_line};
+use crate::training::progress::frames_line;
 use crate::training::scores::Scores;
 use crate::training::summary::{Summary, table};
 use crate::training::wall::{Wall, signs_of_life, silent_s};
@@ -98,7 +98,7 @@ impl Work {
         let newest = identity.incarnations.last().filter(|_| !at_rest);
         let silent_s = newest.map(|start| silent_s(start, seen.get(&start.number).copied()) as u64);
         Ok(Self::Training {
-            recent: recent(&config.stages, &history),
+            recent: recent(&config.stages, &history, at_rest),
             stages: by_stage(&config.stages, &history),
             weights: summary.map(|summary| summary.weights),
             wall: Wall::of(identity, &seen, !at_rest),
@@ -128,7 +128,6 @@ impl Work {
             Self::Training { recent, stages, wall, silent_s, usual_s, notes, .. } => {
                 let metrics = config.spec().shown();
                 let mut lines = vec![frames_line(&config.stages, recent)];
-                lines.extend(Some(figures_line(&metrics, recent)).filter(|figures| !figures.is_empty()));
                 if !stages.is_empty() {
                     lines.extend(table(&metrics, stages));
                 }

@@ -32,6 +32,9 @@ pub fn with_tip(mut error: clap::Error) -> clap::Error {
                 word if presets().iter().any(|preset| preset.name == word) => {
                     Some(format!("a preset is given as `--preset {word}`"))
                 }
+                word if usage.contains("orchestrator up") && !word.starts_with('-') => {
+                    Some("a preset is given as `--preset NAME`; `orchestrator presets` lists them".to_owned())
+                }
                 "--preset" | "--config" | "--set" | "--seed" if usage.contains("orchestrator resume") => Some(
                     "a run keeps its settings, but for --frames, --actors and --learners; `orchestrator up --from RUN` \
                      begins another run with its weights"
@@ -59,6 +62,7 @@ mod tests {
     fn what_others_understand_is_answered_with_what_we_do() {
         for (words, tip) in [
             (&["up", "demo"][..], "tip: a preset is given as `--preset demo`"),
+            (&["up", "recepie"], "tip: a preset is given as `--preset NAME`; `orchestrator presets` lists them"),
             (&["train"], "tip: `orchestrator up` does that"),
             (&["evaluate", "runs/a"], "tip: `orchestrator eval` does that"),
             (&["resume", "runs/a", "--preset", "demo"], "tip: a run keeps its settings"),

@@ -146,7 +146,8 @@ fn find_checkpoint(path: &Path) -> Result<Found> {
     };
     ensure!(
         RolloutName::Manifest.rollout_of(&manifest).is_some() && named.has(&manifest),
-        "{} is no checkpoint (those are called rollout-00000012.json) and no policy file (.safetensors)",
+        "{} is no checkpoint (those are called rollout-00000012.json) and no policy file (.safetensors): give the run, \
+         or a file of one of these",
         path.display()
     );
     let mut folders = manifest.ancestors().skip(1).take(3);

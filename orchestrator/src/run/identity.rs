@@ -308,7 +308,11 @@ pub fn is_evaluation(folder: &RunFolder) -> bool {
 /// Which run is probably meant by a path that is not there: one of that name where runs are.
 pub fn perhaps(path: &Path) -> String {
     let there = Path::new("runs").join(path);
-    if path.is_relative() && there.is_dir() { format!(" (did you mean {}?)", quoted(&there)) } else { String::new() }
+    if path.is_relative() && there.is_dir() {
+        format!(" (did you mean {}?)", quoted(&there))
+    } else {
+        "; `orchestrator list` shows the runs that there are".to_owned()
+    }
 }
 
 /// Seconds since 1970.

@@ -317,7 +317,7 @@ impl Scheduler<'_> {
                 Step::Begin | Step::Resume => match read_history(&self.folder.run(entry)) {
                     Ok(history) => {
                         let stages = &entry.config.stages;
-                        frames_line(stages, &recent(stages, &history))
+                        frames_line(stages, &recent(stages, &history, false))
                     }
                     Err(_) => "training".to_owned(),
                 },

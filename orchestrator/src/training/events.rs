@@ -39,7 +39,7 @@ pub fn learner(event: &LearnerEvent, stages: &[StageConfig], history: &History) 
                     "checkpoint": checkpoint })
         }),
         LearnerEvent::RolloutTrained { rollout, frames, stage, timing, metrics, .. } => tell("rollout", || {
-            let recent = recent(stages, history);
+            let recent = recent(stages, history, false);
             json!({
                 "rollout": rollout,
                 "frames": frames,

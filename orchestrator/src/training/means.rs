@@ -7,6 +7,7 @@ use proto::stage::total_frames;
 use proto::trained::{History, Trained};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 
 /// Episode figures over some rollouts: means over the episodes that ended in them.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -68,56 +69,63 @@ pub struct StageMeans {
     pub last_tenth: EpisodeMeans,
 }
 
+/// A rollout, and how many frames of its stage come before it and before the next one.
+type Placed<'a> = (u64, u64, &'a Trained);
+
+/// The rollouts of a stage.
+fn rollouts_of<'a>(stages: &[StageConfig], index: usize, history: &'a History) -> Vec<Placed<'a>> {
+    let start = total_frames(&stages[..index]);
+    let mut before = start;
+    let of_stage = history.iter().filter(|trained| trained.stage as usize == index);
+    let place = of_stage.map(|trained| {
+        let begin = std::mem::replace(&mut before, trained.frames.max(start));
+        (begin - start, trained.frames.saturating_sub(start), trained)
+    });
+    place.collect()
+}
+
+/// Over the rollouts whose middle frame is in this part of the stage's budget. Where rollouts are so long that none
+/// is, one stands for them.
+fn over_part(rollouts: &[Placed], budget: u64, part: Range<f64>, otherwise: Option<&Placed>) -> EpisodeMeans {
+    let budget = budget as f64;
+    let inside = |&&(first, end, _): &&Placed| {
+        let middle = f64::midpoint(first as f64, end as f64);
+        middle >= part.start * budget && middle < part.end * budget
+    };
+    let mut chosen: Vec<&Placed> = rollouts.iter().filter(inside).collect();
+    if chosen.is_empty() {
+        chosen.extend(otherwise);
+    }
+    EpisodeMeans::over(&chosen.iter().map(|&&(_, _, trained)| trained))
+}
+
+/// Over the newest tenth of the stage's budget that there is.
+fn newest_tenth(rollouts: &[Placed], budget: u64) -> EpisodeMeans {
+    let last = rollouts.last();
+    let done = last.map_or(0.0, |&(_, reached, _)| reached as f64 / budget as f64);
+    over_part(rollouts, budget, done - 0.1..1.0, last)
+}
+
 /// The figures of every stage that has begun.
-///
-/// A rollout belongs to a tenth when its middle frame does; if none does, because rollouts are longer than a tenth,
-/// the first or last rollout stands for it.
 pub fn by_stage(stages: &[StageConfig], history: &History) -> Vec<StageMeans> {
-    let mut figures = vec![];
-    let mut start = 0;
-    for (index, stage) in stages.iter().enumerate() {
-        let mut before = start;
-        // (first frame in the stage, frame after the last, rollout)
-        let mut rollouts: Vec<(u64, u64, &Trained)> = vec![];
-        for trained in history.iter().filter(|trained| trained.stage as usize == index) {
-            rollouts.push((before - start, trained.frames.saturating_sub(start), trained));
-            before = trained.frames.max(start);
-        }
-        start += stage.frames;
-        let Some(&(_, reached, newest)) = rollouts.last() else { continue };
-        let part = |from: f64, to: f64| -> Vec<&Trained> {
-            let budget = stage.frames as f64;
-            let middle = |first: u64, end: u64| f64::midpoint(first as f64, end as f64);
-            let inside = rollouts.iter().filter(|&&(first, end, _)| {
-                let middle = middle(first, end);
-                middle >= from * budget && middle < to * budget
-            });
-            inside.map(|&(_, _, trained)| trained).collect()
-        };
-        let mut first = part(0.0, 0.1);
-        if first.is_empty() {
-            first = rollouts.first().map(|&(_, _, trained)| trained).into_iter().collect();
-        }
-        let done = reached as f64 / stage.frames as f64;
-        let mut last = part(done - 0.1, 1.0);
-        if last.is_empty() {
-            last = rollouts.last().map(|&(_, _, trained)| trained).into_iter().collect();
-        }
-        figures.push(StageMeans {
+    let means = stages.iter().enumerate().filter_map(|(index, stage)| {
+        let rollouts = rollouts_of(stages, index, history);
+        let &(_, frames, newest) = rollouts.last()?;
+        Some(StageMeans {
             name: stage.name.clone(),
             reward: stage.reward.clone(),
-            frames: reached,
+            frames,
             budget: stage.frames,
             multiplier: newest.metrics.get(metric::MULTIPLIER),
             whole: EpisodeMeans::over(&rollouts.iter().map(|&(_, _, trained)| trained)),
-            first_tenth: EpisodeMeans::over(&first.iter().copied()),
-            last_tenth: EpisodeMeans::over(&last.iter().copied()),
-        });
-    }
-    figures
+            first_tenth: over_part(&rollouts, stage.frames, 0.0..0.1, rollouts.first()),
+            last_tenth: newest_tenth(&rollouts, stage.frames),
+        })
+    });
+    means.collect()
 }
 
-/// The figures of the moment: over the last few rollouts.
+/// The figures of the moment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Recent {
     pub frames: u64,
@@ -133,20 +141,22 @@ pub struct Recent {
     pub infer: f64,
     /// Share of the time spent in updates, 0..1.
     pub update: f64,
-    /// Time left at this rate, seconds.
+    /// Time left at this rate, seconds; none of a run at rest.
     pub left_s: Option<f64>,
+    /// Over the newest tenth of the newest rollout's stage, as in [`StageMeans::last_tenth`]: one quantity has one
+    /// figure, wherever it is shown.
     pub episodes: EpisodeMeans,
 }
 
-/// Rollouts that count as recent.
+/// Rollouts over which a run at work has a rate.
 const RECENT: usize = 8;
 
-/// The figures of the moment. Rates are over the newest rollouts of any stage; episode figures over those of the
-/// newest's stage, because a new reward makes a return that is not comparable.
-pub fn recent(stages: &[StageConfig], history: &History) -> Recent {
-    let newest: Vec<&Trained> = history.iter().rev().take(RECENT).collect();
+/// The figures of the moment. Rates are over the newest rollouts of any stage, of a run at rest over all.
+pub fn recent(stages: &[StageConfig], history: &History, at_rest: bool) -> Recent {
+    let window = if at_rest { history.len() } else { RECENT };
+    let newest: Vec<&Trained> = history.iter().rev().take(window).collect();
     let stage = newest.first().map(|trained| trained.stage as usize);
-    let before = history.iter().rev().nth(RECENT).map_or(0, |trained| trained.frames);
+    let before = history.iter().rev().nth(window).map_or(0, |trained| trained.frames);
     let frames = history.frames();
     let budget = total_frames(stages);
     let sum = |part: fn(&Timing) -> f64| newest.iter().map(|trained| part(&trained.timing)).sum::<f64>();
@@ -161,8 +171,13 @@ pub fn recent(stages: &[StageConfig], history: &History) -> Recent {
         simulate: share(sum(|timing| timing.simulate_s)),
         infer: share(sum(|timing| timing.infer_s)),
         update: share(sum(|timing| timing.update_s)),
-        left_s: frames_per_s.filter(|&rate| rate > 0.0).map(|rate| budget.saturating_sub(frames) as f64 / rate),
-        episodes: EpisodeMeans::over(&newest.iter().copied().filter(|trained| Some(trained.stage as usize) == stage)),
+        left_s: frames_per_s
+            .filter(|&rate| rate > 0.0 && !at_rest)
+            .map(|rate| budget.saturating_sub(frames) as f64 / rate),
+        episodes: stage
+            .filter(|&stage| stage < stages.len())
+            .map(|stage| newest_tenth(&rollouts_of(stages, stage, history), stages[stage].frames))
+            .unwrap_or_default(),
     }
 }
 
@@ -246,19 +261,29 @@ pub mod tests {
     }
 
     #[test]
-    fn the_moment_is_the_last_few_rollouts() {
-        let recent = recent(&stages(), &history(22));
+    fn rates_are_of_the_last_few_rollouts_and_episodes_of_the_newest_tenth() {
+        let mut history = History::default();
+        for trained in super::tests::history(22).iter() {
+            let mut slower = trained.clone();
+            slower.timing.other_s += if trained.rollout < 14 { 2.0 } else { 0.0 };
+            history.insert(slower);
+        }
+        let recent = |at_rest| super::recent(&stages(), &history, at_rest);
+        // A run at rest has the rate of its summary, and nothing is left.
+        assert!((recent(true).frames_per_s.unwrap() - 1100.0 / 72.0).abs() < 1e-9 && recent(true).left_s.is_none());
+        let recent = recent(false);
         assert_eq!((recent.frames, recent.budget, recent.stage), (1100, 1500, Some(1)));
         assert!((recent.frames_per_s.unwrap() - 25.0).abs() < 1e-9);
         assert!((recent.left_s.unwrap() - 16.0).abs() < 1e-9);
         assert!((recent.simulate - 0.4).abs() < 1e-9 && (recent.update - 0.3).abs() < 1e-9);
-        // Only rollouts 20 and 21 are of stage II.
-        assert_eq!(recent.episodes.mean_return, Some((20.0 + 3.0 * 21.0) / 4.0));
+        // As on the line of its stage in the table: rollout 21 is a tenth of stage II.
+        assert_eq!(recent.episodes.mean_return, Some(21.0));
+        assert_eq!(recent.episodes, by_stage(&stages(), &history)[1].last_tenth);
     }
 
     #[test]
     fn nothing_trained_is_no_division_by_zero() {
-        let recent = recent(&stages(), &History::default());
+        let recent = recent(&stages(), &History::default(), false);
         assert_eq!((recent.frames_per_s, recent.left_s, recent.stage), (None, None, None));
         assert!(by_stage(&stages(), &History::default()).is_empty());
     }

@@ -102,7 +102,7 @@ impl Progress {
     /// for it.
     pub fn show(&mut self, now: Duration, history: &History, validating: bool) {
         if self.live.is_due(now) {
-            let recent = recent(&self.stages, history);
+            let recent = recent(&self.stages, history, false);
             let doing = self.doing(now, validating);
             let line = if let Some(columns) = self.live.columns() {
                 short_line(&self.metrics, &self.stages, &recent, &doing, self.is_usual(now), columns)
@@ -219,7 +219,7 @@ pub fn frames_line(stages: &[StageConfig], recent: &Recent) -> String {
 }
 
 /// The return and the task's metrics; empty before the first episode has ended.
-pub fn figures_line(metrics: &[Described], recent: &Recent) -> String {
+fn figures_line(metrics: &[Described], recent: &Recent) -> String {
     let EpisodeMeans { episodes, mean_return, figures } = &recent.episodes;
     if *episodes == 0 {
         return String::new();
@@ -257,7 +257,7 @@ mod tests {
             .into();
         history.rewind_to(20);
         history.insert(newest);
-        let recent = recent(&stages(), &history);
+        let recent = recent(&stages(), &history, false);
         assert_eq!(figures_line(&metrics, &recent), "return –  SR 75.0%  path 3.500 m");
         let line = short_line(&metrics, &stages(), &recent, "updating", true, 200);
         assert!(line.contains("frames/s | SR 75.0% | path 3.500 m | updating"), "{line}");
@@ -280,7 +280,7 @@ mod tests {
         progress.learner(seconds(10), &finished(false));
         progress.learner_died(seconds(12));
         assert_eq!(progress.doing(seconds(30), true), "leaving");
-        let frames = frames_line(&stages(), &recent(&stages(), &history(30)));
+        let frames = frames_line(&stages(), &recent(&stages(), &history(30), false));
         assert!(frames.contains("100.0%") && !frames.contains("left"), "{frames}");
     }
 

@@ -212,7 +212,7 @@ fn recordings(folder: &RunFolder) -> Vec<PathBuf> {
     files.into_iter().filter_map(|path| path.strip_prefix(folder.root()).map(PathBuf::from).ok()).collect()
 }
 
-/// One row a stage; returns are first tenth → last tenth, the other figures are of the last tenth that there is.
+/// One row a stage, and what the figures are means over.
 pub fn table(metrics: &[Described], stages: &[StageMeans]) -> Vec<String> {
     let header = ["stage", "reward", "frames", "episodes", "return"].map(str::to_owned);
     let mut rows: Vec<Vec<String>> =
@@ -234,7 +234,10 @@ pub fn table(metrics: &[Described], stages: &[StageMeans]) -> Vec<String> {
         let padding = " ".repeat(width(column) - cell.chars().count());
         if column < 2 { format!("{cell}{padding}") } else { format!("{padding}{cell}") }
     };
-    rows.iter().map(|row| row.iter().enumerate().map(align).collect::<Vec<_>>().join("  ")).collect()
+    let mut lines: Vec<String> =
+        rows.iter().map(|row| row.iter().enumerate().map(align).collect::<Vec<_>>().join("  ")).collect();
+    lines.push("means over the newest tenth of each stage; return: first tenth -> newest tenth".to_owned());
+    lines
 }
 
 #[cfg(test)]

@@ -194,17 +194,14 @@ impl Watched {
                 ..card
             });
         }
-        let recent = recent(&config.stages, &self.history);
+        let recent = recent(&config.stages, &self.history, *held == LockState::Free);
         let complete = Summary::read(&self.folder)?.is_some();
-        // Of a run that has ended the last tenth tells more than its last moment.
-        let last_tenth = || by_stage(&config.stages, &self.history).pop().map(|stage| stage.last_tenth);
-        let lately = complete.then(last_tenth).flatten().unwrap_or(recent.episodes);
         Ok(Card {
             state: state_of(identity, held, complete).to_string(),
             done: recent.frames,
             budget: recent.budget,
-            figures: config.spec().with_quotients(lately.figures),
-            left_s: recent.left_s.filter(|_| *held != LockState::Free && !complete),
+            figures: config.spec().with_quotients(recent.episodes.figures),
+            left_s: recent.left_s.filter(|_| !complete),
             ..card
         })
     }
@@ -216,7 +213,7 @@ impl Watched {
         let held = holder(&self.folder)?;
         let at_rest = held == LockState::Free;
         self.episode_index.advance(if at_rest { LOOK } else { GLANCE });
-        let recent = recent(&config.stages, &self.history);
+        let recent = recent(&config.stages, &self.history, at_rest);
         let here = match &held {
             LockState::By(holder) if holder.is_here() => Some(holder.pid),
             LockState::By(_) | LockState::Free | LockState::Unsigned => None,

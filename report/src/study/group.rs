@@ -119,7 +119,12 @@ impl Group<'_> {
 }
 
 fn label(groups: &mut [Group<'_>]) {
-    let names: Vec<String> = groups.iter().map(|group| group.named(&group.preset)).collect();
+    // All environments of others have one preset.
+    let name = |group: &Group<'_>| {
+        let config = &group.runs[0].config;
+        group.named(config.environment.as_ref().map_or(&group.preset, |_| &config.task))
+    };
+    let names: Vec<String> = groups.iter().map(name).collect();
     let labels: Vec<String> = groups
         .iter()
         .zip(&names)
@@ -147,7 +152,7 @@ fn label(groups: &mut [Group<'_>]) {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use proto::config::{Config, FromConfig};
+    use proto::config::{Config, EnvironmentConfig, FromConfig};
     use proto::run_state::{Ending, RunState};
 
     pub fn run(name: &str, preset: &str, seed: u64) -> Run {
@@ -241,5 +246,15 @@ pub(crate) mod tests {
         changed.config.actors.count = 5;
         let runs = [changed];
         assert_eq!(groups(&runs).unwrap()[0].differences, ["actors.count = 5", "ppo.clip = 0.2"]);
+        // Of somebody's environment what is started, not the text of its declaration or what kitchens have.
+        let mut theirs = run("b", "gym", 1);
+        let command = ["python", "cart_pole.py"].map(str::to_owned).to_vec();
+        theirs.config.environment = Some(EnvironmentConfig { command, declaration: "name = \"cart_pole\"".to_owned() });
+        theirs.config.task = "cart_pole".to_owned();
+        theirs.config.reward.weights.clear();
+        let runs = [theirs];
+        let groups = groups(&runs).unwrap();
+        assert_eq!(groups[0].differences, ["environment: python cart_pole.py", "task = \"cart_pole\""]);
+        assert_eq!(groups[0].label, "cart_pole*");
     }
 }

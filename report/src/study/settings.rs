@@ -31,13 +31,17 @@ pub(super) fn differences(config: &Config) -> Vec<String> {
 /// The settings of the second configuration that change what is learned against the first, as `key = value`.
 pub fn differences_between(first: &Config, second: &Config) -> Vec<String> {
     let [first, of_second] = [first, second].map(|config| Value::Table(settings_of(config)));
-    let text = |Difference { path, now, .. }: Difference<'_>| match (path.as_str(), now) {
-        (_, None) => format!("{path} unset"),
-        ("from", _) => from_text(second),
-        ("stages", _) => stages_text(second),
-        (_, Some(value)) => format!("{path} = {value}"),
+    let text = |Difference { path, now, .. }: Difference<'_>| match (path.as_str(), now, &second.environment) {
+        // What only the kitchens' tasks have.
+        (_, None, Some(_)) => None,
+        (_, None, None) => Some(format!("{path} unset")),
+        ("from", ..) => Some(from_text(second)),
+        ("stages", ..) => Some(stages_text(second)),
+        // Not its declaration, which is a page of text.
+        ("environment", _, Some(environment)) => Some(format!("environment: {}", environment.command.join(" "))),
+        (_, Some(value), _) => Some(format!("{path} = {value}")),
     };
-    config::differences(&first, &of_second, Lists::Whole).into_iter().map(text).collect()
+    config::differences(&first, &of_second, Lists::Whole).into_iter().filter_map(text).collect()
 }
 
 /// `begun with weights after 9 000 frames`

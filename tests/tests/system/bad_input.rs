@@ -59,9 +59,43 @@ fn mistakes_on_the_command_line() {
         let printed = complete(workshop.orchestrator(&["config", "demo", "--out", other]));
         refused(&printed, &format!("{other} is no file: name another one with --out"));
     }
-    refused(&complete(workshop.orchestrator(&["resume", "nowhere"])), "nowhere");
-    refused(&complete(workshop.orchestrator(&["stop", "nowhere"])), "nowhere does not exist");
     refused(&complete(workshop.orchestrator(&["replay", "--check", "nothing.mcap"])), "nothing.mcap");
+}
+
+/// What is not understood is answered with what to type.
+#[test]
+fn what_a_newcomer_types() {
+    let workshop = Workshop::new();
+    complete(workshop.up("runs/a", 1, 1, 100)).result();
+    for file in ["policy.onnx", "policy.json"] {
+        std::fs::write(workshop.path(file), "{}").unwrap();
+    }
+    for (typed, help) in [
+        ("up --set learning_rate=1e-3", "did you mean `ppo.learning_rate` or `reward.lagrangian.learning_rate`?"),
+        ("up --set device=cuda", "did you mean `learner.device`?"),
+        ("up --frames 2Mio", "2000000, 2_000_000, 2M or 2e6"),
+        ("up --seed -1", "a seed is a whole number from 0 to"),
+        ("up demo", "`--preset demo`"),
+        ("train", "`orchestrator up` does that"),
+        ("resume a", "did you mean runs/a?"),
+        ("resume nowhere", "nowhere does not exist: no run began there; `orchestrator list`"),
+        ("stop nowhere", "nowhere does not exist"),
+        ("replay nowhere", "nowhere does not exist; `orchestrator list`"),
+        ("resume runs/a --preset demo", "`orchestrator up --from RUN`"),
+        ("eval runs/a/best", "--set validation.every_frames=N"),
+        ("eval runs/a --kitchens 99", "for built-in kitchens type --split train, valid or test"),
+        ("eval policy.onnx", "give the run, or a policy file"),
+        ("eval policy.json", "give the run, or a file of one of these"),
+        ("export runs/a --out policy.pt", "call it policy.onnx (for onnxruntime) or policy.safetensors"),
+        ("view --address 127.0.0.1:8766", "--address 127.0.0.1 --port 8766"),
+    ] {
+        let typed: Vec<&str> = typed.split(' ').collect();
+        refused(&complete(workshop.orchestrator(&typed)), help);
+    }
+    assert!(complete(workshop.orchestrator(&["man", "up"])).success && !workshop.path("up").exists());
+    std::fs::create_dir(workshop.path("empty")).unwrap();
+    let list = complete(workshop.orchestrator(&["list", "empty"]));
+    assert!(list.success && list.stderr.contains("no run yet: `orchestrator up` starts one"), "{list:#?}");
 }
 
 #[test]

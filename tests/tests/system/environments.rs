@@ -7,7 +7,7 @@ use proto::run_folder::RunFolder;
 use proto::task::{Role, Spec};
 use std::path::Path;
 use std::process::Command;
-use system_tests::{Printed, TINY, Workshop, complete, finish, kill, kill_child, start, wait_until};
+use system_tests::{Browser, Printed, TINY, Viewer, Workshop, complete, finish, kill, kill_child, start, wait_until};
 use toml::{Table, Value};
 
 const ACTORS: u32 = 2;
@@ -252,6 +252,31 @@ fn a_run_with_actions_and_images_of_any_kind_ends_in_the_same_weights_killed_or_
             assert_eq!(complete(two).result(), expected, "shards give the same weights to any number of learners");
         }
     }
+    the_page_says_nothing_of_kitchens(&place.workshop, "numbers");
+}
+
+/// Pictures, targets and failures are of tasks that have them.
+fn the_page_says_nothing_of_kitchens(workshop: &Workshop, run: &str) {
+    let Some(mut browser) = Browser::start() else { return };
+    let viewer = Viewer::start(workshop, &[run]);
+    browser.open(&viewer.page());
+    for (page, ready) in [
+        (String::new(), ".state.complete"),
+        (format!("http://{}/#/run/{run}/episodes", viewer.address), "table.episodes tbody tr:nth-child(2)"),
+    ] {
+        if !page.is_empty() {
+            browser.open(&page);
+        }
+        browser.wait_for(&format!("document.querySelector({ready:?})"));
+        let shown = browser.value("document.body.innerText.toLowerCase()");
+        let shown = shown.as_str().expect("text");
+        for word in ["kitchen", "target", "failure", "newest episodes"] {
+            assert!(!shown.contains(word), "{word}: {shown}");
+        }
+        assert_eq!(browser.value("document.querySelectorAll('a[href*=\"/episode/\"]').length"), 0);
+    }
+    assert_eq!(browser.complaints, Vec::<String>::new(), "the page's console has no error");
+    assert!(viewer.stop());
 }
 
 /// Environments of an image and a place, which fail as the arguments say.
