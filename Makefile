@@ -126,7 +126,7 @@ schemas: setup
 
 chaos: build
 	cargo build --release --locked --workspace --bin chaos
-	@./target/release/chaos faults $(ARGS)
+	@python=$$(PYTHON='$(PYTHON)' python/setup); STILLROOM_TEST_PYTHON="$$python" ./target/release/chaos faults $(ARGS)
 
 soak: build
 	cargo build --release --locked --workspace --bin chaos

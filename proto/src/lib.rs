@@ -14,6 +14,7 @@
 //! looks along +z and a positive yaw turns to the right (towards +x). A vector written "in the robot's frame" has
 //! its origin on the floor at the body's axis and turns with the body's yaw only.
 
+pub mod actor_notes;
 pub mod bounded;
 pub mod camera;
 pub mod checkpoint;
@@ -31,7 +32,6 @@ pub mod figures;
 pub mod hosts;
 pub mod kitchen;
 pub mod kitchen_schedule;
-pub mod last_place;
 pub mod learning_rate;
 pub mod metric;
 pub mod pin;

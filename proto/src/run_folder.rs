@@ -255,8 +255,8 @@ impl RunFolder {
         self.logs().join(format!("{process}.log"))
     }
 
-    /// Where an actor whose environments are not built in was last ([`crate::last_place`]).
-    pub fn last_place(&self, actor: u32) -> PathBuf {
+    /// What an actor whose environments are not built in keeps written down ([`crate::actor_notes`]).
+    pub fn actor_notes(&self, actor: u32) -> PathBuf {
         self.logs().join(format!("actor-{actor:02}.at"))
     }
 

@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyTypeMethods;
 
 /// Writes what Python gives for a field: a number, or an array of the field's shape whose type is the field's own, or one
-/// that is written as it: `float64` as 32 bits, `int64` as a whole number that fits. The error says what it is instead.
+/// that is written as it: `float64` as 32 bits, other whole numbers as one that fits. The error says what it is instead.
 pub fn write(value: &Bound<'_, PyAny>, shape: &[usize], field: Field, record: &mut [u8]) -> Result<(), String> {
     if shape.is_empty() {
         return scalar(value, field, record);
@@ -14,19 +14,19 @@ pub fn write(value: &Bound<'_, PyAny>, shape: &[usize], field: Field, record: &m
     match field.dtype {
         Dtype::U8 => same::<u8>(value, shape, field, record).or_else(|wrong| {
             cast::<bool, u8>(value, shape, field, record, |number| Some(number.into()))
-                // Of which Gymnasium makes masks.
+                // Of which Gymnasium makes MultiBinary and masks.
                 .or_else(|_| cast::<i8, u8>(value, shape, field, record, |number| number.try_into().ok()))
                 .map_err(|_| wrong)
         }),
         Dtype::U16 => same::<u16>(value, shape, field, record),
         Dtype::U32 => same::<u32>(value, shape, field, record),
         Dtype::U64 => same::<u64>(value, shape, field, record),
-        Dtype::I32 => same::<i32>(value, shape, field, record).or_else(|wrong| {
-            cast::<i64, i32>(value, shape, field, record, |number| number.try_into().ok()).map_err(|_| wrong)
-        }),
-        Dtype::F32 => same::<f32>(value, shape, field, record).or_else(|wrong| {
-            cast::<f64, f32>(value, shape, field, record, |number| Some(number as f32)).map_err(|_| wrong)
-        }),
+        Dtype::I32 => same::<i32>(value, shape, field, record)
+            .or_else(|_| cast::<i64, i32>(value, shape, field, record, |number| number.try_into().ok()))
+            .or_else(|_| cast::<i16, i32>(value, shape, field, record, |number| Some(number.into())))
+            .or_else(|_| cast::<i8, i32>(value, shape, field, record, |number| Some(number.into()))),
+        Dtype::F32 => same::<f32>(value, shape, field, record)
+            .or_else(|_| cast::<f64, f32>(value, shape, field, record, |number| Some(number as f32))),
         Dtype::F64 => same::<f64>(value, shape, field, record),
     }
 }

@@ -13,7 +13,7 @@ import pytest
 from gymnasium import spaces
 
 import stillroom
-from stillroom.description import F32_MOST, Refused, describe
+from stillroom.description import F32_MOST, Refused, check_seen, describe
 from stillroom.determinism import prove
 from stillroom.masks import add_mask
 from stillroom.serving import find
@@ -55,6 +55,8 @@ def test_spaces_become_channels():
     assert (image["dtype"], image["shape"], "range" in image) == ("u8", [84, 84], False)
     (bits,) = channels(spaces.MultiBinary(4))
     assert (bits["dtype"], bits["shape"], bits["range"]) == ("u8", [4], [0.0, 1.0])
+    (grid,) = channels(spaces.MultiBinary((2, 3)))
+    assert (grid["dtype"], grid["shape"], grid["range"]) == ("i32", [2, 3], [0.0, 1.0])
     (several,) = channels(spaces.MultiDiscrete([3, 5]))
     assert (several["dtype"], several["shape"], several["range"]) == ("i32", [2], [0.0, 4.0])
     both = describe(Env(spaces.Dict({"Goal-1": spaces.Discrete(2), "robot": spaces.Box(0, 1, (2,))})), "mine")
@@ -114,6 +116,21 @@ def test_a_mask_in_info_is_declared_and_kept_to():
 def test_what_a_run_cannot_have_is_refused_in_a_sentence(observation, actions, problem):
     with pytest.raises(Refused, match=problem):
         describe(Env(observation, actions), "mine")
+
+
+def test_what_is_seen_is_as_its_space_says():
+    for space in (spaces.MultiBinary(4), spaces.MultiBinary((2, 3)), spaces.Box(-9, 9, (2,), np.int16)):
+        check_seen(describe(Env(space), "mine"), space.sample())
+    described = describe(Env(spaces.Dict({"a": spaces.Box(0, 1, (2,)), "b": spaces.Discrete(3)})), "mine")
+    check_seen(described, {"a": np.zeros(2), "b": 1})
+    for seen, problem in [
+        ({"a": np.zeros(3, np.float32), "b": 1}, r"`a` is an array of \[3\] float32, and its space is Box"),
+        ({"a": np.zeros(2, np.int64), "b": 1}, r"`a` is an array of \[2\] int64, and its space is Box"),
+        ({"a": np.zeros(2)}, "has no `b`, which its space has"),
+        (np.zeros(2), "has no `a`, which its space has"),
+    ]:
+        with pytest.raises(Refused, match=problem):
+            check_seen(described, seen)
 
 
 def test_an_environment_that_does_not_repeat_itself_is_refused():

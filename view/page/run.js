@@ -103,7 +103,7 @@ function processes(some) {
     h("td", { class: "number" }, worker.incarnation > 1 ? h("span", { class: "warn" }, String(worker.incarnation - 1)) : "0"),
     h("td", { class: "number optional" }, String(worker.starts)),
     h("td", { class: "number" }, worker.cores === null ? "–" : percent(worker.cores, 0)),
-    h("td", { class: "number optional" }, bytes(worker.memory_bytes))));
+    h("td", { class: "number optional" }, bytes(worker.memory_bytes), worker.growth ? h("div", { class: "small warn" }, worker.growth) : null)));
   const heads = [["Process", ""], ["", ""], ["Incarnation", "number"], ["Restarts", "number"], ["Starts in all", "number optional"], ["Core", "number"], ["Memory", "number optional"]];
   return h("div", { class: "scroll" }, h("table", { class: "tight" }, h("thead", {}, h("tr", {}, heads.map(([head, kind]) => h("th", { scope: "col", class: kind }, head || h("span", { class: "unseen" }, "State"))))), h("tbody", {}, rows)));
 }

@@ -154,6 +154,8 @@ pub struct Worker {
     pub cores: Option<f64>,
     /// Memory that only it has, bytes.
     pub memory_bytes: Option<u64>,
+    /// A sentence about an actor's memory that grows without an end in sight.
+    pub growth: Option<String>,
     /// It is stopped by a signal.
     pub stopped: bool,
 }

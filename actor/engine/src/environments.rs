@@ -49,7 +49,8 @@ struct Running {
     actions: [Vec<u8>; 2],
     /// What the last action did: parts and outcomes, as in a record.
     done: Vec<u8>,
-    /// What was seen last before that action truncated the episode, as in a record.
+    /// What was seen last before an action truncated an episode, as in a record; it is the last action's only if that
+    /// truncated one.
     last_seen: Vec<u8>,
     /// It cannot be brought back to where the learner has it: its next action ends the episode, as a truncation without a
     /// reward. Until then it shows another episode's start.
@@ -173,7 +174,6 @@ impl Rules {
         };
         running.take(action);
         running.header.act(state_hash, end);
-        running.last_seen.fill(0);
         if end.is_some() {
             if end == Some(End::Truncated) {
                 self.keep_last_seen(running, simulator)?;
@@ -209,7 +209,6 @@ impl Running {
         self.header.hold();
         self.actions[0].fill(0);
         self.done.fill(0);
-        self.last_seen.fill(0);
     }
 
     /// An action was taken.
@@ -360,12 +359,19 @@ impl<S: Simulator> Environments<S> {
         let Self { running, simulator, rules: Rules { layout, .. }, .. } = self;
         let running = &running[index];
         whereabouts::enter(running.id, running.header.episode);
-        record[..layout.small_bytes].fill(0);
+        // All but what is written whole below: it may be long.
+        record[..layout.seen.start].fill(0);
+        record[layout.last_seen.end..layout.small_bytes].fill(0);
         for (field, action) in [layout.action, layout.previous_action].into_iter().zip(&running.actions) {
             record[field.range()].copy_from_slice(action);
         }
         record[layout.of_action.clone()].copy_from_slice(&running.done);
-        record[layout.last_seen.clone()].copy_from_slice(&running.last_seen);
+        let last_seen = &mut record[layout.last_seen.clone()];
+        if running.header.end() == Some(End::Truncated) {
+            last_seen.copy_from_slice(&running.last_seen);
+        } else {
+            last_seen.fill(0);
+        }
         let mut header = running.header;
         simulator.observe(index, &mut header, record).map_err(failed::<S>)?;
         *RecordHeader::of_mut(record) = header;
@@ -433,8 +439,10 @@ terms = [["gain", 1.0]]
         }
 
         fn observe(&mut self, index: usize, _header: &mut RecordHeader, record: &mut [u8]) -> Result<(), Infallible> {
-            let (_, place) = Spec::named("counts").expect("it is declared").channel("count").expect("it is there");
+            let spec = Spec::named("counts").expect("it is declared");
+            let (_, place) = spec.channel("count").expect("it is there");
             let [episode, step] = self.0[index];
+            record[spec.layout().seen.clone()].fill(0);
             place.of_mut(record)[0] = 10 * episode + step;
             Ok(())
         }

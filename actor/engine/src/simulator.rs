@@ -45,8 +45,8 @@ pub trait Simulator {
     /// not begin the next episode. Returns the state's hash, and how the episode has ended, if it has.
     fn act(&mut self, index: usize, action: &[u8], done: &mut [u8]) -> Result<(u64, Option<End>), Self::Error>;
 
-    /// Writes what is seen now: observations and states, images with their bits in the header, and the snapshot of a task
-    /// that is restored by such. All other small bytes of the record are written already.
+    /// Writes what is seen now: observations and states with the gaps between them, images with their bits in the header,
+    /// and the snapshot of a task that is restored by such. All other small bytes of the record are written already.
     fn observe(&mut self, index: usize, header: &mut RecordHeader, record: &mut [u8]) -> Result<(), Self::Error>;
 
     /// Prepares the start of an episode that may come next, by a piece of work of about a quarter of a millisecond.

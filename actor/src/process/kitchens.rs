@@ -97,7 +97,9 @@ impl Simulator for Kitchens {
 
     fn observe(&mut self, index: usize, header: &mut RecordHeader, record: &mut [u8]) -> Result<()> {
         let (_, environment) = self.environments.get_mut(index).context("an environment begins before it is seen")?;
-        environment.observe(&mut record[self.layout.seen.clone()]);
+        let seen = &mut record[self.layout.seen.clone()];
+        seen.fill(0);
+        environment.observe(seen);
         self.scenes.look(index, environment.base_mut(), header, record);
         Ok(())
     }

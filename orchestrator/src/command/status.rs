@@ -1,6 +1,7 @@
 //! `orchestrator status`: how a run or an evaluation stands, from its folder alone; works while it runs and after a
 //! crash.
 
+use crate::environment::growth::growing;
 use crate::evaluation::progress::Progress;
 use crate::output::format;
 use crate::output::terminal;
@@ -23,6 +24,7 @@ use proto::run_folder::RunFolder;
 use proto::run_state::RunState;
 use proto::trained::History;
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// Show how a run or an evaluation stands
@@ -75,6 +77,9 @@ enum Work {
         /// What a rollout usually takes, seconds.
         #[serde(skip)]
         usual_s: f64,
+        /// Actors whose memory grows without an end in sight.
+        #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+        growth: BTreeMap<String, String>,
         /// What is wrong with the files of its figures.
         #[serde(skip_serializing_if = "Vec::is_empty")]
         notes: Vec<String>,
@@ -104,6 +109,7 @@ impl Work {
             wall: Wall::of(identity, &seen, !at_rest),
             silent_s,
             usual_s: usual_s(&history),
+            growth: growing(folder, config),
             notes,
         })
     }
@@ -125,7 +131,7 @@ impl Work {
     /// As people read it. `goes_on`: whether somebody works on it. `starts`: how often somebody began to.
     fn lines(&self, config: &Config, goes_on: bool, starts: usize) -> Vec<String> {
         match self {
-            Self::Training { recent, stages, wall, silent_s, usual_s, notes, .. } => {
+            Self::Training { recent, stages, wall, silent_s, usual_s, growth, notes, .. } => {
                 let metrics = config.spec().shown();
                 let mut lines = vec![frames_line(&config.stages, recent)];
                 if !stages.is_empty() {
@@ -137,6 +143,7 @@ impl Work {
                 if starts > 0 {
                     lines.push(wall.text(starts as u32));
                 }
+                lines.extend(growth.iter().map(|(actor, growth)| format!("{actor}: {growth}")));
                 if let Some(silent_s) = silent_s.filter(|&silent_s| silent_s as f64 > (3.0 * usual_s).max(10.0)) {
                     lines.push(format!("no rollout for {silent_s} s (the last ones took {usual_s:.1} s each)"));
                 }

@@ -9,12 +9,11 @@ use super::event::{Event, Exit, Process};
 use crate::output::log_line::LogLine;
 use crate::preflight::placement::{Placement, start_on};
 use crate::preflight::programs::Programs;
-use proto::bounded;
+use proto::actor_notes::Noted;
 use proto::config::EnvironmentConfig;
 use proto::device::{VISIBLE_DEVICES, device_name};
 use proto::event::LearnerEvent;
 use proto::hosts::MEETING_KEY;
-use proto::last_place::LastPlace;
 use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
 use rustix::io::{FdFlags, fcntl_setfd};
@@ -25,7 +24,7 @@ use std::io::Write;
 use std::net::{IpAddr, SocketAddr, TcpListener};
 use std::os::fd::AsRawFd;
 use std::os::unix::process::ExitStatusExt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{ExitStatus, Stdio};
 use std::sync::Arc;
 use std::time::Duration;
@@ -222,11 +221,11 @@ impl Processes {
         tracing::debug!("{process} started, pid {}", child.id().unwrap_or_default());
         let lifeline = child.stdin.take();
         let (kill, killed) = oneshot::channel();
-        let last_place = match process {
-            Process::Actor(actor) if self.launch.environment.is_some() => Some(self.launch.folder.last_place(actor)),
+        let notes = match process {
+            Process::Actor(actor) if self.launch.environment.is_some() => Some(self.launch.folder.actor_notes(actor)),
             Process::Actor(_) | Process::Learner(_) => None,
         };
-        let child = Attended { child, process, incarnation, last_place };
+        let child = Attended { child, process, incarnation, notes };
         tokio::spawn(attend(child, log, self.events.clone(), killed));
         self.running.insert(process, Handle { lifeline, kill: Some(kill) });
         Ok(())
@@ -256,16 +255,16 @@ struct Attended {
     child: Child,
     process: Process,
     incarnation: u32,
-    /// The file of the last place of an actor that runs the code of others.
-    last_place: Option<PathBuf>,
+    /// What an actor that runs the code of others keeps written down.
+    notes: Option<PathBuf>,
 }
 
 /// Stays with a child until it is reaped and everything it wrote has been read. Whatever it has started dies with it.
 async fn attend(attended: Attended, log: File, events: mpsc::Sender<Event>, mut killed: oneshot::Receiver<()>) {
-    let Attended { mut child, process, incarnation, last_place } = attended;
+    let Attended { mut child, process, incarnation, notes } = attended;
     let group = child.id().and_then(|id| Pid::from_raw(id.cast_signed()));
     let stdout = child.stdout.take().map(|stdout| tokio::spawn(hear(stdout, process, incarnation, events.clone())));
-    let quiet = last_place.is_some();
+    let quiet = notes.is_some();
     let stderr = child.stderr.take().map(|stderr| tokio::spawn(keep_log(stderr, process, log, quiet)));
     let mut may_be_killed = true;
     let status = loop {
@@ -281,7 +280,7 @@ async fn attend(attended: Attended, log: File, events: mpsc::Sender<Event>, mut 
             }
         }
     };
-    if let (Some(_), Some(group)) = (&last_place, group) {
+    if let (Some(_), Some(group)) = (&notes, group) {
         // Err: there is nobody left, as it should be.
         let _ = kill_process_group(group, Signal::KILL);
     }
@@ -298,17 +297,12 @@ async fn attend(attended: Attended, log: File, events: mpsc::Sender<Event>, mut 
         Err(error) => Exit::NotStarted(format!("it was lost: {error}")),
     };
     if exit != Exit::Code(FAILED)
-        && let Some(place) = last_place.as_deref().and_then(place_in)
+        && let Some(noted) = notes.as_deref().and_then(Noted::read)
     {
-        last_words.push(format!("the last call of {process} was in {place}"));
+        last_words.push(format!("the last call of {process} was in {}", noted.place));
     }
     tracing::debug!("{process} ended: {exit}");
     let _ = events.send(Event::Exited { process, incarnation, exit, last_words }).await;
-}
-
-/// What an actor has written down before it called the code of others.
-fn place_in(path: &Path) -> Option<LastPlace> {
-    LastPlace::from_bytes(&bounded::content(open_plain(path, OpenOptions::new().read(true)).ok()?, 64).ok()?)
 }
 
 fn exit_of(status: ExitStatus) -> Exit {
@@ -452,7 +446,7 @@ mod tests {
         let lifeline = child.stdin.take();
         let (_kill, killed) = oneshot::channel();
         let log = tempfile::tempfile().unwrap();
-        let child = Attended { child, process: Process::Learner(0), incarnation: 4, last_place: None };
+        let child = Attended { child, process: Process::Learner(0), incarnation: 4, notes: None };
         tokio::spawn(attend(child, log, sender, killed));
         let first = events.recv().await.unwrap();
         assert_eq!(first, Event::Learner { incarnation: 4, event: LearnerEvent::ActorsConnected { rank: 0 } });
@@ -476,7 +470,7 @@ mod tests {
             Command::new("sh").args(["-c", "trap '' TERM; exec sleep 60"]).stdin(Stdio::piped()).spawn().unwrap();
         let _lifeline = child.stdin.take();
         let (kill, killed) = oneshot::channel();
-        let child = Attended { child, process: Process::Actor(0), incarnation: 1, last_place: None };
+        let child = Attended { child, process: Process::Actor(0), incarnation: 1, notes: None };
         tokio::spawn(attend(child, tempfile::tempfile().unwrap(), sender, killed));
         kill.send(()).unwrap();
         let Some(Event::Exited { exit, .. }) = events.recv().await else { panic!("no exit") };

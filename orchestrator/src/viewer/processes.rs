@@ -97,14 +97,16 @@ fn name_of(line: &[u8]) -> Option<String> {
     let words: Vec<String> =
         line.split(|&byte| byte == 0).map(|word| String::from_utf8_lossy(word).into_owned()).collect();
     let after =
-        |flag: &str| words.iter().position(|word| word == flag).and_then(|at| words.get(at + 1)?.parse::<u32>().ok());
+        |flag: &str| words.iter().rposition(|word| word == flag).and_then(|at| words.get(at + 1)?.parse::<u32>().ok());
     let program = words.first()?.rsplit('/').next()?;
     match program {
         // A viewer that the run started is no part of it.
         "orchestrator" => Some("orchestrator".to_owned()).filter(|_| words.get(1).is_none_or(|word| word != "view")),
         "learner" => Some(format!("learner-{}", after("--rank")?)),
-        "actor" => Some(format!("actor-{:02}", after("--actor")?)),
-        _ => None,
+        // Where environments are not built in the program is any, with the same arguments.
+        _ => after("--actor")
+            .filter(|_| words.iter().any(|word| word == "--wire"))
+            .map(|actor| format!("actor-{actor:02}")),
     }
 }
 
@@ -151,6 +153,10 @@ mod tests {
     fn processes_are_called_as_their_logs() {
         let name = |line: &str| name_of(line.replace(' ', "\0").as_bytes());
         assert_eq!(name("/x/actor --wire a --actor 3 --config c").as_deref(), Some("actor-03"));
+        assert_eq!(
+            name("/x/python -m stillroom serve a.py:b --actor 3 --config c --wire a").as_deref(),
+            Some("actor-03")
+        );
         assert_eq!(name("learner --run r --rank 1").as_deref(), Some("learner-1"));
         assert_eq!(name("./orchestrator up").as_deref(), Some("orchestrator"));
         assert_eq!(name("orchestrator view runs/a"), None);

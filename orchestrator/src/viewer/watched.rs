@@ -5,6 +5,7 @@ use super::logbook::{Found, beginnings, logs_of};
 use super::processes::{Process, Processes};
 use super::roster::Entry;
 use super::tail::{New, Tail};
+use crate::environment::growth::growing;
 use crate::evaluation::journal;
 use crate::evaluation::progress::Progress;
 use crate::output::format;
@@ -237,7 +238,7 @@ impl Watched {
             shares: [recent.simulate, recent.infer, recent.update],
             wall_s: Wall::of(&identity, &signs_of_life(&self.history), !at_rest).all_starts_s,
             starts: identity.incarnations.iter().map(start).collect(),
-            workers: workers(&self.logs, &processes),
+            workers: workers(&self.logs, &processes, &growing(&self.folder, &config)),
             cores: cores.filter(|_| here.is_some()),
             gpus: if here.is_some() { self.processes.gpus() } else { Vec::new() },
             warnings: log.map_or(&empty, |log| &log.warnings).iter().cloned().collect(),
@@ -481,7 +482,7 @@ fn start(incarnation: &crate::run::identity::Incarnation) -> Start {
 }
 
 /// Learners and actors by their logs, with their processes.
-fn workers(logs: &BTreeMap<String, Log>, processes: &[Process]) -> Vec<Worker> {
+fn workers(logs: &BTreeMap<String, Log>, processes: &[Process], growing: &BTreeMap<String, String>) -> Vec<Worker> {
     let process = |name: &str| processes.iter().find(|process| process.name == name);
     let worker = |name: &str, incarnation: u32, starts: u32| {
         let process = process(name);
@@ -492,6 +493,7 @@ fn workers(logs: &BTreeMap<String, Log>, processes: &[Process]) -> Vec<Worker> {
             starts,
             cores: process.and_then(|process| process.cores),
             memory_bytes: process.and_then(|process| process.memory_bytes),
+            growth: growing.get(name).cloned(),
             stopped: process.is_some_and(|process| process.stopped),
         }
     };

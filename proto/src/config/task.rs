@@ -3,7 +3,7 @@
 use super::validate::check;
 use super::{AuxiliaryTask, Config, ConfigError, Encoder, EnvironmentConfig, GoalCoordinates, dqn, nearest};
 use crate::run_folder::RunFolder;
-use crate::task::{ActionHead, Composition, Condition, Spec, SpecError};
+use crate::task::{ActionHead, Composition, Condition, MULTIPLIER, NEGATIVE_MULTIPLIER, Spec, SpecError};
 
 impl Config {
     /// The task's declaration.
@@ -165,11 +165,18 @@ impl Config {
         }
         for stage in &self.stages {
             let composition = self.find_reward(&stage.reward).map_err(|cause| wrong("stages.reward", cause))?;
-            if composition.has_multiplier() && spec.cost().is_none() {
-                let problem = format!("it has PPO-Lagrangian's multiplier, but task `{}` names no cost", spec.name);
-                let cause = SpecError::Reward { name: stage.reward.clone(), problem };
-                return Err(wrong("stages.reward", cause));
-            }
+            let problem = match spec.cost() {
+                None if composition.has_multiplier() => {
+                    format!("it has PPO-Lagrangian's multiplier, but task `{}` names no cost", spec.name)
+                }
+                Some(cost) if composition.pays_cost(cost) => {
+                    let weight = if cost.1 > 0.0 { NEGATIVE_MULTIPLIER } else { MULTIPLIER };
+                    format!("PPO-Lagrangian's multiplier would pay for the cost: the part's weight is \"{weight}\"")
+                }
+                _ => continue,
+            };
+            let cause = SpecError::Reward { name: stage.reward.clone(), problem };
+            return Err(wrong("stages.reward", cause));
         }
         Ok(())
     }
@@ -239,6 +246,32 @@ mod tests {
         assert!(found.contains("network.previous_action = true: must be false in this task"), "{found}");
         let found = with("episode.action_space = \"small\"").unwrap_err();
         assert!(found.contains("task `of_numbers` has no subset `small`"), "{found}");
+    }
+
+    /// The other sign trained a policy to cost as much as it could, and nothing said so.
+    #[test]
+    fn a_multiplier_that_would_pay_for_the_cost_is_refused() {
+        for (cost, weight, expected) in [
+            (1.0, "-multiplier", None),
+            (-1.0, "multiplier", None),
+            (1.0, "multiplier", Some("the part's weight is \"-multiplier\"")),
+            (-1.0, "-multiplier", Some("the part's weight is \"multiplier\"")),
+        ] {
+            let name = format!("costs_{}_{}", cost > 0.0, weight.len());
+            let constrained = format!("[\"gain\", 1.0]] }}, {{ name = \"c\", terms = [[\"gain\", \"{weight}\"]]");
+            let text = WITHOUT_A_FRAME.replace("without_a_frame", &name).replace("[\"gain\", 1.0]]", &constrained);
+            Spec::declare(&format!("{text}\ncost = {{ part = \"gain\", weight = {cost:.1} }}")).unwrap();
+            let stage = format!("task = \"{name}\"\nstages = [{{ name = \"I\", reward = \"c\", frames = 9 }}]");
+            let found = Config::resolve_with("gym", Some((&stage, "mine.toml"))).map_err(|error| error.to_string());
+            match expected {
+                None => {
+                    let config = found.unwrap();
+                    let reward = config.find_reward("c").unwrap().of(|_| 0.5, 3.0);
+                    assert_eq!(f64::from(reward), -1.5 * cost, "it falls as the cost rises");
+                }
+                Some(expected) => assert!(found.unwrap_err().contains(expected), "{name}"),
+            }
+        }
     }
 
     #[test]

@@ -41,7 +41,7 @@ pub use layout::{Field, HEADER_BYTES, LINE_BYTES, Layout};
 pub use metric::{Clause, Comparison, Kind, Limit, Measure, Metric, Over};
 pub use outcome::UNFINISHED;
 pub use restore::Restore;
-pub use reward::{Composition, Condition, Cost, Label, MULTIPLIER, Reward, Term, Weight};
+pub use reward::{Composition, Condition, Cost, Label, MULTIPLIER, NEGATIVE_MULTIPLIER, Reward, Term, Weight};
 pub use space::ActionSpace;
 pub use spec::Spec;
 pub use sums::{Summing, Sums};

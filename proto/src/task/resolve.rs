@@ -3,7 +3,7 @@
 use super::channel::{Channel, Dtype, Role};
 use super::error::SpecError;
 use super::metric::{Bound, Clause, Kind, Limit, Measure, Metric, Over, Test};
-use super::reward::{Composition, Condition, Factor, MULTIPLIER, Reward, Scale, Term, Weight};
+use super::reward::{Composition, Condition, Factor, MULTIPLIER, NEGATIVE_MULTIPLIER, Reward, Scale, Term, Weight};
 use super::spec::Spec;
 use std::collections::BTreeMap;
 
@@ -52,7 +52,8 @@ impl Spec {
             };
             let scale = match weight {
                 Weight::Number(weight) => Scale::Number(*weight),
-                Weight::Named(name) if name == MULTIPLIER => Scale::Multiplier,
+                Weight::Named(name) if name == MULTIPLIER => Scale::Multiplier(1.0),
+                Weight::Named(name) if name == NEGATIVE_MULTIPLIER => Scale::Multiplier(-1.0),
                 Weight::Named(name) => {
                     let default = || self.weights.get(name);
                     let weight = weights.get(name).or_else(default);

@@ -4,6 +4,8 @@ use serde::{Deserialize, Serialize};
 
 /// Name of the weight that PPO-Lagrangian sets while it trains.
 pub const MULTIPLIER: &str = "multiplier";
+/// The same weight of a part that costs more the greater it is.
+pub const NEGATIVE_MULTIPLIER: &str = "-multiplier";
 
 /// A reward, as a task or a configuration declares it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -42,7 +44,7 @@ pub enum Term {
     },
 }
 
-/// A number, or the name of one: of the task's weights, or [`MULTIPLIER`].
+/// A number, or the name of one: of the task's weights, [`MULTIPLIER`] or [`NEGATIVE_MULTIPLIER`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged, expecting = "expected a number, or the name of a weight")]
 pub enum Weight {
@@ -94,7 +96,8 @@ pub(super) enum Factor {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Scale {
     Number(f32),
-    Multiplier,
+    /// Times this, 1 or -1.
+    Multiplier(f32),
 }
 
 /// A reward, resolved: it is composed of a step's parts without looking any name up.
@@ -110,7 +113,7 @@ impl Composition {
         self.terms.iter().fold(self.constant, |sum, (factor, scale)| {
             let weight = match scale {
                 Scale::Number(weight) => *weight,
-                Scale::Multiplier => multiplier,
+                Scale::Multiplier(sign) => sign * multiplier,
             };
             sum + match factor {
                 Factor::Part(index) => weight * part(*index),
@@ -127,6 +130,12 @@ impl Composition {
 
     /// Whether PPO-Lagrangian sets one of its weights.
     pub fn has_multiplier(&self) -> bool {
-        self.terms.iter().any(|(_, scale)| *scale == Scale::Multiplier)
+        self.terms.iter().any(|(_, scale)| matches!(scale, Scale::Multiplier(_)))
+    }
+
+    /// Whether a greater multiplier makes it pay what costs. `cost`: index of the part, and its weight.
+    pub fn pays_cost(&self, (part, weight): (usize, f32)) -> bool {
+        let pays = |term: &(Factor, Scale)| matches!(term, (Factor::Part(index), Scale::Multiplier(sign)) if *index == part && sign * weight > 0.0);
+        self.terms.iter().any(pays)
     }
 }

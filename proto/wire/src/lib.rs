@@ -74,3 +74,4 @@ pub use services::{
     ActionPublisher, ActionSubscriber, Ipc, ObservationPublisher, ObservationReaders, ObservationSubscriber,
     RestorePublisher, RestoreSubscriber, StageSubscriber, UpdateConnections, Wire, WireHost,
 };
+pub use shm::SharedWords;

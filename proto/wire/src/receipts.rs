@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    #[should_panic(expected = "only the recorder writes receipts")]
+    #[should_panic(expected = "words that were mapped for reading are not written")]
     fn a_reader_cannot_write() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("words");

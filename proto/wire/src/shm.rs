@@ -1,4 +1,4 @@
-//! Words that several processes share: a file that each of them maps. The unsafe code of receipts and bells.
+//! Words that several processes share: a file that each of them maps. The unsafe code of receipts, bells and notes.
 
 use rustix::fs::{Mode, OFlags};
 use rustix::mm::{MapFlags, ProtFlags};
@@ -62,7 +62,7 @@ impl SharedWords {
     /// # Panics
     /// If there is none with this index, or the words were mapped for reading.
     pub fn store(&self, index: usize, value: u64) {
-        assert!(self.writable, "only the recorder writes receipts");
+        assert!(self.writable, "words that were mapped for reading are not written");
         self.word(index).store(value, Ordering::Release);
     }
 

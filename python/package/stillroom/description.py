@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +19,8 @@ DTYPES = {
     "uint8": "u8",
     "uint16": "u16",
     "uint32": "u32",
+    "int8": "i32",
+    "int16": "i32",
     "int32": "i32",
     "int64": "i32",
     "float32": "f32",
@@ -48,6 +51,21 @@ def describe(env: gymnasium.Env, name: str) -> Described:
     actions = _actions(env.action_space)
     description = {"name": name, "actions": actions, "channels": channels, "restore": _restore(env)}
     return Described(description, [(channel, key) for channel, key, _ in found])
+
+
+def check_seen(described: Described, observation: Any) -> None:
+    """Refuses an observation whose arrays are not as its space says: a run would refuse it at its first step."""
+    by_name = {channel["name"]: channel for channel in described.description["channels"]}
+    for name, key in described.observed:
+        if key is not None and not (isinstance(observation, Mapping) and key in observation):
+            raise Refused(f"its observation has no `{key}`, which its space has")
+        seen, channel = np.asarray(observation if key is None else observation[key]), by_name[name]
+        fits = DTYPES.get(str(seen.dtype)) == channel["dtype"] or (channel["dtype"], seen.dtype) == ("u8", np.int8)
+        if channel.get("shape") and not (fits and list(seen.shape) == channel["shape"]):
+            raise Refused(
+                f"its observation `{name}` is an array of {list(seen.shape)} {seen.dtype}, and its space is"
+                f" {channel['doc'].removeprefix('Observation: ')}"
+            )
 
 
 def way_of(env: gymnasium.Env) -> str:
@@ -108,7 +126,8 @@ def _channel(name: str, space: spaces.Space) -> dict[str, Any]:
     if isinstance(space, spaces.Discrete):
         return channel | {"dtype": "i32", "range": [float(space.start), float(space.start + space.n - 1)]}
     if isinstance(space, spaces.MultiBinary):
-        least, most, dtype, shape = 0.0, 1.0, "uint8", space.shape
+        # Bytes with rows and columns would be an image.
+        least, most, dtype, shape = 0.0, 1.0, "uint8" if len(space.shape) == 1 else "int8", space.shape
     elif isinstance(space, spaces.MultiDiscrete):
         least, most = float(np.min(space.start)), float(np.max(space.start + space.nvec - 1))
         dtype, shape = str(space.dtype), space.shape

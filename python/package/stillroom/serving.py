@@ -24,7 +24,7 @@ import gymnasium
 
 from stillroom._stillroom import Actor, Replay, hold_lifeline
 from stillroom.columns import Among, Vector, check_sizes, halves, takes_size
-from stillroom.description import Refused, describe
+from stillroom.description import Refused, check_seen, describe
 from stillroom.determinism import prove
 from stillroom.film import Camera, write
 from stillroom.masks import add_mask
@@ -143,6 +143,7 @@ def _run(
             vector = env if isinstance(env, Vector) else None
             one, proven = (vector.columns[0], Among(vector)) if vector else (env, env)
             described = describe(one, _task_name(name))
+            check_seen(described, proven.reset(seed=0)[0])
             add_mask(described, one)
             prove(proven, lambda: _made(make_env, 1))
             # Of vectors that have a size, an actor has two.

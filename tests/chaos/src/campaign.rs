@@ -5,7 +5,7 @@ use crate::case_folder::{CaseFolder, Medium};
 use crate::evaluation::{self, Evaluated};
 use crate::fault::{Case, Fate, Fault};
 use crate::privileges::Privileges;
-use crate::run_kind::{Kind, RUN_KINDS, RunKind};
+use crate::run_kind::{Kind, RUN_KINDS, RunKind, python};
 use crate::suite::{self, Done};
 use crate::tally::Tally;
 use crate::training::{self, Complete};
@@ -112,6 +112,11 @@ impl Campaign {
         if !work.privileges.mounts {
             println!("full disks and a full /dev/shm are skipped: this user may not mount file systems");
         }
+        if python().is_none() {
+            println!(
+                "runs with an environment of Python are left out: STILLROOM_TEST_PYTHON names none with the package"
+            );
+        }
         if !work.privileges.disks {
             println!("power failures are skipped: this user may not mount a disk (mkfs.ext4, loop devices)");
         }
@@ -135,8 +140,9 @@ impl Campaign {
     }
 
     fn is_wanted(&self, number: u32) -> bool {
-        let Some(class) = &self.only else { return true };
-        Case::draw(self.seed, number).faults.iter().any(|planned| planned.fault.class().contains(class.as_str()))
+        let case = Case::draw(self.seed, number);
+        let is_of = |class: &String| case.faults.iter().any(|planned| planned.fault.class().contains(class.as_str()));
+        case.shape.is_possible() && self.only.as_ref().is_none_or(is_of)
     }
 }
 
@@ -211,6 +217,7 @@ impl Work<'_> {
 
     /// Runs a case and compares; the number of starts. Its files are removed if all is as it should be.
     fn case(&self, case: &Case, tally: &mut Tally) -> Result<usize> {
+        anyhow::ensure!(case.shape.is_possible(), "STILLROOM_TEST_PYTHON names no Python with the package");
         let has = |test: fn(&Fault) -> bool| {
             case.faults.iter().any(|planned| test(&planned.fault) && planned.fault.is_allowed(self.privileges))
         };

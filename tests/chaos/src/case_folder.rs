@@ -53,6 +53,10 @@ impl Start {
     /// Arms what happens with a start.
     pub fn arm(&mut self, fault: Fault) {
         match fault {
+            // Only an actor passes those, and where environments are not built in its program is any.
+            Fault::Point(point, pass) if point.name.starts_with("actor.") => {
+                self.point = Some(format!("{}:{pass}", point.name));
+            }
             Fault::Point(point, pass) => self.point = Some(format!("{}:{pass}@{}", point.name, point.program)),
             Fault::FewDescriptors(limit) => self.descriptors = Some(limit),
             _ => {}
@@ -119,6 +123,8 @@ impl CaseFolder {
         command.args(arguments).current_dir(&self.files).stdin(Stdio::null());
         command.stdout(output("out")?).stderr(output("err")?);
         command.env_remove("STILLROOM_LOG").env_remove(wire::fault::VARIABLE);
+        // Which commands of environments this user allows: what `up` names outlasts any disk.
+        command.env("XDG_STATE_HOME", self.root.join("states"));
         command.envs(start.point.as_ref().map(|point| (wire::fault::VARIABLE, point)));
         command.spawn().with_context(|| program.display().to_string())
     }

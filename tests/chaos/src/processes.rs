@@ -52,7 +52,7 @@ pub fn find(who: Who, folder: &Path, first: u32) -> Option<u32> {
             let ranked = format!(" --rank {rank} ");
             has(line, &["/learner ", &ranked]) || (rank == 0 && has(line, &["/learner evaluate "]))
         }),
-        Who::Actor(number) => newest(&|line| has(line, &["/actor ", &format!(" --actor {number} ")])),
+        Who::Actor(number) => newest(&|line| has(line, &[" --wire ", &format!(" --actor {number} ")])),
         Who::Child => newest(&|line| has(line, &["/orchestrator "])),
     }
 }

@@ -138,7 +138,10 @@ impl Recording {
 /// Whether a field of an episode's end is made of all steps, not of the last one alone: returns, and such metrics.
 fn is_of_all_steps(name: &str) -> bool {
     let is_of_all = |metric: &Metric| metric.name == name && metric.over != Over::Last;
-    name.starts_with("return_") || Spec::built_in().iter().flat_map(|spec| &spec.metrics).any(is_of_all)
+    // The score is of every task that is not built in.
+    name.starts_with("return_")
+        || name == "score"
+        || Spec::built_in().iter().flat_map(|spec| &spec.metrics).any(is_of_all)
 }
 
 /// Steps of a run as it was in the end, of a recording of any length.

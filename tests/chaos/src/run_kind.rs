@@ -32,6 +32,8 @@ pub struct RunKind {
     pub exact: bool,
     /// It has validations.
     pub validates: bool,
+    /// An environment of Python in the kitchens' place: the class or function in a file beside the system's tests.
+    pub environment: Option<&'static str>,
 }
 
 const PLAIN: RunKind = RunKind {
@@ -46,6 +48,7 @@ const PLAIN: RunKind = RunKind {
     scene: None,
     exact: true,
     validates: false,
+    environment: None,
 };
 
 /// All that is disturbed, each with how often it is drawn. No budget is a multiple of a step.
@@ -80,6 +83,8 @@ pub const RUN_KINDS: &[(u32, RunKind)] = &[
     (2, RunKind { name: "scene", actors: 1, frames: 1003, scene: Some("scenes/studio/scene.toml"), ..PLAIN }),
     (3, RunKind { name: "validation", frames: 1203, tables: VALIDATION, validates: true, ..PLAIN }),
     (2, RunKind { name: "evaluation", kind: Kind::Evaluation, actors: 5, frames: 0, ..PLAIN }),
+    (2, RunKind { name: "Python, snapshots", environment: Some("restored.py:Seeded"), ..PLAIN }),
+    (2, RunKind { name: "Python, replay", environment: Some("cart_pole.py:make_env"), ..PLAIN }),
     (1, RunKind { name: "suite", kind: Kind::Suite, actors: 1, environments: 2, frames: 603, ..PLAIN }),
 ];
 
@@ -91,8 +96,34 @@ const LAGRANGIAN: &str = "[[stages]]\nname = \"I\"\nreward = \"r\"\nframes = 900
 /// Two of them: the end's may begin only after the first, which then runs or waits.
 const VALIDATION: &str = "[validation]\nevery_frames = 700\nepisodes = 1\n";
 
+/// Beside the preset gym.
+const OF_NUMBERS: &str = "[ppo]\nrollout_steps = 10\nepochs = 2\nminibatches = 1\n\
+                          [learner]\nthreads = 1\nactor_deadline_s = 60.0\n[checkpoint]\ninterval_s = 0.0\n";
+
+/// A Python with the package, if there is one: `make chaos` names it, as `make test-python` does.
+pub fn python() -> Option<String> {
+    std::env::var("STILLROOM_TEST_PYTHON").ok().filter(|python| !python.is_empty())
+}
+
 impl RunKind {
+    /// Whether it can be played here.
+    pub fn is_possible(&self) -> bool {
+        self.environment.is_none() || python().is_some()
+    }
+
+    /// What `orchestrator up` is given beside the configuration and sizes.
+    pub fn words(&self) -> Vec<String> {
+        let Some(environment) = self.environment else { return vec!["--preset".to_owned(), "demo".to_owned()] };
+        // Of the checkout that this was compiled in.
+        let env = format!("{}/../tests/system/environments/{environment}", env!("CARGO_MANIFEST_DIR"));
+        let words = ["--preset", "gym", "--env", &env, "--python", &python().unwrap_or_default()];
+        words.map(str::to_owned).to_vec()
+    }
+
     pub fn config(&self) -> String {
+        if self.environment.is_some() {
+            return OF_NUMBERS.to_owned();
+        }
         let tiny = self.changes.iter().fold(TINY.to_owned(), |text, (from, to)| {
             assert!(text.contains(from), "the tiny configuration holds {from:?}");
             text.replace(from, to)

@@ -179,9 +179,10 @@ impl Training<'_> {
             return vec!["resume".to_owned(), folder];
         }
         let RunKind { actors, environments, learners, frames, .. } = self.shape;
-        let words = "up --preset demo --config config.toml --seed 5 --run";
+        let words = "up --config config.toml --seed 5 --run";
         let mut arguments: Vec<String> = words.split(' ').map(str::to_owned).collect();
         arguments.push(folder);
+        arguments.extend(self.shape.words());
         for (flag, value) in [
             ("--actors", u64::from(actors)),
             ("--envs-per-actor", u64::from(environments)),

@@ -323,6 +323,7 @@ fn every_failure_is_one_sentence_and_costs_nothing() {
         ("dtype", "its `goal_m` is an array of [3] int16, not an array of [3] F32"),
         ("range", "which cannot be"),
         ("nan", "its goal_m is not finite"),
+        ("inf", "its goal_m is not finite"),
         ("reward", "its reward is not finite"),
         ("key", "it gives no `goal_m`"),
         ("tuple", "step() did not return (observation, reward, terminated, truncated, info)"),
@@ -331,7 +332,7 @@ fn every_failure_is_one_sentence_and_costs_nothing() {
         ("segfault", "died"),
         ("hang", "died"),
         ("print", ""),
-        ("child", ""),
+        ("child", "died"),
     ] {
         let printed = run(fault, fault);
         assert_eq!(printed.result(), expected, "{fault}");
@@ -354,6 +355,25 @@ fn every_failure_is_one_sentence_and_costs_nothing() {
     };
     assert!(logged("print").contains("a line of the environment's own"));
     assert!(logged("step").contains("Traceback"));
+}
+
+#[test]
+#[ignore = "needs a Python with the package: make test-python"]
+fn a_leak_is_said_once_of_each_actor_and_stands_in_the_status() {
+    let place = place();
+    let env = source("restored.py:Leaking");
+    let printed = complete(place.of_numbers("run", &env, &[]));
+    let status = place.orchestrator(&["status", "run"]).stdout;
+    for actor in ["actor-00", "actor-01"] {
+        let sentence = format!("{actor}: its memory grew by ");
+        for (text, lines) in [(&printed.stderr, 1), (&status, 1)] {
+            let found: Vec<&str> = text.lines().filter(|line| line.contains(&sentence)).collect();
+            assert_eq!(found.len(), lines, "{text}");
+            assert!(found[0].contains(" MiB in its last ") && found[0].contains(" leaks"), "{found:?}");
+        }
+    }
+    let other = place.orchestrator(&["status", "--json", "run"]).stdout;
+    assert!(other.contains("\"growth\":{\"actor-00\":\"its memory grew"), "{other}");
 }
 
 #[test]

@@ -17,6 +17,7 @@ fn text() -> String {
         starts: 2,
         cores: pid.map(|_| 0.5),
         memory_bytes: pid.map(|_| 1 << 20),
+        growth: None,
         stopped: false,
     };
     let card = Card {

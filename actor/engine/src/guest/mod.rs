@@ -3,9 +3,11 @@
 //! ```text
 //! served   such environments, as the engine runs them: seeds, states' hashes, checks
 //! process  the process's part in a run
+//! notes    what it keeps written down for those who find it dead, or grown
 //! replay   recorded episodes, simulated again
 //! ```
 
+mod notes;
 mod process;
 mod replay;
 mod served;

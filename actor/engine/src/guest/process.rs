@@ -1,15 +1,14 @@
 //! The part in a run of a process that simulates environments of others.
 
+use super::notes::Notes;
 use super::{Guest, Served};
 use crate::{EngineError, Environments, Link};
 use proto::bounded;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
-use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
 use proto::task::Description;
 use std::convert::Infallible;
-use std::fs::OpenOptions;
 use std::path::{Path, PathBuf};
 use wire::WireAddress;
 
@@ -75,11 +74,10 @@ impl GuestActor {
     /// Takes part in the run until something fails.
     pub fn run(&self, guest: impl Guest) -> Result<Infallible, GuestError> {
         let Self { config, folder, wire, number, incarnation } = self;
-        let path = folder.last_place(*number);
-        let file = open_plain(&path, OpenOptions::new().create(true).truncate(true).write(true));
-        let file = file.map_err(|cause| GuestError::Unwritable { path, cause })?;
+        let path = folder.actor_notes(*number);
+        let notes = Notes::create(&path).map_err(|cause| GuestError::Unwritable { path, cause })?;
         let count = self.environments();
-        let served = Served::new(guest, count as usize, Some(file), config);
+        let served = Served::new(guest, count as usize, Some(notes), config);
         let homes: Vec<EnvironmentId> =
             (0..count).map(|index| EnvironmentId::among(config.kitchens(), *number, index, count)).collect();
         let ended = Environments::new(served, &homes, config).and_then(|mut environments| {

@@ -1,17 +1,16 @@
 //! Environments of others, as the engine runs them.
 
 use super::Guest;
+use super::notes::Notes;
 use crate::Simulator;
+use proto::actor_notes::LastPlace;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::evaluation::{Plan, seed_of};
 use proto::kitchen::Split;
-use proto::last_place::LastPlace;
 use proto::random::Key;
 use proto::record::{End, RecordHeader};
 use proto::task::{Channel, Check, Field, Layout, REWARD, Role, Spec};
-use std::fs::File;
-use std::os::unix::fs::FileExt;
 use wire::message::{Line, Snapshot};
 use xxhash_rust::xxh3::Xxh3;
 
@@ -37,8 +36,8 @@ pub struct Served<G> {
     /// Images, each with its bit in the header.
     images: Vec<(Field, u32)>,
     environments: Vec<Environment>,
-    /// Where the last place is kept, for whoever finds an actor dead.
-    last_place: Option<File>,
+    /// Of an actor in a run.
+    notes: Option<Notes>,
 }
 
 /// A channel that an environment fills in.
@@ -81,7 +80,7 @@ struct Environment {
 
 impl<G: Guest> Served<G> {
     /// So many environments in a run of this configuration.
-    pub fn new(guest: G, count: usize, last_place: Option<File>, config: &Config) -> Self {
+    pub(super) fn new(guest: G, count: usize, notes: Option<Notes>, config: &Config) -> Self {
         let spec = config.spec();
         let layout = spec.layout();
         let lines = layout.bytes / size_of::<Line>();
@@ -111,7 +110,7 @@ impl<G: Guest> Served<G> {
             check: Check::of(spec),
             images: bits.filter(|(image, _)| filled.contains(image)).collect(),
             environments: std::iter::repeat_with(environment).take(count).collect(),
-            last_place,
+            notes,
         }
     }
 
@@ -129,8 +128,7 @@ impl<G: Guest> Served<G> {
 
     /// Says where this process is, before the guest is called: it may not return.
     fn enter(&self, place: LastPlace) {
-        // A disk that is full stops the run elsewhere; this file is a courtesy.
-        let _ = self.last_place.as_ref().map(|file| file.write_all_at(&place.to_bytes(), 0));
+        self.notes.iter().for_each(|notes| notes.enter(place));
     }
 
     /// Copies what is seen now of an environment, but for images.
@@ -215,6 +213,9 @@ impl<G: Guest> Simulator for Served<G> {
                 (false, true) => Some(End::Truncated),
                 (false, false) => None,
             };
+            if end.is_some() {
+                self.notes.iter_mut().for_each(Notes::ended);
+            }
             let hash = one.check(&self.check, [true, end.is_some()], self.layout)?;
             done.copy_from_slice(&Line::bytes(&one.record)[self.layout.of_action.clone()]);
             Ok((hash, end))

@@ -24,7 +24,8 @@ class Faulty(gymnasium.Env):
             }
         )
         if fault == "child":
-            subprocess.Popen(["sleep", "1000"])
+            # Its command line says whose it is.
+            subprocess.Popen(["sh", "-c", "sleep 1000; :", marker])
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
@@ -49,8 +50,8 @@ class Faulty(gymnasium.Env):
                     seen["goal_m"] = seen["goal_m"].astype(np.int16)
                 case "range":
                     seen["goal_m"] = seen["goal_m"] + np.float32(7)
-                case "nan":
-                    seen["goal_m"] = seen["goal_m"] * np.float32("nan")
+                case "nan" | "inf":
+                    seen["goal_m"] = seen["goal_m"] * np.float32(self._fault)
                 case "reward":
                     reward = float("inf")
                 case "key":
@@ -59,7 +60,7 @@ class Faulty(gymnasium.Env):
                     return seen, reward
                 case "exit":
                     sys.exit("enough")
-                case "os_exit":
+                case "os_exit" | "child":
                     os._exit(3)
                 case "segfault":
                     os.kill(os.getpid(), 11)

@@ -41,6 +41,14 @@ class Kept(Walk):
         self._weather.bit_generator.state, self.np_random.bit_generator.state = weather, own
 
 
+class Seeded(Kept):
+    """Each episode follows from its seed: its recordings can be replayed."""
+
+    def reset(self, *, seed=None, options=None):
+        self._weather = np.random.default_rng(seed)
+        return super().reset(seed=seed, options=options)
+
+
 class Forgetful(Kept):
     """Its snapshots lack the weather."""
 
@@ -52,3 +60,21 @@ class Forgetful(Kept):
 
 class Claiming(Walk):
     metadata = {"restore": "replay"}
+
+
+class Leaking(Seeded):
+    """Keeps three MiB of each episode, which has six steps."""
+
+    metadata = {"restore": "replay"}
+
+    def __init__(self):
+        super().__init__()
+        self._kept = []
+
+    def reset(self, *, seed=None, options=None):
+        self._kept.append(b"x" * (3 << 20))
+        return super().reset(seed=seed, options=options)
+
+    def step(self, action):
+        *seen, _, truncated, info = super().step(action)
+        return *seen, self._steps == 6, truncated, info
