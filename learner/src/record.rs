@@ -180,6 +180,7 @@ impl Image {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use wire::message::Line;
 
     /// Of the part that is not there the record has what an earlier one left.
     #[test]
@@ -200,5 +201,25 @@ mod tests {
         }
         assert_eq!(read(sums, 0, true), Some(FramePart::Sums));
         assert_eq!(read(sums, flag::RECORD_BULK, true), None, "the recorder has nothing to record");
+    }
+
+    /// Those of `f32` were copied and checked; others lie where they came.
+    #[test]
+    fn a_row_of_images_has_each_from_where_it_is_sound() {
+        let task = Spec::declare(include_str!("../tests/support/images.toml")).expect("a sound task");
+        let config = Config::resolve_with("gym", Some(("task = \"images\"", "a test"))).expect("it fits");
+        let (frame, layout) = (Frame::of(&config), task.layout());
+        let header = |bulk: u32| RecordHeader { bulk, ..Default::default() };
+        assert_eq!([0, 1, 2, 3].map(|bulk| frame.is_there(&header(bulk))), [false, false, false, true]);
+        let mut lines = vec![Line([0; LINE_BYTES]); layout.bytes / LINE_BYTES];
+        let record = Line::bytes_mut(&mut lines);
+        named(task, "screen").of_mut::<u8>(record).fill(7);
+        named(task, "depth").of_mut::<u16>(record).fill(0x0908);
+        let mut small = record[..layout.small_bytes].to_vec();
+        small[named(task, "heat").range()].fill(5);
+        let mut row = vec![1];
+        frame.images(&small, record, &mut row);
+        let [depth, heat, screen] = [41 * 36, 2 * 45 * 36 * 4, 36 * 40 * 3];
+        assert_eq!(row, [vec![1], [8, 9].repeat(depth), vec![5; heat], vec![7; screen]].concat());
     }
 }

@@ -289,7 +289,7 @@ impl<S: HalfSample> Collector<S> {
         for (i, column) in columns.clone().enumerate() {
             self.environments.check(column, sample.record(i))?;
             if !sample.has_frame(i) {
-                let problem = "an image, or the part of its depth frame that is needed, is not there".to_owned();
+                let problem = "its depth frame, the part of it that is needed, or an image, is not there".to_owned();
                 return Err(self.environments.mismatch(column, problem).into());
             }
         }

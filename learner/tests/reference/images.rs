@@ -54,6 +54,9 @@ fn images_config(memory: Memory) -> Config {
 #[test]
 fn a_probe_finds_what_cleanrl_computes_of_images() {
     let agent = Agent::new(&images_config(Memory::None), Device::Cpu).expect("a fresh agent");
+    let first = weights_of(&agent).remove("images.screen.0.weight").expect("a convolution").view([32, -1]);
+    let gain = Tensor::eye(32, (Kind::Float, Device::Cpu)) * 2.0;
+    assert_close("orthogonal rows", &first.matmul(&first.tr()), &gain, 1e-5);
     let value = |(name, weight): (String, Tensor)| (name.clone(), weight_values(&name, &weight.size()));
     let weights: Vec<(String, Tensor)> = weights_of(&agent).into_iter().map(value).collect();
     let folder = tempfile::tempdir().expect("a folder for the files");
