@@ -238,7 +238,7 @@ impl Rollout {
 
     /// Which options could be chosen, in the order of a packing: see [`masks_of`].
     pub fn masks(&self, packing: &Packing) -> Option<Tensor> {
-        masks_of(packing.rows.iter().map(|&(t, n)| self.step(t, n)), self.frames.device())
+        masks_of(packing.rows.iter().map(|&(t, n)| self.step(t, n)), self.device())
     }
 
     /// One number a row, in the order of a packing, on the device.
