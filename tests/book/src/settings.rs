@@ -14,9 +14,10 @@ const HEAD: &str = "\
 
 This page is made from the sources: `cargo test --release --workspace --test pages` compares it, and prints how to renew
 it. Defaults are those of preset `paper`; `orchestrator config PRESET` prints those of another one. A key is given in a
-file as in `[ppo]`, `clip = 0.2`, or on the command line as `--set ppo.clip=0.2`. The default shows the key's type, the end of
-its name the unit: `_s` seconds, `_m` metres, `_steps`, `_frames`, `_bytes`. The tables `[environment]`, `[from]` and
-`[evaluation]` are not listed: `orchestrator up --env`, `up --from` and `eval` write them.
+file as in `[ppo]`, `clip = 0.2`, or on the command line as `--set ppo.clip=0.2`. A line has the key, its default and, in
+parentheses, the allowed values. The default shows the key's type, the end of its name the unit: `_s` seconds, `_m` metres,
+`_steps`, `_frames`, `_bytes`. The tables `[environment]`, `[from]` and `[evaluation]` are not listed: `orchestrator up
+--env`, `up --from` and `eval` write them.
 
 ";
 
@@ -53,7 +54,8 @@ pub fn settings_page(types: &Types) -> Result<String, BookError> {
             }
         }
         if !rows.is_empty() {
-            let _ = write!(page, "| key | default | allowed | |\n|---|---|---|---|\n{rows}\n");
+            page += &rows;
+            page.push('\n');
         }
         pending.extend(inner.into_iter().rev());
     }
@@ -84,8 +86,10 @@ fn row(types: &Types, default: &Table, key: &str, field: &Field) -> String {
         allowed(key, within(&field.kind), &field.kind)
     };
     let name = key.rsplit('.').next().unwrap_or_default();
-    let cells = [&format!("`{name}`"), &shown(default, key, &field.kind), &allowed, &what];
-    format!("| {} |\n", cells.map(|cell| cell.replace('|', "\\|")).join(" | "))
+    let default = shown(default, key, &field.kind);
+    let default = if default.is_empty() { default } else { format!(" = {default}") };
+    let allowed = if allowed.is_empty() { allowed } else { format!(" ({allowed})") };
+    format!("* `{name}`{default}{allowed}: {what}\n")
 }
 
 /// A text that ends in a full stop.

@@ -130,7 +130,7 @@ fn the_page_of_all_settings_is_what_the_types_say() {
     }
 }
 
-/// Nothing is left out: every key that `orchestrator config` prints has a line in its table.
+/// Nothing is left out: every key that `orchestrator config` prints has a line in its section.
 #[test]
 fn every_key_of_the_configuration_is_on_the_page() {
     let page = settings_page(&Types::below(&root().join("proto/src")).unwrap()).unwrap();
@@ -158,7 +158,7 @@ fn every_key_of_the_configuration_is_on_the_page() {
             if is_table {
                 pending.push((key, value));
             } else {
-                assert!(section.contains(&format!("\n| `{name}` | ")), "{key} is not on the page");
+                assert!(section.contains(&format!("\n* `{name}`")), "{key} is not on the page");
                 keys += 1;
             }
         }
@@ -172,7 +172,7 @@ fn another_comment_or_field_makes_another_page() {
     let before = settings_page(&types).unwrap();
     types.add("/// Checks.\npub struct CheckpointConfig {\n/// Each hour.\npub interval_s: f64,\n/// New.\npub fresh: u32 }").unwrap();
     let after = settings_page(&types).unwrap();
-    assert!(!before.contains("Each hour.") && after.contains("| Each hour. |"));
-    assert!(after.contains("| `fresh` | ") && !after.contains("Newest checkpoints to keep"));
+    assert!(!before.contains("Each hour.") && after.contains(": Each hour.\n"));
+    assert!(after.contains("\n* `fresh`: New.\n") && !after.contains("Newest checkpoints to keep"));
     assert_eq!(links("[a](b)"), [("a".to_owned(), "b".to_owned())]);
 }
