@@ -1,6 +1,5 @@
 //! Actors whose memory grows without an end in sight, by what they keep written down.
 
-use crate::supervisor::event::Process;
 use proto::actor_notes::Noted;
 use proto::config::Config;
 use proto::run_folder::RunFolder;
@@ -10,5 +9,5 @@ use std::collections::BTreeMap;
 pub fn growing(folder: &RunFolder, config: &Config) -> BTreeMap<String, String> {
     let actors = 0..if config.environment.is_some() { config.actors.count } else { 0 };
     let sentence = |actor: u32| Some(Noted::read(&folder.actor_notes(actor))?.growth?.to_string());
-    actors.filter_map(|actor| Some((Process::Actor(actor).to_string(), sentence(actor)?))).collect()
+    actors.filter_map(|actor| Some((format!("actor-{actor:02}"), sentence(actor)?))).collect()
 }
