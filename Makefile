@@ -2,7 +2,7 @@
 .DEFAULT_GOAL := help
 .PHONY: help setup build library install uninstall up play test test-all test-part schemas chaos soak lint check-deploy doc book examples deny fuzz \
 	sanitize bench-peers bench-learner bench-kernels bench-wire bench-view bench-hosts check-determinism \
-	python python-aarch64 test-python bench-python bench-env bench-depth dist
+	python python-aarch64 test-python bench-python bench-env bench-depth bench-transfer dist
 # Cargo uses all cores by itself; targets run one after the other also under -j.
 .NOTPARALLEL:
 
@@ -44,6 +44,7 @@ help:
 	@echo 'make bench-depth'
 	@echo '             stillroom.DepthCamera beside mujoco.Renderer in software, on the models of six packages, which go into'
 	@echo '             .venv/; needs libosmesa6 or libegl1; ARGS="--only Franka --picture docs/depth.png" measures fewer'
+	@echo 'make bench-transfer   models/fetch.safetensors under rapier and under MuJoCo, the same episodes (docs/transfer.md)'
 	@echo 'make lint    formatting and clippy, warnings are errors; and check-deploy'
 	@echo 'make check-deploy   the image, manifests, service unit and shell scripts; STRICT=yes: what cannot be checked is an error'
 	@echo 'make doc     the API documentation, warnings are errors; and the book'
@@ -168,6 +169,12 @@ bench-python:
 bench-env: build
 	@python=$$(PYTHON='$(PYTHON)' python/setup) && \
 		"$$python" python/bench_environments.py --orchestrator target/release/orchestrator $(ARGS)
+
+# A policy in both physics engines.
+bench-transfer: build
+	test -e target/transfer.onnx || target/release/orchestrator export models/fetch.safetensors --out target/transfer.onnx
+	@python=$$(PYTHON='$(PYTHON)' python/setup) && \
+		"$$python" python/bench_transfer.py --policy target/transfer.onnx $(ARGS)
 
 bench-depth:
 	@python=$$(PYTHON='$(PYTHON)' python/setup) && \

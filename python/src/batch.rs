@@ -2,6 +2,7 @@
 //!
 //! Nothing depends on the number of threads: an environment's step is a function of its own state alone.
 
+use crate::elsewhere;
 use crate::episode_player::{Chosen, EpisodePlayer, Series};
 use crate::error::value_error;
 use crate::facts::{self, Facts};
@@ -10,7 +11,7 @@ use crate::room::Kitchen;
 use crate::settings::Settings;
 use crate::snapshot::Snapshot;
 use crate::state::state;
-use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use oracle::Variant;
 use proto::config::Config;
 use proto::record::End;
@@ -206,6 +207,38 @@ impl Batch {
                 worker.look(place, settings.frame_side, frame);
             }
             Ok(reports)
+        })?;
+        this.put(py, &reports)?;
+        this.told(py, &reports)
+    }
+
+    /// Where an action takes the robot of the only environment: poses \[sub-steps, parts, 7\], as `MuJoCo` writes them,
+    /// and whether it succeeds if nothing stops the robot. It is taken by `finish`.
+    // An argument from Python is a value.
+    #[allow(clippy::needless_pass_by_value)]
+    fn way<'py>(slf: &Bound<'py, Self>, actions: PyReadonlyArray1<'py, i64>) -> PyResult<elsewhere::Told<'py>> {
+        let (py, mut this) = (slf.py(), alone(slf)?);
+        let actions = this.checked(&actions)?;
+        elsewhere::way(py, &mut this.places, &actions)
+    }
+
+    /// Takes the action whose way the robot has gone, while another engine moved the things to these poses
+    /// \[things, 7\]. Returns what `step` does.
+    // An argument from Python is a value.
+    #[allow(clippy::needless_pass_by_value)]
+    fn finish<'py>(
+        slf: &Bound<'py, Self>,
+        actions: PyReadonlyArray1<'py, i64>,
+        arrived: bool,
+        poses: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<Bound<'py, PyTuple>> {
+        let (py, mut this) = (slf.py(), alone(slf)?);
+        let actions = this.checked(&actions)?;
+        let poses = elsewhere::poses(&this.places, &poses)?;
+        let reports = this.in_threads(py, |worker, Task { index, place, frame }, settings| {
+            place.finish(actions[*index], arrived, &poses);
+            worker.look(place, settings.frame_side, frame);
+            Ok(report_of(place, settings, false, None))
         })?;
         this.put(py, &reports)?;
         this.told(py, &reports)

@@ -5,10 +5,12 @@ use oracle::{Policy, Variant};
 use picture::{Canvas, Captions, Moment, Storyboard};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
+use rapier3d::math::Pose3;
 use serde::{Deserialize, Serialize};
 use simulator::depth::DepthCamera;
 use simulator::environment::{Base, Environment};
 use simulator::robot::action::Action;
+use simulator::simulation::Way;
 use simulator::tasks::arm_point_nav::Environment as ArmPointNav;
 use simulator::tasks::arm_point_nav::episode::Episode;
 use simulator::tasks::arm_point_nav::episodes::{self, EpisodesError};
@@ -128,6 +130,11 @@ impl EpisodePlayer {
         environment.downcast_ref()
     }
 
+    fn arm_mut(&mut self) -> Option<&mut ArmPointNav> {
+        let environment: &mut dyn Any = &mut *self.environment;
+        environment.downcast_mut()
+    }
+
     /// The episode that is meant.
     pub fn draw(&self, chosen: Chosen) -> Result<Start, ChoiceError> {
         let (kitchen, number) = (&self.room.kitchen, chosen.number);
@@ -164,8 +171,7 @@ impl EpisodePlayer {
             Start::Numbered => self.environment.begin(chosen.number),
             Start::Reopened(environment) => (self.environment, self.seed) = (environment, chosen.seed),
             Start::Given(episode) => {
-                let environment: &mut dyn Any = &mut *self.environment;
-                if let Some(arm) = environment.downcast_mut::<ArmPointNav>() {
+                if let Some(arm) = self.arm_mut() {
                     arm.begin_episode(chosen.number, episode);
                 }
             }
@@ -203,6 +209,25 @@ impl EpisodePlayer {
         let layout = self.config.spec().layout();
         self.record[layout.action.offset] = action;
         self.environment.act(&[action], &mut self.record[layout.of_action.clone()]);
+        self.environment.observe(&mut self.record[layout.seen.clone()]);
+    }
+
+    /// Where an action of `ArmPointNav` takes the robot, for another physics engine; nothing of another task.
+    pub fn way(&mut self, action: u8) -> Option<Way> {
+        Some(self.arm_mut()?.way(Action::from_index(action)?))
+    }
+
+    /// Takes the action whose way the robot has gone, `arrived` or back again, while another engine moved the things.
+    ///
+    /// # Panics
+    /// If the episode has ended, or there are more poses than things.
+    pub fn finish(&mut self, action: u8, arrived: bool, world_from_movables: &[Pose3]) {
+        let Some(taken) = Action::from_index(action) else { return };
+        let Some(done) = self.arm_mut().map(|arm| arm.finish(taken, arrived, world_from_movables)) else { return };
+        self.actions.push(action);
+        let layout = self.config.spec().layout();
+        self.record[layout.action.offset] = action;
+        done.write(&mut self.record[layout.of_action.clone()]);
         self.environment.observe(&mut self.record[layout.seen.clone()]);
     }
 

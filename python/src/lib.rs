@@ -12,6 +12,7 @@
 //! run_files       files of run folders
 //! state           everything about a moment, for users who may know it
 //! depth_scene     depth images of any scene
+//! elsewhere       an environment whose things another physics engine moves
 //! error           errors of Rust as those of Python
 //! serve           an actor's process that is a Python interpreter
 //! served          environments of Python, called step by step
@@ -23,6 +24,7 @@ mod argument;
 mod batch;
 mod checkpoint;
 mod depth_scene;
+mod elsewhere;
 mod episode_player;
 mod error;
 mod facts;
@@ -36,12 +38,13 @@ mod settings;
 mod snapshot;
 mod state;
 
-use proto::config::Config;
+use proto::config::{Config, SimulationConfig};
 use proto::kitchen::{KitchenId, Split, TargetCategory};
 use proto::task::{Channel, Role, Spec};
 use pyo3::exceptions::PyImportError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use simulator::simulation::{JAM_DEPTH_M, JAM_GROWTH_M};
 
 /// Numbers of the built-in kitchens of a split: `train`, `validation` or `test`.
 #[pyfunction]
@@ -89,6 +92,9 @@ fn _stillroom(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("ACTIONS", Config::default().spec().actions.names().to_vec())?;
     module.add("TARGETS", TargetCategory::ALL.map(TargetCategory::name).to_vec())?;
     module.add("FRAME_SIDE", proto::camera::FRAME_SIDE)?;
+    module.add("SUBSTEPS", SimulationConfig::default().substeps)?;
+    module.add("JAM_DEPTH_M", JAM_DEPTH_M)?;
+    module.add("JAM_GROWTH_M", JAM_GROWTH_M)?;
     module.add("CheckpointError", module.py().get_type::<checkpoint::CheckpointError>())?;
     module.add_function(wrap_pyfunction!(kitchens, module)?)?;
     module.add_function(wrap_pyfunction!(tasks, module)?)?;

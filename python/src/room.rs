@@ -8,6 +8,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 use serde::{Deserialize, Serialize};
+use simulator::mjcf;
 use simulator::scene_file;
 use simulator::tasks::arm_point_nav::episode::Episode;
 use simulator::tasks::arm_point_nav::episodes::{self, EpisodesError};
@@ -150,6 +151,11 @@ impl Kitchen {
     #[getter]
     fn fixed_episodes(&self) -> usize {
         self.room.fixed().map_or(0, <[Episode]>::len)
+    }
+
+    /// The kitchen in its settled state as MJCF, `MuJoCo`'s scene format.
+    fn mjcf(&self) -> String {
+        mjcf::mjcf(&self.room.kitchen, SimulationConfig::default().timestep_s)
     }
 
     fn __deepcopy__(&self, _memo: &Bound<'_, PyAny>) -> Self {

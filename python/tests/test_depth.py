@@ -39,7 +39,7 @@ MODEL = """
     <camera name="side" pos="2.5 .2 1" xyaxes="0 1 0 -.3 0 1" fovy="50"/>
     <camera name="sensor" pos="0 -1.8 2.2" xyaxes="1 0 0 0 .8 .6" resolution="96 96" sensorsize=".01 .01"
       focal=".009 .011" principal=".001 -.002"/>
-    <camera name="flat" pos="0 -1.8 2.2" orthographic="true"/>
+    <camera name="flat" pos="0 -1.8 2.2" projection="orthographic"/>
   </worldbody>
 </mujoco>
 """
@@ -75,7 +75,7 @@ def rays(mujoco: Any, model: Any, data: Any, camera: int) -> tuple[NDArray[np.in
     groups = np.array([1, 1, 1, 0, 0, 0], np.uint8)
     unit = (directions / lengths[..., None]).reshape(-1, 1)
     position = data.cam_xpos[camera].reshape(3, 1)
-    mujoco.mj_multiRay(model, data, position, unit, groups, 1, -1, geoms, distances, len(geoms), mujoco.mjMAXVAL)
+    mujoco.mj_multiRay(model, data, position, unit, groups, 1, -1, geoms, distances, None, len(geoms), mujoco.mjMAXVAL)
     return geoms.reshape(SIDE, SIDE), distances.reshape(SIDE, SIDE) / lengths
 
 

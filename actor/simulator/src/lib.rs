@@ -31,6 +31,7 @@ pub mod environment;
 pub mod gltf_file;
 pub mod kitchen;
 pub mod mesh;
+pub mod mjcf;
 pub mod physics;
 pub mod robot;
 pub mod scene_file;

@@ -11,8 +11,10 @@
 //! What is held goes where the hand goes. It collides with the room and with other movable things, not with the robot
 //! that holds it.
 
+mod elsewhere;
 mod settling;
 
+pub use elsewhere::Way;
 pub use settling::{Settling, Start};
 
 use crate::kitchen::Kitchen;
@@ -40,10 +42,10 @@ pub const OTHERS_DRIFT_M: f32 = 1e-4;
 const HELD_TOLERANCE_M: f32 = 0.006;
 /// A thing that the robot has entered this deeply, or that has been pushed this deep into another or into the room, is
 /// jammed and stops the motion, metres.
-const JAM_DEPTH_M: f32 = 0.015;
+pub const JAM_DEPTH_M: f32 = 0.015;
 /// A motion that is stopped by a jam has made it deeper by this much, metres: less than a part that pushes travels in a
 /// sub-step, more than a contact wavers by itself.
-const JAM_GROWTH_M: f32 = 0.001;
+pub const JAM_GROWTH_M: f32 = 0.001;
 /// A movable thing this near to the robot, or to what it holds, calls for physics, metres.
 const TOUCH_M: f32 = 0.005;
 
@@ -174,22 +176,30 @@ impl Simulation {
 
     /// Switches the magnet on. True if `movable` is held afterwards.
     pub(crate) fn pick_up(&mut self, movable: usize) -> bool {
-        let pose = *self.movable_pose(movable);
-        let gap_m = self.kitchen.solids[movable].distance_to_point_m(&pose, self.wrist());
-        if self.holding() || gap_m > MAGNET_RADIUS_M {
+        if self.holding() || !self.reaches(movable) {
             self.idle();
             return self.holding();
         }
-        // It goes with the hand from now on.
-        self.world.take_hold(self.kitchen.movables[movable]);
-        self.held = Some(HeldObject { movable, hand_from_body: self.poses[HAND].inverse() * pose });
-        self.things.carry(movable, &pose, &self.kitchen.solids[movable]);
+        self.take(movable);
         // What leans on it wakes up in this sub-step.
         self.place_robot();
         self.advance_world();
         self.pass(self.substeps - 1);
         self.look_at_things();
         true
+    }
+
+    /// Whether the magnet touches a movable thing.
+    fn reaches(&self, movable: usize) -> bool {
+        self.kitchen.solids[movable].distance_to_point_m(self.movable_pose(movable), self.wrist()) <= MAGNET_RADIUS_M
+    }
+
+    /// A movable thing goes with the hand from now on.
+    fn take(&mut self, movable: usize) {
+        let pose = *self.movable_pose(movable);
+        self.world.take_hold(self.kitchen.movables[movable]);
+        self.held = Some(HeldObject { movable, hand_from_body: self.poses[HAND].inverse() * pose });
+        self.things.carry(movable, &pose, &self.kitchen.solids[movable]);
     }
 
     /// Moves the robot. True if it got there; otherwise it is back where it was.

@@ -20,7 +20,6 @@
 //!
 //! A pose is seven numbers: translation (metres), then the rotation's quaternion x, y, z, w.
 
-mod mjcf;
 mod trace;
 
 use crate::bench::action_source::PolicyKind;
@@ -34,6 +33,7 @@ use serde_json::{Value, json};
 use simulator::depth::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};
 use simulator::kitchen::{BodyRole, Kitchen};
 use simulator::mesh::triangles_of;
+use simulator::mjcf;
 use simulator::robot::links::PART_COUNT;
 use simulator::shape::Shape;
 use std::fs;

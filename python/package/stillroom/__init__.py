@@ -2,7 +2,7 @@
 
 `gymnasium.make("stillroom/ArmPointNav-v0", kitchen=7)` makes one environment, `stillroom.VectorEnv` many that threads
 step together; `stillroom.tasks()` lists the tasks. Observations and all else that they return are described in
-`stillroom.types`.
+`stillroom.types`. "stillroom/ArmPointNavMuJoCo-v0" has MuJoCo's physics in place of ours.
 `stillroom.DepthCamera`, `stillroom.Scene` and `stillroom.wrappers.Depth` give depth images of any MuJoCo model or scene.
 
 `stillroom.serve(make_env)` lets an environment of your own take part in a run, and `stillroom.train(make_env,
@@ -78,3 +78,9 @@ for _task in tasks():
         # An episode's own limit, `max_steps`, is part of the task.
         max_episode_steps=None,
     )
+
+gymnasium.register(
+    id="stillroom/ArmPointNavMuJoCo-v0",
+    entry_point="stillroom.mujoco_kitchen:MujocoKitchenEnv",
+    max_episode_steps=None,
+)

@@ -14,6 +14,12 @@ TARGETS: list[str]
 """Names of the categories of targets, by number."""
 FRAME_SIDE: int
 """Width and height of the robot's own depth frame, pixels."""
+SUBSTEPS: int
+"""Sub-steps of physics that an action takes at least."""
+JAM_DEPTH_M: float
+"""A contact this deep stops the robot, metres,"""
+JAM_GROWTH_M: float
+"""if it has become deeper by this much in the motion."""
 
 class CheckpointError(ValueError):
     """A path holds no checkpoint that can be used."""
@@ -95,6 +101,8 @@ class Kitchen:
     def masses_kg(self) -> list[float]: ...
     @property
     def fixed_episodes(self) -> int: ...
+    def mjcf(self) -> str:
+        """The kitchen, settled, in MuJoCo's format. The robot's links and its body are mocap bodies, the last ones."""
 
 class Snapshot:
     """A moment of one environment. Pickling keeps the episode's actions; reading simulates them again."""
@@ -122,6 +130,11 @@ class Batch:
     def threads(self) -> int: ...
     def reset(self, asked: list[tuple[str | None, int | None, int | None] | None]) -> dict[str, Any]: ...
     def step(self, actions: NDArray[np.int64]) -> tuple[Any, ...]: ...
+    def way(self, actions: NDArray[np.int64]) -> tuple[NDArray[np.float64], bool]:
+        """Where an action takes the robot of the only environment: poses of its body and links [sub-steps, parts, 7], as
+        MuJoCo writes them, from where it is on; and whether the action succeeds if nothing stops the robot."""
+    def finish(self, actions: NDArray[np.int64], arrived: bool, poses: NDArray[np.float64]) -> tuple[Any, ...]:
+        """As `step`, of an action whose way the robot has gone while another engine moved the things to these poses."""
     def ended(self, index: int) -> bool: ...
     def state(self, index: int) -> Any: ...
     def displacements_m(self, index: int) -> NDArray[np.float32]: ...

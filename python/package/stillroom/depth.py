@@ -243,7 +243,9 @@ def camera_number(model: Any, camera: str | int) -> int:
         camera = whole("camera", camera, max(model.ncam - 1, 0))
         if camera >= model.ncam:
             raise ValueError("the model has no camera: leave out camera, or give a CameraPose")
-        orthographic = bool(model.cam_orthographic[camera])
+        # MuJoCo 3.3 has the other name; either is 1 of an orthographic camera.
+        kinds = model.cam_projection if hasattr(model, "cam_projection") else model.cam_orthographic
+        orthographic = int(kinds[camera]) == 1
     if orthographic:
         raise ValueError("the camera is orthographic, which DepthCamera is not: give a camera with a field of view")
     return int(camera)

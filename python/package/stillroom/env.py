@@ -113,11 +113,11 @@ class KitchenEnv(Simulated, gymnasium.Env):
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Takes an action; returns observation, reward, terminated, truncated and `stillroom.types.Info`."""
-        batch = self._playing()
+        self._playing()
         if self._ended:
             raise gymnasium.error.ResetNeeded("call reset() first: the episode has ended")
         number = whole("action", action, len(self.action_names) - 1)
-        rewards, terminated, truncated, facts, _, _, _ = batch.step(np.array([number], np.int64))
+        rewards, terminated, truncated, facts, _, _, _ = self._act(np.array([number], np.int64))
         # Before the reward: a function of the user may raise.
         self._ended = bool(terminated[0] or truncated[0])
         info = self._info(facts)
@@ -163,6 +163,9 @@ class KitchenEnv(Simulated, gymnasium.Env):
         """Frees the simulation. Whatever is asked of it afterwards raises `gymnasium.error.ClosedEnvironmentError`."""
         super().close()
         self._free()
+
+    def _act(self, actions: NDArray[np.int64]) -> tuple[Any, ...]:
+        return self.batch.step(actions)
 
     def _observation(self) -> Observation:
         # A number is no array of numpy.

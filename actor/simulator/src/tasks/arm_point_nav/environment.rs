@@ -9,11 +9,11 @@ use crate::kitchen::Kitchen;
 use crate::physics::geometry::rotation_y;
 use crate::robot::action::Action;
 use crate::robot::configuration::Configuration;
-use crate::simulation::Start;
+use crate::simulation::{Start, Way};
 use crate::tasks::run::{OpenError, Run, check_kitchen};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
-use rapier3d::math::Vec3;
+use rapier3d::math::{Pose3, Vec3};
 use std::ops::{Deref, DerefMut};
 use std::sync::Arc;
 
@@ -117,6 +117,46 @@ impl Environment {
         assert!(!self.ended(), "the episode has ended: start the next one before the next action");
         let was_holding = self.simulation().holding();
         let succeeded = self.carry_out(action);
+        self.conclude(action, was_holding, succeeded)
+    }
+
+    /// Where an action takes the robot, for a physics engine that moves the things in place of ours;
+    /// [`Environment::finish`] then has what came of it.
+    pub fn way(&mut self, action: Action) -> Way {
+        let next = self.robot().after(action);
+        let simulation = &mut self.base.simulation;
+        match (action, next) {
+            (Action::PickUpMidLevel, _) => simulation.stay(simulation.would_hold(self.target)),
+            (Action::DoneMidLevel | Action::LookUp | Action::LookDown, _) | (_, None) => {
+                simulation.stay(next.is_some())
+            }
+            (_, Some(next)) => simulation.way(&next),
+        }
+    }
+
+    /// Takes the action whose [`Environment::way`] the robot has gone: `arrived`, or back again. The movable things are
+    /// now here.
+    ///
+    /// # Panics
+    /// If the episode has ended, or there are more poses than things.
+    pub fn finish(&mut self, action: Action, arrived: bool, world_from_movables: &[Pose3]) -> Transition {
+        assert!(!self.ended(), "the episode has ended: start the next one before the next action");
+        let was_holding = self.simulation().holding();
+        if arrived && action == Action::PickUpMidLevel {
+            self.base.simulation.attach(self.target);
+        }
+        let robot = *self.robot();
+        let robot = if arrived { robot.after(action).unwrap_or(robot) } else { robot };
+        self.base.simulation.place(robot, world_from_movables);
+        let succeeded = match action {
+            Action::DoneMidLevel => self.is_done(),
+            _ => arrived,
+        };
+        self.conclude(action, was_holding, succeeded)
+    }
+
+    /// Counts an action that was carried out.
+    fn conclude(&mut self, action: Action, was_holding: bool, succeeded: bool) -> Transition {
         let holding = self.simulation().holding();
         let done = action == Action::DoneMidLevel;
         self.previous_action = Some(action);
@@ -186,9 +226,8 @@ impl Environment {
         match action {
             Action::PickUpMidLevel => self.base.simulation.pick_up(self.target),
             Action::DoneMidLevel => {
-                let holding = self.simulation().holding();
                 self.base.simulation.idle();
-                holding && at_goal(self.target_position(), self.episode.goal)
+                self.is_done()
             }
             Action::LookUp | Action::LookDown => match self.robot().after(action) {
                 Some(next) => {
@@ -202,6 +241,11 @@ impl Environment {
                 None => self.stand_still(),
             },
         }
+    }
+
+    /// Whether declaring the task done would be right.
+    fn is_done(&self) -> bool {
+        self.simulation().holding() && at_goal(self.target_position(), self.episode.goal)
     }
 
     fn target_position(&self) -> Vec3 {

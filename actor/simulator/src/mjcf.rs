@@ -12,13 +12,13 @@
 //! World axes are used as they are, y up: rigid-body physics does not know left-handed from right-handed axes. A
 //! picture does: it comes out mirrored.
 
+use crate::depth::NEAR_M;
+use crate::kitchen::{Body, BodyRole, Kitchen};
+use crate::physics::world::FRICTION;
+use crate::robot::links::part_shapes;
+use crate::shape::{Primitive, Shape};
 use proto::camera::{FIELD_OF_VIEW_DEG, FRAME_SIDE};
 use rapier3d::math::{Pose3, Rot3, Vec3};
-use simulator::depth::NEAR_M;
-use simulator::kitchen::{Body, BodyRole, Kitchen};
-use simulator::physics::world::FRICTION;
-use simulator::robot::links::part_shapes;
-use simulator::shape::{Primitive, Shape};
 use std::f32::consts::FRAC_1_SQRT_2;
 use std::fmt::Write;
 
@@ -39,8 +39,8 @@ const STRINGS_TAKE_ALL: &str = "writing to a string does not fail";
 
 /// The kitchen in its settled state.
 ///
-/// Bodies carry the names they have in the kitchen; the robot's links and [`ROBOT_BODY`] are mocap bodies. The camera
-/// `head` has the depth camera's field of view; its pose is left to whoever renders.
+/// Bodies carry the names they have in the kitchen; the robot's links and last [`ROBOT_BODY`] are mocap bodies. The
+/// camera `head` has the depth camera's field of view; its pose is left to whoever renders.
 pub fn mjcf(kitchen: &Kitchen, timestep_s: f32) -> String {
     let mut file = MjcfFile::default();
     let fixed = Matter { kind: Kind::Fixed, mass_kg: 0.0, friction: 0.0 };
