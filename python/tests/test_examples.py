@@ -40,8 +40,13 @@ def test_the_notebook_runs() -> None:
     assert sum("image/png" in output["data"] for output in pictures) >= 3
 
 
-@pytest.mark.parametrize("example", ["cart_pole.py", "corridor.py:make_env", "pendulum.py:make_env"])
+@pytest.mark.parametrize(
+    "example", ["cart_pole.py", "corridor.py:make_env", "pendulum.py:make_env", "atari.py:make_env"]
+)
 def test_an_environment_describes_itself(example: str) -> None:
+    if example.startswith("atari"):
+        pytest.importorskip("ale_py")
+        pytest.importorskip("cv2")
     program = [EXAMPLES / example] if example.endswith(".py") else ["-m", "stillroom", "serve", EXAMPLES / example]
     done = subprocess.run([sys.executable, *program, "--describe"], capture_output=True, text=True, check=False)
     assert done.returncode == 0 and '"observation"' in done.stdout, done.stderr

@@ -184,6 +184,8 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str,
     # What a policy is given by.
     tables = ["means", "log_stds"] if kind == "box" else ["log_probs"]
     loaded = stillroom.load(tmp_path / "policy.safetensors").network()
+    # Of an image many more numbers add up.
+    atol = 1e-5 if images else 2e-6
     assert stillroom.load(run).weights.keys() == weights.keys()
     beliefs = np.zeros((COLUMNS, HIDDEN), np.float32)
     carried = loaded.begin(COLUMNS)
@@ -202,9 +204,9 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str,
         with torch.no_grad():
             own, own_values, carried = loaded(given, carried)
         for name, theirs in [(table, table) for table in tables] + [("value", "values")]:
-            np.testing.assert_allclose(answer[outputs[name]], found[theirs][step], atol=2e-6)
+            np.testing.assert_allclose(answer[outputs[name]], found[theirs][step], atol=atol)
         for ours, theirs in [(own, found[tables[0]][step]), (own_values, found["values"][step])]:
-            np.testing.assert_allclose(ours.numpy(), theirs, atol=2e-6)
+            np.testing.assert_allclose(ours.numpy(), theirs, atol=atol)
         best = {
             "masked": lambda own: own.argmax(1),
             "masked_choices": lambda own: np.stack([own[:, :3].argmax(1), own[:, 3:].argmax(1)], 1),
