@@ -26,12 +26,14 @@
 //!         origin: Origin::Run(RunState::Ended(Ending::Complete)),
 //!         config,
 //!         rollouts: (1..=100).map(rollout).collect(),
+//!         newest_tenth: BTreeMap::from([("success".to_owned(), 0.01 * seed as f64)]),
 //!         evaluations: Vec::new(),
 //!         validation: Vec::new(),
 //!     }
 //! };
 //! let report = Report::of(&[run(1), run(2)], &Options::default(), Vec::new())?;
 //! assert_eq!(report.groups[0].runs.len(), 2, "runs that differ in the seed only are one group");
+//! assert_eq!(report.groups[0].newest_tenth["success"], 0.015);
 //! # Ok::<(), report::study::StudyError>(())
 //! ```
 

@@ -67,6 +67,8 @@ pub struct GroupReport {
     pub metrics: Vec<Described>,
     pub runs: Vec<RunReport>,
     pub results: Vec<FieldResult>,
+    /// Means over its runs of the task's metrics over the newest tenth of training, by name.
+    pub newest_tenth: BTreeMap<String, f64>,
     /// Every metric over training.
     pub training: Vec<Curve>,
     /// The metrics by which policies are ranked, on validation episodes over training.
@@ -251,10 +253,20 @@ impl GroupReport {
             metrics: group.runs[0].config.spec().charted(),
             runs: group.runs.iter().map(|run| RunReport::of(run)).collect(),
             results: entry.results.iter().map(|(_, result)| result.clone()).collect(),
+            newest_tenth: newest_tenth(group),
             training: metrics.into_iter().filter_map(|name| Curve::of_training(group, name)).collect(),
             validation: ranking.iter().filter_map(|name| Curve::of_validation(group, name)).collect(),
         }
     }
+}
+
+fn newest_tenth(group: &Group<'_>) -> BTreeMap<String, f64> {
+    let mut of_runs: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+    for (name, mean) in group.runs.iter().flat_map(|run| &run.newest_tenth) {
+        of_runs.entry(name.clone()).or_default().push(*mean);
+    }
+    let mean = |(name, means): (String, Vec<f64>)| (name, means.iter().sum::<f64>() / means.len() as f64);
+    group.runs[0].config.spec().with_quotients(of_runs.into_iter().map(mean).collect())
 }
 
 fn stages(configured: &[StageConfig]) -> Vec<StageReport> {

@@ -97,9 +97,9 @@ class Page {
       const chief = this.printed(group.task, result).filter(({ name, kind }) => ranking.includes(name) || kind !== "share");
       const of = (one, { point, interval }) => [shown(one, point), interval && range(one, interval)];
       // Of a run that was not evaluated what its newest training episodes came to.
-      const trained = ({ name }) => group.training.find(({ metric }) => metric === `episode/${name}`)?.points.at(-1)?.mean;
+      const trained = ({ name }) => group.newest_tenth[name];
       return h("section", { class: "card stack", style: { "border-top": `3px solid var(${look(index).colour})` } },
-        h("div", { class: "row between" }, h("h2", {}, group.label), h("span", { class: "small soft" }, result ? fieldName(result.field) : "newest episodes of training")),
+        h("div", { class: "row between" }, h("h2", {}, group.label), h("span", { class: "small soft" }, result ? fieldName(result.field) : "newest tenth of training")),
         h("dl", { class: "figures" }, result ? [
           chief.map((one) => entry(heading(one), ...of(one, result.metrics[one.name].mean))), entry("episodes", count(result.pooled.episodes))]
           : group.metrics.filter((metric) => trained(metric) !== undefined).map((metric) => entry(metric.label, figure(metric, trained(metric)))),

@@ -6,6 +6,7 @@ use crate::run::identity::Identity;
 use crate::run::lock::{LockState, holder};
 use crate::run::scenes::config_by_content;
 use crate::run::state::state_of;
+use crate::training::means::recent;
 use crate::training::metrics::Figures;
 use crate::training::scores::{Score, Scores, evaluations_below};
 use crate::training::summary::Summary;
@@ -166,6 +167,7 @@ fn run(folder: &RunFolder, notes: &mut Vec<String>) -> Result<(String, Run)> {
         name: path.display().to_string(),
         origin: Origin::Run(state_of(&identity, &held, summary.is_some())),
         rollouts: rollouts(&history),
+        newest_tenth: recent(&config.stages, &history, true).episodes.figures,
         evaluations: evaluations_of(config.spec(), folder, notes)?,
         validation: validation_of(&scores),
         config,

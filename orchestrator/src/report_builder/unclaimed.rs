@@ -7,6 +7,7 @@ use proto::config::Config;
 use proto::evaluation::Subject;
 use proto::run_folder::RunFolder;
 use report::study::{Evaluated, Origin, Run, differences_between};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// An evaluation's folder outside of any run's.
@@ -55,6 +56,7 @@ impl UnclaimedEvaluation {
             origin,
             config,
             rollouts: Vec::new(),
+            newest_tenth: BTreeMap::new(),
             evaluations: vec![self.evaluated],
             validation: Vec::new(),
         }

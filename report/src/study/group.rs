@@ -154,6 +154,7 @@ pub(crate) mod tests {
     use super::*;
     use proto::config::{Config, EnvironmentConfig, FromConfig};
     use proto::run_state::{Ending, RunState};
+    use std::collections::BTreeMap;
 
     pub fn run(name: &str, preset: &str, seed: u64) -> Run {
         let config = Config { seed, ..Config::resolve(preset, None).unwrap() };
@@ -162,6 +163,7 @@ pub(crate) mod tests {
             origin: Origin::Run(RunState::Ended(Ending::Complete)),
             config,
             rollouts: Vec::new(),
+            newest_tenth: BTreeMap::new(),
             evaluations: Vec::new(),
             validation: Vec::new(),
         }

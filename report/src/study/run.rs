@@ -21,6 +21,8 @@ pub struct Run {
     pub config: Config,
     /// What was trained, in order.
     pub rollouts: Vec<Rollout>,
+    /// Means of the task's metrics over the newest tenth of its newest stage, by name: as the run itself shows them.
+    pub newest_tenth: BTreeMap<String, f64>,
     pub evaluations: Vec<Evaluated>,
     /// Evaluations during training, in order of frames.
     pub validation: Vec<Validated>,
