@@ -95,7 +95,7 @@ class Physics:
         self.data.qpos[self._qpos] = poses
         self.data.qpos[self._robot_qpos] = parts
         self.rest(SETTLE_SUBSTEPS)
-        # Contacts give way by other tenths of a millimetre than in rapier: that is no displacement.
+        # Contacts give way otherwise than in rapier, by less than a millimetre: that is no displacement.
         self._given_way = self.data.qpos[self._qpos][:, :3] - poses[:, :3]
 
     def poses(self) -> Poses:
