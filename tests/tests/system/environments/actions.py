@@ -1,4 +1,5 @@
-"""Environments whose actions are numbers, or several choices, and one of images. Slow: a run is to be killed in its middle."""
+"""Environments whose actions are numbers, or several choices, and one of images. Slow: a run is to be killed in its
+middle."""
 
 import time
 
