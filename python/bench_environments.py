@@ -5,7 +5,7 @@
 Everything is measured in processor time, so that a learner and other programs on the machine count little: of the
 actor's process in a real run of 16 environments, of a loop over 16 environments in one process, and of all processes of
 an `AsyncVectorEnv` with shared memory. Of two environments one does nothing, the other computes for 50 us. Both
-observe 28,224 bytes, as many as four images of 84 x 84: 7,056 numbers, as networks take no such images.
+observe 28,224 bytes, as many as four images of 84 x 84: 7,056 numbers, which cost a learner less than images.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 //! Observations, actions and outcomes of one rollout of T steps × N columns.
 //!
-//! Frames and images stay on the learner's device; the few numbers besides them lie on the host, row-major in (step, column), and
-//! go to the device once an update, in the order of a [`Packing`].
+//! Frames and images stay on the learner's device; the few numbers besides them lie on the host, row-major in (step,
+//! column), and go to the device once an update, in the order of a [`Packing`].
 
 use crate::device::upload;
 use crate::network::{Kept, Observations, Packing};

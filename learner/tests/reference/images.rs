@@ -1,5 +1,5 @@
-//! Tasks of images: `learner probe` against `ppo_atari.py` of `CleanRL` (`make_images.py`), and what must be the same
-//! again.
+//! Tasks of images: `learner probe` against the PPO of `CleanRL` for Atari games (`make_images.py`), and what must be
+//! the same again.
 
 use crate::shared::{assert_close, assert_probes, doubles, fixture, noise_tensor, weight_values};
 use crate::world::{World, numbers_config, weights_of};

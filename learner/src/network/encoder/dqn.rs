@@ -1,5 +1,5 @@
 //! The encoder of any image: three convolutions without padding and a linear layer (Mnih et al. 2015), initialised as in
-//! `ppo_atari.py` of `CleanRL`.
+//! the PPO of `CleanRL` for Atari games.
 
 use crate::network::initialize::Initial;
 use crate::network::layers::{Convolution, Linear};

@@ -1,5 +1,5 @@
-//! The visual encoders of frames, and that of other images (`dqn.rs`). To add one of frames: a file here with its `ENTRY`, a line in [`ENCODERS`], and its variant with its
-//! sizes in `proto::config::Encoder`.
+//! The visual encoders of frames, and that of other images (`dqn.rs`). To add one of frames: a file here with its
+//! `ENTRY`, a line in [`ENCODERS`], and its variant with its sizes in `proto::config::Encoder`.
 
 mod cnn;
 mod dqn;
