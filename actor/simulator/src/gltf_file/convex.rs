@@ -8,6 +8,7 @@ use super::piece::Piece;
 use crate::physics::geometry::{Solid, rotation_x, rotation_z};
 use crate::shape::{Part, Primitive, Shape};
 use rapier3d::math::{Pose3, Rot3, Vec3};
+use rapier3d::parry::shape::SharedShape;
 use rapier3d::parry::transformation::try_convex_hull;
 use serde::Deserialize;
 use std::collections::BTreeSet;
@@ -31,7 +32,7 @@ pub fn part_of(piece: &Piece) -> Result<Part, NoSolid> {
     if points.len() < 4 || (high - low).min_element() < FLAT_M {
         return Err(NoSolid::Flat);
     }
-    let (hull, faces) = try_convex_hull(&points).map_err(|_| NoSolid::Flat)?;
+    let (hull, faces) = hull(&points)?;
     let volume = |primitive: &Primitive| Solid::of(&Shape::of(primitive.clone())).volumes_m3()[0];
     let filled = volume(&Primitive::Hull { points_m: hull.clone() });
     let size = (high - low).length();
@@ -52,8 +53,14 @@ pub fn part_of(piece: &Piece) -> Result<Part, NoSolid> {
 
 /// The convex hull of a mesh, whatever dents it has.
 pub fn hull_of(piece: &Piece) -> Result<Part, NoSolid> {
-    let (hull, _) = try_convex_hull(&distinct(&piece.vertices)).map_err(|_| NoSolid::Flat)?;
+    let (hull, _) = hull(&distinct(&piece.vertices))?;
     hull_part(hull)
+}
+
+/// Corners and faces. Physics makes the hull of the corners again, and may find none: they lie nearly in one plane.
+fn hull(points: &[Vec3]) -> Result<(Vec<Vec3>, Vec<[u32; 3]>), NoSolid> {
+    let (corners, faces) = try_convex_hull(points).map_err(|_| NoSolid::Flat)?;
+    SharedShape::convex_hull(&corners).map(|_| (corners, faces)).ok_or(NoSolid::Flat)
 }
 
 fn hull_part(points_m: Vec<Vec3>) -> Result<Part, NoSolid> {
