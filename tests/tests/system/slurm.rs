@@ -16,7 +16,10 @@ export SLURM_NNODES=2 SLURM_STEP_NUM_NODES=2 SLURM_STEP_NODELIST=localhost,other
 SLURM_NODEID=0 "$@" & nodes=$!
 SLURM_NODEID=1 "$@" & nodes="$nodes $!"
 highest=0
+# A signal does not end it before its nodes.
+trap : TERM
 for node in $nodes; do
+    while kill -0 "$node" 2>/dev/null; do wait "$node"; done
     wait "$node"; status=$?
     [ "$status" -le "$highest" ] || highest=$status
 done
