@@ -127,7 +127,7 @@ schemas: setup
 
 chaos: build
 	cargo build --release --locked --workspace --bin chaos
-	@python=$$(PYTHON='$(PYTHON)' python/setup); STILLROOM_TEST_PYTHON="$$python" ./target/release/chaos faults $(ARGS)
+	@python=$$(PYTHON='$(PYTHON)' python/setup) && STILLROOM_TEST_PYTHON="$$python" ./target/release/chaos faults $(ARGS)
 
 soak: build
 	cargo build --release --locked --workspace --bin chaos
@@ -172,13 +172,13 @@ bench-env: build
 
 # A policy in both physics engines.
 bench-transfer: build
-	test -e target/transfer.onnx || target/release/orchestrator export models/fetch.safetensors --out target/transfer.onnx
+	test target/transfer.onnx -nt models/fetch.safetensors || target/release/orchestrator export models/fetch.safetensors --out target/transfer.onnx
 	@python=$$(PYTHON='$(PYTHON)' python/setup) && \
 		"$$python" python/bench_transfer.py --policy target/transfer.onnx $(ARGS)
 
 bench-depth:
 	@python=$$(PYTHON='$(PYTHON)' python/setup) && \
-		"$$python" -m pip install --quiet --disable-pip-version-check -r python/bench_depth.txt && \
+		"$$python" -m pip install --quiet --disable-pip-version-check -r python/bench_depth.txt && rm -f .venv/stillroom-installed && \
 		"$$python" python/bench_depth.py $(ARGS)
 
 lint: setup

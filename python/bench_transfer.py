@@ -2,16 +2,17 @@
 
     make bench-transfer ARGS="--episodes 60"
 
-Episodes are fixed ones of the test kitchens with novel targets, the first ones of each kitchen. What came of each in an
-engine is a line of the file `--out`; a second start goes on where the first was stopped.
+Episodes are fixed ones of the test kitchens with novel targets, the first ones of each kitchen. The result of each in an
+engine is a line beside the policy, in a file of its digest; a second start goes on where the first was stopped.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,6 @@ import stillroom
 from stillroom.mujoco_kitchen import MujocoKitchenEnv
 
 ENGINES = {"rapier": stillroom.KitchenEnv, "MuJoCo": MujocoKitchenEnv}
-NOVEL = ("Potato", "SoapBottle", "Pan", "Egg", "Spatula", "Cup")
 # Episodes that are played together: the network takes them as one batch.
 BATCH = 10
 # What has moved further is displaced, metres; as in SRwoD.
@@ -59,7 +59,6 @@ def play(policy: Path, engine: str, kitchen: int, episodes: list[int]) -> list[d
             "episode": episode,
             "success": bool(info["success"]),
             "undisturbed": bool(info["success_without_disturbance"]),
-            "picked_up": bool(info["holding"]),
             "length": info["step"],
             "disturbance_m": info["disturbance_m"],
             "moved": sorted(name for name, moved_m in info["displacement_m"].items() if moved_m > DISPLACED_M),
@@ -74,7 +73,7 @@ def novel(kitchen: int, count: int) -> list[int]:
     for number in range(env.kitchen.fixed_episodes):
         if len(found) == count:
             break
-        if env.reset(options={"fixed": number})[1]["target"] in NOVEL:
+        if env.reset(options={"fixed": number})[1]["target"] in stillroom.TARGETS[6:]:
             found.append(number)
     return found
 
@@ -91,11 +90,11 @@ def left(played: list[dict[str, Any]], engines: list[str], count: int) -> Iterat
                     yield engine, kitchen, batch
 
 
-def interval(rows: NDArray[Any], figure: Callable[[NDArray[Any]], NDArray[Any]] = lambda rows: rows.mean(-1)) -> str:
+def interval(rows: NDArray[Any]) -> str:
     """A mean and its 95% interval: a bootstrap over episodes."""
     drawn = np.random.default_rng(1).integers(len(rows), size=(SAMPLES, len(rows)))
-    low, high = np.percentile(figure(rows[drawn]), [2.5, 97.5])
-    return f"{figure(rows):.4g} [{low:.4g}, {high:.4g}]"
+    low, high = np.percentile(rows[drawn].mean(-1), [2.5, 97.5])
+    return f"{rows.mean():.4g} [{low:.4g}, {high:.4g}]"
 
 
 def table(lines_of_episodes: list[dict[str, Any]]) -> str:
@@ -116,16 +115,17 @@ def table(lines_of_episodes: list[dict[str, Any]]) -> str:
     for label, key, scale in figures:
         columns = [np.array([episode[engine][key] for episode in played]) * float(scale) for engine in ENGINES]
         lines.append(f"| {label} | " + " | ".join(map(interval, [*columns, columns[1] - columns[0]])) + " |")
-    same = np.array([episode["rapier"]["success"] == episode["MuJoCo"]["success"] for episode in played])
-    lines.append(f"| the same success, % | | | {interval(same * 100.0)} |")
+    for label, key, _ in figures[:2]:
+        same = np.array([episode["rapier"][key] == episode["MuJoCo"][key] for episode in played])
+        lines.append(f"| the same {label} | | | {interval(same * 100.0)} |")
     counts = [Counter(name for episode in played for name in episode[engine]["moved"]) for engine in ENGINES]
-    either = Counter(
+    both = Counter(
         name for episode in played for name in set(episode["rapier"]["moved"]) & set(episode["MuJoCo"]["moved"])
     )
     lines += ["", "| moved by more than 1 cm, episodes | rapier | MuJoCo | both |", "|---|---|---|---|"]
     lines.append(f"| anything | {_any(played, 'rapier')} | {_any(played, 'MuJoCo')} | |")
     for name, _ in (counts[0] + counts[1]).most_common(10):
-        lines.append(f"| {name} | {counts[0][name]} | {counts[1][name]} | {either[name]} |")
+        lines.append(f"| {name} | {counts[0][name]} | {counts[1][name]} | {both[name]} |")
     return "\n".join(lines)
 
 
@@ -140,10 +140,11 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=360, help="of each kitchen; all are 360")
     parser.add_argument("--engines", nargs="+", choices=ENGINES, default=list(ENGINES))
     parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--out", type=Path, default=Path("transfer.jsonl"), help="the file of played episodes")
     arguments = parser.parse_args()
-    played = [json.loads(line) for line in arguments.out.read_text().splitlines()] if arguments.out.exists() else []
-    with ProcessPoolExecutor(arguments.processes) as pool, arguments.out.open("a") as out:
+    digest = hashlib.sha256(arguments.policy.read_bytes()).hexdigest()[:12]
+    known = arguments.policy.with_suffix(f".{digest}.jsonl")
+    played = [json.loads(line) for line in known.read_text().splitlines()] if known.exists() else []
+    with ProcessPoolExecutor(arguments.processes) as pool, known.open("a") as out:
         batches = left(played, arguments.engines, arguments.episodes)
         tasks = [pool.submit(play, arguments.policy, *batch) for batch in batches]
         for task in as_completed(tasks):

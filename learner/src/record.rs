@@ -35,6 +35,11 @@ impl Inputs {
         self.observations.width()
     }
 
+    /// Bytes of its images beside a frame.
+    pub fn image_bytes(&self) -> usize {
+        self.observations.image_bytes()
+    }
+
     /// Appends a record's numbers.
     pub fn read(&self, record: &[u8], numbers: &mut Vec<f32>) {
         self.observations.read(record, numbers);
@@ -203,7 +208,7 @@ mod tests {
         assert_eq!(read(sums, flag::RECORD_BULK, true), None, "the recorder has nothing to record");
     }
 
-    /// Those of `f32` were copied and checked; others lie where they came.
+    /// Images of `f32` were copied and checked; images of whole numbers lie where they came.
     #[test]
     fn a_row_of_images_has_each_from_where_it_is_sound() {
         let task = Spec::declare(include_str!("../tests/support/images.toml")).expect("a sound task");

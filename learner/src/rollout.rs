@@ -329,7 +329,7 @@ impl Rollout {
 /// Masks of steps: bool \[steps, options\]; none in a task without masks. A step that was never stored allows nothing.
 pub(crate) fn masks_of<'a>(steps: impl Iterator<Item = &'a Step> + Clone, device: Device) -> Option<Tensor> {
     let options = steps.clone().map(|step| step.mask.len()).max().filter(|&options| options > 0)?;
-    let of = |step: &Step| step.mask.iter().copied().chain(std::iter::repeat(false)).take(options).collect::<Vec<_>>();
+    let of = move |step: &'a Step| step.mask.iter().copied().chain(std::iter::repeat(false)).take(options);
     let masks: Vec<bool> = steps.flat_map(of).collect();
     Some(upload(&masks, device).view([-1, options as i64]))
 }

@@ -1,9 +1,8 @@
-//! What an actor that simulates with the code of others keeps written down: such code may end the process, never return,
-//! or let its memory grow. The file is a few words, which the actor maps.
+//! The notes of an actor that runs a user's environment, because that may end the process, hang or leak. The file is a few
+//! words, which the actor maps.
 
-use crate::bounded;
+use crate::run_folder::RunFolder;
 use std::fmt;
-use std::path::Path;
 
 const MIB: f64 = (1 << 20) as f64;
 
@@ -52,9 +51,9 @@ impl Growth {
 }
 
 impl Noted {
-    /// What lies in a file; none if it holds anything else.
-    pub fn read(path: &Path) -> Option<Self> {
-        Self::from_bytes(&bounded::read(path, (WORDS * size_of::<u64>()) as u64).ok()?)
+    /// Those of an actor; none if there are none, or the file holds anything else.
+    pub fn read(folder: &RunFolder, actor: u32) -> Option<Self> {
+        Self::from_bytes(&folder.read(&folder.actor_notes(actor), (WORDS * size_of::<u64>()) as u64).ok()?)
     }
 
     fn from_bytes(bytes: &[u8]) -> Option<Self> {

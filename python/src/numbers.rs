@@ -22,9 +22,10 @@ pub fn write(value: &Bound<'_, PyAny>, shape: &[usize], field: Field, record: &m
         Dtype::U32 => same::<u32>(value, shape, field, record),
         Dtype::U64 => same::<u64>(value, shape, field, record),
         Dtype::I32 => same::<i32>(value, shape, field, record)
-            .or_else(|_| cast::<i64, i32>(value, shape, field, record, |number| number.try_into().ok()))
+            .or_else(|_| cast::<i8, i32>(value, shape, field, record, |number| Some(number.into())))
             .or_else(|_| cast::<i16, i32>(value, shape, field, record, |number| Some(number.into())))
-            .or_else(|_| cast::<i8, i32>(value, shape, field, record, |number| Some(number.into()))),
+            // Its error is the one that names a number that is too large.
+            .or_else(|_| cast::<i64, i32>(value, shape, field, record, |number| number.try_into().ok())),
         Dtype::F32 => same::<f32>(value, shape, field, record)
             .or_else(|_| cast::<f64, f32>(value, shape, field, record, |number| Some(number as f32))),
         Dtype::F64 => same::<f64>(value, shape, field, record),

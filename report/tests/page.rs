@@ -65,6 +65,7 @@ fn the_page_fits_screens_and_gives_its_charts_away() {
     browser.resize(1280, 900);
     open(&mut browser, folder.path(), &report, &json!([]));
     browser.wait_for("document.querySelectorAll('.chart canvas').length >= 36");
+    assert_ne!(browser.value("document.querySelectorAll('tr.absent').length"), 0, "rows of the paper without a group");
     browser.value("document.querySelectorAll('details').forEach((one) => { one.open = true; })");
     assert_eq!(findings(&mut browser, TOO_WIDE), [""; 0], "nothing scrolls on a screen of 1280 pixels");
     for (scheme, chosen, bright) in

@@ -52,7 +52,7 @@ export async function showEpisodes(root, run, query, signal) {
     h("div", { class: "row" }, back, on));
   options("recorded", [["", "any"], ["true", "can be simulated"], ["false", "not recorded"]]);
 
-  const kind = (word, successes) => (successes.indexOf(word) === 0 ? "good" : successes.includes(word) ? "warn" : word === "failure" && successes.length ? "bad" : "soft");
+  const kind = (word, successes) => (successes.indexOf(word) === 0 ? "good" : successes.includes(word) ? "warn" : word === "failure" ? "bad" : "soft");
   /** A figure: of a share whether it is so. */
   const figure = (value, { is_share: share }) => (value === undefined ? "–" : share ? (value ? "yes" : "no") : number(value, Number.isInteger(value) ? 0 : 3));
   const row = (each, { columns, successes, elsewhere, targets }) => {
@@ -64,7 +64,7 @@ export async function showEpisodes(root, run, query, signal) {
       h("td", {}, where),
       h("td", { class: "number" }, address ? h("a", { href: address }, count(each.episode)) : h("span", { title: each.key ? null : "its actions were not recorded" }, count(each.episode))),
       targets.length ? h("td", {}, each.target ?? "") : null,
-      h("td", { class: kind(each.outcome, successes) }, outcome(each.outcome, successes)),
+      h("td", { class: kind(each.outcome, successes) }, outcome(each.outcome)),
       h("td", { class: "number" }, String(each.length)),
       columns.map((column) => h("td", { class: "number optional" }, figure(each.figures[column.name], column))));
   };
@@ -91,7 +91,7 @@ export async function showEpisodes(root, run, query, signal) {
       options("kitchen", [["", "all"], ...page.kitchens.map((kitchen) => [String(kitchen), String(kitchen)])]);
       options("target", [["", "all"], ...page.targets.map((target) => [target, target])]);
       const { columns, successes } = page;
-      const outcomes = [...successes, "failure", "time-limit"].map((word) => [word, outcome(word, successes)]);
+      const outcomes = [...successes, successes.length ? "failure" : "ended", "time-limit"].map((word) => [word, outcome(word)]);
       const any = successes.length ? [["any-success", "any success"], ["any-failure", "any failure"]] : [];
       options("outcome", [["", "any"], ...any, ...outcomes]);
       const figures = columns.map(({ name, doc }) => [words(name), name, "number optional", doc]);

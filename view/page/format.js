@@ -33,8 +33,8 @@ export function duration(seconds) {
 export const date = (unix) => (unix ? new Date(unix * 1000).toLocaleString(undefined, { dateStyle: "medium", timeStyle: "short" }) : missing);
 export const bytes = (value) => (known(value) ? (value >= 2 ** 30 ? `${(value / 2 ** 30).toFixed(1)} GiB` : `${Math.round(value / 2 ** 20)} MiB`) : missing);
 
-/** An outcome in words: "time-limit" is "time limit". Where no outcome is a success, none is a failure. */
-export const outcome = (word, successes) => (word === "unfinished" ? "goes on" : successes?.length === 0 && word === "failure" ? "ended" : word.replaceAll("-", " "));
+/** An outcome in words: "time-limit" is "time limit". */
+export const outcome = (word) => (word === "unfinished" ? "goes on" : word.replaceAll("-", " "));
 
 /** A name of the task's in words, without its unit: "wrist_object_m" is "wrist object". */
 export const words = (name, unit = "") => (unit && name.endsWith(`_${unit}`) ? name.slice(0, -unit.length - 1) : name).replaceAll("_", " ");

@@ -12,7 +12,7 @@ function fieldName(key) {
 }
 
 /** What a mean of a field is over: episodes of fixed seeds are in no kitchen. */
-const samples = (field) => (field.endsWith("-seeds") ? "seeds" : "seeds and kitchens");
+const samples = (field) => (/-seeds(-best)?$/.test(field) ? "seeds" : "seeds and kitchens");
 
 const SHARE = { kind: "share" };
 /** A figure that `one` describes, as people read it; the unit stands in its heading. */

@@ -32,7 +32,7 @@ struct Rules {
     /// Share of the episodes whose frames are recorded.
     recorded: f64,
     restore: Restore,
-    /// Its episodes are scores, which a cut one is not.
+    /// An evaluation: an episode that was cut has no score.
     is_evaluation: bool,
     max_steps: u32,
 }
@@ -114,12 +114,11 @@ impl Rules {
             }
             (Restore::None, _) if state.action_count() > 0 => self.lose(running, simulator, state),
             (_, Some(snapshot)) => self.restore(running, simulator, state, snapshot),
-            (Restore::Snapshot { .. }, None) => {
-                // Whether a reset undoes what came before it, only the environment decides.
-                let places = [(running.header.episode, running.header.step), (state.episode, state.action_count())];
-                let stands = places == [(0, 0); 2];
-                stands.then_some(()).ok_or_else(|| EngineError::NoSnapshot { place: running.place() })
+            // Whether a reset undoes what came before it, only the environment decides.
+            (Restore::Snapshot { .. }, None) if (running.header.episode, running.header.step) != (0, 0) => {
+                Err(EngineError::NoSnapshot { place: running.place() })
             }
+            (Restore::Snapshot { .. }, None) if (state.episode, state.action_count()) == (0, 0) => Ok(()),
             _ => self.begin(running, simulator, state.episode),
         }
     }
@@ -361,7 +360,7 @@ impl<S: Simulator> Environments<S> {
         whereabouts::enter(running.id, running.header.episode);
         // All but what is written whole below: it may be long.
         record[..layout.seen.start].fill(0);
-        record[layout.last_seen.end..layout.small_bytes].fill(0);
+        record[layout.last_seen.end.max(layout.snapshot.end)..layout.small_bytes].fill(0);
         for (field, action) in [layout.action, layout.previous_action].into_iter().zip(&running.actions) {
             record[field.range()].copy_from_slice(action);
         }

@@ -6,6 +6,7 @@ use super::padding::padded;
 use super::sampling::{Sampled, sample};
 use super::step::{Inference, column_indices, pick};
 use super::{Agent, AgentError, StepInput, StepOutput};
+use crate::device::upload;
 use crate::network::{FramePreparation, Kept, Observations, coordinates, table_row, to_vec};
 use crate::rollout::{Step, masks_of};
 use tch::Tensor;
@@ -132,7 +133,7 @@ impl Agent {
             noise: input.gumbel,
         };
         let head = &self.config.action_head();
-        let masked = self.config.spec().mask().is_some();
+        let masked = steps.first().is_some_and(|step| !step.mask.is_empty());
         let store = &rollout.kept().frames;
         let policy = Policy { network, kernels, head, masked, beliefs: &self.table, store };
         Ok(Some(acting.step(policy, batch)?))
@@ -176,7 +177,7 @@ impl Agent {
         };
         let by_row = |tensor: Tensor| tensor.view([rows as i64, (tensor.numel() / rows) as i64]);
         let observations = Observations {
-            kept: Kept { frames, images: to_device(by_row(Tensor::from_slice(images))) },
+            kept: Kept { frames, images: by_row(upload(images, self.device)) },
             numbers: to_device(by_row(Tensor::from_slice(&numbers))),
             previous_actions: to_device(Tensor::from_slice(&previous_actions)),
         };

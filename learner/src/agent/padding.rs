@@ -42,7 +42,8 @@ pub(super) fn padded<'a>(input: &StepInput<'a>, rows: &[usize], count: usize) ->
         columns: again(input.columns, count),
         at: rows.to_vec(),
         frames: again(input.frames, count),
-        images: more(input.images, input, count),
+        // Kernels take batches without images alone.
+        images: vec![],
         numbers: more(input.numbers, input, count),
         previous_action: again(input.previous_action, count),
         episode_start: again(input.episode_start, count),

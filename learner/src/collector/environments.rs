@@ -130,8 +130,7 @@ impl Environments {
         }
     }
 
-    /// Notes an action that is being sent where the record `seen` is of; HOLD changes nothing but that the last outcome is
-    /// forgotten.
+    /// Notes an action that answers the record `seen`; HOLD only has the last outcome forgotten.
     ///
     /// # Panics
     /// If the bytes are neither HOLD nor an action that the record allows, or the last action's outcome has not been taken

@@ -443,7 +443,7 @@ impl<S: HalfSample> Collector<S> {
             columns: Vec::with_capacity(count),
             at: Vec::with_capacity(count),
             frames: Vec::with_capacity(count),
-            images: vec![],
+            images: Vec::with_capacity(count * self.inputs.image_bytes()),
             numbers: Vec::with_capacity(count * self.inputs.width()),
             previous_action: Vec::with_capacity(count),
             episode_start: Vec::with_capacity(count),

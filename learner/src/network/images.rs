@@ -18,11 +18,10 @@ pub(crate) struct Images {
 }
 
 impl Images {
-    /// Declares the encoders that the configuration names.
+    /// Declares an encoder for each.
     pub fn new(layout: &mut Layout, config: &Config) -> Self {
         let inputs = config.spec().inputs().expect("a validated configuration's task has what networks take");
         let bytes = inputs.image_bytes() as i64;
-        // A validated configuration names no other encoder.
         let encoded = |image: Image| {
             let encoder = Dqn::new(layout, &format!("{PATH}{}", image.name), &image);
             (image, encoder)
@@ -101,8 +100,10 @@ fn input(image: &Image, rows: &Tensor) -> Tensor {
     let numbers = if image.channels_last { numbers.permute([0, 3, 1, 2]) } else { numbers };
     match image.field.dtype {
         // libtorch has no arithmetic of 16 bits without a sign.
-        Dtype::U16 => numbers.to_kind(Kind::Int).bitwise_and(0xffff).to_kind(Kind::Float) / f64::from(u16::MAX),
+        Dtype::U16 => {
+            numbers.to_kind(Kind::Int).bitwise_and(0xffff).to_kind(Kind::Float).g_div_scalar_(f64::from(u16::MAX))
+        }
         Dtype::F32 => numbers,
-        _ => numbers.to_kind(Kind::Float) / f64::from(u8::MAX),
+        _ => numbers.to_kind(Kind::Float).g_div_scalar_(f64::from(u8::MAX)),
     }
 }

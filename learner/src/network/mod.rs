@@ -85,7 +85,7 @@ impl Kept {
 #[derive(Debug)]
 pub struct Observations {
     pub kept: Kept,
-    /// The numbers beside them, see [`coordinates`]; f32 \[rows, numbers\].
+    /// Numbers beside frames and images, see [`coordinates`]; f32 \[rows, numbers\].
     pub numbers: Tensor,
     /// Rows of the action embedding, see [`table_row`]; i64 \[rows\].
     pub previous_actions: Tensor,

@@ -163,7 +163,7 @@ impl Chunk {
         Self { shard, packing, experience, observations }
     }
 
-    /// Embeds its observations, to train with them in the update of this number: \[rows, 512 + 32 + 16\].
+    /// Embeds its observations, to train with them in the update of this number: \[rows, width\].
     pub(crate) fn embed<'a>(&self, network: &'a Network, rollout: &Rollout, update: u64) -> Embedded<'a> {
         match &self.observations {
             Some(observations) => network.embed_to_train(observations, update),

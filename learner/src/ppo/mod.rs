@@ -18,7 +18,8 @@
 //! ```
 //! With one minibatch, as in the reference, an epoch is one step of the optimiser with the gradient of the whole batch;
 //! `ppo.minibatches` makes it several, and `ppo.target_kl` leaves epochs out. Chunks only bound memory
-//! (`ppo.environments_per_pass`): their gradients add up before the step. With `learner.shards` all of it goes by shard ([`crate::shards`]).
+//! (`ppo.environments_per_pass`): their gradients add up before the step. With `learner.shards` all of it goes by shard
+//! ([`crate::shards`]).
 //!
 //! Shapes in comments: T steps, N environments of this learner, B rows of a chunk, A actions, H width of the belief, W
 //! weights. A minibatch has the frames of all learners.
@@ -265,7 +266,7 @@ impl<'a> Update<'a> {
         let Self { network, rollout, ppo, .. } = *self;
         let Chunk { shard, packing, experience, .. } = chunk;
 
-        // Forward: embeddings [B, 512 + 32 + 16] → beliefs [B, H] → the policy and values [B].
+        // Forward: embeddings [B, 512 for the frame and each image + 32 + 16] → beliefs [B, H] → the policy and values [B].
         let embedded = chunk.embed(network, rollout, self.rollout_number);
         let beliefs = network.belief.unroll(&network.parameters, &embedded.rows, packing, rollout.beliefs_at_start());
         let output = network.actor_critic(&beliefs, experience.masks.as_ref());

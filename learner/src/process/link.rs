@@ -20,7 +20,7 @@ use wire::{
 #[derive(Debug)]
 pub struct Sample {
     borrowed: IoxSample<Ipc, [Line], ObservationHeader>,
-    /// All but the images, copied before anything is checked: what lies in shared memory can change between the check
+    /// All but images of whole numbers, copied before anything is checked: what lies in shared memory can change between the check
     /// and the use. Every value of a pixel is sound, so the images stay where they are.
     small: Vec<Line>,
     frame: Frame,

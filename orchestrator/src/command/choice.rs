@@ -89,7 +89,11 @@ fn kitchen(text: &str) -> Result<KitchenId, String> {
 impl FromStr for EnvironmentChoice {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || format!("`{text}` is not an environment (expected e.g. 1/0: kitchen 1, environment 0)");
+        let wrong = || {
+            format!(
+                "`{text}` is not an environment (expected e.g. 1/0: kitchen 1, environment 0; or 7 of environments of your own)"
+            )
+        };
         let (kitchen, number) = match text.split_once('/') {
             Some((of_kitchen, number)) => {
                 (kitchen(of_kitchen).map_err(|error| format!("{error}; {}", wrong()))?, number)

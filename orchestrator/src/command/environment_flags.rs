@@ -1,5 +1,6 @@
 //! Options of `up` for environments that are not built in.
 
+use super::overrides::Overrides;
 use crate::environment::consent;
 use crate::environment::describe::{Answer, describe};
 use crate::preflight::programs::on_path;
@@ -40,15 +41,15 @@ impl EnvironmentFlags {
     }
 
     /// Asks the environment what it is. The settings of its task; none where no environment is named. Naming it is the
-    /// consent to start it. `environments_per_actor` is what the user gives.
-    pub fn settings(&self, environments_per_actor: Option<u32>) -> Result<Vec<Setting>> {
+    /// consent to start it. `given`: what the user sets beside it.
+    pub fn settings(&self, given: &Overrides) -> Result<Vec<Setting>> {
         let Some(command) = self.command()? else {
             ensure!(self.env_declaration.is_none(), "--env-declaration goes with --env or --env-command");
             return Ok(vec![]);
         };
         let mut environment = EnvironmentConfig { command, declaration: String::new() };
         let Answer { description, environments } = describe(&environment)?;
-        if let (Some(size), Some(given)) = (environments, environments_per_actor) {
+        if let (Some(size), Some(given)) = (environments, given.environments_per_actor()?) {
             ensure!(
                 size == given,
                 "the environment makes vectors of a size that an actor of {given} environments cannot have: leave out \

@@ -49,6 +49,17 @@ impl Overrides {
         self.scaled(base.overlaid(self.config.as_deref(), &self.settings()?)?)
     }
 
+    /// Environments in each actor, if the user sets them in whatever way: then they do not depend on what was set before.
+    pub fn environments_per_actor(&self) -> Result<Option<u32>> {
+        let over = |before: u32| {
+            let mut base = Config::default();
+            base.actors.environments_per_actor = before;
+            anyhow::Ok(self.over(&base)?.actors.environments_per_actor)
+        };
+        let [one, other] = [over(1)?, over(2)?];
+        Ok((one == other).then_some(one))
+    }
+
     /// Flags are settings, too: whether one can be is judged when all are known.
     fn settings(&self) -> Result<Vec<Setting>> {
         let mut settings = self.set.clone();

@@ -104,10 +104,7 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
     };
     let preset = args.overrides.preset(args.preset.as_deref(), default)?;
     let mut overrides = args.overrides.clone();
-    let base = Config::resolve(&preset, None)?;
-    let [default, own] = [&base, &overrides.over(&base)?].map(|config| config.actors.environments_per_actor);
-    let given = overrides.envs_per_actor.or_else(|| (own != default).then_some(own));
-    overrides.set.extend(args.environment.settings(given)?);
+    overrides.set.extend(args.environment.settings(&args.overrides)?);
     let mut config = args.hosts.resolve(&overrides, &preset, member.as_ref())?;
     check_hosts(&config, member.as_ref())?;
     let started = args.hosts.started(member.as_ref())?;

@@ -8,6 +8,8 @@ use std::collections::BTreeMap;
 /// A sentence for each such actor of a run, by the actor's name.
 pub fn growing(folder: &RunFolder, config: &Config) -> BTreeMap<String, String> {
     let actors = 0..if config.environment.is_some() { config.actors.count } else { 0 };
-    let sentence = |actor: u32| Some(Noted::read(&folder.actor_notes(actor))?.growth?.to_string());
+    // Actors of other hosts note in these hosts' folders.
+    let folders: Vec<RunFolder> = [folder.clone()].into_iter().chain(folder.host_folders()).collect();
+    let sentence = |actor: u32| Some(folders.iter().find_map(|one| Noted::read(one, actor)?.growth)?.to_string());
     actors.filter_map(|actor| Some((format!("actor-{actor:02}"), sentence(actor)?))).collect()
 }

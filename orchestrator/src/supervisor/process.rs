@@ -222,7 +222,7 @@ impl Processes {
         let lifeline = child.stdin.take();
         let (kill, killed) = oneshot::channel();
         let notes = match process {
-            Process::Actor(actor) if self.launch.environment.is_some() => Some(self.launch.folder.actor_notes(actor)),
+            Process::Actor(actor) if self.launch.environment.is_some() => Some((self.launch.folder.clone(), actor)),
             Process::Actor(_) | Process::Learner(_) => None,
         };
         let child = Attended { child, process, incarnation, notes };
@@ -256,7 +256,7 @@ struct Attended {
     process: Process,
     incarnation: u32,
     /// What an actor that runs the code of others keeps written down.
-    notes: Option<PathBuf>,
+    notes: Option<(RunFolder, u32)>,
 }
 
 /// Stays with a child until it is reaped and everything it wrote has been read. Whatever it has started dies with it.
@@ -297,7 +297,7 @@ async fn attend(attended: Attended, log: File, events: mpsc::Sender<Event>, mut 
         Err(error) => Exit::NotStarted(format!("it was lost: {error}")),
     };
     if exit != Exit::Code(FAILED)
-        && let Some(noted) = notes.as_deref().and_then(Noted::read)
+        && let Some(noted) = notes.and_then(|(folder, actor)| Noted::read(&folder, actor))
     {
         last_words.push(format!("the last call of {process} was in {}", noted.place));
     }

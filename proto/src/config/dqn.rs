@@ -8,9 +8,6 @@ pub const CONVOLUTIONS: [(usize, usize, usize); 3] = [(32, 8, 4), (64, 4, 2), (6
 /// Width of what the linear layer makes of them.
 pub const OUTPUTS: usize = 512;
 
-/// Pixels each way that leave something of an image.
-pub(super) const SIDE_LEAST: usize = 36;
-
 /// Numbers that the convolutions leave of an image.
 pub fn features(image: &Image) -> usize {
     let left = |side| CONVOLUTIONS.iter().fold(side, |side, (_, size, stride)| (side - size) / stride + 1);
@@ -22,8 +19,8 @@ pub fn weights(image: &Image) -> u64 {
     (features(image) * OUTPUTS) as u64 + 80_000
 }
 
-/// About what autograd keeps of an image, both directions, bytes: its numbers, and maps of about four times as many as it
-/// has pixels, before rectifiers and behind.
+/// About what autograd keeps of an image, both directions, bytes: its numbers, and maps of up to eight times as many as it
+/// has pixels.
 pub fn autograd_bytes(image: &Image) -> u64 {
     (image.height * image.width * (image.channels + 8) * 4 * 2) as u64
 }

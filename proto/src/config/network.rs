@@ -1,7 +1,6 @@
 //! Settings of the network.
 
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use std::fmt;
 
 /// Visual encoder.
@@ -103,10 +102,6 @@ pub struct NetworkConfig {
     pub carried_goal: CarriedGoal,
     /// Feed the previous action's embedding to the belief.
     pub previous_action: bool,
-    /// Encoders of images but the frame, by their names: `cnn`, which is DQN's there, and which images that are not named
-    /// have, too.
-    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
-    pub images: BTreeMap<String, Encoder>,
     /// Widths of the layers (tanh) that see the numbers of a task without a frame: of one stack before a GRU or beside
     /// images, of one for the actor and one for the critic without either.
     pub mlp: Vec<u32>,
@@ -124,7 +119,6 @@ impl Default for NetworkConfig {
             goal: GoalCoordinates::Polar,
             carried_goal: CarriedGoal::GoalToObject,
             previous_action: true,
-            images: BTreeMap::new(),
             mlp: vec![64, 64],
             memory: Memory::Gru,
             hidden: 512,

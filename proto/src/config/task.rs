@@ -1,7 +1,7 @@
 //! The task of a run, and the rewards that its stages name.
 
 use super::validate::check;
-use super::{AuxiliaryTask, Config, ConfigError, Encoder, EnvironmentConfig, GoalCoordinates, dqn, nearest};
+use super::{AuxiliaryTask, Config, ConfigError, EnvironmentConfig, GoalCoordinates, nearest};
 use crate::run_folder::RunFolder;
 use crate::task::{ActionHead, Composition, Condition, MULTIPLIER, NEGATIVE_MULTIPLIER, Spec, SpecError};
 
@@ -120,22 +120,6 @@ impl Config {
             }
         }
         let inputs = spec.inputs().map_err(|cause| wrong("task", cause))?;
-        for (name, encoder) in &self.network.images {
-            let is_there = inputs.images.iter().any(|image| image.name == *name);
-            let named = format!("{{ {name} = {} }}", serde_json::json!(encoder));
-            check("network.images", &named, is_there, "must name images that the task observes, beside a frame")?;
-            check(
-                "network.images",
-                &named,
-                *encoder == Encoder::Cnn,
-                "must be \"cnn\": `resnet` is the frame's alone",
-            )?;
-        }
-        for image in &inputs.images {
-            let is_large = image.height.min(image.width) >= dqn::SIDE_LEAST;
-            let named = format!("{{ {} = \"cnn\" }}", image.name);
-            check("network.images", named, is_large, "must be of images of at least 36 x 36 pixels")?;
-        }
         check(
             "network.goal",
             serde_json::json!(self.network.goal),
@@ -275,31 +259,26 @@ mod tests {
     }
 
     #[test]
-    fn images_have_encoders_that_can_see_them() {
+    fn images_that_no_encoder_can_see_are_refused() {
         let place = WITHOUT_A_FRAME.lines().find(|line| line.contains("\"place\"")).unwrap();
-        let with = |name: &str, shape: &str, text: &str| {
+        let with = |name: &str, shape: &str| {
             let image =
                 format!(r#"{{ name = "screen", role = "observation", dtype = "u8", shape = {shape}, doc = "" }},"#);
             let declaration = WITHOUT_A_FRAME.replace("without_a_frame", name).replace(place, &image);
             Spec::declare(&declaration).unwrap();
-            let text = format!("task = \"{name}\"\n{text}");
+            let text = format!("task = \"{name}\"\n");
             Config::resolve_with("gym", Some((&text, "mine.toml"))).map_err(|error| error.to_string())
         };
-        let config = with("of_images", "[84, 84, 4]", "network.images.screen = \"cnn\"").unwrap();
-        assert_eq!(config.network.images.len(), 1);
-        assert_eq!(with("of_images", "[84, 84, 4]", "").unwrap().network.images.len(), 0, "it has a default");
-        for (name, shape, text, expected) in [
-            ("of_images", "[84, 84, 4]", "network.images.scream = \"cnn\"", "must name images that the task observes"),
+        assert_eq!(with("of_images", "[84, 84, 4]").unwrap().spec().inputs().unwrap().images.len(), 1);
+        for (name, shape, expected) in [
             (
-                "of_images",
-                "[84, 84, 4]",
-                "network.images.screen = \"resnet\"",
-                "must be \"cnn\": `resnet` is the frame's alone",
+                "of_small_images",
+                "[84, 35]",
+                "cannot take its image `screen` of the shape [84, 35]: they take images of 36 to",
             ),
-            ("of_small_images", "[84, 35]", "", "{ screen = \"cnn\" }: must be of images of at least 36 x 36 pixels"),
-            ("of_many_channels", "[84, 84, 13]", "", "cannot take its image `screen` of the shape [84, 84, 13]"),
+            ("of_many_channels", "[84, 84, 13]", "cannot take its image `screen` of the shape [84, 84, 13]"),
         ] {
-            let found = with(name, shape, text).unwrap_err();
+            let found = with(name, shape).unwrap_err();
             assert!(found.contains(expected) && found.lines().count() == 1, "{found}");
         }
     }

@@ -103,8 +103,8 @@ impl Check {
         Self { of_action: checks(true), seen, last_seen, last_bytes, mask, gaps }
     }
 
-    /// Refuses a record after which no action could be chosen. Where an episode has ended none is: that of its end may
-    /// allow nothing.
+    /// Refuses a record after which no action could be chosen. The last record of an episode may allow nothing, because no
+    /// action follows.
     ///
     /// # Panics
     /// As [`Self::record`].
@@ -145,7 +145,7 @@ impl Check {
         }
         let unused = (!truncated).then_some(&self.last_bytes);
         let gaps = self.gaps.iter().chain(unused).map(|gap| &record[gap.clone()]);
-        // There may be thousands of bytes: a sum of them is made many at a time, a search byte by byte.
+        // There may be thousands of bytes: an OR of them takes many at a time, a search one by one.
         let mut strange = gaps.filter(|gap| gap.iter().fold(0, |all, byte| all | byte) != 0).flatten();
         let byte = strange.find(|&&byte| byte != 0);
         byte.map_or(Ok(()), |&byte| Err(Implausible::Range { what: "reserved byte".to_owned(), value: byte.into() }))

@@ -31,7 +31,7 @@ pub enum SpecError {
     #[error("cost: {0}")]
     Cost(String),
     #[error(
-        "task `{task}`: networks cannot take {what}: they take images of 32 to 512 pixels each way and 1 to 12 channels, \
+        "task `{task}`: networks cannot take {what}: they take images of 36 to 512 pixels each way and 1 to 12 channels, \
          first or last, any other f32, and whole numbers of a declared range, at most 65536 numbers in all; declare \
          anything else flat"
     )]

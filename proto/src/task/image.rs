@@ -4,9 +4,9 @@ use super::channel::{Channel, Dtype};
 use super::layout::Field;
 use std::ops::{Range, RangeInclusive};
 
-/// Pixels of an image each way.
-const SIDES: RangeInclusive<usize> = 32..=512;
-/// Most channels of an image, fewer than it has pixels either way: so its shape says which dimension they are.
+/// Pixels of an image each way; the convolutions leave nothing of a smaller one.
+const SIDES: RangeInclusive<usize> = 36..=512;
+/// Most channels of an image. Its sides are longer, so its shape shows which dimension holds the channels.
 const CHANNELS_MOST: usize = 12;
 /// Each image of a row begins on a multiple of this: the largest of their numbers.
 const ALIGNMENT_BYTES: usize = 4;

@@ -184,26 +184,26 @@ mod tests {
 
     #[test]
     fn images_lie_one_behind_the_other_with_channels_where_they_are_declared() {
-        let text = channel("screen", "dtype = \"u8\"\nshape = [33, 41, 3]")
+        let text = channel("screen", "dtype = \"u8\"\nshape = [37, 41, 3]")
             + &channel("speed", "dtype = \"f32\"\nrange = [-9, 9]")
-            + &channel("heat", "dtype = \"f32\"\nshape = [2, 32, 32]\nrange = [0, 1]")
-            + &channel("matrix", "dtype = \"f32\"\nshape = [32, 32]\nrange = [0, 1]")
+            + &channel("heat", "dtype = \"f32\"\nshape = [2, 36, 36]\nrange = [0, 1]")
+            + &channel("matrix", "dtype = \"f32\"\nshape = [36, 36]\nrange = [0, 1]")
             + &channel("depth", "dtype = \"u16\"\nshape = [63, 47]");
         let (spec, inputs) = inputs(&text).unwrap();
         let found: Vec<_> = inputs.images.iter().map(|image| (&*image.name, image.shape(), image.bytes())).collect();
-        let (depth, screen) = (63 * 47 * 2, 33 * 41 * 3);
+        let (depth, screen) = (63 * 47 * 2, 37 * 41 * 3);
         let heat = depth + 2;
-        let begin = heat + 2 * 32 * 32 * 4;
+        let begin = heat + 2 * 36 * 36 * 4;
         assert_eq!(
             found,
             [
                 ("depth", [1, 63, 47], 0..depth),
-                ("heat", [2, 32, 32], heat..begin),
-                ("screen", [33, 41, 3], begin..begin + screen),
+                ("heat", [2, 36, 36], heat..begin),
+                ("screen", [37, 41, 3], begin..begin + screen),
             ]
         );
         assert_eq!((inputs.image_bytes(), inputs.frame), (begin + screen + 1, None));
-        assert_eq!(inputs.width(), 1 + 32 * 32, "a matrix is numbers");
+        assert_eq!(inputs.width(), 1 + 36 * 36, "a matrix is numbers");
         assert_eq!(inputs.images[0].field, spec.channel("depth").unwrap().1);
         assert_eq!(inputs.last(spec.layout()), None, "what was seen last would double a record");
     }

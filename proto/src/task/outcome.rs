@@ -16,11 +16,12 @@ impl Spec {
     }
 
     /// How an episode ended, as names of files and tables have it: `success-without-disturbance`, `failure`,
-    /// `time-limit`, `unfinished`. `metrics`: the task's, as far as they are known.
+    /// `ended` in a task without successes, `time-limit`, `unfinished`. `metrics`: the task's, as far as they are known.
     pub fn outcome(&self, metrics: &[Option<f64>], end: Option<End>) -> String {
         let Some(end) = end else { return UNFINISHED.to_owned() };
         let good = self.successes().find(|&at| metrics.get(at) == Some(&Some(1.0)));
         let word = match end {
+            End::Terminated if self.successes().next().is_none() => "ended",
             End::Terminated => "failure",
             End::Truncated => "time-limit",
         };

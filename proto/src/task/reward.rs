@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 /// Name of the weight that PPO-Lagrangian sets while it trains.
 pub const MULTIPLIER: &str = "multiplier";
-/// The same weight of a part that costs more the greater it is.
+/// The multiplier, negated: for a part that is a cost.
 pub const NEGATIVE_MULTIPLIER: &str = "-multiplier";
 
 /// A reward, as a task or a configuration declares it.
@@ -135,7 +135,13 @@ impl Composition {
 
     /// Whether a greater multiplier makes it pay what costs. `cost`: index of the part, and its weight.
     pub fn pays_cost(&self, (part, weight): (usize, f32)) -> bool {
-        let pays = |term: &(Factor, Scale)| matches!(term, (Factor::Part(index), Scale::Multiplier(sign)) if *index == part && sign * weight > 0.0);
-        self.terms.iter().any(pays)
+        self.terms.iter().any(|(factor, scale)| {
+            let (index, direction) = match factor {
+                Factor::Part(index) => (*index, 1.0),
+                // It holds for great numbers, or for small ones.
+                Factor::Threshold(one) => (one.part, if one.at_most == f32::INFINITY { 1.0 } else { -1.0 }),
+            };
+            matches!(scale, Scale::Multiplier(sign) if index == part && sign * direction * weight > 0.0)
+        })
     }
 }

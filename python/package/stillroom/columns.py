@@ -99,6 +99,8 @@ class Vector:
 
     def _note_masks(self, info: dict[str, Any]) -> None:
         """Keeps what columns may do next. Of those that were not reset there is nothing."""
+        if MASK not in info:
+            return
         for column in self.columns:
             column.mask = Info(info, column.index).get(MASK, column.mask)
 

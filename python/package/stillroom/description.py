@@ -59,12 +59,16 @@ def check_seen(described: Described, observation: Any) -> None:
     for name, key in described.observed:
         if key is not None and not (isinstance(observation, Mapping) and key in observation):
             raise Refused(f"its observation has no `{key}`, which its space has")
-        seen, channel = np.asarray(observation if key is None else observation[key]), by_name[name]
+        seen, channel = observation if key is None else observation[key], by_name[name]
+        if not channel.get("shape"):
+            continue
+        space = channel["doc"].removeprefix("Observation: ")
+        if not isinstance(seen, np.ndarray):
+            raise Refused(f"its observation `{name}` is a {type(seen).__name__}, and its space is {space}")
         fits = DTYPES.get(str(seen.dtype)) == channel["dtype"] or (channel["dtype"], seen.dtype) == ("u8", np.int8)
-        if channel.get("shape") and not (fits and list(seen.shape) == channel["shape"]):
+        if not (fits and list(seen.shape) == channel["shape"]):
             raise Refused(
-                f"its observation `{name}` is an array of {list(seen.shape)} {seen.dtype}, and its space is"
-                f" {channel['doc'].removeprefix('Observation: ')}"
+                f"its observation `{name}` is an array of {list(seen.shape)} {seen.dtype}, and its space is {space}"
             )
 
 

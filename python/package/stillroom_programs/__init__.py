@@ -18,13 +18,15 @@ def _become(name: str) -> NoReturn:
     program = _HERE / name
     if not program.exists():
         # A wheel of `make python`: another installation's program may be there.
-        here = str(Path(sys.argv[0]).absolute().parent)
-        folders = [folder for folder in os.environ.get("PATH", "").split(os.pathsep) if folder != here]
+        here = Path(sys.argv[0]).resolve().parent
+        folders = [folder for folder in os.environ.get("PATH", "").split(os.pathsep) if Path(folder).resolve() != here]
         other = shutil.which(name, path=os.pathsep.join(folders))
-        if other is None:
+        # Another wheel without programs passes it on to this one again.
+        if other is None or os.environ.get("STILLROOM_PASSED_ON"):
             sys.exit(
                 f"{name}: this wheel has no programs: `make dist` makes one that has, `make install` compiles them"
             )
+        os.environ["STILLROOM_PASSED_ON"] = "yes"
         os.execv(other, [other, *sys.argv[1:]])
     beside = (_HERE.parent / "torch/lib/libtorch_cpu.so").exists()
     # A torch of another folder: the system's in a virtual environment that shows it, for one.

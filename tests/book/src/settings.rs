@@ -15,8 +15,8 @@ const HEAD: &str = "\
 This page is made from the sources: `cargo test --release --workspace --test pages` compares it, and prints how to renew
 it. Defaults are those of preset `paper`; `orchestrator config PRESET` prints those of another one. A key is given in a
 file as in `[ppo]`, `clip = 0.2`, or on the command line as `--set ppo.clip=0.2`. A line has the key, its default and, in
-parentheses, the allowed values. The default shows the key's type, the end of its name the unit: `_s` seconds, `_m` metres,
-`_steps`, `_frames`, `_bytes`. The tables `[environment]`, `[from]` and `[evaluation]` are not listed: `orchestrator up
+parentheses, the allowed values; words with a meaning of their own stand in the text. The default shows the key's type. The
+end of a name is its unit: `_s` seconds, `_m` metres, `_steps`, `_frames`, `_bytes`. The tables `[environment]`, `[from]` and `[evaluation]` are not listed: `orchestrator up
 --env`, `up --from` and `eval` write them.
 
 ";

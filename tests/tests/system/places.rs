@@ -179,9 +179,10 @@ fn a_clock_that_is_set_while_a_run_goes_on_changes_no_wall_time() {
     let summary: Value = serde_json::from_str(&std::fs::read_to_string(run.folder.summary()).unwrap()).unwrap();
     is_sound(&summary["wall"]["all_starts_s"]);
     set(0);
-    // The summary was written a moment before the end.
+    // The summary was written a moment before the end, which may be less than the millisecond that is noted.
     let status = json(&["status", "run", "--json"]);
-    is_sound(&status["wall"]["all_starts_s"]);
+    let seconds = |of: &Value| of["wall"]["all_starts_s"].as_f64().expect("seconds");
+    assert!((0.0..1.0).contains(&(seconds(&status) - seconds(&summary))), "{status:#} {summary:#}");
     let compared = json(&["compare", "run", "undisturbed", "--json"]);
     let figures = compared["figures"].as_array().expect("figures");
     let wall = figures.iter().find(|row| row["name"] == "wall time").expect("a row");

@@ -1,4 +1,4 @@
-//! What an actor writes down beside the code of others: where it calls that, and whether its memory grows without end.
+//! What an actor notes of a user's environment: the step of the call that it is in, and whether memory grows without end.
 
 use proto::actor_notes::{Growth, LastPlace, WORDS};
 use std::io::{Error, ErrorKind, Result};
@@ -14,7 +14,7 @@ const FIRST_EPISODES: u64 = 8;
 pub(super) struct Notes {
     words: SharedWords,
     memory: Memory,
-    is_told: bool,
+    is_warned: bool,
 }
 
 impl Notes {
@@ -24,7 +24,7 @@ impl Notes {
             Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
             _ => SharedWords::create(path, WORDS)?,
         }
-        Ok(Self { words: SharedWords::open(path, WORDS, true)?, memory: Memory::default(), is_told: false })
+        Ok(Self { words: SharedWords::open(path, WORDS, true)?, memory: Memory::default(), is_warned: false })
     }
 
     /// Others' code is called here, and may not return.
@@ -40,12 +40,12 @@ impl Notes {
             return;
         }
         let Ok(bytes) = own_bytes() else { return };
-        let growth = self.memory.is(bytes);
+        let growth = self.memory.grown(bytes);
         for (index, word) in (2..).zip(Growth::to_words(growth)) {
             self.words.store(index, word);
         }
-        if let (Some(growth), false) = (growth, self.is_told) {
-            self.is_told = true;
+        if let (Some(growth), false) = (growth, self.is_warned) {
+            self.is_warned = true;
             tracing::warn!("{growth}");
         }
     }
@@ -69,7 +69,7 @@ impl Memory {
 
     /// It has so many bytes now. The growth since half the episodes, if memory has doubled since an eighth of them, as
     /// steadily all the time.
-    fn is(&mut self, bytes: u64) -> Option<Growth> {
+    fn grown(&mut self, bytes: u64) -> Option<Growth> {
         self.bytes.rotate_left(1);
         self.bytes[3] = Some(bytes);
         let [Some(eighth), Some(quarter), Some(half), Some(now)] = self.bytes else { return None };
@@ -100,7 +100,7 @@ mod tests {
         let mut memory = Memory::default();
         let due = (0..1 << 20).filter_map(|_| {
             let due = memory.is_due();
-            due.then(|| memory.is((mib(memory.episodes as f64) * MIB) as u64)).flatten()
+            due.then(|| memory.grown((mib(memory.episodes as f64) * MIB) as u64)).flatten()
         });
         due.collect()
     }

@@ -75,9 +75,11 @@ impl GuestActor {
     pub fn run(&self, guest: impl Guest) -> Result<Infallible, GuestError> {
         let Self { config, folder, wire, number, incarnation } = self;
         let path = folder.actor_notes(*number);
-        let notes = Notes::create(&path).map_err(|cause| GuestError::Unwritable { path, cause })?;
+        // A full disk ends no actor: a learner saves later, too.
+        let unnoted = |cause: &std::io::Error| tracing::warn!("{} cannot be written: {cause}", path.display());
+        let notes = Notes::create(&path).inspect_err(unnoted).ok();
         let count = self.environments();
-        let served = Served::new(guest, count as usize, Some(notes), config);
+        let served = Served::new(guest, count as usize, notes, config);
         let homes: Vec<EnvironmentId> =
             (0..count).map(|index| EnvironmentId::among(config.kitchens(), *number, index, count)).collect();
         let ended = Environments::new(served, &homes, config).and_then(|mut environments| {

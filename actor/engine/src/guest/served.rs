@@ -36,7 +36,7 @@ pub struct Served<G> {
     /// Images, each with its bit in the header.
     images: Vec<(Field, u32)>,
     environments: Vec<Environment>,
-    /// Of an actor in a run.
+    /// None outside a run, or where they cannot be written.
     notes: Option<Notes>,
 }
 

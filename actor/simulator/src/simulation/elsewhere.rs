@@ -61,6 +61,7 @@ impl Simulation {
             }
         }
         self.world.put_to_sleep(&self.kitchen.movables);
+        self.awake = false;
         self.things.look(&self.world, &self.kitchen.movables, &self.kitchen.solids);
     }
 }
