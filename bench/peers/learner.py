@@ -21,8 +21,10 @@ from pathlib import Path
 
 from .learner_table import table
 
-#: Preset of the network that is compared: the paper's, with batches for a GPU.
-PRESET = "recipe"
+#: Preset of the network that is compared: the paper's, with batches for a GPU; and those of other tasks.
+PRESETS = {"kitchen": "recipe", "atari": "gym", "vector": "gym"}
+#: Batches, steps and frames of a rollout of the other tasks.
+SIZES = {"atari": ([16, 128, 512], [128], 8192), "vector": ([16, 128, 512], [128], 8192)}
 #: Our program has not answered after this long: it hangs.
 LIMIT_S = 1800
 
@@ -39,8 +41,14 @@ def arguments() -> argparse.Namespace:
     )
     parser.add_argument("--learner", type=Path, required=True, help="our program")
     parser.add_argument("--device", choices=["auto", "cpu", "cuda"], default="auto")
-    parser.add_argument("--encoder", choices=["resnet", "cnn"], default="resnet")
-    parser.add_argument("--hidden", type=int, default=512, help="width of the GRU")
+    parser.add_argument(
+        "--shape",
+        choices=PRESETS,
+        default="kitchen",
+        help="the kitchens' network; DQN's convolutions over 4 × 84 × 84 u8; two MLPs of 64 × 64",
+    )
+    parser.add_argument("--encoder", choices=["resnet", "cnn"], default="resnet", help="of the kitchens")
+    parser.add_argument("--hidden", type=int, default=512, help="width of the kitchens' GRU")
     parser.add_argument("--batches", type=numbers, help="of inference, with commas between [10,19,152,304,608]")
     parser.add_argument("--steps", type=numbers, help="of the rollouts of updates, with commas between [32,128]")
     parser.add_argument("--rollout-frames", type=int, default=0, help="of each update [9728; on a CPU 1216]")
@@ -63,8 +71,13 @@ def ours(options: argparse.Namespace, cuda_library: Path | None) -> dict:
     """What `learner bench` measures."""
     device = "cuda" if cuda_library else "cpu"
     # One step of the optimiser an epoch, of all frames, as theirs takes it.
-    settings = [f"network.encoder={options.encoder}", f"network.hidden={options.hidden}", "ppo.minibatches=1"]
-    command = [options.learner, "bench", "--device", device, "--preset", PRESET, "--loop-frames", "0", "--json"]
+    settings = ["ppo.minibatches=1"]
+    if options.shape == "kitchen":
+        settings += [f"network.encoder={options.encoder}", f"network.hidden={options.hidden}"]
+    preset = PRESETS[options.shape]
+    command = [options.learner, "bench", "--device", device, "--preset", preset, "--loop-frames", "0", "--json"]
+    if options.shape != "kitchen":
+        command += ["--task", Path(__file__).with_name(f"{options.shape}.toml")]
     command += [word for setting in settings for word in ("--set", setting)]
     command += ["--seconds", str(options.seconds), "--rollout-frames", str(options.rollout_frames)]
     command += ["--batches", ",".join(map(str, options.batches)), "--steps", ",".join(map(str, options.steps))]
@@ -90,9 +103,10 @@ def measure(options: argparse.Namespace) -> tuple[Measured, str]:
     cuda = options.device != "cpu" and torch.cuda.is_available()
     if options.device == "cuda" and not cuda:
         sys.exit("bench-learner: --device cuda, but torch finds no CUDA device")
-    options.batches = options.batches or [10, 19, 152, 304, 608]
-    options.steps = options.steps or [32, 128]
-    options.rollout_frames = options.rollout_frames or (9728 if cuda else 1216)
+    default = ([10, 19, 152, 304, 608], [32, 128], 9728 if cuda else 1216)
+    batches, steps, frames = SIZES.get(options.shape, default)
+    options.batches, options.steps = options.batches or batches, options.steps or steps
+    options.rollout_frames = options.rollout_frames or frames
     own = ours(options, Path(torch.__file__).parent / "lib" if cuda else None)
     device = torch.device("cuda" if cuda else "cpu")
     if not cuda:
@@ -112,7 +126,7 @@ def measure(options: argparse.Namespace) -> tuple[Measured, str]:
         measured.notes.append(f"not measured, no time left: {what}")
         return False
 
-    size = (options.encoder, options.hidden)
+    make = partial(peer.make, options.shape, options.encoder, options.hidden)
 
     def take(row: dict[str, float | None], name: str, what: str, call: Callable[[], float]) -> None:
         if left(f"{name}, {what}"):
@@ -122,13 +136,13 @@ def measure(options: argparse.Namespace) -> tuple[Measured, str]:
     for shape, row in measured.epoch.items():
         for variant in peer.variants(device, training=True):
             what = f"{shape[0]} × {shape[1]}"
-            take(row, variant.name, what, lambda v=variant, s=shape: peer.epoch_s(*size, s, v, device))
+            take(row, variant.name, what, lambda v=variant, s=shape: peer.epoch_s(make, s, v, device))
     for batch, row in measured.inference.items():
         for variant in peer.variants(device, training=False):
-            run = partial(peer.inference_s, *size, batch, variant, device, options.seconds)
+            run = partial(peer.inference_s, make, batch, variant, device, options.seconds)
             take(row, variant.name, f"batch {batch}", run)
     name = torch.cuda.get_device_name() if cuda else "CPU, 1 thread"
-    return measured, f"{name}, torch {torch.__version__}; {options.encoder}, {own['parameters'] / 1e6:.2f} M weights"
+    return measured, f"{name}, torch {torch.__version__}; {own['encoder']}, {own['parameters'] / 1e6:.2f} M weights"
 
 
 def main() -> int:

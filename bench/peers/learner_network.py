@@ -1,7 +1,7 @@
 """The learner's network and loss in plain PyTorch: docs/method.md, as anyone would write it.
 
-It is not `stillroom.network`: there is no package `stillroom` where the learner is measured, and here the encoder may be
-bfloat16 and all of it must fit into a CUDA graph.
+It is not `stillroom.network`: there is no package `stillroom` where the learner is measured, and here the encoder may
+be bfloat16 and all of it must fit into a CUDA graph.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ class Network(nn.Module):
 
     def __init__(self, encoder: str, hidden: int, *, bf16: bool) -> None:
         super().__init__()
-        self.bf16 = bf16
+        self.bf16, self.hidden = bf16, hidden
         self.encoder = ENCODERS[encoder]()
         self.goal_embedder = nn.Sequential(nn.Linear(3, 100), nn.LeakyReLU(0.01), nn.Linear(100, 32))
         self.previous_action_embedder = nn.Embedding(ACTIONS + 1, 16)
@@ -135,8 +135,23 @@ class Network(nn.Module):
         chosen = (previous_action.unsqueeze(1) == actions).float() @ self.previous_action_embedder.weight
         return torch.cat([visual.float(), self.goal_embedder(goal), chosen], 1)
 
+    @staticmethod
+    def observed(rows: int) -> list[Tensor]:
+        """Made-up inputs of a step, but for the belief."""
+        return [
+            torch.randint(300, 4300, (rows, RAW_SIDE, RAW_SIDE), dtype=torch.int16),
+            torch.rand(rows, 3),
+            torch.randint(ACTIONS + 1, (rows,)),
+            torch.ones(rows, 1),
+            torch.rand(rows, ACTIONS),
+        ]
+
+    def batch(self, steps: int, environments: int, device: torch.device) -> Batch:
+        """Made-up numbers of the right kind."""
+        return Batch.of(steps, environments, self.hidden, device)
+
     def act(
-        self, raw: Tensor, goal: Tensor, previous_action: Tensor, carried: Tensor, belief: Tensor, gumbel: Tensor
+        self, raw: Tensor, goal: Tensor, previous_action: Tensor, carried: Tensor, noise: Tensor, belief: Tensor
     ) -> tuple[Tensor, Tensor]:
         """One step: 16-bit frames [rows, RAW_SIDE, RAW_SIDE] to [rows, 3] of action, log-probability and value."""
         kept = F.avg_pool2d(raw.float().unsqueeze(1), POOL).squeeze(1)
@@ -146,7 +161,7 @@ class Network(nn.Module):
             embedded, belief * carried, gru.weight_ih_l0, gru.weight_hh_l0, gru.bias_ih_l0, gru.bias_hh_l0
         )
         log_probs = F.log_softmax(self.actor(belief), -1)
-        action = (log_probs + gumbel).argmax(1, keepdim=True)
+        action = (log_probs + noise).argmax(1, keepdim=True)
         return torch.cat([action.float(), log_probs.gather(1, action), self.critic(belief)], 1), belief
 
     def loss(self, batch: Batch) -> Tensor:
@@ -156,12 +171,81 @@ class Network(nn.Module):
         beliefs = beliefs.flatten(0, 1)
         log_probs = F.log_softmax(self.actor(beliefs), -1)
         values = self.critic(beliefs).squeeze(1)
-        ratio = (log_probs.gather(1, batch.action.unsqueeze(1)).squeeze(1) - batch.log_prob).exp()
-        policy = -torch.minimum(ratio * batch.advantage, ratio.clamp(1 - CLIP, 1 + CLIP) * batch.advantage).mean()
-        clipped = batch.value + (values - batch.value).clamp(-CLIP, CLIP)
-        value = 0.5 * torch.maximum((values - batch.target) ** 2, (clipped - batch.target) ** 2).mean()
-        entropy = -(log_probs.exp() * log_probs).sum(-1).mean()
         logits = self.disturb(beliefs).gather(1, batch.action.unsqueeze(1)).squeeze(1)
         cross = F.binary_cross_entropy_with_logits(logits, batch.disturbed, reduction="none")
         focal = ((1 - (-cross).exp()) ** FOCAL_GAMMA * cross).mean()
-        return policy + VALUE_COEFFICIENT * value - ENTROPY_COEFFICIENT * entropy + AUXILIARY_WEIGHT * focal
+        return ppo_loss(log_probs, values, batch) + AUXILIARY_WEIGHT * focal
+
+
+def ppo_loss(log_probs: Tensor, values: Tensor, batch: Batch | Rows) -> Tensor:
+    """PPO's clipped loss of a categorical policy and its value."""
+    ratio = (log_probs.gather(1, batch.action.unsqueeze(1)).squeeze(1) - batch.log_prob).exp()
+    policy = -torch.minimum(ratio * batch.advantage, ratio.clamp(1 - CLIP, 1 + CLIP) * batch.advantage).mean()
+    clipped = batch.value + (values - batch.value).clamp(-CLIP, CLIP)
+    value = 0.5 * torch.maximum((values - batch.target) ** 2, (clipped - batch.target) ** 2).mean()
+    entropy = -(log_probs.exp() * log_probs).sum(-1).mean()
+    return policy + VALUE_COEFFICIENT * value - ENTROPY_COEFFICIENT * entropy
+
+
+@dataclass(frozen=True)
+class Rows:
+    """A rollout of a task without memory."""
+
+    observation: Tensor  # [rows, ...] as the environment has it
+    action: Tensor  # i64 [rows]
+    log_prob: Tensor  # f32 [rows], so are the others
+    value: Tensor
+    advantage: Tensor
+    target: Tensor
+
+
+class Layers(nn.Module):
+    """Networks without memory: CleanRL's of Atari (four frames, DQN's convolutions), or two MLPs of 64 × 64."""
+
+    hidden = 0
+
+    def __init__(self, shape: str, *, bf16: bool) -> None:
+        super().__init__()
+        self.bf16 = bf16
+        self.images = shape == "atari"
+        self.size, self.actions = ((4, 84, 84), 4) if self.images else ((4,), 2)
+        if self.images:
+            convolutions = [nn.Conv2d(4, 32, 8, 4), nn.ReLU(), nn.Conv2d(32, 64, 4, 2), nn.ReLU(), nn.Conv2d(64, 64, 3)]
+            self.body = nn.Sequential(*convolutions, nn.ReLU(), nn.Flatten(), nn.Linear(3136, 512), nn.ReLU())
+            self.actor, self.critic = nn.Linear(512, self.actions), nn.Linear(512, 1)
+        else:
+            self.body = nn.Identity()
+            self.actor, self.critic = (
+                nn.Sequential(nn.Linear(4, 64), nn.Tanh(), nn.Linear(64, 64), nn.Tanh(), nn.Linear(64, outputs))
+                for outputs in (self.actions, 1)
+            )
+
+    def observed(self, rows: int) -> list[Tensor]:
+        """Made-up inputs of a step."""
+        size = (rows, *self.size)
+        observation = torch.randint(256, size, dtype=torch.uint8) if self.images else torch.randn(size)
+        return [observation, torch.rand(rows, self.actions)]
+
+    def batch(self, steps: int, environments: int, device: torch.device) -> Rows:
+        """Made-up numbers of the right kind."""
+        rows = steps * environments
+        noise = [torch.randn(rows, device=device) for _ in range(4)]
+        action = torch.randint(self.actions, (rows,), device=device)
+        return Rows(self.observed(rows)[0].to(device), action, noise[0] * 0.01 - 0.7, *noise[1:])
+
+    def heads(self, observation: Tensor) -> tuple[Tensor, Tensor]:
+        """Logarithms of probabilities [rows, actions] and values [rows]."""
+        with torch.autocast(observation.device.type, torch.bfloat16) if self.bf16 else contextlib.nullcontext():
+            body = self.body(observation.float() / 255 if self.images else observation)
+            logits, values = self.actor(body), self.critic(body)
+        return F.log_softmax(logits.float(), -1), values.float().squeeze(1)
+
+    def act(self, observation: Tensor, noise: Tensor, belief: Tensor) -> tuple[Tensor, Tensor]:
+        """One step: [rows, 3] of action, log-probability and value; and the belief, which is empty."""
+        log_probs, values = self.heads(observation)
+        action = (log_probs + noise).argmax(1, keepdim=True)
+        return torch.cat([action.float(), log_probs.gather(1, action), values.unsqueeze(1)], 1), belief
+
+    def loss(self, batch: Rows) -> Tensor:
+        """PPO's loss over a batch."""
+        return ppo_loss(*self.heads(batch.observation), batch)

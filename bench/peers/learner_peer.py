@@ -9,7 +9,7 @@ from statistics import median
 
 import torch
 
-from .learner_network import ACTIONS, RAW_SIDE, Batch, Network
+from .learner_network import Layers, Network
 
 #: Calls before anything is measured or captured.
 WARM_UP = 3
@@ -71,27 +71,29 @@ def timed_s(call: Callable[[], object], device: torch.device, seconds: float) ->
     return median(times)
 
 
-def inference_s(encoder: str, hidden: int, batch: int, variant: Variant, device: torch.device, seconds: float) -> float:
-    """A whole step: frames in pinned memory of the host to actions, log-probabilities and values on the host."""
-    network = Network(encoder, hidden, bf16=variant.bf16).to(device).eval()
+#: Makes the network, whose encoder computes in bfloat16 or not.
+Make = Callable[[bool], "Network | Layers"]
+
+
+def make(shape: str, encoder: str, hidden: int, bf16: bool) -> Network | Layers:
+    """The network of a shape."""
+    return Network(encoder, hidden, bf16=bf16) if shape == "kitchen" else Layers(shape, bf16=bf16)
+
+
+def inference_s(make: Make, batch: int, variant: Variant, device: torch.device, seconds: float) -> float:
+    """A whole step: observations in pinned memory of the host to actions, log-probabilities and values on the host."""
+    network = make(variant.bf16).to(device).eval()
     cuda = device.type == "cuda"
-    host = [
-        torch.randint(300, 4300, (batch, RAW_SIDE, RAW_SIDE), dtype=torch.int16),
-        torch.rand(batch, 3),
-        torch.randint(ACTIONS + 1, (batch,)),
-        torch.ones(batch, 1),
-        torch.rand(batch, ACTIONS),
-    ]
-    host = [tensor.pin_memory() for tensor in host] if cuda else host
-    raw, goal, previous_action, carried, gumbel = inputs = [tensor.to(device) for tensor in host]
-    belief = torch.zeros(batch, hidden, device=device)
+    host = [tensor.pin_memory() if cuda else tensor for tensor in network.observed(batch)]
+    inputs = [tensor.to(device) for tensor in host]
+    belief = torch.zeros(batch, network.hidden, device=device)
     answer = torch.zeros(batch, 3)
     answer = answer.pin_memory() if cuda else answer
     judged = torch.zeros(batch, 3, device=device)
     act = torch.compile(network.act, dynamic=False) if variant.compiled else network.act
 
     def step() -> None:
-        row, after = act(raw, goal, previous_action, carried, belief, gumbel)
+        row, after = act(*inputs, belief)
         judged.copy_(row)
         belief.copy_(after)
 
@@ -110,10 +112,10 @@ def inference_s(encoder: str, hidden: int, batch: int, variant: Variant, device:
         return timed_s(lambda: whole(run), device, seconds)
 
 
-def epoch_s(encoder: str, hidden: int, shape: tuple[int, int], variant: Variant, device: torch.device) -> float:
+def epoch_s(make: Make, shape: tuple[int, int], variant: Variant, device: torch.device) -> float:
     """An epoch over a rollout of (steps, environments): forward, backward, clip, Adam."""
-    network = Network(encoder, hidden, bf16=variant.bf16).to(device)
-    batch = Batch.of(*shape, hidden, device)
+    network = make(variant.bf16).to(device)
+    batch = network.batch(*shape, device)
     cuda = device.type == "cuda"
     adam = torch.optim.Adam(network.parameters(), lr=3e-4, fused=cuda, capturable=variant.graph)
     loss = torch.compile(network.loss, dynamic=False) if variant.compiled else network.loss

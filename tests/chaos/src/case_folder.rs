@@ -100,6 +100,11 @@ impl CaseFolder {
             prologue.push(format!("ulimit -n {limit}"));
         }
         if self.has_own_memory {
+            // Its mounts are a copy of ours: the disk of another case would stay in use when its power fails.
+            let cases = self.root.with_file_name("case-");
+            let others =
+                format!("for disk in '{}'*/files; do [ \"$disk\" -ef . ] || umount \"$disk\"; done", cases.display());
+            prologue.push(format!("{{ {others}; true; }} 2>/dev/null"));
             prologue.push(format!("mount -t tmpfs -o size={MEMORY_MIB}m chaos {}", wire::SHARED_MEMORY));
         }
         let mut command = match (self.has_own_memory, prologue.is_empty()) {
