@@ -23,7 +23,6 @@ pub struct Figures {
     pub extents_m: [Vec<f32>; 2],
     /// Each category's number in each kitchen, in iTHOR's order.
     pub counts: Vec<(&'static str, Vec<u32>)>,
-    /// Heights of all small things, metres.
     pub heights_m: Vec<f32>,
     /// Distances from each small thing to the nearest other one of its kitchen, metres.
     pub nearest_m: Vec<f32>,
@@ -32,7 +31,6 @@ pub struct Figures {
 }
 
 impl Figures {
-    /// Measures kitchens as they have settled.
     pub fn of(kitchens: &[Kitchen]) -> Self {
         let mut figures = Self {
             counts: ithor::CATEGORIES.iter().map(|&(name, ..)| (name, Vec::new())).collect(),
@@ -44,7 +42,6 @@ impl Figures {
         figures
     }
 
-    /// Measures one more.
     pub fn add(&mut self, kitchen: &Kitchen) {
         let plan = kitchen.plan().map_or("", Plan::name);
         self.kitchens.push((kitchen.id(), plan, kitchen.thing_count()));
@@ -73,7 +70,6 @@ impl Figures {
         }
     }
 
-    /// Adds what was measured of others.
     pub fn merge(&mut self, other: &Self) {
         self.kitchens.extend_from_slice(&other.kitchens);
         for (extents, more) in self.extents_m.iter_mut().zip(&other.extents_m) {
@@ -114,7 +110,6 @@ impl Figures {
         found
     }
 
-    /// Prints all figures beside iTHOR's.
     pub fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
         let kitchens = self.kitchens.len();
         let things: Vec<f32> = self.kitchens.iter().map(|&(.., things)| things as f32).collect();

@@ -101,7 +101,6 @@ fn split(text: &str) -> Result<Split, String> {
     }
 }
 
-/// Plays the episodes and prints the table.
 pub fn run(settings: &Settings) -> Result<()> {
     ensure!(settings.episodes > 0, "play at least one episode");
     let config = Config::default();

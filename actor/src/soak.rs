@@ -23,21 +23,16 @@ pub const DEPTH_LIMIT_M: f32 = 0.05;
 /// An action is taken up to this many times on end: steps of which each undoes the last lead nowhere and touch little.
 const REPEATS_MOST: u32 = 8;
 
-/// What a soak of one kitchen saw.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Report {
-    /// Actions taken.
     pub steps: u64,
-    /// Episodes begun.
     pub episodes: u64,
     /// Actions after which some thing other than the target was further from its place than before, or nearer to it.
     pub disturbing_steps: u64,
-    /// The worst of all sub-steps.
     pub extremes: Extremes,
 }
 
 impl Report {
-    /// Everything that is wrong; empty if nothing is.
     pub fn failures(&self) -> Vec<String> {
         let Extremes { fastest_m_per_s, deepest_in_fixed_m, left_room, not_finite, .. } = self.extremes;
         let mut failures = Vec::new();

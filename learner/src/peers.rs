@@ -28,11 +28,9 @@ const INVITATION: &str = "nccl";
 #[derive(Debug)]
 pub enum Peers {
     Alone,
-    /// There are several.
     Group(Group),
 }
 
-/// Membership among several learners.
 #[derive(Debug)]
 pub struct Group {
     rank: u32,
@@ -65,15 +63,8 @@ pub struct Finished {
 /// The learners cannot reach one another, or are not at the same point.
 #[derive(Debug, thiserror::Error)]
 pub enum PeerError {
-    /// libtorch's process group fails.
     #[error("learner {rank} has lost the others: {cause}")]
-    Lost {
-        /// Rank of the learner that reports this.
-        rank: u32,
-        /// libtorch's error.
-        cause: TchError,
-    },
-    /// The GPUs cannot reach one another.
+    Lost { rank: u32, cause: TchError },
     #[error("the learners' GPUs cannot reach one another: {0}")]
     Gpus(#[from] NcclError),
     /// Another learner cannot continue; it reports the reason itself.
@@ -81,15 +72,10 @@ pub enum PeerError {
     Elsewhere,
     /// A value that must be identical on all learners is not.
     #[error("the learners have come apart: {what} differ ({values:x?}, by rank)")]
-    Apart {
-        /// What was compared.
-        what: &'static str,
-        values: Vec<u64>,
-    },
+    Apart { what: &'static str, values: Vec<u64> },
 }
 
 impl Peers {
-    /// Joins the group of all `learners` learners.
     pub fn join(meeting: &Meeting, [rank, learners]: [u32; 2], device: Device) -> Result<Self, PeerError> {
         if learners == 1 {
             return Ok(Self::Alone);

@@ -6,7 +6,6 @@ use proto::record::{End, RecordHeader, flag};
 use proto::task::{Field, LINE_BYTES, Spec};
 use std::sync::Arc;
 
-/// Place of a channel of this name.
 #[cfg(test)]
 pub(crate) fn named(task: &Spec, name: &str) -> Field {
     task.channel(name).unwrap_or_else(|| panic!("task `{}` has no channel `{name}`", task.name)).1
@@ -23,7 +22,6 @@ pub(crate) struct Inputs {
 }
 
 impl Inputs {
-    /// Those of a task.
     pub fn of(task: &Spec) -> Self {
         let observations = inputs(task);
         let last = observations.last(task.layout());
@@ -69,12 +67,9 @@ fn inputs(task: &Spec) -> proto::task::Inputs {
     task.inputs().expect("a validated configuration's task has what networks take")
 }
 
-/// What a network reads of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum FramePart {
-    /// All pixels.
     Whole,
-    /// The sums of windows.
     Sums,
 }
 
@@ -92,7 +87,6 @@ pub struct Frame {
     small_lines: usize,
 }
 
-/// Where the frame is.
 #[derive(Debug, Clone, Copy)]
 struct Image {
     whole: Field,
@@ -105,7 +99,6 @@ struct Image {
 }
 
 impl Frame {
-    /// In the records of a run.
     pub fn of(config: &Config) -> Self {
         let layout = config.spec().layout();
         let inputs = inputs(config.spec());

@@ -30,7 +30,6 @@ pub struct Step {
     /// The observation's value when the action was taken.
     pub value: f32,
     pub reward: f32,
-    /// The action ended the episode.
     pub ended: bool,
     /// It ended by the step limit.
     pub time_limit: bool,
@@ -42,12 +41,10 @@ pub struct Step {
     pub label: bool,
 }
 
-/// What an action led to.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Outcome {
     /// Reward under the stage in force.
     pub reward: f32,
-    /// The episode ended, for whatever reason.
     pub ended: bool,
     /// It ended by the step limit.
     pub time_limit: bool,
@@ -149,7 +146,6 @@ impl Rollout {
         self.kept.rows() - 1
     }
 
-    /// The store of frames and images.
     pub(crate) fn kept(&self) -> &Kept {
         &self.kept
     }
@@ -205,7 +201,6 @@ impl Rollout {
             .find(|&(t, n)| self.is_valid(t, n) && !self.recorded[self.index(t, n)])
     }
 
-    /// Beliefs before the first step \[N, hidden\].
     pub(crate) fn beliefs_at_start(&self) -> &Tensor {
         &self.beliefs_at_start
     }

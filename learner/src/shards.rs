@@ -10,7 +10,6 @@ use proto::config::Config;
 use std::iter::repeat_n;
 use std::ops::Range;
 
-/// One learner's shards.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Shards {
     /// The columns of each, numbered as this learner's; together they are all that it has.

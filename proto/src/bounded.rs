@@ -35,7 +35,6 @@ pub fn open(path: &Path) -> Result<File> {
     Ok(file)
 }
 
-/// What is over its bound.
 pub(crate) fn too_long(what: &str) -> Error {
     Error::new(ErrorKind::FileTooLarge, format!("it has more than the {what} that are read"))
 }

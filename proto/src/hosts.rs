@@ -10,7 +10,6 @@ use std::ops::Range;
 /// cannot read it, as they can a command line.
 pub const MEETING_KEY: &str = "STILLROOM_MEETING_KEY";
 
-/// A run's learners and actors, divided among hosts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Hosts {
     hosts: u32,

@@ -26,7 +26,6 @@ pub enum Purpose {
     Weights = 4,
     /// Which steps an auxiliary loss looks at; `environment` is the column, `episode` the rollout, `kitchen` the epoch.
     AuxiliarySubsample = 5,
-    /// Which episodes are recorded with depth frames.
     Recording = 7,
     /// Actions of random policies in benchmarks and checks.
     RandomPolicy = 8,
@@ -51,7 +50,6 @@ pub enum Purpose {
     Chaos = 33,
 }
 
-/// The key of a stream of random numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Key {
     pub seed: u64,
@@ -60,9 +58,7 @@ pub struct Key {
     pub kitchen: u32,
     /// Environment number within the kitchen, over the whole run.
     pub environment: u32,
-    /// Episode number within the environment.
     pub episode: u32,
-    /// Step within the episode.
     pub step: u32,
 }
 
@@ -76,7 +72,6 @@ pub struct Random {
 }
 
 impl Key {
-    /// Key of an episode-level draw.
     pub fn episode(seed: u64, purpose: Purpose, kitchen: KitchenId, environment: u32, episode: u32) -> Self {
         Self { seed, purpose, kitchen: kitchen.number(), environment, episode, step: 0 }
     }
@@ -110,7 +105,6 @@ impl Key {
 }
 
 impl Random {
-    /// The next 32 uniform bits.
     pub fn next_u32(&mut self) -> u32 {
         if self.used == 4 {
             self.block = philox4x32_10(self.counter, self.key);

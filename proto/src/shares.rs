@@ -56,7 +56,6 @@ impl Shares {
         self.shards
     }
 
-    /// The shards of the learner with this rank.
     fn shards_of(self, rank: u32) -> Range<u32> {
         let each = self.shards / self.learners;
         rank * each..(rank + 1) * each
@@ -66,7 +65,6 @@ impl Shares {
         self.first_actor_in(shard)..self.first_actor_in(shard + 1)
     }
 
-    /// The actors of the learner with this rank.
     pub fn actors_of(self, rank: u32) -> Range<u32> {
         let shards = self.shards_of(rank);
         self.first_actor_in(shards.start)..self.first_actor_in(shards.end)

@@ -44,7 +44,6 @@ pub fn position_at(stages: &[StageConfig], frames: u64) -> Option<StagePosition>
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RolloutShape {
     pub steps: usize,
-    /// Environments that act in the last step.
     pub environments_in_last_step: usize,
     pub frames: u64,
 }
@@ -131,44 +130,20 @@ pub fn rebudget(stages: &[StageConfig], trained: u64, total: u64) -> Result<Vec<
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum BudgetError {
     #[error("--frames {total}: the run has trained {trained} frames already, and a budget cannot take them back")]
-    Trained {
-        /// Frames asked for.
-        total: u64,
-        /// Frames trained on.
-        trained: u64,
-    },
+    Trained { total: u64, trained: u64 },
     /// More is trained in the stage that is in progress.
     #[error(
         "--frames {total}: stage {stage} would have ended at {end} frames, and the run has trained {trained}, all in \
          stages up to this one; ask for {least} or more"
     )]
-    StageTrained {
-        /// Frames asked for.
-        total: u64,
-        stage: String,
-        /// Where it would end.
-        end: u64,
-        /// Frames trained on.
-        trained: u64,
-        /// The smallest budget that is enough for it.
-        least: u64,
-    },
-    /// A stage would get no frame.
+    StageTrained { total: u64, stage: String, end: u64, trained: u64, least: u64 },
     #[error("--frames {total} leaves {left} frames, too few for the {stages} stages that have not ended: ask for more")]
-    TooFew {
-        /// Frames asked for.
-        total: u64,
-        /// Frames for the stages that have not ended.
-        left: u64,
-        stages: usize,
-    },
+    TooFew { total: u64, left: u64, stages: usize },
 }
 
-/// A frame budget that leaves a stage empty.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 #[error("{total} frames cannot be divided over {stages} stages: ask for more with --frames")]
 pub struct TooFewFrames {
-    /// Frames asked for.
     pub total: u64,
     pub stages: usize,
 }

@@ -6,9 +6,7 @@ use proto::record::End;
 #[derive(Debug, Clone)]
 pub struct About {
     pub kitchen: u32,
-    /// Number of the environment within the kitchen.
     pub environment: u32,
-    /// Number of the episode within the environment.
     pub number: u32,
     /// In an evaluation: its number in the table of episodes.
     pub fixed: Option<u32>,

@@ -4,7 +4,6 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Why a data set was not written.
 #[derive(Debug, thiserror::Error)]
 pub enum DatasetError {
     #[error("{} exists; remove it or choose another --out", .0.display())]
@@ -18,7 +17,6 @@ pub enum DatasetError {
     Archive { path: PathBuf, source: zip::result::ZipError },
 }
 
-/// The disk's error at this path.
 pub(crate) fn disk(path: &Path, source: io::Error) -> DatasetError {
     DatasetError::Disk { path: path.to_path_buf(), source }
 }

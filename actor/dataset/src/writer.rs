@@ -19,7 +19,6 @@ pub struct Writer {
 }
 
 impl Writer {
-    /// A data set that is to be `out`.
     pub fn create(out: &Path, source: Source) -> Result<Self, DatasetError> {
         if fs::symlink_metadata(out).is_ok() {
             return Err(DatasetError::Exists(out.to_path_buf()));

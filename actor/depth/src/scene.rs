@@ -10,16 +10,26 @@ use std::sync::Arc;
 #[derive(Debug, Clone)]
 pub enum Shape {
     /// The upper side of a rectangle in z = 0, by its half extents; one of 0 is without an end.
-    Plane { half_m: [f64; 2] },
-    /// A box, by its half extents.
-    Cuboid { half_m: [f64; 3] },
+    Plane {
+        half_m: [f64; 2],
+    },
+    Cuboid {
+        half_m: [f64; 3],
+    },
     /// An ellipsoid, or a ball.
-    Ellipsoid { radii_m: [f64; 3] },
+    Ellipsoid {
+        radii_m: [f64; 3],
+    },
     /// Along z.
-    Cylinder { radius_m: f64, half_height_m: f64 },
+    Cylinder {
+        radius_m: f64,
+        half_height_m: f64,
+    },
     /// Along z: a cylinder of this height with a half ball at each end.
-    Capsule { radius_m: f64, half_height_m: f64 },
-    /// Triangles.
+    Capsule {
+        radius_m: f64,
+        half_height_m: f64,
+    },
     Mesh(Arc<Mesh>),
 }
 
@@ -108,7 +118,6 @@ impl Renderer {
         self.image.millimetres(depth_mm);
     }
 
-    /// The same in metres.
     pub fn metres(&self, depth_m: &mut [f32]) {
         self.image.metres(depth_m);
     }

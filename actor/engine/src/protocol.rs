@@ -42,12 +42,9 @@ pub enum Todo {
     Wait(Duration),
 }
 
-/// What was done with a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
-    /// It counts.
     Accepted,
-    /// It is ignored, for this reason.
     Ignored(&'static str),
 }
 
@@ -104,7 +101,6 @@ impl Protocol {
         }
     }
 
-    /// How the environments are divided.
     pub fn halves(&self) -> Halves {
         self.halves
     }
@@ -180,7 +176,6 @@ impl Protocol {
         Verdict::Accepted
     }
 
-    /// What to do now.
     pub fn next(&self, now: Duration) -> Todo {
         if self.learner_incarnation.is_none() || !self.met {
             let left = self.hello_due.saturating_sub(now);
@@ -200,7 +195,6 @@ impl Protocol {
         Todo::Wait(wait)
     }
 
-    /// A HELLO went out.
     pub fn hello_sent(&mut self, now: Duration) {
         self.hello_due = now + HELLO_INTERVAL;
     }

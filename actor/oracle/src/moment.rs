@@ -24,7 +24,6 @@ pub struct Moment<'a> {
 }
 
 impl<'a> Moment<'a> {
-    /// An environment as it is now.
     pub fn of(environment: &'a Environment) -> Self {
         let kitchen = environment.kitchen().as_ref();
         let (simulation, episode) = (environment.simulation(), environment.episode());

@@ -4,9 +4,7 @@ use super::camera::{Camera, Pixel};
 use super::canvas::{Canvas, Rgb};
 use rapier3d::math::Vec3;
 
-/// The target's colour.
 pub const TARGET: Rgb = [232, 0, 132];
-/// The goal's colour.
 pub const GOAL: Rgb = [0, 176, 88];
 /// What is drawn hidden if something is this much nearer, metres.
 const SLACK_M: f32 = 0.02;

@@ -107,7 +107,6 @@ pub struct Base {
     past: Option<Box<Simulation>>,
 }
 
-/// An episode's start in the making.
 #[derive(Debug, Clone)]
 struct Ahead {
     number: u32,
@@ -312,7 +311,6 @@ impl Base {
         self.end.is_some()
     }
 
-    /// How the episode has ended, if it has.
     pub fn end(&self) -> Option<End> {
         self.end
     }
@@ -331,7 +329,6 @@ impl Base {
         self.simulation.watch();
     }
 
-    /// The physics simulation, read-only.
     pub fn simulation(&self) -> &Simulation {
         &self.simulation
     }

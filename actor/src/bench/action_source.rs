@@ -7,10 +7,8 @@ use simulator::tasks::arm_point_nav::Environment;
 use std::fmt;
 use std::str::FromStr;
 
-/// Seed of the random policy.
 const SEED: u64 = 1;
 
-/// Who plays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PolicyKind {
     /// Every action equally likely but Done, so that episodes last.

@@ -21,17 +21,14 @@ use std::io::{ErrorKind, Read, Write};
 use std::path::Path;
 use wire::message::{Halves, Line};
 
-/// What is driven, and how.
 #[derive(Debug, Clone, Copy)]
 pub struct Options {
-    /// Where all environments are.
     pub kitchen: KitchenId,
     pub environments: u32,
     pub seed: u64,
     pub steps: u32,
 }
 
-/// Takes turns until the input ends.
 pub fn run(options: Options, mut input: impl Read, mut output: impl Write) -> Result<()> {
     let Options { kitchen, environments: count, seed, steps } = options;
     let mut config = Config { seed, ..Config::default() };

@@ -43,11 +43,9 @@ pub struct Options {
     pub policies: Vec<PolicyKind>,
     /// Processor time for each figure, seconds.
     pub seconds: f64,
-    /// Print JSON in place of the table.
     pub json: bool,
 }
 
-/// Measures and prints.
 pub fn run(options: &Options) -> Result<()> {
     ensure!(options.seconds > 0.0 && options.seconds <= 3600.0, "measure for a time between 0 and 3600 seconds");
     let config = Config::default();

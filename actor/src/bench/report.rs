@@ -74,7 +74,6 @@ pub fn table(out: &mut impl Write, rows: &[Measurement]) -> io::Result<()> {
     Ok(())
 }
 
-/// Everything that was measured, for machines.
 pub fn json(rows: &[Measurement]) -> Value {
     let rows: Vec<Value> = rows
         .iter()

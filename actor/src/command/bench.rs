@@ -44,7 +44,6 @@ pub struct BenchBesideArgs {
     steps: u32,
 }
 
-/// Runs `actor bench`.
 pub fn run(args: &BenchArgs) -> Result<()> {
     bench::run(&bench::Options {
         kitchens: args.kitchens.0.clone(),
@@ -55,7 +54,6 @@ pub fn run(args: &BenchArgs) -> Result<()> {
     })
 }
 
-/// Runs `actor bench-beside`.
 pub fn run_beside(args: &BenchBesideArgs) -> Result<()> {
     let &BenchBesideArgs { kitchen, environments, seed, steps } = args;
     let options = beside::Options { kitchen, environments, seed, steps };

@@ -45,7 +45,6 @@ pub enum Command {
     BenchBeside(bench::BenchBesideArgs),
 }
 
-/// Runs a subcommand.
 pub fn run(command: &Command) -> Result<()> {
     match command {
         Command::Replay => {

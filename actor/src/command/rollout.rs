@@ -30,7 +30,6 @@ pub struct RolloutArgs {
 }
 
 impl RolloutArgs {
-    /// Rolls out until the run ends.
     pub fn run(self) -> Result<()> {
         ensure!(
             !(self.lifeline && self.kitchen.is_some()),

@@ -26,7 +26,6 @@ pub enum Command {
     Check,
 }
 
-/// Does it.
 pub fn run(command: &Command) -> Result<()> {
     match command {
         Command::Generate { out } => generate(out),

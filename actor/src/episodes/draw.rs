@@ -10,21 +10,13 @@ use simulator::tasks::arm_point_nav::episodes::format::{Record, Section};
 use simulator::tasks::arm_point_nav::episodes::{EPISODES_PER_KITCHEN, category, episode_of, fingerprint};
 use std::sync::Arc;
 
-/// Seed of the fixed episodes.
 const SEED: u64 = 0x5354_494c_4c52_4f4f;
 const DRAWS: u32 = 400;
 
-/// Why a kitchen got no fixed episodes.
 #[derive(Debug, thiserror::Error)]
 pub enum DrawError {
-    /// One of them could not be drawn.
     #[error("kitchen {kitchen}, episode {episode}: none of {DRAWS} draws is valid; the last one: {last}")]
-    NoneValid {
-        kitchen: KitchenId,
-        episode: usize,
-        /// What was wrong with the last draw.
-        last: String,
-    },
+    NoneValid { kitchen: KitchenId, episode: usize, last: String },
 }
 
 /// Draws all episodes of a kitchen; also returns what was wrong with the draws that were not valid.

@@ -42,17 +42,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use trace::{Trace, record};
 
-/// Numbers in a pose.
 const POSE: usize = 7;
 
 #[derive(Debug, Clone)]
 pub struct Options {
     pub kitchens: Vec<KitchenId>,
-    /// An episode under each of these.
     pub policies: Vec<PolicyKind>,
-    /// Depth frames of each episode, at most.
     pub frames: usize,
-    /// The folder, made if it is not there.
     pub folder: PathBuf,
 }
 

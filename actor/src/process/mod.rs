@@ -24,18 +24,15 @@ use wire::WireAddress;
 /// What a rollout actor is told on its command line.
 #[derive(Debug, Clone)]
 pub struct Settings {
-    /// Its number among the run's actors, from 0.
     pub actor: u32,
     /// How often it has been started in this run incarnation, from 1.
     pub incarnation: u32,
     pub wire: WireAddress,
-    /// The run's effective configuration.
     pub config: PathBuf,
     /// Kitchen to simulate in place of the actor's own.
     pub kitchen: Option<KitchenId>,
 }
 
-/// Runs the actor until something fails.
 pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
     let path = settings.config.display().to_string();
     let text = bounded::read_text(&settings.config).with_context(|| format!("cannot read {path}"))?;

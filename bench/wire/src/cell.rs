@@ -84,7 +84,6 @@ impl Drop for Children {
     }
 }
 
-/// Measures and prints [`Figures`].
 pub fn run(setting: &Setting) -> Result<()> {
     let place = Place::new(setting.actors, setting.frames)?;
     let mut learner = ways::learner(setting.way, &place)?;

@@ -30,7 +30,6 @@ pub enum Way {
 }
 
 impl Way {
-    /// All of them.
     pub const ALL: [Self; 5] = [Self::Wire, Self::Shm, Self::Unix, Self::Zeromq, Self::Grpc];
 }
 
@@ -62,7 +61,6 @@ pub struct Place {
 }
 
 impl Place {
-    /// Of this process.
     pub fn new(actors: u32, frames: u32) -> Result<Self> {
         let place = Self { cell: std::process::id(), actors, frames };
         std::fs::create_dir(place.folder()).with_context(|| place.folder().display().to_string())?;
@@ -74,22 +72,18 @@ impl Place {
         if self.frames == 1 { 1 } else { 2 * self.frames }
     }
 
-    /// Halves of an actor.
     pub fn halves(&self) -> u32 {
         Halves::of(self.environments()).count()
     }
 
-    /// Bytes of a half's observations.
     pub fn bytes(&self) -> usize {
         self.frames as usize * Config::default().spec().layout().bytes
     }
 
-    /// What a step's observations consist of.
     pub fn pattern(&self, actor: u32, half: u32, step: u64) -> u8 {
         (step as u8).wrapping_mul(16).wrapping_add((actor * 2 + half) as u8)
     }
 
-    /// Folder for sockets.
     pub fn folder(&self) -> PathBuf {
         std::env::temp_dir().join(format!("stillroom-bench-{}", self.cell))
     }
@@ -103,7 +97,6 @@ pub struct EndArgs {
 }
 
 impl EndArgs {
-    /// The same as a command line.
     pub fn arguments(&self) -> Vec<String> {
         let Place { cell, actors, frames } = self.place;
         vec![format!("--cell={cell}"), format!("--actors={actors}"), format!("--frames={frames}")]
@@ -124,7 +117,6 @@ pub struct ActorArgs {
 }
 
 impl ActorArgs {
-    /// The same as a command line.
     pub fn arguments(&self) -> Vec<String> {
         let mut words = self.end.arguments();
         words.extend([format!("--way={}", self.way), format!("--actor={}", self.actor)]);
@@ -148,7 +140,6 @@ pub trait LearnerEnd {
     fn answer(&mut self, half: u32, action: u8) -> Result<()>;
 }
 
-/// A half's actions.
 pub fn actions(place: &Place, action: u8) -> Vec<u8> {
     vec![action; place.frames as usize]
 }

@@ -86,7 +86,6 @@ fn main() -> Result<()> {
     }
 }
 
-/// Measures everything and prints it.
 fn compare(args: &RunArgs) -> Result<()> {
     ensure!(args.seconds > 0.0 && args.seconds <= 600.0, "--seconds must be above 0 and at most 600");
     ensure!(args.frames.iter().all(|frames| (1..=128).contains(frames)), "--frames must be 1 to 128");

@@ -16,22 +16,18 @@ pub struct Row {
 }
 
 impl Row {
-    /// After the first round.
     pub fn new(setting: Setting, figures: Figures) -> Self {
         Self { setting, rounds: vec![figures] }
     }
 
-    /// Whether it is this one's.
     pub fn is_of(&self, setting: &Setting) -> bool {
         self.setting == *setting
     }
 
-    /// Takes in another round.
     pub fn add(&mut self, figures: Figures) {
         self.rounds.push(figures);
     }
 
-    /// Frames of a half.
     pub fn frames(&self) -> u32 {
         self.setting.frames
     }
@@ -102,7 +98,6 @@ fn verdict(rows: &[Row]) -> Option<String> {
     Some(format!("wire with {} frames: {ratio:.2} of raw shared memory (target at least {}): {met}", BAR.0, BAR.1))
 }
 
-/// Everything, for machines.
 pub fn json(rows: &[Row], machine: &str) -> Result<String> {
     let rows: Vec<_> = rows
         .iter()

@@ -230,7 +230,6 @@ impl Agent {
         self.batch_rows.is_some() && self.config.ppo.preemption_share == 0.0
     }
 
-    /// Which of the run's columns this learner has.
     pub fn columns(&self) -> Range<usize> {
         self.columns.clone()
     }
@@ -312,7 +311,6 @@ impl Agent {
         }
     }
 
-    /// PPO-Lagrangian's multiplier.
     pub fn multiplier(&self) -> f64 {
         self.multiplier
     }

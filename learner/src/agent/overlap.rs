@@ -109,7 +109,6 @@ impl Overlap {
         self.busy
     }
 
-    /// Waits until the update is through.
     pub fn finish(&mut self) -> Done {
         assert!(std::mem::take(&mut self.busy), "an update was begun");
         self.done.recv().expect("the thread of the update has panicked")
@@ -132,7 +131,6 @@ fn await_stream(streams: Option<Streams>) {
     }
 }
 
-/// The network that acts.
 pub(super) fn policy<'a>(overlap: Option<&'a Overlap>, trainer: Option<&'a Trainer>) -> &'a Network {
     overlap.map_or_else(|| &trainer.expect(HERE).network, |overlap| &overlap.policy)
 }

@@ -13,7 +13,6 @@ pub(crate) const ACTING: &str = "acting.";
 pub(crate) const FIRST_MOMENT: &str = "adam.first";
 /// Adam's mean of its square there.
 pub(crate) const SECOND_MOMENT: &str = "adam.second";
-/// What the beliefs are called there.
 pub(crate) const BELIEFS: &str = "beliefs";
 
 /// Everything of an agent that a checkpoint keeps, on the CPU.
@@ -25,7 +24,6 @@ pub struct AgentState {
     pub tensors: BTreeMap<String, Tensor>,
     /// Optimiser steps taken in this stage.
     pub adam_steps: u64,
-    /// PPO-Lagrangian's multiplier.
     pub multiplier: f64,
     /// Sign of the goal vector that the weights were trained with.
     pub carried_goal: CarriedGoal,

@@ -31,7 +31,6 @@ use tch::Tensor;
 
 pub(crate) const TASKS: [TaskEntry; 3] = [disturb::ENTRY, inverse_dynamics::ENTRY, cpca::ENTRY];
 
-/// The task that a run trains, or none.
 #[derive(Debug)]
 pub struct Auxiliary(Option<Box<dyn Task>>);
 
@@ -49,7 +48,6 @@ impl Auxiliary {
         Self(Some((entry.declare)(layout, sizes, config)))
     }
 
-    /// Whether there is no task.
     pub fn is_none(&self) -> bool {
         self.0.is_none()
     }

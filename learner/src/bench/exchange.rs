@@ -15,7 +15,6 @@ use std::process::{Child, Command, Stdio};
 use std::time::Instant;
 use tch::{Cuda, Device, Kind, Tensor};
 
-/// Sums before the first that counts.
 const WARM_UP: u32 = 3;
 
 /// What `learner exchange` is asked.
@@ -153,7 +152,6 @@ fn start(arguments: &Arguments, rank: u32, folder: &Path, on_gpu: bool) -> Resul
     command.stdin(Stdio::null()).spawn().context("cannot start a learner")
 }
 
-/// What one learner does.
 fn member(arguments: &Arguments, rank: u32, meeting: &Meeting, mut output: impl Write) -> Result<()> {
     let mut config = Config::default().learner;
     config.device = arguments.device;

@@ -9,7 +9,6 @@ use tch::Device;
 /// Between two looks. The driver itself averages over a sixth of a second to a second.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// What a GPU did during a measurement.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Use {
     /// Mean share of the time in which a kernel ran, 0..1.

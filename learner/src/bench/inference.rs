@@ -15,22 +15,16 @@ use tch::Device;
 
 /// Steps of the rollouts that are begun for this.
 const STEPS: usize = 16;
-/// The fewest steps that are measured.
 const FEWEST: usize = 20;
 
-/// What was measured with one batch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Inference {
-    /// Frames at once.
     pub batch: u32,
-    /// Median time of a step, seconds.
     pub p50_s: f64,
-    /// Its 99th percentile.
     pub p99_s: f64,
     /// Median time from shared memory to kept frames, seconds: a part of the step. None in a task without a frame, and on a
     /// GPU, which reads the frames itself, or waits for their copy if a warning says so.
     pub copy_s: Option<f64>,
-    /// What the GPU did.
     pub gpu: Option<Use>,
 }
 

@@ -98,7 +98,6 @@ enum Mark {
     Update,
 }
 
-/// Measures and prints.
 pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<()> {
     ensure!(
         arguments.seconds > 0.0 && arguments.seconds <= 600.0,

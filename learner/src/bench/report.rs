@@ -8,18 +8,13 @@ use serde_json::{Value, json};
 
 #[derive(Debug)]
 pub struct Report {
-    /// The configuration's name.
     pub preset: String,
-    /// Device and precision.
     pub place: String,
     /// The encoder's name; `mlp` without a frame.
     pub encoder: &'static str,
     pub parameters: u64,
-    /// By batch.
     pub inference: Vec<Inference>,
-    /// By steps.
     pub updates: Vec<Updates>,
-    /// None if it was left out.
     pub whole_loop: Option<WholeLoop>,
 }
 
@@ -74,7 +69,6 @@ impl Report {
         lines.join("\n")
     }
 
-    /// For machines; times in seconds.
     pub fn json(&self) -> Value {
         let inference: Vec<Value> = self
             .inference

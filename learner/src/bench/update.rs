@@ -16,7 +16,6 @@ const UPDATES: u64 = 3;
 /// Updates before: in the first one libraries warm up, in the second one passes are recorded for all that follow.
 const WARM_UPS: u64 = 2;
 
-/// What was measured with rollouts of some steps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Updates {
     pub steps: u32,

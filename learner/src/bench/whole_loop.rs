@@ -19,14 +19,12 @@ const WARM_UP: usize = 2;
 pub struct WholeLoop {
     /// Frames of the rollouts that count.
     pub frames: u64,
-    /// Where their time went.
     pub timing: Timing,
     /// What the GPU did during the whole run, its start included.
     pub gpu: Option<Use>,
 }
 
 impl WholeLoop {
-    /// Time of the rollouts that count, seconds.
     pub fn seconds(&self) -> f64 {
         self.timing.total_s()
     }

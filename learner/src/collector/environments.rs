@@ -9,10 +9,8 @@ use proto::record::{End, RecordHeader, flag};
 use proto::task::{Actions, Check, Field, Implausible, Layout, Measure};
 use wire::message::{EnvironmentState, Snapshot};
 
-/// What an action led to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settlement {
-    /// For training.
     pub outcome: Outcome,
     /// The episode, if it has ended.
     pub ended: Option<Ended>,
@@ -26,9 +24,7 @@ pub struct Mismatch {
     pub actor: u32,
     /// None where environments are not built in.
     pub kitchen: Option<KitchenId>,
-    /// Environment index within the actor.
     pub environment: u32,
-    /// What is wrong.
     pub problem: String,
     /// Nothing but that a number is not finite.
     pub non_finite: bool,
@@ -98,12 +94,10 @@ impl Environments {
         &self.states[column]
     }
 
-    /// All states, by column.
     pub fn states(&self) -> &[EnvironmentState] {
         &self.states
     }
 
-    /// All running episodes, by column.
     pub fn running(&self) -> &[RunningEpisode] {
         &self.running
     }

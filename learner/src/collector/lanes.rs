@@ -27,7 +27,6 @@ impl Pace {
 }
 
 impl fmt::Display for Pace {
-    /// How actors go.
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         formatter.write_str(match self {
             Self::Lockstep => "in lockstep",
@@ -45,13 +44,11 @@ const READY_SHARE: usize = 4;
 pub struct Lane {
     /// The actor's place among its learner's own.
     pub index: u32,
-    /// Which half of its environments.
     pub half: u32,
     /// Row of the rollout; as many as it has, when the last action has been taken.
     pub t: usize,
 }
 
-/// What the lanes wait for.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Next {
     /// Observations of these actors, or receipts for them, ascending; it is enough to look when so many have come.
@@ -90,14 +87,11 @@ pub struct Lanes<S> {
     first: u64,
 }
 
-/// Meaning of a sample's step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Arrival {
-    /// It is waited for.
     Awaited,
     /// It was received before: sent again by an actor that was restarted.
     Duplicate,
-    /// It answers an action that was never sent.
     Ahead,
 }
 
@@ -132,7 +126,6 @@ impl<S> Lanes<S> {
         self.pace = pace;
     }
 
-    /// A rollout begins.
     pub fn begin(&mut self) {
         self.from = self.boundary();
         self.all.iter_mut().for_each(|lane| lane.valued = false);
@@ -153,7 +146,6 @@ impl<S> Lanes<S> {
         step
     }
 
-    /// Where a sample with this step belongs.
     pub fn arrival(&self, index: u32, half: u32, step: u64) -> Arrival {
         let lane = self.at(index, half);
         match step.cmp(&lane.step) {

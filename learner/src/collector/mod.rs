@@ -51,15 +51,12 @@ use wire::message::{ActionHeader, EnvironmentState, ObservationHeader, RestoreHe
 
 /// One actor's observations of one half, in the order of [`ColumnMap::half`].
 pub trait HalfSample {
-    /// Number of observations.
     fn len(&self) -> usize;
-    /// True when it holds none.
     fn is_empty(&self) -> bool {
         self.len() == 0
     }
     /// Record `i`, all but its images.
     fn record(&self, i: usize) -> &[u8];
-    /// The header of record `i`.
     fn header(&self, i: usize) -> &RecordHeader {
         RecordHeader::of(self.record(i))
     }
@@ -83,7 +80,6 @@ pub struct Boundary {
 }
 
 impl Boundary {
-    /// The start of a run with `columns` environments.
     pub fn start(columns: usize) -> Self {
         Self {
             exchange: 0,
@@ -93,7 +89,6 @@ impl Boundary {
     }
 }
 
-/// What to do next.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Task {
     /// Receive until enough observations are there: see [`Collector::missing`].
@@ -105,7 +100,6 @@ pub enum Task {
     Finish,
 }
 
-/// Who is waited for.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Missing {
     /// Actors from which something is missing before the current task can go on, ascending.
@@ -114,17 +108,17 @@ pub struct Missing {
     pub enough: u32,
 }
 
-/// What was done with a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Received {
-    /// It was expected and is kept.
     Kept,
-    /// It was seen before.
     Duplicate,
     /// It belongs to another learner incarnation: the actor has not been restored yet.
     Foreign,
     /// An actor has started: answer with [`Collector::restore`].
-    Hello { actor: u32, actor_incarnation: u32 },
+    Hello {
+        actor: u32,
+        actor_incarnation: u32,
+    },
 }
 
 /// Actions to send to one actor.
@@ -142,7 +136,6 @@ pub struct Settled {
     /// Row of the rollout in which the action was taken.
     pub t: usize,
     pub column: usize,
-    /// What it led to.
     pub outcome: Outcome,
     /// What the policy would have been given next of an episode that it truncated, where the record has it.
     pub last_seen: Option<Vec<f32>>,
@@ -153,13 +146,11 @@ pub struct Settled {
 pub struct Decision {
     pub column: usize,
     pub environment: EnvironmentId,
-    /// Episode number within the environment.
     pub episode: u32,
     /// Actions taken in it so far.
     pub step: u32,
 }
 
-/// Where a rollout stands.
 #[derive(Debug)]
 struct Cursor {
     shape: RolloutShape,
@@ -251,7 +242,6 @@ impl<S: HalfSample> Collector<S> {
         }
     }
 
-    /// Takes a sample in.
     pub fn receive(&mut self, header: &ObservationHeader, sample: S) -> Result<Received, ProtocolError> {
         let ObservationHeader { kind, actor, actor_incarnation, learner_incarnation, half, step, .. } = *header;
         let column_map = self.settings.column_map;

@@ -16,12 +16,10 @@ pub enum Noise {
 }
 
 impl Noise {
-    /// That of a policy.
     pub fn of(head: &ActionHead) -> Self {
         if head.is_gaussian() { Self::Normal(head.outputs()) } else { Self::Gumbel(head.outputs()) }
     }
 
-    /// How many draws.
     pub fn count(self) -> usize {
         match self {
             Self::Gumbel(count) | Self::Normal(count) => count,

@@ -5,16 +5,12 @@ use super::noise::Noise;
 use proto::config::Config;
 use proto::task::{Composition, Condition, Spec};
 
-/// Constants of a collector.
 #[derive(Debug, Clone, Copy)]
 pub struct Settings {
     pub column_map: ColumnMap,
     pub task: &'static Spec,
-    /// Seed of the run, for the action noise.
     pub seed: u64,
-    /// What chooses actions.
     pub noise: Noise,
-    /// Step limit of an episode.
     pub max_episode_steps: u32,
     /// Discount a step, of returns and of the cost that PPO-Lagrangian constrains.
     pub gamma: f64,
@@ -43,7 +39,6 @@ pub struct Signals {
 }
 
 impl Signals {
-    /// Those of a run.
     pub fn of(config: &Config) -> Self {
         Self { label: config.label(), cost: config.spec().cost() }
     }

@@ -9,7 +9,6 @@ use std::collections::BTreeMap;
 /// Figures of an episode in progress. Checkpoints save them, so that metrics continue after a resume.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct RunningEpisode {
-    /// Undiscounted return so far.
     pub episode_return: f64,
     /// Σ `γ^t` cost so far.
     pub discounted_cost: f64,
@@ -28,7 +27,6 @@ impl RunningEpisode {
     }
 }
 
-/// An episode that has ended.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ended {
     /// Its steps.
@@ -51,7 +49,6 @@ pub struct RolloutStatistics {
 }
 
 impl RolloutStatistics {
-    /// Of nothing yet.
     pub fn of(task: &'static Spec) -> Self {
         Self::summed(task, &vec![0.0; Self::SUMS + task.rollout_metrics().count()])
     }
@@ -61,7 +58,6 @@ impl RolloutStatistics {
         self.reward += f64::from(reward);
     }
 
-    /// Adds an episode that has ended.
     pub fn add_episode(&mut self, Ended { length, running }: &Ended) {
         self.episodes += 1;
         self.episode_return += running.episode_return;
@@ -113,7 +109,6 @@ impl RolloutStatistics {
         (self.episodes > 0).then(|| self.discounted_cost / self.episodes as f64)
     }
 
-    /// Number of frames added.
     pub fn frames(&self) -> u64 {
         self.frames
     }

@@ -27,7 +27,6 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Of so many shards.
     pub fn new(column_map: ColumnMap, task: &'static Spec, shards: usize) -> Self {
         let waiting = (0..column_map.columns()).map(|_| VecDeque::new()).collect();
         Self { column_map, statistics: vec![RolloutStatistics::of(task); shards], waiting, rows: 0, frames: 0 }

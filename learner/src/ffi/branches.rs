@@ -60,7 +60,6 @@ impl Branches {
     }
 }
 
-/// The branches that are open.
 #[derive(Debug)]
 pub struct Forks<'a> {
     branches: &'a Branches,

@@ -37,7 +37,6 @@ impl Events {
         })
     }
 
-    /// Makes one, which is nowhere yet.
     pub fn make(self, purpose: Purpose) -> Result<Event, CudaError> {
         let mut event = null_mut();
         // SAFETY: the driver is initialised; the out-pointer is ours.

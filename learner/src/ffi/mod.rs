@@ -35,7 +35,6 @@ impl FrameRoom {
         Self(if device.is_cuda() { room.pin_memory(device) } else { room })
     }
 
-    /// How many frames it holds.
     pub fn rows(&self) -> i64 {
         self.0.size()[0]
     }
@@ -65,7 +64,6 @@ impl FrameRoom {
         self.0.narrow(0, 0, rows).to_device_(device, Kind::Int16, true, false)
     }
 
-    /// The tensor itself.
     pub fn into_tensor(self) -> Tensor {
         self.0
     }

@@ -24,9 +24,7 @@ unsafe extern "C" {
 /// Whose work comes first where both are ready.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Priority {
-    /// Before everything else.
     High,
-    /// That of the default stream.
     Low,
 }
 
@@ -46,13 +44,10 @@ pub struct Stream(Handle);
 // SAFETY: the driver's functions take a stream from any thread.
 unsafe impl Send for Stream {}
 
-/// A stream cannot be made libtorch's.
 #[derive(Debug, thiserror::Error)]
 pub enum StreamError {
-    /// The driver refuses.
     #[error(transparent)]
     Cuda(#[from] CudaError),
-    /// libtorch refuses.
     #[error(transparent)]
     Torch(#[from] TchError),
 }

@@ -52,7 +52,6 @@ pub struct GoalEmbedding {
 }
 
 impl GoalEmbedding {
-    /// Declares both layers with PyTorch's default initialisation.
     pub fn new(layout: &mut Layout, path: &str, numbers: i64) -> Self {
         Self {
             first: Linear::with_default(layout, &format!("{path}.0"), [numbers, 100]),

@@ -42,7 +42,6 @@ impl FramePreparation {
     /// Scale and offset of [`FramePreparation::input`]: input = kept · scale + offset.
     pub(crate) const SCALE_OFFSET: [f32; 2] = [SCALE as f32, OFFSET as f32];
 
-    /// That of a configuration.
     pub fn of(config: &Config, device: Device) -> Self {
         let inputs = config.spec().inputs().expect("a validated configuration's task has what networks take");
         match inputs.frame {
@@ -183,7 +182,6 @@ fn whole<'a>(frame: &DepthFrame<'a>) -> Option<&'a RawFrame> {
     }
 }
 
-/// Averages `pool` × `pool` windows.
 fn pool_frame(frame: &RawFrame, pool: usize, pooled: &mut [f32]) {
     let side = FRAME_SIDE / pool;
     let share = 1.0 / (pool * pool) as f32;

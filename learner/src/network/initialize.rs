@@ -9,19 +9,14 @@ use std::f64::consts::TAU;
 /// Values drawn from one random stream before the next begins; a stream is limited to 262,140 words.
 const BLOCK: usize = 65_536;
 
-/// How a parameter starts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Initial {
-    /// Every element the same.
     Constant(f64),
-    /// Normal with mean 0.
     Normal {
-        /// Standard deviation.
         deviation: f64,
     },
     /// Uniform in (-bound, bound).
     Uniform {
-        /// Half the width.
         bound: f64,
     },
     /// A random (semi-)orthogonal matrix, uniform over all such (Saxe et al. 2013); what

@@ -34,7 +34,6 @@ impl Declared {
 #[error("`{name}` {problem}")]
 pub struct Unfit {
     pub name: String,
-    /// What is wrong with it.
     pub problem: String,
 }
 
@@ -43,12 +42,10 @@ impl Unfit {
         Self { name: name.to_owned(), problem: problem.into() }
     }
 
-    /// The network has no tensor of this name.
     pub(crate) fn no_place(name: &str) -> Self {
         Self::new(name, "has no place in this network")
     }
 
-    /// It should be there.
     pub fn missing(name: &str) -> Self {
         Self::new(name, "is missing")
     }
@@ -105,7 +102,6 @@ impl Index<ParameterId> for Parameters {
 }
 
 impl Parameters {
-    /// Allocates and initialises everything that was declared.
     pub fn new(layout: Layout, seed: u64, device: Device) -> Self {
         let mut values = Vec::with_capacity(layout.count as usize);
         for entry in &layout.entries {
@@ -139,7 +135,6 @@ impl Parameters {
         Ok(())
     }
 
-    /// Number of weights.
     pub fn count(&self) -> i64 {
         self.flat.numel() as i64
     }
@@ -229,7 +224,6 @@ impl Parameters {
     }
 }
 
-/// Whether every element is a finite number.
 pub(crate) fn all_finite(tensor: &Tensor) -> bool {
     // One pass and one number read back: the sum of x·0 is 0 only when all x are finite.
     (tensor.detach() * 0.0).sum(Kind::Float).double_value(&[]) == 0.0

@@ -15,7 +15,6 @@ pub struct Moments {
 const BEFORE: f64 = 1e-4;
 
 impl Moments {
-    /// Before anything was met.
     pub fn before(width: usize) -> Self {
         Self { count: BEFORE, mean: vec![0.0; width], squares: vec![BEFORE; width] }
     }
@@ -51,7 +50,6 @@ impl Moments {
         self.mean.len()
     }
 
-    /// Mean and variance of number `i`.
     pub(crate) fn of_number(&self, i: usize) -> [f64; 2] {
         [self.mean[i], self.squares[i] / self.count]
     }
@@ -89,7 +87,6 @@ impl RewardScale {
         Self { divisor: (variance + VARIANCE_EPSILON).sqrt(), clip }
     }
 
-    /// The reward that is learned from.
     pub fn apply(self, reward: f32) -> f64 {
         (f64::from(reward) / self.divisor).clamp(-self.clip, self.clip)
     }

@@ -20,7 +20,6 @@ pub struct Batch {
     pub negatives: Option<Vec<usize>>,
 }
 
-/// Every tensor that a batch may have.
 const NAMES: [&str; 20] = [
     "frames",
     "goal_m",

@@ -34,10 +34,8 @@ impl NonFinite {
     }
 }
 
-/// A checkpoint could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum Unsaved {
-    /// By this learner.
     #[error(transparent)]
     Here(#[from] CheckpointError),
     /// By the first learner, which writes for all and reports the reason.

@@ -35,7 +35,6 @@ pub fn torch_version() -> Option<String> {
     (!version.is_empty()).then(|| version.to_owned())
 }
 
-/// Path of the loaded libtorch.
 pub fn torch_library() -> Option<PathBuf> {
     let maps = std::fs::read_to_string("/proc/self/maps").ok()?;
     // The path is the sixth field and may hold spaces.

@@ -23,12 +23,9 @@ pub struct ReplaySetup {
     pub images: Option<ReplayImages>,
 }
 
-/// How to draw the episodes.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ReplayImages {
-    /// Folder, created if missing.
     pub folder: String,
-    /// Still pictures or one moving picture an episode.
     pub format: ImageFormat,
     /// Width and height of a still, or of each of a moving picture's two views, pixels.
     pub side: u32,
@@ -45,7 +42,6 @@ pub enum ImageFormat {
     Mp4(Ffmpeg),
 }
 
-/// The program that encodes films.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Ffmpeg {
     pub program: String,
@@ -57,7 +53,6 @@ pub struct Ffmpeg {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RecordedEpisode {
     pub environment: EnvironmentId,
-    /// Episode number within the environment.
     pub episode: u32,
     /// Hash of its first state, if the recording holds it.
     pub start_hash: Option<u64>,
@@ -104,7 +99,6 @@ impl Compared {
         channels.chain(rewards).chain(["end".to_owned()])
     }
 
-    /// How many digests a step has.
     pub fn count(&self) -> usize {
         self.channels.len() + self.rewards.len() + 1
     }
@@ -114,7 +108,6 @@ impl Compared {
         self.channels.get(at).is_some_and(|(_, _, of_action)| !of_action)
     }
 
-    /// How many digests an episode's beginning has.
     pub fn start_count(&self) -> usize {
         self.channels.len()
     }
@@ -159,11 +152,9 @@ fn digest(numbers: impl IntoIterator<Item = u64>) -> u32 {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ReplayVerdict {
     pub environment: EnvironmentId,
-    /// Episode number within the environment.
     pub episode: u32,
     /// States compared, the first one included.
     pub compared: u64,
-    /// The first thing that differs, if any.
     pub first_difference: Option<Difference>,
     pub images: u64,
 }

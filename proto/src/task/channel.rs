@@ -19,7 +19,6 @@ pub enum Role {
     State,
 }
 
-/// Type of a channel's numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Dtype {
@@ -90,7 +89,6 @@ impl Dtype {
     }
 }
 
-/// One channel, as a task declares it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Channel {
@@ -120,7 +118,6 @@ pub struct Channel {
     /// Of a place that is to be reached: how near is enough on each axis, for pictures.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tolerance: Option<f32>,
-    /// What it is, as a sentence.
     pub doc: String,
 }
 
@@ -145,7 +142,6 @@ impl Channel {
         matches!(self.role, Role::Part | Role::Outcome)
     }
 
-    /// Least and greatest number that may arrive.
     pub(super) fn bounds(&self) -> Option<[f64; 2]> {
         if self.role == Role::Mask {
             return Some([0.0, 1.0]);

@@ -10,7 +10,6 @@ use super::spec::Spec;
 use crate::record::{End, RecordHeader};
 use std::ops::Range;
 
-/// A number that the task does not declare.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Implausible {
     #[error("its {0} is not finite")]
@@ -21,7 +20,6 @@ pub enum Implausible {
     NoOption(String),
 }
 
-/// What may lie in a field.
 #[derive(Debug, Clone, PartialEq)]
 enum Sound {
     /// Written so that NaN is refused, too.
@@ -39,7 +37,6 @@ impl Sound {
     }
 }
 
-/// Where a mask lies.
 #[derive(Debug, Clone)]
 struct Mask {
     field: Field,
@@ -48,7 +45,6 @@ struct Mask {
     what: String,
 }
 
-/// The check of a task's records, resolved.
 #[derive(Debug, Clone)]
 pub struct Check {
     of_action: Vec<(Field, Sound, String)>,
@@ -63,7 +59,6 @@ pub struct Check {
 }
 
 impl Check {
-    /// That of a task.
     pub fn of(spec: &Spec) -> Self {
         let checks = |of_action: bool| -> Vec<(Field, Sound, String)> {
             let pairs = spec.channels.iter().zip(&spec.layout().fields);

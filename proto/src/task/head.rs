@@ -15,7 +15,6 @@ pub enum ActionHead {
     Box(Vec<[f32; 2]>),
 }
 
-/// An action, as a policy chose it.
 #[derive(Debug, Clone, PartialEq)]
 pub enum PolicyAction {
     /// The option of each choice.
@@ -44,7 +43,6 @@ impl ActionHead {
         }
     }
 
-    /// Whether its actions are drawn from Gaussians.
     pub fn is_gaussian(&self) -> bool {
         matches!(self, Self::Box(_))
     }

@@ -19,10 +19,8 @@ enum Coding {
     OneHot { least: i64, count: usize },
 }
 
-/// Places of the observations.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Inputs {
-    /// The frame of kitchens, if there is one.
     pub frame: Option<Field>,
     /// All other images, in the order of their names.
     pub images: Vec<Image>,

@@ -19,13 +19,11 @@ use std::ops::Range;
 
 /// Bytes of a cache line. Records and images begin on one.
 pub const LINE_BYTES: usize = 64;
-/// Bytes of the engine's header.
 pub const HEADER_BYTES: usize = size_of::<RecordHeader>();
 
 /// The count before a snapshot's bytes.
 const SNAPSHOT_HEAD_BYTES: usize = size_of::<u32>();
 
-/// Place of a channel's numbers in a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Field {
     /// From the record's beginning, bytes.
@@ -35,7 +33,6 @@ pub struct Field {
 }
 
 impl Field {
-    /// Its bytes in a record.
     pub fn range(self) -> Range<usize> {
         self.offset..self.offset + self.count * self.dtype.bytes()
     }
@@ -80,7 +77,6 @@ impl Field {
     }
 }
 
-/// Where everything of a task lies.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Layout {
     /// The last action, and the action before what is seen now. Both typed as the action space says.

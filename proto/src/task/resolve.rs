@@ -68,7 +68,6 @@ impl Spec {
         Ok(composition)
     }
 
-    /// The task's label, resolved.
     pub fn label(&self) -> Option<Condition> {
         let label = self.label.as_ref()?;
         Some(self.threshold(&label.part, label.at_most, label.at_least).expect("a task is checked when it is read"))
@@ -107,7 +106,6 @@ impl Spec {
 }
 
 impl Spec {
-    /// The task's metrics, resolved, in its order.
     pub fn measures(&self) -> Vec<Measure> {
         self.metrics.iter().map(|metric| self.resolved(metric)).collect()
     }

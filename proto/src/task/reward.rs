@@ -71,7 +71,6 @@ pub struct Cost {
     pub weight: f32,
 }
 
-/// A threshold, resolved.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Condition {
     /// Index of the part among the task's channels.

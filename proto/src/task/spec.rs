@@ -42,7 +42,6 @@ pub struct Spec {
 }
 
 impl Spec {
-    /// Where everything lies in a record.
     pub fn layout(&self) -> &Layout {
         &self.layout
     }

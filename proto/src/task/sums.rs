@@ -11,7 +11,6 @@ pub struct Sums {
     metrics: Vec<f64>,
 }
 
-/// How a task's steps add up.
 #[derive(Debug, Clone)]
 pub struct Summing {
     layout: Layout,
@@ -19,7 +18,6 @@ pub struct Summing {
 }
 
 impl Summing {
-    /// That of a task.
     pub fn of(spec: &Spec) -> Self {
         Self { layout: spec.layout().clone(), measures: spec.measures() }
     }

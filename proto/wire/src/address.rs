@@ -82,7 +82,6 @@ impl WireAddress {
         Path::new(SHARED_MEMORY).join(format!("{}bells", self.prefix))
     }
 
-    /// File of the recorder's receipts.
     pub(super) fn receipts(&self) -> PathBuf {
         self.root.join("receipts")
     }
@@ -166,7 +165,6 @@ impl WireAddress {
         self.config().map(drop)
     }
 
-    /// Settings of a node that lives here.
     pub(super) fn config(&self) -> Result<Config, WireError> {
         let text = || self.root.display().to_string();
         let mut config = Config::default();

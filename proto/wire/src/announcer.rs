@@ -8,7 +8,6 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::update_connections::UpdateConnections;
 use std::fmt::Debug;
 
-/// The orchestrator's end.
 pub struct Announcer {
     publisher: Publisher<Ipc, StageAnnouncement, ()>,
     bell: Bell,
@@ -39,7 +38,6 @@ impl Announcer {
 }
 
 impl Wire {
-    /// The orchestrator's end of the stage service.
     pub fn announcer(&self) -> Result<Announcer, WireError> {
         let publisher = open!(self.stage(), STAGE).publisher_builder().create().map_err(|cause| port(STAGE, &cause))?;
         let bell = self.bells().bell((0..self.shape().shares.learners()).map(Sleeper::Learner));

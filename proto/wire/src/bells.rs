@@ -60,7 +60,6 @@ impl Bells {
         SharedWords::create(&path, places(shape) * STRIDE).map_err(|cause| failed(address, cause))
     }
 
-    /// Those of an orchestrator incarnation.
     pub fn open(address: &WireAddress, shape: WireShape) -> Result<Self, WireError> {
         let words = SharedWords::open(&address.bells(), places(shape) * STRIDE, true);
         Ok(Self { words: Arc::new(words.map_err(|cause| failed(address, cause))?), shape })

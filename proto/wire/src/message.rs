@@ -25,13 +25,11 @@ impl Line {
         bytemuck::cast_slice(record)
     }
 
-    /// The same, to be written.
     pub fn bytes_mut(record: &mut [Self]) -> &mut [u8] {
         bytemuck::cast_slice_mut(record)
     }
 }
 
-/// What a sample of the observation service carries.
 pub mod observation_kind {
     /// The actor has just started and asks for its environments' states. The payload is zeroed.
     pub const HELLO: u32 = 1;
@@ -71,7 +69,6 @@ pub struct ActionHeader {
     /// Version of the stage announcement in force.
     pub stage_version: u64,
     pub learner_incarnation: u32,
-    /// Which half: 0 or 1.
     pub half: u32,
 }
 
@@ -82,7 +79,6 @@ pub struct ActionHeader {
 pub struct RestoreHeader {
     /// Exchange number that each half continues from (`step` of the observation it sends next).
     pub step: [u64; 2],
-    /// Version of the stage announcement in force.
     pub stage_version: u64,
     /// Incarnation of the sending learner; the actor adopts it.
     pub learner_incarnation: u32,
@@ -93,7 +89,6 @@ pub struct RestoreHeader {
 /// All that is needed to rebuild an environment: which episode, and the actions taken in it so far.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct EnvironmentState {
-    /// Episode number within the environment.
     pub episode: u32,
     /// Actions taken so far, and their bytes.
     count: u32,
@@ -105,13 +100,11 @@ pub struct EnvironmentState {
 /// An environment's own state before the last action of an [`EnvironmentState`], of a task that is restored by such.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Snapshot {
-    /// Hash of the state.
     pub state_hash: u64,
     /// As the environment makes of them what it will.
     pub bytes: Vec<u8>,
 }
 
-/// A restore that no learner of ours sends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("a restore of {bytes} bytes claims {claimed} actions in one episode")]
 pub struct BadRestore {
@@ -251,7 +244,6 @@ pub fn can_follow(last: u32, next: u32) -> bool {
     next <= if last == 0 { FIRST_MOST } else { last.saturating_add(STEP_MOST) }
 }
 
-/// Values of [`StageAnnouncement::directive`].
 pub mod directive {
     /// Collect and train on the announced rollout.
     pub const TRAIN: u32 = 1;
@@ -297,7 +289,6 @@ impl Halves {
         self.environments.min(2)
     }
 
-    /// Environment indices of a half.
     pub fn range(self, half: u32) -> core::ops::Range<usize> {
         let middle = self.environments.div_ceil(2) as usize;
         match half {

@@ -21,7 +21,6 @@ pub struct Sweeper {
 }
 
 impl Sweeper {
-    /// A sweeper of the nodes under this configuration.
     pub fn of(config: Config) -> std::io::Result<Self> {
         Self::with_patience(move || sweep_nodes(&config), PATIENCE)
     }

@@ -52,11 +52,9 @@ pub struct DepthBuffer {
     drawn: [usize; 2],
 }
 
-/// Nothing was drawn in any row.
 const NO_ROWS: [usize; 2] = [usize::MAX, 0];
 
 impl DepthBuffer {
-    /// An empty image.
     pub fn new(side: usize) -> Self {
         let groups = side.div_ceil(LANES);
         // Intervals are computed for LANES rows at a time, from any row on.
@@ -71,7 +69,6 @@ impl DepthBuffer {
         }
     }
 
-    /// Pixels along an edge.
     pub fn side(&self) -> usize {
         self.side
     }

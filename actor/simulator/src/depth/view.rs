@@ -128,7 +128,6 @@ pub struct View {
 }
 
 impl View {
-    /// From a camera's pose.
     pub fn new(lens: Lens, world_from_camera: &rapier3d::math::Pose3) -> Self {
         let world_from_camera = Rigid::from_pose(world_from_camera);
         let camera_from_world = world_from_camera.inverse();
@@ -156,7 +155,6 @@ impl View {
     }
 }
 
-/// Eight scalar products.
 #[inline(always)]
 pub fn dot(a: [Lanes; 3], b: [Lanes; 3]) -> Lanes {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

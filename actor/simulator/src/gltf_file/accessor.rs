@@ -15,7 +15,6 @@ pub struct Data {
     pub buffers: Vec<Vec<u8>>,
 }
 
-/// Values of one size in a buffer.
 struct Values<'a> {
     bytes: &'a [u8],
     stride: usize,

@@ -19,7 +19,6 @@ pub const SPREAD: [f32; 2] = [0.5, 1.5];
 pub const CANDIDATES: u32 = 40;
 /// Draws of places, free or not, before the best so far is taken or the kitchen is given up.
 pub const TRIES: u32 = 900;
-/// Gap between two things, metres.
 pub const GAP_M: f32 = 0.012;
 /// Distance of a thing's bounding box from the edge of what it stands on, metres.
 pub const EDGE_M: f32 = 0.012;

@@ -27,21 +27,13 @@ pub const CONNECTED_LEAST: f32 = 0.95;
 /// What a generated room must offer before it is looked at closely.
 const DEMANDS: Demands = Demands { every_target: true, spots: SPOTS_LEAST_ANYWHERE, stands: 80 };
 
-/// Why a kitchen could not be made.
 #[derive(Debug, thiserror::Error)]
 pub enum KitchenError {
-    /// The kitchen is a scene of a run.
     #[error("kitchen {kitchen} is a scene of a run: no generator makes it")]
     NotBuiltIn { kitchen: KitchenId },
     /// The generator found no room for something that every kitchen holds.
     #[error("kitchen {kitchen}: no good room in {attempts} attempts; the last one failed at {reason}")]
-    NoRoom {
-        kitchen: KitchenId,
-        /// How often it was tried.
-        attempts: u32,
-        /// What went wrong last.
-        reason: String,
-    },
+    NoRoom { kitchen: KitchenId, attempts: u32, reason: String },
     /// What was kept of it is not of this program.
     #[error("kitchen {kitchen}: what was kept of it does not fit this program: {problem}")]
     FoundKitchen { kitchen: KitchenId, problem: String },
@@ -51,7 +43,6 @@ pub enum KitchenError {
 #[derive(Debug, Clone)]
 pub struct DrawnRoom {
     pub room: Room,
-    /// How its runs of counters lie.
     pub plan: Plan,
     /// Floor that is to stay free of fixtures: before fronts and the door.
     pub kept_clear: Vec<Rectangle>,

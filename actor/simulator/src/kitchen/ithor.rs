@@ -3,7 +3,6 @@
 //! Counted from the object list of the 30 kitchens of AI2-THOR (`vibrations.csv` of the public code of Ni et al.,
 //! *Towards Disturbance-Free Visual Mobile Manipulation*): categories, positions, nothing else.
 
-/// Kitchens in the statistics.
 pub const KITCHENS: f32 = 30.0;
 /// Things in a kitchen: least, median, most.
 pub const THINGS: [f32; 3] = [54.0, 68.5, 90.0];

@@ -37,7 +37,6 @@ struct Footprint {
 }
 
 impl Footprint {
-    /// Of a room that is laid out.
     fn of(room: &FittedRoom) -> Self {
         let built_in = room.fixtures.iter().map(|fixture| (fixture.category.as_str(), &fixture.shape, &fixture.pose));
         Self::around(0.5 * (room.floor.low + room.floor.high), built_in)

@@ -15,11 +15,8 @@ const PENETRATION_MAX_M: f32 = 0.001;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{one} stands {depth_mm:.1} mm deep in {other}")]
 pub struct Overlap {
-    /// A movable thing.
     pub one: String,
-    /// Another body.
     pub other: String,
-    /// How deeply, millimetres.
     pub depth_mm: f32,
 }
 

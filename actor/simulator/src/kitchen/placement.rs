@@ -31,7 +31,6 @@ struct Site {
     obstacles: Vec<Aabb>,
 }
 
-/// The kitchen as it fills.
 struct Furnishing<'a> {
     layout: &'a FittedRoom,
     scene: &'a FixedScene,
@@ -171,7 +170,6 @@ impl<'a> Furnishing<'a> {
         best.map(|(_, pose)| pose)
     }
 
-    /// Distance from the nearest small thing, metres.
     fn nearest_m(&self, position: Vec3) -> Option<f32> {
         self.small.iter().map(|other| (*other - position).length()).min_by(f32::total_cmp)
     }
@@ -265,7 +263,6 @@ fn half_height(solid: &Solid) -> f32 {
     0.5 * solid.aabb(&Pose3::identity()).extents().y
 }
 
-/// A draw from the distribution of distances.
 fn wanted_distance(random: &mut Random) -> f32 {
     let steps = (density::COMPANY_M.len() - 1) as f32;
     let at = random.uniform() * steps;

@@ -15,7 +15,6 @@ use rapier3d::parry::bounding_volume::BoundingVolume;
 
 /// An episode begins on every second of them in either direction: 0.25 m, AI2-THOR's default grid.
 const STAND_EVERY: usize = 2;
-/// Grid of target positions, metres.
 const SPOT_GRID_M: f32 = 0.025;
 /// Room that a target position leaves to everything else, metres.
 const SPOT_CLEARANCE_M: f32 = 0.015;
@@ -31,7 +30,6 @@ pub struct Stand {
     pub yaw_ticks: i32,
 }
 
-/// Where on the floor the robot can stand.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stands {
     /// Poses whose body and arm touch nothing, in the largest connected part of the free floor.

@@ -30,7 +30,6 @@ impl FixedScene {
         }
     }
 
-    /// Bounding boxes of the parts.
     pub fn aabbs(&self) -> &[Aabb] {
         &self.aabbs
     }

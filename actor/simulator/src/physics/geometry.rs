@@ -31,7 +31,6 @@ impl std::fmt::Debug for Solid {
 }
 
 impl Solid {
-    /// The collision geometry of a shape.
     pub fn of(shape: &Shape) -> Self {
         let mut parts: Vec<(SharedShape, Pose3)> = Vec::with_capacity(shape.parts.len());
         let mut given_masses = Vec::with_capacity(shape.parts.len());

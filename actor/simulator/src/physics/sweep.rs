@@ -15,7 +15,6 @@ const ROUNDING_M: f32 = 1e-5;
 /// Share of a measured distance that is surely there: the search for it on curved surfaces ends early.
 const SURE_SHARE: f32 = 0.9;
 
-/// Poses of a body one after another.
 #[derive(Debug, Clone)]
 pub struct Sweep {
     poses: Vec<Pose3>,

@@ -24,7 +24,6 @@ use super::dimensions::{
 use crate::physics::geometry::{length, rotation_x, rotation_y, rotation_z};
 use rapier3d::math::{Rot3, Vec3};
 
-/// Joint angles, radians.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Joints {
     /// About the base's axis; 0 = the shoulder lifts the upper arm, positive = it lifts it to the left.
@@ -44,9 +43,7 @@ pub struct Joints {
 /// Where the arm's links are, in the shoulder's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frames {
-    /// Elbow position, metres.
     pub elbow: Vec3,
-    /// Wrist position, metres.
     pub wrist: Vec3,
     /// Rotation of the upper arm: its z axis runs from shoulder to elbow.
     pub upper_arm: Rot3,
@@ -55,7 +52,6 @@ pub struct Frames {
     pub hand: Rot3,
 }
 
-/// The arm cannot take this configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("out of the arm's reach, beyond a joint limit, or in the robot's own body")]
 pub struct Unreachable;

@@ -32,7 +32,6 @@ const LOOK_UP_LIMIT: i32 = -1;
 /// Furthest the camera looks down, in look steps (AI2-THOR: 60 degrees).
 const LOOK_DOWN_LIMIT: i32 = 2;
 
-/// The robot's whole configuration at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Configuration {
     /// Position of the body's axis on the floor, world x, metres.
@@ -74,7 +73,6 @@ pub struct Posture {
 }
 
 impl Configuration {
-    /// How the robot starts an episode.
     pub fn start(x_m: f32, z_m: f32, yaw_ticks: i32) -> Self {
         Self {
             x_m,
@@ -182,7 +180,6 @@ impl Posture {
             && self.wrist_pitch_rad == other.wrist_pitch_rad
     }
 
-    /// Joint angles of the arm in this posture.
     pub fn joints(&self) -> Result<Joints, Unreachable> {
         arm::inverse(self.wrist_m, self.elbow_rad, self.wrist_yaw_rad, self.wrist_pitch_rad)
     }

@@ -9,7 +9,6 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use unicode_normalization::UnicodeNormalization;
 
-/// A scene as its author describes it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {
@@ -27,10 +26,8 @@ pub struct NodeEntry {
     /// Name of the node; `*` stands for any characters, `?` for one.
     pub name: String,
     pub role: Role,
-    /// Mass of a movable thing, kilograms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mass_kg: Option<f32>,
-    /// Coulomb friction coefficient of a movable thing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub friction: Option<f32>,
     /// Category; the node's name without its number if this is left out.
@@ -46,11 +43,9 @@ pub struct NodeEntry {
 pub enum Role {
     /// The floor: fixed, its horizontal extent is where the robot drives, its top becomes height 0.
     Floor,
-    /// Never moves.
     Fixed,
     /// Never moves, and its level tops are where targets can stand.
     Surface,
-    /// Moves when it is pushed.
     Movable,
     Ignore,
 }

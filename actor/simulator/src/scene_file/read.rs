@@ -116,7 +116,6 @@ fn nearest_gltf(folder: &Path, name: &str) -> Option<String> {
     nearest(name, names.iter().map(String::as_str))
 }
 
-/// A room in the making.
 #[derive(Default)]
 struct Draft {
     fixtures: Vec<Fixture>,

@@ -15,7 +15,6 @@ const NEARLY: f64 = 0.88;
 #[derive(Debug)]
 pub struct Body<'a> {
     pub entry: &'a NodeEntry,
-    /// The node that the entry names.
     pub node: usize,
     /// That node and those below it that belong to it.
     pub members: Vec<usize>,

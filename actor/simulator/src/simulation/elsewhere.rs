@@ -17,7 +17,6 @@ pub struct Way {
 }
 
 impl Simulation {
-    /// The way to another configuration.
     pub(crate) fn way(&mut self, next: &Configuration) -> Way {
         match self.plan(&self.configuration.posture(), &next.posture()) {
             Some(arrives) => Way { parts: self.path.clone(), arrives },

@@ -18,7 +18,6 @@ use tonic::{Request, Response, Status, Streaming};
 /// Largest message, and the window of a stream: more than a half.
 const LARGEST: usize = 64 << 20;
 
-/// A half's observations.
 #[derive(Clone, PartialEq, prost::Message)]
 struct Observations {
     #[prost(uint32, tag = "1")]
@@ -29,7 +28,6 @@ struct Observations {
     frames: Bytes,
 }
 
-/// A half's actions.
 #[derive(Clone, PartialEq, prost::Message)]
 struct Actions {
     #[prost(uint32, tag = "1")]
@@ -78,7 +76,6 @@ pub struct Learner {
 }
 
 impl Learner {
-    /// Listens; the port goes into a file.
     pub fn open(place: &Place) -> Result<Self> {
         let runtime = Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
         let (sender, arrived) = mpsc::channel();
@@ -128,7 +125,6 @@ pub struct Actor {
 }
 
 impl Actor {
-    /// Connects.
     pub fn open(place: &Place, number: u32) -> Result<Self> {
         let runtime = Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
         let port = std::fs::read_to_string(place.folder().join("port")).context("the server has no port")?;

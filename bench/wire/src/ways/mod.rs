@@ -20,7 +20,6 @@ pub fn learner(way: Way, place: &Place) -> Result<Box<dyn LearnerEnd>> {
     })
 }
 
-/// An actor's end of a way.
 pub fn actor(way: Way, place: &Place, actor: u32) -> Result<Box<dyn ActorEnd>> {
     if actor >= place.actors {
         bail!("there are {} actors, and no actor {actor}", place.actors);
@@ -34,7 +33,6 @@ pub fn actor(way: Way, place: &Place, actor: u32) -> Result<Box<dyn ActorEnd>> {
     })
 }
 
-/// Removes what a cell has left.
 pub fn sweep(place: &Place) {
     let _ = std::fs::remove_dir_all(place.folder());
     let _ = std::fs::remove_file(shm::path(place));

@@ -9,7 +9,6 @@ use std::io::Error;
 use std::path::PathBuf;
 use std::ptr::null_mut;
 
-/// The segment's file.
 pub fn path(place: &Place) -> PathBuf {
     PathBuf::from(wire::SHARED_MEMORY).join(format!("stillroom-bench-{}", place.cell))
 }
@@ -36,13 +35,11 @@ impl Segment {
         (2 * LINE + place.actors as usize * 3 * LINE).next_multiple_of(4096)
     }
 
-    /// Counts the actors whose half is there.
     fn ready(&self, half: u32) -> *mut libc::sem_t {
         // SAFETY: inside the mapping.
         unsafe { self.base.add(half as usize * LINE) }.cast()
     }
 
-    /// Counts an actor's answers.
     fn answered(&self, actor: u32) -> *mut libc::sem_t {
         // SAFETY: inside the mapping.
         unsafe { self.base.add((2 + actor as usize * 3) * LINE) }.cast()
@@ -78,7 +75,6 @@ fn wait(semaphore: *mut libc::sem_t) -> Result<()> {
 pub struct Learner(Segment);
 
 impl Learner {
-    /// Makes the segment.
     pub fn open(place: &Place) -> Result<Self> {
         ensure!(place.frames as usize <= LINE, "the answers of a half have room for {LINE} bytes");
         let file = OpenOptions::new().read(true).write(true).create_new(true).open(path(place));
@@ -121,7 +117,6 @@ pub struct Actor {
 }
 
 impl Actor {
-    /// Maps the segment.
     pub fn open(place: &Place, number: u32) -> Result<Self> {
         let file = OpenOptions::new().read(true).write(true).open(path(place));
         let segment = Segment::map(place, &file.with_context(|| path(place).display().to_string())?)?;

@@ -74,13 +74,11 @@ pub struct Learner {
 }
 
 impl Learner {
-    /// Listens.
     pub fn open(place: &Place) -> Result<Self> {
         let listener = UnixListener::bind(path(place)).context("cannot listen")?;
         Ok(Self { listener, place: place.clone(), connections: vec![] })
     }
 
-    /// Waits for all actors.
     fn connect(&mut self) -> Result<()> {
         while self.connections.len() < self.place.actors as usize {
             let (stream, _) = self.listener.accept()?;
@@ -132,7 +130,6 @@ pub struct Actor {
 }
 
 impl Actor {
-    /// Connects.
     pub fn open(place: &Place, number: u32) -> Result<Self> {
         let stream = UnixStream::connect(path(place)).context("cannot connect")?;
         Ok(Self {

@@ -17,7 +17,6 @@ use wire::{
 /// Longest sleep without a look around, as in the product.
 const LOOK: Duration = Duration::from_millis(250);
 
-/// Where a cell's services live.
 pub fn address(place: &Place) -> WireAddress {
     WireAddress::new(&format!("bench{}", place.cell), 1)
 }
@@ -42,7 +41,6 @@ pub struct Learner {
 }
 
 impl Learner {
-    /// Creates the services and opens the learner's ports.
     pub fn open(place: &Place) -> Result<Self> {
         let (address, shape) = (address(place), shape(place));
         let host = WireHost::create(&address, shape)?;
@@ -114,7 +112,6 @@ pub struct Actor {
 }
 
 impl Actor {
-    /// Opens its ports.
     pub fn open(place: &Place, actor: u32) -> Result<Self> {
         let wire = Wire::join(&address(place), shape(place), &format!("actor-{actor:02}"))?;
         Ok(Self {

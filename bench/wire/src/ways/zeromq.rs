@@ -17,7 +17,6 @@ pub struct Learner {
 }
 
 impl Learner {
-    /// Binds.
     pub fn open(place: &Place) -> Result<Self> {
         let socket = zmq::Context::new().socket(zmq::ROUTER)?;
         socket.bind(&endpoint(place)).context("cannot bind")?;
@@ -66,7 +65,6 @@ pub struct Actor {
 }
 
 impl Actor {
-    /// Connects.
     pub fn open(place: &Place, number: u32) -> Result<Self> {
         let socket = zmq::Context::new().socket(zmq::DEALER)?;
         socket.set_identity(&identity(number))?;

@@ -33,7 +33,6 @@ pub struct Block<'a> {
     pub norms: [Affine<'a>; 2],
 }
 
-/// Gradients of a basic block.
 #[derive(Debug)]
 pub struct BlockGradients {
     /// Of its input, a feature map.

@@ -16,7 +16,6 @@ pub struct Affine<'a> {
 pub struct Statistics(pub(super) Tensor);
 
 impl Affine<'_> {
-    /// Room for a map's statistics.
     pub(super) fn statistics(&self, x: &Tensor) -> Tensor {
         let [rows, channels, ..] = shape(x);
         self.check(channels);
@@ -31,7 +30,6 @@ impl Affine<'_> {
     }
 }
 
-/// An empty feature map on the same device.
 pub(super) fn map(like: &Tensor, [rows, channels, height, width]: [i64; 4]) -> Tensor {
     Tensor::empty([rows, height, width, channels], (Kind::BFloat16, like.device())).permute([0, 3, 1, 2])
 }
@@ -83,7 +81,6 @@ pub(super) fn int(number: i64) -> Argument {
     Argument::Int(i32::try_from(number).expect("sides, channels and rows fit 32 bits"))
 }
 
-/// Launches so many blocks of so many threads.
 pub(super) fn launch(kernel: Kernel, blocks: i64, threads: u32, arguments: &[Argument]) {
     // SAFETY: each caller above gives its kernel's parameters in order; tensors have the kinds, sizes and layouts that
     // were asserted or allocated there, and they outlive the launch on libtorch's stream.

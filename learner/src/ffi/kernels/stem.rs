@@ -25,7 +25,6 @@ pub struct StemKernels {
     side: i64,
 }
 
-/// The stem as the kernels take it.
 #[derive(Debug, Clone, Copy)]
 pub struct Stem<'a> {
     /// Weight of the convolution, bfloat16 \[32, 8, 4, 4\], channels last in memory.

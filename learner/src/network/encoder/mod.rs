@@ -13,7 +13,6 @@ pub(crate) use visual::{Backward, EncoderEntry, VISUAL, VisualEncoder};
 
 use proto::config::Encoder;
 
-/// Every encoder.
 pub(crate) const ENCODERS: [EncoderEntry; 2] = [resnet::ENTRY, cnn::ENTRY];
 
 /// The encoder that the configuration names.

@@ -71,10 +71,8 @@ pub(crate) trait VisualEncoder: fmt::Debug + Send {
     }
 }
 
-/// An encoder's line in the registry.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct EncoderEntry {
-    /// The configuration's name for it.
     pub encoder: config::Encoder,
     /// Its last layer, which no other encoder has.
     pub linear: &'static str,

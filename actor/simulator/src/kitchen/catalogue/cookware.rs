@@ -9,7 +9,6 @@ use super::forms::{
 };
 use crate::shape::Shape;
 
-/// Pots, pans, tins.
 pub const COOKWARE: &[Category] = &[
     thing("Pan", 1.0, Metal, BLACK, Stove, || pan(0.115, 0.125, 0.048, 0.18)).every(),
     thing("Pot", 1.4, Metal, STEEL, Stove, pot).every(),
@@ -53,7 +52,6 @@ fn ears(x_m: f32, y_m: f32) -> Shape {
     })
 }
 
-/// A lid with a knob.
 fn lid(radius_m: f32) -> Shape {
     Shape::default()
         .with(

@@ -78,7 +78,6 @@ fn teacup() -> Shape {
     )
 }
 
-/// A glass on a foot and a stem.
 fn stemmed(foot_m: f32, stem_m: f32, bowl: &[(f32, f32)]) -> Shape {
     upright(foot_m, 0.005).with(cylinder(0.006, stem_m), 0.0, 0.5 * stem_m, 0.0).with(spun(bowl, 1.0), 0.0, stem_m, 0.0)
 }

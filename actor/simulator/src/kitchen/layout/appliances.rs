@@ -141,7 +141,6 @@ impl Draft<'_> {
         self.cabinet_above(frame, along, up, COUNTER_DEPTH_M - 0.06);
     }
 
-    /// A dishwasher under the counter.
     pub fn dishwasher(&mut self, frame: Frame, along: Span) {
         let top = self.style.counter_height_m - self.style.slab_m;
         let toe = self.style.toe_kick_m;

@@ -19,14 +19,12 @@ pub struct Rectangle {
 
 #[derive(Debug, Clone, Default)]
 pub(super) struct FloorPlan {
-    /// Under furniture.
     pub occupied: Vec<Rectangle>,
     /// Before fronts and doors.
     pub kept_clear: Vec<Rectangle>,
 }
 
 impl Rectangle {
-    /// The floor below a box.
     pub fn below((low, high): (Vec3, Vec3)) -> Self {
         Self { low: low.with_y(0.0), high: high.with_y(0.0) }
     }
@@ -47,7 +45,6 @@ impl Rectangle {
             && other.low.z < self.high.z - EDGE_M
     }
 
-    /// Whether it lies in another one.
     pub fn within(&self, other: &Self) -> bool {
         self.low.x >= other.low.x
             && self.low.z >= other.low.z

@@ -64,7 +64,6 @@ impl Draft<'_> {
         !place.grown(ALONE_M).within(&self.room())
     }
 
-    /// The floor inside of the walls.
     pub fn room(&self) -> Rectangle {
         let (length, depth) = (self.walls[0].length_m, self.walls[1].length_m);
         Rectangle::below(self.walls[0].frame.block([0.0, length], [0.0, 0.0], [0.0, depth]))
@@ -161,7 +160,6 @@ impl Draft<'_> {
         None
     }
 
-    /// Open shelves on the floor.
     pub fn shelving_unit(&mut self, shelves: u32) -> Option<()> {
         let (width, depth) = (self.random.range(0.8, 1.0), 0.36);
         let frame = self.at_wall(width, depth)?;
@@ -222,7 +220,6 @@ impl Draft<'_> {
         }
     }
 
-    /// A narrow table at a wall.
     pub fn side_table(&mut self) -> Option<()> {
         let (width, depth) = (self.random.range(0.8, 1.1), self.random.range(0.38, 0.45));
         let frame = self.at_wall(width, depth)?;
@@ -257,7 +254,6 @@ impl Draft<'_> {
         Some(())
     }
 
-    /// A mirror on a free wall.
     pub fn mirror(&mut self) -> Option<()> {
         let width = 0.5;
         for _ in 0..TRIES {

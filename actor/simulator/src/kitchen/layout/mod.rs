@@ -67,17 +67,13 @@ const SMALL_ROOM_M2: f32 = 16.0;
 /// A room with all that is fixed in it, before small things stand there.
 #[derive(Debug, Clone)]
 pub struct FittedRoom {
-    /// How its runs lie.
     pub plan: Plan,
     /// Fixed bodies: floor, four walls, ceiling, then furniture.
     pub fixtures: Vec<Fixture>,
     /// Where small things stand.
     pub worktops: Vec<Worktop>,
-    /// Floor inside of the walls.
     pub floor: Rectangle,
-    /// Places for chairs and stools.
     pub seats: Vec<Seat>,
-    /// How many chairs and stools there shall be.
     pub chairs: u32,
     pub stools: u32,
     /// Middles of the large burners' tops.

@@ -2,7 +2,6 @@
 
 use super::frame::{Frame, Span};
 
-/// A hole in a wall.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Opening {
     pub along: Span,

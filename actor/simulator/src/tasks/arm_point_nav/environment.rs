@@ -189,7 +189,6 @@ impl Environment {
         }
     }
 
-    /// What is seen now.
     pub fn current(&self) -> Current {
         let configuration = self.simulation().configuration();
         let (wrist, target, goal) = (self.simulation().wrist(), self.target_position(), self.episode.goal);

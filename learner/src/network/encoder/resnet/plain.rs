@@ -54,7 +54,6 @@ fn apply(parameters: &Parameters, (convolution, norm): (Convolution, GroupNorm),
     norm.forward(parameters, &convolution.forward(parameters, x))
 }
 
-/// The encoder.
 #[derive(Debug)]
 pub(super) struct Resnet {
     pub(super) stem: (Convolution, GroupNorm),

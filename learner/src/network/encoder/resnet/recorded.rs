@@ -15,7 +15,6 @@ use crate::network::parameters::Parameters;
 use std::collections::BTreeMap;
 use tch::Tensor;
 
-/// What a pass computes with.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pass<'a> {
     pub fused: &'a Fused,
@@ -35,7 +34,6 @@ pub(super) struct Recordings {
     /// Which are to be. A size is recorded after it has come kernel by kernel: libraries choose algorithms and allocate at
     /// first use, which a recording does not allow.
     sizes: Sizes,
-    /// Forward passes launched.
     launched: u64,
     /// Something could not be recorded.
     refused: bool,

@@ -18,21 +18,13 @@ const SECTION_BYTES: usize = SECTION_HEADER_BYTES + RECORD_BYTES * EPISODES_PER_
 /// Why a file is not one of fixed episodes.
 #[derive(Debug, Clone, thiserror::Error, PartialEq, Eq)]
 pub enum FormatError {
-    /// It does not begin as one does.
     #[error("it does not begin with the magic bytes")]
     Magic,
-    /// It is of another version.
     #[error("it is of version {0}, not {VERSION}")]
     Version(u16),
     /// It is longer or shorter than its header says.
     #[error("it has {found} bytes, not {expected}")]
-    Length {
-        /// Bytes that its header asks for.
-        expected: usize,
-        /// Bytes that it has.
-        found: usize,
-    },
-    /// It names a kitchen that does not exist.
+    Length { expected: usize, found: usize },
     #[error("it names kitchen {0}, which does not exist")]
     Kitchen(u16),
 }
@@ -48,11 +40,9 @@ pub struct Record {
     pub stand: u16,
 }
 
-/// The episodes of one kitchen.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Section {
     pub kitchen: KitchenId,
-    /// What it looked like.
     pub fingerprint: u64,
     /// Its episodes; [`EPISODES_PER_KITCHEN`] of them.
     pub records: Vec<Record>,
