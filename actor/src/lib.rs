@@ -15,4 +15,3 @@ pub mod process;
 pub mod replay;
 pub mod sheet;
 pub mod show;
-pub mod soak;

@@ -71,8 +71,6 @@ enum Command {
     Import(process::ImportArguments),
     /// Measures inference, updates and the whole loop on this machine
     Bench(bench::Arguments),
-    /// Measures how long learners take to sum a gradient, on this machine or over a network
-    Exchange(bench::exchange::Arguments),
     /// Runs network, losses and gradients on a batch from a file, to compare with another implementation
     Probe(probe::Arguments),
 }
@@ -110,9 +108,6 @@ fn main() -> ExitCode {
         }
         CommandLine { command: Some(Command::Import(arguments)), .. } => process::import(&arguments, std::io::stdout()),
         CommandLine { command: Some(Command::Bench(arguments)), .. } => bench::run(&arguments, std::io::stdout()),
-        CommandLine { command: Some(Command::Exchange(arguments)), .. } => {
-            bench::exchange::run(&arguments, std::io::stdout())
-        }
         CommandLine { command: Some(Command::Probe(arguments)), .. } => {
             probe::run(&arguments, std::io::stdout()).map_err(anyhow::Error::from)
         }

@@ -6,7 +6,6 @@
 //! time on a processor, so that other programs of the machine do not count.
 
 pub mod action_source;
-pub mod beside;
 mod clock;
 pub mod player;
 mod report;

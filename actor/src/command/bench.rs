@@ -1,10 +1,9 @@
-//! `actor bench`, and the hidden command that `make bench-python` calls.
+//! `actor bench`.
 
-use actor::arguments::numbered;
 use actor::bench::action_source::PolicyKind;
-use actor::bench::{self, beside};
+use actor::bench;
 use anyhow::Result;
-use proto::kitchen::{KitchenChoice, KitchenId};
+use proto::kitchen::KitchenChoice;
 use std::path::PathBuf;
 
 /// What to measure.
@@ -27,23 +26,6 @@ pub struct BenchArgs {
     json: bool,
 }
 
-/// What to drive from standard input.
-#[derive(Debug, clap::Args)]
-pub struct BenchBesideArgs {
-    /// Kitchen of all environments.
-    #[arg(long, value_parser = numbered)]
-    kitchen: KitchenId,
-    /// How many environments.
-    #[arg(long, value_name = "N")]
-    environments: u32,
-    /// Seed of their episodes.
-    #[arg(long, value_name = "S")]
-    seed: u64,
-    /// Steps of a turn.
-    #[arg(long, value_name = "N")]
-    steps: u32,
-}
-
 pub fn run(args: &BenchArgs) -> Result<()> {
     bench::run(&bench::Options {
         kitchens: args.kitchens.0.clone(),
@@ -52,10 +34,4 @@ pub fn run(args: &BenchArgs) -> Result<()> {
         seconds: args.seconds,
         json: args.json,
     })
-}
-
-pub fn run_beside(args: &BenchBesideArgs) -> Result<()> {
-    let &BenchBesideArgs { kitchen, environments, seed, steps } = args;
-    let options = beside::Options { kitchen, environments, seed, steps };
-    beside::run(options, std::io::stdin().lock(), std::io::stdout().lock())
 }

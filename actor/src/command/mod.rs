@@ -5,7 +5,6 @@ mod check;
 mod export_peers;
 mod kitchens;
 mod rollout;
-mod soak;
 
 pub use rollout::RolloutArgs;
 
@@ -33,16 +32,10 @@ pub enum Command {
     Episodes(episodes::command::Command),
     /// Let a planner with privileged knowledge play episodes, to see that they can be solved.
     Oracle(oracle_table::Settings),
-    /// Take random actions in many kitchens; fails if anything moves too fast, leaves the room or is not a number.
-    Soak(soak::SoakArgs),
     /// Measure physics, rendering and whole steps on one core.
     Bench(bench::BenchArgs),
     /// Write kitchens, episodes and frames for other programs to be measured on; `make bench-peers` calls this.
     ExportPeers(export_peers::ExportPeersArgs),
-    /// Take actions from standard input, in turns with a program that measures itself beside; `make bench-python` calls
-    /// this.
-    #[command(hide = true)]
-    BenchBeside(bench::BenchBesideArgs),
 }
 
 pub fn run(command: &Command) -> Result<()> {
@@ -57,9 +50,7 @@ pub fn run(command: &Command) -> Result<()> {
         Command::Check(args) => check::run(args),
         Command::Episodes(command) => episodes::command::run(command),
         Command::Oracle(settings) => oracle_table::run(settings),
-        Command::Soak(args) => soak::run(args),
         Command::Bench(args) => bench::run(args),
         Command::ExportPeers(args) => export_peers::run(args),
-        Command::BenchBeside(args) => bench::run_beside(args),
     }
 }
