@@ -33,7 +33,6 @@ pub fn all() -> Vec<Listed> {
     listed
 }
 
-/// Prints all categories, as a table or as JSON.
 pub fn run(json: bool, mut out: impl Write) -> Result<()> {
     let all = all();
     if json {

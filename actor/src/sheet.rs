@@ -35,7 +35,6 @@ pub enum Subject {
 }
 
 impl Subject {
-    /// Builds or reads it, and lets it come to rest.
     pub fn load(&self) -> Result<Kitchen> {
         let simulation = SimulationConfig::default();
         match self {
@@ -72,7 +71,6 @@ impl fmt::Display for Subject {
     }
 }
 
-/// Draws the sheet, writes it, and says so on standard output.
 pub fn sheet(options: &SheetOptions) -> Result<()> {
     ensure!(!options.subjects.is_empty(), "no kitchen was asked for");
     ensure!(

@@ -1,5 +1,3 @@
-//! Where libtorch computes.
-
 use crate::ffi::{arithmetic, determinism, library, refusal, warnings};
 use proto::config::{CpuArithmetic, DeviceChoice, LearnerConfig};
 use proto::device::{VISIBLE_DEVICES, device_name};
@@ -37,7 +35,6 @@ pub fn log_refusals() {
     refusal::say_in_a_line();
 }
 
-/// A device that was asked for but is not there.
 #[derive(Debug, thiserror::Error)]
 pub enum DeviceError {
     #[error("learner.device is \"cuda\" but libtorch finds no CUDA device")]

@@ -70,7 +70,6 @@ impl Examination {
         self.remaining
     }
 
-    /// The kitchen in which a column plays its episode of this number.
     fn kitchen(&self, column: usize, number: u32) -> KitchenId {
         let environment = self.column_map.environment(column);
         self.plan.kitchen_of(environment, number).unwrap_or(environment.kitchen)

@@ -162,7 +162,6 @@ pub struct Imported {
     pub taken_off: Vec<String>,
 }
 
-/// A weight as the file calls it, and as we do.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Named {
     pub theirs: String,
@@ -176,7 +175,6 @@ impl fmt::Display for Named {
     }
 }
 
-/// Why a state dict is not one for this network.
 #[derive(Debug, thiserror::Error)]
 pub enum ImportError {
     #[error("the file holds no weights")]
@@ -185,7 +183,6 @@ pub enum ImportError {
     Unknown(String),
     #[error("{0} is there twice: also as `{1}`")]
     Twice(Named, String),
-    /// A weight of ours that nothing is there for.
     #[error("nothing is there for `{ours}`: the file has no {}{hint}", alternatives(.theirs))]
     Missing {
         ours: String,
@@ -193,10 +190,8 @@ pub enum ImportError {
         theirs: Vec<String>,
         hint: &'static str,
     },
-    /// A weight that the configured network does not have.
     #[error("there is no place for {0}: the configuration's network has no such weight")]
     NoPlace(Named),
-    /// Another shape, or a number that is not finite.
     #[error("{name} {problem}")]
     Unfit { name: Named, problem: String },
     #[error("{0} does not hold floating-point numbers")]

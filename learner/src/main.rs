@@ -1,5 +1,3 @@
-//! The `learner` binary.
-
 use clap::{Parser, Subcommand};
 use learner::process::{self, Arguments, EvaluationArguments, Network};
 use learner::{bench, probe};

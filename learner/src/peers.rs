@@ -17,7 +17,6 @@ use std::time::{Duration, Instant};
 use tch::{Device, Kind, TchError, Tensor};
 use wire::fault;
 
-/// Longest time that a learner may take to join.
 const JOINING: Duration = Duration::from_secs(90);
 /// Longest time of a later operation, in which a learner waits for the others' rollout or update. A last resort: the
 /// orchestrator ends a run without progress much earlier.
@@ -67,10 +66,8 @@ pub enum PeerError {
     Lost { rank: u32, cause: TchError },
     #[error("the learners' GPUs cannot reach one another: {0}")]
     Gpus(#[from] NcclError),
-    /// Another learner cannot continue; it reports the reason itself.
     #[error("another learner cannot go on")]
     Elsewhere,
-    /// A value that must be identical on all learners is not.
     #[error("the learners have come apart: {what} differ ({values:x?}, by rank)")]
     Apart { what: &'static str, values: Vec<u64> },
 }
@@ -159,7 +156,6 @@ impl Peers {
         Ok(totals.into_iter().map(|total| total as u64).collect())
     }
 
-    /// Replaces a flat gradient by the sum over all learners.
     pub(crate) fn sum_gradients(&self, gradient: &mut Tensor) -> Result<(), PeerError> {
         // One that is held here has the others wait in the middle of their exchange.
         fault::reach("learner.before_exchange");
@@ -259,7 +255,6 @@ impl Peers {
         Vec::try_from(&bytes).map_err(lost)
     }
 
-    /// Checks that a number is identical on all learners.
     pub(crate) fn agree(&self, what: &'static str, value: u64) -> Result<(), PeerError> {
         let Self::Group(group) = self else { return Ok(()) };
         // Each learner fills its own two places: halves of 32 bits are exact in a double.

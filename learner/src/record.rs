@@ -28,7 +28,6 @@ impl Inputs {
         Self { previous_action: task.layout().previous_action, observations, mask: task.mask(), last }
     }
 
-    /// How many numbers a record has for the policy.
     pub fn width(&self) -> usize {
         self.observations.width()
     }
@@ -73,7 +72,6 @@ enum FramePart {
     Sums,
 }
 
-/// Where records, their frames and their other images are.
 #[derive(Debug, Clone)]
 pub struct Frame {
     /// None in a task without a frame.
@@ -125,7 +123,6 @@ impl Frame {
         [self.record_lines, self.small_lines]
     }
 
-    /// Whether what is read of a record with this header is there.
     pub fn is_there(&self, header: &RecordHeader) -> bool {
         let images = header.bulk & self.images_bits == self.images_bits;
         images && self.image.is_none_or(|image| image.part(header).is_some())

@@ -50,7 +50,6 @@ pub struct Outcome {
     pub time_limit: bool,
     /// Discounted sum of the episode's rewards up to this one, the newest undiscounted.
     pub discounted_return: f64,
-    /// What the auxiliary task predicts holds of this action.
     pub label: bool,
 }
 
@@ -157,7 +156,6 @@ impl Rollout {
         self.recorded[index] = false;
     }
 
-    /// Records the outcome of a column's action in step t.
     pub fn record(&mut self, t: usize, column: usize, outcome: Outcome) {
         assert!(self.is_valid(t, column), "step {t} of column {column} is no frame of this rollout");
         let index = self.index(t, column);
@@ -176,7 +174,6 @@ impl Rollout {
         self.steps[index].last_value = Some(value);
     }
 
-    /// Notes the value of a column's observation after its last action.
     pub fn set_bootstrap(&mut self, column: usize, value: f32) {
         self.bootstrap[column] = Some(value);
     }
@@ -310,7 +307,6 @@ impl Rollout {
         std::mem::replace(&mut self.kept, store)
     }
 
-    /// The store of frames and images, for the next rollout.
     pub(crate) fn into_kept(self) -> Kept {
         self.kept
     }

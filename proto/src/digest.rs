@@ -1,5 +1,3 @@
-//! Digests as text.
-
 use sha2::{Digest, Sha256};
 use std::fmt::Write;
 

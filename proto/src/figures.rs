@@ -5,7 +5,6 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-/// A number for each name, in the order of the names.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Figures {
     names: Names,

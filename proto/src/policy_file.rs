@@ -16,7 +16,6 @@ pub const BYTES_MOST: u64 = 1 << 30;
 
 #[derive(Debug, thiserror::Error)]
 pub enum PolicyFileError {
-    /// Weights, perhaps, but nobody can tell of which network.
     #[error(
         "does not say of which network its weights are: `orchestrator export RUN --format safetensors` writes files that \
          do; other weights become a run with `orchestrator import`"

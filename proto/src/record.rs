@@ -111,7 +111,6 @@ impl RecordHeader {
         }
     }
 
-    /// Checks what can be checked of a header alone.
     pub fn check(&self) -> Result<(), BadHeader> {
         let Self { flags, reserved, .. } = *self;
         let has = |flag: u32| flags & flag != 0;

@@ -52,7 +52,6 @@ pub struct RunFolder {
     named: PathBuf,
 }
 
-/// A file or a folder in a run folder.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Item {
     /// Its path, with the folder's.
@@ -193,7 +192,6 @@ impl RunFolder {
         self.root.join("scenes")
     }
 
-    /// Copy of the run's scene number `index` with all its files.
     pub fn scene(&self, index: usize) -> PathBuf {
         self.root.join(self.relative_scene(index))
     }

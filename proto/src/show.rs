@@ -81,7 +81,6 @@ pub enum ShowAnswer {
     },
 }
 
-/// All that is told about an episode that was simulated again.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ShownEpisode {
     pub task: ShownTask,

@@ -126,12 +126,10 @@ pub fn rebudget(stages: &[StageConfig], trained: u64, total: u64) -> Result<Vec<
     Ok(result)
 }
 
-/// A frame budget that a run cannot have any more.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum BudgetError {
     #[error("--frames {total}: the run has trained {trained} frames already, and a budget cannot take them back")]
     Trained { total: u64, trained: u64 },
-    /// More is trained in the stage that is in progress.
     #[error(
         "--frames {total}: stage {stage} would have ended at {end} frames, and the run has trained {trained}, all in \
          stages up to this one; ask for {least} or more"

@@ -42,15 +42,12 @@ pub struct Chosen {
 /// Why an episode cannot be played.
 #[derive(Debug, thiserror::Error)]
 pub enum ChoiceError {
-    /// There are none of this series, or the kitchen lacks what they are about.
     #[error(transparent)]
     Episodes(#[from] EpisodesError),
     #[error(transparent)]
     Open(#[from] OpenError),
-    /// The task has no other episodes.
     #[error("task {0} has neither fixed nor drawn episodes: reset with a seed, or with the option 'episode'")]
     SampledAlone(String),
-    /// The number is too high.
     #[error("kitchen {kitchen} has fixed episodes 0 to {}, not {number}", count - 1)]
     NoSuchEpisode {
         kitchen: u32,

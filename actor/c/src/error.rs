@@ -1,11 +1,8 @@
-//! Why a program does not serve.
-
 use engine::guest::{GuestError, ReplayError};
 
 /// Why the program ends.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
-    /// The simulator cannot take part.
     #[error("{0}")]
     Refused(String),
     #[error(transparent)]

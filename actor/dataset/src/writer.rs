@@ -48,7 +48,6 @@ impl Writer {
         Ok(())
     }
 
-    /// Writes the rest, and gives the folder its name.
     pub fn finish(mut self) -> Result<Size, DatasetError> {
         for (number, config) in self.source.configs.iter().enumerate() {
             let name = if number == 0 { "config.toml".to_owned() } else { format!("config-{number}.toml") };

@@ -12,7 +12,6 @@ const CLUSTER: usize = LANES * LANES;
 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MeshError {
-    /// A triangle has a corner that is not there.
     #[error("triangle {triangle} has vertex {vertex}, and there are {count} vertices")]
     NoSuchVertex { triangle: usize, vertex: u32, count: usize },
     #[error("vertex {0} is not finite: every coordinate must be a number")]

@@ -79,7 +79,6 @@ impl Scene {
 }
 
 impl Renderer {
-    /// Draws a scene, the pose of each thing given by its number.
     pub fn render(&mut self, scene: &Scene, camera: &Camera, world_from_thing: impl Fn(u32) -> Pose) {
         let lens = &camera.lens;
         self.image.begin(lens);

@@ -1,5 +1,3 @@
-//! Why an actor's process ends.
-
 use crate::whereabouts::Whereabouts;
 use std::error::Error;
 

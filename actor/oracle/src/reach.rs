@@ -120,7 +120,6 @@ pub fn finals(space: &Space, at: &Configuration, aim: &Aim) -> Vec<Configuration
     Vec::new()
 }
 
-/// Adds the configurations whose wrist is where the aim wants it.
 fn gather(at: &Configuration, elbow_ticks: i32, aim: &Aim, out: &mut Vec<Configuration>) {
     let world_from_robot = world_from_robot(&at.posture());
     let middle = match aim {

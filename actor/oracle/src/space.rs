@@ -40,7 +40,6 @@ struct HeldObject<'a> {
     hand_from_body: Pose3,
 }
 
-/// The kitchen as a planner sees it at one moment.
 #[derive(Clone)]
 pub struct Space<'a> {
     kitchen: &'a Kitchen,

@@ -8,7 +8,6 @@ use simulator::simulation::Simulation;
 /// Moments whose places the outside camera is chosen for.
 const SAMPLES: usize = 12;
 
-/// What an episode is about, as far as pictures of it go.
 #[derive(Debug, Clone)]
 pub struct Task {
     /// Place of the target among the kitchen's movable things, if there is one.

@@ -40,7 +40,6 @@ pub enum Standpoint {
     Outside(Orbit),
 }
 
-/// What all pictures of one episode have in common.
 pub struct Scene {
     kitchen: Arc<Kitchen>,
     task: Task,

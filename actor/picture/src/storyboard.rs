@@ -19,7 +19,6 @@ const GOOD: Rgb = [0, 128, 64];
 const BAD: Rgb = [196, 40, 28];
 /// Room between the two views, pixels.
 const GAP: usize = 4;
-/// What stays the same in all pictures of an episode.
 pub struct Storyboard {
     kitchen: Arc<Kitchen>,
     task: Task,
@@ -92,7 +91,6 @@ impl Storyboard {
     }
 }
 
-/// Title and outcome, then the action, then its measures.
 fn write(canvas: &mut Canvas, side: usize, title: &str, captions: &Captions) {
     let (text_px, left) = text(side);
     let line = |number: f32| 1.15 * text_px * number;
@@ -106,7 +104,6 @@ fn write(canvas: &mut Canvas, side: usize, title: &str, captions: &Captions) {
     canvas.text(&captions.measures, text_px, left, line(3.0), FAINT);
 }
 
-/// Height of the text and its distance from the left edge, pixels.
 fn text(side: usize) -> (f32, f32) {
     let text_px = (side as f32 / 21.0).round().clamp(11.0, 40.0);
     (text_px, 0.5 * text_px)

@@ -25,7 +25,6 @@ const SUBSTEPS_AT_ONCE: u32 = 8;
 
 /// One environment of a task. The same configuration, environment, episode and actions give the same bits everywhere.
 pub trait Environment: Any + Send + Sync {
-    /// Resets to the start of the environment's episode with this number.
     fn begin(&mut self, number: u32);
 
     /// Prepares that start, by a piece of work of about a quarter of a millisecond. Returns whether there is more to do.
@@ -45,12 +44,10 @@ pub trait Environment: Any + Send + Sync {
     /// Writes what is seen now: these are the bytes of a record's observations and states, but for images.
     fn observe(&self, seen: &mut [u8]);
 
-    /// What it has in common with the environments of other tasks.
     fn base(&self) -> &Base;
 
     fn base_mut(&mut self) -> &mut Base;
 
-    /// A copy of the moment that it is in.
     fn boxed(&self) -> Box<dyn Environment>;
 }
 
@@ -125,7 +122,6 @@ pub struct Displacement {
 }
 
 impl Base {
-    /// The kitchen at the start of an episode of this number.
     pub(crate) fn new(kitchen: Arc<Kitchen>, config: &Config, number: u32, start: Start) -> Self {
         let substeps = config.simulation.substeps;
         let simulation = Settling::new(Arc::clone(&kitchen), substeps, start).finish();
@@ -151,7 +147,6 @@ impl Base {
         base
     }
 
-    /// Resets to the settled kitchen and begins an episode under this number.
     pub(crate) fn begin(&mut self, number: u32, start: Start) {
         (self.hashed_number, self.start) = (number, start);
         match self.ahead.take().filter(|ahead| ahead.number == number && ahead.start == start) {

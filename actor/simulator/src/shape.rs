@@ -54,7 +54,6 @@ pub struct Shape {
 }
 
 impl Shape {
-    /// A shape of one part at the body's origin.
     pub fn of(primitive: Primitive) -> Self {
         Self { parts: vec![Part { primitive, body_from_part: Pose3::identity() }] }
     }

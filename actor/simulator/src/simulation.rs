@@ -143,12 +143,10 @@ impl Simulation {
         self.log.replace(Vec::new()).unwrap_or_default()
     }
 
-    /// Keeps an eye on every sub-step from now on.
     pub fn watch(&mut self) {
         self.watch = Some(Box::new(Watch::new(self.kitchen.extent(), self.world.timestep_s(), self.things.poses())));
     }
 
-    /// Extremes since [`watch`](Self::watch); none if it was not called.
     pub fn extremes(&self) -> Option<&Extremes> {
         self.watch.as_ref().map(|watch| watch.extremes())
     }
@@ -189,7 +187,6 @@ impl Simulation {
         self.kitchen.solids[movable].distance_to_point_m(self.movable_pose(movable), self.wrist()) <= MAGNET_RADIUS_M
     }
 
-    /// A movable thing goes with the hand from now on.
     fn take(&mut self, movable: usize) {
         let pose = *self.movable_pose(movable);
         self.world.take_hold(self.kitchen.movables[movable]);

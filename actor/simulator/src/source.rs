@@ -21,7 +21,6 @@ pub enum SourceError {
     Generated(#[from] KitchenError),
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// The scene cannot be opened as a file of the run folder.
     #[error("scene {path}: {cause}", path = .path.display())]
     NotItsOwn { path: PathBuf, cause: std::io::Error },
     #[error(

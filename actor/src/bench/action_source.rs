@@ -1,5 +1,3 @@
-//! Where the actions of a measurement come from.
-
 use proto::episode::EnvironmentId;
 use proto::random::{Key, Purpose};
 use simulator::robot::action::Action;
@@ -18,10 +16,8 @@ pub enum PolicyKind {
 }
 
 impl PolicyKind {
-    /// All of them, in the order of the table.
     pub const ALL: [Self; 2] = [Self::Random, Self::Oracle];
 
-    /// Its name, on the command line and in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Random => "random",

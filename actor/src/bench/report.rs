@@ -1,5 +1,3 @@
-//! The measurements of many kitchens as a table for people, or as JSON.
-
 use super::action_source::PolicyKind;
 use proto::kitchen::KitchenId;
 use serde_json::{Value, json};
@@ -39,7 +37,6 @@ impl Spread {
     }
 }
 
-/// Writes the table: a line for each policy and number of environments.
 pub fn table(out: &mut impl Write, rows: &[Measurement]) -> io::Result<()> {
     writeln!(
         out,

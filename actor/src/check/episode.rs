@@ -32,16 +32,13 @@ pub enum Problem {
     Pushes(Vec3, f32),
     #[error("the robot's start pose is not free")]
     StartPose,
-    /// No floor pose from which the arm reaches the target can be driven to.
     #[error("the target at {0} cannot be reached")]
     TargetOutOfReach(Vec3),
-    /// No floor pose from which the arm brings the target to its goal can be driven to.
     #[error("the goal at {0} cannot be reached with the target in hand")]
     GoalOutOfReach(Vec3),
 }
 
 impl Problem {
-    /// What kind of problem it is, in a word or two.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::AlreadyThere => "already there",

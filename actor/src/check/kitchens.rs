@@ -37,7 +37,6 @@ pub enum Problem {
     Restless { episode: u32, step: u32, disturbance_m: f32 },
     #[error("only {:.0}% of the free floor are connected", .0 * 100.0)]
     FloorInParts(f32),
-    /// A fixture stands where doors, drawers and people need room.
     #[error("{0} stands on floor that is to be kept clear")]
     Obstructed(String),
     #[error("{category} has {spots} valid positions, {SPOTS_LEAST} are wanted")]
@@ -46,13 +45,10 @@ pub enum Problem {
     ChairAlone(String),
     #[error("episode {episode}: {problem}")]
     Episode { episode: usize, problem: episode::Problem },
-    /// A kitchen has not the fixed episodes it should have.
     #[error("{0}")]
     Episodes(#[from] EpisodesError),
-    /// A procedural kitchen is more like one of validation or test than those are like each other.
     #[error("only {distance:.3} from kitchen {kitchen}; those of validation and test are {least:.3} from each other")]
     TooNear { kitchen: KitchenId, distance: f32, least: f32 },
-    /// The number of things is not one that iTHOR's kitchens have.
     #[error("{0} things; iTHOR's kitchens hold {least} to {most}", least = ithor::THINGS[0], most = ithor::THINGS[2])]
     ThingCount(usize),
 }

@@ -1,7 +1,5 @@
-//! `actor bench`.
-
-use actor::bench::action_source::PolicyKind;
 use actor::bench;
+use actor::bench::action_source::PolicyKind;
 use anyhow::Result;
 use proto::kitchen::KitchenChoice;
 use std::path::PathBuf;

@@ -1,5 +1,3 @@
-//! `actor export-peers`.
-
 use actor::bench::action_source::PolicyKind;
 use actor::export;
 use anyhow::Result;

@@ -1,5 +1,3 @@
-//! `actor kitchens`.
-
 use actor::sheet::{SheetOptions, Subject, sheet};
 use actor::{categories, figures, kitchen_export};
 use anyhow::{Context, Result};

@@ -84,7 +84,6 @@ impl Film {
         self.moments.push(moment(environment, words(rules, seen)));
     }
 
-    /// Draws and writes everything; returns the number of pictures.
     pub fn develop(
         mut self,
         images: &ReplayImages,

@@ -114,7 +114,6 @@ fn changes(canvas: &Canvas, before: Option<&Canvas>) -> Vec<u8> {
     bytes
 }
 
-/// An `ffmpeg` that takes pictures on its standard input.
 struct Encoder {
     child: Child,
 }

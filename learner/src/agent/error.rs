@@ -1,5 +1,3 @@
-//! What can go wrong in the agent.
-
 use crate::ffi::graph::GraphError;
 use crate::ffi::stream::StreamError;
 use crate::network::{PrecisionError, Unfit};
@@ -8,17 +6,14 @@ use proto::config::{CarriedGoal, NetworkConfig};
 
 #[derive(Debug, thiserror::Error)]
 pub enum AgentError {
-    /// A number that should be finite is not. Weights and optimiser are as they were before the call.
     #[error("{what} is not finite")]
     NonFinite { what: String },
     #[error("column {column}: the policy has no action {action}, but the batch has it as taken")]
     UnknownAction { column: usize, action: u8 },
     #[error(transparent)]
     Precision(#[from] PrecisionError),
-    /// A GPU, or its driver, does not take a step of the policy.
     #[error("acting: {0}")]
     Acting(#[from] GraphError),
-    /// A GPU has no stream for acting beside updates.
     #[error("ppo.overlap needs streams of the GPU: {0}. Without it the run goes on: ppo.overlap = false")]
     Stream(#[from] StreamError),
     #[error("cannot start a thread for updates (ppo.overlap): {0}")]
@@ -27,7 +22,6 @@ pub enum AgentError {
     Peers(#[from] PeerError),
     #[error("the saved state does not fit: {0}")]
     State(#[from] Unfit),
-    /// Saved weights that were trained with the other sign of the goal vector.
     #[error(transparent)]
     Sign(#[from] OtherSign),
 }

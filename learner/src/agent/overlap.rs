@@ -32,7 +32,6 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use tch::{Device, Kind, Tensor};
 
-/// What acts while an update runs, and the thread of the update.
 #[derive(Debug)]
 pub(super) struct Overlap {
     /// The network that acts.
@@ -104,7 +103,6 @@ impl Overlap {
         free
     }
 
-    /// Whether an update has begun that was not finished.
     pub fn is_busy(&self) -> bool {
         self.busy
     }

@@ -15,7 +15,6 @@ pub(crate) const FIRST_MOMENT: &str = "adam.first";
 pub(crate) const SECOND_MOMENT: &str = "adam.second";
 pub(crate) const BELIEFS: &str = "beliefs";
 
-/// Everything of an agent that a checkpoint keeps, on the CPU.
 #[derive(Debug)]
 pub struct AgentState {
     /// Weights as `model.…` with PyTorch's module paths, Adam's moments as `adam.first` and `adam.second` (flat, in the

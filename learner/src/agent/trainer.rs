@@ -38,7 +38,6 @@ pub(super) struct Job {
     pub config: Config,
 }
 
-/// An update that was made, or could not be.
 #[derive(Debug)]
 pub(super) struct Done {
     pub trainer: Box<Trainer>,

@@ -76,7 +76,6 @@ impl Auxiliary {
         self.0.as_ref().map_or(&[], |task| task.sums())
     }
 
-    /// The task's figures, named `auxiliary/…`, from the sums of all passes.
     pub fn figures(&self, tally: &Tally) -> BTreeMap<String, f64> {
         self.0.as_ref().map(|task| task.figures(tally)).unwrap_or_default()
     }

@@ -83,7 +83,6 @@ pub struct TaskLoss {
     pub sums: Vec<Tensor>,
 }
 
-/// Sums over rows, by name: passes and epochs add up.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Tally(BTreeMap<&'static str, f64>);
 

@@ -29,7 +29,6 @@ impl Monitor {
         Self(watch.ok().map(Arc::new))
     }
 
-    /// Does something and tells what the GPU did meanwhile.
     pub fn during<T>(&self, work: impl FnOnce() -> T) -> (T, Option<Use>) {
         let Some(watch) = self.0.clone() else { return (work(), None) };
         let done = Arc::new(AtomicBool::new(false));

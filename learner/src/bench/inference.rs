@@ -13,7 +13,6 @@ use proto::stage::RolloutShape;
 use std::time::{Duration, Instant};
 use tch::Device;
 
-/// Steps of the rollouts that are begun for this.
 const STEPS: usize = 16;
 const FEWEST: usize = 20;
 
@@ -63,7 +62,6 @@ pub fn measure(
     Ok(Inference { batch, p50_s: percentile(&times, 0.5), p99_s: percentile(&times, 0.99), copy_s, gpu })
 }
 
-/// Takes all steps of both halves, and notes how long each took.
 fn rollout(agent: &mut Agent, frames: &Frames, config: &Config, times: &mut Vec<f64>) -> Result<()> {
     agent.begin_rollout(RolloutShape::next(u64::MAX, STEPS, config.environments()));
     for t in 0..STEPS {
@@ -78,7 +76,6 @@ fn rollout(agent: &mut Agent, frames: &Frames, config: &Config, times: &mut Vec<
     Ok(())
 }
 
-/// The median time of the copy alone, on a CPU.
 fn copy(frames: &Frames, config: &Config) -> f64 {
     let preparation = FramePreparation::of(config, Device::Cpu);
     let mut staging = Staging::default();

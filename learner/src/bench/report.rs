@@ -1,5 +1,3 @@
-//! What was measured, as one table or as JSON.
-
 use super::gpu::Use;
 use super::inference::Inference;
 use super::update::Updates;

@@ -1,5 +1,3 @@
-//! Updates: an epoch, and the whole.
-
 use super::frames::{self, Frames};
 use super::gpu::{Monitor, Use};
 use super::time::{percentile, synchronise};

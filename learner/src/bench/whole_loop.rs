@@ -30,7 +30,6 @@ impl WholeLoop {
     }
 }
 
-/// A folder that is removed with what is in it.
 struct Folder(PathBuf);
 
 impl Drop for Folder {

@@ -28,23 +28,18 @@ impl std::fmt::Display for Rejected {
     }
 }
 
-/// A failure to write or to find a checkpoint.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
-    /// A file could not be written. What was there before is still there.
     #[error("cannot write checkpoint {path}: {cause} ({free_bytes} bytes are free there; earlier checkpoints are kept)",
         path = .path.display(), free_bytes = free_text(*.free_bytes))]
     Write { path: PathBuf, cause: std::io::Error, free_bytes: Option<u64> },
-    /// The recording could not be seen onto the disk: a checkpoint must not be ahead of it.
     #[error("cannot see recording {path} onto the disk: {cause} (the checkpoint is not written; earlier ones are kept)",
         path = .path.display())]
     Recording { path: PathBuf, cause: std::io::Error },
     #[error("cannot use checkpoint folder {path}: {cause}", path = .path.display())]
     Folder { path: PathBuf, cause: std::io::Error },
-    /// The state could not be turned into a file.
     #[error("cannot encode the state: {0}")]
     Encode(#[from] TensorsError),
-    /// The folder does not belong to this run any more: whoever made it anew would go on from our checkpoint.
     #[error("{folder} is not the folder of run {run} any more ({found}): nothing is written there", folder = .folder.display())]
     Foreign { folder: PathBuf, run: String, found: String },
     #[error("no checkpoint in {folder} can be used:\n{}", list(.rejected), folder = .folder.display())]
@@ -63,7 +58,6 @@ fn list(rejected: &[Rejected]) -> String {
     rejected.iter().map(|rejected| format!("  {rejected}")).collect::<Vec<_>>().join("\n")
 }
 
-/// The newest good checkpoint, and the newer unusable ones that were skipped.
 #[derive(Debug)]
 pub struct Loaded {
     pub snapshot: Snapshot,

@@ -55,7 +55,6 @@ pub enum TensorsError {
     Format(#[from] safetensors::SafeTensorError),
     #[error("libtorch: {0}")]
     Torch(#[from] tch::TchError),
-    /// A tensor that must be there is not, or has another type or shape.
     #[error("tensor `{name}` {problem}")]
     Tensor { name: String, problem: String },
 }
@@ -76,7 +75,6 @@ struct StoredTensor {
     bytes: Vec<u8>,
 }
 
-/// Named tensors as the bytes of a safetensors file.
 pub fn encode_tensors(tensors: &BTreeMap<String, Tensor>) -> Result<Vec<u8>, TensorsError> {
     serialize(&entries(tensors)?)
 }

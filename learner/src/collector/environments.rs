@@ -102,7 +102,6 @@ impl Environments {
         &self.running
     }
 
-    /// True if the outcome of some action is not yet recorded.
     pub(crate) fn any_in_flight(&self) -> bool {
         self.in_flight.contains(&true)
     }
@@ -155,7 +154,6 @@ impl Environments {
         Mismatch { actor, kitchen, environment, problem, non_finite: false }
     }
 
-    /// Checks an actor's report for a column against the learner's record.
     pub fn check(&self, column: usize, record: &[u8]) -> Result<(), Mismatch> {
         let header = RecordHeader::of(record);
         let (_, index) = self.column_map.place(column);

@@ -1,5 +1,3 @@
-//! Samples that no correct actor sends.
-
 use super::environments::Mismatch;
 use wire::message::ObservationHeader;
 
@@ -16,7 +14,6 @@ pub enum ProtocolError {
 }
 
 impl ProtocolError {
-    /// Whether it is nothing but a number that is not finite.
     pub fn is_non_finite(&self) -> bool {
         matches!(self, Self::Mismatch(Mismatch { non_finite: true, .. }))
     }

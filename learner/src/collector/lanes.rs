@@ -131,7 +131,6 @@ impl<S> Lanes<S> {
         self.all.iter_mut().for_each(|lane| lane.valued = false);
     }
 
-    /// Whether observations have come from all at least once.
     pub fn all_seen(&self) -> bool {
         self.all.iter().all(|lane| lane.sample.is_some() || lane.step > self.first)
     }
@@ -192,7 +191,6 @@ impl<S> Lanes<S> {
         lane.recorded >= Some(lane.step)
     }
 
-    /// Row of the rollout that a lane is at.
     fn row(&self, lane: &HalfProgress<S>) -> usize {
         (lane.step - self.from) as usize
     }

@@ -339,7 +339,6 @@ impl<S: HalfSample> Collector<S> {
         (header, columns.map(|column| self.environments.state(column).clone()).collect())
     }
 
-    /// Whether all actors have sent observations at least once.
     pub fn all_seen(&self) -> bool {
         self.lanes.all_seen()
     }

@@ -34,7 +34,6 @@ impl Noise {
         self.draw_from(key, noise);
     }
 
-    /// Appends draws from the stream of `key` to `noise`.
     pub(crate) fn draw_from(self, key: Key, noise: &mut Vec<f32>) {
         let mut random = key.stream();
         // libm, so that every machine samples the same actions.

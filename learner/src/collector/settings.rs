@@ -1,5 +1,3 @@
-//! What a collector is given: constants of a run, and the reward of a rollout.
-
 use super::column_map::ColumnMap;
 use super::noise::Noise;
 use proto::config::Config;
@@ -17,7 +15,6 @@ pub struct Settings {
     /// Label and cost.
     pub signals: Signals,
     pub learner_incarnation: u32,
-    /// Whether there is a recorder, whose receipts are waited for.
     pub recorded: bool,
 }
 
@@ -29,7 +26,6 @@ pub struct Reward {
     pub multiplier: f32,
 }
 
-/// What a task says of its steps besides the reward.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Signals {
     /// What the auxiliary task predicts.

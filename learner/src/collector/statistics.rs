@@ -1,5 +1,3 @@
-//! Statistics of the episodes that ended in a rollout.
-
 use crate::peers::{PeerError, Peers};
 use crate::shards::Shards;
 use proto::metric;

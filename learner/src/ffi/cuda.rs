@@ -230,7 +230,6 @@ impl Module {
         Ok(Self { driver, module })
     }
 
-    /// The most shared memory that a block can be given, bytes.
     pub fn most_shared_bytes(&self) -> Result<u32, CudaError> {
         /// `CU_DEVICE_ATTRIBUTE_MAX_SHARED_MEMORY_PER_BLOCK_OPTIN`.
         const MOST_SHARED_BYTES: c_int = 97;

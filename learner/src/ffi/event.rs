@@ -16,7 +16,6 @@ pub(super) enum Purpose {
     Order = 2,
 }
 
-/// The driver's functions for events of the first device.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Events {
     create: Create,

@@ -74,7 +74,6 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Watches the GPU at an address on the PCI bus.
     pub fn open(pci: &str) -> Result<Self, WatchError> {
         let library = open(&[c"libnvidia-ml.so.1"])?;
         let initialise = function!(library, c"nvmlInit_v2" as Initialise);

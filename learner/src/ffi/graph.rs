@@ -22,7 +22,6 @@ pub enum GraphError {
     Torch(#[from] TchError),
     #[error(transparent)]
     Stream(#[from] StreamError),
-    /// An operation cannot be recorded. This is libtorch's reason.
     #[error("an operation cannot be recorded: {0}")]
     Operation(String),
 }

@@ -168,7 +168,6 @@ impl ProcessGroup {
         })
     }
 
-    /// Receives what another member sends into a contiguous tensor on the CPU.
     pub fn receive(&self, tensor: &mut Tensor, from: u32) -> Result<(), TchError> {
         guarded(|message, capacity| {
             // SAFETY: as in `sum`.

@@ -28,7 +28,6 @@ pub enum Priority {
     Low,
 }
 
-/// The driver's functions for streams of the first device.
 #[derive(Debug, Clone, Copy)]
 pub struct Streams {
     create: CreateWithPriority,
@@ -82,7 +81,6 @@ impl Streams {
         succeed("cuStreamBeginCapture", unsafe { (self.begin_capture)(stream.0, CAPTURE_THIS_THREAD) })
     }
 
-    /// Waits until this thread's stream has done all that it was given.
     pub fn wait(self) -> Result<(), CudaError> {
         // SAFETY: the default stream, or one that lives as long as the process.
         succeed("cuStreamSynchronize", unsafe { (self.synchronize)(cuda::stream()) })

@@ -32,7 +32,6 @@ impl Images {
         self.each.is_empty()
     }
 
-    /// Width of what their encoders make of a row.
     pub fn outputs(&self) -> i64 {
         (self.each.len() * dqn::OUTPUTS) as i64
     }

@@ -29,7 +29,6 @@ impl Declared {
     }
 }
 
-/// A saved tensor that does not fit the network.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("`{name}` {problem}")]
 pub struct Unfit {
@@ -65,7 +64,6 @@ pub(crate) fn fits<'a>(name: &str, saved: Option<&'a Tensor>, size: &[i64]) -> R
     if all_finite(saved) { Ok(saved) } else { Err(Unfit::not_finite(name)) }
 }
 
-/// The parameters of a network while its modules are being declared.
 #[derive(Debug, Default)]
 pub struct Layout {
     entries: Vec<Declared>,

@@ -133,7 +133,6 @@ impl StepMetrics {
         approximate_kl
     }
 
-    /// Name of the first scalar that is not finite.
     pub(crate) fn first_non_finite(&self) -> Option<&'static str> {
         let scalars = self.scalars.iter().zip(SCALARS);
         let mut all = scalars.chain([(&self.gradient_norm, metric::GRADIENT_NORM)]);

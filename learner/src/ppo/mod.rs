@@ -87,7 +87,6 @@ fn rows(chunks: &[Chunk]) -> u64 {
 
 #[derive(Debug, thiserror::Error)]
 pub enum UpdateError {
-    /// A number is not finite; the text names it. All learners report the same.
     #[error("{0} is not finite")]
     NonFinite(String),
     #[error(transparent)]

@@ -70,7 +70,6 @@ impl Moments {
     }
 }
 
-/// What becomes of a reward before advantages are made of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RewardScale {
     divisor: f64,

@@ -46,7 +46,6 @@ const NAMES: [&str; 20] = [
 /// What every name may begin with, and most names of a non-finite update's dump do.
 const ROLLOUT: &str = "rollout.";
 
-/// The tensors of a file, asked for by name and shape.
 struct Tensors<'a>(&'a BTreeMap<String, Tensor>);
 
 fn wrong(name: &str, problem: String) -> TensorsError {
@@ -161,7 +160,6 @@ fn warn_of_contradictions(ended: &[bool], start: &[bool], columns: usize) {
 }
 
 impl Batch {
-    /// Takes a file's tensors as a batch for this network.
     pub fn read(file: &BTreeMap<String, Tensor>, config: &Config, network: &Network) -> Result<Self, TensorsError> {
         let file = Tensors::of_batch(file)?;
         let hidden = network.belief.hidden();

@@ -86,16 +86,12 @@ pub struct Arguments {
 /// Why a probe failed.
 #[derive(Debug, thiserror::Error)]
 pub enum ProbeError {
-    /// The configuration cannot be used.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// The device is not there.
     #[error(transparent)]
     Device(#[from] DeviceError),
-    /// The encoder cannot compute in bfloat16 here.
     #[error(transparent)]
     Precision(#[from] PrecisionError),
-    /// A file cannot be read or written.
     #[error("cannot {verb} {path}: {cause}", path = .path.display())]
     File {
         /// `read` or `write`.
@@ -105,7 +101,6 @@ pub enum ProbeError {
         /// Why.
         cause: std::io::Error,
     },
-    /// A file's tensors cannot be used.
     #[error("{path}: {cause}", path = .path.display())]
     Tensors {
         /// The file.
@@ -113,7 +108,6 @@ pub enum ProbeError {
         /// Why.
         cause: TensorsError,
     },
-    /// A file of PyTorch's own format.
     #[error("{path}: {advice}", path = .path.display())]
     TorchSave {
         /// The file.
@@ -121,10 +115,8 @@ pub enum ProbeError {
         /// How to make it one of safetensors.
         advice: String,
     },
-    /// Losses or gradient cannot be computed.
     #[error(transparent)]
     Update(#[from] UpdateError),
-    /// The result cannot be printed.
     #[error("cannot print: {0}")]
     Print(std::io::Error),
 }

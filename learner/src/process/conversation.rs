@@ -89,7 +89,6 @@ impl<'a, W: Write> Conversation<'a, W> {
         self.control.tell(event);
     }
 
-    /// Sends every actor that is connected the state of its environments.
     pub fn restore_all(&self) -> Result<()> {
         self.actors.clone().try_for_each(|actor| self.restore(actor, 0))
     }

@@ -29,7 +29,6 @@ const RANK: u32 = 0;
 
 #[derive(Debug, Clone)]
 pub struct EvaluationArguments {
-    /// Folder of the evaluation; its config.toml is the configuration.
     pub folder: PathBuf,
     pub wire: WireAddress,
     /// How often this learner has been started under this wire address, from 1.

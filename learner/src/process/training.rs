@@ -64,7 +64,6 @@ pub struct InUpdate {
     metrics: BTreeMap<String, f64>,
 }
 
-/// Result of the learners' agreement at the end of a rollout.
 struct Agreement {
     /// Frames that all learners collected: fewer than planned if some were pre-empted.
     collected: u64,
@@ -535,7 +534,6 @@ impl<W: Write> Training<'_, W> {
         Ok(())
     }
 
-    /// Writes the rollout that led to a number that is not finite.
     fn dump(&self, rollout: u64, error: &anyhow::Error) -> NonFinite {
         let mut tensors = self.agent.state().tensors;
         tensors.extend(self.agent.rollout_tensors());

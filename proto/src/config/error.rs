@@ -8,7 +8,6 @@ use std::path::PathBuf;
 /// What is wrong with a configuration.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
-    /// No preset of this name.
     #[error("there is no preset `{name}`{}; `orchestrator presets` lists them", suggestion(.nearest.as_deref()))]
     UnknownPreset {
         /// The unknown name.
@@ -16,7 +15,6 @@ pub enum ConfigError {
         /// The closest existing name.
         nearest: Option<String>,
     },
-    /// The file cannot be read.
     #[error("cannot read configuration {path}: {cause}", path = .path.display())]
     Unreadable {
         /// The file.
@@ -24,7 +22,6 @@ pub enum ConfigError {
         /// Why.
         cause: std::io::Error,
     },
-    /// The configuration of a run that has checkpoints, which hold the one that they were saved under.
     #[error("{cause} (mend it, or: `orchestrator config --of {run} --out {file}`)", run = quoted(.run), file = quoted(.file))]
     OfRun {
         /// What is wrong with it.
@@ -34,7 +31,6 @@ pub enum ConfigError {
         /// The file.
         file: PathBuf,
     },
-    /// A key that means nothing.
     #[error("{origin}:{line}: unknown key `{key}`{}", suggestion(.nearest.as_deref()))]
     UnknownKey {
         /// File or preset.
@@ -46,7 +42,6 @@ pub enum ConfigError {
         /// The closest valid key.
         nearest: Option<String>,
     },
-    /// A value of the wrong type, or broken TOML.
     #[error("{origin}:{line}: {problem}")]
     Invalid {
         /// File or preset.
@@ -56,7 +51,6 @@ pub enum ConfigError {
         /// The parser's message.
         problem: String,
     },
-    /// A value out of its range.
     #[error("configuration: {key} = {value}: {problem}")]
     OutOfRange {
         /// Dotted key.
@@ -66,20 +60,17 @@ pub enum ConfigError {
         /// What it must be.
         problem: &'static str,
     },
-    /// There is no such task.
     #[error("there is no task `{name}`{}", suggestion(.nearest.as_deref()))]
     UnknownTask {
         name: String,
         /// The closest existing name.
         nearest: Option<String>,
     },
-    /// The run's task is not what the programs know by its name.
     #[error(
         "{path}: the run's task `{name}` is declared otherwise than in these programs: go on with the version that began \
          it (`run.toml` names it)", path = .path.display()
     )]
     OtherTask { path: PathBuf, name: String },
-    /// The task lacks what the configuration names.
     #[error("configuration: {key}: {cause}")]
     Task {
         /// Dotted key.

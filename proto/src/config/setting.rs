@@ -9,16 +9,12 @@ use toml::{Table, Value};
 /// What is wrong with a setting.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SettingError {
-    /// There is no `=`.
     #[error("it has no value: expected KEY=VALUE, for example ppo.learning_rate=1e-3")]
     NoValue,
-    /// The part before `=` is no dotted key.
     #[error("`{0}` is no key: expected names with dots between them, for example ppo.learning_rate")]
     NoKey(String),
-    /// The part after `=` is neither TOML nor a bare word.
     #[error("`{0}` is neither TOML nor a single word; quote any other text twice, for example KEY='\"two words\"'")]
     BadValue(String),
-    /// The key cannot be set this way.
     #[error("`{key}` is no setting: use {instead}")]
     SaidElsewhere {
         /// The key.
@@ -26,7 +22,6 @@ pub enum SettingError {
         /// What sets it.
         instead: &'static str,
     },
-    /// A key that no configuration has.
     #[error("unknown key `{key}`{}", suggestion(.nearest.as_deref()))]
     UnknownKey {
         /// The last part of the key that is unknown.
@@ -34,7 +29,6 @@ pub enum SettingError {
         /// The keys that end so, or the closest valid one.
         nearest: Option<String>,
     },
-    /// A value of the wrong type.
     #[error("{0}")]
     WrongType(String),
 }

@@ -1,5 +1,3 @@
-//! What an evaluation is asked.
-
 use super::distribution::Distribution;
 use crate::kitchen::{KitchenId, KitchenRange, Kitchens, Split, TargetCategory};
 use serde::{Deserialize, Serialize};

@@ -1,5 +1,3 @@
-//! Where an evaluation's episodes come from.
-
 use crate::kitchen::Split;
 use serde::{Deserialize, Serialize};
 

@@ -1,5 +1,3 @@
-//! The figures of a set of episodes.
-
 use super::confusion::{Confusion, share};
 use super::record::EpisodeRecord;
 use crate::task::{Column, Curve, Spec, Take};

@@ -1,5 +1,3 @@
-//! The result file of an evaluation.
-
 use super::asked::ObjectSet;
 use super::distribution::{Distribution, describe};
 use super::figures::Figures;

@@ -83,7 +83,6 @@ pub struct Compared {
 }
 
 impl Compared {
-    /// That of a task, whose rewards a configuration weighs.
     pub fn of(spec: &Spec, weights: &BTreeMap<String, f32>) -> Result<Self, SpecError> {
         let channels = spec.channels.iter().zip(&spec.layout().fields).filter(|(channel, _)| !channel.is_bulk());
         let rewards = spec.plain_rewards();
@@ -116,7 +115,6 @@ impl Compared {
         self.rewards.iter().map(|(name, _)| &**name)
     }
 
-    /// Writes the rewards of the action of this record.
     pub fn reward(&self, layout: &Layout, record: &[u8], rewards: &mut Vec<f32>) {
         rewards.clear();
         let composed = self.rewards.iter().map(|(_, reward)| reward.of(|index| layout.part(record, index), 0.0));
@@ -159,7 +157,6 @@ pub struct ReplayVerdict {
     pub images: u64,
 }
 
-/// Something that the simulator does not give as it was recorded.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Difference {
     /// Actions taken until then; for what was seen, before the action that was chosen from it.

@@ -53,7 +53,6 @@ impl Rules {
     }
 }
 
-/// The start of an episode, or what an action led to.
 pub struct Seen<'a> {
     /// All of a record but its header and images.
     pub record: &'a [u8],
@@ -144,7 +143,6 @@ fn check_lengths(rules: &Rules, recorded: &RecordedEpisode) -> Result<(), PlayEr
     Err(PlayError::Digests { steps, digests: digests.len(), each: of_step })
 }
 
-/// The verdict as it comes about. The first difference stands.
 struct Comparison<'a> {
     rules: &'a Rules,
     recorded: &'a RecordedEpisode,

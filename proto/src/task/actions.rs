@@ -1,5 +1,3 @@
-//! The actions of a task.
-
 use super::channel::Dtype;
 use super::error::SpecError;
 use crate::record::HOLD;

@@ -1,5 +1,3 @@
-//! Metrics of an episode, made of what its actions did.
-
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 

@@ -201,7 +201,6 @@ impl Spec {
     }
 }
 
-/// Refuses a mask that is not one of the actions.
 fn check_masks(actions: &Actions, channels: &[Channel]) -> Result<(), SpecError> {
     let mut masks = channels.iter().filter(|channel| channel.role == Role::Mask);
     let Some(mask) = masks.next() else { return Ok(()) };

@@ -79,7 +79,6 @@ impl Spec {
         Some((self.part(&cost.part).expect("a task is checked when it is read"), cost.weight))
     }
 
-    /// Index of a part of rewards among the channels.
     pub(super) fn part(&self, name: &str) -> Result<usize, String> {
         let is_part = |channel: &Channel| channel.role == Role::Part;
         let known = || {

@@ -4,7 +4,6 @@ use super::layout::Layout;
 use super::metric::{Measure, Over};
 use super::spec::Spec;
 
-/// Returns under a task's rewards, and its metrics, after some steps.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Sums {
     pub returns: Vec<f64>,

@@ -20,7 +20,6 @@ impl Debug for Announcer {
 }
 
 impl Announcer {
-    /// Puts an announcement in force and wakes all learners.
     pub fn announce(&self, announcement: StageAnnouncement) -> Result<(), WireError> {
         self.publisher.update_connections().map_err(|cause| unannounced(&cause))?;
         self.publisher.send_copy(announcement).map_err(|cause| unannounced(&cause))?;

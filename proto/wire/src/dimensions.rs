@@ -42,7 +42,6 @@ impl WireShape {
         }
     }
 
-    /// Cache lines of a sample of so many records.
     pub fn lines(self, records: usize) -> usize {
         records * self.record_lines
     }

@@ -1,5 +1,3 @@
-//! What can fail in the shared-memory layer.
-
 /// A failure of the shared-memory layer. The text names the service and, where there is a remedy, the remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum WireError {
@@ -7,7 +5,6 @@ pub enum WireError {
         "cannot join the run's shared memory at {root}: {cause}; check that /dev/shm and {root} exist and are writable"
     )]
     Node { root: String, cause: String },
-    /// The folder of small files was there already, and is not ours.
     #[error(
         "{root} was made by somebody else, or is a link: have it removed, or set TMPDIR to a folder that only you can \
          write, then start again"
@@ -24,7 +21,6 @@ pub enum WireError {
         "cannot make a port on service `{service}`: {cause}; if /dev/shm is full, `orchestrator clean` frees what dead runs left"
     )]
     Port { service: String, cause: String },
-    /// iceoryx2 builds names of files from the folder's, and their length is limited.
     #[error("the temporary folder {root} has too long a name: set TMPDIR to a shorter one, such as /tmp")]
     TooLong { root: String },
     #[error(
@@ -32,10 +28,8 @@ pub enum WireError {
          < > \" | ? *): set TMPDIR to another one, such as /tmp"
     )]
     Letters { root: String },
-    /// The file of the recorder's receipts could not be made or mapped.
     #[error("cannot use the recorder's receipts in {path}: {cause}")]
     Receipts { path: String, cause: std::io::Error },
-    /// The file of the bells could not be made or mapped.
     #[error("cannot use the bells in {path}: {cause}{}", remedy(.cause))]
     Bells { path: String, cause: std::io::Error },
     #[error("a stage announcement cannot be published: {0}")]

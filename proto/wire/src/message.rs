@@ -132,7 +132,6 @@ impl EnvironmentState {
         Self { episode, count: 0, actions: vec![], has_ended: false, snapshot: None }
     }
 
-    /// Bytes of the actions taken so far, one behind the other.
     pub fn actions(&self) -> &[u8] {
         &self.actions
     }

@@ -145,7 +145,6 @@ impl Receipts {
         self.0.load(met_word(actor)) as u32
     }
 
-    /// The newest receipt of one half of an actor's environments.
     pub fn of(&self, actor: u32, half: u32) -> Option<Receipt> {
         unpack(self.0.load(receipt_word(actor, half)))
             .map(|(learner_incarnation, step)| Receipt { learner_incarnation, step })

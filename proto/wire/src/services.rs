@@ -93,7 +93,6 @@ macro_rules! open {
 }
 pub(crate) use open;
 
-/// A process's membership in the services of one incarnation.
 pub struct Wire {
     node: Node<Ipc>,
     shape: WireShape,

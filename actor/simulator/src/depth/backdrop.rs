@@ -22,7 +22,6 @@ pub struct Backdrop {
     bodies: Vec<DrawnBody>,
 }
 
-/// A body as it was in the last frame.
 #[derive(Debug, Clone, Copy)]
 struct DrawnBody {
     pose: [u32; 7],

@@ -13,7 +13,6 @@ use depth::simd::{LANES, Lanes};
 use proto::camera::{FRAME_SIDE, SUMS_PIXELS, sum_windows};
 use rapier3d::math::Pose3;
 
-/// What a camera draws: the bodies of one kitchen.
 #[derive(Debug, Clone)]
 pub struct Scenery {
     placed: PlacedBodies,

@@ -23,7 +23,6 @@ pub struct Corner {
 }
 
 impl Corner {
-    /// A corner in an image of `side` × `side` pixels.
     pub fn new(x_px: f32, y_px: f32, inverse_m: f32, side: usize) -> Self {
         Self { x_px, y_px, inverse_m, row: first_centre(y_px, side as f32) as u32 }
     }

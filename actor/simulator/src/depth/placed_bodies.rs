@@ -131,7 +131,6 @@ impl PlacedBodies {
         self.bodies[body].triangles
     }
 
-    /// Places every body that is not where it was.
     pub fn place(&mut self, world_from_bodies: &[Pose3]) {
         assert_eq!(world_from_bodies.len(), self.bodies.len(), "one pose a body");
         for (number, pose) in world_from_bodies.iter().enumerate() {

@@ -22,7 +22,6 @@ pub struct Lens {
 }
 
 impl Lens {
-    /// The lens of an image of `side` × `side` pixels.
     pub fn of(side: usize) -> Self {
         let centre_px = side as f32 * 0.5;
         Self { side, focal_px: centre_px / TAN_HALF_FIELD_OF_VIEW, centre_px }

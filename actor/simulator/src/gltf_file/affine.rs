@@ -1,5 +1,3 @@
-//! How nodes stand, as affine maps.
-
 use super::json::Node;
 use super::mirror;
 use rapier3d::math::{Pose3, Rot3, Vec3};

@@ -48,7 +48,6 @@ pub enum DocumentError {
     Unreadable { file: PathBuf, cause: std::io::Error },
     #[error("{file}: is not sound glTF 2.0: {problem}", file = .file.display())]
     Unsound { file: PathBuf, problem: String },
-    /// It cannot be understood without an extension that is not known here.
     #[error(
         "{file}: needs the extension {extension}, which is not read here; export it again without it, as plain glTF 2.0 \
          without compression",
@@ -190,7 +189,6 @@ fn nodes_of(root: &Root) -> Result<Vec<Node>, String> {
     Ok(nodes)
 }
 
-/// Warns of what the file has and what may be missed.
 fn warn_of_what_is_not_read(root: &Root, path: &Path) {
     let unknown: Vec<&str> = extensions::unknown(root).take(5).collect();
     let path = path.display();

@@ -16,7 +16,6 @@ pub enum NoSolid {
     Dented { dent_mm: f32 },
     #[error("has {corners} corners on its hull, more than {CORNERS_MOST}: simplify it")]
     TooDetailed { corners: usize },
-    /// It has no inside that could be cut into pieces.
     #[error(
         "has {edges} edges without a face on either side, or between faces that do not both look outwards, so that it \
          has no inside to decompose: fill its holes and recalculate its normals, or say `convex = \"hull\"`"

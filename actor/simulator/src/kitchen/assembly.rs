@@ -24,7 +24,6 @@ const SETTLE_DRIFT_M: f32 = 0.02;
 /// The robot waits here, below the floor, until an episode places it.
 const PARKED: Vec3 = Vec3::new(0.0, -20.0, 0.0);
 
-/// What a room must offer to become a kitchen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Demands {
     /// Whether all twelve target categories must be there.
@@ -35,14 +34,12 @@ pub(crate) struct Demands {
 
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Flaw {
-    /// A thing did not stay where it was set down.
     #[error("setting down thing {thing} (moved {moved_m:.3} m)")]
     Fell { thing: usize, moved_m: f32 },
     #[error("thing {thing}, which does not come to rest")]
     Awake { thing: usize },
     #[error("free floor ({stands} robot poses)")]
     Stands { stands: usize },
-    /// The arm comes to no place on any surface.
     #[error("surfaces within reach")]
     Unreachable,
     #[error("{}, which is not there", .category.name())]

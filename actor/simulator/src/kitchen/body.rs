@@ -1,5 +1,3 @@
-//! Bodies: what stands in a kitchen, each a shape with a name and a role.
-
 use crate::shape::Shape;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -27,7 +27,6 @@ pub const EDGE_M: f32 = 0.012;
 pub const BACKWARDS: f32 = 1.5;
 /// Things of the sink and of the stove lie about this far from it, metres.
 pub const BESIDE_M: f32 = 0.45;
-/// Share of pots, pans and kettles that stand on a burner.
 pub const ON_BURNER_SHARE: f32 = 0.4;
 /// Most things of categories that iTHOR does not have; the number is drawn from 0 to this.
 pub const EXTRAS_MOST: u32 = 4;
@@ -46,7 +45,6 @@ pub fn preference(place: Place) -> [f32; 6] {
 
 /// Distance of a chair's middle from the table's edge, least and most, metres.
 pub const CHAIR_OUT_M: [f32; 2] = [0.06, 0.28];
-/// Turn of a chair away from the table, at most, radians.
 pub const CHAIR_TURN_RAD: f32 = 0.2;
 /// Distance of a bin's middle from the wall, metres, beyond its own half.
 pub const BIN_OUT_M: f32 = 0.03;

@@ -48,7 +48,6 @@ pub(crate) enum FoundKitchenError {
     Version,
     #[error("its checksum does not agree with it")]
     Checksum,
-    /// They are whole, and nobody found such a kitchen.
     #[error("it holds numbers that no kitchen has")]
     Impossible,
     #[error("it is another kitchen's")]

@@ -31,15 +31,12 @@ const DEMANDS: Demands = Demands { every_target: true, spots: SPOTS_LEAST_ANYWHE
 pub enum KitchenError {
     #[error("kitchen {kitchen} is a scene of a run: no generator makes it")]
     NotBuiltIn { kitchen: KitchenId },
-    /// The generator found no room for something that every kitchen holds.
     #[error("kitchen {kitchen}: no good room in {attempts} attempts; the last one failed at {reason}")]
     NoRoom { kitchen: KitchenId, attempts: u32, reason: String },
-    /// What was kept of it is not of this program.
     #[error("kitchen {kitchen}: what was kept of it does not fit this program: {problem}")]
     FoundKitchen { kitchen: KitchenId, problem: String },
 }
 
-/// A room as the generator draws it: furnished, not yet at rest.
 #[derive(Debug, Clone)]
 pub struct DrawnRoom {
     pub room: Room,
@@ -69,7 +66,6 @@ pub fn draw_room(kitchen: impl Into<KitchenKey>, attempt: u32) -> Result<DrawnRo
 }
 
 impl DrawnRoom {
-    /// A room that is laid out, with what stands in it.
     pub(super) fn of(fitted: FittedRoom, things: Vec<Thing>) -> Self {
         let room = Room {
             fixtures: fitted.fixtures,
@@ -89,7 +85,6 @@ impl DrawnRoom {
 }
 
 impl Kitchen {
-    /// Draws rooms until one comes to rest with nothing wrong.
     pub(super) fn search(kitchen_key: KitchenKey, simulation: SimulationConfig) -> Result<Self, KitchenError> {
         let id = kitchen_key.id();
         if id.scene_index().is_some() {
@@ -113,7 +108,6 @@ impl Kitchen {
         Err(KitchenError::NoRoom { kitchen: id, attempts, reason })
     }
 
-    /// Itself, or what a generated kitchen must not be like.
     fn acceptable(self) -> Result<Self, String> {
         let things = self.thing_count();
         if !(ithor::THINGS[0]..=ithor::THINGS[2]).contains(&(things as f32)) {

@@ -129,7 +129,6 @@ pub(super) fn nearest(room: &FittedRoom) -> Option<(KitchenId, f32)> {
     nearest_to(&Footprint::of(room))
 }
 
-/// The same for a kitchen that has been made.
 pub fn nearest_to_kitchen(kitchen: &Kitchen) -> Option<(KitchenId, f32)> {
     let bodies = kitchen.static_bodies().map(|index| (&kitchen.bodies()[index], &kitchen.settled_poses()[index]));
     let middle = 0.5 * (kitchen.floor.0 + kitchen.floor.1);

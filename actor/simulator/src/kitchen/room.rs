@@ -16,7 +16,6 @@ pub struct Fixture {
     pub pose: Pose3,
 }
 
-/// A movable thing and where it is set down.
 #[derive(Debug, Clone)]
 pub struct Thing {
     /// Category, iTHOR's name where iTHOR has it.

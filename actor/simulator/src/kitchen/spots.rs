@@ -21,7 +21,6 @@ const SPOT_CLEARANCE_M: f32 = 0.015;
 /// Side of a square of points that are judged together: 0.1 m.
 const POINTS_JUDGED: usize = 4;
 
-/// A robot pose at which an episode can begin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stand {
     pub x_m: f32,
@@ -40,7 +39,6 @@ pub struct Stands {
     pub connected_share: f32,
 }
 
-/// Finds where on the floor the robot can stand.
 pub fn stands(floor: (Vec3, Vec3), scene: &FixedScene, movables: &[Aabb], parts: &[Solid; PART_COUNT]) -> Stands {
     let grid = Floor::of(floor, scene, movables);
     let columns = grid.columns();
@@ -254,7 +252,6 @@ pub fn target_spots(
     spots
 }
 
-/// A convex part of a thing that stands somewhere.
 struct PlacedPart {
     shape: SharedShape,
     pose: Pose3,

@@ -1,5 +1,3 @@
-//! Collision geometry: what physics makes of a [`Shape`].
-
 use crate::shape::{Primitive, Shape};
 use rapier3d::dynamics::MassProperties;
 use rapier3d::geometry::{Aabb, SharedShape};

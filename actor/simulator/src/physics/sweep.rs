@@ -30,7 +30,6 @@ impl Default for Sweep {
 }
 
 impl Sweep {
-    /// Takes the way of a body in place of the last one.
     pub fn record(&mut self, solid: &Solid, poses: impl Iterator<Item = Pose3>) {
         self.poses.clear();
         self.travel_m.clear();

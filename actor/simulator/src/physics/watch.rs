@@ -44,7 +44,6 @@ pub(crate) struct Watch {
 }
 
 impl Watch {
-    /// Watches things that stand here now, in a room of this extent.
     pub fn new(room: Aabb, timestep_s: f32, poses: &[Pose3]) -> Self {
         Self {
             room: room.loosened(LEFT_ROOM_M),

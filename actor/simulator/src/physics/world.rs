@@ -67,7 +67,6 @@ impl Clone for World {
 }
 
 impl World {
-    /// An empty world that advances by `timestep_s` a sub-step.
     pub fn new(timestep_s: f32) -> Self {
         let parameters = IntegrationParameters {
             dt: timestep_s,

@@ -40,7 +40,6 @@ pub struct Joints {
     pub wrist_pitch_rad: f32,
 }
 
-/// Where the arm's links are, in the shoulder's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frames {
     pub elbow: Vec3,
@@ -135,7 +134,6 @@ fn clear_of_body(elbow: Vec3, wrist: Vec3) -> bool {
     square_to_axis(Vec3::ZERO, elbow) >= LEAST_M * LEAST_M && square_to_axis(elbow, wrist) >= LEAST_M * LEAST_M
 }
 
-/// Where the arm's links are for these joint angles.
 pub fn forward(joints: &Joints) -> Frames {
     let upper_arm =
         rotation_z(joints.base_roll_rad) * rotation_x(-joints.shoulder_rad) * rotation_z(joints.upper_arm_roll_rad);

@@ -57,9 +57,7 @@ pub struct Configuration {
 /// A configuration in continuous terms: what is passed through on the way from one to the next.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Posture {
-    /// Position of the body's axis on the floor, world x, metres.
     pub x_m: f32,
-    /// Position of the body's axis on the floor, world z, metres.
     pub z_m: f32,
     pub yaw_rad: f32,
     /// Height of the arm's base above the floor, metres.

@@ -1,5 +1,3 @@
-//! What stands in `scene.toml`.
-
 use super::likeness::nearest;
 use super::problem::{ENTRIES_MOST, Problem};
 use crate::gltf_file::solid::Convex;
@@ -19,7 +17,6 @@ pub struct SceneFile {
     pub nodes: Vec<NodeEntry>,
 }
 
-/// What the nodes of one name, or of one pattern, are.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NodeEntry {

@@ -53,7 +53,6 @@ pub enum Problem {
         "is geometry alone: give the scene's TOML file, which names it and says which node is floor (docs/scenes.md)"
     )]
     Geometry,
-    /// The TOML file is not as it should be.
     #[error("line {line}: {problem}")]
     Toml { line: usize, problem: String },
     #[error("has {entries} [[node]] entries, more than {ENTRIES_MOST}: use patterns, `*` stands for any characters")]
@@ -77,7 +76,6 @@ pub enum Problem {
         /// The closest name of an entry that fits no node.
         nearest: Option<String>,
     },
-    /// All nodes that some entries fit were taken by an entry before them.
     #[error(
         "never used: {}, because node {node} and the like take the entry `{by}`, which stands before; put `{by}` last",
         .patterns.iter().map(|pattern| format!("`{pattern}`")).collect::<Vec<_>>().join(", ")
@@ -96,16 +94,13 @@ pub enum Problem {
     NoSolid { node: String, primitive: usize, cause: NoSolid },
     #[error("node {node}: is movable and has no mass; add mass_kg to its entry")]
     NoMass { node: String },
-    /// A movable thing has a mass that it cannot have.
     #[error(
         "node {node}: mass_kg = {mass_kg} is not between 0 and {MOVABLE_MASS_MAX_KG}; what is heavier does not move: its \
          role is `fixed`"
     )]
     Mass { node: String, mass_kg: f32 },
-    /// A movable thing has a friction that it cannot have.
     #[error("node {node}: friction = {friction} is not between 0 and 4")]
     Friction { node: String, friction: f32 },
-    /// A thing that does not move has a mass.
     #[error("node {node}: mass_kg and friction are for role `movable` only; take them out")]
     NotMovable { node: String },
     #[error(
@@ -146,7 +141,6 @@ pub enum Problem {
          or turn the scene, or export it anew"
     )]
     FloorSize { node: String, size_m: Size },
-    /// A thing did not stay where it was put.
     #[error(
         "node {node}: moved {moved_m:.3} m while coming to rest: it hangs in the air, stands tilted or overlaps something; \
          put it down where it stays"

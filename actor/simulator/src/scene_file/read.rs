@@ -33,7 +33,6 @@ pub struct Scene {
     pub room: Room,
     /// Names of the nodes that the room's things came from.
     pub nodes: Vec<String>,
-    /// Names of the nodes on which targets can stand.
     pub surfaces: Vec<String>,
     /// The TOML file, the glTF file and its buffers, relative to the TOML file's folder.
     pub files: Vec<PathBuf>,

@@ -24,7 +24,6 @@ impl Simulation {
         }
     }
 
-    /// The way of an action that does not move the robot.
     pub(crate) fn stay(&self, arrives: bool) -> Way {
         Way { parts: vec![self.poses], arrives }
     }

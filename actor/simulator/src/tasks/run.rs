@@ -1,5 +1,3 @@
-//! What environments of a run are made by.
-
 use crate::kitchen::Kitchen;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
@@ -36,7 +34,6 @@ impl Run {
 
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
-    /// The kitchen is not the one the environment belongs to.
     #[error("environment of kitchen {wanted} was given kitchen {given}")]
     WrongKitchen { wanted: KitchenId, given: KitchenId },
     #[error("{0}")]

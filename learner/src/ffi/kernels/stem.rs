@@ -35,7 +35,6 @@ pub struct Stem<'a> {
     pub scale_offset: [f32; 2],
 }
 
-/// What the backward pass needs of the forward pass.
 #[derive(Debug)]
 pub struct StemTape {
     /// The numbers that the pooling chose, before the norm: a feature map.

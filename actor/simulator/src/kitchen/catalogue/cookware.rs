@@ -1,5 +1,3 @@
-//! What one cooks and bakes in.
-
 use super::category::Material::{Ceramic, Metal, Rubber};
 use super::category::Place::{Counter, Stove};
 use super::category::{Category, thing};

@@ -112,7 +112,6 @@ impl Draft<'_> {
         self.fix("Cabinet", body);
     }
 
-    /// One door, or two that meet in the middle.
     fn doors(&self, mut body: Assembly, along: Span, up: Span, depth: f32, high: bool) -> Assembly {
         let middle = 0.5 * (along[0] + along[1]);
         let leaves = if along[1] - along[0] > DOOR_WIDEST_M {

@@ -19,7 +19,6 @@ pub enum WorktopKind {
     Basin,
 }
 
-/// A surface, and what a person knows of it.
 #[derive(Debug, Clone, Copy)]
 pub struct Worktop {
     pub surface: Surface,
@@ -28,7 +27,6 @@ pub struct Worktop {
     pub back: Option<Vec3>,
 }
 
-/// A place on the floor for a chair or a stool.
 #[derive(Debug, Clone, Copy)]
 pub struct Seat {
     /// On the edge of the table or counter, on the floor.

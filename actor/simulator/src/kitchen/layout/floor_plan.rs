@@ -5,7 +5,6 @@ use rapier3d::math::Vec3;
 
 /// Room in front of a run of counters, for whoever works at it and for open doors and drawers, metres.
 pub(crate) const WORKING_DEPTH_M: f32 = 0.95;
-/// Width of a way between pieces of furniture, metres.
 pub(super) const WALKWAY_M: f32 = 0.80;
 
 /// A rectangle on the floor: corners with the smaller and the larger x and z; y means nothing.

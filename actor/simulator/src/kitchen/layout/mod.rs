@@ -50,7 +50,6 @@ const OPPOSITE_LONGEST_M: f32 = 3.6;
 const SIDE_END_M: f32 = 1.05;
 /// A main run that would end this near to a wall goes up to it, metres.
 const GAP_LEAST_M: f32 = 0.5;
-/// Width of the aisle between a run and an island, metres.
 const AISLE_M: f32 = 1.08;
 /// Overhang of an island's or a peninsula's top over the stools' side, metres.
 const OVERHANG_M: f32 = 0.26;
@@ -338,7 +337,6 @@ impl Draft<'_> {
         }
     }
 
-    /// What hangs over the runs at walls, and the microwave.
     fn above(&mut self, kitchen: KitchenKey, mut wall_shelves: bool, runs: &[AtWall]) {
         let room = self.room().high - self.room().low;
         let small = room.x * room.z < SMALL_ROOM_M2;

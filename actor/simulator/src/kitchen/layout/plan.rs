@@ -22,7 +22,6 @@ pub enum Plan {
     Peninsula,
 }
 
-/// Size, plan and furniture of a kitchen, before anything is put anywhere.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RoomBrief {
     pub plan: Plan,
@@ -195,7 +194,6 @@ fn plan(kitchen: KitchenKey, size_m: [f32; 2], has_table: bool) -> (Plan, bool) 
     options.last().copied().unwrap_or((Plan::Ell, x >= z))
 }
 
-/// The order of units in the runs of a plan.
 pub(super) struct Order {
     /// Along the main wall, from its beginning.
     pub main: Vec<Slot>,

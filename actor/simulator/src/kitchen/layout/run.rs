@@ -39,7 +39,6 @@ pub(super) struct Slot {
     pub least_m: f32,
 }
 
-/// A unit and where it stands along its frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Placed {
     pub unit: Unit,
@@ -176,7 +175,6 @@ impl Draft<'_> {
         top.slab([from, end], up, whole_depth)
     }
 
-    /// Declares a length of counter a place for things.
     fn worktop(&mut self, run: &Run, along: Span) {
         const LEAST_M: f32 = 0.1;
         if along[1] - along[0] < LEAST_M {

@@ -1,5 +1,3 @@
-//! Walls: what of their length is taken, and the holes in them.
-
 use super::frame::{Frame, Span};
 
 #[derive(Debug, Clone, Copy)]
@@ -23,7 +21,6 @@ impl Wall {
         Self { frame, length_m, taken: Vec::new(), openings: Vec::new() }
     }
 
-    /// Lengths of this wall that nothing takes, in order.
     pub fn free(&self) -> Vec<Span> {
         let mut taken = self.taken.clone();
         taken.sort_by(|a, b| a[0].total_cmp(&b[0]));

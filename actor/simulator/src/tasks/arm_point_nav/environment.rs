@@ -51,7 +51,6 @@ impl Environment {
         Ok(Self { fixed, ..environment })
     }
 
-    /// An environment at the start of its episode 0 under a configuration.
     pub fn new(kitchen: Arc<Kitchen>, id: EnvironmentId, config: &Config) -> Result<Self, OpenError> {
         Self::open(&Run::of(config), kitchen, id, 0)
     }
@@ -83,7 +82,6 @@ impl Environment {
         }
     }
 
-    /// Resets to the settled kitchen and begins the episode with this number.
     pub fn start_episode(&mut self, number: u32) {
         let episode = episode(&self.run, self.kitchen(), self.fixed.as_deref(), self.id, number);
         self.begin_episode(self.run.hashed_number(self.id, number), episode);

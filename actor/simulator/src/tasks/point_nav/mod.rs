@@ -29,7 +29,6 @@ const EVALUATION_SEED: u64 = 0x4556_414c;
 const MOTIONS: [Option<Action>; 4] =
     [None, Some(Action::MoveAheadContinuous), Some(Action::RotateLeftContinuous), Some(Action::RotateRightContinuous)];
 
-/// An episode: where the robot starts, and where it is to go.
 #[derive(Debug, Clone)]
 struct Episode {
     stand: Stand,

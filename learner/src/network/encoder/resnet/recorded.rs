@@ -125,7 +125,6 @@ impl Recordings {
     }
 }
 
-/// Launches a graph that was recorded to its end.
 fn launch(graph: &Graph) {
     // As in tch: a device that fails in the middle of a pass ends the process.
     graph.replay().unwrap_or_else(|error| panic!("{error}"));

@@ -17,7 +17,6 @@ static FILE: &[u8] = include_bytes!("fixed.bin");
 
 #[derive(Debug, Clone, thiserror::Error, PartialEq, Eq)]
 pub enum EpisodesError {
-    /// The file in the program is not the one the code was written for.
     #[error("the file of fixed episodes has hash {found:#018x}, not {FILE_HASH:#018x}")]
     WrongFile { found: u64 },
     #[error("the file of fixed episodes: {0}")]
@@ -29,10 +28,8 @@ pub enum EpisodesError {
          {found:#018x}): `actor episodes generate` draws new ones"
     )]
     OtherKitchen { kitchen: KitchenId, drawn_for: u64, found: u64 },
-    /// The evaluation has episodes about something that is not there.
     #[error("kitchen {kitchen} has no place for the target {target}, which the evaluation asks for")]
     NoTarget { kitchen: KitchenId, target: &'static str },
-    /// An episode names a place that the kitchen does not have.
     #[error("episode {episode} of kitchen {kitchen} names a place that is not there")]
     NoSuchPlace { kitchen: KitchenId, episode: usize },
 }

@@ -15,14 +15,12 @@ const SECTION_HEADER_BYTES: usize = 16;
 const RECORD_BYTES: usize = 6;
 const SECTION_BYTES: usize = SECTION_HEADER_BYTES + RECORD_BYTES * EPISODES_PER_KITCHEN;
 
-/// Why a file is not one of fixed episodes.
 #[derive(Debug, Clone, thiserror::Error, PartialEq, Eq)]
 pub enum FormatError {
     #[error("it does not begin with the magic bytes")]
     Magic,
     #[error("it is of version {0}, not {VERSION}")]
     Version(u16),
-    /// It is longer or shorter than its header says.
     #[error("it has {found} bytes, not {expected}")]
     Length { expected: usize, found: usize },
     #[error("it names kitchen {0}, which does not exist")]
