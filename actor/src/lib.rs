@@ -6,7 +6,6 @@ pub mod categories;
 pub mod check;
 pub mod episodes;
 pub mod export;
-pub mod figures;
 pub mod harvest;
 pub mod kitchen_export;
 pub mod oracle_table;

@@ -70,10 +70,7 @@ pub struct Rollout {
 
 impl Rollout {
     /// An empty rollout over `columns` columns; of no steps, where all that act are other learners'. `kept` has room
-    /// for steps · columns rows; they are overwritten.
-    ///
-    /// # Panics
-    /// If the shape does not fit.
+    /// for steps · columns rows; they are overwritten. Panics if the shape does not fit.
     pub fn new(shape: RolloutShape, columns: usize, kept: Kept, beliefs_at_start: Tensor) -> Self {
         assert!(shape.environments_in_last_step <= columns, "no more columns act than there are");
         assert!((shape.steps == 0) == (shape.environments_in_last_step == 0), "in a last step some act");
@@ -179,10 +176,7 @@ impl Rollout {
     }
 
     /// Value of the observation after a column's last action. For a column that holds in the last step it is the value
-    /// of that step.
-    ///
-    /// # Panics
-    /// If [`Rollout::set_bootstrap`] has not been called for a column that acted in the last step.
+    /// of that step. Panics if [`Rollout::set_bootstrap`] has not been called for a column that acted in the last step.
     pub(crate) fn bootstrap_value(&self, column: usize) -> f32 {
         match self.bootstrap[column] {
             Some(value) => value,
@@ -286,10 +280,7 @@ impl Rollout {
         tensors
     }
 
-    /// Ends it after its first `steps` steps, which all columns have taken.
-    ///
-    /// # Panics
-    /// If it is not longer than that.
+    /// Ends it after its first `steps` steps, which all columns have taken. Panics if it is not longer than that.
     pub fn cut(&mut self, steps: usize) {
         assert!((1..self.shape.steps).contains(&steps), "a rollout is cut short");
         let rows = steps * self.columns;

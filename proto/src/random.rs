@@ -82,11 +82,8 @@ impl Key {
         key.stream().next_u32() >> 1
     }
 
-    /// The stream of this key.
-    ///
-    /// # Panics
-    /// If the kitchen is beyond 255, as procedural ones are, and the step beyond 4095: the kitchen's higher bits take
-    /// the step's place in the counter.
+    /// The stream of this key. Panics if the kitchen is beyond 255, as procedural ones are, and the step beyond 4095:
+    /// the kitchen's higher bits take the step's place in the counter.
     pub fn stream(self) -> Random {
         let (low, high) = (self.kitchen & 0xff, self.kitchen >> 8);
         assert!(high < 1 << 20 && (high == 0 || self.step < 1 << STEP_BITS), "kitchen and step share a word");
@@ -132,10 +129,7 @@ impl Random {
         low + (high - low) * self.uniform()
     }
 
-    /// Uniform in 0..n without bias (Lemire's multiplication method).
-    ///
-    /// # Panics
-    /// If `n` is 0.
+    /// Uniform in 0..n without bias (Lemire's multiplication method). Panics if `n` is 0.
     pub fn below(&mut self, n: u32) -> u32 {
         assert!(n > 0, "below(0) has no value to return");
         let threshold = n.wrapping_neg() % n;

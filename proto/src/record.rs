@@ -82,18 +82,12 @@ pub struct BadHeader {
 }
 
 impl RecordHeader {
-    /// The header of a record that begins on a cache line.
-    ///
-    /// # Panics
-    /// If the bytes are no record.
+    /// The header of a record that begins on a cache line. Panics if the bytes are no record.
     pub fn of(record: &[u8]) -> &Self {
         bytemuck::from_bytes(&record[..size_of::<Self>()])
     }
 
-    /// The same, to be written.
-    ///
-    /// # Panics
-    /// As [`Self::of`].
+    /// The same, to be written. Panics as [`Self::of`] does.
     pub fn of_mut(record: &mut [u8]) -> &mut Self {
         bytemuck::from_bytes_mut(&mut record[..size_of::<Self>()])
     }

@@ -49,10 +49,7 @@ pub struct RolloutShape {
 }
 
 impl RolloutShape {
-    /// The shape of the next rollout when the stage still wants `frames_left` frames.
-    ///
-    /// # Panics
-    /// If an argument is 0.
+    /// The shape of the next rollout when the stage still wants `frames_left` frames. Panics if an argument is 0.
     pub fn next(frames_left: u64, rollout_steps: usize, environments: usize) -> Self {
         assert!(frames_left > 0 && rollout_steps > 0 && environments > 0, "a rollout has frames");
         let per_step = environments as u64;

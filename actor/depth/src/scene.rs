@@ -108,11 +108,8 @@ impl Renderer {
         }
     }
 
-    /// Depth along the camera's axis in millimetres, rounded, at most [`crate::DEPTH_MAX_MM`]; 0 where nothing is.
-    /// Row by row from the top left.
-    ///
-    /// # Panics
-    /// If the frame has not the size of the lens, as all of these.
+    /// Depth along the camera's axis in millimetres, rounded, at most [`crate::DEPTH_MAX_MM`]; 0 where nothing is. Row
+    /// by row from the top left. Panics if the frame has not the size of the lens, as all of these.
     pub fn millimetres(&self, depth_mm: &mut [u16]) {
         self.image.millimetres(depth_mm);
     }

@@ -338,10 +338,7 @@ impl<S: Simulator> Environments<S> {
         Ok(())
     }
 
-    /// Writes the record of environment `index`, its images in place.
-    ///
-    /// # Panics
-    /// If the record has not the task's size.
+    /// Writes the record of environment `index`, its images in place. Panics if the record has not the task's size.
     pub fn observe(&mut self, index: usize, record: &mut [u8]) -> Result<(), EngineError> {
         let Self { running, simulator, rules: Rules { layout, .. }, .. } = self;
         let running = &running[index];

@@ -199,10 +199,7 @@ impl Protocol {
         self.hello_due = now + HELLO_INTERVAL;
     }
 
-    /// The accepted actions of a half have been applied: its next observation is due.
-    ///
-    /// # Panics
-    /// If the half had none.
+    /// The accepted actions of a half have been applied: its next observation is due. Panics if the half had none.
     pub fn acted(&mut self, half: u32, now: Duration) {
         let state = &mut self.half[half as usize];
         assert_eq!(state.phase, Phase::Acting, "actions are applied when there are some");
@@ -228,10 +225,7 @@ impl Protocol {
         }
     }
 
-    /// Header of a half's observations.
-    ///
-    /// # Panics
-    /// If no restore has been accepted yet.
+    /// Header of a half's observations. Panics if no restore has been accepted yet.
     pub fn observation_header(&self, half: u32) -> ObservationHeader {
         let state = self.half[half as usize];
         ObservationHeader {

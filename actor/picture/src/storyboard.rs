@@ -30,10 +30,8 @@ pub struct Storyboard {
 }
 
 impl Storyboard {
-    /// Chooses where to look from, for all `moments`; `side`: width and height of each of the two views, pixels.
-    ///
-    /// # Panics
-    /// If there is no moment.
+    /// Chooses where to look from, for all `moments`; `side`: width and height of each of the two views, pixels. Panics
+    /// if there is no moment.
     pub fn new(kitchen: Arc<Kitchen>, task: Task, moments: &[Moment], side: usize) -> Self {
         let fixed = Model::fixed_of(&kitchen);
         let mut model = fixed.clone();

@@ -31,11 +31,9 @@ pub trait Environment: Any + Send + Sync {
     /// The episode is the same without it.
     fn prepare(&mut self, number: u32) -> bool;
 
-    /// Takes one action and writes what it did: the bytes are those of a record's action, and of its parts and outcomes.
-    /// It never resets the environment: [`Base::end`] shows when the episode has ended.
-    ///
-    /// # Panics
-    /// If the episode has ended, or the task has no such action.
+    /// Takes one action and writes what it did: the bytes are those of a record's action, and of its parts and
+    /// outcomes. It never resets the environment: [`Base::end`] shows when the episode has ended. Panics if the episode
+    /// has ended, or the task has no such action.
     fn act(&mut self, action: &[u8], done: &mut [u8]);
 
     /// Writes what is known of the parts and outcomes before an episode's first action; nothing, unless a task says so.
@@ -238,20 +236,16 @@ impl Base {
 
     /// Renders what the head camera sees now into `depth_mm`: `side` × `side` pixels, row-major from the top left,
     /// depth along the camera's axis in millimetres, 0 where nothing is hit. The camera is made for this kitchen's
-    /// bodies, and may serve all environments in it.
-    ///
-    /// # Panics
-    /// If the frame has another size, or the camera was made for another number of bodies.
+    /// bodies, and may serve all environments in it. Panics if the frame has another size, or the camera was made for
+    /// another number of bodies.
     pub fn look(&mut self, camera: &mut DepthCamera, side: usize, depth_mm: &mut [u16]) {
         let world_from_camera = self.place_bodies();
         camera.render_over(&mut self.backdrop, &self.world_from_bodies, world_from_camera, side, depth_mm);
     }
 
     /// The sums of the windows of that frame at its full size ([`proto::camera::sum_windows`]), without the frame.
-    /// Returns false if they may not fit into 16 bits: then `sums_mm` holds anything.
-    ///
-    /// # Panics
-    /// If the camera was made for another number of bodies.
+    /// Returns false if they may not fit into 16 bits: then `sums_mm` holds anything. Panics if the camera was made for
+    /// another number of bodies.
     pub fn look_for_sums(&mut self, camera: &mut DepthCamera, sums_mm: &mut [u16; SUMS_PIXELS]) -> bool {
         let world_from_camera = self.place_bodies();
         camera.render_sums_over(&mut self.backdrop, &self.world_from_bodies, world_from_camera, sums_mm)

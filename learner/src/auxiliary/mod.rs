@@ -35,10 +35,7 @@ pub(crate) const TASKS: [TaskEntry; 3] = [disturb::ENTRY, inverse_dynamics::ENTR
 pub struct Auxiliary(Option<Box<dyn Task>>);
 
 impl Auxiliary {
-    /// Declares the parameters of the configured task.
-    ///
-    /// # Panics
-    /// If the task has no line in [`TASKS`].
+    /// Declares the parameters of the configured task. Panics if the task has no line in [`TASKS`].
     pub fn new(config: &AuxiliaryConfig, layout: &mut Layout, sizes: Sizes) -> Self {
         if config.task == AuxiliaryTask::None {
             return Self(None);
@@ -60,10 +57,8 @@ impl Auxiliary {
         }
     }
 
-    /// Loss of one pass: see [`Task::loss`]. `None` without a task, or if it is asked nothing of this pass.
-    ///
-    /// # Panics
-    /// If the task does not give as many sums as it names.
+    /// Loss of one pass: see [`Task::loss`]. `None` without a task, or if it is asked nothing of this pass. Panics if
+    /// the task does not give as many sums as it names.
     pub fn loss(&self, parameters: &Parameters, pass: &Pass, queries: &[Query], count: u64) -> Option<TaskLoss> {
         let task = self.0.as_ref().filter(|_| !queries.is_empty())?;
         let loss = task.loss(parameters, pass, queries, count);

@@ -89,10 +89,7 @@ impl Snapshot {
         Some(Part { beliefs, boundary: Boundary { exchange: *exchange, environments, running } })
     }
 
-    /// Leaves only these columns: those of one learner.
-    ///
-    /// # Panics
-    /// If it has not so many.
+    /// Leaves only these columns: those of one learner. Panics if it has not so many.
     pub fn keep(&mut self, columns: Range<usize>) {
         let all = self.boundary.environments.len();
         // The agent refuses beliefs of another number of environments.

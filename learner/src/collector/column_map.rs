@@ -16,11 +16,8 @@ pub struct ColumnMap {
 }
 
 impl ColumnMap {
-    /// The map of `actors` actors with `environments_per_actor` environments each. `first_actor` is the number
-    /// in the whole run of this learner's first one.
-    ///
-    /// # Panics
-    /// If there would be no environment.
+    /// The map of `actors` actors with `environments_per_actor` environments each. `first_actor` is the number in the
+    /// whole run of this learner's first one. Panics if there would be no environment.
     pub fn new(first_actor: u32, actors: u32, environments_per_actor: u32) -> Self {
         assert!(actors > 0 && environments_per_actor > 0, "a learner has environments");
         Self { first_actor, actors, environments_per_actor, kitchens: Kitchens::TRAINING }

@@ -59,10 +59,7 @@ pub struct Environments {
 }
 
 impl Environments {
-    /// Environments at the given states.
-    ///
-    /// # Panics
-    /// If the lists do not have one entry a column.
+    /// Environments at the given states. Panics if the lists do not have one entry a column.
     pub fn new(settings: &Settings, states: Vec<EnvironmentState>, running: Vec<RunningEpisode>) -> Self {
         let Settings { column_map, task, max_episode_steps, gamma, signals, .. } = *settings;
         assert!(
@@ -123,11 +120,8 @@ impl Environments {
         }
     }
 
-    /// Notes an action that answers the record `seen`; HOLD only has the last outcome forgotten.
-    ///
-    /// # Panics
-    /// If the bytes are neither HOLD nor an action that the record allows, or the last action's outcome has not been taken
-    /// in.
+    /// Notes an action that answers the record `seen`; HOLD only has the last outcome forgotten. Panics if the bytes
+    /// are neither HOLD nor an action that the record allows, or the last action's outcome has not been taken in.
     pub fn act(&mut self, column: usize, action: &[u8], seen: &[u8]) {
         assert!(!self.in_flight[column], "one action at a time is in flight");
         if action == self.hold {

@@ -135,10 +135,7 @@ impl<S> Lanes<S> {
         self.all.iter().all(|lane| lane.sample.is_some() || lane.step > self.first)
     }
 
-    /// The exchange of all between two rollouts.
-    ///
-    /// # Panics
-    /// If they are not all at the same.
+    /// The exchange of all between two rollouts. Panics if they are not all at the same.
     pub fn boundary(&self) -> u64 {
         let step = self.all[0].step;
         assert!(self.all.iter().all(|lane| lane.step == step), "between rollouts all stand at the same exchange");
@@ -155,10 +152,7 @@ impl<S> Lanes<S> {
         }
     }
 
-    /// Keeps an expected sample.
-    ///
-    /// # Panics
-    /// If there is one already.
+    /// Keeps an expected sample. Panics if there is one already.
     pub fn keep(&mut self, index: u32, half: u32, sample: S) {
         let slot = &mut self.at_mut(index, half).sample;
         assert!(slot.is_none(), "only an awaited sample is kept");
@@ -171,10 +165,7 @@ impl<S> Lanes<S> {
         standing.sample.is_some() && self.row(standing) == lane.t
     }
 
-    /// The observations of a lane whose turn it is.
-    ///
-    /// # Panics
-    /// If they are not here.
+    /// The observations of a lane whose turn it is. Panics if they are not here.
     pub fn sample(&self, lane: Lane) -> &S {
         self.at(lane.index, lane.half).sample.as_ref().expect("who acts has been seen")
     }

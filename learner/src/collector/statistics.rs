@@ -66,10 +66,8 @@ impl RolloutStatistics {
         }
     }
 
-    /// The same over all shards of the run. `own`: those of this learner's.
-    ///
-    /// # Panics
-    /// If `own` has not one for each of them.
+    /// The same over all shards of the run. `own`: those of this learner's. Panics if `own` has not one for each of
+    /// them.
     pub fn over(own: &[Self], shards: &Shards, peers: &Peers) -> Result<Self, PeerError> {
         let task = own.first().expect("a learner has a shard").task;
         let sums: Vec<Vec<f64>> = own.iter().map(Self::sums).collect();

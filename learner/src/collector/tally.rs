@@ -61,10 +61,7 @@ impl Tally {
         self.frames
     }
 
-    /// The figures of each shard.
-    ///
-    /// # Panics
-    /// If some outcomes are not added.
+    /// The figures of each shard. Panics if some outcomes are not added.
     pub fn finish(self) -> Vec<RolloutStatistics> {
         assert!(self.waiting.iter().all(VecDeque::is_empty), "every outcome is of a row that is complete");
         self.statistics

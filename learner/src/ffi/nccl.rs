@@ -97,10 +97,8 @@ impl Communicator {
         &self.stopwatch
     }
 
-    /// Replaces a tensor by its sum over all members, on the device. Nobody waits for it here.
-    ///
-    /// # Panics
-    /// If it is not contiguous, not on a GPU, or not of floats or doubles.
+    /// Replaces a tensor by its sum over all members, on the device. Nobody waits for it here. Panics if it is not
+    /// contiguous, not on a GPU, or not of floats or doubles.
     pub fn sum(&self, tensor: &mut Tensor) -> Result<(), NcclError> {
         let kind = match tensor.kind() {
             Kind::Float => FLOAT,

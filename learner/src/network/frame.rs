@@ -50,10 +50,7 @@ impl FramePreparation {
         }
     }
 
-    /// Pooling over `pool` × `pool` pixels, computing on `device`.
-    ///
-    /// # Panics
-    /// If `pool` does not divide the frame's side.
+    /// Pooling over `pool` × `pool` pixels, computing on `device`. Panics if `pool` does not divide the frame's side.
     pub fn new(pool: u32, device: Device) -> Self {
         let pool = pool as usize;
         assert!(pool > 0 && FRAME_SIDE.is_multiple_of(pool), "the configuration admits 1, 2 and 4");
@@ -74,10 +71,7 @@ impl FramePreparation {
     /// Frames → kept frames \[rows, side, side\], millimetres, on the device.
     ///
     /// On a GPU the work may go on after the call: `staging` must not be given to another call before something has
-    /// been read back from the device.
-    ///
-    /// # Panics
-    /// If there are sums of other windows than are averaged over.
+    /// been read back from the device. Panics if there are sums of other windows than are averaged over.
     pub fn keep(self, frames: &[DepthFrame], staging: &mut Staging) -> Tensor {
         let whole: Option<Vec<&RawFrame>> = frames.iter().map(whole).collect();
         let Some(whole) = whole.filter(|_| self.pool == 1 || self.device.is_cuda()) else {

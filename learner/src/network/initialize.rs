@@ -39,10 +39,7 @@ impl Initial {
         Self::Uniform { bound: 1.0 / (fan_in as f64).sqrt() }
     }
 
-    /// Draws a parameter of this shape, row-major.
-    ///
-    /// # Panics
-    /// If an orthogonal parameter is not a matrix.
+    /// Draws a parameter of this shape, row-major. Panics if an orthogonal parameter is not a matrix.
     pub fn draw(self, seed: u64, name: &str, shape: &[i64]) -> Vec<f32> {
         let count: usize = shape.iter().product::<i64>() as usize;
         match self {

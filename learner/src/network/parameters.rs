@@ -71,10 +71,8 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// Declares a parameter. Names follow PyTorch's module paths, e.g. `belief.weight_ih_l0`.
-    ///
-    /// # Panics
-    /// If the name is taken.
+    /// Declares a parameter. Names follow PyTorch's module paths, e.g. `belief.weight_ih_l0`. Panics if the name is
+    /// taken.
     pub fn add(&mut self, name: impl Into<String>, shape: &[i64], initial: Initial) -> ParameterId {
         let entry = Declared { name: name.into(), shape: shape.to_vec(), initial, offset: self.count };
         assert!(self.entries.iter().all(|other| other.name != entry.name), "{} is declared twice", entry.name);

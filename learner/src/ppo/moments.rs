@@ -28,10 +28,7 @@ impl Moments {
         Self { count, mean, squares }
     }
 
-    /// With other vectors.
-    ///
-    /// # Panics
-    /// If those are of another width.
+    /// With other vectors. Panics if those are of another width.
     pub fn merge(&mut self, other: &Self) {
         assert_eq!(self.width(), other.width(), "vectors of one width");
         if other.count == 0.0 {
@@ -59,10 +56,7 @@ impl Moments {
         [&[self.count][..], &self.mean, &self.squares].concat()
     }
 
-    /// What [`Self::to_numbers`] gave.
-    ///
-    /// # Panics
-    /// If there are no numbers.
+    /// What [`Self::to_numbers`] gave. Panics if there are no numbers.
     pub(crate) fn from_numbers(numbers: &[f64]) -> Self {
         let (count, rest) = numbers.split_first().expect("moments have a count");
         let (mean, squares) = rest.split_at(rest.len() / 2);

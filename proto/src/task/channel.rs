@@ -49,10 +49,8 @@ impl Dtype {
         }
     }
 
-    /// The bits of the number in these bytes. A negative whole number has those of an `i64`.
-    ///
-    /// # Panics
-    /// If there are fewer bytes than one number has.
+    /// The bits of the number in these bytes. A negative whole number has those of an `i64`. Panics if there are fewer
+    /// bytes than one number has.
     pub fn bits(self, bytes: &[u8]) -> u64 {
         match self {
             Self::U8 => bytes[0].into(),
@@ -63,19 +61,14 @@ impl Dtype {
         }
     }
 
-    /// Writes the number with these bits; false if this type has none.
-    ///
-    /// # Panics
-    /// As [`Self::bits`].
+    /// Writes the number with these bits; false if this type has none. Panics as [`Self::bits`] does.
     pub fn write(self, bits: u64, bytes: &mut [u8]) -> bool {
         bytes[..self.bytes()].copy_from_slice(&bits.to_le_bytes()[..self.bytes()]);
         self.bits(bytes) == bits
     }
 
-    /// The number in these bytes, as a double: exact but for whole numbers beyond 2^53.
-    ///
-    /// # Panics
-    /// If there are fewer bytes than one number has.
+    /// The number in these bytes, as a double: exact but for whole numbers beyond 2^53. Panics if there are fewer bytes
+    /// than one number has.
     pub fn read(self, bytes: &[u8]) -> f64 {
         match self {
             Self::U8 => number!(u8, bytes).into(),

@@ -98,11 +98,8 @@ impl Check {
         Self { of_action: checks(true), seen, last_seen, last_bytes, mask, gaps }
     }
 
-    /// Refuses a record after which no action could be chosen. The last record of an episode may allow nothing, because no
-    /// action follows.
-    ///
-    /// # Panics
-    /// As [`Self::record`].
+    /// Refuses a record after which no action could be chosen. The last record of an episode may allow nothing, because
+    /// no action follows. Panics as [`Self::record`] does.
     pub fn choice(&self, record: &[u8]) -> Result<(), Implausible> {
         let Some(Mask { field, choices, what }) = &self.mask else { return Ok(()) };
         let mut rest = &record[field.range()];
@@ -110,10 +107,8 @@ impl Check {
         if own.all(|options| options.contains(&1)) { Ok(()) } else { Err(Implausible::NoOption(what.clone())) }
     }
 
-    /// Checks a record. `acted`: an action was taken, so that what it did counts.
-    ///
-    /// # Panics
-    /// If the record is shorter than [`super::Layout::small_bytes`].
+    /// Checks a record. `acted`: an action was taken, so that what it did counts. Panics if the record is shorter than
+    /// [`super::Layout::small_bytes`].
     pub fn record(&self, record: &[u8], acted: bool) -> Result<(), Implausible> {
         let of_action = if acted { &self.of_action[..] } else { &[] };
         let header: RecordHeader = bytemuck::pod_read_unaligned(&record[..HEADER_BYTES]);

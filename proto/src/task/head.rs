@@ -55,10 +55,7 @@ impl ActionHead {
         }
     }
 
-    /// Appends the bytes of an action for an environment.
-    ///
-    /// # Panics
-    /// If another head chose it.
+    /// Appends the bytes of an action for an environment. Panics if another head chose it.
     pub fn write(&self, chosen: &PolicyAction, bytes: &mut Vec<u8>) {
         match (self, chosen) {
             (Self::Discrete(named), PolicyAction::Options(chosen)) => {

@@ -33,10 +33,8 @@ pub fn is_run_id(text: &str) -> bool {
 }
 
 impl WireAddress {
-    /// The address of incarnation `incarnation` of run `run_id`.
-    ///
-    /// # Panics
-    /// If `run_id` holds anything but letters and digits: see [`is_run_id`].
+    /// The address of incarnation `incarnation` of run `run_id`. Panics if `run_id` holds anything but letters and
+    /// digits: see [`is_run_id`].
     pub fn new(run_id: &str, incarnation: u32) -> Self {
         assert!(is_run_id(run_id), "a run's id holds letters and digits only, not `{run_id}`");
         let prefix = format!("{PREFIX_MARK}{run_id}_{incarnation}_");

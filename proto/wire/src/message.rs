@@ -117,10 +117,8 @@ impl EnvironmentState {
     /// snapshot behind the actions has, 0 without one: little-endian `u32`. A snapshot begins with its hash.
     const HEAD_BYTES: usize = 16;
 
-    /// After these actions of `bytes` bytes each.
-    ///
-    /// # Panics
-    /// If they are more than [`MAX_EPISODE_STEPS`], or one is cut off.
+    /// After these actions of `bytes` bytes each. Panics if they are more than [`MAX_EPISODE_STEPS`], or one is cut
+    /// off.
     pub fn after(episode: u32, actions: &[u8], bytes: usize) -> Self {
         assert!(actions.len().is_multiple_of(bytes), "actions are whole");
         let count = actions.len() / bytes;
@@ -213,10 +211,7 @@ impl EnvironmentState {
         Some(Snapshot { state_hash, bytes: rest.split_off(..count)?.to_vec() })
     }
 
-    /// Notes one more action.
-    ///
-    /// # Panics
-    /// If the episode already has [`MAX_EPISODE_STEPS`] actions.
+    /// Notes one more action. Panics if the episode already has [`MAX_EPISODE_STEPS`] actions.
     pub fn push(&mut self, action: &[u8]) {
         assert!(self.action_count() < MAX_EPISODE_STEPS as u32, "an episode never exceeds MAX_EPISODE_STEPS");
         self.count += 1;
@@ -224,10 +219,7 @@ impl EnvironmentState {
         self.snapshot = None;
     }
 
-    /// Notes the state that the last action was taken in.
-    ///
-    /// # Panics
-    /// If there is no action.
+    /// Notes the state that the last action was taken in. Panics if there is no action.
     pub fn remember(&mut self, snapshot: Snapshot) {
         assert!(!self.actions.is_empty(), "a snapshot is of a state that an action was taken in");
         self.snapshot = Some(snapshot);
@@ -274,10 +266,7 @@ pub struct Halves {
 }
 
 impl Halves {
-    /// The halves of `environments` environments.
-    ///
-    /// # Panics
-    /// If `environments` is 0.
+    /// The halves of `environments` environments. Panics if `environments` is 0.
     pub fn of(environments: u32) -> Self {
         assert!(environments > 0, "an actor has at least one environment");
         Self { environments }

@@ -1,6 +1,6 @@
 //! Density of movable things: every figure that decides how crowded a kitchen is, in one place.
 //!
-//! The figures are calibrated, not derived: `actor kitchens report` compares the outcome with iTHOR's kitchens, and the
+//! The figures are calibrated, not derived: the tests of all kitchens compare the outcome with iTHOR's, and the
 //! oracle's share of episodes without disturbance shows whether the task has the intended difficulty. Change them here,
 //! then look at both.
 

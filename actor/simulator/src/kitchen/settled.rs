@@ -135,10 +135,7 @@ impl Kitchen {
         if seen.is_empty() { here(&TargetCategory::ALL) } else { seen }
     }
 
-    /// Index of a target among the movables.
-    ///
-    /// # Panics
-    /// If the kitchen has no such thing: episodes are about what is there.
+    /// Index of a target among the movables. Panics if the kitchen has no such thing: episodes are about what is there.
     pub fn target_movable(&self, category: TargetCategory) -> usize {
         let target = self.targets[usize::from(category.index())].as_ref();
         target.expect("an episode's target is one of the kitchen's").movable

@@ -40,10 +40,8 @@ impl Simulation {
         }
     }
 
-    /// The robot is in this configuration, to which there was a way, and the movable things are here.
-    ///
-    /// # Panics
-    /// If the arm cannot take the configuration, or there are more poses than things.
+    /// The robot is in this configuration, to which there was a way, and the movable things are here. Panics if the arm
+    /// cannot take the configuration, or there are more poses than things.
     pub(crate) fn place(&mut self, configuration: Configuration, world_from_movables: &[Pose3]) {
         self.configuration = configuration;
         self.stand(&part_poses(&configuration.posture()).expect("there was a way to it"));

@@ -97,11 +97,8 @@ impl Source {
 }
 
 impl ActingKernels {
-    /// What is read of a frame: all that is there.
-    ///
-    /// # Panics
-    /// If there are sums of other windows than what is kept, or the frame's address is not a multiple of 16, as it
-    /// is in an observation.
+    /// What is read of a frame: all that is there. Panics if there are sums of other windows than what is kept, or the
+    /// frame's address is not a multiple of 16, as it is in an observation.
     pub fn source(&self, frame: &DepthFrame) -> Source {
         let sums = matches!(frame, DepthFrame::Sums(_));
         assert!(!sums || self.side == SUMS_SIDE as i64, "sums are of the windows that are averaged over");

@@ -51,10 +51,7 @@ pub(super) fn has_channels_last(x: &Tensor) -> bool {
         && fits(width, strides.3, expected.3)
 }
 
-/// Shape of a feature map.
-///
-/// # Panics
-/// If it is none: its layout is what the kernels rely on.
+/// Shape of a feature map. Panics if it is none: its layout is what the kernels rely on.
 pub(super) fn shape(x: &Tensor) -> [i64; 4] {
     let (rows, channels, height, width) = x.size4().expect("feature maps have four dimensions");
     assert!(x.kind() == Kind::BFloat16 && has_channels_last(x), "a feature map");

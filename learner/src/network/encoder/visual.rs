@@ -31,10 +31,7 @@ pub(crate) trait VisualEncoder: fmt::Debug + Send {
         false
     }
 
-    /// Compiles these kernels; [`VisualEncoder::forward_fused`] runs them from now on.
-    ///
-    /// # Panics
-    /// If it has none.
+    /// Compiles these kernels; [`VisualEncoder::forward_fused`] runs them from now on. Panics if it has none.
     fn fuse(&mut self) -> Result<(), CudaError> {
         panic!("this encoder has no kernels")
     }

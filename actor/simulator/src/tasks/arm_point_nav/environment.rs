@@ -107,10 +107,8 @@ impl Environment {
         })
     }
 
-    /// Takes one action. It never resets the environment; [`Base::end`] shows when the episode has ended.
-    ///
-    /// # Panics
-    /// If the episode has ended: the caller starts the next one first.
+    /// Takes one action. It never resets the environment; [`Base::end`] shows when the episode has ended. Panics if the
+    /// episode has ended: the caller starts the next one first.
     pub fn step(&mut self, action: Action) -> Transition {
         assert!(!self.ended(), "the episode has ended: start the next one before the next action");
         let was_holding = self.simulation().holding();
@@ -133,10 +131,7 @@ impl Environment {
     }
 
     /// Takes the action whose [`Environment::way`] the robot has gone: `arrived`, or back again. The movable things are
-    /// now here.
-    ///
-    /// # Panics
-    /// If the episode has ended, or there are more poses than things.
+    /// now here. Panics if the episode has ended, or there are more poses than things.
     pub fn finish(&mut self, action: Action, arrived: bool, world_from_movables: &[Pose3]) -> Transition {
         assert!(!self.ended(), "the episode has ended: start the next one before the next action");
         let was_holding = self.simulation().holding();

@@ -41,10 +41,8 @@ impl Episode {
         Self::about(kitchen, config, category, &mut random)
     }
 
-    /// The episode of this category that comes out of `random`, within the distances of `config`.
-    ///
-    /// # Panics
-    /// If the kitchen has no such target.
+    /// The episode of this category that comes out of `random`, within the distances of `config`. Panics if the kitchen
+    /// has no such target.
     pub(crate) fn about(
         kitchen: &Kitchen,
         config: &EpisodeConfig,

@@ -165,10 +165,8 @@ impl Fused {
         (embedding, Tape { kept, stem, blocks, features, compression, compressed, visual })
     }
 
-    /// Gradients of all of the encoder's parameters for that of the embedding \[rows, 512\].
-    ///
-    /// # Panics
-    /// If the weights have changed since the forward pass.
+    /// Gradients of all of the encoder's parameters for that of the embedding \[rows, 512\]. Panics if the weights have
+    /// changed since the forward pass.
     #[expect(clippy::too_many_lines, reason = "it undoes the forward pass step by step, and reads beside it")]
     pub(super) fn backward(
         &self,

@@ -86,10 +86,8 @@ impl Recordings {
         Some((visual.detach(), Begun { frames, number: self.launched }))
     }
 
-    /// Gradients of all of the encoder's parameters for that of the embedding. They hold until the next pass.
-    ///
-    /// # Panics
-    /// If another forward pass has begun since: its numbers lie where this one's did.
+    /// Gradients of all of the encoder's parameters for that of the embedding. They hold until the next pass. Panics if
+    /// another forward pass has begun since: its numbers lie where this one's did.
     pub(super) fn backward(&self, begun: Begun, gradient: &Tensor) -> Gradients {
         assert_eq!(begun.number, self.launched, "a pass is over before the next one begins");
         let Recorded { backward, d_visual, gradients, .. } = &self.recorded[&begun.frames];

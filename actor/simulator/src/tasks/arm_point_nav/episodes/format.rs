@@ -89,10 +89,7 @@ impl File {
         Ok(Self { sections })
     }
 
-    /// The file's bytes.
-    ///
-    /// # Panics
-    /// If a section does not hold [`EPISODES_PER_KITCHEN`] episodes.
+    /// The file's bytes. Panics if a section does not hold [`EPISODES_PER_KITCHEN`] episodes.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(HEADER_BYTES + self.sections.len() * SECTION_BYTES);
         bytes.extend_from_slice(MAGIC);
