@@ -2,12 +2,10 @@ use proto::episode::EnvironmentId;
 use proto::random::{Key, Purpose};
 use simulator::robot::action::Action;
 use simulator::tasks::arm_point_nav::Environment;
-use std::fmt;
-use std::str::FromStr;
 
 const SEED: u64 = 1;
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum PolicyKind {
     /// Every action equally likely but Done, so that episodes last.
     Random,
@@ -23,23 +21,6 @@ impl PolicyKind {
             Self::Random => "random",
             Self::Oracle => "oracle",
         }
-    }
-}
-
-impl fmt::Display for PolicyKind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
-impl FromStr for PolicyKind {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        Self::ALL.into_iter().find(|kind| kind.name() == text).ok_or_else(|| {
-            let names: Vec<&str> = Self::ALL.iter().map(|kind| kind.name()).collect();
-            format!("there is no policy `{text}`; there is {}", names.join(", "))
-        })
     }
 }
 

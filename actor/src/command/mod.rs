@@ -1,14 +1,12 @@
 //! The subcommands: each parses its arguments, calls one function of the library, and that prints.
 
-mod bench;
 mod check;
-mod export_peers;
 mod kitchens;
 mod rollout;
 
 pub use rollout::RolloutArgs;
 
-use actor::{episodes, harvest, oracle_table, replay, show};
+use actor::{bench, episodes, export, harvest, oracle_table, replay, show};
 use anyhow::{Context, Result};
 use std::io::BufReader;
 use wire::lifeline;
@@ -33,9 +31,9 @@ pub enum Command {
     /// Let a planner with privileged knowledge play episodes, to see that they can be solved.
     Oracle(oracle_table::Settings),
     /// Measure physics, rendering and whole steps on one core.
-    Bench(bench::BenchArgs),
+    Bench(bench::Arguments),
     /// Write kitchens, episodes and frames for other programs to be measured on; `make bench-peers` calls this.
-    ExportPeers(export_peers::ExportPeersArgs),
+    ExportPeers(export::Arguments),
 }
 
 pub fn run(command: &Command) -> Result<()> {
@@ -51,6 +49,6 @@ pub fn run(command: &Command) -> Result<()> {
         Command::Episodes(command) => episodes::command::run(command),
         Command::Oracle(settings) => oracle_table::run(settings),
         Command::Bench(args) => bench::run(args),
-        Command::ExportPeers(args) => export_peers::run(args),
+        Command::ExportPeers(args) => export::run(args),
     }
 }

@@ -309,13 +309,13 @@ impl Config {
     }
 }
 
-fn within<T: PartialOrd + Display>(
+fn within<T: PartialOrd + Display + Copy>(
     key: &'static str,
     value: T,
     range: RangeInclusive<T>,
     problem: &'static str,
 ) -> Result<(), ConfigError> {
-    check(key, &value, range.contains(&value), problem)
+    check(key, value, range.contains(&value), problem)
 }
 
 pub(super) fn check(
