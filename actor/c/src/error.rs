@@ -1,6 +1,5 @@
 use engine::guest::{GuestError, ReplayError};
 
-/// Why the program ends.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
     #[error("{0}")]
@@ -18,7 +17,6 @@ pub enum ServeError {
 }
 
 impl ServeError {
-    /// The program's exit status.
     pub fn status(&self) -> i32 {
         if matches!(self, Self::Refused(_)) { 2 } else { 1 }
     }

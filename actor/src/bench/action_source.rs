@@ -5,7 +5,8 @@ use simulator::tasks::arm_point_nav::Environment;
 
 const SEED: u64 = 1;
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum PolicyKind {
     /// Every action equally likely but Done, so that episodes last.
     Random,

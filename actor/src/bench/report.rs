@@ -1,10 +1,11 @@
 use super::action_source::PolicyKind;
 use proto::kitchen::KitchenId;
+use serde::Serialize;
 use serde_json::{Value, json};
 use std::io::{self, Write};
 
 /// What was measured in one kitchen under one policy with so many environments.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize)]
 pub struct Measurement {
     pub kitchen: KitchenId,
     pub policy: PolicyKind,
@@ -72,20 +73,6 @@ pub fn table(out: &mut impl Write, rows: &[Measurement]) -> io::Result<()> {
 }
 
 pub fn json(rows: &[Measurement]) -> Value {
-    let rows: Vec<Value> = rows
-        .iter()
-        .map(|row| {
-            json!({
-                "kitchen": row.kitchen.number(),
-                "policy": row.policy.name(),
-                "environments": row.environments,
-                "physics_s": row.physics_s,
-                "depth_s": row.depth_s,
-                "whole_step_s": row.whole_step_s,
-                "view_set_triangles": row.view_set_triangles,
-            })
-        })
-        .collect();
     json!({ "measurements": rows })
 }
 

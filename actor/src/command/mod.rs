@@ -27,7 +27,7 @@ pub enum Command {
     Check(check::CheckArgs),
     /// The fixed episodes of the validation and test kitchens.
     #[command(subcommand)]
-    Episodes(episodes::command::Command),
+    Episodes(episodes::Command),
     /// Let a planner with privileged knowledge play episodes, to see that they can be solved.
     Oracle(oracle_table::Settings),
     /// Measure physics, rendering and whole steps on one core.
@@ -46,7 +46,7 @@ pub fn run(command: &Command) -> Result<()> {
         Command::Show => show::run(std::io::stdin().lock(), std::io::stdout().lock()),
         Command::Kitchens(command) => kitchens::run(command),
         Command::Check(args) => check::run(args),
-        Command::Episodes(command) => episodes::command::run(command),
+        Command::Episodes(command) => episodes::run(command),
         Command::Oracle(settings) => oracle_table::run(settings),
         Command::Bench(args) => bench::run(args),
         Command::ExportPeers(args) => export::run(args),

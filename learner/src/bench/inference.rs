@@ -10,13 +10,14 @@ use crate::network::{FramePreparation, Staging};
 use anyhow::Result;
 use proto::config::Config;
 use proto::stage::RolloutShape;
+use serde::Serialize;
 use std::time::{Duration, Instant};
 use tch::Device;
 
 const STEPS: usize = 16;
 const FEWEST: usize = 20;
 
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Inference {
     pub batch: u32,
     pub p50_s: f64,

@@ -68,14 +68,6 @@ impl Report {
     }
 
     pub fn json(&self) -> Value {
-        let inference: Vec<Value> = self
-            .inference
-            .iter()
-            .map(|row| {
-                let Inference { batch, p50_s, p99_s, copy_s, gpu } = *row;
-                json!({ "batch": batch, "p50_s": p50_s, "p99_s": p99_s, "copy_s": copy_s, "gpu": gpu.map(gpu_json) })
-            })
-            .collect();
         let updates: Vec<Value> = self
             .updates
             .iter()
@@ -88,7 +80,7 @@ impl Report {
                     "epoch_s": row.epoch_s,
                     "update_s": row.update_s,
                     "epoch_frames_per_s": row.frames as f64 / row.epoch_s,
-                    "gpu": row.gpu.map(gpu_json),
+                    "gpu": row.gpu,
                 })
             })
             .collect();
@@ -97,7 +89,7 @@ impl Report {
                 "frames": whole.frames,
                 "frames_per_s": whole.frames as f64 / whole.seconds(),
                 "timing": whole.timing,
-                "gpu": whole.gpu.map(gpu_json),
+                "gpu": whole.gpu,
             })
         });
         json!({
@@ -105,7 +97,7 @@ impl Report {
             "device": self.place,
             "encoder": self.encoder,
             "parameters": self.parameters,
-            "inference": inference,
+            "inference": self.inference,
             "updates": updates,
             "whole_loop": whole_loop,
         })
@@ -117,8 +109,4 @@ fn cells(gpu: Option<Use>) -> [String; 2] {
         || ["-"; 2].map(str::to_owned),
         |Use { busy, memory }| [format!("{:.0}%", 100.0 * busy), format!("{:.1} GB", memory as f64 / 1e9)],
     )
-}
-
-fn gpu_json(Use { busy, memory }: Use) -> Value {
-    json!({ "busy": busy, "memory_bytes": memory })
 }

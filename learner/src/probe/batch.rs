@@ -6,7 +6,8 @@ use crate::network::{IMAGES, Kept, Network, Staging, all_finite, coordinates, to
 use crate::ppo::running::STATISTICS;
 use crate::rollout::{Outcome, Rollout, Step};
 use proto::camera::{DepthFrame, FRAME_SIDE};
-use proto::config::{Config, nearest};
+use proto::config::Config;
+use proto::likeness::nearest;
 use proto::stage::RolloutShape;
 use proto::task::{ActionHead, PolicyAction};
 use std::collections::BTreeMap;

@@ -83,7 +83,6 @@ pub struct Arguments {
     device: DeviceChoice,
 }
 
-/// Why a probe failed.
 #[derive(Debug, thiserror::Error)]
 pub enum ProbeError {
     #[error(transparent)]
@@ -96,21 +95,13 @@ pub enum ProbeError {
     File {
         /// `read` or `write`.
         verb: &'static str,
-        /// The file.
         path: PathBuf,
-        /// Why.
         cause: std::io::Error,
     },
     #[error("{path}: {cause}", path = .path.display())]
-    Tensors {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        cause: TensorsError,
-    },
+    Tensors { path: PathBuf, cause: TensorsError },
     #[error("{path}: {advice}", path = .path.display())]
     TorchSave {
-        /// The file.
         path: PathBuf,
         /// How to make it one of safetensors.
         advice: String,

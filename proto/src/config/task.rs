@@ -1,7 +1,8 @@
 //! The task of a run, and the rewards that its stages name.
 
 use super::validate::check;
-use super::{AuxiliaryTask, Config, ConfigError, EnvironmentConfig, GoalCoordinates, nearest};
+use super::{AuxiliaryTask, Config, ConfigError, EnvironmentConfig, GoalCoordinates};
+use crate::likeness::nearest;
 use crate::run_folder::RunFolder;
 use crate::task::{ActionHead, Composition, Condition, MULTIPLIER, NEGATIVE_MULTIPLIER, Spec, SpecError};
 

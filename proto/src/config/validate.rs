@@ -7,16 +7,9 @@ use crate::kitchen::{KitchenId, Split};
 use std::fmt::Display;
 use std::ops::RangeInclusive;
 
-/// Environments of one actor at most.
 const MAX_ENVIRONMENTS_PER_ACTOR: u32 = 256;
-
-/// Actor processes of one machine at most.
 const MAX_ACTORS: u32 = 512;
-
-/// Procedural kitchens of a run at most.
 const MAX_KITCHENS: u32 = 1_000_000;
-
-/// Procedural kitchens of one evaluation at most.
 const MAX_EVALUATED: u32 = 1000;
 
 /// Stages of a run, and frames of a stage, at most: their sum fits into 63 bits, and a double holds each exactly.
@@ -26,7 +19,6 @@ const STAGE_FRAMES_MOST: u64 = 1_000_000_000_000_000;
 const STAGE_NAME_MOST: usize = 64;
 
 impl Config {
-    /// Checks every setting against its range.
     pub fn validate(&self) -> Result<(), ConfigError> {
         self.validate_task()?;
         self.validate_environments()?;
@@ -35,7 +27,6 @@ impl Config {
         self.validate_evaluation()
     }
 
-    /// Settings of the simulation.
     fn validate_environments(&self) -> Result<(), ConfigError> {
         let Self { actors, simulation, episode, .. } = self;
         within("actors.count", actors.count, 1..=MAX_ACTORS, "must be 1 to 512")?;
@@ -75,7 +66,6 @@ impl Config {
         Ok(())
     }
 
-    /// Settings of procedural kitchens.
     fn validate_kitchens(&self) -> Result<(), ConfigError> {
         let KitchensConfig { source, count, episodes_each, seed } = self.kitchens;
         within("kitchens.count", count, 1..=MAX_KITCHENS, "must be 1 to 1000000")?;
@@ -90,7 +80,6 @@ impl Config {
         )
     }
 
-    /// Network, algorithm, curriculum.
     fn validate_learning(&self) -> Result<(), ConfigError> {
         let Self { network, ppo, normalize, reward, auxiliary, .. } = self;
         check(
@@ -163,7 +152,6 @@ impl Config {
         Ok(())
     }
 
-    /// Settings of the processes.
     fn validate_processes(&self) -> Result<(), ConfigError> {
         let Self { learner, checkpoint, recording, .. } = self;
         let (deadline_s, interval_s) = (learner.actor_deadline_s, checkpoint.interval_s);
@@ -225,7 +213,6 @@ impl Config {
         )
     }
 
-    /// Settings of shards.
     fn validate_shards(&self) -> Result<(), ConfigError> {
         let (shards, learners) = (self.learner.shards, self.learner.count);
         if shards == 0 {

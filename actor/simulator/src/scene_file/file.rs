@@ -1,8 +1,8 @@
-use super::likeness::nearest;
 use super::problem::{ENTRIES_MOST, Problem};
 use crate::gltf_file::solid::Convex;
 use crate::gltf_file::uri;
 use proto::bounded;
+use proto::likeness::nearest;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use unicode_normalization::UnicodeNormalization;

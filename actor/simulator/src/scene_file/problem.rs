@@ -5,6 +5,7 @@ use crate::gltf_file::document::DocumentError;
 use crate::gltf_file::no_solid::NoSolid;
 use crate::kitchen::room::MOVABLE_MASS_MAX_KG;
 use proto::kitchen::TargetCategory;
+use proto::likeness::suggestion;
 use rapier3d::math::Vec3;
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -190,10 +191,6 @@ impl fmt::Display for Size {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:.2} m × {:.2} m", self.x_m, self.z_m)
     }
-}
-
-fn suggestion(nearest: Option<&str>) -> String {
-    nearest.map_or_else(String::new, |nearest| format!(" (did you mean `{nearest}`?)"))
 }
 
 fn targets() -> String {

@@ -1,7 +1,6 @@
 //! Reads a scene: its files as a furnished room, and the room as a kitchen.
 
 use super::file::{Role, SceneFile};
-use super::likeness::nearest;
 use super::problem::{BODIES_MOST, Problem, SceneError, Size};
 use super::roles::{self, Body};
 use super::tops;
@@ -15,6 +14,7 @@ use crate::physics::geometry::Solid;
 use crate::shape::{Part, Primitive, Shape};
 use proto::config::SimulationConfig;
 use proto::kitchen::KitchenId;
+use proto::likeness::nearest;
 use rapier3d::math::{Pose3, Vec3};
 use std::path::{Path, PathBuf};
 
