@@ -64,7 +64,7 @@ def ours(options: argparse.Namespace, cuda_library: Path | None) -> dict:
     device = "cuda" if cuda_library else "cpu"
     # One step of the optimiser an epoch, of all frames, as theirs takes it.
     settings = [f"network.encoder={options.encoder}", f"network.hidden={options.hidden}", "ppo.minibatches=1"]
-    command = [options.learner, "bench", "--device", device, "--preset", PRESET, "--loop-frames", "0", "--json"]
+    command = [options.learner, "bench", "--device", device, "--preset", PRESET, "--json"]
     command += [word for setting in settings for word in ("--set", setting)]
     command += ["--seconds", str(options.seconds), "--rollout-frames", str(options.rollout_frames)]
     command += ["--batches", ",".join(map(str, options.batches)), "--steps", ",".join(map(str, options.steps))]

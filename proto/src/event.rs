@@ -117,16 +117,6 @@ pub struct Timing {
     pub other_s: f64,
 }
 
-impl std::ops::AddAssign for Timing {
-    fn add_assign(&mut self, other: Self) {
-        self.simulate_s += other.simulate_s;
-        self.infer_s += other.infer_s;
-        self.update_s += other.update_s;
-        self.exchange_s += other.exchange_s;
-        self.other_s += other.other_s;
-    }
-}
-
 impl Timing {
     /// All parts together, seconds. The exchange is a part of the update.
     pub fn total_s(&self) -> f64 {

@@ -1,19 +1,19 @@
 use super::gpu::Use;
 use super::inference::Inference;
 use super::update::Updates;
-use super::whole_loop::WholeLoop;
-use serde_json::{Value, json};
+use serde::Serialize;
 
-#[derive(Debug)]
+/// As JSON its times are in seconds.
+#[derive(Debug, Serialize)]
 pub struct Report {
     pub preset: String,
+    #[serde(rename = "device")]
     pub place: String,
     /// The encoder's name; `mlp` without a frame.
     pub encoder: &'static str,
     pub parameters: u64,
     pub inference: Vec<Inference>,
     pub updates: Vec<Updates>,
-    pub whole_loop: Option<WholeLoop>,
 }
 
 impl Report {
@@ -50,57 +50,7 @@ impl Report {
             ));
         }
         lines.push("* of one epoch: forward, backward, clip, Adam".to_owned());
-        if let Some(whole) = &self.whole_loop {
-            let [busy, memory] = cells(whole.gpu);
-            let share = |part: f64| format!("{:.0}%", 100.0 * part / whole.seconds());
-            lines.push(format!(
-                "whole loop: {:.0} frames/s ({} frames); simulate (wait for actors) {}, infer (copy included) {}, update \
-                 {}, other {}; GPU busy {busy}, memory {memory}",
-                whole.frames as f64 / whole.seconds(),
-                whole.frames,
-                share(whole.timing.simulate_s),
-                share(whole.timing.infer_s),
-                share(whole.timing.update_s),
-                share(whole.timing.other_s),
-            ));
-        }
         lines.join("\n")
-    }
-
-    pub fn json(&self) -> Value {
-        let updates: Vec<Value> = self
-            .updates
-            .iter()
-            .map(|row| {
-                json!({
-                    "steps": row.steps,
-                    "environments": row.environments,
-                    "frames": row.frames,
-                    "epochs": row.epochs,
-                    "epoch_s": row.epoch_s,
-                    "update_s": row.update_s,
-                    "epoch_frames_per_s": row.frames as f64 / row.epoch_s,
-                    "gpu": row.gpu,
-                })
-            })
-            .collect();
-        let whole_loop = self.whole_loop.map(|whole| {
-            json!({
-                "frames": whole.frames,
-                "frames_per_s": whole.frames as f64 / whole.seconds(),
-                "timing": whole.timing,
-                "gpu": whole.gpu,
-            })
-        });
-        json!({
-            "preset": self.preset,
-            "device": self.place,
-            "encoder": self.encoder,
-            "parameters": self.parameters,
-            "inference": self.inference,
-            "updates": updates,
-            "whole_loop": whole_loop,
-        })
     }
 }
 

@@ -7,6 +7,7 @@ use crate::rollout::Outcome;
 use anyhow::Result;
 use proto::config::Config;
 use proto::stage::RolloutShape;
+use serde::Serialize;
 use std::time::Instant;
 use tch::Device;
 
@@ -14,7 +15,7 @@ const UPDATES: u64 = 3;
 /// Updates before: in the first one libraries warm up, in the second one passes are recorded for all that follow.
 const WARM_UPS: u64 = 2;
 
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Updates {
     pub steps: u32,
     pub environments: usize,
