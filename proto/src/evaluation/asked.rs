@@ -9,6 +9,7 @@ pub enum ObjectSet {
     Novel,
     /// The six categories that are targets in training.
     Seen,
+    /// All twelve.
     All,
     /// The task declares no targets, and so no sets of them.
     NoTargets,
