@@ -148,7 +148,7 @@ def launches(lines: list[str], tensor: str) -> list[Launch]:
 def profile(options: argparse.Namespace, what: str, tensor: str) -> list[Launch]:
     """Every launch of a step of inference, or of an update of one epoch."""
     learner = [options.learner, "bench", "--device", "cuda", "--preset", options.preset, "--mark", what]
-    learner += ["--loop-frames", "0", "--seconds", "0.001", "--batches", options.batch, "--steps", options.steps]
+    learner += ["--seconds", "0.001", "--batches", options.batch, "--steps", options.steps]
     # Where the step of inference is looked at, updates shall be over soon.
     learner += ["--rollout-frames", options.rollout_frames if what == "update" else 16 * options.steps]
     learner += [word for setting in options.set for word in ("--set", setting)]

@@ -1,21 +1,13 @@
-"""Steps per second of `stillroom.VectorEnv` beside the Rust actor and Gymnasium's `AsyncVectorEnv`.
+"""Steps per second of `stillroom.VectorEnv` with 1, 2, 4, ... threads, beside Gymnasium's `AsyncVectorEnv` with a process
+an environment, in wall time. All take the same random actions (all but Done) in the same episodes.
 
-    make bench-python ARGS="--kitchens 1,14 --pairs 15"
-
-One core: the environments of an actor and a `VectorEnv` with one thread, both on the same core, take the same random
-actions (all but Done) in the same episodes, in turns of 50 steps; what goes first alternates. Both are measured in
-processor time of their thread, so that other programs on the machine count little. The hashes of all states must be
-equal. The figure of a kitchen is the median over the pairs of turns.
-
-All cores: `VectorEnv` with 1, 2, 4, ... threads and `AsyncVectorEnv` with a process an environment, in wall time.
+    make bench-python ARGS="--kitchens 1,14 --turns 10"
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-import statistics
-import subprocess
 import time
 from dataclasses import dataclass, field
 
@@ -32,7 +24,6 @@ TURN_STEPS = 50
 # As many turns as an episode has, and one more, in which the last environments begin theirs.
 WARM_UP_TURNS = EPISODE_STEPS // TURN_STEPS + 1
 DONE = 20
-HOLD = 254
 
 
 @dataclass
@@ -59,66 +50,6 @@ class Schedule:
         return actions, resets
 
 
-class Actor:
-    """The environments of an actor in a process of its own: `actor bench-beside`."""
-
-    def __init__(self, program: str, kitchen: int, core: int) -> None:
-        sizes = ["--environments", str(ENVIRONMENTS), "--seed", str(SEED), "--steps", str(TURN_STEPS)]
-        self.process = subprocess.Popen(
-            [program, "bench-beside", "--kitchen", str(kitchen), *sizes], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-        )
-        os.sched_setaffinity(self.process.pid, [core])
-
-    def turn(self, actions: NDArray[np.int64], resets: NDArray[np.bool_]) -> tuple[float, int]:
-        """Seconds of processor time, and the sum of the state hashes."""
-        assert self.process.stdin is not None and self.process.stdout is not None
-        self.process.stdin.write(np.where(resets, HOLD, actions).astype(np.uint8).tobytes())
-        self.process.stdin.flush()
-        nanoseconds, hashes = self.process.stdout.readline().split()
-        return int(nanoseconds) / 1e9, int(hashes)
-
-    def close(self) -> None:
-        self.process.communicate()
-
-
-def turn(env: stillroom.VectorEnv, actions: NDArray[np.int64], resets: NDArray[np.bool_]) -> tuple[float, int]:
-    """The same of a `VectorEnv`."""
-    hashes = []
-    begun = time.thread_time()
-    for row in actions:
-        *_, infos = env.step(row)
-        hashes.append(infos["state_hash"])
-    seconds = time.thread_time() - begun
-    return seconds, int(np.where(resets, np.uint64(0), np.array(hashes)).sum(dtype=np.uint64))
-
-
-def one_core(program: str, kitchen: int, pairs: int, core: int, depth: str) -> tuple[list[float], list[float]]:
-    """Steps per second of processor time in each pair of turns: of the actor, of the `VectorEnv`."""
-    rust, python = [], []
-    allowed = os.sched_getaffinity(0)
-    actor = Actor(program, kitchen, core)
-    os.sched_setaffinity(0, [core])
-    env = stillroom.VectorEnv(ENVIRONMENTS, kitchens=[kitchen], threads=1, depth=depth)
-    env.reset(seed=[SEED] * ENVIRONMENTS)
-    schedule = Schedule()
-    for number in range(WARM_UP_TURNS + pairs):
-        chosen = schedule.turn()
-        if number % 2 == 0:
-            of_actor, of_env = actor.turn(*chosen), turn(env, *chosen)
-        else:
-            of_env, of_actor = turn(env, *chosen), actor.turn(*chosen)
-        if of_actor[1] != of_env[1]:
-            raise SystemExit(f"kitchen {kitchen}: the actor and the VectorEnv did not do the same in turn {number}")
-        if number >= WARM_UP_TURNS:
-            steps = ENVIRONMENTS * TURN_STEPS - int(chosen[1].sum())
-            rust.append(steps / of_actor[0])
-            python.append(steps / of_env[0])
-    actor.close()
-    env.close()
-    os.sched_setaffinity(0, allowed)
-    return rust, python
-
-
 def rate(env: gymnasium.vector.VectorEnv, turns: int) -> float:
     """Steps per second of wall time; steps that only reset do not count."""
     schedule = Schedule()
@@ -140,30 +71,15 @@ def rate(env: gymnasium.vector.VectorEnv, turns: int) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--actor", default="target/release/actor", help="the program `actor`")
     parser.add_argument("--kitchens", default="1,8,14", help="numbers with commas between")
-    parser.add_argument("--pairs", type=int, default=15, help="pairs of turns for each kitchen")
     parser.add_argument("--depth", default="uint16", help="what the VectorEnv gives: uint16 as the actor, or float32")
-    parser.add_argument("--turns", type=int, default=10, help="turns for each figure of wall time; 0 measures none")
+    parser.add_argument("--turns", type=int, default=10, help="turns of 50 steps for each figure")
     parser.add_argument("--no-async", action="store_true", help="leave AsyncVectorEnv out")
     arguments = parser.parse_args()
-    allowed = sorted(os.sched_getaffinity(0))
-    print(f"{ENVIRONMENTS} environments, {stillroom.FRAME_SIDE} x {stillroom.FRAME_SIDE} pixels, {len(allowed)} cores")
-    kitchens = [int(number) for number in arguments.kitchens.split(",")]
-    medians = []
-    for kitchen in kitchens:
-        rust, python = one_core(arguments.actor, kitchen, arguments.pairs, allowed[-1], arguments.depth)
-        shares = [mine / its for mine, its in zip(python, rust, strict=True)]
-        medians.append(statistics.median(shares))
-        print(
-            f"kitchen {kitchen:2}  one core, {arguments.pairs} pairs: actor {statistics.median(rust):8,.0f}  VectorEnv "
-            f"{statistics.median(python):8,.0f} steps/s of processor time; share {medians[-1]:.1%} "
-            f"({min(shares):.1%} to {max(shares):.1%})",
-            flush=True,
-        )
-    print(f"VectorEnv / actor, median of the kitchens: {statistics.median(medians):.1%}")
-    if arguments.turns > 0:
-        scaling(kitchens[0], len(allowed), arguments.turns, arguments.depth, with_async=not arguments.no_async)
+    cores = len(os.sched_getaffinity(0))
+    print(f"{ENVIRONMENTS} environments, {stillroom.FRAME_SIDE} x {stillroom.FRAME_SIDE} pixels, {cores} cores")
+    for number in arguments.kitchens.split(","):
+        scaling(int(number), cores, arguments.turns, arguments.depth, with_async=not arguments.no_async)
 
 
 def scaling(kitchen: int, cores: int, turns: int, depth: str, *, with_async: bool) -> None:

@@ -62,7 +62,6 @@ fn records(declared: &str) -> Result<String, String> {
     Ok([helper.to_owned(), done.text("Transition", transition), seen.text("Current", current)].concat())
 }
 
-/// A record's code.
 #[derive(Default)]
 struct Record {
     fields: String,

@@ -1,5 +1,3 @@
-//! Arguments that several commands take.
-
 use proto::kitchen::KitchenId;
 
 /// The built-in or procedural kitchen with this number, as a command line gives it.

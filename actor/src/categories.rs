@@ -9,7 +9,6 @@ use simulator::physics::geometry::Solid;
 use simulator::shape::{Primitive, Shape};
 use std::io::Write;
 
-/// What is said of one category.
 #[derive(Debug, Clone, Serialize)]
 pub struct Listed {
     pub name: &'static str,
@@ -18,14 +17,11 @@ pub struct Listed {
     /// Size of its bounding box as it stands: width, height, depth, metres.
     pub size_m: [f32; 3],
     pub mass_kg: f32,
-    /// What its surface is made of.
     pub material: &'static str,
-    /// Coulomb friction coefficient of that.
     pub friction: f32,
     /// Whether it can be an episode's target, which the robot picks up: `seen` or `novel`, none of what is only in the
     /// way.
     pub target: Option<&'static str>,
-    /// Where it stands in generated kitchens.
     pub place: &'static str,
     /// Share of the generated kitchens that are meant to have it; none of what is drawn for variety.
     pub share_of_kitchens: Option<f32>,
@@ -37,7 +33,6 @@ pub fn all() -> Vec<Listed> {
     listed
 }
 
-/// Prints all categories, as a table or as JSON.
 pub fn run(json: bool, mut out: impl Write) -> Result<()> {
     let all = all();
     if json {

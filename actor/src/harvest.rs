@@ -23,7 +23,6 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
-/// Widest picture, pixels.
 const SIDE_MAX: u32 = 1024;
 /// How many episodes each thread may be ahead.
 const AHEAD_EACH: usize = 2;
@@ -133,7 +132,6 @@ fn source_of(configs: &[Config], rules: &[Rules], setup: &DatasetSetup) -> Resul
     Ok(Source { spec, actions, numbers, rewards, configs: setup.configs.clone() })
 }
 
-/// An episode that was simulated.
 struct Told {
     verdict: ReplayVerdict,
     unfinished: bool,
@@ -149,7 +147,6 @@ struct Board {
     next: usize,
     /// How many there are, once the input has ended.
     count: Option<usize>,
-    /// The writer takes no more.
     closed: bool,
 }
 
@@ -264,7 +261,6 @@ impl Work<'_> {
     }
 }
 
-/// An episode while it is simulated.
 struct Telling<'a> {
     rules: &'a Rules,
     setup: &'a DatasetSetup,

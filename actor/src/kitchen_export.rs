@@ -30,10 +30,7 @@ const SMOOTH_COSINE: f32 = 0.82;
 const CEILING_ALPHA: f32 = 0.06;
 const ROUGHNESS: f32 = 0.85;
 
-/// The file's bytes.
-///
-/// # Panics
-/// If the kitchen does not fit into a GLB file's 4 GiB: it holds a few megabytes.
+/// The file's bytes. Panics if the kitchen does not fit into a GLB file's 4 GiB: it holds a few megabytes.
 pub fn glb(kitchen: &Kitchen) -> Vec<u8> {
     let mut writer = Writer::default();
     let mut nodes = Vec::new();

@@ -16,24 +16,18 @@ use simulator::tasks::arm_point_nav::{Current, Environment, Transition, check, r
 use std::io::Write;
 use std::sync::Arc;
 
-/// How one episode went.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
-    /// The actions that were taken.
     pub actions: Vec<Action>,
-    /// The target was picked up.
     pub picked_up: bool,
-    /// The target was brought to its goal.
     pub success: bool,
     /// And nothing else was disturbed: the task's headline.
     pub undisturbed: bool,
     /// Things that moved by more than 1 cm on an axis.
     pub disturbed_objects: u32,
-    /// State hash after the last action.
     pub state_hash: u64,
 }
 
-/// Lets the oracle play one episode to its end.
 pub fn play(kitchen: &Arc<Kitchen>, config: &Config, number: u32, episode: Episode, variant: Variant) -> Outcome {
     let id = EnvironmentId { kitchen: kitchen.id(), number: 0 };
     let mut environment = Environment::with_episode(Arc::clone(kitchen), id, config, number, episode);
@@ -101,7 +95,6 @@ fn split(text: &str) -> Result<Split, String> {
     }
 }
 
-/// Plays the episodes and prints the table.
 pub fn run(settings: &Settings) -> Result<()> {
     ensure!(settings.episodes > 0, "play at least one episode");
     let config = Config::default();

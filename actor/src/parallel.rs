@@ -1,5 +1,3 @@
-//! Work on all processors.
-
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;

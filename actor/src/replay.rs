@@ -22,7 +22,6 @@ use std::io::{BufRead, Write};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Widest and highest image that is drawn, pixels.
 const SIDE_MAX: u32 = 4096;
 
 /// Reads a setup and episodes from `input` until it ends, writes a verdict on each to `output`.
@@ -52,7 +51,6 @@ pub fn run(input: impl BufRead, mut output: impl Write) -> Result<()> {
 
 /// Kitchens as they are needed, and the environment that was used last: episodes of one environment come in a row.
 pub(crate) struct Player {
-    /// Under which the episodes were recorded.
     config: Config,
     /// The run folder: scenes are named relative to it.
     folder: PathBuf,
@@ -64,7 +62,6 @@ pub(crate) struct Player {
 /// An environment at the start of an episode.
 pub(crate) struct Started<'a> {
     pub environment: &'a mut dyn Environment,
-    /// A camera for its kitchen.
     pub camera: &'a mut DepthCamera,
     /// In an evaluation: number of the fixed episode, as in the table of episodes.
     pub fixed: Option<u32>,
@@ -76,7 +73,6 @@ impl Player {
         Self { run: tasks::Run::of(&config), config, folder, kitchens: BTreeMap::new(), environment_in_use: None }
     }
 
-    /// The environment of an episode, at its start.
     pub fn open(&mut self, recorded: &RecordedEpisode) -> Result<Started<'_>> {
         let id = recorded.environment;
         whereabouts::enter(id, recorded.episode);

@@ -13,25 +13,20 @@ use std::path::PathBuf;
 const PAPER: Rgb = [250, 250, 248];
 const INK: Rgb = [34, 38, 44];
 const FAINT: Rgb = [112, 118, 126];
-/// Kitchens in a row, at most.
 const COLUMNS: usize = 5;
 const MARGIN: usize = 10;
 const TITLE: usize = 26;
 const HEAD: usize = 46;
-/// Narrowest and widest sheet, pixels.
 const WIDTH_MIN: u32 = 320;
 const WIDTH_MAX: u32 = 8192;
 
 #[derive(Debug, Clone)]
 pub struct SheetOptions {
-    /// What is on it, in this order.
     pub subjects: Vec<Subject>,
-    /// Width of the sheet, pixels.
     pub width: u32,
     pub out: PathBuf,
 }
 
-/// What a picture is of.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Subject {
     BuiltIn(KitchenId),
@@ -40,7 +35,6 @@ pub enum Subject {
 }
 
 impl Subject {
-    /// Builds or reads it, and lets it come to rest.
     pub fn load(&self) -> Result<Kitchen> {
         let simulation = SimulationConfig::default();
         match self {
@@ -77,7 +71,6 @@ impl fmt::Display for Subject {
     }
 }
 
-/// Draws the sheet, writes it, and says so on standard output.
 pub fn sheet(options: &SheetOptions) -> Result<()> {
     ensure!(!options.subjects.is_empty(), "no kitchen was asked for");
     ensure!(
@@ -141,7 +134,6 @@ fn draw_all(subjects: &[Subject], side: usize) -> Result<Vec<Drawn>> {
     in_parallel(subjects.len(), draw).into_iter().collect()
 }
 
-/// A split's name and colour.
 fn split(id: KitchenId) -> (&'static str, Rgb) {
     match id.split() {
         _ if id.is_procedural() => ("procedural", [120, 92, 24]),

@@ -56,7 +56,6 @@ pub fn run(input: impl BufRead, mut output: impl Write) -> Result<()> {
     Ok(())
 }
 
-/// A kitchen under a configuration.
 struct House {
     config: String,
     /// The run's folder: a configuration names scenes relative to it.
@@ -219,7 +218,6 @@ fn checked(orbit: &ShowOrbit) -> Result<Orbit> {
     })
 }
 
-/// An episode while it is simulated.
 struct Telling {
     origins: Vec<Vec3>,
     moments: Vec<Moment>,
@@ -246,7 +244,6 @@ impl Telling {
         }
     }
 
-    /// Keeps the moment that the environment is in.
     fn keep(&mut self, rules: &Rules, environment: &Base, seen: &Seen) {
         let target = picture::target(rules.spec, environment, seen.record);
         let poses = environment.simulation().things().poses();
@@ -274,7 +271,6 @@ impl Telling {
     }
 }
 
-/// A moment by the names of the task.
 fn shown(rules: &Rules, seen: &Seen, moved: Vec<(u32, f32, [f32; 2])>) -> ShownMoment {
     let acted = seen.rewards.is_some();
     let channels = rules.spec.channels.iter().zip(&rules.spec.layout().fields);

@@ -436,13 +436,5 @@ fn bad_settings_are_named_once() {
     let (code, text) = run("0", "/nowhere/config.toml");
     assert_eq!(code, Some(1), "{text}");
     assert_eq!(text.matches("/nowhere/config.toml").count(), 1, "{text}");
-    let output = Command::new(env!("CARGO_BIN_EXE_actor"))
-        .args(["--actor", "0", "--wire", &address, "--config", config, "--lifeline", "--kitchen", "7"])
-        .stdin(Stdio::null())
-        .output()
-        .unwrap();
-    let text = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(1), "{text}");
-    assert!(text.contains("--kitchen cannot be used in a run"), "{text}");
     stand.end();
 }

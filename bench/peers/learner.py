@@ -75,7 +75,7 @@ def ours(options: argparse.Namespace, cuda_library: Path | None) -> dict:
     if options.shape == "kitchen":
         settings += [f"network.encoder={options.encoder}", f"network.hidden={options.hidden}"]
     preset = PRESETS[options.shape]
-    command = [options.learner, "bench", "--device", device, "--preset", preset, "--loop-frames", "0", "--json"]
+    command = [options.learner, "bench", "--device", device, "--preset", preset, "--json"]
     if options.shape != "kitchen":
         command += ["--task", Path(__file__).with_name(f"{options.shape}.toml")]
     command += [word for setting in settings for word in ("--set", setting)]

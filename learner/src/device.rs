@@ -1,5 +1,3 @@
-//! Where libtorch computes.
-
 use crate::ffi::{arithmetic, determinism, library, refusal, warnings};
 use proto::config::{CpuArithmetic, DeviceChoice, LearnerConfig};
 use proto::device::{VISIBLE_DEVICES, device_name};
@@ -37,10 +35,8 @@ pub fn log_refusals() {
     refusal::say_in_a_line();
 }
 
-/// A device that was asked for but is not there.
 #[derive(Debug, thiserror::Error)]
 pub enum DeviceError {
-    /// CUDA was asked for.
     #[error("learner.device is \"cuda\" but libtorch finds no CUDA device")]
     NoCuda,
 }
@@ -79,7 +75,6 @@ pub(crate) fn upload<T: Element>(numbers: &[T], device: Device) -> Tensor {
     host.pin_memory(device).to_device_(device, host.kind(), true, false)
 }
 
-/// The device that a command line names.
 pub(crate) fn parse_choice(text: &str) -> Result<DeviceChoice, String> {
     match text {
         "cpu" => Ok(DeviceChoice::Cpu),

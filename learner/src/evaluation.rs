@@ -14,7 +14,6 @@ use proto::task::{Composition, Layout, Summing, Sums};
 struct Course {
     /// The episode's number in its kitchen; none if the column has no further episode.
     episode: Option<u32>,
-    /// Episodes that this column has ended.
     played: u32,
     actions: Vec<u8>,
     /// Returns and metrics; none before the first action.
@@ -27,14 +26,12 @@ struct Course {
 /// An episode that has ended: its record, and the bytes of the actions taken.
 pub type Played = (EpisodeRecord, Vec<u8>);
 
-/// All columns of an evaluation.
 #[derive(Debug, Clone)]
 pub(crate) struct Examination {
     plan: Plan,
     column_map: ColumnMap,
     layout: &'static Layout,
     has_targets: bool,
-    /// Those that an episode has returns under.
     rewards: Vec<Composition>,
     summing: Summing,
     signals: Signals,
@@ -69,12 +66,10 @@ impl Examination {
         }
     }
 
-    /// Episodes that have not ended.
     pub(crate) fn remaining(&self) -> usize {
         self.remaining
     }
 
-    /// The kitchen in which a column plays its episode of this number.
     fn kitchen(&self, column: usize, number: u32) -> KitchenId {
         let environment = self.column_map.environment(column);
         self.plan.kitchen_of(environment, number).unwrap_or(environment.kitchen)

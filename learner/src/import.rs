@@ -62,17 +62,14 @@ const OWN_WEIGHTS: [&str; 2] = ["critic.weight", "critic.0.weight"];
 /// What `DataParallel` and `torch.compile` put around a network or around parts of it. No weight of ours is called so.
 const WRAPPERS: [&str; 2] = ["module", "_orig_mod"];
 
-/// Whose names a file's weights have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Naming {
-    /// AllenAct's.
     AllenAct,
     /// A checkpoint's: ours, behind `model.`, among other tensors.
     Checkpoint,
     Ours,
 }
 
-/// How names in a file become ours.
 #[derive(Debug, Clone)]
 pub(crate) struct Names {
     pub naming: Naming,
@@ -81,7 +78,6 @@ pub(crate) struct Names {
 }
 
 impl Names {
-    /// Those of these weights for an agent.
     pub fn of(state_dict: &BTreeMap<String, Tensor>, agent: &AgentState) -> Self {
         let own = |name: &str| agent.tensors.contains_key(&format!("{MODEL}{name}"));
         let is_known = |name: &str| own(name) || our_name(name).is_some();
@@ -155,10 +151,8 @@ impl Naming {
     }
 }
 
-/// What an import did besides copying.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Imported {
-    /// Weights taken over.
     pub taken: usize,
     /// Ours that the file has nothing for: they start from the seed. Only an auxiliary task's.
     pub fresh: Vec<String>,
@@ -168,7 +162,6 @@ pub struct Imported {
     pub taken_off: Vec<String>,
 }
 
-/// A weight as the file calls it, and as we do.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Named {
     pub theirs: String,
@@ -182,34 +175,25 @@ impl fmt::Display for Named {
     }
 }
 
-/// Why a state dict is not one for this network.
 #[derive(Debug, thiserror::Error)]
 pub enum ImportError {
-    /// No tensor at all.
     #[error("the file holds no weights")]
     Empty,
-    /// A name that means nothing here.
     #[error("`{0}` is no weight of a network of ours (docs/probe.md has the table of names)")]
     Unknown(String),
-    /// Two names for the same weight.
     #[error("{0} is there twice: also as `{1}`")]
     Twice(Named, String),
-    /// A weight of ours that nothing is there for.
     #[error("nothing is there for `{ours}`: the file has no {}{hint}", alternatives(.theirs))]
     Missing {
         ours: String,
         /// What it could be called in the file.
         theirs: Vec<String>,
-        /// Why it may be missing.
         hint: &'static str,
     },
-    /// A weight that the configured network does not have.
     #[error("there is no place for {0}: the configuration's network has no such weight")]
     NoPlace(Named),
-    /// Another shape, or a number that is not finite.
     #[error("{name} {problem}")]
     Unfit { name: Named, problem: String },
-    /// Not floating-point numbers.
     #[error("{0} does not hold floating-point numbers")]
     Kind(Named),
 }
@@ -266,7 +250,6 @@ pub fn import(state_dict: &BTreeMap<String, Tensor>, state: &mut AgentState) -> 
     value.map_or(Ok(imported), Err)
 }
 
-/// Why one of our weights may be missing.
 fn hint(ours: &str, has_another_encoder: bool) -> &'static str {
     if ours.starts_with("previous_action_embedder") {
         ". These weights are of a network without the previous action (network.previous_action = false)"
@@ -302,7 +285,6 @@ fn by_our_names(
     Ok(renamed)
 }
 
-/// Our name of one of AllenAct's.
 fn our_name(theirs: &str) -> Option<String> {
     let (ours, rest) = correspondences().find_map(|(ours, prefix)| Some((ours, theirs.strip_prefix(prefix)?)))?;
     // An embedding is wrapped in a module of its own there.

@@ -1,5 +1,3 @@
-//! The `learner` binary.
-
 use clap::{Parser, Subcommand};
 use learner::process::{self, Arguments, EvaluationArguments, Network};
 use learner::{bench, probe};
@@ -69,10 +67,8 @@ enum Command {
     Evaluate(EvaluateArgs),
     /// Writes a new run's first checkpoint from weights of elsewhere. Started by `orchestrator import`
     Import(process::ImportArguments),
-    /// Measures inference, updates and the whole loop on this machine
+    /// Measures inference and updates on this machine
     Bench(bench::Arguments),
-    /// Measures how long learners take to sum a gradient, on this machine or over a network
-    Exchange(bench::exchange::Arguments),
     /// Runs network, losses and gradients on a batch from a file, to compare with another implementation
     Probe(probe::Arguments),
 }
@@ -110,12 +106,7 @@ fn main() -> ExitCode {
         }
         CommandLine { command: Some(Command::Import(arguments)), .. } => process::import(&arguments, std::io::stdout()),
         CommandLine { command: Some(Command::Bench(arguments)), .. } => bench::run(&arguments, std::io::stdout()),
-        CommandLine { command: Some(Command::Exchange(arguments)), .. } => {
-            bench::exchange::run(&arguments, std::io::stdout())
-        }
-        CommandLine { command: Some(Command::Probe(arguments)), .. } => {
-            probe::run(&arguments, std::io::stdout()).map_err(anyhow::Error::from)
-        }
+        CommandLine { command: Some(Command::Probe(arguments)), .. } => probe::run(&arguments, std::io::stdout()),
         CommandLine { run: Some(run), wire: Some(wire), incarnation, rank, lifeline, network, .. } => {
             process::run(Arguments { run, wire, incarnation, rank, lifeline, network: network.network() })
         }

@@ -5,19 +5,16 @@ use tch::{Kind, Tensor};
 const BETA_1: f64 = 0.9;
 const BETA_2: f64 = 0.999;
 
-/// Adam's moments.
 #[derive(Debug)]
 pub struct Adam {
     /// Running mean of the gradient, \[parameters\].
     pub first: Tensor,
     /// Running mean of its square, \[parameters\].
     pub second: Tensor,
-    /// Steps taken.
     pub steps: u64,
 }
 
 impl Adam {
-    /// Fresh moments for these weights.
     pub fn new(weights: &Tensor) -> Self {
         Self { first: weights.zeros_like(), second: weights.zeros_like(), steps: 0 }
     }

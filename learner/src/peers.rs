@@ -17,7 +17,6 @@ use std::time::{Duration, Instant};
 use tch::{Device, Kind, TchError, Tensor};
 use wire::fault;
 
-/// Longest time that a learner may take to join.
 const JOINING: Duration = Duration::from_secs(90);
 /// Longest time of a later operation, in which a learner waits for the others' rollout or update. A last resort: the
 /// orchestrator ends a run without progress much earlier.
@@ -28,11 +27,9 @@ const INVITATION: &str = "nccl";
 #[derive(Debug)]
 pub enum Peers {
     Alone,
-    /// There are several.
     Group(Group),
 }
 
-/// Membership among several learners.
 #[derive(Debug)]
 pub struct Group {
     rank: u32,
@@ -65,31 +62,17 @@ pub struct Finished {
 /// The learners cannot reach one another, or are not at the same point.
 #[derive(Debug, thiserror::Error)]
 pub enum PeerError {
-    /// libtorch's process group fails.
     #[error("learner {rank} has lost the others: {cause}")]
-    Lost {
-        /// Rank of the learner that reports this.
-        rank: u32,
-        /// libtorch's error.
-        cause: TchError,
-    },
-    /// The GPUs cannot reach one another.
+    Lost { rank: u32, cause: TchError },
     #[error("the learners' GPUs cannot reach one another: {0}")]
     Gpus(#[from] NcclError),
-    /// Another learner cannot continue; it reports the reason itself.
     #[error("another learner cannot go on")]
     Elsewhere,
-    /// A value that must be identical on all learners is not.
     #[error("the learners have come apart: {what} differ ({values:x?}, by rank)")]
-    Apart {
-        /// What was compared.
-        what: &'static str,
-        values: Vec<u64>,
-    },
+    Apart { what: &'static str, values: Vec<u64> },
 }
 
 impl Peers {
-    /// Joins the group of all `learners` learners.
     pub fn join(meeting: &Meeting, [rank, learners]: [u32; 2], device: Device) -> Result<Self, PeerError> {
         if learners == 1 {
             return Ok(Self::Alone);
@@ -173,7 +156,6 @@ impl Peers {
         Ok(totals.into_iter().map(|total| total as u64).collect())
     }
 
-    /// Replaces a flat gradient by the sum over all learners.
     pub(crate) fn sum_gradients(&self, gradient: &mut Tensor) -> Result<(), PeerError> {
         // One that is held here has the others wait in the middle of their exchange.
         fault::reach("learner.before_exchange");
@@ -273,7 +255,6 @@ impl Peers {
         Vec::try_from(&bytes).map_err(lost)
     }
 
-    /// Checks that a number is identical on all learners.
     pub(crate) fn agree(&self, what: &'static str, value: u64) -> Result<(), PeerError> {
         let Self::Group(group) = self else { return Ok(()) };
         // Each learner fills its own two places: halves of 32 bits are exact in a double.

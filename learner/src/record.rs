@@ -6,7 +6,6 @@ use proto::record::{End, RecordHeader, flag};
 use proto::task::{Field, LINE_BYTES, Spec};
 use std::sync::Arc;
 
-/// Place of a channel of this name.
 #[cfg(test)]
 pub(crate) fn named(task: &Spec, name: &str) -> Field {
     task.channel(name).unwrap_or_else(|| panic!("task `{}` has no channel `{name}`", task.name)).1
@@ -23,14 +22,12 @@ pub(crate) struct Inputs {
 }
 
 impl Inputs {
-    /// Those of a task.
     pub fn of(task: &Spec) -> Self {
         let observations = inputs(task);
         let last = observations.last(task.layout());
         Self { previous_action: task.layout().previous_action, observations, mask: task.mask(), last }
     }
 
-    /// How many numbers a record has for the policy.
     pub fn width(&self) -> usize {
         self.observations.width()
     }
@@ -69,16 +66,12 @@ fn inputs(task: &Spec) -> proto::task::Inputs {
     task.inputs().expect("a validated configuration's task has what networks take")
 }
 
-/// What a network reads of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum FramePart {
-    /// All pixels.
     Whole,
-    /// The sums of windows.
     Sums,
 }
 
-/// Where records, their frames and their other images are.
 #[derive(Debug, Clone)]
 pub struct Frame {
     /// None in a task without a frame.
@@ -92,7 +85,6 @@ pub struct Frame {
     small_lines: usize,
 }
 
-/// Where the frame is.
 #[derive(Debug, Clone, Copy)]
 struct Image {
     whole: Field,
@@ -105,7 +97,6 @@ struct Image {
 }
 
 impl Frame {
-    /// In the records of a run.
     pub fn of(config: &Config) -> Self {
         let layout = config.spec().layout();
         let inputs = inputs(config.spec());
@@ -132,7 +123,6 @@ impl Frame {
         [self.record_lines, self.small_lines]
     }
 
-    /// Whether what is read of a record with this header is there.
     pub fn is_there(&self, header: &RecordHeader) -> bool {
         let images = header.bulk & self.images_bits == self.images_bits;
         images && self.image.is_none_or(|image| image.part(header).is_some())

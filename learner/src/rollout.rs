@@ -30,7 +30,6 @@ pub struct Step {
     /// The observation's value when the action was taken.
     pub value: f32,
     pub reward: f32,
-    /// The action ended the episode.
     pub ended: bool,
     /// It ended by the step limit.
     pub time_limit: bool,
@@ -42,18 +41,15 @@ pub struct Step {
     pub label: bool,
 }
 
-/// What an action led to.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Outcome {
     /// Reward under the stage in force.
     pub reward: f32,
-    /// The episode ended, for whatever reason.
     pub ended: bool,
     /// It ended by the step limit.
     pub time_limit: bool,
     /// Discounted sum of the episode's rewards up to this one, the newest undiscounted.
     pub discounted_return: f64,
-    /// What the auxiliary task predicts holds of this action.
     pub label: bool,
 }
 
@@ -74,10 +70,7 @@ pub struct Rollout {
 
 impl Rollout {
     /// An empty rollout over `columns` columns; of no steps, where all that act are other learners'. `kept` has room
-    /// for steps · columns rows; they are overwritten.
-    ///
-    /// # Panics
-    /// If the shape does not fit.
+    /// for steps · columns rows; they are overwritten. Panics if the shape does not fit.
     pub fn new(shape: RolloutShape, columns: usize, kept: Kept, beliefs_at_start: Tensor) -> Self {
         assert!(shape.environments_in_last_step <= columns, "no more columns act than there are");
         assert!((shape.steps == 0) == (shape.environments_in_last_step == 0), "in a last step some act");
@@ -149,7 +142,6 @@ impl Rollout {
         self.kept.rows() - 1
     }
 
-    /// The store of frames and images.
     pub(crate) fn kept(&self) -> &Kept {
         &self.kept
     }
@@ -161,7 +153,6 @@ impl Rollout {
         self.recorded[index] = false;
     }
 
-    /// Records the outcome of a column's action in step t.
     pub fn record(&mut self, t: usize, column: usize, outcome: Outcome) {
         assert!(self.is_valid(t, column), "step {t} of column {column} is no frame of this rollout");
         let index = self.index(t, column);
@@ -180,16 +171,12 @@ impl Rollout {
         self.steps[index].last_value = Some(value);
     }
 
-    /// Notes the value of a column's observation after its last action.
     pub fn set_bootstrap(&mut self, column: usize, value: f32) {
         self.bootstrap[column] = Some(value);
     }
 
     /// Value of the observation after a column's last action. For a column that holds in the last step it is the value
-    /// of that step.
-    ///
-    /// # Panics
-    /// If [`Rollout::set_bootstrap`] has not been called for a column that acted in the last step.
+    /// of that step. Panics if [`Rollout::set_bootstrap`] has not been called for a column that acted in the last step.
     pub(crate) fn bootstrap_value(&self, column: usize) -> f32 {
         match self.bootstrap[column] {
             Some(value) => value,
@@ -205,7 +192,6 @@ impl Rollout {
             .find(|&(t, n)| self.is_valid(t, n) && !self.recorded[self.index(t, n)])
     }
 
-    /// Beliefs before the first step \[N, hidden\].
     pub(crate) fn beliefs_at_start(&self) -> &Tensor {
         &self.beliefs_at_start
     }
@@ -294,10 +280,7 @@ impl Rollout {
         tensors
     }
 
-    /// Ends it after its first `steps` steps, which all columns have taken.
-    ///
-    /// # Panics
-    /// If it is not longer than that.
+    /// Ends it after its first `steps` steps, which all columns have taken. Panics if it is not longer than that.
     pub fn cut(&mut self, steps: usize) {
         assert!((1..self.shape.steps).contains(&steps), "a rollout is cut short");
         let rows = steps * self.columns;
@@ -315,7 +298,6 @@ impl Rollout {
         std::mem::replace(&mut self.kept, store)
     }
 
-    /// The store of frames and images, for the next rollout.
     pub(crate) fn into_kept(self) -> Kept {
         self.kept
     }

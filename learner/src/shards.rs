@@ -10,7 +10,6 @@ use proto::config::Config;
 use std::iter::repeat_n;
 use std::ops::Range;
 
-/// One learner's shards.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Shards {
     /// The columns of each, numbered as this learner's; together they are all that it has.
@@ -25,10 +24,7 @@ impl Shards {
         Self { columns: std::iter::once(0..columns).collect(), fixed: None }
     }
 
-    /// Those of a learner that has these of the run's columns.
-    ///
-    /// # Panics
-    /// If they are not whole shards.
+    /// Those of a learner that has these of the run's columns. Panics if they are not whole shards.
     pub fn of(config: &Config, columns: &Range<usize>) -> Self {
         if config.learner.shards == 0 {
             return Self::one(columns.len());
@@ -61,10 +57,8 @@ impl Shards {
         self.fixed.is_some()
     }
 
-    /// Sums over all shards of the run, as many numbers as each of this learner's shards gives.
-    ///
-    /// # Panics
-    /// If there is not one list for each shard, all of one length.
+    /// Sums over all shards of the run, as many numbers as each of this learner's shards gives. Panics if there is not
+    /// one list for each shard, all of one length.
     pub fn sum(&self, own: &[Vec<f64>], peers: &Peers) -> Result<Vec<f64>, PeerError> {
         assert_eq!(own.len(), self.columns.len(), "one list for each shard");
         let width = own[0].len();

@@ -6,7 +6,6 @@ use std::fmt;
 
 const MIB: f64 = (1 << 20) as f64;
 
-/// Words of the file.
 pub const WORDS: usize = 4;
 
 /// A step of an environment.
@@ -27,7 +26,6 @@ pub struct Growth {
     pub episodes: u64,
 }
 
-/// What the file holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Noted {
     /// Where the actor was last: it is written down before every call of others' code.

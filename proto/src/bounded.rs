@@ -35,12 +35,10 @@ pub fn open(path: &Path) -> Result<File> {
     Ok(file)
 }
 
-/// What is over its bound.
 pub(crate) fn too_long(what: &str) -> Error {
     Error::new(ErrorKind::FileTooLarge, format!("it has more than the {what} that are read"))
 }
 
-/// Reads a file that has `most` bytes at most.
 pub fn reader(file: File, most: u64) -> Result<BufReader<Take<File>>> {
     let is_too_long = file.metadata()?.len() > most;
     if is_too_long { Err(too_long(&format!("{most} bytes"))) } else { Ok(BufReader::new(file.take(most))) }
@@ -57,7 +55,6 @@ pub fn content(file: File, most: u64) -> Result<Vec<u8>> {
     if bytes.len() as u64 > most { Err(too_long(&format!("{most} bytes"))) } else { Ok(bytes) }
 }
 
-/// The bytes of an ordinary file that has `most` at most.
 pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
     content(open(path)?, most)
 }

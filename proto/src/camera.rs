@@ -5,7 +5,6 @@ pub const FRAME_SIDE: usize = 224;
 pub const FRAME_PIXELS: usize = FRAME_SIDE * FRAME_SIDE;
 /// Side of the windows that [`sum_windows`] adds up, pixels: the paper's input pooling.
 pub const WINDOW: usize = 2;
-/// Width and height of a frame of sums.
 pub const SUMS_SIDE: usize = FRAME_SIDE / WINDOW;
 pub const SUMS_PIXELS: usize = SUMS_SIDE * SUMS_SIDE;
 /// Field of view, horizontally and vertically, degrees (`ManipulaTHOR`).
@@ -28,7 +27,6 @@ pub enum DepthFrame<'a> {
 }
 
 impl<'a> DepthFrame<'a> {
-    /// The numbers of either.
     pub fn numbers(self) -> &'a [u16] {
         match self {
             Self::Whole(depth_mm) => depth_mm,

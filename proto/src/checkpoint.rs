@@ -14,7 +14,6 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Machine {
-    /// Version of libtorch.
     pub torch: String,
     /// `cpu` or `cuda`.
     pub device: String,
@@ -89,7 +88,6 @@ pub struct Manifest {
     pub run: String,
     /// First rollout that is not in it.
     pub rollout: u64,
-    /// Frames trained on.
     pub frames: u64,
     /// Exchange that the next rollout begins with.
     pub exchange: u64,
@@ -99,7 +97,6 @@ pub struct Manifest {
     pub stage_end: bool,
     /// Optimiser steps since the stage began.
     pub adam_steps: u64,
-    /// PPO-Lagrangian's multiplier.
     #[serde(with = "exact")]
     pub multiplier: f64,
     /// Sign of the goal vector that the weights were trained with. The older sign is not written, so that checkpoints
@@ -108,9 +105,7 @@ pub struct Manifest {
     pub carried_goal: CarriedGoal,
     /// File name of the tensors, in the same folder.
     pub tensors: String,
-    /// Its size, bytes.
     pub tensors_bytes: u64,
-    /// Its SHA-256.
     pub tensors_sha256: String,
     /// SHA-256 of the figures of all rollouts before it ([`crate::run_folder::RolloutName::Figures`]). Empty where an older version wrote
     /// the checkpoint, which has none.
@@ -124,7 +119,6 @@ pub struct Manifest {
     pub config: String,
     /// Digest of the weights alone, as the summary shows it.
     pub weights: String,
-    /// What the last bits depend on.
     pub machine: Machine,
     /// SHA-256 of this manifest with this field empty.
     pub manifest_sha256: String,
@@ -148,17 +142,14 @@ mod exact {
     }
 }
 
-/// Why a file is not a manifest.
 #[derive(Debug, thiserror::Error)]
 pub enum ManifestError {
-    /// The file cannot be read.
     #[error("cannot be read: {0}")]
     Unreadable(#[from] std::io::Error),
     #[error("is not a manifest: {0}")]
     Json(#[from] serde_json::Error),
     #[error("has schema version {found}; this program reads {}", crate::SCHEMA_VERSION)]
     Version { found: u64 },
-    /// Its own checksum does not match.
     #[error("does not match its own checksum")]
     Checksum,
 }
@@ -187,7 +178,6 @@ impl Manifest {
         Self::open(&run.read(path, bounded::TEXT_BYTES_MOST)?)
     }
 
-    /// Reads and verifies what [`Manifest::seal`] wrote.
     pub fn open(bytes: &[u8]) -> Result<Self, ManifestError> {
         let value: serde_json::Value = serde_json::from_slice(bytes)?;
         // The version comes first: another one may have other fields.

@@ -20,13 +20,11 @@ pub struct DatasetSetup {
     /// The metric that is 1 of the episodes that are kept; none: all. Those that the recording ends in the middle of never
     /// are.
     pub keep: Option<String>,
-    /// At most this many are kept.
     pub limit: Option<u64>,
     /// How many episodes follow: an input that ends before makes no data set.
     pub episodes: u64,
 }
 
-/// A picture in colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PictureKind {
@@ -37,7 +35,6 @@ pub enum PictureKind {
 }
 
 impl PictureKind {
-    /// Its name in data sets.
     pub fn name(self) -> &'static str {
         match self {
             Self::Robot => "robot",
@@ -59,20 +56,13 @@ pub struct DatasetRequest {
 pub enum DatasetAnswer {
     /// An episode was simulated again. If it differs from the recording nothing is written, and this is the last line.
     Simulated {
-        /// What was compared.
         verdict: ReplayVerdict,
-        /// It is in the data set.
         kept: bool,
         /// The recording ends before the episode does.
         unfinished: bool,
     },
     /// All is written, and the folder is there.
-    Written {
-        episodes: u64,
-        steps: u64,
-        /// Size of its files.
-        bytes: u64,
-    },
+    Written { episodes: u64, steps: u64, bytes: u64 },
     /// No episode was to be kept: there is no folder.
     Nothing,
 }

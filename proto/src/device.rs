@@ -19,12 +19,10 @@ pub struct Torch {
 }
 
 impl Torch {
-    /// Whether it can compute on a GPU.
     pub fn has_cuda(&self) -> bool {
         self.cuda_devices() > 0
     }
 
-    /// How many GPUs it can compute on.
     pub fn cuda_devices(&self) -> usize {
         self.devices.iter().filter(|device| device.starts_with("cuda")).count()
     }

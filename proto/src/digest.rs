@@ -1,5 +1,3 @@
-//! Digests as text.
-
 use sha2::{Digest, Sha256};
 use std::fmt::Write;
 
@@ -12,7 +10,6 @@ pub fn hex(bytes: impl AsRef<[u8]>) -> String {
     })
 }
 
-/// SHA-256 as 64 hex digits.
 pub fn sha256(bytes: &[u8]) -> String {
     hex(Sha256::digest(bytes))
 }
@@ -22,12 +19,10 @@ pub fn sha256(bytes: &[u8]) -> String {
 pub struct Digest256(Sha256);
 
 impl Digest256 {
-    /// Takes in the next piece.
     pub fn add(&mut self, piece: &[u8]) {
         self.0.update(piece);
     }
 
-    /// Of all pieces, as 64 hex digits.
     pub fn finish(self) -> String {
         hex(self.0.finalize())
     }

@@ -28,9 +28,7 @@ pub trait Disk: Debug {
     fn remove(&self, path: &Path) -> Result<()>;
     /// A whole plain file that has `most` bytes at most.
     fn read(&self, path: &Path, most: u64) -> Result<Vec<u8>>;
-    /// Size of a file, bytes.
     fn size(&self, path: &Path) -> Result<u64>;
-    /// What is in a folder, in any order.
     fn list(&self, folder: &Path) -> Result<Vec<PathBuf>>;
 }
 
@@ -59,7 +57,6 @@ pub fn is_not_offered(error: &Error) -> bool {
 /// The tensors of a checkpoint, bytes: those of the largest network with the most environments have a tenth.
 pub const TENSORS_BYTES_MOST: u64 = 64 << 30;
 
-/// The machine's file system.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct LocalDisk;
 

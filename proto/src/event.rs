@@ -16,11 +16,9 @@ use std::collections::BTreeMap;
 pub enum LearnerEvent {
     /// The network is built, the checkpoint (if any) loaded; the learner waits for the stage announcement of `rollout`.
     Ready {
-        /// Rank in the process group.
         rank: u32,
         /// The rollout it will collect next.
         rollout: u64,
-        /// Frames trained on so far.
         frames: u64,
         /// What it computes on, e.g. `cpu, 2 threads` or `cuda:0, bfloat16 encoder`; float32 unless it is named.
         device: String,
@@ -30,78 +28,49 @@ pub enum LearnerEvent {
         checkpoint: Option<String>,
     },
     /// All of this learner's actors have answered for the first time.
-    ActorsConnected {
-        /// Rank in the process group.
-        rank: u32,
-    },
+    ActorsConnected { rank: u32 },
     /// A rollout is collected; its update begins, and with `ppo.overlap` the next rollout, too. The stage machine decides
     /// on rollout + 1 now.
     RolloutCollected {
-        /// Rank in the process group.
         rank: u32,
-        /// Number of the rollout, from 0.
         rollout: u64,
         /// Frames that will have been trained on when the update is through.
         frames: u64,
         /// Frames of this rollout from this learner's host: what the recorder there must have.
         here: u64,
     },
-    /// An update is through.
     RolloutTrained {
-        /// Rank in the process group.
         rank: u32,
-        /// Number of the rollout, from 0.
         rollout: u64,
         /// Frames trained on so far, this rollout included.
         frames: u64,
-        /// Stage the rollout belonged to.
         stage: u32,
-        /// Where the time went.
         timing: Timing,
-        /// Named figures: see [`crate::metric`].
         metrics: BTreeMap<String, f64>,
     },
     /// A checkpoint is being written. What follows is [`LearnerEvent::CheckpointWritten`], or nothing if it fails.
-    CheckpointBegun {
-        /// Rank in the process group.
-        rank: u32,
-    },
-    /// A checkpoint is complete on disk.
+    CheckpointBegun { rank: u32 },
     CheckpointWritten {
-        /// Rank in the process group.
         rank: u32,
         /// First rollout that is not in it.
         rollout: u64,
-        /// Frames trained on in it.
         frames: u64,
         /// Folder-relative path of its manifest.
         path: String,
     },
-    /// An episode of an evaluation has ended.
     EpisodePlayed {
         record: EpisodeRecord,
         /// The actions taken, indices of the task's.
         actions: Vec<u8>,
     },
     /// The learner waits for an actor that does not answer.
-    WaitingForActor {
-        /// Rank in the process group.
-        rank: u32,
-        actor: u32,
-        waited_s: f64,
-    },
+    WaitingForActor { rank: u32, actor: u32, waited_s: f64 },
     /// The learner waits for its host's recorder, which stands still: its disk hangs, or its orchestrator is stopped.
     /// Said every second.
-    WaitingForRecorder {
-        /// Rank in the process group.
-        rank: u32,
-        /// For how long it has stood still, seconds.
-        waited_s: f64,
-    },
+    WaitingForRecorder { rank: u32, waited_s: f64 },
     /// The budget is reached or a stop was asked for; the last checkpoint is written and the process exits with 0. Of
     /// an evaluation: all episodes are played.
     Finished {
-        /// Rank in the process group.
         rank: u32,
         /// Frames trained on; 0 of an evaluation, which trains on none.
         frames: u64,
@@ -146,16 +115,6 @@ pub struct Timing {
     pub exchange_s: f64,
     /// Everything else: waiting for announcements, other learners and the recording's file; checkpoints.
     pub other_s: f64,
-}
-
-impl std::ops::AddAssign for Timing {
-    fn add_assign(&mut self, other: Self) {
-        self.simulate_s += other.simulate_s;
-        self.infer_s += other.infer_s;
-        self.update_s += other.update_s;
-        self.exchange_s += other.exchange_s;
-        self.other_s += other.other_s;
-    }
 }
 
 impl Timing {

@@ -18,7 +18,6 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Environment variable that arms a fault point.
 pub const VARIABLE: &str = "STILLROOM_FAULT";
 
 #[derive(Debug)]
@@ -28,12 +27,9 @@ struct Armed {
     countdown: AtomicU64,
 }
 
-/// What happens at an armed point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Fault {
-    /// The process gets this signal.
     Signal(Signal),
-    /// The thread sleeps.
     Stall(Duration),
     /// Whoever asks is told to fail.
     Fail,
@@ -65,7 +61,6 @@ fn due(point: &str) -> impl Iterator<Item = Fault> {
     armed.filter(|armed| armed.countdown.fetch_sub(1, Ordering::Relaxed) == 1).map(|armed| armed.then)
 }
 
-/// What the variable arms in this program.
 fn armed_here() -> Vec<Armed> {
     let Ok(text) = std::env::var(VARIABLE) else { return vec![] };
     let program = std::env::args_os().next().map(PathBuf::from);

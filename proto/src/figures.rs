@@ -5,7 +5,6 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-/// A number for each name, in the order of the names.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Figures {
     names: Names,
@@ -32,7 +31,6 @@ impl Figures {
         self.names().zip(self.values.iter().copied())
     }
 
-    /// A copy that can be changed.
     pub fn to_map(&self) -> BTreeMap<String, f64> {
         self.iter().map(|(name, value)| (name.to_owned(), value)).collect()
     }
@@ -59,7 +57,6 @@ impl<'de> Deserialize<'de> for Figures {
     }
 }
 
-/// Names of the figures of a run.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct KnownNames {
     /// Sets of them that were seen last, for figures to share.

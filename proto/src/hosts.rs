@@ -10,7 +10,6 @@ use std::ops::Range;
 /// cannot read it, as they can a command line.
 pub const MEETING_KEY: &str = "STILLROOM_MEETING_KEY";
 
-/// A run's learners and actors, divided among hosts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Hosts {
     hosts: u32,
@@ -18,10 +17,7 @@ pub struct Hosts {
 }
 
 impl Hosts {
-    /// The learners and actors of `shares` divided among `hosts` hosts.
-    ///
-    /// # Panics
-    /// If a host would have no learner.
+    /// The learners and actors of `shares` divided among `hosts` hosts. Panics if a host would have no learner.
     pub fn new(hosts: u32, shares: Shares) -> Self {
         assert!((1..=shares.learners()).contains(&hosts), "every host has learners");
         Self { hosts, shares }
@@ -35,45 +31,31 @@ impl Hosts {
         self.hosts
     }
 
-    /// The ranks of a host's learners.
-    ///
-    /// # Panics
-    /// If there is no such host.
+    /// The ranks of a host's learners. Panics if there is no such host.
     pub fn ranks_of(self, host: u32) -> Range<u32> {
         assert!(host < self.hosts, "the host is one of the run's");
         // Hosts divide learners as learners divide actors.
         Shares::new(self.shares.learners(), self.hosts).actors_of(host)
     }
 
-    /// The actors of a host.
-    ///
-    /// # Panics
-    /// If there is no such host.
+    /// The actors of a host. Panics if there is no such host.
     pub fn actors_of(self, host: u32) -> Range<u32> {
         let ranks = self.ranks_of(host);
         self.shares.actors_of(ranks.start).start..self.shares.actors_of(ranks.end - 1).end
     }
 
-    /// The host of the learner with this rank.
-    ///
-    /// # Panics
-    /// If there is no such learner.
+    /// The host of the learner with this rank. Panics if there is no such learner.
     pub fn of_learner(self, rank: u32) -> u32 {
         (0..self.hosts).find(|&host| self.ranks_of(host).contains(&rank)).expect("the learner is one of the run's")
     }
 
-    /// The host of an actor.
-    ///
-    /// # Panics
-    /// If there is no such actor.
+    /// The host of an actor. Panics if there is no such actor.
     pub fn of_actor(self, actor: u32) -> u32 {
         self.of_learner(self.shares.learner_of(actor))
     }
 
-    /// Whether this learner is the first of its host: it speaks for that host's recording.
-    ///
-    /// # Panics
-    /// If there is no such learner.
+    /// Whether this learner is the first of its host: it speaks for that host's recording. Panics if there is no such
+    /// learner.
     pub fn leads(self, rank: u32) -> bool {
         self.ranks_of(self.of_learner(rank)).start == rank
     }

@@ -11,7 +11,6 @@ use std::str::FromStr;
 #[serde(try_from = "u32", into = "u32")]
 pub struct KitchenId(u32);
 
-/// A number that names no kitchen.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 #[error(
     "there is no kitchen {0}: kitchens are numbered 1 to 30, without 28 (scenes of a run: 128 to 255; procedural \
@@ -19,7 +18,6 @@ pub struct KitchenId(u32);
 )]
 pub struct NoSuchKitchen(pub u32);
 
-/// What a kitchen is used for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Split {
@@ -32,7 +30,6 @@ pub enum Split {
 }
 
 impl KitchenId {
-    /// Number of a run's first scene.
     pub(crate) const FIRST_SCENE: u32 = 128;
     pub const SCENES_MAX: usize = 128;
     pub const FIRST_PROCEDURAL: u32 = 1000;
@@ -82,12 +79,10 @@ impl KitchenId {
         self.0
     }
 
-    /// All 29 built-in kitchens in ascending order.
     pub fn all() -> impl Iterator<Item = Self> {
         (1..=30).filter_map(|number| Self::new(number).ok())
     }
 
-    /// The kitchens of a split in ascending order.
     pub fn of_split(split: Split) -> Vec<Self> {
         Self::all().filter(|kitchen| kitchen.split() == split).collect()
     }
@@ -136,7 +131,6 @@ impl KitchenRange {
         (index < self.count()).then(|| KitchenId(self.first + index))
     }
 
-    /// All of them, in order.
     pub fn ids(self) -> impl Iterator<Item = KitchenId> {
         (self.first..self.end).map(KitchenId)
     }
@@ -178,7 +172,6 @@ pub enum Kitchens {
     Split(Split),
     /// A single built-in one: an evaluation that somebody watches.
     One(KitchenId),
-    /// This many scenes of the run's own.
     Scenes(usize),
     /// Procedural ones: every environment has one of its own, and another one later (`KitchenSchedule`).
     Procedural(KitchenRange),
@@ -189,7 +182,6 @@ pub enum Kitchens {
 impl Kitchens {
     pub const TRAINING: Self = Self::Split(Split::Train);
 
-    /// All of them, in order.
     pub fn ids(self) -> Vec<KitchenId> {
         match self {
             Self::Split(split) => KitchenId::of_split(split),
@@ -274,29 +266,17 @@ impl fmt::Display for KitchenChoice {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum TargetCategory {
-    /// Seen in training.
     Apple = 0,
-    /// Seen in training.
     Bread = 1,
-    /// Seen in training.
     Tomato = 2,
-    /// Seen in training.
     Lettuce = 3,
-    /// Seen in training.
     Pot = 4,
-    /// Seen in training.
     Mug = 5,
-    /// Novel: a target in evaluation only.
     Potato = 6,
-    /// Novel: a target in evaluation only.
     SoapBottle = 7,
-    /// Novel: a target in evaluation only.
     Pan = 8,
-    /// Novel: a target in evaluation only.
     Egg = 9,
-    /// Novel: a target in evaluation only.
     Spatula = 10,
-    /// Novel: a target in evaluation only.
     Cup = 11,
 }
 

@@ -15,16 +15,17 @@ pub struct KitchenSchedule(Rule);
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Rule {
-    /// Always the same.
     Settled,
     /// After every so many episodes one of a range, drawn anew.
-    Drawn { seed: u64, range: KitchenRange, episodes_each: u32 },
-    /// As an evaluation's plan has it.
+    Drawn {
+        seed: u64,
+        range: KitchenRange,
+        episodes_each: u32,
+    },
     Planned(Plan),
 }
 
 impl KitchenSchedule {
-    /// Every environment stays in its kitchen.
     pub(crate) fn settled() -> Self {
         Self(Rule::Settled)
     }
@@ -34,7 +35,6 @@ impl KitchenSchedule {
         Self(Rule::Drawn { seed, range, episodes_each })
     }
 
-    /// An evaluation's episodes are dealt with their kitchens.
     pub(crate) fn planned(plan: Plan) -> Self {
         Self(Rule::Planned(plan))
     }

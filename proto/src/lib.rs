@@ -33,6 +33,7 @@ pub mod hosts;
 pub mod kitchen;
 pub mod kitchen_schedule;
 pub mod learning_rate;
+pub mod likeness;
 pub mod metric;
 pub mod pin;
 pub mod plain_file;

@@ -5,7 +5,6 @@
 pub const EPISODES: &str = "episode/count";
 /// Undiscounted return under the stage's reward.
 pub const RETURN: &str = "episode/return";
-/// Length in steps.
 pub const LENGTH: &str = "episode/length";
 /// Σ `γ^t` cost of an episode: what PPO-Lagrangian constrains.
 pub const DISCOUNTED_COST: &str = "episode/discounted_cost";
@@ -16,7 +15,6 @@ pub const PREEMPTED: &str = "rollout/preempted_learners";
 pub const EXCHANGED: &str = "rollout/exchanged_bytes";
 /// Mean reward a step over the rollout.
 pub const REWARD: &str = "rollout/reward";
-/// Clipped policy loss.
 pub const POLICY_LOSS: &str = "loss/policy";
 /// Value loss (before its coefficient).
 pub const VALUE_LOSS: &str = "loss/value";

@@ -16,37 +16,28 @@ pub const BYTES_MOST: u64 = 1 << 30;
 
 #[derive(Debug, thiserror::Error)]
 pub enum PolicyFileError {
-    /// Weights, perhaps, but nobody can tell of which network.
     #[error(
         "does not say of which network its weights are: `orchestrator export RUN --format safetensors` writes files that \
          do; other weights become a run with `orchestrator import`"
     )]
     Nameless,
-    /// The entry is no JSON object of strings.
     #[error("has metadata that cannot be read: {0}")]
     Metadata(#[from] serde_json::Error),
-    /// Something is missing there, or is no number.
     #[error("says nothing of `{0}` in its metadata: export it again with this version")]
     Lacks(&'static str),
-    /// The configuration in it is none.
     #[error("holds a configuration that cannot be used: {0}")]
     Config(#[from] ConfigError),
-    /// The task's declaration in it is none.
     #[error("holds a task that cannot be used: {0}")]
     Task(#[from] SpecError),
-    /// The weights are not those that were written.
     #[error("is damaged: the SHA-256 of its weights is not the one that its metadata name")]
     Damaged,
 }
 
-/// Where a policy comes from.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Origin {
-    /// Id of the run that trained it.
     pub run: String,
     /// First rollout that it was not trained on.
     pub rollout: u64,
-    /// Frames that it was trained on.
     pub frames: u64,
     /// Digest of the weights in the run's checkpoint, which had 32 bits each.
     pub weights: String,
@@ -54,7 +45,6 @@ pub struct Origin {
     pub carried_goal: CarriedGoal,
 }
 
-/// What a policy file says about its weights.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PolicyFacts {
     /// The run's configuration, as [`configuration_alone`] leaves it.

@@ -26,7 +26,6 @@ pub enum Purpose {
     Weights = 4,
     /// Which steps an auxiliary loss looks at; `environment` is the column, `episode` the rollout, `kitchen` the epoch.
     AuxiliarySubsample = 5,
-    /// Which episodes are recorded with depth frames.
     Recording = 7,
     /// Actions of random policies in benchmarks and checks.
     RandomPolicy = 8,
@@ -51,7 +50,6 @@ pub enum Purpose {
     Chaos = 33,
 }
 
-/// The key of a stream of random numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Key {
     pub seed: u64,
@@ -60,9 +58,7 @@ pub struct Key {
     pub kitchen: u32,
     /// Environment number within the kitchen, over the whole run.
     pub environment: u32,
-    /// Episode number within the environment.
     pub episode: u32,
-    /// Step within the episode.
     pub step: u32,
 }
 
@@ -76,7 +72,6 @@ pub struct Random {
 }
 
 impl Key {
-    /// Key of an episode-level draw.
     pub fn episode(seed: u64, purpose: Purpose, kitchen: KitchenId, environment: u32, episode: u32) -> Self {
         Self { seed, purpose, kitchen: kitchen.number(), environment, episode, step: 0 }
     }
@@ -87,11 +82,8 @@ impl Key {
         key.stream().next_u32() >> 1
     }
 
-    /// The stream of this key.
-    ///
-    /// # Panics
-    /// If the kitchen is beyond 255, as procedural ones are, and the step beyond 4095: the kitchen's higher bits take
-    /// the step's place in the counter.
+    /// The stream of this key. Panics if the kitchen is beyond 255, as procedural ones are, and the step beyond 4095:
+    /// the kitchen's higher bits take the step's place in the counter.
     pub fn stream(self) -> Random {
         let (low, high) = (self.kitchen & 0xff, self.kitchen >> 8);
         assert!(high < 1 << 20 && (high == 0 || self.step < 1 << STEP_BITS), "kitchen and step share a word");
@@ -110,7 +102,6 @@ impl Key {
 }
 
 impl Random {
-    /// The next 32 uniform bits.
     pub fn next_u32(&mut self) -> u32 {
         if self.used == 4 {
             self.block = philox4x32_10(self.counter, self.key);
@@ -138,10 +129,7 @@ impl Random {
         low + (high - low) * self.uniform()
     }
 
-    /// Uniform in 0..n without bias (Lemire's multiplication method).
-    ///
-    /// # Panics
-    /// If `n` is 0.
+    /// Uniform in 0..n without bias (Lemire's multiplication method). Panics if `n` is 0.
     pub fn below(&mut self, n: u32) -> u32 {
         assert!(n > 0, "below(0) has no value to return");
         let threshold = n.wrapping_neg() % n;

@@ -17,7 +17,6 @@ pub mod flag {
     pub const ACTED: u32 = 1;
     /// The task ended the episode with that action. What is seen now is the next episode.
     pub const TERMINATED: u32 = 1 << 1;
-    /// The limit of steps ended it.
     pub const TRUNCATED: u32 = 1 << 2;
     /// What is seen now is the first observation of its episode: beliefs are reset before it is used.
     pub const EPISODE_START: u32 = 1 << 3;
@@ -35,7 +34,6 @@ const OF_ACTION: u32 = flag::ACTED | flag::TERMINATED | flag::TRUNCATED;
 pub enum End {
     /// The task is over, well or not.
     Terminated,
-    /// The limit of steps is reached.
     Truncated,
 }
 
@@ -65,7 +63,6 @@ pub struct RecordHeader {
     pub acted_episode: u32,
     /// Index of the last action in its episode, from 0.
     pub acted_step: u32,
-    /// Episode now.
     pub episode: u32,
     /// Actions taken in this episode so far.
     pub step: u32,
@@ -77,7 +74,6 @@ pub struct RecordHeader {
 
 const _: () = assert!(size_of::<RecordHeader>() == 64);
 
-/// A header that no actor of ours writes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("its header's flags are {flags:#x} and its reserved words {reserved:?}, which cannot be")]
 pub struct BadHeader {
@@ -86,23 +82,16 @@ pub struct BadHeader {
 }
 
 impl RecordHeader {
-    /// The header of a record that begins on a cache line.
-    ///
-    /// # Panics
-    /// If the bytes are no record.
+    /// The header of a record that begins on a cache line. Panics if the bytes are no record.
     pub fn of(record: &[u8]) -> &Self {
         bytemuck::from_bytes(&record[..size_of::<Self>()])
     }
 
-    /// The same, to be written.
-    ///
-    /// # Panics
-    /// As [`Self::of`].
+    /// The same, to be written. Panics as [`Self::of`] does.
     pub fn of_mut(record: &mut [u8]) -> &mut Self {
         bytemuck::from_bytes_mut(&mut record[..size_of::<Self>()])
     }
 
-    /// Whether this bit of [`flag`] is set.
     pub fn has(&self, flag: u32) -> bool {
         self.flags & flag != 0
     }
@@ -116,7 +105,6 @@ impl RecordHeader {
         }
     }
 
-    /// Checks what can be checked of a header alone.
     pub fn check(&self) -> Result<(), BadHeader> {
         let Self { flags, reserved, .. } = *self;
         let has = |flag: u32| flags & flag != 0;

@@ -52,7 +52,6 @@ pub struct RunFolder {
     named: PathBuf,
 }
 
-/// A file or a folder in a run folder.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Item {
     /// Its path, with the folder's.
@@ -64,7 +63,6 @@ pub struct Item {
 }
 
 impl RunFolder {
-    /// The folder at `root`.
     pub fn new(root: impl Into<PathBuf>) -> Self {
         let root = unlike_a_flag(root);
         Self { named: root.clone(), root }
@@ -190,12 +188,10 @@ impl RunFolder {
         self.checkpoints().join(RolloutName::Manifest.of(rollout))
     }
 
-    /// Folder of its copies of scenes.
     pub fn scenes(&self) -> PathBuf {
         self.root.join("scenes")
     }
 
-    /// Copy of the run's scene number `index` with all its files.
     pub fn scene(&self, index: usize) -> PathBuf {
         self.root.join(self.relative_scene(index))
     }
@@ -205,7 +201,6 @@ impl RunFolder {
         format!("scenes/{index:03}")
     }
 
-    /// Folder of its procedural kitchens.
     pub fn kitchens(&self) -> PathBuf {
         self.root.join("kitchens")
     }
@@ -265,7 +260,6 @@ impl RunFolder {
         self.root.join("metrics.jsonl")
     }
 
-    /// Folder of TensorBoard event files.
     pub fn tensorboard(&self) -> PathBuf {
         self.root.join("tensorboard")
     }
@@ -275,7 +269,6 @@ impl RunFolder {
         self.root.join("validation.jsonl")
     }
 
-    /// Folder of the evaluations made while it trained.
     pub fn validations(&self) -> PathBuf {
         self.root.join("validation")
     }
@@ -339,7 +332,6 @@ impl RunFolder {
     }
 }
 
-/// More hosts than a run can have.
 const HOSTS_MOST: usize = 1024;
 
 /// Orders paths by the numbers in them: the 999th recording comes before the 1000th.
@@ -396,7 +388,6 @@ impl RolloutName {
 
 const PREFIX: &str = "rollout-";
 
-/// Name of what names the best checkpoint.
 pub const BEST: &str = "best";
 
 /// What the name of a file ends in while [`write_atomically`] writes it.

@@ -3,7 +3,6 @@
 use serde::{Deserialize, Serialize, Serializer};
 use std::fmt::{Display, Formatter};
 
-/// How a session ended, in a word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Ending {
@@ -12,7 +11,6 @@ pub enum Ending {
     Stopped,
     /// A stop was requested twice.
     Interrupted,
-    /// It could not go on.
     Failed,
 }
 
@@ -31,7 +29,6 @@ impl Display for Ending {
 pub enum RunState {
     /// An orchestrator works on it.
     Running,
-    /// Its last session ended so.
     Ended(Ending),
     /// No session has begun on it, as after `orchestrator import`.
     NotStarted,

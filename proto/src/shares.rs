@@ -17,18 +17,13 @@ pub struct Shares {
 }
 
 impl Shares {
-    /// `actors` actors divided among `learners` learners, each a shard.
-    ///
-    /// # Panics
-    /// If a learner would have no actor.
+    /// `actors` actors divided among `learners` learners, each a shard. Panics if a learner would have no actor.
     pub fn new(actors: u32, learners: u32) -> Self {
         Self::in_shards(actors, learners, learners)
     }
 
-    /// `actors` actors in `shards` shards, which are divided among `learners` learners.
-    ///
-    /// # Panics
-    /// If a shard would have no actor, or the shards cannot be divided evenly among the learners.
+    /// `actors` actors in `shards` shards, which are divided among `learners` learners. Panics if a shard would have no
+    /// actor, or the shards cannot be divided evenly among the learners.
     pub(crate) fn in_shards(actors: u32, learners: u32, shards: u32) -> Self {
         assert!(learners > 0 && shards > 0, "there are learners, and each has shards");
         assert!(shards <= actors, "every shard has actors");
@@ -36,10 +31,7 @@ impl Shares {
         Self { actors, learners, shards }
     }
 
-    /// All actors of one learner.
-    ///
-    /// # Panics
-    /// If there are none.
+    /// All actors of one learner. Panics if there are none.
     pub fn of_one(actors: u32) -> Self {
         Self::new(actors, 1)
     }
@@ -56,7 +48,6 @@ impl Shares {
         self.shards
     }
 
-    /// The shards of the learner with this rank.
     fn shards_of(self, rank: u32) -> Range<u32> {
         let each = self.shards / self.learners;
         rank * each..(rank + 1) * each
@@ -66,16 +57,12 @@ impl Shares {
         self.first_actor_in(shard)..self.first_actor_in(shard + 1)
     }
 
-    /// The actors of the learner with this rank.
     pub fn actors_of(self, rank: u32) -> Range<u32> {
         let shards = self.shards_of(rank);
         self.first_actor_in(shards.start)..self.first_actor_in(shards.end)
     }
 
-    /// The rank of the learner that serves this actor.
-    ///
-    /// # Panics
-    /// If there is no such actor.
+    /// The rank of the learner that serves this actor. Panics if there is no such actor.
     pub fn learner_of(self, actor: u32) -> u32 {
         (0..self.learners).find(|&rank| self.actors_of(rank).contains(&actor)).expect("the actor is one of the run's")
     }

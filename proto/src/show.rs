@@ -8,7 +8,6 @@ use crate::task::{Channel, Metric, Reward, Spec};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Widest and highest picture that is drawn, pixels.
 pub const SHOWN_SIDE_MAX: u32 = 2048;
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -27,11 +26,8 @@ pub enum ShowRequest {
         name: String,
         /// Actions taken until then.
         step: u32,
-        /// What to look at, and from where.
         view: ShowView,
-        /// Pixels from left to right.
         width: u32,
-        /// Pixels from top to bottom.
         height: u32,
         /// With soft light from all over; without it a picture takes a fraction of the time.
         fine: bool,
@@ -39,14 +35,12 @@ pub enum ShowRequest {
     /// One moment of a kept episode for programs that draw it themselves.
     Solids {
         name: String,
-        /// Actions taken until then.
         step: u32,
         /// With what never moves.
         fixed: bool,
     },
 }
 
-/// What to look at, and from where.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ShowView {
@@ -82,14 +76,11 @@ pub enum ShowAnswer {
     Solids(Box<ShownSolids>),
     /// No episode of this name is kept: open it again.
     NotOpen,
-    /// It cannot be done.
     Failed {
-        /// Why, as a sentence without an end.
         problem: String,
     },
 }
 
-/// All that is told about an episode that was simulated again.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ShownEpisode {
     pub task: ShownTask,
@@ -128,7 +119,6 @@ pub struct ShownTask {
 }
 
 impl ShownTask {
-    /// That of a run.
     pub fn of(spec: &Spec, weights: &BTreeMap<String, f32>) -> Self {
         Self {
             channels: spec.channels.iter().filter(|channel| !channel.is_bulk()).cloned().collect(),

@@ -44,16 +44,12 @@ pub fn position_at(stages: &[StageConfig], frames: u64) -> Option<StagePosition>
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RolloutShape {
     pub steps: usize,
-    /// Environments that act in the last step.
     pub environments_in_last_step: usize,
     pub frames: u64,
 }
 
 impl RolloutShape {
-    /// The shape of the next rollout when the stage still wants `frames_left` frames.
-    ///
-    /// # Panics
-    /// If an argument is 0.
+    /// The shape of the next rollout when the stage still wants `frames_left` frames. Panics if an argument is 0.
     pub fn next(frames_left: u64, rollout_steps: usize, environments: usize) -> Self {
         assert!(frames_left > 0 && rollout_steps > 0 && environments > 0, "a rollout has frames");
         let per_step = environments as u64;
@@ -127,48 +123,22 @@ pub fn rebudget(stages: &[StageConfig], trained: u64, total: u64) -> Result<Vec<
     Ok(result)
 }
 
-/// A frame budget that a run cannot have any more.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum BudgetError {
     #[error("--frames {total}: the run has trained {trained} frames already, and a budget cannot take them back")]
-    Trained {
-        /// Frames asked for.
-        total: u64,
-        /// Frames trained on.
-        trained: u64,
-    },
-    /// More is trained in the stage that is in progress.
+    Trained { total: u64, trained: u64 },
     #[error(
         "--frames {total}: stage {stage} would have ended at {end} frames, and the run has trained {trained}, all in \
          stages up to this one; ask for {least} or more"
     )]
-    StageTrained {
-        /// Frames asked for.
-        total: u64,
-        stage: String,
-        /// Where it would end.
-        end: u64,
-        /// Frames trained on.
-        trained: u64,
-        /// The smallest budget that is enough for it.
-        least: u64,
-    },
-    /// A stage would get no frame.
+    StageTrained { total: u64, stage: String, end: u64, trained: u64, least: u64 },
     #[error("--frames {total} leaves {left} frames, too few for the {stages} stages that have not ended: ask for more")]
-    TooFew {
-        /// Frames asked for.
-        total: u64,
-        /// Frames for the stages that have not ended.
-        left: u64,
-        stages: usize,
-    },
+    TooFew { total: u64, left: u64, stages: usize },
 }
 
-/// A frame budget that leaves a stage empty.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 #[error("{total} frames cannot be divided over {stages} stages: ask for more with --frames")]
 pub struct TooFewFrames {
-    /// Frames asked for.
     pub total: u64,
     pub stages: usize,
 }

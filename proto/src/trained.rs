@@ -15,7 +15,6 @@ use std::ops::RangeInclusive;
 /// One line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Trained {
-    /// Number of the rollout, from 0.
     pub rollout: u64,
     /// Frames trained on, this rollout included.
     pub frames: u64,
@@ -28,14 +27,11 @@ pub struct Trained {
     /// older versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wall_s: Option<f64>,
-    /// Where the time went.
     pub timing: Timing,
-    /// Figures: see [`crate::metric`].
     pub metrics: Figures,
 }
 
 impl Trained {
-    /// Adds its line.
     pub fn encode(&self, lines: &mut Vec<u8>) {
         serde_json::to_writer(&mut *lines, self).expect("numbers and strings always serialise");
         lines.push(b'\n');
@@ -114,7 +110,6 @@ impl History {
         is_plausible
     }
 
-    /// Takes in the newest line.
     pub fn insert(&mut self, trained: Trained) {
         self.rewind_to(trained.rollout);
         self.keep(trained);

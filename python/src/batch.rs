@@ -64,14 +64,12 @@ impl Worker {
     }
 }
 
-/// One environment in a thread's hands.
 struct Task<'a> {
     index: usize,
     place: &'a mut EpisodePlayer,
     frame: Frame<'a>,
 }
 
-/// What a step made of one environment.
 struct Report {
     /// After the action, before any reset.
     done: Facts,

@@ -12,7 +12,6 @@ use simulator::robot::links::PART_COUNT;
 /// Poses of the robot's parts \[sub-steps, parts, 7\], and whether the action succeeds if nothing stops the robot.
 pub type Told<'py> = (Bound<'py, PyArray3<f64>>, bool);
 
-/// Numbers in a pose.
 const POSE: usize = 7;
 
 /// Where an action takes the robot of the only environment.

@@ -39,29 +39,23 @@ pub struct Chosen {
     pub seed: u64,
 }
 
-/// Why an episode cannot be played.
 #[derive(Debug, thiserror::Error)]
 pub enum ChoiceError {
-    /// There are none of this series, or the kitchen lacks what they are about.
     #[error(transparent)]
     Episodes(#[from] EpisodesError),
     #[error(transparent)]
     Open(#[from] OpenError),
-    /// The task has no other episodes.
     #[error("task {0} has neither fixed nor drawn episodes: reset with a seed, or with the option 'episode'")]
     SampledAlone(String),
-    /// The number is too high.
     #[error("kitchen {kitchen} has fixed episodes 0 to {}, not {number}", count - 1)]
     NoSuchEpisode {
         kitchen: u32,
         /// How many it has.
         count: usize,
-        /// What was asked for.
         number: u32,
     },
 }
 
-/// How an episode that was chosen is begun.
 pub enum Start {
     /// By its number: of the seed that the environment has.
     Numbered,
@@ -80,19 +74,15 @@ struct Advice {
     action: Action,
 }
 
-/// One environment.
 #[derive(Clone)]
 pub struct EpisodePlayer {
-    /// The kitchen.
     pub room: Arc<Room>,
-    /// Its settings.
     pub config: Arc<Config>,
     /// Which environment of its kitchen it is.
     pub id: EnvironmentId,
     environment: Box<dyn Environment>,
     /// That it was opened with.
     seed: u64,
-    /// The episode that it plays.
     pub chosen: Chosen,
     /// The actions of this episode, by their numbers in the task.
     pub actions: Vec<u8>,
@@ -135,7 +125,6 @@ impl EpisodePlayer {
         environment.downcast_mut()
     }
 
-    /// The episode that is meant.
     pub fn draw(&self, chosen: Chosen) -> Result<Start, ChoiceError> {
         let (kitchen, number) = (&self.room.kitchen, chosen.number);
         match chosen.series {
@@ -165,7 +154,6 @@ impl EpisodePlayer {
         Ok(())
     }
 
-    /// Begins an episode.
     pub fn begin(&mut self, chosen: Chosen, start: Start) {
         match start {
             Start::Numbered => self.environment.begin(chosen.number),

@@ -1,5 +1,3 @@
-//! Errors of Rust as those of Python.
-
 use proto::printable::printable;
 use pyo3::PyErr;
 use pyo3::exceptions::PyValueError;

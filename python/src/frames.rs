@@ -13,20 +13,17 @@ pub enum Frames {
     Metres(Py<PyArray3<f32>>),
 }
 
-/// The frames' array while it is written.
 pub enum Writing<'py> {
     Millimetres(PyReadwriteArray3<'py, u16>),
     Metres(PyReadwriteArray3<'py, f32>),
 }
 
-/// One environment's frame in the array.
 pub enum Frame<'a> {
     Millimetres(&'a mut [u16]),
     Metres(&'a mut [f32]),
 }
 
 impl Frames {
-    /// An array of zeros.
     pub fn new(py: Python<'_>, count: usize, side: usize, in_metres: bool) -> Self {
         let shape = [count, side, side];
         if in_metres {
@@ -36,7 +33,6 @@ impl Frames {
         }
     }
 
-    /// The array as Python sees it.
     pub fn array(&self, py: Python<'_>) -> Py<PyAny> {
         match self {
             Self::Millimetres(array) => array.clone_ref(py).into_any(),
@@ -44,7 +40,6 @@ impl Frames {
         }
     }
 
-    /// The array to be written by Rust.
     pub fn write<'py>(&self, py: Python<'py>) -> PyResult<Writing<'py>> {
         Ok(match self {
             Self::Millimetres(array) => Writing::Millimetres(array.bind(py).try_readwrite()?),

@@ -16,17 +16,13 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
 
-/// Where a kitchen comes from.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Origin {
-    /// The generator.
     BuiltIn(u32),
     /// A user's scene, and its place in the list of a run's scenes.
     Scene {
-        /// Its TOML file.
         path: PathBuf,
-        /// Its place.
         index: usize,
     },
 }
@@ -35,7 +31,6 @@ pub enum Origin {
 #[derive(Debug)]
 pub struct Room {
     pub kitchen: Arc<simulator::kitchen::Kitchen>,
-    /// Where it comes from.
     pub origin: Origin,
     fixed: OnceLock<Result<Vec<Episode>, EpisodesError>>,
 }
@@ -88,7 +83,6 @@ impl Room {
 #[pyclass(frozen, from_py_object, module = "stillroom._stillroom")]
 #[derive(Debug, Clone)]
 pub struct Kitchen {
-    /// What is shared.
     pub room: Arc<Room>,
 }
 

@@ -15,7 +15,6 @@ use pyo3::types::{PyBytes, PyTuple};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// Version of the form as bytes.
 const VERSION: u32 = 1;
 
 /// A moment of one environment.
@@ -25,7 +24,6 @@ pub struct Snapshot {
     pub place: EpisodePlayer,
 }
 
-/// The form as bytes (JSON).
 #[derive(Serialize, Deserialize)]
 struct Record {
     version: u32,

@@ -1,11 +1,7 @@
-//! Why a program does not serve.
-
 use engine::guest::{GuestError, ReplayError};
 
-/// Why the program ends.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
-    /// The simulator cannot take part.
     #[error("{0}")]
     Refused(String),
     #[error(transparent)]
@@ -21,7 +17,6 @@ pub enum ServeError {
 }
 
 impl ServeError {
-    /// The program's exit status.
     pub fn status(&self) -> i32 {
         if matches!(self, Self::Refused(_)) { 2 } else { 1 }
     }

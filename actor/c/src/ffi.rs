@@ -67,7 +67,6 @@ pub struct Simulator {
     problem: Option<Problem>,
 }
 
-/// Environments of a run.
 pub struct Environments {
     simulator: Simulator,
     sources: Vec<Source>,
@@ -80,7 +79,6 @@ pub struct Environments {
 // SAFETY: the environments are used by one thread at a time, and it is the one that called `stillroom_serve`.
 unsafe impl Send for Environments {}
 
-/// Why a simulator cannot take part.
 pub fn refused<T>(problem: impl Into<String>) -> Result<T, ServeError> {
     Err(ServeError::Refused(problem.into()))
 }

@@ -2,13 +2,10 @@
 
 use proto::record::End;
 
-/// Which episode it is, and what became of it.
 #[derive(Debug, Clone)]
 pub struct About {
     pub kitchen: u32,
-    /// Number of the environment within the kitchen.
     pub environment: u32,
-    /// Number of the episode within the environment.
     pub number: u32,
     /// In an evaluation: its number in the table of episodes.
     pub fixed: Option<u32>,
@@ -19,7 +16,6 @@ pub struct About {
     pub seed: u64,
 }
 
-/// A moment: the episode's start, or what an action led to.
 #[derive(Debug, Clone)]
 pub struct Moment {
     /// All of the task's record but its header and images.
@@ -31,7 +27,6 @@ pub struct Moment {
     pub end: Option<End>,
 }
 
-/// Frames of one camera over an episode, one for each moment.
 #[derive(Debug, Clone)]
 pub struct Frames {
     /// Name of the camera: that of the task's image, `robot` or `outside`.

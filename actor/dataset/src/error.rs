@@ -1,15 +1,11 @@
-//! What goes wrong where data sets are written.
-
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Why a data set was not written.
 #[derive(Debug, thiserror::Error)]
 pub enum DatasetError {
     #[error("{} exists; remove it or choose another --out", .0.display())]
     Exists(PathBuf),
-    /// What an export that is running or was killed works in.
     #[error("{} is there: another export writes it, or was killed; if none is running, remove it", .0.display())]
     Partial(PathBuf),
     #[error("{} cannot be written", path.display())]
@@ -18,12 +14,10 @@ pub enum DatasetError {
     Archive { path: PathBuf, source: zip::result::ZipError },
 }
 
-/// The disk's error at this path.
 pub(crate) fn disk(path: &Path, source: io::Error) -> DatasetError {
     DatasetError::Disk { path: path.to_path_buf(), source }
 }
 
-/// Writes a whole file, and the folders above it.
 pub(crate) fn write(path: &Path, content: &[u8]) -> Result<(), DatasetError> {
     let folder = path.parent().unwrap_or(Path::new("."));
     fs::create_dir_all(folder).and_then(|()| fs::write(path, content)).map_err(|source| disk(path, source))

@@ -8,7 +8,6 @@ use proto::task::{Channel, Dtype, Field, Role};
 /// An array with a row for each action, or for each moment.
 pub struct Column<'a> {
     pub name: String,
-    /// What it is, as a sentence.
     pub about: String,
     /// `NumPy`'s name of its type.
     pub kind: &'static str,
@@ -96,7 +95,6 @@ fn of_channel<'a>(channel: &Channel, field: &'a Field) -> Column<'a> {
     }
 }
 
-/// `NumPy`'s name of a type.
 fn numpy_type(dtype: Dtype) -> &'static str {
     match dtype {
         Dtype::U8 => "|u1",

@@ -3,7 +3,6 @@
 use proto::task::Spec;
 use std::fmt::Write;
 
-/// What a data set is of.
 #[derive(Debug, Clone)]
 pub struct Source {
     pub spec: &'static Spec,
@@ -11,18 +10,14 @@ pub struct Source {
     pub actions: Vec<String>,
     /// For each of the task's actions its number among the run's.
     pub numbers: Vec<Option<u32>>,
-    /// Names of the rewards that moments have.
     pub rewards: Vec<String>,
-    /// Configurations of the run, TOML.
     pub configs: Vec<String>,
 }
 
-/// How large a data set is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Size {
     pub episodes: u64,
     pub steps: u64,
-    /// Bytes of all files.
     pub bytes: u64,
 }
 
@@ -33,7 +28,6 @@ and one after the last; all else has a row an action, of the moment after it. Wi
 task, and lists of names: `action_names`, `observation_names`, and `NAME_names` of a number that stands for one of them. \
 `python -m stillroom.dataset lerobot|parquet THIS_FOLDER OUT` makes a LeRobotDataset or Parquet tables of it.\n";
 
-/// `README.md`.
 pub fn page(source: &Source, size: Size, cameras: &[String]) -> String {
     let Size { episodes, steps, .. } = size;
     let mut page = format!(

@@ -19,7 +19,6 @@ pub struct Writer {
 }
 
 impl Writer {
-    /// A data set that is to be `out`.
     pub fn create(out: &Path, source: Source) -> Result<Self, DatasetError> {
         if fs::symlink_metadata(out).is_ok() {
             return Err(DatasetError::Exists(out.to_path_buf()));
@@ -49,7 +48,6 @@ impl Writer {
         Ok(())
     }
 
-    /// Writes the rest, and gives the folder its name.
     pub fn finish(mut self) -> Result<Size, DatasetError> {
         for (number, config) in self.source.configs.iter().enumerate() {
             let name = if number == 0 { "config.toml".to_owned() } else { format!("config-{number}.toml") };

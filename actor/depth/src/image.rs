@@ -12,7 +12,6 @@ pub const DEPTH_MAX_MM: u16 = 32_766;
 /// Pixels along the edge of a tile.
 const TILE: usize = LANES;
 
-/// The image while it is drawn.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Image {
     width: usize,
@@ -36,7 +35,6 @@ pub(crate) struct Image {
 }
 
 impl Image {
-    /// Makes it empty.
     pub fn begin(&mut self, lens: &Lens) {
         let (width, height) = (lens.width, lens.height);
         if (self.width, self.height) != (width, height) {
@@ -109,7 +107,6 @@ impl Image {
         }
     }
 
-    /// Notes that something was drawn here.
     pub fn touch(&mut self, at: Rectangle) {
         for row in at.top / TILE..at.bottom.div_ceil(TILE) {
             let row = row * self.tiles_in_row;

@@ -10,16 +10,12 @@ use crate::simd::LANES;
 /// Most triangles of a node whose parts are blocks.
 const CLUSTER: usize = LANES * LANES;
 
-/// Why a mesh cannot be drawn.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MeshError {
-    /// A triangle has a corner that is not there.
     #[error("triangle {triangle} has vertex {vertex}, and there are {count} vertices")]
     NoSuchVertex { triangle: usize, vertex: u32, count: usize },
-    /// A vertex is nowhere.
     #[error("vertex {0} is not finite: every coordinate must be a number")]
     NotFinite(usize),
-    /// Heights are no grid.
     #[error("{heights} heights are no grid of {columns} columns: there must be at least two rows and two columns")]
     NoGrid { heights: usize, columns: usize },
 }
@@ -47,7 +43,6 @@ pub(crate) struct Node {
     pub parts: Parts,
 }
 
-/// What the parts of a node are.
 #[derive(Debug, Clone)]
 pub(crate) enum Parts {
     Nodes([u32; LANES]),
@@ -69,7 +64,6 @@ pub struct Mesh {
     triangles: usize,
 }
 
-/// A triangle while the tree is built.
 #[derive(Debug, Clone, Copy)]
 struct Triangle {
     corners_m: [[f32; 3]; 3],

@@ -10,16 +10,26 @@ use std::sync::Arc;
 #[derive(Debug, Clone)]
 pub enum Shape {
     /// The upper side of a rectangle in z = 0, by its half extents; one of 0 is without an end.
-    Plane { half_m: [f64; 2] },
-    /// A box, by its half extents.
-    Cuboid { half_m: [f64; 3] },
+    Plane {
+        half_m: [f64; 2],
+    },
+    Cuboid {
+        half_m: [f64; 3],
+    },
     /// An ellipsoid, or a ball.
-    Ellipsoid { radii_m: [f64; 3] },
+    Ellipsoid {
+        radii_m: [f64; 3],
+    },
     /// Along z.
-    Cylinder { radius_m: f64, half_height_m: f64 },
+    Cylinder {
+        radius_m: f64,
+        half_height_m: f64,
+    },
     /// Along z: a cylinder of this height with a half ball at each end.
-    Capsule { radius_m: f64, half_height_m: f64 },
-    /// Triangles.
+    Capsule {
+        radius_m: f64,
+        half_height_m: f64,
+    },
     Mesh(Arc<Mesh>),
 }
 
@@ -69,7 +79,6 @@ impl Scene {
 }
 
 impl Renderer {
-    /// Draws a scene, the pose of each thing given by its number.
     pub fn render(&mut self, scene: &Scene, camera: &Camera, world_from_thing: impl Fn(u32) -> Pose) {
         let lens = &camera.lens;
         self.image.begin(lens);
@@ -99,16 +108,12 @@ impl Renderer {
         }
     }
 
-    /// Depth along the camera's axis in millimetres, rounded, at most [`crate::DEPTH_MAX_MM`]; 0 where nothing is.
-    /// Row by row from the top left.
-    ///
-    /// # Panics
-    /// If the frame has not the size of the lens, as all of these.
+    /// Depth along the camera's axis in millimetres, rounded, at most [`crate::DEPTH_MAX_MM`]; 0 where nothing is. Row
+    /// by row from the top left. Panics if the frame has not the size of the lens, as all of these.
     pub fn millimetres(&self, depth_mm: &mut [u16]) {
         self.image.millimetres(depth_mm);
     }
 
-    /// The same in metres.
     pub fn metres(&self, depth_m: &mut [f32]) {
         self.image.metres(depth_m);
     }

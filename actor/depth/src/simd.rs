@@ -15,11 +15,9 @@ pub const LANES: usize = 8;
 mod vector {
     use std::arch::x86_64 as x86;
 
-    /// Eight numbers.
     #[derive(Debug, Clone, Copy)]
     pub struct Lanes(x86::__m256);
 
-    /// Eight truths.
     #[derive(Debug, Clone, Copy)]
     pub struct Mask(x86::__m256);
 
@@ -150,11 +148,9 @@ mod vector {
 #[cfg(any(test, not(target_feature = "avx2")))]
 #[cfg_attr(target_feature = "avx2", allow(dead_code))]
 mod plain {
-    /// Eight numbers.
     #[derive(Debug, Clone, Copy)]
     pub struct Lanes([f32; 8]);
 
-    /// Eight truths.
     #[derive(Debug, Clone, Copy)]
     pub struct Mask([bool; 8]);
 
@@ -273,7 +269,6 @@ impl Lanes {
         Self::load(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0])
     }
 
-    /// The numbers, in order.
     #[inline(always)]
     pub fn to_array(self) -> [f32; 8] {
         let mut out = [0.0; 8];

@@ -21,7 +21,6 @@ const SMALL: f32 = 16.0;
 /// How far from its own bounds a part may be seen, in units: corners are rounded, and so are the bounds.
 const MARGIN: f32 = 4.0;
 
-/// A mesh in view.
 struct View<'a> {
     image: &'a mut Image,
     mesh: &'a Mesh,
@@ -223,7 +222,6 @@ impl<'a> View<'a> {
         Corners { x: x + round - round, y: y + round - round, exact: [x, y], inverse_m, z: ahead }
     }
 
-    /// Draws eight triangles.
     #[inline(always)]
     fn block(&mut self, block: &Block) {
         let (a, b, c) = (self.corners(&block[0]), self.corners(&block[1]), self.corners(&block[2]));
@@ -393,7 +391,6 @@ fn edge(from: Corners, to: Corners, x: Lanes, y: Lanes) -> [[f32; LANES]; 3] {
     [at.to_array(), (per_x * units).to_array(), (per_y * units).to_array()]
 }
 
-/// Draws a triangle of any size.
 fn fill(image: &mut Image, corners: [Corner; 3], number: u32) {
     let [a, b, c] = corners;
     let (dx1, dy1, dx2, dy2) = (b.x - a.x, b.y - a.y, c.x - a.x, c.y - a.y);

@@ -12,7 +12,6 @@ use std::collections::VecDeque;
 use std::ops::Range;
 use wire::message::{EnvironmentState, Line, Snapshot};
 
-/// All environments of an actor.
 pub struct Environments<S> {
     running: Vec<Running>,
     simulator: S,
@@ -21,9 +20,7 @@ pub struct Environments<S> {
     unprepared: VecDeque<usize>,
 }
 
-/// What holds for all of them.
 struct Rules {
-    /// Where everything lies in a record.
     layout: &'static Layout,
     actions: &'static Actions,
     /// In place of an action.
@@ -37,7 +34,6 @@ struct Rules {
     max_steps: u32,
 }
 
-/// One environment in its current episode.
 struct Running {
     /// What it is called wherever it is.
     home: EnvironmentId,
@@ -58,7 +54,6 @@ struct Running {
 }
 
 impl Rules {
-    /// Those of a run.
     fn of(config: &Config) -> Self {
         let spec = config.spec();
         Self {
@@ -73,13 +68,11 @@ impl Rules {
         }
     }
 
-    /// Whether the frames of an episode are recorded.
     fn records(&self, id: EnvironmentId, episode: u32) -> bool {
         let key = Key::episode(self.seed, Purpose::Recording, id.kitchen, id.number, episode);
         key.stream().uniform_open() < self.recorded
     }
 
-    /// Begins an episode.
     fn begin<S: Simulator>(&self, running: &mut Running, simulator: &mut S, episode: u32) -> Result<(), EngineError> {
         running.id = simulator.place(running.home, episode);
         whereabouts::enter(running.id, episode);
@@ -197,20 +190,17 @@ impl Rules {
     }
 }
 
-/// An environment's failure.
 fn failed<S: Simulator>(cause: S::Error) -> EngineError {
     EngineError::Simulator(cause.into())
 }
 
 impl Running {
-    /// Nothing was done.
     fn hold(&mut self) {
         self.header.hold();
         self.actions[0].fill(0);
         self.done.fill(0);
     }
 
-    /// An action was taken.
     fn take(&mut self, action: &[u8]) {
         self.actions.iter_mut().for_each(|last| last.copy_from_slice(action));
     }
@@ -245,12 +235,10 @@ impl<S: Simulator> Environments<S> {
         Ok(Self { unprepared: (0..running.len()).collect(), running, simulator, rules })
     }
 
-    /// What simulates them.
     pub fn simulator(&mut self) -> &mut S {
         &mut self.simulator
     }
 
-    /// How many there are.
     pub fn count(&self) -> u32 {
         self.running.len() as u32
     }
@@ -350,10 +338,7 @@ impl<S: Simulator> Environments<S> {
         Ok(())
     }
 
-    /// Writes the record of environment `index`, its images in place.
-    ///
-    /// # Panics
-    /// If the record has not the task's size.
+    /// Writes the record of environment `index`, its images in place. Panics if the record has not the task's size.
     pub fn observe(&mut self, index: usize, record: &mut [u8]) -> Result<(), EngineError> {
         let Self { running, simulator, rules: Rules { layout, .. }, .. } = self;
         let running = &running[index];

@@ -20,7 +20,6 @@ pub(crate) struct Arrived {
     pub actions: Vec<(ActionHeader, Vec<u8>)>,
 }
 
-/// All ports of one actor.
 pub struct Link {
     observations: ObservationPublisher,
     readers: ObservationReaders,
@@ -60,7 +59,6 @@ impl Link {
         })
     }
 
-    /// The number of this actor.
     pub(crate) fn actor(&self) -> u32 {
         self.actor
     }
@@ -71,7 +69,6 @@ impl Link {
         if whole.remainder().is_empty() { whole.len() } else { 0 }
     }
 
-    /// Whether there is a recorder.
     pub(crate) fn is_recorded(&self) -> bool {
         self.receipts.is_some()
     }
@@ -81,7 +78,6 @@ impl Link {
         self.receipts.as_ref().map_or(0, |receipts| receipts.met(self.actor))
     }
 
-    /// Everything that has arrived since the last call.
     pub(crate) fn receive(&self) -> Result<Arrived, EngineError> {
         let mut arrived = Arrived::default();
         // The learner sends a restore before the actions that build on it, and these only once. Who looks for actions

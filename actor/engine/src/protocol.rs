@@ -42,12 +42,9 @@ pub enum Todo {
     Wait(Duration),
 }
 
-/// What was done with a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
-    /// It counts.
     Accepted,
-    /// It is ignored, for this reason.
     Ignored(&'static str),
 }
 
@@ -104,7 +101,6 @@ impl Protocol {
         }
     }
 
-    /// How the environments are divided.
     pub fn halves(&self) -> Halves {
         self.halves
     }
@@ -180,7 +176,6 @@ impl Protocol {
         Verdict::Accepted
     }
 
-    /// What to do now.
     pub fn next(&self, now: Duration) -> Todo {
         if self.learner_incarnation.is_none() || !self.met {
             let left = self.hello_due.saturating_sub(now);
@@ -200,15 +195,11 @@ impl Protocol {
         Todo::Wait(wait)
     }
 
-    /// A HELLO went out.
     pub fn hello_sent(&mut self, now: Duration) {
         self.hello_due = now + HELLO_INTERVAL;
     }
 
-    /// The accepted actions of a half have been applied: its next observation is due.
-    ///
-    /// # Panics
-    /// If the half had none.
+    /// The accepted actions of a half have been applied: its next observation is due. Panics if the half had none.
     pub fn acted(&mut self, half: u32, now: Duration) {
         let state = &mut self.half[half as usize];
         assert_eq!(state.phase, Phase::Acting, "actions are applied when there are some");
@@ -234,10 +225,7 @@ impl Protocol {
         }
     }
 
-    /// Header of a half's observations.
-    ///
-    /// # Panics
-    /// If no restore has been accepted yet.
+    /// Header of a half's observations. Panics if no restore has been accepted yet.
     pub fn observation_header(&self, half: u32) -> ObservationHeader {
         let state = self.half[half as usize];
         ObservationHeader {

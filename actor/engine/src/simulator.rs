@@ -8,7 +8,6 @@ use wire::message::Snapshot;
 /// Environments of a task, numbered from 0, each in one episode at a time. The same episode and actions give the same bits
 /// in every process. Where every method is implemented, whatever it simulates can take part in a run.
 pub trait Simulator {
-    /// Why one of its environments failed.
     type Error: Into<Box<dyn Error + Send + Sync>>;
 
     /// What an environment is called in its episode of this number.

@@ -4,11 +4,9 @@ use proto::episode::EnvironmentId;
 use std::cell::Cell;
 use std::fmt;
 
-/// A place in a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Whereabouts {
     pub environment: EnvironmentId,
-    /// Episode number within it.
     pub episode: u32,
 }
 
@@ -16,12 +14,10 @@ thread_local! {
     static HERE: Cell<Option<Whereabouts>> = const { Cell::new(None) };
 }
 
-/// Notes where this thread is.
 pub fn enter(environment: EnvironmentId, episode: u32) {
     HERE.set(Some(Whereabouts { environment, episode }));
 }
 
-/// Where this thread was last.
 pub fn here() -> Option<Whereabouts> {
     HERE.get()
 }

@@ -9,16 +9,13 @@ use simulator::robot::action::Action;
 use simulator::robot::configuration::{Configuration, MOVE_AHEAD_M};
 use simulator::robot::dimensions::{ARM_BASE_AHEAD_M, REACH_M};
 
-/// Side of a cell, metres.
 const CELL_M: f32 = 0.05;
 /// Room about the room: keeps cell numbers positive, metres.
 const ORIGIN_M: f32 = -50.0;
 
-/// The floor as a graph of poses.
 pub struct Floor<'a> {
     /// Whether nothing is in an action's way.
     pub passable: &'a dyn Fn(&Configuration, Action, &Configuration) -> bool,
-    /// Where the arm is to reach.
     pub place: Vec3,
     /// How near to the place the wrist must come, metres on the floor plane.
     pub slack_m: f32,

@@ -41,7 +41,6 @@ const GRASPS_MOST: usize = 12;
 /// metres.
 const BRUSH_M: f32 = 0.003;
 
-/// How the oracle goes about it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Variant {
     /// The shortest way; movable things are pushed.
@@ -124,7 +123,6 @@ pub struct Policy {
 }
 
 impl Policy {
-    /// The oracle at the start of an episode.
     pub fn new(variant: Variant) -> Self {
         Self { variant, queue: VecDeque::new(), last: None, planned_for: None, failed: Vec::new(), plans: 0 }
     }
@@ -185,12 +183,9 @@ impl Policy {
     }
 }
 
-/// A part of an episode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Leg {
-    /// From the start pose to the target.
     ToTarget,
-    /// With the target to its goal.
     ToGoal,
 }
 

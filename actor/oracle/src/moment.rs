@@ -8,7 +8,6 @@ use simulator::robot::links::{HAND, part_poses};
 use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::episode::Episode;
 
-/// One moment of an episode, of an environment or only thought of.
 #[derive(Debug, Clone)]
 pub struct Moment<'a> {
     pub kitchen: &'a Kitchen,
@@ -24,7 +23,6 @@ pub struct Moment<'a> {
 }
 
 impl<'a> Moment<'a> {
-    /// An environment as it is now.
     pub fn of(environment: &'a Environment) -> Self {
         let kitchen = environment.kitchen().as_ref();
         let (simulation, episode) = (environment.simulation(), environment.episode());

@@ -6,12 +6,10 @@ use rapier3d::parry::bounding_volume::BoundingVolume;
 use rapier3d::parry::query;
 use simulator::physics::geometry::Solid;
 
-/// Side of a cell of the index, metres.
 const CELL_M: f32 = 0.25;
 /// Cells along each axis. They repeat beyond that, which costs time in a room of more than 16 m and nothing else.
 const CELLS: usize = 64;
 
-/// Convex solids with their bounding boxes.
 pub struct Obstacles {
     aabbs: Vec<Aabb>,
     parts: Vec<(SharedShape, Pose3)>,

@@ -47,7 +47,6 @@ const ACTIONS: [Action; 10] = [
 pub enum Aim<'a> {
     /// Touch the target with the magnet.
     Grasp { solid: &'a Solid, pose: Pose3 },
-    /// Bring the held target to its goal.
     Place {
         /// The goal of its centre.
         goal: Vec3,
@@ -57,7 +56,6 @@ pub enum Aim<'a> {
 }
 
 impl<'a> Aim<'a> {
-    /// What is to be done next.
     pub fn of(moment: &Moment<'a>) -> Self {
         let Some(hand_from_body) = moment.held else {
             return Self::Grasp { solid: &moment.kitchen.solids()[moment.target], pose: moment.target_pose() };
@@ -70,7 +68,6 @@ impl<'a> Aim<'a> {
         Self::Place { goal: moment.goal, wrist_to_target }
     }
 
-    /// Where it is to be done.
     pub fn place(&self) -> Vec3 {
         match self {
             Self::Grasp { pose, .. } => pose.translation,
@@ -123,7 +120,6 @@ pub fn finals(space: &Space, at: &Configuration, aim: &Aim) -> Vec<Configuration
     Vec::new()
 }
 
-/// Adds the configurations whose wrist is where the aim wants it.
 fn gather(at: &Configuration, elbow_ticks: i32, aim: &Aim, out: &mut Vec<Configuration>) {
     let world_from_robot = world_from_robot(&at.posture());
     let middle = match aim {

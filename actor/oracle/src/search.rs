@@ -8,7 +8,6 @@ use simulator::robot::action::Action;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashSet};
 
-/// A space of states connected by actions.
 pub trait Graph {
     type State: Copy;
 
@@ -17,7 +16,6 @@ pub trait Graph {
     /// Fills `out` with the actions that can be tried in a state and where they would lead.
     fn successors(&self, state: &Self::State, out: &mut Vec<(Action, Self::State)>);
 
-    /// Whether the action can be taken.
     fn passable(&self, from: &Self::State, action: Action, to: &Self::State) -> bool;
 
     /// Fewest actions from a state to any goal: never more than there are (admissible), and never less by two for one
@@ -32,7 +30,6 @@ struct Node<S> {
     cost: u32,
 }
 
-/// A search under way.
 pub struct Search<S> {
     nodes: Vec<Node<S>>,
     // Least bound first; of those the one that has come furthest; of those the oldest.

@@ -34,14 +34,12 @@ impl Care {
     pub const NONE: Self = Self { driving_m: None, reaching_m: None };
 }
 
-/// What is on the magnet.
 #[derive(Clone)]
 struct HeldObject<'a> {
     solid: &'a Solid,
     hand_from_body: Pose3,
 }
 
-/// The kitchen as a planner sees it at one moment.
 #[derive(Clone)]
 pub struct Space<'a> {
     kitchen: &'a Kitchen,
@@ -54,7 +52,6 @@ pub struct Space<'a> {
 }
 
 impl<'a> Space<'a> {
-    /// Everything as it stands at a moment.
     pub fn of(moment: &'a Moment, care: Care) -> Self {
         let kitchen = moment.kitchen;
         let mut fixed = Obstacles::default();
@@ -92,7 +89,6 @@ impl<'a> Space<'a> {
         self.held.as_ref().map(|held| poses[HAND] * held.hand_from_body)
     }
 
-    /// Whether the robot can be in this posture.
     pub fn free(&self, posture: &Posture) -> bool {
         let Ok(poses) = part_poses(posture) else { return false };
         // The body goes nowhere while the arm moves, and the floor does not stop it.

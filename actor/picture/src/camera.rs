@@ -7,27 +7,20 @@ use rapier3d::math::{Pose3, Vec3};
 // `camera_from_world` names its frames, as poses do everywhere.
 #[allow(clippy::struct_field_names)]
 pub struct Camera {
-    /// Its pose's inverse.
     pub camera_from_world: Pose3,
-    /// How points fall onto the picture.
     pub projection: Projection,
     /// What is nearer than this along the axis is cut away, metres.
     pub near_m: f32,
 }
 
-/// How points fall onto the picture.
 #[derive(Debug, Clone, Copy)]
 pub enum Projection {
     /// Along parallel rays; the picture's width is twice this, metres.
     Parallel { half_width_m: f32 },
     /// Through the camera's centre; this is the tangent of half the horizontal field of view.
-    Central {
-        /// Tangent of half the horizontal field of view.
-        tan_half_width: f32,
-    },
+    Central { tan_half_width: f32 },
 }
 
-/// A point in the picture.
 #[derive(Debug, Clone, Copy)]
 pub struct Pixel {
     /// To the right, pixels from the left edge.

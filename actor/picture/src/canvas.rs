@@ -15,7 +15,6 @@ pub struct Canvas {
     pub pixels: Vec<Rgb>,
 }
 
-/// A picture could not be written.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot write {}", path.display())]
 pub struct PictureError {
@@ -24,7 +23,6 @@ pub struct PictureError {
 }
 
 impl Canvas {
-    /// A picture of one colour.
     pub fn new(width: usize, height: usize, colour: Rgb) -> Self {
         Self { width, height, pixels: vec![colour; width * height] }
     }
@@ -38,7 +36,6 @@ impl Canvas {
         }
     }
 
-    /// Mixes a colour into one pixel.
     pub(crate) fn blend(&mut self, x: usize, y: usize, colour: Rgb, share: f32) {
         let pixel = &mut self.pixels[y * self.width + x];
         *pixel = mix(*pixel, colour, share);
@@ -105,7 +102,6 @@ impl Canvas {
     }
 }
 
-/// The face of all labels.
 fn font() -> FontRef<'static> {
     FontRef::try_from_slice(epaint_default_fonts::UBUNTU_LIGHT).expect("the crate ships a sound font")
 }

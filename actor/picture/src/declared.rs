@@ -22,7 +22,6 @@ pub fn target(spec: &'static Spec, environment: &Base, record: &[u8]) -> Option<
     Some(environment.kitchen().target_movable(category))
 }
 
-/// Name of the last action of a record.
 pub fn action_name(spec: &'static Spec, record: &[u8]) -> Option<&'static str> {
     let number = spec.layout().action.number(record);
     spec.actions.names().get(number as usize).map(String::as_str)

@@ -4,9 +4,7 @@ use super::camera::{Camera, Pixel};
 use super::canvas::{Canvas, Rgb};
 use rapier3d::math::Vec3;
 
-/// The target's colour.
 pub const TARGET: Rgb = [232, 0, 132];
-/// The goal's colour.
 pub const GOAL: Rgb = [0, 176, 88];
 /// What is drawn hidden if something is this much nearer, metres.
 const SLACK_M: f32 = 0.02;
@@ -28,7 +26,6 @@ pub struct Marks<'a, D: Fn(usize, usize) -> f32> {
 }
 
 impl<'a, D: Fn(usize, usize) -> f32> Marks<'a, D> {
-    /// No lines yet, for a picture of this size.
     pub fn new(camera: &'a Camera, width: usize, height: usize, depth_m: D) -> Self {
         let line_px = (width as f32 / 220.0).max(1.5);
         Self { camera, depth_m, width, height, line_px, cover: vec![0.0; width * height] }

@@ -19,15 +19,12 @@ pub struct Triangle {
     pub body: u32,
 }
 
-/// What is drawn of a kitchen.
 #[derive(Debug, Clone, Default)]
 pub struct Model {
     pub triangles: Vec<Triangle>,
-    /// sRGB colour of each body.
     pub colours: Vec<Rgb>,
     /// sRGB colour of each body where a section cuts it.
     pub sections: Vec<Rgb>,
-    /// Whether each body is a movable thing.
     pub movable: Vec<bool>,
 }
 

@@ -3,10 +3,8 @@
 use super::canvas::Rgb;
 use simulator::kitchen::catalogue::CATEGORIES;
 
-/// The robot's colour.
 pub(crate) const ROBOT: Rgb = [238, 106, 36];
 
-/// Where a section cuts something.
 pub(crate) const SECTION: Rgb = [74, 78, 86];
 
 /// sRGB colours of fixed things: pale, so that movable ones stand out.
@@ -65,7 +63,6 @@ pub fn linear(channel: u8) -> f32 {
     if c <= 0.04045 { c / 12.92 } else { libm::powf((c + 0.055) / 1.055, 2.4) }
 }
 
-/// sRGB colour of a category.
 pub fn colour(category: &str) -> Rgb {
     if let Some(movable) = CATEGORIES.iter().find(|movable| movable.name == category) {
         return movable.colour;

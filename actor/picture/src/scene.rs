@@ -33,7 +33,6 @@ const LAMPS: usize = 24;
 /// Light on an upright surface in a draft, as a share of that on a floor.
 const DRAFT_SIDE_LIGHT: f32 = 0.6;
 
-/// From where a photograph is taken.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Standpoint {
     /// The robot's camera, which stands in its body: that is not in the picture.
@@ -41,7 +40,6 @@ pub enum Standpoint {
     Outside(Orbit),
 }
 
-/// What all pictures of one episode have in common.
 pub struct Scene {
     kitchen: Arc<Kitchen>,
     task: Task,
@@ -54,7 +52,6 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Of an episode that begins with this moment.
     pub fn new(kitchen: Arc<Kitchen>, task: Task, first: &Moment) -> Self {
         let fixed = Model::fixed_of(&kitchen);
         let origins = first.things.clone();
@@ -62,7 +59,6 @@ impl Scene {
         Self { kitchen, task, origins, fixed, dome: OnceLock::new(), frame }
     }
 
-    /// What the floor plan shows.
     pub fn frame(&self) -> PlanFrame {
         self.frame
     }
@@ -115,7 +111,6 @@ impl Scene {
         self.develop(Exposure::take(&model, &self.frame.camera(), side, side, PAPER), true)
     }
 
-    /// The robot's depth frame, millimetres.
     pub fn frame_mm(&self, moment: &Moment, camera: &mut DepthCamera, side: usize) -> Vec<u16> {
         let mut bodies = Vec::new();
         moment.world_from_bodies(&self.kitchen, &mut bodies);
@@ -154,7 +149,6 @@ impl Scene {
         solids
     }
 
-    /// What the robot's depth camera sees.
     pub fn depth(&self, moment: &Moment, camera: &mut DepthCamera, side: usize) -> Canvas {
         let depth_mm = self.frame_mm(moment, camera, side);
         let (mut model, first) = self.at(&moment.things, &[]);

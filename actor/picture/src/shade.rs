@@ -77,7 +77,6 @@ impl Exposure {
         Self { width, height, samples }
     }
 
-    /// The points that wait for light, in order.
     pub fn waiting(&self) -> impl Iterator<Item = Lit> + '_ {
         self.samples.iter().filter_map(|sample| sample.lit.map(|point| Lit { point, normal: sample.normal }))
     }

@@ -20,10 +20,8 @@ const LIFT_M: f32 = 0.012;
 /// ... and counts as hidden only by what is this much nearer to the lamp, metres.
 const SLACK_M: f32 = 0.012;
 
-/// A point on a surface, waiting for light.
 #[derive(Debug, Clone, Copy)]
 pub struct Lit {
-    /// Where, metres.
     pub point: Vec3,
     /// The surface's outward unit normal.
     pub normal: Vec3,
@@ -39,7 +37,6 @@ pub fn light(model: &Model, points: &[Lit]) -> Vec<f32> {
 pub struct Dome(Vec<Lamp>);
 
 impl Dome {
-    /// Over this scene, with so many lamps.
     pub fn over(model: &Model, lamps: usize) -> Self {
         Self((0..lamps).map(|index| Lamp::hung(model, index, lamps)).collect())
     }
@@ -66,7 +63,6 @@ fn shine(lamps: impl Iterator<Item = impl Borrow<Lamp>>, points: &[Lit]) -> Vec<
     sums.iter().map(|sum| sum / full).collect()
 }
 
-/// One lamp and what it reaches.
 struct Lamp {
     /// Where it hangs, seen from below; its height there.
     towards: Vec3,
@@ -77,7 +73,6 @@ struct Lamp {
 }
 
 impl Lamp {
-    /// Number `index` of `count` lamps over the scene.
     fn hung(model: &Model, index: usize, count: usize) -> Self {
         let (low, high) = model.bounds();
         let (centre, radius) = (0.5 * (low + high), 0.5 * (high - low).length());

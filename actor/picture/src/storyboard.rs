@@ -19,7 +19,6 @@ const GOOD: Rgb = [0, 128, 64];
 const BAD: Rgb = [196, 40, 28];
 /// Room between the two views, pixels.
 const GAP: usize = 4;
-/// What stays the same in all pictures of an episode.
 pub struct Storyboard {
     kitchen: Arc<Kitchen>,
     task: Task,
@@ -31,10 +30,8 @@ pub struct Storyboard {
 }
 
 impl Storyboard {
-    /// Chooses where to look from, for all `moments`; `side`: width and height of each of the two views, pixels.
-    ///
-    /// # Panics
-    /// If there is no moment.
+    /// Chooses where to look from, for all `moments`; `side`: width and height of each of the two views, pixels. Panics
+    /// if there is no moment.
     pub fn new(kitchen: Arc<Kitchen>, task: Task, moments: &[Moment], side: usize) -> Self {
         let fixed = Model::fixed_of(&kitchen);
         let mut model = fixed.clone();
@@ -92,7 +89,6 @@ impl Storyboard {
     }
 }
 
-/// Title and outcome, then the action, then its measures.
 fn write(canvas: &mut Canvas, side: usize, title: &str, captions: &Captions) {
     let (text_px, left) = text(side);
     let line = |number: f32| 1.15 * text_px * number;
@@ -106,7 +102,6 @@ fn write(canvas: &mut Canvas, side: usize, title: &str, captions: &Captions) {
     canvas.text(&captions.measures, text_px, left, line(3.0), FAINT);
 }
 
-/// Height of the text and its distance from the left edge, pixels.
 fn text(side: usize) -> (f32, f32) {
     let text_px = (side as f32 / 21.0).round().clamp(11.0, 40.0);
     (text_px, 0.5 * text_px)

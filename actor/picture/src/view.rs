@@ -29,11 +29,9 @@ const SEEN_PIXELS: usize = 4;
 /// What is nearer than this stands in the way, metres.
 const TOO_NEAR_M: f32 = 0.6;
 
-/// Both pictures of one kitchen, square.
 pub struct Views {
     /// From above, cut at [`SECTION_M`], north up.
     pub plan: Canvas,
-    /// What the robot sees.
     pub robot: Canvas,
 }
 
@@ -54,12 +52,10 @@ impl Views {
     }
 }
 
-/// Straight down on the whole kitchen.
 fn plan_camera(model: &Model) -> Camera {
     PlanFrame::of(model).camera()
 }
 
-/// What of a kitchen its floor plan shows.
 #[derive(Debug, Clone, Copy)]
 pub struct PlanFrame {
     /// Its middle on the highest thing, metres.
@@ -68,7 +64,6 @@ pub struct PlanFrame {
 }
 
 impl PlanFrame {
-    /// Of the whole kitchen.
     pub fn of(model: &Model) -> Self {
         let (low, high) = model.bounds();
         let middle = 0.5 * (low + high);
@@ -84,12 +79,10 @@ impl PlanFrame {
     }
 }
 
-/// Where the robot's own camera is.
 fn pose_of(configuration: &Configuration) -> Pose3 {
     world_from_camera(&configuration.posture(), configuration.camera_pitch_rad())
 }
 
-/// The robot's own camera in this pose.
 pub fn robot_camera(world_from_camera: Pose3) -> Camera {
     Camera::new(world_from_camera, Projection::Central { tan_half_width: TAN_HALF_FIELD_OF_VIEW }, NEAR_M)
 }

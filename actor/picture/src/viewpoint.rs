@@ -7,7 +7,6 @@ use rapier3d::math::{Pose3, Vec3};
 use simulator::physics::geometry::{rotation_x, rotation_y};
 use std::f32::consts::TAU;
 
-/// Tangent of half the field of view.
 const TAN_HALF_WIDTH: f32 = 0.42;
 const DIRECTIONS: usize = 16;
 /// Angles at which it may look down, radians, the best liked first.

@@ -3,7 +3,6 @@
 use super::camera::{Camera, Pixel};
 use rapier3d::math::Vec3;
 
-/// A pixel that shows nothing.
 pub const NOTHING: u32 = u32::MAX;
 
 /// A picture of triangle numbers and nearness.

@@ -25,18 +25,15 @@ const SUBSTEPS_AT_ONCE: u32 = 8;
 
 /// One environment of a task. The same configuration, environment, episode and actions give the same bits everywhere.
 pub trait Environment: Any + Send + Sync {
-    /// Resets to the start of the environment's episode with this number.
     fn begin(&mut self, number: u32);
 
     /// Prepares that start, by a piece of work of about a quarter of a millisecond. Returns whether there is more to do.
     /// The episode is the same without it.
     fn prepare(&mut self, number: u32) -> bool;
 
-    /// Takes one action and writes what it did: the bytes are those of a record's action, and of its parts and outcomes.
-    /// It never resets the environment: [`Base::end`] shows when the episode has ended.
-    ///
-    /// # Panics
-    /// If the episode has ended, or the task has no such action.
+    /// Takes one action and writes what it did: the bytes are those of a record's action, and of its parts and
+    /// outcomes. It never resets the environment: [`Base::end`] shows when the episode has ended. Panics if the episode
+    /// has ended, or the task has no such action.
     fn act(&mut self, action: &[u8], done: &mut [u8]);
 
     /// Writes what is known of the parts and outcomes before an episode's first action; nothing, unless a task says so.
@@ -45,12 +42,10 @@ pub trait Environment: Any + Send + Sync {
     /// Writes what is seen now: these are the bytes of a record's observations and states, but for images.
     fn observe(&self, seen: &mut [u8]);
 
-    /// What it has in common with the environments of other tasks.
     fn base(&self) -> &Base;
 
     fn base_mut(&mut self) -> &mut Base;
 
-    /// A copy of the moment that it is in.
     fn boxed(&self) -> Box<dyn Environment>;
 }
 
@@ -107,7 +102,6 @@ pub struct Base {
     past: Option<Box<Simulation>>,
 }
 
-/// An episode's start in the making.
 #[derive(Debug, Clone)]
 struct Ahead {
     number: u32,
@@ -126,7 +120,6 @@ pub struct Displacement {
 }
 
 impl Base {
-    /// The kitchen at the start of an episode of this number.
     pub(crate) fn new(kitchen: Arc<Kitchen>, config: &Config, number: u32, start: Start) -> Self {
         let substeps = config.simulation.substeps;
         let simulation = Settling::new(Arc::clone(&kitchen), substeps, start).finish();
@@ -152,7 +145,6 @@ impl Base {
         base
     }
 
-    /// Resets to the settled kitchen and begins an episode under this number.
     pub(crate) fn begin(&mut self, number: u32, start: Start) {
         (self.hashed_number, self.start) = (number, start);
         match self.ahead.take().filter(|ahead| ahead.number == number && ahead.start == start) {
@@ -244,20 +236,16 @@ impl Base {
 
     /// Renders what the head camera sees now into `depth_mm`: `side` × `side` pixels, row-major from the top left,
     /// depth along the camera's axis in millimetres, 0 where nothing is hit. The camera is made for this kitchen's
-    /// bodies, and may serve all environments in it.
-    ///
-    /// # Panics
-    /// If the frame has another size, or the camera was made for another number of bodies.
+    /// bodies, and may serve all environments in it. Panics if the frame has another size, or the camera was made for
+    /// another number of bodies.
     pub fn look(&mut self, camera: &mut DepthCamera, side: usize, depth_mm: &mut [u16]) {
         let world_from_camera = self.place_bodies();
         camera.render_over(&mut self.backdrop, &self.world_from_bodies, world_from_camera, side, depth_mm);
     }
 
     /// The sums of the windows of that frame at its full size ([`proto::camera::sum_windows`]), without the frame.
-    /// Returns false if they may not fit into 16 bits: then `sums_mm` holds anything.
-    ///
-    /// # Panics
-    /// If the camera was made for another number of bodies.
+    /// Returns false if they may not fit into 16 bits: then `sums_mm` holds anything. Panics if the camera was made for
+    /// another number of bodies.
     pub fn look_for_sums(&mut self, camera: &mut DepthCamera, sums_mm: &mut [u16; SUMS_PIXELS]) -> bool {
         let world_from_camera = self.place_bodies();
         camera.render_sums_over(&mut self.backdrop, &self.world_from_bodies, world_from_camera, sums_mm)
@@ -312,7 +300,6 @@ impl Base {
         self.end.is_some()
     }
 
-    /// How the episode has ended, if it has.
     pub fn end(&self) -> Option<End> {
         self.end
     }
@@ -331,7 +318,6 @@ impl Base {
         self.simulation.watch();
     }
 
-    /// The physics simulation, read-only.
     pub fn simulation(&self) -> &Simulation {
         &self.simulation
     }

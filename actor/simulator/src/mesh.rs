@@ -11,7 +11,6 @@ use rapier3d::parry::transformation::try_convex_hull;
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::PI;
 
-/// Fewest sides of a round thing.
 const SIDES_LEAST: usize = 40;
 const SIDES_MOST: usize = 120;
 /// The sides of a round thing lie within this distance of it, metres, unless that takes more than the most sides.
@@ -48,14 +47,11 @@ pub struct Mesh {
 pub struct Edge {
     /// Vertices, in the order of the first face.
     pub ends: [u16; 2],
-    /// The two faces.
     pub faces: [u16; 2],
 }
 
-/// A sphere around something.
 #[derive(Debug, Clone, Copy)]
 pub struct Sphere {
-    /// Its centre, metres.
     pub centre: [f32; 3],
     pub radius_m: f32,
 }
@@ -88,7 +84,6 @@ pub(crate) fn sides_of_sphere(radius_m: f32) -> usize {
 }
 
 impl Mesh {
-    /// The finest mesh of a primitive.
     pub fn of(primitive: &Primitive) -> Self {
         match primitive {
             Primitive::Cuboid { half_extents_m } => Self::cuboid(*half_extents_m),
@@ -235,7 +230,6 @@ impl Mesh {
         edges.values().all(|edge| edge.faces[1] != NONE).then(|| edges.into_values().collect())
     }
 
-    /// A sphere around it.
     pub fn bounds(&self) -> Sphere {
         let (mut low, mut high) = (Vec3::splat(f32::MAX), Vec3::splat(f32::MIN));
         for &v in &self.vertices {

@@ -126,7 +126,6 @@ struct Matter {
     friction: f32,
 }
 
-/// The file while it is written.
 #[derive(Default)]
 struct MjcfFile {
     assets: String,

@@ -8,7 +8,6 @@ use std::sync::Arc;
 pub enum Primitive {
     /// An axis-aligned box.
     Cuboid {
-        /// Half of its size along each axis, metres.
         half_extents_m: Vec3,
     },
     /// A cylinder about the y axis.
@@ -27,7 +26,6 @@ pub enum Primitive {
     },
     /// The convex hull of points; at least four, not in one plane.
     Hull {
-        /// Corners, metres.
         points_m: Vec<Vec3>,
     },
     /// A dented mesh of a user's scene, with the convex pieces that physics takes for it.
@@ -37,7 +35,6 @@ pub enum Primitive {
 /// A closed mesh that is not convex: seen as it is, touched as convex pieces.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Concave {
-    /// Vertices, metres.
     pub vertices: Vec<Vec3>,
     /// Corners a, b, c of its triangles: (b − a) × (c − a) points outwards.
     pub triangles: Vec<[u32; 3]>,
@@ -45,23 +42,18 @@ pub struct Concave {
     pub pieces: Vec<Part>,
 }
 
-/// One part of a body.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Part {
-    /// The solid.
     pub primitive: Primitive,
-    /// Where it sits in the body.
     pub body_from_part: Pose3,
 }
 
-/// A union of parts.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Shape {
     pub parts: Vec<Part>,
 }
 
 impl Shape {
-    /// A shape of one part at the body's origin.
     pub fn of(primitive: Primitive) -> Self {
         Self { parts: vec![Part { primitive, body_from_part: Pose3::identity() }] }
     }
@@ -86,7 +78,6 @@ impl Shape {
         self.parts.iter().any(|part| matches!(part.primitive, Primitive::Concave(_)))
     }
 
-    /// Adds a part at a translation.
     #[must_use]
     pub fn with(mut self, primitive: Primitive, x_m: f32, y_m: f32, z_m: f32) -> Self {
         self.parts.push(Part { primitive, body_from_part: Pose3::translation(x_m, y_m, z_m) });

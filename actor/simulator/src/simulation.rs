@@ -49,7 +49,6 @@ pub const JAM_GROWTH_M: f32 = 0.001;
 /// A movable thing this near to the robot, or to what it holds, calls for physics, metres.
 const TOUCH_M: f32 = 0.005;
 
-/// A kitchen in motion.
 #[derive(Debug, Clone)]
 pub struct Simulation {
     kitchen: Arc<Kitchen>,
@@ -76,13 +75,11 @@ pub struct Simulation {
 /// Where the robot went in one sub-step: what another physics engine needs to be driven the same way.
 #[derive(Debug, Clone, Copy)]
 pub struct Substep {
-    /// The robot's collision bodies.
     pub parts: PartPoses,
     /// The movable thing on the magnet and where it went, if there is one.
     pub held: Option<(usize, Pose3)>,
 }
 
-/// The thing on the magnet.
 #[derive(Debug, Clone, Copy)]
 struct HeldObject {
     movable: usize,
@@ -111,12 +108,10 @@ impl Simulation {
         &self.configuration
     }
 
-    /// Poses of the robot's collision bodies.
     pub fn part_poses(&self) -> &PartPoses {
         &self.poses
     }
 
-    /// Position of the wrist, metres.
     pub fn wrist(&self) -> Vec3 {
         self.poses[HAND].translation
     }
@@ -148,12 +143,10 @@ impl Simulation {
         self.log.replace(Vec::new()).unwrap_or_default()
     }
 
-    /// Keeps an eye on every sub-step from now on.
     pub fn watch(&mut self) {
         self.watch = Some(Box::new(Watch::new(self.kitchen.extent(), self.world.timestep_s(), self.things.poses())));
     }
 
-    /// Extremes since [`watch`](Self::watch); none if it was not called.
     pub fn extremes(&self) -> Option<&Extremes> {
         self.watch.as_ref().map(|watch| watch.extremes())
     }
@@ -194,7 +187,6 @@ impl Simulation {
         self.kitchen.solids[movable].distance_to_point_m(self.movable_pose(movable), self.wrist()) <= MAGNET_RADIUS_M
     }
 
-    /// A movable thing goes with the hand from now on.
     fn take(&mut self, movable: usize) {
         let pose = *self.movable_pose(movable);
         self.world.take_hold(self.kitchen.movables[movable]);
@@ -401,7 +393,6 @@ impl Simulation {
         }
     }
 
-    /// One sub-step of physics.
     fn advance_world(&mut self) {
         self.world.step();
         self.awake = false;
@@ -418,7 +409,6 @@ impl Simulation {
         }
     }
 
-    /// Brings `things` up to date.
     fn look_at_things(&mut self) {
         self.things.look(&self.world, &self.kitchen.movables, &self.kitchen.solids);
         if let Some(held) = self.held {

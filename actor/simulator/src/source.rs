@@ -15,31 +15,20 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// A kept kitchen has 9 to 14 kB.
 const KITCHEN_BYTES_MOST: u64 = 1 << 20;
 
-/// Why a run's kitchen could not be made.
 #[derive(Debug, thiserror::Error)]
 pub enum SourceError {
-    /// The generator failed.
     #[error(transparent)]
     Generated(#[from] KitchenError),
-    /// The scene cannot be used.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// The scene cannot be opened as a file of the run folder.
     #[error("scene {path}: {cause}", path = .path.display())]
     NotItsOwn { path: PathBuf, cause: std::io::Error },
-    /// Another program simulates.
     #[error(
         "the run's environments are not built in, and are not drawn here: `orchestrator replay RUN` makes films of them"
     )]
     NotBuiltIn,
-    /// The configuration names fewer scenes.
     #[error("kitchen {kitchen} is scene {index} of the run's list, which has {scenes}")]
-    NoScene {
-        kitchen: KitchenId,
-        /// Its place in the list.
-        index: usize,
-        scenes: usize,
-    },
+    NoScene { kitchen: KitchenId, index: usize, scenes: usize },
 }
 
 /// The kitchen with this number in a run with this configuration, whose scene files are named relative to `folder`, its

@@ -1,17 +1,12 @@
-//! Where the actions of a measurement come from.
-
 use proto::episode::EnvironmentId;
 use proto::random::{Key, Purpose};
 use simulator::robot::action::Action;
 use simulator::tasks::arm_point_nav::Environment;
-use std::fmt;
-use std::str::FromStr;
 
-/// Seed of the random policy.
 const SEED: u64 = 1;
 
-/// Who plays.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum PolicyKind {
     /// Every action equally likely but Done, so that episodes last.
     Random,
@@ -20,32 +15,13 @@ pub enum PolicyKind {
 }
 
 impl PolicyKind {
-    /// All of them, in the order of the table.
     pub const ALL: [Self; 2] = [Self::Random, Self::Oracle];
 
-    /// Its name, on the command line and in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Random => "random",
             Self::Oracle => "oracle",
         }
-    }
-}
-
-impl fmt::Display for PolicyKind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
-impl FromStr for PolicyKind {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        Self::ALL.into_iter().find(|kind| kind.name() == text).ok_or_else(|| {
-            let names: Vec<&str> = Self::ALL.iter().map(|kind| kind.name()).collect();
-            format!("there is no policy `{text}`; there is {}", names.join(", "))
-        })
     }
 }
 

@@ -6,8 +6,7 @@ use std::time::Duration;
 /// Calls between two readings of the clock, which costs about a hundredth of a frame.
 const CALLS_PER_LOOK: usize = 16;
 
-/// Processor time of the calling thread since it began.
-pub(super) fn processor_time() -> Duration {
+fn processor_time() -> Duration {
     let now = clock_gettime(ClockId::ThreadCPUTime);
     let (seconds, nanoseconds) = (now.tv_sec.unsigned_abs(), now.tv_nsec.unsigned_abs());
     Duration::from_secs(seconds) + Duration::from_nanos(nanoseconds)

@@ -6,7 +6,6 @@
 //! time on a processor, so that other programs of the machine do not count.
 
 pub mod action_source;
-pub mod beside;
 mod clock;
 pub mod player;
 mod report;
@@ -18,7 +17,7 @@ use player::{Player, View};
 use proto::camera::{FRAME_PIXELS, FRAME_SIDE};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
-use proto::kitchen::KitchenId;
+use proto::kitchen::{KitchenChoice, KitchenId};
 use report::Measurement;
 use simulator::depth::DepthCamera;
 use simulator::kitchen::Kitchen;
@@ -35,40 +34,47 @@ const EPISODES: u32 = 8;
 /// Views that frames without physics are drawn from, of all environments together.
 const VIEWS: u32 = 64;
 
-#[derive(Debug, Clone)]
-pub struct Options {
-    pub kitchens: Vec<KitchenId>,
-    /// In this scene instead.
-    pub scene: Option<PathBuf>,
-    pub policies: Vec<PolicyKind>,
-    /// Processor time for each figure, seconds.
-    pub seconds: f64,
-    /// Print JSON in place of the table.
-    pub json: bool,
+/// What to measure.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// Kitchens: `all` 29, or numbers with commas between, or procedural ones, such as 1000..1032.
+    #[arg(long, default_value = "all", value_name = "all|1,2,...")]
+    kitchens: KitchenChoice,
+    /// A scene of your own instead: its TOML file.
+    #[arg(long, value_name = "FILE.toml", conflicts_with = "kitchens")]
+    scene: Option<PathBuf>,
+    /// Who chooses the actions.
+    #[arg(long, value_enum, value_delimiter = ',', default_values_t = PolicyKind::ALL, value_name = "POLICY,...")]
+    policies: Vec<PolicyKind>,
+    /// Seconds for each figure.
+    #[arg(long, default_value_t = 0.2, value_name = "S")]
+    seconds: f64,
+    /// Print JSON, every kitchen by itself.
+    #[arg(long)]
+    json: bool,
 }
 
-/// Measures and prints.
-pub fn run(options: &Options) -> Result<()> {
-    ensure!(options.seconds > 0.0 && options.seconds <= 3600.0, "measure for a time between 0 and 3600 seconds");
+pub fn run(arguments: &Arguments) -> Result<()> {
+    ensure!(arguments.seconds > 0.0 && arguments.seconds <= 3600.0, "measure for a time between 0 and 3600 seconds");
     let config = Config::default();
     let mut rows = Vec::new();
-    let scene = options.scene.as_ref().and_then(|_| KitchenId::scene(0));
-    let kitchens: Vec<KitchenId> = scene.map_or_else(|| options.kitchens.clone(), |scene| vec![scene]);
+    let scene = arguments.scene.as_ref().and_then(|_| KitchenId::scene(0));
+    let kitchens: Vec<KitchenId> = scene.map_or_else(|| arguments.kitchens.0.clone(), |scene| vec![scene]);
     for &kitchen in &kitchens {
-        let built = match &options.scene {
+        let built = match &arguments.scene {
             Some(path) => scene_file::load(path, kitchen, &config.simulation)?,
             None => Kitchen::build(kitchen, &config.simulation)?,
         };
         let built = Arc::new(built);
-        for &policy in &options.policies {
+        for &policy in &arguments.policies {
             for environments in ENVIRONMENT_COUNTS {
-                rows.push(measure(&built, policy, environments, &config, options.seconds)?);
+                rows.push(measure(&built, policy, environments, &config, arguments.seconds)?);
             }
         }
         tracing::info!("kitchen {kitchen} measured");
     }
     let mut out = std::io::stdout().lock();
-    if options.json {
+    if arguments.json {
         writeln!(out, "{:#}", report::json(&rows))?;
     } else {
         writeln!(

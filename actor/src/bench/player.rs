@@ -21,10 +21,8 @@ pub(crate) struct Player {
     step: usize,
 }
 
-/// What a depth image is drawn from.
 #[derive(Debug, Clone)]
 pub struct View {
-    /// Pose of every body of the kitchen.
     pub world_from_bodies: Vec<Pose3>,
     pub world_from_camera: Pose3,
 }
@@ -63,7 +61,6 @@ impl Player {
         }
     }
 
-    /// Actions of the episode at hand.
     pub fn episode_length(&self) -> usize {
         self.script[self.episode].len()
     }
@@ -75,7 +72,6 @@ impl Player {
         black_box(depth_mm);
     }
 
-    /// What the camera sees now.
     pub fn view(&self) -> View {
         let mut world_from_bodies = Vec::new();
         self.environment.world_from_bodies(&mut world_from_bodies);

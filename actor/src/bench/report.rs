@@ -1,12 +1,11 @@
-//! The measurements of many kitchens as a table for people, or as JSON.
-
 use super::action_source::PolicyKind;
 use proto::kitchen::KitchenId;
+use serde::Serialize;
 use serde_json::{Value, json};
 use std::io::{self, Write};
 
 /// What was measured in one kitchen under one policy with so many environments.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize)]
 pub struct Measurement {
     pub kitchen: KitchenId,
     pub policy: PolicyKind,
@@ -39,7 +38,6 @@ impl Spread {
     }
 }
 
-/// Writes the table: a line for each policy and number of environments.
 pub fn table(out: &mut impl Write, rows: &[Measurement]) -> io::Result<()> {
     writeln!(
         out,
@@ -74,22 +72,7 @@ pub fn table(out: &mut impl Write, rows: &[Measurement]) -> io::Result<()> {
     Ok(())
 }
 
-/// Everything that was measured, for machines.
 pub fn json(rows: &[Measurement]) -> Value {
-    let rows: Vec<Value> = rows
-        .iter()
-        .map(|row| {
-            json!({
-                "kitchen": row.kitchen.number(),
-                "policy": row.policy.name(),
-                "environments": row.environments,
-                "physics_s": row.physics_s,
-                "depth_s": row.depth_s,
-                "whole_step_s": row.whole_step_s,
-                "view_set_triangles": row.view_set_triangles,
-            })
-        })
-        .collect();
     json!({ "measurements": rows })
 }
 

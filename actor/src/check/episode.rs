@@ -20,34 +20,25 @@ const UPRIGHT_COSINE: f32 = 0.998_6;
 
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Problem {
-    /// There is nothing to do.
     #[error("the start already lies within the goal's tolerance")]
     AlreadyThere,
-    /// Physics had to be stopped.
     #[error("the target does not come to rest at {0}")]
     Restless(Vec3),
-    /// It went elsewhere.
     #[error("the target set down at {0} comes to rest {1} m away")]
     Drifts(Vec3, f32),
-    /// It fell over.
     #[error("the target set down at {0} leans or falls")]
     Leans(Vec3),
-    /// Something else was in its place.
     #[error("the target set down at {0} moves something else by {1} m")]
     Pushes(Vec3, f32),
-    /// The robot stands in something.
     #[error("the robot's start pose is not free")]
     StartPose,
-    /// No floor pose from which the arm reaches the target can be driven to.
     #[error("the target at {0} cannot be reached")]
     TargetOutOfReach(Vec3),
-    /// No floor pose from which the arm brings the target to its goal can be driven to.
     #[error("the goal at {0} cannot be reached with the target in hand")]
     GoalOutOfReach(Vec3),
 }
 
 impl Problem {
-    /// What kind of problem it is, in a word or two.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::AlreadyThere => "already there",
@@ -88,7 +79,6 @@ pub fn check(kitchen: &Arc<Kitchen>, config: &Config, episode: &Episode) -> Resu
     }
 }
 
-/// Checks episodes, on all processors.
 pub fn verdicts(kitchen: &Arc<Kitchen>, config: &Config, episodes: &[Episode]) -> Vec<Result<(), Problem>> {
     in_parallel(episodes.len(), |index| check(kitchen, config, &episodes[index]))
 }

@@ -29,53 +29,26 @@ const CLEAR_HEIGHT_M: f32 = 1.3;
 
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Problem {
-    /// Two bodies stand in each other.
     #[error(transparent)]
     Overlap(#[from] Overlap),
-    /// Something is awake in the settled kitchen.
     #[error("{0} is awake")]
     Awake(String),
-    /// Something moved although nothing was done.
     #[error("episode {episode}: d = {disturbance_m} m after {step} steps in which nothing moved")]
-    Restless {
-        episode: u32,
-        /// The first step at which it was seen.
-        step: u32,
-        /// Total displacement, metres.
-        disturbance_m: f32,
-    },
-    /// Parts of the floor are cut off.
+    Restless { episode: u32, step: u32, disturbance_m: f32 },
     #[error("only {:.0}% of the free floor are connected", .0 * 100.0)]
     FloorInParts(f32),
-    /// A fixture stands where doors, drawers and people need room.
     #[error("{0} stands on floor that is to be kept clear")]
     Obstructed(String),
-    /// A target has too few positions.
     #[error("{category} has {spots} valid positions, {SPOTS_LEAST} are wanted")]
-    FewSpots {
-        category: &'static str,
-        /// Its positions.
-        spots: usize,
-    },
-    /// A chair stands away from every table.
+    FewSpots { category: &'static str, spots: usize },
     #[error("{0} stands at no table")]
     ChairAlone(String),
-    /// An episode cannot be played as it should.
     #[error("episode {episode}: {problem}")]
     Episode { episode: usize, problem: episode::Problem },
-    /// A kitchen has not the fixed episodes it should have.
     #[error("{0}")]
     Episodes(#[from] EpisodesError),
-    /// A procedural kitchen is more like one of validation or test than those are like each other.
     #[error("only {distance:.3} from kitchen {kitchen}; those of validation and test are {least:.3} from each other")]
-    TooNear {
-        /// The kitchen of validation or test.
-        kitchen: KitchenId,
-        distance: f32,
-        /// How far it must be.
-        least: f32,
-    },
-    /// The number of things is not one that iTHOR's kitchens have.
+    TooNear { kitchen: KitchenId, distance: f32, least: f32 },
     #[error("{0} things; iTHOR's kitchens hold {least} to {most}", least = ithor::THINGS[0], most = ithor::THINGS[2])]
     ThingCount(usize),
 }

@@ -1,5 +1,3 @@
-//! `actor check`.
-
 use actor::check::{kitchens, scene};
 use anyhow::Result;
 use proto::kitchen::KitchenChoice;

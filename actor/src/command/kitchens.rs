@@ -1,7 +1,5 @@
-//! `actor kitchens`.
-
 use actor::sheet::{SheetOptions, Subject, sheet};
-use actor::{categories, figures, kitchen_export};
+use actor::{categories, kitchen_export};
 use anyhow::{Context, Result};
 use proto::kitchen::{KitchenChoice, KitchenId};
 use std::path::PathBuf;
@@ -52,12 +50,6 @@ pub enum KitchensCommand {
         #[arg(long)]
         json: bool,
     },
-    /// Print our kitchens' figures beside iTHOR's; fails if they are too far apart.
-    Report {
-        /// Which: `all` 29, or numbers with commas between, or procedural ones, such as 1000..1200.
-        #[arg(long, default_value = "all", value_name = "all|1,2,...")]
-        kitchens: KitchenChoice,
-    },
 }
 
 pub fn run(command: &KitchensCommand) -> Result<()> {
@@ -78,7 +70,6 @@ pub fn run(command: &KitchensCommand) -> Result<()> {
             kitchen_export::write(&subject, out, scene.as_deref())
         }
         KitchensCommand::Categories { json } => categories::run(*json, std::io::stdout().lock()),
-        KitchensCommand::Report { kitchens } => figures::run(&kitchens.0, std::io::stdout().lock()),
     }
 }
 

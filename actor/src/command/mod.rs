@@ -1,15 +1,12 @@
 //! The subcommands: each parses its arguments, calls one function of the library, and that prints.
 
-mod bench;
 mod check;
-mod export_peers;
 mod kitchens;
 mod rollout;
-mod soak;
 
 pub use rollout::RolloutArgs;
 
-use actor::{episodes, harvest, oracle_table, replay, show};
+use actor::{bench, episodes, export, harvest, oracle_table, replay, show};
 use anyhow::{Context, Result};
 use std::io::BufReader;
 use wire::lifeline;
@@ -30,22 +27,15 @@ pub enum Command {
     Check(check::CheckArgs),
     /// The fixed episodes of the validation and test kitchens.
     #[command(subcommand)]
-    Episodes(episodes::command::Command),
+    Episodes(episodes::Command),
     /// Let a planner with privileged knowledge play episodes, to see that they can be solved.
     Oracle(oracle_table::Settings),
-    /// Take random actions in many kitchens; fails if anything moves too fast, leaves the room or is not a number.
-    Soak(soak::SoakArgs),
     /// Measure physics, rendering and whole steps on one core.
-    Bench(bench::BenchArgs),
+    Bench(bench::Arguments),
     /// Write kitchens, episodes and frames for other programs to be measured on; `make bench-peers` calls this.
-    ExportPeers(export_peers::ExportPeersArgs),
-    /// Take actions from standard input, in turns with a program that measures itself beside; `make bench-python` calls
-    /// this.
-    #[command(hide = true)]
-    BenchBeside(bench::BenchBesideArgs),
+    ExportPeers(export::Arguments),
 }
 
-/// Runs a subcommand.
 pub fn run(command: &Command) -> Result<()> {
     match command {
         Command::Replay => {
@@ -56,11 +46,9 @@ pub fn run(command: &Command) -> Result<()> {
         Command::Show => show::run(std::io::stdin().lock(), std::io::stdout().lock()),
         Command::Kitchens(command) => kitchens::run(command),
         Command::Check(args) => check::run(args),
-        Command::Episodes(command) => episodes::command::run(command),
+        Command::Episodes(command) => episodes::run(command),
         Command::Oracle(settings) => oracle_table::run(settings),
-        Command::Soak(args) => soak::run(args),
         Command::Bench(args) => bench::run(args),
-        Command::ExportPeers(args) => export_peers::run(args),
-        Command::BenchBeside(args) => bench::run_beside(args),
+        Command::ExportPeers(args) => export::run(args),
     }
 }

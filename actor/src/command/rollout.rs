@@ -1,8 +1,7 @@
 //! Without a subcommand: one rollout actor of a run.
 
 use actor::process;
-use anyhow::{Context, Result, ensure};
-use proto::kitchen::KitchenId;
+use anyhow::{Context, Result};
 use std::path::PathBuf;
 use wire::{WireAddress, lifeline};
 
@@ -24,19 +23,10 @@ pub struct RolloutArgs {
     /// Exit when standard input closes, and leave Ctrl-C to whoever holds its other end.
     #[arg(long)]
     lifeline: bool,
-    /// Simulate this kitchen in place of the actor's own; not with --lifeline.
-    #[arg(long, value_parser = actor::arguments::numbered, value_name = "1..30")]
-    kitchen: Option<KitchenId>,
 }
 
 impl RolloutArgs {
-    /// Rolls out until the run ends.
     pub fn run(self) -> Result<()> {
-        ensure!(
-            !(self.lifeline && self.kitchen.is_some()),
-            "--kitchen cannot be used in a run (--lifeline): its recordings name environments by actor number, from \
-             which the kitchen follows"
-        );
         if self.lifeline {
             // Leaves no clean-up undone: what a process holds in shared memory is swept by the next orchestrator.
             lifeline::hold(|| std::process::exit(0)).context("cannot watch standard input")?;
@@ -46,7 +36,6 @@ impl RolloutArgs {
             incarnation: self.incarnation,
             wire: self.wire.context("--wire is missing")?,
             config: self.config.context("--config is missing")?,
-            kitchen: self.kitchen,
         };
         match process::run(&settings)? {}
     }

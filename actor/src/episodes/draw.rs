@@ -2,33 +2,19 @@
 
 use crate::check::episode::{Problem, check};
 use crate::parallel::in_parallel;
+use anyhow::{Result, bail};
 use proto::config::Config;
-use proto::kitchen::KitchenId;
 use proto::random::{Key, Purpose};
 use simulator::kitchen::Kitchen;
 use simulator::tasks::arm_point_nav::episodes::format::{Record, Section};
 use simulator::tasks::arm_point_nav::episodes::{EPISODES_PER_KITCHEN, category, episode_of, fingerprint};
 use std::sync::Arc;
 
-/// Seed of the fixed episodes.
 const SEED: u64 = 0x5354_494c_4c52_4f4f;
 const DRAWS: u32 = 400;
 
-/// Why a kitchen got no fixed episodes.
-#[derive(Debug, thiserror::Error)]
-pub enum DrawError {
-    /// One of them could not be drawn.
-    #[error("kitchen {kitchen}, episode {episode}: none of {DRAWS} draws is valid; the last one: {last}")]
-    NoneValid {
-        kitchen: KitchenId,
-        episode: usize,
-        /// What was wrong with the last draw.
-        last: String,
-    },
-}
-
 /// Draws all episodes of a kitchen; also returns what was wrong with the draws that were not valid.
-pub fn draw(kitchen: &Arc<Kitchen>, config: &Config) -> Result<(Section, Vec<Problem>), DrawError> {
+pub fn draw(kitchen: &Arc<Kitchen>, config: &Config) -> Result<(Section, Vec<Problem>)> {
     let drawn = in_parallel(EPISODES_PER_KITCHEN, |episode| one(kitchen, config, episode));
     let mut records = Vec::with_capacity(EPISODES_PER_KITCHEN);
     let mut rejected = Vec::new();
@@ -41,7 +27,7 @@ pub fn draw(kitchen: &Arc<Kitchen>, config: &Config) -> Result<(Section, Vec<Pro
 }
 
 /// The first valid draw of an episode, and what was wrong with those before.
-fn one(kitchen: &Arc<Kitchen>, config: &Config, episode: usize) -> Result<(Record, Vec<Problem>), DrawError> {
+fn one(kitchen: &Arc<Kitchen>, config: &Config, episode: usize) -> Result<(Record, Vec<Problem>)> {
     let mut rejected = Vec::new();
     for attempt in 0..DRAWS {
         let key = Key {
@@ -64,5 +50,5 @@ fn one(kitchen: &Arc<Kitchen>, config: &Config, episode: usize) -> Result<(Recor
         }
     }
     let last = rejected.last().map_or_else(String::new, ToString::to_string);
-    Err(DrawError::NoneValid { kitchen: kitchen.id(), episode, last })
+    bail!("kitchen {}, episode {episode}: none of {DRAWS} draws is valid; the last one: {last}", kitchen.id())
 }

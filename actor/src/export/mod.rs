@@ -27,7 +27,7 @@ use anyhow::{Context, Result};
 use bytemuck::NoUninit;
 use proto::camera::FRAME_SIDE;
 use proto::config::Config;
-use proto::kitchen::KitchenId;
+use proto::kitchen::KitchenChoice;
 use rapier3d::math::Pose3;
 use serde_json::{Value, json};
 use simulator::depth::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};
@@ -42,28 +42,33 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use trace::{Trace, record};
 
-/// Numbers in a pose.
 const POSE: usize = 7;
 
-#[derive(Debug, Clone)]
-pub struct Options {
-    pub kitchens: Vec<KitchenId>,
-    /// An episode under each of these.
-    pub policies: Vec<PolicyKind>,
-    /// Depth frames of each episode, at most.
-    pub frames: usize,
-    /// The folder, made if it is not there.
-    pub folder: PathBuf,
+/// What to write.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// Kitchens: `all`, or numbers with commas between.
+    #[arg(long, default_value = "all", value_name = "all|1,2,...")]
+    kitchens: KitchenChoice,
+    /// Who chooses the actions, in an episode each.
+    #[arg(long, value_enum, value_delimiter = ',', default_values_t = PolicyKind::ALL, value_name = "POLICY,...")]
+    policies: Vec<PolicyKind>,
+    /// Depth frames of each episode.
+    #[arg(long, default_value_t = 16, value_name = "N")]
+    frames: usize,
+    /// The folder to write.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
 }
 
-pub fn run(options: &Options) -> Result<()> {
+pub fn run(arguments: &Arguments) -> Result<()> {
     let config = Config::default();
     let mut kitchens = Vec::new();
-    for &id in &options.kitchens {
+    for &id in &arguments.kitchens.0 {
         let kitchen = Arc::new(Kitchen::build(id, &config.simulation)?);
         let name = format!("kitchen-{:02}", id.number());
-        let folder = options.folder.join(&name);
-        let description = export(&kitchen, &config, options, &folder)
+        let folder = arguments.out.join(&name);
+        let description = export(&kitchen, &config, arguments, &folder)
             .with_context(|| format!("cannot export kitchen {id} to {}", folder.display()))?;
         kitchens.push(json!({ "number": id.number(), "folder": name, "bodies": description }));
     }
@@ -74,15 +79,15 @@ pub fn run(options: &Options) -> Result<()> {
         "tan_half_field_of_view": TAN_HALF_FIELD_OF_VIEW,
         "near_m": NEAR_M,
         "robot_body": mjcf::ROBOT_BODY,
-        "policies": options.policies.iter().map(|policy| policy.name()).collect::<Vec<_>>(),
+        "policies": arguments.policies.iter().map(|policy| policy.name()).collect::<Vec<_>>(),
         "kitchens": kitchens,
     });
-    let path = options.folder.join("index.json");
+    let path = arguments.out.join("index.json");
     fs::write(&path, format!("{index:#}\n")).with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// Writes one kitchen's folder; returns its bodies for the index.
-fn export(kitchen: &Arc<Kitchen>, config: &Config, options: &Options, folder: &Path) -> Result<Value> {
+fn export(kitchen: &Arc<Kitchen>, config: &Config, arguments: &Arguments, folder: &Path) -> Result<Value> {
     fs::create_dir_all(folder)?;
     fs::write(folder.join("kitchen.xml"), mjcf::mjcf(kitchen, config.simulation.timestep_s))?;
     let mut corners: Vec<f32> = Vec::new();
@@ -113,8 +118,8 @@ fn export(kitchen: &Arc<Kitchen>, config: &Config, options: &Options, folder: &P
         }));
     }
     write_array(&folder.join("triangles.npy"), "<f4", &corners, &[3, 3])?;
-    for &policy in &options.policies {
-        let trace = record(kitchen, config, policy, options.frames)?;
+    for &policy in &arguments.policies {
+        let trace = record(kitchen, config, policy, arguments.frames)?;
         write_trace(&trace, kitchen.bodies().len(), &folder.join(policy.name()))?;
     }
     Ok(Value::Array(bodies))

@@ -12,27 +12,20 @@ use simulator::tasks::OpenError;
 use simulator::tasks::arm_point_nav::Environment;
 use std::sync::Arc;
 
-/// An episode from its start to its end.
 #[derive(Debug, Default)]
 pub struct Trace {
-    /// Pose of every movable thing at the start.
     pub world_from_movables: Vec<Pose3>,
-    /// Pose of every movable thing at the end.
     pub world_from_movables_at_end: Vec<Pose3>,
-    /// The robot's way, action after action.
     pub substeps: Vec<Substep>,
     /// Sub-steps that had been taken when each action was over.
     pub substeps_until: Vec<u32>,
-    /// Pose of the camera after each action.
     pub world_from_camera: Vec<Pose3>,
     /// What the camera saw, each from another pose.
     pub frames: Vec<Frame>,
 }
 
-/// A depth image and what it shows.
 #[derive(Debug)]
 pub struct Frame {
-    /// Pose of every body of the kitchen.
     pub world_from_bodies: Vec<Pose3>,
     pub world_from_camera: Pose3,
     /// The image: millimetres, row-major from the top left.

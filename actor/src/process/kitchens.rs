@@ -6,7 +6,6 @@ use anyhow::{Context, Result, bail};
 use engine::Simulator;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
-use proto::kitchen::KitchenId;
 use proto::record::{End, RecordHeader};
 use proto::task::Layout;
 use simulator::environment::Environment;
@@ -20,14 +19,10 @@ pub struct Kitchens {
     environments: Vec<(EnvironmentId, Box<dyn Environment>)>,
 }
 
-/// The names of an actor's environments; with `kitchen` all are in that one instead of their own.
-pub fn homes(kitchen: Option<KitchenId>, actor: u32, config: &Config) -> Vec<EnvironmentId> {
+/// The names of an actor's environments.
+pub fn homes(actor: u32, config: &Config) -> Vec<EnvironmentId> {
     let count = config.actors.environments_per_actor;
-    let home = |index| {
-        let home = EnvironmentId::among(config.kitchens(), actor, index, count);
-        EnvironmentId { kitchen: kitchen.unwrap_or(home.kitchen), ..home }
-    };
-    (0..count).map(home).collect()
+    (0..count).map(|index| EnvironmentId::among(config.kitchens(), actor, index, count)).collect()
 }
 
 impl Kitchens {

@@ -10,13 +10,12 @@ pub mod kitchens;
 pub mod prefetcher;
 mod scenes;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use engine::{Environments, Link};
 use kitchens::{Kitchens, homes};
 use prefetcher::KitchenPrefetcher;
 use proto::bounded;
 use proto::config::Config;
-use proto::kitchen::KitchenId;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use wire::WireAddress;
@@ -24,36 +23,26 @@ use wire::WireAddress;
 /// What a rollout actor is told on its command line.
 #[derive(Debug, Clone)]
 pub struct Settings {
-    /// Its number among the run's actors, from 0.
     pub actor: u32,
     /// How often it has been started in this run incarnation, from 1.
     pub incarnation: u32,
     pub wire: WireAddress,
-    /// The run's effective configuration.
     pub config: PathBuf,
-    /// Kitchen to simulate in place of the actor's own.
-    pub kitchen: Option<KitchenId>,
 }
 
-/// Runs the actor until something fails.
 pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
     let path = settings.config.display().to_string();
     let text = bounded::read_text(&settings.config).with_context(|| format!("cannot read {path}"))?;
     let config = Config::from_toml(&text, &path)?;
-    let kitchen = settings.kitchen.or_else(|| config.kitchens().of_actor(settings.actor));
-    let _span = match kitchen {
+    let _span = match config.kitchens().of_actor(settings.actor) {
         Some(kitchen) => tracing::info_span!("actor", number = settings.actor, kitchen = kitchen.number()).entered(),
         None => tracing::info_span!("actor", number = settings.actor).entered(),
     };
 
     let started = Instant::now();
     let folder = settings.config.parent().unwrap_or(Path::new(""));
-    ensure!(
-        settings.kitchen.is_none() || !config.kitchen_schedule().moves(),
-        "--kitchen cannot be used where environments go from kitchen to kitchen"
-    );
     let kitchens = Kitchens::of(KitchenPrefetcher::of(&config, folder)?, &config)?;
-    let mut environments = Environments::new(kitchens, &homes(kitchen, settings.actor, &config), &config)?;
+    let mut environments = Environments::new(kitchens, &homes(settings.actor, &config), &config)?;
     let kitchen_ms = started.elapsed().as_millis() as u64;
     let link = Link::open(&settings.wire, settings.actor, &config)?;
     tracing::info!(

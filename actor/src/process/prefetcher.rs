@@ -24,18 +24,14 @@ pub struct KitchenPrefetcher {
     orders: Arc<Orders>,
 }
 
-/// What is to be done ahead.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Order {
     /// The environment that goes there, by its number in the run.
     pub environment: u32,
-    /// Where it goes.
     pub kitchen: KitchenId,
-    /// Whether to open the kitchen, too.
     pub open: bool,
 }
 
-/// A kitchen, opened.
 #[derive(Debug)]
 pub struct Opened {
     pub kitchen: Arc<Kitchen>,

@@ -19,7 +19,6 @@ use std::sync::Arc;
 #[derive(Debug, Clone, Copy)]
 pub struct Played {
     pub environment: EnvironmentId,
-    /// Episode number within the environment.
     pub episode: u32,
     /// In an evaluation: number of the fixed episode, as in the table of episodes.
     pub fixed: Option<u32>,
@@ -63,12 +62,10 @@ fn words(rules: &Rules, seen: &Seen) -> Captions {
     seen.rewards.map_or_else(Captions::default, |_| picture::captions(rules.spec, seen.record))
 }
 
-/// A moment of an episode for pictures.
 pub(crate) fn moment(environment: &Base, words: Captions) -> Moment {
     Moment::of(environment.simulation(), environment.world_from_camera(), words)
 }
 
-/// The moments of one episode.
 pub struct Film {
     played: Played,
     moments: Vec<Moment>,
@@ -82,13 +79,11 @@ impl Film {
         Self { played, moments: Vec::new(), record: Vec::new() }
     }
 
-    /// Keeps the moment that the environment is in.
     pub fn keep(&mut self, rules: &Rules, environment: &Base, seen: &Seen) {
         seen.record.clone_into(&mut self.record);
         self.moments.push(moment(environment, words(rules, seen)));
     }
 
-    /// Draws and writes everything; returns the number of pictures.
     pub fn develop(
         mut self,
         images: &ReplayImages,

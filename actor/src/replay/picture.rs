@@ -12,7 +12,6 @@ const MOMENTS_PER_SECOND: u16 = 5;
 /// How much longer the last moment is shown: its caption says how the episode ended.
 const LAST_MOMENT_FACTOR: u16 = 10;
 
-/// Where the pictures of one episode go.
 pub struct Sink {
     total: usize,
     kept: usize,
@@ -70,7 +69,6 @@ impl Sink {
         Ok(())
     }
 
-    /// Writes the picture of a moment.
     pub fn moment(&mut self, canvas: &Canvas) -> Result<()> {
         let last = self.kept + 1 == self.total;
         match &mut self.kind {
@@ -116,7 +114,6 @@ fn changes(canvas: &Canvas, before: Option<&Canvas>) -> Vec<u8> {
     bytes
 }
 
-/// An `ffmpeg` that takes pictures on its standard input.
 struct Encoder {
     child: Child,
 }

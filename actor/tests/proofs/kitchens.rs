@@ -1,8 +1,8 @@
 //! The generated kitchens: nothing is wrong with any of them, and together they are like iTHOR's.
 
+use crate::figures::Figures;
 use actor::check::episode::verdicts;
 use actor::check::kitchens::problems;
-use actor::figures::Figures;
 use actor::parallel::in_parallel;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
@@ -41,7 +41,7 @@ fn nothing_is_wrong_and_all_together_are_like_ithor() {
         values.sort_by(f32::total_cmp);
         values[values.len() / 2]
     };
-    let things = median(figures.kitchens.iter().map(|&(.., things)| things as f32).collect());
+    let things = median(figures.kitchens.iter().map(|&(_, things)| things as f32).collect());
     assert!((65.0..=75.0).contains(&things), "the median kitchen holds {things} things");
     for (extent, theirs) in figures.extents_m.iter().zip([4.23, 4.78]) {
         let ours = median(extent.clone());

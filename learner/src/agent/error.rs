@@ -1,44 +1,27 @@
-//! What can go wrong in the agent.
-
 use crate::ffi::graph::GraphError;
 use crate::ffi::stream::StreamError;
 use crate::network::{PrecisionError, Unfit};
 use crate::peers::PeerError;
 use proto::config::{CarriedGoal, NetworkConfig};
 
-/// What went wrong in the agent.
 #[derive(Debug, thiserror::Error)]
 pub enum AgentError {
-    /// A number that should be finite is not. Weights and optimiser are as they were before the call.
     #[error("{what} is not finite")]
     NonFinite { what: String },
-    /// An observation with an unknown previous action.
     #[error("column {column}: the policy has no action {action}, but the batch has it as taken")]
-    UnknownAction {
-        /// Column of the observation.
-        column: usize,
-        /// The wire value.
-        action: u8,
-    },
-    /// The encoder cannot compute in bfloat16 here.
+    UnknownAction { column: usize, action: u8 },
     #[error(transparent)]
     Precision(#[from] PrecisionError),
-    /// A GPU, or its driver, does not take a step of the policy.
     #[error("acting: {0}")]
     Acting(#[from] GraphError),
-    /// A GPU has no stream for acting beside updates.
     #[error("ppo.overlap needs streams of the GPU: {0}. Without it the run goes on: ppo.overlap = false")]
     Stream(#[from] StreamError),
-    /// The thread for updates cannot be started.
     #[error("cannot start a thread for updates (ppo.overlap): {0}")]
     Thread(std::io::Error),
-    /// The other learners are gone.
     #[error(transparent)]
     Peers(#[from] PeerError),
-    /// A saved state does not fit this agent.
     #[error("the saved state does not fit: {0}")]
     State(#[from] Unfit),
-    /// Saved weights that were trained with the other sign of the goal vector.
     #[error(transparent)]
     Sign(#[from] OtherSign),
 }
@@ -50,7 +33,6 @@ pub enum AgentError {
      the target is held they would see their goal in the opposite direction. Set network.carried_goal = \"{trained}\""
 )]
 pub struct OtherSign {
-    /// Of the weights.
     pub trained: CarriedGoal,
     pub configured: CarriedGoal,
 }

@@ -148,10 +148,8 @@ impl Agent {
         self.rollout = Some(Rollout::new(shape, columns, kept, self.beliefs.copy()));
     }
 
-    /// Chooses actions for some columns and advances their beliefs, outside of any rollout: nothing is stored.
-    ///
-    /// # Panics
-    /// When the input's slices differ in length.
+    /// Chooses actions for some columns and advances their beliefs, outside of any rollout: nothing is stored. Panics
+    /// when the input's slices differ in length.
     pub fn act(&mut self, input: &StepInput) -> Result<Choice, AgentError> {
         input.check();
         let (head, count) = (self.config.action_head(), input.columns.len());
@@ -190,10 +188,7 @@ impl Agent {
 
     /// Values what was seen last of the episode that a column's action in step `t` truncated, with the belief before
     /// the next one begins; after [`Agent::record`]. Nothing happens unless ends by the step limit are to be
-    /// bootstrapped.
-    ///
-    /// # Panics
-    /// Outside a rollout.
+    /// bootstrapped. Panics outside a rollout.
     pub fn value_last(&mut self, t: usize, column: usize, numbers: &[f32]) -> Result<(), AgentError> {
         if !self.config.ppo.bootstrap_time_limits {
             return Ok(());
@@ -230,7 +225,6 @@ impl Agent {
         self.batch_rows.is_some() && self.config.ppo.preemption_share == 0.0
     }
 
-    /// Which of the run's columns this learner has.
     pub fn columns(&self) -> Range<usize> {
         self.columns.clone()
     }
@@ -244,10 +238,8 @@ impl Agent {
         &self.trainer().peers
     }
 
-    /// Ends the rollout after its first `steps` steps. The next observations go to [`Agent::bootstrap`].
-    ///
-    /// # Panics
-    /// Outside a rollout, or if it is not longer than that.
+    /// Ends the rollout after its first `steps` steps. The next observations go to [`Agent::bootstrap`]. Panics outside
+    /// a rollout, or if it is not longer than that.
     pub fn cut_rollout(&mut self, steps: usize) {
         self.rollout.as_mut().expect("a rollout in progress is cut").cut(steps);
     }
@@ -259,9 +251,7 @@ impl Agent {
     }
 
     /// Ends the rollout, to train on it. `progress` is how far the learning rate has fallen; `rollout` its number.
-    ///
-    /// # Panics
-    /// When an action's outcome or a column's bootstrap value is missing, or when an update was not finished.
+    /// Panics when an action's outcome or a column's bootstrap value is missing, or when an update was not finished.
     pub fn begin_update(&mut self, progress: f64, rollout: u64) {
         let collected = self.rollout.take().expect("update ends a rollout");
         if let Some((t, column)) = collected.first_missing() {
@@ -278,10 +268,8 @@ impl Agent {
     /// The figures of the update that was begun, once it is through. After an error its rollout is kept, so that it can
     /// be inspected or abandoned; one in progress is forgotten.
     ///
-    /// Figures: [`proto::metric`] from `loss/policy` on, and the auxiliary task's as `auxiliary/…`.
-    ///
-    /// # Panics
-    /// When none was begun.
+    /// Figures: [`proto::metric`] from `loss/policy` on, and the auxiliary task's as `auxiliary/…`. Panics when none
+    /// was begun.
     pub fn finish_update(&mut self) -> Result<BTreeMap<String, f64>, AgentError> {
         let Done { trainer, collected, result } = match (self.due.take(), &mut self.overlap) {
             (Some(job), _) => job.run(),
@@ -312,7 +300,6 @@ impl Agent {
         }
     }
 
-    /// PPO-Lagrangian's multiplier.
     pub fn multiplier(&self) -> f64 {
         self.multiplier
     }

@@ -32,7 +32,6 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use tch::{Device, Kind, Tensor};
 
-/// What acts while an update runs, and the thread of the update.
 #[derive(Debug)]
 pub(super) struct Overlap {
     /// The network that acts.
@@ -104,12 +103,10 @@ impl Overlap {
         free
     }
 
-    /// Whether an update has begun that was not finished.
     pub fn is_busy(&self) -> bool {
         self.busy
     }
 
-    /// Waits until the update is through.
     pub fn finish(&mut self) -> Done {
         assert!(std::mem::take(&mut self.busy), "an update was begun");
         self.done.recv().expect("the thread of the update has panicked")
@@ -132,7 +129,6 @@ fn await_stream(streams: Option<Streams>) {
     }
 }
 
-/// The network that acts.
 pub(super) fn policy<'a>(overlap: Option<&'a Overlap>, trainer: Option<&'a Trainer>) -> &'a Network {
     overlap.map_or_else(|| &trainer.expect(HERE).network, |overlap| &overlap.policy)
 }

@@ -3,13 +3,10 @@
 use crate::network::{FORBIDDEN_LOGIT, HALF_LN_TAU};
 use proto::task::{ActionHead, PolicyAction};
 
-/// What the policy chose for a row.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Sampled {
     pub action: PolicyAction,
-    /// Log-probability of the action.
     pub log_prob: f32,
-    /// Value of the observation.
     pub value: f32,
     /// Whether all that the network gives for the row is finite.
     pub finite: bool,

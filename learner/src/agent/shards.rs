@@ -5,10 +5,8 @@ use super::{Agent, AgentError, StepInput, StepOutput};
 use crate::shards::Shards;
 
 impl Agent {
-    /// [`Agent::step_each`] for columns that are all at row `t` of the rollout.
-    ///
-    /// # Panics
-    /// Outside a rollout, or when the input's slices differ in length.
+    /// [`Agent::step_each`] for columns that are all at row `t` of the rollout. Panics outside a rollout, or when the
+    /// input's slices differ in length.
     pub fn step(&mut self, t: usize, input: &StepInput) -> Result<StepOutput, AgentError> {
         self.step_each(&vec![t; input.columns.len()], input)
     }
@@ -19,10 +17,8 @@ impl Agent {
     /// nothing else: its belief stays, and its action in the output means nothing.
     ///
     /// A column that holds in the rollout's last step is inferred, too: its last action bootstraps from this value. Its
-    /// action must not be sent. Its belief does not change, because the same observation comes again.
-    ///
-    /// # Panics
-    /// Outside a rollout, or when the slices differ in length.
+    /// action must not be sent. Its belief does not change, because the same observation comes again. Panics outside a
+    /// rollout, or when the slices differ in length.
     pub(crate) fn step_each(&mut self, rows: &[usize], input: &StepInput) -> Result<StepOutput, AgentError> {
         assert_eq!(rows.len(), input.columns.len(), "a row for each column");
         let mut output = StepOutput::default();
@@ -37,11 +33,8 @@ impl Agent {
         Ok(output)
     }
 
-    /// Computes the values of the observations after the last action, at rows of their own. Beliefs stay where they are.
-    /// Columns that held may be left out.
-    ///
-    /// # Panics
-    /// As [`Agent::step`].
+    /// Computes the values of the observations after the last action, at rows of their own. Beliefs stay where they
+    /// are. Columns that held may be left out. Panics as [`Agent::step`] does.
     pub fn bootstrap(&mut self, input: &StepInput) -> Result<(), AgentError> {
         let steps = self.rollout.as_ref().expect("a rollout is bootstrapped").shape().steps;
         self.step(steps, input).map(drop)

@@ -13,10 +13,8 @@ pub(crate) const ACTING: &str = "acting.";
 pub(crate) const FIRST_MOMENT: &str = "adam.first";
 /// Adam's mean of its square there.
 pub(crate) const SECOND_MOMENT: &str = "adam.second";
-/// What the beliefs are called there.
 pub(crate) const BELIEFS: &str = "beliefs";
 
-/// Everything of an agent that a checkpoint keeps, on the CPU.
 #[derive(Debug)]
 pub struct AgentState {
     /// Weights as `model.…` with PyTorch's module paths, Adam's moments as `adam.first` and `adam.second` (flat, in the
@@ -25,7 +23,6 @@ pub struct AgentState {
     pub tensors: BTreeMap<String, Tensor>,
     /// Optimiser steps taken in this stage.
     pub adam_steps: u64,
-    /// PPO-Lagrangian's multiplier.
     pub multiplier: f64,
     /// Sign of the goal vector that the weights were trained with.
     pub carried_goal: CarriedGoal,

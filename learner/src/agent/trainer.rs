@@ -15,10 +15,8 @@ use proto::learning_rate::falling;
 use std::collections::BTreeMap;
 use tch::Device;
 
-/// Why the trainer is there.
 pub(super) const HERE: &str = "no update runs, or it has ended";
 
-/// What learns.
 #[derive(Debug)]
 pub(super) struct Trainer {
     pub network: Network,
@@ -31,19 +29,15 @@ pub(super) struct Trainer {
     pub first_column: usize,
 }
 
-/// An update to be made.
 #[derive(Debug)]
 pub(super) struct Job {
     pub trainer: Box<Trainer>,
     pub collected: Rollout,
-    /// The rollout's number.
     pub number: u64,
-    /// Step size.
     pub learning_rate: f64,
     pub config: Config,
 }
 
-/// An update that was made, or could not be.
 #[derive(Debug)]
 pub(super) struct Done {
     pub trainer: Box<Trainer>,

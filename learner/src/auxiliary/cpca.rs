@@ -14,7 +14,6 @@ use proto::config::AuxiliaryTask;
 use std::collections::BTreeMap;
 use tch::{Kind, Reduction, Tensor};
 
-/// Its line in the registry.
 pub(crate) const ENTRY: TaskEntry = TaskEntry {
     task: AuxiliaryTask::Cpca16,
     name: "cpca16",
@@ -22,7 +21,6 @@ pub(crate) const ENTRY: TaskEntry = TaskEntry {
     declare: |layout, sizes, config| Box::new(Cpca::new(layout, sizes, config.subsample)),
 };
 
-/// What its tally holds.
 const SUMS: [&str; 3] = ["asked", "positives_right", "negatives_right"];
 
 /// Number of steps predicted ahead.

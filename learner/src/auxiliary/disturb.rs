@@ -13,7 +13,6 @@ use proto::config::AuxiliaryTask;
 use std::collections::BTreeMap;
 use tch::{Kind, Reduction, Tensor};
 
-/// Its line in the registry.
 pub(crate) const ENTRY: TaskEntry = TaskEntry {
     task: AuxiliaryTask::Disturb,
     name: "disturb",
@@ -21,7 +20,6 @@ pub(crate) const ENTRY: TaskEntry = TaskEntry {
     declare: |layout, sizes, config| Box::new(Disturb::new(layout, sizes, config.focal_gamma)),
 };
 
-/// What its tally holds.
 const SUMS: [&str; 4] = ["hits", "misses", "alarms", "quiet"];
 
 /// Width of the hidden layer.
@@ -38,7 +36,6 @@ pub struct Disturb {
 }
 
 impl Disturb {
-    /// Declares both layers.
     pub fn new(layout: &mut Layout, Sizes { hidden, actions }: Sizes, focal_gamma: f64) -> Self {
         let path = format!("auxiliary.{}", ENTRY.name);
         let bias = Initial::Constant(LAST_BIAS);

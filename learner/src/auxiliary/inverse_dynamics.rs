@@ -11,7 +11,6 @@ use proto::config::AuxiliaryTask;
 use std::collections::BTreeMap;
 use tch::{Kind, Reduction, Tensor};
 
-/// Its line in the registry.
 pub(crate) const ENTRY: TaskEntry = TaskEntry {
     task: AuxiliaryTask::InverseDynamics,
     name: "inverse_dynamics",
@@ -19,7 +18,6 @@ pub(crate) const ENTRY: TaskEntry = TaskEntry {
     declare: |layout, sizes, config| Box::new(InverseDynamics::new(layout, sizes, config.subsample)),
 };
 
-/// What its tally holds.
 const SUMS: [&str; 2] = ["right", "asked"];
 
 /// \[embedding t, embedding t+1, final belief\] → one logit an action.

@@ -31,15 +31,11 @@ use tch::Tensor;
 
 pub(crate) const TASKS: [TaskEntry; 3] = [disturb::ENTRY, inverse_dynamics::ENTRY, cpca::ENTRY];
 
-/// The task that a run trains, or none.
 #[derive(Debug)]
 pub struct Auxiliary(Option<Box<dyn Task>>);
 
 impl Auxiliary {
-    /// Declares the parameters of the configured task.
-    ///
-    /// # Panics
-    /// If the task has no line in [`TASKS`].
+    /// Declares the parameters of the configured task. Panics if the task has no line in [`TASKS`].
     pub fn new(config: &AuxiliaryConfig, layout: &mut Layout, sizes: Sizes) -> Self {
         if config.task == AuxiliaryTask::None {
             return Self(None);
@@ -49,7 +45,6 @@ impl Auxiliary {
         Self(Some((entry.declare)(layout, sizes, config)))
     }
 
-    /// Whether there is no task.
     pub fn is_none(&self) -> bool {
         self.0.is_none()
     }
@@ -62,10 +57,8 @@ impl Auxiliary {
         }
     }
 
-    /// Loss of one pass: see [`Task::loss`]. `None` without a task, or if it is asked nothing of this pass.
-    ///
-    /// # Panics
-    /// If the task does not give as many sums as it names.
+    /// Loss of one pass: see [`Task::loss`]. `None` without a task, or if it is asked nothing of this pass. Panics if
+    /// the task does not give as many sums as it names.
     pub fn loss(&self, parameters: &Parameters, pass: &Pass, queries: &[Query], count: u64) -> Option<TaskLoss> {
         let task = self.0.as_ref().filter(|_| !queries.is_empty())?;
         let loss = task.loss(parameters, pass, queries, count);
@@ -78,7 +71,6 @@ impl Auxiliary {
         self.0.as_ref().map_or(&[], |task| task.sums())
     }
 
-    /// The task's figures, named `auxiliary/…`, from the sums of all passes.
     pub fn figures(&self, tally: &Tally) -> BTreeMap<String, f64> {
         self.0.as_ref().map(|task| task.figures(tally)).unwrap_or_default()
     }

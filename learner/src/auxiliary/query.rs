@@ -11,12 +11,10 @@ use proto::random::{Key, Purpose};
 /// Valid queries below which none is left out (reference).
 const SUBSAMPLE_LEAST: u64 = 10;
 
-/// One epoch of one update.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Epoch {
     pub seed: u64,
     pub rollout: u64,
-    /// Epoch within the update.
     pub epoch: u32,
     /// Number, in the whole run, of the passes' column 0. With it the draws do not depend on the division of columns
     /// among learners.
@@ -89,7 +87,6 @@ impl Epoch {
     }
 }
 
-/// Queries of several passes.
 pub(crate) fn count(queries: &[Vec<Query>]) -> u64 {
     queries.iter().map(|queries| queries.len() as u64).sum()
 }

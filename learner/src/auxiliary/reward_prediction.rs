@@ -9,7 +9,6 @@ use crate::peers::{PeerError, Peers};
 use std::collections::BTreeMap;
 use tch::{Kind, Reduction};
 
-/// What its tally holds.
 const SUMS: [&str; 2] = ["absolute_error", "asked"];
 
 /// hidden → one expected reward an action.
@@ -19,7 +18,6 @@ pub(crate) struct RewardPrediction {
 }
 
 impl RewardPrediction {
-    /// Declares the layer.
     pub(crate) fn new(layout: &mut Layout, Sizes { hidden, actions }: Sizes) -> Self {
         Self { head: Linear::with_default(layout, "auxiliary.reward_prediction", [hidden, actions]) }
     }

@@ -32,24 +32,19 @@ pub trait Task: fmt::Debug + Send {
     }
 }
 
-/// A task's line in the registry.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct TaskEntry {
-    /// The configuration's variant.
     pub task: AuxiliaryTask,
     /// The configuration's name for it. Its weights are named `auxiliary.NAME.…`.
     pub name: &'static str,
     /// Where the names of its weights begin in AllenAct, up to and including the dot; `None` if AllenAct has no such
     /// task.
     pub allenact: Option<&'static str>,
-    /// Declares its parameters.
     pub declare: fn(&mut Layout, Sizes, &AuxiliaryConfig) -> Box<dyn Task>,
 }
 
-/// Widths that a task's layers depend on.
 #[derive(Debug, Clone, Copy)]
 pub struct Sizes {
-    /// Of the belief.
     pub hidden: i64,
     pub actions: i64,
 }
@@ -57,7 +52,6 @@ pub struct Sizes {
 /// A task's inputs from a training pass; rows in the order of the packing.
 #[derive(Debug)]
 pub struct Pass<'a> {
-    /// The rollout that is trained on.
     pub rollout: &'a Rollout,
     /// Its rows of this pass.
     pub packing: &'a Packing,
@@ -81,7 +75,6 @@ impl Pass<'_> {
     }
 }
 
-/// A task's loss on one pass.
 #[derive(Debug)]
 pub struct TaskLoss {
     /// This pass's part of the batch's mean loss, with gradient.
@@ -90,7 +83,6 @@ pub struct TaskLoss {
     pub sums: Vec<Tensor>,
 }
 
-/// Sums over rows, by name: passes and epochs add up.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Tally(BTreeMap<&'static str, f64>);
 
@@ -99,7 +91,6 @@ impl Tally {
         Self(names.iter().copied().zip(sums.iter().copied()).collect())
     }
 
-    /// Adds another tally.
     pub fn merge(&mut self, other: &Self) {
         for (name, value) in &other.0 {
             *self.0.entry(name).or_default() += value;

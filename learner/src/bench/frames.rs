@@ -41,16 +41,13 @@ pub struct Frames {
     frame: Frame,
     seed: u64,
     draws: Noise,
-    /// The action that was always taken before.
     action: u8,
-    /// Numbers of an observation.
     numbers: usize,
     _ports: (ObservationSubscriber, Vec<ObservationPublisher>),
     _host: WireHost,
     _swept: Swept,
 }
 
-/// Sweeps the address when all ports are gone.
 struct Swept(WireAddress);
 
 impl Drop for Swept {
@@ -61,11 +58,9 @@ impl Drop for Swept {
     }
 }
 
-/// Addresses of this process: each takes another.
 static TAKEN: AtomicU32 = AtomicU32::new(1);
 
 impl Frames {
-    /// Those of all environments of a configuration.
     pub fn new(config: &Config) -> Result<Self> {
         let (actors, each) = (config.actors.count, config.actors.environments_per_actor);
         ensure!(Halves::of(each).count() == 2, "an actor has two halves");

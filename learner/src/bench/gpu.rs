@@ -1,6 +1,7 @@
 //! How busy a GPU is while something is measured.
 
 use crate::ffi::gpu::{Reading, Watch, pci_address};
+use serde::Serialize;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -9,12 +10,12 @@ use tch::Device;
 /// Between two looks. The driver itself averages over a sixth of a second to a second.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// What a GPU did during a measurement.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Use {
     /// Mean share of the time in which a kernel ran, 0..1.
     pub busy: f64,
     /// The most memory that all its processes took, bytes.
+    #[serde(rename = "memory_bytes")]
     pub memory: u64,
 }
 
@@ -30,7 +31,6 @@ impl Monitor {
         Self(watch.ok().map(Arc::new))
     }
 
-    /// Does something and tells what the GPU did meanwhile.
     pub fn during<T>(&self, work: impl FnOnce() -> T) -> (T, Option<Use>) {
         let Some(watch) = self.0.clone() else { return (work(), None) };
         let done = Arc::new(AtomicBool::new(false));

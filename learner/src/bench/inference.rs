@@ -10,27 +10,21 @@ use crate::network::{FramePreparation, Staging};
 use anyhow::Result;
 use proto::config::Config;
 use proto::stage::RolloutShape;
+use serde::Serialize;
 use std::time::{Duration, Instant};
 use tch::Device;
 
-/// Steps of the rollouts that are begun for this.
 const STEPS: usize = 16;
-/// The fewest steps that are measured.
 const FEWEST: usize = 20;
 
-/// What was measured with one batch.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Inference {
-    /// Frames at once.
     pub batch: u32,
-    /// Median time of a step, seconds.
     pub p50_s: f64,
-    /// Its 99th percentile.
     pub p99_s: f64,
     /// Median time from shared memory to kept frames, seconds: a part of the step. None in a task without a frame, and on a
     /// GPU, which reads the frames itself, or waits for their copy if a warning says so.
     pub copy_s: Option<f64>,
-    /// What the GPU did.
     pub gpu: Option<Use>,
 }
 
@@ -69,7 +63,6 @@ pub fn measure(
     Ok(Inference { batch, p50_s: percentile(&times, 0.5), p99_s: percentile(&times, 0.99), copy_s, gpu })
 }
 
-/// Takes all steps of both halves, and notes how long each took.
 fn rollout(agent: &mut Agent, frames: &Frames, config: &Config, times: &mut Vec<f64>) -> Result<()> {
     agent.begin_rollout(RolloutShape::next(u64::MAX, STEPS, config.environments()));
     for t in 0..STEPS {
@@ -84,7 +77,6 @@ fn rollout(agent: &mut Agent, frames: &Frames, config: &Config, times: &mut Vec<
     Ok(())
 }
 
-/// The median time of the copy alone, on a CPU.
 fn copy(frames: &Frames, config: &Config) -> f64 {
     let preparation = FramePreparation::of(config, Device::Cpu);
     let mut staging = Staging::default();

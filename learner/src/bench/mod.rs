@@ -1,24 +1,20 @@
-//! `learner bench`: how fast this machine infers, trains and runs the whole loop, through the code that training uses.
+//! `learner bench`: how fast this machine infers and trains, through the code that training uses.
 //!
 //! ```text
 //! frames      observations in shared memory, as actors send them
 //! inference   one step of a half: from frames in shared memory to sampled actions
 //! update      an epoch, and a whole update
-//! whole_loop  a short real run, started with `orchestrator up`: where its time goes
 //! time        what all of them measure with
 //! gpu         how busy the GPU is meanwhile, and how much of its memory is taken
 //! report      all of it as one table, or as JSON
-//! exchange    a command of its own: sums of gradients over learners
 //! ```
 
-pub mod exchange;
 mod frames;
 mod gpu;
 mod inference;
 mod report;
 mod time;
 mod update;
-mod whole_loop;
 
 #[cfg(test)]
 pub(crate) use frames::Frames;
@@ -41,14 +37,11 @@ use tch::Cuda;
 A batch is one half of the environments: 19 actors of 16 environments make batches of 152. Its time goes from frames
 in shared memory to sampled actions, so it includes the way of the frames to the device. On a CPU the column `copy`
 gives that alone; a GPU reads the frames itself, unless a warning says that they are copied. An epoch is forward and
-backward pass of all frames with its optimiser step. The whole loop is a run of --loop-frames by `orchestrator up`, of
-the first stage alone, and `orchestrator` must lie beside this program; its first two rollouts, with the start of
-processes and the recording of a GPU's graphs, are left out, and the last one, which may be shorter and whose update
-has no other rollout beside it.
+backward pass of all frames with its optimiser step. `orchestrator up --frames N` measures the whole loop.
 
 Examples:
   learner bench
-  learner bench --device cpu --set network.encoder=resnet --batches 10 --steps 16 --loop-frames 0
+  learner bench --device cpu --set network.encoder=resnet --batches 10 --steps 16
   learner bench --device cuda --json > bench.json")]
 pub struct Arguments {
     /// Where to compute: cpu, cuda or auto
@@ -78,9 +71,6 @@ pub struct Arguments {
     /// Least time for each figure of inference, seconds
     #[arg(long, value_name = "S", default_value_t = 1.0)]
     seconds: f64,
-    /// Frames of the run that shows the whole loop; 0 = none [default: eight rollouts]
-    #[arg(long, value_name = "F")]
-    loop_frames: Option<u64>,
     /// Show a profiler one more step, or one more update of a single epoch (`ncu --profile-from-start off`)
     #[arg(long, value_name = "WHAT", value_enum)]
     mark: Option<Mark>,
@@ -98,7 +88,6 @@ enum Mark {
     Update,
 }
 
-/// Measures and prints.
 pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<()> {
     ensure!(
         arguments.seconds > 0.0 && arguments.seconds <= 600.0,
@@ -120,11 +109,6 @@ pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<()> {
     let (place, parameters) = (agent.device(), agent.parameter_count());
     drop(agent);
 
-    // First, while the memory of the GPU is the run's.
-    let whole_loop = match arguments.loop_frames {
-        Some(0) => None,
-        frames => Some(whole_loop::measure(&config, frames, &monitor)?),
-    };
     let defaults: (&[u32], &[u32], u32) =
         if device.is_cuda() { (&[10, 19, 152, 304, 608], &[32, 128], 9728) } else { (&[10, 19, 38], &[16, 32], 1216) };
     let given = |list: &[u32], default: &[u32]| if list.is_empty() { default.to_vec() } else { list.to_vec() };
@@ -153,8 +137,8 @@ pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<()> {
         (Some(_), Encoder::Resnet) => "resnet",
         (Some(_), Encoder::Cnn) => "cnn",
     };
-    let report = Report { preset: preset.to_owned(), place, encoder, parameters, inference, updates, whole_loop };
-    let text = if arguments.json { format!("{:#}", report.json()) } else { report.table() };
+    let report = Report { preset: preset.to_owned(), place, encoder, parameters, inference, updates };
+    let text = if arguments.json { serde_json::to_string_pretty(&report)? } else { report.table() };
     writeln!(output, "{text}")?;
     Ok(())
 }

@@ -1,26 +1,19 @@
-//! What was measured, as one table or as JSON.
-
 use super::gpu::Use;
 use super::inference::Inference;
 use super::update::Updates;
-use super::whole_loop::WholeLoop;
-use serde_json::{Value, json};
+use serde::Serialize;
 
-#[derive(Debug)]
+/// As JSON its times are in seconds.
+#[derive(Debug, Serialize)]
 pub struct Report {
-    /// The configuration's name.
     pub preset: String,
-    /// Device and precision.
+    #[serde(rename = "device")]
     pub place: String,
     /// The encoder's name; `mlp` without a frame.
     pub encoder: &'static str,
     pub parameters: u64,
-    /// By batch.
     pub inference: Vec<Inference>,
-    /// By steps.
     pub updates: Vec<Updates>,
-    /// None if it was left out.
-    pub whole_loop: Option<WholeLoop>,
 }
 
 impl Report {
@@ -57,66 +50,7 @@ impl Report {
             ));
         }
         lines.push("* of one epoch: forward, backward, clip, Adam".to_owned());
-        if let Some(whole) = &self.whole_loop {
-            let [busy, memory] = cells(whole.gpu);
-            let share = |part: f64| format!("{:.0}%", 100.0 * part / whole.seconds());
-            lines.push(format!(
-                "whole loop: {:.0} frames/s ({} frames); simulate (wait for actors) {}, infer (copy included) {}, update \
-                 {}, other {}; GPU busy {busy}, memory {memory}",
-                whole.frames as f64 / whole.seconds(),
-                whole.frames,
-                share(whole.timing.simulate_s),
-                share(whole.timing.infer_s),
-                share(whole.timing.update_s),
-                share(whole.timing.other_s),
-            ));
-        }
         lines.join("\n")
-    }
-
-    /// For machines; times in seconds.
-    pub fn json(&self) -> Value {
-        let inference: Vec<Value> = self
-            .inference
-            .iter()
-            .map(|row| {
-                let Inference { batch, p50_s, p99_s, copy_s, gpu } = *row;
-                json!({ "batch": batch, "p50_s": p50_s, "p99_s": p99_s, "copy_s": copy_s, "gpu": gpu.map(gpu_json) })
-            })
-            .collect();
-        let updates: Vec<Value> = self
-            .updates
-            .iter()
-            .map(|row| {
-                json!({
-                    "steps": row.steps,
-                    "environments": row.environments,
-                    "frames": row.frames,
-                    "epochs": row.epochs,
-                    "epoch_s": row.epoch_s,
-                    "update_s": row.update_s,
-                    "epoch_frames_per_s": row.frames as f64 / row.epoch_s,
-                    "gpu": row.gpu.map(gpu_json),
-                })
-            })
-            .collect();
-        let whole_loop = self.whole_loop.map(|whole| {
-            json!({
-                "frames": whole.frames,
-                "frames_per_s": whole.frames as f64 / whole.seconds(),
-                "timing": whole.timing,
-                "gpu": whole.gpu.map(gpu_json),
-            })
-        });
-        json!({
-            "preset": self.preset,
-            "device": self.place,
-            "encoder": self.encoder,
-            "parameters": self.parameters,
-            "inference": inference,
-            "updates": updates,
-            "whole_loop": whole_loop,
-        })
     }
 }
 
@@ -125,8 +59,4 @@ fn cells(gpu: Option<Use>) -> [String; 2] {
         || ["-"; 2].map(str::to_owned),
         |Use { busy, memory }| [format!("{:.0}%", 100.0 * busy), format!("{:.1} GB", memory as f64 / 1e9)],
     )
-}
-
-fn gpu_json(Use { busy, memory }: Use) -> Value {
-    json!({ "busy": busy, "memory_bytes": memory })
 }

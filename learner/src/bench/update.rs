@@ -1,5 +1,3 @@
-//! Updates: an epoch, and the whole.
-
 use super::frames::{self, Frames};
 use super::gpu::{Monitor, Use};
 use super::time::{percentile, synchronise};
@@ -9,6 +7,7 @@ use crate::rollout::Outcome;
 use anyhow::Result;
 use proto::config::Config;
 use proto::stage::RolloutShape;
+use serde::Serialize;
 use std::time::Instant;
 use tch::Device;
 
@@ -16,8 +15,7 @@ const UPDATES: u64 = 3;
 /// Updates before: in the first one libraries warm up, in the second one passes are recorded for all that follow.
 const WARM_UPS: u64 = 2;
 
-/// What was measured with rollouts of some steps.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Updates {
     pub steps: u32,
     pub environments: usize,

@@ -20,16 +20,12 @@ pub(crate) use tensors::{decode, encode};
 use crate::agent::AgentState;
 use crate::collector::Boundary;
 
-/// A run at a rollout boundary.
 #[derive(Debug)]
 pub struct Snapshot {
     /// The next rollout.
     pub rollout: u64,
-    /// Frames trained on.
     pub frames: u64,
-    /// Weights, moments, beliefs.
     pub agent: AgentState,
-    /// Environments.
     pub boundary: Boundary,
     pub weights: String,
 }

@@ -26,12 +26,10 @@ const HEAD: usize = 8;
 pub struct Part {
     /// Beliefs \[columns, hidden\], on the CPU.
     pub beliefs: Tensor,
-    /// Its environments.
     pub boundary: Boundary,
 }
 
 impl Part {
-    /// As bytes.
     pub fn encode(&self) -> Result<Vec<u8>, TensorsError> {
         let tensors = BTreeMap::from([(BELIEFS.to_owned(), self.beliefs.shallow_clone())]);
         let mut bytes = self.boundary.exchange.to_le_bytes().to_vec();
@@ -39,7 +37,6 @@ impl Part {
         Ok(bytes)
     }
 
-    /// What [`Part::encode`] wrote.
     pub fn decode(bytes: &[u8]) -> Result<Self, TensorsError> {
         let (head, rest) = bytes.split_first_chunk::<HEAD>().ok_or_else(|| Unfit::missing("exchange"))?;
         let (mut tensors, boundary) = tensors::decode(rest, u64::from_le_bytes(*head))?;
@@ -92,10 +89,7 @@ impl Snapshot {
         Some(Part { beliefs, boundary: Boundary { exchange: *exchange, environments, running } })
     }
 
-    /// Leaves only these columns: those of one learner.
-    ///
-    /// # Panics
-    /// If it has not so many.
+    /// Leaves only these columns: those of one learner. Panics if it has not so many.
     pub fn keep(&mut self, columns: Range<usize>) {
         let all = self.boundary.environments.len();
         // The agent refuses beliefs of another number of environments.

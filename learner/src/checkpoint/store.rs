@@ -16,7 +16,6 @@ use std::io::ErrorKind;
 use std::iter::once;
 use std::path::{Path, PathBuf};
 
-/// A checkpoint that cannot be used, and why.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Rejected {
     pub path: PathBuf,
@@ -29,37 +28,20 @@ impl std::fmt::Display for Rejected {
     }
 }
 
-/// A failure to write or to find a checkpoint.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
-    /// A file could not be written. What was there before is still there.
     #[error("cannot write checkpoint {path}: {cause} ({free_bytes} bytes are free there; earlier checkpoints are kept)",
         path = .path.display(), free_bytes = free_text(*.free_bytes))]
-    Write {
-        path: PathBuf,
-        cause: std::io::Error,
-        /// Free space on its file system, if known.
-        free_bytes: Option<u64>,
-    },
-    /// The recording could not be seen onto the disk: a checkpoint must not be ahead of it.
+    Write { path: PathBuf, cause: std::io::Error, free_bytes: Option<u64> },
     #[error("cannot see recording {path} onto the disk: {cause} (the checkpoint is not written; earlier ones are kept)",
         path = .path.display())]
     Recording { path: PathBuf, cause: std::io::Error },
-    /// The folder could not be read or created.
     #[error("cannot use checkpoint folder {path}: {cause}", path = .path.display())]
     Folder { path: PathBuf, cause: std::io::Error },
-    /// The state could not be turned into a file.
     #[error("cannot encode the state: {0}")]
     Encode(#[from] TensorsError),
-    /// The folder does not belong to this run any more: whoever made it anew would go on from our checkpoint.
     #[error("{folder} is not the folder of run {run} any more ({found}): nothing is written there", folder = .folder.display())]
-    Foreign {
-        folder: PathBuf,
-        run: String,
-        /// Whose it is now.
-        found: String,
-    },
-    /// There are checkpoints, and none can be used.
+    Foreign { folder: PathBuf, run: String, found: String },
     #[error("no checkpoint in {folder} can be used:\n{}", list(.rejected), folder = .folder.display())]
     NoneGood {
         folder: PathBuf,
@@ -76,7 +58,6 @@ fn list(rejected: &[Rejected]) -> String {
     rejected.iter().map(|rejected| format!("  {rejected}")).collect::<Vec<_>>().join("\n")
 }
 
-/// The newest good checkpoint, and the newer unusable ones that were skipped.
 #[derive(Debug)]
 pub struct Loaded {
     pub snapshot: Snapshot,
@@ -121,7 +102,6 @@ impl Store {
         Self { unmade: true, ..self }
     }
 
-    /// The same on another file system.
     pub fn on<D: Disk>(self, disk: D) -> Store<D> {
         let Self { disk: _, run, id, unmade, stages, config, machine, keep } = self;
         Store { disk, run, id, unmade, stages, config, machine, keep }
@@ -140,7 +120,6 @@ impl<D: Disk> Store<D> {
         Err(CheckpointError::Foreign { folder: self.run.root().to_path_buf(), run: self.id.clone(), found })
     }
 
-    /// The machine that new checkpoints carry.
     pub fn machine(&self) -> &Machine {
         &self.machine
     }

@@ -34,9 +34,7 @@ const METRICS: &str = "running.metrics";
 /// Of older versions.
 const PICKED_UP: &str = "running.picked_up";
 const DISCOUNTED_DISTURBANCE: &str = "running.discounted_disturbance_m";
-/// No action has more.
 const ACTION_BYTES_MOST: usize = 4 * NUMBERS_MOST as usize;
-/// No run plays more episodes in one environment.
 const EPISODE_MOST: u32 = u32::MAX / 2;
 const OWN: [&str; 10] = [
     EPISODE,
@@ -51,15 +49,12 @@ const OWN: [&str; 10] = [
     PICKED_UP,
 ];
 
-/// Why tensors do not make a state.
 #[derive(Debug, thiserror::Error)]
 pub enum TensorsError {
     #[error("not a safetensors file: {0}")]
     Format(#[from] safetensors::SafeTensorError),
-    /// libtorch refused.
     #[error("libtorch: {0}")]
     Torch(#[from] tch::TchError),
-    /// A tensor that must be there is not, or has another type or shape.
     #[error("tensor `{name}` {problem}")]
     Tensor { name: String, problem: String },
 }
@@ -80,7 +75,6 @@ struct StoredTensor {
     bytes: Vec<u8>,
 }
 
-/// Named tensors as the bytes of a safetensors file.
 pub fn encode_tensors(tensors: &BTreeMap<String, Tensor>) -> Result<Vec<u8>, TensorsError> {
     serialize(&entries(tensors)?)
 }

@@ -16,24 +16,19 @@ pub struct ColumnMap {
 }
 
 impl ColumnMap {
-    /// The map of `actors` actors with `environments_per_actor` environments each. `first_actor` is the number
-    /// in the whole run of this learner's first one.
-    ///
-    /// # Panics
-    /// If there would be no environment.
+    /// The map of `actors` actors with `environments_per_actor` environments each. `first_actor` is the number in the
+    /// whole run of this learner's first one. Panics if there would be no environment.
     pub fn new(first_actor: u32, actors: u32, environments_per_actor: u32) -> Self {
         assert!(actors > 0 && environments_per_actor > 0, "a learner has environments");
         Self { first_actor, actors, environments_per_actor, kitchens: Kitchens::TRAINING }
     }
 
-    /// The environments of the actors that a rank serves.
     pub fn of(rank: u32, config: &Config) -> Self {
         let actors = config.shares().actors_of(rank);
         Self::new(actors.start, actors.len() as u32, config.actors.environments_per_actor)
             .in_kitchens(config.kitchens())
     }
 
-    /// The same in other kitchens than those of training.
     #[must_use]
     pub(crate) fn in_kitchens(self, kitchens: Kitchens) -> Self {
         Self { kitchens, ..self }
@@ -49,17 +44,14 @@ impl ColumnMap {
         self.actors as usize * self.environments_per_actor as usize
     }
 
-    /// Halves that each actor's environments are divided into: 1 or 2.
     pub fn halves(self) -> u32 {
         Halves::of(self.environments_per_actor).count()
     }
 
-    /// Environment indices of a half, the same for every actor.
     pub fn half(self, half: u32) -> Range<usize> {
         Halves::of(self.environments_per_actor).range(half)
     }
 
-    /// The number in the whole run of this learner's actor `index`.
     pub fn actor(self, index: u32) -> u32 {
         self.first_actor + index
     }
@@ -69,14 +61,12 @@ impl ColumnMap {
         actor.checked_sub(self.first_actor).filter(|&index| index < self.actors)
     }
 
-    /// Columns of one half of this learner's actor `index`.
     pub(crate) fn columns_of(self, index: u32, half: u32) -> Range<usize> {
         let first = index as usize * self.environments_per_actor as usize;
         let range = self.half(half);
         first + range.start..first + range.end
     }
 
-    /// Columns of all environments of this learner's actor `index`.
     pub(crate) fn columns_of_actor(self, index: u32) -> Range<usize> {
         let first = index as usize * self.environments_per_actor as usize;
         first..first + self.environments_per_actor as usize
@@ -98,7 +88,6 @@ impl ColumnMap {
         (self.kitchens != Kitchens::Elsewhere).then(|| self.environment(column).kitchen)
     }
 
-    /// The environment in a column, as randomness counts it.
     pub fn environment(self, column: usize) -> EnvironmentId {
         let (actor, index) = self.place(column);
         EnvironmentId::among(self.kitchens, actor, index, self.environments_per_actor)

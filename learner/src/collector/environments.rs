@@ -9,10 +9,8 @@ use proto::record::{End, RecordHeader, flag};
 use proto::task::{Actions, Check, Field, Implausible, Layout, Measure};
 use wire::message::{EnvironmentState, Snapshot};
 
-/// What an action led to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settlement {
-    /// For training.
     pub outcome: Outcome,
     /// The episode, if it has ended.
     pub ended: Option<Ended>,
@@ -26,9 +24,7 @@ pub struct Mismatch {
     pub actor: u32,
     /// None where environments are not built in.
     pub kitchen: Option<KitchenId>,
-    /// Environment index within the actor.
     pub environment: u32,
-    /// What is wrong.
     pub problem: String,
     /// Nothing but that a number is not finite.
     pub non_finite: bool,
@@ -63,10 +59,7 @@ pub struct Environments {
 }
 
 impl Environments {
-    /// Environments at the given states.
-    ///
-    /// # Panics
-    /// If the lists do not have one entry a column.
+    /// Environments at the given states. Panics if the lists do not have one entry a column.
     pub fn new(settings: &Settings, states: Vec<EnvironmentState>, running: Vec<RunningEpisode>) -> Self {
         let Settings { column_map, task, max_episode_steps, gamma, signals, .. } = *settings;
         assert!(
@@ -98,17 +91,14 @@ impl Environments {
         &self.states[column]
     }
 
-    /// All states, by column.
     pub fn states(&self) -> &[EnvironmentState] {
         &self.states
     }
 
-    /// All running episodes, by column.
     pub fn running(&self) -> &[RunningEpisode] {
         &self.running
     }
 
-    /// True if the outcome of some action is not yet recorded.
     pub(crate) fn any_in_flight(&self) -> bool {
         self.in_flight.contains(&true)
     }
@@ -130,11 +120,8 @@ impl Environments {
         }
     }
 
-    /// Notes an action that answers the record `seen`; HOLD only has the last outcome forgotten.
-    ///
-    /// # Panics
-    /// If the bytes are neither HOLD nor an action that the record allows, or the last action's outcome has not been taken
-    /// in.
+    /// Notes an action that answers the record `seen`; HOLD only has the last outcome forgotten. Panics if the bytes
+    /// are neither HOLD nor an action that the record allows, or the last action's outcome has not been taken in.
     pub fn act(&mut self, column: usize, action: &[u8], seen: &[u8]) {
         assert!(!self.in_flight[column], "one action at a time is in flight");
         if action == self.hold {
@@ -161,7 +148,6 @@ impl Environments {
         Mismatch { actor, kitchen, environment, problem, non_finite: false }
     }
 
-    /// Checks an actor's report for a column against the learner's record.
     pub fn check(&self, column: usize, record: &[u8]) -> Result<(), Mismatch> {
         let header = RecordHeader::of(record);
         let (_, index) = self.column_map.place(column);

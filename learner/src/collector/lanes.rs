@@ -27,7 +27,6 @@ impl Pace {
 }
 
 impl fmt::Display for Pace {
-    /// How actors go.
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         formatter.write_str(match self {
             Self::Lockstep => "in lockstep",
@@ -45,13 +44,11 @@ const READY_SHARE: usize = 4;
 pub struct Lane {
     /// The actor's place among its learner's own.
     pub index: u32,
-    /// Which half of its environments.
     pub half: u32,
     /// Row of the rollout; as many as it has, when the last action has been taken.
     pub t: usize,
 }
 
-/// What the lanes wait for.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Next {
     /// Observations of these actors, or receipts for them, ascending; it is enough to look when so many have come.
@@ -90,14 +87,11 @@ pub struct Lanes<S> {
     first: u64,
 }
 
-/// Meaning of a sample's step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Arrival {
-    /// It is waited for.
     Awaited,
     /// It was received before: sent again by an actor that was restarted.
     Duplicate,
-    /// It answers an action that was never sent.
     Ahead,
 }
 
@@ -132,28 +126,22 @@ impl<S> Lanes<S> {
         self.pace = pace;
     }
 
-    /// A rollout begins.
     pub fn begin(&mut self) {
         self.from = self.boundary();
         self.all.iter_mut().for_each(|lane| lane.valued = false);
     }
 
-    /// Whether observations have come from all at least once.
     pub fn all_seen(&self) -> bool {
         self.all.iter().all(|lane| lane.sample.is_some() || lane.step > self.first)
     }
 
-    /// The exchange of all between two rollouts.
-    ///
-    /// # Panics
-    /// If they are not all at the same.
+    /// The exchange of all between two rollouts. Panics if they are not all at the same.
     pub fn boundary(&self) -> u64 {
         let step = self.all[0].step;
         assert!(self.all.iter().all(|lane| lane.step == step), "between rollouts all stand at the same exchange");
         step
     }
 
-    /// Where a sample with this step belongs.
     pub fn arrival(&self, index: u32, half: u32, step: u64) -> Arrival {
         let lane = self.at(index, half);
         match step.cmp(&lane.step) {
@@ -164,10 +152,7 @@ impl<S> Lanes<S> {
         }
     }
 
-    /// Keeps an expected sample.
-    ///
-    /// # Panics
-    /// If there is one already.
+    /// Keeps an expected sample. Panics if there is one already.
     pub fn keep(&mut self, index: u32, half: u32, sample: S) {
         let slot = &mut self.at_mut(index, half).sample;
         assert!(slot.is_none(), "only an awaited sample is kept");
@@ -180,10 +165,7 @@ impl<S> Lanes<S> {
         standing.sample.is_some() && self.row(standing) == lane.t
     }
 
-    /// The observations of a lane whose turn it is.
-    ///
-    /// # Panics
-    /// If they are not here.
+    /// The observations of a lane whose turn it is. Panics if they are not here.
     pub fn sample(&self, lane: Lane) -> &S {
         self.at(lane.index, lane.half).sample.as_ref().expect("who acts has been seen")
     }
@@ -200,7 +182,6 @@ impl<S> Lanes<S> {
         lane.recorded >= Some(lane.step)
     }
 
-    /// Row of the rollout that a lane is at.
     fn row(&self, lane: &HalfProgress<S>) -> usize {
         (lane.step - self.from) as usize
     }

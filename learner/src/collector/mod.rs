@@ -51,15 +51,12 @@ use wire::message::{ActionHeader, EnvironmentState, ObservationHeader, RestoreHe
 
 /// One actor's observations of one half, in the order of [`ColumnMap::half`].
 pub trait HalfSample {
-    /// Number of observations.
     fn len(&self) -> usize;
-    /// True when it holds none.
     fn is_empty(&self) -> bool {
         self.len() == 0
     }
     /// Record `i`, all but its images.
     fn record(&self, i: usize) -> &[u8];
-    /// The header of record `i`.
     fn header(&self, i: usize) -> &RecordHeader {
         RecordHeader::of(self.record(i))
     }
@@ -83,7 +80,6 @@ pub struct Boundary {
 }
 
 impl Boundary {
-    /// The start of a run with `columns` environments.
     pub fn start(columns: usize) -> Self {
         Self {
             exchange: 0,
@@ -93,7 +89,6 @@ impl Boundary {
     }
 }
 
-/// What to do next.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Task {
     /// Receive until enough observations are there: see [`Collector::missing`].
@@ -105,7 +100,6 @@ pub enum Task {
     Finish,
 }
 
-/// Who is waited for.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Missing {
     /// Actors from which something is missing before the current task can go on, ascending.
@@ -114,17 +108,17 @@ pub struct Missing {
     pub enough: u32,
 }
 
-/// What was done with a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Received {
-    /// It was expected and is kept.
     Kept,
-    /// It was seen before.
     Duplicate,
     /// It belongs to another learner incarnation: the actor has not been restored yet.
     Foreign,
     /// An actor has started: answer with [`Collector::restore`].
-    Hello { actor: u32, actor_incarnation: u32 },
+    Hello {
+        actor: u32,
+        actor_incarnation: u32,
+    },
 }
 
 /// Actions to send to one actor.
@@ -142,7 +136,6 @@ pub struct Settled {
     /// Row of the rollout in which the action was taken.
     pub t: usize,
     pub column: usize,
-    /// What it led to.
     pub outcome: Outcome,
     /// What the policy would have been given next of an episode that it truncated, where the record has it.
     pub last_seen: Option<Vec<f32>>,
@@ -153,13 +146,11 @@ pub struct Settled {
 pub struct Decision {
     pub column: usize,
     pub environment: EnvironmentId,
-    /// Episode number within the environment.
     pub episode: u32,
     /// Actions taken in it so far.
     pub step: u32,
 }
 
-/// Where a rollout stands.
 #[derive(Debug)]
 struct Cursor {
     shape: RolloutShape,
@@ -188,10 +179,8 @@ pub struct Collector<S> {
 }
 
 impl<S: HalfSample> Collector<S> {
-    /// A collector that goes on from `boundary`, in lockstep.
-    ///
-    /// # Panics
-    /// If the boundary or the shards are not of as many environments as the column map.
+    /// A collector that goes on from `boundary`, in lockstep. Panics if the boundary or the shards are not of as many
+    /// environments as the column map.
     pub fn new(settings: Settings, shards: &Shards, boundary: Boundary) -> Self {
         let column_map = settings.column_map;
         let Boundary { exchange, environments, running } = boundary;
@@ -212,19 +201,14 @@ impl<S: HalfSample> Collector<S> {
         }
     }
 
-    /// Who acts together from the next rollout on; at first all of a half, in lockstep.
-    ///
-    /// # Panics
-    /// If a rollout is in progress.
+    /// Who acts together from the next rollout on; at first all of a half, in lockstep. Panics if a rollout is in
+    /// progress.
     pub fn go_at(&mut self, pace: Pace) {
         assert!(self.cursor.is_none(), "a rollout goes on as it began");
         self.lanes.go_at(pace);
     }
 
-    /// Begins a rollout under the announcement with this version.
-    ///
-    /// # Panics
-    /// If one is in progress.
+    /// Begins a rollout under the announcement with this version. Panics if one is in progress.
     pub fn begin(&mut self, shape: RolloutShape, reward: Reward, stage_version: u64) {
         assert!(self.cursor.is_none(), "a rollout begins when the last one is finished");
         self.stage_version = stage_version;
@@ -251,7 +235,6 @@ impl<S: HalfSample> Collector<S> {
         }
     }
 
-    /// Takes a sample in.
     pub fn receive(&mut self, header: &ObservationHeader, sample: S) -> Result<Received, ProtocolError> {
         let ObservationHeader { kind, actor, actor_incarnation, learner_incarnation, half, step, .. } = *header;
         let column_map = self.settings.column_map;
@@ -309,10 +292,8 @@ impl<S: HalfSample> Collector<S> {
         self.settings.column_map.halves()
     }
 
-    /// The recorder's newest receipt of one half of an actor of this learner's.
-    ///
-    /// # Panics
-    /// If there is no such actor or half.
+    /// The recorder's newest receipt of one half of an actor of this learner's. Panics if there is no such actor or
+    /// half.
     pub fn recorded(&mut self, actor: u32, half: u32, receipt: Receipt) {
         let index = self.settings.column_map.index_of(actor).expect("a learner reads receipts of its own actors");
         if receipt.learner_incarnation == self.settings.learner_incarnation {
@@ -332,10 +313,7 @@ impl<S: HalfSample> Collector<S> {
     }
 
     /// An actor's state according to all messages received from it and sent to it: an actor that has just started must
-    /// rebuild this state. `actor_incarnation` 0 addresses any incarnation.
-    ///
-    /// # Panics
-    /// If it is not this learner's.
+    /// rebuild this state. `actor_incarnation` 0 addresses any incarnation. Panics if it is not this learner's.
     pub fn restore(&self, actor: u32, actor_incarnation: u32) -> (RestoreHeader, Vec<EnvironmentState>) {
         let column_map = self.settings.column_map;
         let index = column_map.index_of(actor).expect("only a learner's own actors ask it");
@@ -349,7 +327,6 @@ impl<S: HalfSample> Collector<S> {
         (header, columns.map(|column| self.environments.state(column).clone()).collect())
     }
 
-    /// Whether all actors have sent observations at least once.
     pub fn all_seen(&self) -> bool {
         self.lanes.all_seen()
     }
@@ -365,10 +342,7 @@ impl<S: HalfSample> Collector<S> {
         }
     }
 
-    /// What to do next.
-    ///
-    /// # Panics
-    /// If no rollout is in progress.
+    /// What to do next. Panics if no rollout is in progress.
     pub fn task(&self) -> Task {
         match self.next() {
             Next::Await { .. } => Task::Await,
@@ -383,10 +357,7 @@ impl<S: HalfSample> Collector<S> {
     }
 
     /// Returns the outcomes of these lanes' last actions, once. Empty if they were returned before, and for the first
-    /// observations.
-    ///
-    /// # Panics
-    /// If their observations are not here.
+    /// observations. Panics if their observations are not here.
     pub fn settle(&mut self, of: &[Lane]) -> Vec<Settled> {
         let Self { settings, lanes, environments, inputs, shards, cursor, .. } = self;
         let Cursor { reward, tally, .. } = cursor.as_mut().expect("outcomes belong to a rollout in progress");
@@ -410,10 +381,7 @@ impl<S: HalfSample> Collector<S> {
         settled
     }
 
-    /// The records of these lanes, by column: not acted where a column held.
-    ///
-    /// # Panics
-    /// If their observations are not here.
+    /// The records of these lanes, by column: not acted where a column held. Panics if their observations are not here.
     pub(crate) fn records(&self, lanes: &[Lane]) -> impl Iterator<Item = (usize, &[u8])> {
         let column_map = self.settings.column_map;
         lanes.iter().flat_map(move |&lane| {
@@ -423,19 +391,14 @@ impl<S: HalfSample> Collector<S> {
         })
     }
 
-    /// The observations of these lanes as a batch, with the noise that will choose the actions.
-    ///
-    /// # Panics
-    /// If they are not here.
+    /// The observations of these lanes as a batch, with the noise that will choose the actions. Panics if they are not
+    /// here.
     pub fn batch(&self, lanes: &[Lane]) -> Batch<'_> {
         self.batch_with(lanes, |place, noise| noise.extend_from_slice(&self.noise[place.column]))
     }
 
-    /// The same with the caller's noise: `noise` gets the place and appends as many draws as the
-    /// policy takes.
-    ///
-    /// # Panics
-    /// If the observations are not here.
+    /// The same with the caller's noise: `noise` gets the place and appends as many draws as the policy takes. Panics
+    /// if the observations are not here.
     pub(crate) fn batch_with(&self, lanes: &[Lane], mut noise: impl FnMut(Decision, &mut Vec<f32>)) -> Batch<'_> {
         let Settings { column_map, noise: kind, .. } = self.settings;
         let count = lanes.iter().map(|lane| column_map.half(lane.half).len()).sum();
@@ -471,13 +434,11 @@ impl<S: HalfSample> Collector<S> {
         batch
     }
 
-    /// Takes the bytes of the agent's actions, in batch order, and returns what to send to each actor. In a rollout's last
-    /// step the environments beyond its shape HOLD, whatever the agent chose for them. Lanes whose last action is taken
-    /// are valued now; there is nothing to send to them.
-    ///
-    /// # Panics
-    /// If their observations are not here, they are at other rows, there is not one action for each of their
-    /// environments, or the recorder does not have what is answered.
+    /// Takes the bytes of the agent's actions, in batch order, and returns what to send to each actor. In a rollout's
+    /// last step the environments beyond its shape HOLD, whatever the agent chose for them. Lanes whose last action is
+    /// taken are valued now; there is nothing to send to them. Panics if their observations are not here, they are at
+    /// other rows, there is not one action for each of their environments, or the recorder does not have what is
+    /// answered.
     pub fn answer(&mut self, lanes: &[Lane], actions: &[u8]) -> Vec<ActionBatch> {
         assert!(self.unrecorded(lanes).actors.is_empty(), "what is answered is recorded");
         let Settings { column_map, learner_incarnation, .. } = self.settings;
@@ -523,10 +484,7 @@ impl<S: HalfSample> Collector<S> {
         self.cursor.as_ref().map_or(0, |cursor| cursor.tally.frames())
     }
 
-    /// Steps of the rollout in progress.
-    ///
-    /// # Panics
-    /// If there is none.
+    /// Steps of the rollout in progress. Panics if there is none.
     pub fn steps(&self) -> usize {
         self.rollout().shape.steps
     }
@@ -542,10 +500,8 @@ impl<S: HalfSample> Collector<S> {
         lanes.first().is_some_and(|lane| (lane.index, lane.half) == (0, 0) && lane.t < self.rollout().shape.steps)
     }
 
-    /// Ends the rollout after the steps taken so far: the observations that come next are for the bootstrap.
-    ///
-    /// # Panics
-    /// If the columns have not all taken the same number of steps, or none.
+    /// Ends the rollout after the steps taken so far: the observations that come next are for the bootstrap. Panics if
+    /// the columns have not all taken the same number of steps, or none.
     pub fn cut(&mut self) {
         let [steps, _] = self.between_steps().expect("a rollout is cut between steps");
         assert!(steps > 0, "a rollout has frames");
@@ -555,9 +511,7 @@ impl<S: HalfSample> Collector<S> {
     }
 
     /// Ends the rollout; the figures of each shard. Its last observations stay: they are the next rollout's first.
-    ///
-    /// # Panics
-    /// If it is not complete, or the number of recorded frames differs from its shape.
+    /// Panics if it is not complete, or the number of recorded frames differs from its shape.
     pub fn finish(&mut self) -> Vec<RolloutStatistics> {
         assert_eq!(self.task(), Task::Finish, "a rollout is finished when it is complete");
         let cursor = self.cursor.take().expect("a task is due in a rollout");

@@ -16,12 +16,10 @@ pub enum Noise {
 }
 
 impl Noise {
-    /// That of a policy.
     pub fn of(head: &ActionHead) -> Self {
         if head.is_gaussian() { Self::Normal(head.outputs()) } else { Self::Gumbel(head.outputs()) }
     }
 
-    /// How many draws.
     pub fn count(self) -> usize {
         match self {
             Self::Gumbel(count) | Self::Normal(count) => count,
@@ -36,7 +34,6 @@ impl Noise {
         self.draw_from(key, noise);
     }
 
-    /// Appends draws from the stream of `key` to `noise`.
     pub(crate) fn draw_from(self, key: Key, noise: &mut Vec<f32>) {
         let mut random = key.stream();
         // libm, so that every machine samples the same actions.

@@ -1,27 +1,20 @@
-//! What a collector is given: constants of a run, and the reward of a rollout.
-
 use super::column_map::ColumnMap;
 use super::noise::Noise;
 use proto::config::Config;
 use proto::task::{Composition, Condition, Spec};
 
-/// Constants of a collector.
 #[derive(Debug, Clone, Copy)]
 pub struct Settings {
     pub column_map: ColumnMap,
     pub task: &'static Spec,
-    /// Seed of the run, for the action noise.
     pub seed: u64,
-    /// What chooses actions.
     pub noise: Noise,
-    /// Step limit of an episode.
     pub max_episode_steps: u32,
     /// Discount a step, of returns and of the cost that PPO-Lagrangian constrains.
     pub gamma: f64,
     /// Label and cost.
     pub signals: Signals,
     pub learner_incarnation: u32,
-    /// Whether there is a recorder, whose receipts are waited for.
     pub recorded: bool,
 }
 
@@ -33,7 +26,6 @@ pub struct Reward {
     pub multiplier: f32,
 }
 
-/// What a task says of its steps besides the reward.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Signals {
     /// What the auxiliary task predicts.
@@ -43,7 +35,6 @@ pub struct Signals {
 }
 
 impl Signals {
-    /// Those of a run.
     pub fn of(config: &Config) -> Self {
         Self { label: config.label(), cost: config.spec().cost() }
     }

@@ -1,5 +1,3 @@
-//! Statistics of the episodes that ended in a rollout.
-
 use crate::peers::{PeerError, Peers};
 use crate::shards::Shards;
 use proto::metric;
@@ -9,7 +7,6 @@ use std::collections::BTreeMap;
 /// Figures of an episode in progress. Checkpoints save them, so that metrics continue after a resume.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct RunningEpisode {
-    /// Undiscounted return so far.
     pub episode_return: f64,
     /// Σ `γ^t` cost so far.
     pub discounted_cost: f64,
@@ -28,7 +25,6 @@ impl RunningEpisode {
     }
 }
 
-/// An episode that has ended.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ended {
     /// Its steps.
@@ -51,7 +47,6 @@ pub struct RolloutStatistics {
 }
 
 impl RolloutStatistics {
-    /// Of nothing yet.
     pub fn of(task: &'static Spec) -> Self {
         Self::summed(task, &vec![0.0; Self::SUMS + task.rollout_metrics().count()])
     }
@@ -61,7 +56,6 @@ impl RolloutStatistics {
         self.reward += f64::from(reward);
     }
 
-    /// Adds an episode that has ended.
     pub fn add_episode(&mut self, Ended { length, running }: &Ended) {
         self.episodes += 1;
         self.episode_return += running.episode_return;
@@ -72,10 +66,8 @@ impl RolloutStatistics {
         }
     }
 
-    /// The same over all shards of the run. `own`: those of this learner's.
-    ///
-    /// # Panics
-    /// If `own` has not one for each of them.
+    /// The same over all shards of the run. `own`: those of this learner's. Panics if `own` has not one for each of
+    /// them.
     pub fn over(own: &[Self], shards: &Shards, peers: &Peers) -> Result<Self, PeerError> {
         let task = own.first().expect("a learner has a shard").task;
         let sums: Vec<Vec<f64>> = own.iter().map(Self::sums).collect();
@@ -113,7 +105,6 @@ impl RolloutStatistics {
         (self.episodes > 0).then(|| self.discounted_cost / self.episodes as f64)
     }
 
-    /// Number of frames added.
     pub fn frames(&self) -> u64 {
         self.frames
     }

@@ -27,7 +27,6 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Of so many shards.
     pub fn new(column_map: ColumnMap, task: &'static Spec, shards: usize) -> Self {
         let waiting = (0..column_map.columns()).map(|_| VecDeque::new()).collect();
         Self { column_map, statistics: vec![RolloutStatistics::of(task); shards], waiting, rows: 0, frames: 0 }
@@ -62,10 +61,7 @@ impl Tally {
         self.frames
     }
 
-    /// The figures of each shard.
-    ///
-    /// # Panics
-    /// If some outcomes are not added.
+    /// The figures of each shard. Panics if some outcomes are not added.
     pub fn finish(self) -> Vec<RolloutStatistics> {
         assert!(self.waiting.iter().all(VecDeque::is_empty), "every outcome is of a row that is complete");
         self.statistics

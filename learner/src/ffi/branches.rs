@@ -60,7 +60,6 @@ impl Branches {
     }
 }
 
-/// The branches that are open.
 #[derive(Debug)]
 pub struct Forks<'a> {
     branches: &'a Branches,
@@ -69,10 +68,7 @@ pub struct Forks<'a> {
 
 impl Forks<'_> {
     /// What `work` launches goes to a branch of its own: after all that this thread's stream was given so far, and
-    /// beside what it is given later.
-    ///
-    /// # Panics
-    /// If there are not so many branches.
+    /// beside what it is given later. Panics if there are not so many branches.
     pub fn fork<T>(&self, work: impl FnOnce() -> T) -> Result<T, StreamError> {
         let Branches { events, all, .. } = self.branches;
         let &Branch { stream, begins, ends } = &all[self.begun.get()];

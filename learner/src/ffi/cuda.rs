@@ -39,33 +39,25 @@ pub(super) fn set_stream(stream: Handle) {
     STREAM.set(stream);
 }
 
-/// Why there are no kernels.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum CudaError {
-    /// A library cannot be used.
     #[error(transparent)]
     Library(#[from] LibraryError),
-    /// NVRTC refuses the source.
     #[error("NVRTC: {0}")]
     Compilation(String),
-    /// The driver refuses a call.
     #[error("{call}: CUDA error {code}")]
     Driver {
-        /// The function.
         call: &'static str,
         /// The driver's number, see `CUresult`.
         code: c_int,
     },
 }
 
-/// What a kernel is given.
 #[derive(Debug, Clone, Copy)]
 pub enum Argument {
     /// An address on the device; 0 = none.
     Address(u64),
-    /// An `int`.
     Int(i32),
-    /// A `float`.
     Float(f32),
 }
 
@@ -76,7 +68,6 @@ pub struct Module {
     module: Handle,
 }
 
-/// One of a module's functions.
 #[derive(Debug, Clone, Copy)]
 pub struct Kernel {
     launch: LaunchKernel,
@@ -183,7 +174,6 @@ impl Nvrtc {
         })
     }
 
-    /// Source → machine code.
     fn compile(self, source: &str, name: &str, architecture: &CStr) -> Result<Vec<u8>, CudaError> {
         let text = |text: &str| {
             CString::new(text).map_err(|_| CudaError::Compilation("the source holds a zero byte".to_owned()))
@@ -240,7 +230,6 @@ impl Module {
         Ok(Self { driver, module })
     }
 
-    /// The most shared memory that a block can be given, bytes.
     pub fn most_shared_bytes(&self) -> Result<u32, CudaError> {
         /// `CU_DEVICE_ATTRIBUTE_MAX_SHARED_MEMORY_PER_BLOCK_OPTIN`.
         const MOST_SHARED_BYTES: c_int = 97;

@@ -16,7 +16,6 @@ pub(super) enum Purpose {
     Order = 2,
 }
 
-/// The driver's functions for events of the first device.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Events {
     create: Create,
@@ -37,7 +36,6 @@ impl Events {
         })
     }
 
-    /// Makes one, which is nowhere yet.
     pub fn make(self, purpose: Purpose) -> Result<Event, CudaError> {
         let mut event = null_mut();
         // SAFETY: the driver is initialised; the out-pointer is ours.

@@ -27,16 +27,12 @@ struct Memory {
     used: u64,
 }
 
-/// Why a GPU cannot be watched.
 #[derive(Debug, thiserror::Error)]
 pub enum WatchError {
-    /// A library cannot be used.
     #[error(transparent)]
     Library(#[from] LibraryError),
-    /// A call fails.
     #[error("{call}: error {code}")]
     Refused {
-        /// The function.
         call: &'static str,
         /// Its number, see `nvmlReturn_t` and `CUresult`.
         code: c_int,
@@ -61,7 +57,6 @@ fn ask_pci_address(device: usize) -> Result<String, WatchError> {
     Ok(String::from_utf8_lossy(&bytes).to_lowercase())
 }
 
-/// How a GPU stands.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reading {
     /// Share of the last fraction of a second in which a kernel ran, 0..1.
@@ -79,7 +74,6 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Watches the GPU at an address on the PCI bus.
     pub fn open(pci: &str) -> Result<Self, WatchError> {
         let library = open(&[c"libnvidia-ml.so.1"])?;
         let initialise = function!(library, c"nvmlInit_v2" as Initialise);
@@ -98,7 +92,6 @@ impl Watch {
         })
     }
 
-    /// How it stands now.
     pub fn read(&self) -> Result<Reading, WatchError> {
         let device = std::ptr::with_exposed_provenance_mut(self.device);
         let (mut rates, mut memory) = (Rates::default(), Memory::default());

@@ -14,19 +14,14 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use tch::{Cuda, TchError};
 
-/// Why nothing was recorded.
 #[derive(Debug, thiserror::Error)]
 pub enum GraphError {
-    /// The driver, or a library, refuses.
     #[error(transparent)]
     Cuda(#[from] CudaError),
-    /// libtorch refuses.
     #[error(transparent)]
     Torch(#[from] TchError),
-    /// Work cannot be given to another stream.
     #[error(transparent)]
     Stream(#[from] StreamError),
-    /// An operation cannot be recorded. This is libtorch's reason.
     #[error("an operation cannot be recorded: {0}")]
     Operation(String),
 }
@@ -74,7 +69,6 @@ unsafe extern "C" {
     ) -> c_int;
 }
 
-/// Where what a graph computes lies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Memory {
     Apart,

@@ -86,7 +86,6 @@ unsafe extern "C" {
     ) -> c_int;
 }
 
-/// Where the members of a group meet.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Meeting {
     /// At a new file of their machine.
@@ -103,7 +102,6 @@ pub enum Meeting {
     },
 }
 
-/// Membership in a group.
 #[derive(Debug)]
 pub struct ProcessGroup(Handle);
 
@@ -170,7 +168,6 @@ impl ProcessGroup {
         })
     }
 
-    /// Receives what another member sends into a contiguous tensor on the CPU.
     pub fn receive(&self, tensor: &mut Tensor, from: u32) -> Result<(), TchError> {
         guarded(|message, capacity| {
             // SAFETY: as in `sum`.

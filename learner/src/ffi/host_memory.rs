@@ -24,38 +24,23 @@ type Register = unsafe extern "C" fn(Handle, usize, c_uint) -> c_int;
 type Unregister = unsafe extern "C" fn(Handle) -> c_int;
 type DevicePointer = unsafe extern "C" fn(*mut u64, Handle, c_uint) -> c_int;
 
-/// Why the device cannot read memory itself.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Unreadable {
-    /// The kernel's list has no file there.
     #[error("no file is mapped there")]
     NoFile,
     #[error("they lie in {file}, not in {SHARED_MEMORY}")]
-    NotShared {
-        /// The mapping's file.
-        file: String,
-    },
-    /// The driver does not register the mapping.
+    NotShared { file: String },
     #[error("{file}: {error}")]
-    Refused {
-        /// The mapping's file.
-        file: String,
-        /// What the driver says.
-        error: CudaError,
-    },
-    /// The device has the memory elsewhere.
+    Refused { file: String, error: CudaError },
     #[error("{file} has address {on_device:#x} on the GPU and {here:#x} in this process")]
     Elsewhere {
-        /// The mapping's file.
         file: String,
-        /// The mapping's address on the device.
         on_device: u64,
         /// The mapping's address.
         here: u64,
     },
 }
 
-/// A mapping as the kernel lists it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Mapping {
     addresses: Range<usize>,
@@ -69,7 +54,6 @@ impl Mapping {
     }
 }
 
-/// What is registered.
 #[derive(Debug)]
 pub struct HostMemory {
     register: Register,
@@ -81,7 +65,6 @@ pub struct HostMemory {
 }
 
 impl HostMemory {
-    /// Finds the driver's functions.
     pub fn open() -> Result<Self, CudaError> {
         let library = open(&[c"libcuda.so.1"])?;
         Ok(Self {
@@ -178,7 +161,6 @@ fn shared(mapping: &Mapping) -> Result<(), Unreadable> {
     shared.then_some(()).ok_or_else(|| Unreadable::NotShared { file: file.clone() })
 }
 
-/// This process's mappings of files.
 fn mappings() -> Vec<Mapping> {
     let list = std::fs::read_to_string("/proc/self/maps").unwrap_or_default();
     list.lines().filter_map(parse).collect()

@@ -5,23 +5,12 @@ use std::ffi::{CStr, c_void};
 /// A library, or something of one, as C sees it.
 pub type Handle = *mut c_void;
 
-/// Why a library cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum LibraryError {
-    /// It could not be loaded.
     #[error("{library} cannot be loaded: {reason}")]
-    Missing {
-        /// Its file name.
-        library: &'static str,
-        /// The loader's error text.
-        reason: String,
-    },
-    /// It lacks a function.
+    Missing { library: &'static str, reason: String },
     #[error("{function} is missing from its library")]
-    Function {
-        /// Its name.
-        function: &'static str,
-    },
+    Function { function: &'static str },
 }
 
 /// Loads one of several names of a library, its symbols visible to all others. The library's initialisers run here: the

@@ -35,7 +35,6 @@ impl FrameRoom {
         Self(if device.is_cuda() { room.pin_memory(device) } else { room })
     }
 
-    /// How many frames it holds.
     pub fn rows(&self) -> i64 {
         self.0.size()[0]
     }
@@ -56,16 +55,13 @@ impl FrameRoom {
         unsafe { std::slice::from_raw_parts_mut(tensor.data_ptr().cast(), count) }
     }
 
-    /// A copy of the first `rows` frames on a GPU. The copy may go on after the call.
-    ///
-    /// # Panics
-    /// If the device is the CPU: nothing would be copied.
+    /// A copy of the first `rows` frames on a GPU. The copy may go on after the call. Panics if the device is the CPU:
+    /// nothing would be copied.
     pub fn copy_to(&self, device: Device, rows: i64) -> Tensor {
         assert!(device.is_cuda(), "a copy is made on another device");
         self.0.narrow(0, 0, rows).to_device_(device, Kind::Int16, true, false)
     }
 
-    /// The tensor itself.
     pub fn into_tensor(self) -> Tensor {
         self.0
     }
@@ -87,11 +83,8 @@ pub fn floats(size: &[i64], fill: impl FnOnce(&mut [f32])) -> Tensor {
 
 /// The numbers that a 32-bit floating-point tensor on the CPU consists of, row-major.
 ///
-/// # Safety
-/// As long as the slice lives, nothing else reads or writes the memory: no other tensor that shares it, and no GPU.
-///
-/// # Panics
-/// If it is not contiguous, not on the CPU, or of another kind.
+/// # Safety As long as the slice lives, nothing else reads or writes the memory: no other tensor that shares it, and no
+/// GPU. Panics if it is not contiguous, not on the CPU, or of another kind.
 pub unsafe fn floats_mut(tensor: &mut Tensor) -> &mut [f32] {
     assert!(tensor.device() == Device::Cpu && tensor.kind() == Kind::Float && tensor.is_contiguous());
     if tensor.numel() == 0 {
@@ -104,11 +97,7 @@ pub unsafe fn floats_mut(tensor: &mut Tensor) -> &mut [f32] {
 
 /// The raw bytes that a tensor on the CPU consists of.
 ///
-/// # Safety
-/// As for [`floats_mut`].
-///
-/// # Panics
-/// If it is not contiguous, not on the CPU, or not of bytes.
+/// # Safety As for [`floats_mut`]. Panics if it is not contiguous, not on the CPU, or not of bytes.
 pub unsafe fn bytes_mut(tensor: &mut Tensor) -> &mut [u8] {
     assert!(tensor.device() == Device::Cpu && tensor.kind() == Kind::Uint8 && tensor.is_contiguous());
     if tensor.numel() == 0 {

@@ -10,23 +10,14 @@ use tch::{Kind, Tensor};
 /// What the first member makes and all need to find one another.
 pub type Invitation = [u8; 128];
 
-/// Why NCCL does not work.
 #[derive(Debug, thiserror::Error)]
 pub enum NcclError {
-    /// The library cannot be used.
     #[error(transparent)]
     Library(#[from] LibraryError),
-    /// The driver fails.
     #[error(transparent)]
     Driver(#[from] CudaError),
-    /// It refuses a call.
     #[error("{call}: {reason}")]
-    Refused {
-        /// The function.
-        call: &'static str,
-        /// NCCL's error text.
-        reason: String,
-    },
+    Refused { call: &'static str, reason: String },
 }
 
 #[repr(C)]
@@ -43,7 +34,6 @@ const FLOAT: c_int = 7;
 const DOUBLE: c_int = 8;
 const SUM: c_int = 0;
 
-/// The library.
 #[derive(Debug, Clone, Copy)]
 pub struct Nccl {
     get_unique_id: GetUniqueId,
@@ -64,7 +54,6 @@ pub struct Communicator {
 unsafe impl Send for Communicator {}
 
 impl Nccl {
-    /// Loads it.
     pub fn open() -> Result<Self, NcclError> {
         let library = open(&[c"libnccl.so.2"])?;
         Ok(Self {
@@ -108,10 +97,8 @@ impl Communicator {
         &self.stopwatch
     }
 
-    /// Replaces a tensor by its sum over all members, on the device. Nobody waits for it here.
-    ///
-    /// # Panics
-    /// If it is not contiguous, not on a GPU, or not of floats or doubles.
+    /// Replaces a tensor by its sum over all members, on the device. Nobody waits for it here. Panics if it is not
+    /// contiguous, not on a GPU, or not of floats or doubles.
     pub fn sum(&self, tensor: &mut Tensor) -> Result<(), NcclError> {
         let kind = match tensor.kind() {
             Kind::Float => FLOAT,

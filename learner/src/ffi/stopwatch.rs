@@ -59,7 +59,6 @@ impl Stopwatch {
         Ok(total_s)
     }
 
-    /// Forgets what was measured.
     pub fn reset(&self) {
         self.measured.set(0);
     }

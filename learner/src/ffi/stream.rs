@@ -24,13 +24,10 @@ unsafe extern "C" {
 /// Whose work comes first where both are ready.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Priority {
-    /// Before everything else.
     High,
-    /// That of the default stream.
     Low,
 }
 
-/// The driver's functions for streams of the first device.
 #[derive(Debug, Clone, Copy)]
 pub struct Streams {
     create: CreateWithPriority,
@@ -46,13 +43,10 @@ pub struct Stream(Handle);
 // SAFETY: the driver's functions take a stream from any thread.
 unsafe impl Send for Stream {}
 
-/// A stream cannot be made libtorch's.
 #[derive(Debug, thiserror::Error)]
 pub enum StreamError {
-    /// The driver refuses.
     #[error(transparent)]
     Cuda(#[from] CudaError),
-    /// libtorch refuses.
     #[error(transparent)]
     Torch(#[from] TchError),
 }
@@ -87,7 +81,6 @@ impl Streams {
         succeed("cuStreamBeginCapture", unsafe { (self.begin_capture)(stream.0, CAPTURE_THIS_THREAD) })
     }
 
-    /// Waits until this thread's stream has done all that it was given.
     pub fn wait(self) -> Result<(), CudaError> {
         // SAFETY: the default stream, or one that lives as long as the process.
         succeed("cuStreamSynchronize", unsafe { (self.synchronize)(cuda::stream()) })

@@ -1,5 +1,3 @@
-//! What libtorch warns of (`warnings.cpp`).
-
 use std::ffi::{CStr, c_char};
 use std::sync::OnceLock;
 

@@ -9,10 +9,8 @@ use tch::{Kind, Tensor};
 /// and the gradient that goes through it (Huang and Ontañón 2022; sb3-contrib and `CleanRL` have the same number).
 pub(crate) const FORBIDDEN_LOGIT: f64 = -1e8;
 
-/// Half the logarithm of 2π.
 pub(crate) const HALF_LN_TAU: f64 = 0.918_938_533_204_672_7;
 
-/// What the policy would do in each row.
 #[derive(Debug)]
 pub enum Distribution {
     /// Independent choices: log-probabilities of the options of each, side by side, \[rows, options\]; options of each.
@@ -22,7 +20,6 @@ pub enum Distribution {
     Gaussian { means: Tensor, log_std: Tensor },
 }
 
-/// How the actor's outputs become a distribution.
 #[derive(Debug)]
 pub(super) enum Maker {
     Categorical(Vec<i64>),
@@ -65,7 +62,6 @@ impl Maker {
     }
 }
 
-/// The columns of each choice.
 fn parts(columns: Tensor, choices: &[i64]) -> Vec<Tensor> {
     if choices.len() == 1 { vec![columns] } else { columns.split_with_sizes(choices, 1) }
 }

@@ -12,10 +12,8 @@ pub const GOAL: i64 = 32;
 /// Width of the previous action's embedding.
 pub const PREVIOUS_ACTION: i64 = 16;
 
-/// What the network is given for the numbers that a record has, of any number of rows.
-///
-/// # Panics
-/// If vectors in space are no whole number of threes.
+/// What the network is given for the numbers that a record has, of any number of rows. Panics if vectors in space are
+/// no whole number of threes.
 pub fn coordinates(kind: GoalCoordinates, numbers: &[f32]) -> Vec<f32> {
     if kind == GoalCoordinates::Plain {
         return numbers.to_vec();
@@ -52,7 +50,6 @@ pub struct GoalEmbedding {
 }
 
 impl GoalEmbedding {
-    /// Declares both layers with PyTorch's default initialisation.
     pub fn new(layout: &mut Layout, path: &str, numbers: i64) -> Self {
         Self {
             first: Linear::with_default(layout, &format!("{path}.0"), [numbers, 100]),

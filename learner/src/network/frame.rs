@@ -42,7 +42,6 @@ impl FramePreparation {
     /// Scale and offset of [`FramePreparation::input`]: input = kept · scale + offset.
     pub(crate) const SCALE_OFFSET: [f32; 2] = [SCALE as f32, OFFSET as f32];
 
-    /// That of a configuration.
     pub fn of(config: &Config, device: Device) -> Self {
         let inputs = config.spec().inputs().expect("a validated configuration's task has what networks take");
         match inputs.frame {
@@ -51,10 +50,7 @@ impl FramePreparation {
         }
     }
 
-    /// Pooling over `pool` × `pool` pixels, computing on `device`.
-    ///
-    /// # Panics
-    /// If `pool` does not divide the frame's side.
+    /// Pooling over `pool` × `pool` pixels, computing on `device`. Panics if `pool` does not divide the frame's side.
     pub fn new(pool: u32, device: Device) -> Self {
         let pool = pool as usize;
         assert!(pool > 0 && FRAME_SIDE.is_multiple_of(pool), "the configuration admits 1, 2 and 4");
@@ -75,10 +71,7 @@ impl FramePreparation {
     /// Frames → kept frames \[rows, side, side\], millimetres, on the device.
     ///
     /// On a GPU the work may go on after the call: `staging` must not be given to another call before something has
-    /// been read back from the device.
-    ///
-    /// # Panics
-    /// If there are sums of other windows than are averaged over.
+    /// been read back from the device. Panics if there are sums of other windows than are averaged over.
     pub fn keep(self, frames: &[DepthFrame], staging: &mut Staging) -> Tensor {
         let whole: Option<Vec<&RawFrame>> = frames.iter().map(whole).collect();
         let Some(whole) = whole.filter(|_| self.pool == 1 || self.device.is_cuda()) else {
@@ -183,7 +176,6 @@ fn whole<'a>(frame: &DepthFrame<'a>) -> Option<&'a RawFrame> {
     }
 }
 
-/// Averages `pool` × `pool` windows.
 fn pool_frame(frame: &RawFrame, pool: usize, pooled: &mut [f32]) {
     let side = FRAME_SIDE / pool;
     let share = 1.0 / (pool * pool) as f32;

@@ -18,7 +18,6 @@ pub(crate) struct Images {
 }
 
 impl Images {
-    /// Declares an encoder for each.
     pub fn new(layout: &mut Layout, config: &Config) -> Self {
         let inputs = config.spec().inputs().expect("a validated configuration's task has what networks take");
         let bytes = inputs.image_bytes() as i64;
@@ -33,12 +32,10 @@ impl Images {
         self.each.is_empty()
     }
 
-    /// Width of what their encoders make of a row.
     pub fn outputs(&self) -> i64 {
         (self.each.len() * dqn::OUTPUTS) as i64
     }
 
-    /// An empty store of so many rows.
     pub fn store(&self, rows: i64, device: Device) -> Tensor {
         Tensor::zeros([rows, self.bytes], (Kind::Uint8, device))
     }
@@ -79,7 +76,6 @@ fn place(image: &Image, rows: &Tensor) -> Tensor {
     rows.narrow(1, bytes.start as i64, bytes.len() as i64)
 }
 
-/// What libtorch takes for it.
 fn kind(dtype: Dtype) -> Kind {
     match dtype {
         Dtype::U16 => Kind::Int16,

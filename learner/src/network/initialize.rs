@@ -9,19 +9,14 @@ use std::f64::consts::TAU;
 /// Values drawn from one random stream before the next begins; a stream is limited to 262,140 words.
 const BLOCK: usize = 65_536;
 
-/// How a parameter starts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Initial {
-    /// Every element the same.
     Constant(f64),
-    /// Normal with mean 0.
     Normal {
-        /// Standard deviation.
         deviation: f64,
     },
     /// Uniform in (-bound, bound).
     Uniform {
-        /// Half the width.
         bound: f64,
     },
     /// A random (semi-)orthogonal matrix, uniform over all such (Saxe et al. 2013); what
@@ -44,10 +39,7 @@ impl Initial {
         Self::Uniform { bound: 1.0 / (fan_in as f64).sqrt() }
     }
 
-    /// Draws a parameter of this shape, row-major.
-    ///
-    /// # Panics
-    /// If an orthogonal parameter is not a matrix.
+    /// Draws a parameter of this shape, row-major. Panics if an orthogonal parameter is not a matrix.
     pub fn draw(self, seed: u64, name: &str, shape: &[i64]) -> Vec<f32> {
         let count: usize = shape.iter().product::<i64>() as usize;
         match self {

@@ -30,7 +30,6 @@ impl Normalizer {
         ((numbers - mean) / (variance + EPSILON).sqrt()).clamp(-self.clip, self.clip)
     }
 
-    /// Takes means and variances.
     pub fn set(&self, parameters: &Parameters, known: &[[f32; 2]]) {
         for (which, id) in [self.mean, self.variance].into_iter().enumerate() {
             let values: Vec<f32> = known.iter().map(|both| both[which]).collect();

@@ -29,12 +29,10 @@ impl Declared {
     }
 }
 
-/// A saved tensor that does not fit the network.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("`{name}` {problem}")]
 pub struct Unfit {
     pub name: String,
-    /// What is wrong with it.
     pub problem: String,
 }
 
@@ -43,12 +41,10 @@ impl Unfit {
         Self { name: name.to_owned(), problem: problem.into() }
     }
 
-    /// The network has no tensor of this name.
     pub(crate) fn no_place(name: &str) -> Self {
         Self::new(name, "has no place in this network")
     }
 
-    /// It should be there.
     pub fn missing(name: &str) -> Self {
         Self::new(name, "is missing")
     }
@@ -68,7 +64,6 @@ pub(crate) fn fits<'a>(name: &str, saved: Option<&'a Tensor>, size: &[i64]) -> R
     if all_finite(saved) { Ok(saved) } else { Err(Unfit::not_finite(name)) }
 }
 
-/// The parameters of a network while its modules are being declared.
 #[derive(Debug, Default)]
 pub struct Layout {
     entries: Vec<Declared>,
@@ -76,10 +71,8 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// Declares a parameter. Names follow PyTorch's module paths, e.g. `belief.weight_ih_l0`.
-    ///
-    /// # Panics
-    /// If the name is taken.
+    /// Declares a parameter. Names follow PyTorch's module paths, e.g. `belief.weight_ih_l0`. Panics if the name is
+    /// taken.
     pub fn add(&mut self, name: impl Into<String>, shape: &[i64], initial: Initial) -> ParameterId {
         let entry = Declared { name: name.into(), shape: shape.to_vec(), initial, offset: self.count };
         assert!(self.entries.iter().all(|other| other.name != entry.name), "{} is declared twice", entry.name);
@@ -105,7 +98,6 @@ impl Index<ParameterId> for Parameters {
 }
 
 impl Parameters {
-    /// Allocates and initialises everything that was declared.
     pub fn new(layout: Layout, seed: u64, device: Device) -> Self {
         let mut values = Vec::with_capacity(layout.count as usize);
         for entry in &layout.entries {
@@ -139,7 +131,6 @@ impl Parameters {
         Ok(())
     }
 
-    /// Number of weights.
     pub fn count(&self) -> i64 {
         self.flat.numel() as i64
     }
@@ -229,7 +220,6 @@ impl Parameters {
     }
 }
 
-/// Whether every element is a finite number.
 pub(crate) fn all_finite(tensor: &Tensor) -> bool {
     // One pass and one number read back: the sum of x·0 is 0 only when all x are finite.
     (tensor.detach() * 0.0).sum(Kind::Float).double_value(&[]) == 0.0

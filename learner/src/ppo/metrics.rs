@@ -29,7 +29,6 @@ pub(crate) struct StepSums {
 }
 
 impl StepSums {
-    /// Of no pass yet.
     pub(crate) fn new(auxiliary: &Auxiliary, shards: &Shards, device: Device) -> Self {
         let size = [shards.columns().len(), SCALARS.len() + auxiliary.sums().len()];
         Self { numbers: Tensor::zeros(size.map(|count| count as i64), (Kind::Double, device)) }
@@ -115,7 +114,6 @@ impl UpdateSums {
     }
 }
 
-/// Figures of one step of the optimiser.
 #[derive(Debug, Default)]
 pub(crate) struct StepMetrics {
     /// Means over the minibatch, named by [`SCALARS`].
@@ -135,7 +133,6 @@ impl StepMetrics {
         approximate_kl
     }
 
-    /// Name of the first scalar that is not finite.
     pub(crate) fn first_non_finite(&self) -> Option<&'static str> {
         let scalars = self.scalars.iter().zip(SCALARS);
         let mut all = scalars.chain([(&self.gradient_norm, metric::GRADIENT_NORM)]);

@@ -38,7 +38,6 @@ pub(crate) struct Deal {
 type Dealt<T> = Vec<Vec<(usize, Vec<T>)>>;
 
 impl Deal {
-    /// The columns of each minibatch, in order.
     pub(crate) fn columns(self, shards: &Shards) -> Dealt<usize> {
         let mut dealt = self.out(shards, 0, |columns| columns.map(|column| (0, column)).collect());
         dealt.iter_mut().flatten().for_each(|(_, cells)| cells.sort_unstable());

@@ -62,27 +62,19 @@ enum Look {
     AtEachStep,
 }
 
-/// Everything an update works on.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Update<'a> {
-    /// The network; its weights change.
     pub network: &'a Network,
-    /// The auxiliary task.
     pub auxiliary: &'a Auxiliary,
     pub rollout: &'a Rollout,
-    /// Constants of PPO.
     pub ppo: &'a PpoConfig,
-    /// Constants of the auxiliary task.
     pub auxiliary_config: &'a AuxiliaryConfig,
-    /// All learners: the batch is theirs together.
     pub peers: &'a Peers,
     /// The rollout's columns as shards, which are computed by themselves.
     pub shards: &'a Shards,
-    /// What becomes of rewards.
     pub reward_scale: RewardScale,
     /// Number, in the whole run, of the rollout's first column.
     pub first_column: usize,
-    /// Step size of this update.
     pub learning_rate: f64,
     pub seed: u64,
     pub rollout_number: u64,
@@ -93,13 +85,10 @@ fn rows(chunks: &[Chunk]) -> u64 {
     chunks.iter().map(|chunk| chunk.packing.rows.len() as u64).sum()
 }
 
-/// Why there is no update.
 #[derive(Debug, thiserror::Error)]
 pub enum UpdateError {
-    /// A number is not finite; the text names it. All learners report the same.
     #[error("{0} is not finite")]
     NonFinite(String),
-    /// The other learners are gone.
     #[error(transparent)]
     Peers(#[from] PeerError),
 }
@@ -107,7 +96,6 @@ pub enum UpdateError {
 /// What losses are divided by to be means over the minibatch: counts over all learners.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Totals {
-    /// Frames of the minibatch.
     pub frames: u64,
     /// Queries to the auxiliary task of its rows in this epoch.
     pub queries: u64,
@@ -199,7 +187,6 @@ impl<'a> Update<'a> {
         Ok(means)
     }
 
-    /// The minibatches of an epoch.
     fn minibatches(&self, targets: &gae::Targets, epoch: u32) -> Vec<Vec<Chunk>> {
         let Self { ppo, rollout, shards, seed, first_column, .. } = *self;
         let deal = Deal { minibatches: ppo.minibatches, seed, rollout: self.rollout_number, first_column };

@@ -15,7 +15,6 @@ pub struct Moments {
 const BEFORE: f64 = 1e-4;
 
 impl Moments {
-    /// Before anything was met.
     pub fn before(width: usize) -> Self {
         Self { count: BEFORE, mean: vec![0.0; width], squares: vec![BEFORE; width] }
     }
@@ -29,10 +28,7 @@ impl Moments {
         Self { count, mean, squares }
     }
 
-    /// With other vectors.
-    ///
-    /// # Panics
-    /// If those are of another width.
+    /// With other vectors. Panics if those are of another width.
     pub fn merge(&mut self, other: &Self) {
         assert_eq!(self.width(), other.width(), "vectors of one width");
         if other.count == 0.0 {
@@ -51,7 +47,6 @@ impl Moments {
         self.mean.len()
     }
 
-    /// Mean and variance of number `i`.
     pub(crate) fn of_number(&self, i: usize) -> [f64; 2] {
         [self.mean[i], self.squares[i] / self.count]
     }
@@ -61,10 +56,7 @@ impl Moments {
         [&[self.count][..], &self.mean, &self.squares].concat()
     }
 
-    /// What [`Self::to_numbers`] gave.
-    ///
-    /// # Panics
-    /// If there are no numbers.
+    /// What [`Self::to_numbers`] gave. Panics if there are no numbers.
     pub(crate) fn from_numbers(numbers: &[f64]) -> Self {
         let (count, rest) = numbers.split_first().expect("moments have a count");
         let (mean, squares) = rest.split_at(rest.len() / 2);
@@ -72,7 +64,6 @@ impl Moments {
     }
 }
 
-/// What becomes of a reward before advantages are made of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RewardScale {
     divisor: f64,
@@ -89,7 +80,6 @@ impl RewardScale {
         Self { divisor: (variance + VARIANCE_EPSILON).sqrt(), clip }
     }
 
-    /// The reward that is learned from.
     pub fn apply(self, reward: f32) -> f64 {
         (f64::from(reward) / self.divisor).clamp(-self.clip, self.clip)
     }

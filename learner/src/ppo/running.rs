@@ -28,7 +28,6 @@ pub struct Running {
 }
 
 impl Running {
-    /// Before anything was met.
     pub fn before(config: &Config) -> Self {
         let inputs = config.spec().inputs().expect("a validated configuration's task has what networks take");
         let normalize = config.normalize;
@@ -41,7 +40,6 @@ impl Running {
         }
     }
 
-    /// What becomes of rewards.
     pub(crate) fn reward_scale(&self) -> RewardScale {
         self.returns.as_ref().map_or(RewardScale::NONE, |returns| RewardScale::of(returns, self.reward_clip))
     }

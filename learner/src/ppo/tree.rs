@@ -31,10 +31,7 @@ impl Tree {
         self.nodes.push((level, sum));
     }
 
-    /// The sum of all leaves, whose number is a power of two.
-    ///
-    /// # Panics
-    /// If it is not.
+    /// The sum of all leaves, whose number is a power of two. Panics if it is not.
     pub(crate) fn root(mut self) -> Tensor {
         let (_, root) = self.nodes.pop().expect("a tree has leaves");
         assert!(self.nodes.is_empty(), "the leaves are a power of two");

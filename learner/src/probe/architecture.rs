@@ -39,7 +39,6 @@ pub fn fit(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> Result<()
     Ok(())
 }
 
-/// Sets encoder and pooling.
 fn fit_frames(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> Result<(), TensorsError> {
     let found = ENCODERS.iter().find(|entry| weights.contains_key(&last_layer(entry.linear)));
     let encoder = found.ok_or_else(|| {
@@ -92,7 +91,6 @@ fn side(weights: &BTreeMap<String, Tensor>, name: &str, dimension: usize) -> Res
     size.get(dimension).copied().ok_or_else(|| wrong(name, format!("is {size:?}, which is no matrix")))
 }
 
-/// The weight of an encoder's last layer.
 fn last_layer(linear: &str) -> String {
     format!("{linear}.weight")
 }

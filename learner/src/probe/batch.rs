@@ -6,7 +6,8 @@ use crate::network::{IMAGES, Kept, Network, Staging, all_finite, coordinates, to
 use crate::ppo::running::STATISTICS;
 use crate::rollout::{Outcome, Rollout, Step};
 use proto::camera::{DepthFrame, FRAME_SIDE};
-use proto::config::{Config, nearest};
+use proto::config::Config;
+use proto::likeness::nearest;
 use proto::stage::RolloutShape;
 use proto::task::{ActionHead, PolicyAction};
 use std::collections::BTreeMap;
@@ -20,7 +21,6 @@ pub struct Batch {
     pub negatives: Option<Vec<usize>>,
 }
 
-/// Every tensor that a batch may have.
 const NAMES: [&str; 20] = [
     "frames",
     "goal_m",
@@ -47,7 +47,6 @@ const NAMES: [&str; 20] = [
 /// What every name may begin with, and most names of a non-finite update's dump do.
 const ROLLOUT: &str = "rollout.";
 
-/// The tensors of a file, asked for by name and shape.
 struct Tensors<'a>(&'a BTreeMap<String, Tensor>);
 
 fn wrong(name: &str, problem: String) -> TensorsError {
@@ -162,7 +161,6 @@ fn warn_of_contradictions(ended: &[bool], start: &[bool], columns: usize) {
 }
 
 impl Batch {
-    /// Takes a file's tensors as a batch for this network.
     pub fn read(file: &BTreeMap<String, Tensor>, config: &Config, network: &Network) -> Result<Self, TensorsError> {
         let file = Tensors::of_batch(file)?;
         let hidden = network.belief.hidden();

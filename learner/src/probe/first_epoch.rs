@@ -17,11 +17,9 @@ use proto::metric;
 use std::collections::BTreeMap;
 use tch::{Device, Tensor};
 
-/// What a probe finds.
 pub(super) struct Probed {
     /// Tables by cell, gradients by weight, and the figures as single numbers.
     pub tensors: BTreeMap<String, Tensor>,
-    /// Losses and other figures.
     pub figures: BTreeMap<String, f64>,
 }
 

@@ -14,14 +14,14 @@ use crate::agent::{MODEL, weights_of};
 use crate::auxiliary::{Auxiliary, Sizes};
 use crate::checkpoint::{TensorsError, decode_tensors, encode_tensors};
 use crate::declared::declare;
-use crate::device::{self, DeviceError};
+use crate::device;
 use crate::import::how_to_convert;
-use crate::network::{Network, PrecisionError};
-use crate::ppo::UpdateError;
+use crate::network::Network;
 use crate::ppo::running::{Running, STATISTICS};
+use anyhow::{Context, Result, anyhow};
 use batch::Batch;
 use first_epoch::{Probed, probe};
-use proto::config::{Config, ConfigError, DeviceChoice, LearnerConfig, Setting};
+use proto::config::{Config, DeviceChoice, LearnerConfig, Setting};
 use proto::run_folder::write_atomically;
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -31,31 +31,9 @@ use tch::{Kind, Tensor};
 /// What `learner probe` is asked.
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "\
-A batch is a rollout of T steps and N environments (bool may be u8, i64 may be any integer type):
-  frames           i16, i32 or f32 (T, N, S, S)  depth, millimetres; S = 224, or 224 / input_pool for pooled ones
-  goal_m           f32 (T, N, 3)   goal vector in the robot's frame (x right, y up, z ahead), metres, of the sign that the
-                                   weights were trained with (network.carried_goal); or instead of it
-  goal             f32 (T, N, 3)   what the network is given for it
-  numbers          f32 (T, N, K)   in a task without a frame instead of frames and goal: its observations, one behind the
-                                   other, whole numbers as one-hot
-  previous_action  i64 (T, N)      0 = none yet, else 1 + action
-  episode_start    bool (T, N)     the belief is zeroed before this observation
-  action           i64 (T, N)      action taken; of several choices i64 (T, N, K), of a box f32 (T, N, K), unclipped
-  log_prob, value  f32 (T, N)      its log-probability, and the observation's value, when it was taken
-  reward           f32 (T, N)
-  ended            bool (T, N)     the action ended the episode
-  time_limit       bool (T, N)     it ended by the step limit
-  last_value       f32 (T, N)      value of what was seen last then; NaN where it is not known [default: not known]
-  disturbed        bool (T, N)     label of the auxiliary task `disturb`
-  bootstrap        f32 (N)         value of the observation after the last action
-  beliefs          f32 (N, hidden) before the first step [default: 0]
-  recorded         bool (T, N)     false for the last environments in the last step, if they did not act [default: true]
-  negatives        i64 (T, N)      cell t·N + n that `cpca16` shows where (t, n) was seen [default: drawn]
-Names may begin with `rollout.`: the dump of a non-finite update can be probed (--weights and --batch the same file).
-
-Written are log_probs (of a box means and log_stds), values, embeddings, beliefs, advantages, returns, each loss and figure
-by its name in the metrics (loss/policy, ...), loss/total, gradient.NAME of every weight (unclipped) and what the auxiliary
-task was asked. All names, shapes and formulas: docs/probe.md.")]
+A batch is a rollout of T steps and N environments, the dump of a non-finite update is one, too (--weights and --batch the
+same file). Written are the policy's table, values, beliefs, advantages, returns, each loss and figure by its name in the
+metrics, and gradient.NAME of every weight. All names, shapes and formulas: docs/probe.md.")]
 pub struct Arguments {
     /// Weights by PyTorch's module paths, or a checkpoint of a run: which network they are of is read from them
     #[arg(long, value_name = "W.safetensors")]
@@ -83,59 +61,15 @@ pub struct Arguments {
     device: DeviceChoice,
 }
 
-/// Why a probe failed.
-#[derive(Debug, thiserror::Error)]
-pub enum ProbeError {
-    /// The configuration cannot be used.
-    #[error(transparent)]
-    Config(#[from] ConfigError),
-    /// The device is not there.
-    #[error(transparent)]
-    Device(#[from] DeviceError),
-    /// The encoder cannot compute in bfloat16 here.
-    #[error(transparent)]
-    Precision(#[from] PrecisionError),
-    /// A file cannot be read or written.
-    #[error("cannot {verb} {path}: {cause}", path = .path.display())]
-    File {
-        /// `read` or `write`.
-        verb: &'static str,
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        cause: std::io::Error,
-    },
-    /// A file's tensors cannot be used.
-    #[error("{path}: {cause}", path = .path.display())]
-    Tensors {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        cause: TensorsError,
-    },
-    /// A file of PyTorch's own format.
-    #[error("{path}: {advice}", path = .path.display())]
-    TorchSave {
-        /// The file.
-        path: PathBuf,
-        /// How to make it one of safetensors.
-        advice: String,
-    },
-    /// Losses or gradient cannot be computed.
-    #[error(transparent)]
-    Update(#[from] UpdateError),
-    /// The result cannot be printed.
-    #[error("cannot print: {0}")]
-    Print(std::io::Error),
-}
-
 /// Runs the command: writes the file and prints every figure, a line each.
-pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<(), ProbeError> {
+pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<()> {
     let settings: Vec<Setting> = arguments.task.iter().chain(&arguments.set).cloned().collect();
     let mut config = Config::resolve_set(&arguments.preset, arguments.config.as_deref(), &settings)?;
     let device = device::choose(&LearnerConfig { device: arguments.device, ..config.learner })?;
     let saved = read(&arguments.weights)?;
-    let in_weights = |cause| ProbeError::Tensors { path: arguments.weights.clone(), cause };
+    // The text alone: it has that of its source in it.
+    let at = |path: &Path, cause: TensorsError| anyhow!("{}: {cause}", path.display());
+    let in_weights = |cause| at(&arguments.weights, cause);
     let weights = model(&saved);
     fit(&mut config, &weights).map_err(in_weights)?;
     // What weights are of may be more than can be.
@@ -148,28 +82,24 @@ pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<(), ProbeErr
     network.choose_precision(config.learner.encoder_precision)?;
     tracing::info!("computes on {}", device::describe(device, network.is_fused()));
     network.parameters.load(&weights).map_err(|unfit| in_weights(unfit.into()))?;
-    let batch = Batch::read(&read(&arguments.batch)?, &config, &network)
-        .map_err(|cause| ProbeError::Tensors { path: arguments.batch.clone(), cause })?;
+    let batch = Batch::read(&read(&arguments.batch)?, &config, &network);
+    let batch = batch.map_err(|cause| at(&arguments.batch, cause))?;
 
     let running = Running::before(&config).found_in(&saved).map_err(|unfit| in_weights(unfit.into()))?;
     let Probed { tensors, figures } = probe(&config, &network, &auxiliary, running.reward_scale(), &batch)?;
-    let bytes = encode_tensors(&tensors).map_err(|cause| ProbeError::Tensors { path: arguments.out.clone(), cause })?;
-    write_atomically(&arguments.out, &bytes).map_err(|cause| ProbeError::File {
-        verb: "write",
-        path: arguments.out.clone(),
-        cause,
-    })?;
+    let bytes = encode_tensors(&tensors).map_err(|cause| at(&arguments.out, cause))?;
+    write_atomically(&arguments.out, &bytes).with_context(|| format!("cannot write {}", arguments.out.display()))?;
     for (name, value) in figures {
-        writeln!(output, "{name} {value}").map_err(ProbeError::Print)?;
+        writeln!(output, "{name} {value}").context("cannot print")?;
     }
     Ok(())
 }
 
-fn read(path: &Path) -> Result<BTreeMap<String, Tensor>, ProbeError> {
-    let bytes = std::fs::read(path).map_err(|cause| ProbeError::File { verb: "read", path: path.into(), cause })?;
-    decode_tensors(&bytes).map_err(|cause| match how_to_convert(path, &bytes) {
-        Some(advice) => ProbeError::TorchSave { path: path.into(), advice },
-        None => ProbeError::Tensors { path: path.into(), cause },
+fn read(path: &Path) -> Result<BTreeMap<String, Tensor>> {
+    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+    decode_tensors(&bytes).map_err(|cause| {
+        let problem = how_to_convert(path, &bytes).unwrap_or_else(|| cause.to_string());
+        anyhow!("{}: {problem}", path.display())
     })
 }
 

@@ -4,7 +4,6 @@ use proto::config::StageConfig;
 use proto::stage::position_at;
 use wire::message::{StageAnnouncement, directive};
 
-/// The newest announcement received.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Announcements {
     newest: Option<StageAnnouncement>,
@@ -13,18 +12,14 @@ pub struct Announcements {
 /// What the newest announcement means for a rollout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Permission {
-    /// Nothing yet: wait.
     Wait,
-    /// Begin it, under the announcement with this version.
     Begin {
         /// Version to echo.
         version: u64,
     },
-    /// Save and leave.
     Stop,
 }
 
-/// Orchestrator and learner disagree about the stage.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "rollout {rollout} was announced in stage {announced}, but {frames} frames belong to stage {expected}: \
@@ -45,7 +40,6 @@ impl Announcements {
         }
     }
 
-    /// True when a stop is in force.
     pub fn stop(&self) -> bool {
         self.newest.is_some_and(|newest| newest.directive == directive::STOP)
     }

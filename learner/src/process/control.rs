@@ -4,7 +4,6 @@ use super::stop::OrchestratorGone;
 use proto::event::LearnerEvent;
 use std::io::Write;
 
-/// The writing end of the control line.
 #[derive(Debug)]
 pub struct Control<W> {
     output: W,

@@ -19,7 +19,6 @@ use wire::{Standstill, Written, fault};
 /// Longest sleep without a look around. Whatever is waited for rings, but a process can be killed before it does.
 const LOOK: Duration = Duration::from_millis(250);
 
-/// Actors that did not answer in time.
 #[derive(Debug, thiserror::Error)]
 #[error("{actors} did not answer within {deadline_s:.0} s (learner.actor_deadline_s)")]
 pub struct Silent {
@@ -27,24 +26,17 @@ pub struct Silent {
     deadline_s: f64,
 }
 
-/// The learner of a conversation, and its ports.
 #[derive(Clone, Copy)]
 pub struct Speaker<'a> {
-    /// Rank in the process group.
     pub rank: u32,
     /// How often this learner has been started under this wire address, from 1.
     pub incarnation: u32,
-    /// This rank's ports.
     pub ports: &'a Ports,
-    /// Set when the orchestrator is gone.
     pub gone: &'a OrchestratorGone,
 }
 
-/// A learner's conversation with actors and orchestrator.
 pub struct Conversation<'a, W> {
-    /// Rank in the process group.
     pub rank: u32,
-    /// Environments and their exchanges.
     pub collector: Collector<Sample>,
     /// What the orchestrator allows, by the newest announcement received.
     pub announcements: Announcements,
@@ -97,7 +89,6 @@ impl<'a, W: Write> Conversation<'a, W> {
         self.control.tell(event);
     }
 
-    /// Sends every actor that is connected the state of its environments.
     pub fn restore_all(&self) -> Result<()> {
         self.actors.clone().try_for_each(|actor| self.restore(actor, 0))
     }

@@ -7,7 +7,6 @@ use crate::peers::PeerError;
 #[derive(Debug)]
 pub enum CutShort {
     Stop(Stop),
-    /// The rollout cannot be collected.
     Fault(anyhow::Error),
 }
 

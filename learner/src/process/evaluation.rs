@@ -29,9 +29,7 @@ const RANK: u32 = 0;
 
 #[derive(Debug, Clone)]
 pub struct EvaluationArguments {
-    /// Folder of the evaluation; its config.toml is the configuration.
     pub folder: PathBuf,
-    /// Where its services live.
     pub wire: WireAddress,
     /// How often this learner has been started under this wire address, from 1.
     pub incarnation: u32,
@@ -108,7 +106,6 @@ impl Tempo {
     }
 }
 
-/// Where episodes are played.
 struct Room<'a, W> {
     config: Config,
     tempo: Tempo,

@@ -21,7 +21,6 @@ pub struct NonFinite {
 }
 
 impl NonFinite {
-    /// Writes these tensors, of which the rollout was made, to a file.
     pub(super) fn dumped(rollout: u64, error: &anyhow::Error, path: &Path, tensors: &BTreeMap<String, Tensor>) -> Self {
         let written = encode_tensors(tensors)
             .map_err(anyhow::Error::from)
@@ -34,16 +33,12 @@ impl NonFinite {
     }
 }
 
-/// A checkpoint could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum Unsaved {
-    /// By this learner.
     #[error(transparent)]
     Here(#[from] CheckpointError),
-    /// By the first learner, which writes for all and reports the reason.
     #[error("the first learner could not write the checkpoint")]
     Elsewhere,
-    /// A learner of another host could not see its recordings onto the disk; it reports the reason.
     #[error(
         "no checkpoint is written: another host could not write its recordings to its disk, and says why in its log"
     )]

@@ -99,7 +99,6 @@ struct Told {
 }
 
 impl Told {
-    /// Refuses weights of another network than the configuration's.
     fn refuse_other_network(&self, config: &Config) -> Result<()> {
         if let Some(theirs) = &self.config {
             let mut trained = config.clone();

@@ -66,7 +66,6 @@ struct ActorPorts {
     restores: RestorePublisher,
 }
 
-/// The learner's ports in shared memory.
 pub struct Ports {
     ringers: Ringers,
     // Ports before the node: they are dropped in this order.
@@ -132,7 +131,6 @@ impl Ports {
         self.wakeup.wait_for(observations, longest);
     }
 
-    /// Wakes this learner.
     pub fn own_bell(&self) -> Bell {
         self.wire.bells().bell([Sleeper::Learner(self.rank)])
     }

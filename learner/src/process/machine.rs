@@ -12,7 +12,6 @@ pub const TORCH_VERSION: &str = "2.11.0";
 /// The name of the arithmetic that is the same on every x86-64 processor with AVX2.
 const REPRODUCIBLE: &str = "reproducible";
 
-/// This process's machine, and what the run's learners are.
 pub fn machine(device: Device, LearnerConfig { threads, count, shards, .. }: LearnerConfig) -> Machine {
     Machine {
         torch: torch_version().unwrap_or_else(|| "unknown".to_owned()),
@@ -35,7 +34,6 @@ pub fn torch_version() -> Option<String> {
     (!version.is_empty()).then(|| version.to_owned())
 }
 
-/// Path of the loaded libtorch.
 pub fn torch_library() -> Option<PathBuf> {
     let maps = std::fs::read_to_string("/proc/self/maps").ok()?;
     // The path is the sixth field and may hold spaces.

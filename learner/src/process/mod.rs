@@ -58,15 +58,12 @@ use training::Training;
 use wire::WireAddress;
 use wire::message::Halves;
 
-/// What a learner is started with.
 #[derive(Debug, Clone)]
 pub struct Arguments {
     pub run: PathBuf,
-    /// Where its services live.
     pub wire: WireAddress,
     /// How often this learner has been started under this wire address, from 1.
     pub incarnation: u32,
-    /// Rank in the process group.
     pub rank: u32,
     /// Standard input is a lifeline.
     pub lifeline: bool,
@@ -78,11 +75,9 @@ pub struct Arguments {
 #[derive(Debug, Clone)]
 pub struct Network {
     pub hosts: u32,
-    /// Where the first learner's store is.
     pub store: SocketAddr,
     /// The first learner's descriptor of the socket that listens there.
     pub listener: Option<i32>,
-    /// This host's own address.
     pub own: IpAddr,
 }
 

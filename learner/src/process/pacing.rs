@@ -17,7 +17,6 @@ const PERIOD: usize = 120;
 /// What the other pace may take at most, as a share of the present one's time, to take its place.
 const FASTER: f64 = 0.98;
 
-/// The pace of each rollout.
 #[derive(Debug)]
 pub(super) struct Pacing {
     /// The one that was faster.
@@ -29,7 +28,6 @@ pub(super) struct Pacing {
 }
 
 impl Pacing {
-    /// Always the same.
     pub(super) fn fixed(pace: Pace) -> Self {
         Self { present: pace, other: None, took: Vec::new() }
     }

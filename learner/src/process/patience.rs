@@ -14,22 +14,18 @@ pub struct Patience {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Waited {
-    /// Wait on, at most this long.
     Wait(Duration),
     /// Report those who are missing, then wait on, at most this long.
     Notice(Duration),
-    /// Too long.
     Overdue,
 }
 
 impl Patience {
-    /// A wait that ends after `deadline_s` seconds.
     pub fn new(deadline_s: f64) -> Self {
         let deadline = Duration::try_from_secs_f64(deadline_s).unwrap_or(Duration::MAX);
         Self { deadline, notice: FIRST_NOTICE }
     }
 
-    /// Where the wait stands after this time.
     pub fn after(&mut self, waited: Duration) -> Waited {
         if waited >= self.deadline {
             return Waited::Overdue;

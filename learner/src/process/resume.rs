@@ -16,7 +16,6 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 use tch::Tensor;
 
-/// Where to go on.
 pub struct Resumed {
     pub rollout: u64,
     pub frames: u64,
@@ -206,7 +205,6 @@ fn pack(found: &Found) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// What [`pack`] wrote.
 fn unpack(bytes: &[u8]) -> Result<Found> {
     let (length, rest) = bytes.split_first_chunk().context("the first learner's state is cut off")?;
     let (head, tensors) =

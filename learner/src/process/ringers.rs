@@ -24,7 +24,6 @@ struct Ringer {
 }
 
 impl Ringers {
-    /// For the actors of a learner.
     pub fn start(bells: &Bells, actors: Range<u32>) -> Result<Self> {
         parts(&actors).into_iter().map(|actors| Ringer::start(bells, actors)).collect::<Result<_>>().map(Self)
     }

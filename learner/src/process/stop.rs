@@ -5,10 +5,8 @@ use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 use wire::{Bell, lifeline};
 
-/// Why to save and leave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stop {
-    /// The orchestrator announced it.
     Announced,
     /// The orchestrator is gone: its lifeline or the pipe of events has closed.
     OrchestratorGone,
@@ -70,13 +68,11 @@ impl OrchestratorGone {
         Ok(held)
     }
 
-    /// Notes it.
     pub fn set(&self) {
         let _ = self.0.gone.set(());
         self.0.bell.get().into_iter().for_each(Bell::ring);
     }
 
-    /// True once it was noted.
     pub fn is_set(&self) -> bool {
         self.0.gone.get().is_some()
     }

@@ -30,24 +30,18 @@ use std::io::Write;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use wire::fault;
 
-/// Longest wait for a rollout's announcement.
 const ANNOUNCEMENT_DEADLINE: Duration = Duration::from_mins(1);
 
 pub struct Training<'a, W> {
     pub config: Config,
     pub run: RunFolder,
-    /// Where checkpoints go.
     pub store: Store,
-    /// Network, beliefs, optimiser.
     pub agent: Agent,
-    /// With actors and orchestrator.
     pub conversation: Conversation<'a, W>,
-    /// Who acts together.
     pub pacing: Pacing,
     /// The next rollout to be trained on.
     pub rollout: u64,
     pub frames: u64,
-    /// The rollout that is being trained on.
     pub in_update: Option<InUpdate>,
     /// The rollout of the last checkpoint on disk, if this process has written or loaded one.
     pub saved: Option<u64>,
@@ -57,11 +51,9 @@ pub struct Training<'a, W> {
     pub figures: History,
     /// Number of the orchestrator's start.
     pub orchestrator: u32,
-    /// Where the learners are.
     pub hosts: Hosts,
 }
 
-/// A rollout whose update has begun.
 pub struct InUpdate {
     rollout: u64,
     /// Frames trained on when the update is through.
@@ -72,13 +64,11 @@ pub struct InUpdate {
     metrics: BTreeMap<String, f64>,
 }
 
-/// Result of the learners' agreement at the end of a rollout.
 struct Agreement {
     /// Frames that all learners collected: fewer than planned if some were pre-empted.
     collected: u64,
     /// Those of this host.
     here: u64,
-    /// Learners that ended it early.
     preempted: u32,
     /// Why all abandon it, if one must.
     end: Option<CutShort>,
@@ -544,7 +534,6 @@ impl<W: Write> Training<'_, W> {
         Ok(())
     }
 
-    /// Writes the rollout that led to a number that is not finite.
     fn dump(&self, rollout: u64, error: &anyhow::Error) -> NonFinite {
         let mut tensors = self.agent.state().tensors;
         tensors.extend(self.agent.rollout_tensors());

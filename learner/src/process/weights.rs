@@ -9,7 +9,6 @@ use proto::policy_file::{BYTES_MOST, PolicyFacts, PolicyFileError};
 use safetensors::SafeTensors;
 use std::path::Path;
 
-/// How long weights were trained.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Trained {
     /// The first rollout that they were not trained on.

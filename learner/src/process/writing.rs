@@ -22,13 +22,11 @@ const TELLING_INTERVAL: Duration = Duration::from_secs(1);
 /// recording first, and the last checkpoint stands.
 #[derive(Debug, thiserror::Error)]
 pub enum Unrecorded {
-    /// It has stood still for too long.
     #[error(
         "the recording has not got on for {} s: its disk hangs, or the orchestrator is stopped. When it works again, \
          `orchestrator resume` goes on with a run; an evaluation begins anew", .0.as_secs()
     )]
     Standstill(Duration),
-    /// A rollout was not written in time.
     #[error(
         "rollout {rollout} was not recorded within {} s, though the recorder gets on: the orchestrator's log says why",
         WRITING_DEADLINE.as_secs()

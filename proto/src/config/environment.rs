@@ -1,5 +1,3 @@
-//! Environments that are not built in.
-
 use serde::{Deserialize, Serialize};
 use std::process::Command;
 

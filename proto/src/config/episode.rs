@@ -1,5 +1,3 @@
-//! Settings of episodes.
-
 use crate::evaluation::Distribution;
 use crate::kitchen::Split;
 use crate::task::ActionSpace;

@@ -1,104 +1,46 @@
 //! Configuration errors with file, line and a suggestion.
 
+use crate::likeness::{nearest, suggestion};
 use crate::shell::quoted;
 use crate::task::SpecError;
 use serde::de::DeserializeOwned;
 use std::path::PathBuf;
 
-/// What is wrong with a configuration.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
-    /// No preset of this name.
     #[error("there is no preset `{name}`{}; `orchestrator presets` lists them", suggestion(.nearest.as_deref()))]
-    UnknownPreset {
-        /// The unknown name.
-        name: String,
-        /// The closest existing name.
-        nearest: Option<String>,
-    },
-    /// The file cannot be read.
+    UnknownPreset { name: String, nearest: Option<String> },
     #[error("cannot read configuration {path}: {cause}", path = .path.display())]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        cause: std::io::Error,
-    },
-    /// The configuration of a run that has checkpoints, which hold the one that they were saved under.
+    Unreadable { path: PathBuf, cause: std::io::Error },
     #[error("{cause} (mend it, or: `orchestrator config --of {run} --out {file}`)", run = quoted(.run), file = quoted(.file))]
-    OfRun {
-        /// What is wrong with it.
-        cause: Box<ConfigError>,
-        /// The run's folder.
-        run: PathBuf,
-        /// The file.
-        file: PathBuf,
-    },
-    /// A key that means nothing.
+    OfRun { cause: Box<ConfigError>, run: PathBuf, file: PathBuf },
     #[error("{origin}:{line}: unknown key `{key}`{}", suggestion(.nearest.as_deref()))]
     UnknownKey {
         /// File or preset.
         origin: String,
         /// Line, from 1.
         line: usize,
-        /// The key.
         key: String,
-        /// The closest valid key.
         nearest: Option<String>,
     },
-    /// A value of the wrong type, or broken TOML.
     #[error("{origin}:{line}: {problem}")]
-    Invalid {
-        /// File or preset.
-        origin: String,
-        /// Line, from 1.
-        line: usize,
-        /// The parser's message.
-        problem: String,
-    },
-    /// A value out of its range.
+    Invalid { origin: String, line: usize, problem: String },
     #[error("configuration: {key} = {value}: {problem}")]
     OutOfRange {
         /// Dotted key.
         key: &'static str,
-        /// Its value.
         value: String,
-        /// What it must be.
         problem: &'static str,
     },
-    /// There is no such task.
     #[error("there is no task `{name}`{}", suggestion(.nearest.as_deref()))]
-    UnknownTask {
-        name: String,
-        /// The closest existing name.
-        nearest: Option<String>,
-    },
-    /// The run's task is not what the programs know by its name.
+    UnknownTask { name: String, nearest: Option<String> },
     #[error(
         "{path}: the run's task `{name}` is declared otherwise than in these programs: go on with the version that began \
          it (`run.toml` names it)", path = .path.display()
     )]
     OtherTask { path: PathBuf, name: String },
-    /// The task lacks what the configuration names.
     #[error("configuration: {key}: {cause}")]
-    Task {
-        /// Dotted key.
-        key: String,
-        cause: SpecError,
-    },
-}
-
-pub(super) fn suggestion(nearest: Option<&str>) -> String {
-    nearest.map_or_else(String::new, |nearest| format!(" (did you mean `{nearest}`?)"))
-}
-
-/// The candidate closest to `word`, if any is close.
-pub fn nearest<'a>(word: &str, candidates: impl Iterator<Item = &'a str>) -> Option<String> {
-    candidates
-        .map(|candidate| (strsim::jaro_winkler(word, candidate), candidate))
-        .filter(|(score, _)| *score > 0.7)
-        .max_by(|a, b| a.0.total_cmp(&b.0))
-        .map(|(_, candidate)| candidate.to_owned())
+    Task { key: String, cause: SpecError },
 }
 
 /// Parses TOML; `origin` names the source in errors.

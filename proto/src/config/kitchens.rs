@@ -1,5 +1,3 @@
-//! Settings of kitchens without end.
-
 use crate::kitchen::KitchenRange;
 use serde::{Deserialize, Serialize};
 

@@ -25,7 +25,7 @@ mod validate;
 pub use changes::{Difference, Lists, differences};
 pub use environment::EnvironmentConfig;
 pub use episode::EpisodeConfig;
-pub use error::{ConfigError, nearest};
+pub use error::ConfigError;
 pub use kitchens::{KitchenSource, KitchensConfig};
 pub use machine::{MachineConfig, Pin};
 pub use network::{CarriedGoal, Encoder, GoalCoordinates, INPUT_POOLS, Memory, NetworkConfig};
@@ -539,18 +539,12 @@ impl Config {
         if alone { self.ppo.shuffle } else { Shuffle::Environments }
     }
 
-    /// The actors, divided among the learners.
-    ///
-    /// # Panics
-    /// If the configuration was not validated.
+    /// The actors, divided among the learners. Panics if the configuration was not validated.
     pub fn shares(&self) -> Shares {
         self.shares_among(self.actors.count)
     }
 
-    /// The same if there were so many actors.
-    ///
-    /// # Panics
-    /// If that were too few, or the configuration was not validated.
+    /// The same if there were so many actors. Panics if that were too few, or the configuration was not validated.
     pub fn shares_among(&self, actors: u32) -> Shares {
         match self.learner.shards {
             0 => Shares::new(actors, self.learner.count),

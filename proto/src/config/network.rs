@@ -1,5 +1,3 @@
-//! Settings of the network.
-
 use serde::{Deserialize, Serialize};
 use std::fmt;
 

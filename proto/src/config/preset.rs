@@ -2,10 +2,8 @@
 
 use std::borrow::Cow;
 
-/// One preset.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Preset {
-    /// Its name on the command line.
     pub name: String,
     /// What it is, one line.
     pub summary: String,

@@ -1,9 +1,10 @@
 //! All presets. Those with reasons of their own are TOML files beside the code; the rows of the paper's tables are
 //! composed in [`experiment`].
 
-use super::error::{ConfigError, nearest, parse};
+use super::error::{ConfigError, parse};
 use super::experiment;
 use super::preset::{Preset, overlay};
+use crate::likeness::nearest;
 use std::sync::LazyLock;
 
 /// Presets with a file of their own.

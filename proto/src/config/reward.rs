@@ -1,5 +1,3 @@
-//! Weights inside rewards.
-
 use serde::de::{Deserializer, MapAccess, Visitor};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

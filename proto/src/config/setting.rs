@@ -1,32 +1,22 @@
 //! Single settings, as `--set ppo.learning_rate=1e-3` gives them: any key of the configuration, each judged alone.
 
 use super::Config;
-use super::error::{self, ConfigError, suggestion};
+use super::error::{self, ConfigError};
 use super::preset::overlay;
+use crate::likeness::suggestion;
 use std::str::FromStr;
 use toml::{Table, Value};
 
-/// What is wrong with a setting.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SettingError {
-    /// There is no `=`.
     #[error("it has no value: expected KEY=VALUE, for example ppo.learning_rate=1e-3")]
     NoValue,
-    /// The part before `=` is no dotted key.
     #[error("`{0}` is no key: expected names with dots between them, for example ppo.learning_rate")]
     NoKey(String),
-    /// The part after `=` is neither TOML nor a bare word.
     #[error("`{0}` is neither TOML nor a single word; quote any other text twice, for example KEY='\"two words\"'")]
     BadValue(String),
-    /// The key cannot be set this way.
     #[error("`{key}` is no setting: use {instead}")]
-    SaidElsewhere {
-        /// The key.
-        key: &'static str,
-        /// What sets it.
-        instead: &'static str,
-    },
-    /// A key that no configuration has.
+    SaidElsewhere { key: &'static str, instead: &'static str },
     #[error("unknown key `{key}`{}", suggestion(.nearest.as_deref()))]
     UnknownKey {
         /// The last part of the key that is unknown.
@@ -34,7 +24,6 @@ pub enum SettingError {
         /// The keys that end so, or the closest valid one.
         nearest: Option<String>,
     },
-    /// A value of the wrong type.
     #[error("{0}")]
     WrongType(String),
 }
@@ -45,7 +34,6 @@ pub enum SettingError {
 pub struct Setting(Table);
 
 impl Setting {
-    /// The setting of a dotted key.
     pub fn new(key: &str, value: Value) -> Result<Self, SettingError> {
         let sound = |name: &str| {
             let letter = |byte: u8| byte.is_ascii_alphanumeric() || byte == b'_' || byte == b'-';
@@ -60,7 +48,6 @@ impl Setting {
         Ok(Self(table))
     }
 
-    /// Lays it over a table of settings.
     pub fn lay_over(&self, bottom: &mut Table) {
         overlay(bottom, self.0.clone());
     }

@@ -1,15 +1,13 @@
 //! The task of a run, and the rewards that its stages name.
 
 use super::validate::check;
-use super::{AuxiliaryTask, Config, ConfigError, EnvironmentConfig, GoalCoordinates, nearest};
+use super::{AuxiliaryTask, Config, ConfigError, EnvironmentConfig, GoalCoordinates};
+use crate::likeness::nearest;
 use crate::run_folder::RunFolder;
 use crate::task::{ActionHead, Composition, Condition, MULTIPLIER, NEGATIVE_MULTIPLIER, Spec, SpecError};
 
 impl Config {
-    /// The task's declaration.
-    ///
-    /// # Panics
-    /// If the configuration was not validated.
+    /// The task's declaration. Panics if the configuration was not validated.
     pub fn spec(&self) -> &'static Spec {
         self.find_spec().expect("a validated configuration names a task that there is")
     }
@@ -54,27 +52,20 @@ impl Config {
         })
     }
 
-    /// A reward of the task's or of this configuration's, resolved.
-    ///
-    /// # Panics
-    /// If there is none of this name: stages of a validated configuration name rewards that there are.
+    /// A reward of the task's or of this configuration's, resolved. Panics if there is none of this name: stages of a
+    /// validated configuration name rewards that there are.
     pub fn reward(&self, name: &str) -> Composition {
         self.find_reward(name).expect("a validated configuration names rewards that there are")
     }
 
-    /// How the policy chooses an action.
-    ///
-    /// # Panics
-    /// As [`Self::policy_actions`].
+    /// How the policy chooses an action. Panics as [`Self::policy_actions`] does.
     pub fn action_head(&self) -> ActionHead {
         let head = ActionHead::of(self.episode.action_space, &self.spec().actions);
         head.expect("a validated configuration names a subset that there is")
     }
 
-    /// The actions that the policy chooses from, in the order of its head; none where they have no names.
-    ///
-    /// # Panics
-    /// If the configuration was not validated.
+    /// The actions that the policy chooses from, in the order of its head; none where they have no names. Panics if the
+    /// configuration was not validated.
     pub fn policy_actions(&self) -> Vec<u8> {
         let actions = self.episode.action_space.of(&self.spec().actions);
         actions.expect("a validated configuration names a subset that there is")

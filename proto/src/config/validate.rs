@@ -5,17 +5,11 @@ use crate::episode::MAX_EPISODE_STEPS;
 use crate::evaluation::{Distribution, EPISODES_OF_SET, EvaluationConfig, SEEDED_EPISODES_MOST};
 use crate::kitchen::{KitchenId, Split};
 use std::fmt::Display;
+use std::ops::RangeInclusive;
 
-/// Environments of one actor at most.
 const MAX_ENVIRONMENTS_PER_ACTOR: u32 = 256;
-
-/// Actor processes of one machine at most.
 const MAX_ACTORS: u32 = 512;
-
-/// Procedural kitchens of a run at most.
 const MAX_KITCHENS: u32 = 1_000_000;
-
-/// Procedural kitchens of one evaluation at most.
 const MAX_EVALUATED: u32 = 1000;
 
 /// Stages of a run, and frames of a stage, at most: their sum fits into 63 bits, and a double holds each exactly.
@@ -25,7 +19,6 @@ const STAGE_FRAMES_MOST: u64 = 1_000_000_000_000_000;
 const STAGE_NAME_MOST: usize = 64;
 
 impl Config {
-    /// Checks every setting against its range.
     pub fn validate(&self) -> Result<(), ConfigError> {
         self.validate_task()?;
         self.validate_environments()?;
@@ -34,34 +27,18 @@ impl Config {
         self.validate_evaluation()
     }
 
-    /// Settings of the simulation.
     fn validate_environments(&self) -> Result<(), ConfigError> {
         let Self { actors, simulation, episode, .. } = self;
-        check("actors.count", actors.count, (1..=MAX_ACTORS).contains(&actors.count), "must be 1 to 512")?;
-        check(
+        within("actors.count", actors.count, 1..=MAX_ACTORS, "must be 1 to 512")?;
+        within(
             "actors.environments_per_actor",
             actors.environments_per_actor,
-            (1..=MAX_ENVIRONMENTS_PER_ACTOR).contains(&actors.environments_per_actor),
+            1..=MAX_ENVIRONMENTS_PER_ACTOR,
             "must be 1 to 256",
         )?;
-        check(
-            "simulation.timestep_s",
-            simulation.timestep_s,
-            (1e-4..=0.05).contains(&simulation.timestep_s),
-            "must be 0.0001 to 0.05 seconds",
-        )?;
-        check(
-            "simulation.substeps",
-            simulation.substeps,
-            (1..=100).contains(&simulation.substeps),
-            "must be 1 to 100",
-        )?;
-        check(
-            "episode.max_steps",
-            episode.max_steps,
-            (1..=MAX_EPISODE_STEPS as u32).contains(&episode.max_steps),
-            "must be 1 to 100000",
-        )?;
+        within("simulation.timestep_s", simulation.timestep_s, 1e-4..=0.05, "must be 0.0001 to 0.05 seconds")?;
+        within("simulation.substeps", simulation.substeps, 1..=100, "must be 1 to 100")?;
+        within("episode.max_steps", episode.max_steps, 1..=MAX_EPISODE_STEPS as u32, "must be 1 to 100000")?;
         for (key, value) in [
             ("episode.start_distance_max_m", episode.start_distance_max_m),
             ("episode.goal_distance_max_m", episode.goal_distance_max_m),
@@ -89,16 +66,10 @@ impl Config {
         Ok(())
     }
 
-    /// Settings of procedural kitchens.
     fn validate_kitchens(&self) -> Result<(), ConfigError> {
         let KitchensConfig { source, count, episodes_each, seed } = self.kitchens;
-        check("kitchens.count", count, (1..=MAX_KITCHENS).contains(&count), "must be 1 to 1000000")?;
-        check(
-            "kitchens.episodes_each",
-            episodes_each,
-            (1..=1_000_000).contains(&episodes_each),
-            "must be 1 to 1000000 episodes",
-        )?;
+        within("kitchens.count", count, 1..=MAX_KITCHENS, "must be 1 to 1000000")?;
+        within("kitchens.episodes_each", episodes_each, 1..=1_000_000, "must be 1 to 1000000 episodes")?;
         // TOML has no larger whole numbers.
         check("kitchens.seed", seed, i64::try_from(seed).is_ok(), "must be below 2^63")?;
         check(
@@ -109,7 +80,6 @@ impl Config {
         )
     }
 
-    /// Network, algorithm, curriculum.
     fn validate_learning(&self) -> Result<(), ConfigError> {
         let Self { network, ppo, normalize, reward, auxiliary, .. } = self;
         check(
@@ -121,16 +91,16 @@ impl Config {
         let layers = || network.mlp.iter().map(u32::to_string).collect::<Vec<_>>().join(", ");
         let fits = (1..=8).contains(&network.mlp.len()) && network.mlp.iter().all(|width| (1..=4096).contains(width));
         check("network.mlp", format!("[{}]", layers()), fits, "must be 1 to 8 widths of 1 to 4096")?;
-        check("network.hidden", network.hidden, (8..=4096).contains(&network.hidden), "must be 8 to 4096")?;
-        check("ppo.rollout_steps", ppo.rollout_steps, (1..=4096).contains(&ppo.rollout_steps), "must be 1 to 4096")?;
-        check("ppo.epochs", ppo.epochs, (1..=64).contains(&ppo.epochs), "must be 1 to 64")?;
-        check("ppo.minibatches", ppo.minibatches, (1..=64).contains(&ppo.minibatches), "must be 1 to 64")?;
+        within("network.hidden", network.hidden, 8..=4096, "must be 8 to 4096")?;
+        within("ppo.rollout_steps", ppo.rollout_steps, 1..=4096, "must be 1 to 4096")?;
+        within("ppo.epochs", ppo.epochs, 1..=64, "must be 1 to 64")?;
+        within("ppo.minibatches", ppo.minibatches, 1..=64, "must be 1 to 64")?;
         for (key, value) in [
             ("ppo.gamma", ppo.gamma),
             ("ppo.gae_lambda", ppo.gae_lambda),
             ("ppo.preemption_share", ppo.preemption_share),
         ] {
-            check(key, value, (0.0..=1.0).contains(&value), "must be 0 to 1")?;
+            within(key, value, 0.0..=1.0, "must be 0 to 1")?;
         }
         check(
             "ppo.overlap",
@@ -168,21 +138,20 @@ impl Config {
             "must be above 0 and at most 1",
         )?;
         let stages = self.stages.len();
-        check("stages", stages, (1..=STAGES_MOST).contains(&stages), "there must be 1 to 1000 stages")?;
+        within("stages", stages, 1..=STAGES_MOST, "there must be 1 to 1000 stages")?;
         for stage in &self.stages {
             let length = stage.name.chars().count();
             check("stages.name", length, length <= STAGE_NAME_MOST, "a name has at most 64 letters")?;
-            check(
+            within(
                 "stages.frames",
                 stage.frames,
-                (1..=STAGE_FRAMES_MOST).contains(&stage.frames),
+                1..=STAGE_FRAMES_MOST,
                 "every stage needs at least one frame, and at most 1000000000000000",
             )?;
         }
         Ok(())
     }
 
-    /// Settings of the processes.
     fn validate_processes(&self) -> Result<(), ConfigError> {
         let Self { learner, checkpoint, recording, .. } = self;
         let (deadline_s, interval_s) = (learner.actor_deadline_s, checkpoint.interval_s);
@@ -193,10 +162,10 @@ impl Config {
         check("learner.progress_deadline_s", progress_s, valid, "must be 1 or greater")?;
         let valid = interval_s.is_finite() && interval_s >= 0.0;
         check("checkpoint.interval_s", interval_s, valid, "must be 0 or greater")?;
-        check(
+        within(
             "learner.count",
             learner.count,
-            (1..=self.actors.count).contains(&learner.count),
+            1..=self.actors.count,
             "must be 1 to actors.count: every learner has actors of its own",
         )?;
         check(
@@ -206,14 +175,9 @@ impl Config {
             "must be 1: an evaluation has one learner",
         )?;
         self.validate_shards()?;
-        check("learner.threads", learner.threads, (1..=256).contains(&learner.threads), "must be 1 to 256")?;
-        check("checkpoint.keep", checkpoint.keep, (1..=1000).contains(&checkpoint.keep), "must be 1 to 1000")?;
-        check(
-            "recording.depth_share",
-            recording.depth_share,
-            (0.0..=1.0).contains(&recording.depth_share),
-            "must be 0 to 1",
-        )?;
+        within("learner.threads", learner.threads, 1..=256, "must be 1 to 256")?;
+        within("checkpoint.keep", checkpoint.keep, 1..=1000, "must be 1 to 1000")?;
+        within("recording.depth_share", recording.depth_share, 0.0..=1.0, "must be 0 to 1")?;
         check(
             "recording.failures_only",
             recording.failures_only,
@@ -233,7 +197,7 @@ impl Config {
         if self.environment.is_some() {
             let few = episodes <= SEEDED_EPISODES_MOST;
             check("validation.episodes", episodes, few, "must be at most 100000")?;
-            return check("validation.actors", actors, (1..=512).contains(&actors), "must be 1 to 512");
+            return within("validation.actors", actors, 1..=512, "must be 1 to 512");
         }
         check(
             "validation.episodes",
@@ -249,7 +213,6 @@ impl Config {
         )
     }
 
-    /// Settings of shards.
     fn validate_shards(&self) -> Result<(), ConfigError> {
         let (shards, learners) = (self.learner.shards, self.learner.count);
         if shards == 0 {
@@ -331,6 +294,15 @@ impl Config {
         let (count, kitchens) = (self.actors.count, self.kitchens().count() as u32);
         check("actors.count", count, count >= kitchens, "an evaluation needs an actor for each of its kitchens")
     }
+}
+
+fn within<T: PartialOrd + Display + Copy>(
+    key: &'static str,
+    value: T,
+    range: RangeInclusive<T>,
+    problem: &'static str,
+) -> Result<(), ConfigError> {
+    check(key, value, range.contains(&value), problem)
 }
 
 pub(super) fn check(

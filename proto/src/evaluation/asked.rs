@@ -1,10 +1,7 @@
-//! What an evaluation is asked.
-
 use super::distribution::Distribution;
 use crate::kitchen::{KitchenId, KitchenRange, Kitchens, Split, TargetCategory};
 use serde::{Deserialize, Serialize};
 
-/// Which target objects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ObjectSet {
@@ -41,7 +38,6 @@ impl ObjectSet {
 
 /// Episodes of an evaluation of environments that are not built in, unless it is asked for another number.
 pub const SEEDED_EPISODES: u32 = 100;
-/// The most of them.
 pub const SEEDED_EPISODES_MOST: u32 = 100_000;
 
 /// Request of an evaluation: a table of the configuration that `orchestrator eval` writes for its processes. A run has
@@ -57,12 +53,10 @@ pub struct EvaluationConfig {
     /// A single kitchen of the split instead of all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub kitchen: Option<KitchenId>,
-    /// Targets.
     pub objects: ObjectSet,
     /// The first this many episodes of each kitchen and of each of the sets novel and seen; 0 = all. Of environments that
     /// are not built in: this many, 0 = 100.
     pub episodes: u32,
-    /// Fixed, drawn, or of fixed seeds.
     #[serde(default)]
     pub distribution: Distribution,
     /// Targets that each scene of the configuration has; empty where kitchens are built in, which have all.
@@ -102,7 +96,6 @@ impl EvaluationConfig {
         }
     }
 
-    /// Kitchens whose episodes are played.
     pub fn kitchens(&self) -> Kitchens {
         match (self.procedural, self.kitchen, self.scene_targets.len()) {
             _ if self.distribution == Distribution::Seeds => Kitchens::Elsewhere,

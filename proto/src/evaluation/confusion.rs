@@ -1,5 +1,3 @@
-//! How well the task's label was predicted.
-
 use serde::{Deserialize, Serialize};
 
 /// Confusion matrix of the prediction of the label, in steps.

@@ -1,9 +1,6 @@
-//! Where an evaluation's episodes come from.
-
 use crate::kitchen::Split;
 use serde::{Deserialize, Serialize};
 
-/// Where an evaluation's episodes come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Distribution {

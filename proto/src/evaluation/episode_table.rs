@@ -14,7 +14,6 @@ use std::str::FromStr;
 /// The counts of a confusion matrix.
 const COUNTS: [&str; 4] = ["prediction_hits", "prediction_misses", "prediction_false_alarms", "prediction_quiet"];
 
-/// Names of the columns, in order.
 fn names(spec: &Spec, distribution: Distribution) -> Vec<String> {
     let mut names = if has_kitchens(distribution) { vec!["kitchen", "episode"] } else { vec!["episode"] };
     names.extend(["category", "objects"].iter().filter(|_| has_targets(spec)));
@@ -72,7 +71,6 @@ pub fn write_table(spec: &Spec, records: &[EpisodeRecord], distribution: Distrib
     String::from_utf8(bytes).expect("names, numbers and commas are UTF-8")
 }
 
-/// A table that cannot be read.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}: {problem}")]
 pub struct TableError {
@@ -113,7 +111,6 @@ fn broken(error: &csv::Error) -> TableError {
     TableError { line, problem }
 }
 
-/// A line of the right shape.
 struct Row<'a> {
     names: &'a StringRecord,
     cells: &'a StringRecord,

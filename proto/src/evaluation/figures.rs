@@ -1,5 +1,3 @@
-//! The figures of a set of episodes.
-
 use super::confusion::{Confusion, share};
 use super::record::EpisodeRecord;
 use crate::task::{Column, Curve, Spec, Take};
@@ -13,13 +11,11 @@ pub struct Figures {
     /// The mean of each number of an episode, and the task's further figures ([`Spec::described`]).
     #[serde(flatten)]
     numbers: BTreeMap<String, Option<f64>>,
-    /// The task's curves.
     pub curves: BTreeMap<String, Vec<CurvePoint>>,
     /// Predictions of the task's label; none where the policy makes none.
     pub prediction: Option<PredictionFigures>,
 }
 
-/// One point of a curve over limits.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CurvePoint {
     pub limit: f32,
@@ -32,11 +28,8 @@ pub struct CurvePoint {
 pub struct PredictionFigures {
     #[serde(flatten)]
     pub counts: Confusion,
-    /// See [`Confusion::precision`].
     pub precision: Option<f64>,
-    /// See [`Confusion::recall`].
     pub recall: Option<f64>,
-    /// See [`Confusion::recall_of_quiet`].
     pub recall_of_quiet: Option<f64>,
 }
 

@@ -92,7 +92,6 @@ impl Plan {
         self.kitchens.first().map_or(0, |(_, episodes)| episodes.len())
     }
 
-    /// True if there are no episodes.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

@@ -1,5 +1,3 @@
-//! What came of one episode.
-
 use super::asked::ObjectSet;
 use super::confusion::Confusion;
 use crate::kitchen::{KitchenId, TargetCategory};

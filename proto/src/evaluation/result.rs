@@ -1,5 +1,3 @@
-//! The result file of an evaluation.
-
 use super::asked::ObjectSet;
 use super::distribution::{Distribution, describe};
 use super::figures::Figures;
@@ -19,7 +17,6 @@ pub const TABLE_FILE: &str = "episodes.csv";
 /// Number of the result file's form. One of an older form has none; the programs of commit 0e4cae3e read it.
 const FORMAT: u32 = 2;
 
-/// Whose weights were evaluated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Subject {
     pub preset: String,
@@ -31,14 +28,12 @@ pub struct Subject {
     pub run_id: Option<String>,
     /// Manifest of the checkpoint; none for weights that no run has trained.
     pub checkpoint: Option<String>,
-    /// Frames trained on.
     pub frames: u64,
     /// SHA-256 of the weights, 64 hex digits.
     pub weights: String,
     pub parameters: u64,
 }
 
-/// How it was done.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Conditions {
     /// Kitchens; train where they are scenes or procedural ones.
@@ -52,7 +47,6 @@ pub struct Conditions {
     pub objects: ObjectSet,
     /// Episodes of each kitchen and object set at most; 0 = all. Of fixed seeds: so many, 0 = 100.
     pub episodes: u32,
-    /// Fixed, drawn, or of fixed seeds.
     #[serde(default)]
     pub distribution: Distribution,
     /// Robots started at most this far from the target, metres; 0 = anywhere in the kitchen, as in fixed episodes.
@@ -65,9 +59,7 @@ pub struct Conditions {
     pub deterministic: bool,
     /// Seed of the action noise.
     pub seed: u64,
-    /// Step limit of an episode.
     pub max_steps: u32,
-    /// Actions the policy chose from.
     pub action_space: ActionSpace,
     pub actors: u32,
     pub environments_per_actor: u32,
@@ -103,7 +95,6 @@ pub struct CategoryFigures {
     pub figures: Figures,
 }
 
-/// Figures of one set of target objects.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ObjectSetFigures {
     /// Novel or seen, never all.
@@ -128,12 +119,9 @@ pub struct Evaluation {
     pub task: String,
     /// What its numbers are, of an episode and over episodes.
     pub described: Vec<Described>,
-    /// Whose weights.
     pub subject: Subject,
     pub conditions: Conditions,
-    /// Time and steps.
     pub cost: Cost,
-    /// All episodes together.
     pub overall: Figures,
     /// 95% intervals of the means of each return and metric, by name: percentiles of a bootstrap over the episodes. Only of
     /// episodes of fixed seeds: those of a kitchen are not independent.
@@ -145,7 +133,6 @@ pub struct Evaluation {
     pub kitchens: Vec<KitchenFigures>,
     /// By category, in wire order, for the requested ones.
     pub categories: Vec<CategoryFigures>,
-    /// All episodes together.
     pub action_counts: ActionCounts,
 }
 
@@ -209,7 +196,6 @@ impl Evaluation {
     }
 }
 
-/// A result file that cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum ResultError {
     #[error("it is the result of an older version, which the programs of commit 0e4cae3e read (evaluate again)")]

@@ -23,12 +23,9 @@ pub struct ReplaySetup {
     pub images: Option<ReplayImages>,
 }
 
-/// How to draw the episodes.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ReplayImages {
-    /// Folder, created if missing.
     pub folder: String,
-    /// Still pictures or one moving picture an episode.
     pub format: ImageFormat,
     /// Width and height of a still, or of each of a moving picture's two views, pixels.
     pub side: u32,
@@ -45,7 +42,6 @@ pub enum ImageFormat {
     Mp4(Ffmpeg),
 }
 
-/// The program that encodes films.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Ffmpeg {
     pub program: String,
@@ -57,7 +53,6 @@ pub struct Ffmpeg {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RecordedEpisode {
     pub environment: EnvironmentId,
-    /// Episode number within the environment.
     pub episode: u32,
     /// Hash of its first state, if the recording holds it.
     pub start_hash: Option<u64>,
@@ -88,7 +83,6 @@ pub struct Compared {
 }
 
 impl Compared {
-    /// That of a task, whose rewards a configuration weighs.
     pub fn of(spec: &Spec, weights: &BTreeMap<String, f32>) -> Result<Self, SpecError> {
         let channels = spec.channels.iter().zip(&spec.layout().fields).filter(|(channel, _)| !channel.is_bulk());
         let rewards = spec.plain_rewards();
@@ -104,7 +98,6 @@ impl Compared {
         channels.chain(rewards).chain(["end".to_owned()])
     }
 
-    /// How many digests a step has.
     pub fn count(&self) -> usize {
         self.channels.len() + self.rewards.len() + 1
     }
@@ -114,7 +107,6 @@ impl Compared {
         self.channels.get(at).is_some_and(|(_, _, of_action)| !of_action)
     }
 
-    /// How many digests an episode's beginning has.
     pub fn start_count(&self) -> usize {
         self.channels.len()
     }
@@ -123,7 +115,6 @@ impl Compared {
         self.rewards.iter().map(|(name, _)| &**name)
     }
 
-    /// Writes the rewards of the action of this record.
     pub fn reward(&self, layout: &Layout, record: &[u8], rewards: &mut Vec<f32>) {
         rewards.clear();
         let composed = self.rewards.iter().map(|(_, reward)| reward.of(|index| layout.part(record, index), 0.0));
@@ -159,16 +150,13 @@ fn digest(numbers: impl IntoIterator<Item = u64>) -> u32 {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ReplayVerdict {
     pub environment: EnvironmentId,
-    /// Episode number within the environment.
     pub episode: u32,
     /// States compared, the first one included.
     pub compared: u64,
-    /// The first thing that differs, if any.
     pub first_difference: Option<Difference>,
     pub images: u64,
 }
 
-/// Something that the simulator does not give as it was recorded.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Difference {
     /// Actions taken until then; for what was seen, before the action that was chosen from it.

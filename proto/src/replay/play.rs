@@ -16,11 +16,9 @@ pub trait Player {
 
     fn state_hash(&self) -> u64;
 
-    /// How the episode has ended, if it has.
     fn end(&self) -> Option<End>;
 }
 
-/// Why an episode cannot be played.
 #[derive(Debug, thiserror::Error)]
 pub enum PlayError {
     #[error("{steps} hashes but {bytes} bytes of actions were recorded")]
@@ -41,14 +39,12 @@ pub enum PlayError {
 pub struct Rules {
     pub spec: &'static Spec,
     pub compared: Compared,
-    /// The configuration's own rewards.
     pub own_rewards: Vec<(String, Composition)>,
     names: Vec<String>,
     summing: Summing,
 }
 
 impl Rules {
-    /// Those of a run.
     pub fn of(config: &Config) -> Result<Self, SpecError> {
         let spec = config.spec();
         let compared = Compared::of(spec, &config.reward.weights)?;
@@ -57,7 +53,6 @@ impl Rules {
     }
 }
 
-/// The start of an episode, or what an action led to.
 pub struct Seen<'a> {
     /// All of a record but its header and images.
     pub record: &'a [u8],
@@ -65,7 +60,6 @@ pub struct Seen<'a> {
     pub rewards: Option<&'a [f32]>,
 }
 
-/// What came of it.
 pub struct Performance {
     pub verdict: ReplayVerdict,
     /// How it ended: [`Spec::outcome`].
@@ -149,7 +143,6 @@ fn check_lengths(rules: &Rules, recorded: &RecordedEpisode) -> Result<(), PlayEr
     Err(PlayError::Digests { steps, digests: digests.len(), each: of_step })
 }
 
-/// The verdict as it comes about. The first difference stands.
 struct Comparison<'a> {
     rules: &'a Rules,
     recorded: &'a RecordedEpisode,

@@ -1,12 +1,9 @@
-//! The actions of a task.
-
 use super::channel::Dtype;
 use super::error::SpecError;
 use crate::record::HOLD;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// The actions, as a task declares them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Actions {
@@ -20,10 +17,7 @@ pub enum Actions {
     /// A choice in each of several places: 32-bit numbers in a record, each from 0 to below its count.
     MultiDiscrete { counts: Vec<u32> },
     /// Numbers within bounds: 32-bit ones in a record.
-    Box {
-        /// Least and greatest of each.
-        bounds: Vec<[f32; 2]>,
-    },
+    Box { bounds: Vec<[f32; 2]> },
 }
 
 impl Actions {
@@ -36,7 +30,6 @@ impl Actions {
         }
     }
 
-    /// Bytes of an action.
     pub fn bytes(&self) -> usize {
         let (dtype, count) = self.numbers();
         dtype.bytes() * count

@@ -19,7 +19,6 @@ pub enum Role {
     State,
 }
 
-/// Type of a channel's numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Dtype {
@@ -50,10 +49,8 @@ impl Dtype {
         }
     }
 
-    /// The bits of the number in these bytes. A negative whole number has those of an `i64`.
-    ///
-    /// # Panics
-    /// If there are fewer bytes than one number has.
+    /// The bits of the number in these bytes. A negative whole number has those of an `i64`. Panics if there are fewer
+    /// bytes than one number has.
     pub fn bits(self, bytes: &[u8]) -> u64 {
         match self {
             Self::U8 => bytes[0].into(),
@@ -64,19 +61,14 @@ impl Dtype {
         }
     }
 
-    /// Writes the number with these bits; false if this type has none.
-    ///
-    /// # Panics
-    /// As [`Self::bits`].
+    /// Writes the number with these bits; false if this type has none. Panics as [`Self::bits`] does.
     pub fn write(self, bits: u64, bytes: &mut [u8]) -> bool {
         bytes[..self.bytes()].copy_from_slice(&bits.to_le_bytes()[..self.bytes()]);
         self.bits(bytes) == bits
     }
 
-    /// The number in these bytes, as a double: exact but for whole numbers beyond 2^53.
-    ///
-    /// # Panics
-    /// If there are fewer bytes than one number has.
+    /// The number in these bytes, as a double: exact but for whole numbers beyond 2^53. Panics if there are fewer bytes
+    /// than one number has.
     pub fn read(self, bytes: &[u8]) -> f64 {
         match self {
             Self::U8 => number!(u8, bytes).into(),
@@ -90,7 +82,6 @@ impl Dtype {
     }
 }
 
-/// One channel, as a task declares it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Channel {
@@ -120,7 +111,6 @@ pub struct Channel {
     /// Of a place that is to be reached: how near is enough on each axis, for pictures.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tolerance: Option<f32>,
-    /// What it is, as a sentence.
     pub doc: String,
 }
 
@@ -145,7 +135,6 @@ impl Channel {
         matches!(self.role, Role::Part | Role::Outcome)
     }
 
-    /// Least and greatest number that may arrive.
     pub(super) fn bounds(&self) -> Option<[f64; 2]> {
         if self.role == Role::Mask {
             return Some([0.0, 1.0]);

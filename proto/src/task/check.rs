@@ -10,7 +10,6 @@ use super::spec::Spec;
 use crate::record::{End, RecordHeader};
 use std::ops::Range;
 
-/// A number that the task does not declare.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Implausible {
     #[error("its {0} is not finite")]
@@ -21,7 +20,6 @@ pub enum Implausible {
     NoOption(String),
 }
 
-/// What may lie in a field.
 #[derive(Debug, Clone, PartialEq)]
 enum Sound {
     /// Written so that NaN is refused, too.
@@ -39,7 +37,6 @@ impl Sound {
     }
 }
 
-/// Where a mask lies.
 #[derive(Debug, Clone)]
 struct Mask {
     field: Field,
@@ -48,7 +45,6 @@ struct Mask {
     what: String,
 }
 
-/// The check of a task's records, resolved.
 #[derive(Debug, Clone)]
 pub struct Check {
     of_action: Vec<(Field, Sound, String)>,
@@ -63,7 +59,6 @@ pub struct Check {
 }
 
 impl Check {
-    /// That of a task.
     pub fn of(spec: &Spec) -> Self {
         let checks = |of_action: bool| -> Vec<(Field, Sound, String)> {
             let pairs = spec.channels.iter().zip(&spec.layout().fields);
@@ -103,11 +98,8 @@ impl Check {
         Self { of_action: checks(true), seen, last_seen, last_bytes, mask, gaps }
     }
 
-    /// Refuses a record after which no action could be chosen. The last record of an episode may allow nothing, because no
-    /// action follows.
-    ///
-    /// # Panics
-    /// As [`Self::record`].
+    /// Refuses a record after which no action could be chosen. The last record of an episode may allow nothing, because
+    /// no action follows. Panics as [`Self::record`] does.
     pub fn choice(&self, record: &[u8]) -> Result<(), Implausible> {
         let Some(Mask { field, choices, what }) = &self.mask else { return Ok(()) };
         let mut rest = &record[field.range()];
@@ -115,10 +107,8 @@ impl Check {
         if own.all(|options| options.contains(&1)) { Ok(()) } else { Err(Implausible::NoOption(what.clone())) }
     }
 
-    /// Checks a record. `acted`: an action was taken, so that what it did counts.
-    ///
-    /// # Panics
-    /// If the record is shorter than [`super::Layout::small_bytes`].
+    /// Checks a record. `acted`: an action was taken, so that what it did counts. Panics if the record is shorter than
+    /// [`super::Layout::small_bytes`].
     pub fn record(&self, record: &[u8], acted: bool) -> Result<(), Implausible> {
         let of_action = if acted { &self.of_action[..] } else { &[] };
         let header: RecordHeader = bytemuck::pod_read_unaligned(&record[..HEADER_BYTES]);

@@ -40,7 +40,6 @@ impl Spec {
         described
     }
 
-    /// A number of an episode, by its name.
     pub fn column(&self, name: &str) -> Option<Column> {
         match name {
             "terminated" => Some(Column::Terminated),

@@ -11,7 +11,6 @@ use toml::{Table, Value};
 /// The part of rewards that every such environment has.
 pub const REWARD: &str = "reward";
 
-/// What an environment says of itself.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Description {

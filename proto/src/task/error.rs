@@ -1,5 +1,3 @@
-//! What can be wrong with a declaration.
-
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SpecError {
     #[error("it is no task: {0}")]

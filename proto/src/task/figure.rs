@@ -16,7 +16,6 @@ pub struct Figure {
     pub unit: String,
     /// Of which number of an episode: a metric, `return_REWARD`, `length` or `terminated`.
     pub of: String,
-    /// What of it.
     #[serde(default)]
     pub take: Take,
     /// The sum of the one divided by the sum of this other one, instead of the mean.
@@ -63,7 +62,6 @@ pub struct Curve {
     pub doc: String,
 }
 
-/// A number of an episode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Column {
     /// 1 where the task ended it, 0 where the limit of steps did.

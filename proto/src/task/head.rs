@@ -15,7 +15,6 @@ pub enum ActionHead {
     Box(Vec<[f32; 2]>),
 }
 
-/// An action, as a policy chose it.
 #[derive(Debug, Clone, PartialEq)]
 pub enum PolicyAction {
     /// The option of each choice.
@@ -44,7 +43,6 @@ impl ActionHead {
         }
     }
 
-    /// Whether its actions are drawn from Gaussians.
     pub fn is_gaussian(&self) -> bool {
         matches!(self, Self::Box(_))
     }
@@ -57,10 +55,7 @@ impl ActionHead {
         }
     }
 
-    /// Appends the bytes of an action for an environment.
-    ///
-    /// # Panics
-    /// If another head chose it.
+    /// Appends the bytes of an action for an environment. Panics if another head chose it.
     pub fn write(&self, chosen: &PolicyAction, bytes: &mut Vec<u8>) {
         match (self, chosen) {
             (Self::Discrete(named), PolicyAction::Options(chosen)) => {

@@ -11,12 +11,9 @@ const CHANNELS_MOST: usize = 12;
 /// Each image of a row begins on a multiple of this: the largest of their numbers.
 const ALIGNMENT_BYTES: usize = 4;
 
-/// An image, and where it is.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Image {
-    /// Its channel's.
     pub name: String,
-    /// In a record.
     pub field: Field,
     /// Where its bytes begin in a row of all images, which networks are given.
     pub begin: usize,
@@ -43,7 +40,6 @@ impl Image {
         is_one.then(|| Self { name: channel.name.clone(), field, begin: 0, channels, height, width, channels_last })
     }
 
-    /// Its bytes in a row.
     pub fn bytes(&self) -> Range<usize> {
         self.begin..self.begin + self.field.range().len()
     }

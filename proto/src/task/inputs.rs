@@ -19,10 +19,8 @@ enum Coding {
     OneHot { least: i64, count: usize },
 }
 
-/// Places of the observations.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Inputs {
-    /// The frame of kitchens, if there is one.
     pub frame: Option<Field>,
     /// All other images, in the order of their names.
     pub images: Vec<Image>,
@@ -64,10 +62,8 @@ impl Inputs {
         self.width() == 3 && self.numbers.iter().all(|(_, coding)| *coding == Coding::Plain)
     }
 
-    /// Appends a record's numbers: one observation behind the other, as the task declares them.
-    ///
-    /// # Panics
-    /// If the record is shorter than its layout, or was not checked.
+    /// Appends a record's numbers: one observation behind the other, as the task declares them. Panics if the record is
+    /// shorter than its layout, or was not checked.
     pub fn read(&self, record: &[u8], numbers: &mut Vec<f32>) {
         for &(field, coding) in &self.numbers {
             match coding {

@@ -19,13 +19,11 @@ use std::ops::Range;
 
 /// Bytes of a cache line. Records and images begin on one.
 pub const LINE_BYTES: usize = 64;
-/// Bytes of the engine's header.
 pub const HEADER_BYTES: usize = size_of::<RecordHeader>();
 
 /// The count before a snapshot's bytes.
 const SNAPSHOT_HEAD_BYTES: usize = size_of::<u32>();
 
-/// Place of a channel's numbers in a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Field {
     /// From the record's beginning, bytes.
@@ -35,15 +33,11 @@ pub struct Field {
 }
 
 impl Field {
-    /// Its bytes in a record.
     pub fn range(self) -> Range<usize> {
         self.offset..self.offset + self.count * self.dtype.bytes()
     }
 
-    /// Its first number.
-    ///
-    /// # Panics
-    /// If the record is shorter than its layout.
+    /// Its first number. Panics if the record is shorter than its layout.
     pub fn number(self, record: &[u8]) -> f64 {
         self.dtype.read(&record[self.offset..])
     }
@@ -57,18 +51,13 @@ impl Field {
         record[self.range()].chunks_exact(self.dtype.bytes()).map(move |bytes| self.dtype.bits(bytes))
     }
 
-    /// Its numbers as they lie, of a record that begins on a cache line.
-    ///
-    /// # Panics
-    /// If they are of another type, or the record is shorter than its layout.
+    /// Its numbers as they lie, of a record that begins on a cache line. Panics if they are of another type, or the
+    /// record is shorter than its layout.
     pub fn of<T: AnyBitPattern>(self, record: &[u8]) -> &[T] {
         bytemuck::cast_slice(&record[self.range()])
     }
 
-    /// The same, to be written.
-    ///
-    /// # Panics
-    /// As [`Self::of`].
+    /// The same, to be written. Panics as [`Self::of`] does.
     pub fn of_mut<T: Pod>(self, record: &mut [u8]) -> &mut [T] {
         bytemuck::cast_slice_mut(&mut record[self.range()])
     }
@@ -80,7 +69,6 @@ impl Field {
     }
 }
 
-/// Where everything of a task lies.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Layout {
     /// The last action, and the action before what is seen now. Both typed as the action space says.
@@ -114,10 +102,7 @@ impl Layout {
         (!self.last_seen.is_empty()).then_some(moved)
     }
 
-    /// The part of rewards that is this channel's, by its index.
-    ///
-    /// # Panics
-    /// If there is no such channel.
+    /// The part of rewards that is this channel's, by its index. Panics if there is no such channel.
     pub fn part(&self, record: &[u8], index: usize) -> f32 {
         self.fields[index].f32(record)
     }

@@ -1,5 +1,3 @@
-//! Metrics of an episode, made of what its actions did.
-
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -14,9 +12,7 @@ pub struct Metric {
     /// SI unit, or what it counts; empty: a pure number.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub unit: String,
-    /// Over which of an episode's steps.
     pub over: Over,
-    /// The channel whose number it is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub value: Option<String>,
     /// Or 1 where all of these hold, else 0: its mean is a share of episodes.
@@ -32,11 +28,9 @@ fn yes() -> bool {
     true
 }
 
-/// Over which steps of an episode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Over {
-    /// The last one.
     Last,
     /// Whether it is so at any of them.
     Any,
@@ -44,7 +38,6 @@ pub enum Over {
     First,
     /// Their sum; of clauses, how many steps.
     Sum,
-    /// The greatest.
     Max,
 }
 
@@ -79,13 +72,11 @@ pub enum Limit {
 pub enum Kind {
     /// Of an episode 0 or 1; over episodes a share.
     Share,
-    /// A whole number.
     Count,
     F32,
     F64,
 }
 
-/// A metric, resolved.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measure {
     pub(super) over: Over,
@@ -146,7 +137,6 @@ impl Measure {
         }
     }
 
-    /// What its number is.
     pub fn kind(&self) -> Kind {
         self.kind
     }

@@ -25,7 +25,6 @@ const DECLARED_MOST: usize = 1000;
 /// The most rewards of a task and a configuration together. A chain of bases has no more links.
 const REWARDS_MOST: usize = 100;
 
-/// A task's declaration, as it is written.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Declaration {
@@ -92,7 +91,6 @@ impl Spec {
         Self::built_in().iter().any(|spec| spec.name == self.name)
     }
 
-    /// The tasks that are built in, by name.
     pub fn built_in() -> &'static [Self] {
         &BUILT_IN
     }
@@ -109,7 +107,6 @@ impl Spec {
         Ok(spec)
     }
 
-    /// Reads a declaration, and checks it.
     pub fn parse(text: &str) -> Result<Self, SpecError> {
         let declaration: Declaration = toml::from_str(text).map_err(|cause| SpecError::Toml(cause.to_string()))?;
         let Declaration {
@@ -204,7 +201,6 @@ impl Spec {
     }
 }
 
-/// Refuses a mask that is not one of the actions.
 fn check_masks(actions: &Actions, channels: &[Channel]) -> Result<(), SpecError> {
     let mut masks = channels.iter().filter(|channel| channel.role == Role::Mask);
     let Some(mask) = masks.next() else { return Ok(()) };

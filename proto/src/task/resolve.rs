@@ -68,7 +68,6 @@ impl Spec {
         Ok(composition)
     }
 
-    /// The task's label, resolved.
     pub fn label(&self) -> Option<Condition> {
         let label = self.label.as_ref()?;
         Some(self.threshold(&label.part, label.at_most, label.at_least).expect("a task is checked when it is read"))
@@ -80,7 +79,6 @@ impl Spec {
         Some((self.part(&cost.part).expect("a task is checked when it is read"), cost.weight))
     }
 
-    /// Index of a part of rewards among the channels.
     pub(super) fn part(&self, name: &str) -> Result<usize, String> {
         let is_part = |channel: &Channel| channel.role == Role::Part;
         let known = || {
@@ -107,7 +105,6 @@ impl Spec {
 }
 
 impl Spec {
-    /// The task's metrics, resolved, in its order.
     pub fn measures(&self) -> Vec<Measure> {
         self.metrics.iter().map(|metric| self.resolved(metric)).collect()
     }

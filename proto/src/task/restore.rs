@@ -2,7 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-/// How an environment whose process was lost is brought back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(tag = "way", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Restore {
@@ -20,7 +19,6 @@ impl Restore {
     /// The most bytes of a snapshot. Each environment's lies in every record.
     pub(super) const SNAPSHOT_BYTES_MOST: u32 = 1 << 20;
 
-    /// Whether a run ends in the same bits after any kill.
     pub fn is_exact(self) -> bool {
         self != Self::None
     }

@@ -7,7 +7,6 @@ pub const MULTIPLIER: &str = "multiplier";
 /// The multiplier, negated: for a part that is a cost.
 pub const NEGATIVE_MULTIPLIER: &str = "-multiplier";
 
-/// A reward, as a task or a configuration declares it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Reward {
@@ -71,7 +70,6 @@ pub struct Cost {
     pub weight: f32,
 }
 
-/// A threshold, resolved.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Condition {
     /// Index of the part among the task's channels.

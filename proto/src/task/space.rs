@@ -1,5 +1,3 @@
-//! What a policy may choose from.
-
 use super::actions::{ALL, Actions};
 use super::spec::Spec;
 use serde::{Deserialize, Deserializer, Serialize, de};

@@ -1,5 +1,3 @@
-//! A task's declaration, read.
-
 use super::actions::Actions;
 use super::channel::{Channel, Role};
 use super::figure::{Curve, Described, Figure};
@@ -12,7 +10,6 @@ use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-/// A task. It is sound: whatever it names is there.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spec {
     /// Lower-case, e.g. `arm_point_nav`.
@@ -42,7 +39,6 @@ pub struct Spec {
 }
 
 impl Spec {
-    /// Where everything lies in a record.
     pub fn layout(&self) -> &Layout {
         &self.layout
     }

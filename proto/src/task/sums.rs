@@ -4,14 +4,12 @@ use super::layout::Layout;
 use super::metric::{Measure, Over};
 use super::spec::Spec;
 
-/// Returns under a task's rewards, and its metrics, after some steps.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Sums {
     pub returns: Vec<f64>,
     metrics: Vec<f64>,
 }
 
-/// How a task's steps add up.
 #[derive(Debug, Clone)]
 pub struct Summing {
     layout: Layout,
@@ -19,7 +17,6 @@ pub struct Summing {
 }
 
 impl Summing {
-    /// That of a task.
     pub fn of(spec: &Spec) -> Self {
         Self { layout: spec.layout().clone(), measures: spec.measures() }
     }

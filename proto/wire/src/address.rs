@@ -33,10 +33,8 @@ pub fn is_run_id(text: &str) -> bool {
 }
 
 impl WireAddress {
-    /// The address of incarnation `incarnation` of run `run_id`.
-    ///
-    /// # Panics
-    /// If `run_id` holds anything but letters and digits: see [`is_run_id`].
+    /// The address of incarnation `incarnation` of run `run_id`. Panics if `run_id` holds anything but letters and
+    /// digits: see [`is_run_id`].
     pub fn new(run_id: &str, incarnation: u32) -> Self {
         assert!(is_run_id(run_id), "a run's id holds letters and digits only, not `{run_id}`");
         let prefix = format!("{PREFIX_MARK}{run_id}_{incarnation}_");
@@ -82,7 +80,6 @@ impl WireAddress {
         Path::new(SHARED_MEMORY).join(format!("{}bells", self.prefix))
     }
 
-    /// File of the recorder's receipts.
     pub(super) fn receipts(&self) -> PathBuf {
         self.root.join("receipts")
     }
@@ -166,7 +163,6 @@ impl WireAddress {
         self.config().map(drop)
     }
 
-    /// Settings of a node that lives here.
     pub(super) fn config(&self) -> Result<Config, WireError> {
         let text = || self.root.display().to_string();
         let mut config = Config::default();

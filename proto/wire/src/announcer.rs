@@ -8,7 +8,6 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::update_connections::UpdateConnections;
 use std::fmt::Debug;
 
-/// The orchestrator's end.
 pub struct Announcer {
     publisher: Publisher<Ipc, StageAnnouncement, ()>,
     bell: Bell,
@@ -21,7 +20,6 @@ impl Debug for Announcer {
 }
 
 impl Announcer {
-    /// Puts an announcement in force and wakes all learners.
     pub fn announce(&self, announcement: StageAnnouncement) -> Result<(), WireError> {
         self.publisher.update_connections().map_err(|cause| unannounced(&cause))?;
         self.publisher.send_copy(announcement).map_err(|cause| unannounced(&cause))?;
@@ -39,7 +37,6 @@ impl Announcer {
 }
 
 impl Wire {
-    /// The orchestrator's end of the stage service.
     pub fn announcer(&self) -> Result<Announcer, WireError> {
         let publisher = open!(self.stage(), STAGE).publisher_builder().create().map_err(|cause| port(STAGE, &cause))?;
         let bell = self.bells().bell((0..self.shape().shares.learners()).map(Sleeper::Learner));

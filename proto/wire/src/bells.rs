@@ -40,7 +40,6 @@ pub enum Sleeper {
     Actor(u32),
 }
 
-/// The words of an incarnation, from which bells and wakeups are made.
 #[derive(Clone)]
 pub struct Bells {
     words: Arc<SharedWords>,
@@ -60,7 +59,6 @@ impl Bells {
         SharedWords::create(&path, places(shape) * STRIDE).map_err(|cause| failed(address, cause))
     }
 
-    /// Those of an orchestrator incarnation.
     pub fn open(address: &WireAddress, shape: WireShape) -> Result<Self, WireError> {
         let words = SharedWords::open(&address.bells(), places(shape) * STRIDE, true);
         Ok(Self { words: Arc::new(words.map_err(|cause| failed(address, cause))?), shape })
@@ -127,7 +125,6 @@ impl Debug for Bell {
 }
 
 impl Bell {
-    /// Rings: who sleeps wakes. What it announces must have been sent.
     pub fn ring(&self) {
         for &place in &self.places {
             self.words.low(place + AT_ONCE).fetch_add(1, Ordering::SeqCst);

@@ -8,27 +8,21 @@ use proto::task::{LINE_BYTES, Spec};
 /// How many processes and environments share one machine's services, and the layout of their records.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WireShape {
-    /// Actor processes, divided among learners.
     pub shares: Shares,
     pub environments_per_actor: u32,
     pub record_lines: usize,
-    /// [`Spec::layout_hash`] of the task.
     pub layout_hash: u64,
-    /// Actions of an episode at most.
     pub max_steps: u32,
-    /// Bytes of an action.
     pub action_bytes: usize,
     /// Bytes of a snapshot at most; 0 of a task without.
     pub snapshot_bytes: usize,
 }
 
 impl WireShape {
-    /// The shape of a configuration's processes.
     pub fn of(config: &Config) -> Self {
         Self::with_actors(config, config.shares())
     }
 
-    /// The same with other actors and learners.
     pub fn with_actors(config: &Config, shares: Shares) -> Self {
         let any = Self::new(shares, config.actors.environments_per_actor, config.spec());
         Self { max_steps: config.episode.max_steps, ..any }
@@ -48,7 +42,6 @@ impl WireShape {
         }
     }
 
-    /// Cache lines of a sample of so many records.
     pub fn lines(self, records: usize) -> usize {
         records * self.record_lines
     }

@@ -1,5 +1,3 @@
-//! Calls into C that no crate makes for us.
-
 /// Ignores signals that ask a process to end, or to save, for the rest of the process.
 pub fn ignore_requests() {
     for signal in [libc::SIGINT, libc::SIGTERM, libc::SIGHUP, libc::SIGUSR1] {

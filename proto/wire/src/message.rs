@@ -25,13 +25,11 @@ impl Line {
         bytemuck::cast_slice(record)
     }
 
-    /// The same, to be written.
     pub fn bytes_mut(record: &mut [Self]) -> &mut [u8] {
         bytemuck::cast_slice_mut(record)
     }
 }
 
-/// What a sample of the observation service carries.
 pub mod observation_kind {
     /// The actor has just started and asks for its environments' states. The payload is zeroed.
     pub const HELLO: u32 = 1;
@@ -71,7 +69,6 @@ pub struct ActionHeader {
     /// Version of the stage announcement in force.
     pub stage_version: u64,
     pub learner_incarnation: u32,
-    /// Which half: 0 or 1.
     pub half: u32,
 }
 
@@ -82,7 +79,6 @@ pub struct ActionHeader {
 pub struct RestoreHeader {
     /// Exchange number that each half continues from (`step` of the observation it sends next).
     pub step: [u64; 2],
-    /// Version of the stage announcement in force.
     pub stage_version: u64,
     /// Incarnation of the sending learner; the actor adopts it.
     pub learner_incarnation: u32,
@@ -93,7 +89,6 @@ pub struct RestoreHeader {
 /// All that is needed to rebuild an environment: which episode, and the actions taken in it so far.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct EnvironmentState {
-    /// Episode number within the environment.
     pub episode: u32,
     /// Actions taken so far, and their bytes.
     count: u32,
@@ -105,13 +100,11 @@ pub struct EnvironmentState {
 /// An environment's own state before the last action of an [`EnvironmentState`], of a task that is restored by such.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Snapshot {
-    /// Hash of the state.
     pub state_hash: u64,
     /// As the environment makes of them what it will.
     pub bytes: Vec<u8>,
 }
 
-/// A restore that no learner of ours sends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("a restore of {bytes} bytes claims {claimed} actions in one episode")]
 pub struct BadRestore {
@@ -124,10 +117,8 @@ impl EnvironmentState {
     /// snapshot behind the actions has, 0 without one: little-endian `u32`. A snapshot begins with its hash.
     const HEAD_BYTES: usize = 16;
 
-    /// After these actions of `bytes` bytes each.
-    ///
-    /// # Panics
-    /// If they are more than [`MAX_EPISODE_STEPS`], or one is cut off.
+    /// After these actions of `bytes` bytes each. Panics if they are more than [`MAX_EPISODE_STEPS`], or one is cut
+    /// off.
     pub fn after(episode: u32, actions: &[u8], bytes: usize) -> Self {
         assert!(actions.len().is_multiple_of(bytes), "actions are whole");
         let count = actions.len() / bytes;
@@ -139,7 +130,6 @@ impl EnvironmentState {
         Self { episode, count: 0, actions: vec![], has_ended: false, snapshot: None }
     }
 
-    /// Bytes of the actions taken so far, one behind the other.
     pub fn actions(&self) -> &[u8] {
         &self.actions
     }
@@ -221,10 +211,7 @@ impl EnvironmentState {
         Some(Snapshot { state_hash, bytes: rest.split_off(..count)?.to_vec() })
     }
 
-    /// Notes one more action.
-    ///
-    /// # Panics
-    /// If the episode already has [`MAX_EPISODE_STEPS`] actions.
+    /// Notes one more action. Panics if the episode already has [`MAX_EPISODE_STEPS`] actions.
     pub fn push(&mut self, action: &[u8]) {
         assert!(self.action_count() < MAX_EPISODE_STEPS as u32, "an episode never exceeds MAX_EPISODE_STEPS");
         self.count += 1;
@@ -232,10 +219,7 @@ impl EnvironmentState {
         self.snapshot = None;
     }
 
-    /// Notes the state that the last action was taken in.
-    ///
-    /// # Panics
-    /// If there is no action.
+    /// Notes the state that the last action was taken in. Panics if there is no action.
     pub fn remember(&mut self, snapshot: Snapshot) {
         assert!(!self.actions.is_empty(), "a snapshot is of a state that an action was taken in");
         self.snapshot = Some(snapshot);
@@ -251,7 +235,6 @@ pub fn can_follow(last: u32, next: u32) -> bool {
     next <= if last == 0 { FIRST_MOST } else { last.saturating_add(STEP_MOST) }
 }
 
-/// Values of [`StageAnnouncement::directive`].
 pub mod directive {
     /// Collect and train on the announced rollout.
     pub const TRAIN: u32 = 1;
@@ -283,10 +266,7 @@ pub struct Halves {
 }
 
 impl Halves {
-    /// The halves of `environments` environments.
-    ///
-    /// # Panics
-    /// If `environments` is 0.
+    /// The halves of `environments` environments. Panics if `environments` is 0.
     pub fn of(environments: u32) -> Self {
         assert!(environments > 0, "an actor has at least one environment");
         Self { environments }
@@ -297,7 +277,6 @@ impl Halves {
         self.environments.min(2)
     }
 
-    /// Environment indices of a half.
     pub fn range(self, half: u32) -> core::ops::Range<usize> {
         let middle = self.environments.div_ceil(2) as usize;
         match half {

@@ -27,7 +27,6 @@ pub struct Receipt {
 /// How far the recording has been handed to the operating system: a killed orchestrator takes nothing of it along.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Written {
-    /// The learner incarnation that collected the rollouts.
     pub learner_incarnation: u32,
     /// First rollout that is not in it.
     pub rollout: u64,
@@ -71,7 +70,6 @@ impl Standstill {
 
 /// Bits of the number in a word; the learner incarnation has the others.
 const NUMBER_BITS: u32 = 40;
-/// Word of [`Written`].
 const WRITTEN: usize = 0;
 /// Word that is not 0 once the recording has failed.
 const FAILED: usize = 1;
@@ -125,7 +123,6 @@ pub(crate) fn create(address: &WireAddress, actors: u32) -> Result<(), WireError
         .map_err(|cause| WireError::Receipts { path: path.display().to_string(), cause })
 }
 
-/// What learners and actors read.
 pub struct Receipts(SharedWords);
 
 impl Debug for Receipts {
@@ -148,7 +145,6 @@ impl Receipts {
         self.0.load(met_word(actor)) as u32
     }
 
-    /// The newest receipt of one half of an actor's environments.
     pub fn of(&self, actor: u32, half: u32) -> Option<Receipt> {
         unpack(self.0.load(receipt_word(actor, half)))
             .map(|(learner_incarnation, step)| Receipt { learner_incarnation, step })

@@ -39,15 +39,12 @@ use std::ops::Range;
 
 /// The flavour of iceoryx2 in use: between processes, ports stay on the thread that made them.
 pub type Ipc = ipc::Service;
-/// Publisher of observations; held by an actor.
 pub type ObservationPublisher = Publisher<Ipc, [Line], ObservationHeader>;
 /// Subscriber of observations; held by the learner and by recorders.
 pub type ObservationSubscriber = Subscriber<Ipc, [Line], ObservationHeader>;
 pub type ActionPublisher = Publisher<Ipc, [u8], ActionHeader>;
-/// Subscriber of actions; held by one actor.
 pub type ActionSubscriber = Subscriber<Ipc, [u8], ActionHeader>;
 pub type RestorePublisher = Publisher<Ipc, [u8], RestoreHeader>;
-/// Subscriber of restores; held by one actor.
 pub type RestoreSubscriber = Subscriber<Ipc, [u8], RestoreHeader>;
 pub type StageSubscriber = Subscriber<Ipc, StageAnnouncement, ()>;
 
@@ -96,7 +93,6 @@ macro_rules! open {
 }
 pub(crate) use open;
 
-/// A process's membership in the services of one incarnation.
 pub struct Wire {
     node: Node<Ipc>,
     shape: WireShape,
@@ -128,7 +124,6 @@ impl Wire {
         &self.bells
     }
 
-    /// The shape it was joined with.
     pub fn shape(&self) -> WireShape {
         self.shape
     }
@@ -170,7 +165,6 @@ impl Wire {
         self.bells.bell([Sleeper::Learner(self.shape.shares.learner_of(actor)), Sleeper::Recorder])
     }
 
-    /// The learner's end of one actor's actions.
     pub fn action_publisher(&self, actor: u32) -> Result<ActionPublisher, WireError> {
         let name = actions_name(actor);
         let service = open!(self.actions(actor), &name);
@@ -186,14 +180,12 @@ impl Wire {
             .map_err(|cause| port(&name, &cause))
     }
 
-    /// The actor's end of its actions.
     pub fn action_subscriber(&self, actor: u32) -> Result<ActionSubscriber, WireError> {
         let name = actions_name(actor);
         let service = open!(self.actions(actor), &name);
         service.subscriber_builder().create().map_err(|cause| port(&name, &cause))
     }
 
-    /// The learner's end of one actor's restores.
     pub fn restore_publisher(&self, actor: u32) -> Result<RestorePublisher, WireError> {
         let name = restore_name(actor);
         let service = open!(self.restore(actor), &name);
@@ -207,7 +199,6 @@ impl Wire {
             .map_err(|cause| port(&name, &cause))
     }
 
-    /// The actor's end of its restores.
     pub fn restore_subscriber(&self, actor: u32) -> Result<RestoreSubscriber, WireError> {
         let name = restore_name(actor);
         let service = open!(self.restore(actor), &name);
@@ -359,7 +350,6 @@ impl WireHost {
         &self.wire
     }
 
-    /// Where the services live.
     pub fn address(&self) -> &WireAddress {
         &self.address
     }

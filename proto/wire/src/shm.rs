@@ -49,27 +49,19 @@ impl SharedWords {
         Ok(Self { start, count, writable })
     }
 
-    /// A word; what was written before it was stored is seen, too.
-    ///
-    /// # Panics
-    /// If there is none with this index.
+    /// A word; what was written before it was stored is seen, too. Panics if there is none with this index.
     pub fn load(&self, index: usize) -> u64 {
         self.word(index).load(Ordering::Acquire)
     }
 
-    /// Stores a word.
-    ///
-    /// # Panics
-    /// If there is none with this index, or the words were mapped for reading.
+    /// Stores a word. Panics if there is none with this index, or the words were mapped for reading.
     pub fn store(&self, index: usize, value: u64) {
         assert!(self.writable, "words that were mapped for reading are not written");
         self.word(index).store(value, Ordering::Release);
     }
 
-    /// The lower half of a word that is never used as a whole: the kernel waits for 32 bits.
-    ///
-    /// # Panics
-    /// If there is none with this index, or the words were mapped for reading.
+    /// The lower half of a word that is never used as a whole: the kernel waits for 32 bits. Panics if there is none
+    /// with this index, or the words were mapped for reading.
     pub fn low(&self, index: usize) -> &AtomicU32 {
         assert!(self.writable, "a word that is only read is read whole");
         let word: *const AtomicU64 = self.word(index);

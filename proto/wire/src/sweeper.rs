@@ -10,7 +10,6 @@ use std::time::Duration;
 /// A sweep takes milliseconds. After this long its caller goes on without it.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// A thread that sweeps when it is asked to.
 #[derive(Debug)]
 pub struct Sweeper {
     requests: SyncSender<()>,
@@ -21,7 +20,6 @@ pub struct Sweeper {
 }
 
 impl Sweeper {
-    /// A sweeper of the nodes under this configuration.
     pub fn of(config: Config) -> std::io::Result<Self> {
         Self::with_patience(move || sweep_nodes(&config), PATIENCE)
     }

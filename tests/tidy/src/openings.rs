@@ -66,7 +66,6 @@ const OTHERS: &[(&str, &str)] = &[
     ("orchestrator/src/run/unfinished.rs", "a folder that is to be empty"),
     ("orchestrator/src/report_builder/files.rs", "the folder that the report writes"),
     ("orchestrator/src/suite/", "a suite's folder, which the suite writes"),
-    ("learner/src/bench/", "a run of its own in the temporary folder"),
     ("orchestrator/src/command/player.rs", "a run of its own in the temporary folder"),
     ("orchestrator/src/command/test.rs", "runs of its own in the temporary folder"),
 ];

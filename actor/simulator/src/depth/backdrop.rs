@@ -14,7 +14,6 @@ use rapier3d::math::Pose3;
 pub struct Backdrop {
     /// The camera's pose, and the image's side, that it was drawn for.
     drawn_for: Option<([u32; 7], usize)>,
-    /// What belongs to it, millimetres.
     pub(super) frame_mm: Vec<u16>,
     /// The sums of its windows, and whether all fit into 16 bits; none before they are asked for.
     pub(super) sums: Option<(Vec<u16>, bool)>,
@@ -23,19 +22,15 @@ pub struct Backdrop {
     bodies: Vec<DrawnBody>,
 }
 
-/// A body as it was in the last frame.
 #[derive(Debug, Clone, Copy)]
 struct DrawnBody {
     pose: [u32; 7],
     in_backdrop: bool,
 }
 
-/// What has to be drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Redraw {
-    /// The backdrop and what stands before it.
     Everything,
-    /// Only what stands before it.
     Foreground,
 }
 

@@ -13,7 +13,6 @@ use depth::simd::{LANES, Lanes};
 use proto::camera::{FRAME_SIDE, SUMS_PIXELS, sum_windows};
 use rapier3d::math::Pose3;
 
-/// What a camera draws: the bodies of one kitchen.
 #[derive(Debug, Clone)]
 pub struct Scenery {
     placed: PlacedBodies,
@@ -70,22 +69,17 @@ impl DepthCamera {
         self.view_set_triangles
     }
 
-    /// Renders into `depth_mm`: `side` × `side` pixels, row-major from the top left.
-    ///
-    /// # Panics
-    /// If there is not one pose a body, or the frame has another size.
+    /// Renders into `depth_mm`: `side` × `side` pixels, row-major from the top left. Panics if there is not one pose a
+    /// body, or the frame has another size.
     pub fn render(&mut self, world_from_bodies: &[Pose3], world_from_camera: Pose3, side: usize, depth_mm: &mut [u16]) {
         let view = self.set_up(world_from_bodies, &world_from_camera, side);
         self.view_set_triangles = self.draw(&view, |_| true);
         self.buffer.finish(depth_mm);
     }
 
-    /// Renders the same frame as [`Self::render`], bit for bit. `backdrop` keeps what is likely to be the same in the next
-    /// frame. One backdrop belongs to one environment; what it keeps is checked, so that a wrong one costs time and
-    /// nothing else.
-    ///
-    /// # Panics
-    /// If there is not one pose a body, or the frame has another size.
+    /// Renders the same frame as [`Self::render`], bit for bit. `backdrop` keeps what is likely to be the same in the
+    /// next frame. One backdrop belongs to one environment; what it keeps is checked, so that a wrong one costs time
+    /// and nothing else. Panics if there is not one pose a body, or the frame has another size.
     pub(crate) fn render_over(
         &mut self,
         backdrop: &mut Backdrop,
@@ -100,10 +94,8 @@ impl DepthCamera {
     }
 
     /// The sums of the windows of that frame, as [`proto::camera::sum_windows`] gives them, in a quarter of the memory.
-    /// Returns false if they may not fit into 16 bits: then `sums_mm` holds anything.
-    ///
-    /// # Panics
-    /// If there is not one pose a body.
+    /// Returns false if they may not fit into 16 bits: then `sums_mm` holds anything. Panics if there is not one pose a
+    /// body.
     pub(crate) fn render_sums_over(
         &mut self,
         backdrop: &mut Backdrop,

@@ -23,7 +23,6 @@ pub struct Corner {
 }
 
 impl Corner {
-    /// A corner in an image of `side` × `side` pixels.
     pub fn new(x_px: f32, y_px: f32, inverse_m: f32, side: usize) -> Self {
         Self { x_px, y_px, inverse_m, row: first_centre(y_px, side as f32) as u32 }
     }
@@ -52,11 +51,9 @@ pub struct DepthBuffer {
     drawn: [usize; 2],
 }
 
-/// Nothing was drawn in any row.
 const NO_ROWS: [usize; 2] = [usize::MAX, 0];
 
 impl DepthBuffer {
-    /// An empty image.
     pub fn new(side: usize) -> Self {
         let groups = side.div_ceil(LANES);
         // Intervals are computed for LANES rows at a time, from any row on.
@@ -71,7 +68,6 @@ impl DepthBuffer {
         }
     }
 
-    /// Pixels along an edge.
     pub fn side(&self) -> usize {
         self.side
     }

@@ -10,7 +10,6 @@ use std::collections::HashMap;
 use std::sync::{Arc, LazyLock, Mutex, OnceLock, Weak};
 use xxhash_rust::xxh3::Xxh3;
 
-/// The look of a solid.
 #[derive(Debug)]
 pub struct Model {
     /// Made when it is first asked for where the form is round: that is drawn from a mesh only next to the eye, and such
@@ -22,11 +21,9 @@ pub struct Model {
     pub edges: Option<Vec<Edge>>,
     pub bounds: Sphere,
     pub form: Form,
-    /// Triangles of the finest mesh.
     pub triangles: usize,
 }
 
-/// How a part is drawn.
 #[derive(Debug, Clone, Copy)]
 pub enum Form {
     Cuboid,
@@ -87,7 +84,6 @@ impl Model {
     }
 }
 
-/// The models of all sceneries of this process.
 static SHARED: LazyLock<Mutex<Table>> = LazyLock::new(Mutex::default);
 
 #[derive(Default)]

@@ -23,7 +23,6 @@ struct Line {
     slope: f32,
 }
 
-/// The sides of a convex figure.
 #[derive(Debug, Clone, Default)]
 pub struct Outline {
     left: Vec<Line>,
@@ -31,7 +30,6 @@ pub struct Outline {
 }
 
 impl Outline {
-    /// Begins a new figure.
     #[inline(always)]
     pub fn clear(&mut self) {
         self.left.clear();

@@ -39,7 +39,6 @@ impl Points {
     }
 }
 
-/// A part, placed in the world.
 #[derive(Debug, Clone)]
 pub struct PartView {
     pub body: u32,
@@ -51,7 +50,6 @@ pub struct PartView {
     pub half_spaces: Range<usize>,
 }
 
-/// What is known of one body.
 #[derive(Debug, Clone)]
 struct BodyView {
     parts: Range<usize>,
@@ -65,7 +63,6 @@ pub struct PlacedBodies {
     bodies: Vec<BodyView>,
     pub models: Vec<Arc<Model>>,
     pub parts: Vec<PartView>,
-    /// Around the parts.
     pub bounds: Vec<Spheres>,
     pub vertices: Vec<Points>,
     pub half_spaces: Vec<HalfSpaces>,
@@ -130,12 +127,10 @@ impl PlacedBodies {
         self.bodies.len()
     }
 
-    /// Triangles of a body's finest mesh.
     pub fn triangles(&self, body: usize) -> usize {
         self.bodies[body].triangles
     }
 
-    /// Places every body that is not where it was.
     pub fn place(&mut self, world_from_bodies: &[Pose3]) {
         assert_eq!(world_from_bodies.len(), self.bodies.len(), "one pose a body");
         for (number, pose) in world_from_bodies.iter().enumerate() {

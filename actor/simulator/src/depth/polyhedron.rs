@@ -47,14 +47,16 @@ pub struct Placed<'a> {
     pub world_from_part: &'a Rigid,
 }
 
-/// Where the vertices of a part are seen.
 enum Seen {
-    /// Not in the image.
     Outside,
     /// Some lie nearer than the near plane.
     Cut,
     /// In these rows, with groups of pixels in the rectangle around them, and the last eight vertices.
-    Whole { extent: Extent, groups: f32, last: Corners },
+    Whole {
+        extent: Extent,
+        groups: f32,
+        last: Corners,
+    },
 }
 
 impl PolyhedronBrush {
@@ -73,7 +75,6 @@ impl PolyhedronBrush {
         }
     }
 
-    /// Draws a convex mesh.
     pub fn draw(&mut self, buffer: &mut DepthBuffer, outline: &mut Outline, view: &View, placed: &Placed) {
         let side = buffer.side() as f32;
         let (extent, groups, last) = match self.project(view, placed.vertices, side) {
@@ -112,7 +113,6 @@ impl PolyhedronBrush {
         }
     }
 
-    /// Finds where the vertices are seen.
     #[inline(always)]
     fn project(&mut self, view: &View, vertices: &[Points], side: f32) -> Seen {
         self.x_px.resize(vertices.len(), [0.0; LANES]);

@@ -19,12 +19,10 @@ const RING_MOST: usize = 64;
 /// Corners of an outline: two rings, and room for the vector unit.
 const OUTLINE_MOST: usize = 2 * RING_MOST + 2 * LANES;
 
-/// A sphere or cylinder as it is drawn.
 #[derive(Debug, Clone, Copy)]
 pub struct Round {
     /// Radius of the middle between the circles within and about the finest mesh, metres.
     pub radius_m: f32,
-    /// Half of the cylinder's height, metres.
     pub half_height_m: f32,
 }
 

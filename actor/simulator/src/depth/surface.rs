@@ -79,7 +79,6 @@ struct Block {
 }
 
 impl ManyPlanes {
-    /// Forgets all planes.
     pub fn clear(&mut self) {
         self.count = 0;
         self.blocks.clear();

@@ -22,7 +22,6 @@ pub struct Lens {
 }
 
 impl Lens {
-    /// The lens of an image of `side` × `side` pixels.
     pub fn of(side: usize) -> Self {
         let centre_px = side as f32 * 0.5;
         Self { side, focal_px: centre_px / TAN_HALF_FIELD_OF_VIEW, centre_px }
@@ -128,7 +127,6 @@ pub struct View {
 }
 
 impl View {
-    /// From a camera's pose.
     pub fn new(lens: Lens, world_from_camera: &rapier3d::math::Pose3) -> Self {
         let world_from_camera = Rigid::from_pose(world_from_camera);
         let camera_from_world = world_from_camera.inverse();
@@ -156,7 +154,6 @@ impl View {
     }
 }
 
-/// Eight scalar products.
 #[inline(always)]
 pub fn dot(a: [Lanes; 3], b: [Lanes; 3]) -> Lanes {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

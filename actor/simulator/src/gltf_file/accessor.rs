@@ -8,14 +8,12 @@ use std::collections::BTreeMap;
 const OUTSIDE: &str = "has a mesh whose data reach beyond their buffer";
 const FLOAT: u32 = 5126;
 
-/// A file's JSON and the bytes of its buffers.
 #[derive(Debug)]
 pub struct Data {
     pub root: Root,
     pub buffers: Vec<Vec<u8>>,
 }
 
-/// Values of one size in a buffer.
 struct Values<'a> {
     bytes: &'a [u8],
     stride: usize,
@@ -29,7 +27,6 @@ impl<'a> Values<'a> {
 }
 
 impl Data {
-    /// How many values an accessor has, and how many sparse ones.
     pub fn counts(&self, accessor: usize) -> Result<[usize; 2], &'static str> {
         let accessor = self.accessor(accessor)?;
         Ok([accessor.count, accessor.sparse.as_ref().map_or(0, |sparse| sparse.count)])
@@ -120,7 +117,6 @@ impl Data {
     }
 }
 
-/// The size of a whole number that is not negative.
 fn whole_number_size(component_type: u32) -> Option<usize> {
     match component_type {
         5121 => Some(1),

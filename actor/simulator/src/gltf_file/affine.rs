@@ -1,5 +1,3 @@
-//! How nodes stand, as affine maps.
-
 use super::json::Node;
 use super::mirror;
 use rapier3d::math::{Pose3, Rot3, Vec3};
@@ -16,7 +14,6 @@ pub struct Affine {
 type Matrix = [[f32; 4]; 4];
 
 impl Affine {
-    /// What moves nothing.
     pub fn identity() -> Self {
         Self { linear: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: [0.0; 3] }
     }
@@ -50,7 +47,6 @@ impl Affine {
         }
     }
 
-    /// Where a point is after it.
     pub fn point(&self, p: [f32; 3]) -> Vec3 {
         let moved = self.turn(p.map(f64::from));
         Vec3::from([0, 1, 2].map(|i| (moved[i] + self.translation[i]) as f32))
@@ -79,7 +75,6 @@ impl Affine {
         Some((mirror::pose(pose), Self { linear: rest, translation: [0.0; 3] }))
     }
 
-    /// Whether it moves nothing.
     pub fn is_identity(&self) -> bool {
         let identity = Self::identity().linear;
         self.linear.as_flattened().iter().zip(identity.as_flattened()).all(|(a, b)| (a - b).abs() < 1e-5)

@@ -25,7 +25,6 @@ const DENT_SHARE: f32 = 0.02;
 /// Thinner than this is flat, metres.
 const FLAT_M: f32 = 2e-4;
 
-/// The convex solid that a mesh is.
 pub fn part_of(piece: &Piece) -> Result<Part, NoSolid> {
     let points = distinct(&piece.vertices);
     let (low, high) = bounds(&points);
@@ -117,7 +116,6 @@ fn stated(extras: &str) -> Option<Part> {
         .then(|| Part { primitive, body_from_part: mirror::pose(pose) })
 }
 
-/// The box between two corners.
 fn cuboid(low: Vec3, high: Vec3) -> Part {
     let primitive = Primitive::Cuboid { half_extents_m: 0.5 * (high - low) };
     Part { primitive, body_from_part: Pose3::from_translation(0.5 * (low + high)) }

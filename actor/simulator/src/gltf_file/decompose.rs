@@ -63,7 +63,6 @@ pub fn closed(piece: &Piece) -> Result<Closed, NoSolid> {
     Ok(Closed { vertices, triangles, volume_m3: volume_m3.abs() })
 }
 
-/// Cuts a mesh into convex pieces.
 pub fn concave(mesh: Closed) -> Result<Concave, NoSolid> {
     let Closed { vertices, triangles, volume_m3 } = mesh;
     let parameters = VHACDParameters {

@@ -13,10 +13,8 @@ use rapier3d::math::Pose3;
 use std::path::{Path, PathBuf};
 use unicode_normalization::UnicodeNormalization;
 
-/// Nodes that a scene may have.
 const NODES_MOST: usize = 20_000;
 
-/// The default scene of a file.
 #[derive(Debug)]
 pub struct Document {
     /// Its nodes, parents before children.
@@ -44,23 +42,18 @@ pub struct Node {
     flaw: Option<&'static str>,
 }
 
-/// Why a glTF file cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum DocumentError {
-    /// It cannot be read.
     #[error("{file}: cannot be read: {cause}", file = .file.display())]
     Unreadable { file: PathBuf, cause: std::io::Error },
-    /// It is not glTF 2.0.
     #[error("{file}: is not sound glTF 2.0: {problem}", file = .file.display())]
     Unsound { file: PathBuf, problem: String },
-    /// It cannot be understood without an extension that is not known here.
     #[error(
         "{file}: needs the extension {extension}, which is not read here; export it again without it, as plain glTF 2.0 \
          without compression",
         file = .file.display()
     )]
     Extension { file: PathBuf, extension: String },
-    /// A buffer is not where the file says.
     #[error("{file}: its buffer {uri} is missing: {problem}; put it beside the file, or export as .glb", file = .file.display())]
     Buffer { file: PathBuf, uri: String, problem: String },
 }
@@ -196,7 +189,6 @@ fn nodes_of(root: &Root) -> Result<Vec<Node>, String> {
     Ok(nodes)
 }
 
-/// Warns of what the file has and what may be missed.
 fn warn_of_what_is_not_read(root: &Root, path: &Path) {
     let unknown: Vec<&str> = extensions::unknown(root).take(5).collect();
     let path = path.display();

@@ -134,7 +134,6 @@ pub struct Buffer {
     pub uri: Option<String>,
 }
 
-/// Parses a `.glb` or `.gltf` file: its JSON and its binary chunk.
 pub fn parse(bytes: &[u8]) -> Result<(Root, Option<Vec<u8>>), String> {
     let (json, binary) = if bytes.starts_with(b"glTF") { chunks(bytes)? } else { (bytes, None) };
     let json = json.strip_prefix("\u{feff}".as_bytes()).unwrap_or(json);

@@ -11,12 +11,10 @@ pub fn vector(v: Vec3) -> Vec3 {
     Vec3::new(v.x, v.y, -v.z)
 }
 
-/// A rotation, either way.
 pub fn rotation(r: Rot3) -> Rot3 {
     Rot3::from_xyzw(-r.x, -r.y, r.z, r.w)
 }
 
-/// A pose, either way.
 pub fn pose(p: Pose3) -> Pose3 {
     Pose3::from_parts(vector(p.translation), rotation(p.rotation))
 }

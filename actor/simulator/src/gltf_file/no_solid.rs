@@ -7,27 +7,20 @@ pub const TRIANGLES_MOST: usize = 20_000;
 
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum NoSolid {
-    /// It has no thickness.
     #[error("is flat: give it thickness")]
     Flat,
-    /// It is far from convex.
     #[error(
         "is not convex (dented by {dent_mm:.0} mm): split it into convex meshes, or say `convex = \"decompose\"` to have it \
          cut into convex pieces, or `convex = \"hull\"` to take its hull instead"
     )]
-    Dented {
-        /// How deep, millimetres.
-        dent_mm: f32,
-    },
+    Dented { dent_mm: f32 },
     #[error("has {corners} corners on its hull, more than {CORNERS_MOST}: simplify it")]
     TooDetailed { corners: usize },
-    /// It has no inside that could be cut into pieces.
     #[error(
         "has {edges} edges without a face on either side, or between faces that do not both look outwards, so that it \
          has no inside to decompose: fill its holes and recalculate its normals, or say `convex = \"hull\"`"
     )]
     Open { edges: usize },
-    /// It has too many triangles to be decomposed.
     #[error("has {triangles} triangles, more than the {TRIANGLES_MOST} that can be decomposed: simplify it")]
     TooManyTriangles { triangles: usize },
 }

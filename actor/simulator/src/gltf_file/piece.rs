@@ -85,7 +85,6 @@ pub fn read(
     })
 }
 
-/// Which corners are a triangle's.
 fn triangles(corners: &[u32], mode: u32) -> Result<Vec<[u32; 3]>, &'static str> {
     let three = corners.windows(3);
     match mode {

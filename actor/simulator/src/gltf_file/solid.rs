@@ -9,7 +9,6 @@ use rapier3d::math::Pose3;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// What to do with a mesh that is not convex.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Convex {

@@ -9,7 +9,6 @@ use std::ffi::OsStr;
 use std::path::{Component, Path, PathBuf};
 use unicode_normalization::UnicodeNormalization;
 
-/// Why a file is not read.
 const OUTSIDE: &str = "it lies outside of the file's folder";
 
 /// The relative path that a URI means (RFC 3986).

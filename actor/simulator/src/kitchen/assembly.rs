@@ -24,47 +24,30 @@ const SETTLE_DRIFT_M: f32 = 0.02;
 /// The robot waits here, below the floor, until an episode places it.
 const PARKED: Vec3 = Vec3::new(0.0, -20.0, 0.0);
 
-/// What a room must offer to become a kitchen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Demands {
     /// Whether all twelve target categories must be there.
     pub every_target: bool,
-    /// Fewest places where each target can stand.
     pub spots: usize,
-    /// Fewest robot poses.
     pub stands: usize,
 }
 
-/// What a room lacks to become a kitchen.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Flaw {
-    /// A thing did not stay where it was set down.
     #[error("setting down thing {thing} (moved {moved_m:.3} m)")]
-    Fell {
-        /// Which of the room's things.
-        thing: usize,
-        moved_m: f32,
-    },
-    /// A thing does not come to rest.
+    Fell { thing: usize, moved_m: f32 },
     #[error("thing {thing}, which does not come to rest")]
-    Awake {
-        /// Which of the room's things.
-        thing: usize,
-    },
-    /// There is little room for the robot.
+    Awake { thing: usize },
     #[error("free floor ({stands} robot poses)")]
     Stands { stands: usize },
-    /// The arm comes to no place on any surface.
     #[error("surfaces within reach")]
     Unreachable,
     #[error("{}, which is not there", .category.name())]
     Target { category: TargetCategory },
-    /// There is little room for a target.
     #[error("{spots} spots for {}", .category.name())]
     Spots { category: TargetCategory, spots: usize },
 }
 
-/// A room whose things have come to rest.
 struct Rested {
     world: World,
     scene: FixedScene,
@@ -245,7 +228,6 @@ impl Rested {
         Self { world, scene, bodies, static_count, poses, movables, robot, robot_parts, things, surfaces, floor }
     }
 
-    /// Notes where things are now.
     fn look(&mut self) {
         for (pose, &handle) in self.poses[self.static_count..].iter_mut().zip(&self.movables) {
             *pose = *self.world.body(handle).position();

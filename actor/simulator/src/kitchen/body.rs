@@ -1,15 +1,10 @@
-//! Bodies: what stands in a kitchen, each a shape with a name and a role.
-
 use crate::shape::Shape;
 
-/// What a body is to the simulation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BodyRole {
     /// Never moves: walls, fixtures, and everything heavier than 10 kg.
     Static,
-    /// A dynamic rigid body.
     Movable,
-    /// A link of the robot's arm.
     Robot,
 }
 
@@ -19,9 +14,7 @@ pub struct Body {
     pub name: String,
     /// iTHOR's category name, or `Wall`, `Ceiling`, `Robot`.
     pub category: String,
-    /// Its geometry about its origin.
     pub shape: Shape,
-    /// What it is to the simulation.
     pub role: BodyRole,
 }
 

@@ -1,6 +1,6 @@
 //! Density of movable things: every figure that decides how crowded a kitchen is, in one place.
 //!
-//! The figures are calibrated, not derived: `actor kitchens report` compares the outcome with iTHOR's kitchens, and the
+//! The figures are calibrated, not derived: the tests of all kitchens compare the outcome with iTHOR's, and the
 //! oracle's share of episodes without disturbance shows whether the task has the intended difficulty. Change them here,
 //! then look at both.
 
@@ -19,7 +19,6 @@ pub const SPREAD: [f32; 2] = [0.5, 1.5];
 pub const CANDIDATES: u32 = 40;
 /// Draws of places, free or not, before the best so far is taken or the kitchen is given up.
 pub const TRIES: u32 = 900;
-/// Gap between two things, metres.
 pub const GAP_M: f32 = 0.012;
 /// Distance of a thing's bounding box from the edge of what it stands on, metres.
 pub const EDGE_M: f32 = 0.012;
@@ -28,7 +27,6 @@ pub const EDGE_M: f32 = 0.012;
 pub const BACKWARDS: f32 = 1.5;
 /// Things of the sink and of the stove lie about this far from it, metres.
 pub const BESIDE_M: f32 = 0.45;
-/// Share of pots, pans and kettles that stand on a burner.
 pub const ON_BURNER_SHARE: f32 = 0.4;
 /// Most things of categories that iTHOR does not have; the number is drawn from 0 to this.
 pub const EXTRAS_MOST: u32 = 4;
@@ -47,7 +45,6 @@ pub fn preference(place: Place) -> [f32; 6] {
 
 /// Distance of a chair's middle from the table's edge, least and most, metres.
 pub const CHAIR_OUT_M: [f32; 2] = [0.06, 0.28];
-/// Turn of a chair away from the table, at most, radians.
 pub const CHAIR_TURN_RAD: f32 = 0.2;
 /// Distance of a bin's middle from the wall, metres, beyond its own half.
 pub const BIN_OUT_M: f32 = 0.03;

@@ -1,5 +1,3 @@
-//! The draws of a kitchen's layout, by attempt.
-
 use super::kitchen_key::KitchenKey;
 use super::layout::FittedRoom;
 use proto::random::Random;

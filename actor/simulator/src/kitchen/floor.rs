@@ -11,7 +11,6 @@ use rapier3d::parry::bounding_volume::BoundingVolume;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Side of a cell, metres.
 pub(super) const CELL_M: f32 = 0.125;
 /// Room that a robot position leaves about the body, metres.
 pub(super) const CLEARANCE_M: f32 = 0.03;

@@ -27,9 +27,7 @@ use xxhash_rust::xxh3::xxh3_64;
 
 /// What a file begins with. The last byte is the version: raise it with every change of the generator.
 const MAGIC: [u8; 8] = *b"STILLRK\x01";
-/// No kitchen is as large.
 const FARTHEST_M: f32 = 100.0;
-/// No kitchen has as many movable things.
 const THINGS_MOST: usize = 1000;
 
 #[derive(Debug, Clone, PartialEq)]
@@ -44,19 +42,14 @@ pub struct FoundKitchen {
     spots: Vec<Vec<u8>>,
 }
 
-/// Why bytes are no preserved kitchen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum FoundKitchenError {
-    /// They begin with something else.
     #[error("it was made by another version, or is no kitchen")]
     Version,
-    /// They are not whole.
     #[error("its checksum does not agree with it")]
     Checksum,
-    /// They are whole, and nobody found such a kitchen.
     #[error("it holds numbers that no kitchen has")]
     Impossible,
-    /// They are of another kitchen.
     #[error("it is another kitchen's")]
     Other,
 }
@@ -198,7 +191,6 @@ impl Kitchen {
     }
 }
 
-/// What is still to be read.
 struct Bytes<'a>(&'a [u8]);
 
 impl Bytes<'_> {

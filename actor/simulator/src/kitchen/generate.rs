@@ -27,31 +27,19 @@ pub const CONNECTED_LEAST: f32 = 0.95;
 /// What a generated room must offer before it is looked at closely.
 const DEMANDS: Demands = Demands { every_target: true, spots: SPOTS_LEAST_ANYWHERE, stands: 80 };
 
-/// Why a kitchen could not be made.
 #[derive(Debug, thiserror::Error)]
 pub enum KitchenError {
-    /// The kitchen is a scene of a run.
     #[error("kitchen {kitchen} is a scene of a run: no generator makes it")]
     NotBuiltIn { kitchen: KitchenId },
-    /// The generator found no room for something that every kitchen holds.
     #[error("kitchen {kitchen}: no good room in {attempts} attempts; the last one failed at {reason}")]
-    NoRoom {
-        kitchen: KitchenId,
-        /// How often it was tried.
-        attempts: u32,
-        /// What went wrong last.
-        reason: String,
-    },
-    /// What was kept of it is not of this program.
+    NoRoom { kitchen: KitchenId, attempts: u32, reason: String },
     #[error("kitchen {kitchen}: what was kept of it does not fit this program: {problem}")]
     FoundKitchen { kitchen: KitchenId, problem: String },
 }
 
-/// A room as the generator draws it: furnished, not yet at rest.
 #[derive(Debug, Clone)]
 pub struct DrawnRoom {
     pub room: Room,
-    /// How its runs of counters lie.
     pub plan: Plan,
     /// Floor that is to stay free of fixtures: before fronts and the door.
     pub kept_clear: Vec<Rectangle>,
@@ -78,7 +66,6 @@ pub fn draw_room(kitchen: impl Into<KitchenKey>, attempt: u32) -> Result<DrawnRo
 }
 
 impl DrawnRoom {
-    /// A room that is laid out, with what stands in it.
     pub(super) fn of(fitted: FittedRoom, things: Vec<Thing>) -> Self {
         let room = Room {
             fixtures: fitted.fixtures,
@@ -98,7 +85,6 @@ impl DrawnRoom {
 }
 
 impl Kitchen {
-    /// Draws rooms until one comes to rest with nothing wrong.
     pub(super) fn search(kitchen_key: KitchenKey, simulation: SimulationConfig) -> Result<Self, KitchenError> {
         let id = kitchen_key.id();
         if id.scene_index().is_some() {
@@ -122,7 +108,6 @@ impl Kitchen {
         Err(KitchenError::NoRoom { kitchen: id, attempts, reason })
     }
 
-    /// Itself, or what a generated kitchen must not be like.
     fn acceptable(self) -> Result<Self, String> {
         let things = self.thing_count();
         if !(ithor::THINGS[0]..=ithor::THINGS[2]).contains(&(things as f32)) {

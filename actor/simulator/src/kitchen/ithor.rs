@@ -3,34 +3,15 @@
 //! Counted from the object list of the 30 kitchens of AI2-THOR (`vibrations.csv` of the public code of Ni et al.,
 //! *Towards Disturbance-Free Visual Mobile Manipulation*): categories, positions, nothing else.
 
-/// Kitchens in the statistics.
-pub const KITCHENS: f32 = 30.0;
+const KITCHENS: f32 = 30.0;
 /// Things in a kitchen: least, median, most.
 pub const THINGS: [f32; 3] = [54.0, 68.5, 90.0];
 /// Extent of the objects' centres along x, metres: least, median, largest.
-pub const EXTENT_X_M: [f32; 3] = [2.74, 4.23, 9.18];
+pub(super) const EXTENT_X_M: [f32; 3] = [2.74, 4.23, 9.18];
 /// Extent of the objects' centres along z, metres: least, median, largest.
-pub const EXTENT_Z_M: [f32; 3] = [2.61, 4.78, 7.05];
+pub(super) const EXTENT_Z_M: [f32; 3] = [2.61, 4.78, 7.05];
 /// Deciles of the distance from a small thing to the nearest other one, over all kitchens, metres.
 pub const NEAREST_NEIGHBOUR_DECILES_M: [f32; 9] = [0.12, 0.15, 0.19, 0.22, 0.27, 0.31, 0.35, 0.41, 0.54];
-/// Small things by height of their position, all kitchens together: from, to (metres), things.
-pub const HEIGHTS_M: [(f32, f32, u32); 14] = [
-    (0.0, 0.4, 13),
-    (0.6, 0.7, 2),
-    (0.7, 0.8, 25),
-    (0.8, 0.9, 112),
-    (0.9, 1.0, 375),
-    (1.0, 1.1, 128),
-    (1.1, 1.2, 49),
-    (1.2, 1.3, 9),
-    (1.3, 1.4, 23),
-    (1.4, 1.5, 11),
-    (1.5, 1.6, 5),
-    (1.6, 1.7, 11),
-    (1.7, 1.8, 8),
-    (1.8, 2.0, 2),
-];
-
 /// Categories that are not counted as things: iTHOR has no objects for them.
 pub const NOT_THINGS: [&str; 10] =
     ["Wall", "Ceiling", "Robot", "Door", "Filler", "CornerUnit", "DrawerUnit", "StoveOven", "Dishwasher", "RangeHood"];
@@ -108,9 +89,4 @@ pub(crate) fn share_and_mean(category: &str) -> (f32, f32) {
         .iter()
         .find(|(name, ..)| *name == category)
         .map_or((0.0, 0.0), |&(_, kitchens, mean)| (kitchens as f32 / KITCHENS, mean))
-}
-
-/// Whether iTHOR counts such objects at all.
-pub fn counts(category: &str) -> bool {
-    CATEGORIES.iter().any(|(name, ..)| *name == category)
 }

@@ -73,7 +73,6 @@ impl KitchenKey {
 }
 
 impl From<KitchenId> for KitchenKey {
-    /// With seed 0.
     fn from(id: KitchenId) -> Self {
         Self::new(id, 0)
     }

@@ -37,7 +37,6 @@ struct Footprint {
 }
 
 impl Footprint {
-    /// Of a room that is laid out.
     fn of(room: &FittedRoom) -> Self {
         let built_in = room.fixtures.iter().map(|fixture| (fixture.category.as_str(), &fixture.shape, &fixture.pose));
         Self::around(0.5 * (room.floor.low + room.floor.high), built_in)
@@ -130,7 +129,6 @@ pub(super) fn nearest(room: &FittedRoom) -> Option<(KitchenId, f32)> {
     nearest_to(&Footprint::of(room))
 }
 
-/// The same for a kitchen that has been made.
 pub fn nearest_to_kitchen(kitchen: &Kitchen) -> Option<(KitchenId, f32)> {
     let bodies = kitchen.static_bodies().map(|index| (&kitchen.bodies()[index], &kitchen.settled_poses()[index]));
     let middle = 0.5 * (kitchen.floor.0 + kitchen.floor.1);

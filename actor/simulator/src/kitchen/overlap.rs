@@ -11,21 +11,16 @@ use std::ops::Range;
 /// Things may touch this deeply, metres: what the contact solver leaves.
 const PENETRATION_MAX_M: f32 = 0.001;
 
-/// Two bodies of which one stands in the other.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{one} stands {depth_mm:.1} mm deep in {other}")]
 pub struct Overlap {
-    /// A movable thing.
     pub one: String,
-    /// Another body.
     pub other: String,
-    /// How deeply, millimetres.
     pub depth_mm: f32,
 }
 
 /// All overlaps of the `movable` bodies with those before them in the list, fixed ones included.
 pub fn overlaps(bodies: &[Body], world_from_bodies: &[Pose3], movable: Range<usize>) -> Vec<Overlap> {
-    /// A convex part where it is in the world.
     type Part = (SharedShape, Pose3, Aabb);
     let mut found = Vec::new();
     let placed: Vec<(Aabb, Vec<Part>)> = bodies[..movable.end]

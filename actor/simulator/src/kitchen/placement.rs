@@ -22,7 +22,6 @@ use std::f32::consts::PI;
 
 /// Things are set down from this height, metres.
 pub const DROP_M: f32 = 0.001;
-/// Draws of a place at a table or on the floor.
 const FLOOR_TRIES: u32 = 200;
 
 /// A surface and the fixed things that rise from it or hang over it.
@@ -31,7 +30,6 @@ struct Site {
     obstacles: Vec<Aabb>,
 }
 
-/// The kitchen as it fills.
 struct Furnishing<'a> {
     layout: &'a FittedRoom,
     scene: &'a FixedScene,
@@ -76,7 +74,6 @@ pub fn place(
     Ok(furnishing.things)
 }
 
-/// Indices of the categories that this kitchen has for variety.
 fn extras(random: &mut Random) -> Vec<usize> {
     let all: Vec<usize> =
         (0..CATEGORIES.len()).filter(|&index| CATEGORIES[index].presence == Presence::Extra).collect();
@@ -109,7 +106,6 @@ impl<'a> Furnishing<'a> {
         }
     }
 
-    /// Finds a place for one more thing and sets it down.
     fn add(&mut self, pattern: &Pattern, random: &mut Random) -> Option<()> {
         let Pattern { category, solid, .. } = pattern;
         let pose = match category.place {
@@ -171,7 +167,6 @@ impl<'a> Furnishing<'a> {
         best.map(|(_, pose)| pose)
     }
 
-    /// Distance from the nearest small thing, metres.
     fn nearest_m(&self, position: Vec3) -> Option<f32> {
         self.small.iter().map(|other| (*other - position).length()).min_by(f32::total_cmp)
     }
@@ -247,7 +242,6 @@ impl<'a> Furnishing<'a> {
         })
     }
 
-    /// Whether nothing is in the way, fixed or not.
     fn is_free(&self, solid: &Solid, pose: &Pose3) -> bool {
         !parts_meet(solid, pose, self.scene.aabbs()) && !self.meets_thing(solid, pose)
     }
@@ -265,7 +259,6 @@ fn half_height(solid: &Solid) -> f32 {
     0.5 * solid.aabb(&Pose3::identity()).extents().y
 }
 
-/// A draw from the distribution of distances.
 fn wanted_distance(random: &mut Random) -> f32 {
     let steps = (density::COMPANY_M.len() - 1) as f32;
     let at = random.uniform() * steps;

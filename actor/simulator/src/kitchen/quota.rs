@@ -32,7 +32,6 @@ pub(super) fn measure(kitchen: KitchenKey, question: &str) -> f32 {
     (rank + within) / kitchens()
 }
 
-/// Whether the kitchen is among the `share` of kitchens that have it.
 pub(super) fn among(kitchen: KitchenKey, question: &str, share: f32) -> bool {
     rank(kitchen, question) < holders(share)
 }

@@ -26,7 +26,6 @@ const ELBOWS_RAD: [f32; 3] = [0.0, FRAC_PI_2, -FRAC_PI_2];
 /// Directions that the robot can face.
 const DIRECTIONS: usize = 8;
 
-/// The robot on a floor among what is fixed.
 pub struct Reach<'a> {
     floor: &'a [(f32, f32)],
     scene: &'a FixedScene,
@@ -46,7 +45,6 @@ impl<'a> Reach<'a> {
         Self { floor, scene, parts, directions }
     }
 
-    /// Whether the arm can be held above a point of a surface.
     pub fn comes_to(&self, point: Vec3) -> bool {
         const FURTHEST_M: f32 = ARM_BASE_AHEAD_M + REACH_M;
         let wrist = point + Vec3::new(0.0, WRIST_ABOVE_M, 0.0);

@@ -7,29 +7,24 @@ use crate::shape::Shape;
 use rapier3d::geometry::Aabb;
 use rapier3d::math::{Pose3, Vec3};
 
-/// A fixed body.
 #[derive(Debug, Clone)]
 pub struct Fixture {
     /// Category: iTHOR's name, or `Wall`, `Ceiling`.
     pub category: String,
-    /// Its geometry about its origin.
     pub shape: Shape,
     /// `world_from_body`.
     pub pose: Pose3,
 }
 
-/// A movable thing and where it is set down.
 #[derive(Debug, Clone)]
 pub struct Thing {
     /// Category, iTHOR's name where iTHOR has it.
     pub category: String,
     /// Its geometry, origin at the centre of its bounding box.
     pub shape: Shape,
-    /// The same as collision geometry.
     pub solid: Solid,
     /// Mass, kilograms; at most [`MOVABLE_MASS_MAX_KG`].
     pub mass_kg: f32,
-    /// Coulomb friction coefficient of its surface.
     pub friction: f32,
     /// `world_from_body` at set-down.
     pub pose: Pose3,

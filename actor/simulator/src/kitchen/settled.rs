@@ -44,15 +44,12 @@ pub struct Kitchen {
     pub(super) attempt: u32,
 }
 
-/// What a movable thing is made of.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Matter {
     pub mass_kg: f32,
-    /// Coulomb friction coefficient of its surface.
     pub friction: f32,
 }
 
-/// Data of one target category for episodes.
 #[derive(Debug, Clone)]
 pub(super) struct Target {
     /// Index among the movables.
@@ -72,7 +69,6 @@ impl Kitchen {
         &self.bodies
     }
 
-    /// Indices of the bodies whose poses never change.
     pub fn static_bodies(&self) -> Range<usize> {
         0..self.static_count
     }
@@ -86,7 +82,6 @@ impl Kitchen {
         &self.settled_poses
     }
 
-    /// Where targets can stand.
     pub fn surfaces(&self) -> &[Surface] {
         &self.surfaces
     }
@@ -140,10 +135,7 @@ impl Kitchen {
         if seen.is_empty() { here(&TargetCategory::ALL) } else { seen }
     }
 
-    /// Index of a target among the movables.
-    ///
-    /// # Panics
-    /// If the kitchen has no such thing: episodes are about what is there.
+    /// Index of a target among the movables. Panics if the kitchen has no such thing: episodes are about what is there.
     pub fn target_movable(&self, category: TargetCategory) -> usize {
         let target = self.targets[usize::from(category.index())].as_ref();
         target.expect("an episode's target is one of the kitchen's").movable
@@ -176,7 +168,6 @@ impl Kitchen {
         &self.solids
     }
 
-    /// Collision geometry of the robot's parts.
     pub fn robot_parts(&self) -> &[Solid; PART_COUNT] {
         &self.robot_parts
     }

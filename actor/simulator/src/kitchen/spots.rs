@@ -15,14 +15,12 @@ use rapier3d::parry::bounding_volume::BoundingVolume;
 
 /// An episode begins on every second of them in either direction: 0.25 m, AI2-THOR's default grid.
 const STAND_EVERY: usize = 2;
-/// Grid of target positions, metres.
 const SPOT_GRID_M: f32 = 0.025;
 /// Room that a target position leaves to everything else, metres.
 const SPOT_CLEARANCE_M: f32 = 0.015;
 /// Side of a square of points that are judged together: 0.1 m.
 const POINTS_JUDGED: usize = 4;
 
-/// A robot pose at which an episode can begin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stand {
     pub x_m: f32,
@@ -31,7 +29,6 @@ pub struct Stand {
     pub yaw_ticks: i32,
 }
 
-/// Where on the floor the robot can stand.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stands {
     /// Poses whose body and arm touch nothing, in the largest connected part of the free floor.
@@ -42,7 +39,6 @@ pub struct Stands {
     pub connected_share: f32,
 }
 
-/// Finds where on the floor the robot can stand.
 pub fn stands(floor: (Vec3, Vec3), scene: &FixedScene, movables: &[Aabb], parts: &[Solid; PART_COUNT]) -> Stands {
     let grid = Floor::of(floor, scene, movables);
     let columns = grid.columns();
@@ -256,7 +252,6 @@ pub fn target_spots(
     spots
 }
 
-/// A convex part of a thing that stands somewhere.
 struct PlacedPart {
     shape: SharedShape,
     pose: Pose3,

@@ -30,7 +30,6 @@ impl FixedScene {
         }
     }
 
-    /// Bounding boxes of the parts.
     pub fn aabbs(&self) -> &[Aabb] {
         &self.aabbs
     }
@@ -46,7 +45,6 @@ impl FixedScene {
         out.extend((0..self.aabbs.len() as u32).filter(|&index| self.aabbs[index as usize].intersects(aabb)));
     }
 
-    /// A part: its bounding box, its solid, where it is.
     pub fn part(&self, index: u32) -> (&Aabb, &SharedShape, &Pose3) {
         let (shape, pose) = &self.parts[index as usize];
         (&self.aabbs[index as usize], shape, pose)

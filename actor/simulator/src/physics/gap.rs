@@ -64,7 +64,6 @@ fn core(shape: &SharedShape) -> (Core<'_>, f32) {
     }
 }
 
-/// The core as a parry shape.
 fn solid<'a>(core: &'a Core<'a>, shape: &'a SharedShape) -> &'a dyn Shape {
     match core {
         Core::Segment(segment) => segment,

@@ -1,5 +1,3 @@
-//! Collision geometry: what physics makes of a [`Shape`].
-
 use crate::shape::{Primitive, Shape};
 use rapier3d::dynamics::MassProperties;
 use rapier3d::geometry::{Aabb, SharedShape};
@@ -31,7 +29,6 @@ impl std::fmt::Debug for Solid {
 }
 
 impl Solid {
-    /// The collision geometry of a shape.
     pub fn of(shape: &Shape) -> Self {
         let mut parts: Vec<(SharedShape, Pose3)> = Vec::with_capacity(shape.parts.len());
         let mut given_masses = Vec::with_capacity(shape.parts.len());

@@ -15,7 +15,6 @@ const ROUNDING_M: f32 = 1e-5;
 /// Share of a measured distance that is surely there: the search for it on curved surfaces ends early.
 const SURE_SHARE: f32 = 0.9;
 
-/// Poses of a body one after another.
 #[derive(Debug, Clone)]
 pub struct Sweep {
     poses: Vec<Pose3>,
@@ -31,7 +30,6 @@ impl Default for Sweep {
 }
 
 impl Sweep {
-    /// Takes the way of a body in place of the last one.
     pub fn record(&mut self, solid: &Solid, poses: impl Iterator<Item = Pose3>) {
         self.poses.clear();
         self.travel_m.clear();

@@ -25,7 +25,6 @@ pub struct Things {
 }
 
 impl Things {
-    /// Looks at all things.
     pub fn of(world: &World, handles: &[RigidBodyHandle], solids: &[Solid]) -> Self {
         let count = handles.len();
         let mut things = Self {
@@ -94,7 +93,6 @@ impl Things {
         &self.poses
     }
 
-    /// Bounding boxes of all things.
     pub fn aabbs(&self) -> &[Aabb] {
         &self.aabbs
     }

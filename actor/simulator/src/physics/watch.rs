@@ -20,7 +20,6 @@ pub struct Extremes {
     pub deepest_in_fixed_m: f32,
     /// Things that left the room, counted once an episode.
     pub left_room: u32,
-    /// Poses or velocities that were not a number.
     pub not_finite: u32,
 }
 
@@ -35,7 +34,6 @@ impl Extremes {
     }
 }
 
-/// Keeps [`Extremes`] of one episode.
 #[derive(Debug, Clone)]
 pub(crate) struct Watch {
     room: Aabb,
@@ -46,7 +44,6 @@ pub(crate) struct Watch {
 }
 
 impl Watch {
-    /// Watches things that stand here now, in a room of this extent.
     pub fn new(room: Aabb, timestep_s: f32, poses: &[Pose3]) -> Self {
         Self {
             room: room.loosened(LEFT_ROOM_M),
@@ -57,7 +54,6 @@ impl Watch {
         }
     }
 
-    /// One sub-step has passed.
     pub(crate) fn count_substep(&mut self) {
         self.extremes.substeps += 1;
     }
@@ -79,7 +75,6 @@ impl Watch {
         }
     }
 
-    /// What was seen.
     pub fn extremes(&self) -> &Extremes {
         &self.extremes
     }

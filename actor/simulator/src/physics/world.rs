@@ -3,7 +3,6 @@
 use super::geometry::Solid;
 use rapier3d::prelude::*;
 
-/// Gravity, metres per second squared.
 const GRAVITY_M_PER_S2: f32 = 9.81;
 /// rapier's default sleep thresholds keep a kitchen awake for 20 s; four times as much settles it within 0.6 s.
 const SLEEP_THRESHOLD_FACTOR: f32 = 4.0;
@@ -20,7 +19,6 @@ const ANGULAR_DAMPING: f32 = 1.0;
 /// Coulomb friction coefficient of fixed things and of the robot.
 pub const FRICTION: f32 = 0.6;
 
-/// A rigid-body world.
 pub struct World {
     parameters: IntegrationParameters,
     islands: IslandManager,
@@ -69,7 +67,6 @@ impl Clone for World {
 }
 
 impl World {
-    /// An empty world that advances by `timestep_s` a sub-step.
     pub fn new(timestep_s: f32) -> Self {
         let parameters = IntegrationParameters {
             dt: timestep_s,
@@ -94,7 +91,6 @@ impl World {
         }
     }
 
-    /// Adds a body that never moves.
     pub(crate) fn add_fixed(&mut self, solid: &Solid, pose: Pose3) -> RigidBodyHandle {
         let handle = self.bodies.insert(RigidBodyBuilder::fixed().pose(pose));
         self.add_colliders(handle, solid, None, FRICTION);
@@ -148,7 +144,6 @@ impl World {
         }
     }
 
-    /// Advances by one sub-step.
     pub fn step(&mut self) {
         self.pipeline.step(
             Vec3::new(0.0, -GRAVITY_M_PER_S2, 0.0),
@@ -201,7 +196,6 @@ impl World {
         self.bodies[handle].colliders().iter().map(|&collider| &self.colliders[collider])
     }
 
-    /// A body, to be changed.
     pub(crate) fn body_mut(&mut self, handle: RigidBodyHandle) -> &mut RigidBody {
         &mut self.bodies[handle]
     }
@@ -246,12 +240,10 @@ impl World {
             .map(|body| body.user_data as usize)
     }
 
-    /// Length of a sub-step, seconds.
     pub fn timestep_s(&self) -> f32 {
         self.parameters.dt
     }
 
-    /// Whether all these bodies sleep.
     pub fn asleep(&self, handles: &[RigidBodyHandle]) -> bool {
         handles.iter().all(|&handle| self.bodies[handle].is_sleeping())
     }

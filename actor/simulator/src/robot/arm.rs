@@ -24,7 +24,6 @@ use super::dimensions::{
 use crate::physics::geometry::{length, rotation_x, rotation_y, rotation_z};
 use rapier3d::math::{Rot3, Vec3};
 
-/// Joint angles, radians.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Joints {
     /// About the base's axis; 0 = the shoulder lifts the upper arm, positive = it lifts it to the left.
@@ -41,12 +40,9 @@ pub struct Joints {
     pub wrist_pitch_rad: f32,
 }
 
-/// Where the arm's links are, in the shoulder's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frames {
-    /// Elbow position, metres.
     pub elbow: Vec3,
-    /// Wrist position, metres.
     pub wrist: Vec3,
     /// Rotation of the upper arm: its z axis runs from shoulder to elbow.
     pub upper_arm: Rot3,
@@ -55,7 +51,6 @@ pub struct Frames {
     pub hand: Rot3,
 }
 
-/// The arm cannot take this configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("out of the arm's reach, beyond a joint limit, or in the robot's own body")]
 pub struct Unreachable;
@@ -139,7 +134,6 @@ fn clear_of_body(elbow: Vec3, wrist: Vec3) -> bool {
     square_to_axis(Vec3::ZERO, elbow) >= LEAST_M * LEAST_M && square_to_axis(elbow, wrist) >= LEAST_M * LEAST_M
 }
 
-/// Where the arm's links are for these joint angles.
 pub fn forward(joints: &Joints) -> Frames {
     let upper_arm =
         rotation_z(joints.base_roll_rad) * rotation_x(-joints.shoulder_rad) * rotation_z(joints.upper_arm_roll_rad);

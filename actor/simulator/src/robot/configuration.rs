@@ -32,7 +32,6 @@ const LOOK_UP_LIMIT: i32 = -1;
 /// Furthest the camera looks down, in look steps (AI2-THOR: 60 degrees).
 const LOOK_DOWN_LIMIT: i32 = 2;
 
-/// The robot's whole configuration at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Configuration {
     /// Position of the body's axis on the floor, world x, metres.
@@ -58,9 +57,7 @@ pub struct Configuration {
 /// A configuration in continuous terms: what is passed through on the way from one to the next.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Posture {
-    /// Position of the body's axis on the floor, world x, metres.
     pub x_m: f32,
-    /// Position of the body's axis on the floor, world z, metres.
     pub z_m: f32,
     pub yaw_rad: f32,
     /// Height of the arm's base above the floor, metres.
@@ -74,7 +71,6 @@ pub struct Posture {
 }
 
 impl Configuration {
-    /// How the robot starts an episode.
     pub fn start(x_m: f32, z_m: f32, yaw_ticks: i32) -> Self {
         Self {
             x_m,
@@ -182,7 +178,6 @@ impl Posture {
             && self.wrist_pitch_rad == other.wrist_pitch_rad
     }
 
-    /// Joint angles of the arm in this posture.
     pub fn joints(&self) -> Result<Joints, Unreachable> {
         arm::inverse(self.wrist_m, self.elbow_rad, self.wrist_yaw_rad, self.wrist_pitch_rad)
     }

@@ -40,7 +40,6 @@ const SMALL_RADIUS_M: f32 = 0.036;
 
 /// This arm's lengths over the Gen3's.
 pub const SCALE: f32 = REACH_M / (GEN3_UPPER_ARM_M + GEN3_FOREARM_M + GEN3_WRIST_M);
-/// Shoulder to elbow, metres.
 pub const UPPER_ARM_LENGTH_M: f32 = SCALE * GEN3_UPPER_ARM_M;
 /// Elbow to wrist, metres: the rest of the reach.
 pub const FOREARM_LENGTH_M: f32 = REACH_M - UPPER_ARM_LENGTH_M;

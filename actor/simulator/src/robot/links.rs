@@ -24,7 +24,6 @@ pub const HAND: usize = 5;
 /// Poses of all collision bodies: body, shoulder, upper arm, forearm, wrist, hand.
 pub type PartPoses = [Pose3; PART_COUNT];
 
-/// Shapes of all collision bodies.
 pub fn part_shapes() -> [Shape; PART_COUNT] {
     [
         Shape::of(Primitive::Capsule { radius_m: BODY_RADIUS_M, half_height_m: 0.5 * BODY_HEIGHT_M - BODY_RADIUS_M }),

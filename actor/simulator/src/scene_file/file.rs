@@ -1,15 +1,12 @@
-//! What stands in `scene.toml`.
-
-use super::likeness::nearest;
 use super::problem::{ENTRIES_MOST, Problem};
 use crate::gltf_file::solid::Convex;
 use crate::gltf_file::uri;
 use proto::bounded;
+use proto::likeness::nearest;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use unicode_normalization::UnicodeNormalization;
 
-/// A scene as its author describes it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {
@@ -20,17 +17,14 @@ pub struct SceneFile {
     pub nodes: Vec<NodeEntry>,
 }
 
-/// What the nodes of one name, or of one pattern, are.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NodeEntry {
     /// Name of the node; `*` stands for any characters, `?` for one.
     pub name: String,
     pub role: Role,
-    /// Mass of a movable thing, kilograms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mass_kg: Option<f32>,
-    /// Coulomb friction coefficient of a movable thing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub friction: Option<f32>,
     /// Category; the node's name without its number if this is left out.
@@ -46,11 +40,9 @@ pub struct NodeEntry {
 pub enum Role {
     /// The floor: fixed, its horizontal extent is where the robot drives, its top becomes height 0.
     Floor,
-    /// Never moves.
     Fixed,
     /// Never moves, and its level tops are where targets can stand.
     Surface,
-    /// Moves when it is pushed.
     Movable,
     Ignore,
 }

@@ -3,7 +3,6 @@
 //! ```text
 //! file      what stands in `scene.toml`
 //! roles     which node is what: entries and nodes brought together
-//! likeness  names that were probably meant
 //! tops      where things can stand on a surface
 //! read      a scene's files as a furnished room, and as a kitchen
 //! problem   everything that can be wrong, in words that say what to do
@@ -52,7 +51,6 @@
 //! Meshes that are already split into convex ones are simulated faster and exactly.
 
 mod file;
-mod likeness;
 mod problem;
 mod read;
 mod roles;

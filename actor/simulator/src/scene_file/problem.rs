@@ -5,11 +5,11 @@ use crate::gltf_file::document::DocumentError;
 use crate::gltf_file::no_solid::NoSolid;
 use crate::kitchen::room::MOVABLE_MASS_MAX_KG;
 use proto::kitchen::TargetCategory;
+use proto::likeness::suggestion;
 use rapier3d::math::Vec3;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// All that was found wrong with a scene.
 #[derive(Debug)]
 pub struct SceneError {
     /// The scene's TOML file.
@@ -27,7 +27,6 @@ impl SceneError {
 pub(super) const ENTRIES_MOST: usize = 2000;
 /// Bodies of a scene at most: physics and camera look at each.
 pub(super) const BODIES_MOST: usize = 2000;
-/// Problems that are printed at most.
 const SHOWN_MOST: usize = 50;
 
 impl fmt::Display for SceneError {
@@ -49,47 +48,26 @@ impl std::error::Error for SceneError {}
 
 #[derive(Debug, thiserror::Error)]
 pub enum Problem {
-    /// The TOML file cannot be read.
     #[error("cannot be read: {cause}")]
     Unreadable { cause: String },
-    /// It is not the TOML file.
     #[error(
         "is geometry alone: give the scene's TOML file, which names it and says which node is floor (docs/scenes.md)"
     )]
     Geometry,
-    /// The TOML file is not as it should be.
     #[error("line {line}: {problem}")]
-    Toml {
-        /// Line, from 1.
-        line: usize,
-        problem: String,
-    },
-    /// The TOML file says too much.
+    Toml { line: usize, problem: String },
     #[error("has {entries} [[node]] entries, more than {ENTRIES_MOST}: use patterns, `*` stands for any characters")]
     TooManyEntries { entries: usize },
     #[error("makes {bodies} bodies, more than {BODIES_MOST}: join what is one thing under one node, or ignore it")]
     TooManyBodies { bodies: usize },
-    /// The glTF file lies elsewhere.
     #[error("gltf = \"{gltf}\" lies outside of this file's folder: put it beside it, a scene's files travel together")]
     Elsewhere { gltf: String },
     #[error("gltf = \"{gltf}\": there is no such file beside this one{}", suggestion(.nearest.as_deref()))]
-    NoGltf {
-        gltf: String,
-        /// The closest glTF file's name.
-        nearest: Option<String>,
-    },
-    /// The glTF file cannot be used.
+    NoGltf { gltf: String, nearest: Option<String> },
     #[error(transparent)]
     Gltf(#[from] DocumentError),
-    /// An entry fits no node.
     #[error("no node is called `{pattern}`{}: correct the entry or take it out", suggestion(.nearest.as_deref()))]
-    NoNode {
-        /// The entry's name.
-        pattern: String,
-        /// The closest node's name.
-        nearest: Option<String>,
-    },
-    /// A node fits no entry.
+    NoNode { pattern: String, nearest: Option<String> },
     #[error(
         "node {node}: no entry says what it is{}; add one with its role (`ignore` if it should not be there)",
         .nearest.as_deref().map_or_else(String::new, |entry| format!(" (is the entry `{entry}` meant for it?)"))
@@ -99,64 +77,39 @@ pub enum Problem {
         /// The closest name of an entry that fits no node.
         nearest: Option<String>,
     },
-    /// All nodes that some entries fit were taken by an entry before them.
     #[error(
         "never used: {}, because node {node} and the like take the entry `{by}`, which stands before; put `{by}` last",
         .patterns.iter().map(|pattern| format!("`{pattern}`")).collect::<Vec<_>>().join(", ")
     )]
     Shadowed {
-        /// The entries' names.
         patterns: Vec<String>,
-        /// A node that the first of them fits.
         node: String,
         /// The entry that the nodes take.
         by: String,
     },
-    /// A body has nothing to touch.
     #[error("node {node}: has no mesh; name the node that has it, or its parent")]
     NoMesh { node: String },
-    /// A node's mesh cannot be read.
     #[error("node {node}: {problem}")]
     Mesh { node: String, problem: &'static str },
     #[error("node {node}: primitive {primitive} of its mesh {cause}")]
-    NoSolid {
-        node: String,
-        /// Which primitive, from 0.
-        primitive: usize,
-        cause: NoSolid,
-    },
-    /// A movable thing weighs nothing.
+    NoSolid { node: String, primitive: usize, cause: NoSolid },
     #[error("node {node}: is movable and has no mass; add mass_kg to its entry")]
     NoMass { node: String },
-    /// A movable thing has a mass that it cannot have.
     #[error(
         "node {node}: mass_kg = {mass_kg} is not between 0 and {MOVABLE_MASS_MAX_KG}; what is heavier does not move: its \
          role is `fixed`"
     )]
     Mass { node: String, mass_kg: f32 },
-    /// A movable thing has a friction that it cannot have.
     #[error("node {node}: friction = {friction} is not between 0 and 4")]
-    Friction {
-        node: String,
-        /// Its coefficient.
-        friction: f32,
-    },
-    /// A thing that does not move has a mass.
+    Friction { node: String, friction: f32 },
     #[error("node {node}: mass_kg and friction are for role `movable` only; take them out")]
     NotMovable { node: String },
-    /// No such category.
     #[error(
         "node {node}: there is no category `{category}`{}; `actor kitchens categories` lists them; leave it out to \
          use the node's own name",
         suggestion(.nearest.as_deref())
     )]
-    UnknownCategory {
-        node: String,
-        category: String,
-        /// The closest category.
-        nearest: Option<String>,
-    },
-    /// Nothing can be a target.
+    UnknownCategory { node: String, category: String, nearest: Option<String> },
     #[error(
         "nothing in it can be a target: one movable node at least must have the category {}{}",
         targets(),
@@ -168,7 +121,6 @@ pub enum Problem {
         /// A movable node that is nearly called like a target, and the target.
         nearest: Option<(String, &'static str)>,
     },
-    /// Two things are the same target.
     #[error("nodes {} are all {category:?}: an episode must know which it means; give one its own category", .nodes.join(", "))]
     TwoTargets { category: TargetCategory, nodes: Vec<String> },
     #[error("no entry has the role `floor`: the robot needs one to drive on")]
@@ -177,62 +129,42 @@ pub enum Problem {
     SeveralFloors { floors: usize },
     #[error("no entry has the role `surface`: targets need one to stand on")]
     NoSurface,
-    /// A surface has no top to stand on.
     #[error("node {node}: is a `surface`, but targets cannot stand on it: {cause}")]
     NoTop { node: String, cause: NoTop },
-    /// Something lies on every surface.
     #[error(
         "targets have nothing to stand on: something fixed lies on each `surface`, or hangs less than 0.05 m above it ({}); \
          give the role `surface` to what lies on top",
         .nodes.join(", ")
     )]
     Covered { nodes: Vec<String> },
-    /// The floor was not made in metres.
     #[error(
         "node {node}: is a floor of {size_m}, which no kitchen has: glTF counts in metres, and its y axis points up; scale \
          or turn the scene, or export it anew"
     )]
     FloorSize { node: String, size_m: Size },
-    /// A thing did not stay where it was put.
     #[error(
         "node {node}: moved {moved_m:.3} m while coming to rest: it hangs in the air, stands tilted or overlaps something; \
          put it down where it stays"
     )]
     Fell { node: String, moved_m: f32 },
-    /// A thing does not come to rest.
     #[error("node {node}: does not come to rest; give it a flat underside (a thin cylinder or box as a foot)")]
     Awake { node: String },
-    /// The robot has no room.
     #[error(
         "the robot can stand in {stands} poses only on a floor of {size_m}: leave it more free floor (the robot is 0.4 m wide \
          and reaches ahead)"
     )]
-    NoFreeFloor {
-        /// How many poses.
-        stands: usize,
-        /// The floor's size.
-        size_m: Size,
-    },
-    /// The arm comes to no surface.
+    NoFreeFloor { stands: usize, size_m: Size },
     #[error(
         "the arm comes to no place on any `surface` ({}): a top must be at most 0.75 m from where the robot can stand, no \
          higher than the arm reaches, and have room above it",
         .nodes.join(", ")
     )]
-    Unreachable {
-        /// The surfaces.
-        nodes: Vec<String>,
-    },
-    /// A target has no room.
+    Unreachable { nodes: Vec<String> },
     #[error(
         "{category:?} can stand in {spots} places only within the robot's reach: make surfaces larger or emptier, at most \
          0.75 m from where the robot can stand"
     )]
-    FewSpots {
-        category: TargetCategory,
-        /// How many places.
-        spots: usize,
-    },
+    FewSpots { category: TargetCategory, spots: usize },
     #[error("there is no {category:?}")]
     NoSuchTarget { category: TargetCategory },
 }
@@ -245,7 +177,6 @@ pub struct Size {
 }
 
 impl Size {
-    /// Between two corners.
     pub fn of(low: Vec3, high: Vec3) -> Self {
         Self { x_m: high.x - low.x, z_m: high.z - low.z }
     }
@@ -260,10 +191,6 @@ impl fmt::Display for Size {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:.2} m × {:.2} m", self.x_m, self.z_m)
     }
-}
-
-fn suggestion(nearest: Option<&str>) -> String {
-    nearest.map_or_else(String::new, |nearest| format!(" (did you mean `{nearest}`?)"))
 }
 
 fn targets() -> String {

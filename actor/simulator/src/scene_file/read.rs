@@ -1,7 +1,6 @@
 //! Reads a scene: its files as a furnished room, and the room as a kitchen.
 
 use super::file::{Role, SceneFile};
-use super::likeness::nearest;
 use super::problem::{BODIES_MOST, Problem, SceneError, Size};
 use super::roles::{self, Body};
 use super::tops;
@@ -15,6 +14,7 @@ use crate::physics::geometry::Solid;
 use crate::shape::{Part, Primitive, Shape};
 use proto::config::SimulationConfig;
 use proto::kitchen::KitchenId;
+use proto::likeness::nearest;
 use rapier3d::math::{Pose3, Vec3};
 use std::path::{Path, PathBuf};
 
@@ -33,7 +33,6 @@ pub struct Scene {
     pub room: Room,
     /// Names of the nodes that the room's things came from.
     pub nodes: Vec<String>,
-    /// Names of the nodes on which targets can stand.
     pub surfaces: Vec<String>,
     /// The TOML file, the glTF file and its buffers, relative to the TOML file's folder.
     pub files: Vec<PathBuf>,
@@ -116,7 +115,6 @@ fn nearest_gltf(folder: &Path, name: &str) -> Option<String> {
     nearest(name, names.iter().map(String::as_str))
 }
 
-/// A room in the making.
 #[derive(Default)]
 struct Draft {
     fixtures: Vec<Fixture>,

@@ -1,11 +1,11 @@
 //! Which node is what: entries and nodes brought together.
 
 use super::file::{NodeEntry, Role, SceneFile};
-use super::likeness::{likeness, nearest};
 use super::problem::Problem;
 use crate::gltf_file::document::Document;
 use crate::kitchen::catalogue::CATEGORIES;
 use proto::kitchen::TargetCategory;
+use proto::likeness::{likeness, nearest};
 use std::collections::BTreeMap;
 use wildmatch::WildMatch;
 
@@ -15,7 +15,6 @@ const NEARLY: f64 = 0.88;
 #[derive(Debug)]
 pub struct Body<'a> {
     pub entry: &'a NodeEntry,
-    /// The node that the entry names.
     pub node: usize,
     /// That node and those below it that belong to it.
     pub members: Vec<usize>,

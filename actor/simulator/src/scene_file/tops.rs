@@ -47,26 +47,18 @@ fn level_half(part: &Part, world_from_body: &Pose3) -> Option<Vec3> {
     }
 }
 
-/// Why a body has no level top.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum NoTop {
-    /// What is level is too narrow.
     #[error("its widest level top is {:.2} m wide, and {NARROW_M} m is the least", .width_m)]
-    Narrow {
-        /// The shorter side of the widest one, metres.
-        width_m: f32,
-    },
-    /// Boxes and cylinders there are, but turned.
+    Narrow { width_m: f32 },
     #[error(
         "it is turned: a top must lie level, and a box's sides along the scene's axes (turned by right angles only)"
     )]
     Turned,
-    /// Neither boxes nor cylinders.
     #[error("none of its meshes is a box or a cylinder: model what things stand on as a box or an upright cylinder")]
     NoBox,
 }
 
-/// Why a body without level tops has none.
 pub(crate) fn why_none(shape: &Shape, world_from_body: &Pose3) -> NoTop {
     let level = || shape.convex_parts().into_iter().filter_map(|part| level_half(&part, world_from_body));
     let flat = |primitive: &Primitive| matches!(primitive, Primitive::Cuboid { .. } | Primitive::Cylinder { .. });

@@ -17,7 +17,6 @@ pub struct Way {
 }
 
 impl Simulation {
-    /// The way to another configuration.
     pub(crate) fn way(&mut self, next: &Configuration) -> Way {
         match self.plan(&self.configuration.posture(), &next.posture()) {
             Some(arrives) => Way { parts: self.path.clone(), arrives },
@@ -25,7 +24,6 @@ impl Simulation {
         }
     }
 
-    /// The way of an action that does not move the robot.
     pub(crate) fn stay(&self, arrives: bool) -> Way {
         Way { parts: vec![self.poses], arrives }
     }
@@ -42,10 +40,8 @@ impl Simulation {
         }
     }
 
-    /// The robot is in this configuration, to which there was a way, and the movable things are here.
-    ///
-    /// # Panics
-    /// If the arm cannot take the configuration, or there are more poses than things.
+    /// The robot is in this configuration, to which there was a way, and the movable things are here. Panics if the arm
+    /// cannot take the configuration, or there are more poses than things.
     pub(crate) fn place(&mut self, configuration: Configuration, world_from_movables: &[Pose3]) {
         self.configuration = configuration;
         self.stand(&part_poses(&configuration.posture()).expect("there was a way to it"));

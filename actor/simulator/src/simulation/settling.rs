@@ -28,10 +28,8 @@ pub struct Settling {
 }
 
 impl Settling {
-    /// Places the robot, and sets down what is to be.
-    ///
-    /// # Panics
-    /// If the robot's start configuration is out of its arm's reach: it is a constant that is not.
+    /// Places the robot, and sets down what is to be. Panics if the robot's start configuration is out of its arm's
+    /// reach: it is a constant that is not.
     pub fn new(kitchen: Arc<Kitchen>, substeps: u32, Start { robot, set_down }: Start) -> Self {
         let poses = part_poses(&robot.posture()).expect("the start configuration is within the arm's reach");
         let mut world = kitchen.world.clone();

@@ -1,5 +1,3 @@
-//! What environments of a run are made by.
-
 use crate::kitchen::Kitchen;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
@@ -7,7 +5,6 @@ use proto::evaluation::Plan;
 use proto::kitchen::KitchenId;
 use std::sync::Arc;
 
-/// What a run's environments are made by.
 #[derive(Debug, Clone)]
 pub struct Run {
     pub config: Config,
@@ -35,22 +32,14 @@ impl Run {
     }
 }
 
-/// Why an environment could not be made.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
-    /// The kitchen is not the one the environment belongs to.
     #[error("environment of kitchen {wanted} was given kitchen {given}")]
-    WrongKitchen {
-        /// The environment's kitchen.
-        wanted: KitchenId,
-        given: KitchenId,
-    },
-    /// The task has no episodes for the kitchen.
+    WrongKitchen { wanted: KitchenId, given: KitchenId },
     #[error("{0}")]
     NoEpisodes(String),
 }
 
-/// Refuses another kitchen than the environment's.
 pub(super) fn check_kitchen(kitchen: &Kitchen, id: EnvironmentId) -> Result<(), OpenError> {
     let given = kitchen.id();
     if given == id.kitchen { Ok(()) } else { Err(OpenError::WrongKitchen { wanted: id.kitchen, given }) }

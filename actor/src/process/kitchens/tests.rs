@@ -53,12 +53,12 @@ fn played(
 }
 
 fn environments(prefetcher: KitchenPrefetcher, config: &Config) -> Environments<Kitchens> {
-    Environments::new(Kitchens::of(prefetcher, config).unwrap(), &homes(None, 0, config), config).unwrap()
+    Environments::new(Kitchens::of(prefetcher, config).unwrap(), &homes(0, config), config).unwrap()
 }
 
 /// Waits until the prefetcher's thread has done all that can be done ahead.
 fn until_all_is_ready(environments: &mut Environments<Kitchens>, config: &Config, episodes: &[u32]) {
-    for (home, &episode) in homes(None, 0, config).into_iter().zip(episodes) {
+    for (home, &episode) in homes(0, config).into_iter().zip(episodes) {
         while !environments.simulator().scenes.is_ready(home, episode) {
             std::thread::sleep(std::time::Duration::from_millis(1));
         }
@@ -130,7 +130,7 @@ fn restore(config: &Config) {
     for (environments, prepares) in [(&mut restored, true), (&mut expected, false)] {
         played(environments, config, |environments, _| while prepares && environments.prepare() {});
         environments.rebuild(&states).unwrap();
-        for (index, (home, state)) in homes(None, 0, config).into_iter().zip(&states).enumerate() {
+        for (index, (home, state)) in homes(0, config).into_iter().zip(&states).enumerate() {
             let kitchens = environments.simulator();
             let place = kitchens.place(home, state.episode);
             let (id, environment) = &kitchens.environments[index];

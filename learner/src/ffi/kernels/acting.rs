@@ -27,14 +27,10 @@ pub struct ActingKernels {
     side: i64,
 }
 
-/// What was chosen for a row.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Chosen {
-    /// Log-probability of the action.
     pub log_prob: f32,
-    /// Value of the observation.
     pub value: f32,
-    /// Option of the policy.
     pub action: usize,
     /// Whether all of the row's log-probabilities and its value are finite.
     pub finite: bool,
@@ -65,7 +61,6 @@ pub struct Undecided<'a> {
 pub const CHOSEN_WORDS: usize = 4;
 
 impl Chosen {
-    /// From the words that the kernel writes.
     pub fn from_words(words: &[f32]) -> Self {
         Self {
             log_prob: words[0],
@@ -96,18 +91,14 @@ impl Source {
         (self.address, self.bytes)
     }
 
-    /// As the kernel takes it.
     pub fn word(self) -> i64 {
         self.address as i64 + if self.sums { SUMS } else { 0 }
     }
 }
 
 impl ActingKernels {
-    /// What is read of a frame: all that is there.
-    ///
-    /// # Panics
-    /// If there are sums of other windows than what is kept, or the frame's address is not a multiple of 16, as it
-    /// is in an observation.
+    /// What is read of a frame: all that is there. Panics if there are sums of other windows than what is kept, or the
+    /// frame's address is not a multiple of 16, as it is in an observation.
     pub fn source(&self, frame: &DepthFrame) -> Source {
         let sums = matches!(frame, DepthFrame::Sums(_));
         assert!(!sums || self.side == SUMS_SIDE as i64, "sums are of the windows that are averaged over");

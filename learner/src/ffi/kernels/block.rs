@@ -33,7 +33,6 @@ pub struct Block<'a> {
     pub norms: [Affine<'a>; 2],
 }
 
-/// Gradients of a basic block.
 #[derive(Debug)]
 pub struct BlockGradients {
     /// Of its input, a feature map.
@@ -73,10 +72,8 @@ impl BlockKernels {
         x.size()[1..] == [CHANNELS, WIDE, WIDE]
     }
 
-    /// `relu(norm(convolution(relu(norm(convolution(x))))) + x)`, 3 × 3, of a map \[rows, 32, 28, 28\].
-    ///
-    /// # Panics
-    /// If the map does not [fit](Self::fit).
+    /// `relu(norm(convolution(relu(norm(convolution(x))))) + x)`, 3 × 3, of a map \[rows, 32, 28, 28\]. Panics if the
+    /// map does not [fit](Self::fit).
     pub fn forward(&self, x: &Tensor, block: Block) -> (Tensor, Statistics) {
         block.check();
         let rows = shape(x)[0];
@@ -103,10 +100,8 @@ impl BlockKernels {
         (y, Statistics(statistics))
     }
 
-    /// Gradients of [`BlockKernels::forward`], `y` its output, for those of its output's users, one or two.
-    ///
-    /// # Panics
-    /// If the map does not [fit](Self::fit).
+    /// Gradients of [`BlockKernels::forward`], `y` its output, for those of its output's users, one or two. Panics if
+    /// the map does not [fit](Self::fit).
     pub fn backward(
         &self,
         dy: [Option<&Tensor>; 2],

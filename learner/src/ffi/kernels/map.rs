@@ -16,7 +16,6 @@ pub struct Affine<'a> {
 pub struct Statistics(pub(super) Tensor);
 
 impl Affine<'_> {
-    /// Room for a map's statistics.
     pub(super) fn statistics(&self, x: &Tensor) -> Tensor {
         let [rows, channels, ..] = shape(x);
         self.check(channels);
@@ -31,7 +30,6 @@ impl Affine<'_> {
     }
 }
 
-/// An empty feature map on the same device.
 pub(super) fn map(like: &Tensor, [rows, channels, height, width]: [i64; 4]) -> Tensor {
     Tensor::empty([rows, height, width, channels], (Kind::BFloat16, like.device())).permute([0, 3, 1, 2])
 }
@@ -53,10 +51,7 @@ pub(super) fn has_channels_last(x: &Tensor) -> bool {
         && fits(width, strides.3, expected.3)
 }
 
-/// Shape of a feature map.
-///
-/// # Panics
-/// If it is none: its layout is what the kernels rely on.
+/// Shape of a feature map. Panics if it is none: its layout is what the kernels rely on.
 pub(super) fn shape(x: &Tensor) -> [i64; 4] {
     let (rows, channels, height, width) = x.size4().expect("feature maps have four dimensions");
     assert!(x.kind() == Kind::BFloat16 && has_channels_last(x), "a feature map");
@@ -83,7 +78,6 @@ pub(super) fn int(number: i64) -> Argument {
     Argument::Int(i32::try_from(number).expect("sides, channels and rows fit 32 bits"))
 }
 
-/// Launches so many blocks of so many threads.
 pub(super) fn launch(kernel: Kernel, blocks: i64, threads: u32, arguments: &[Argument]) {
     // SAFETY: each caller above gives its kernel's parameters in order; tensors have the kinds, sizes and layouts that
     // were asserted or allocated there, and they outlive the launch on libtorch's stream.

@@ -20,7 +20,6 @@ pub use stem::{Stem, StemGradients, StemKernels, StemTape};
 use super::cuda::{CudaError, Module};
 use proto::camera::FRAME_SIDE;
 
-/// The compiled kernels.
 #[derive(Debug)]
 pub struct Kernels {
     pub stem: StemKernels,

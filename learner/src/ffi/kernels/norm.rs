@@ -7,7 +7,6 @@ use tch::{Kind, Tensor};
 
 /// Bytes of eight channels of a pixel, the unit that a thread works on.
 const OCTET_BYTES: i64 = 16;
-/// Bytes of a pair of sums.
 const PAIR_BYTES: i64 = 8;
 
 #[derive(Debug)]

@@ -25,7 +25,6 @@ pub struct StemKernels {
     side: i64,
 }
 
-/// The stem as the kernels take it.
 #[derive(Debug, Clone, Copy)]
 pub struct Stem<'a> {
     /// Weight of the convolution, bfloat16 \[32, 8, 4, 4\], channels last in memory.
@@ -36,7 +35,6 @@ pub struct Stem<'a> {
     pub scale_offset: [f32; 2],
 }
 
-/// What the backward pass needs of the forward pass.
 #[derive(Debug)]
 pub struct StemTape {
     /// The numbers that the pooling chose, before the norm: a feature map.

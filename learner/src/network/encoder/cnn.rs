@@ -10,7 +10,6 @@ use tch::Tensor;
 /// Path of the linear layer.
 const LINEAR: &str = "visual_encoder.cnn.6";
 
-/// Its line in the registry.
 pub(crate) const ENTRY: EncoderEntry = EncoderEntry {
     encoder: Encoder::Cnn,
     linear: LINEAR,

@@ -13,13 +13,9 @@ pub(crate) use visual::{Backward, EncoderEntry, VISUAL, VisualEncoder};
 
 use proto::config::Encoder;
 
-/// Every encoder.
 pub(crate) const ENCODERS: [EncoderEntry; 2] = [resnet::ENTRY, cnn::ENTRY];
 
-/// The encoder that the configuration names.
-///
-/// # Panics
-/// If it has no line in [`ENCODERS`].
+/// The encoder that the configuration names. Panics if it has no line in [`ENCODERS`].
 pub(crate) fn entry(encoder: Encoder) -> EncoderEntry {
     let found = ENCODERS.into_iter().find(|entry| entry.encoder == encoder);
     found.unwrap_or_else(|| panic!("{encoder:?} has no line in ENCODERS"))

@@ -31,10 +31,7 @@ pub(crate) trait VisualEncoder: fmt::Debug + Send {
         false
     }
 
-    /// Compiles these kernels; [`VisualEncoder::forward_fused`] runs them from now on.
-    ///
-    /// # Panics
-    /// If it has none.
+    /// Compiles these kernels; [`VisualEncoder::forward_fused`] runs them from now on. Panics if it has none.
     fn fuse(&mut self) -> Result<(), CudaError> {
         panic!("this encoder has no kernels")
     }
@@ -71,10 +68,8 @@ pub(crate) trait VisualEncoder: fmt::Debug + Send {
     }
 }
 
-/// An encoder's line in the registry.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct EncoderEntry {
-    /// The configuration's name for it.
     pub encoder: config::Encoder,
     /// Its last layer, which no other encoder has.
     pub linear: &'static str,

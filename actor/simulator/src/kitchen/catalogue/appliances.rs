@@ -1,5 +1,3 @@
-//! Machines of the counter top.
-
 use super::category::Material::{Plastic, Rubber};
 use super::category::Place::{Counter, Shelf};
 use super::category::{Category, thing};

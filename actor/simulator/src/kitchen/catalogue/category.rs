@@ -6,13 +6,10 @@ use crate::shape::Shape;
 /// Where things of a category stand. A kitchen that lacks the named place puts them on any [`Place::Surface`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
-    /// On a counter, table or shelf.
     Surface,
     /// On a counter: appliances and what is used beside sink and stove.
     Counter,
-    /// On the dining table or another table.
     Table,
-    /// On an open shelf.
     Shelf,
     /// In or beside the sink.
     Sink,
@@ -33,15 +30,12 @@ pub enum Material {
     Ceramic,
     /// Wood, bamboo, cork, wicker.
     Wood,
-    /// Hard plastics.
     Plastic,
     /// Rubber and silicone, and things that stand on rubber feet.
     Rubber,
-    /// Paper and cardboard.
     Paper,
     /// Cloth, sponge, bristles.
     Cloth,
-    /// Fruit, vegetables, bread.
     Food,
 }
 
@@ -61,14 +55,11 @@ impl Material {
     }
 }
 
-/// How often kitchens have things of a category.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Presence {
-    /// One in every kitchen.
     Every,
     /// In some kitchens, as iTHOR's statistics have it.
     Share {
-        /// Share of the kitchens that have it.
         share: f32,
         /// Mean count in a kitchen that has it.
         per_kitchen: f32,
@@ -77,18 +68,15 @@ pub enum Presence {
     Extra,
 }
 
-/// One category of movable things.
 #[derive(Debug, Clone, Copy)]
 pub struct Category {
     /// Its name; iTHOR's where iTHOR has the category.
     pub name: &'static str,
     pub mass_kg: f32,
-    /// What its surface is made of.
     pub material: Material,
     /// Colour in pictures and exports, 8-bit sRGB.
     pub colour: [u8; 3],
     pub place: Place,
-    /// How often kitchens have it.
     pub presence: Presence,
     shape: fn() -> Shape,
 }
@@ -99,7 +87,6 @@ impl Category {
         centred((self.shape)())
     }
 
-    /// Coulomb friction coefficient of its surface.
     pub const fn friction(&self) -> f32 {
         self.material.friction()
     }

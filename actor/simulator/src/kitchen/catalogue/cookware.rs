@@ -1,5 +1,3 @@
-//! What one cooks and bakes in.
-
 use super::category::Material::{Ceramic, Metal, Rubber};
 use super::category::Place::{Counter, Stove};
 use super::category::{Category, thing};
@@ -9,7 +7,6 @@ use super::forms::{
 };
 use crate::shape::Shape;
 
-/// Pots, pans, tins.
 pub const COOKWARE: &[Category] = &[
     thing("Pan", 1.0, Metal, BLACK, Stove, || pan(0.115, 0.125, 0.048, 0.18)).every(),
     thing("Pot", 1.4, Metal, STEEL, Stove, pot).every(),
@@ -53,7 +50,6 @@ fn ears(x_m: f32, y_m: f32) -> Shape {
     })
 }
 
-/// A lid with a knob.
 fn lid(radius_m: f32) -> Shape {
     Shape::default()
         .with(

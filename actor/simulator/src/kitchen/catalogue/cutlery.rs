@@ -9,7 +9,6 @@ use crate::shape::Shape;
 use rapier3d::math::{Pose3, Vec3};
 use std::f32::consts::PI;
 
-/// Knives, forks, spoons.
 pub const CUTLERY: &[Category] = &[
     thing("Knife", 0.15, Metal, STEEL, Surface, || knife(0.18, 0.034, 0.11, 0.020)).every(),
     thing("Fork", 0.05, Metal, STEEL, Surface, || fork(0.055, 0.024, 0.12, 4)).every(),

@@ -1,5 +1,3 @@
-//! Fruit, vegetables, bread and what else lies about to be eaten.
-
 use super::category::Material::Food;
 use super::category::Place::{Counter, Surface, Table};
 use super::category::{Category, thing};
@@ -109,7 +107,6 @@ fn lettuce() -> Shape {
         .turned(cylinder(0.062, 0.010), rolled(-0.034, 0.075, 0.0, -1.2))
 }
 
-/// Bananas side by side, bent in three pieces, on a common flat.
 fn bananas(count: u32) -> Shape {
     const PITCH_M: f32 = 0.034;
     const BEND_RAD: f32 = 0.45;

@@ -7,7 +7,6 @@ use std::f32::consts::PI;
 
 /// A turned thing's foot stands out below it this far, metres.
 const FOOT_M: f32 = 0.002;
-/// Corners of a turned body's ring.
 const SIDES: u32 = 16;
 
 /// A box of this size about its origin.
@@ -25,7 +24,6 @@ pub fn capsule(radius_m: f32, length_m: f32) -> Primitive {
     Primitive::Capsule { radius_m, half_height_m: 0.5 * length_m - radius_m }
 }
 
-/// A sphere.
 pub fn ball(radius_m: f32) -> Primitive {
     Primitive::Sphere { radius_m }
 }
@@ -55,17 +53,14 @@ pub fn rolled(x_m: f32, y_m: f32, z_m: f32, angle_rad: f32) -> Pose3 {
     Pose3::from_parts(Vec3::new(x_m, y_m, z_m), rotation_z(angle_rad))
 }
 
-/// A box of this size.
 pub fn block(x_m: f32, y_m: f32, z_m: f32) -> Shape {
     Shape::default().with(cuboid(x_m, y_m, z_m), 0.0, 0.5 * y_m, 0.0)
 }
 
-/// A cylinder of this size.
 pub fn upright(radius_m: f32, height_m: f32) -> Shape {
     Shape::default().with(cylinder(radius_m, height_m), 0.0, 0.5 * height_m, 0.0)
 }
 
-/// A corner of a turned body.
 fn corner(radius_m: f32, height_m: f32, side: u32, sides: u32, stretch_x: f32) -> Vec3 {
     let (sin, cos) = libm::sincosf(2.0 * PI * side as f32 / sides as f32);
     Vec3::new(stretch_x * radius_m * cos, height_m, radius_m * sin)
@@ -104,7 +99,6 @@ pub fn fruit(radius_m: f32, height_m: f32, stretch_x: f32) -> Shape {
     oval(&rings.map(|(radius, height)| (radius * radius_m, height * height_m)), stretch_x)
 }
 
-/// A bottle: body, shoulder, neck.
 pub fn bottle(radius_m: f32, height_m: f32, neck_radius_m: f32, neck_m: f32) -> Shape {
     let shoulder_m = 0.25 * neck_m;
     let shoulder = spun(&[(radius_m, 0.0), (neck_radius_m, shoulder_m)], 1.0);
@@ -142,7 +136,6 @@ pub fn basin(radius_low_m: f32, radius_high_m: f32, height_m: f32, wall_m: f32, 
     shape
 }
 
-/// An open box: a floor and four walls.
 pub fn open_box(x_m: f32, y_m: f32, z_m: f32, wall_m: f32) -> Shape {
     let (side_x, side_z) = (0.5 * (x_m - wall_m), 0.5 * (z_m - wall_m));
     block(x_m, wall_m, z_m)

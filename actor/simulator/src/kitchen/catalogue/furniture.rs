@@ -1,5 +1,3 @@
-//! What stands on the floor: seats, bins, baskets.
-
 use super::category::Material::{Metal, Plastic, Wood};
 use super::category::Place::{Floor, Seat};
 use super::category::{Category, Material, thing};
@@ -7,7 +5,6 @@ use super::colour::{BLACK, CREAM, DARK_WOOD, GREY, RED, STEEL, WHITE, WICKER, WO
 use super::forms::{basin, block, cuboid, cylinder, lathe, legs, open_box, spun, upright};
 use crate::shape::Shape;
 
-/// Furniture that a person or a robot can push about.
 pub const FURNITURE: &[Category] = &[
     thing("Chair", 5.5, Wood, WOOD, Seat, chair).some(12, 1.67),
     thing("Stool", 4.0, Wood, DARK_WOOD, Seat, stool).some(14, 1.36),

@@ -1,5 +1,3 @@
-//! Cleaning things, papers, plants, decoration.
-
 use super::category::Material::{Ceramic, Cloth, Glass, Metal, Paper, Plastic, Wood};
 use super::category::Place::{Counter, Floor, Shelf, Sink, Surface, Table};
 use super::category::{Category, thing};
@@ -13,7 +11,6 @@ use super::forms::{
 };
 use crate::shape::Shape;
 
-/// What a kitchen holds that has little to do with cooking.
 pub const HOUSEHOLD: &[Category] = &[
     thing("DishSponge", 0.05, Cloth, YELLOW, Surface, || {
         block(0.11, 0.022, 0.07).with(cuboid(0.11, 0.010, 0.07), 0.0, 0.026, 0.0)

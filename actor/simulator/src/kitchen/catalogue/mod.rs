@@ -34,11 +34,9 @@ pub static CATEGORIES: LazyLock<Vec<Category>> =
 pub(crate) struct Pattern {
     pub category: Category,
     pub shape: Shape,
-    /// Its collision geometry.
     pub solid: Solid,
 }
 
-/// Of all categories, in their order.
 static PATTERNS: LazyLock<Vec<Pattern>> = LazyLock::new(|| {
     let families = [
         furniture::FURNITURE,

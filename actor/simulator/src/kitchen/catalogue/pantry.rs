@@ -9,7 +9,6 @@ use super::colour::{
 use super::forms::{along_x, basin, block, bottle, capsule, cuboid, cylinder, jar, lathe, prism, spun, upright, yawed};
 use crate::shape::Shape;
 
-/// Full ones, mostly.
 pub const PANTRY: &[Category] = &[
     thing("SoapBottle", 0.4, Plastic, GREEN, Surface, soap_bottle).every(),
     thing("SaltShaker", 0.12, Glass, WHITE, Surface, || shaker(0.022, 0.075)).every(),
@@ -129,7 +128,6 @@ fn cookie_jar() -> Shape {
         .with(super::forms::ball(0.016), 0.0, 0.206, 0.0)
 }
 
-/// A filled paper bag with a folded top.
 fn paper_bag(x_m: f32, y_m: f32, z_m: f32) -> Shape {
     let (half_x, half_z) = (0.5 * x_m, 0.5 * z_m);
     let points_m = [(0.0, 0.96, 0.92), (0.25, 1.0, 1.0), (0.8, 0.98, 0.95), (1.0, 0.90, 0.35)]
@@ -147,7 +145,6 @@ fn paper_bag(x_m: f32, y_m: f32, z_m: f32) -> Shape {
     )
 }
 
-/// A carton with a gable.
 fn carton(side_m: f32, height_m: f32) -> Shape {
     let half_m = 0.5 * side_m;
     block(side_m, height_m, side_m)

@@ -1,5 +1,3 @@
-//! What one eats from and drinks from.
-
 use super::category::Material::{Ceramic, Glass, Metal, Plastic, Wood};
 use super::category::Place::{Shelf, Surface, Table};
 use super::category::{Category, thing};
@@ -9,7 +7,6 @@ use super::forms::{
 };
 use crate::shape::Shape;
 
-/// Plates, bowls, cups, glasses, and what is served in.
 pub const TABLEWARE: &[Category] = &[
     thing("Plate", 0.5, Ceramic, WHITE, Surface, || plate(0.075, 0.125, 0.022)).every(),
     thing("Bowl", 0.4, Ceramic, BLUE, Surface, || basin(0.042, 0.078, 0.065, 0.007, 10)).every(),
@@ -78,7 +75,6 @@ fn teacup() -> Shape {
     )
 }
 
-/// A glass on a foot and a stem.
 fn stemmed(foot_m: f32, stem_m: f32, bowl: &[(f32, f32)]) -> Shape {
     upright(foot_m, 0.005).with(cylinder(0.006, stem_m), 0.0, 0.5 * stem_m, 0.0).with(spun(bowl, 1.0), 0.0, stem_m, 0.0)
 }

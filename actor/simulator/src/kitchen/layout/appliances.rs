@@ -1,12 +1,9 @@
-//! Sink and faucet, stove, fridge, dishwasher, microwave, hood.
-
 use super::cabinets::{FRONT_DEPTH_M, WALL_CABINET_DEPTH_M};
 use super::draft::{Draft, Worktop, WorktopKind};
 use super::frame::{Assembly, Frame, Span};
 use super::run::{BASIN_OUT_M, BASIN_SIDE_M, COUNTER_DEPTH_M};
 use crate::kitchen::room::Surface;
 
-/// Depth of the sink's basin below the counter's top, metres.
 const BASIN_DEPTH_M: f32 = 0.17;
 /// Depth of a fridge without its handles, metres.
 pub(super) const FRIDGE_DEPTH_M: f32 = 0.68;
@@ -141,7 +138,6 @@ impl Draft<'_> {
         self.cabinet_above(frame, along, up, COUNTER_DEPTH_M - 0.06);
     }
 
-    /// A dishwasher under the counter.
     pub fn dishwasher(&mut self, frame: Frame, along: Span) {
         let top = self.style.counter_height_m - self.style.slab_m;
         let toe = self.style.toe_kick_m;
@@ -158,7 +154,6 @@ impl Draft<'_> {
         self.fix("Dishwasher", body);
     }
 
-    /// Above the stove: the microwave, or a hood with its duct.
     pub fn above_stove(&mut self, frame: Frame, along: Span, microwave: bool) {
         let [bottom, top] = self.style.wall_cabinet_m;
         if microwave {
@@ -199,5 +194,4 @@ impl Draft<'_> {
     }
 }
 
-/// Width of a microwave that stands on a counter, metres.
 pub(super) const MICROWAVE_WIDTH_M: f32 = MICROWAVE_M[0];

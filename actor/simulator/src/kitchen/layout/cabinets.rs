@@ -8,7 +8,6 @@ const CARCASS_DEPTH_M: f32 = 0.56;
 pub(super) const FRONT_DEPTH_M: f32 = 0.58;
 /// Depth of a toe kick's face, metres.
 const TOE_DEPTH_M: f32 = 0.50;
-/// Gap between fronts, metres.
 const GAP_M: f32 = 0.003;
 /// Depth of a wall cabinet's carcass; its door lies before it, metres.
 pub(super) const WALL_CABINET_DEPTH_M: f32 = 0.33;
@@ -21,13 +20,14 @@ const WALL_CABINET_NARROWEST_M: f32 = 0.22;
 /// Height of a top drawer's front, metres.
 const DRAWER_M: f32 = 0.16;
 
-/// Where a front's handle sits.
 #[derive(Debug, Clone, Copy)]
 enum Grip {
-    /// Across the middle: a drawer.
     Across,
     /// Upright at the left or right edge, high up (base cabinets) or low down (wall cabinets).
-    Upright { right: bool, high: bool },
+    Upright {
+        right: bool,
+        high: bool,
+    },
 }
 
 impl Draft<'_> {
@@ -112,7 +112,6 @@ impl Draft<'_> {
         self.fix("Cabinet", body);
     }
 
-    /// One door, or two that meet in the middle.
     fn doors(&self, mut body: Assembly, along: Span, up: Span, depth: f32, high: bool) -> Assembly {
         let middle = 0.5 * (along[0] + along[1]);
         let leaves = if along[1] - along[0] > DOOR_WIDEST_M {
@@ -131,7 +130,6 @@ impl Draft<'_> {
         self.fix("Drawer", body);
     }
 
-    /// A front with its handle.
     fn front(&self, body: Assembly, along: Span, up: Span, depth: f32, grip: Grip) -> Assembly {
         let face = depth + DOOR_M;
         let panel = body.slab([along[0] + GAP_M, along[1] - GAP_M], [up[0] + GAP_M, up[1] - GAP_M], [depth, face]);

@@ -7,10 +7,8 @@ use crate::kitchen::room::{Fixture, Surface};
 use proto::random::Random;
 use rapier3d::math::Vec3;
 
-/// What a surface is part of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WorktopKind {
-    /// A counter at a wall.
     Counter,
     /// An island or a peninsula.
     Island,
@@ -21,18 +19,14 @@ pub enum WorktopKind {
     Basin,
 }
 
-/// A surface, and what a person knows of it.
 #[derive(Debug, Clone, Copy)]
 pub struct Worktop {
-    /// The rectangle.
     pub surface: Surface,
-    /// What it is part of.
     pub kind: WorktopKind,
     /// Unit vector towards the wall behind it, if there is one.
     pub back: Option<Vec3>,
 }
 
-/// A place on the floor for a chair or a stool.
 #[derive(Debug, Clone, Copy)]
 pub struct Seat {
     /// On the edge of the table or counter, on the floor.
@@ -47,7 +41,6 @@ pub struct Seat {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Style {
     pub counter_height_m: f32,
-    /// Thickness of counter tops, metres.
     pub slab_m: f32,
     /// Height of the wall cabinets' lower and upper edge, metres.
     pub wall_cabinet_m: Span,
@@ -56,7 +49,6 @@ pub(super) struct Style {
     pub toe_kick_m: f32,
 }
 
-/// The layout so far.
 pub(super) struct Draft<'a> {
     pub random: &'a mut Random,
     pub style: Style,

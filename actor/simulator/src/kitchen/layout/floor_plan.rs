@@ -5,7 +5,6 @@ use rapier3d::math::Vec3;
 
 /// Room in front of a run of counters, for whoever works at it and for open doors and drawers, metres.
 pub(crate) const WORKING_DEPTH_M: f32 = 0.95;
-/// Width of a way between pieces of furniture, metres.
 pub(super) const WALKWAY_M: f32 = 0.80;
 
 /// A rectangle on the floor: corners with the smaller and the larger x and z; y means nothing.
@@ -19,14 +18,12 @@ pub struct Rectangle {
 
 #[derive(Debug, Clone, Default)]
 pub(super) struct FloorPlan {
-    /// Under furniture.
     pub occupied: Vec<Rectangle>,
     /// Before fronts and doors.
     pub kept_clear: Vec<Rectangle>,
 }
 
 impl Rectangle {
-    /// The floor below a box.
     pub fn below((low, high): (Vec3, Vec3)) -> Self {
         Self { low: low.with_y(0.0), high: high.with_y(0.0) }
     }
@@ -47,7 +44,6 @@ impl Rectangle {
             && other.low.z < self.high.z - EDGE_M
     }
 
-    /// Whether it lies in another one.
     pub fn within(&self, other: &Self) -> bool {
         self.low.x >= other.low.x
             && self.low.z >= other.low.z

@@ -12,7 +12,6 @@ use std::f32::consts::FRAC_PI_2;
 /// From and to, metres.
 pub(super) type Span = [f32; 2];
 
-/// One wall's coordinates.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Frame {
     /// Where along, up and out are 0.
@@ -51,12 +50,10 @@ impl Frame {
 }
 
 impl Assembly {
-    /// Nothing yet.
     pub fn new(frame: Frame) -> Self {
         Self { frame, parts: Vec::new(), low: Vec3::splat(f32::INFINITY), high: Vec3::splat(f32::NEG_INFINITY) }
     }
 
-    /// Adds a box.
     #[must_use]
     pub fn slab(self, along: Span, up: Span, out: Span) -> Self {
         let (low, high) = self.frame.block(along, up, out);
@@ -91,7 +88,6 @@ impl Assembly {
         self
     }
 
-    /// Adds all parts of another one.
     #[must_use]
     pub fn join(mut self, other: Self) -> Self {
         self.parts.extend(other.parts);

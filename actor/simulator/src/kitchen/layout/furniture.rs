@@ -14,11 +14,8 @@ const TABLE_TOP_M: f32 = 0.03;
 const SHELF_M: f32 = 0.03;
 /// A table nearer to a wall than this is pushed against it, metres.
 const ALONE_M: f32 = 0.80;
-/// Width of floor that one chair takes at a table, metres.
 const SEAT_WIDTH_M: f32 = 0.56;
-/// Depth of floor that a chair takes beyond the table's edge, metres.
 const SEAT_DEPTH_M: f32 = 0.62;
-/// Draws of a place for a piece of furniture.
 const TRIES: u32 = 60;
 
 impl Draft<'_> {
@@ -64,7 +61,6 @@ impl Draft<'_> {
         !place.grown(ALONE_M).within(&self.room())
     }
 
-    /// The floor inside of the walls.
     pub fn room(&self) -> Rectangle {
         let (length, depth) = (self.walls[0].length_m, self.walls[1].length_m);
         Rectangle::below(self.walls[0].frame.block([0.0, length], [0.0, 0.0], [0.0, depth]))
@@ -122,7 +118,6 @@ impl Draft<'_> {
         self.floor_plan.occupied.push(place);
     }
 
-    /// Notes a seat if there is floor for it.
     pub fn seat(&mut self, edge: Vec3, facing: Vec3, at_counter: bool) {
         let aside = Vec3::new(facing.z, 0.0, facing.x).abs() * (0.5 * SEAT_WIDTH_M);
         let corners = [edge - aside, edge + aside - SEAT_DEPTH_M * facing];
@@ -161,7 +156,6 @@ impl Draft<'_> {
         None
     }
 
-    /// Open shelves on the floor.
     pub fn shelving_unit(&mut self, shelves: u32) -> Option<()> {
         let (width, depth) = (self.random.range(0.8, 1.0), 0.36);
         let frame = self.at_wall(width, depth)?;
@@ -199,7 +193,6 @@ impl Draft<'_> {
         self.worktops.push(Worktop { surface, kind: WorktopKind::Shelf, back: Some(-frame.out) });
     }
 
-    /// Boards on brackets over a counter, in place of wall cabinets.
     pub fn wall_shelves(&mut self, frame: Frame, along: Span, boards: u32) {
         const DEPTH_M: f32 = 0.26;
         const PITCH_M: f32 = 0.34;
@@ -222,7 +215,6 @@ impl Draft<'_> {
         }
     }
 
-    /// A narrow table at a wall.
     pub fn side_table(&mut self) -> Option<()> {
         let (width, depth) = (self.random.range(0.8, 1.1), self.random.range(0.38, 0.45));
         let frame = self.at_wall(width, depth)?;
@@ -257,7 +249,6 @@ impl Draft<'_> {
         Some(())
     }
 
-    /// A mirror on a free wall.
     pub fn mirror(&mut self) -> Option<()> {
         let width = 0.5;
         for _ in 0..TRIES {

@@ -50,7 +50,6 @@ const OPPOSITE_LONGEST_M: f32 = 3.6;
 const SIDE_END_M: f32 = 1.05;
 /// A main run that would end this near to a wall goes up to it, metres.
 const GAP_LEAST_M: f32 = 0.5;
-/// Width of the aisle between a run and an island, metres.
 const AISLE_M: f32 = 1.08;
 /// Overhang of an island's or a peninsula's top over the stools' side, metres.
 const OVERHANG_M: f32 = 0.26;
@@ -67,17 +66,13 @@ const SMALL_ROOM_M2: f32 = 16.0;
 /// A room with all that is fixed in it, before small things stand there.
 #[derive(Debug, Clone)]
 pub struct FittedRoom {
-    /// How its runs lie.
     pub plan: Plan,
     /// Fixed bodies: floor, four walls, ceiling, then furniture.
     pub fixtures: Vec<Fixture>,
     /// Where small things stand.
     pub worktops: Vec<Worktop>,
-    /// Floor inside of the walls.
     pub floor: Rectangle,
-    /// Places for chairs and stools.
     pub seats: Vec<Seat>,
-    /// How many chairs and stools there shall be.
     pub chairs: u32,
     pub stools: u32,
     /// Middles of the large burners' tops.
@@ -342,7 +337,6 @@ impl Draft<'_> {
         }
     }
 
-    /// What hangs over the runs at walls, and the microwave.
     fn above(&mut self, kitchen: KitchenKey, mut wall_shelves: bool, runs: &[AtWall]) {
         let room = self.room().high - self.room().low;
         let small = room.x * room.z < SMALL_ROOM_M2;

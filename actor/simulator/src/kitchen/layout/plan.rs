@@ -7,10 +7,8 @@ use proto::kitchen::KitchenId;
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
-/// How the runs of counters lie.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Plan {
-    /// One run along one wall.
     OneWall,
     /// Two runs that meet in a corner.
     Ell,
@@ -24,25 +22,19 @@ pub enum Plan {
     Peninsula,
 }
 
-/// Size, plan and furniture of a kitchen, before anything is put anywhere.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RoomBrief {
-    /// How the runs lie.
     pub plan: Plan,
     /// Inner size of the room along the world's x and z, metres.
     pub size_m: [f32; 2],
-    /// Whether the main run lies along x.
     pub main_along_x: bool,
-    /// Dining tables.
     pub tables: u32,
     pub chairs: u32,
     /// Stools at the island, the peninsula, or a table.
     pub stools: u32,
-    /// Open shelves.
     pub shelves: Shelves,
 }
 
-/// Open shelves of a kitchen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Shelves {
     None,
@@ -59,7 +51,6 @@ const CENTRES_TO_WALLS_M: f32 = 0.4;
 impl Plan {
     const ALL: [Self; 6] = [Self::OneWall, Self::Ell, Self::You, Self::Galley, Self::Island, Self::Peninsula];
 
-    /// A word for it.
     pub fn name(self) -> &'static str {
         match self {
             Self::OneWall => "one wall",
@@ -203,7 +194,6 @@ fn plan(kitchen: KitchenKey, size_m: [f32; 2], has_table: bool) -> (Plan, bool) 
     options.last().copied().unwrap_or((Plan::Ell, x >= z))
 }
 
-/// The order of units in the runs of a plan.
 pub(super) struct Order {
     /// Along the main wall, from its beginning.
     pub main: Vec<Slot>,

@@ -12,7 +12,6 @@ use proto::random::Random;
 pub(super) const COUNTER_DEPTH_M: f32 = 0.62;
 /// Length that a corner takes of either wall: the other run's depth and a filler, so that fronts can open, metres.
 pub(super) const CORNER_M: f32 = 0.67;
-/// Widest single cabinet of a run, metres.
 const CABINET_WIDEST_M: f32 = 0.90;
 /// What is narrower than this gets a blind panel, no cabinet, metres.
 const FILLER_WIDEST_M: f32 = 0.18;
@@ -34,21 +33,18 @@ pub(super) enum Unit {
     Stove,
 }
 
-/// A place in a run's order.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Slot {
     pub unit: Unit,
     pub least_m: f32,
 }
 
-/// A unit and where it stands along its frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Placed {
     pub unit: Unit,
     pub along: Span,
 }
 
-/// A run before it is built.
 #[derive(Debug, Clone)]
 pub(super) struct Run {
     pub frame: Frame,
@@ -57,7 +53,6 @@ pub(super) struct Run {
     pub overhang_m: f32,
     /// Height of what hangs above, metres.
     pub headroom_m: f32,
-    /// What the top counts as.
     pub kind: WorktopKind,
 }
 
@@ -75,7 +70,6 @@ impl Unit {
         }
     }
 
-    /// Whether a counter top lies over it.
     fn bears_top(self) -> bool {
         !matches!(self, Self::Fridge | Self::Stove)
     }
@@ -109,7 +103,6 @@ pub(super) fn divide(slots: &[Slot], length_m: f32, random: &mut Random) -> Opti
 }
 
 impl Run {
-    /// Where it begins and ends along its frame.
     pub fn along(&self) -> Span {
         [self.units.first().map_or(0.0, |unit| unit.along[0]), self.units.last().map_or(0.0, |unit| unit.along[1])]
     }
@@ -182,7 +175,6 @@ impl Draft<'_> {
         top.slab([from, end], up, whole_depth)
     }
 
-    /// Declares a length of counter a place for things.
     fn worktop(&mut self, run: &Run, along: Span) {
         const LEAST_M: f32 = 0.1;
         if along[1] - along[0] < LEAST_M {

@@ -14,14 +14,11 @@ const WALL_M: f32 = 0.2;
 const DOOR_WIDTH_M: f32 = 0.88;
 const DOOR_HEIGHT_M: f32 = 2.06;
 const CASING_M: f32 = 0.07;
-/// Room before a door, metres.
 const DOOR_SWING_M: f32 = 0.95;
-/// Draws of a place for the door.
 const TRIES: u32 = 30;
 /// Height of a window's opening, metres.
 pub(super) const WINDOW_M: Span = [1.12, 2.08];
 
-/// What hangs at a window.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Drapery {
     None,

@@ -1,8 +1,5 @@
-//! Walls: what of their length is taken, and the holes in them.
-
 use super::frame::{Frame, Span};
 
-/// A hole in a wall.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Opening {
     pub along: Span,
@@ -24,7 +21,6 @@ impl Wall {
         Self { frame, length_m, taken: Vec::new(), openings: Vec::new() }
     }
 
-    /// Lengths of this wall that nothing takes, in order.
     pub fn free(&self) -> Vec<Span> {
         let mut taken = self.taken.clone();
         taken.sort_by(|a, b| a[0].total_cmp(&b[0]));

@@ -51,7 +51,6 @@ impl Environment {
         Ok(Self { fixed, ..environment })
     }
 
-    /// An environment at the start of its episode 0 under a configuration.
     pub fn new(kitchen: Arc<Kitchen>, id: EnvironmentId, config: &Config) -> Result<Self, OpenError> {
         Self::open(&Run::of(config), kitchen, id, 0)
     }
@@ -83,7 +82,6 @@ impl Environment {
         }
     }
 
-    /// Resets to the settled kitchen and begins the episode with this number.
     pub fn start_episode(&mut self, number: u32) {
         let episode = episode(&self.run, self.kitchen(), self.fixed.as_deref(), self.id, number);
         self.begin_episode(self.run.hashed_number(self.id, number), episode);
@@ -109,10 +107,8 @@ impl Environment {
         })
     }
 
-    /// Takes one action. It never resets the environment; [`Base::end`] shows when the episode has ended.
-    ///
-    /// # Panics
-    /// If the episode has ended: the caller starts the next one first.
+    /// Takes one action. It never resets the environment; [`Base::end`] shows when the episode has ended. Panics if the
+    /// episode has ended: the caller starts the next one first.
     pub fn step(&mut self, action: Action) -> Transition {
         assert!(!self.ended(), "the episode has ended: start the next one before the next action");
         let was_holding = self.simulation().holding();
@@ -135,10 +131,7 @@ impl Environment {
     }
 
     /// Takes the action whose [`Environment::way`] the robot has gone: `arrived`, or back again. The movable things are
-    /// now here.
-    ///
-    /// # Panics
-    /// If the episode has ended, or there are more poses than things.
+    /// now here. Panics if the episode has ended, or there are more poses than things.
     pub fn finish(&mut self, action: Action, arrived: bool, world_from_movables: &[Pose3]) -> Transition {
         assert!(!self.ended(), "the episode has ended: start the next one before the next action");
         let was_holding = self.simulation().holding();
@@ -189,7 +182,6 @@ impl Environment {
         }
     }
 
-    /// What is seen now.
     pub fn current(&self) -> Current {
         let configuration = self.simulation().configuration();
         let (wrist, target, goal) = (self.simulation().wrist(), self.target_position(), self.episode.goal);

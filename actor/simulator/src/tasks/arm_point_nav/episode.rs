@@ -20,19 +20,14 @@ const TRIES: u32 = 64;
 /// Room between the robot's start pose and the target, metres.
 const START_CLEARANCE_M: f32 = 0.02;
 
-/// One episode's task.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Episode {
     pub category: TargetCategory,
-    /// Its start position, metres.
     pub start: Vec3,
-    /// Its goal position, metres.
     pub goal: Vec3,
-    /// Where the robot starts.
     pub stand: Stand,
 }
 
-/// Whether the target is at its goal.
 pub fn at_goal(target: Vec3, goal: Vec3) -> bool {
     (target - goal).abs().max_element() <= GOAL_TOLERANCE_M
 }
@@ -46,10 +41,8 @@ impl Episode {
         Self::about(kitchen, config, category, &mut random)
     }
 
-    /// The episode of this category that comes out of `random`, within the distances of `config`.
-    ///
-    /// # Panics
-    /// If the kitchen has no such target.
+    /// The episode of this category that comes out of `random`, within the distances of `config`. Panics if the kitchen
+    /// has no such target.
     pub(crate) fn about(
         kitchen: &Kitchen,
         config: &EpisodeConfig,

@@ -11,7 +11,6 @@ impl Transition {
         self.failed_action != 0.0
     }
 
-    /// Whether this action picked the target up.
     pub fn picked_up(&self) -> bool {
         self.picked_up != 0.0
     }

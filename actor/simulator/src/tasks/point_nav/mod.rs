@@ -22,7 +22,6 @@ include!(concat!(env!("OUT_DIR"), "/point_nav.rs"));
 
 /// Stop succeeds where the shortest way to the goal is shorter than this, metres (DD-PPO).
 const SUCCESS_M: f32 = 0.2;
-/// No episode's way is shorter than this, metres.
 const WAY_LEAST_M: f32 = 0.5;
 /// Seed of an evaluation's episodes. No run's seed: two policies are compared on the same ones.
 const EVALUATION_SEED: u64 = 0x4556_414c;
@@ -30,14 +29,12 @@ const EVALUATION_SEED: u64 = 0x4556_414c;
 const MOTIONS: [Option<Action>; 4] =
     [None, Some(Action::MoveAheadContinuous), Some(Action::RotateLeftContinuous), Some(Action::RotateRightContinuous)];
 
-/// An episode: where the robot starts, and where it is to go.
 #[derive(Debug, Clone)]
 struct Episode {
     stand: Stand,
     /// World x and z, metres.
     goal: (f32, f32),
     ways: Ways,
-    /// From the start, metres.
     way_m: f32,
 }
 

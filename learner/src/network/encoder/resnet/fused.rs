@@ -19,7 +19,6 @@ use crate::network::parameters::Parameters;
 use std::cell::RefCell;
 use tch::{Kind, Tensor};
 
-/// The means to run the encoder this way.
 #[derive(Debug)]
 pub(super) struct Fused {
     kernels: Kernels,
@@ -69,7 +68,6 @@ struct BlockTape {
 enum Inner {
     /// A kernel of our own for the whole block keeps nothing else.
     Whole(Statistics),
-    /// Layer by layer.
     Layers {
         first: Normed,
         /// After the first norm's ReLU.
@@ -82,7 +80,6 @@ enum Inner {
 /// What a forward pass leaves for its backward pass.
 #[derive(Debug)]
 pub(super) struct Tape {
-    /// Frames, f32.
     kept: Tensor,
     stem: StemTape,
     blocks: Vec<BlockTape>,
@@ -103,17 +100,14 @@ impl Fused {
         &self.kernels
     }
 
-    /// See [`Copies::refresh`].
     pub(super) fn refresh(&self, resnet: &Resnet, parameters: &Parameters) {
         self.copies.refresh(resnet, parameters);
     }
 
-    /// See [`Copies::renew`].
     pub(super) fn renew(&self, resnet: &Resnet, parameters: &Parameters) {
         self.copies.renew(resnet, parameters);
     }
 
-    /// See [`Copies::while_recorded`].
     pub(super) fn while_recorded<T, E>(&self, record: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
         self.copies.while_recorded(record)
     }
@@ -171,10 +165,8 @@ impl Fused {
         (embedding, Tape { kept, stem, blocks, features, compression, compressed, visual })
     }
 
-    /// Gradients of all of the encoder's parameters for that of the embedding \[rows, 512\].
-    ///
-    /// # Panics
-    /// If the weights have changed since the forward pass.
+    /// Gradients of all of the encoder's parameters for that of the embedding \[rows, 512\]. Panics if the weights have
+    /// changed since the forward pass.
     #[expect(clippy::too_many_lines, reason = "it undoes the forward pass step by step, and reads beside it")]
     pub(super) fn backward(
         &self,

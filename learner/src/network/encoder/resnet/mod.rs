@@ -18,7 +18,6 @@ use recorded::Recordings;
 use std::cell::RefCell;
 use tch::Tensor;
 
-/// Its line in the registry.
 pub(crate) const ENTRY: EncoderEntry = EncoderEntry {
     encoder: Encoder::Resnet,
     linear: plain::LINEAR,

@@ -14,7 +14,6 @@ pub(super) const COMPRESSED: i64 = 128;
 /// Path of the linear layer.
 pub(super) const LINEAR: &str = "visual_encoder.fc.1";
 
-/// Two 3 × 3 convolutions and a way around them.
 #[derive(Debug)]
 pub(super) struct Block {
     pub(super) first: (Convolution, GroupNorm),
@@ -54,7 +53,6 @@ fn apply(parameters: &Parameters, (convolution, norm): (Convolution, GroupNorm),
     norm.forward(parameters, &convolution.forward(parameters, x))
 }
 
-/// The encoder.
 #[derive(Debug)]
 pub(super) struct Resnet {
     pub(super) stem: (Convolution, GroupNorm),

@@ -15,7 +15,6 @@ use crate::network::parameters::Parameters;
 use std::collections::BTreeMap;
 use tch::Tensor;
 
-/// What a pass computes with.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pass<'a> {
     pub fused: &'a Fused,
@@ -35,7 +34,6 @@ pub(super) struct Recordings {
     /// Which are to be. A size is recorded after it has come kernel by kernel: libraries choose algorithms and allocate at
     /// first use, which a recording does not allow.
     sizes: Sizes,
-    /// Forward passes launched.
     launched: u64,
     /// Something could not be recorded.
     refused: bool,
@@ -88,10 +86,8 @@ impl Recordings {
         Some((visual.detach(), Begun { frames, number: self.launched }))
     }
 
-    /// Gradients of all of the encoder's parameters for that of the embedding. They hold until the next pass.
-    ///
-    /// # Panics
-    /// If another forward pass has begun since: its numbers lie where this one's did.
+    /// Gradients of all of the encoder's parameters for that of the embedding. They hold until the next pass. Panics if
+    /// another forward pass has begun since: its numbers lie where this one's did.
     pub(super) fn backward(&self, begun: Begun, gradient: &Tensor) -> Gradients {
         assert_eq!(begun.number, self.launched, "a pass is over before the next one begins");
         let Recorded { backward, d_visual, gradients, .. } = &self.recorded[&begun.frames];
@@ -127,7 +123,6 @@ impl Recordings {
     }
 }
 
-/// Launches a graph that was recorded to its end.
 fn launch(graph: &Graph) {
     // As in tch: a device that fails in the middle of a pass ends the process.
     graph.replay().unwrap_or_else(|error| panic!("{error}"));

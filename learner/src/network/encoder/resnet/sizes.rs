@@ -13,7 +13,6 @@ const _: () = assert!(MOST_RECORDED > 1);
 /// Updates for which a size is remembered.
 const REMEMBERED: u64 = 8;
 
-/// The sizes that have come.
 #[derive(Debug, Default)]
 pub(super) struct Sizes {
     /// What the caller calls the present update; none before the first.
@@ -34,7 +33,6 @@ struct Size {
     is_recorded: bool,
 }
 
-/// A pass is to be recorded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Due {
     /// The size whose recording is dropped before.

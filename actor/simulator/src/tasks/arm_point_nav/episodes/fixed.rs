@@ -15,34 +15,21 @@ pub const FILE_HASH: u64 = 0x97fb_f224_55a4_1711;
 /// The file, as `actor episodes generate` wrote it.
 static FILE: &[u8] = include_bytes!("fixed.bin");
 
-/// Why an evaluation has no episodes.
 #[derive(Debug, Clone, thiserror::Error, PartialEq, Eq)]
 pub enum EpisodesError {
-    /// The file in the program is not the one the code was written for.
     #[error("the file of fixed episodes has hash {found:#018x}, not {FILE_HASH:#018x}")]
     WrongFile { found: u64 },
-    /// The file cannot be read.
     #[error("the file of fixed episodes: {0}")]
     Format(#[from] FormatError),
-    /// Training kitchens have none.
     #[error("kitchen {0} has no fixed episodes: only validation and test kitchens do")]
     NotFixed(KitchenId),
-    /// The kitchen has changed since.
     #[error(
         "the fixed episodes were drawn for another kitchen {kitchen} (fingerprint {drawn_for:#018x}, now \
          {found:#018x}): `actor episodes generate` draws new ones"
     )]
-    OtherKitchen {
-        kitchen: KitchenId,
-        /// Fingerprint in the file.
-        drawn_for: u64,
-        /// Fingerprint of the kitchen given.
-        found: u64,
-    },
-    /// The evaluation has episodes about something that is not there.
+    OtherKitchen { kitchen: KitchenId, drawn_for: u64, found: u64 },
     #[error("kitchen {kitchen} has no place for the target {target}, which the evaluation asks for")]
     NoTarget { kitchen: KitchenId, target: &'static str },
-    /// An episode names a place that the kitchen does not have.
     #[error("episode {episode} of kitchen {kitchen} names a place that is not there")]
     NoSuchPlace { kitchen: KitchenId, episode: usize },
 }

@@ -15,24 +15,14 @@ const SECTION_HEADER_BYTES: usize = 16;
 const RECORD_BYTES: usize = 6;
 const SECTION_BYTES: usize = SECTION_HEADER_BYTES + RECORD_BYTES * EPISODES_PER_KITCHEN;
 
-/// Why a file is not one of fixed episodes.
 #[derive(Debug, Clone, thiserror::Error, PartialEq, Eq)]
 pub enum FormatError {
-    /// It does not begin as one does.
     #[error("it does not begin with the magic bytes")]
     Magic,
-    /// It is of another version.
     #[error("it is of version {0}, not {VERSION}")]
     Version(u16),
-    /// It is longer or shorter than its header says.
     #[error("it has {found} bytes, not {expected}")]
-    Length {
-        /// Bytes that its header asks for.
-        expected: usize,
-        /// Bytes that it has.
-        found: usize,
-    },
-    /// It names a kitchen that does not exist.
+    Length { expected: usize, found: usize },
     #[error("it names kitchen {0}, which does not exist")]
     Kitchen(u16),
 }
@@ -48,11 +38,9 @@ pub struct Record {
     pub stand: u16,
 }
 
-/// The episodes of one kitchen.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Section {
     pub kitchen: KitchenId,
-    /// What it looked like.
     pub fingerprint: u64,
     /// Its episodes; [`EPISODES_PER_KITCHEN`] of them.
     pub records: Vec<Record>,
@@ -101,10 +89,7 @@ impl File {
         Ok(Self { sections })
     }
 
-    /// The file's bytes.
-    ///
-    /// # Panics
-    /// If a section does not hold [`EPISODES_PER_KITCHEN`] episodes.
+    /// The file's bytes. Panics if a section does not hold [`EPISODES_PER_KITCHEN`] episodes.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(HEADER_BYTES + self.sections.len() * SECTION_BYTES);
         bytes.extend_from_slice(MAGIC);
