@@ -44,14 +44,10 @@ pub fn sleep_until_end(process: Pid, longest: Duration) {
     let _ = poll(&mut [PollFd::new(&descriptor, PollFlags::IN)], Some(&timeout));
 }
 
-/// What a program answered.
 #[derive(Debug)]
 pub struct Answer {
-    /// How it ended, which was not by a signal.
     pub status: ExitStatus,
-    /// Standard output.
     pub stdout: String,
-    /// Standard error.
     pub stderr: String,
 }
 

@@ -2,7 +2,6 @@
 
 use crate::statistics::Interval;
 
-/// Placeholder for a missing figure.
 pub const NOTHING: &str = "–";
 
 /// A count with its thousands apart: `1 234 567`.
@@ -33,7 +32,6 @@ pub fn percent(share: f64) -> String {
     format!("{:.1}", 100.0 * share)
 }
 
-/// The same of a share that may be unknown: a dash for none.
 pub fn share(share: Option<f64>) -> String {
     share.map_or_else(|| NOTHING.to_owned(), percent)
 }
@@ -43,7 +41,6 @@ pub fn interval(interval: &Interval) -> String {
     format!("[{}, {}]", percent(interval.low), percent(interval.high))
 }
 
-/// A number with that many decimals, a dash for none.
 pub fn number(value: Option<f64>, decimals: usize) -> String {
     value.map_or_else(|| NOTHING.to_owned(), |value| format!("{value:.decimals$}"))
 }

@@ -24,23 +24,18 @@ use std::convert::Infallible;
 use std::sync::Arc;
 use tokio::sync::Semaphore;
 
-/// What all answers are made from.
 #[derive(Clone)]
 struct Server {
     readings: Readings,
     run_feeds: RunFeeds,
     scene_renderer: SceneRenderer,
-    /// Room for programs that watch over a WebSocket.
     watchers: Arc<Semaphore>,
-    /// What the command line asked to be opened.
     opening: Arc<Opening>,
 }
 
-/// What the page opens with.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Opening {
     pub runs: Vec<String>,
-    /// Two of them, episode beside episode.
     pub compare: bool,
     pub play: bool,
     pub version: &'static str,
@@ -85,7 +80,6 @@ impl Server {
         self.readings.read(ask).await
     }
 
-    /// What a program that watches is told from.
     fn watched(&self) -> foxglove::Sources {
         let (readings, scene_renderer, room) =
             (self.readings.clone(), self.scene_renderer.clone(), Arc::clone(&self.watchers));
@@ -100,7 +94,6 @@ impl Server {
         self.read(move |runs| ask(runs).map(|value| text(&value))).await.map(json)
     }
 
-    /// Has the scene renderer open an episode.
     async fn open(&self, run: &str, key: EpisodeKey, name: &str) -> Result<ShowAnswer, Refusal> {
         let owned = run.to_owned();
         let (setup, episode) = self.read(move |runs| runs.recorded(&owned, key)).await?;
@@ -115,7 +108,6 @@ impl Server {
 
 #[derive(Debug, Default, Deserialize)]
 struct WatchQuery {
-    /// Kitchen and environment, e.g. `6-0`; the token may stand beside it.
     watch: Option<String>,
 }
 
@@ -153,7 +145,6 @@ async fn opening_page(State(server): State<Server>) -> Response {
     json(text(&*server.opening))
 }
 
-/// All runs, for Prometheus.
 async fn exported(State(server): State<Server>) -> Result<Response, Refusal> {
     let text = server.read(|runs| Ok(metrics::read(runs))).await?;
     Ok(([(CONTENT_TYPE, metrics::CONTENT_KIND)], text).into_response())
@@ -167,7 +158,6 @@ async fn live(State(server): State<Server>, Path(run): Path<String>) -> Result<R
     server.answer(move |runs| runs.live(&run)).await
 }
 
-/// How a run stands, whenever that changes, as server-sent events.
 async fn follow(
     State(server): State<Server>,
     Path(run): Path<String>,
@@ -242,7 +232,6 @@ fn name_of(run: &str, key: EpisodeKey) -> String {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct PictureQuery {
-    /// `orbit`, `depth` or `plan`.
     view: String,
     step: u32,
     width: u32,

@@ -7,27 +7,20 @@ use rapier3d::math::{Pose3, Vec3};
 // `camera_from_world` names its frames, as poses do everywhere.
 #[allow(clippy::struct_field_names)]
 pub struct Camera {
-    /// Its pose's inverse.
     pub camera_from_world: Pose3,
-    /// How points fall onto the picture.
     pub projection: Projection,
     /// What is nearer than this along the axis is cut away, metres.
     pub near_m: f32,
 }
 
-/// How points fall onto the picture.
 #[derive(Debug, Clone, Copy)]
 pub enum Projection {
     /// Along parallel rays; the picture's width is twice this, metres.
     Parallel { half_width_m: f32 },
     /// Through the camera's centre; this is the tangent of half the horizontal field of view.
-    Central {
-        /// Tangent of half the horizontal field of view.
-        tan_half_width: f32,
-    },
+    Central { tan_half_width: f32 },
 }
 
-/// A point in the picture.
 #[derive(Debug, Clone, Copy)]
 pub struct Pixel {
     /// To the right, pixels from the left edge.
@@ -54,7 +47,6 @@ impl Camera {
         Pixel { x: half_x + scale * p.x, y: half_y - scale * p.y, nearness }
     }
 
-    /// The point of the camera's frame that falls onto a pixel with this nearness.
     pub fn unproject(&self, pixel: Pixel, width: usize, height: usize) -> Vec3 {
         let (half_x, half_y) = (0.5 * width as f32, 0.5 * height as f32);
         let (scale, z) = match self.projection {
@@ -64,7 +56,6 @@ impl Camera {
         Vec3::new((pixel.x - half_x) * scale, (half_y - pixel.y) * scale, z)
     }
 
-    /// Unit direction of the ray that meets this point of the camera's frame.
     pub fn ray(&self, point: Vec3) -> Vec3 {
         match self.projection {
             Projection::Parallel { .. } => Vec3::Z,

@@ -8,11 +8,8 @@ use super::moment::{Moment, Task};
 use super::visible::{NOTHING, Visible};
 use simulator::depth::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};
 
-/// Depth that is drawn black, millimetres.
 const BLACK_MM: u32 = 5_000;
-/// How much of the target's colour lies over it.
 pub const TINT: f32 = 0.7;
-/// Radius of the ring about a target at least, metres.
 const RING_M: f32 = 0.09;
 
 /// The picture, side × side, of as many depths in millimetres. `seen`: the scene without the robot's body, and the
@@ -50,7 +47,6 @@ pub fn mark(canvas: &mut Canvas, camera: &Camera, task: &Task, moment: &Moment, 
     }
 }
 
-/// Near is bright; nothing, and everything far, is black.
 pub fn brightness(depth_mm: u16) -> u8 {
     match u32::from(depth_mm) {
         0 => 0,

@@ -5,33 +5,26 @@ use simulator::kitchen::Kitchen;
 use simulator::robot::links::PartPoses;
 use simulator::simulation::Simulation;
 
-/// Moments whose places the outside camera is chosen for.
 const SAMPLES: usize = 12;
 
-/// What an episode is about, as far as pictures of it go.
 #[derive(Debug, Clone)]
 pub struct Task {
     /// Place of the target among the kitchen's movable things, if there is one.
     pub target: Option<usize>,
-    /// Where it, or the robot, is to be brought, if anywhere, metres.
     pub goal: Option<Vec3>,
-    /// How near is enough on each axis, metres.
     pub goal_tolerance_m: f32,
     pub title: String,
 }
 
 #[derive(Debug, Clone)]
 pub struct Moment {
-    /// Poses of the kitchen's movable things.
     pub things: Vec<Pose3>,
-    /// Poses of the robot's parts.
     pub robot: PartPoses,
     pub world_from_camera: Pose3,
     pub captions: Captions,
 }
 
 impl Moment {
-    /// The moment that a simulation is in.
     pub fn of(simulation: &Simulation, world_from_camera: Pose3, captions: Captions) -> Self {
         Self {
             things: simulation.things().poses().to_vec(),
@@ -41,7 +34,6 @@ impl Moment {
         }
     }
 
-    /// Pose of every body that the depth camera sees, in the kitchen's order.
     pub fn world_from_bodies(&self, kitchen: &Kitchen, out: &mut Vec<Pose3>) {
         out.clear();
         out.extend_from_slice(&kitchen.settled_poses()[kitchen.static_bodies()]);
@@ -51,16 +43,12 @@ impl Moment {
     }
 }
 
-/// What is said below the title.
 #[derive(Debug, Clone, Default)]
 pub struct Captions {
-    /// The step, and the action that led here.
     pub action: String,
     /// What is to be noted of it: failed, picked up.
     pub remark: String,
-    /// Measures of what it led to.
     pub measures: String,
-    /// How the episode ended, and whether well; none before its last moment.
     pub outcome: Option<(String, bool)>,
 }
 

@@ -3,10 +3,8 @@
 use super::canvas::Rgb;
 use simulator::kitchen::catalogue::CATEGORIES;
 
-/// The robot's colour.
 pub(crate) const ROBOT: Rgb = [238, 106, 36];
 
-/// Where a section cuts something.
 pub(crate) const SECTION: Rgb = [74, 78, 86];
 
 /// sRGB colours of fixed things: pale, so that movable ones stand out.
@@ -43,7 +41,6 @@ const FIXED: [(&str, Rgb); 30] = [
     ("Mirror", [190, 214, 226]),
 ];
 
-/// Colours for everything else, told apart by name.
 const OTHERS: [Rgb; 12] = [
     [196, 92, 96],
     [214, 142, 62],
@@ -59,13 +56,11 @@ const OTHERS: [Rgb; 12] = [
     [116, 128, 140],
 ];
 
-/// An sRGB channel as linear light, 0 to 1.
 pub fn linear(channel: u8) -> f32 {
     let c = f32::from(channel) / 255.0;
     if c <= 0.04045 { c / 12.92 } else { libm::powf((c + 0.055) / 1.055, 2.4) }
 }
 
-/// sRGB colour of a category.
 pub fn colour(category: &str) -> Rgb {
     if let Some(movable) = CATEGORIES.iter().find(|movable| movable.name == category) {
         return movable.colour;

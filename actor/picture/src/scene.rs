@@ -24,16 +24,13 @@ use std::sync::{Arc, OnceLock};
 
 /// Colour of what is not where it stood, and of its ghost: no other thing has it.
 const DISPLACED: Rgb = [124, 58, 237];
-/// How much of a ghost's colour lies over what is behind it, and over what hides it.
 const GHOST: [f32; 2] = [0.5, 0.18];
 /// A ghost is hidden by what is this much nearer, metres.
 const SLACK_M: f32 = 0.005;
-/// Lamps of the soft light: a picture waits for all of them.
 const LAMPS: usize = 24;
 /// Light on an upright surface in a draft, as a share of that on a floor.
 const DRAFT_SIDE_LIGHT: f32 = 0.6;
 
-/// From where a photograph is taken.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Standpoint {
     /// The robot's camera, which stands in its body: that is not in the picture.
@@ -41,7 +38,6 @@ pub enum Standpoint {
     Outside(Orbit),
 }
 
-/// What all pictures of one episode have in common.
 pub struct Scene {
     kitchen: Arc<Kitchen>,
     task: Task,
@@ -54,7 +50,6 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Of an episode that begins with this moment.
     pub fn new(kitchen: Arc<Kitchen>, task: Task, first: &Moment) -> Self {
         let fixed = Model::fixed_of(&kitchen);
         let origins = first.things.clone();
@@ -62,12 +57,10 @@ impl Scene {
         Self { kitchen, task, origins, fixed, dome: OnceLock::new(), frame }
     }
 
-    /// What the floor plan shows.
     pub fn frame(&self) -> PlanFrame {
         self.frame
     }
 
-    /// From where the whole way is seen best.
     pub fn best(&self, moments: &[Moment]) -> Orbit {
         let mut model = self.at(&self.origins, &[]).0;
         for moment in moments.iter().take(1).chain(moments.last()) {
@@ -96,7 +89,6 @@ impl Scene {
         picture
     }
 
-    /// The room as it is, without marks: what the robot's camera would see, or from outside.
     pub fn photograph(&self, moment: &Moment, from: &Standpoint, side: usize) -> Canvas {
         let (camera, body) = match from {
             Standpoint::Robot => (robot_camera(moment.world_from_camera), false),
@@ -109,13 +101,11 @@ impl Scene {
         self.develop(Exposure::take(&model, &camera, side, side, PAPER), false)
     }
 
-    /// The floor plan at the start, without the robot.
     pub fn plan(&self, side: usize) -> Canvas {
         let model = self.at(&self.origins, &[]).0;
         self.develop(Exposure::take(&model, &self.frame.camera(), side, side, PAPER), true)
     }
 
-    /// The robot's depth frame, millimetres.
     pub fn frame_mm(&self, moment: &Moment, camera: &mut DepthCamera, side: usize) -> Vec<u16> {
         let mut bodies = Vec::new();
         moment.world_from_bodies(&self.kitchen, &mut bodies);
@@ -154,7 +144,6 @@ impl Scene {
         solids
     }
 
-    /// What the robot's depth camera sees.
     pub fn depth(&self, moment: &Moment, camera: &mut DepthCamera, side: usize) -> Canvas {
         let depth_mm = self.frame_mm(moment, camera, side);
         let (mut model, first) = self.at(&moment.things, &[]);
@@ -185,7 +174,6 @@ impl Scene {
         exposure.develop(&mut light.into_iter())
     }
 
-    /// Lays ghosts over the picture: each thing of `displaced` where it stood.
     fn haunt(&self, picture: &mut Canvas, displaced: &[usize], camera: &Camera, depths_m: &[f32]) {
         if displaced.is_empty() {
             return;

@@ -13,19 +13,15 @@ use std::f32::consts::PI;
 const LAMPS: usize = 96;
 /// Lowest lamp: sine of its elevation.
 const LOWEST: f32 = 0.12;
-/// Side of a lamp's picture, pixels.
 const SIDE: usize = 640;
 /// A point is lifted this far off its own surface before it is looked up, metres ...
 const LIFT_M: f32 = 0.012;
 /// ... and counts as hidden only by what is this much nearer to the lamp, metres.
 const SLACK_M: f32 = 0.012;
 
-/// A point on a surface, waiting for light.
 #[derive(Debug, Clone, Copy)]
 pub struct Lit {
-    /// Where, metres.
     pub point: Vec3,
-    /// The surface's outward unit normal.
     pub normal: Vec3,
 }
 
@@ -39,12 +35,10 @@ pub fn light(model: &Model, points: &[Lit]) -> Vec<f32> {
 pub struct Dome(Vec<Lamp>);
 
 impl Dome {
-    /// Over this scene, with so many lamps.
     pub fn over(model: &Model, lamps: usize) -> Self {
         Self((0..lamps).map(|index| Lamp::hung(model, index, lamps)).collect())
     }
 
-    /// As [`light`].
     pub fn light(&self, points: &[Lit]) -> Vec<f32> {
         shine(self.0.iter(), points)
     }
@@ -66,18 +60,15 @@ fn shine(lamps: impl Iterator<Item = impl Borrow<Lamp>>, points: &[Lit]) -> Vec<
     sums.iter().map(|sum| sum / full).collect()
 }
 
-/// One lamp and what it reaches.
 struct Lamp {
     /// Where it hangs, seen from below; its height there.
     towards: Vec3,
     up: f32,
     camera: Camera,
-    /// Nearness of what it reaches (see [`Visible`]).
     nearness: Vec<f32>,
 }
 
 impl Lamp {
-    /// Number `index` of `count` lamps over the scene.
     fn hung(model: &Model, index: usize, count: usize) -> Self {
         let (low, high) = model.bounds();
         let (centre, radius) = (0.5 * (low + high), 0.5 * (high - low).length());

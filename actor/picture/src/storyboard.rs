@@ -17,16 +17,13 @@ const INK: Rgb = [34, 38, 44];
 const FAINT: Rgb = [112, 118, 126];
 const GOOD: Rgb = [0, 128, 64];
 const BAD: Rgb = [196, 40, 28];
-/// Room between the two views, pixels.
 const GAP: usize = 4;
-/// What stays the same in all pictures of an episode.
 pub struct Storyboard {
     kitchen: Arc<Kitchen>,
     task: Task,
     side: usize,
     fixed: Model,
     outside: Camera,
-    /// The first moment without the robot, and the light on it.
     lit: (Exposure, Vec<f32>),
 }
 
@@ -52,7 +49,6 @@ impl Storyboard {
         Self { kitchen, task, side, fixed, outside, lit: (exposure, light) }
     }
 
-    /// Width and height of each of the two views, pixels.
     pub fn side(&self) -> usize {
         self.side
     }
@@ -63,7 +59,6 @@ impl Storyboard {
         (2 * side + GAP, (side + 4 * text_px as usize).next_multiple_of(2))
     }
 
-    /// The picture of one moment; `depth_mm`: what the depth camera sees, side × side, millimetres.
     pub fn draw(&self, moment: &Moment, depth_mm: &[u16]) -> Canvas {
         let (width, height) = Self::size(self.side);
         let mut canvas = Canvas::new(width, height, PAPER);
@@ -92,7 +87,6 @@ impl Storyboard {
     }
 }
 
-/// Title and outcome, then the action, then its measures.
 fn write(canvas: &mut Canvas, side: usize, title: &str, captions: &Captions) {
     let (text_px, left) = text(side);
     let line = |number: f32| 1.15 * text_px * number;
@@ -106,7 +100,6 @@ fn write(canvas: &mut Canvas, side: usize, title: &str, captions: &Captions) {
     canvas.text(&captions.measures, text_px, left, line(3.0), FAINT);
 }
 
-/// Height of the text and its distance from the left edge, pixels.
 fn text(side: usize) -> (f32, f32) {
     let text_px = (side as f32 / 21.0).round().clamp(11.0, 40.0);
     (text_px, 0.5 * text_px)

@@ -18,27 +18,18 @@ use std::f32::consts::FRAC_PI_2;
 const SECTION_M: f32 = 1.4;
 /// Looks down (30 degrees each) in the robot's view: level, half of the picture would be wall.
 const LOOK_TICKS: i32 = 1;
-/// The arm's height in the picture, ticks: lowered, so that it hides little.
 const ARM_HEIGHT_TICKS: i32 = 6;
-/// Places from which the robot's view is tried.
 const TRIALS: usize = 40;
-/// Side of a trial, pixels.
 const TRIAL_SIDE: usize = 96;
-/// A thing counts as seen from this many pixels of a trial on.
 const SEEN_PIXELS: usize = 4;
-/// What is nearer than this stands in the way, metres.
 const TOO_NEAR_M: f32 = 0.6;
 
-/// Both pictures of one kitchen, square.
 pub struct Views {
-    /// From above, cut at [`SECTION_M`], north up.
     pub plan: Canvas,
-    /// What the robot sees.
     pub robot: Canvas,
 }
 
 impl Views {
-    /// Draws them; the robot stands where it sees the most things.
     pub fn of(kitchen: &Kitchen, side: usize, paper: Rgb) -> Option<Self> {
         let furnished = Model::of(kitchen);
         let configuration = best_look(kitchen, &furnished)?;
@@ -54,12 +45,10 @@ impl Views {
     }
 }
 
-/// Straight down on the whole kitchen.
 fn plan_camera(model: &Model) -> Camera {
     PlanFrame::of(model).camera()
 }
 
-/// What of a kitchen its floor plan shows.
 #[derive(Debug, Clone, Copy)]
 pub struct PlanFrame {
     /// Its middle on the highest thing, metres.
@@ -68,7 +57,6 @@ pub struct PlanFrame {
 }
 
 impl PlanFrame {
-    /// Of the whole kitchen.
     pub fn of(model: &Model) -> Self {
         let (low, high) = model.bounds();
         let middle = 0.5 * (low + high);
@@ -76,7 +64,6 @@ impl PlanFrame {
         Self { centre: Vec3::new(middle.x, high.y, middle.z), half_width_m }
     }
 
-    /// Straight down, cut at [`SECTION_M`].
     pub fn camera(&self) -> Camera {
         let height_m = self.centre.y + 1.0;
         let pose = Pose3::from_parts(Vec3::new(self.centre.x, height_m, self.centre.z), rotation_x(FRAC_PI_2));
@@ -84,12 +71,10 @@ impl PlanFrame {
     }
 }
 
-/// Where the robot's own camera is.
 fn pose_of(configuration: &Configuration) -> Pose3 {
     world_from_camera(&configuration.posture(), configuration.camera_pitch_rad())
 }
 
-/// The robot's own camera in this pose.
 pub fn robot_camera(world_from_camera: Pose3) -> Camera {
     Camera::new(world_from_camera, Projection::Central { tan_half_width: TAN_HALF_FIELD_OF_VIEW }, NEAR_M)
 }

@@ -2,7 +2,6 @@
 
 use std::fmt::{Display, Formatter};
 
-/// Findings that are kept one by one; further ones are counted.
 const FINDINGS_MAX: usize = 64;
 
 /// Name of the metadata record in which a file that was repaired carries what was lost: `outcome` in a few words, and
@@ -11,11 +10,9 @@ pub const REPAIR_METADATA: &str = "stillroom.repair";
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Cost {
-    /// Nothing: all that was recorded was read.
     Nothing,
     /// So many messages, or something else, were read but may hold wrong content.
     Doubt(u64),
-    /// So many messages are gone.
     Lost(u64),
     /// The messages in these bytes are gone; how many is not known.
     Unknown,
@@ -29,7 +26,6 @@ pub enum Cost {
 pub struct Finding {
     /// Where it begins: in the file, and for what is in a chunk the chunk's place.
     pub offset: u64,
-    /// Bytes of the file that it covers.
     pub bytes: u64,
     pub problem: String,
     pub cost: Cost,
@@ -57,21 +53,16 @@ impl Display for Finding {
     }
 }
 
-/// All about one reading.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Account {
     pub messages: u64,
     /// Of these, those that may hold wrong content.
     pub doubtful: u64,
-    /// Messages that are known to be lost.
     pub lost: u64,
     /// More may be lost than is known: the file was cut, or holds bytes that cannot be read.
     pub lost_unknown: bool,
-    /// The file stops before its end mark.
     pub cut: bool,
-    /// What is wrong, in the order of places; at most 64.
     pub findings: Vec<Finding>,
-    /// Findings beyond those.
     pub further: u64,
     /// An earlier repair left its account in the file: it lost something then.
     pub repaired_with_loss: Option<String>,
@@ -88,7 +79,6 @@ impl Account {
         !self.costly && self.lost == 0 && !self.lost_unknown && self.doubtful == 0
     }
 
-    /// The outcome in a few words: what was lost, or that nothing was.
     pub fn outcome(&self) -> String {
         if self.is_lossless() {
             return "nothing was lost".to_owned();
@@ -111,7 +101,6 @@ impl Account {
         words.join(", ")
     }
 
-    /// Every finding as a line, and how many more there are.
     pub fn lines(&self) -> Vec<String> {
         let mut lines: Vec<_> = self.findings.iter().map(ToString::to_string).collect();
         if self.further > 0 {

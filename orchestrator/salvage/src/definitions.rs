@@ -53,7 +53,6 @@ impl<E> Reader<'_, E> {
         Ok(())
     }
 
-    /// Hands a message on if its channel is known.
     pub(crate) fn message(&mut self, place: u64, header: MessageHeader, data: &[u8], trust: Trust) -> Outcome<(), E> {
         let (id, time_ns) = (header.channel_id, header.log_time);
         if !self.definitions.channels.contains_key(&id)
@@ -83,7 +82,6 @@ impl<E> Reader<'_, E> {
         self.definitions.channels.get(&id).map_or_else(spare, Result::is_ok)
     }
 
-    /// Adds the channels that could not be read to the account.
     pub(crate) fn settle_channels(&mut self) {
         for lost in std::mem::take(&mut self.definitions.channels).into_values().filter_map(Result::err) {
             self.account.add(lost);

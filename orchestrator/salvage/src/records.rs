@@ -13,7 +13,6 @@ use std::ops::Range;
 const EARLIER_REPAIRS_CHARACTERS: usize = 1024;
 
 impl<E> Reader<'_, E> {
-    /// Reads the records in this range of the file, or of the chunk inside which it is.
     pub fn records(&mut self, source: &dyn Source, mut range: Range<u64>) -> Outcome<(), E> {
         while range.start < range.end {
             range.start = match self.record(source, range.clone())? {
@@ -138,7 +137,6 @@ impl<E> Reader<'_, E> {
         Ok(None)
     }
 
-    /// Passes over what cannot be read at the start of the range. Returns where the next record begins.
     fn pass_over(&mut self, source: &dyn Source, range: Range<u64>) -> Outcome<u64, E> {
         let frame = Frame::at(source, range.start)?;
         let opcode = frame.map_or(0, |frame| frame.opcode);
@@ -203,7 +201,6 @@ impl<E> Reader<'_, E> {
     }
 }
 
-/// What it costs that a record of this kind cannot be read, if its length is known.
 fn cost_of(opcode: u8) -> Cost {
     match opcode {
         op::MESSAGE => Cost::Lost(1),

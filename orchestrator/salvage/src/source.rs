@@ -10,7 +10,6 @@ use std::os::unix::fs::FileExt;
 /// Shorter reads of a file are served from a block of this size.
 const BLOCK_BYTES: u64 = 4096;
 
-/// Bytes that can be read at any place.
 pub trait Source {
     fn length(&self) -> u64;
 
@@ -18,7 +17,6 @@ pub trait Source {
     fn bytes(&self, range: Range<u64>) -> Result<Cow<'_, [u8]>>;
 }
 
-/// The `N` bytes from `offset` on, if there are so many.
 pub fn peek<const N: usize>(source: &dyn Source, offset: u64) -> Result<Option<[u8; N]>> {
     match offset.checked_add(N as u64) {
         Some(end) if end <= source.length() => Ok(source.bytes(offset..end)?.as_ref().try_into().ok()),

@@ -29,33 +29,26 @@ impl Default for Limits {
     }
 }
 
-/// Whether what was read is as it was written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Trust {
-    /// Nothing speaks against it.
     Sound,
-    /// It comes from a place that was altered.
     Doubtful,
 }
 
-/// Why reading ended early.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError<E> {
     #[error("it is empty")]
     Empty,
     #[error("it does not begin with MCAP's magic bytes")]
     NotMcap,
-    /// The file system returned an error.
     #[error(transparent)]
     Io(#[from] std::io::Error),
-    /// What took the records wants no more.
     #[error(transparent)]
     Visit(E),
 }
 
 pub(crate) type Outcome<T, E> = Result<T, ReadError<E>>;
 
-/// Schemas and channels that were handed on.
 #[derive(Debug, Default)]
 pub(crate) struct Definitions {
     pub schemas: BTreeMap<u16, Schema>,
@@ -65,7 +58,6 @@ pub(crate) struct Definitions {
 }
 
 impl Definitions {
-    /// Whether so many bytes more are kept.
     pub fn keep(&mut self, bytes: usize) -> bool {
         self.kept_bytes += bytes + 64;
         self.kept_bytes <= KEPT_BYTES_MAX
@@ -75,7 +67,6 @@ impl Definitions {
 /// Log time and place of a chunk's messages, by channel, as its indexes have them.
 pub(crate) type Places = HashMap<u16, Vec<(u64, u64)>>;
 
-/// A chunk that is being read.
 #[derive(Debug)]
 pub(crate) struct Chunk {
     pub offset: u64,
@@ -85,7 +76,6 @@ pub(crate) struct Chunk {
     pub unreadable: bool,
 }
 
-/// What is known in the middle of a file.
 pub(crate) struct Reader<'a, E> {
     pub source: &'a dyn Source,
     pub limits: Limits,
@@ -93,9 +83,7 @@ pub(crate) struct Reader<'a, E> {
     pub account: Account,
     pub definitions: Definitions,
     pub summary: Option<Summary>,
-    /// Bytes that may still be read and unpacked.
     pub budget: u64,
-    /// The chunk whose content is read.
     pub inside: Option<Chunk>,
     /// The messages of the chunk before, and whether it was sound.
     pub indexed: (Trust, Places),
@@ -118,7 +106,6 @@ impl<E> Reader<'_, E> {
         (self.visit)(record, trust).map_err(ReadError::Visit)
     }
 
-    /// Takes so many bytes from the budget, if it has them.
     pub fn afford(&mut self, bytes: u64) -> bool {
         let rest = self.budget.checked_sub(bytes);
         self.budget = rest.unwrap_or(self.budget);

@@ -1,5 +1,3 @@
-//! `orchestrator config`: the effective configuration.
-
 use super::overrides::{Overrides, default_preset};
 use crate::output::terminal;
 use crate::preflight::tools::Tools;

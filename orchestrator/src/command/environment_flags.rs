@@ -35,7 +35,6 @@ pub struct EnvironmentFlags {
 }
 
 impl EnvironmentFlags {
-    /// Whether the user names an environment.
     pub fn is_named(&self) -> bool {
         self.env.is_some() || self.env_command.is_some()
     }

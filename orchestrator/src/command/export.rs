@@ -1,5 +1,3 @@
-//! `orchestrator export`: a policy for other programs, or recorded episodes as a data set.
-
 use crate::command::choice::{Choice, Chosen, nothing_in};
 use crate::evaluation::subject::{Source, find};
 use crate::output::format::{bytes, counted};
@@ -83,7 +81,6 @@ enum Picture {
 }
 
 impl Format {
-    /// What a file of this name is expected to be.
     fn of(out: &Path) -> Result<Self> {
         match out.extension().and_then(|ending| ending.to_str()) {
             Some("safetensors") => Ok(Self::Safetensors),

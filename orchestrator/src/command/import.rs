@@ -124,7 +124,6 @@ fn other_presets(taken: &Config) -> String {
     )
 }
 
-/// Has the learner write the run's first checkpoint, and shows what it says.
 fn take_weights(from: &Path, folder: &RunFolder, id: &str, tools: &Tools) -> Result<()> {
     let learner = &tools.programs.learner;
     let output = Command::new(learner)

@@ -51,7 +51,6 @@ fn one(text: &str) -> Result<KitchenId, String> {
     KitchenId::generated(number).map_err(|error| error.to_string())
 }
 
-/// Runs the command: the actor prints what it wrote.
 pub fn run(args: &KitchensArgs) -> Result<()> {
     let program = programs::find("actor")?;
     let mut command = Command::new(&program);

@@ -22,12 +22,10 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 use tokio::process::Child;
 
-/// What the temporary folder's name begins with.
 const PREFIX: &str = "stillroom-play-";
 /// Episodes of each kitchen and object set in a round: as many of each target. A viewer may run for days, and keeps what it
 /// knows of a round in memory.
 const EPISODES: &str = "36";
-/// How long the child may take to end.
 const LAST: Duration = Duration::from_secs(30);
 
 /// What `orchestrator view` is asked to play.
@@ -86,7 +84,6 @@ impl ShownArgs {
         Ok(Some(Orphan { viewer, root: root.to_owned() }))
     }
 
-    /// Whether somebody watches.
     pub fn is_watched(&self) -> bool {
         self.steps_per_s.is_some()
     }
@@ -132,14 +129,11 @@ pub fn options(kitchen: Option<KitchenId>, split: Option<&str>, steps_per_s: u32
     place.chain(speed).chain(objects.chain(rest).map(str::to_owned)).collect()
 }
 
-/// Lets a policy play.
 #[derive(Debug)]
 pub struct Player {
     root: PathBuf,
     policy: PathBuf,
-    /// Options of the evaluation: where, how fast.
     options: Vec<String>,
-    /// What the policy is called in folders.
     name: String,
     child: Option<Child>,
 }
@@ -162,12 +156,10 @@ impl Player {
         Ok(Self { root, policy, options, name, child: None })
     }
 
-    /// Where the evaluations are while they are played.
     pub fn root(&self) -> &Path {
         &self.root
     }
 
-    /// Whose policy it is, as the user called it.
     pub fn policy(&self) -> &Path {
         &self.policy
     }
@@ -217,7 +209,6 @@ impl Player {
         command
     }
 
-    /// Stops the child and removes what it has left.
     pub async fn stop(&mut self) -> Result<()> {
         if let Some(mut child) = self.child.take()
             && let Some(pid) = child.id().and_then(|pid| i32::try_from(pid).ok()).and_then(Pid::from_raw)

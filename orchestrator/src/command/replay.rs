@@ -138,11 +138,9 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
     }
 }
 
-/// Episodes that are simulated alike.
 type Share = (ReplaySetup, Vec<RecordedEpisode>);
 
 impl ReplayArgs {
-    /// The newest of the runs that are named.
     fn picked(&self) -> Result<Vec<Share>> {
         let mut shares: Vec<Share> = Vec::new();
         for path in &self.paths {
@@ -174,7 +172,6 @@ impl ReplayArgs {
         Ok((shares, incomplete))
     }
 
-    /// Where and how pictures are to be drawn.
     fn images_wanted(&self) -> Result<ReplayImages> {
         let of_run = || run_of(&self.paths[0]).map_or_else(|| "films".into(), |run| run.root().join("films"));
         let folder = &self.images.clone().unwrap_or_else(of_run);

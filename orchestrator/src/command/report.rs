@@ -1,5 +1,3 @@
-//! `orchestrator report`: what runs came to, beside the paper.
-
 use crate::output::format::counted;
 use crate::output::terminal;
 use crate::report_builder::files::{NUMBERS, PAGE, check_free, write};

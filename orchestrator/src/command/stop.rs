@@ -17,15 +17,12 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 use tracing::Level;
 
-/// Of a log so much is read at a time.
 const NEW_BYTES_MOST: u64 = 1 << 20;
-/// How often to look whether it has stopped.
 const LOOK: Duration = Duration::from_millis(50);
 
 /// How long an orchestrator may be stopped by a signal, before nobody waits for it any more.
 const ASLEEP: Duration = Duration::from_secs(3);
 
-/// What to do with a run whose processes cannot be seen from here.
 const THERE: &str =
     "give this command, or Ctrl-C, where it was started (`docker exec` or `nsenter` leads into a container)";
 
@@ -125,7 +122,6 @@ pub fn run(args: &StopArgs) -> Result<()> {
     Ok(())
 }
 
-/// What an orchestrator logs from now on.
 pub(super) struct Log {
     folder: RunFolder,
     path: PathBuf,
@@ -139,7 +135,6 @@ impl Log {
         Self { folder: folder.clone(), path, shown }
     }
 
-    /// Shows the lines that are new.
     pub(super) fn show(&mut self) {
         self.new_lines().iter().for_each(|line| terminal::note(line));
     }

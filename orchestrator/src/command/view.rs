@@ -1,5 +1,3 @@
-//! `orchestrator view`: a page on runs, live, and any recorded episode from any camera.
-
 use super::player::{Player, PolicyArgs};
 use crate::hosts::token::refuse_public;
 use crate::output::terminal;
@@ -66,13 +64,10 @@ pub struct PageArgs {
     token_file: Option<PathBuf>,
 }
 
-/// Port that is tried first.
 const PORT: u16 = 8765;
-/// Ports after it that are tried.
 const PORTS: u16 = 20;
 /// A shorter token could be guessed.
 const TOKEN_LETTERS_MIN: usize = 16;
-/// How long a browser may take to start and to open the page.
 const OPENING: Duration = Duration::from_mins(1);
 /// The server gives way to whatever trains on the machine.
 const NICENESS: i32 = 10;
@@ -87,21 +82,17 @@ pub fn run(args: &ViewArgs) -> Result<()> {
     show(Shown { readers, open, compare: !args.compare.is_empty(), player: None, note }, &args.page, args.open)
 }
 
-/// Lets a policy play on a page.
 pub fn play(player: Player, page: &PageArgs, open: bool) -> Result<()> {
     let readers = RunReaders::of(vec![player.root().to_owned()]);
     let note = format!("{} plays until Ctrl-C, on the CPU", player.policy().display());
     show(Shown { readers, open: Vec::new(), compare: false, player: Some(player), note }, page, open)
 }
 
-/// What a page shows.
 struct Shown {
     readers: RunReaders,
-    /// The runs that it opens with.
     open: Vec<String>,
     compare: bool,
     player: Option<Player>,
-    /// What is said of it.
     note: String,
 }
 
@@ -128,7 +119,6 @@ fn show(shown: Shown, page: &PageArgs, open: bool) -> Result<()> {
     serve_until_interrupted(listener, Arc::new(shown.readers), settings, shown.player, opened)
 }
 
-/// The runs that are shown, and those that the page opens with.
 fn readers(args: &ViewArgs) -> Result<(RunReaders, Vec<String>)> {
     let asked = if args.compare.is_empty() { &args.runs } else { &args.compare };
     for path in asked {
@@ -191,7 +181,6 @@ async fn played(player: Option<&mut Player>) -> Result<()> {
     }
 }
 
-/// Keeps the file that a browser was given until it has opened the page.
 async fn keep(page: Option<TempPath>) -> Infallible {
     tokio::time::sleep(OPENING).await;
     drop(page);

@@ -21,7 +21,6 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// A figure: its name, its value, and how people read it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figure {
     name: String,
@@ -29,10 +28,8 @@ pub struct Figure {
     shown: String,
 }
 
-/// Digits of a digest that tell two apart.
 const DIGITS: usize = 12;
 
-/// Adds figures of one kind after the other.
 #[derive(Debug, Default)]
 struct List(Vec<Figure>);
 
@@ -49,7 +46,6 @@ impl List {
         self.put(name, json!(value), format::number(value, decimals));
     }
 
-    /// The metrics of a task that are shown, of one thing.
     fn metrics(&mut self, of: &str, task: &Spec, figures: &BTreeMap<String, f64>) {
         for metric in task.shown() {
             let value = metric.mean(figures);
@@ -60,7 +56,6 @@ impl List {
     }
 }
 
-/// Those of a run, its validations and evaluations, or of an evaluation.
 pub fn of(folder: &RunFolder, config: &Config, identity: &Identity) -> Result<Vec<Figure>> {
     let mut list = List::default();
     let held = holder(folder)?;
@@ -105,12 +100,10 @@ fn training(list: &mut List, folder: &RunFolder, config: &Config, identity: &Ide
     }
 }
 
-/// What is wrong with a run's files goes beside the table.
 fn tell<'a>(folder: &RunFolder, notes: impl Iterator<Item = &'a String>) {
     notes.for_each(|note| terminal::note(&format!("{}: {note}", folder.root().display())));
 }
 
-/// Of a stage, lately.
 fn of_stage(list: &mut List, task: &Spec, stage: &StageMeans) {
     let (late, of) = (&stage.last_tenth, format!("stage {}", stage.name));
     let name = |what: &str| format!("{of}: {what}");

@@ -1,5 +1,3 @@
-//! A line of a comparison.
-
 use serde::Serialize;
 use serde_json::Value;
 
@@ -8,7 +6,6 @@ pub struct Row {
     pub name: String,
     /// Of each run; null of those that have no such thing.
     pub values: Vec<Value>,
-    /// The same as people read it.
     #[serde(skip)]
     pub shown: Vec<String>,
 }

@@ -1,5 +1,3 @@
-//! In what configurations differ.
-
 use super::row::Row;
 use proto::config::{Config, Lists, differences as between};
 use std::collections::BTreeSet;
@@ -33,7 +31,6 @@ fn row(path: &str, values: &[Value]) -> Row {
     }
 }
 
-/// What is at a path such as `stages.1.frames`.
 fn at<'a>(value: &'a Value, path: &str) -> Option<&'a Value> {
     path.split('.').try_fold(value, |value, key| match value {
         Value::Table(table) => table.get(key),

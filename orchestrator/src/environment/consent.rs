@@ -18,12 +18,10 @@ use std::path::{Path, PathBuf};
 /// The file, below the folder of this user's states.
 const FILE: &str = "stillroom/allowed";
 
-/// Notes that the user wants a command to be started.
 pub fn allow(command: &[String]) -> Result<()> {
     allow_in(&place()?, command)
 }
 
-/// Refuses to start the environments of a run whose command the user has not allowed.
 pub fn demand(config: &Config, folder: &Path) -> Result<()> {
     let Some(EnvironmentConfig { command, .. }) = &config.environment else { return Ok(()) };
     if is_allowed_in(&place()?, command)? {
@@ -38,7 +36,6 @@ pub fn demand(config: &Config, folder: &Path) -> Result<()> {
     )
 }
 
-/// A command as a person reads it.
 pub fn shown(command: &[String]) -> String {
     let words: Vec<String> = command.iter().map(quoted).collect();
     printable(&words.join(" ")).replace('\n', "\\n")

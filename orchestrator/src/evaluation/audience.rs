@@ -17,7 +17,6 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 use wire::fault;
 
-/// Records of an evaluation so far.
 #[derive(Debug)]
 pub struct EvaluationAudience {
     spec: &'static Spec,
@@ -47,7 +46,6 @@ impl EvaluationAudience {
         })
     }
 
-    /// Episodes to play.
     pub fn asked(&self) -> usize {
         self.plan.len()
     }
@@ -56,7 +54,6 @@ impl EvaluationAudience {
         self.records.len()
     }
 
-    /// Frames that the weights were trained on.
     pub fn frames(&self) -> u64 {
         self.frames
     }

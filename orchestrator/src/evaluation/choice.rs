@@ -21,7 +21,6 @@ pub enum ObjectsChoice {
     All,
 }
 
-/// The word for a choice.
 pub fn word(choice: &impl ValueEnum) -> String {
     choice.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
 }

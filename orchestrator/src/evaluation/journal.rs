@@ -12,7 +12,6 @@ fn path(folder: &RunFolder) -> PathBuf {
     folder.root().join("played.jsonl")
 }
 
-/// Opens it for appending.
 pub fn open(folder: &RunFolder) -> Result<Writer> {
     Writer::open(&path(folder))
 }

@@ -1,5 +1,3 @@
-//! An evaluation, from its folder to its result files.
-
 use super::audience::EvaluationAudience;
 use super::text::{episodes_of, lines};
 use super::{journal, subject};
@@ -20,25 +18,18 @@ use proto::run_state::Ending;
 use std::process::ExitCode;
 use wire::fault;
 
-/// An evaluation whose folder has been made.
 pub struct EvaluationRun {
-    /// The folder, with config.toml in it.
     pub folder: RunFolder,
-    /// Contents of config.toml.
     pub config: Config,
     pub asked: EvaluationConfig,
-    /// Print the result as JSON instead of a table.
     pub json: bool,
-    /// Origin of the weights, as far as known before they are loaded.
     pub subject: subject::Provenance,
-    /// Contents of run.toml.
     pub identity: Identity,
     pub lock: RunLock,
     pub tools: Tools,
 }
 
 impl EvaluationRun {
-    /// Plays all episodes and writes the result; the exit status of the program.
     pub fn run(mut self) -> Result<ExitCode> {
         let plan = self.config.evaluation_plan().context("an evaluation has a plan")?;
         let mut audience = EvaluationAudience::new(self.config.spec(), plan, &self.folder)?;

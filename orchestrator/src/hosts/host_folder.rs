@@ -15,10 +15,8 @@ use std::path::{Component, Path, PathBuf};
 use std::time::Duration;
 use wire::WireAddress;
 
-/// How long processes may take to notice that their orchestrator is gone.
 const LEAVE: Duration = Duration::from_secs(5);
 
-/// A host's part of a run, ready to begin.
 pub struct HostFolder {
     pub folder: RunFolder,
     pub config: Config,
@@ -80,7 +78,6 @@ fn check_run(folder: &RunFolder, run_id: &str) -> Result<()> {
     }
 }
 
-/// Writes down what the processes read.
 fn keep(folder: &RunFolder, invitation: &Invitation, files: &[Vec<u8>]) -> Result<()> {
     for ((name, _), bytes) in invitation.files.iter().zip(files) {
         let path = folder.root().join(inside(name)?);

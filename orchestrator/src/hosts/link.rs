@@ -16,7 +16,6 @@ const LONGEST: usize = 4 << 20;
 /// Beats in the time after which a silent link is lost.
 const BEATS: u32 = 5;
 
-/// What crosses: a message, or a sign of life.
 #[derive(Serialize, Deserialize)]
 enum Frame<M> {
     Beat,
@@ -41,7 +40,6 @@ pub fn receive<M: DeserializeOwned>(stream: &mut TcpStream, longest: usize, dead
     Ok(serde_json::from_slice(&receive_bytes(stream, longest, deadline)?)?)
 }
 
-/// Receives what [`send_bytes`] sent.
 pub fn receive_bytes(stream: &mut TcpStream, longest: usize, deadline: Instant) -> Result<Vec<u8>> {
     let mut length = [0; 4];
     fill(stream, &mut length, deadline)?;

@@ -13,7 +13,6 @@ use std::path::{Path, PathBuf};
 
 /// A shorter one could be guessed by who has seen a proof.
 const SHORTEST: usize = 16;
-/// No token is longer.
 const LONGEST: u64 = 4096;
 
 #[derive(Clone)]
@@ -28,10 +27,8 @@ impl std::fmt::Debug for Token {
 /// Both sides' random words, and the host that they are about.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Drawn<'a> {
-    /// The one who connects.
     pub host: u32,
     pub guest: &'a str,
-    /// Drawn by host 0.
     pub door: &'a str,
 }
 
@@ -67,12 +64,10 @@ impl Token {
         Ok(Self(token.to_vec()))
     }
 
-    /// Host 0's proof that it has the token.
     pub fn door_proof(&self, drawn: &Drawn<'_>) -> String {
         self.code(&words("door", drawn))
     }
 
-    /// Another host's proof that it has it.
     pub fn guest_proof(&self, drawn: &Drawn<'_>) -> String {
         self.code(&words("guest", drawn))
     }
@@ -101,7 +96,6 @@ impl Token {
         self.verifies(&words("door", drawn), proof)
     }
 
-    /// Whether this is another host's proof.
     pub fn is_guests(&self, drawn: &Drawn<'_>, proof: &str) -> bool {
         self.verifies(&words("guest", drawn), proof)
     }
@@ -124,7 +118,6 @@ fn words(side: &str, drawn: &Drawn<'_>) -> [String; 4] {
     [side.to_owned(), drawn.host.to_string(), drawn.guest.to_owned(), drawn.door.to_owned()]
 }
 
-/// Random words that were never drawn before: 64 hex digits.
 pub fn draw() -> Result<String> {
     let mut bytes = [0u8; 32];
     File::open("/dev/urandom").and_then(|mut source| source.read_exact(&mut bytes)).context("/dev/urandom")?;

@@ -15,7 +15,6 @@ use tracing_subscriber::layer::Context;
 
 static TOLD: AtomicBool = AtomicBool::new(false);
 
-/// From now on events are told, lines of the log too.
 pub fn begin() {
     TOLD.store(true, Ordering::Relaxed);
 }
@@ -42,7 +41,6 @@ pub fn tell<T: Serialize>(event: &str, fields: impl FnOnce() -> T) {
     }
 }
 
-/// Tells lines of the log.
 #[derive(Debug, Clone, Copy)]
 pub struct LogLines;
 

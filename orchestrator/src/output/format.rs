@@ -53,7 +53,6 @@ pub fn metric(metric: &Described, value: Option<f64>) -> String {
     }
 }
 
-/// Metrics with their means.
 pub fn metrics<'a>(
     metrics: impl IntoIterator<Item = &'a Described>,
     figures: &BTreeMap<String, f64>,

@@ -19,11 +19,9 @@ use tracing_subscriber::util::SubscriberInitExt;
 use tracing_subscriber::{Layer, Registry};
 
 struct State {
-    /// Lines of progress on the screen now.
     drawn: Vec<String>,
     /// Where the log goes besides the terminal, once the run folder is known.
     file: Option<File>,
-    /// Something else draws on the terminal.
     muted: bool,
     /// Why a result did not reach standard output, if its reader has not just gone.
     unwritten: Option<std::io::Error>,
@@ -60,17 +58,14 @@ pub fn init(verbose: bool, also: Box<dyn Layer<Registry> + Send + Sync>) {
     }
 }
 
-/// From now on the log is also appended to `file`.
 pub fn log_to_file(file: File) {
     state().file = Some(file);
 }
 
-/// From now on, or no more, log lines stay away from the terminal: something else draws on it.
 pub fn mute(muted: bool) {
     state().muted = muted;
 }
 
-/// Writes a line to standard output.
 pub fn out(line: &str) {
     if let Err(error) = offer(line)
         && !is_unread(&error)
@@ -110,7 +105,6 @@ pub fn offer(line: &str) -> std::io::Result<()> {
     written
 }
 
-/// Writes a value as one line of JSON to standard output.
 pub fn out_json(value: &impl Serialize) -> serde_json::Result<()> {
     out(&ascii_controls(&serde_json::to_string(value)?));
     Ok(())
@@ -133,7 +127,6 @@ fn ascii_controls(json: &str) -> String {
     text
 }
 
-/// Writes a line to standard error.
 pub fn note(line: &str) {
     let mut state = state();
     let drawn = erase(&mut state);
@@ -141,12 +134,10 @@ pub fn note(line: &str) {
     draw(&mut state, drawn);
 }
 
-/// True when progress can be refreshed in place.
 pub fn interactive() -> bool {
     std::io::stderr().is_terminal() && std::env::var_os("TERM").is_none_or(|term| term != "dumb")
 }
 
-/// How many characters a line of progress can have.
 fn columns() -> usize {
     let size = rustix::termios::tcgetwinsize(std::io::stderr());
     size.map_or(80, |size| usize::from(size.ws_col)).max(20) - 1
@@ -176,7 +167,6 @@ impl Default for Live {
 }
 
 impl Live {
-    /// Whether it is time to show something. `now` is the time since the work began.
     pub fn is_due(&mut self, now: Duration) -> bool {
         let due = self.interactive || self.last_line.is_none_or(|last| now.saturating_sub(last) >= LINE_EVERY);
         if due {
@@ -185,12 +175,10 @@ impl Live {
         due
     }
 
-    /// How many characters a line can have that is refreshed in place; none elsewhere, where it can be long.
     pub fn columns(&self) -> Option<usize> {
         self.interactive.then(columns)
     }
 
-    /// Shows this line, in place of the last one where it is refreshed.
     pub fn show(&self, line: String) {
         if self.interactive {
             progress(vec![line]);
@@ -199,7 +187,6 @@ impl Live {
         }
     }
 
-    /// Takes it off the screen.
     pub fn clear(&self) {
         if self.interactive {
             progress(Vec::new());
@@ -238,7 +225,6 @@ impl FormatTime for SinceStart {
     }
 }
 
-/// Writes whole log lines above the progress.
 #[derive(Clone, Copy)]
 struct Screen;
 
@@ -265,7 +251,6 @@ impl<'a> MakeWriter<'a> for Screen {
     }
 }
 
-/// Writes whole log lines to the run's log.
 #[derive(Clone, Copy)]
 struct LogFile;
 

@@ -30,7 +30,6 @@ pub fn check_all(config: &Config, folder: &Path, torch: Option<&Torch>) -> Vec<(
     found
 }
 
-/// Refuses a configuration that cannot run here.
 pub fn demand_all(config: &Config, folder: &RunFolder, tools: &Tools) -> Result<()> {
     check_all(config, folder.root(), Some(&tools.torch)).into_iter().try_for_each(|(_, finding)| finding.demand())
 }

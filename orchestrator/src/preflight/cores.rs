@@ -11,7 +11,6 @@ pub fn placement(config: &Config, torch: &Torch) -> Result<Option<Placement>, Pl
     Cores::find(torch)?.place(&config.machine.pin, config.shares(), is_cuda(config, torch))
 }
 
-/// Checks what `config` asks for against what is here.
 pub fn check(config: &Config, torch: &Torch) -> Finding {
     match placement(config, torch) {
         Ok(None) => Finding::Good("as the kernel chooses (machine.pin = false)".to_owned()),

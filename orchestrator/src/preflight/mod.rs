@@ -19,16 +19,12 @@ pub mod tools;
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Finding {
-    /// All is well; what there is.
     Good(String),
-    /// It works, but.
     Warning(String),
-    /// It cannot work; why, and what to do.
     Problem(String),
 }
 
 impl Finding {
-    /// Logs a warning; makes an error of a problem.
     pub fn demand(self) -> anyhow::Result<()> {
         match self {
             Self::Good(text) => tracing::debug!("{text}"),

@@ -10,10 +10,8 @@ use std::path::Path;
 
 /// Cores of one GPU's share from which on its learner has some to itself.
 const ENOUGH: usize = 8;
-/// The most cores that a learner has to itself.
 const OWN: usize = 4;
 
-/// What of a machine matters for a placement.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Cores {
     /// Cores that this process may use; threads of one core stand side by side.
@@ -22,40 +20,25 @@ pub struct Cores {
     near: Vec<BTreeSet<usize>>,
 }
 
-/// The cores of each process. None where the kernel chooses.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Placement {
     shares: Shares,
-    /// By rank.
     learners: Vec<Vec<usize>>,
-    /// Of each learner's actors, by rank.
     actors: Vec<Vec<usize>>,
 }
 
-/// Why processes cannot be placed.
 #[derive(Debug, thiserror::Error)]
 pub enum PlacementError {
-    /// A core was named that is not there.
     #[error(
         "machine.pin names core {core}, which this process may not use (it may use {usable}). Name others, or let \
          `machine.pin = true` choose"
     )]
-    NoCore {
-        core: usize,
-        /// Those that can be named.
-        usable: String,
-    },
-    /// The kernel refuses.
+    NoCore { core: usize, usable: String },
     #[error("cannot {what}: {cause}")]
-    Kernel {
-        /// What was asked for.
-        what: String,
-        cause: std::io::Error,
-    },
+    Kernel { what: String, cause: std::io::Error },
 }
 
 impl Cores {
-    /// Looks at this machine. `torch` names the GPUs.
     pub fn find(torch: &Torch) -> Result<Self, PlacementError> {
         let failed = |cause: rustix::io::Errno| PlacementError::Kernel {
             what: "read this process's cores".to_owned(),
@@ -168,7 +151,6 @@ fn text(cores: &[usize]) -> String {
     shown.collect::<Vec<_>>().join(",")
 }
 
-/// The list of cores in a file of the kernel's.
 fn list_in(path: &Path) -> Option<BTreeSet<usize>> {
     parse(std::fs::read_to_string(path).ok()?.trim())
 }

@@ -5,18 +5,13 @@ use rustix::fs::Access;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-/// The programs and what they need to start.
 #[derive(Debug, Clone)]
 pub struct Programs {
-    /// The learner's executable.
     pub learner: PathBuf,
-    /// The actor's executable.
     pub actor: PathBuf,
-    /// Variables for the learner, besides the orchestrator's own.
     pub learner_environment: Vec<(OsString, OsString)>,
 }
 
-/// The executable called `name`.
 pub fn find(name: &str) -> Result<PathBuf> {
     let beside = std::env::current_exe().ok().and_then(|own| Some(own.parent()?.to_path_buf()));
     let path = std::env::var_os("PATH").unwrap_or_default();
@@ -28,7 +23,6 @@ pub fn find(name: &str) -> Result<PathBuf> {
     bail!("the program `{name}` is neither{place} on the PATH; `make build` compiles it")
 }
 
-/// The first executable called `name` on the PATH.
 pub fn on_path(name: &str) -> Option<PathBuf> {
     find_in(name, std::env::split_paths(&std::env::var_os("PATH").unwrap_or_default()))
 }

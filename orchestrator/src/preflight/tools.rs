@@ -5,16 +5,13 @@ use super::programs::{self, Programs};
 use anyhow::Result;
 use proto::device::Torch;
 
-/// The programs, found and proven to start.
 #[derive(Debug, Clone)]
 pub struct Tools {
     pub programs: Programs,
-    /// What the learner computes with.
     pub torch: Torch,
 }
 
 impl Tools {
-    /// Finds both programs and has the learner load its libtorch.
     pub fn find() -> Result<Self> {
         let learner = programs::find("learner")?;
         let actor = programs::find("actor")?;

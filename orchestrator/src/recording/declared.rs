@@ -7,7 +7,6 @@ use proto::task::{Spec, SpecError, Summing, Sums};
 use std::collections::BTreeMap;
 use std::error::Error;
 
-/// A task, its rewards weighed by a configuration.
 #[derive(Debug)]
 pub struct Declared {
     pub spec: &'static Spec,
@@ -29,7 +28,6 @@ impl Declared {
         Ok(Self { spec, forms: Forms::of(spec, &compared), compared, summing: Summing::of(spec) })
     }
 
-    /// Before an episode's first step.
     pub fn nothing(&self) -> Sums {
         self.summing.nothing(self.compared.rewards().len())
     }
@@ -49,7 +47,6 @@ impl Declared {
         }
     }
 
-    /// Whether an episode's end is a success.
     pub fn succeeded(&self, end: &Told) -> bool {
         self.spec.successes().any(|at| end.metrics[at] == Some(1.0))
     }

@@ -20,7 +20,6 @@ pub fn find() -> Option<Ffmpeg> {
     Some(Ffmpeg { program: program.to_str()?.to_owned(), encoder: encoder.to_owned() })
 }
 
-/// The encoder to take of those that `ffmpeg -encoders` lists.
 fn encoder(listing: &str) -> Option<&'static str> {
     let listed = |name: &str| listing.lines().any(|line| line.split_whitespace().nth(1) == Some(name));
     ENCODERS.into_iter().find(|name| listed(name))

@@ -17,10 +17,8 @@ use std::time::{Duration, Instant};
 
 /// An actor that says nothing for this long hangs: with pictures an episode takes minutes on a busy machine.
 const SILENCE_DEADLINE: Duration = Duration::from_hours(1);
-/// How long it may take to end after its last answer.
 const EXIT_DEADLINE: Duration = Duration::from_secs(10);
 
-/// What came of it.
 #[derive(Debug, Default)]
 pub struct Harvest {
     pub simulated: u64,
@@ -31,7 +29,6 @@ pub struct Harvest {
     pub written: Option<[u64; 3]>,
 }
 
-/// The actor; killed and reaped if it still runs when this is dropped.
 struct Actor(Child);
 
 impl Drop for Actor {
@@ -144,7 +141,6 @@ fn feed(input: ChildStdin, setup: &DatasetSetup, requests: &[DatasetRequest]) {
     }
 }
 
-/// Reads answers until the output ends.
 fn listen(output: impl BufRead, answers: &Sender<Result<DatasetAnswer>>) {
     for line in output.lines() {
         let answer = line.context("cannot read from an actor").and_then(|line| {

@@ -8,14 +8,10 @@ use proto::run_folder::RunFolder;
 use std::cmp::Reverse;
 use std::time::Duration;
 
-/// How long recordings are read before an error names `--episode`.
 const PATIENCE: Duration = Duration::from_mins(10);
-/// Films of one kind, unless the user sets another number.
 const OF_A_KIND: usize = 3;
-/// Without any choice: kinds, and how many of each.
 const SHOWN: [(Kind, usize); 3] = [(Kind::Undisturbed, 2), (Kind::Disturbed, 1), (Kind::Failure, 1)];
 
-/// How an episode ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     /// By the metric that demands most.
@@ -44,7 +40,6 @@ impl Only {
     }
 }
 
-/// The newest episodes of a run or an evaluation, each with what it takes to simulate it again.
 pub fn newest(
     folder: &RunFolder,
     only: Option<Only>,

@@ -1,5 +1,3 @@
-//! Makes a complete file from a truncated or damaged one.
-
 use super::reader::{Extent, RecordingError, open};
 use crate::recording::recorder::segment::{in_words, write_options};
 use mcap::McapError;
@@ -9,15 +7,12 @@ use std::fs::File;
 use std::io::{BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-/// Names that are tried for the file that is being made.
 const PARTIAL_NAMES_MAX: u32 = 1000;
 
-/// Why a file could not be repaired.
 #[derive(Debug, thiserror::Error)]
 pub enum RepairError {
     #[error(transparent)]
     Read(#[from] RecordingError),
-    /// A recorder writes it at this moment.
     #[error("{path} is still being written: stop the run first", path = .0.display())]
     Busy(PathBuf),
     /// Something would be replaced that may be the only good copy.
@@ -29,16 +24,8 @@ pub enum RepairError {
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Repair {
-    /// The file is complete; nothing was touched.
     NotNeeded { messages: u64 },
-    /// A complete file was written.
-    Repaired {
-        repaired: PathBuf,
-        /// The old file, where it was kept under another name.
-        kept: Option<PathBuf>,
-        /// What the old file held.
-        extent: Extent,
-    },
+    Repaired { repaired: PathBuf, kept: Option<PathBuf>, extent: Extent },
 }
 
 /// Copies all that is readable in `path` into a complete file: to `output`, or in place of the old file, which is then
@@ -86,7 +73,6 @@ pub fn repair(path: &Path, output: Option<&Path>) -> Result<Repair, RepairError>
     Ok(Repair::Repaired { repaired: target.to_path_buf(), kept, extent })
 }
 
-/// A file that is not at its place yet.
 struct Partial(PathBuf);
 
 impl Drop for Partial {

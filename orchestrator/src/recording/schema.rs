@@ -10,22 +10,18 @@ use prost::Message;
 use prost_types::{FileDescriptorProto, FileDescriptorSet};
 use std::sync::Arc;
 
-/// Well-known messages.
 pub mod foxglove {
     #![allow(missing_docs, clippy::pedantic, clippy::enum_variant_names, dead_code, reason = "generated")]
     include!("../../schemas/compiled/foxglove.rs");
 }
 
-/// Our own signals.
 pub mod stillroom {
     #![allow(missing_docs, clippy::pedantic, dead_code, reason = "generated")]
     include!("../../schemas/compiled/stillroom.rs");
 }
 
-/// Encoding of schemas and of messages, as MCAP names it.
 pub const PROTOBUF: &str = "protobuf";
 
-/// A message, as recordings describe it.
 #[derive(Debug, Clone)]
 pub struct Schema {
     /// E.g. `stillroom.Step`.

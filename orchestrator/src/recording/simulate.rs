@@ -26,7 +26,6 @@ use std::time::{Duration, Instant};
 const SILENCE_DEADLINE: Duration = Duration::from_mins(5);
 /// The same where it draws: a film of two hundred steps takes a minute, a large one on a busy machine many.
 const DRAWING_DEADLINE: Duration = Duration::from_hours(1);
-/// How long an actor may take to end after its last verdict.
 const EXIT_DEADLINE: Duration = Duration::from_secs(10);
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(200);
 const PROGRESS_LINE_INTERVAL: Duration = Duration::from_secs(10);
@@ -39,7 +38,6 @@ pub struct Totals {
     pub different: u64,
     /// Kitchen, environment, episode, step of the first one, in that order, and what differs.
     pub first: Option<(u32, u32, u32, Difference)>,
-    /// Episodes with a difference by what differs first in them.
     pub kinds: BTreeMap<String, u64>,
 }
 
@@ -59,7 +57,6 @@ impl Totals {
 }
 
 impl Totals {
-    /// Adds those of other episodes.
     pub fn merge(&mut self, other: Self) {
         self.episodes += other.episodes;
         self.compared += other.compared;
@@ -72,14 +69,11 @@ impl Totals {
     }
 }
 
-/// What comes back from an actor's reader.
 enum Report {
     Verdict(Box<ReplayVerdict>),
-    /// Its output has ended, after all verdicts or not.
     Ended(usize, Result<()>),
 }
 
-/// Simulates the episodes as `setup` says, showing progress; an error if an actor fails or hangs.
 pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<Totals> {
     let total = episodes.len();
     let deadline = if setup.images.is_some() { DRAWING_DEADLINE } else { SILENCE_DEADLINE };
@@ -123,7 +117,6 @@ pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<T
     Ok(totals)
 }
 
-/// The program that simulates episodes of this run again.
 fn replayer(setup: &ReplaySetup) -> Result<Command> {
     let config = Config::from_toml(&setup.config, "the configuration of the recording")?;
     let Some(environment) = &config.environment else {
@@ -137,7 +130,6 @@ fn replayer(setup: &ReplaySetup) -> Result<Command> {
     Ok(command)
 }
 
-/// Divides episodes by kitchen into at most `shares` shares of about as many steps each.
 fn divide(episodes: Vec<RecordedEpisode>, shares: usize) -> Vec<Vec<RecordedEpisode>> {
     let mut kitchens: BTreeMap<KitchenId, Vec<RecordedEpisode>> = BTreeMap::new();
     for episode in episodes {
@@ -228,7 +220,6 @@ fn feed(input: ChildStdin, setup: &ReplaySetup, share: &[RecordedEpisode]) {
     }
 }
 
-/// Reads verdicts until the output ends; they must be those that were asked for.
 fn listen(output: ChildStdout, expected: &[(EnvironmentId, u32)], reports: &Sender<Report>) -> Result<()> {
     let mut answered = 0;
     for line in BufReader::new(output).lines() {
@@ -247,7 +238,6 @@ fn listen(output: ChildStdout, expected: &[(EnvironmentId, u32)], reports: &Send
     Ok(())
 }
 
-/// What the user sees meanwhile: a line that is refreshed, or one now and then where that cannot be.
 struct ReplayProgress {
     total: usize,
     started: Instant,

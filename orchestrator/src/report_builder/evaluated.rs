@@ -1,5 +1,3 @@
-//! Reads the folder of an evaluation.
-
 use crate::output::format::counted;
 use crate::training::scores::read_result;
 use anyhow::{Context, Result, bail};
@@ -9,7 +7,6 @@ use proto::run_folder::RunFolder;
 use proto::task::Spec;
 use report::study::Evaluated;
 
-/// An evaluation of a task with its episodes.
 pub(super) fn evaluation(spec: &Spec, run: &RunFolder) -> Result<Evaluated> {
     let (folder, result) = (run.root(), read_result(run)?);
     if result.task != spec.name {

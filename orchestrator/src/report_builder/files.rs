@@ -77,7 +77,6 @@ pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<Report
     Ok(report)
 }
 
-/// The main results in HTML, for a browser that runs no scripts.
 fn table(report: &Report) -> String {
     let text = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;");
     let rate = |Estimate { point, interval: found }: Estimate| match &found {

@@ -1,5 +1,3 @@
-//! Reads run folders and evaluation folders for a report.
-
 use super::evaluated::evaluation;
 use super::unclaimed::{UnclaimedEvaluation, is_of, same_run};
 use crate::run::identity::Identity;
@@ -20,19 +18,15 @@ use report::study::{Evaluated, Origin, Rollout, Run, Validated};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Depth of the search for runs below a given folder.
 const DEPTH: usize = 3;
 
 #[derive(Debug)]
 pub struct Gathered {
-    /// Runs that were found, then weights that were evaluated without one.
     pub runs: Vec<Run>,
-    /// What was found and could not be read.
     pub notes: Vec<String>,
 }
 
 struct Given {
-    /// Its path, without links.
     place: PathBuf,
     id: String,
     run: Run,
@@ -108,7 +102,6 @@ pub fn gather(paths: &[PathBuf]) -> Result<Gathered> {
     Ok(Gathered { runs: runs.into_iter().map(|known| known.run).chain(alone).collect(), notes })
 }
 
-/// Why a folder in which nothing was found is of no use here.
 fn no_run(folder: &Path) -> Result<&'static str> {
     let folder = RunFolder::new(folder);
     let evaluates = folder.identity().exists() && Config::of_run(&folder)?.evaluation.is_some();
@@ -149,7 +142,6 @@ fn look(folder: &RunFolder, depth: usize, found: &mut Vec<RunFolder>, notes: &mu
     Ok(())
 }
 
-/// A run with its id.
 fn run(folder: &RunFolder, notes: &mut Vec<String>) -> Result<(String, Run)> {
     let path = folder.root();
     let identity = Identity::read(folder)?;
@@ -175,7 +167,6 @@ fn run(folder: &RunFolder, notes: &mut Vec<String>) -> Result<(String, Run)> {
     Ok((identity.id, run))
 }
 
-/// What was trained, with how fast it was and how long it took until then.
 fn rollouts(history: &History) -> Vec<Rollout> {
     // The number of the next rollout and the frames before it.
     let (mut next, mut before, mut elapsed_s) = (0, 0, 0.0);
@@ -191,7 +182,6 @@ fn rollouts(history: &History) -> Vec<Rollout> {
     history.iter().map(rollout).collect()
 }
 
-/// Evaluations during training, in order of frames.
 fn validation_of(scores: &[Score]) -> Vec<Validated> {
     let validated = |score: &Score| {
         let Score { frames, distribution, figures, .. } = score;

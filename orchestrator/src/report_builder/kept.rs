@@ -12,7 +12,6 @@ pub fn read(path: &Path) -> Result<Kept> {
     serde_json::from_str(&text).with_context(|| format!("{} keeps no table", path.display()))
 }
 
-/// Adds a report's rows; a file that is not there is made.
 pub fn add(path: &Path, tables: &[Comparison]) -> Result<Kept> {
     let mut kept = if path.exists() { read(path)? } else { Kept::default() };
     kept.add(tables)?;

@@ -10,18 +10,15 @@ use report::study::{Evaluated, Origin, Run, differences_between};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// An evaluation's folder outside of any run's.
 pub(super) struct UnclaimedEvaluation {
     /// Its path, without links.
     pub place: PathBuf,
-    /// As the user calls it.
     folder: RunFolder,
     config: Config,
     pub evaluated: Evaluated,
 }
 
 impl UnclaimedEvaluation {
-    /// Reads an evaluation's folder; `place`: its path, without links.
     pub fn read(folder: &RunFolder, place: PathBuf) -> Result<Self> {
         let config = config_by_content(folder)?;
         let evaluated = evaluation(config.spec(), folder)?;

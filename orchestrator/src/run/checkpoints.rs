@@ -9,7 +9,6 @@ use std::collections::BTreeMap;
 use std::io::BufRead;
 use std::path::{Path, PathBuf};
 
-/// Reads a manifest in a run folder, without its tensors.
 pub fn read_manifest(folder: &RunFolder, path: &Path) -> Result<Manifest> {
     Manifest::read_in(folder, path).map_err(|error| anyhow!("{} {error}", path.display()))
 }
@@ -49,10 +48,8 @@ pub fn newest_whole(folder: &RunFolder, place: &Path) -> Result<(PathBuf, Vec<an
     })
 }
 
-/// The newest checkpoints that are looked at.
 const CHECKPOINTS_MOST: usize = 100;
 
-/// Whether the tensors of a checkpoint are as its manifest says.
 fn check(folder: &RunFolder, path: &Path, manifest: Manifest) -> Result<()> {
     let Manifest { tensors, tensors_bytes, tensors_sha256, .. } = manifest;
     let is_beside = Path::new(&tensors).file_name() == Some(tensors.as_ref());

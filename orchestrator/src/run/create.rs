@@ -45,7 +45,6 @@ pub fn check_free(folder: &RunFolder) -> Result<()> {
     bail!("run folder {root} is not empty, and it is no run: choose another folder")
 }
 
-/// Folders of one name at most.
 const NAMESAKES_MOST: u32 = 10_000;
 
 /// Makes a folder of this name, or where there is one with a number behind it: names that are made of the time are taken by

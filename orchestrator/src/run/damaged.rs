@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-/// Names the file and what to do about it.
 pub fn damaged(path: &Path, remedy: &str) -> String {
     format!("{} is damaged ({remedy})", path.display())
 }

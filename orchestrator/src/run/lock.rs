@@ -19,7 +19,6 @@ const HOLDER_BYTES_MOST: u64 = 4096;
 
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Holder {
-    /// Process id of the orchestrator.
     pub pid: u32,
     pub host: String,
     pub incarnation: u32,
@@ -60,7 +59,6 @@ pub struct RunLock {
 }
 
 impl RunLock {
-    /// Takes the lock as soon as its holder lets go of it, within `patience`.
     pub fn acquire_within(folder: &RunFolder, patience: Duration) -> Result<Self> {
         let began = Instant::now();
         loop {
@@ -93,7 +91,6 @@ impl RunLock {
         }
     }
 
-    /// Writes the holder's process id, for `stop` and `status`.
     pub fn sign(&mut self, incarnation: u32) -> Result<()> {
         let text = toml::to_string(&Holder::this_process(incarnation)).context("orchestrator.lock")?;
         self.file.set_len(0)?;
@@ -124,11 +121,9 @@ fn refuse_links(folder: &RunFolder) -> Result<()> {
 pub enum LockState {
     Free,
     By(Holder),
-    /// A holder that has not written its process id yet.
     Unsigned,
 }
 
-/// Who holds the run in `folder` now.
 pub fn holder(folder: &RunFolder) -> Result<LockState> {
     let path = folder.orchestrator_lock();
     let file = match folder.open(&path) {

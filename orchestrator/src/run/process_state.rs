@@ -8,7 +8,6 @@ pub struct Stopped {
     pub pid: u32,
 }
 
-/// Those of a process and its children that are stopped.
 pub fn stopped(pid: u32) -> Vec<Stopped> {
     let process = format!("/proc/{pid}");
     let children = std::fs::read_dir(Path::new(&process).join("task")).into_iter().flatten().flatten();

@@ -8,7 +8,6 @@ use proto::run_folder::{RunFolder, write_atomically};
 use serde::{Deserialize, Serialize};
 use std::io::ErrorKind;
 
-/// Another number of actors.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ScaleRequest {
@@ -18,20 +17,17 @@ pub struct ScaleRequest {
     /// The rollout that is to be the first with them; none: the next that has not begun.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_rollout: Option<u64>,
-    /// The answer, if it cannot be.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refused: Option<String>,
 }
 
 impl ScaleRequest {
-    /// Lays it into the folder, in the place of an older one.
     pub fn write(&self, folder: &RunFolder) -> Result<()> {
         let path = folder.scale_request();
         let text = toml::to_string(self).context("scale.toml")?;
         write_atomically(&path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))
     }
 
-    /// The one that lies there.
     pub fn read(folder: &RunFolder) -> Result<Option<Self>> {
         let path = folder.scale_request();
         match folder.read_text(&path) {
@@ -103,7 +99,6 @@ impl ScaleRequest {
     }
 }
 
-/// The configuration with another number of actors, if it can have that.
 pub fn with_actors(config: &Config, actors: u32) -> Result<Config> {
     let mut new = config.clone();
     new.actors.count = actors;

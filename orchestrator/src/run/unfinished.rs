@@ -42,7 +42,6 @@ fn is_empty(folder: &Path) -> Result<bool> {
     Ok(folder.is_dir() && std::fs::read_dir(folder)?.next().is_none())
 }
 
-/// What is left of an atomic write that was cut off.
 fn partial(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(proto::run_folder::PARTIAL);

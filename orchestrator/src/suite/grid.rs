@@ -11,7 +11,6 @@ pub struct Point {
     pub settings: Vec<Setting>,
 }
 
-/// One key with its values.
 struct Axis {
     key: String,
     values: Vec<(String, Setting)>,
@@ -38,7 +37,6 @@ pub fn points(grid: &Table, most: usize) -> Result<Vec<Point>> {
     Ok(points)
 }
 
-/// The last part of a dotted key.
 fn last(key: &str) -> &str {
     key.rsplit('.').next().unwrap_or(key)
 }
@@ -79,7 +77,6 @@ fn values_of(key: &str, values: &[Value]) -> Result<Vec<(String, Setting)>> {
     Ok(found)
 }
 
-/// A value as a part of a folder's name.
 fn text(value: &Value) -> Result<String> {
     let text = match value {
         Value::String(text) => text.clone(),

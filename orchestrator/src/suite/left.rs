@@ -4,7 +4,6 @@ use super::file::Suite;
 use std::collections::BTreeSet;
 
 impl Suite {
-    /// Takes out the runs of these names, but for those whose weights others begin with.
     pub fn leave_out(&mut self, done: &BTreeSet<&str>) {
         let mut kept = vec![false; self.entries.len()];
         for (index, entry) in self.entries.iter().enumerate().rev() {

@@ -9,20 +9,16 @@ use super::learner_group::LearnerGroup;
 use super::pace::Work;
 use std::time::Duration;
 
-/// What follows from a deadline that is exceeded.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Overdue {
     /// The run fails, for this reason: trying again would only take as long again.
     Fails(String),
-    /// All learners are killed, with this warning.
     Kills(String),
     /// One was not ready in time: all learners are killed, and if that has happened before the run fails for this reason.
     Unready(String),
-    /// The user is warned. The silence until then.
     Warns(String, Duration),
 }
 
-/// The first deadline that these learners have exceeded. All of them are there.
 pub fn of_learners(learner_group: &LearnerGroup, deadlines: &Deadlines, now: Duration) -> Option<Overdue> {
     let Deadlines { learner_ready, actors_connected, .. } = *deadlines;
     if let Some(rank) = learner_group.late_to_be_ready(now, learner_ready) {
@@ -52,7 +48,6 @@ pub fn of_learners(learner_group: &LearnerGroup, deadlines: &Deadlines, now: Dur
     of_progress(learner_group, deadlines, learner_group.silent_for(now)?)
 }
 
-/// The deadline of the work that they are at.
 fn of_progress(learner_group: &LearnerGroup, deadlines: &Deadlines, silent: Duration) -> Option<Overdue> {
     let (work, first) = learner_group.work();
     let (who, have, are) = subject(learner_group);
@@ -100,7 +95,6 @@ pub fn of_stop(
     })
 }
 
-/// The learners as a subject, with its verbs.
 fn subject(learner_group: &LearnerGroup) -> (String, &'static str, &'static str) {
     match learner_group.size() {
         1 => (Process::Learner(0).to_string(), "has", "is"),

@@ -33,28 +33,21 @@ const RECORDED_AFTER_LOSS: Duration = Duration::from_secs(5);
 
 #[derive(Debug)]
 pub struct Session<'a> {
-    /// The folder, with config.toml in it.
     pub folder: &'a RunFolder,
-    /// Contents of config.toml.
     pub config: &'a Config,
     pub incarnation: u32,
     pub address: &'a WireAddress,
     pub tools: &'a Tools,
-    /// A scheduler or launcher started this program: see [`Signals::install`].
     pub launched: bool,
 }
 
-/// What a session on one of several hosts has of the others.
 #[derive(Debug)]
 pub struct Together {
-    /// Hosts with what is divided among them.
     pub hosts: Hosts,
     pub remote_hosts: RemoteHosts,
-    /// Where the learners meet.
     pub network: LearnersNetwork,
 }
 
-/// Has the log go to the folder, too.
 pub fn begin_log(folder: &RunFolder) -> Result<()> {
     let path = folder.log("orchestrator");
     let log = open_plain(&path, OpenOptions::new().create(true).append(true));
@@ -161,7 +154,6 @@ pub fn part_of(config: &Config, hosts: Hosts, host: u32) -> Config {
     part
 }
 
-/// The cores of the processes of this part.
 pub fn placed(part: &Config, tools: &Tools) -> Result<Option<Placement>> {
     let placement = cores::placement(part, &tools.torch)?;
     if let Some(placement) = &placement {
@@ -195,7 +187,6 @@ fn all_recorded(confirmed: Option<u64>, frames: u64) -> Result<()> {
     Ok(())
 }
 
-/// The processes of a run, as text.
 pub fn shape(config: &Config) -> String {
     let learners = match config.learner.count {
         1 => String::new(),

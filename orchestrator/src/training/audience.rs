@@ -19,7 +19,6 @@ use wire::fault;
 
 #[derive(Debug)]
 pub struct TrainingAudience {
-    /// `metrics.jsonl`.
     pub journal: Journal,
     board: Option<Board>,
     start: Incarnation,
@@ -29,7 +28,6 @@ pub struct TrainingAudience {
 }
 
 impl TrainingAudience {
-    /// Goes on with what the folder holds, in this start.
     pub fn open(folder: &RunFolder, config: &Config, start: &Incarnation) -> Result<Self> {
         let board = || Board::of(folder, config, start.number);
         Ok(Self {
@@ -44,7 +42,6 @@ impl TrainingAudience {
 }
 
 impl TrainingAudience {
-    /// What the run is to have and has not, when nothing more is done for it.
     pub fn missing(&mut self) -> Vec<Missing> {
         let mut missing = self.validation.as_ref().map_or_else(Vec::new, Validation::missing);
         let scores = self.validation.as_ref().map_or(&[][..], Validation::scores);

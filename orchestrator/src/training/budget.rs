@@ -13,7 +13,6 @@ use proto::run_folder::{RunFolder, write_atomically};
 use proto::stage::{position_at, rebudget, total_frames};
 use wire::fault;
 
-/// A new budget that a run can have.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Budget {
     old: Vec<StageConfig>,
@@ -29,7 +28,6 @@ impl Budget {
         Ok(Self { old: config.stages.clone(), new, trained })
     }
 
-    /// Whether it is the budget that the run has.
     pub fn is_old(&self) -> bool {
         self.old == self.new
     }
@@ -38,7 +36,6 @@ impl Budget {
         Config { stages: self.new.clone(), ..config.clone() }
     }
 
-    /// Says what changes, and what it means for the result.
     pub fn announce(&self, config: &Config) {
         for line in self.lines(config) {
             terminal::note(&line);
@@ -80,7 +77,6 @@ impl Budget {
         (before != after).then_some((before, after))
     }
 
-    /// Makes it the run's, durably.
     pub fn write(&self, folder: &RunFolder, config: &Config) -> Result<()> {
         fault::reach("resume.before_budget");
         let summary = folder.summary();

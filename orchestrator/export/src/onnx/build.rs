@@ -4,13 +4,11 @@ use super::message::{
     Attribute, AttributeType, Dimension, Element, Graph, Node, Shape, Tensor, TensorType, Type, Value,
 };
 
-/// Name of the dimension that a caller chooses.
 const ROWS: &str = "rows";
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Name(String);
 
-/// An operator's parameter.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Parameter<'a> {
     Float(&'a str, f32),
@@ -47,7 +45,6 @@ impl Builder {
         Self { graph: Graph { name: name.to_owned(), ..Graph::default() }, part: String::new() }
     }
 
-    /// The following operators belong to this part of the network.
     pub fn part(&mut self, path: &str) {
         path.clone_into(&mut self.part);
     }
@@ -70,18 +67,15 @@ impl Builder {
         self.graph.output.push(value(name, Element::Float, sizes, doc));
     }
 
-    /// Numbers that do not change.
     pub fn floats(&mut self, name: &str, shape: &[i64], values: &[f32]) -> Name {
         let bytes = values.iter().flat_map(|value| value.to_le_bytes()).collect();
         self.initializer(name, Element::Float, shape, bytes)
     }
 
-    /// One number, which goes with any shape.
     pub fn float(&mut self, value: f32) -> Name {
         self.floats(&format!("float.{value}"), &[], &[value])
     }
 
-    /// Whole numbers that do not change.
     pub fn integers(&mut self, values: &[i64]) -> Name {
         let name = values.iter().map(ToString::to_string).collect::<Vec<_>>().join(",");
         let bytes = values.iter().flat_map(|value| value.to_le_bytes()).collect();
@@ -97,7 +91,6 @@ impl Builder {
         Name(name.to_owned())
     }
 
-    /// An operator's only result.
     pub fn apply(&mut self, operator: &str, inputs: &[&Name], parameters: &[Parameter]) -> Name {
         let output = format!("{}.{}.{operator}", self.part, self.graph.node.len());
         self.push(operator, inputs, parameters, vec![output.clone()]);

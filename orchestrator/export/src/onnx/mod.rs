@@ -13,7 +13,6 @@ const OPERATORS: i64 = 17;
 /// The oldest format of files that has them.
 const FORMAT: i64 = 8;
 
-/// The model's bytes.
 pub fn onnx(policy: &Policy) -> Result<Vec<u8>, PolicyError> {
     let model = message::Model {
         ir_version: FORMAT,

@@ -15,12 +15,10 @@ pub struct FrameNames {
 }
 
 impl FrameNames {
-    /// Frames under a prefix such as `kitchen-01/0`.
     pub fn under(prefix: &str) -> Self {
         Self { prefix: prefix.to_owned(), camera: format!("{prefix}/camera") }
     }
 
-    /// Floor of the kitchen.
     pub fn world(&self) -> String {
         self.of("world")
     }
@@ -67,7 +65,6 @@ pub struct Places {
     pub others_m: Vec<(String, [f32; 3])>,
 }
 
-/// Where robot, camera and all else are.
 pub fn transforms(timestamp: Timestamp, names: &FrameNames, places: &Places) -> Vec<FrameTransform> {
     let [x_m, z_m] = places.base_position_m;
     let at = |parent: &str, child: &str, translation: Vector3, rotation: Quaternion| FrameTransform {
@@ -95,7 +92,6 @@ pub fn transforms(timestamp: Timestamp, names: &FrameNames, places: &Places) -> 
     [robot, camera].into_iter().chain(others).collect()
 }
 
-/// A point of the simulator's world in right-handed axes.
 pub fn ros_from_world([x, y, z]: [f32; 3]) -> Vector3 {
     Vector3 { x: f64::from(z), y: -f64::from(x), z: f64::from(y) }
 }

@@ -12,20 +12,16 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 use wire::{Bell, Bells, Receipts, Sleeper, Standstill};
 
-/// How often it is looked whether the thread has ended.
 const LOOK: Duration = Duration::from_millis(5);
-/// From here on the end of a recording that hangs is told of.
 const FIRST_WARNING: Duration = Duration::from_secs(5);
 
 #[derive(Debug)]
 pub struct Recorder {
     thread: JoinHandle<Result<RecordingSummary, RecorderError>>,
     notes: Sender<(u64, Note)>,
-    /// Rings when there is a note.
     bell: Bell,
     failure: Arc<OnceLock<String>>,
     receipts: Receipts,
-    /// The learner that speaks for the recording.
     leader: u32,
     stages: Vec<(String, String)>,
 }
@@ -119,7 +115,6 @@ impl Recorder {
         }
     }
 
-    /// Records that stage `to` begins with rollout `rollout`, after `frames` frames trained on.
     pub fn stage_switch(&self, from: Option<usize>, to: usize, frames: u64, rollout: u64) {
         let (name, reward) = self.stages.get(to).cloned().unwrap_or_default();
         let line = format!("stage {name} (reward {reward}) begins with rollout {rollout}, after {frames} frames");
@@ -134,7 +129,6 @@ impl Recorder {
         self.note(Note::Log { level: Level::Info, process: "orchestrator".to_owned(), line });
     }
 
-    /// Records the figures of an evaluation on the validation kitchens.
     pub fn validation(&self, figures: Validation) {
         self.note(Note::Validation(figures));
     }

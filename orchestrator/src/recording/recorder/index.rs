@@ -8,17 +8,13 @@ use mcap::records::{AttachmentHeader, Record, op};
 use mcap::{MAGIC, McapError, parse_record};
 use std::collections::BTreeMap;
 
-/// Opcode and length of a record, bytes.
 const RECORD_HEAD_BYTES: usize = 9;
 
-/// Offsets and counts of the records so far.
 #[derive(Debug, Default)]
 pub struct Index {
-    /// Schema and channel records as a file's summary holds them.
     described: Vec<u8>,
     schemas: u16,
     channels: u32,
-    /// Index records of attachments and metadata.
     extras: Vec<u8>,
     attachments: u32,
     metadata: u32,
@@ -27,11 +23,9 @@ pub struct Index {
     chunk_count: u32,
     last_chunk: Option<Chunk>,
     messages: BTreeMap<u16, u64>,
-    /// Times of the first and the last message, nanoseconds.
     times_ns: Option<(u64, u64)>,
 }
 
-/// A chunk's offset and its contents.
 #[derive(Debug)]
 struct Chunk {
     offset: u64,
@@ -56,7 +50,6 @@ impl Index {
         }
     }
 
-    /// Describes a channel without metadata.
     pub fn channel(&mut self, id: u16, schema: u16, topic: &str, encoding: &str) {
         self.channels += 1;
         let ids = [id.to_le_bytes(), schema.to_le_bytes()].concat();
@@ -132,7 +125,6 @@ impl Index {
         }
     }
 
-    /// The end of a file whose data ends at `data_end`.
     pub fn tail(&self, data_end: u64) -> Vec<u8> {
         let mut tail = Vec::new();
         // 0 means that no checksum was calculated.

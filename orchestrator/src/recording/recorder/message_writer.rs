@@ -37,22 +37,16 @@ pub struct Counts {
     pub depth_frames: u64,
 }
 
-/// Figures of one trained rollout, as they arrive from the learner.
 #[derive(Debug, Clone)]
 pub struct RolloutMetrics {
-    /// Rank in the process group.
     pub rank: u32,
     pub rollout: u64,
-    /// Frames trained on so far.
     pub frames: u64,
     pub stage: u32,
-    /// Where the time went.
     pub timing: Timing,
-    /// Named figures.
     pub metrics: BTreeMap<String, f64>,
 }
 
-/// Writes messages about environments, learner and stages into the segments.
 pub struct MessageWriter {
     segments: Segments,
     topics: Topics,
@@ -61,22 +55,15 @@ pub struct MessageWriter {
     incarnation: u32,
     declared: Declared,
     images: Images,
-    /// Where the robot is, if the task says it.
     pose: Option<Pose>,
     failures_only: bool,
-    /// Which fixed episodes are played, in an evaluation.
     plan: Option<Plan>,
-    /// Which kitchen an environment is in.
     kitchen_schedule: KitchenSchedule,
     counts: Counts,
     frames_before: Option<u64>,
-    /// Reused for every record: all but its images.
     small: Vec<Line>,
-    /// Reused for every step, start, and end of an episode.
     told: [Told; 3],
-    /// Room for each of these messages.
     room: Vec<u8>,
-    /// Reused for every other message.
     buffer: Vec<u8>,
 }
 
@@ -91,22 +78,18 @@ struct Topics {
     log: Topic,
 }
 
-/// What the message writer remembers of one environment.
 struct Environment {
-    /// What it is called where its kitchen does not matter.
     home: EnvironmentId,
     frames: FrameNames,
     /// Of each image of the task: of itself and its calibration.
     images: Vec<[Topic; 2]>,
     /// Observation that was last described, so that one that comes back after a HOLD is not described again.
     described: Option<(u32, u32, u32)>,
-    /// The record of that observation, all but its images.
     seen: Vec<u8>,
     /// Transition that was last accounted for: learner incarnation, episode, step. An actor that is restarted during a
     /// HOLD has no record of the HOLD and sends the action before it again, as the next exchange.
     taken: Option<(u32, u32, u32)>,
     course: Option<Course>,
-    /// What is held back of the episode in progress, where only failures are wanted.
     held: HeldBack,
 }
 
@@ -119,7 +102,6 @@ struct Course {
 }
 
 impl MessageWriter {
-    /// A message writer for all environments of `shape`, which are of this task.
     pub fn new(
         mut segments: Segments,
         shape: WireShape,
@@ -217,7 +199,6 @@ impl MessageWriter {
         Ok(steps)
     }
 
-    /// Describes what the last action of an environment did, if that is new; whether it was.
     fn outcome(
         &mut self,
         time_ns: u64,
@@ -268,7 +249,6 @@ impl MessageWriter {
         Ok(())
     }
 
-    /// Figures of a trained rollout.
     pub fn metrics(&mut self, time_ns: u64, trained: &RolloutMetrics) -> Result<(), SegmentError> {
         let mut other = trained.metrics.clone();
         let mut take = |name: &str| other.remove(name);
@@ -308,7 +288,6 @@ impl MessageWriter {
         self.write(self.topics.stage, time_ns, message)
     }
 
-    /// Figures on the validation kitchens.
     pub fn validation(&mut self, time_ns: u64, message: &Validation) -> Result<(), SegmentError> {
         self.write(self.topics.evaluation, time_ns, message)
     }
@@ -324,7 +303,6 @@ impl MessageWriter {
         self.write(self.topics.log, time_ns, &message)
     }
 
-    /// The segments, to flush, finish or abandon them.
     pub fn segments(&mut self) -> &mut Segments {
         &mut self.segments
     }
@@ -340,7 +318,6 @@ impl MessageWriter {
         self.segments.finish()
     }
 
-    /// The segments, for good.
     pub fn into_segments(self) -> Segments {
         self.segments
     }
@@ -349,7 +326,6 @@ impl MessageWriter {
         self.counts
     }
 
-    /// What messages about an environment's episode begin with.
     fn engine(&self, header: &ObservationHeader, environment: usize, episode: u32) -> Engine {
         let home = self.environments[environment].home;
         Engine {
@@ -415,7 +391,6 @@ impl MessageWriter {
         self.write_of(environment, Carries::Start, (engine.episode, 0), time_ns)
     }
 
-    /// After the episode's last step.
     fn episode_end(
         &mut self,
         time_ns: u64,
@@ -460,7 +435,6 @@ impl MessageWriter {
         Ok(())
     }
 
-    /// Writes what is told of an environment's episode, or holds it back at its place there.
     fn write_of(
         &mut self,
         environment: usize,
@@ -485,7 +459,6 @@ impl MessageWriter {
         Ok(())
     }
 
-    /// Writes what is held of an environment's episode, or drops it.
     fn release(&mut self, environment: usize, wanted: bool) -> Result<(), SegmentError> {
         let held = self.environments[environment].held.take();
         for held_back::Message { topic, time_ns, data } in held.filter(|_| wanted) {
@@ -508,7 +481,6 @@ impl MessageWriter {
 }
 
 impl Environment {
-    /// Adds a step to the episode so far.
     fn follow(&mut self, declared: &Declared, told: &Told) {
         let Engine { episode, step, learner_incarnation, .. } = told.engine;
         if step == 0 {
@@ -527,7 +499,6 @@ impl Environment {
     }
 }
 
-/// A wall-clock time as protobuf writes it.
 pub fn timestamp(time_ns: u64) -> Timestamp {
     Timestamp { seconds: (time_ns / 1_000_000_000) as i64, nanos: (time_ns % 1_000_000_000) as i32 }
 }

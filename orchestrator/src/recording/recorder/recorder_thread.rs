@@ -76,7 +76,6 @@ pub fn run(
     state.finish()
 }
 
-/// Takes every sample that waits; returns how many.
 fn drain(subscribers: &[ObservationSubscriber], state: &mut RecorderState<'_>) -> Result<u64, WireError> {
     let mut taken = 0;
     for subscriber in subscribers {
@@ -95,20 +94,15 @@ fn drain(subscribers: &[ObservationSubscriber], state: &mut RecorderState<'_>) -
     Ok(taken)
 }
 
-/// The bells of the learners, which wait for receipts.
 struct Learners {
     shape: WireShape,
-    /// Rank of the first.
     first: u32,
     bells: Vec<Bell>,
-    /// What each was rung for last.
     told: Vec<Told>,
 }
 
-/// Receipts of a learner's actors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 struct Told {
-    /// Of all of them, of each half.
     complete: [Option<Receipt>; 2],
     news: u64,
 }
@@ -135,13 +129,11 @@ impl Learners {
         }
     }
 
-    /// Rings for the first learner, which waits for rollouts on behalf of all here.
     fn ring_first(&self) {
         self.bells.first().into_iter().for_each(Bell::ring);
     }
 }
 
-/// Where samples and notes arrive; it passes on new ones while writing still works.
 struct RecorderState<'a> {
     /// None after a failed write.
     message_writer: Option<MessageWriter>,
@@ -149,7 +141,6 @@ struct RecorderState<'a> {
     tally: Tally,
     book: &'a ReceiptBook,
     halves: Halves,
-    /// Cache lines of each half's samples.
     lines: [usize; 2],
     failure: &'a OnceLock<String>,
     /// Times never go back, whatever the clock does.
@@ -292,7 +283,6 @@ impl<'a> RecorderState<'a> {
     }
 }
 
-/// Writes down what needs no more than that.
 fn write_note(message_writer: &mut MessageWriter, time_ns: u64, note: Note) -> Result<(), SegmentError> {
     match note {
         Note::Trained(trained) => message_writer.metrics(time_ns, &trained),

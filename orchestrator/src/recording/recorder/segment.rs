@@ -20,25 +20,18 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// Name of the attachment that holds the effective configuration.
 pub const CONFIG_ATTACHMENT: &str = "config.toml";
-/// Name of the metadata record that identifies the run.
 pub const IDENTITY_METADATA: &str = "stillroom";
 /// Version of recordings. Before 4 the fields of steps and episodes were those of one task.
 pub const RECORDING_VERSION: u32 = 4;
-/// Keys of that record.
 pub mod identity {
-    /// Run id: letters and digits.
     pub const RUN_ID: &str = "run_id";
     /// The host that wrote the file, where the run has several; otherwise it is not there.
     pub const HOST: &str = "host";
     pub const INCARNATION: &str = "incarnation";
-    /// Number of the segment within the incarnation, from 0.
     pub const SEGMENT: &str = "segment";
-    /// [`super::RECORDING_VERSION`] of the writer.
     pub const VERSION: &str = "schema_version";
     pub const SEED: &str = "seed";
-    /// Preset that the configuration came from.
     pub const PRESET: &str = "preset";
 }
 
@@ -49,12 +42,10 @@ const PENDING_BYTES_MAX: u64 = 8 << 20;
 /// Chunks of a segment at most: its index is written again with each flush. With one a second half an hour.
 const CHUNKS_MAX: u32 = 2048;
 
-/// A recording that could not be written.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot write recording {path}: {cause}", path = .path.display(), cause = in_words(.cause))]
 pub struct SegmentError {
     pub path: PathBuf,
-    /// Error of the file system or of the writer.
     pub cause: McapError,
 }
 
@@ -67,7 +58,6 @@ pub fn in_words(cause: &McapError) -> String {
     }
 }
 
-/// How all our MCAP files are written.
 pub fn write_options() -> WriteOptions {
     WriteOptions::new()
         .library(concat!("stillroom-orchestrator/", env!("CARGO_PKG_VERSION")))
@@ -80,7 +70,6 @@ pub fn write_options() -> WriteOptions {
         .disable_seeking(true)
 }
 
-/// A topic, common to all segments of an incarnation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Topic(usize);
 
@@ -89,11 +78,9 @@ struct TopicEntry {
     name: String,
     schema: Schema,
     sequence: u32,
-    /// Its number in the open segment, once something was written.
     channel: Option<u16>,
 }
 
-/// What every segment begins with.
 #[derive(Debug, Clone)]
 pub struct Preamble {
     pub run_id: String,
@@ -110,14 +97,11 @@ pub struct Segments {
     files: Vec<PathBuf>,
     finished_bytes: u64,
     open_bytes: Rc<Cell<u64>>,
-    /// Bytes of the open segment when it was flushed last.
     flushed_bytes: u64,
-    /// Of the open segment.
     index: Rc<RefCell<Index>>,
 }
 
 impl Segments {
-    /// Begins with the first segment; creates the folder of recordings if it is missing.
     pub fn create(folder: RunFolder, preamble: Preamble, time_ns: u64) -> Result<Self, SegmentError> {
         std::fs::create_dir_all(folder.recordings())
             .map_err(|cause| SegmentError { path: folder.recordings(), cause: cause.into() })?;
@@ -136,14 +120,12 @@ impl Segments {
         Ok(segments)
     }
 
-    /// Registers a topic that carries these messages.
     pub fn topic(&mut self, name: impl Into<String>, schema: &Schema) -> Topic {
         let (name, schema) = (name.into(), schema.clone());
         self.topics.push(TopicEntry { name, schema, sequence: 0, channel: None });
         Topic(self.topics.len() - 1)
     }
 
-    /// Writes one encoded message; begins the next segment when this one is full.
     pub fn write(&mut self, topic: Topic, time_ns: u64, data: &[u8]) -> Result<(), SegmentError> {
         if self.open_bytes.get() >= self.preamble.config.recording.segment_bytes
             || self.index.borrow().chunk_count() >= CHUNKS_MAX
@@ -171,7 +153,6 @@ impl Segments {
         Ok(())
     }
 
-    /// Completes the open segment: index, end mark, and all of it on the disk.
     pub fn finish(&mut self) -> Result<(), SegmentError> {
         let Some(mut writer) = self.open.take() else { return Ok(()) };
         let path = self.path().to_path_buf();
@@ -188,7 +169,6 @@ impl Segments {
         drop(self.open.take().map(Writer::into_inner));
     }
 
-    /// All segments so far, in order.
     pub fn files(&self) -> &[PathBuf] {
         &self.files
     }

@@ -6,7 +6,6 @@ use crate::supervisor::messages::stopping;
 use std::time::Duration;
 
 impl Supervisor {
-    /// The number of actors is to change before this rollout, or before the next one that has not been announced.
     pub(super) fn stop_before(&mut self, before: Option<u64>) {
         if self.phase == Phase::Running {
             let next = self.stages.next_rollout();
@@ -14,12 +13,10 @@ impl Supervisor {
         }
     }
 
-    /// Whether this rollout is another shape's.
     pub(super) fn ends_before(&self, rollout: u64) -> bool {
         self.phase == Phase::Running && self.stops_before.is_some_and(|before| rollout >= before)
     }
 
-    /// The learners are ready, and would begin with this rollout.
     pub(super) fn begin(&mut self, now: Duration, rollout: u64, frames: u64) {
         if self.ends_before(rollout) {
             self.end_shape(now);
@@ -39,7 +36,6 @@ impl Supervisor {
         }
     }
 
-    /// Whether the learners save only because the number of actors changes.
     pub(super) fn is_to_go_on(&self) -> bool {
         matches!(self.phase, Phase::Saving { goes_on: true, .. })
     }

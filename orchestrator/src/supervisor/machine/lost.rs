@@ -6,7 +6,6 @@ use crate::supervisor::event::{Level, Process, SessionEnd};
 use std::time::Duration;
 
 impl Supervisor {
-    /// A host is gone, with these processes.
     pub(super) fn host_lost(&mut self, now: Duration, processes: &[Process], reason: String) {
         for &process in processes {
             self.children.lose(process);

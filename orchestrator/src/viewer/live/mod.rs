@@ -21,12 +21,9 @@ use view::feed::{Feed, Recorded, Topic};
 
 /// Prefix of topics and frames, whichever environment is shown: a layout names them.
 const PREFIX: &str = "watch";
-/// How long recordings are read at a time.
 const GLANCE: Duration = Duration::from_millis(100);
-/// One point for so many pixels in a row and in a column.
 const POINT_EVERY: usize = 2;
 
-/// Topics of what is shown.
 struct Topics {
     scene: Arc<Topic>,
     transforms: Arc<Topic>,
@@ -68,7 +65,6 @@ pub struct Recordings {
 }
 
 impl Recordings {
-    /// In a run's folder; nothing is read yet.
     pub fn of(folder: RunFolder) -> Self {
         Self { follower: Follower::of(folder), names: FrameNames::under(PREFIX) }
     }
