@@ -5,7 +5,6 @@ use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 
-#[derive(Debug)]
 pub struct Refusal(pub StatusCode, pub String);
 
 impl IntoResponse for Refusal {

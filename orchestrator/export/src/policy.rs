@@ -60,7 +60,6 @@ pub(crate) struct Array {
     pub values: Vec<f32>,
 }
 
-#[derive(Debug)]
 pub struct Policy {
     pub origin: Origin,
     /// The run's configuration; of a policy file without what a file of its own cannot hold.

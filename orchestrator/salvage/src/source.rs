@@ -36,7 +36,6 @@ impl Source for &[u8] {
 }
 
 /// A file, as long as it was when it was opened: one that is being written may grow meanwhile.
-#[derive(Debug)]
 pub struct FileSource {
     file: File,
     length: u64,

@@ -67,7 +67,6 @@ impl Definitions {
 /// Log time and place of a chunk's messages, by channel, as its indexes have them.
 pub(crate) type Places = HashMap<u16, Vec<(u64, u64)>>;
 
-#[derive(Debug)]
 pub(crate) struct Chunk {
     pub offset: u64,
     pub trust: Trust,

@@ -1,7 +1,7 @@
 use super::overrides::{Overrides, default_preset};
 use crate::output::{format, terminal};
 use crate::preflight::all::check_all;
-use crate::preflight::tools::Tools;
+use crate::preflight::programs::Tools;
 use crate::preflight::{Finding, programs, temporary};
 use crate::run::create::check_free;
 use crate::run::remains::survey;
@@ -108,7 +108,6 @@ fn finding(result: std::result::Result<String, &anyhow::Error>) -> Finding {
 }
 
 /// What is found, printed as it is found, or as JSON at the end.
-#[derive(Debug)]
 struct Table {
     json: bool,
     rows: Vec<Row>,

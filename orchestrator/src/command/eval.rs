@@ -5,7 +5,7 @@ use crate::evaluation::subject::{Found, Provenance, Source, find};
 use crate::evaluation::text::{episodes_of, place, seeds_of};
 use crate::output::{format, terminal};
 use crate::preflight::all::demand_all;
-use crate::preflight::tools::Tools;
+use crate::preflight::programs::Tools;
 use crate::run::create::{check_free, create, new_folder};
 use crate::run::identity::unix_now;
 use crate::run::{lifeline, scenes};

@@ -34,7 +34,7 @@ pub struct ExportArgs {
     #[arg(required = true, value_name = "RUN|CHECKPOINT|FILE")]
     subjects: Vec<PathBuf>,
     /// onnx: a model for onnxruntime and others (operators of version 17); safetensors: a policy file, which `eval` and
-    /// `view --policy` take: weights under PyTorch's module paths, and the configuration; npz: an archive of NumPy an
+    /// `play` take: weights under PyTorch's module paths, and the configuration; npz: an archive of NumPy an
     /// episode, of which `python -m stillroom.dataset` makes a LeRobotDataset or Parquet tables [default: as
     /// --out ends, .onnx or .safetensors]
     #[arg(long)]

@@ -3,7 +3,7 @@
 use super::overrides::Overrides;
 use crate::output::log_line::error_in;
 use crate::output::terminal;
-use crate::preflight::tools::Tools;
+use crate::preflight::programs::Tools;
 use crate::run::create::{check_free, prepare};
 use crate::run::identity::Identity;
 use crate::run::scenes;

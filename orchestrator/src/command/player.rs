@@ -1,4 +1,4 @@
-//! `orchestrator play` and `view --policy`: a policy plays, episode after episode, while somebody watches.
+//! `orchestrator play`: a policy plays, episode after episode, while somebody watches.
 //!
 //! The viewer only reads folders. So it is shown an evaluation that records, in a temporary folder: a child plays it
 //! (`orchestrator eval`), slowly enough to be watched, and begins again when all episodes are played. When the viewer
@@ -27,21 +27,6 @@ const PREFIX: &str = "stillroom-play-";
 /// knows of a round in memory.
 const EPISODES: &str = "36";
 const LAST: Duration = Duration::from_secs(30);
-
-/// What `orchestrator view` is asked to play.
-#[derive(Debug, clap::Args)]
-#[command(
-    mut_arg("kitchen", |kitchen| kitchen.requires("policy")),
-    mut_arg("split", |split| split.requires("policy"))
-)]
-pub struct PolicyArgs {
-    /// Instead of runs: let a policy play on the CPU, and show it: a policy file (.safetensors), a run folder, RUN/best, or
-    /// a checkpoint's manifest
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["runs", "compare"])]
-    pub policy: Option<PathBuf>,
-    #[command(flatten)]
-    pub scene: SceneArgs,
-}
 
 /// Where a policy plays, and how fast.
 #[derive(Debug, clap::Args)]
@@ -96,7 +81,6 @@ impl ShownArgs {
 }
 
 /// The folder of an evaluation that is shown. It is removed here if the viewer, whose it is, was killed.
-#[derive(Debug)]
 pub struct Orphan {
     viewer: u32,
     root: PathBuf,
@@ -129,7 +113,6 @@ pub fn options(kitchen: Option<KitchenId>, split: Option<&str>, steps_per_s: u32
     place.chain(speed).chain(objects.chain(rest).map(str::to_owned)).collect()
 }
 
-#[derive(Debug)]
 pub struct Player {
     root: PathBuf,
     policy: PathBuf,

@@ -2,7 +2,7 @@ use crate::output::events;
 use crate::output::format::{self, counted};
 use crate::output::terminal;
 use crate::preflight::all::demand_all;
-use crate::preflight::tools::Tools;
+use crate::preflight::programs::Tools;
 use crate::run::checkpoints::{newest_whole, read_manifest};
 use crate::run::identity::{Identity, host_name, is_evaluation};
 use crate::run::lock::{RunLock, wait_for_learners};

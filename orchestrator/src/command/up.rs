@@ -7,7 +7,7 @@ use crate::hosts::membership::Membership;
 use crate::output::format::counted;
 use crate::output::{events, format, terminal};
 use crate::preflight::all::demand_all;
-use crate::preflight::tools::Tools;
+use crate::preflight::programs::Tools;
 use crate::run::checkpoints::read_manifest;
 use crate::run::create::{check_free, create, new_folder};
 use crate::run::identity::unix_now;

@@ -1,4 +1,4 @@
-use super::player::{Player, PolicyArgs};
+use super::player::Player;
 use crate::hosts::token::refuse_public;
 use crate::output::terminal;
 use crate::preflight::programs;
@@ -26,8 +26,6 @@ use view::{Settings, serve};
 #[command(after_help = "Examples:
   orchestrator view                          all runs below runs/
   orchestrator view runs/a runs/b            these two, their curves over each other
-  orchestrator view --policy runs/a          its newest policy at work in the test kitchens (`orchestrator play`)
-  orchestrator view --policy runs/a/best --kitchen 7       in one kitchen
   orchestrator view --compare E1 E2          the same episodes of two evaluations side by side
   ssh -L 8765:127.0.0.1:8765 HOST            then the address that is printed there opens here, too
   orchestrator view --address 0.0.0.0        for other machines, too
@@ -41,8 +39,6 @@ pub struct ViewArgs {
     /// Show episodes of two evaluations or runs side by side
     #[arg(long, num_args = 2, value_names = ["A", "B"], conflicts_with = "runs")]
     compare: Vec<PathBuf>,
-    #[command(flatten)]
-    policy: PolicyArgs,
     /// Open the page in a browser
     #[arg(long)]
     open: bool,
@@ -73,9 +69,6 @@ const OPENING: Duration = Duration::from_mins(1);
 const NICENESS: i32 = 10;
 
 pub fn run(args: &ViewArgs) -> Result<()> {
-    if let Some(policy) = &args.policy.policy {
-        return play(Player::of(policy, &args.policy.scene)?, &args.page, args.open);
-    }
     let (readers, open) = readers(args)?;
     let shows = crate::output::format::counted(readers.count() as u64, "run");
     let note = format!("shows {shows} until Ctrl-C; it only reads, and ends no run");

@@ -1,11 +1,11 @@
 //! What runs and evaluations came to, as figures with names.
 
-use super::row::Row;
+use super::Row;
 use crate::evaluation::text::{place, seeds_of, shown};
 use crate::output::{format, terminal};
 use crate::run::identity::Identity;
+use crate::run::lock::state_of;
 use crate::run::lock::{LockState, holder};
-use crate::run::state::state_of;
 use crate::training::means::{StageMeans, by_stage};
 use crate::training::metrics::Figures;
 use crate::training::scores::{Scores, best, evaluations_below, read_result};

@@ -1,7 +1,6 @@
 //! Runs beside each other: in what their configurations differ ([`settings`]), and what they came to ([`figures`]).
 
 mod figures;
-mod row;
 mod settings;
 
 use crate::output::table::{aligned, cell};
@@ -11,8 +10,8 @@ use anyhow::{Result, ensure};
 use figures::Figure;
 use proto::config::Config;
 use proto::run_folder::RunFolder;
-use row::Row;
 use serde::Serialize;
+use serde_json::Value;
 use std::path::PathBuf;
 
 const CELL_MAX: usize = 34;
@@ -22,6 +21,15 @@ fn column(folder: &RunFolder) -> Result<(Config, Vec<Figure>)> {
     let config = Config::of_run(folder)?;
     let figures = figures::of(folder, &config, &identity)?;
     Ok((config, figures))
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Row {
+    pub name: String,
+    /// Of each run; null of those that have no such thing.
+    pub values: Vec<Value>,
+    #[serde(skip)]
+    pub shown: Vec<String>,
 }
 
 #[derive(Debug, PartialEq, Serialize)]

@@ -1,4 +1,4 @@
-use super::row::Row;
+use super::Row;
 use proto::config::{Config, Lists, differences as between};
 use std::collections::BTreeSet;
 use toml::Value;

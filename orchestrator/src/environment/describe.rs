@@ -18,7 +18,6 @@ const ANSWERS_WITHIN: Duration = Duration::from_mins(3);
 const SAYS_MOST: u64 = 4 << 20;
 const ERROR: &str = "stillroom: error: ";
 
-#[derive(Debug)]
 pub struct Answer {
     pub description: Description,
     /// How many of them an actor has, where it makes vectors of a size.

@@ -17,15 +17,14 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 use wire::fault;
 
-#[derive(Debug)]
 pub struct EvaluationAudience {
     spec: &'static Spec,
     plan: Plan,
     journal: Writer,
     records: BTreeMap<(KitchenId, u32), (EpisodeRecord, Vec<u8>)>,
-    frames: u64,
-    parameters: u64,
-    device: String,
+    pub frames: u64,
+    pub parameters: u64,
+    pub device: String,
     /// When the actors had answered, and when the last episode ended.
     span: Option<(Duration, Duration)>,
     live: Live,
@@ -52,18 +51,6 @@ impl EvaluationAudience {
 
     pub fn played(&self) -> usize {
         self.records.len()
-    }
-
-    pub fn frames(&self) -> u64 {
-        self.frames
-    }
-
-    pub fn parameters(&self) -> u64 {
-        self.parameters
-    }
-
-    pub fn device(&self) -> &str {
-        &self.device
     }
 
     /// From the actors' first answer to the end of the last episode.

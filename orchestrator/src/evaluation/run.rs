@@ -3,7 +3,7 @@ use super::text::{episodes_of, lines};
 use super::{journal, subject};
 use crate::output::format::counted;
 use crate::output::terminal;
-use crate::preflight::tools::Tools;
+use crate::preflight::programs::Tools;
 use crate::run::identity::{Ended, Identity, unix_now};
 use crate::run::lock::RunLock;
 use crate::supervisor::event::{Outcome, Saved, SessionEnd};
@@ -106,9 +106,9 @@ impl EvaluationRun {
             run: self.subject.run.clone(),
             run_id: self.subject.run_id.clone(),
             checkpoint: self.asked.checkpoint.clone(),
-            frames: audience.frames(),
+            frames: audience.frames,
             weights: saved.weights.clone(),
-            parameters: audience.parameters(),
+            parameters: audience.parameters,
         };
         let (_, [start_distance_max_m, goal_distance_max_m]) = episodes_of(&self.config, &self.asked);
         let conditions = Conditions {
@@ -126,7 +126,7 @@ impl EvaluationRun {
             action_space: self.config.episode.action_space,
             actors: self.config.actors.count,
             environments_per_actor: self.config.actors.environments_per_actor,
-            device: audience.device().to_owned(),
+            device: audience.device.clone(),
         };
         let steps = records.iter().map(|(record, _)| u64::from(record.length)).sum();
         let cost = Cost { at_unix_s: unix_now(), wall_s: audience.wall().as_secs_f64(), steps };

@@ -34,7 +34,6 @@ pub struct Found {
     pub config: Config,
 }
 
-#[derive(Debug)]
 pub enum Source {
     Checkpoint(Box<Found>),
     File { path: PathBuf, policy: Box<Policy> },

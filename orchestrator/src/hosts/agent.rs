@@ -41,7 +41,6 @@ const KILLED: Duration = Duration::from_secs(5);
 /// What a host's command asks for otherwise than the run in this folder does, by key.
 pub type Otherwise<'a> = &'a dyn Fn(&Config, &RunFolder) -> Result<Vec<String>>;
 
-#[derive(Debug)]
 pub struct Agent {
     pub member: Membership,
     pub token: Token,

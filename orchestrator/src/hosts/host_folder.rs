@@ -3,7 +3,7 @@
 
 use super::rendezvous::Invitation;
 use crate::preflight::all::demand_all;
-use crate::preflight::tools::Tools;
+use crate::preflight::programs::Tools;
 use crate::run::lock::{RunLock, wait_for_learners};
 use crate::run::remains;
 use crate::supervisor::session::part_of;

@@ -74,7 +74,6 @@ fn fill(stream: &mut TcpStream, mut bytes: &mut [u8], deadline: Instant) -> Resu
 }
 
 /// The end of a link at which one speaks. When it is dropped, what was said is sent, and the link closes.
-#[derive(Debug)]
 pub struct Mouth<M> {
     messages: Option<Sender<M>>,
     writer: Option<JoinHandle<()>>,

@@ -81,7 +81,6 @@ pub enum Incomplete {
     Refuses(u32, String),
 }
 
-#[derive(Debug)]
 pub struct Rendezvous {
     listener: TcpListener,
     own: IpAddr,
@@ -291,7 +290,6 @@ impl Rendezvous {
     }
 }
 
-#[derive(Debug)]
 struct Way(Mouth<Order>);
 
 impl Obeys for Way {

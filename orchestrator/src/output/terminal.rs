@@ -152,9 +152,9 @@ pub fn progress(lines: Vec<String>) {
 
 /// Without a terminal that can be refreshed, a line of progress as often as this.
 const LINE_EVERY: Duration = Duration::from_secs(5);
+const REFRESHED_EVERY: Duration = Duration::from_millis(100);
 
 /// How work gets on: one line, refreshed in place on an [`interactive`] terminal, written every few seconds elsewhere.
-#[derive(Debug)]
 pub struct Live {
     interactive: bool,
     last_line: Option<Duration>,
@@ -168,7 +168,8 @@ impl Default for Live {
 
 impl Live {
     pub fn is_due(&mut self, now: Duration) -> bool {
-        let due = self.interactive || self.last_line.is_none_or(|last| now.saturating_sub(last) >= LINE_EVERY);
+        let every = if self.interactive { REFRESHED_EVERY } else { LINE_EVERY };
+        let due = self.last_line.is_none_or(|last| now.saturating_sub(last) >= every);
         if due {
             self.last_line = Some(now);
         }

@@ -8,10 +8,9 @@ use std::time::{Duration, Instant};
 const PERIOD: Duration = Duration::from_mins(1);
 
 /// Logs the first warning of a kind, and then one a minute with the number of those that were left out.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub struct WarningLimiter(Mutex<BTreeMap<&'static str, Kind>>);
 
-#[derive(Debug)]
 struct Kind {
     logged: Instant,
     left_out: u64,

@@ -1,7 +1,7 @@
 //! Every check of one configuration: `up` stops at the first problem, `doctor` shows all.
 
-use super::tools::Tools;
-use super::{Finding, cores, descriptors, device, disk, memory, processor, services, shared_memory, temporary};
+use super::programs::Tools;
+use super::{Finding, descriptors, device, disk, memory, placement, processor, services, shared_memory, temporary};
 use anyhow::Result;
 use proto::config::Config;
 use proto::device::Torch;
@@ -13,7 +13,7 @@ use std::path::Path;
 pub fn check_all(config: &Config, folder: &Path, torch: Option<&Torch>) -> Vec<(&'static str, Finding)> {
     let mut found = vec![("processor", processor::check())];
     if let Some(torch) = torch {
-        found.extend([("learners", device::check(config, torch)), ("cores", cores::check(config, torch))]);
+        found.extend([("learners", device::check(config, torch)), ("cores", placement::check(config, torch))]);
     }
     let on_gpu = torch.is_some_and(|torch| device::is_cuda(config, torch));
     let memory = match memory::available() {

@@ -1,9 +1,8 @@
 //! Checks before any process starts, so that a run that cannot work fails at once, with one message that contains the
 //! figures and a remedy. `up` and `resume` stop at the first problem; `doctor` prints all of it. [`all`] is every check
-//! of one configuration; [`tools`] finds the other two programs.
+//! of one configuration; [`programs`] finds the other two programs.
 
 pub mod all;
-pub mod cores;
 pub mod descriptors;
 pub mod device;
 pub mod disk;
@@ -15,7 +14,6 @@ pub mod programs;
 pub mod services;
 pub mod shared_memory;
 pub mod temporary;
-pub mod tools;
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Finding {

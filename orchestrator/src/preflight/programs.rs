@@ -1,6 +1,8 @@
 //! Where the other two programs are: beside this one, else on the PATH.
 
+use super::libtorch;
 use anyhow::{Result, bail};
+use proto::device::Torch;
 use rustix::fs::Access;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -10,6 +12,22 @@ pub struct Programs {
     pub learner: PathBuf,
     pub actor: PathBuf,
     pub learner_environment: Vec<(OsString, OsString)>,
+}
+
+#[derive(Debug, Clone)]
+pub struct Tools {
+    pub programs: Programs,
+    pub torch: Torch,
+}
+
+impl Tools {
+    pub fn find() -> Result<Self> {
+        let learner = find("learner")?;
+        let actor = find("actor")?;
+        let learner_environment = libtorch::environment()?;
+        let torch = libtorch::check(&learner, &learner_environment)?;
+        Ok(Self { programs: Programs { learner, actor, learner_environment }, torch })
+    }
 }
 
 pub fn find(name: &str) -> Result<PathBuf> {

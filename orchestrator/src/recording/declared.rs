@@ -7,7 +7,6 @@ use proto::task::{Spec, SpecError, Summing, Sums};
 use std::collections::BTreeMap;
 use std::error::Error;
 
-#[derive(Debug)]
 pub struct Declared {
     pub spec: &'static Spec,
     pub forms: Forms,

@@ -100,7 +100,6 @@ impl Shelved {
     }
 }
 
-#[derive(Debug)]
 struct Volume {
     path: PathBuf,
     offset: u64,
@@ -112,7 +111,6 @@ struct Volume {
     caught_up: bool,
 }
 
-#[derive(Debug)]
 struct Setting {
     text: String,
     kitchens: Kitchens,
@@ -126,7 +124,6 @@ enum Found {
     Message(u16, Vec<u8>),
 }
 
-#[derive(Debug)]
 pub struct EpisodeIndex {
     folder: RunFolder,
     volumes: Vec<Volume>,

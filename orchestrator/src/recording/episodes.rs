@@ -28,7 +28,6 @@ const FAULTS_MAX: usize = 20;
 /// The highest incarnation of a learner that is believed where nothing but an altered message says so.
 const FIRST_LEARNER_MAX: u32 = 1000;
 
-#[derive(Debug)]
 pub struct Recorded {
     /// Every configuration of the files, TOML; the first one first.
     pub configs: Vec<String>,

@@ -11,7 +11,6 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use view::feed::{Recorded, Topic};
 
-#[derive(Debug)]
 pub struct Follower {
     folder: RunFolder,
     file: Option<(PathBuf, u64)>,

@@ -1,5 +1,6 @@
 //! A data set of recorded episodes: `actor dataset` simulates and writes them, this starts it and listens.
 
+use super::simulate::{Actor, feed};
 use crate::output::terminal::Live;
 use crate::preflight::programs;
 use crate::process_end::wait_for_child;
@@ -8,9 +9,9 @@ use proto::dataset::{DatasetAnswer, DatasetRequest, DatasetSetup};
 use proto::episode::EnvironmentId;
 use proto::exit::how;
 use proto::replay::Difference;
-use std::io::{BufRead, BufReader, BufWriter, ErrorKind, Write};
+use std::io::{BufRead, BufReader};
 use std::os::unix::process::ExitStatusExt;
-use std::process::{Child, ChildStdin, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -27,17 +28,6 @@ pub struct Harvest {
     pub compared: u64,
     /// Episodes, steps and bytes of the data set; none if no episode was to be kept.
     pub written: Option<[u64; 3]>,
-}
-
-struct Actor(Child);
-
-impl Drop for Actor {
-    fn drop(&mut self) {
-        if let Ok(None) = self.0.try_wait() {
-            let _ = self.0.kill();
-            let _ = self.0.wait();
-        }
-    }
 }
 
 /// Makes the data set; an error if anything differs from the recording, and then there is none.
@@ -119,25 +109,6 @@ impl Harvest {
             }
             DatasetAnswer::Nothing => Ok(true),
         }
-    }
-}
-
-/// Writes the work to the actor. A broken pipe is no fault: the actor has enough, or says what is wrong.
-fn feed(input: ChildStdin, setup: &DatasetSetup, requests: &[DatasetRequest]) {
-    let mut input = BufWriter::new(input);
-    let mut write = || -> std::io::Result<()> {
-        serde_json::to_writer(&mut input, setup)?;
-        input.write_all(b"\n")?;
-        for request in requests {
-            serde_json::to_writer(&mut input, request)?;
-            input.write_all(b"\n")?;
-        }
-        input.flush()
-    };
-    if let Err(error) = write()
-        && error.kind() != ErrorKind::BrokenPipe
-    {
-        tracing::error!("cannot write to an actor: {error}");
     }
 }
 

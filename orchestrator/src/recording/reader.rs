@@ -116,11 +116,3 @@ pub fn read_source<E: From<RecordingError>>(
         Err(ReadError::Io(cause)) => Err(RecordingError::Unreadable { path: path.to_path_buf(), cause }.into()),
     }
 }
-
-#[cfg(test)]
-pub fn read<E: From<RecordingError>>(
-    path: &Path,
-    mut visit: impl FnMut(Record<'_>) -> Result<(), E>,
-) -> Result<Extent, E> {
-    read_with_trust(path, |record, _| visit(record))
-}

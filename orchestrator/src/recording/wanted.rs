@@ -1,5 +1,6 @@
 //! Which of the recorded episodes are wanted, and the error when there are none.
 
+use anyhow::{Result, bail};
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use std::collections::BTreeSet;
@@ -18,14 +19,6 @@ pub struct Known {
     pub episodes: BTreeSet<u32>,
 }
 
-#[derive(Debug, thiserror::Error)]
-#[error("the recordings hold no {what} {name}; {nearest}")]
-pub struct NotRecorded {
-    what: &'static str,
-    name: String,
-    nearest: String,
-}
-
 impl Wanted {
     pub fn is_of(&self, environment: EnvironmentId) -> bool {
         self.kitchen.is_none_or(|kitchen| kitchen == environment.kitchen)
@@ -36,7 +29,7 @@ impl Wanted {
         self.episodes.is_empty() || self.episodes.contains(&number)
     }
 
-    pub fn check(&self, known: &Known) -> Result<(), NotRecorded> {
+    pub fn check(&self, known: &Known) -> Result<()> {
         if let Some(kitchen) = self.kitchen {
             let kitchens = known.environments.iter().map(|(kitchen, _)| *kitchen).collect();
             check("kitchen", &kitchen.number(), &kitchens, ToString::to_string)?;
@@ -49,12 +42,7 @@ impl Wanted {
     }
 }
 
-fn check<T: Ord>(
-    what: &'static str,
-    wanted: &T,
-    known: &BTreeSet<T>,
-    name: impl Fn(&T) -> String,
-) -> Result<(), NotRecorded> {
+fn check<T: Ord>(what: &str, wanted: &T, known: &BTreeSet<T>, name: impl Fn(&T) -> String) -> Result<()> {
     if known.contains(wanted) {
         return Ok(());
     }
@@ -64,5 +52,5 @@ fn check<T: Ord>(
         (None, Some(first)) => format!("the first is {}", name(first)),
         (None, None) => "there are none at all".to_owned(),
     };
-    Err(NotRecorded { what, name: name(wanted), nearest })
+    bail!("the recordings hold no {what} {}; {nearest}", name(wanted))
 }

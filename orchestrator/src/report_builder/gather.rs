@@ -1,16 +1,17 @@
-use super::evaluated::evaluation;
 use super::unclaimed::{UnclaimedEvaluation, is_of, same_run};
+use crate::output::format::counted;
 use crate::run::identity::Identity;
+use crate::run::lock::state_of;
 use crate::run::lock::{LockState, holder};
 use crate::run::scenes::config_by_content;
-use crate::run::state::state_of;
 use crate::training::means::recent;
 use crate::training::metrics::Figures;
-use crate::training::scores::{Score, Scores, evaluations_below};
+use crate::training::scores::{Score, Scores, evaluations_below, read_result};
 use crate::training::summary::Summary;
 use anyhow::{Context, Result, bail};
+use proto::bounded::TABLE_BYTES_MOST;
 use proto::config::Config;
-use proto::evaluation::{RESULT_FILE, Subject};
+use proto::evaluation::{RESULT_FILE, Subject, TABLE_FILE, read_table_from};
 use proto::run_folder::{Item, RunFolder};
 use proto::task::Spec;
 use proto::trained::{History, Trained};
@@ -20,7 +21,6 @@ use std::path::{Path, PathBuf};
 
 const DEPTH: usize = 3;
 
-#[derive(Debug)]
 pub struct Gathered {
     pub runs: Vec<Run>,
     pub notes: Vec<String>,
@@ -204,6 +204,26 @@ fn evaluations_of(spec: &Spec, folder: &RunFolder, notes: &mut Vec<String>) -> R
         }
     }
     Ok(evaluations)
+}
+
+pub(super) fn evaluation(spec: &Spec, run: &RunFolder) -> Result<Evaluated> {
+    let (folder, result) = (run.root(), read_result(run)?);
+    if result.task != spec.name {
+        bail!("{} is an evaluation of the task `{}`, not of `{}`", folder.display(), result.task, spec.name);
+    }
+    let path = folder.join(TABLE_FILE);
+    let table = run.reader(&path, TABLE_BYTES_MOST).with_context(|| format!("cannot read {}", path.display()))?;
+    let episodes = read_table_from(spec, table).with_context(|| path.display().to_string())?;
+    if result.overall.episodes != episodes.len() as u64 {
+        bail!(
+            "{}: the table has {}, the result file {}",
+            folder.display(),
+            counted(episodes.len() as u64, "episode"),
+            result.overall.episodes
+        );
+    }
+    let name = folder.file_name().map_or_else(|| folder.display().to_string(), |name| name.to_string_lossy().into());
+    Ok(Evaluated { name, folder: folder.to_path_buf(), result, episodes })
 }
 
 #[cfg(test)]

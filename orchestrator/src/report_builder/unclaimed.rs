@@ -1,6 +1,6 @@
 //! Evaluations whose run was not given: whose they are, and what is known of it.
 
-use super::evaluated::evaluation;
+use super::gather::evaluation;
 use crate::run::scenes::config_by_content;
 use anyhow::Result;
 use proto::config::Config;

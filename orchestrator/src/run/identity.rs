@@ -1,6 +1,6 @@
 //! Who a run is: `run.toml`.
 
-use super::damaged::damaged;
+use super::damaged;
 use super::unfinished::is_cut_off;
 use crate::output::format::{self, counted};
 use anyhow::{Context, Result, bail};
@@ -27,7 +27,6 @@ pub struct Identity {
     pub created_unix_s: u64,
     /// The number of actors that the command asks for which started it, where it has another one since (`scale`,
     /// `resume --actors`): the same command, given again, does not undo that.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub commanded_actors: Option<u32>,
     #[serde(default)]
     pub incarnations: Vec<Incarnation>,
@@ -41,17 +40,12 @@ pub struct Incarnation {
     pub pid: u32,
     pub started_unix_s: u64,
     /// When it began, by a clock that nobody sets. None in runs of older versions.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub started: Option<Moment>,
     /// When it was last known to live, seconds since 1970: noted by the next start, if it left no word.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seen_unix_s: Option<u64>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seen_wall_s: Option<f64>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shape: Option<ProcessCounts>,
     /// How it ended; absent while it runs and after a crash.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended: Option<Ended>,
 }
 
@@ -99,13 +93,9 @@ pub struct Ended {
     pub how: Ending,
     pub at_unix_s: u64,
     /// How long it took, seconds by a clock that nobody sets. None in runs of older versions.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wall_s: Option<f64>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames: Option<u64>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub weights: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
 }
 

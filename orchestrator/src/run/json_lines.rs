@@ -49,7 +49,6 @@ pub fn read<T: DeserializeOwned>(folder: &RunFolder, path: &Path, most: u64) -> 
     Ok((read, damaged))
 }
 
-#[derive(Debug)]
 pub struct Writer {
     file: File,
     path: PathBuf,

@@ -1,11 +1,12 @@
 //! Who works on a run folder: `orchestrator.lock`, and the locks of learners that outlive their orchestrator.
 
-use super::identity::host_name;
+use super::identity::{Identity, host_name};
 use crate::preflight::disk::NO_LOCKS;
 use anyhow::{Context, Result, bail};
 use proto::disk::is_not_offered;
 use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
+use proto::run_state::{Ending, RunState};
 use serde::{Deserialize, Serialize};
 use std::fmt::{Display, Formatter};
 use std::fs::{File, OpenOptions, TryLockError};
@@ -23,7 +24,6 @@ pub struct Holder {
     pub host: String,
     pub incarnation: u32,
     /// The PID namespace that numbers its process. None in locks of versions that did not note it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pid_namespace: Option<u64>,
 }
 
@@ -53,7 +53,6 @@ fn pid_namespace() -> Option<u64> {
 }
 
 /// The right to run a folder, until dropped. The kernel takes it back when the process dies, however it dies.
-#[derive(Debug)]
 pub struct RunLock {
     file: File,
 }
@@ -193,8 +192,21 @@ fn wait_for_lock(file: &File, patience: Duration) -> Result<bool> {
     }
 }
 
+/// The state of a run with this lock. `complete`: its result is there, whatever its last session noted.
+pub fn state_of(identity: &Identity, held: &LockState, complete: bool) -> RunState {
+    match (held, identity.incarnations.last()) {
+        (LockState::By(_) | LockState::Unsigned, _) => RunState::Running,
+        (LockState::Free, _) if complete => RunState::Ended(Ending::Complete),
+        (LockState::Free, None) => RunState::NotStarted,
+        (LockState::Free, Some(last)) => {
+            last.ended.as_ref().map_or(RunState::CutOff, |ended| RunState::Ended(ended.how))
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use super::super::identity::Ended;
     use super::*;
 
     fn folder() -> (tempfile::TempDir, RunFolder) {
@@ -266,5 +278,32 @@ mod tests {
         locks[2].try_lock().unwrap();
         assert_eq!(wait(3), Some(2));
         assert_eq!(wait(1), Some(2), "there were more before");
+    }
+
+    #[test]
+    fn who_holds_a_run_comes_first_then_its_result_then_its_last_word() {
+        let mut identity = Identity::new().unwrap();
+        let state = |identity: &Identity, held, complete| state_of(identity, &held, complete).to_string();
+        assert_eq!(state(&identity, LockState::Free, false), "not started");
+        identity.begin_incarnation();
+        assert_eq!(state(&identity, LockState::Unsigned, false), "running");
+        assert_eq!(state(&identity, LockState::Free, false), "cut off");
+        for (how, word) in [
+            (Ending::Complete, "complete"),
+            (Ending::Stopped, "stopped"),
+            (Ending::Interrupted, "interrupted"),
+            (Ending::Failed, "failed"),
+        ] {
+            identity.end_incarnation(Ended {
+                how,
+                at_unix_s: 1,
+                wall_s: None,
+                frames: None,
+                weights: None,
+                reason: None,
+            });
+            assert_eq!(state(&identity, LockState::Free, false), word);
+        }
+        assert_eq!(state(&identity, LockState::Free, true), "complete");
     }
 }

@@ -26,7 +26,6 @@ use wire::{SHARED_MEMORY, WireAddress, temporary_folder};
 const CLAIMING: Duration = Duration::from_secs(10);
 const KILLED_ENDS: Duration = Duration::from_secs(5);
 
-#[derive(Debug)]
 pub struct Claim {
     _file: File,
 }
@@ -69,7 +68,6 @@ fn is_locked(owner: &File) -> bool {
     matches!(owner.try_lock_shared(), Err(TryLockError::WouldBlock))
 }
 
-#[derive(Debug)]
 pub struct Remains {
     pub address: WireAddress,
     pub run: Option<PathBuf>,

@@ -1,6 +1,6 @@
 //! What `orchestrator scale` asks of the orchestrator that runs: a file of the run folder, which that one looks for.
 
-use super::damaged::damaged;
+use super::damaged;
 use crate::output::format::counted;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
@@ -15,9 +15,7 @@ pub struct ScaleRequest {
     pub incarnation: u32,
     pub actors: u32,
     /// The rollout that is to be the first with them; none: the next that has not begun.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_rollout: Option<u64>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refused: Option<String>,
 }
 

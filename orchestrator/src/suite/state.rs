@@ -1,7 +1,7 @@
 //! State of a suite: `suite.json`, for people, scripts and the next call. Progress is read from the run folders; this
 //! file adds what they do not contain: the number of tries and the reason of a failure.
 
-use crate::run::damaged::damaged;
+use crate::run::damaged;
 use anyhow::{Context, Result};
 use proto::SCHEMA_VERSION;
 use proto::bounded;

@@ -4,7 +4,6 @@ use super::event::Process;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-#[derive(Debug)]
 struct Child {
     incarnation: u32,
     state: ChildState,
@@ -22,7 +21,6 @@ enum ChildState {
     },
 }
 
-#[derive(Debug)]
 pub struct Children {
     children: BTreeMap<Process, Child>,
 }

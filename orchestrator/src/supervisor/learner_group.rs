@@ -26,7 +26,6 @@ pub struct Bereaved {
     pub last_words: Vec<String>,
 }
 
-#[derive(Debug)]
 pub struct LearnerGroup {
     reported: Vec<Reported>,
     begun: Duration,

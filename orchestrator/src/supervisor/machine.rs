@@ -55,7 +55,6 @@ enum Phase {
     Over,
 }
 
-#[derive(Debug)]
 pub struct Supervisor {
     deadlines: Deadlines,
     stages: StageMachine,
@@ -567,6 +566,5 @@ impl Supervisor {
 }
 
 mod ending;
-mod lost;
 #[cfg(test)]
 mod tests;

@@ -6,7 +6,6 @@ use proto::event::LearnerEvent;
 use proto::hosts::Hosts;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
-use std::fmt::Debug;
 use std::time::Duration;
 use tokio::sync::mpsc;
 use wire::message::StageAnnouncement;
@@ -71,19 +70,17 @@ pub enum FromHost {
     Lost(String),
 }
 
-pub trait Obeys: Debug {
+pub trait Obeys {
     /// Sends an order. That it did not arrive is received as [`FromHost::Lost`].
     fn order(&self, order: Order);
 }
 
-#[derive(Debug)]
 pub struct Other {
     pub name: String,
     pub way: Box<dyn Obeys>,
     pub lost: bool,
 }
 
-#[derive(Debug)]
 pub struct RemoteHosts {
     hosts: Hosts,
     others: Vec<Other>,

@@ -8,9 +8,9 @@ use super::shell::{Audience, Shell, Signals};
 use crate::environment::consent;
 use crate::output::format::{self, counted};
 use crate::output::terminal;
-use crate::preflight::cores;
+use crate::preflight::placement;
 use crate::preflight::placement::Placement;
-use crate::preflight::tools::Tools;
+use crate::preflight::programs::Tools;
 use crate::recording::recorder::{Recorder, RecorderSetup};
 use crate::run::lock::RunLock;
 use crate::run::remains;
@@ -31,7 +31,6 @@ const RECORDED: Duration = Duration::from_secs(30);
 /// The same after the loss of a host: all is to end within `--host-deadline`.
 const RECORDED_AFTER_LOSS: Duration = Duration::from_secs(5);
 
-#[derive(Debug)]
 pub struct Session<'a> {
     pub folder: &'a RunFolder,
     pub config: &'a Config,
@@ -41,7 +40,6 @@ pub struct Session<'a> {
     pub launched: bool,
 }
 
-#[derive(Debug)]
 pub struct Together {
     pub hosts: Hosts,
     pub remote_hosts: RemoteHosts,
@@ -155,7 +153,7 @@ pub fn part_of(config: &Config, hosts: Hosts, host: u32) -> Config {
 }
 
 pub fn placed(part: &Config, tools: &Tools) -> Result<Option<Placement>> {
-    let placement = cores::placement(part, &tools.torch)?;
+    let placement = placement::placement(part, &tools.torch)?;
     if let Some(placement) = &placement {
         tracing::info!("cores: {}", placement.describe());
     }

@@ -35,7 +35,6 @@ const STANDSTILL: Duration = Duration::from_secs(5);
 /// Events that may wait. A child that is not listened to blocks; the orchestrator never does.
 pub const QUEUE: usize = 1024;
 
-#[derive(Debug)]
 pub struct Signals {
     interrupt: Signal,
     terminate: Signal,

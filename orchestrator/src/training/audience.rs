@@ -17,7 +17,6 @@ use proto::trained::Trained;
 use std::time::Duration;
 use wire::fault;
 
-#[derive(Debug)]
 pub struct TrainingAudience {
     pub journal: Journal,
     board: Option<Board>,

@@ -4,12 +4,13 @@
 //! summary is removed first and the configuration replaced after it. So a crash leaves the run with its old budget,
 //! which the next resume finds reached and sums up again, or with the new one.
 
+use super::run::write_config;
 use crate::output::{format, terminal};
 use anyhow::{Context, Result};
 use proto::config::{Config, StageConfig};
 use proto::disk::sync_folder;
 use proto::learning_rate::{falling, learning_rate_progress};
-use proto::run_folder::{RunFolder, write_atomically};
+use proto::run_folder::RunFolder;
 use proto::stage::{position_at, rebudget, total_frames};
 use wire::fault;
 
@@ -88,8 +89,7 @@ impl Budget {
             _ => sync_folder(folder.root()).with_context(|| format!("cannot write {}", folder.root().display()))?,
         }
         fault::reach("resume.amid_budget");
-        write_atomically(&folder.config(), self.lay_over(config).to_toml().as_bytes())
-            .with_context(|| format!("cannot write {}", folder.config().display()))?;
+        write_config(folder, &self.lay_over(config))?;
         fault::reach("resume.after_budget");
         Ok(())
     }

@@ -32,7 +32,6 @@ pub fn read_history(folder: &RunFolder) -> Result<History> {
     Ok(read.map(|(history, _)| history).unwrap_or_default())
 }
 
-#[derive(Debug)]
 pub struct Figures {
     pub history: History,
     pub notes: Vec<String>,
@@ -92,7 +91,6 @@ fn lost(gaps: &[RangeInclusive<u64>]) -> Option<String> {
     (!named.is_empty()).then(|| format!("the figures of rollouts {} {are}", named.join(", ")))
 }
 
-#[derive(Debug)]
 pub struct Journal {
     folder: RunFolder,
     writer: Writer,

@@ -36,7 +36,6 @@ struct Waiting {
 
 const WAITING_SHOWN: Duration = Duration::from_secs(12);
 
-#[derive(Debug)]
 pub struct Progress {
     metrics: Vec<Described>,
     stages: Vec<StageConfig>,

@@ -6,7 +6,7 @@ use crate::output::events::are_told;
 use crate::output::format;
 use crate::output::terminal;
 use crate::preflight::all::demand_all;
-use crate::preflight::tools::Tools;
+use crate::preflight::programs::Tools;
 use crate::run::checkpoints::newest_readable;
 use crate::run::identity::{Ended, Identity, ProcessCounts, unix_now};
 use crate::run::lock::RunLock;
@@ -39,7 +39,7 @@ pub struct TrainingRun {
     pub started: Started,
 }
 
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub struct Started {
     /// A scheduler or launcher starts it, or flags name this host. Then SIGTERM also asks for another start.
     pub launched: bool,

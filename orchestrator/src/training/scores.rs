@@ -102,7 +102,6 @@ pub fn evaluations_below(folder: &RunFolder, notes: &mut Vec<String>) -> Result<
 
 const RESULTS_BYTES_MOST: u64 = 64 << 20;
 
-#[derive(Debug)]
 pub struct Scores {
     pub scores: Vec<Score>,
     pub notes: Vec<String>,

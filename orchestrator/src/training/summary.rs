@@ -3,7 +3,7 @@
 
 use crate::output::format;
 use crate::recording::files_at;
-use crate::run::damaged::damaged;
+use crate::run::damaged;
 use crate::run::identity::Identity;
 use crate::supervisor::event::SessionEnd;
 use crate::training::means::{StageMeans, by_stage};

@@ -44,13 +44,11 @@ const STOPS: Duration = Duration::from_secs(10);
 const WAITING: usize = 8;
 const TRIES: u32 = 3;
 
-#[derive(Debug)]
 struct Running {
     rollout: u64,
     child: Child,
 }
 
-#[derive(Debug)]
 pub struct Validation {
     folder: RunFolder,
     config: Config,

@@ -75,7 +75,6 @@ pub struct Entry {
     pub line: String,
 }
 
-#[derive(Debug)]
 struct Book {
     tail: Tail,
     at: String,
@@ -101,7 +100,6 @@ impl Book {
     }
 }
 
-#[derive(Debug)]
 pub struct Logbook {
     folder: RunFolder,
     wanted: Vec<String>,

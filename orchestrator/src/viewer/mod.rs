@@ -10,7 +10,7 @@ mod live;
 pub mod logbook;
 mod processes;
 mod roster;
-mod tail;
+pub mod tail;
 mod watched;
 
 use proto::replay::{RecordedEpisode, ReplaySetup};

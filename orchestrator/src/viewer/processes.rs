@@ -1,5 +1,6 @@
 use crate::preflight::programs;
 use crate::process_end::wait_for_child;
+use crate::run::process_state::children;
 use std::collections::HashMap;
 use std::io::Read;
 use std::process::{Command, Stdio};
@@ -64,12 +65,6 @@ impl Processes {
         self.gpus = Some((Instant::now(), gpus.clone()));
         gpus
     }
-}
-
-fn children(pid: u32) -> Vec<u32> {
-    let tasks = std::fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
-    let lists = tasks.filter_map(|task| std::fs::read_to_string(task.path().join("children")).ok());
-    lists.flat_map(|list| list.split_whitespace().filter_map(|pid| pid.parse().ok()).collect::<Vec<_>>()).collect()
 }
 
 /// Ticks of the processor in `/proc/PID/stat`, and whether the process is stopped. The name before is in brackets, and

@@ -24,7 +24,6 @@ impl Entry {
     }
 }
 
-#[derive(Debug)]
 pub struct Roster {
     paths: Vec<PathBuf>,
     named: Vec<(PathBuf, Entry)>,

@@ -7,7 +7,6 @@ use std::path::PathBuf;
 const BLOCK: u64 = 64 << 10;
 const LINE_MAX: usize = 256 << 10;
 
-#[derive(Debug)]
 pub struct Tail {
     folder: RunFolder,
     path: PathBuf,

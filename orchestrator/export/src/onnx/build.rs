@@ -1,8 +1,7 @@
 //! A graph as it grows: every operator's result gets a name, by which later ones take it.
 
-use super::message::{
-    Attribute, AttributeType, Dimension, Element, Graph, Node, Shape, Tensor, TensorType, Type, Value,
-};
+use super::message::tensor::Element;
+use super::message::{Attribute, Dimension, Graph, Node, Shape, Tensor, TensorType, Type, Value, attribute};
 
 const ROWS: &str = "rows";
 
@@ -18,22 +17,19 @@ pub(super) enum Parameter<'a> {
 
 impl Parameter<'_> {
     fn attribute(self) -> Attribute {
-        let (name, kind) = match self {
-            Self::Float(name, _) => (name, AttributeType::Float),
-            Self::Int(name, _) => (name, AttributeType::Int),
-            Self::Ints(name, _) => (name, AttributeType::Ints),
+        let of = |name: &str, kind: attribute::Type| Attribute {
+            name: name.to_owned(),
+            r#type: kind.into(),
+            ..Attribute::default()
         };
-        let mut attribute = Attribute { name: name.to_owned(), kind: kind.into(), ..Attribute::default() };
         match self {
-            Self::Float(_, value) => attribute.f = Some(value),
-            Self::Int(_, value) => attribute.i = Some(value),
-            Self::Ints(_, values) => attribute.ints = values.to_vec(),
+            Self::Float(name, value) => Attribute { f: Some(value), ..of(name, attribute::Type::Float) },
+            Self::Int(name, value) => Attribute { i: Some(value), ..of(name, attribute::Type::Int) },
+            Self::Ints(name, values) => Attribute { ints: values.to_vec(), ..of(name, attribute::Type::Ints) },
         }
-        attribute
     }
 }
 
-#[derive(Debug)]
 pub(super) struct Builder {
     graph: Graph,
     /// What new results are part of; only for those who look at the graph.
@@ -129,5 +125,5 @@ fn value(name: &str, element: Element, sizes: &[i64], doc: &str) -> Value {
     let sizes = sizes.iter().map(|&size| Dimension { dim_value: Some(size), dim_param: None });
     let shape = Shape { dim: std::iter::once(rows).chain(sizes).collect() };
     let tensor = TensorType { elem_type: element.into(), shape: Some(shape) };
-    Value { name: name.to_owned(), kind: Some(Type { tensor_type: Some(tensor) }), doc_string: doc.to_owned() }
+    Value { name: name.to_owned(), r#type: Some(Type { tensor_type: Some(tensor) }), doc_string: doc.to_owned() }
 }

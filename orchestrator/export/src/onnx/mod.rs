@@ -2,7 +2,10 @@
 //! value and the belief for the next step.
 
 mod build;
-mod message;
+mod message {
+    #![allow(clippy::pedantic, dead_code, reason = "generated")]
+    include!("../../../schemas/compiled/onnx.rs");
+}
 mod network;
 
 use crate::policy::{Policy, PolicyError};

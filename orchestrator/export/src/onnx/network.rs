@@ -2,7 +2,7 @@
 
 use super::build::Parameter::{Float, Int, Ints};
 use super::build::{Builder, Name};
-use super::message::{Element, Graph};
+use super::message::{Graph, tensor::Element};
 use crate::policy::{IMAGES, MASK, NORMALIZER, Policy, PolicyError};
 use proto::camera::FRAME_SIDE;
 use proto::config::{Encoder, GoalCoordinates, Memory, dqn};

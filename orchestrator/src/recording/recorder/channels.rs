@@ -6,10 +6,8 @@ use prost_types::Timestamp;
 use proto::task::{Channel, Dtype, Field, Spec};
 
 /// The images of a task that Foxglove can draw.
-#[derive(Debug)]
 pub struct Images(Vec<Image>);
 
-#[derive(Debug)]
 struct Image {
     field: Field,
     name: String,
@@ -61,7 +59,6 @@ impl Image {
     }
 }
 
-#[derive(Debug)]
 pub struct Pose {
     base_position_m: Field,
     base_yaw_rad: Field,

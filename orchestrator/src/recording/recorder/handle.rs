@@ -15,7 +15,6 @@ use wire::{Bell, Bells, Receipts, Sleeper, Standstill};
 const LOOK: Duration = Duration::from_millis(5);
 const FIRST_WARNING: Duration = Duration::from_secs(5);
 
-#[derive(Debug)]
 pub struct Recorder {
     thread: JoinHandle<Result<RecordingSummary, RecorderError>>,
     notes: Sender<(u64, Note)>,

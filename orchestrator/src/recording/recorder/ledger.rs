@@ -26,7 +26,6 @@ pub enum Verdict {
 
 const AHEAD_MOST: u64 = 1 << 20;
 
-#[derive(Debug)]
 pub struct Ledger {
     actors: Vec<Seen>,
     missed: u64,

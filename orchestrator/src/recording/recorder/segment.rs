@@ -73,7 +73,6 @@ pub fn write_options() -> WriteOptions {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Topic(usize);
 
-#[derive(Debug)]
 struct TopicEntry {
     name: String,
     schema: Schema,

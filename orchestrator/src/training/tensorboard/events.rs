@@ -142,7 +142,6 @@ fn kept_of<T>(folder: &Path, kept: impl Fn(Point) -> T) -> Vec<T> {
     points.into_values().collect()
 }
 
-#[derive(Debug)]
 pub struct EventFile {
     file: File,
     path: PathBuf,

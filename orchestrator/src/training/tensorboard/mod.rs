@@ -47,7 +47,6 @@ fn tag_of_task(task: &Spec, name: &str) -> String {
 
 const VALIDATION: &str = "validation";
 
-#[derive(Debug)]
 pub struct Board {
     root: PathBuf,
     task: &'static Spec,
