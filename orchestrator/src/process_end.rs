@@ -44,6 +44,7 @@ pub fn sleep_until_end(process: Pid, longest: Duration) {
     let _ = poll(&mut [PollFd::new(&descriptor, PollFlags::IN)], Some(&timeout));
 }
 
+#[derive(Debug)]
 pub struct Answer {
     pub status: ExitStatus,
     pub stdout: String,

@@ -1,5 +1,3 @@
-//! Our figures beside the paper's, row by row as its tables have them.
-
 use crate::method::{TEST_NOVEL, TEST_SEEN, VALIDATION_NOVEL, row_presets, rows_beside};
 use crate::paper::{Published, ResultRow, paper};
 use crate::results::{FieldResult, GroupResults, SeedResult};
@@ -12,7 +10,6 @@ use std::collections::BTreeMap;
 
 #[derive(Debug, Clone, Serialize)]
 pub struct Comparison {
-    /// `test-novel`, ...
     pub name: String,
     pub title: String,
     pub field: String,
@@ -39,7 +36,6 @@ pub struct Ours {
     pub seeds: Vec<SeedResult>,
     /// Frames trained on when it was evaluated, fewest and most over seeds.
     pub frames: (u64, u64),
-    /// Episodes a seed.
     pub episodes: u64,
     pub metrics: BTreeMap<String, Aggregate>,
 }

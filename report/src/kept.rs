@@ -154,7 +154,6 @@ impl KeptRow {
     }
 }
 
-/// `75.0 [74.1, 75.9]`
 fn with_interval(estimate: &Estimate) -> String {
     let interval = estimate.interval.as_ref().map(|interval| format!(" {}", crate::format::interval(interval)));
     format!("{}{}", percent(estimate.point), interval.unwrap_or_default())

@@ -1,5 +1,3 @@
-//! The whole report, as numbers.
-
 use crate::comparison::{Comparison, comparisons};
 use crate::curves::Curve;
 use crate::format::{count, counted};
@@ -14,7 +12,6 @@ use proto::task::{Curve as TaskCurve, Described, Spec};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The numbers: serialised, they are `report.json`. Rates are shares 0..=1.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
     pub schema_version: u32,
@@ -24,7 +21,6 @@ pub struct Report {
     pub tasks: BTreeMap<String, TaskReport>,
     pub groups: Vec<GroupReport>,
     pub comparisons: Vec<Comparison>,
-    /// Groups that differ in one weight of the rewards only.
     pub sweeps: Vec<Sweep>,
     pub notes: Vec<String>,
 }
@@ -136,7 +132,6 @@ fn episodes_of(groups: &[Group<'_>]) -> Vec<String> {
     found.into_iter().map(sentence).collect()
 }
 
-/// A group's results in all fields; what keeps it from having one becomes a note.
 fn results(group: &Group<'_>, options: &Options, notes: &mut Vec<String>) -> Vec<(Field, FieldResult)> {
     let mut results = Vec::new();
     for field in Field::all() {
@@ -251,7 +246,6 @@ fn stages(configured: &[StageConfig]) -> Vec<StageReport> {
     configured.iter().scan(0, stage).collect()
 }
 
-/// Frames of the newest weights that were evaluated: all that is known of a run that is not in the study.
 fn evaluated_frames(run: &Run) -> u64 {
     run.evaluations.iter().map(|evaluated| evaluated.result.subject.frames).max().unwrap_or(0)
 }

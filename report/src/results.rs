@@ -9,7 +9,6 @@ use proto::task::{Column, Curve};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Everything about one group in one field. Rates are shares 0..=1.
 #[derive(Debug, Clone, Serialize)]
 pub struct FieldResult {
     pub field: String,
@@ -51,14 +50,12 @@ pub struct SeedResult {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Rate {
     pub share: f64,
-    /// Its Wilson interval: sampling of episodes only.
     pub interval: Interval,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct LimitPoint {
     pub at: f64,
-    /// Mean over seeds and kitchens.
     pub mean: f64,
     pub interval: Option<Interval>,
 }

@@ -1,5 +1,3 @@
-//! Metrics over a weight of the rewards.
-
 use crate::results::{FieldResult, GroupResults};
 use crate::statistics::Estimate;
 use crate::study::Field;

@@ -42,7 +42,6 @@ pub struct Card {
     pub state: String,
     pub evaluation: bool,
     pub created_unix_s: u64,
-    /// Frames trained on, or episodes played.
     pub done: u64,
     pub budget: u64,
     pub metrics: Vec<Described>,
@@ -66,7 +65,6 @@ pub struct Live {
     pub wall_s: f64,
     pub starts: Vec<Start>,
     pub workers: Vec<Worker>,
-    /// Cores of this machine; none if the run works elsewhere or not at all.
     pub cores: Option<usize>,
     pub gpus: Vec<Gpu>,
     pub warnings: Vec<LogLine>,
@@ -109,7 +107,6 @@ pub struct Worker {
     pub starts: u32,
     pub cores: Option<f64>,
     pub memory_bytes: Option<u64>,
-    /// A sentence about an actor's memory that grows without an end in sight.
     pub growth: Option<String>,
     pub stopped: bool,
 }
@@ -155,7 +152,6 @@ pub struct Curves {
     pub stage: Vec<u32>,
     pub elapsed_s: Vec<f64>,
     pub series: BTreeMap<String, Vec<Option<f32>>>,
-    /// Name and first frame of each stage.
     pub stages: Vec<(String, u64)>,
     pub metrics: Vec<Described>,
     /// Those of the paper's row of this method, by name.
@@ -235,7 +231,6 @@ pub struct EpisodePage {
 
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct EpisodeRow {
-    /// Its address; none if its actions were not recorded.
     pub key: Option<EpisodeKey>,
     pub kitchen: u32,
     /// Number: in the environment, in an evaluation in the kitchen.

@@ -19,7 +19,6 @@ pub struct Recorded {
     pub data: Vec<u8>,
 }
 
-/// A run as messages. Reading may take a tenth of a second.
 pub trait Feed: Send + Sync {
     /// What was recorded since this was called last; the first time the newest message of each topic.
     fn read(&mut self) -> Vec<Recorded>;

@@ -1,5 +1,3 @@
-//! Addresses to answers.
-
 use crate::answer::{Refusal, json, text};
 use crate::data::{EpisodeKey, EpisodeQuery, Problem, Runs};
 use crate::foxglove;
@@ -41,7 +39,6 @@ pub struct Opening {
     pub version: &'static str,
 }
 
-/// All addresses; what holds anything of a run needs the token.
 pub fn router(runs: Arc<dyn Runs>, scene_renderer: SceneRenderer, token: Arc<str>, opening: Opening) -> Router {
     let server = Server {
         run_feeds: RunFeeds::new(Arc::clone(&runs)),

@@ -42,7 +42,6 @@ impl SceneRenderer {
         Self(sender)
     }
 
-    /// Asks, and waits for the answer. One who does not wait any more is not served.
     pub async fn ask(&self, request: ShowRequest) -> Answer {
         let (sender, receiver) = oneshot::channel();
         self.0.try_send((request, sender)).map_err(|_| TheatreError::Busy)?;

@@ -1,5 +1,3 @@
-//! Listens, and bounds what a connection may cost.
-
 use crate::data::Runs;
 use crate::routes::{Opening, router};
 use crate::scene_renderer::SceneRenderer;

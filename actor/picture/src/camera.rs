@@ -1,5 +1,3 @@
-//! Where a picture is taken from, and how points fall onto it.
-
 use rapier3d::math::{Pose3, Vec3};
 
 /// A camera: x right, y up, looks along +z.

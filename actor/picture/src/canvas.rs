@@ -1,5 +1,3 @@
-//! A picture in memory: text, rectangles, other pictures, PNG.
-
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont, point};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};

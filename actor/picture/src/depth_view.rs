@@ -1,5 +1,3 @@
-//! What the robot's depth camera sees, for people: near is bright, target and goal are marked.
-
 use super::camera::{Camera, Projection};
 use super::canvas::{Canvas, mix};
 use super::marks::{GOAL, Marks, TARGET};

@@ -1,5 +1,3 @@
-//! Lines laid over a picture: where the target is, where it is to go.
-
 use super::camera::{Camera, Pixel};
 use super::canvas::{Canvas, Rgb};
 use rapier3d::math::Vec3;

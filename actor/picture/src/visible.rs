@@ -1,5 +1,3 @@
-//! Which triangle each pixel shows, and how near it is.
-
 use super::camera::{Camera, Pixel};
 use rapier3d::math::Vec3;
 

@@ -1,5 +1,3 @@
-//! A policy: its weights, and what they were trained for. Out of a checkpoint, or out of a file that holds nothing else.
-
 use half::f16;
 use proto::checkpoint::{Manifest, ManifestError};
 use proto::config::{CarriedGoal, Config, Memory};
@@ -60,6 +58,7 @@ pub(crate) struct Array {
     pub values: Vec<f32>,
 }
 
+#[derive(Debug)]
 pub struct Policy {
     pub origin: Origin,
     /// The run's configuration; of a policy file without what a file of its own cannot hold.

@@ -59,7 +59,6 @@ pub struct Account {
     /// Of these, those that may hold wrong content.
     pub doubtful: u64,
     pub lost: u64,
-    /// More may be lost than is known: the file was cut, or holds bytes that cannot be read.
     pub lost_unknown: bool,
     pub cut: bool,
     pub findings: Vec<Finding>,
@@ -74,7 +73,6 @@ impl Account {
         self.findings.is_empty()
     }
 
-    /// Whether all that was recorded was read, and as it was recorded.
     pub fn is_lossless(&self) -> bool {
         !self.costly && self.lost == 0 && !self.lost_unknown && self.doubtful == 0
     }
@@ -145,7 +143,6 @@ fn messages(count: u64) -> String {
     if count == 1 { "1 message".to_owned() } else { format!("{count} messages") }
 }
 
-/// Nanoseconds since 1970 as a date and a time of the day (UTC).
 fn clock(time_ns: u64) -> String {
     let (seconds, milliseconds) = (time_ns / 1_000_000_000, time_ns / 1_000_000 % 1000);
     // Days from 1 March of year 0: leap days are then the last of their year (Hinnant, "chrono-Compatible Low-Level

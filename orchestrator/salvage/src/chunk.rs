@@ -1,5 +1,3 @@
-//! Chunks: unpacked, checked, and read.
-
 use crate::account::Cost;
 use crate::layout::{Frame, parse};
 use crate::source::{Source, peek};
@@ -7,17 +5,13 @@ use crate::state::{Chunk, Outcome, Places, Reader, Trust};
 use mcap::records::{ChunkHeader, Record, op};
 use std::io::{self, Cursor, Read, copy};
 
-/// Opcode, length, two times, size, checksum, and length of the compression's name, bytes.
 const HEAD_BYTES: u64 = 9 + 32;
 const NAME_BYTES_MAX: u32 = 64;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Need {
-    /// Its checksum: it may be no chunk at all.
     Checksum,
-    /// Nothing more: its lengths were found to agree.
     Lengths,
-    /// Nothing: what can be unpacked of it is read.
     Nothing,
 }
 

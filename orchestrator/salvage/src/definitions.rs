@@ -1,5 +1,3 @@
-//! Schemas, channels, and the messages of channels.
-
 use crate::account::{Cost, Finding};
 use crate::state::{Outcome, Reader, Trust};
 use crate::summary::Schema;
@@ -76,7 +74,6 @@ impl<E> Reader<'_, E> {
         self.hand_on(Record::Message { header, data: Cow::Borrowed(data) }, trust)
     }
 
-    /// Whether messages of this channel can be read, now or with the summary's help.
     pub(crate) fn has_channel(&self, id: u16) -> bool {
         let spare = || self.summary.as_ref().is_some_and(|summary| summary.channels.contains_key(&id));
         self.definitions.channels.get(&id).map_or_else(spare, Result::is_ok)

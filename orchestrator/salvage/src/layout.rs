@@ -11,7 +11,6 @@ use std::io::Result;
 use std::ops::Range;
 
 pub const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
-/// Opcode and length of a record, bytes.
 const HEAD_BYTES: u64 = 9;
 /// The first opcode that is not the format's: those are for applications.
 pub const PRIVATE: u8 = 0x80;
@@ -62,7 +61,6 @@ fn fields(opcode: u8) -> Option<&'static [Field]> {
 }
 
 impl Frame {
-    /// The head at `offset`; none where the source is too short for one.
     pub fn at(source: &dyn Source, offset: u64) -> Result<Option<Self>> {
         Ok(peek(source, offset)?.map(|head| Self::new(offset, head)))
     }
@@ -75,7 +73,6 @@ impl Frame {
         self.offset + HEAD_BYTES
     }
 
-    /// Where the record ends, which may be beyond the source.
     pub fn end(self) -> u64 {
         self.content().saturating_add(self.length)
     }

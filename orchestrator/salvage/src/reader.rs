@@ -1,5 +1,3 @@
-//! A reading: how it begins and ends.
-
 use crate::account::{Account, Cost};
 use crate::layout::{Frame, MAGIC, parse};
 use crate::source::{Source, peek};

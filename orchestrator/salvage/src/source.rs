@@ -1,5 +1,3 @@
-//! Where the bytes come from: a file, or memory.
-
 use std::borrow::Cow;
 use std::cell::RefCell;
 use std::fs::File;
@@ -13,7 +11,6 @@ const BLOCK_BYTES: u64 = 4096;
 pub trait Source {
     fn length(&self) -> u64;
 
-    /// The bytes of this range; all of them must be there.
     fn bytes(&self, range: Range<u64>) -> Result<Cow<'_, [u8]>>;
 }
 
@@ -39,7 +36,6 @@ impl Source for &[u8] {
 pub struct FileSource {
     file: File,
     length: u64,
-    /// Offset and bytes of the block that was read last.
     block: RefCell<(u64, Vec<u8>)>,
 }
 

@@ -1,5 +1,3 @@
-//! What is known in the middle of a reading.
-
 use crate::account::{Account, Cost, Finding};
 use crate::source::Source;
 use crate::summary::{Schema, Summary};
@@ -14,7 +12,6 @@ const KEPT_BYTES_MAX: usize = 64 << 20;
 #[derive(Debug, Clone, Copy)]
 pub struct Limits {
     pub record_bytes: u64,
-    /// Bytes of one chunk, unpacked.
     pub chunk_bytes: u64,
     /// Bytes that are read and unpacked, all together: this many ...
     pub total_bytes: u64,
@@ -86,15 +83,12 @@ pub(crate) struct Reader<'a, E> {
     pub inside: Option<Chunk>,
     /// The messages of the chunk before, and whether it was sound.
     pub indexed: (Trust, Places),
-    /// Where the mark of the data's end ends.
     pub data_end: Option<u64>,
     /// From here on nothing could be read, if the file was cut.
     pub cut_at: u64,
-    /// Log time of the message before.
     pub time_ns: Option<u64>,
     /// Number of the finding about a region that the next message ends.
     pub region: Option<usize>,
-    /// Attachments and metadata that were read.
     pub others: [u32; 2],
     /// Where a chunk is whose header does not agree with its content.
     pub odd_chunk: Option<u64>,

@@ -16,7 +16,6 @@ pub(crate) type Schema = (SchemaHeader, Vec<u8>);
 
 #[derive(Debug, Default)]
 pub(crate) struct Summary {
-    /// Where it begins: the data ends here.
     pub start: u64,
     /// Where the file should end: behind the end mark.
     end: u64,

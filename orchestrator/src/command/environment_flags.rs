@@ -1,5 +1,3 @@
-//! Options of `up` for environments that are not built in.
-
 use super::overrides::Overrides;
 use crate::environment::consent;
 use crate::environment::describe::{Answer, describe};

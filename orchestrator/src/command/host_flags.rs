@@ -1,5 +1,3 @@
-//! Flags of a run on several hosts.
-
 use super::overrides::Overrides;
 use crate::hosts::agent::{Agent, Otherwise};
 use crate::hosts::membership::{Flags, Membership, membership};

@@ -1,5 +1,4 @@
-//! `orchestrator status`: how a run or an evaluation stands, from its folder alone; works while it runs and after a
-//! crash.
+//! `orchestrator status`: how a run or an evaluation stands, from its folder alone.
 
 use crate::environment::growth::growing;
 use crate::evaluation::progress::Progress;

@@ -1,5 +1,3 @@
-//! What runs and evaluations came to, as figures with names.
-
 use super::Row;
 use crate::evaluation::text::{place, seeds_of, shown};
 use crate::output::{format, terminal};
@@ -115,7 +113,6 @@ fn of_stage(list: &mut List, task: &Spec, stage: &StageMeans) {
     }
 }
 
-/// The newest of each kind, of those in the folder and below it.
 fn evaluations(list: &mut List, folder: &RunFolder) {
     let mut notes = Vec::new();
     let below = evaluations_below(folder, &mut notes).unwrap_or_else(|error| {
@@ -159,7 +156,6 @@ fn kind_of(evaluation: &Evaluation) -> String {
     kind
 }
 
-/// A row a name; names come in the order in which the runs have them.
 pub fn rows(runs: &[Vec<Figure>]) -> Vec<Row> {
     let mut names: Vec<&str> = Vec::new();
     for run in runs {

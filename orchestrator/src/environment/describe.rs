@@ -1,5 +1,3 @@
-//! Asks a command once what its environments are.
-
 use crate::environment::consent::shown;
 use crate::process_end::wait_for_child;
 use anyhow::{Context, Result, anyhow, bail};
@@ -18,6 +16,7 @@ const ANSWERS_WITHIN: Duration = Duration::from_mins(3);
 const SAYS_MOST: u64 = 4 << 20;
 const ERROR: &str = "stillroom: error: ";
 
+#[derive(Debug)]
 pub struct Answer {
     pub description: Description,
     /// How many of them an actor has, where it makes vectors of a size.

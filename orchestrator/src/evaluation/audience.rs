@@ -1,5 +1,3 @@
-//! Receives the learner's events while episodes are played: it keeps the records and shows the progress.
-
 use super::journal;
 use super::progress::Progress;
 use crate::output::format;
@@ -53,7 +51,6 @@ impl EvaluationAudience {
         self.records.len()
     }
 
-    /// From the actors' first answer to the end of the last episode.
     pub fn wall(&self) -> Duration {
         self.span.map(|(began, ended)| ended.saturating_sub(began)).unwrap_or_default()
     }

@@ -1,9 +1,6 @@
-//! What `orchestrator eval` and suites are asked, by the same words.
-
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
-/// Kitchens: of training, where episodes are drawn, for none are fixed there; of validation; of test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum SplitChoice {
@@ -12,7 +9,6 @@ pub enum SplitChoice {
     Test,
 }
 
-/// Targets: not seen in training, seen there, or both.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum ObjectsChoice {

@@ -37,7 +37,6 @@ impl Progress {
         Self { asked, played: figures.episodes, means, described, result: None }
     }
 
-    /// Reads it from the folder; none for a run that trains.
     pub fn read(folder: &RunFolder, config: &Config) -> Result<Option<Self>> {
         let Some(plan) = config.evaluation_plan() else { return Ok(None) };
         let asked = plan.len() as u64;

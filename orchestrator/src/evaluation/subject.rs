@@ -34,6 +34,7 @@ pub struct Found {
     pub config: Config,
 }
 
+#[derive(Debug)]
 pub enum Source {
     Checkpoint(Box<Found>),
     File { path: PathBuf, policy: Box<Policy> },
@@ -47,7 +48,6 @@ impl Source {
         }
     }
 
-    /// The checkpoint, where nothing less will do.
     pub fn checkpoint(self) -> Result<Found> {
         match self {
             Self::Checkpoint(found) => Ok(*found),

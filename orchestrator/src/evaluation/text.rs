@@ -1,5 +1,3 @@
-//! An evaluation in words: which episodes are played where, and the result as a table on the terminal.
-
 use crate::output::format::{self, NOTHING, counted};
 use proto::config::Config;
 use proto::evaluation::{
@@ -31,7 +29,6 @@ pub fn place(split: Split, procedural: Option<KitchenRange>, scenes: usize) -> S
     split.to_owned()
 }
 
-/// The episodes of an environment that is not built in, as text; none of others.
 pub fn seeds_of(distribution: Distribution, split: Split, episodes: u32) -> Option<String> {
     let count = if episodes == 0 { SEEDED_EPISODES } else { episodes };
     let whose = if split == Split::Validation { "validation" } else { "test" };

@@ -45,10 +45,8 @@ pub struct Agent {
     pub member: Membership,
     pub token: Token,
     pub interface: Option<String>,
-    /// Run folder: this host's own, or shared.
     pub run: PathBuf,
     pub patience: Patience,
-    /// See [`Patience::lost`], seconds, if the user gave it.
     pub lost_s: Option<u64>,
 }
 
@@ -311,7 +309,6 @@ struct Work<'a> {
     mouth: &'a Mouth<HostReport>,
     signals: &'a mut Signals,
     recorder: Option<Recorder>,
-    /// Incarnation of the learners whose events count.
     learner_incarnation: u32,
     /// Ticks on which dead processes' ports are still to be swept.
     sweeps: u32,

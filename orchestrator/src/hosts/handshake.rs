@@ -1,10 +1,5 @@
-//! How two orchestrators that meet prove that they belong to the same run, before either believes anything else.
-//!
-//! ```text
-//! guest ──hello: its host, random words──▶ door      nothing that a stranger could not know
-//! guest ◀──random words, proof of the token── door   the guest leaves if the proof is wrong
-//! guest ──proof of the token──▶ door                 the door closes if the proof is wrong
-//! ```
+//! How two orchestrators that meet prove that they belong to the same run, before either believes anything else: the guest
+//! says which host it is, both draw random words, first the door proves the token and then the guest.
 
 use super::link::{receive, send};
 use super::token::{Drawn, Token, draw};

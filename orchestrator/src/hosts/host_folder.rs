@@ -1,6 +1,3 @@
-//! What another host prepares before it takes part: its folder, with what its processes read, and nothing of an earlier
-//! start.
-
 use super::rendezvous::Invitation;
 use crate::preflight::all::demand_all;
 use crate::preflight::programs::Tools;
@@ -92,7 +89,6 @@ fn keep(folder: &RunFolder, invitation: &Invitation, files: &[Vec<u8>]) -> Resul
         .with_context(|| format!("cannot write {}", folder.task().display()))
 }
 
-/// A name that leads nowhere else.
 fn inside(name: &str) -> Result<PathBuf> {
     let path = PathBuf::from(name);
     let plain = !name.is_empty() && path.components().all(|part| matches!(part, Component::Normal(_)));

@@ -69,7 +69,6 @@ pub struct Invitation {
     /// Files that the processes read, relative to the run folder, and their sizes. They follow, in this order.
     pub files: Vec<(String, u64)>,
     pub store: SocketAddr,
-    /// See [`Patience::lost`], seconds.
     pub lost_s: f64,
 }
 
@@ -319,7 +318,6 @@ fn is_there(stream: &TcpStream) -> bool {
     stream.set_nonblocking(false).is_ok() && there
 }
 
-/// The files of a run folder that processes of all hosts read: its scenes.
 fn files_of(folder: &RunFolder) -> Result<Vec<(String, Vec<u8>)>> {
     scenes::files_below(folder, folder.root(), &folder.scenes())
         .with_context(|| format!("cannot read {}", folder.scenes().display()))

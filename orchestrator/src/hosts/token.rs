@@ -24,7 +24,6 @@ impl std::fmt::Debug for Token {
     }
 }
 
-/// Both sides' random words, and the host that they are about.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Drawn<'a> {
     pub host: u32,
@@ -33,7 +32,6 @@ pub struct Drawn<'a> {
 }
 
 impl Token {
-    /// From the file of the flag, or of the variable, or from the variable itself.
     pub fn find(file: Option<&Path>) -> Result<Self> {
         let named = file.map(Path::to_path_buf).or_else(|| std::env::var_os(TOKEN_FILE).map(PathBuf::from));
         if let Some(path) = named {
@@ -53,7 +51,6 @@ impl Token {
         Self::new(text.as_bytes()).with_context(|| format!("the token in the variable {TOKEN}"))
     }
 
-    /// A token of these bytes; space around it does not count.
     pub fn new(bytes: &[u8]) -> Result<Self> {
         let token = bytes.trim_ascii();
         ensure!(

@@ -34,12 +34,10 @@ pub fn duration(value: Duration) -> String {
     }
 }
 
-/// A rate a second: one decimal below 100, none above.
 pub fn rate(per_second: f64) -> String {
     if per_second < 99.95 { format!("{per_second:.1}") } else { count((per_second + 0.5) as u64) }
 }
 
-/// A share as a percentage with one decimal: `50.0%`; a dash for none.
 pub fn percent(share: Option<f64>) -> String {
     share.map_or_else(|| NOTHING.to_owned(), |share| format!("{:.1}%", 100.0 * share))
 }

@@ -1,5 +1,3 @@
-//! Lines that our programs log, as others read them again.
-
 use tracing::Level;
 
 /// A line of a child's standard error, as `wire::logging` writes it: `2026-11-21T02:04:23.1Z  WARN text`; or of the

@@ -20,7 +20,6 @@ use tracing_subscriber::{Layer, Registry};
 
 struct State {
     drawn: Vec<String>,
-    /// Where the log goes besides the terminal, once the run folder is known.
     file: Option<File>,
     muted: bool,
     /// Why a result did not reach standard output, if its reader has not just gone.
@@ -110,7 +109,6 @@ pub fn out_json(value: &impl Serialize) -> serde_json::Result<()> {
     Ok(())
 }
 
-/// Writes a value as one line of JSON to standard output; fails as [`offer`] does.
 pub fn offer_json(value: &impl Serialize) -> std::io::Result<()> {
     offer(&ascii_controls(&serde_json::to_string(value)?))
 }
@@ -217,7 +215,6 @@ fn draw(state: &mut State, lines: Vec<String>) {
     state.drawn = lines;
 }
 
-/// Time since the program began: `[  12.3s]`.
 struct SinceStart(Instant);
 
 impl FormatTime for SinceStart {

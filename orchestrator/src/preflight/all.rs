@@ -1,5 +1,3 @@
-//! Every check of one configuration: `up` stops at the first problem, `doctor` shows all.
-
 use super::programs::Tools;
 use super::{Finding, descriptors, device, disk, memory, placement, processor, services, shared_memory, temporary};
 use anyhow::Result;
@@ -8,8 +6,6 @@ use proto::device::Torch;
 use proto::run_folder::RunFolder;
 use std::path::Path;
 
-/// Looks at everything that could keep this configuration from running here in `folder`, with what the learner computes
-/// with, as far as that is known.
 pub fn check_all(config: &Config, folder: &Path, torch: Option<&Torch>) -> Vec<(&'static str, Finding)> {
     let mut found = vec![("processor", processor::check())];
     if let Some(torch) = torch {

@@ -1,6 +1,5 @@
 //! Checks before any process starts, so that a run that cannot work fails at once, with one message that contains the
-//! figures and a remedy. `up` and `resume` stop at the first problem; `doctor` prints all of it. [`all`] is every check
-//! of one configuration; [`programs`] finds the other two programs.
+//! figures and a remedy. `up` and `resume` stop at the first problem; `doctor` prints all of it.
 
 pub mod all;
 pub mod descriptors;

@@ -101,7 +101,6 @@ impl Placement {
         &self.actors[self.shares.learner_of(actor) as usize]
     }
 
-    /// As text: `learner 0 on 0-3, its actors on 4-15`.
     pub fn describe(&self) -> String {
         let each = self.learners.iter().zip(&self.actors).enumerate();
         let each = each
@@ -153,7 +152,6 @@ fn parse(list: &str) -> Option<BTreeSet<usize>> {
     Some(found)
 }
 
-/// The cores of a run's processes; none where the kernel chooses.
 pub fn placement(config: &Config, torch: &Torch) -> Result<Option<Placement>> {
     Cores::find(torch)?.place(&config.machine.pin, config.shares(), is_cuda(config, torch))
 }

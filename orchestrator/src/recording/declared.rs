@@ -15,7 +15,6 @@ pub struct Declared {
 }
 
 impl Declared {
-    /// That of a configuration. It need not be one that can be run.
     pub fn of(config: &Config) -> Result<Self, String> {
         let wrong = |cause: &dyn Error| format!("its configuration: {cause}");
         let spec = config.find_spec().map_err(|cause| wrong(&cause))?;

@@ -47,7 +47,6 @@ type Home = (u32, u32);
 #[derive(Debug, Clone, Default)]
 pub struct Shelved {
     generation: Generation,
-    /// When it was first met, counted in episodes.
     pub order: u64,
     pub steps: u32,
     pub end: Option<Ended>,
@@ -180,7 +179,6 @@ impl EpisodeIndex {
         true
     }
 
-    /// Share of the files' bytes that was read, 0..1.
     pub fn indexed(&self) -> f64 {
         let sum = |of: fn(&Volume) -> u64| self.volumes.iter().map(of).sum::<u64>();
         // After the data come index and end mark, which are not read.
@@ -217,7 +215,6 @@ impl EpisodeIndex {
         self.homes.keys().copied()
     }
 
-    /// Takes an episode out: the configuration of its file, and what was recorded of it. None if it is not there.
     pub fn take_out(&self, key: Key) -> Result<Option<(String, RecordedEpisode)>, RecordingError> {
         let Some(shelved) = self.episodes.get(&key) else { return Ok(None) };
         let Ok(kitchen) = KitchenId::new(key.0) else { return Ok(None) };
@@ -382,7 +379,6 @@ impl EpisodeIndex {
         }
     }
 
-    /// The episode that a message is about, if the message counts.
     fn shelved(
         &mut self,
         (kitchen, environment, episode): (u32, u32, u32),

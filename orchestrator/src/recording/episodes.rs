@@ -28,6 +28,7 @@ const FAULTS_MAX: usize = 20;
 /// The highest incarnation of a learner that is believed where nothing but an altered message says so.
 const FIRST_LEARNER_MAX: u32 = 1000;
 
+#[derive(Debug)]
 pub struct Recorded {
     /// Every configuration of the files, TOML; the first one first.
     pub configs: Vec<String>,
@@ -92,11 +93,9 @@ struct Setting {
     text: String,
     failures_only: bool,
     declared: Declared,
-    /// What of it decides what the simulator does.
     world: Config,
     plan: Option<Plan>,
     kitchens: Kitchens,
-    /// Which of them an environment was in.
     kitchen_schedule: KitchenSchedule,
 }
 

@@ -1,5 +1,3 @@
-//! A data set of recorded episodes: `actor dataset` simulates and writes them, this starts it and listens.
-
 use super::simulate::{Actor, feed};
 use crate::output::terminal::Live;
 use crate::preflight::programs;

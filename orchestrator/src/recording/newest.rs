@@ -14,14 +14,11 @@ const SHOWN: [(Kind, usize); 3] = [(Kind::Undisturbed, 2), (Kind::Disturbed, 1),
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
-    /// By the metric that demands most.
     Undisturbed,
-    /// By another one.
     Disturbed,
     Failure,
 }
 
-/// Which episodes a user wants to see.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Only {
     Success,

@@ -24,7 +24,6 @@ pub const PROTOBUF: &str = "protobuf";
 
 #[derive(Debug, Clone)]
 pub struct Schema {
-    /// E.g. `stillroom.Step`.
     pub name: String,
     /// Its file and all files that this one imports, imports first.
     pub descriptor: Arc<[u8]>,

@@ -1,5 +1,4 @@
-//! A report on runs: their folders are read ([`gather`], [`unclaimed`]) and the page's files written
-//! ([`files`]), with episodes in pictures ([`strips`]). The crate `report` does what is between.
+//! A report on runs: reads their folders and writes the page's files. The crate `report` does what is between.
 
 pub mod files;
 pub mod gather;

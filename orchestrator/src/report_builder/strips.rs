@@ -141,7 +141,6 @@ fn both(pair: &EvaluatedPair<'_>) -> Result<ShownEpisode> {
     })
 }
 
-/// What the task prints of an episode: the shares that are so, and numbers.
 fn ending(spec: &Spec, record: &EpisodeRecord) -> String {
     let printed = spec.columns().into_iter().zip(&record.numbers).filter(|(one, _)| !one.label.is_empty());
     let words = printed.filter_map(|(one, &number)| match (one.kind, number) {
@@ -237,7 +236,6 @@ fn why(answer: &ShowAnswer) -> &str {
     }
 }
 
-/// Moments that are drawn: the first, the last, and others at even distances between them.
 fn steps(moments: usize) -> impl Iterator<Item = usize> {
     let last = moments.saturating_sub(1);
     let wanted = FRAMES.min(moments).max(1);

@@ -11,7 +11,6 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 pub(super) struct UnclaimedEvaluation {
-    /// Its path, without links.
     pub place: PathBuf,
     folder: RunFolder,
     config: Config,

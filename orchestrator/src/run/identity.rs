@@ -17,7 +17,6 @@ use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 use wire::{WireAddress, is_run_id};
 
-/// `run.toml`: what a run is called and what has become of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Identity {
     pub schema_version: u32,
@@ -81,7 +80,6 @@ impl ProcessCounts {
         [self.hosts, self.learners, self.actors]
     }
 
-    /// As people read it: `1 host, 1 learner, 3 actors`.
     fn text(self) -> String {
         let [hosts, learners, actors] = self.processes().map(u64::from);
         format!("{}, {}, {}", counted(hosts, "host"), counted(learners, "learner"), counted(actors, "actor"))

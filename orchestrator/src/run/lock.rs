@@ -53,6 +53,7 @@ fn pid_namespace() -> Option<u64> {
 }
 
 /// The right to run a folder, until dropped. The kernel takes it back when the process dies, however it dies.
+#[derive(Debug)]
 pub struct RunLock {
     file: File,
 }

@@ -1,9 +1,4 @@
-//! A run on disk, be it one that trains or an evaluation: its folder ([`create`]), who it is
-//! ([`identity`]), who works on it and so how it stands ([`lock`]); its checkpoints
-//! ([`checkpoints`]), its parent ([`lifeline`]), its own scenes ([`scenes`]), what a dead one leaves in shared memory ([`remains`]), a signal to its
-//! orchestrator or learner ([`signal`]) and whether one of them is stopped ([`process_state`]), files of one JSON object
-//! a line ([`json_lines`]), and a folder that was never made to its end
-//! ([`unfinished`]).
+//! A run on disk, be it one that trains or an evaluation: its folder, who it is, and who works on it.
 
 pub mod checkpoints;
 pub mod create;

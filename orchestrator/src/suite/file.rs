@@ -266,7 +266,6 @@ fn with_seeds(text: &str, seeds: &[u64]) -> Result<String> {
     toml::to_string(&file).context("the suite with --seed")
 }
 
-/// Each value with its dotted path, alone in a table.
 fn leaves(table: &Table) -> Vec<(String, Table)> {
     let mut found = Vec::new();
     for (key, value) in table {

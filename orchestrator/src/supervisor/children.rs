@@ -94,7 +94,6 @@ impl Children {
         child.is_some_and(|child| child.incarnation == incarnation && matches!(child.state, ChildState::Up { .. }))
     }
 
-    /// Since when one runs that has not been killed; none of one that is not there.
     pub fn alive_since(&self, process: Process) -> Option<Duration> {
         match self.children.get(&process)?.state {
             ChildState::Up { since, killed: None } => Some(since),

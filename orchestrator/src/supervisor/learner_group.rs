@@ -239,7 +239,6 @@ impl LearnerGroup {
         self.restart_at.is_some()
     }
 
-    /// Whether it is time to start again.
     pub fn is_due(&self, now: Duration) -> bool {
         self.restart_at.is_some_and(|at| at <= now)
     }

@@ -66,7 +66,6 @@ pub struct StageMeans {
 /// A rollout, and how many frames of its stage come before it and before the next one.
 type Placed<'a> = (u64, u64, &'a Trained);
 
-/// The rollouts of a stage.
 fn rollouts_of<'a>(stages: &[StageConfig], index: usize, history: &'a History) -> Vec<Placed<'a>> {
     let start = total_frames(&stages[..index]);
     let mut before = start;
@@ -100,7 +99,6 @@ fn newest_tenth(rollouts: &[Placed], budget: u64) -> EpisodeMeans {
     over_part(rollouts, budget, done - 0.1..1.0, last)
 }
 
-/// The figures of every stage that has begun.
 pub fn by_stage(stages: &[StageConfig], history: &History) -> Vec<StageMeans> {
     let means = stages.iter().enumerate().filter_map(|(index, stage)| {
         let rollouts = rollouts_of(stages, index, history);

@@ -141,7 +141,6 @@ impl Progress {
     }
 }
 
-/// Between two parts of a line.
 const BETWEEN: &str = "  |  ";
 
 fn short_line(
@@ -208,7 +207,6 @@ pub fn frames_line(stages: &[StageConfig], recent: &Recent) -> String {
     parts.join(BETWEEN)
 }
 
-/// The return and the task's metrics; empty before the first episode has ended.
 fn figures_line(metrics: &[Described], recent: &Recent) -> String {
     let EpisodeMeans { episodes, mean_return, figures } = &recent.episodes;
     if *episodes == 0 {

@@ -15,7 +15,6 @@ use proto::task::{Metric, Spec};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// One line of `validation.jsonl`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Score {
     /// First rollout that is not in the checkpoint.

@@ -60,7 +60,6 @@ pub struct Validation {
 }
 
 impl Validation {
-    /// Continues from the folder's state; none if the run has no validation.
     pub fn open(folder: &RunFolder, config: &Config) -> Result<Option<Self>> {
         if config.validation.every_frames == 0 {
             return Ok(None);

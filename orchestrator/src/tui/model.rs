@@ -66,7 +66,6 @@ impl Model {
         (all.stages, all.paper) = (stages, paper);
     }
 
-    /// A key; false if it leaves.
     pub fn key(&mut self, key: KeyEvent) -> bool {
         if key.kind == KeyEventKind::Release {
             return true;

@@ -68,7 +68,6 @@ pub fn chart(frame: &mut Frame, area: Rect, model: &Model, live: &Live, number: 
     frame.render_widget(chart, area);
 }
 
-/// A count in four characters: `312k`, `4.5M`.
 fn short(count: u64) -> String {
     match count {
         0..10_000 => count.to_string(),

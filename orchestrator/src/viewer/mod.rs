@@ -1,9 +1,5 @@
-//! What `orchestrator view` shows of runs: [`view::data::Runs`] from their folders alone.
-//!
-//! [`roster`] finds runs and gives them names for addresses; of each run that is looked at, [`watched`] keeps what was
-//! read, and reads only what is new ([`tail`], and the recordings' episode index); [`logbook`] finds the logs of a run.
-//! [`processes`] looks at the processes of a run on this machine and at GPUs, [`table`] filters and sorts episodes.
-//! [`live`] hands a run on message by message.
+//! What `orchestrator view` shows of runs: [`view::data::Runs`] from their folders alone. Of each run that is looked at,
+//! [`watched`] keeps what was read, and reads only what is new.
 
 mod episode_table;
 mod live;
@@ -44,7 +40,6 @@ pub struct RunReaders {
 
 struct RunReader {
     entry: Entry,
-    /// None while it is read.
     watched: Mutex<Option<Box<Watched>>>,
     free: Condvar,
     card: Mutex<Card>,

@@ -117,7 +117,6 @@ impl Look {
         }
     }
 
-    /// What is in a folder; nothing where that cannot be read. One with too much in it is named.
     fn items_of(&mut self, folder: &RunFolder) -> Vec<Item> {
         folder.list(folder.root()).unwrap_or_else(|error| {
             if error.kind() == ErrorKind::FileTooLarge && self.left_out.len() < PROBLEMS_MAX {

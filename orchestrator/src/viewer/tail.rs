@@ -32,7 +32,6 @@ impl Tail {
         Self { folder, path, from, inode: 0, offset: 0, begun: Vec::new(), is_cut: false, first: Vec::new() }
     }
 
-    /// Its length; an error if it has more than `most` bytes. A file that is not there has none.
     pub fn length(&self, most: u64) -> std::io::Result<u64> {
         match self.folder.reader(&self.path, most) {
             Ok(file) => Ok(file.get_ref().get_ref().metadata()?.len()),

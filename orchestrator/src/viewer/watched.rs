@@ -463,7 +463,6 @@ fn start(incarnation: &crate::run::identity::Incarnation) -> Start {
     }
 }
 
-/// Learners and actors by their logs, with their processes.
 fn workers(logs: &BTreeMap<String, Log>, processes: &[Process], growing: &BTreeMap<String, String>) -> Vec<Worker> {
     let process = |name: &str| processes.iter().find(|process| process.name == name);
     let worker = |name: &str, incarnation: u32, starts: u32| {

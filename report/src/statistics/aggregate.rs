@@ -1,5 +1,3 @@
-//! What a matrix of scores comes to.
-
 use super::bootstrap::{Interval, intervals};
 use super::scores::{Scores, interquartile_mean};
 use serde::Serialize;

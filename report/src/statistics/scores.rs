@@ -34,7 +34,6 @@ impl Scores {
         &self.values[seed * self.kitchens..][..self.kitchens]
     }
 
-    /// The mean over the kitchens of each one's mean over seeds.
     pub fn mean(&self) -> f64 {
         let mut sums = vec![0.0; self.kitchens];
         for row in self.values.chunks_exact(self.kitchens) {

@@ -1,5 +1,3 @@
-//! Runs of one configuration with different seeds.
-
 use super::run::{Origin, Run};
 use super::settings::{differences, settings_of};
 use std::path::Path;

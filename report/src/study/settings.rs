@@ -40,13 +40,11 @@ pub fn differences_between(first: &Config, second: &Config) -> Vec<String> {
     config::differences(&first, &of_second, Lists::Whole).into_iter().filter_map(text).collect()
 }
 
-/// `begun with weights after 9 000 frames`
 fn from_text(config: &Config) -> String {
     let frames = config.from.as_ref().map_or(0, |from| from.frames);
     format!("begun with weights after {} frames", count(frames))
 }
 
-/// `stages: r 5 000 000, then r_prime 5 000 000 frames`
 fn stages_text(config: &Config) -> String {
     let text = |stage: &StageConfig| format!("{} {}", stage.reward, count(stage.frames));
     format!("stages: {} frames", config.stages.iter().map(text).collect::<Vec<_>>().join(", then "))

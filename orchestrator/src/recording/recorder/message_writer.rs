@@ -6,10 +6,11 @@ use crate::recording::form::{Carries, Form, Told};
 use crate::recording::recorder::camera::{self, FrameNames};
 use crate::recording::recorder::channels::{Images, Pose};
 use crate::recording::recorder::held_back::{self, HeldBack};
-use crate::recording::recorder::segment::{SegmentError, Segments, Topic};
+use crate::recording::recorder::segment::{Segments, Topic};
 use crate::recording::schema::Schema;
 use crate::recording::schema::foxglove::{FrameTransforms, Log, log};
 use crate::recording::schema::stillroom::{LearnerMetrics, StageSwitch, Validation};
+use anyhow::Result;
 use prost::Message;
 use prost_types::Timestamp;
 use proto::config::Config;
@@ -30,9 +31,7 @@ compile_error!("16UC1 images are little-endian and are copied as they lie in mem
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counts {
-    /// Messages on `/step`.
     pub steps: u64,
-    /// Messages on `/episode/end`.
     pub episodes: u64,
     pub depth_frames: u64,
 }
@@ -178,7 +177,7 @@ impl MessageWriter {
         header: &ObservationHeader,
         records: &[Line],
         with_transitions: bool,
-    ) -> Result<u64, SegmentError> {
+    ) -> Result<u64> {
         let first = (header.actor * self.shape.environments_per_actor) as usize;
         let range = Halves::of(self.shape.environments_per_actor).range(header.half);
         let layout = self.declared.spec.layout();
@@ -206,7 +205,7 @@ impl MessageWriter {
         environment: usize,
         record: &[u8],
         with_transitions: bool,
-    ) -> Result<bool, SegmentError> {
+    ) -> Result<bool> {
         let RecordHeader { acted_episode, acted_step, .. } = *RecordHeader::of(record);
         let taken = Some((header.learner_incarnation, acted_episode, acted_step));
         if !RecordHeader::of(record).has(flag::ACTED) || self.environments[environment].taken == taken {
@@ -231,7 +230,7 @@ impl MessageWriter {
         environment: usize,
         record: &[u8],
         whole: &[u8],
-    ) -> Result<(), SegmentError> {
+    ) -> Result<()> {
         let seen = RecordHeader::of(record);
         let known = &mut self.environments[environment];
         let described = Some((header.learner_incarnation, seen.episode, seen.step));
@@ -249,7 +248,7 @@ impl MessageWriter {
         Ok(())
     }
 
-    pub fn metrics(&mut self, time_ns: u64, trained: &RolloutMetrics) -> Result<(), SegmentError> {
+    pub fn metrics(&mut self, time_ns: u64, trained: &RolloutMetrics) -> Result<()> {
         let mut other = trained.metrics.clone();
         let mut take = |name: &str| other.remove(name);
         let timing = &trained.timing;
@@ -284,15 +283,15 @@ impl MessageWriter {
         self.write(self.topics.metrics, time_ns, &message)
     }
 
-    pub fn stage(&mut self, time_ns: u64, message: &StageSwitch) -> Result<(), SegmentError> {
+    pub fn stage(&mut self, time_ns: u64, message: &StageSwitch) -> Result<()> {
         self.write(self.topics.stage, time_ns, message)
     }
 
-    pub fn validation(&mut self, time_ns: u64, message: &Validation) -> Result<(), SegmentError> {
+    pub fn validation(&mut self, time_ns: u64, message: &Validation) -> Result<()> {
         self.write(self.topics.evaluation, time_ns, message)
     }
 
-    pub fn log(&mut self, time_ns: u64, level: log::Level, process: &str, line: String) -> Result<(), SegmentError> {
+    pub fn log(&mut self, time_ns: u64, level: log::Level, process: &str, line: String) -> Result<()> {
         let message = Log {
             timestamp: Some(timestamp(time_ns)),
             level: level.into(),
@@ -309,7 +308,7 @@ impl MessageWriter {
 
     /// The recording ends. What is held of episodes that run is written: the next start goes on with them. An evaluation
     /// has none.
-    pub fn finish(&mut self) -> Result<(), SegmentError> {
+    pub fn finish(&mut self) -> Result<()> {
         if self.plan.is_none() {
             for environment in 0..self.environments.len() {
                 self.release(environment, true)?;
@@ -339,13 +338,7 @@ impl MessageWriter {
         }
     }
 
-    fn step(
-        &mut self,
-        time_ns: u64,
-        header: &ObservationHeader,
-        environment: usize,
-        bytes: &[u8],
-    ) -> Result<(), SegmentError> {
+    fn step(&mut self, time_ns: u64, header: &ObservationHeader, environment: usize, bytes: &[u8]) -> Result<()> {
         let record = RecordHeader::of(bytes);
         let engine = Engine {
             actor: header.actor,
@@ -378,7 +371,7 @@ impl MessageWriter {
         header: &ObservationHeader,
         environment: usize,
         bytes: &[u8],
-    ) -> Result<(), SegmentError> {
+    ) -> Result<()> {
         let record = RecordHeader::of(bytes);
         let engine = Engine {
             state_hash: record.state_hash,
@@ -397,7 +390,7 @@ impl MessageWriter {
         header: &ObservationHeader,
         environment: usize,
         bytes: &[u8],
-    ) -> Result<(), SegmentError> {
+    ) -> Result<()> {
         let record = RecordHeader::of(bytes);
         let length = record.acted_step + 1;
         let engine = self.engine(header, environment, record.acted_episode).ended(record.end());
@@ -411,7 +404,7 @@ impl MessageWriter {
     }
 
     /// The images that are there, and where the camera is. What is not there is not recorded: the learner refuses it.
-    fn images(&mut self, time_ns: u64, environment: usize, record: &[u8], whole: &[u8]) -> Result<(), SegmentError> {
+    fn images(&mut self, time_ns: u64, environment: usize, record: &[u8], whole: &[u8]) -> Result<()> {
         let bulk = RecordHeader::of(record).bulk;
         for image in 0..self.images.count() {
             if !self.images.is_there(image, bulk) {
@@ -441,7 +434,7 @@ impl MessageWriter {
         carries: Carries,
         (episode, place): (u32, u32),
         time_ns: u64,
-    ) -> Result<(), SegmentError> {
+    ) -> Result<()> {
         let Self { topics, declared: Declared { forms, .. }, told: [step, start, end], .. } = self;
         let (topic, form, told) = match carries {
             Carries::Step => (topics.step, &forms.step, step),
@@ -459,7 +452,7 @@ impl MessageWriter {
         Ok(())
     }
 
-    fn release(&mut self, environment: usize, wanted: bool) -> Result<(), SegmentError> {
+    fn release(&mut self, environment: usize, wanted: bool) -> Result<()> {
         let held = self.environments[environment].held.take();
         for held_back::Message { topic, time_ns, data } in held.filter(|_| wanted) {
             self.count(topic);
@@ -473,7 +466,7 @@ impl MessageWriter {
         self.counts.episodes += u64::from(topic == self.topics.episode_end);
     }
 
-    fn write(&mut self, topic: Topic, time_ns: u64, message: &impl Message) -> Result<(), SegmentError> {
+    fn write(&mut self, topic: Topic, time_ns: u64, message: &impl Message) -> Result<()> {
         self.buffer.clear();
         message.encode_raw(&mut self.buffer);
         self.segments.write(topic, time_ns, &self.buffer)

@@ -1,8 +1,6 @@
 //! Messages between the orchestrator and the recorder's thread.
 
 use super::message_writer::RolloutMetrics;
-use super::segment::SegmentError;
-use super::tally::Gap;
 use crate::recording::schema::foxglove::log::Level;
 use crate::recording::schema::stillroom::{StageSwitch, Validation};
 use proto::config::Config;
@@ -10,7 +8,7 @@ use proto::run_folder::RunFolder;
 use std::ops::Range;
 use std::path::PathBuf;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
-use wire::{WireAddress, WireError, WireShape};
+use wire::{WireAddress, WireShape};
 
 pub const START_DEADLINE: Duration = Duration::from_secs(30);
 
@@ -40,30 +38,8 @@ pub struct RecordingSummary {
     pub frames: Option<u64>,
 }
 
-#[derive(Debug, thiserror::Error)]
-pub enum RecorderError {
-    #[error("the recorder cannot read the observations: {0}")]
-    Wire(#[from] WireError),
-    #[error(
-        "{0}; see that the folder is writable and its disk has space, or set recording.enabled = false to run without"
-    )]
-    Segment(#[from] SegmentError),
-    #[error(transparent)]
-    Gap(#[from] Gap),
-    #[error("cannot start the recorder's thread: {0}")]
-    Thread(std::io::Error),
-    #[error("the recorder did not start within {} s", START_DEADLINE.as_secs())]
-    Slow,
-    #[error("the recorder's thread ended unexpectedly; its last messages are in the log")]
-    Died,
-    #[error(
-        "the recording has not got on for {} s: its disk hangs. What is written of it can be read; `orchestrator \
-         recover` completes the file", .0.as_secs()
-    )]
-    Hangs(Duration),
-    #[error("{0}")]
-    Failed(String),
-}
+/// What is wrong where a part of shared memory fails.
+pub const OBSERVATIONS: &str = "the recorder cannot read the observations";
 
 pub enum Note {
     Began {

@@ -2,11 +2,12 @@
 
 use super::ledger::{Ledger, Verdict};
 use super::message_writer::{Counts, MessageWriter};
-use super::note::{Note, RecorderError, RecorderSetup, RecordingSummary, now_ns};
-use super::segment::{Preamble, SegmentError, Segments};
+use super::note::{Note, OBSERVATIONS, RecorderSetup, RecordingSummary, now_ns};
+use super::segment::{Preamble, Segments};
 use super::tally::Tally;
 use crate::output::warning_limiter::WarningLimiter;
 use crate::recording::declared::Declared;
+use anyhow::{Context, Result, bail};
 use std::sync::OnceLock;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::{Duration, Instant};
@@ -27,13 +28,14 @@ pub fn run(
     notes: &Receiver<(u64, Note)>,
     failure: &OnceLock<String>,
     ready: &Sender<()>,
-) -> Result<RecordingSummary, RecorderError> {
-    let wire = Wire::join(&setup.address, setup.shape, "recorder")?;
+) -> Result<RecordingSummary> {
+    let wire = Wire::join(&setup.address, setup.shape, "recorder").context(OBSERVATIONS)?;
     let ranks = setup.ranks.clone();
-    let subscribers: Vec<_> = ranks.map(|rank| wire.observation_subscriber(rank)).collect::<Result<_, WireError>>()?;
+    let subscribers = ranks.map(|rank| wire.observation_subscriber(rank)).collect::<Result<Vec<_>, WireError>>();
+    let subscribers = subscribers.context(OBSERVATIONS)?;
     let wakeup = wire.bells().wakeup(Sleeper::Recorder);
     let mut learners = Learners::of(&wire, setup);
-    let book = ReceiptBook::open(&setup.address, setup.shape.shares.actors())?;
+    let book = ReceiptBook::open(&setup.address, setup.shape.shares.actors()).context(OBSERVATIONS)?;
     let mut state = RecorderState::new(setup, failure, &book)?;
     // The orchestrator may have given up waiting; then its end of the notes is closed too.
     let _ = ready.send(());
@@ -42,7 +44,7 @@ pub fn run(
     loop {
         book.beat();
         wakeup.wait(FLUSH_INTERVAL.saturating_sub(flushed.elapsed()));
-        drain(&subscribers, &mut state).inspect_err(|_| book.fail())?;
+        drain(&subscribers, &mut state).inspect_err(|_| book.fail()).context(OBSERVATIONS)?;
         learners.tell(&state.ledger);
         let mut finish = false;
         loop {
@@ -69,7 +71,7 @@ pub fn run(
         }
     }
     let deadline = Instant::now() + DRAIN_DEADLINE;
-    while drain(&subscribers, &mut state)? > 0 && Instant::now() < deadline {
+    while drain(&subscribers, &mut state).context(OBSERVATIONS)? > 0 && Instant::now() < deadline {
         // What must be seen is that nothing comes: there is no bell for that.
         std::thread::sleep(QUIET);
     }
@@ -150,7 +152,7 @@ struct RecorderState<'a> {
 }
 
 impl<'a> RecorderState<'a> {
-    fn new(setup: &RecorderSetup, failure: &'a OnceLock<String>, book: &'a ReceiptBook) -> Result<Self, RecorderError> {
+    fn new(setup: &RecorderSetup, failure: &'a OnceLock<String>, book: &'a ReceiptBook) -> Result<Self> {
         let time_ns = now_ns();
         let preamble = Preamble {
             run_id: setup.run_id.clone(),
@@ -159,7 +161,7 @@ impl<'a> RecorderState<'a> {
             config: setup.config.clone(),
         };
         let segments = Segments::create(setup.folder.clone(), preamble, time_ns)?;
-        let declared = Declared::of(&setup.config).map_err(RecorderError::Failed)?;
+        let declared = Declared::of(&setup.config).map_err(anyhow::Error::msg)?;
         let message_writer = MessageWriter::new(segments, setup.shape, setup.incarnation, &setup.config, declared);
         let halves = Halves::of(setup.shape.environments_per_actor);
         Ok(Self {
@@ -247,15 +249,15 @@ impl<'a> RecorderState<'a> {
     }
 
     /// Writes, unless writing has failed before. The first failure ends the recording but not the draining.
-    fn attempt(&mut self, write: impl FnOnce(&mut MessageWriter) -> Result<(), SegmentError>) {
+    fn attempt(&mut self, write: impl FnOnce(&mut MessageWriter) -> Result<()>) {
         let Some(message_writer) = &mut self.message_writer else { return };
         if let Err(error) = write(message_writer) {
-            self.fail(&error.into());
+            self.fail(&error);
         }
     }
 
-    fn fail(&mut self, error: &RecorderError) {
-        let message = error.to_string();
+    fn fail(&mut self, error: &anyhow::Error) {
+        let message = format!("{error:#}");
         tracing::error!("recording ends here, and the run is saved and ended: {message}");
         // Only this thread sets it, and only once: the message writer is gone afterwards.
         let _ = self.failure.set(message);
@@ -265,10 +267,10 @@ impl<'a> RecorderState<'a> {
         }
     }
 
-    fn finish(mut self) -> Result<RecordingSummary, RecorderError> {
+    fn finish(mut self) -> Result<RecordingSummary> {
         self.attempt(MessageWriter::finish);
         let Some(message_writer) = self.message_writer else {
-            return Err(RecorderError::Failed(self.failure.get().cloned().unwrap_or_default()));
+            bail!(self.failure.get().cloned().unwrap_or_default());
         };
         let Counts { steps, episodes, depth_frames } = message_writer.counts();
         let segments = message_writer.into_segments();
@@ -283,7 +285,7 @@ impl<'a> RecorderState<'a> {
     }
 }
 
-fn write_note(message_writer: &mut MessageWriter, time_ns: u64, note: Note) -> Result<(), SegmentError> {
+fn write_note(message_writer: &mut MessageWriter, time_ns: u64, note: Note) -> Result<()> {
     match note {
         Note::Trained(trained) => message_writer.metrics(time_ns, &trained),
         Note::Stage(stage) => message_writer.stage(time_ns, &stage),

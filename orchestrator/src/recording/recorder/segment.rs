@@ -8,6 +8,7 @@
 use super::index::Index;
 use super::live::LiveFile;
 use crate::recording::schema::{PROTOBUF, Schema};
+use anyhow::{Result, anyhow};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
 use proto::config::Config;
@@ -35,18 +36,19 @@ pub mod identity {
     pub const PRESET: &str = "preset";
 }
 
-/// Target size of a chunk before compression, bytes.
 const CHUNK_BYTES: u64 = 1 << 20;
 /// Data that is held in memory at most, bytes; what comes between two flushes is seldom so much.
 const PENDING_BYTES_MAX: u64 = 8 << 20;
 /// Chunks of a segment at most: its index is written again with each flush. With one a second half an hour.
 const CHUNKS_MAX: u32 = 2048;
 
-#[derive(Debug, thiserror::Error)]
-#[error("cannot write recording {path}: {cause}", path = .path.display(), cause = in_words(.cause))]
-pub struct SegmentError {
-    pub path: PathBuf,
-    pub cause: McapError,
+fn cannot_write(path: &Path, cause: &McapError) -> anyhow::Error {
+    anyhow!(
+        "cannot write recording {}: {}; see that the folder is writable and its disk has space, or set \
+         recording.enabled = false to run without",
+        path.display(),
+        in_words(cause)
+    )
 }
 
 /// Why nothing can be written. The writer reports any error of the file system without its cause, which the user needs.
@@ -101,9 +103,9 @@ pub struct Segments {
 }
 
 impl Segments {
-    pub fn create(folder: RunFolder, preamble: Preamble, time_ns: u64) -> Result<Self, SegmentError> {
+    pub fn create(folder: RunFolder, preamble: Preamble, time_ns: u64) -> Result<Self> {
         std::fs::create_dir_all(folder.recordings())
-            .map_err(|cause| SegmentError { path: folder.recordings(), cause: cause.into() })?;
+            .map_err(|cause| cannot_write(&folder.recordings(), &cause.into()))?;
         let mut segments = Self {
             folder,
             preamble,
@@ -125,7 +127,7 @@ impl Segments {
         Topic(self.topics.len() - 1)
     }
 
-    pub fn write(&mut self, topic: Topic, time_ns: u64, data: &[u8]) -> Result<(), SegmentError> {
+    pub fn write(&mut self, topic: Topic, time_ns: u64, data: &[u8]) -> Result<()> {
         if self.open_bytes.get() >= self.preamble.config.recording.segment_bytes
             || self.index.borrow().chunk_count() >= CHUNKS_MAX
         {
@@ -146,20 +148,20 @@ impl Segments {
     }
 
     /// Hands everything written so far to the operating system, as a complete file.
-    pub fn flush(&mut self) -> Result<(), SegmentError> {
+    pub fn flush(&mut self) -> Result<()> {
         self.writing(Writer::flush)?;
         self.flushed_bytes = self.open_bytes.get();
         Ok(())
     }
 
-    pub fn finish(&mut self) -> Result<(), SegmentError> {
+    pub fn finish(&mut self) -> Result<()> {
         let Some(mut writer) = self.open.take() else { return Ok(()) };
         let path = self.path().to_path_buf();
         let finished = writer.finish().and_then(|_| Ok(writer.into_inner().close()?));
         // The folder too, or the file may have no name after a power cut.
         let finished = finished.and_then(|()| Ok(sync_folder(&self.folder.recordings())?));
         self.finished_bytes += self.open_bytes.take();
-        finished.map_err(|cause| SegmentError { path, cause })
+        finished.map_err(|cause| cannot_write(&path, &cause))
     }
 
     /// Gives the open segment up after a failure: nothing more is written, not even by its destructor.
@@ -176,7 +178,7 @@ impl Segments {
         self.finished_bytes + self.open_bytes.get()
     }
 
-    fn begin(&mut self, time_ns: u64) -> Result<(), SegmentError> {
+    fn begin(&mut self, time_ns: u64) -> Result<()> {
         let segment = self.files.len() as u32;
         let path = self.folder.recording(self.preamble.incarnation, segment);
         self.files.push(path.clone());
@@ -200,7 +202,7 @@ impl Segments {
             writer.flush()?;
             Ok(writer)
         });
-        self.open = Some(begun.map_err(|cause| SegmentError { path, cause })?);
+        self.open = Some(begun.map_err(|cause| cannot_write(&path, &cause))?);
         self.flushed_bytes = self.open_bytes.get();
         Ok(())
     }
@@ -220,7 +222,7 @@ impl Segments {
         Metadata { name: IDENTITY_METADATA.to_owned(), metadata }
     }
 
-    fn announce(&mut self, topic: Topic) -> Result<u16, SegmentError> {
+    fn announce(&mut self, topic: Topic) -> Result<u16> {
         let TopicEntry { name, schema: Schema { name: message, descriptor }, .. } = &self.topics[topic.0];
         let (name, message, descriptor) = (name.clone(), message.clone(), descriptor.clone());
         let (schema, channel) = self.writing(|writer| {
@@ -235,15 +237,12 @@ impl Segments {
         Ok(channel)
     }
 
-    fn writing<T>(
-        &mut self,
-        write: impl FnOnce(&mut Writer<LiveFile>) -> Result<T, McapError>,
-    ) -> Result<T, SegmentError> {
+    fn writing<T>(&mut self, write: impl FnOnce(&mut Writer<LiveFile>) -> Result<T, McapError>) -> Result<T> {
         let written = match &mut self.open {
             Some(writer) => write(writer),
             None => Err(McapError::AttemptedWriteAfterFailure),
         };
-        written.map_err(|cause| SegmentError { path: self.path().to_path_buf(), cause })
+        written.map_err(|cause| cannot_write(self.path(), &cause))
     }
 
     fn path(&self) -> &Path {
@@ -258,11 +257,11 @@ mod tests {
     #[test]
     fn a_full_disk_is_called_that() {
         let full = rustix::io::Errno::NOSPC;
-        let error = SegmentError { path: "runs/a/b.mcap".into(), cause: McapError::Io(full.into()) };
+        let error = cannot_write(Path::new("runs/a/b.mcap"), &McapError::Io(full.into()));
         let said = error.to_string();
         let expected = "cannot write recording runs/a/b.mcap: the disk is full (No space left on device";
         assert!(said.starts_with(expected), "{said}");
-        let denied = SegmentError { path: "b.mcap".into(), cause: McapError::Io(rustix::io::Errno::ACCESS.into()) };
+        let denied = cannot_write(Path::new("b.mcap"), &McapError::Io(rustix::io::Errno::ACCESS.into()));
         assert!(denied.to_string().contains("Permission denied"), "{denied}");
     }
 }

@@ -98,7 +98,6 @@ fn add_record(bytes: &mut Vec<u8>, event: &Event) {
     bytes.extend(masked(&content).to_le_bytes());
 }
 
-/// The next event of a file; none where it ends, or where a record is not whole.
 fn next_event(file: &mut impl Read) -> Option<Event> {
     let mut word = [0; 4];
     let (mut length, mut content) = ([0; HEAD - 4], Vec::new());
@@ -142,6 +141,7 @@ fn kept_of<T>(folder: &Path, kept: impl Fn(Point) -> T) -> Vec<T> {
     points.into_values().collect()
 }
 
+#[derive(Debug)]
 pub struct EventFile {
     file: File,
     path: PathBuf,

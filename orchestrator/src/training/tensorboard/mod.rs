@@ -53,7 +53,6 @@ pub struct Board {
     stages: Vec<String>,
     name: String,
     files: HashMap<String, EventFile>,
-    /// Validations that were written; none before the first look.
     validated: Option<usize>,
     /// Something could not be written: nothing more is, until a learner begins.
     given_up: bool,
@@ -174,7 +173,6 @@ fn stage_of(stages: &[String], trained: &Trained) -> String {
     stages.get(number).cloned().unwrap_or_else(|| format!("stage-{}", number + 1))
 }
 
-/// A rollout's figures; `before`: the one that is known before it.
 fn point_of(task: &Spec, before: Option<&Trained>, trained: &Trained) -> Point {
     let mut values: BTreeMap<String, f32> =
         trained.metrics.iter().map(|(name, value)| (tag(task, name), value as f32)).collect();

@@ -1,6 +1,5 @@
 //! A run message by message, for Foxglove: the topics of its recordings as they grow, and one environment as it is at
-//! the moment. Of the latter nothing need have been recorded: robot and room as scene entities ([`scene`]), the depth
-//! frame with its calibration and as points, and the frames between them.
+//! the moment. Of the latter nothing need have been recorded.
 
 mod scene;
 
