@@ -34,10 +34,7 @@ pub struct Need {
     pub total: u64,
 }
 
-/// What `config` needs with `actors` actors.
-///
-/// # Panics
-/// If those are fewer than its [`Config::fewest_actors`].
+/// `actors`: not fewer than [`Config::fewest_actors`].
 pub fn need(config: &Config, actors: u32, cuda: bool) -> Need {
     let environments_per_actor = config.actors.environments_per_actor;
     let own_kitchen = if matches!(config.kitchens(), Kitchens::Procedural(_)) { ACTOR_KITCHEN } else { 0 };

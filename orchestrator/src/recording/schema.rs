@@ -30,19 +30,12 @@ pub struct Schema {
 }
 
 impl Schema {
-    /// A message of `schemas/`.
-    ///
-    /// # Panics
-    /// If there is none of this name.
     pub fn of(message: &str) -> Self {
         Self { name: message.to_owned(), descriptor: descriptor_of(message).into() }
     }
 }
 
 /// The descriptor of one message, e.g. `foxglove.Log`: its file and all files that this one imports, imports first.
-///
-/// # Panics
-/// If no schema defines the message.
 pub fn descriptor_of(message: &str) -> Vec<u8> {
     let all = FileDescriptorSet::decode(include_bytes!("../../schemas/compiled/descriptors.bin").as_slice())
         .expect("a test compiles the schemas and compares");

@@ -1,8 +1,7 @@
 use super::unclaimed::{UnclaimedEvaluation, is_of, same_run};
 use crate::output::format::counted;
 use crate::run::identity::Identity;
-use crate::run::lock::state_of;
-use crate::run::lock::{LockState, holder};
+use crate::run::lock::{LockState, holder, state_of};
 use crate::run::scenes::config_by_content;
 use crate::training::means::recent;
 use crate::training::metrics::Figures;

@@ -39,12 +39,17 @@ pub struct Incarnation {
     pub pid: u32,
     pub started_unix_s: u64,
     /// When it began, by a clock that nobody sets. None in runs of older versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub started: Option<Moment>,
     /// When it was last known to live, seconds since 1970: noted by the next start, if it left no word.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seen_unix_s: Option<u64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seen_wall_s: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shape: Option<ProcessCounts>,
     /// How it ended; absent while it runs and after a crash.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended: Option<Ended>,
 }
 
@@ -91,9 +96,13 @@ pub struct Ended {
     pub how: Ending,
     pub at_unix_s: u64,
     /// How long it took, seconds by a clock that nobody sets. None in runs of older versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wall_s: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames: Option<u64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub weights: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
 }
 
