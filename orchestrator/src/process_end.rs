@@ -83,7 +83,6 @@ fn ask_once(command: &mut Command, patience: Duration) -> Result<Option<Answer>>
     Ok(Some(Answer { status, stdout, stderr }))
 }
 
-/// What people call a program with its first argument: `learner check`.
 fn name_of(command: &Command) -> String {
     let program = Path::new(command.get_program()).file_name().unwrap_or_default();
     let words: Vec<_> =

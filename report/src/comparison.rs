@@ -34,7 +34,6 @@ pub struct Ours {
     pub kitchens: Vec<KitchenId>,
     #[serde(skip)]
     pub seeds: Vec<SeedResult>,
-    /// Frames trained on when it was evaluated, fewest and most over seeds.
     pub frames: (u64, u64),
     pub episodes: u64,
     pub metrics: BTreeMap<String, Aggregate>,

@@ -1,5 +1,3 @@
-//! Training as curves: each run's rollouts in bins of equal frames, then the mean over the runs of a group.
-
 use crate::study::{Group, Rollout, Run, Validated};
 use proto::config::StageConfig;
 use proto::metric;

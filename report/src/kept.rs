@@ -48,7 +48,6 @@ pub enum KeptError {
 }
 
 impl Kept {
-    /// Adds the runs of a report that are rows of the main tables. A run that is there already changes nothing.
     pub fn add(&mut self, tables: &[Comparison]) -> Result<(), KeptError> {
         for table in tables.iter().filter(|table| is_main(&table.field)) {
             for (preset, ours) in table.rows.iter().flat_map(|row| row.ours.iter().map(|ours| (&row.preset, ours))) {
@@ -103,7 +102,6 @@ impl Kept {
         self.rows.iter().flat_map(|row| &row.seeds).map(|seed| seed.run.as_str()).collect()
     }
 
-    /// The tables in Markdown: each row of the paper, and ours below it. Percentages; intervals in brackets.
     pub fn markdown(&self) -> Result<String, KeptError> {
         let mut text = String::new();
         let everywhere = |one: &&String| self.rows.iter().all(|row| row.differences.contains(one));

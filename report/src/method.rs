@@ -1,5 +1,3 @@
-//! Methods: which rows of the paper's tables a group is compared with.
-
 use crate::paper::{Published, paper};
 use crate::study::{Field, Group, Source};
 use proto::config::{AuxiliaryTask, Config, EpisodeConfig, KitchenSource, NetworkConfig};

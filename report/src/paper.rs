@@ -63,7 +63,6 @@ pub struct ActionSpaceRow {
     pub srwod: f64,
 }
 
-/// Published figures, shares 0..=1.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Published {
     pub success: f64,

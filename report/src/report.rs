@@ -49,7 +49,6 @@ pub struct GroupReport {
     pub metrics: Vec<Described>,
     pub runs: Vec<RunReport>,
     pub results: Vec<FieldResult>,
-    /// Means over its runs of the task's metrics over the newest tenth of training, by name.
     pub newest_tenth: BTreeMap<String, f64>,
     pub training: Vec<Curve>,
     pub validation: Vec<Curve>,

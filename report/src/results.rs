@@ -1,5 +1,3 @@
-//! What a group of runs came to in one field: scores of every seed in every kitchen, and their aggregates.
-
 use crate::format::counted;
 use crate::statistics::{Aggregate, CURVE_RESAMPLES, Interval, RESAMPLES, Scores, wilson};
 use crate::study::{Evaluated, Field, Group, Run};

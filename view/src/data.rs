@@ -1,5 +1,3 @@
-//! What the pages show, as plain data, and what a source of runs has to answer.
-
 use crate::feed::Feed;
 use proto::replay::{RecordedEpisode, ReplaySetup};
 use proto::task::Described;

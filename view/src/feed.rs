@@ -1,5 +1,3 @@
-//! What is new of a run, message by message, for programs that draw it themselves.
-
 use proto::show::{ShownEpisode, ShownSolids};
 use std::sync::Arc;
 

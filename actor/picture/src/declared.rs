@@ -1,5 +1,3 @@
-//! What pictures of an episode mark and say, by the task's declaration.
-
 use super::moment::{Captions, Task};
 use proto::kitchen::TargetCategory;
 use proto::task::{Channel, Field, Role, Spec};

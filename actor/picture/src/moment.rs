@@ -1,5 +1,3 @@
-//! A moment of an episode, as pictures need it, and what the episode is about.
-
 use rapier3d::math::{Pose3, Vec3};
 use simulator::kitchen::Kitchen;
 use simulator::robot::links::PartPoses;

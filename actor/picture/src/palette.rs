@@ -1,5 +1,3 @@
-//! A colour for each category: the catalogue's for movable things, ours for fixed ones.
-
 use super::canvas::Rgb;
 use simulator::kitchen::catalogue::CATEGORIES;
 

@@ -46,7 +46,7 @@ pub struct Scene {
     fixed: Model,
     /// Light on the first moment without the robot: what moves later is small. Made with the first fine picture.
     dome: OnceLock<Dome>,
-    frame: PlanFrame,
+    pub frame: PlanFrame,
 }
 
 impl Scene {
@@ -55,10 +55,6 @@ impl Scene {
         let origins = first.things.clone();
         let frame = PlanFrame::of(&fixed);
         Self { kitchen, task, origins, fixed, dome: OnceLock::new(), frame }
-    }
-
-    pub fn frame(&self) -> PlanFrame {
-        self.frame
     }
 
     pub fn best(&self, moments: &[Moment]) -> Orbit {

@@ -1,5 +1,3 @@
-//! Pixels to colours: light from the sky, fill where a section cuts, lines along edges.
-
 use super::camera::{Camera, Pixel};
 use super::canvas::{Canvas, Rgb};
 use super::model::Model;

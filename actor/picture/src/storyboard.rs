@@ -1,5 +1,3 @@
-//! An episode in pictures: what the robot's depth camera sees, the room from outside, and what happens in captions.
-
 use super::camera::Camera;
 use super::canvas::{Canvas, Rgb};
 use super::depth_view::{depth_view, mark};
@@ -47,10 +45,6 @@ impl Storyboard {
         let waiting: Vec<Lit> = exposure.waiting().collect();
         let light = sky::light(&model, &waiting);
         Self { kitchen, task, side, fixed, outside, lit: (exposure, light) }
-    }
-
-    pub fn side(&self) -> usize {
-        self.side
     }
 
     /// Width and height of every picture; both even, which video encoders demand.

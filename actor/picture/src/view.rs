@@ -1,5 +1,3 @@
-//! The two pictures of a kitchen: its floor plan, and what the robot sees from where it sees most.
-
 use super::camera::{Camera, Projection};
 use super::canvas::{Canvas, Rgb};
 use super::model::Model;
@@ -37,16 +35,12 @@ impl Views {
         let (mut whole, mut seen) = (furnished.clone(), furnished);
         whole.add_robot(&poses, true);
         seen.add_robot(&poses, false);
-        let plan = Exposure::take(&whole, &plan_camera(&whole), side, side, paper);
+        let plan = Exposure::take(&whole, &PlanFrame::of(&whole).camera(), side, side, paper);
         let robot = Exposure::take(&seen, &robot_camera(pose_of(&configuration)), side, side, paper);
         let waiting: Vec<Lit> = plan.waiting().chain(robot.waiting()).collect();
         let mut light = sky::light(&seen, &waiting).into_iter();
         Some(Self { plan: plan.develop(&mut light), robot: robot.develop(&mut light) })
     }
-}
-
-fn plan_camera(model: &Model) -> Camera {
-    PlanFrame::of(model).camera()
 }
 
 #[derive(Debug, Clone, Copy)]

@@ -1,6 +1,6 @@
-//! What was read, what was found wrong, and what that cost.
-
 use std::fmt::{Display, Formatter};
+use std::time::Duration;
+use time::OffsetDateTime;
 
 const FINDINGS_MAX: usize = 64;
 
@@ -144,19 +144,8 @@ fn messages(count: u64) -> String {
 }
 
 fn clock(time_ns: u64) -> String {
-    let (seconds, milliseconds) = (time_ns / 1_000_000_000, time_ns / 1_000_000 % 1000);
-    // Days from 1 March of year 0: leap days are then the last of their year (Hinnant, "chrono-Compatible Low-Level
-    // Date Algorithms").
-    let days = seconds / (24 * 3600) + 719_468;
-    let (era, day_of_era) = (days / 146_097, days % 146_097);
-    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let shifted = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * shifted + 2) / 5 + 1;
-    let month = if shifted < 10 { shifted + 3 } else { shifted - 9 };
-    let year = era * 400 + year_of_era + u64::from(month <= 2);
-    let (hour, minute, second) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
-    format!("{year}-{month:02}-{day:02} {hour:02}:{minute:02}:{second:02}.{milliseconds:03} UTC")
+    let at = OffsetDateTime::UNIX_EPOCH + Duration::from_nanos(time_ns);
+    format!("{} {:02}:{:02}:{:02}.{:03} UTC", at.date(), at.hour(), at.minute(), at.second(), at.millisecond())
 }
 
 #[cfg(test)]

@@ -1,5 +1,3 @@
-//! Records one after the other, and where none can be read, the next one that can.
-
 use crate::account::{Cost, REPAIR_METADATA};
 use crate::chunk::{Need, chunk_header, is_known};
 use crate::layout::{Frame, MAGIC, PRIVATE, attachment_agrees, find_frame, parse, sum};

@@ -1,5 +1,3 @@
-//! Which recorded episodes a command is about: recordings, and filters among their episodes.
-
 use crate::output::format::counted;
 use crate::recording::episodes::{Recorded, gather};
 use crate::recording::files_at;

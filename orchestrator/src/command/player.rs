@@ -114,8 +114,8 @@ pub fn options(kitchen: Option<KitchenId>, split: Option<&str>, steps_per_s: u32
 }
 
 pub struct Player {
-    root: PathBuf,
-    policy: PathBuf,
+    pub root: PathBuf,
+    pub policy: PathBuf,
     options: Vec<String>,
     name: String,
     child: Option<Child>,
@@ -137,14 +137,6 @@ impl Player {
         let name = policy.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let root = wire::temporary_folder().join(format!("{PREFIX}{}", Identity::new()?.id));
         Ok(Self { root, policy, options, name, child: None })
-    }
-
-    pub fn root(&self) -> &Path {
-        &self.root
-    }
-
-    pub fn policy(&self) -> &Path {
-        &self.policy
     }
 
     /// Plays all episodes again and again; comes back with the reason when that is not possible.

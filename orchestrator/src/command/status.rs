@@ -1,6 +1,6 @@
 //! `orchestrator status`: how a run or an evaluation stands, from its folder alone.
 
-use crate::environment::growth::growing;
+use crate::environment::growing;
 use crate::evaluation::progress::Progress;
 use crate::output::format;
 use crate::output::terminal;

@@ -4,7 +4,6 @@ use crate::output::terminal;
 use crate::preflight::{device, libtorch, programs};
 use crate::report_builder::files;
 use crate::report_builder::gather::gather;
-use crate::report_builder::kept;
 use crate::suite::{Asked, EntryProgress, Suite, SuiteEntry, SuiteFolder, SuiteOutcome, run as work, standings};
 use crate::supervisor::session::EXIT_INTERRUPTED;
 use crate::training::next_steps::program;
@@ -100,7 +99,7 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     check_seeds(&args.seed)?;
     let (mut suite, text) = Suite::read(&args.file, &args.seed)?;
     if let Some(table) = &args.table {
-        let kept = kept::read(table)?;
+        let kept = files::read_table(table)?;
         suite.leave_out(&kept.runs());
         if suite.entries.is_empty() {
             terminal::out(&format!("nothing is left to run: {} has the scores of all", table.display()));

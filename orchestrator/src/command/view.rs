@@ -76,8 +76,8 @@ pub fn run(args: &ViewArgs) -> Result<()> {
 }
 
 pub fn play(player: Player, page: &PageArgs, open: bool) -> Result<()> {
-    let readers = RunReaders::of(vec![player.root().to_owned()]);
-    let note = format!("{} plays until Ctrl-C, on the CPU", player.policy().display());
+    let readers = RunReaders::of(vec![player.root.clone()]);
+    let note = format!("{} plays until Ctrl-C, on the CPU", player.policy.display());
     show(Shown { readers, open: Vec::new(), compare: false, player: Some(player), note }, page, open)
 }
 

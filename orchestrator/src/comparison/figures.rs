@@ -1,4 +1,4 @@
-use super::Row;
+use super::settings::Row;
 use crate::evaluation::text::{place, seeds_of, shown};
 use crate::output::{format, terminal};
 use crate::run::identity::Identity;

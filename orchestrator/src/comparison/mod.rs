@@ -1,5 +1,3 @@
-//! Runs beside each other: in what their configurations differ ([`settings`]), and what they came to ([`figures`]).
-
 mod figures;
 mod settings;
 
@@ -11,7 +9,7 @@ use figures::Figure;
 use proto::config::Config;
 use proto::run_folder::RunFolder;
 use serde::Serialize;
-use serde_json::Value;
+use settings::Row;
 use std::path::PathBuf;
 
 const CELL_MAX: usize = 34;
@@ -21,15 +19,6 @@ fn column(folder: &RunFolder) -> Result<(Config, Vec<Figure>)> {
     let config = Config::of_run(folder)?;
     let figures = figures::of(folder, &config, &identity)?;
     Ok((config, figures))
-}
-
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Row {
-    pub name: String,
-    /// Of each run; null of those that have no such thing.
-    pub values: Vec<Value>,
-    #[serde(skip)]
-    pub shown: Vec<String>,
 }
 
 #[derive(Debug, PartialEq, Serialize)]

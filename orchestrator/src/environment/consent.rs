@@ -15,7 +15,6 @@ use std::fs::OpenOptions;
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-/// The file, below the folder of this user's states.
 const FILE: &str = "stillroom/allowed";
 
 pub fn allow(command: &[String]) -> Result<()> {
@@ -41,7 +40,6 @@ pub fn shown(command: &[String]) -> String {
     printable(&words.join(" ")).replace('\n', "\\n")
 }
 
-/// `$XDG_STATE_HOME/stillroom/allowed`, by the rules of freedesktop.org.
 fn place() -> Result<PathBuf> {
     let variable = |name| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
     let states = variable("XDG_STATE_HOME").or_else(|| Some(variable("HOME")?.join(".local/state")));

@@ -55,7 +55,6 @@ impl EvaluationAudience {
         self.span.map(|(began, ended)| ended.saturating_sub(began)).unwrap_or_default()
     }
 
-    /// All records in table order; an error if any is missing.
     pub fn records(&self) -> Result<Vec<(EpisodeRecord, Vec<u8>)>> {
         let played = self.records.keys().copied().collect::<Vec<_>>();
         ensure!(

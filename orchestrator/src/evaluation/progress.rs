@@ -1,5 +1,3 @@
-//! Progress of an evaluation: from its events while it runs, or from its folder alone.
-
 use super::journal;
 use super::text::shown;
 use crate::output::format;
@@ -18,7 +16,6 @@ use std::path::PathBuf;
 pub struct Progress {
     pub asked: u64,
     pub played: u64,
-    /// Means so far of the metrics that are printed, by name; none before the first episode.
     #[serde(flatten)]
     pub means: BTreeMap<String, Option<f64>>,
     #[serde(skip)]

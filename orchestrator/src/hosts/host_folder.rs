@@ -58,7 +58,6 @@ pub fn prepare(
     Ok(HostFolder { folder, config, address, hosts, tools, lock })
 }
 
-/// Refuses a folder with another run's recordings; notes whose it is.
 fn check_run(folder: &RunFolder, run_id: &str) -> Result<()> {
     let note = folder.root().join("run-id");
     match folder.read_text(&note) {

@@ -13,7 +13,6 @@ use std::time::{Duration, Instant};
 
 /// No message of the run is longer: the longest are a process's last words.
 const LONGEST: usize = 4 << 20;
-/// Beats in the time after which a silent link is lost.
 const BEATS: u32 = 5;
 
 #[derive(Serialize, Deserialize)]
@@ -35,7 +34,6 @@ pub fn send_bytes(mut stream: &TcpStream, bytes: &[u8]) -> Result<()> {
     stream.write_all(&whole)
 }
 
-/// Receives one message of at most `longest` bytes that is all there by the deadline.
 pub fn receive<M: DeserializeOwned>(stream: &mut TcpStream, longest: usize, deadline: Instant) -> Result<M> {
     Ok(serde_json::from_slice(&receive_bytes(stream, longest, deadline)?)?)
 }

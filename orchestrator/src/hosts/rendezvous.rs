@@ -41,7 +41,6 @@ pub struct Patience {
 }
 
 impl Patience {
-    /// A host of which nothing is received for so long is lost.
     pub fn silence(self) -> Duration {
         self.lost / 3
     }
@@ -164,7 +163,6 @@ impl Rendezvous {
         Ok(Together { hosts, remote_hosts: RemoteHosts::new(hosts, others, early, inbox), network })
     }
 
-    /// Tells the hosts that come that there is nothing to do; does not wait long for those that do not.
     pub fn turn_away(&self, status: u8, text: &str) {
         let reply = Reply::Over { status, text: text.to_owned() };
         match self.admit_all(FAREWELL) {

@@ -32,7 +32,6 @@ struct Told<'a, T> {
     fields: T,
 }
 
-/// Tells an event. `fields` makes its fields, an object; it is not called if nothing is told.
 pub fn tell<T: Serialize>(event: &str, fields: impl FnOnce() -> T) {
     if are_told() {
         let at_unix_s = SystemTime::UNIX_EPOCH.elapsed().unwrap_or_default().as_millis() as f64 / 1000.0;

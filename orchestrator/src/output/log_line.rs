@@ -5,7 +5,6 @@ use tracing::Level;
 #[derive(Debug, PartialEq, Eq)]
 pub struct LogLine<'a> {
     pub level: Option<Level>,
-    /// The message, without the place: that is for those who read the file.
     pub text: &'a str,
 }
 

@@ -1,5 +1,3 @@
-//! Whether the disk holds what a run writes: checkpoints must fit, recordings should.
-
 use super::Finding;
 use crate::output::format::bytes;
 use proto::config::{Config, dqn};
@@ -17,10 +15,8 @@ const RECORDED_STEP: u64 = 120;
 /// A recorded depth frame: zstd, between a level camera (2 KB) and one that looks down (28 KB).
 const RECORDED_FRAME: u64 = 20_000;
 
-/// An environment's state beside its actions.
 const STATE: u64 = 64;
 
-/// A procedural kitchen that is kept.
 const KITCHEN: u64 = 32_000;
 
 /// What a run writes at most, bytes: (checkpoints and kitchens, recordings).

@@ -1,5 +1,3 @@
-//! The processor: programs are compiled for x86-64-v3.
-
 use super::Finding;
 
 /// What x86-64-v3 has beyond x86-64-v2, as /proc/cpuinfo names it.

@@ -1,11 +1,9 @@
-//! Where the other two programs are: beside this one, else on the PATH.
-
 use super::libtorch;
 use anyhow::{Result, bail};
 use proto::device::Torch;
 use rustix::fs::Access;
 use std::ffi::OsString;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 #[derive(Debug, Clone)]
 pub struct Programs {
@@ -46,11 +44,8 @@ pub fn on_path(name: &str) -> Option<PathBuf> {
 }
 
 fn find_in(name: &str, folders: impl Iterator<Item = PathBuf>) -> Option<PathBuf> {
-    folders.map(|folder| folder.join(name)).find(|path| is_program(path))
-}
-
-fn is_program(path: &Path) -> bool {
-    path.is_file() && rustix::fs::access(path, Access::EXEC_OK).is_ok()
+    let is_program = |path: &PathBuf| path.is_file() && rustix::fs::access(path, Access::EXEC_OK).is_ok();
+    folders.map(|folder| folder.join(name)).find(is_program)
 }
 
 #[cfg(test)]

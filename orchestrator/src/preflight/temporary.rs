@@ -1,5 +1,3 @@
-//! Whether the temporary folder can be used: every run has sockets and small files in it.
-
 use super::Finding;
 use rustix::fs::Access;
 use std::io::{Error, ErrorKind};

@@ -1,5 +1,3 @@
-//! One episode, put together from its steps, and what is missing of it.
-
 use super::declared::Declared;
 use super::form::Told;
 use proto::episode::EnvironmentId;
@@ -149,7 +147,7 @@ mod tests {
     static ARM: LazyLock<Declared> = LazyLock::new(|| Declared::of(&Config::default()).unwrap());
 
     fn taken(learner: u32, step: usize, action: u8, hash: u64) -> Told {
-        let mut told = ARM.forms.step.empty();
+        let mut told = ARM.forms.step.empty.clone();
         told.record[ARM.spec.layout().action.offset] = action;
         (told.engine.learner_incarnation, told.engine.step, told.engine.state_hash) = (learner, step as u32, hash);
         // What was seen tells steps apart by their digests, too.
@@ -227,7 +225,7 @@ mod tests {
                 told
             })
             .collect();
-        let mut end = ARM.forms.end.empty();
+        let mut end = ARM.forms.end.empty.clone();
         (end.engine.learner_incarnation, end.engine.length, end.engine.terminated) = (1, 3, true);
         ARM.close(Some(&sums), &steps[2], &mut end);
         assert!(end.returns.iter().all(|&sum| sum == Some(9.75)));

@@ -1,5 +1,3 @@
-//! What the engine itself says of a step or an episode, whatever the task.
-
 use prost_types::field_descriptor_proto::Type;
 use proto::record::End;
 

@@ -30,7 +30,6 @@ const FIRST_LEARNER_MAX: u32 = 1000;
 
 #[derive(Debug)]
 pub struct Recorded {
-    /// Every configuration of the files, TOML; the first one first.
     pub configs: Vec<String>,
     /// Episodes recorded from their first step, by kitchen (where environments stay in theirs), environment and number;
     /// the last of an environment may be unfinished. Those that a learner had played before it went back are not there.
@@ -253,7 +252,6 @@ impl Collection {
         Ok(())
     }
 
-    /// The episode, if it is wanted, and all configurations. `fixed`: what the message says is its number in the table.
     fn assembly(
         &mut self,
         (kitchen, environment, episode): (u32, u32, u32),

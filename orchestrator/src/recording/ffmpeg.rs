@@ -1,5 +1,3 @@
-//! The user's own `ffmpeg`, if there is one that can encode H.264.
-
 use crate::preflight::programs;
 use proto::replay::Ffmpeg;
 use std::process::{Command, Stdio};
@@ -7,7 +5,6 @@ use std::process::{Command, Stdio};
 /// H.264 encoders in software, the better one first: those of a graphics card need one.
 const ENCODERS: [&str; 2] = ["libx264", "libopenh264"];
 
-/// The first `ffmpeg` on the PATH, with its encoder; none if there is none or it cannot encode H.264.
 pub fn find() -> Option<Ffmpeg> {
     let program = programs::on_path("ffmpeg")?;
     let listed = Command::new(&program)

@@ -65,7 +65,7 @@ pub struct Form {
     pub message: &'static str,
     pub slots: Vec<Slot>,
     longest: usize,
-    empty: Told,
+    pub empty: Told,
 }
 
 #[derive(Debug, Clone)]
@@ -269,10 +269,6 @@ impl Cursor<'_> {
 }
 
 impl Form {
-    pub fn empty(&self) -> Told {
-        self.empty.clone()
-    }
-
     /// Writes the message into `room`, which is as long as any from the first one on.
     pub fn write<'a>(&self, told: &Told, room: &'a mut Vec<u8>) -> &'a [u8] {
         if room.len() < self.longest {

@@ -24,7 +24,6 @@ pub struct Harvest {
     /// Those of them that the recording ends in the middle of.
     pub unfinished: u64,
     pub compared: u64,
-    /// Episodes, steps and bytes of the data set; none if no episode was to be kept.
     pub written: Option<[u64; 3]>,
 }
 

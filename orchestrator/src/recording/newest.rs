@@ -1,5 +1,3 @@
-//! The newest recorded episodes by how they ended: those that are worth a film.
-
 use super::episode_index::{EpisodeIndex, Key, Shelved};
 use anyhow::{Context, Result, bail, ensure};
 use proto::config::Config;
@@ -64,7 +62,6 @@ pub fn newest(
     picked.into_iter().map(take_out).collect()
 }
 
-/// The newest of those that are wanted. `good`: outcomes that are successes, the one that demands most first.
 fn pick<'a>(
     episodes: impl Iterator<Item = (Key, &'a Shelved)>,
     good: &[String],

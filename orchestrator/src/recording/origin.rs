@@ -66,8 +66,6 @@ impl Origin {
         }
     }
 
-    /// The configuration that the file was recorded under: its own; where that is damaged, that of another file of the
-    /// same start of the run, or of the run's folder.
     pub fn configuration<'a>(
         &self,
         path: &Path,

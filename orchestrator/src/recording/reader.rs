@@ -79,7 +79,6 @@ impl Extent {
     }
 }
 
-/// Opens a recording; also returns whether a recorder writes it at this moment.
 pub fn open(path: &Path) -> Result<(FileSource, bool), RecordingError> {
     let unreadable = |cause| RecordingError::Unreadable { path: path.to_path_buf(), cause };
     if path.is_dir() {

@@ -53,7 +53,7 @@ impl Reading {
     }
 
     pub fn read(&self, mut data: &[u8]) -> Result<Told, MessageError> {
-        let mut told = self.form.empty();
+        let mut told = self.form.empty.clone();
         while data.has_remaining() {
             let (number, wire) = decode_key(&mut data)?;
             let Some(&slot) = self.slots.get(&number) else {

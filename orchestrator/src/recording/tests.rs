@@ -67,9 +67,9 @@ fn episodes(learner_incarnation: u32) -> Vec<Said> {
         let mut say = |carries: Carries, edit: &dyn Fn(&mut Told)| {
             let forms = &ARM.forms;
             let mut told = match carries {
-                Carries::Start => forms.start.empty(),
-                Carries::Step => forms.step.empty(),
-                Carries::End => forms.end.empty(),
+                Carries::Start => forms.start.empty.clone(),
+                Carries::Step => forms.step.empty.clone(),
+                Carries::End => forms.end.empty.clone(),
             };
             let engine = &mut told.engine;
             (engine.kitchen, engine.episode, engine.incarnation) = (1, episode, 1);

@@ -1,5 +1,3 @@
-//! Which of the recorded episodes are wanted, and the error when there are none.
-
 use anyhow::{Result, bail};
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;

@@ -1,16 +1,14 @@
-use super::unclaimed::{UnclaimedEvaluation, is_of, same_run};
-use crate::output::format::counted;
+use super::unclaimed::{UnclaimedEvaluation, evaluation, is_of, same_run};
 use crate::run::identity::Identity;
 use crate::run::lock::{LockState, holder, state_of};
 use crate::run::scenes::config_by_content;
 use crate::training::means::recent;
 use crate::training::metrics::Figures;
-use crate::training::scores::{Score, Scores, evaluations_below, read_result};
+use crate::training::scores::{Score, Scores, evaluations_below};
 use crate::training::summary::Summary;
 use anyhow::{Context, Result, bail};
-use proto::bounded::TABLE_BYTES_MOST;
 use proto::config::Config;
-use proto::evaluation::{RESULT_FILE, Subject, TABLE_FILE, read_table_from};
+use proto::evaluation::{RESULT_FILE, Subject};
 use proto::run_folder::{Item, RunFolder};
 use proto::task::Spec;
 use proto::trained::{History, Trained};
@@ -190,7 +188,6 @@ fn validation_of(scores: &[Score]) -> Vec<Validated> {
     by_frames.into_values().collect()
 }
 
-/// The evaluations in a run's own folder, oldest first. One that cannot be read becomes a note.
 fn evaluations_of(spec: &Spec, folder: &RunFolder, notes: &mut Vec<String>) -> Result<Vec<Evaluated>> {
     let mut evaluations = Vec::new();
     let mut about = Vec::new();
@@ -203,26 +200,6 @@ fn evaluations_of(spec: &Spec, folder: &RunFolder, notes: &mut Vec<String>) -> R
         }
     }
     Ok(evaluations)
-}
-
-pub(super) fn evaluation(spec: &Spec, run: &RunFolder) -> Result<Evaluated> {
-    let (folder, result) = (run.root(), read_result(run)?);
-    if result.task != spec.name {
-        bail!("{} is an evaluation of the task `{}`, not of `{}`", folder.display(), result.task, spec.name);
-    }
-    let path = folder.join(TABLE_FILE);
-    let table = run.reader(&path, TABLE_BYTES_MOST).with_context(|| format!("cannot read {}", path.display()))?;
-    let episodes = read_table_from(spec, table).with_context(|| path.display().to_string())?;
-    if result.overall.episodes != episodes.len() as u64 {
-        bail!(
-            "{}: the table has {}, the result file {}",
-            folder.display(),
-            counted(episodes.len() as u64, "episode"),
-            result.overall.episodes
-        );
-    }
-    let name = folder.file_name().map_or_else(|| folder.display().to_string(), |name| name.to_string_lossy().into());
-    Ok(Evaluated { name, folder: folder.to_path_buf(), result, episodes })
 }
 
 #[cfg(test)]

@@ -2,6 +2,5 @@
 
 pub mod files;
 pub mod gather;
-pub mod kept;
 mod strips;
 mod unclaimed;

@@ -211,7 +211,10 @@ impl Actor {
             };
             let (answer, png) = self.ask(request)?;
             match answer {
-                ShowAnswer::Picture { .. } => Ok(Frame { png: address(&png), words: words(&shown, step) }),
+                ShowAnswer::Picture { .. } => {
+                    let png = format!("data:image/png;base64,{}", BASE64_STANDARD.encode(png));
+                    Ok(Frame { png, words: words(&shown, step) })
+                }
                 answer => bail!("a picture cannot be drawn: {}", why(&answer)),
             }
         });
@@ -221,10 +224,6 @@ impl Actor {
     fn ask(&self, request: ShowRequest) -> Result<(ShowAnswer, Vec<u8>)> {
         Ok(self.runtime.block_on(self.scene_renderer.ask(request))?)
     }
-}
-
-fn address(png: &[u8]) -> String {
-    format!("data:image/png;base64,{}", BASE64_STANDARD.encode(png))
 }
 
 fn why(answer: &ShowAnswer) -> &str {

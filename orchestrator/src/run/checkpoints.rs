@@ -1,5 +1,3 @@
-//! The checkpoints of a folder: which there are, which is the newest one, and whether it is whole.
-
 use anyhow::{Context, Result, anyhow, ensure};
 use proto::checkpoint::Manifest;
 use proto::digest::Digest256;
@@ -75,7 +73,6 @@ fn check(folder: &RunFolder, path: &Path, manifest: Manifest) -> Result<()> {
     Ok(())
 }
 
-/// The manifests in a folder of a run folder, the highest rollout first.
 fn manifests(folder: &RunFolder, place: &Path) -> Result<Vec<PathBuf>> {
     let items = folder.list(place).with_context(|| place.display().to_string())?;
     let named = |item: Item| Some((RolloutName::Manifest.rollout_of(&item.path)?, item.path));

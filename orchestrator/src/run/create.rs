@@ -1,5 +1,3 @@
-//! A new run folder, of a run or of an evaluation.
-
 use super::identity::{Identity, is_evaluation};
 use super::lock::{LockState, RunLock, holder};
 use super::scenes;

@@ -1,5 +1,3 @@
-//! Who a run is: `run.toml`.
-
 use super::damaged;
 use super::unfinished::is_cut_off;
 use crate::output::format::{self, counted};

@@ -253,7 +253,6 @@ fn check_keys(keys: &Table) -> Result<()> {
     Ok(())
 }
 
-/// The text of a suite's file with these seeds in the place of all that it has. Comments are not kept.
 fn with_seeds(text: &str, seeds: &[u64]) -> Result<String> {
     let mut file: Table = toml::from_str(text)?;
     let numbers = seeds.iter().map(|&seed| i64::try_from(seed).map(Value::Integer)).collect::<Result<_, _>>();

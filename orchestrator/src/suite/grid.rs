@@ -1,5 +1,3 @@
-//! The grid of a run in a suite's file: every combination of the values of some keys is a run of its own.
-
 use anyhow::{Context, Result, bail, ensure};
 use proto::config::Setting;
 use toml::{Table, Value};

@@ -1,5 +1,3 @@
-//! Gives the runs of a suite places to work on, until all is done that can be.
-
 use super::file::{Suite, SuiteEntry};
 use super::folder::{Next, Step, SuiteFolder};
 use super::state::{RunStatus, State, Status};

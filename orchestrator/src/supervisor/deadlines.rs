@@ -1,5 +1,3 @@
-//! Every bound that the supervisor keeps, from the configuration.
-
 use super::pace::{Pace, Work};
 use super::restart::RestartPolicy;
 use proto::config::Config;

@@ -1,5 +1,3 @@
-//! The vocabulary of supervision: processes and their ends, what happens, what is to be done about it, how it all ends.
-
 use super::stage_machine::StageSwitch;
 use proto::event::LearnerEvent;
 use proto::kitchen::Kitchens;

@@ -32,15 +32,15 @@ pub struct LearnerGroup {
     work: Work,
     since: Duration,
     done: [bool; 4],
-    pace: Pace,
+    pub pace: Pace,
     last_event_at: Duration,
-    warned: Option<Duration>,
+    pub warned: Option<Duration>,
     held: Duration,
     collected: bool,
     restart_at: Option<Duration>,
     history: RestartHistory,
     /// The first of the present incarnation that ended because it had lost another one, whose end is not known yet.
-    bereaved: Option<Bereaved>,
+    pub bereaved: Option<Bereaved>,
     non_finite: bool,
     non_finite_falls: u32,
     late_starts: u32,
@@ -186,14 +186,6 @@ impl LearnerGroup {
         (self.work, !self.done[self.work as usize])
     }
 
-    pub fn pace(&self) -> &Pace {
-        &self.pace
-    }
-
-    pub fn last_warning(&self) -> Option<Duration> {
-        self.warned
-    }
-
     // How they fall
 
     pub fn progress(&mut self) {
@@ -229,11 +221,6 @@ impl LearnerGroup {
         self.bereaved.take_if(|bereaved| now.saturating_sub(bereaved.since) >= patience)
     }
 
-    #[cfg(test)]
-    pub fn awaits_a_reason(&self) -> bool {
-        self.bereaved.is_some()
-    }
-
     /// From the first death on until all are started again.
     pub fn is_falling(&self) -> bool {
         self.restart_at.is_some()
@@ -256,7 +243,7 @@ mod tests {
     fn their_work_is_timed_but_for_the_first_rollout_of_a_start() {
         let mut learner_group = LearnerGroup::new(1);
         let longest = |learner_group: &LearnerGroup| {
-            [Work::Collect, Work::Update, Work::Save].map(|work| learner_group.pace().longest(work))
+            [Work::Collect, Work::Update, Work::Save].map(|work| learner_group.pace.longest(work))
         };
         for start in 0..2 {
             let begin = 1000 * start;

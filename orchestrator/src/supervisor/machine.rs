@@ -406,7 +406,7 @@ impl Supervisor {
         let process = Process::Actor(actor);
         let Some(since) = self.children.alive_since(process) else { return };
         let waited = Duration::try_from_secs_f64(waited_s).unwrap_or_default().min(now.saturating_sub(since));
-        let patience = self.deadlines.actor_patience(self.learner_group.pace());
+        let patience = self.deadlines.actor_patience(&self.learner_group.pace);
         if self.phase != Phase::Running || waited < patience / 3 {
             return;
         }

@@ -1,5 +1,3 @@
-//! Sentences about starts and deaths, as the user is told them. Pure.
-
 use super::event::{Exit, Process};
 use crate::output::log_line::error_in;
 use std::time::Duration;

@@ -51,13 +51,13 @@ pub fn of_learners(learner_group: &LearnerGroup, deadlines: &Deadlines, now: Dur
 fn of_progress(learner_group: &LearnerGroup, deadlines: &Deadlines, silent: Duration) -> Option<Overdue> {
     let (work, first) = learner_group.work();
     let (who, have, are) = subject(learner_group);
-    let patience = deadlines.patience(work, learner_group.pace(), first);
+    let patience = deadlines.patience(work, &learner_group.pace, first);
     let silent_s = silent.as_secs();
-    let usual = match deadlines.measured(work, learner_group.pace()) {
+    let usual = match deadlines.measured(work, &learner_group.pace) {
         Some(longest) => format!("the longest of the last took {:.1} s", longest.as_secs_f64()),
         None => "it is the first, so nobody knows how long it takes".to_owned(),
     };
-    let warning = deadlines.warning(work, learner_group.pace(), first);
+    let warning = deadlines.warning(work, &learner_group.pace, first);
     let beside = deadlines.overlap && matches!(work, Work::Collect | Work::Update);
     let work = if beside { "rollout or update".to_owned() } else { work.to_string() };
     if silent > patience {
@@ -104,5 +104,5 @@ fn subject(learner_group: &LearnerGroup) -> (String, &'static str, &'static str)
 
 /// Whether to warn now: at first after `first`, then whenever the silence has doubled.
 fn warning_is_due(learner_group: &LearnerGroup, silent: Duration, first: Duration) -> bool {
-    silent > learner_group.last_warning().map_or(first, |last| last * 2)
+    silent > learner_group.warned.map_or(first, |last| last * 2)
 }

@@ -1,5 +1,3 @@
-//! Files and display of a training run: `metrics.jsonl`, validation, and live progress.
-
 use crate::recording::recorder::Recorder;
 use crate::run::identity::{Incarnation, Moment, unix_now};
 use crate::supervisor::shell::Audience;
@@ -103,7 +101,7 @@ impl Audience for TrainingAudience {
         if let Some(validation) = &mut self.validation {
             validation.look(recorder);
             if let Some(board) = &mut self.board {
-                board.validations(validation.scores());
+                board.validations(&validation.scores);
             }
         }
         self.progress.show(now, &self.journal.history, self.is_busy());

@@ -1,5 +1,3 @@
-//! What can be done next with a run, as commands to paste: they name the program as it was called, and the run folder.
-
 use proto::run_folder::RunFolder;
 use proto::shell::quoted;
 use std::path::Path;

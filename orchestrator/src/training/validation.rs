@@ -52,7 +52,7 @@ struct Running {
 pub struct Validation {
     folder: RunFolder,
     config: Config,
-    scores: Vec<Score>,
+    pub scores: Vec<Score>,
     reached: u64,
     waiting: VecDeque<u64>,
     running: Option<Running>,
@@ -115,10 +115,6 @@ impl Validation {
         }
         validation.try_to_crown();
         Ok(Some(validation))
-    }
-
-    pub fn scores(&self) -> &[Score] {
-        &self.scores
     }
 
     fn best(&self) -> Option<&Score> {

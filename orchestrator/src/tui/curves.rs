@@ -4,7 +4,6 @@ use proto::metric;
 use std::collections::BTreeMap;
 use view::data::Curves;
 
-/// A point's mean is over this share of the curve's width, or over its own place if that is more.
 const SMOOTHED: f64 = 0.04;
 
 #[derive(Debug, Clone, PartialEq)]

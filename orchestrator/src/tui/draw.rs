@@ -1,5 +1,3 @@
-//! The screen: how it is divided, and its head and foot.
-
 use super::model::{CHARTS, Model};
 use super::panels;
 use crate::output::format;

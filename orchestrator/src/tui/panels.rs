@@ -1,5 +1,3 @@
-//! The parts of the screen: charts, processes, the log, kitchens.
-
 use super::curves::{Piece, pieces, range};
 use super::model::{Lines, Model};
 use crate::output::format;

@@ -1,5 +1,3 @@
-//! Episodes as rows: from recordings, from the tables of evaluations; filtered, sorted, a page at a time.
-
 use crate::recording::episode_index::{Key, Shelved};
 use proto::evaluation::EpisodeRecord;
 use proto::kitchen::TargetCategory;

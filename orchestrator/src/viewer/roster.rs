@@ -1,5 +1,3 @@
-//! Which runs there are, and what they are called in addresses.
-
 use proto::evaluation::RESULT_FILE;
 use proto::run_folder::{Item, RunFolder};
 use std::io::ErrorKind;

@@ -5,7 +5,7 @@ use super::logbook::{Found, beginnings, logs_of};
 use super::processes::{Process, Processes};
 use super::roster::Entry;
 use super::tail::{New, Tail};
-use crate::environment::growth::growing;
+use crate::environment::growing;
 use crate::evaluation::journal;
 use crate::evaluation::progress::Progress;
 use crate::output::format;

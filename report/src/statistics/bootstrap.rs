@@ -54,7 +54,6 @@ pub fn intervals_over(scores: &Scores, resamples: impl Iterator<Item = Vec<usize
     })
 }
 
-/// Linear interpolation between the order statistics, numpy's default.
 fn quantile(sorted: &[f64], share: f64) -> f64 {
     assert!(!sorted.is_empty(), "a quantile of nothing");
     let place = share * (sorted.len() - 1) as f64;

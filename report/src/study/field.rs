@@ -1,5 +1,3 @@
-//! Kinds of episodes that are never averaged together.
-
 use proto::evaluation::{Conditions, Distribution, ObjectSet};
 use proto::kitchen::Split;
 

@@ -1,5 +1,3 @@
-//! Which episode shows what a stage changed.
-
 use super::run::{Evaluated, Run};
 use proto::evaluation::EpisodeRecord;
 use proto::task::Column;

@@ -1,5 +1,3 @@
-//! A graph as it grows: every operator's result gets a name, by which later ones take it.
-
 use super::message::tensor::Element;
 use super::message::{Attribute, Dimension, Graph, Node, Shape, Tensor, TensorType, Type, Value, attribute};
 

@@ -1,5 +1,3 @@
-//! The network as a graph (`docs/method.md`, Network). Names of weights are those of checkpoints.
-
 use super::build::Parameter::{Float, Int, Ints};
 use super::build::{Builder, Name};
 use super::message::{Graph, tensor::Element};

@@ -7,11 +7,11 @@ use crate::recording::schema::foxglove::{CameraCalibration, FrameTransform, Quat
 use prost_types::Timestamp;
 use proto::camera::{FIELD_OF_VIEW_DEG, FRAME_SIDE, HEIGHT_M};
 
-/// Names of the frames of one environment. Every kitchen is a world of its own.
 #[derive(Debug, Clone)]
 pub struct FrameNames {
     prefix: String,
-    camera: String,
+    /// Optical frame of the head camera: x right, y down, z into the picture.
+    pub camera: String,
 }
 
 impl FrameNames {
@@ -21,11 +21,6 @@ impl FrameNames {
 
     pub fn world(&self) -> String {
         self.of("world")
-    }
-
-    /// Optical frame of the head camera: x right, y down, z into the picture.
-    pub fn camera(&self) -> &str {
-        &self.camera
     }
 
     /// Of the robot's axis on the floor, x ahead (`robot`), or of something whose place the task says.
@@ -52,7 +47,6 @@ pub fn calibration(timestamp: Timestamp, frame_id: &str) -> CameraCalibration {
     }
 }
 
-/// Where robot, camera, and all that the task says the place of are, in the simulator's world.
 #[derive(Debug, Clone, Default)]
 pub struct Places {
     /// x, z.

@@ -5,7 +5,6 @@ use crate::recording::schema::foxglove::RawImage;
 use prost_types::Timestamp;
 use proto::task::{Channel, Dtype, Field, Spec};
 
-/// The images of a task that Foxglove can draw.
 pub struct Images(Vec<Image>);
 
 struct Image {

@@ -1,5 +1,3 @@
-//! The recorder's handle in the orchestrator: it starts the recorder, sends it notes, and finishes it.
-
 use super::message_writer::RolloutMetrics;
 use super::note::{Note, OBSERVATIONS, RecorderSetup, RecordingSummary, START_DEADLINE, now_ns};
 use super::recorder_thread;

@@ -19,7 +19,6 @@ const RECORD_HEAD_BYTES: usize = 9;
 pub struct Index {
     /// Schema and channel records as a file's summary holds them.
     described: Vec<u8>,
-    /// Index records of attachments and metadata.
     extras: Vec<u8>,
     /// Index records of all chunks but the last: it may still get message indexes.
     chunks: Vec<u8>,
@@ -38,7 +37,6 @@ impl Index {
         }
     }
 
-    /// Describes a channel without metadata.
     pub fn channel(&mut self, id: u16, schema_id: u16, topic: &str, encoding: &str) {
         self.statistics.channel_count += 1;
         let (topic, message_encoding, metadata) = (topic.to_owned(), encoding.to_owned(), BTreeMap::new());
@@ -114,7 +112,6 @@ impl Index {
         }
     }
 
-    /// The end of a file whose data ends at `data_end`.
     pub fn tail(&self, data_end: u64) -> Vec<u8> {
         let mut tail = Vec::new();
         // 0 means that no checksum was calculated.

@@ -1,5 +1,3 @@
-//! Turns observations into messages: the messages of each step and their topics.
-
 use crate::recording::declared::Declared;
 use crate::recording::engine::Engine;
 use crate::recording::form::{Carries, Form, Told};
@@ -58,7 +56,7 @@ pub struct MessageWriter {
     failures_only: bool,
     plan: Option<Plan>,
     kitchen_schedule: KitchenSchedule,
-    counts: Counts,
+    pub counts: Counts,
     frames_before: Option<u64>,
     small: Vec<Line>,
     told: [Told; 3],
@@ -321,10 +319,6 @@ impl MessageWriter {
         self.segments
     }
 
-    pub fn counts(&self) -> Counts {
-        self.counts
-    }
-
     fn engine(&self, header: &ObservationHeader, environment: usize, episode: u32) -> Engine {
         let home = self.environments[environment].home;
         Engine {
@@ -413,12 +407,12 @@ impl MessageWriter {
             let known = &self.environments[environment];
             let ([topic, calibration], frames) = (known.images[image], &known.frames);
             if let Some(pose) = &self.pose {
-                let intrinsics = camera::calibration(timestamp(time_ns), frames.camera());
+                let intrinsics = camera::calibration(timestamp(time_ns), &frames.camera);
                 let transforms = camera::transforms(timestamp(time_ns), frames, &pose.places(record));
                 self.write(self.topics.transforms, time_ns, &FrameTransforms { transforms })?;
                 self.write(calibration, time_ns, &intrinsics)?;
             }
-            let frame_id = self.environments[environment].frames.camera();
+            let frame_id = &self.environments[environment].frames.camera;
             let message = self.images.message(image, timestamp(time_ns), frame_id, whole);
             self.buffer.clear();
             message.encode_raw(&mut self.buffer);

@@ -1,5 +1,3 @@
-//! Messages between the orchestrator and the recorder's thread.
-
 use super::message_writer::RolloutMetrics;
 use crate::recording::schema::foxglove::log::Level;
 use crate::recording::schema::stillroom::{StageSwitch, Validation};

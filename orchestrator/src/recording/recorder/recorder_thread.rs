@@ -1,5 +1,3 @@
-//! The recorder's thread: shared memory in, messages out.
-
 use super::ledger::{Ledger, Verdict};
 use super::message_writer::{Counts, MessageWriter};
 use super::note::{Note, OBSERVATIONS, RecorderSetup, RecordingSummary, now_ns};
@@ -56,7 +54,7 @@ pub fn run(
                 Ok((time_ns, note)) => {
                     if state.note(time_ns, note) {
                         flushed = Instant::now();
-                        learners.ring_first();
+                        learners.bells.first().into_iter().for_each(Bell::ring);
                     }
                 }
                 Err(std::sync::mpsc::TryRecvError::Empty) => break,
@@ -129,10 +127,6 @@ impl Learners {
             }
             *told = now;
         }
-    }
-
-    fn ring_first(&self) {
-        self.bells.first().into_iter().for_each(Bell::ring);
     }
 }
 
@@ -272,10 +266,10 @@ impl<'a> RecorderState<'a> {
         let Some(message_writer) = self.message_writer else {
             bail!(self.failure.get().cloned().unwrap_or_default());
         };
-        let Counts { steps, episodes, depth_frames } = message_writer.counts();
+        let Counts { steps, episodes, depth_frames } = message_writer.counts;
         let segments = message_writer.into_segments();
         Ok(RecordingSummary {
-            files: segments.files().to_vec(),
+            files: segments.files.clone(),
             steps,
             episodes,
             depth_frames,

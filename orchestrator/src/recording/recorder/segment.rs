@@ -95,7 +95,7 @@ pub struct Segments {
     preamble: Preamble,
     topics: Vec<TopicEntry>,
     open: Option<Writer<LiveFile>>,
-    files: Vec<PathBuf>,
+    pub files: Vec<PathBuf>,
     finished_bytes: u64,
     open_bytes: Rc<Cell<u64>>,
     flushed_bytes: u64,
@@ -147,7 +147,6 @@ impl Segments {
         self.writing(|writer| writer.write_to_known_channel(&header, data))
     }
 
-    /// Hands everything written so far to the operating system, as a complete file.
     pub fn flush(&mut self) -> Result<()> {
         self.writing(Writer::flush)?;
         self.flushed_bytes = self.open_bytes.get();
@@ -168,10 +167,6 @@ impl Segments {
     pub fn abandon(mut self) {
         // Taken out of its writer, whose destructor would write an end.
         drop(self.open.take().map(Writer::into_inner));
-    }
-
-    pub fn files(&self) -> &[PathBuf] {
-        &self.files
     }
 
     pub fn bytes(&self) -> u64 {

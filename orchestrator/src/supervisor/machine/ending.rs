@@ -110,7 +110,7 @@ impl Supervisor {
             let (work, first) = self.learner_group.work();
             let patience = match self.learner_group.starting_for(now) {
                 Some(starting) => self.deadlines.learner_ready.saturating_sub(starting) + self.deadlines.first_save,
-                None => self.deadlines.stop(work, self.learner_group.pace(), first),
+                None => self.deadlines.stop(work, &self.learner_group.pace, first),
             };
             self.phase = Phase::Saving { failure, since: now, patience, goes_on: false };
             self.learner_group.waits(now);
@@ -123,7 +123,7 @@ impl Supervisor {
     /// The checkpoint of a stop has begun: from now on the stop waits for a disk.
     pub(super) fn save_begins(&mut self, now: Duration) {
         let (work, first) = self.learner_group.work();
-        let left = self.deadlines.stop(work, self.learner_group.pace(), first);
+        let left = self.deadlines.stop(work, &self.learner_group.pace, first);
         if let Phase::Saving { since, patience, .. } = &mut self.phase {
             (*since, *patience) = (now, left);
         }

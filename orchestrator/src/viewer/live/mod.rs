@@ -97,10 +97,10 @@ impl Feed for Recordings {
             others_m: others.collect(),
         };
         let transforms = FrameTransforms { transforms: camera::transforms(timestamp, &self.names, &places) };
-        let camera = self.names.camera();
+        let camera = &self.names.camera;
         let image = RawImage {
             timestamp: Some(timestamp),
-            frame_id: camera.to_owned(),
+            frame_id: camera.clone(),
             width: FRAME_SIDE as u32,
             height: FRAME_SIDE as u32,
             encoding: "16UC1".into(),
