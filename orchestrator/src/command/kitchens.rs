@@ -1,6 +1,3 @@
-//! `orchestrator kitchens`: the kitchens, or a scene of one's own, to look at, as one picture or as a scene for other
-//! programs.
-//!
 //! This program links no physics: `actor kitchens` builds and draws them.
 
 use crate::preflight::programs;

@@ -1,8 +1,3 @@
-//! `orchestrator replay`: recorded episodes, simulated again: films to look at, or the proof of a recording.
-//!
-//! Which ones come from [`crate::recording::newest`] or [`crate::recording::episodes`]; how they are simulated and compared
-//! is in [`crate::recording::simulate`].
-
 use crate::command::choice::{Choice, Chosen, nothing_in};
 use crate::output::terminal;
 use crate::recording::episodes::Recorded;
