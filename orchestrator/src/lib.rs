@@ -84,7 +84,6 @@ enum Command {
     Man(command::man::ManArgs),
 }
 
-/// The program: reads the command line, does what it asks for; its exit status. `version` is what `--version` prints.
 pub fn main(version: &'static str) -> ExitCode {
     let matches = CommandLine::command().version(version).try_get_matches();
     let line = matches.and_then(|matches| CommandLine::from_arg_matches(&matches));

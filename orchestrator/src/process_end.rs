@@ -44,14 +44,10 @@ pub fn sleep_until_end(process: Pid, longest: Duration) {
     let _ = poll(&mut [PollFd::new(&descriptor, PollFlags::IN)], Some(&timeout));
 }
 
-/// What a program answered.
 #[derive(Debug)]
 pub struct Answer {
-    /// How it ended, which was not by a signal.
     pub status: ExitStatus,
-    /// Standard output.
     pub stdout: String,
-    /// Standard error.
     pub stderr: String,
 }
 
@@ -87,7 +83,6 @@ fn ask_once(command: &mut Command, patience: Duration) -> Result<Option<Answer>>
     Ok(Some(Answer { status, stdout, stderr }))
 }
 
-/// What people call a program with its first argument: `learner check`.
 fn name_of(command: &Command) -> String {
     let program = Path::new(command.get_program()).file_name().unwrap_or_default();
     let words: Vec<_> =

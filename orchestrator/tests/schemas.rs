@@ -8,7 +8,7 @@ use prost::Message;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-const PACKAGES: [&str; 3] = ["foxglove", "stillroom", "tensorboard"];
+const PACKAGES: [&str; 4] = ["foxglove", "onnx", "stillroom", "tensorboard"];
 
 fn compiled(schemas: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut sources = Vec::new();

@@ -1,5 +1,3 @@
-//! Our figures beside the paper's, row by row as its tables have them.
-
 use crate::method::{TEST_NOVEL, TEST_SEEN, VALIDATION_NOVEL, row_presets, rows_beside};
 use crate::paper::{Published, ResultRow, paper};
 use crate::results::{FieldResult, GroupResults, SeedResult};
@@ -10,56 +8,37 @@ use proto::kitchen::KitchenId;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// One of the paper's tables with ours beside it.
 #[derive(Debug, Clone, Serialize)]
 pub struct Comparison {
-    /// `test-novel`, ...
     pub name: String,
-    /// What it shows, for people.
     pub title: String,
-    /// Where ours were evaluated: `test-novel`, ...
     pub field: String,
-    /// Heads of the columns that identify a row.
     pub columns: Vec<&'static str>,
-    /// The paper's rows in its order, each with ours.
     pub rows: Vec<Row>,
 }
 
-/// A row of the paper, with ours.
 #[derive(Debug, Clone, Serialize)]
 pub struct Row {
-    /// One cell a column.
     pub what: Vec<String>,
     pub preset: String,
-    /// The paper's figures.
     pub paper: Published,
-    /// Our groups that are this row; empty where none was evaluated.
     pub ours: Vec<Ours>,
 }
 
-/// What a group of ours came to.
 #[derive(Debug, Clone, Serialize)]
 pub struct Ours {
     pub group: String,
-    /// Where it was evaluated: the table's field, or that of the best checkpoint.
     pub field: String,
-    /// Settings that are not those of the row's preset.
     pub differences: Vec<String>,
-    /// Kitchens of the scores; those of the group's result.
     #[serde(skip)]
     pub kitchens: Vec<KitchenId>,
-    /// Its seeds; those of the group's result.
     #[serde(skip)]
     pub seeds: Vec<SeedResult>,
-    /// Frames trained on when it was evaluated, fewest and most over seeds.
     pub frames: (u64, u64),
-    /// Episodes a seed.
     pub episodes: u64,
-    /// Of each metric that is printed, by name.
     pub metrics: BTreeMap<String, Aggregate>,
 }
 
-/// The paper's tables with ours beside them, in its order.
 pub(crate) fn comparisons(entries: &[GroupResults<'_>]) -> Vec<Comparison> {
     let results = |name: &str, title: &str, field: Field, rows: &[ResultRow]| Comparison {
         name: name.to_owned(),
@@ -113,7 +92,6 @@ pub(crate) fn comparisons(entries: &[GroupResults<'_>]) -> Vec<Comparison> {
     ]
 }
 
-/// A cell of the paper's data as a reader has it.
 fn plain(cell: &str) -> String {
     match cell {
         "r'" => "r′".to_owned(),
@@ -134,7 +112,6 @@ fn row_of(what: Vec<String>, preset: String, paper: Published, entries: &[GroupR
 }
 
 impl Ours {
-    /// Of a group beside the row of this preset.
     fn of(group: &Group<'_>, preset: &str, result: &FieldResult) -> Self {
         let frames = || result.seeds.iter().map(|seed| seed.frames);
         Self {
@@ -150,7 +127,6 @@ impl Ours {
     }
 }
 
-/// A run that began with other weights as one run with all stages.
 fn as_one_run(config: &Config) -> Config {
     Config { stages: config.whole_curriculum(), from: None, ..config.clone() }
 }

@@ -1,5 +1,3 @@
-//! Training as curves: each run's rollouts in bins of equal frames, then the mean over the runs of a group.
-
 use crate::study::{Group, Rollout, Run, Validated};
 use proto::config::StageConfig;
 use proto::metric;
@@ -11,24 +9,18 @@ use std::collections::BTreeMap;
 /// rule, and what comes after it in the bin is another task.
 type Bin = (u64, usize);
 
-/// Bins over a run's budget.
 const BINS: u64 = 80;
 
-/// A metric over training, of a group.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Curve {
     pub metric: String,
-    /// In order of frames.
     pub points: Vec<TrainingPoint>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct TrainingPoint {
-    /// Mean frames at which it was measured.
     pub frames: f64,
-    /// Mean over seeds.
     pub mean: f64,
-    /// Lowest seed.
     pub low: f64,
     pub high: f64,
     pub seeds: usize,
@@ -55,7 +47,6 @@ impl Curve {
         (!curve.points.is_empty()).then_some(curve)
     }
 
-    /// Over the seeds' (bin, frames, value).
     fn over(name: &str, seeds: &[Vec<(Bin, f64, f64)>]) -> Option<Self> {
         let mut bins: Vec<Bin> = seeds.iter().flatten().map(|&(bin, _, _)| bin).collect();
         bins.sort_unstable();
@@ -78,7 +69,6 @@ impl Curve {
     }
 }
 
-/// Frames of one of the bins over a run's budget, or over what it was trained on beyond that.
 fn width(run: &Run) -> f64 {
     let trained = run.rollouts.iter().map(|rollout| rollout.frames).max().unwrap_or(0);
     (total_frames(&run.config.stages).max(trained) as f64 / BINS as f64).max(1.0)

@@ -11,23 +11,17 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
-/// Scores of every run that is a row of the paper's main tables.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Kept {
-    /// Rows, by field, preset and differences.
     rows: Vec<KeptRow>,
 }
 
-/// Runs of one configuration, on the episodes of one field.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct KeptRow {
-    /// `test-novel`, `test-seen-best`, ...
     field: String,
-    /// Preset that is the paper's row.
     preset: String,
-    /// Settings that are not those of the preset.
     differences: Vec<String>,
     kitchens: Vec<KitchenId>,
     seeds: Vec<KeptSeed>,
@@ -37,42 +31,23 @@ struct KeptRow {
 #[serde(deny_unknown_fields)]
 struct KeptSeed {
     seed: u64,
-    /// Name of the run's folder.
     run: String,
-    /// Frames of the run that were trained on.
     frames: u64,
     episodes: u64,
-    /// SHA-256 of the weights.
     weights: String,
-    /// SR by kitchen.
     success: Vec<f64>,
-    /// `SRwoD` by kitchen.
     success_without_disturbance: Vec<f64>,
 }
 
-/// Rows that cannot be put together.
 #[derive(Debug, thiserror::Error)]
 pub enum KeptError {
-    /// One seed twice, with different weights.
     #[error("{preset}, {field}: seed {seed} is there already with other weights ({known} there, {new} now)")]
-    OtherWeights {
-        /// Row.
-        preset: String,
-        /// Episodes.
-        field: String,
-        seed: u64,
-        /// Digest that is there.
-        known: String,
-        /// Digest of the new one.
-        new: String,
-    },
-    /// Scores that are no matrix.
+    OtherWeights { preset: String, field: String, seed: u64, known: String, new: String },
     #[error(transparent)]
     Scores(#[from] ScoresError),
 }
 
 impl Kept {
-    /// Adds the runs of a report that are rows of the main tables. A run that is there already changes nothing.
     pub fn add(&mut self, tables: &[Comparison]) -> Result<(), KeptError> {
         for table in tables.iter().filter(|table| is_main(&table.field)) {
             for (preset, ours) in table.rows.iter().flat_map(|row| row.ours.iter().map(|ours| (&row.preset, ours))) {
@@ -127,7 +102,6 @@ impl Kept {
         self.rows.iter().flat_map(|row| &row.seeds).map(|seed| seed.run.as_str()).collect()
     }
 
-    /// The tables in Markdown: each row of the paper, and ours below it. Percentages; intervals in brackets.
     pub fn markdown(&self) -> Result<String, KeptError> {
         let mut text = String::new();
         let everywhere = |one: &&String| self.rows.iter().all(|row| row.differences.contains(one));
@@ -178,13 +152,11 @@ impl KeptRow {
     }
 }
 
-/// `75.0 [74.1, 75.9]`
 fn with_interval(estimate: &Estimate) -> String {
     let interval = estimate.interval.as_ref().map(|interval| format!(" {}", crate::format::interval(interval)));
     format!("{}{}", percent(estimate.point), interval.unwrap_or_default())
 }
 
-/// Whether a table is one of the two main ones.
 fn is_main(field: &str) -> bool {
     [TEST_NOVEL, TEST_SEEN].iter().any(|main| main.key() == field)
 }

@@ -1,5 +1,3 @@
-//! Methods: which rows of the paper's tables a group is compared with.
-
 use crate::paper::{Published, paper};
 use crate::study::{Field, Group, Source};
 use proto::config::{AuxiliaryTask, Config, EpisodeConfig, KitchenSource, NetworkConfig};
@@ -19,9 +17,7 @@ pub const VALIDATION_NOVEL: Field = Field::new(Split::Validation, ObjectSet::Nov
 #[derive(Debug, PartialEq)]
 struct Method<'a> {
     environment: &'a str,
-    /// Of all stages, weights included.
     rewards: Vec<Composition>,
-    /// PPO-Lagrangian's first multiplier, where a stage has one.
     multiplier: Option<f64>,
     task: AuxiliaryTask,
     network: NetworkConfig,
@@ -48,7 +44,6 @@ impl<'a> Method<'a> {
     }
 }
 
-/// The presets that are the paper's rows, each once.
 pub fn row_presets() -> &'static BTreeMap<String, Config> {
     static PRESETS: LazyLock<BTreeMap<String, Config>> = LazyLock::new(|| {
         let fields = [TEST_NOVEL, TEST_SEEN, VALIDATION_NOVEL];
@@ -78,7 +73,6 @@ pub fn level_of(config: &Config) -> Option<BTreeMap<String, f64>> {
     Some(levels.map(|(name, level)| (name.to_owned(), level)).into())
 }
 
-/// Names of the paper's rows of a configuration's method: see [`rows_beside`].
 fn rows_of_method(ours: &Config) -> BTreeSet<&'static str> {
     let distance = |row: &Config| {
         let advantages = row.ppo.normalize_advantages != ours.ppo.normalize_advantages;

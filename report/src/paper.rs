@@ -3,48 +3,35 @@
 use serde::{Deserialize, Serialize};
 use std::sync::LazyLock;
 
-/// Names of the metrics that the paper reports, SR and `SRwoD`.
 pub(crate) const METRICS: [&str; 2] = ["success", "success_without_disturbance"];
 
 /// All tables. Rates are percentages.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Paper {
-    /// Where the figures are from and how they were averaged.
     pub source: String,
-    /// Test kitchens, novel targets.
     pub test_novel: Vec<ResultRow>,
-    /// Test kitchens, seen targets.
     pub test_seen: Vec<ResultRow>,
     /// Parts of the method, 20M frames of stage I, validation kitchens, novel targets.
     #[serde(rename = "ablation_valid_novel_20M")]
     pub ablation_valid_novel_20m: Vec<AblationRow>,
-    /// Both action spaces, validation kitchens, novel targets.
     pub action_space_valid: Vec<ActionSpaceRow>,
 }
 
-/// A row of the tables of results.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ResultRow {
     /// `I`, `II`, or PPO-Lagrangian with its first multiplier.
     pub stage: String,
-    /// `r` or `r'`.
     pub reward: String,
-    /// `scratch` or `finetune`.
     pub init: String,
-    /// Frames trained on.
     pub frames: String,
-    /// Auxiliary task; `none_original` is the original baseline.
     pub aux: String,
-    /// SR, mean over seeds.
     pub sr: f64,
     /// SR, mean of the middle three seeds.
     #[serde(default)]
     pub sr_iqm: Option<f64>,
-    /// `SRwoD`, mean over seeds.
     pub srwod: f64,
-    /// `SRwoD`, mean of the middle three seeds.
     #[serde(default)]
     pub srwod_iqm: Option<f64>,
 }
@@ -62,11 +49,9 @@ pub struct AblationRow {
     pub srwod: f64,
 }
 
-/// A row of the table of action spaces.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ActionSpaceRow {
-    /// `small` or `large`.
     pub action_space: String,
     /// `r` or `r'`.
     pub reward: String,
@@ -78,27 +63,20 @@ pub struct ActionSpaceRow {
     pub srwod: f64,
 }
 
-/// Published figures, shares 0..=1.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Published {
-    /// SR, mean over seeds.
     pub success: f64,
-    /// SR, mean of the middle three seeds.
     pub success_iqm: Option<f64>,
-    /// `SRwoD`, mean over seeds.
     pub success_without_disturbance: f64,
-    /// `SRwoD`, mean of the middle three seeds.
     pub success_without_disturbance_iqm: Option<f64>,
 }
 
-/// The paper's figures.
 pub fn paper() -> &'static Paper {
     static PAPER: LazyLock<Paper> =
         LazyLock::new(|| serde_json::from_str(include_str!("paper_results.json")).expect("our own file, as tested"));
     &PAPER
 }
 
-/// Our name of an auxiliary task in the tables.
 fn task(aux: &str) -> String {
     if aux == "none_original" { "original".to_owned() } else { aux.replace('_', "-") }
 }
@@ -116,7 +94,6 @@ impl Published {
 }
 
 impl ResultRow {
-    /// Name of the preset that is this row.
     pub fn preset(&self) -> String {
         if let Some(initial) = self.stage.strip_prefix("PPO-Lagrangian lambda0=") {
             return format!("lagrangian-{initial}");
@@ -135,7 +112,6 @@ impl ResultRow {
 }
 
 impl AblationRow {
-    /// Name of the preset that is this row.
     pub fn preset(&self) -> String {
         let advantages = if self.normalized_advantage { "normalized" } else { "plain" };
         let action = if self.previous_action { "action" } else { "no-action" };
@@ -148,7 +124,6 @@ impl AblationRow {
 }
 
 impl ActionSpaceRow {
-    /// Name of the preset that is this row.
     pub fn preset(&self) -> String {
         let task = task(&self.aux);
         match (self.action_space.as_str(), self.init.as_str()) {

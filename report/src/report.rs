@@ -1,5 +1,3 @@
-//! The whole report, as numbers.
-
 use crate::comparison::{Comparison, comparisons};
 use crate::curves::Curve;
 use crate::format::{count, counted};
@@ -14,42 +12,29 @@ use proto::task::{Curve as TaskCurve, Described, Spec};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The numbers: serialised, they are `report.json`. Rates are shares 0..=1.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
-    /// [`proto::SCHEMA_VERSION`] of the writer.
     pub schema_version: u32,
-    /// Where the paper's figures are from.
     pub paper: String,
     pub statistics: IntervalMethod,
-    /// Which episodes the figures are of, a sentence each.
     pub episodes: Vec<String>,
-    /// The tasks of the groups, by name.
     pub tasks: BTreeMap<String, TaskReport>,
     pub groups: Vec<GroupReport>,
-    /// The paper's tables with ours beside them.
     pub comparisons: Vec<Comparison>,
-    /// Groups that differ in one weight of the rewards only.
     pub sweeps: Vec<Sweep>,
-    /// Remarks that a reader needs to judge the figures.
     pub notes: Vec<String>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct IntervalMethod {
     pub interval: f64,
-    /// Resamples behind an interval in a table.
     pub resamples: u32,
-    /// Resamples behind an interval on a curve.
     pub curve_resamples: u32,
 }
 
-/// What the figures of a task are.
 #[derive(Debug, Clone, Serialize)]
 pub struct TaskReport {
-    /// Its numbers, of an episode and over episodes, in the order in which they are printed.
     pub described: Vec<Described>,
-    /// Metrics by which policies are ranked, in the order in which they are printed.
     pub ranking: Vec<String>,
     pub curves: Vec<TaskCurve>,
 }
@@ -59,43 +44,32 @@ pub struct GroupReport {
     pub label: String,
     pub task: String,
     pub preset: String,
-    /// Settings that are not the preset's.
     pub differences: Vec<String>,
-    /// What its runs are trained for, in order.
     pub stages: Vec<StageReport>,
-    /// The task's metrics.
     pub metrics: Vec<Described>,
     pub runs: Vec<RunReport>,
     pub results: Vec<FieldResult>,
-    /// Means over its runs of the task's metrics over the newest tenth of training, by name.
     pub newest_tenth: BTreeMap<String, f64>,
-    /// Every metric over training.
     pub training: Vec<Curve>,
-    /// The metrics by which policies are ranked, on validation episodes over training.
     pub validation: Vec<Curve>,
 }
 
 #[derive(Debug, Clone, Serialize)]
 pub struct StageReport {
     pub name: String,
-    /// Frames before it.
     pub begins_at: u64,
 }
 
 #[derive(Debug, Clone, Serialize)]
 pub struct RunReport {
     pub name: String,
-    /// Its state, or why its training is not known.
     pub state: Origin,
     pub seed: u64,
-    /// Frames trained on.
     pub frames: u64,
     pub budget: u64,
-    /// Its evaluations, whether they count or not.
     pub evaluations: Vec<String>,
 }
 
-/// What the user may choose.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Options {
     /// Limits of the task's first curve, ascending; none: its own.
@@ -103,7 +77,6 @@ pub struct Options {
 }
 
 impl Report {
-    /// The report on these runs. `notes`: remarks that do not follow from the runs.
     pub fn of(runs: &[Run], options: &Options, mut notes: Vec<String>) -> Result<Self, StudyError> {
         let groups = groups(runs)?;
         notes.extend(groups.iter().filter(|group| group.unknown()).map(|group| {
@@ -131,7 +104,6 @@ impl Report {
     }
 }
 
-/// Which episodes the groups' figures are of: each kind, with the groups that were evaluated on it.
 fn episodes_of(groups: &[Group<'_>]) -> Vec<String> {
     let mut found: BTreeMap<(bool, String), BTreeSet<&str>> = BTreeMap::new();
     for group in groups {
@@ -159,7 +131,6 @@ fn episodes_of(groups: &[Group<'_>]) -> Vec<String> {
     found.into_iter().map(sentence).collect()
 }
 
-/// A group's results in all fields; what keeps it from having one becomes a note.
 fn results(group: &Group<'_>, options: &Options, notes: &mut Vec<String>) -> Vec<(Field, FieldResult)> {
     let mut results = Vec::new();
     for field in Field::all() {
@@ -183,7 +154,6 @@ fn results(group: &Group<'_>, options: &Options, notes: &mut Vec<String>) -> Vec
     results
 }
 
-/// Which evaluations count for nothing, because a newer checkpoint of their run was evaluated, too.
 fn note_older(group: &Group<'_>, field: Field, notes: &mut Vec<String>) {
     let named = |run: &Run, older: &Evaluated| {
         format!("{} of {}, after {} frames", older.name, run.name, count(older.result.subject.frames))
@@ -200,7 +170,6 @@ fn note_older(group: &Group<'_>, field: Field, notes: &mut Vec<String>) {
     }
 }
 
-/// Remarks on how the episodes of a result were made.
 fn note_conditions(group: &Group<'_>, field: Field, result: &FieldResult, notes: &mut Vec<String>) {
     let is_papers = field.source == Source::Fixed && field.objects != ObjectSet::NoTargets;
     let (label, field) = (&group.label, field.name());
@@ -224,14 +193,12 @@ fn note_conditions(group: &Group<'_>, field: Field, result: &FieldResult, notes:
     }
 }
 
-/// Names of the metrics by which policies are ranked, in the order of the declaration.
 fn ranking(spec: &Spec) -> Vec<String> {
     let ranking = spec.ranking();
     spec.metrics.iter().filter(|metric| ranking.contains(metric)).map(|metric| metric.name.clone()).collect()
 }
 
 impl TaskReport {
-    /// With the task's name.
     fn of(spec: &Spec) -> (String, Self) {
         let (described, ranking, curves) = (spec.described(), ranking(spec), spec.curves.clone());
         (spec.name.clone(), Self { described, ranking, curves })
@@ -278,7 +245,6 @@ fn stages(configured: &[StageConfig]) -> Vec<StageReport> {
     configured.iter().scan(0, stage).collect()
 }
 
-/// Frames of the newest weights that were evaluated: all that is known of a run that is not in the study.
 fn evaluated_frames(run: &Run) -> u64 {
     run.evaluations.iter().map(|evaluated| evaluated.result.subject.frames).max().unwrap_or(0)
 }

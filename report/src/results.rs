@@ -1,5 +1,3 @@
-//! What a group of runs came to in one field: scores of every seed in every kitchen, and their aggregates.
-
 use crate::format::counted;
 use crate::statistics::{Aggregate, CURVE_RESAMPLES, Interval, RESAMPLES, Scores, wilson};
 use crate::study::{Evaluated, Field, Group, Run};
@@ -9,20 +7,13 @@ use proto::task::{Column, Curve};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Everything about one group in one field. Rates are shares 0..=1.
 #[derive(Debug, Clone, Serialize)]
 pub struct FieldResult {
-    /// `test-novel`, ...
     pub field: String,
-    /// Kitchens, the columns of the score matrices.
     pub kitchens: Vec<KitchenId>,
-    /// One a seed, the rows of the score matrices.
     pub seeds: Vec<SeedResult>,
-    /// Of each metric that is printed, by name.
     pub metrics: BTreeMap<String, Aggregate>,
-    /// The task's curves, by name.
     pub curves: BTreeMap<String, Vec<LimitPoint>>,
-    /// All figures, over the episodes of all seeds together.
     pub pooled: Figures,
     /// How often each action was taken at each step, over all seeds together: names, and \[steps\]\[actions\] counts.
     pub actions: ActionShares,
@@ -31,7 +22,6 @@ pub struct FieldResult {
 #[derive(Debug, Clone)]
 pub struct GroupResults<'a> {
     pub group: &'a Group<'a>,
-    /// In each field in which it was evaluated.
     pub results: Vec<(Field, FieldResult)>,
 }
 
@@ -41,46 +31,33 @@ impl GroupResults<'_> {
     }
 }
 
-/// One seed's part.
 #[derive(Debug, Clone, Serialize)]
 pub struct SeedResult {
     pub seed: u64,
     pub run: String,
-    /// The evaluation that counts.
     pub evaluation: String,
-    /// Frames trained on.
     pub frames: u64,
     pub episodes: u64,
-    /// The most probable action instead of a sampled one.
     pub deterministic: bool,
-    /// SHA-256 of the weights.
     pub weights: String,
     /// Of each metric that is printed, by name: its mean in each kitchen.
     pub by_kitchen: BTreeMap<String, Vec<f64>>,
-    /// Of those that are shares: over all its episodes.
     pub rates: BTreeMap<String, Rate>,
 }
 
-/// A rate over the episodes of one policy.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Rate {
     pub share: f64,
-    /// Its Wilson interval: sampling of episodes only.
     pub interval: Interval,
 }
 
-/// A point of a curve over limits.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct LimitPoint {
-    /// The limit.
     pub at: f64,
-    /// Mean over seeds and kitchens.
     pub mean: f64,
-    /// Its interval; none of one seed.
     pub interval: Option<Interval>,
 }
 
-/// Counts of actions by step.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct ActionShares {
     pub actions: Vec<String>,
@@ -88,12 +65,9 @@ pub struct ActionShares {
     pub counts_by_step: Vec<Vec<u64>>,
 }
 
-/// What keeps a group from having a result.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Missing {
-    /// No run has an evaluation in the field.
     NotEvaluated,
-    /// Evaluations cannot be put into one matrix.
     Unequal(String),
 }
 
@@ -165,7 +139,6 @@ impl LimitPoint {
     }
 }
 
-/// The episodes of every seed, the same ones.
 struct SeedEpisodes<'a> {
     kitchens: Vec<KitchenId>,
     by_seed: Vec<Vec<&'a EpisodeRecord>>,
@@ -217,7 +190,6 @@ impl ActionShares {
     }
 }
 
-/// The kitchens of all evaluations, which must be the same with equally many episodes.
 fn same_kitchens(evaluated: &[(&Run, &Evaluated)], by_seed: &[Vec<&EpisodeRecord>]) -> Result<Vec<KitchenId>, Missing> {
     let chosen = |episodes: &[&EpisodeRecord]| -> BTreeSet<(KitchenId, u32)> {
         episodes.iter().map(|record| (record.kitchen, record.episode)).collect()

@@ -1,5 +1,3 @@
-//! Metrics over a weight of the rewards.
-
 use crate::results::{FieldResult, GroupResults};
 use crate::statistics::Estimate;
 use crate::study::Field;
@@ -7,26 +5,20 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use toml::Table;
 
-/// Groups that differ in one weight of the rewards only.
 #[derive(Debug, Clone, Serialize)]
 pub struct Sweep {
-    /// Its name, e.g. `lambda_disturb`.
     pub weight: String,
-    /// `test-novel`, ...
     pub field: String,
     pub points: Vec<SweepPoint>,
 }
 
 #[derive(Debug, Clone, Serialize)]
 pub struct SweepPoint {
-    /// Of the weight.
     pub value: f64,
     pub group: String,
-    /// Of each metric by which policies are ranked, by name: the mean over seeds and kitchens.
     pub metrics: BTreeMap<String, Estimate>,
 }
 
-/// All sweeps over at least two values.
 pub(crate) fn sweeps(entries: &[GroupResults<'_>]) -> Vec<Sweep> {
     let mut families: Vec<(&str, Table, Vec<&GroupResults<'_>>)> = Vec::new();
     for entry in entries.iter().filter(|entry| !entry.group.untrained() && !entry.group.unknown()) {

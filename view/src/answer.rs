@@ -1,5 +1,3 @@
-//! Answers as JSON, and refusals.
-
 use crate::data::Problem;
 use crate::scene_renderer::TheatreError;
 use axum::http::StatusCode;
@@ -7,8 +5,6 @@ use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 
-/// Why a request is not answered: a status, and a sentence that the page shows.
-#[derive(Debug)]
 pub struct Refusal(pub StatusCode, pub String);
 
 impl IntoResponse for Refusal {
@@ -44,7 +40,6 @@ pub fn text(value: &impl Serialize) -> String {
     serde_json::to_string(value).unwrap_or_else(|error| serde_json::json!({ "error": error.to_string() }).to_string())
 }
 
-/// A result as the text of an event.
 pub fn text_of<T: Serialize>(result: &Result<T, Problem>) -> String {
     match result {
         Ok(value) => text(value),
@@ -52,7 +47,6 @@ pub fn text_of<T: Serialize>(result: &Result<T, Problem>) -> String {
     }
 }
 
-/// A text that is JSON already, as an answer.
 pub fn json(text: String) -> Response {
     ([(CONTENT_TYPE, "application/json")], text).into_response()
 }

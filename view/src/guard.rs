@@ -18,11 +18,9 @@ use std::sync::Arc;
 /// Only what this server itself sends is run, shown or asked.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; \
                       connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
-/// What a request without the token is answered.
 const REFUSAL: &str = "this viewer answers only with its token: open the whole address that `orchestrator view` printed, \
                        or run it again and open the one that it prints\n";
 
-/// Lets a request through, or answers in its place; every answer carries the headers that hold the page together.
 pub async fn check(State(token): State<Arc<str>>, request: Request, next: Next) -> Response {
     let mut answer = if may_pass(&request, &token) {
         next.run(request).await
@@ -43,7 +41,6 @@ pub async fn check(State(token): State<Arc<str>>, request: Request, next: Next) 
     answer
 }
 
-/// Whether a request shows the token, or asks for a file of the page, which is the same for everybody.
 fn may_pass(request: &Request, token: &str) -> bool {
     let header = request.headers().get(AUTHORIZATION).and_then(|value| value.to_str().ok()?.split_once(' '));
     let header = header.filter(|(kind, _)| kind.eq_ignore_ascii_case("bearer")).map(|(_, shown)| shown.trim());

@@ -7,13 +7,11 @@ use proto::task::Described;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-/// What an answer is, for Prometheus.
 pub const CONTENT_KIND: &str = "text/plain; version=0.0.4; charset=utf-8";
 
 /// By kitchen only up to so many kitchens: Prometheus keeps three series for each.
 const KITCHENS_MAX: usize = 128;
 
-/// What all samples of a name have in common.
 struct Family {
     name: String,
     help: String,
@@ -50,9 +48,7 @@ impl Family {
     }
 }
 
-/// Families of a task's metrics, of one thing each.
 struct OfMetrics {
-    /// What they are of, in names and in words.
     of: &'static str,
     help: &'static str,
     families: Vec<Family>,
@@ -76,7 +72,6 @@ impl OfMetrics {
     }
 }
 
-/// A metric's name with its unit as Prometheus wants it.
 fn unit_last(metric: &Described) -> String {
     let Described { name, unit, .. } = metric;
     let bare = name.strip_suffix(unit.as_str()).and_then(|name| name.strip_suffix('_')).unwrap_or(name);
@@ -94,7 +89,6 @@ fn escaped(value: &str) -> String {
     value.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n")
 }
 
-/// Reads all runs, those that go on in full.
 pub fn read(runs: &dyn Runs) -> String {
     let mut lives = BTreeMap::new();
     let cards = runs.list();
@@ -107,7 +101,6 @@ pub fn read(runs: &dyn Runs) -> String {
     exposition(&cards, &lives)
 }
 
-/// These runs; `lives`: how those that go on stand.
 fn exposition(cards: &[Card], lives: &BTreeMap<&str, Live>) -> String {
     let mut families = of_cards(cards);
     families.extend(of_progress(lives));

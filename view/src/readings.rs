@@ -8,10 +8,8 @@ use tokio::sync::Semaphore;
 
 /// Readings of runs at a time. Those of one run go one after the other, and each answers in seconds.
 const READERS: usize = 8;
-/// Whoever must wait behind more readings than this is refused.
 const WAITING: usize = 256;
 
-/// The way to the runs.
 #[derive(Clone)]
 pub struct Readings {
     runs: Arc<dyn Runs>,
@@ -24,7 +22,6 @@ impl Readings {
         Self { runs, readers: Arc::new(Semaphore::new(READERS)), queue: Arc::new(Semaphore::new(WAITING)) }
     }
 
-    /// Asks the runs, and waits for the answer.
     pub async fn read<T, F>(&self, ask: F) -> Result<T, Refusal>
     where
         T: Send + 'static,

@@ -1,5 +1,3 @@
-//! Addresses to answers.
-
 use crate::answer::{Refusal, json, text};
 use crate::data::{EpisodeKey, EpisodeQuery, Problem, Runs};
 use crate::foxglove;
@@ -24,29 +22,23 @@ use std::convert::Infallible;
 use std::sync::Arc;
 use tokio::sync::Semaphore;
 
-/// What all answers are made from.
 #[derive(Clone)]
 struct Server {
     readings: Readings,
     run_feeds: RunFeeds,
     scene_renderer: SceneRenderer,
-    /// Room for programs that watch over a WebSocket.
     watchers: Arc<Semaphore>,
-    /// What the command line asked to be opened.
     opening: Arc<Opening>,
 }
 
-/// What the page opens with.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Opening {
     pub runs: Vec<String>,
-    /// Two of them, episode beside episode.
     pub compare: bool,
     pub play: bool,
     pub version: &'static str,
 }
 
-/// All addresses; what holds anything of a run needs the token.
 pub fn router(runs: Arc<dyn Runs>, scene_renderer: SceneRenderer, token: Arc<str>, opening: Opening) -> Router {
     let server = Server {
         run_feeds: RunFeeds::new(Arc::clone(&runs)),
@@ -57,7 +49,7 @@ pub fn router(runs: Arc<dyn Runs>, scene_renderer: SceneRenderer, token: Arc<str
     };
     let mut router = Router::new()
         .route("/metrics", get(exported))
-        .route("/foxglove", get(watch_any))
+        .route("/foxglove", get(watch))
         .route("/foxglove/{run}", get(watch))
         .route("/api/opening", get(opening_page))
         .route("/api/runs", get(list))
@@ -77,15 +69,6 @@ pub fn router(runs: Arc<dyn Runs>, scene_renderer: SceneRenderer, token: Arc<str
 }
 
 impl Server {
-    async fn read<T, F>(&self, ask: F) -> Result<T, Refusal>
-    where
-        T: Send + 'static,
-        F: FnOnce(&dyn Runs) -> Result<T, Problem> + Send + 'static,
-    {
-        self.readings.read(ask).await
-    }
-
-    /// What a program that watches is told from.
     fn watched(&self) -> foxglove::Sources {
         let (readings, scene_renderer, room) =
             (self.readings.clone(), self.scene_renderer.clone(), Arc::clone(&self.watchers));
@@ -97,13 +80,12 @@ impl Server {
         T: Serialize + Send + 'static,
         F: FnOnce(&dyn Runs) -> Result<T, Problem> + Send + 'static,
     {
-        self.read(move |runs| ask(runs).map(|value| text(&value))).await.map(json)
+        self.readings.read(move |runs| ask(runs).map(|value| text(&value))).await.map(json)
     }
 
-    /// Has the scene renderer open an episode.
     async fn open(&self, run: &str, key: EpisodeKey, name: &str) -> Result<ShowAnswer, Refusal> {
         let owned = run.to_owned();
-        let (setup, episode) = self.read(move |runs| runs.recorded(&owned, key)).await?;
+        let (setup, episode) = self.readings.read(move |runs| runs.recorded(&owned, key)).await?;
         let request = ShowRequest::Open { name: name.to_owned(), setup, episode: Box::new(episode) };
         let (answer, _) = self.scene_renderer.ask(request).await?;
         match answer {
@@ -115,7 +97,6 @@ impl Server {
 
 #[derive(Debug, Default, Deserialize)]
 struct WatchQuery {
-    /// Kitchen and environment, e.g. `6-0`; the token may stand beside it.
     watch: Option<String>,
 }
 
@@ -132,30 +113,20 @@ impl WatchQuery {
 
 async fn watch(
     State(server): State<Server>,
-    Path(run): Path<String>,
+    run: Option<Path<String>>,
     query: Result<Query<WatchQuery>, QueryRejection>,
     request: Request,
 ) -> Result<Response, Refusal> {
     let place = understood(query)?.place()?;
-    foxglove::connect(server.watched(), Some(run), place, request).await
-}
-
-async fn watch_any(
-    State(server): State<Server>,
-    query: Result<Query<WatchQuery>, QueryRejection>,
-    request: Request,
-) -> Result<Response, Refusal> {
-    let place = understood(query)?.place()?;
-    foxglove::connect(server.watched(), None, place, request).await
+    foxglove::connect(server.watched(), run.map(|Path(run)| run), place, request).await
 }
 
 async fn opening_page(State(server): State<Server>) -> Response {
     json(text(&*server.opening))
 }
 
-/// All runs, for Prometheus.
 async fn exported(State(server): State<Server>) -> Result<Response, Refusal> {
-    let text = server.read(|runs| Ok(metrics::read(runs))).await?;
+    let text = server.readings.read(|runs| Ok(metrics::read(runs))).await?;
     Ok(([(CONTENT_TYPE, metrics::CONTENT_KIND)], text).into_response())
 }
 
@@ -167,14 +138,13 @@ async fn live(State(server): State<Server>, Path(run): Path<String>) -> Result<R
     server.answer(move |runs| runs.live(&run)).await
 }
 
-/// How a run stands, whenever that changes, as server-sent events.
 async fn follow(
     State(server): State<Server>,
     Path(run): Path<String>,
 ) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>>>, Refusal> {
     let asked = run.clone();
     // An unknown run is an error now, not a stream of them.
-    server.read(move |runs| runs.live(&asked).map(drop)).await?;
+    server.readings.read(move |runs| runs.live(&asked).map(drop)).await?;
     let receiver = server.run_feeds.follow(&run);
     let events = unfold((receiver, true), |(mut receiver, first)| async move {
         let ready = first && !receiver.borrow_and_update().is_empty();
@@ -228,11 +198,12 @@ async fn episode(State(server): State<Server>, Path((run, key)): Path<(String, S
     let opened = server.open(&run, parsed, &name_of(&run, parsed)).await?;
     match opened {
         ShowAnswer::Opened(shown) => Ok(json(text(&shown))),
-        _ => Err(Refusal(
-            StatusCode::INTERNAL_SERVER_ERROR,
-            "the simulator gave another answer than was asked for".to_owned(),
-        )),
+        _ => Err(unasked()),
     }
+}
+
+fn unasked() -> Refusal {
+    Refusal(StatusCode::INTERNAL_SERVER_ERROR, "the simulator gave another answer than was asked for".to_owned())
 }
 
 fn name_of(run: &str, key: EpisodeKey) -> String {
@@ -242,7 +213,6 @@ fn name_of(run: &str, key: EpisodeKey) -> String {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct PictureQuery {
-    /// `orbit`, `depth` or `plan`.
     view: String,
     step: u32,
     width: u32,
@@ -312,9 +282,6 @@ async fn picture(
             Ok(([(CONTENT_TYPE, "image/png"), (CACHE_CONTROL, "private, max-age=600")], bytes).into_response())
         }
         ShowAnswer::Failed { problem } => Err(Refusal(StatusCode::UNPROCESSABLE_ENTITY, problem)),
-        _ => Err(Refusal(
-            StatusCode::INTERNAL_SERVER_ERROR,
-            "the simulator gave another answer than was asked for".to_owned(),
-        )),
+        _ => Err(unasked()),
     }
 }

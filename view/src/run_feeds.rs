@@ -7,13 +7,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::watch;
 
-/// How often a run is looked at.
 const EVERY: Duration = Duration::from_secs(1);
 /// A reading that takes long is followed by a pause of so many times its length: watching never takes more than a
 /// share of a core.
 const REST: u32 = 4;
 
-/// Who watches what.
 #[derive(Clone)]
 pub struct RunFeeds {
     runs: Arc<dyn Runs>,
@@ -21,7 +19,6 @@ pub struct RunFeeds {
 }
 
 impl RunFeeds {
-    /// Nobody watches anything.
     pub fn new(runs: Arc<dyn Runs>) -> Self {
         Self { runs, watched: Arc::default() }
     }

@@ -11,48 +11,37 @@ use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
 use tokio::process::{Child, ChildStdin, ChildStdout, Command};
 use tokio::sync::{mpsc, oneshot};
 
-/// Requests that may wait; more are refused.
 const WAITING: usize = 32;
 /// An answer takes well under a second, the first of a kitchen a few on a busy machine.
 const DEADLINE: Duration = Duration::from_mins(2);
-/// How long a child may take to be gone that gives no answer any more.
 const ENDS: Duration = Duration::from_secs(1);
-/// Without a request for this long the child is let go.
 const IDLE: Duration = Duration::from_mins(10);
 /// As the server: the lowest would leave a busy machine with a hundredth of a core for pictures that somebody waits for.
 const NICENESS: i32 = 10;
-/// A picture larger than this is none.
 const BYTES_MAX: u64 = 64 << 20;
 
-/// Why nothing is shown.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum TheatreError {
-    /// Too many requests wait.
     #[error("too many pictures are waited for: try again")]
     Busy,
-    /// The child cannot be used.
     #[error("the simulator cannot be used: {0}")]
     Broken(String),
-    /// It ended in the middle of its work, for instance by a signal.
     #[error("the simulator cannot be used: `actor show` {0}")]
     Ended(String),
 }
 
 type Answer = Result<(ShowAnswer, Vec<u8>), TheatreError>;
 
-/// The way to the child.
 #[derive(Clone)]
 pub struct SceneRenderer(mpsc::Sender<(ShowRequest, oneshot::Sender<Answer>)>);
 
 impl SceneRenderer {
-    /// Uses this program; it is not started yet.
     pub fn new(program: PathBuf) -> Self {
         let (sender, receiver) = mpsc::channel(WAITING);
         tokio::spawn(work(program, receiver));
         Self(sender)
     }
 
-    /// Asks, and waits for the answer. One who does not wait any more is not served.
     pub async fn ask(&self, request: ShowRequest) -> Answer {
         let (sender, receiver) = oneshot::channel();
         self.0.try_send((request, sender)).map_err(|_| TheatreError::Busy)?;
@@ -101,7 +90,6 @@ async fn answer_of(player: &mut Option<Player>, program: &PathBuf, request: &Sho
     }
 }
 
-/// The child; killed when this is dropped.
 struct Player {
     child: Child,
     input: ChildStdin,

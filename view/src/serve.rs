@@ -1,5 +1,3 @@
-//! Listens, and bounds what a connection may cost.
-
 use crate::data::Runs;
 use crate::routes::{Opening, router};
 use crate::scene_renderer::SceneRenderer;
@@ -14,26 +12,18 @@ use tokio::net::TcpListener;
 use tokio::sync::Semaphore;
 use tokio_io_timeout::TimeoutStream;
 
-/// Connections at a time; more are closed at once.
 const CONNECTIONS: usize = 512;
-/// How long a client may take to send a request's head.
 const HEAD_DEADLINE: Duration = Duration::from_secs(10);
 /// How long a client may read nothing of what was sent to it: it would hold its place for ever.
 const WRITE_DEADLINE: Duration = Duration::from_secs(12);
-/// Longest head of a request, bytes.
 const HEAD_BYTES: usize = 32 << 10;
 
-/// What the server is told.
 #[derive(Debug, Clone)]
 pub struct Settings {
     pub actor: PathBuf,
-    /// What a request must show.
     pub token: String,
-    /// Runs that the page opens with.
     pub open: Vec<String>,
-    /// Two runs are shown episode beside episode.
     pub compare: bool,
-    /// There is one run at a time, of a policy that plays: the page opens where it plays.
     pub play: bool,
 }
 
@@ -44,7 +34,6 @@ pub struct ServeError {
     cause: std::io::Error,
 }
 
-/// Serves until `end` is ready.
 pub async fn serve(
     listener: TcpListener,
     runs: Arc<dyn Runs>,

@@ -1,5 +1,3 @@
-//! Where a picture is taken from, and how points fall onto it.
-
 use rapier3d::math::{Pose3, Vec3};
 
 /// A camera: x right, y up, looks along +z.
@@ -47,7 +45,6 @@ impl Camera {
         Pixel { x: half_x + scale * p.x, y: half_y - scale * p.y, nearness }
     }
 
-    /// The point of the camera's frame that falls onto a pixel with this nearness.
     pub fn unproject(&self, pixel: Pixel, width: usize, height: usize) -> Vec3 {
         let (half_x, half_y) = (0.5 * width as f32, 0.5 * height as f32);
         let (scale, z) = match self.projection {
@@ -57,7 +54,6 @@ impl Camera {
         Vec3::new((pixel.x - half_x) * scale, (half_y - pixel.y) * scale, z)
     }
 
-    /// Unit direction of the ray that meets this point of the camera's frame.
     pub fn ray(&self, point: Vec3) -> Vec3 {
         match self.projection {
             Projection::Parallel { .. } => Vec3::Z,

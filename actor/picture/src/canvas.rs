@@ -1,5 +1,3 @@
-//! A picture in memory: text, rectangles, other pictures, PNG.
-
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont, point};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -27,7 +25,6 @@ impl Canvas {
         Self { width, height, pixels: vec![colour; width * height] }
     }
 
-    /// Copies another picture in, its upper left corner at (x, y); what does not fit is left out.
     pub fn place(&mut self, other: &Self, x: usize, y: usize) {
         let columns = other.width.min(self.width.saturating_sub(x));
         for row in 0..other.height.min(self.height.saturating_sub(y)) {
@@ -41,7 +38,6 @@ impl Canvas {
         *pixel = mix(*pixel, colour, share);
     }
 
-    /// Fills a rectangle; what does not fit is left out.
     pub fn fill(&mut self, x: usize, y: usize, width: usize, height: usize, colour: Rgb) {
         for row in y..(y + height).min(self.height) {
             let (from, to) = (x.min(self.width), (x + width).min(self.width));
@@ -77,14 +73,12 @@ impl Canvas {
         at
     }
 
-    /// The picture as a PNG file, 8 bits a channel, as small as it gets.
     pub fn write_png(&self, path: &Path) -> Result<(), PictureError> {
         let file = std::fs::File::create(path).map_err(png::EncodingError::from);
         file.and_then(|file| self.encode(BufWriter::new(file), png::Compression::High))
             .map_err(|source| PictureError { path: path.to_owned(), source })
     }
 
-    /// The same in memory, as fast as it gets.
     pub fn png(&self) -> Result<Vec<u8>, png::EncodingError> {
         let mut bytes = Vec::new();
         self.encode(&mut bytes, png::Compression::Fast)?;
@@ -106,7 +100,6 @@ fn font() -> FontRef<'static> {
     FontRef::try_from_slice(epaint_default_fonts::UBUNTU_LIGHT).expect("the crate ships a sound font")
 }
 
-/// `share` of one colour over another.
 pub fn mix(below: Rgb, above: Rgb, share: f32) -> Rgb {
     std::array::from_fn(|i| {
         let (below, above) = (f32::from(below[i]), f32::from(above[i]));

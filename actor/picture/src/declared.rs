@@ -1,21 +1,16 @@
-//! What pictures of an episode mark and say, by the task's declaration.
-
 use super::moment::{Captions, Task};
 use proto::kitchen::TargetCategory;
 use proto::task::{Channel, Field, Role, Spec};
 use rapier3d::math::Vec3;
 use simulator::environment::Base;
 
-/// Measures in a caption: more do not fit.
 const MEASURES: usize = 4;
 
-/// Name of the target, if the task has such a channel.
 pub fn target_name(spec: &'static Spec, record: &[u8]) -> Option<&'static str> {
     let (channel, field) = spec.channel("current_target")?;
     channel.names.get(field.number(record) as usize).map(String::as_str)
 }
 
-/// The movable thing that the task is about, if it names a category.
 pub fn target(spec: &'static Spec, environment: &Base, record: &[u8]) -> Option<usize> {
     let name = target_name(spec, record)?;
     let category = TargetCategory::ALL.into_iter().find(|category| category.name() == name)?;
@@ -49,7 +44,6 @@ pub fn captions(spec: &'static Spec, record: &[u8]) -> Captions {
     }
 }
 
-/// What pictures of an episode mark. `record`: any of its records.
 pub fn task(spec: &'static Spec, environment: &Base, record: &[u8], title: String) -> Task {
     let goal = spec.channel("goal_position_m");
     let goal_tolerance_m = goal.and_then(|(channel, _)| channel.tolerance).unwrap_or_default();

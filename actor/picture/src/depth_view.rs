@@ -1,5 +1,3 @@
-//! What the robot's depth camera sees, for people: near is bright, target and goal are marked.
-
 use super::camera::{Camera, Projection};
 use super::canvas::{Canvas, mix};
 use super::marks::{GOAL, Marks, TARGET};
@@ -8,10 +6,8 @@ use super::moment::{Moment, Task};
 use super::visible::{NOTHING, Visible};
 use simulator::depth::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};
 
-/// Depth that is drawn black, millimetres.
 const BLACK_MM: u32 = 5_000;
 pub const TINT: f32 = 0.7;
-/// Radius of the ring about a target at least, metres.
 const RING_M: f32 = 0.09;
 
 /// The picture, side × side, of as many depths in millimetres. `seen`: the scene without the robot's body, and the

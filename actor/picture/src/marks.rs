@@ -1,5 +1,3 @@
-//! Lines laid over a picture: where the target is, where it is to go.
-
 use super::camera::{Camera, Pixel};
 use super::canvas::{Canvas, Rgb};
 use rapier3d::math::Vec3;
@@ -10,14 +8,11 @@ pub const GOAL: Rgb = [0, 176, 88];
 const SLACK_M: f32 = 0.02;
 /// Length of the dashes of a hidden line and of the gaps between them, line widths.
 const DASH: f32 = 2.0;
-/// Corners of a cube that differ in one axis, by their bits.
 const EDGES: [(usize, usize); 12] =
     [(0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7)];
 
-/// How much of each pixel the lines cover.
 pub struct Marks<'a, D: Fn(usize, usize) -> f32> {
     camera: &'a Camera,
-    /// Depth of what the picture shows at a pixel, metres.
     depth_m: D,
     width: usize,
     height: usize,
@@ -31,7 +26,6 @@ impl<'a, D: Fn(usize, usize) -> f32> Marks<'a, D> {
         Self { camera, depth_m, width, height, line_px, cover: vec![0.0; width * height] }
     }
 
-    /// The edges of a cube, dashed where something hides them.
     pub fn cube(&mut self, centre: Vec3, half_m: f32) {
         let corner = |bits: usize| {
             let side = |bit: usize| if bits >> bit & 1 == 1 { half_m } else { -half_m };
@@ -63,7 +57,6 @@ impl<'a, D: Fn(usize, usize) -> f32> Marks<'a, D> {
         }
     }
 
-    /// Lays the lines over the picture, its upper left corner at (x, y).
     pub fn lay(&self, canvas: &mut Canvas, x: usize, y: usize, colour: Rgb) {
         for (index, &cover) in self.cover.iter().enumerate() {
             if cover > 0.0 {
@@ -99,7 +92,6 @@ impl<'a, D: Fn(usize, usize) -> f32> Marks<'a, D> {
         }
     }
 
-    /// Whether a point at this depth is seen there. Outside of the picture nothing is.
     fn shown(&self, pixel: Pixel, depth_m: f32) -> bool {
         let inside = |at: f32, end: usize| (0.0..end as f32).contains(&at);
         inside(pixel.x, self.width)

@@ -1,5 +1,3 @@
-//! A kitchen as coloured triangles.
-
 use super::canvas::Rgb;
 use super::palette;
 use super::robot::pieces;
@@ -11,11 +9,8 @@ use simulator::shape::Shape;
 
 #[derive(Debug, Clone, Copy)]
 pub struct Triangle {
-    /// Its corners, metres.
     pub corners: [Vec3; 3],
-    /// Outward unit normal.
     pub normal: Vec3,
-    /// Which body it belongs to: triangles of one body have the same number.
     pub body: u32,
 }
 
@@ -41,7 +36,6 @@ impl Model {
         model
     }
 
-    /// What never moves in a kitchen, without its ceiling.
     pub fn fixed_of(kitchen: &Kitchen) -> Self {
         let mut model = Self::default();
         let fixed = kitchen.static_bodies();
@@ -97,7 +91,6 @@ impl Model {
         self.triangles.iter().map(|triangle| triangle.corners)
     }
 
-    /// Smallest and largest coordinates, metres.
     pub fn bounds(&self) -> (Vec3, Vec3) {
         let begin = (Vec3::splat(f32::MAX), Vec3::splat(f32::MIN));
         self.corners().flatten().fold(begin, |(low, high), corner| (low.min(corner), high.max(corner)))

@@ -1,18 +1,14 @@
-//! A moment of an episode, as pictures need it, and what the episode is about.
-
 use rapier3d::math::{Pose3, Vec3};
 use simulator::kitchen::Kitchen;
 use simulator::robot::links::PartPoses;
 use simulator::simulation::Simulation;
 
-/// Moments whose places the outside camera is chosen for.
 const SAMPLES: usize = 12;
 
 #[derive(Debug, Clone)]
 pub struct Task {
     /// Place of the target among the kitchen's movable things, if there is one.
     pub target: Option<usize>,
-    /// Where it, or the robot, is to be brought, if anywhere, metres.
     pub goal: Option<Vec3>,
     pub goal_tolerance_m: f32,
     pub title: String,
@@ -36,7 +32,6 @@ impl Moment {
         }
     }
 
-    /// Pose of every body that the depth camera sees, in the kitchen's order.
     pub fn world_from_bodies(&self, kitchen: &Kitchen, out: &mut Vec<Pose3>) {
         out.clear();
         out.extend_from_slice(&kitchen.settled_poses()[kitchen.static_bodies()]);
@@ -52,7 +47,6 @@ pub struct Captions {
     /// What is to be noted of it: failed, picked up.
     pub remark: String,
     pub measures: String,
-    /// How the episode ended, and whether well; none before its last moment.
     pub outcome: Option<(String, bool)>,
 }
 

@@ -1,5 +1,3 @@
-//! A colour for each category: the catalogue's for movable things, ours for fixed ones.
-
 use super::canvas::Rgb;
 use simulator::kitchen::catalogue::CATEGORIES;
 
@@ -41,7 +39,6 @@ const FIXED: [(&str, Rgb); 30] = [
     ("Mirror", [190, 214, 226]),
 ];
 
-/// Colours for everything else, told apart by name.
 const OTHERS: [Rgb; 12] = [
     [196, 92, 96],
     [214, 142, 62],
@@ -57,7 +54,6 @@ const OTHERS: [Rgb; 12] = [
     [116, 128, 140],
 ];
 
-/// An sRGB channel as linear light, 0 to 1.
 pub fn linear(channel: u8) -> f32 {
     let c = f32::from(channel) / 255.0;
     if c <= 0.04045 { c / 12.92 } else { libm::powf((c + 0.055) / 1.055, 2.4) }

@@ -25,7 +25,6 @@ pub struct Piece {
     pub colour: Rgb,
 }
 
-/// All pieces, where the collision bodies are in these poses.
 pub fn pieces(poses: &PartPoses) -> Vec<Piece> {
     let capsule = |part: &Shape| match part.parts[0].primitive {
         Primitive::Capsule { radius_m, half_height_m } => (radius_m, half_height_m),

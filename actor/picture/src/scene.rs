@@ -24,11 +24,9 @@ use std::sync::{Arc, OnceLock};
 
 /// Colour of what is not where it stood, and of its ghost: no other thing has it.
 const DISPLACED: Rgb = [124, 58, 237];
-/// How much of a ghost's colour lies over what is behind it, and over what hides it.
 const GHOST: [f32; 2] = [0.5, 0.18];
 /// A ghost is hidden by what is this much nearer, metres.
 const SLACK_M: f32 = 0.005;
-/// Lamps of the soft light: a picture waits for all of them.
 const LAMPS: usize = 24;
 /// Light on an upright surface in a draft, as a share of that on a floor.
 const DRAFT_SIDE_LIGHT: f32 = 0.6;
@@ -48,7 +46,7 @@ pub struct Scene {
     fixed: Model,
     /// Light on the first moment without the robot: what moves later is small. Made with the first fine picture.
     dome: OnceLock<Dome>,
-    frame: PlanFrame,
+    pub frame: PlanFrame,
 }
 
 impl Scene {
@@ -59,11 +57,6 @@ impl Scene {
         Self { kitchen, task, origins, fixed, dome: OnceLock::new(), frame }
     }
 
-    pub fn frame(&self) -> PlanFrame {
-        self.frame
-    }
-
-    /// From where the whole way is seen best.
     pub fn best(&self, moments: &[Moment]) -> Orbit {
         let mut model = self.at(&self.origins, &[]).0;
         for moment in moments.iter().take(1).chain(moments.last()) {
@@ -92,7 +85,6 @@ impl Scene {
         picture
     }
 
-    /// The room as it is, without marks: what the robot's camera would see, or from outside.
     pub fn photograph(&self, moment: &Moment, from: &Standpoint, side: usize) -> Canvas {
         let (camera, body) = match from {
             Standpoint::Robot => (robot_camera(moment.world_from_camera), false),
@@ -105,7 +97,6 @@ impl Scene {
         self.develop(Exposure::take(&model, &camera, side, side, PAPER), false)
     }
 
-    /// The floor plan at the start, without the robot.
     pub fn plan(&self, side: usize) -> Canvas {
         let model = self.at(&self.origins, &[]).0;
         self.develop(Exposure::take(&model, &self.frame.camera(), side, side, PAPER), true)
@@ -179,7 +170,6 @@ impl Scene {
         exposure.develop(&mut light.into_iter())
     }
 
-    /// Lays ghosts over the picture: each thing of `displaced` where it stood.
     fn haunt(&self, picture: &mut Canvas, displaced: &[usize], camera: &Camera, depths_m: &[f32]) {
         if displaced.is_empty() {
             return;

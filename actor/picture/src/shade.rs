@@ -1,5 +1,3 @@
-//! Pixels to colours: light from the sky, fill where a section cuts, lines along edges.
-
 use super::camera::{Camera, Pixel};
 use super::canvas::{Canvas, Rgb};
 use super::model::Model;
@@ -35,7 +33,6 @@ const SIDE_LIGHT: f32 = 0.55;
 /// Surfaces of one body that are this near to each other are the same, metres.
 const SAME_SURFACE_M: f32 = 0.004;
 
-/// A picture before light falls on it.
 pub struct Exposure {
     width: usize,
     height: usize,
@@ -63,7 +60,6 @@ struct Sample {
 }
 
 impl Exposure {
-    /// The model as the camera sees it.
     pub fn take(model: &Model, camera: &Camera, width: usize, height: usize, background: Rgb) -> Self {
         let (columns, rows) = (width * SAMPLES, height * SAMPLES);
         let visible = Visible::draw(camera, columns, rows, (0..).zip(cut(model, camera)));
@@ -181,7 +177,6 @@ fn sample(model: &Model, camera: &Camera, visible: &Visible, index: usize, inks:
     }
 }
 
-/// What is left of the light where two samples are an edge apart: 1 if they are not.
 fn edge(a: &Sample, b: &Sample) -> f32 {
     let step = (a.depth_m - b.depth_m).abs();
     let far = step > STEP_M + STEP_SHARE * a.depth_m.min(b.depth_m);
@@ -196,7 +191,6 @@ fn edge(a: &Sample, b: &Sample) -> f32 {
     }
 }
 
-/// Linear light to sRGB, in [`LEVELS`] steps.
 fn encode(light: f32) -> u8 {
     let c = light.clamp(0.0, 1.0);
     let c = if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * libm::powf(c, 1.0 / 2.4) - 0.055 };

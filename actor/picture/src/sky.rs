@@ -13,7 +13,6 @@ use std::f32::consts::PI;
 const LAMPS: usize = 96;
 /// Lowest lamp: sine of its elevation.
 const LOWEST: f32 = 0.12;
-/// Side of a lamp's picture, pixels.
 const SIDE: usize = 640;
 /// A point is lifted this far off its own surface before it is looked up, metres ...
 const LIFT_M: f32 = 0.012;
@@ -23,7 +22,6 @@ const SLACK_M: f32 = 0.012;
 #[derive(Debug, Clone, Copy)]
 pub struct Lit {
     pub point: Vec3,
-    /// The surface's outward unit normal.
     pub normal: Vec3,
 }
 
@@ -41,7 +39,6 @@ impl Dome {
         Self((0..lamps).map(|index| Lamp::hung(model, index, lamps)).collect())
     }
 
-    /// As [`light`].
     pub fn light(&self, points: &[Lit]) -> Vec<f32> {
         shine(self.0.iter(), points)
     }
@@ -68,7 +65,6 @@ struct Lamp {
     towards: Vec3,
     up: f32,
     camera: Camera,
-    /// Nearness of what it reaches (see [`Visible`]).
     nearness: Vec<f32>,
 }
 

@@ -1,5 +1,3 @@
-//! An episode in pictures: what the robot's depth camera sees, the room from outside, and what happens in captions.
-
 use super::camera::Camera;
 use super::canvas::{Canvas, Rgb};
 use super::depth_view::{depth_view, mark};
@@ -17,7 +15,6 @@ const INK: Rgb = [34, 38, 44];
 const FAINT: Rgb = [112, 118, 126];
 const GOOD: Rgb = [0, 128, 64];
 const BAD: Rgb = [196, 40, 28];
-/// Room between the two views, pixels.
 const GAP: usize = 4;
 pub struct Storyboard {
     kitchen: Arc<Kitchen>,
@@ -25,7 +22,6 @@ pub struct Storyboard {
     side: usize,
     fixed: Model,
     outside: Camera,
-    /// The first moment without the robot, and the light on it.
     lit: (Exposure, Vec<f32>),
 }
 
@@ -49,18 +45,12 @@ impl Storyboard {
         Self { kitchen, task, side, fixed, outside, lit: (exposure, light) }
     }
 
-    /// Width and height of each of the two views, pixels.
-    pub fn side(&self) -> usize {
-        self.side
-    }
-
     /// Width and height of every picture; both even, which video encoders demand.
     pub fn size(side: usize) -> (usize, usize) {
         let (text_px, _) = text(side);
         (2 * side + GAP, (side + 4 * text_px as usize).next_multiple_of(2))
     }
 
-    /// The picture of one moment; `depth_mm`: what the depth camera sees, side × side, millimetres.
     pub fn draw(&self, moment: &Moment, depth_mm: &[u16]) -> Canvas {
         let (width, height) = Self::size(self.side);
         let mut canvas = Canvas::new(width, height, PAPER);

@@ -1,5 +1,3 @@
-//! The two pictures of a kitchen: its floor plan, and what the robot sees from where it sees most.
-
 use super::camera::{Camera, Projection};
 use super::canvas::{Canvas, Rgb};
 use super::model::Model;
@@ -18,25 +16,18 @@ use std::f32::consts::FRAC_PI_2;
 const SECTION_M: f32 = 1.4;
 /// Looks down (30 degrees each) in the robot's view: level, half of the picture would be wall.
 const LOOK_TICKS: i32 = 1;
-/// The arm's height in the picture, ticks: lowered, so that it hides little.
 const ARM_HEIGHT_TICKS: i32 = 6;
-/// Places from which the robot's view is tried.
 const TRIALS: usize = 40;
-/// Side of a trial, pixels.
 const TRIAL_SIDE: usize = 96;
-/// A thing counts as seen from this many pixels of a trial on.
 const SEEN_PIXELS: usize = 4;
-/// What is nearer than this stands in the way, metres.
 const TOO_NEAR_M: f32 = 0.6;
 
 pub struct Views {
-    /// From above, cut at [`SECTION_M`], north up.
     pub plan: Canvas,
     pub robot: Canvas,
 }
 
 impl Views {
-    /// Draws them; the robot stands where it sees the most things.
     pub fn of(kitchen: &Kitchen, side: usize, paper: Rgb) -> Option<Self> {
         let furnished = Model::of(kitchen);
         let configuration = best_look(kitchen, &furnished)?;
@@ -44,16 +35,12 @@ impl Views {
         let (mut whole, mut seen) = (furnished.clone(), furnished);
         whole.add_robot(&poses, true);
         seen.add_robot(&poses, false);
-        let plan = Exposure::take(&whole, &plan_camera(&whole), side, side, paper);
+        let plan = Exposure::take(&whole, &PlanFrame::of(&whole).camera(), side, side, paper);
         let robot = Exposure::take(&seen, &robot_camera(pose_of(&configuration)), side, side, paper);
         let waiting: Vec<Lit> = plan.waiting().chain(robot.waiting()).collect();
         let mut light = sky::light(&seen, &waiting).into_iter();
         Some(Self { plan: plan.develop(&mut light), robot: robot.develop(&mut light) })
     }
-}
-
-fn plan_camera(model: &Model) -> Camera {
-    PlanFrame::of(model).camera()
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -71,7 +58,6 @@ impl PlanFrame {
         Self { centre: Vec3::new(middle.x, high.y, middle.z), half_width_m }
     }
 
-    /// Straight down, cut at [`SECTION_M`].
     pub fn camera(&self) -> Camera {
         let height_m = self.centre.y + 1.0;
         let pose = Pose3::from_parts(Vec3::new(self.centre.x, height_m, self.centre.z), rotation_x(FRAC_PI_2));

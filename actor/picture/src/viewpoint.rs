@@ -9,14 +9,12 @@ use std::f32::consts::TAU;
 
 const TAN_HALF_WIDTH: f32 = 0.42;
 const DIRECTIONS: usize = 16;
-/// Angles at which it may look down, radians, the best liked first.
 const PITCHES: [f32; 3] = [0.75, 0.6, 1.05];
 /// What a less liked angle must show more, as a share of all points.
 const PREFERENCE: f32 = 0.06;
 /// Room around the points, and the smallest scene, metres.
 const MARGIN_M: f32 = 0.3;
 const RADIUS_LEAST_M: f32 = 1.2;
-/// Side of a trial, pixels.
 const TRIAL_SIDE: usize = 160;
 /// A point counts as seen through what is less than this before it, metres: what it stands on or in.
 const SLACK_M: f32 = 0.1;
@@ -24,12 +22,9 @@ const SLACK_M: f32 = 0.1;
 /// Looks at a ball from outside and sees all of it; what stands between is cut away.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Orbit {
-    /// Middle of the ball, metres.
     pub centre: Vec3,
     pub radius_m: f32,
-    /// Direction of the look, radians about the vertical.
     pub yaw_rad: f32,
-    /// How far it looks down, radians.
     pub pitch_rad: f32,
 }
 
@@ -42,7 +37,6 @@ impl Orbit {
     }
 }
 
-/// From where most of the points are seen, each with its weight.
 pub fn best(model: &Model, points: &[(Vec3, f32)]) -> Orbit {
     let (low, high) = points.iter().fold((Vec3::splat(f32::MAX), Vec3::splat(f32::MIN)), |(low, high), (point, _)| {
         (low.min(*point), high.max(*point))
@@ -64,7 +58,6 @@ pub fn best(model: &Model, points: &[(Vec3, f32)]) -> Orbit {
     best.expect("there are directions").1
 }
 
-/// Weight of the points that are seen.
 fn seen(model: &Model, camera: &Camera, points: &[(Vec3, f32)]) -> f32 {
     let visible = Visible::draw(camera, TRIAL_SIDE, TRIAL_SIDE, (0..).zip(model.corners()));
     let is_seen = |point: Vec3| {

@@ -1,23 +1,18 @@
-//! Which triangle each pixel shows, and how near it is.
-
 use super::camera::{Camera, Pixel};
 use rapier3d::math::Vec3;
 
 pub const NOTHING: u32 = u32::MAX;
 
-/// A picture of triangle numbers and nearness.
 #[derive(Debug, Clone)]
 pub struct Visible {
     pub width: usize,
     pub height: usize,
     /// Nearness of what a pixel shows (see [`Pixel::nearness`]); negative infinity where there is nothing.
     pub nearness: Vec<f32>,
-    /// Number of the triangle that a pixel shows, or [`NOTHING`].
     pub triangle: Vec<u32>,
 }
 
 impl Visible {
-    /// Draws triangles (world, metres), numbered in their order.
     pub fn draw(
         camera: &Camera,
         width: usize,
@@ -41,7 +36,6 @@ impl Visible {
         visible
     }
 
-    /// Fills the pixels whose centres lie in the triangle, row by row.
     fn fill(&mut self, number: u32, [a, b, c]: [Pixel; 3]) {
         let area = (b.x - a.x) * (c.y - a.y) - (c.x - a.x) * (b.y - a.y);
         if area == 0.0 || !area.is_finite() {

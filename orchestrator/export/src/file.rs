@@ -9,12 +9,9 @@ use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensorError, SafeTensors};
 use std::path::Path;
 
-/// What the weights of a file are written as.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Precision {
-    /// 32 bits, as they were trained.
     Single,
-    /// 16 bits, each weight rounded to the nearest: half the bytes.
     Half,
 }
 
@@ -53,7 +50,6 @@ pub fn open(path: &Path) -> Result<Policy, PolicyError> {
     Ok(policy)
 }
 
-/// Writes a policy's weights under PyTorch's module paths, with metadata that make the file a policy of its own.
 pub fn save(policy: &Policy, path: &Path, precision: Precision) -> Result<(), PolicyError> {
     let unwritten = |problem| PolicyError::Unwritten { path: path.to_owned(), problem };
     let mut tensors: Vec<(&String, &Array, Dtype, Vec<u8>)> = Vec::new();

@@ -1,5 +1,3 @@
-//! A policy: its weights, and what they were trained for. Out of a checkpoint, or out of a file that holds nothing else.
-
 use half::f16;
 use proto::checkpoint::{Manifest, ManifestError};
 use proto::config::{CarriedGoal, Config, Memory};
@@ -31,36 +29,24 @@ const ACTING: [&str; 10] = [
 ];
 /// The model's input of masks.
 pub(crate) const MASK: &str = "action_mask";
-/// Mean and variance of observations.
 pub(crate) const NORMALIZER: &str = "observation_norm.";
 /// Encoders of images but the frame; inputs of a model have the names, too.
 pub(crate) const IMAGES: &str = "images.";
 
-/// Why a checkpoint or a file gives no policy.
 #[derive(Debug, thiserror::Error)]
 pub enum PolicyError {
-    /// The manifest cannot be used.
     #[error("{path} {problem}", path = .path.display())]
     Manifest { path: PathBuf, problem: ManifestError },
-    /// The tensors cannot be read.
     #[error("{path} cannot be read: {problem}", path = .path.display())]
     Unreadable { path: PathBuf, problem: std::io::Error },
-    /// The tensors are not those of the manifest.
     #[error("{path} is damaged: its SHA-256 is not the one that its manifest names", path = .path.display())]
     Damaged { path: PathBuf },
     #[error("{path} is no safetensors file: {problem}", path = .path.display())]
     Tensors { path: PathBuf, problem: SafeTensorError },
-    /// A file of tensors that is no policy.
     #[error("{path} {problem}", path = .path.display())]
     NoPolicy { path: PathBuf, problem: PolicyFileError },
-    /// A weight is missing, or is not what the network has there.
     #[error("the weights do not fit the network of the configuration: {name} {problem}")]
-    Weight {
-        /// The weight's name.
-        name: String,
-        problem: String,
-    },
-    /// The weights cannot be written.
+    Weight { name: String, problem: String },
     #[error("{path} cannot be written: {problem}", path = .path.display())]
     Unwritten { path: PathBuf, problem: SafeTensorError },
 }
@@ -104,7 +90,6 @@ impl Policy {
         Ok(Self { origin, config, weights: weights.collect::<Result<_, _>>()? })
     }
 
-    /// Names of the actions, by their numbers.
     pub(crate) fn action_names(&self) -> Vec<&'static str> {
         let names = self.config.spec().actions.names();
         self.config.policy_actions().into_iter().map(|action| names[usize::from(action)].as_str()).collect()
@@ -159,7 +144,6 @@ impl Policy {
         self.inputs().width()
     }
 
-    /// What the model's input of numbers is called.
     pub(crate) fn numbers_name(&self) -> &'static str {
         if self.has_frame() { "goal" } else { "numbers" }
     }
@@ -169,7 +153,6 @@ impl Policy {
         self.origin.carried_goal
     }
 
-    /// The weight with this name, which must have this shape.
     pub(crate) fn weight(&self, name: &str, shape: &[usize]) -> Result<&[f32], PolicyError> {
         let wrong = |problem| PolicyError::Weight { name: name.to_owned(), problem };
         let array = self.weights.get(name).ok_or_else(|| wrong("is missing".to_owned()))?;
@@ -180,7 +163,6 @@ impl Policy {
         }
     }
 
-    /// How many numbers its weights are.
     pub fn count(&self) -> usize {
         self.weights.values().map(|array| array.values.len()).sum()
     }

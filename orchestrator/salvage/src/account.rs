@@ -1,8 +1,7 @@
-//! What was read, what was found wrong, and what that cost.
-
 use std::fmt::{Display, Formatter};
+use std::time::Duration;
+use time::OffsetDateTime;
 
-/// Findings that are kept one by one; further ones are counted.
 const FINDINGS_MAX: usize = 64;
 
 /// Name of the metadata record in which a file that was repaired carries what was lost: `outcome` in a few words, and
@@ -11,11 +10,9 @@ pub const REPAIR_METADATA: &str = "stillroom.repair";
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Cost {
-    /// Nothing: all that was recorded was read.
     Nothing,
     /// So many messages, or something else, were read but may hold wrong content.
     Doubt(u64),
-    /// So many messages are gone.
     Lost(u64),
     /// The messages in these bytes are gone; how many is not known.
     Unknown,
@@ -29,7 +26,6 @@ pub enum Cost {
 pub struct Finding {
     /// Where it begins: in the file, and for what is in a chunk the chunk's place.
     pub offset: u64,
-    /// Bytes of the file that it covers.
     pub bytes: u64,
     pub problem: String,
     pub cost: Cost,
@@ -57,21 +53,15 @@ impl Display for Finding {
     }
 }
 
-/// All about one reading.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Account {
     pub messages: u64,
     /// Of these, those that may hold wrong content.
     pub doubtful: u64,
-    /// Messages that are known to be lost.
     pub lost: u64,
-    /// More may be lost than is known: the file was cut, or holds bytes that cannot be read.
     pub lost_unknown: bool,
-    /// The file stops before its end mark.
     pub cut: bool,
-    /// What is wrong, in the order of places; at most 64.
     pub findings: Vec<Finding>,
-    /// Findings beyond those.
     pub further: u64,
     /// An earlier repair left its account in the file: it lost something then.
     pub repaired_with_loss: Option<String>,
@@ -83,12 +73,10 @@ impl Account {
         self.findings.is_empty()
     }
 
-    /// Whether all that was recorded was read, and as it was recorded.
     pub fn is_lossless(&self) -> bool {
         !self.costly && self.lost == 0 && !self.lost_unknown && self.doubtful == 0
     }
 
-    /// The outcome in a few words: what was lost, or that nothing was.
     pub fn outcome(&self) -> String {
         if self.is_lossless() {
             return "nothing was lost".to_owned();
@@ -111,7 +99,6 @@ impl Account {
         words.join(", ")
     }
 
-    /// Every finding as a line, and how many more there are.
     pub fn lines(&self) -> Vec<String> {
         let mut lines: Vec<_> = self.findings.iter().map(ToString::to_string).collect();
         if self.further > 0 {
@@ -156,21 +143,9 @@ fn messages(count: u64) -> String {
     if count == 1 { "1 message".to_owned() } else { format!("{count} messages") }
 }
 
-/// Nanoseconds since 1970 as a date and a time of the day (UTC).
 fn clock(time_ns: u64) -> String {
-    let (seconds, milliseconds) = (time_ns / 1_000_000_000, time_ns / 1_000_000 % 1000);
-    // Days from 1 March of year 0: leap days are then the last of their year (Hinnant, "chrono-Compatible Low-Level
-    // Date Algorithms").
-    let days = seconds / (24 * 3600) + 719_468;
-    let (era, day_of_era) = (days / 146_097, days % 146_097);
-    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let shifted = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * shifted + 2) / 5 + 1;
-    let month = if shifted < 10 { shifted + 3 } else { shifted - 9 };
-    let year = era * 400 + year_of_era + u64::from(month <= 2);
-    let (hour, minute, second) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
-    format!("{year}-{month:02}-{day:02} {hour:02}:{minute:02}:{second:02}.{milliseconds:03} UTC")
+    let at = OffsetDateTime::UNIX_EPOCH + Duration::from_nanos(time_ns);
+    format!("{} {:02}:{:02}:{:02}.{:03} UTC", at.date(), at.hour(), at.minute(), at.second(), at.millisecond())
 }
 
 #[cfg(test)]

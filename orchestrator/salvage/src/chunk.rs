@@ -1,5 +1,3 @@
-//! Chunks: unpacked, checked, and read.
-
 use crate::account::Cost;
 use crate::layout::{Frame, parse};
 use crate::source::{Source, peek};
@@ -7,19 +5,13 @@ use crate::state::{Chunk, Outcome, Places, Reader, Trust};
 use mcap::records::{ChunkHeader, Record, op};
 use std::io::{self, Cursor, Read, copy};
 
-/// Opcode, length, two times, size, checksum, and length of the compression's name, bytes.
 const HEAD_BYTES: u64 = 9 + 32;
-/// Longest name of a compression that is looked at, bytes.
 const NAME_BYTES_MAX: u32 = 64;
 
-/// What must be right for a chunk to be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Need {
-    /// Its checksum: it may be no chunk at all.
     Checksum,
-    /// Nothing more: its lengths were found to agree.
     Lengths,
-    /// Nothing: what can be unpacked of it is read.
     Nothing,
 }
 
@@ -116,7 +108,6 @@ impl<E> Reader<'_, E> {
     }
 }
 
-/// Whether chunks with this compression can be unpacked.
 pub(crate) fn is_known(compression: &str) -> bool {
     matches!(compression, "" | "zstd" | "lz4")
 }

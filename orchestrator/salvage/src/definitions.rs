@@ -1,5 +1,3 @@
-//! Schemas, channels, and the messages of channels.
-
 use crate::account::{Cost, Finding};
 use crate::state::{Outcome, Reader, Trust};
 use crate::summary::Schema;
@@ -53,7 +51,6 @@ impl<E> Reader<'_, E> {
         Ok(())
     }
 
-    /// Hands a message on if its channel is known.
     pub(crate) fn message(&mut self, place: u64, header: MessageHeader, data: &[u8], trust: Trust) -> Outcome<(), E> {
         let (id, time_ns) = (header.channel_id, header.log_time);
         if !self.definitions.channels.contains_key(&id)
@@ -77,13 +74,11 @@ impl<E> Reader<'_, E> {
         self.hand_on(Record::Message { header, data: Cow::Borrowed(data) }, trust)
     }
 
-    /// Whether messages of this channel can be read, now or with the summary's help.
     pub(crate) fn has_channel(&self, id: u16) -> bool {
         let spare = || self.summary.as_ref().is_some_and(|summary| summary.channels.contains_key(&id));
         self.definitions.channels.get(&id).map_or_else(spare, Result::is_ok)
     }
 
-    /// Adds the channels that could not be read to the account.
     pub(crate) fn settle_channels(&mut self) {
         for lost in std::mem::take(&mut self.definitions.channels).into_values().filter_map(Result::err) {
             self.account.add(lost);

@@ -10,23 +10,18 @@ use mcap::records::{Record, op};
 use std::io::Result;
 use std::ops::Range;
 
-/// The bytes that a file begins and ends with.
 pub const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
-/// Opcode and length of a record, bytes.
 const HEAD_BYTES: u64 = 9;
 /// The first opcode that is not the format's: those are for applications.
 pub const PRIVATE: u8 = 0x80;
 
-/// The head of a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Frame {
     pub offset: u64,
     pub opcode: u8,
-    /// Bytes after the head, as it says itself.
     pub length: u64,
 }
 
-/// A part of a record.
 #[derive(Debug, Clone, Copy)]
 enum Field {
     Bytes(u64),
@@ -66,7 +61,6 @@ fn fields(opcode: u8) -> Option<&'static [Field]> {
 }
 
 impl Frame {
-    /// The head at `offset`; none where the source is too short for one.
     pub fn at(source: &dyn Source, offset: u64) -> Result<Option<Self>> {
         Ok(peek(source, offset)?.map(|head| Self::new(offset, head)))
     }
@@ -79,7 +73,6 @@ impl Frame {
         self.offset + HEAD_BYTES
     }
 
-    /// Where the record ends, which may be beyond the source.
     pub fn end(self) -> u64 {
         self.content().saturating_add(self.length)
     }
@@ -174,7 +167,6 @@ pub fn find_frame(
     Ok(None)
 }
 
-/// The checksum of a part of the source.
 pub fn sum(source: &dyn Source, range: Range<u64>) -> Result<u32> {
     const BLOCK_BYTES: u64 = 256 << 10;
     let mut hasher = crc32fast::Hasher::new();

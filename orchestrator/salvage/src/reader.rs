@@ -1,5 +1,3 @@
-//! A reading: how it begins and ends.
-
 use crate::account::{Account, Cost};
 use crate::layout::{Frame, MAGIC, parse};
 use crate::source::{Source, peek};
@@ -55,7 +53,6 @@ pub fn read<E>(
     Ok(reader.account)
 }
 
-/// The record that a file begins with.
 pub(crate) fn header(source: &dyn Source) -> std::io::Result<Option<Header>> {
     let Some(frame) = Frame::at(source, MAGIC.len() as u64)? else { return Ok(None) };
     if frame.opcode != op::HEADER || frame.rest(source, source.length())? != Some(0) {
@@ -68,7 +65,6 @@ pub(crate) fn header(source: &dyn Source) -> std::io::Result<Option<Header>> {
 }
 
 impl<E> Reader<'_, E> {
-    /// What the file's end says, beside what was read.
     fn finish(&mut self) {
         self.settle_channels();
         let length = self.source.length();

@@ -1,5 +1,3 @@
-//! Records one after the other, and where none can be read, the next one that can.
-
 use crate::account::{Cost, REPAIR_METADATA};
 use crate::chunk::{Need, chunk_header, is_known};
 use crate::layout::{Frame, MAGIC, PRIVATE, attachment_agrees, find_frame, parse, sum};
@@ -13,7 +11,6 @@ use std::ops::Range;
 const EARLIER_REPAIRS_CHARACTERS: usize = 1024;
 
 impl<E> Reader<'_, E> {
-    /// Reads the records in this range of the file, or of the chunk inside which it is.
     pub fn records(&mut self, source: &dyn Source, mut range: Range<u64>) -> Outcome<(), E> {
         while range.start < range.end {
             range.start = match self.record(source, range.clone())? {
@@ -138,7 +135,6 @@ impl<E> Reader<'_, E> {
         Ok(None)
     }
 
-    /// Passes over what cannot be read at the start of the range. Returns where the next record begins.
     fn pass_over(&mut self, source: &dyn Source, range: Range<u64>) -> Outcome<u64, E> {
         let frame = Frame::at(source, range.start)?;
         let opcode = frame.map_or(0, |frame| frame.opcode);
@@ -203,7 +199,6 @@ impl<E> Reader<'_, E> {
     }
 }
 
-/// What it costs that a record of this kind cannot be read, if its length is known.
 fn cost_of(opcode: u8) -> Cost {
     match opcode {
         op::MESSAGE => Cost::Lost(1),

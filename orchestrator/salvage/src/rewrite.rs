@@ -1,5 +1,3 @@
-//! A whole file of what can be read of another.
-
 use crate::account::{Account, REPAIR_METADATA};
 use crate::reader::{header, read};
 use crate::source::Source;

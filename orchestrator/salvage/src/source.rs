@@ -1,5 +1,3 @@
-//! Where the bytes come from: a file, or memory.
-
 use std::borrow::Cow;
 use std::cell::RefCell;
 use std::fs::File;
@@ -10,15 +8,12 @@ use std::os::unix::fs::FileExt;
 /// Shorter reads of a file are served from a block of this size.
 const BLOCK_BYTES: u64 = 4096;
 
-/// Bytes that can be read at any place.
 pub trait Source {
     fn length(&self) -> u64;
 
-    /// The bytes of this range; all of them must be there.
     fn bytes(&self, range: Range<u64>) -> Result<Cow<'_, [u8]>>;
 }
 
-/// The `N` bytes from `offset` on, if there are so many.
 pub fn peek<const N: usize>(source: &dyn Source, offset: u64) -> Result<Option<[u8; N]>> {
     match offset.checked_add(N as u64) {
         Some(end) if end <= source.length() => Ok(source.bytes(offset..end)?.as_ref().try_into().ok()),
@@ -38,11 +33,9 @@ impl Source for &[u8] {
 }
 
 /// A file, as long as it was when it was opened: one that is being written may grow meanwhile.
-#[derive(Debug)]
 pub struct FileSource {
     file: File,
     length: u64,
-    /// Offset and bytes of the block that was read last.
     block: RefCell<(u64, Vec<u8>)>,
 }
 

@@ -1,5 +1,3 @@
-//! What is known in the middle of a reading.
-
 use crate::account::{Account, Cost, Finding};
 use crate::source::Source;
 use crate::summary::{Schema, Summary};
@@ -14,7 +12,6 @@ const KEPT_BYTES_MAX: usize = 64 << 20;
 #[derive(Debug, Clone, Copy)]
 pub struct Limits {
     pub record_bytes: u64,
-    /// Bytes of one chunk, unpacked.
     pub chunk_bytes: u64,
     /// Bytes that are read and unpacked, all together: this many ...
     pub total_bytes: u64,
@@ -29,33 +26,26 @@ impl Default for Limits {
     }
 }
 
-/// Whether what was read is as it was written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Trust {
-    /// Nothing speaks against it.
     Sound,
-    /// It comes from a place that was altered.
     Doubtful,
 }
 
-/// Why reading ended early.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError<E> {
     #[error("it is empty")]
     Empty,
     #[error("it does not begin with MCAP's magic bytes")]
     NotMcap,
-    /// The file system returned an error.
     #[error(transparent)]
     Io(#[from] std::io::Error),
-    /// What took the records wants no more.
     #[error(transparent)]
     Visit(E),
 }
 
 pub(crate) type Outcome<T, E> = Result<T, ReadError<E>>;
 
-/// Schemas and channels that were handed on.
 #[derive(Debug, Default)]
 pub(crate) struct Definitions {
     pub schemas: BTreeMap<u16, Schema>,
@@ -65,7 +55,6 @@ pub(crate) struct Definitions {
 }
 
 impl Definitions {
-    /// Whether so many bytes more are kept.
     pub fn keep(&mut self, bytes: usize) -> bool {
         self.kept_bytes += bytes + 64;
         self.kept_bytes <= KEPT_BYTES_MAX
@@ -75,8 +64,6 @@ impl Definitions {
 /// Log time and place of a chunk's messages, by channel, as its indexes have them.
 pub(crate) type Places = HashMap<u16, Vec<(u64, u64)>>;
 
-/// A chunk that is being read.
-#[derive(Debug)]
 pub(crate) struct Chunk {
     pub offset: u64,
     pub trust: Trust,
@@ -85,7 +72,6 @@ pub(crate) struct Chunk {
     pub unreadable: bool,
 }
 
-/// What is known in the middle of a file.
 pub(crate) struct Reader<'a, E> {
     pub source: &'a dyn Source,
     pub limits: Limits,
@@ -93,21 +79,16 @@ pub(crate) struct Reader<'a, E> {
     pub account: Account,
     pub definitions: Definitions,
     pub summary: Option<Summary>,
-    /// Bytes that may still be read and unpacked.
     pub budget: u64,
-    /// The chunk whose content is read.
     pub inside: Option<Chunk>,
     /// The messages of the chunk before, and whether it was sound.
     pub indexed: (Trust, Places),
-    /// Where the mark of the data's end ends.
     pub data_end: Option<u64>,
     /// From here on nothing could be read, if the file was cut.
     pub cut_at: u64,
-    /// Log time of the message before.
     pub time_ns: Option<u64>,
     /// Number of the finding about a region that the next message ends.
     pub region: Option<usize>,
-    /// Attachments and metadata that were read.
     pub others: [u32; 2],
     /// Where a chunk is whose header does not agree with its content.
     pub odd_chunk: Option<u64>,
@@ -118,7 +99,6 @@ impl<E> Reader<'_, E> {
         (self.visit)(record, trust).map_err(ReadError::Visit)
     }
 
-    /// Takes so many bytes from the budget, if it has them.
     pub fn afford(&mut self, bytes: u64) -> bool {
         let rest = self.budget.checked_sub(bytes);
         self.budget = rest.unwrap_or(self.budget);

@@ -1,5 +1,3 @@
-//! The end of a file: what it repeats of the data, and its statistics.
-
 use crate::layout::{Frame, MAGIC, PRIVATE, find_frame, parse, sum};
 use crate::source::{Source, peek};
 use mcap::records::{Channel, Record, SchemaHeader, Statistics, op};
@@ -12,16 +10,12 @@ const END_BYTES: u64 = 4096;
 const SUMMARY_BYTES: u64 = 4 << 20;
 /// ... of which so many are tried.
 const MARKS_MAX: u32 = 16;
-/// Schemas and channels of this size are kept, all together.
 const KEPT_BYTES_MAX: u64 = 64 << 20;
 
-/// A schema as a record carries it.
 pub(crate) type Schema = (SchemaHeader, Vec<u8>);
 
-/// A file's summary, read before its data.
 #[derive(Debug, Default)]
 pub(crate) struct Summary {
-    /// Where it begins: the data ends here.
     pub start: u64,
     /// Where the file should end: behind the end mark.
     end: u64,
@@ -86,7 +80,6 @@ impl Summary {
         Ok(())
     }
 
-    /// What is wrong with it in a file of this length whose data ended here.
     pub fn problem(&self, data_end: Option<u64>, length: u64) -> Option<&'static str> {
         let checks = [
             (data_end == Some(self.start), "the end of the data is not marked"),

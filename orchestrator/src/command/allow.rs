@@ -1,5 +1,3 @@
-//! `orchestrator allow`: consents to the command that simulates a run's environments.
-
 use crate::environment::consent;
 use crate::output::terminal;
 use anyhow::{Result, bail};

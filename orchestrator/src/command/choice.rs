@@ -1,5 +1,3 @@
-//! Which recorded episodes a command is about: recordings, and filters among their episodes.
-
 use crate::output::format::counted;
 use crate::recording::episodes::{Recorded, gather};
 use crate::recording::files_at;
@@ -29,11 +27,8 @@ pub struct Choice {
     episode: Vec<u32>,
 }
 
-/// What was chosen.
 pub struct Chosen {
-    /// The episodes.
     pub recorded: Recorded,
-    /// Files that were read.
     pub files: Vec<PathBuf>,
     /// The recordings are damaged or not complete: of what, was said.
     pub incomplete: bool,
@@ -42,12 +37,10 @@ pub struct Chosen {
 }
 
 impl Choice {
-    /// Whether all episodes are meant.
     pub fn is_all(&self) -> bool {
         self.kitchen.is_none() && self.environment.is_none() && self.episode.is_empty()
     }
 
-    /// Reads the recordings at these paths, and warns of all that is not there.
     pub fn gather(&self, paths: &[PathBuf]) -> Result<Chosen> {
         let mut files = Vec::new();
         for path in paths {
@@ -72,7 +65,6 @@ impl Choice {
     }
 }
 
-/// What is said where no episode was found.
 pub fn nothing_in(files: &[PathBuf], steps: u64) -> String {
     let name = if files.len() == 1 { files[0].display().to_string() } else { format!("{} recordings", files.len()) };
     format!("no episode from its first step on in {name} with {steps} steps")

@@ -1,5 +1,3 @@
-//! `orchestrator clean`: frees the shared memory of dead runs.
-
 use crate::output::format::{self, counted};
 use crate::output::terminal;
 use crate::run::remains::{Remains, processes_of, survey, sweep};

@@ -1,5 +1,3 @@
-//! `orchestrator compare`: runs beside each other.
-
 use crate::comparison::Comparison;
 use crate::output::terminal;
 use anyhow::{Result, bail, ensure};

@@ -1,5 +1,3 @@
-//! `orchestrator completions`: what a shell needs to complete our command line.
-
 use crate::output::terminal;
 use anyhow::{Context, Result};
 use clap_complete::Shell;
@@ -19,7 +17,6 @@ pub struct CompletionsArgs {
     shell: Shell,
 }
 
-/// Runs the command for this command line.
 pub fn run(args: &CompletionsArgs, mut line: clap::Command) -> Result<()> {
     let name = line.get_name().to_owned();
     let mut script = Vec::new();

@@ -1,8 +1,6 @@
-//! `orchestrator config`: the effective configuration.
-
 use super::overrides::{Overrides, default_preset};
 use crate::output::terminal;
-use crate::preflight::tools::Tools;
+use crate::preflight::programs::Tools;
 use crate::run::checkpoints::newest_readable;
 use anyhow::{Context, Result, ensure};
 use proto::config::Config;

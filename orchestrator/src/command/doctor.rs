@@ -1,9 +1,7 @@
-//! `orchestrator doctor`: everything that `up` would check, all of it, as a table.
-
 use super::overrides::{Overrides, default_preset};
 use crate::output::{format, terminal};
 use crate::preflight::all::check_all;
-use crate::preflight::tools::Tools;
+use crate::preflight::programs::Tools;
 use crate::preflight::{Finding, programs, temporary};
 use crate::run::create::check_free;
 use crate::run::remains::survey;
@@ -39,7 +37,6 @@ pub struct DoctorArgs {
 }
 
 impl DoctorArgs {
-    /// Checks for runs with this preset and these settings.
     pub fn of(preset: &str, overrides: Overrides) -> Self {
         Self { preset: Some(preset.to_owned()), overrides, run: None, json: false }
     }
@@ -96,7 +93,6 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
     Ok(if table.is_good() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// What dead runs have left.
 fn remains() -> Result<Finding> {
     let dead: Vec<_> = survey()?.into_iter().filter(|remains| !remains.alive).collect();
     if dead.is_empty() {
@@ -112,7 +108,6 @@ fn finding(result: std::result::Result<String, &anyhow::Error>) -> Finding {
 }
 
 /// What is found, printed as it is found, or as JSON at the end.
-#[derive(Debug)]
 struct Table {
     json: bool,
     rows: Vec<Row>,

@@ -1,5 +1,3 @@
-//! Options of `up` for environments that are not built in.
-
 use super::overrides::Overrides;
 use crate::environment::consent;
 use crate::environment::describe::{Answer, describe};
@@ -35,7 +33,6 @@ pub struct EnvironmentFlags {
 }
 
 impl EnvironmentFlags {
-    /// Whether the user names an environment.
     pub fn is_named(&self) -> bool {
         self.env.is_some() || self.env_command.is_some()
     }

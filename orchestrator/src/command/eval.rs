@@ -1,5 +1,3 @@
-//! `orchestrator eval`: the metrics of a policy on fixed or drawn episodes.
-
 use super::player::ShownArgs;
 use crate::evaluation::choice::{ObjectsChoice, SplitChoice};
 use crate::evaluation::run::EvaluationRun;
@@ -7,7 +5,7 @@ use crate::evaluation::subject::{Found, Provenance, Source, find};
 use crate::evaluation::text::{episodes_of, place, seeds_of};
 use crate::output::{format, terminal};
 use crate::preflight::all::demand_all;
-use crate::preflight::tools::Tools;
+use crate::preflight::programs::Tools;
 use crate::run::create::{check_free, create, new_folder};
 use crate::run::identity::unix_now;
 use crate::run::{lifeline, scenes};
@@ -23,7 +21,6 @@ use rustix::process::Signal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Environments of an actor at most, unless the user sets another number.
 const ENVIRONMENTS_MAX: u32 = 32;
 
 /// Play episodes of the test, validation or training kitchens with a policy, and measure the metrics of its task

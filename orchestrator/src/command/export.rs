@@ -1,5 +1,3 @@
-//! `orchestrator export`: a policy for other programs, or recorded episodes as a data set.
-
 use crate::command::choice::{Choice, Chosen, nothing_in};
 use crate::evaluation::subject::{Source, find};
 use crate::output::format::{bytes, counted};
@@ -36,7 +34,7 @@ pub struct ExportArgs {
     #[arg(required = true, value_name = "RUN|CHECKPOINT|FILE")]
     subjects: Vec<PathBuf>,
     /// onnx: a model for onnxruntime and others (operators of version 17); safetensors: a policy file, which `eval` and
-    /// `view --policy` take: weights under PyTorch's module paths, and the configuration; npz: an archive of NumPy an
+    /// `play` take: weights under PyTorch's module paths, and the configuration; npz: an archive of NumPy an
     /// episode, of which `python -m stillroom.dataset` makes a LeRobotDataset or Parquet tables [default: as
     /// --out ends, .onnx or .safetensors]
     #[arg(long)]
@@ -83,7 +81,6 @@ enum Picture {
 }
 
 impl Format {
-    /// What a file of this name is expected to be.
     fn of(out: &Path) -> Result<Self> {
         match out.extension().and_then(|ending| ending.to_str()) {
             Some("safetensors") => Ok(Self::Safetensors),

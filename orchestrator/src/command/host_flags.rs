@@ -1,5 +1,3 @@
-//! Flags of a run on several hosts.
-
 use super::overrides::Overrides;
 use crate::hosts::agent::{Agent, Otherwise};
 use crate::hosts::membership::{Flags, Membership, membership};
@@ -53,7 +51,6 @@ pub struct HostFlags {
 }
 
 impl HostFlags {
-    /// Which host this is; none where nobody says.
     pub fn membership(&self) -> Result<Option<Membership>> {
         let (hosts, host_rank, rendezvous) = (self.hosts, self.host_rank, self.rendezvous.clone());
         Ok(membership(&Flags { hosts, host_rank, rendezvous }, &|name| std::env::var(name).ok())?)
@@ -72,7 +69,6 @@ impl HostFlags {
         }
     }
 
-    /// With totals in place of the numbers of each host.
     fn of_all(&self, overrides: &Overrides, hosts: u32) -> Overrides {
         let of_all = |each: u32| each.saturating_mul(hosts);
         Overrides {
@@ -104,7 +100,6 @@ impl HostFlags {
         Ok([asked.changes_since(run), found].concat())
     }
 
-    /// How long hosts wait for one another.
     pub fn patience(&self) -> Patience {
         let lost = Duration::from_secs(self.host_deadline.unwrap_or(30));
         Patience { joining: Duration::from_secs(self.join_deadline), lost }
@@ -118,7 +113,6 @@ impl HostFlags {
         Ok(Started { launched: member.is_some(), rendezvous })
     }
 
-    /// Does another host's part, in this run folder.
     pub fn take_part(&self, member: Membership, run: &Path, otherwise: Otherwise<'_>) -> Result<ExitCode> {
         let (token, interface) = (self.token()?, self.interface.clone());
         let run = run.to_path_buf();

@@ -3,7 +3,7 @@
 use super::overrides::Overrides;
 use crate::output::log_line::error_in;
 use crate::output::terminal;
-use crate::preflight::tools::Tools;
+use crate::preflight::programs::Tools;
 use crate::run::create::{check_free, prepare};
 use crate::run::identity::Identity;
 use crate::run::scenes;
@@ -124,7 +124,6 @@ fn other_presets(taken: &Config) -> String {
     )
 }
 
-/// Has the learner write the run's first checkpoint, and shows what it says.
 fn take_weights(from: &Path, folder: &RunFolder, id: &str, tools: &Tools) -> Result<()> {
     let learner = &tools.programs.learner;
     let output = Command::new(learner)

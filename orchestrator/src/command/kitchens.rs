@@ -1,6 +1,3 @@
-//! `orchestrator kitchens`: the kitchens, or a scene of one's own, to look at, as one picture or as a scene for other
-//! programs.
-//!
 //! This program links no physics: `actor kitchens` builds and draws them.
 
 use crate::preflight::programs;
@@ -51,7 +48,6 @@ fn one(text: &str) -> Result<KitchenId, String> {
     KitchenId::generated(number).map_err(|error| error.to_string())
 }
 
-/// Runs the command: the actor prints what it wrote.
 pub fn run(args: &KitchensArgs) -> Result<()> {
     let program = programs::find("actor")?;
     let mut command = Command::new(&program);

@@ -1,5 +1,3 @@
-//! `orchestrator list`: runs with their state, a line each.
-
 use crate::output::table::aligned;
 use crate::output::{format, terminal};
 use crate::viewer::RunReaders;
@@ -8,7 +6,6 @@ use std::path::PathBuf;
 use std::time::Duration;
 use view::data::{Card, Runs};
 
-/// Where runs are unless the user names another place.
 const RUNS: &str = "runs";
 
 /// List runs and evaluations with their state, the newest first

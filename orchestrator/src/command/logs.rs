@@ -1,5 +1,3 @@
-//! `orchestrator logs`: what the processes of a run have logged, by time.
-
 use crate::output::terminal;
 use crate::run::identity::Identity;
 use crate::run::lock::{LockState, holder};
@@ -35,7 +33,6 @@ pub struct LogsArgs {
     lines: Option<usize>,
 }
 
-/// How often is looked for new lines.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 
 pub fn run(args: &LogsArgs) -> Result<()> {
@@ -79,7 +76,6 @@ pub fn run(args: &LogsArgs) -> Result<()> {
     }
 }
 
-/// How many lines there are.
 fn count(folder: &RunFolder, args: &LogsArgs) -> usize {
     let mut lines = 0;
     // What cannot be read is told when it is shown.

@@ -1,5 +1,3 @@
-//! `orchestrator man`: manual pages, from the command line's own definition.
-
 use crate::output::terminal;
 use anyhow::{Context, Result};
 use std::path::PathBuf;
@@ -19,7 +17,6 @@ pub struct ManArgs {
     folder: Option<PathBuf>,
 }
 
-/// Runs the command for this command line.
 pub fn run(args: &ManArgs, line: clap::Command) -> Result<()> {
     let named = args.folder.as_ref().and_then(|name| line.find_subcommand(name));
     let Some(folder) = args.folder.as_ref().filter(|_| named.is_none()) else {

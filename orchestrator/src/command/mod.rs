@@ -1,5 +1,3 @@
-//! One file a command: each reads its arguments, calls what does the work, and prints.
-
 pub mod allow;
 mod choice;
 pub mod clean;

@@ -37,7 +37,6 @@ pub struct Overrides {
 }
 
 impl Overrides {
-    /// The effective configuration.
     pub fn resolve(&self, preset: &str) -> Result<Config> {
         let config = self.scaled(Config::resolve_set(preset, self.config.as_deref(), &self.settings()?)?)?;
         config.validate()?;
@@ -73,7 +72,6 @@ impl Overrides {
         Ok(settings)
     }
 
-    /// With the seed and the budget of the flags.
     fn scaled(&self, mut config: Config) -> Result<Config> {
         if let Some(seed) = self.seed {
             config.seed = seed;
@@ -105,7 +103,6 @@ impl Overrides {
     }
 }
 
-/// A run has one seed.
 fn one_seed(text: &str) -> Result<u64, String> {
     if text.contains(',') {
         return Err(format!("a run has one seed; `orchestrator suite FILE --seed {text}` trains a run with each"));
@@ -119,7 +116,6 @@ pub fn seed(text: &str) -> Result<u64, String> {
     seed.ok_or_else(|| format!("a seed is a whole number from 0 to {}", i64::MAX))
 }
 
-/// A number of frames, as people write large numbers.
 pub fn frames(text: &str) -> Result<u64, String> {
     let plain = text.replace('_', "");
     let (digits, unit) = match plain.char_indices().last() {
@@ -136,7 +132,6 @@ pub fn frames(text: &str) -> Result<u64, String> {
         .ok_or_else(|| "expected a number of frames: 2000000, 2_000_000, 2M or 2e6".into())
 }
 
-/// The preset to use when nobody asks for one.
 pub fn default_preset(torch: &Torch) -> &'static str {
     if torch.has_cuda() { "recipe" } else { "demo" }
 }

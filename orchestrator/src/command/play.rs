@@ -1,5 +1,3 @@
-//! `orchestrator play`: a policy at work on a page in a browser; the shipped one, if none is named.
-
 use super::player::{Player, SceneArgs};
 use super::view::{self, PageArgs};
 use anyhow::{Context, Result};
@@ -30,7 +28,6 @@ pub struct PlayArgs {
 /// The policy that is shipped. A wheel and an archive hold it beside the programs, a checkout two folders above.
 const SHIPPED: [&str; 2] = ["models/fetch.safetensors", "../../models/fetch.safetensors"];
 
-/// Runs the command.
 pub fn run(args: &PlayArgs) -> Result<()> {
     let program = std::env::current_exe().context("this program has no place")?;
     let policy = args.file.clone().or_else(|| shipped(program.parent()?));

@@ -1,4 +1,4 @@
-//! `orchestrator play` and `view --policy`: a policy plays, episode after episode, while somebody watches.
+//! `orchestrator play`: a policy plays, episode after episode, while somebody watches.
 //!
 //! The viewer only reads folders. So it is shown an evaluation that records, in a temporary folder: a child plays it
 //! (`orchestrator eval`), slowly enough to be watched, and begins again when all episodes are played. When the viewer
@@ -22,28 +22,11 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 use tokio::process::Child;
 
-/// What the temporary folder's name begins with.
 const PREFIX: &str = "stillroom-play-";
 /// Episodes of each kitchen and object set in a round: as many of each target. A viewer may run for days, and keeps what it
 /// knows of a round in memory.
 const EPISODES: &str = "36";
-/// How long the child may take to end.
 const LAST: Duration = Duration::from_secs(30);
-
-/// What `orchestrator view` is asked to play.
-#[derive(Debug, clap::Args)]
-#[command(
-    mut_arg("kitchen", |kitchen| kitchen.requires("policy")),
-    mut_arg("split", |split| split.requires("policy"))
-)]
-pub struct PolicyArgs {
-    /// Instead of runs: let a policy play on the CPU, and show it: a policy file (.safetensors), a run folder, RUN/best, or
-    /// a checkpoint's manifest
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["runs", "compare"])]
-    pub policy: Option<PathBuf>,
-    #[command(flatten)]
-    pub scene: SceneArgs,
-}
 
 /// Where a policy plays, and how fast.
 #[derive(Debug, clap::Args)]
@@ -86,7 +69,6 @@ impl ShownArgs {
         Ok(Some(Orphan { viewer, root: root.to_owned() }))
     }
 
-    /// Whether somebody watches.
     pub fn is_watched(&self) -> bool {
         self.steps_per_s.is_some()
     }
@@ -99,7 +81,6 @@ impl ShownArgs {
 }
 
 /// The folder of an evaluation that is shown. It is removed here if the viewer, whose it is, was killed.
-#[derive(Debug)]
 pub struct Orphan {
     viewer: u32,
     root: PathBuf,
@@ -132,14 +113,10 @@ pub fn options(kitchen: Option<KitchenId>, split: Option<&str>, steps_per_s: u32
     place.chain(speed).chain(objects.chain(rest).map(str::to_owned)).collect()
 }
 
-/// Lets a policy play.
-#[derive(Debug)]
 pub struct Player {
-    root: PathBuf,
-    policy: PathBuf,
-    /// Options of the evaluation: where, how fast.
+    pub root: PathBuf,
+    pub policy: PathBuf,
     options: Vec<String>,
-    /// What the policy is called in folders.
     name: String,
     child: Option<Child>,
 }
@@ -160,16 +137,6 @@ impl Player {
         let name = policy.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let root = wire::temporary_folder().join(format!("{PREFIX}{}", Identity::new()?.id));
         Ok(Self { root, policy, options, name, child: None })
-    }
-
-    /// Where the evaluations are while they are played.
-    pub fn root(&self) -> &Path {
-        &self.root
-    }
-
-    /// Whose policy it is, as the user called it.
-    pub fn policy(&self) -> &Path {
-        &self.policy
     }
 
     /// Plays all episodes again and again; comes back with the reason when that is not possible.
@@ -217,7 +184,6 @@ impl Player {
         command
     }
 
-    /// Stops the child and removes what it has left.
     pub async fn stop(&mut self) -> Result<()> {
         if let Some(mut child) = self.child.take()
             && let Some(pid) = child.id().and_then(|pid| i32::try_from(pid).ok()).and_then(Pid::from_raw)

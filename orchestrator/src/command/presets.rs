@@ -1,5 +1,3 @@
-//! `orchestrator presets`: what `--preset` takes.
-
 use crate::output::terminal;
 use anyhow::Result;
 use proto::config::presets;

@@ -1,5 +1,3 @@
-//! `orchestrator recover`: a whole recording from one that was cut off or damaged.
-
 use crate::output::format::counted;
 use crate::output::terminal;
 use crate::recording::repair::{Repair, repair};
@@ -26,7 +24,6 @@ pub struct RecoverArgs {
     output: Option<PathBuf>,
 }
 
-/// Runs the command. Its status tells a repair that lost something from one that did not.
 pub fn run(args: &RecoverArgs) -> Result<ExitCode> {
     let file = args.file.display();
     match repair(&args.file, args.output.as_deref())? {

@@ -1,8 +1,3 @@
-//! `orchestrator replay`: recorded episodes, simulated again: films to look at, or the proof of a recording.
-//!
-//! Which ones come from [`crate::recording::newest`] or [`crate::recording::episodes`]; how they are simulated and compared
-//! is in [`crate::recording::simulate`].
-
 use crate::command::choice::{Choice, Chosen, nothing_in};
 use crate::output::terminal;
 use crate::recording::episodes::Recorded;
@@ -138,11 +133,9 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
     }
 }
 
-/// Episodes that are simulated alike.
 type Share = (ReplaySetup, Vec<RecordedEpisode>);
 
 impl ReplayArgs {
-    /// The newest of the runs that are named.
     fn picked(&self) -> Result<Vec<Share>> {
         let mut shares: Vec<Share> = Vec::new();
         for path in &self.paths {
@@ -174,7 +167,6 @@ impl ReplayArgs {
         Ok((shares, incomplete))
     }
 
-    /// Where and how pictures are to be drawn.
     fn images_wanted(&self) -> Result<ReplayImages> {
         let of_run = || run_of(&self.paths[0]).map_or_else(|| "films".into(), |run| run.root().join("films"));
         let folder = &self.images.clone().unwrap_or_else(of_run);

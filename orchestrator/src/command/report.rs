@@ -1,10 +1,7 @@
-//! `orchestrator report`: what runs came to, beside the paper.
-
 use crate::output::format::counted;
 use crate::output::terminal;
-use crate::report_builder::files::{NUMBERS, PAGE, check_free, write};
+use crate::report_builder::files::{NUMBERS, PAGE, add_to_table, check_free, read_table, write};
 use crate::report_builder::gather::gather;
-use crate::report_builder::kept;
 use anyhow::{Result, ensure};
 use report::Options;
 use std::path::{Path, PathBuf};
@@ -46,7 +43,7 @@ pub struct ReportArgs {
 
 pub fn run(args: &ReportArgs) -> Result<()> {
     if let (Some(table), []) = (&args.table, args.runs.as_slice()) {
-        terminal::out(kept::read(table)?.markdown()?.trim_end());
+        terminal::out(read_table(table)?.markdown()?.trim_end());
         return Ok(());
     }
     let out = args.out.clone().unwrap_or_else(|| default_folder(&args.runs));
@@ -62,7 +59,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         return Ok(());
     }
     if let Some(table) = &args.table {
-        terminal::out(kept::add(table, &report.comparisons)?.markdown()?.trim_end());
+        terminal::out(add_to_table(table, &report.comparisons)?.markdown()?.trim_end());
         return Ok(());
     }
     let groups = report.groups.len();

@@ -1,10 +1,8 @@
-//! `orchestrator resume`: goes on with a run from its last checkpoint.
-
 use crate::output::events;
 use crate::output::format::{self, counted};
 use crate::output::terminal;
 use crate::preflight::all::demand_all;
-use crate::preflight::tools::Tools;
+use crate::preflight::programs::Tools;
 use crate::run::checkpoints::{newest_whole, read_manifest};
 use crate::run::identity::{Identity, host_name, is_evaluation};
 use crate::run::lock::{RunLock, wait_for_learners};
@@ -30,7 +28,6 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// How long actors may take to notice that their orchestrator is gone.
 const ACTORS_LEAVE: Duration = Duration::from_secs(5);
 
 /// Go on with a run that was stopped, or whose machine or orchestrator died
@@ -176,7 +173,6 @@ fn reshape(config: &mut Config, identity: &mut Identity, asked: [Option<u32>; 2]
     Ok([actors, learners] != before)
 }
 
-/// Says what another number of learners changes: nothing with shards.
 fn tell_of_sums(config: &Config, before: u32) {
     let learners = config.learner.count;
     if config.learner.shards > 0 {
@@ -229,7 +225,6 @@ pub fn go_on(folder: RunFolder, asked: Config, started: Started, patience: Durat
     TrainingRun { folder, config, identity, lock, tools, started }.run()
 }
 
-/// What a command may ask for anew of a run that is there.
 #[derive(Debug, PartialEq, Eq)]
 struct Counts {
     actors: u32,
@@ -270,7 +265,6 @@ fn finished(summary: &Summary, folder: &RunFolder) -> Result<Option<ExitCode>> {
     Ok(Some(show(summary, &metrics, folder)))
 }
 
-/// Shows a complete run as it was shown when it ended.
 fn show(summary: &Summary, metrics: &[Described], folder: &RunFolder) -> ExitCode {
     terminal::note("this run is complete");
     ended(folder, &summary.id, &SessionEnd::Complete, Some(summary));
@@ -333,7 +327,6 @@ fn wake_stopped_learners(folder: &RunFolder) {
     }
 }
 
-/// The process that signed a learner's lock.
 fn learner_in(folder: &RunFolder, lock: &Path) -> Option<u32> {
     let mut text = String::new();
     folder.open(lock).ok()?.take(32).read_to_string(&mut text).ok()?;

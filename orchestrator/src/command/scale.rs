@@ -1,5 +1,3 @@
-//! `orchestrator scale`: another number of actors for a run that another process runs.
-
 use super::stop::Log;
 use crate::output::format::{self, counted};
 use crate::output::terminal;
@@ -14,7 +12,6 @@ use proto::shell::quoted;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// How often to look whether it has been done.
 const LOOK: Duration = Duration::from_millis(50);
 
 /// Give a run that goes on another number of actors
@@ -91,7 +88,6 @@ pub fn run(args: &ScaleArgs) -> Result<()> {
     }
 }
 
-/// Who runs it, here.
 fn signed(folder: &RunFolder, actors: u32) -> Result<Holder> {
     let root = folder.root().display();
     let begin = Instant::now();
@@ -113,7 +109,6 @@ fn signed(folder: &RunFolder, actors: u32) -> Result<Holder> {
     }
 }
 
-/// Says what came of it.
 fn done(folder: &RunFolder, incarnation: u32, request: &ScaleRequest) -> Result<()> {
     let &ScaleRequest { actors, at_rollout, .. } = request;
     let identity = Identity::read(folder)?;

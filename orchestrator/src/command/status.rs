@@ -1,15 +1,13 @@
-//! `orchestrator status`: how a run or an evaluation stands, from its folder alone; works while it runs and after a
-//! crash.
+//! `orchestrator status`: how a run or an evaluation stands, from its folder alone.
 
-use crate::environment::growth::growing;
+use crate::environment::growing;
 use crate::evaluation::progress::Progress;
 use crate::output::format;
 use crate::output::terminal;
 use crate::recording::Recordings;
 use crate::run::identity::{Identity, Incarnation};
-use crate::run::lock::{LockState, holder};
+use crate::run::lock::{LockState, holder, state_of};
 use crate::run::process_state::{Stopped, stopped};
-use crate::run::state::state_of;
 use crate::suite;
 use crate::training::means::{Recent, StageMeans, by_stage, recent};
 use crate::training::metrics::Figures;
@@ -55,14 +53,12 @@ struct Status {
     seed: u64,
     incarnations: Vec<Incarnation>,
     recordings: Option<Recordings>,
-    /// Its processes that are stopped by a signal.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     stopped: Vec<Stopped>,
     #[serde(flatten)]
     work: Work,
 }
 
-/// What there is to show depends on what it is.
 #[derive(Debug, Serialize)]
 #[serde(untagged)]
 enum Work {
@@ -74,13 +70,11 @@ enum Work {
         /// For how long no rollout was trained, if somebody works on it, seconds.
         #[serde(skip_serializing_if = "Option::is_none")]
         silent_s: Option<u64>,
-        /// What a rollout usually takes, seconds.
         #[serde(skip)]
         usual_s: f64,
         /// Actors whose memory grows without an end in sight.
         #[serde(skip_serializing_if = "BTreeMap::is_empty")]
         growth: BTreeMap<String, String>,
-        /// What is wrong with the files of its figures.
         #[serde(skip_serializing_if = "Vec::is_empty")]
         notes: Vec<String>,
     },
@@ -162,16 +156,13 @@ impl Work {
     }
 }
 
-/// Rollouts that say what is usual.
 const USUAL: usize = 8;
 
-/// What each of the last rollouts took, seconds.
 fn usual_s(history: &History) -> f64 {
     let last: Vec<f64> = history.iter().rev().take(USUAL).map(|trained| trained.timing.total_s()).collect();
     last.iter().sum::<f64>() / last.len().max(1) as f64
 }
 
-/// What is said of a stopped process. `holder`: the orchestrator.
 fn stopped_line(process: &Stopped, holder: u32) -> String {
     let Stopped { program, pid } = process;
     if *pid == holder {

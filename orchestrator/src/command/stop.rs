@@ -8,24 +8,20 @@ use crate::run::lock::{Holder, LockState, holder};
 use crate::run::process_state::stopped;
 use crate::run::signal::ask_to_stop;
 use crate::suite;
+use crate::viewer::tail::Tail;
 use anyhow::{Result, bail};
 use proto::run_folder::RunFolder;
 use proto::run_state::Ending;
 use proto::shell::quoted;
-use std::io::{Read, Seek, SeekFrom};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 use tracing::Level;
 
-/// Of a log so much is read at a time.
-const NEW_BYTES_MOST: u64 = 1 << 20;
-/// How often to look whether it has stopped.
 const LOOK: Duration = Duration::from_millis(50);
 
 /// How long an orchestrator may be stopped by a signal, before nobody waits for it any more.
 const ASLEEP: Duration = Duration::from_secs(3);
 
-/// What to do with a run whose processes cannot be seen from here.
 const THERE: &str =
     "give this command, or Ctrl-C, where it was started (`docker exec` or `nsenter` leads into a container)";
 
@@ -125,41 +121,29 @@ pub fn run(args: &StopArgs) -> Result<()> {
     Ok(())
 }
 
-/// What an orchestrator logs from now on.
-pub(super) struct Log {
-    folder: RunFolder,
-    path: PathBuf,
-    shown: u64,
-}
+pub(super) struct Log(Tail);
 
 impl Log {
     pub(super) fn at_end(folder: &RunFolder) -> Self {
         let path = folder.log("orchestrator");
-        let shown = std::fs::metadata(&path).map_or(0, |file| file.len());
-        Self { folder: folder.clone(), path, shown }
+        let length = std::fs::metadata(&path).map_or(0, |file| file.len());
+        // From the end of its last line.
+        Self(Tail::of(folder.clone(), path, length.saturating_sub(1)))
     }
 
-    /// Shows the lines that are new.
     pub(super) fn show(&mut self) {
         self.new_lines().iter().for_each(|line| terminal::note(line));
     }
 
     fn new_lines(&mut self) -> Vec<String> {
-        let mut text = Vec::new();
-        let read = self.folder.open(&self.path).and_then(|mut file| {
-            file.seek(SeekFrom::Start(self.shown))?;
-            file.take(NEW_BYTES_MOST).read_to_end(&mut text)
+        // A log that cannot be read is no reason not to stop.
+        let lines = self.0.read().unwrap_or_default().lines;
+        let told = lines.iter().filter_map(|line| {
+            let line = String::from_utf8_lossy(line);
+            let LogLine { level, text, .. } = LogLine::parse(&line);
+            (!matches!(level, Some(Level::DEBUG | Level::TRACE))).then(|| text.to_owned())
         });
-        // To the end of the last whole line. A log that cannot be read is no reason not to stop.
-        let whole = text.iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1);
-        if read.is_err() || whole == 0 {
-            return Vec::new();
-        }
-        self.shown += whole as u64;
-        let text = String::from_utf8_lossy(&text[..whole]);
-        let lines = text.lines().map(LogLine::parse);
-        let told = lines.filter(|line| !matches!(line.level, Some(Level::DEBUG | Level::TRACE)));
-        told.map(|line| line.text.to_owned()).collect()
+        told.collect()
     }
 }
 

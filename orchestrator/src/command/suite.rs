@@ -1,12 +1,9 @@
-//! `orchestrator suite`: presets times seeds, and the report on them.
-
 use crate::output::format::counted;
 use crate::output::table::aligned;
 use crate::output::terminal;
 use crate::preflight::{device, libtorch, programs};
 use crate::report_builder::files;
 use crate::report_builder::gather::gather;
-use crate::report_builder::kept;
 use crate::suite::{Asked, EntryProgress, Suite, SuiteEntry, SuiteFolder, SuiteOutcome, run as work, standings};
 use crate::supervisor::session::EXIT_INTERRUPTED;
 use crate::training::next_steps::program;
@@ -18,7 +15,6 @@ use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// What a file looks like.
 const EXAMPLE: &str = r#"seeds = [1, 2, 3]                 # of runs that name none
 frames = 1_000_000                # optional: all stages of every run scaled to this sum
 config.learner.threads = 2        # optional: keys laid over every preset
@@ -103,7 +99,7 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     check_seeds(&args.seed)?;
     let (mut suite, text) = Suite::read(&args.file, &args.seed)?;
     if let Some(table) = &args.table {
-        let kept = kept::read(table)?;
+        let kept = files::read_table(table)?;
         suite.leave_out(&kept.runs());
         if suite.entries.is_empty() {
             terminal::out(&format!("nothing is left to run: {} has the scores of all", table.display()));
@@ -170,12 +166,10 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     Ok(ExitCode::FAILURE)
 }
 
-/// Names of the evaluations of each run.
 fn names(suite: &Suite) -> Vec<String> {
     suite.evaluations.iter().map(Asked::folder).collect()
 }
 
-/// What it would do.
 fn announce(suite: &Suite, folder: &SuiteFolder, as_json: bool) -> serde_json::Result<()> {
     if as_json {
         let run = |entry: &SuiteEntry| json!({ "name": entry.name, "folder": folder.run(entry).root() });
@@ -191,7 +185,6 @@ fn announce(suite: &Suite, folder: &SuiteFolder, as_json: bool) -> serde_json::R
     Ok(())
 }
 
-/// The same call.
 fn again(args: &SuiteArgs) -> String {
     let mut call = vec![program(), "suite".to_owned(), quoted(&args.file)];
     if let Some(out) = &args.out {

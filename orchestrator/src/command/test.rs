@@ -31,12 +31,9 @@ const WEIGHTS: &str = "d773b73d287c7d6c8657c125242c9ac40ca6f883f089c5f36707384c9
 /// Over the preset: the CPU whatever there is, few processes, and a checkpoint after each rollout.
 const SETTINGS: [&str; 4] =
     ["learner.device=cpu", "actors.count=2", "actors.environments_per_actor=4", "checkpoint.interval_s=0"];
-/// A run takes seconds. On a machine with other work it takes longer.
 const PATIENCE: Duration = Duration::from_mins(10);
-/// How often a run that is to be killed is looked at.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// Runs the command.
 pub fn run(_: &TestArgs) -> Result<ExitCode> {
     let set = SETTINGS.iter().map(|setting| setting.parse()).collect::<Result<_, _>>().map_err(anyhow::Error::msg)?;
     let overrides = Overrides { set, frames: Some(FRAMES), seed: Some(1), ..Overrides::default() };
@@ -63,7 +60,6 @@ fn prove(name: &str, proof: Proof, place: &Path) -> Result<()> {
     Ok(())
 }
 
-/// A run that is left alone.
 fn undisturbed(place: &Path) -> Result<String> {
     let folder = RunFolder::new(place.join("undisturbed"));
     finish(&mut up(&folder)?, &folder)?;

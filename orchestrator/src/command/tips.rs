@@ -3,7 +3,6 @@
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use proto::config::presets;
 
-/// Commands of other programs, and ours.
 const COMMANDS: [(&str, &[&str]); 6] = [
     ("up", &["train", "start", "run", "launch", "learn"]),
     ("eval", &["evaluate", "test", "enjoy", "validate"]),
@@ -13,7 +12,6 @@ const COMMANDS: [(&str, &[&str]); 6] = [
     ("status", &["ps", "info", "show"]),
 ];
 
-/// An error of the command line, with what was probably meant.
 pub fn with_tip(mut error: clap::Error) -> clap::Error {
     let text = |kind| match error.get(kind) {
         Some(ContextValue::String(text)) => Some(text.clone()),

@@ -1,5 +1,3 @@
-//! `orchestrator top`: a run on a terminal, live.
-
 use crate::suite;
 use crate::tui::session::show;
 use crate::viewer::RunReaders;

@@ -1,5 +1,3 @@
-//! `orchestrator up`: a new run.
-
 use super::environment_flags::EnvironmentFlags;
 use super::host_flags::HostFlags;
 use super::overrides::{Overrides, default_preset};
@@ -9,7 +7,7 @@ use crate::hosts::membership::Membership;
 use crate::output::format::counted;
 use crate::output::{events, format, terminal};
 use crate::preflight::all::demand_all;
-use crate::preflight::tools::Tools;
+use crate::preflight::programs::Tools;
 use crate::run::checkpoints::read_manifest;
 use crate::run::create::{check_free, create, new_folder};
 use crate::run::identity::unix_now;
@@ -146,7 +144,6 @@ impl UpArgs {
         self.run.as_deref().context("several hosts need --run DIR: the same name on all, on a shared disk or not")
     }
 
-    /// What another host's command asks for otherwise than host 0's run: only what the user gave.
     fn otherwise(&self, hosts: u32, run: &Config, folder: &RunFolder) -> Result<Vec<String>> {
         let mut found = self.hosts.otherwise(&self.overrides, self.preset.as_deref(), hosts, run, folder)?;
         if let Some(from) = self.from.as_deref() {
@@ -156,7 +153,6 @@ impl UpArgs {
     }
 }
 
-/// Refuses fewer learners than hosts.
 fn check_hosts(config: &Config, member: Option<&Membership>) -> Result<()> {
     let Some(Membership { hosts, by, .. }) = member else { return Ok(()) };
     if config.learner.count < *hosts {

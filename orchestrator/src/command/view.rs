@@ -1,6 +1,4 @@
-//! `orchestrator view`: a page on runs, live, and any recorded episode from any camera.
-
-use super::player::{Player, PolicyArgs};
+use super::player::Player;
 use crate::hosts::token::refuse_public;
 use crate::output::terminal;
 use crate::preflight::programs;
@@ -28,8 +26,6 @@ use view::{Settings, serve};
 #[command(after_help = "Examples:
   orchestrator view                          all runs below runs/
   orchestrator view runs/a runs/b            these two, their curves over each other
-  orchestrator view --policy runs/a          its newest policy at work in the test kitchens (`orchestrator play`)
-  orchestrator view --policy runs/a/best --kitchen 7       in one kitchen
   orchestrator view --compare E1 E2          the same episodes of two evaluations side by side
   ssh -L 8765:127.0.0.1:8765 HOST            then the address that is printed there opens here, too
   orchestrator view --address 0.0.0.0        for other machines, too
@@ -43,8 +39,6 @@ pub struct ViewArgs {
     /// Show episodes of two evaluations or runs side by side
     #[arg(long, num_args = 2, value_names = ["A", "B"], conflicts_with = "runs")]
     compare: Vec<PathBuf>,
-    #[command(flatten)]
-    policy: PolicyArgs,
     /// Open the page in a browser
     #[arg(long)]
     open: bool,
@@ -66,42 +60,32 @@ pub struct PageArgs {
     token_file: Option<PathBuf>,
 }
 
-/// Port that is tried first.
 const PORT: u16 = 8765;
-/// Ports after it that are tried.
 const PORTS: u16 = 20;
 /// A shorter token could be guessed.
 const TOKEN_LETTERS_MIN: usize = 16;
-/// How long a browser may take to start and to open the page.
 const OPENING: Duration = Duration::from_mins(1);
 /// The server gives way to whatever trains on the machine.
 const NICENESS: i32 = 10;
 
 pub fn run(args: &ViewArgs) -> Result<()> {
-    if let Some(policy) = &args.policy.policy {
-        return play(Player::of(policy, &args.policy.scene)?, &args.page, args.open);
-    }
     let (readers, open) = readers(args)?;
     let shows = crate::output::format::counted(readers.count() as u64, "run");
     let note = format!("shows {shows} until Ctrl-C; it only reads, and ends no run");
     show(Shown { readers, open, compare: !args.compare.is_empty(), player: None, note }, &args.page, args.open)
 }
 
-/// Lets a policy play on a page.
 pub fn play(player: Player, page: &PageArgs, open: bool) -> Result<()> {
-    let readers = RunReaders::of(vec![player.root().to_owned()]);
-    let note = format!("{} plays until Ctrl-C, on the CPU", player.policy().display());
+    let readers = RunReaders::of(vec![player.root.clone()]);
+    let note = format!("{} plays until Ctrl-C, on the CPU", player.policy.display());
     show(Shown { readers, open: Vec::new(), compare: false, player: Some(player), note }, page, open)
 }
 
-/// What a page shows.
 struct Shown {
     readers: RunReaders,
-    /// The runs that it opens with.
     open: Vec<String>,
     compare: bool,
     player: Option<Player>,
-    /// What is said of it.
     note: String,
 }
 
@@ -128,7 +112,6 @@ fn show(shown: Shown, page: &PageArgs, open: bool) -> Result<()> {
     serve_until_interrupted(listener, Arc::new(shown.readers), settings, shown.player, opened)
 }
 
-/// The runs that are shown, and those that the page opens with.
 fn readers(args: &ViewArgs) -> Result<(RunReaders, Vec<String>)> {
     let asked = if args.compare.is_empty() { &args.runs } else { &args.compare };
     for path in asked {
@@ -191,7 +174,6 @@ async fn played(player: Option<&mut Player>) -> Result<()> {
     }
 }
 
-/// Keeps the file that a browser was given until it has opened the page.
 async fn keep(page: Option<TempPath>) -> Infallible {
     tokio::time::sleep(OPENING).await;
     drop(page);

@@ -1,11 +1,8 @@
-//! What runs and evaluations came to, as figures with names.
-
-use super::row::Row;
+use super::settings::Row;
 use crate::evaluation::text::{place, seeds_of, shown};
 use crate::output::{format, terminal};
 use crate::run::identity::Identity;
-use crate::run::lock::{LockState, holder};
-use crate::run::state::state_of;
+use crate::run::lock::{LockState, holder, state_of};
 use crate::training::means::{StageMeans, by_stage};
 use crate::training::metrics::Figures;
 use crate::training::scores::{Scores, best, evaluations_below, read_result};
@@ -21,7 +18,6 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// A figure: its name, its value, and how people read it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figure {
     name: String,
@@ -29,10 +25,8 @@ pub struct Figure {
     shown: String,
 }
 
-/// Digits of a digest that tell two apart.
 const DIGITS: usize = 12;
 
-/// Adds figures of one kind after the other.
 #[derive(Debug, Default)]
 struct List(Vec<Figure>);
 
@@ -49,7 +43,6 @@ impl List {
         self.put(name, json!(value), format::number(value, decimals));
     }
 
-    /// The metrics of a task that are shown, of one thing.
     fn metrics(&mut self, of: &str, task: &Spec, figures: &BTreeMap<String, f64>) {
         for metric in task.shown() {
             let value = metric.mean(figures);
@@ -60,7 +53,6 @@ impl List {
     }
 }
 
-/// Those of a run, its validations and evaluations, or of an evaluation.
 pub fn of(folder: &RunFolder, config: &Config, identity: &Identity) -> Result<Vec<Figure>> {
     let mut list = List::default();
     let held = holder(folder)?;
@@ -105,12 +97,10 @@ fn training(list: &mut List, folder: &RunFolder, config: &Config, identity: &Ide
     }
 }
 
-/// What is wrong with a run's files goes beside the table.
 fn tell<'a>(folder: &RunFolder, notes: impl Iterator<Item = &'a String>) {
     notes.for_each(|note| terminal::note(&format!("{}: {note}", folder.root().display())));
 }
 
-/// Of a stage, lately.
 fn of_stage(list: &mut List, task: &Spec, stage: &StageMeans) {
     let (late, of) = (&stage.last_tenth, format!("stage {}", stage.name));
     let name = |what: &str| format!("{of}: {what}");
@@ -122,7 +112,6 @@ fn of_stage(list: &mut List, task: &Spec, stage: &StageMeans) {
     }
 }
 
-/// The newest of each kind, of those in the folder and below it.
 fn evaluations(list: &mut List, folder: &RunFolder) {
     let mut notes = Vec::new();
     let below = evaluations_below(folder, &mut notes).unwrap_or_else(|error| {
@@ -166,7 +155,6 @@ fn kind_of(evaluation: &Evaluation) -> String {
     kind
 }
 
-/// A row a name; names come in the order in which the runs have them.
 pub fn rows(runs: &[Vec<Figure>]) -> Vec<Row> {
     let mut names: Vec<&str> = Vec::new();
     for run in runs {

@@ -1,7 +1,4 @@
-//! Runs beside each other: in what their configurations differ ([`settings`]), and what they came to ([`figures`]).
-
 mod figures;
-mod row;
 mod settings;
 
 use crate::output::table::{aligned, cell};
@@ -11,11 +8,10 @@ use anyhow::{Result, ensure};
 use figures::Figure;
 use proto::config::Config;
 use proto::run_folder::RunFolder;
-use row::Row;
 use serde::Serialize;
+use settings::Row;
 use std::path::PathBuf;
 
-/// Characters of a value in a table.
 const CELL_MAX: usize = 34;
 
 fn column(folder: &RunFolder) -> Result<(Config, Vec<Figure>)> {
@@ -25,11 +21,9 @@ fn column(folder: &RunFolder) -> Result<(Config, Vec<Figure>)> {
     Ok((config, figures))
 }
 
-/// Runs beside each other.
 #[derive(Debug, PartialEq, Serialize)]
 pub struct Comparison {
     pub runs: Vec<String>,
-    /// The settings that are not the same in all.
     pub configuration: Vec<Row>,
     pub figures: Vec<Row>,
 }
@@ -60,7 +54,6 @@ impl Comparison {
         Ok(Self { runs, configuration: settings::differences(&configs), figures: figures::rows(&known) })
     }
 
-    /// As people read it: a column a run.
     pub fn lines(&self) -> Vec<String> {
         let head = |title: &str| std::iter::once(title.to_owned()).chain(self.runs.iter().cloned()).collect::<Vec<_>>();
         let row = |row: &Row| {

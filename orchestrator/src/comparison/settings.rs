@@ -1,9 +1,16 @@
-//! In what configurations differ.
-
-use super::row::Row;
 use proto::config::{Config, Lists, differences as between};
+use serde::Serialize;
 use std::collections::BTreeSet;
 use toml::Value;
+
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Row {
+    pub name: String,
+    /// Of each run; null of those that have no such thing.
+    pub values: Vec<serde_json::Value>,
+    #[serde(skip)]
+    pub shown: Vec<String>,
+}
 
 /// The settings that are not the same in all, by their names. A table that some do not have is one setting.
 pub fn differences(configs: &[Config]) -> Vec<Row> {
@@ -33,7 +40,6 @@ fn row(path: &str, values: &[Value]) -> Row {
     }
 }
 
-/// What is at a path such as `stages.1.frames`.
 fn at<'a>(value: &'a Value, path: &str) -> Option<&'a Value> {
     path.split('.').try_fold(value, |value, key| match value {
         Value::Table(table) => table.get(key),

@@ -15,15 +15,12 @@ use std::fs::OpenOptions;
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-/// The file, below the folder of this user's states.
 const FILE: &str = "stillroom/allowed";
 
-/// Notes that the user wants a command to be started.
 pub fn allow(command: &[String]) -> Result<()> {
     allow_in(&place()?, command)
 }
 
-/// Refuses to start the environments of a run whose command the user has not allowed.
 pub fn demand(config: &Config, folder: &Path) -> Result<()> {
     let Some(EnvironmentConfig { command, .. }) = &config.environment else { return Ok(()) };
     if is_allowed_in(&place()?, command)? {
@@ -38,13 +35,11 @@ pub fn demand(config: &Config, folder: &Path) -> Result<()> {
     )
 }
 
-/// A command as a person reads it.
 pub fn shown(command: &[String]) -> String {
     let words: Vec<String> = command.iter().map(quoted).collect();
     printable(&words.join(" ")).replace('\n', "\\n")
 }
 
-/// `$XDG_STATE_HOME/stillroom/allowed`, by the rules of freedesktop.org.
 fn place() -> Result<PathBuf> {
     let variable = |name| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
     let states = variable("XDG_STATE_HOME").or_else(|| Some(variable("HOME")?.join(".local/state")));

@@ -1,5 +1,3 @@
-//! Asks a command once what its environments are.
-
 use crate::environment::consent::shown;
 use crate::process_end::wait_for_child;
 use anyhow::{Context, Result, anyhow, bail};
@@ -15,21 +13,16 @@ use std::time::Duration;
 
 /// To import a simulator and play fifty steps.
 const ANSWERS_WITHIN: Duration = Duration::from_mins(3);
-/// A longer description, and longer complaints, are cut.
 const SAYS_MOST: u64 = 4 << 20;
-/// What begins the line of standard error that says what is wrong.
 const ERROR: &str = "stillroom: error: ";
 
-/// What a command answers.
 #[derive(Debug)]
 pub struct Answer {
-    /// What its environments are.
     pub description: Description,
     /// How many of them an actor has, where it makes vectors of a size.
     pub environments: Option<u32>,
 }
 
-/// What the environments of a command are.
 pub fn describe(environment: &EnvironmentConfig) -> Result<Answer> {
     let command = &environment.command;
     let mut asked = environment.program();
@@ -65,14 +58,12 @@ fn read(answer: &[u8]) -> serde_json::Result<Answer> {
     Ok(Answer { description: serde_json::from_value(table.into())?, environments })
 }
 
-/// All that a stream holds, up to a bound.
 fn whole(stream: Option<impl Read>) -> std::io::Result<Vec<u8>> {
     let mut bytes = vec![];
     stream.map_or(Ok(0), |stream| stream.take(SAYS_MOST).read_to_end(&mut bytes))?;
     Ok(bytes)
 }
 
-/// Why a command could not describe its environment.
 fn refusal(command: &[String], errors: &str, how: &str) -> String {
     let program = command.first().map_or("", String::as_str);
     if errors.contains("No module named stillroom") {

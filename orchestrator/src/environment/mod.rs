@@ -1,11 +1,18 @@
 //! Environments that are not built in: a command of the user's simulates them.
-//!
-//! ```text
-//! describe  asks a command once what its environments are
-//! consent   which commands this user has allowed
-//! growth    actors whose memory grows
-//! ```
 
 pub mod consent;
 pub mod describe;
-pub mod growth;
+
+use proto::actor_notes::Noted;
+use proto::config::Config;
+use proto::run_folder::RunFolder;
+use std::collections::BTreeMap;
+
+/// A sentence for each actor of a run whose memory grows without an end in sight, by the actor's name.
+pub fn growing(folder: &RunFolder, config: &Config) -> BTreeMap<String, String> {
+    let actors = 0..if config.environment.is_some() { config.actors.count } else { 0 };
+    // Actors of other hosts note in these hosts' folders.
+    let folders: Vec<RunFolder> = [folder.clone()].into_iter().chain(folder.host_folders()).collect();
+    let sentence = |actor: u32| Some(folders.iter().find_map(|one| Noted::read(one, actor)?.growth)?.to_string());
+    actors.filter_map(|actor| Some((format!("actor-{actor:02}"), sentence(actor)?))).collect()
+}

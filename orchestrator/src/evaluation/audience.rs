@@ -1,5 +1,3 @@
-//! Receives the learner's events while episodes are played: it keeps the records and shows the progress.
-
 use super::journal;
 use super::progress::Progress;
 use crate::output::format;
@@ -17,16 +15,14 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 use wire::fault;
 
-/// Records of an evaluation so far.
-#[derive(Debug)]
 pub struct EvaluationAudience {
     spec: &'static Spec,
     plan: Plan,
     journal: Writer,
     records: BTreeMap<(KitchenId, u32), (EpisodeRecord, Vec<u8>)>,
-    frames: u64,
-    parameters: u64,
-    device: String,
+    pub frames: u64,
+    pub parameters: u64,
+    pub device: String,
     /// When the actors had answered, and when the last episode ended.
     span: Option<(Duration, Duration)>,
     live: Live,
@@ -47,7 +43,6 @@ impl EvaluationAudience {
         })
     }
 
-    /// Episodes to play.
     pub fn asked(&self) -> usize {
         self.plan.len()
     }
@@ -56,25 +51,10 @@ impl EvaluationAudience {
         self.records.len()
     }
 
-    /// Frames that the weights were trained on.
-    pub fn frames(&self) -> u64 {
-        self.frames
-    }
-
-    pub fn parameters(&self) -> u64 {
-        self.parameters
-    }
-
-    pub fn device(&self) -> &str {
-        &self.device
-    }
-
-    /// From the actors' first answer to the end of the last episode.
     pub fn wall(&self) -> Duration {
         self.span.map(|(began, ended)| ended.saturating_sub(began)).unwrap_or_default()
     }
 
-    /// All records in table order; an error if any is missing.
     pub fn records(&self) -> Result<Vec<(EpisodeRecord, Vec<u8>)>> {
         let played = self.records.keys().copied().collect::<Vec<_>>();
         ensure!(

@@ -12,12 +12,10 @@ fn path(folder: &RunFolder) -> PathBuf {
     folder.root().join("played.jsonl")
 }
 
-/// Opens it for appending.
 pub fn open(folder: &RunFolder) -> Result<Writer> {
     Writer::open(&path(folder))
 }
 
-/// The records in it; none when there is no journal.
 pub fn read(folder: &RunFolder) -> Result<Vec<EpisodeRecord>> {
     let path = path(folder);
     let read = json_lines::read(folder, &path, TABLE_BYTES_MOST).with_context(|| path.display().to_string())?;

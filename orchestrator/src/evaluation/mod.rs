@@ -1,6 +1,4 @@
-//! Evaluations: what is asked ([`choice`]), whose weights ([`subject`]), the records while episodes are played
-//! ([`audience`]), the progress ([`progress`], [`journal`]), the result in words ([`text`]), and the whole of it from folder
-//! to result files ([`run`]).
+//! Evaluations: what is asked, whose weights they are, and the whole of it from folder to result files ([`run`]).
 
 mod audience;
 pub mod choice;

@@ -1,5 +1,3 @@
-//! Progress of an evaluation: from its events while it runs, or from its folder alone.
-
 use super::journal;
 use super::text::shown;
 use crate::output::format;
@@ -14,23 +12,18 @@ use std::collections::BTreeMap;
 use std::io::{Error, ErrorKind};
 use std::path::PathBuf;
 
-/// Episodes of how many, and what they came to.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Progress {
-    /// Episodes to play.
     pub asked: u64,
     pub played: u64,
-    /// Means so far of the metrics that are printed, by name; none before the first episode.
     #[serde(flatten)]
     pub means: BTreeMap<String, Option<f64>>,
     #[serde(skip)]
     described: Vec<Described>,
-    /// The result file, once it is there.
     pub result: Option<PathBuf>,
 }
 
 impl Progress {
-    /// Of an evaluation of `asked` episodes that has these records.
     pub fn of<'a>(spec: &Spec, asked: u64, records: impl Iterator<Item = &'a EpisodeRecord>) -> Self {
         Self::at(spec, asked, &Figures::of(spec, records))
     }
@@ -41,7 +34,6 @@ impl Progress {
         Self { asked, played: figures.episodes, means, described, result: None }
     }
 
-    /// Reads it from the folder; none for a run that trains.
     pub fn read(folder: &RunFolder, config: &Config) -> Result<Option<Self>> {
         let Some(plan) = config.evaluation_plan() else { return Ok(None) };
         let asked = plan.len() as u64;
@@ -58,12 +50,10 @@ impl Progress {
         }
     }
 
-    /// The means that are known.
     pub fn known(&self) -> BTreeMap<String, f64> {
         self.means.iter().filter_map(|(name, mean)| Some((name.clone(), (*mean)?))).collect()
     }
 
-    /// As people read it, in parts.
     pub fn parts(&self) -> Vec<String> {
         let mut parts = vec![format!(
             "{} / {} episodes  {:.1}%",

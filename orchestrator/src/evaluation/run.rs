@@ -1,11 +1,9 @@
-//! An evaluation, from its folder to its result files.
-
 use super::audience::EvaluationAudience;
 use super::text::{episodes_of, lines};
 use super::{journal, subject};
 use crate::output::format::counted;
 use crate::output::terminal;
-use crate::preflight::tools::Tools;
+use crate::preflight::programs::Tools;
 use crate::run::identity::{Ended, Identity, unix_now};
 use crate::run::lock::RunLock;
 use crate::supervisor::event::{Outcome, Saved, SessionEnd};
@@ -20,25 +18,18 @@ use proto::run_state::Ending;
 use std::process::ExitCode;
 use wire::fault;
 
-/// An evaluation whose folder has been made.
 pub struct EvaluationRun {
-    /// The folder, with config.toml in it.
     pub folder: RunFolder,
-    /// Contents of config.toml.
     pub config: Config,
     pub asked: EvaluationConfig,
-    /// Print the result as JSON instead of a table.
     pub json: bool,
-    /// Origin of the weights, as far as known before they are loaded.
     pub subject: subject::Provenance,
-    /// Contents of run.toml.
     pub identity: Identity,
     pub lock: RunLock,
     pub tools: Tools,
 }
 
 impl EvaluationRun {
-    /// Plays all episodes and writes the result; the exit status of the program.
     pub fn run(mut self) -> Result<ExitCode> {
         let plan = self.config.evaluation_plan().context("an evaluation has a plan")?;
         let mut audience = EvaluationAudience::new(self.config.spec(), plan, &self.folder)?;
@@ -115,9 +106,9 @@ impl EvaluationRun {
             run: self.subject.run.clone(),
             run_id: self.subject.run_id.clone(),
             checkpoint: self.asked.checkpoint.clone(),
-            frames: audience.frames(),
+            frames: audience.frames,
             weights: saved.weights.clone(),
-            parameters: audience.parameters(),
+            parameters: audience.parameters,
         };
         let (_, [start_distance_max_m, goal_distance_max_m]) = episodes_of(&self.config, &self.asked);
         let conditions = Conditions {
@@ -135,7 +126,7 @@ impl EvaluationRun {
             action_space: self.config.episode.action_space,
             actors: self.config.actors.count,
             environments_per_actor: self.config.actors.environments_per_actor,
-            device: audience.device().to_owned(),
+            device: audience.device.clone(),
         };
         let steps = records.iter().map(|(record, _)| u64::from(record.length)).sum();
         let cost = Cost { at_unix_s: unix_now(), wall_s: audience.wall().as_secs_f64(), steps };

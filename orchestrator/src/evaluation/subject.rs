@@ -14,7 +14,6 @@ use proto::run_folder::{RolloutName, RunFolder};
 use proto::shell::quoted;
 use std::path::{Path, PathBuf};
 
-/// Where weights come from.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Provenance {
     pub preset: String,
@@ -25,7 +24,6 @@ pub struct Provenance {
     pub run_id: Option<String>,
 }
 
-/// A checkpoint and the run it belongs to.
 #[derive(Debug, Clone)]
 pub struct Found {
     pub manifest: PathBuf,
@@ -36,7 +34,6 @@ pub struct Found {
     pub config: Config,
 }
 
-/// Whose weights a path means.
 #[derive(Debug)]
 pub enum Source {
     Checkpoint(Box<Found>),
@@ -44,7 +41,6 @@ pub enum Source {
 }
 
 impl Source {
-    /// The configuration that the weights were trained with.
     pub fn config(&self) -> &Config {
         match self {
             Self::Checkpoint(found) => &found.config,
@@ -52,7 +48,6 @@ impl Source {
         }
     }
 
-    /// The checkpoint, where nothing less will do.
     pub fn checkpoint(self) -> Result<Found> {
         match self {
             Self::Checkpoint(found) => Ok(*found),
@@ -104,7 +99,6 @@ pub fn network_differences(theirs: &Config, ours: &Config) -> Result<Vec<String>
     Ok(differences)
 }
 
-/// Finds the weights that a path means.
 pub fn find(named: &Path) -> Result<Source> {
     let path = RunFolder::through_best(std::path::absolute(named).with_context(|| named.display().to_string())?);
     if !path.exists() {

@@ -1,5 +1,3 @@
-//! An evaluation in words: which episodes are played where, and the result as a table on the terminal.
-
 use crate::output::format::{self, NOTHING, counted};
 use proto::config::Config;
 use proto::evaluation::{
@@ -18,7 +16,6 @@ pub fn episodes_of(config: &Config, asked: &EvaluationConfig) -> (String, [f32; 
     (describe(asked.distribution, distances_m[0], distances_m[1]), distances_m)
 }
 
-/// Where episodes run, as text.
 pub fn place(split: Split, procedural: Option<KitchenRange>, scenes: usize) -> String {
     if let Some(range) = procedural {
         return format!("{} ({range})", counted(u64::from(range.count()), "procedural kitchen"));
@@ -32,7 +29,6 @@ pub fn place(split: Split, procedural: Option<KitchenRange>, scenes: usize) -> S
     split.to_owned()
 }
 
-/// The episodes of an environment that is not built in, as text; none of others.
 pub fn seeds_of(distribution: Distribution, split: Split, episodes: u32) -> Option<String> {
     let count = if episodes == 0 { SEEDED_EPISODES } else { episodes };
     let whose = if split == Split::Validation { "validation" } else { "test" };
@@ -41,7 +37,6 @@ pub fn seeds_of(distribution: Distribution, split: Split, episodes: u32) -> Opti
     (distribution == Distribution::Seeds).then_some(seeds)
 }
 
-/// The result as a table on the terminal: what the task prints of each episode, then its further figures.
 pub fn lines(spec: &Spec, evaluation: &Evaluation) -> Vec<String> {
     let Cost { wall_s, steps, .. } = evaluation.cost;
     let conditions = &evaluation.conditions;
@@ -90,7 +85,6 @@ pub fn lines(spec: &Spec, evaluation: &Evaluation) -> Vec<String> {
     lines
 }
 
-/// A figure as people read it, without its unit.
 pub fn shown(one: &Described, figure: Option<f64>) -> String {
     match (one.kind, one.unit.as_str()) {
         (Kind::Share, _) => format::percent(figure),

@@ -38,7 +38,6 @@ pub fn of_other(rendezvous: SocketAddr, interface: Option<&str>) -> Result<IpAdd
     Ok(socket.local_addr()?.ip())
 }
 
-/// What a rendezvous stands for, at least one address.
 pub fn resolve(rendezvous: &str) -> Result<Vec<SocketAddr>> {
     let found: Vec<_> =
         rendezvous.to_socket_addrs().with_context(|| format!("cannot resolve the rendezvous {rendezvous}"))?.collect();
@@ -53,7 +52,6 @@ pub fn interface_of(own: IpAddr) -> Option<String> {
     local().ok()?.into_iter().find(|(_, ip)| *ip == own).map(|(name, _)| name)
 }
 
-/// The address of an interface, named or itself an address of this host's.
 fn of_interface(text: &str) -> Result<IpAddr> {
     if let Ok(ip) = text.parse::<IpAddr>() {
         // Whether it is this host's shows when somebody listens there.

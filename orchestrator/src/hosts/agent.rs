@@ -31,47 +31,33 @@ use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 use wire::{Announcer, WireHost, WireShape};
 
-/// How long one attempt to reach host 0 may take, and the pause before the next.
 const ATTEMPT: Duration = Duration::from_secs(5);
 const PAUSE: Duration = Duration::from_millis(500);
-/// The most that is read of a reply, and of one file.
 const REPLY: usize = 64 << 20;
 const FILE: usize = 1 << 30;
-/// As many keys are named of settings that are not host 0's.
 const KEYS_SHOWN: usize = 16;
-/// How long killed processes may take to be gone.
 const KILLED: Duration = Duration::from_secs(5);
 
 /// What a host's command asks for otherwise than the run in this folder does, by key.
 pub type Otherwise<'a> = &'a dyn Fn(&Config, &RunFolder) -> Result<Vec<String>>;
 
-#[derive(Debug)]
 pub struct Agent {
     pub member: Membership,
     pub token: Token,
-    /// The interface to use, if the user names one.
     pub interface: Option<String>,
-    /// Run folder: this host's own, or shared.
     pub run: PathBuf,
-    /// How long to wait.
     pub patience: Patience,
-    /// See [`Patience::lost`], seconds, if the user gave it.
     pub lost_s: Option<u64>,
 }
 
-/// How a start ends for another host.
 enum Ended {
-    /// So does the job: exit status, and a sentence about it.
     Over(u8, String),
-    /// The next start follows. What host 0 waits for then.
     Again(Patience),
 }
 
-/// What comes over the link.
 type Received = Result<Order, String>;
 
 impl Agent {
-    /// Takes part in a run until its end; the job's exit status.
     pub fn run(self, otherwise: Otherwise<'_>) -> Result<ExitCode> {
         let mut signals = None;
         // Sent once: a later start has what was ordered meanwhile.
@@ -96,7 +82,6 @@ impl Agent {
         }
     }
 
-    /// Takes part in one start, to which host 0 invites within `reply`.
     fn take_part(
         &self,
         (mut stream, own): (TcpStream, IpAddr),
@@ -195,7 +180,6 @@ impl Agent {
         Ok(())
     }
 
-    /// Reaches host 0 and proves the token to it; this host's own address.
     fn knock(&self, patience: Duration) -> Result<(TcpStream, IpAddr)> {
         let rendezvous = &self.member.rendezvous;
         let deadline = Instant::now() + patience;
@@ -300,7 +284,6 @@ impl Agent {
     }
 }
 
-/// Connects from an address of this host's.
 fn connect(own: IpAddr, to: SocketAddr) -> std::io::Result<TcpStream> {
     use rustix::net::sockopt::{Timeout, set_socket_timeout};
     use rustix::net::{AddressFamily, SocketFlags, SocketType, bind, connect, socket_with};
@@ -326,7 +309,6 @@ struct Work<'a> {
     mouth: &'a Mouth<HostReport>,
     signals: &'a mut Signals,
     recorder: Option<Recorder>,
-    /// Incarnation of the learners whose events count.
     learner_incarnation: u32,
     /// Ticks on which dead processes' ports are still to be swept.
     sweeps: u32,
@@ -362,7 +344,6 @@ impl Work<'_> {
         }
     }
 
-    /// Tells host 0 that a signal came here.
     fn ask_for_stop(&self, asked: &Event) {
         tracing::info!("a stop is asked for here: host 0 is told");
         self.mouth.say(match asked {

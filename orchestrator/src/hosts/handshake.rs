@@ -1,10 +1,5 @@
-//! How two orchestrators that meet prove that they belong to the same run, before either believes anything else.
-//!
-//! ```text
-//! guest ──hello: its host, random words──▶ door      nothing that a stranger could not know
-//! guest ◀──random words, proof of the token── door   the guest leaves if the proof is wrong
-//! guest ──proof of the token──▶ door                 the door closes if the proof is wrong
-//! ```
+//! How two orchestrators that meet prove that they belong to the same run, before either believes anything else: the guest
+//! says which host it is, both draw random words, first the door proves the token and then the guest.
 
 use super::link::{receive, send};
 use super::token::{Drawn, Token, draw};
@@ -12,7 +7,6 @@ use serde::{Deserialize, Serialize};
 use std::net::TcpStream;
 use std::time::Instant;
 
-/// Version of all that orchestrators say to one another.
 const VERSION: u32 = 3;
 /// The most that is read of one who has proved nothing.
 const STRANGER: usize = 2048;
@@ -36,24 +30,16 @@ struct Answer {
     proof: String,
 }
 
-/// Why there is no trust.
 #[derive(Debug, thiserror::Error)]
 pub enum HandshakeError {
-    /// The connection failed, or what came was no handshake.
     #[error("{0}")]
     Connection(#[from] std::io::Error),
-    /// Another version of the program.
     #[error(
         "it speaks version {theirs} of the protocol between hosts, this program version {VERSION}: use one version"
     )]
-    Version {
-        /// Of the other.
-        theirs: u32,
-    },
-    /// It has another token, or none.
+    Version { theirs: u32 },
     #[error("it does not have this run's token")]
     Stranger,
-    /// No random words.
     #[error("{0:#}")]
     Source(anyhow::Error),
 }
@@ -71,7 +57,6 @@ pub fn admit(stream: &mut TcpStream, token: &Token, deadline: Instant) -> Result
     if token.is_guests(&drawn, &proof) { Ok(host) } else { Err(HandshakeError::Stranger) }
 }
 
-/// Another host's side.
 pub fn ask(stream: &mut TcpStream, token: &Token, host: u32, deadline: Instant) -> Result<(), HandshakeError> {
     let guest = draw().map_err(HandshakeError::Source)?;
     send(stream, &Hello { version: VERSION, host, drawn: guest.clone() })?;

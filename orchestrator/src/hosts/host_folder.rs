@@ -1,9 +1,6 @@
-//! What another host prepares before it takes part: its folder, with what its processes read, and nothing of an earlier
-//! start.
-
 use super::rendezvous::Invitation;
 use crate::preflight::all::demand_all;
-use crate::preflight::tools::Tools;
+use crate::preflight::programs::Tools;
 use crate::run::lock::{RunLock, wait_for_learners};
 use crate::run::remains;
 use crate::supervisor::session::part_of;
@@ -15,10 +12,8 @@ use std::path::{Component, Path, PathBuf};
 use std::time::Duration;
 use wire::WireAddress;
 
-/// How long processes may take to notice that their orchestrator is gone.
 const LEAVE: Duration = Duration::from_secs(5);
 
-/// A host's part of a run, ready to begin.
 pub struct HostFolder {
     pub folder: RunFolder,
     pub config: Config,
@@ -63,7 +58,6 @@ pub fn prepare(
     Ok(HostFolder { folder, config, address, hosts, tools, lock })
 }
 
-/// Refuses a folder with another run's recordings; notes whose it is.
 fn check_run(folder: &RunFolder, run_id: &str) -> Result<()> {
     let note = folder.root().join("run-id");
     match folder.read_text(&note) {
@@ -80,7 +74,6 @@ fn check_run(folder: &RunFolder, run_id: &str) -> Result<()> {
     }
 }
 
-/// Writes down what the processes read.
 fn keep(folder: &RunFolder, invitation: &Invitation, files: &[Vec<u8>]) -> Result<()> {
     for ((name, _), bytes) in invitation.files.iter().zip(files) {
         let path = folder.root().join(inside(name)?);
@@ -95,7 +88,6 @@ fn keep(folder: &RunFolder, invitation: &Invitation, files: &[Vec<u8>]) -> Resul
         .with_context(|| format!("cannot write {}", folder.task().display()))
 }
 
-/// A name that leads nowhere else.
 fn inside(name: &str) -> Result<PathBuf> {
     let path = PathBuf::from(name);
     let plain = !name.is_empty() && path.components().all(|part| matches!(part, Component::Normal(_)));

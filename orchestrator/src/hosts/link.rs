@@ -13,10 +13,8 @@ use std::time::{Duration, Instant};
 
 /// No message of the run is longer: the longest are a process's last words.
 const LONGEST: usize = 4 << 20;
-/// Beats in the time after which a silent link is lost.
 const BEATS: u32 = 5;
 
-/// What crosses: a message, or a sign of life.
 #[derive(Serialize, Deserialize)]
 enum Frame<M> {
     Beat,
@@ -36,12 +34,10 @@ pub fn send_bytes(mut stream: &TcpStream, bytes: &[u8]) -> Result<()> {
     stream.write_all(&whole)
 }
 
-/// Receives one message of at most `longest` bytes that is all there by the deadline.
 pub fn receive<M: DeserializeOwned>(stream: &mut TcpStream, longest: usize, deadline: Instant) -> Result<M> {
     Ok(serde_json::from_slice(&receive_bytes(stream, longest, deadline)?)?)
 }
 
-/// Receives what [`send_bytes`] sent.
 pub fn receive_bytes(stream: &mut TcpStream, longest: usize, deadline: Instant) -> Result<Vec<u8>> {
     let mut length = [0; 4];
     fill(stream, &mut length, deadline)?;
@@ -76,7 +72,6 @@ fn fill(stream: &mut TcpStream, mut bytes: &mut [u8], deadline: Instant) -> Resu
 }
 
 /// The end of a link at which one speaks. When it is dropped, what was said is sent, and the link closes.
-#[derive(Debug)]
 pub struct Mouth<M> {
     messages: Option<Sender<M>>,
     writer: Option<JoinHandle<()>>,

@@ -4,22 +4,18 @@
 
 use std::fmt::{Display, Formatter};
 
-/// What the command line says.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Flags {
     pub hosts: Option<u32>,
     pub host_rank: Option<u32>,
-    /// Where they meet.
     pub rendezvous: Option<String>,
 }
 
-/// What named this host.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Launcher {
     Flags,
     /// torchrun, or what sets its variables (Kubernetes' trainers).
     Torchrun,
-    /// Slurm's srun.
     Slurm,
 }
 
@@ -33,55 +29,30 @@ impl Display for Launcher {
     }
 }
 
-/// One host among the run's.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Membership {
     pub hosts: u32,
-    /// This one, from 0.
     pub host: u32,
     /// Name or address of host 0 and the port at which the others find it; empty where there is one host.
     pub rendezvous: String,
-    /// Who says so.
     pub by: Launcher,
 }
 
-/// Why it is not clear which host this is.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MembershipError {
-    /// A variable does not hold what it should.
     #[error("the variable {variable} is `{value}`, which is no {wanted}")]
-    Variable {
-        variable: &'static str,
-        value: String,
-        /// What it should hold.
-        wanted: &'static str,
-    },
-    /// There are several tasks on a host.
+    Variable { variable: &'static str, value: String, wanted: &'static str },
     #[error(
         "{variable} is {value}: a host has one orchestrator, which starts all learners and actors there ({}, or `--hosts 1` \
          for a run of its own)", .instead
     )]
-    Crowded {
-        /// What shows it.
-        variable: &'static str,
-        value: u32,
-        /// What to do.
-        instead: &'static str,
-    },
+    Crowded { variable: &'static str, value: u32, instead: &'static str },
     #[error("{missing} is missing: with several hosts each needs --hosts N, --host-rank K and --rendezvous HOST:PORT")]
     Missing { missing: &'static str },
-    /// A number is out of range.
     #[error("host {host} of {hosts} hosts does not exist ({by}): hosts count from 0")]
-    Beyond {
-        host: u32,
-        hosts: u32,
-        /// Who says so.
-        by: Launcher,
-    },
-    /// Not `HOST:PORT`.
+    Beyond { host: u32, hosts: u32, by: Launcher },
     #[error("`{0}` is no rendezvous: it is HOST:PORT, the name or address of host 0 and a free port there")]
     Rendezvous(String),
-    /// A Slurm job of several nodes whose nodes were not started.
     #[error(
         "this Slurm job has {nodes} nodes, but srun did not start this program on them: use `srun orchestrator up ...`, \
          or `--hosts 1` for a run on this node alone"

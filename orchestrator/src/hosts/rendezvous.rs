@@ -27,26 +27,20 @@ use std::sync::mpsc::{Sender, channel};
 use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 
-/// How long one who connects may take to prove the token.
 const PROOF: Duration = Duration::from_secs(5);
-/// Connections that have proved nothing yet; those beyond it are closed at once.
 const UNPROVED: usize = 32;
-/// How often the door looks.
 const LOOK: Duration = Duration::from_millis(20);
 /// Hosts that come only to hear that there is nothing to do are waited for so long.
 const FAREWELL: Duration = Duration::from_secs(20);
 
-/// How long hosts wait for one another.
 #[derive(Debug, Clone, Copy)]
 pub struct Patience {
-    /// At the start.
     pub joining: Duration,
     /// From the loss of a host to the end of the job on all others.
     pub lost: Duration,
 }
 
 impl Patience {
-    /// A host of which nothing is received for so long is lost.
     pub fn silence(self) -> Duration {
         self.lost / 3
     }
@@ -57,54 +51,34 @@ impl Patience {
     }
 }
 
-/// What a host is told that has proved the token.
 #[derive(Debug, Serialize, Deserialize)]
 pub enum Reply {
-    /// To take part.
     Invited(Invitation),
-    /// That there is nothing to do.
-    Over {
-        /// Exit status.
-        status: u8,
-        /// Why.
-        text: String,
-    },
-    /// That it cannot take part.
+    Over { status: u8, text: String },
     Refused(String),
 }
 
-/// What a host needs to know of the run.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Invitation {
     pub run_id: String,
-    /// Start of it.
     pub incarnation: u32,
     pub hosts: u32,
-    /// Host 0's name.
     pub name: String,
-    /// Contents of config.toml.
     pub config: String,
     /// Files that the processes read, relative to the run folder, and their sizes. They follow, in this order.
     pub files: Vec<(String, u64)>,
-    /// Where the learners' store is.
     pub store: SocketAddr,
-    /// See [`Patience::lost`], seconds.
     pub lost_s: f64,
 }
 
-/// Hosts that did not come, or cannot take part.
 #[derive(Debug, thiserror::Error)]
 pub enum Incomplete {
-    /// They did not come, or went away.
     #[error("{0}")]
     Missing(String),
-    /// One says that it cannot.
     #[error("host {0} cannot take part: {1}")]
     Refuses(u32, String),
 }
 
-/// The door.
-#[derive(Debug)]
 pub struct Rendezvous {
     listener: TcpListener,
     own: IpAddr,
@@ -116,7 +90,6 @@ pub struct Rendezvous {
 }
 
 impl Rendezvous {
-    /// Listens at the rendezvous, on this host's own address alone.
     pub fn open(member: &Membership, token: Token, interface: Option<&str>, patience: Patience) -> Result<Self> {
         let own = address::of_first(&member.rendezvous, interface)?;
         let (name, port) = member.rendezvous.rsplit_once(':').context("a rendezvous has a port")?;
@@ -190,7 +163,6 @@ impl Rendezvous {
         Ok(Together { hosts, remote_hosts: RemoteHosts::new(hosts, others, early, inbox), network })
     }
 
-    /// Tells the hosts that come that there is nothing to do; does not wait long for those that do not.
     pub fn turn_away(&self, status: u8, text: &str) {
         let reply = Reply::Over { status, text: text.to_owned() };
         match self.admit_all(FAREWELL) {
@@ -248,7 +220,6 @@ impl Rendezvous {
         }
     }
 
-    /// Lets one prove itself, on a thread of its own.
     fn prove(
         &self,
         (mut stream, address): (TcpStream, SocketAddr),
@@ -282,7 +253,6 @@ impl Rendezvous {
         }
     }
 
-    /// Waits until all are ready. Returns what is to be answered when they are: requests to stop.
     fn await_ready(
         &self,
         others: &[Other],
@@ -317,8 +287,6 @@ impl Rendezvous {
     }
 }
 
-/// A link, as the supervision knows it.
-#[derive(Debug)]
 struct Way(Mouth<Order>);
 
 impl Obeys for Way {
@@ -327,7 +295,6 @@ impl Obeys for Way {
     }
 }
 
-/// What a link's listener does: everything received goes to the supervision.
 fn ear(
     host: u32,
     sender: mpsc::Sender<(u32, FromHost)>,
@@ -338,7 +305,6 @@ fn ear(
     }
 }
 
-/// Whether the other end of a connection that has nothing to say is still there.
 fn is_there(stream: &TcpStream) -> bool {
     if stream.set_nonblocking(true).is_err() {
         return false;
@@ -350,7 +316,6 @@ fn is_there(stream: &TcpStream) -> bool {
     stream.set_nonblocking(false).is_ok() && there
 }
 
-/// The files of a run folder that processes of all hosts read: its scenes.
 fn files_of(folder: &RunFolder) -> Result<Vec<(String, Vec<u8>)>> {
     scenes::files_below(folder, folder.root(), &folder.scenes())
         .with_context(|| format!("cannot read {}", folder.scenes().display()))

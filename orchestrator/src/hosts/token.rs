@@ -13,7 +13,6 @@ use std::path::{Path, PathBuf};
 
 /// A shorter one could be guessed by who has seen a proof.
 const SHORTEST: usize = 16;
-/// No token is longer.
 const LONGEST: u64 = 4096;
 
 #[derive(Clone)]
@@ -25,18 +24,14 @@ impl std::fmt::Debug for Token {
     }
 }
 
-/// Both sides' random words, and the host that they are about.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Drawn<'a> {
-    /// The one who connects.
     pub host: u32,
     pub guest: &'a str,
-    /// Drawn by host 0.
     pub door: &'a str,
 }
 
 impl Token {
-    /// From the file of the flag, or of the variable, or from the variable itself.
     pub fn find(file: Option<&Path>) -> Result<Self> {
         let named = file.map(Path::to_path_buf).or_else(|| std::env::var_os(TOKEN_FILE).map(PathBuf::from));
         if let Some(path) = named {
@@ -56,7 +51,6 @@ impl Token {
         Self::new(text.as_bytes()).with_context(|| format!("the token in the variable {TOKEN}"))
     }
 
-    /// A token of these bytes; space around it does not count.
     pub fn new(bytes: &[u8]) -> Result<Self> {
         let token = bytes.trim_ascii();
         ensure!(
@@ -67,12 +61,10 @@ impl Token {
         Ok(Self(token.to_vec()))
     }
 
-    /// Host 0's proof that it has the token.
     pub fn door_proof(&self, drawn: &Drawn<'_>) -> String {
         self.code(&words("door", drawn))
     }
 
-    /// Another host's proof that it has it.
     pub fn guest_proof(&self, drawn: &Drawn<'_>) -> String {
         self.code(&words("guest", drawn))
     }
@@ -101,7 +93,6 @@ impl Token {
         self.verifies(&words("door", drawn), proof)
     }
 
-    /// Whether this is another host's proof.
     pub fn is_guests(&self, drawn: &Drawn<'_>, proof: &str) -> bool {
         self.verifies(&words("guest", drawn), proof)
     }
@@ -124,7 +115,6 @@ fn words(side: &str, drawn: &Drawn<'_>) -> [String; 4] {
     [side.to_owned(), drawn.host.to_string(), drawn.guest.to_owned(), drawn.door.to_owned()]
 }
 
-/// Random words that were never drawn before: 64 hex digits.
 pub fn draw() -> Result<String> {
     let mut bytes = [0u8; 32];
     File::open("/dev/urandom").and_then(|mut source| source.read_exact(&mut bytes)).context("/dev/urandom")?;

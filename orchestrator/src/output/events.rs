@@ -15,7 +15,6 @@ use tracing_subscriber::layer::Context;
 
 static TOLD: AtomicBool = AtomicBool::new(false);
 
-/// From now on events are told, lines of the log too.
 pub fn begin() {
     TOLD.store(true, Ordering::Relaxed);
 }
@@ -33,7 +32,6 @@ struct Told<'a, T> {
     fields: T,
 }
 
-/// Tells an event. `fields` makes its fields, an object; it is not called if nothing is told.
 pub fn tell<T: Serialize>(event: &str, fields: impl FnOnce() -> T) {
     if are_told() {
         let at_unix_s = SystemTime::UNIX_EPOCH.elapsed().unwrap_or_default().as_millis() as f64 / 1000.0;
@@ -42,7 +40,6 @@ pub fn tell<T: Serialize>(event: &str, fields: impl FnOnce() -> T) {
     }
 }
 
-/// Tells lines of the log.
 #[derive(Debug, Clone, Copy)]
 pub struct LogLines;
 

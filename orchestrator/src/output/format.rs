@@ -1,10 +1,9 @@
-//! Figures as people read them: counts, bytes, durations, dates. Pure functions.
-
 pub use report::format::{NOTHING, count, counted, number};
 
 use proto::task::Described;
 use std::collections::BTreeMap;
 use std::time::Duration;
+use time::OffsetDateTime;
 
 /// Bytes in binary units with three significant figures: `512 B`, `1.50 GiB`.
 pub fn bytes(value: u64) -> String {
@@ -34,17 +33,14 @@ pub fn duration(value: Duration) -> String {
     }
 }
 
-/// A rate a second: one decimal below 100, none above.
 pub fn rate(per_second: f64) -> String {
     if per_second < 99.95 { format!("{per_second:.1}") } else { count((per_second + 0.5) as u64) }
 }
 
-/// A share as a percentage with one decimal: `50.0%`; a dash for none.
 pub fn percent(share: Option<f64>) -> String {
     share.map_or_else(|| NOTHING.to_owned(), |share| format!("{:.1}%", 100.0 * share))
 }
 
-/// A metric's mean: a percentage of a share, else three decimals and its unit; a dash for none.
 pub fn metric(metric: &Described, value: Option<f64>) -> String {
     match (value, metric.unit.as_str()) {
         (value, _) if metric.is_share() => percent(value),
@@ -53,7 +49,6 @@ pub fn metric(metric: &Described, value: Option<f64>) -> String {
     }
 }
 
-/// Metrics with their means.
 pub fn metrics<'a>(
     metrics: impl IntoIterator<Item = &'a Described>,
     figures: &BTreeMap<String, f64>,
@@ -63,32 +58,22 @@ pub fn metrics<'a>(
     each.collect::<Vec<_>>().join(between)
 }
 
+/// A time that no calendar has is the first of all.
+fn moment(unix_s: u64) -> OffsetDateTime {
+    let moment = i64::try_from(unix_s).map(OffsetDateTime::from_unix_timestamp);
+    moment.ok().and_then(Result::ok).unwrap_or(OffsetDateTime::UNIX_EPOCH)
+}
+
 /// Seconds since 1970 as `YYYYMMDD-HHMMSS` (UTC): sorts by time and is a valid file name everywhere.
 pub fn timestamp(unix_s: u64) -> String {
-    let (year, month, day) = civil_from_days((unix_s / 86400) as i64);
-    let second = unix_s % 86400;
-    format!("{year:04}{month:02}{day:02}-{:02}{:02}{:02}", second / 3600, second / 60 % 60, second % 60)
+    let at = moment(unix_s);
+    let day = at.date().to_string().replace('-', "");
+    format!("{day}-{:02}{:02}{:02}", at.hour(), at.minute(), at.second())
 }
 
-/// Seconds since 1970 as `YYYY-MM-DD HH:MM:SS UTC`.
 pub fn date(unix_s: u64) -> String {
-    let (year, month, day) = civil_from_days((unix_s / 86400) as i64);
-    let second = unix_s % 86400;
-    format!("{year:04}-{month:02}-{day:02} {:02}:{:02}:{:02} UTC", second / 3600, second / 60 % 60, second % 60)
-}
-
-/// Proleptic Gregorian date of a day number counted from 1970-01-01 (Howard Hinnant, "chrono-compatible low-level
-/// date algorithms").
-fn civil_from_days(days: i64) -> (i64, u32, u32) {
-    let shifted = days + 719_468;
-    let era = shifted.div_euclid(146_097);
-    let day_of_era = shifted.rem_euclid(146_097);
-    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let shifted_month = (5 * day_of_year + 2) / 153;
-    let day = (day_of_year - (153 * shifted_month + 2) / 5 + 1) as u32;
-    let month = if shifted_month < 10 { shifted_month + 3 } else { shifted_month - 9 } as u32;
-    (year_of_era + era * 400 + i64::from(month <= 2), month, day)
+    let at = moment(unix_s);
+    format!("{} {:02}:{:02}:{:02} UTC", at.date(), at.hour(), at.minute(), at.second())
 }
 
 #[cfg(test)]

@@ -1,19 +1,14 @@
-//! Lines that our programs log, as others read them again.
-
 use tracing::Level;
 
 /// A line of a child's standard error, as `wire::logging` writes it: `2026-11-21T02:04:23.1Z  WARN text`; or of the
 /// orchestrator's log, which has the place in the program before the text.
 #[derive(Debug, PartialEq, Eq)]
 pub struct LogLine<'a> {
-    /// None of what is not a log line.
     pub level: Option<Level>,
-    /// The message, without the place: that is for those who read the file.
     pub text: &'a str,
 }
 
 impl<'a> LogLine<'a> {
-    /// Takes a line apart.
     pub fn parse(line: &'a str) -> Self {
         let plain = Self { level: None, text: line };
         let Some((time, rest)) = line.split_once(' ') else { return plain };

@@ -1,6 +1,4 @@
-//! What people read: the terminal ([`terminal`]), figures in words ([`format`](mod@format)), cells in columns
-//! ([`table`]); parsing of log lines ([`log_line`]); warnings that others cause ([`seldom`]); and what scripts read while a
-//! run goes on ([`events`]).
+//! What people read, and what scripts read while a run goes on ([`events`]).
 
 pub mod events;
 pub mod format;

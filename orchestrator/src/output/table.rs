@@ -1,8 +1,5 @@
-//! Cells in columns.
-
 use crate::output::format::NOTHING;
 
-/// A line a row; the columns are as wide as their widest cell.
 pub fn aligned(rows: &[Vec<String>]) -> Vec<String> {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let width = |column: usize| {

@@ -19,11 +19,8 @@ use tracing_subscriber::util::SubscriberInitExt;
 use tracing_subscriber::{Layer, Registry};
 
 struct State {
-    /// Lines of progress on the screen now.
     drawn: Vec<String>,
-    /// Where the log goes besides the terminal, once the run folder is known.
     file: Option<File>,
-    /// Something else draws on the terminal.
     muted: bool,
     /// Why a result did not reach standard output, if its reader has not just gone.
     unwritten: Option<std::io::Error>,
@@ -60,17 +57,14 @@ pub fn init(verbose: bool, also: Box<dyn Layer<Registry> + Send + Sync>) {
     }
 }
 
-/// From now on the log is also appended to `file`.
 pub fn log_to_file(file: File) {
     state().file = Some(file);
 }
 
-/// From now on, or no more, log lines stay away from the terminal: something else draws on it.
 pub fn mute(muted: bool) {
     state().muted = muted;
 }
 
-/// Writes a line to standard output.
 pub fn out(line: &str) {
     if let Err(error) = offer(line)
         && !is_unread(&error)
@@ -110,13 +104,11 @@ pub fn offer(line: &str) -> std::io::Result<()> {
     written
 }
 
-/// Writes a value as one line of JSON to standard output.
 pub fn out_json(value: &impl Serialize) -> serde_json::Result<()> {
     out(&ascii_controls(&serde_json::to_string(value)?));
     Ok(())
 }
 
-/// Writes a value as one line of JSON to standard output; fails as [`offer`] does.
 pub fn offer_json(value: &impl Serialize) -> std::io::Result<()> {
     offer(&ascii_controls(&serde_json::to_string(value)?))
 }
@@ -133,7 +125,6 @@ fn ascii_controls(json: &str) -> String {
     text
 }
 
-/// Writes a line to standard error.
 pub fn note(line: &str) {
     let mut state = state();
     let drawn = erase(&mut state);
@@ -141,12 +132,10 @@ pub fn note(line: &str) {
     draw(&mut state, drawn);
 }
 
-/// True when progress can be refreshed in place.
 pub fn interactive() -> bool {
     std::io::stderr().is_terminal() && std::env::var_os("TERM").is_none_or(|term| term != "dumb")
 }
 
-/// How many characters a line of progress can have.
 fn columns() -> usize {
     let size = rustix::termios::tcgetwinsize(std::io::stderr());
     size.map_or(80, |size| usize::from(size.ws_col)).max(20) - 1
@@ -161,9 +150,9 @@ pub fn progress(lines: Vec<String>) {
 
 /// Without a terminal that can be refreshed, a line of progress as often as this.
 const LINE_EVERY: Duration = Duration::from_secs(5);
+const REFRESHED_EVERY: Duration = Duration::from_millis(100);
 
 /// How work gets on: one line, refreshed in place on an [`interactive`] terminal, written every few seconds elsewhere.
-#[derive(Debug)]
 pub struct Live {
     interactive: bool,
     last_line: Option<Duration>,
@@ -176,21 +165,19 @@ impl Default for Live {
 }
 
 impl Live {
-    /// Whether it is time to show something. `now` is the time since the work began.
     pub fn is_due(&mut self, now: Duration) -> bool {
-        let due = self.interactive || self.last_line.is_none_or(|last| now.saturating_sub(last) >= LINE_EVERY);
+        let every = if self.interactive { REFRESHED_EVERY } else { LINE_EVERY };
+        let due = self.last_line.is_none_or(|last| now.saturating_sub(last) >= every);
         if due {
             self.last_line = Some(now);
         }
         due
     }
 
-    /// How many characters a line can have that is refreshed in place; none elsewhere, where it can be long.
     pub fn columns(&self) -> Option<usize> {
         self.interactive.then(columns)
     }
 
-    /// Shows this line, in place of the last one where it is refreshed.
     pub fn show(&self, line: String) {
         if self.interactive {
             progress(vec![line]);
@@ -199,7 +186,6 @@ impl Live {
         }
     }
 
-    /// Takes it off the screen.
     pub fn clear(&self) {
         if self.interactive {
             progress(Vec::new());
@@ -229,7 +215,6 @@ fn draw(state: &mut State, lines: Vec<String>) {
     state.drawn = lines;
 }
 
-/// Time since the program began: `[  12.3s]`.
 struct SinceStart(Instant);
 
 impl FormatTime for SinceStart {
@@ -238,7 +223,6 @@ impl FormatTime for SinceStart {
     }
 }
 
-/// Writes whole log lines above the progress.
 #[derive(Clone, Copy)]
 struct Screen;
 
@@ -265,7 +249,6 @@ impl<'a> MakeWriter<'a> for Screen {
     }
 }
 
-/// Writes whole log lines to the run's log.
 #[derive(Clone, Copy)]
 struct LogFile;
 

@@ -5,14 +5,12 @@ use std::fmt::Display;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// A warning of each kind is logged once in this time.
 const PERIOD: Duration = Duration::from_mins(1);
 
 /// Logs the first warning of a kind, and then one a minute with the number of those that were left out.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub struct WarningLimiter(Mutex<BTreeMap<&'static str, Kind>>);
 
-#[derive(Debug)]
 struct Kind {
     logged: Instant,
     left_out: u64,

@@ -1,19 +1,15 @@
-//! Every check of one configuration: `up` stops at the first problem, `doctor` shows all.
-
-use super::tools::Tools;
-use super::{Finding, cores, descriptors, device, disk, memory, processor, services, shared_memory, temporary};
+use super::programs::Tools;
+use super::{Finding, descriptors, device, disk, memory, placement, processor, services, shared_memory, temporary};
 use anyhow::Result;
 use proto::config::Config;
 use proto::device::Torch;
 use proto::run_folder::RunFolder;
 use std::path::Path;
 
-/// Looks at everything that could keep this configuration from running here in `folder`, with what the learner computes
-/// with, as far as that is known.
 pub fn check_all(config: &Config, folder: &Path, torch: Option<&Torch>) -> Vec<(&'static str, Finding)> {
     let mut found = vec![("processor", processor::check())];
     if let Some(torch) = torch {
-        found.extend([("learners", device::check(config, torch)), ("cores", cores::check(config, torch))]);
+        found.extend([("learners", device::check(config, torch)), ("cores", placement::check(config, torch))]);
     }
     let on_gpu = torch.is_some_and(|torch| device::is_cuda(config, torch));
     let memory = match memory::available() {
@@ -30,7 +26,6 @@ pub fn check_all(config: &Config, folder: &Path, torch: Option<&Torch>) -> Vec<(
     found
 }
 
-/// Refuses a configuration that cannot run here.
 pub fn demand_all(config: &Config, folder: &RunFolder, tools: &Tools) -> Result<()> {
     check_all(config, folder.root(), Some(&tools.torch)).into_iter().try_for_each(|(_, finding)| finding.demand())
 }

@@ -20,7 +20,6 @@ const ACTOR: [u64; 3] = [38, 2, 3];
 /// For what is open only for moments, and for what CUDA opens, which was not measured.
 const SPARE: u64 = 64;
 
-/// Files that the process that needs the most has open.
 fn need(shares: Shares) -> u64 {
     let (all, learners) = (u64::from(shares.actors()), u64::from(shares.learners()));
     let of = |[alone, actor, learner]: [u64; 3]| alone + actor * all + learner * learners;

@@ -1,5 +1,3 @@
-//! Whether there is a device for every learner.
-
 use super::Finding;
 use proto::config::{Config, DeviceChoice};
 use proto::device::Torch;
@@ -19,12 +17,10 @@ pub fn check_gpus(gpus: &[String], torch: &Torch) -> Finding {
     }
 }
 
-/// Whether the learners of `config` compute on CUDA here.
 pub fn is_cuda(config: &Config, torch: &Torch) -> bool {
     torch.has_cuda() && config.learner.device != DeviceChoice::Cpu
 }
 
-/// Checks the devices that `config` asks for: with CUDA, one for each learner.
 pub fn check(config: &Config, torch: &Torch) -> Finding {
     let (cuda, learners) = (torch.cuda_devices(), config.learner.count);
     let Torch { version, library, devices, .. } = torch;

@@ -1,5 +1,3 @@
-//! Whether the disk holds what a run writes: checkpoints must fit, recordings should.
-
 use super::Finding;
 use crate::output::format::bytes;
 use proto::config::{Config, dqn};
@@ -17,10 +15,8 @@ const RECORDED_STEP: u64 = 120;
 /// A recorded depth frame: zstd, between a level camera (2 KB) and one that looks down (28 KB).
 const RECORDED_FRAME: u64 = 20_000;
 
-/// An environment's state beside its actions.
 const STATE: u64 = 64;
 
-/// A procedural kitchen that is kept.
 const KITCHEN: u64 = 32_000;
 
 /// What a run writes at most, bytes: (checkpoints and kitchens, recordings).
@@ -43,7 +39,6 @@ pub fn need(config: &Config) -> (u64, u64) {
     (checkpoint * kept + kitchens, recordings)
 }
 
-/// Checks the place that will hold `folder`: it can be written to, and has room.
 pub fn check(config: &Config, folder: &Path) -> Finding {
     let existing = folder.ancestors().find(|folder| folder.exists()).unwrap_or(Path::new("."));
     let existing = if existing.as_os_str().is_empty() { Path::new(".") } else { existing };
@@ -59,11 +54,9 @@ pub fn check(config: &Config, folder: &Path) -> Finding {
     }
 }
 
-/// What is wrong with a disk on which a lock cannot be taken, and what to do.
 pub const NO_LOCKS: &str = "this disk has no file locks (flock), which keep two orchestrators from working on one run: put \
                             the run on another disk, or mount this one with locks";
 
-/// Makes a file there, locks it, and removes it.
 fn try_out(folder: &Path) -> Result<(), Error> {
     let path = folder.join(format!(".stillroom-{}", std::process::id()));
     let file = File::create_new(&path)?;

@@ -12,7 +12,6 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
-/// The torch version that the learner needs.
 const SERIES: &str = "2.11";
 /// Loading libtorch takes half a second from a warm cache; a cold network file system may take a minute.
 const PATIENCE: Duration = Duration::from_mins(2);
@@ -69,7 +68,6 @@ fn environment_for(root: &Path, before: Option<&OsStr>) -> Result<Vec<(OsString,
     Ok(vec![("LD_LIBRARY_PATH".into(), joined)])
 }
 
-/// The version that a libtorch folder or a Python torch package states.
 fn version_of(root: &Path) -> Option<String> {
     if let Ok(text) = std::fs::read_to_string(root.join("build-version")) {
         return Some(text.trim().to_owned()).filter(|version| !version.is_empty());
@@ -83,7 +81,6 @@ fn is_of_series(version: &str) -> bool {
     version.strip_prefix(SERIES).is_some_and(|rest| rest.is_empty() || rest.starts_with(['.', '+']))
 }
 
-/// Has the learner load its libtorch.
 pub fn check(learner: &Path, environment: &[(OsString, OsString)]) -> Result<Torch> {
     let mut command = Command::new(learner);
     command.arg("check").envs(environment.iter().map(|(name, value)| (name, value)));
@@ -97,7 +94,6 @@ pub fn check(learner: &Path, environment: &[(OsString, OsString)]) -> Result<Tor
     serde_json::from_str(line).with_context(|| format!("`{} check` printed: {stdout}{stderr}", learner.display()))
 }
 
-/// Why the learner could not load its library, and what to do.
 fn explain(learner: &Path, status: &str, complaint: &str) -> String {
     const MISSING: &str = "error while loading shared libraries: ";
     let complaint = complaint.trim();

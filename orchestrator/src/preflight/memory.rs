@@ -24,22 +24,17 @@ const NUMBERS: u64 = 64 << 10;
 /// The orchestrator and the recorder's buffers.
 const ORCHESTRATOR: u64 = 96 << 20;
 
-/// Memory that a run needs, bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Need {
     pub actor: u64,
     /// One learner, that with the most actors.
     pub learner: u64,
     pub learners: u32,
-    /// Shared memory, which is memory too.
     pub shared: u64,
     pub total: u64,
 }
 
-/// What `config` needs with `actors` actors.
-///
-/// # Panics
-/// If those are fewer than its [`Config::fewest_actors`].
+/// `actors`: not fewer than [`Config::fewest_actors`].
 pub fn need(config: &Config, actors: u32, cuda: bool) -> Need {
     let environments_per_actor = config.actors.environments_per_actor;
     let own_kitchen = if matches!(config.kitchens(), Kitchens::Procedural(_)) { ACTOR_KITCHEN } else { 0 };
@@ -77,7 +72,6 @@ pub fn need(config: &Config, actors: u32, cuda: bool) -> Need {
     Need { actor, learner, learners, shared, total }
 }
 
-/// Checks what `config` needs against `available` bytes.
 pub fn check(config: &Config, cuda: bool, available: u64) -> Finding {
     let actors = config.actors.count;
     let all = need(config, actors, cuda);

@@ -1,9 +1,7 @@
 //! Checks before any process starts, so that a run that cannot work fails at once, with one message that contains the
-//! figures and a remedy. `up` and `resume` stop at the first problem; `doctor` prints all of it. [`all`] is every check
-//! of one configuration; [`tools`] finds the other two programs.
+//! figures and a remedy. `up` and `resume` stop at the first problem; `doctor` prints all of it.
 
 pub mod all;
-pub mod cores;
 pub mod descriptors;
 pub mod device;
 pub mod disk;
@@ -15,20 +13,15 @@ pub mod programs;
 pub mod services;
 pub mod shared_memory;
 pub mod temporary;
-pub mod tools;
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Finding {
-    /// All is well; what there is.
     Good(String),
-    /// It works, but.
     Warning(String),
-    /// It cannot work; why, and what to do.
     Problem(String),
 }
 
 impl Finding {
-    /// Logs a warning; makes an error of a problem.
     pub fn demand(self) -> anyhow::Result<()> {
         match self {
             Self::Good(text) => tracing::debug!("{text}"),

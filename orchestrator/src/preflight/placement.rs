@@ -1,7 +1,10 @@
 //! Which cores a run's processes are held to (`machine.pin`): those near a learner's GPU for it and its actors. It
 //! changes when things happen, and nothing of what is computed.
 
-use proto::config::Pin;
+use super::Finding;
+use super::device::is_cuda;
+use anyhow::{Context, Result, bail};
+use proto::config::{Config, Pin};
 use proto::device::Torch;
 use proto::shares::Shares;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
@@ -10,10 +13,8 @@ use std::path::Path;
 
 /// Cores of one GPU's share from which on its learner has some to itself.
 const ENOUGH: usize = 8;
-/// The most cores that a learner has to itself.
 const OWN: usize = 4;
 
-/// What of a machine matters for a placement.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Cores {
     /// Cores that this process may use; threads of one core stand side by side.
@@ -22,46 +23,16 @@ pub struct Cores {
     near: Vec<BTreeSet<usize>>,
 }
 
-/// The cores of each process. None where the kernel chooses.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Placement {
     shares: Shares,
-    /// By rank.
     learners: Vec<Vec<usize>>,
-    /// Of each learner's actors, by rank.
     actors: Vec<Vec<usize>>,
 }
 
-/// Why processes cannot be placed.
-#[derive(Debug, thiserror::Error)]
-pub enum PlacementError {
-    /// A core was named that is not there.
-    #[error(
-        "machine.pin names core {core}, which this process may not use (it may use {usable}). Name others, or let \
-         `machine.pin = true` choose"
-    )]
-    NoCore {
-        core: usize,
-        /// Those that can be named.
-        usable: String,
-    },
-    /// The kernel refuses.
-    #[error("cannot {what}: {cause}")]
-    Kernel {
-        /// What was asked for.
-        what: String,
-        cause: std::io::Error,
-    },
-}
-
 impl Cores {
-    /// Looks at this machine. `torch` names the GPUs.
-    pub fn find(torch: &Torch) -> Result<Self, PlacementError> {
-        let failed = |cause: rustix::io::Errno| PlacementError::Kernel {
-            what: "read this process's cores".to_owned(),
-            cause: cause.into(),
-        };
-        let set = sched_getaffinity(None).map_err(failed)?;
+    pub fn find(torch: &Torch) -> Result<Self> {
+        let set = sched_getaffinity(None).context("cannot read this process's cores")?;
         let mut usable: Vec<usize> = (0..CpuSet::MAX_CPU).filter(|&core| set.is_set(core)).collect();
         let first_thread = |core: usize| {
             let path = format!("/sys/devices/system/cpu/cpu{core}/topology/thread_siblings_list");
@@ -79,14 +50,18 @@ impl Cores {
     }
 
     /// Places the processes of a run; none if `pin` leaves it to the kernel. `on_gpu`: learner r computes on GPU r.
-    pub fn place(&self, pin: &Pin, shares: Shares, on_gpu: bool) -> Result<Option<Placement>, PlacementError> {
+    pub fn place(&self, pin: &Pin, shares: Shares, on_gpu: bool) -> Result<Option<Placement>> {
         let allowed: Vec<usize> = match pin {
             Pin::Automatic(false) => return Ok(None),
             Pin::Automatic(true) => self.usable.clone(),
             Pin::Cores(cores) => {
                 let named: Vec<usize> = cores.iter().map(|&core| core as usize).collect();
                 if let Some(&core) = named.iter().find(|core| !self.usable.contains(core)) {
-                    return Err(PlacementError::NoCore { core, usable: text(&self.usable) });
+                    bail!(
+                        "machine.pin names core {core}, which this process may not use (it may use {}). Name others, \
+                         or let `machine.pin = true` choose",
+                        text(&self.usable)
+                    );
                 }
                 self.usable.iter().copied().filter(|core| named.contains(core)).collect()
             }
@@ -126,7 +101,6 @@ impl Placement {
         &self.actors[self.shares.learner_of(actor) as usize]
     }
 
-    /// As text: `learner 0 on 0-3, its actors on 4-15`.
     pub fn describe(&self) -> String {
         let each = self.learners.iter().zip(&self.actors).enumerate();
         let each = each
@@ -136,19 +110,16 @@ impl Placement {
 }
 
 /// Starts a child on some cores: it inherits them from the thread that starts it.
-pub fn start_on<T>(cores: &[usize], start: impl FnOnce() -> T) -> Result<T, PlacementError> {
-    let failed = |cause: rustix::io::Errno| PlacementError::Kernel {
-        what: format!("hold a process to cores {}", text(cores)),
-        cause: cause.into(),
-    };
+pub fn start_on<T>(cores: &[usize], start: impl FnOnce() -> T) -> Result<T> {
+    let failed = || format!("cannot hold a process to cores {}", text(cores));
     let mut set = CpuSet::new();
     for &core in cores {
         set.set(core);
     }
-    let before = sched_getaffinity(None).map_err(failed)?;
-    sched_setaffinity(None, &set).map_err(failed)?;
+    let before = sched_getaffinity(None).with_context(failed)?;
+    sched_setaffinity(None, &set).with_context(failed)?;
     let started = start();
-    sched_setaffinity(None, &before).map_err(failed)?;
+    sched_setaffinity(None, &before).with_context(failed)?;
     Ok(started)
 }
 
@@ -168,7 +139,6 @@ fn text(cores: &[usize]) -> String {
     shown.collect::<Vec<_>>().join(",")
 }
 
-/// The list of cores in a file of the kernel's.
 fn list_in(path: &Path) -> Option<BTreeSet<usize>> {
     parse(std::fs::read_to_string(path).ok()?.trim())
 }
@@ -180,6 +150,18 @@ fn parse(list: &str) -> Option<BTreeSet<usize>> {
         found.extend(first.parse::<usize>().ok()?..=last.parse().ok()?);
     }
     Some(found)
+}
+
+pub fn placement(config: &Config, torch: &Torch) -> Result<Option<Placement>> {
+    Cores::find(torch)?.place(&config.machine.pin, config.shares(), is_cuda(config, torch))
+}
+
+pub fn check(config: &Config, torch: &Torch) -> Finding {
+    match placement(config, torch) {
+        Ok(None) => Finding::Good("as the kernel chooses (machine.pin = false)".to_owned()),
+        Ok(Some(placement)) => Finding::Good(placement.describe()),
+        Err(error) => Finding::Problem(format!("{error:#}")),
+    }
 }
 
 #[cfg(test)]
@@ -257,5 +239,22 @@ mod tests {
             assert_eq!(list(&String::from_utf8_lossy(&status)), Some(last.to_string()));
         }
         assert_eq!(list(&own()), before);
+    }
+
+    #[test]
+    fn a_core_that_is_not_there_is_a_problem() {
+        let torch = |pci| Torch {
+            version: "2.11.0".into(),
+            library: String::new(),
+            devices: vec!["cpu".into()],
+            pci,
+            arithmetic: String::new(),
+        };
+        let mut config = Config::resolve("demo", None).unwrap();
+        assert!(matches!(check(&config, &torch(vec![])), Finding::Good(text) if text.contains("kernel")));
+        config.machine.pin = Pin::Automatic(true);
+        assert!(matches!(check(&config, &torch(vec![])), Finding::Good(text) if text.starts_with("learner 0 on ")));
+        config.machine.pin = Pin::Cores(vec![1023]);
+        assert!(matches!(check(&config, &torch(vec![])), Finding::Problem(text) if text.contains("core 1023")));
     }
 }

@@ -1,11 +1,8 @@
-//! The processor: programs are compiled for x86-64-v3.
-
 use super::Finding;
 
 /// What x86-64-v3 has beyond x86-64-v2, as /proc/cpuinfo names it.
 const NEEDED: [&str; 7] = ["avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "movbe"];
 
-/// Checks the features of this machine's processor.
 pub fn check() -> Finding {
     if !cfg!(target_arch = "x86_64") {
         return Finding::Good(std::env::consts::ARCH.to_owned());

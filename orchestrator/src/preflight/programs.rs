@@ -1,22 +1,33 @@
-//! Where the other two programs are: beside this one, else on the PATH.
-
+use super::libtorch;
 use anyhow::{Result, bail};
+use proto::device::Torch;
 use rustix::fs::Access;
 use std::ffi::OsString;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-/// The programs and what they need to start.
 #[derive(Debug, Clone)]
 pub struct Programs {
-    /// The learner's executable.
     pub learner: PathBuf,
-    /// The actor's executable.
     pub actor: PathBuf,
-    /// Variables for the learner, besides the orchestrator's own.
     pub learner_environment: Vec<(OsString, OsString)>,
 }
 
-/// The executable called `name`.
+#[derive(Debug, Clone)]
+pub struct Tools {
+    pub programs: Programs,
+    pub torch: Torch,
+}
+
+impl Tools {
+    pub fn find() -> Result<Self> {
+        let learner = find("learner")?;
+        let actor = find("actor")?;
+        let learner_environment = libtorch::environment()?;
+        let torch = libtorch::check(&learner, &learner_environment)?;
+        Ok(Self { programs: Programs { learner, actor, learner_environment }, torch })
+    }
+}
+
 pub fn find(name: &str) -> Result<PathBuf> {
     let beside = std::env::current_exe().ok().and_then(|own| Some(own.parent()?.to_path_buf()));
     let path = std::env::var_os("PATH").unwrap_or_default();
@@ -28,17 +39,13 @@ pub fn find(name: &str) -> Result<PathBuf> {
     bail!("the program `{name}` is neither{place} on the PATH; `make build` compiles it")
 }
 
-/// The first executable called `name` on the PATH.
 pub fn on_path(name: &str) -> Option<PathBuf> {
     find_in(name, std::env::split_paths(&std::env::var_os("PATH").unwrap_or_default()))
 }
 
 fn find_in(name: &str, folders: impl Iterator<Item = PathBuf>) -> Option<PathBuf> {
-    folders.map(|folder| folder.join(name)).find(|path| is_program(path))
-}
-
-fn is_program(path: &Path) -> bool {
-    path.is_file() && rustix::fs::access(path, Access::EXEC_OK).is_ok()
+    let is_program = |path: &PathBuf| path.is_file() && rustix::fs::access(path, Access::EXEC_OK).is_ok();
+    folders.map(|folder| folder.join(name)).find(is_program)
 }
 
 #[cfg(test)]

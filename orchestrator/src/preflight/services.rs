@@ -7,7 +7,6 @@ use proto::shares::Shares;
 use std::time::{SystemTime, UNIX_EPOCH};
 use wire::{WireAddress, WireHost, WireShape};
 
-/// Makes them, and removes them.
 pub fn check() -> Finding {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_nanos());
     // As long as a run's own id.

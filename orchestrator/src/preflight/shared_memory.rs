@@ -8,7 +8,6 @@ use proto::shares::Shares;
 use rustix::fs::{Access, access, statvfs};
 use wire::{SHARED_MEMORY, WireShape};
 
-/// Checks what `config` needs against what is free in /dev/shm.
 pub fn check(config: &Config) -> Finding {
     let writable = access(SHARED_MEMORY, Access::READ_OK | Access::WRITE_OK | Access::EXEC_OK);
     match writable.and_then(|()| statvfs(SHARED_MEMORY)) {

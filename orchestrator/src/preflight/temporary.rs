@@ -1,17 +1,13 @@
-//! Whether the temporary folder can be used: every run has sockets and small files in it.
-
 use super::Finding;
 use rustix::fs::Access;
 use std::io::{Error, ErrorKind};
 use std::path::Path;
 use wire::{WireAddress, WireError, temporary_folder};
 
-/// Checks the folder that `TMPDIR` names, /tmp without it.
 pub fn check() -> Finding {
     check_folder(&temporary_folder())
 }
 
-/// The same for somebody who starts a run there.
 pub fn check_for_run() -> Finding {
     match check_name(&"0".repeat(ID)) {
         Err(error) => Finding::Problem(error.to_string()),
@@ -19,7 +15,6 @@ pub fn check_for_run() -> Finding {
     }
 }
 
-/// Length of the id of a run.
 const ID: usize = 12;
 
 /// Whether a run with this id finds room for its names: they begin with that of the folder.

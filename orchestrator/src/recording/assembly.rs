@@ -1,5 +1,3 @@
-//! One episode, put together from its steps, and what is missing of it.
-
 use super::declared::Declared;
 use super::form::Told;
 use proto::episode::EnvironmentId;
@@ -10,14 +8,11 @@ use std::cmp::Ordering;
 /// Incarnations of orchestrator and learner: the higher one is the newer.
 pub type Generation = (u32, u32);
 
-/// What was recorded of an episode so far.
 #[derive(Debug, Default)]
 pub struct Assembly {
     pub generation: Generation,
-    /// Number of the configuration that its file carries.
     pub config: usize,
     pub start_hash: Option<u64>,
-    /// As `RecordedEpisode` has them.
     pub start: Vec<u32>,
     pub actions: Vec<u8>,
     pub hashes: Vec<u64>,
@@ -26,7 +21,6 @@ pub struct Assembly {
     pub gap: Option<usize>,
     /// A file under another configuration goes on with it: the one, from this step on.
     pub moved_to: Option<(usize, usize)>,
-    /// The last step taken.
     last: Option<Told>,
     /// What all steps add up to, if one start of the programs recorded them all.
     sums: Option<Sums>,
@@ -59,19 +53,16 @@ impl Assembly {
         }
     }
 
-    /// As a replay takes it.
     pub fn recorded(self, environment: EnvironmentId, episode: u32) -> RecordedEpisode {
         let Self { start_hash, start, actions, hashes, digests, .. } = self;
         RecordedEpisode { environment, episode, start_hash, actions, hashes, digests, start }
     }
 
-    /// Takes the episode's beginning.
     pub fn begin(&mut self, declared: &Declared, start: &Told) {
         self.start_hash = Some(start.engine.state_hash);
         self.start = declared.compared.start(&start.record);
     }
 
-    /// Takes the episode's end.
     pub fn end(&mut self, declared: &Declared, end: Told) {
         if self.is_current(declared, end.engine.whose().1, end.engine.length as usize) {
             self.end = Some(end);
@@ -94,7 +85,6 @@ impl Assembly {
         generation == self.generation
     }
 
-    /// Whether its last step or a message says that it has ended.
     pub fn has_ended(&self) -> bool {
         self.end.is_some() || self.last.as_ref().is_some_and(|last| last.engine.end().is_some())
     }
@@ -126,7 +116,6 @@ impl Assembly {
     }
 }
 
-/// Fields of an episode's end that are not as its steps have them.
 fn differing(declared: &Declared, end: &Told, last: &Told, sums: Option<&Sums>) -> Vec<String> {
     let mut own = end.clone();
     declared.close(sums, last, &mut own);
@@ -158,7 +147,7 @@ mod tests {
     static ARM: LazyLock<Declared> = LazyLock::new(|| Declared::of(&Config::default()).unwrap());
 
     fn taken(learner: u32, step: usize, action: u8, hash: u64) -> Told {
-        let mut told = ARM.forms.step.empty();
+        let mut told = ARM.forms.step.empty.clone();
         told.record[ARM.spec.layout().action.offset] = action;
         (told.engine.learner_incarnation, told.engine.step, told.engine.state_hash) = (learner, step as u32, hash);
         // What was seen tells steps apart by their digests, too.
@@ -236,7 +225,7 @@ mod tests {
                 told
             })
             .collect();
-        let mut end = ARM.forms.end.empty();
+        let mut end = ARM.forms.end.empty.clone();
         (end.engine.learner_incarnation, end.engine.length, end.engine.terminated) = (1, 3, true);
         ARM.close(Some(&sums), &steps[2], &mut end);
         assert!(end.returns.iter().all(|&sum| sum == Some(9.75)));

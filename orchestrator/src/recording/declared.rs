@@ -7,8 +7,6 @@ use proto::task::{Spec, SpecError, Summing, Sums};
 use std::collections::BTreeMap;
 use std::error::Error;
 
-/// A task, its rewards weighed by a configuration.
-#[derive(Debug)]
 pub struct Declared {
     pub spec: &'static Spec,
     pub forms: Forms,
@@ -17,7 +15,6 @@ pub struct Declared {
 }
 
 impl Declared {
-    /// That of a configuration. It need not be one that can be run.
     pub fn of(config: &Config) -> Result<Self, String> {
         let wrong = |cause: &dyn Error| format!("its configuration: {cause}");
         let spec = config.find_spec().map_err(|cause| wrong(&cause))?;
@@ -29,7 +26,6 @@ impl Declared {
         Ok(Self { spec, forms: Forms::of(spec, &compared), compared, summing: Summing::of(spec) })
     }
 
-    /// Before an episode's first step.
     pub fn nothing(&self) -> Sums {
         self.summing.nothing(self.compared.rewards().len())
     }
@@ -49,7 +45,6 @@ impl Declared {
         }
     }
 
-    /// Whether an episode's end is a success.
     pub fn succeeded(&self, end: &Told) -> bool {
         self.spec.successes().any(|at| end.metrics[at] == Some(1.0))
     }

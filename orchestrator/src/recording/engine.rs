@@ -1,18 +1,13 @@
-//! What the engine itself says of a step or an episode, whatever the task.
-
 use prost_types::field_descriptor_proto::Type;
 use proto::record::End;
 
-/// A field of the engine's.
 pub struct Own {
     pub name: &'static str,
-    /// Type in messages.
     pub kind: Type,
     pub get: fn(&Engine) -> Option<u64>,
     pub set: fn(&mut Engine, u64) -> bool,
 }
 
-/// Fields of the engine's with their types in messages, those of each message, and the structure that holds them all.
 macro_rules! engine {
     ($($(#[$doc:meta])* $name:ident: $type:ty, $kind:ident;)*) => {
         /// What the engine says of a step or an episode. What a message does not have is 0 there.
@@ -47,43 +42,31 @@ engine! {
     kitchen: u32, Uint32;
     /// Number of the environment among those of its kitchen, over the whole run.
     environment: u32, Uint32;
-    /// Actor process, and the environment's index in it.
     actor: u32, Uint32;
     environment_index: u32, Uint32;
-    /// Episode number within the environment.
     episode: u32, Uint32;
-    /// Index of the action in its episode, from 0.
     step: u32, Uint32;
     /// Actions that the environment's half has been given since the run's first step, this one included.
     exchange: u64, Uint64;
-    /// How often orchestrator, learner and actor had been started.
     incarnation: u32, Uint32;
     learner_incarnation: u32, Uint32;
     actor_incarnation: u32, Uint32;
-    /// Version of the stage announcement in force.
     stage_version: u64, Uint64;
-    /// The task ended the episode; the limit of steps did.
     terminated: bool, Bool;
     truncated: bool, Bool;
     /// Hash of the simulator's state: after the action, before any reset; of an episode's start its first.
     state_hash: u64, Fixed64;
-    /// Whether the images of this episode are recorded.
     bulk_recorded: bool, Bool;
-    /// Actions taken.
     length: u32, Uint32;
 }
 
-/// Those of a step, in the order of their numbers.
 pub const STEP: &str = "kitchen environment actor environment_index episode step exchange incarnation \
     learner_incarnation actor_incarnation stage_version terminated truncated state_hash fixed_episode";
-/// Those of an episode's start.
 pub const START: &str = "kitchen environment episode incarnation learner_incarnation state_hash bulk_recorded \
     fixed_episode";
-/// Those of its end.
 pub const END: &str = "kitchen environment episode incarnation learner_incarnation length terminated truncated \
     fixed_episode";
 
-/// A number of 64 bits as one of fewer, if it is one.
 trait Narrow: Sized {
     fn narrow(bits: u64) -> Option<Self>;
 }
@@ -107,12 +90,10 @@ impl Narrow for bool {
 }
 
 impl Engine {
-    /// The episode, and who played it.
     pub fn whose(&self) -> ((u32, u32, u32), (u32, u32)) {
         ((self.kitchen, self.environment, self.episode), (self.incarnation, self.learner_incarnation))
     }
 
-    /// How the action ended the episode, if it did.
     pub fn end(&self) -> Option<End> {
         match (self.terminated, self.truncated) {
             (true, _) => Some(End::Terminated),
@@ -121,7 +102,6 @@ impl Engine {
         }
     }
 
-    /// The same, to be written.
     pub fn ended(self, end: Option<End>) -> Self {
         Self { terminated: end == Some(End::Terminated), truncated: end == Some(End::Truncated), ..self }
     }

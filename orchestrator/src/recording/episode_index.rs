@@ -29,16 +29,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// A record longer than this is none.
 const RECORD_MAX: u64 = 256 << 20;
 /// Bytes before a record's content: its kind and its length.
 const RECORD_HEAD: u64 = 9;
 const EPISODES_MAX: usize = 1_000_000;
 
-/// Sentences about files that are kept.
 const NOTES_MOST: usize = 20;
 
-/// Episodes that are known to have ended last, in each kitchen.
 const ENDED_KEPT: usize = 100;
 
 /// Kitchen, environment, episode.
@@ -47,21 +44,16 @@ pub type Key = (u32, u32, u32);
 /// Kitchen and number of an environment, of which only the number counts where it goes from kitchen to kitchen.
 type Home = (u32, u32);
 
-/// What is known of an episode.
 #[derive(Debug, Clone, Default)]
 pub struct Shelved {
     generation: Generation,
-    /// When it was first met, counted in episodes.
     pub order: u64,
     pub steps: u32,
     pub end: Option<Ended>,
-    /// Name of its `target`, if the task has such a channel.
     pub target: Option<String>,
-    /// Number of the fixed episode, in an evaluation.
     pub fixed: Option<u32>,
     /// Chunks with messages about it: number of the file, offsets of the first and the last.
     places: Vec<(usize, u64, u64)>,
-    /// Its first step is there.
     from_its_start: bool,
 }
 
@@ -69,7 +61,6 @@ pub struct Shelved {
 pub struct Ended {
     pub outcome: String,
     pub length: u32,
-    /// Returns and metrics, by name; without those that are not known.
     pub figures: BTreeMap<String, f64>,
 }
 
@@ -86,7 +77,6 @@ impl Ended {
 }
 
 impl Shelved {
-    /// Whether it can be simulated again.
     pub fn is_playable(&self) -> bool {
         self.from_its_start && self.steps > 0
     }
@@ -109,31 +99,23 @@ impl Shelved {
     }
 }
 
-#[derive(Debug)]
 struct Volume {
     path: PathBuf,
-    /// Read up to here.
     offset: u64,
     length: u64,
     schemas: HashMap<u16, Vec<u8>>,
     channels: HashMap<u16, (Carries, Reading)>,
-    /// What it was recorded under, once that was read.
     config: Option<Arc<Setting>>,
-    /// Nothing more is read of it.
     given_up: bool,
-    /// All of its data was read, as long as its length stays.
     caught_up: bool,
 }
 
-/// What a file was recorded under.
-#[derive(Debug)]
 struct Setting {
     text: String,
     kitchens: Kitchens,
     declared: Declared,
 }
 
-/// What of a chunk matters here.
 enum Found {
     Schema(u16, Vec<u8>),
     /// Its number, that of its schema, its topic.
@@ -141,40 +123,30 @@ enum Found {
     Message(u16, Vec<u8>),
 }
 
-/// The episode index of one run's recordings.
-#[derive(Debug)]
 pub struct EpisodeIndex {
     folder: RunFolder,
     volumes: Vec<Volume>,
-    /// Places of the volumes by their paths.
     numbers: HashMap<PathBuf, usize>,
     episodes: BTreeMap<Key, Shelved>,
     /// Of every environment the newest learner, and the last episode that it began, whichever kitchen that is in.
     newest: HashMap<Home, (Generation, u32)>,
     /// What the environments are called where their kitchen does not matter.
     homes: HashMap<(u32, u32), Home>,
-    /// Episodes taken in.
     met: u64,
-    /// There were more episodes than are kept.
     is_full: bool,
     /// Of every kitchen the episodes that ended last, the newest last.
     ended: HashMap<u32, VecDeque<Key>>,
-    /// What is wrong with the files, as sentences without an end.
     pub notes: Vec<String>,
 }
 
-/// What comes next in a file.
 pub(super) enum Next {
-    /// A chunk, and where the record after it begins.
     Chunk(Vec<u8>, u64),
-    /// Something else, which ends here.
     Other(u64),
     End,
     Damaged,
 }
 
 impl EpisodeIndex {
-    /// Of the recordings in this folder; nothing is read yet.
     pub fn of(folder: RunFolder) -> Self {
         Self {
             folder,
@@ -207,7 +179,6 @@ impl EpisodeIndex {
         true
     }
 
-    /// Share of the files' bytes that was read, 0..1.
     pub fn indexed(&self) -> f64 {
         let sum = |of: fn(&Volume) -> u64| self.volumes.iter().map(of).sum::<u64>();
         // After the data come index and end mark, which are not read.
@@ -221,7 +192,6 @@ impl EpisodeIndex {
         self.episodes.iter().filter(|(key, _)| self.counts(key)).map(|(key, shelved)| (*key, shelved))
     }
 
-    /// The last episode of an environment that counts, in whichever kitchen.
     fn newest(&self, environment: (u32, u32)) -> Option<u32> {
         self.newest.get(self.homes.get(&environment)?).map(|(_, last)| *last)
     }
@@ -230,25 +200,21 @@ impl EpisodeIndex {
         self.newest((*kitchen, *environment)).is_none_or(|last| *episode <= last)
     }
 
-    /// The last episode of an environment in a kitchen.
     pub fn last_of(&self, kitchen: u32, environment: u32) -> Option<Key> {
         let last = self.newest((kitchen, environment))?;
         let range = (kitchen, environment, 0)..=(kitchen, environment, last);
         self.episodes.range(range).rev().find(|(_, shelved)| shelved.is_playable()).map(|(key, _)| *key)
     }
 
-    /// The episodes of a kitchen that ended last, at most so many.
     pub fn newest_of(&self, kitchen: u32, count: usize) -> impl Iterator<Item = &Shelved> {
         let ended = self.ended.get(&kitchen).into_iter().flatten().rev();
         ended.filter(|key| self.counts(key)).filter_map(|key| self.episodes.get(key)).take(count)
     }
 
-    /// The environments of which something was recorded.
     pub fn environments(&self) -> impl Iterator<Item = (u32, u32)> {
         self.homes.keys().copied()
     }
 
-    /// Takes an episode out: the configuration of its file, and what was recorded of it. None if it is not there.
     pub fn take_out(&self, key: Key) -> Result<Option<(String, RecordedEpisode)>, RecordingError> {
         let Some(shelved) = self.episodes.get(&key) else { return Ok(None) };
         let Ok(kitchen) = KitchenId::new(key.0) else { return Ok(None) };
@@ -283,7 +249,6 @@ impl EpisodeIndex {
         Ok(Some((config, assembly.recorded(EnvironmentId { kitchen, number: key.1 }, key.2))))
     }
 
-    /// Takes in files that are new, and how long all are now.
     fn find_volumes(&mut self) {
         let files = match super::files_in(&self.folder) {
             Ok(files) => files,
@@ -309,7 +274,6 @@ impl EpisodeIndex {
         }
     }
 
-    /// Keeps a sentence once, and not endlessly many.
     fn note(&mut self, note: String) {
         if self.notes.len() < NOTES_MOST && !self.notes.contains(&note) {
             self.notes.push(note);
@@ -415,7 +379,6 @@ impl EpisodeIndex {
         }
     }
 
-    /// The episode that a message is about, if the message counts.
     fn shelved(
         &mut self,
         (kitchen, environment, episode): (u32, u32, u32),
@@ -457,7 +420,6 @@ impl EpisodeIndex {
 }
 
 impl Volume {
-    /// Notes what a channel carries.
     fn meet(&mut self, id: u16, schema: u16, topic: &str) -> Result<(), MessageError> {
         let Some(setting) = &self.config else { return Ok(()) };
         if let Some((carries, form)) = setting.declared.forms.of_topic(topic) {
@@ -473,7 +435,6 @@ fn target(declared: &Declared, step: &Told) -> Option<String> {
     channel.names.get(field.number(&step.record) as usize).cloned()
 }
 
-/// Feeds one message to the assembly, if it is about this episode.
 fn assemble(assembly: &mut Assembly, key: Key, carries: Carries, told: Told, declared: &Declared) {
     match carries {
         _ if told.engine.whose().0 != key => {}
@@ -526,7 +487,6 @@ pub(super) fn each_record(body: &[u8], mut take: impl FnMut(Record)) -> Option<(
     Some(())
 }
 
-/// What a file was recorded under.
 fn config_of(folder: &RunFolder, path: &Path) -> Result<Setting, RecordingError> {
     let source = folder.open(path).and_then(FileSource::new);
     let source = source.map_err(|cause| RecordingError::Unreadable { path: path.to_path_buf(), cause })?;

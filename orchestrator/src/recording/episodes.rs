@@ -23,39 +23,30 @@ use salvage::Trust;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 
-/// Faults that are named one by one.
 const FAULTS_MAX: usize = 20;
 
 /// The highest incarnation of a learner that is believed where nothing but an altered message says so.
 const FIRST_LEARNER_MAX: u32 = 1000;
 
-/// What a set of recordings holds.
 #[derive(Debug)]
 pub struct Recorded {
-    /// Every configuration of the files, TOML; the first one first.
     pub configs: Vec<String>,
     /// Episodes recorded from their first step, by kitchen (where environments stay in theirs), environment and number;
     /// the last of an environment may be unfinished. Those that a learner had played before it went back are not there.
     pub episodes: Vec<RecordedEpisode>,
-    /// For each of them the number of its configuration.
     pub config_of: Vec<usize>,
     /// Episodes whose first step is in no file given.
     pub headless: u64,
     /// Episodes with a hole; they are kept up to it.
     pub broken: u64,
-    /// What there is to choose from.
     pub known: Known,
     /// Steps read, those that were done again included.
     pub steps: u64,
-    /// Remarks about files: one that is being written, one that was damaged.
     pub complaints: Vec<String>,
     /// Files with which anything is wrong, also where nothing was lost.
     pub damaged_files: u64,
-    /// What is missing between and in the files, or contradicts itself.
     pub faults: Vec<String>,
-    /// The files begin with the run's first.
     pub from_the_start: bool,
-    /// Only failed episodes were recorded.
     pub failures_only: bool,
 }
 
@@ -63,7 +54,6 @@ pub struct Recorded {
 /// of none of them, but the one that all are called by.
 type Key = (u32, u32, u32);
 
-/// Reads the files, given in any order, and puts the wanted episodes together.
 pub fn gather(files: &[PathBuf], wanted: Wanted) -> Result<Recorded, RecordingError> {
     let (mut in_time, mut passed_over) = (Vec::new(), Vec::new());
     for path in files {
@@ -98,28 +88,22 @@ pub fn gather(files: &[PathBuf], wanted: Wanted) -> Result<Recorded, RecordingEr
     collection.into_recorded(files, places.first() == Some(&(1, 0, 0)))
 }
 
-/// A configuration under which files were recorded.
 struct Setting {
     text: String,
     failures_only: bool,
     declared: Declared,
-    /// What of it decides what the simulator does.
     world: Config,
-    /// Which fixed episodes were played, in an evaluation.
     plan: Option<Plan>,
     kitchens: Kitchens,
-    /// Which of them an environment was in.
     kitchen_schedule: KitchenSchedule,
 }
 
 impl Setting {
-    /// Where the episode with this key was played.
     fn place(&self, (home, number, episode): Key) -> EnvironmentId {
         let kitchen = KitchenId::new(home).expect("checked when it was read");
         self.kitchen_schedule.place(EnvironmentId { kitchen, number }, episode)
     }
 
-    /// What an environment is called where its kitchen does not matter.
     fn home(&self, place: EnvironmentId) -> EnvironmentId {
         home(self.kitchens, place)
     }
@@ -138,7 +122,6 @@ struct Collection {
     wanted: Wanted,
     known: Known,
     run_id: Option<String>,
-    /// That of the orchestrator which wrote the file that is being read.
     incarnation: Option<u32>,
     settings: Vec<Setting>,
     episodes: BTreeMap<Key, Assembly>,
@@ -197,7 +180,6 @@ impl Collection {
         Ok(extent)
     }
 
-    /// The number of a file's configuration.
     fn configure(&mut self, config: &str) -> Result<usize, String> {
         if let Some(known) = self.settings.iter().position(|setting| setting.text == config) {
             return Ok(known);
@@ -270,7 +252,6 @@ impl Collection {
         Ok(())
     }
 
-    /// The episode, if it is wanted, and all configurations. `fixed`: what the message says is its number in the table.
     fn assembly(
         &mut self,
         (kitchen, environment, episode): (u32, u32, u32),
@@ -317,7 +298,6 @@ impl Collection {
         Ok(Some((assembly, &self.settings)))
     }
 
-    /// Segments that are not there though later ones of the same start are.
     fn missing_segments(&mut self, host: u32, places: &[(u32, u32)]) {
         let of_host = if host == 0 { String::new() } else { format!("host {host}'s ") };
         for pair in places.windows(2) {
@@ -333,7 +313,6 @@ impl Collection {
         }
     }
 
-    /// Looks for what is missing of the episodes, and says where.
     fn examine(&mut self, failures_only: bool, from_the_start: bool) {
         // Of an environment that moves, those in one kitchen do not follow each other.
         let moves = self.settings.iter().any(|setting| setting.kitchen_schedule.moves());
@@ -377,7 +356,6 @@ impl Collection {
         }
     }
 
-    /// The last episode of this one's environment that counts.
     fn last_of(&self, (kitchen, number, episode): Key) -> u32 {
         self.newest.get(&(kitchen, number)).map_or(episode, |(_, last)| *last)
     }

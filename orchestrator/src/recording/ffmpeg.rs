@@ -1,5 +1,3 @@
-//! The user's own `ffmpeg`, if there is one that can encode H.264.
-
 use crate::preflight::programs;
 use proto::replay::Ffmpeg;
 use std::process::{Command, Stdio};
@@ -7,7 +5,6 @@ use std::process::{Command, Stdio};
 /// H.264 encoders in software, the better one first: those of a graphics card need one.
 const ENCODERS: [&str; 2] = ["libx264", "libopenh264"];
 
-/// The first `ffmpeg` on the PATH, with its encoder; none if there is none or it cannot encode H.264.
 pub fn find() -> Option<Ffmpeg> {
     let program = programs::on_path("ffmpeg")?;
     let listed = Command::new(&program)
@@ -20,7 +17,6 @@ pub fn find() -> Option<Ffmpeg> {
     Some(Ffmpeg { program: program.to_str()?.to_owned(), encoder: encoder.to_owned() })
 }
 
-/// The encoder to take of those that `ffmpeg -encoders` lists.
 fn encoder(listing: &str) -> Option<&'static str> {
     let listed = |name: &str| listing.lines().any(|line| line.split_whitespace().nth(1) == Some(name));
     ENCODERS.into_iter().find(|name| listed(name))

@@ -11,31 +11,23 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use view::feed::{Recorded, Topic};
 
-/// Follows the recordings in a folder.
-#[derive(Debug)]
 pub struct Follower {
     folder: RunFolder,
-    /// The file that is read, and how far it was.
     file: Option<(PathBuf, u64)>,
     schemas: HashMap<u16, (String, String, Vec<u8>)>,
     topics: HashMap<u16, Arc<Topic>>,
-    /// Everything that was there when it began was read.
     caught_up: bool,
     /// Until then the newest message of each topic.
     latest: HashMap<String, Recorded>,
 }
 
 enum Read {
-    /// The messages of a record, if it had some.
     Messages(Vec<Recorded>),
-    /// The next record is not whole yet, or there is no file.
     NotYet,
-    /// There is nothing more.
     End,
 }
 
 impl Follower {
-    /// Of a run's folder; nothing is read yet.
     pub fn of(folder: RunFolder) -> Self {
         Self {
             folder,
@@ -71,14 +63,12 @@ impl Follower {
         told
     }
 
-    /// All topics that are known.
     pub fn topics(&self) -> Vec<Arc<Topic>> {
         let mut topics: Vec<Arc<Topic>> = self.topics.values().cloned().collect();
         topics.sort_by(|a, b| a.name.cmp(&b.name));
         topics
     }
 
-    /// Reads the next record.
     fn record(&mut self) -> Read {
         let Ok(files) = super::files_in(&self.folder) else { return Read::NotYet };
         let mut files: Vec<PathBuf> = files.into_iter().map(|item| item.path).collect();

@@ -21,7 +21,6 @@ use proto::replay::Compared;
 use proto::task::{Channel, Dtype, Field, Spec};
 use std::collections::BTreeSet;
 
-/// What a message says.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Told {
     pub engine: Engine,
@@ -30,7 +29,6 @@ pub struct Told {
     pub record: Vec<u8>,
     /// What was seen is there: a recorder that missed it writes none.
     pub seen: bool,
-    /// Of a step: the rewards that [`Compared`] names.
     pub rewards: Vec<f32>,
     /// Of an end: returns under those rewards, and the task's metrics. Those that a recorder cannot know, because it did
     /// not see the whole episode, are absent.
@@ -38,7 +36,6 @@ pub struct Told {
     pub metrics: Vec<Option<f64>>,
 }
 
-/// Where a field's numbers are in [`Told`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FieldSource {
     Engine(usize),
@@ -49,18 +46,14 @@ pub enum FieldSource {
     Metric(usize),
 }
 
-/// A field of a message.
 #[derive(Debug, Clone)]
 pub struct Slot {
     pub name: String,
     pub place: FieldSource,
     kind: Type,
-    /// How its numbers lie in a message.
     pub wire: WireType,
-    /// What it begins with there: number and type.
     key: u64,
     names: Vec<String>,
-    /// Several numbers.
     pub is_list: bool,
     /// It can be absent, and 0 is written.
     is_optional: bool,
@@ -71,13 +64,10 @@ pub struct Slot {
 pub struct Form {
     pub message: &'static str,
     pub slots: Vec<Slot>,
-    /// Bytes of a message at most.
     longest: usize,
-    /// A message that says nothing.
-    empty: Told,
+    pub empty: Told,
 }
 
-/// The messages of a task.
 #[derive(Debug, Clone)]
 pub struct Forms {
     pub step: Form,
@@ -86,7 +76,6 @@ pub struct Forms {
 }
 
 impl Forms {
-    /// Those of a task.
     pub fn of(spec: &Spec, compared: &Compared) -> Self {
         let layout = spec.layout();
         let small = || spec.channels.iter().zip(&layout.fields).filter(|(channel, _)| !channel.is_bulk());
@@ -146,7 +135,6 @@ impl Forms {
     }
 }
 
-/// What a channel of a recording carries, as far as episodes are concerned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Carries {
     Step,
@@ -186,7 +174,6 @@ fn kind_of(dtype: Dtype, names: &[String]) -> Type {
     }
 }
 
-/// How a type's numbers lie in a message.
 pub fn wire_of(kind: Type) -> WireType {
     match kind {
         Type::Float => WireType::ThirtyTwoBit,
@@ -196,13 +183,11 @@ pub fn wire_of(kind: Type) -> WireType {
 }
 
 impl Slot {
-    /// One number that is always there.
     fn new(name: &str, place: FieldSource, kind: Type) -> Self {
         let (name, wire) = (name.to_owned(), wire_of(kind));
         Self { name, place, kind, wire, key: 0, names: vec![], is_list: false, is_optional: false }
     }
 
-    /// Bytes that it can have at most: its key, the length of a list, its numbers.
     fn longest(&self) -> usize {
         let count = if let FieldSource::Record(field, _) = self.place { field.count } else { 1 };
         20 + 10 * count
@@ -249,7 +234,6 @@ impl Slot {
     }
 }
 
-/// Room for a message, and where its next byte goes.
 struct Cursor<'a> {
     bytes: &'a mut [u8],
     at: usize,
@@ -285,11 +269,6 @@ impl Cursor<'_> {
 }
 
 impl Form {
-    /// A message that says nothing yet.
-    pub fn empty(&self) -> Told {
-        self.empty.clone()
-    }
-
     /// Writes the message into `room`, which is as long as any from the first one on.
     pub fn write<'a>(&self, told: &Told, room: &'a mut Vec<u8>) -> &'a [u8] {
         if room.len() < self.longest {
@@ -303,7 +282,6 @@ impl Form {
         &room[..end]
     }
 
-    /// How a recording describes it.
     pub fn schema(&self) -> Schema {
         let mut message = DescriptorProto { name: Some(self.message.to_owned()), ..DescriptorProto::default() };
         for (number, slot) in (1..).zip(&self.slots) {

@@ -1,5 +1,4 @@
-//! A data set of recorded episodes: `actor dataset` simulates and writes them, this starts it and listens.
-
+use super::simulate::{Actor, feed};
 use crate::output::terminal::Live;
 use crate::preflight::programs;
 use crate::process_end::wait_for_child;
@@ -8,39 +7,24 @@ use proto::dataset::{DatasetAnswer, DatasetRequest, DatasetSetup};
 use proto::episode::EnvironmentId;
 use proto::exit::how;
 use proto::replay::Difference;
-use std::io::{BufRead, BufReader, BufWriter, ErrorKind, Write};
+use std::io::{BufRead, BufReader};
 use std::os::unix::process::ExitStatusExt;
-use std::process::{Child, ChildStdin, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
 /// An actor that says nothing for this long hangs: with pictures an episode takes minutes on a busy machine.
 const SILENCE_DEADLINE: Duration = Duration::from_hours(1);
-/// How long it may take to end after its last answer.
 const EXIT_DEADLINE: Duration = Duration::from_secs(10);
 
-/// What came of it.
 #[derive(Debug, Default)]
 pub struct Harvest {
     pub simulated: u64,
     /// Those of them that the recording ends in the middle of.
     pub unfinished: u64,
     pub compared: u64,
-    /// Episodes, steps and bytes of the data set; none if no episode was to be kept.
     pub written: Option<[u64; 3]>,
-}
-
-/// The actor; killed and reaped if it still runs when this is dropped.
-struct Actor(Child);
-
-impl Drop for Actor {
-    fn drop(&mut self) {
-        if let Ok(None) = self.0.try_wait() {
-            let _ = self.0.kill();
-            let _ = self.0.wait();
-        }
-    }
 }
 
 /// Makes the data set; an error if anything differs from the recording, and then there is none.
@@ -125,26 +109,6 @@ impl Harvest {
     }
 }
 
-/// Writes the work to the actor. A broken pipe is no fault: the actor has enough, or says what is wrong.
-fn feed(input: ChildStdin, setup: &DatasetSetup, requests: &[DatasetRequest]) {
-    let mut input = BufWriter::new(input);
-    let mut write = || -> std::io::Result<()> {
-        serde_json::to_writer(&mut input, setup)?;
-        input.write_all(b"\n")?;
-        for request in requests {
-            serde_json::to_writer(&mut input, request)?;
-            input.write_all(b"\n")?;
-        }
-        input.flush()
-    };
-    if let Err(error) = write()
-        && error.kind() != ErrorKind::BrokenPipe
-    {
-        tracing::error!("cannot write to an actor: {error}");
-    }
-}
-
-/// Reads answers until the output ends.
 fn listen(output: impl BufRead, answers: &Sender<Result<DatasetAnswer>>) {
     for line in output.lines() {
         let answer = line.context("cannot read from an actor").and_then(|line| {

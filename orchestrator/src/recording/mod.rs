@@ -1,9 +1,5 @@
-//! Recordings: [`recorder`] makes them, in the messages of [`schema`] and, of steps and episodes, of [`form`], which follow
-//! from the task ([`declared`], [`engine`]). Reading them back: [`reader`] goes through a file however damaged it is,
-//! [`reading`] takes its messages, [`origin`] knows where it comes from, [`episodes`] puts together what can be re-simulated
-//! (each of them an [`assembly`]), [`episode_index`] finds single episodes in recordings that grow, [`follow`] hands on
-//! what is new in them, [`wanted`] and [`newest`] choose among it, [`simulate`] simulates it, [`harvest`] makes a data set of it,
-//! [`repair`] makes a whole file of a damaged one. [`ffmpeg`] is looked for where films are to be made.
+//! Recordings: [`recorder`] makes them, in messages that follow from the task ([`form`]). [`reader`] goes through a file
+//! however damaged it is, [`episodes`] puts together what can be simulated again, and [`simulate`] does that.
 
 mod assembly;
 mod declared;

@@ -1,5 +1,3 @@
-//! The newest recorded episodes by how they ended: those that are worth a film.
-
 use super::episode_index::{EpisodeIndex, Key, Shelved};
 use anyhow::{Context, Result, bail, ensure};
 use proto::config::Config;
@@ -8,24 +6,17 @@ use proto::run_folder::RunFolder;
 use std::cmp::Reverse;
 use std::time::Duration;
 
-/// How long recordings are read before an error names `--episode`.
 const PATIENCE: Duration = Duration::from_mins(10);
-/// Films of one kind, unless the user sets another number.
 const OF_A_KIND: usize = 3;
-/// Without any choice: kinds, and how many of each.
 const SHOWN: [(Kind, usize); 3] = [(Kind::Undisturbed, 2), (Kind::Disturbed, 1), (Kind::Failure, 1)];
 
-/// How an episode ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
-    /// By the metric that demands most.
     Undisturbed,
-    /// By another one.
     Disturbed,
     Failure,
 }
 
-/// Which episodes a user wants to see.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Only {
     Success,
@@ -44,7 +35,6 @@ impl Only {
     }
 }
 
-/// The newest episodes of a run or an evaluation, each with what it takes to simulate it again.
 pub fn newest(
     folder: &RunFolder,
     only: Option<Only>,
@@ -72,7 +62,6 @@ pub fn newest(
     picked.into_iter().map(take_out).collect()
 }
 
-/// The newest of those that are wanted. `good`: outcomes that are successes, the one that demands most first.
 fn pick<'a>(
     episodes: impl Iterator<Item = (Key, &'a Shelved)>,
     good: &[String],

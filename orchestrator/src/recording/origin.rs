@@ -17,25 +17,19 @@ type Place = (u32, u32, u32);
 /// The beginning of a file: its name is not used, because files are copied and renamed.
 #[derive(Debug, Default, Clone)]
 pub struct Origin {
-    /// None if the file does not hold it.
     pub place: Option<Place>,
     run_id: Option<String>,
     version: Option<u32>,
-    /// Seed of the run, which the identity repeats.
     seed: Option<u64>,
-    /// The run's configuration, TOML; none where it is lost or damaged.
     config: Option<String>,
 }
 
 impl Origin {
-    /// Reads the beginning of a file.
     pub fn of(path: &Path) -> Result<Self, RecordingError> {
         Self::read(path, open(path)?.0)
     }
 
-    /// The same of one that is open.
     pub fn read(path: &Path, source: FileSource) -> Result<Self, RecordingError> {
-        /// Why reading ends before the end of the file.
         enum Enough {
             Seen,
             Failed(RecordingError),
@@ -72,8 +66,6 @@ impl Origin {
         }
     }
 
-    /// The configuration that the file was recorded under: its own; where that is damaged, that of another file of the
-    /// same start of the run, or of the run's folder.
     pub fn configuration<'a>(
         &self,
         path: &Path,

@@ -7,53 +7,36 @@ use salvage::{Account, FileSource, Limits, ReadError, Trust};
 use std::fs::{OpenOptions, TryLockError};
 use std::path::{Path, PathBuf};
 
-/// A file that cannot be read as a recording.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
-    /// The file system returned an error.
     #[error("cannot read {path}: {cause}", path = .path.display())]
     Unreadable { path: PathBuf, cause: std::io::Error },
     #[error("{path} is empty: no recording", path = .0.display())]
     Empty(PathBuf),
-    /// Something else.
     #[error("{path} is not an MCAP recording (it does not begin with MCAP's magic bytes)", path = .0.display())]
     NotMcap(PathBuf),
-    /// MCAP, but not one of ours, or of another version.
     #[error("{path} is not a recording that this version can use: {problem}", path = .path.display())]
-    Foreign {
-        path: PathBuf,
-        /// What does not fit.
-        problem: String,
-    },
-    /// A folder without recordings.
+    Foreign { path: PathBuf, problem: String },
     #[error("{path} holds no recordings (expected .mcap files, there or in its folder recordings/)", path = .0.display())]
     NoRecordings(PathBuf),
 }
 
-/// Where a file stopped being readable.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum FileEnd {
-    /// At its end mark, and nothing is wrong with it: the file is complete.
     Whole,
-    /// Before its end mark, because the file stops.
     Cut,
-    /// At its end mark, but something in it is damaged.
     Damaged(String),
 }
 
-/// How much of a file could be read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Extent {
     pub messages: u64,
     pub end: FileEnd,
-    /// What is wrong, and what it cost.
     pub account: Account,
-    /// A recorder writes the file at this moment.
     pub live: bool,
 }
 
 impl Extent {
-    /// The extent that an account describes.
     pub fn of(account: Account, live: bool) -> Self {
         let end = match (account.is_whole(), account.cut) {
             (true, _) => FileEnd::Whole,
@@ -63,7 +46,6 @@ impl Extent {
         Self { messages: account.messages, end, account, live }
     }
 
-    /// The warnings for the user about the file at `path`; none when it is complete.
     pub fn complaints(&self, path: &Path) -> Vec<String> {
         let (file, path, account) = (quoted(path), path.display(), &self.account);
         if self.live {
@@ -97,7 +79,6 @@ impl Extent {
     }
 }
 
-/// Opens a recording; also returns whether a recorder writes it at this moment.
 pub fn open(path: &Path) -> Result<(FileSource, bool), RecordingError> {
     let unreadable = |cause| RecordingError::Unreadable { path: path.to_path_buf(), cause };
     if path.is_dir() {
@@ -120,7 +101,6 @@ pub fn read_with_trust<E: From<RecordingError>>(
     read_source(path, &source, live, visit)
 }
 
-/// The same of a file that is open.
 pub fn read_source<E: From<RecordingError>>(
     path: &Path,
     source: &FileSource,
@@ -134,13 +114,4 @@ pub fn read_source<E: From<RecordingError>>(
         Err(ReadError::NotMcap) => Err(RecordingError::NotMcap(path.to_path_buf()).into()),
         Err(ReadError::Io(cause)) => Err(RecordingError::Unreadable { path: path.to_path_buf(), cause }.into()),
     }
-}
-
-/// The same where it does not matter whether a record can be trusted.
-#[cfg(test)]
-pub fn read<E: From<RecordingError>>(
-    path: &Path,
-    mut visit: impl FnMut(Record<'_>) -> Result<(), E>,
-) -> Result<Extent, E> {
-    read_with_trust(path, |record, _| visit(record))
 }

@@ -10,7 +10,6 @@ use prost_types::{FieldDescriptorProto, FileDescriptorSet};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// A message that is none of its schema's, or a schema that is none of the task's.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MessageError {
     #[error("it has no schema, or a damaged one")]
@@ -37,7 +36,6 @@ pub struct Reading {
 }
 
 impl Reading {
-    /// Of what a recording says of its messages.
     pub fn of(form: &Form, descriptor: &[u8]) -> Result<Self, MessageError> {
         let set = FileDescriptorSet::decode(descriptor).map_err(|_| MessageError::NoSchema)?;
         let mut messages = set.file.iter().flat_map(|file| &file.message_type);
@@ -55,7 +53,7 @@ impl Reading {
     }
 
     pub fn read(&self, mut data: &[u8]) -> Result<Told, MessageError> {
-        let mut told = self.form.empty();
+        let mut told = self.form.empty.clone();
         while data.has_remaining() {
             let (number, wire) = decode_key(&mut data)?;
             let Some(&slot) = self.slots.get(&number) else {
@@ -85,7 +83,6 @@ impl Reading {
     }
 }
 
-/// Takes a number of a field, the one at this place in its list.
 fn take(slot: &Slot, at: usize, bits: u64, told: &mut Told) -> Result<(), MessageError> {
     let fits = match slot.place {
         FieldSource::Engine(own) => (OWN[own].set)(&mut told.engine, bits),

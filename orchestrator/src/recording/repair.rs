@@ -1,7 +1,6 @@
-//! Makes a complete file from a truncated or damaged one.
-
 use super::reader::{Extent, RecordingError, open};
 use crate::recording::recorder::segment::{in_words, write_options};
+use anyhow::{Result, anyhow, ensure};
 use mcap::McapError;
 use proto::disk::sync_folder;
 use salvage::{Limits, ReadError, rewrite};
@@ -9,52 +8,22 @@ use std::fs::File;
 use std::io::{BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-/// Names that are tried for the file that is being made.
 const PARTIAL_NAMES_MAX: u32 = 1000;
-
-/// Why a file could not be repaired.
-#[derive(Debug, thiserror::Error)]
-pub enum RepairError {
-    #[error(transparent)]
-    Read(#[from] RecordingError),
-    /// A recorder writes it at this moment.
-    #[error("{path} is still being written: stop the run first", path = .0.display())]
-    Busy(PathBuf),
-    /// Something would be replaced that may be the only good copy.
-    #[error("{path} exists: move it away first", path = .0.display())]
-    Exists(PathBuf),
-    #[error("cannot write {path}: {cause}", path = .path.display(), cause = in_words(.cause))]
-    Write { path: PathBuf, cause: McapError },
-}
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Repair {
-    /// The file is complete; nothing was touched.
     NotNeeded { messages: u64 },
-    /// A complete file was written.
-    Repaired {
-        repaired: PathBuf,
-        /// The old file, where it was kept under another name.
-        kept: Option<PathBuf>,
-        /// What the old file held.
-        extent: Extent,
-    },
+    Repaired { repaired: PathBuf, kept: Option<PathBuf>, extent: Extent },
 }
 
 /// Copies all that is readable in `path` into a complete file: to `output`, or in place of the old file, which is then
 /// kept as `….cut`. Neither `output` nor `….cut` may exist yet.
-pub fn repair(path: &Path, output: Option<&Path>) -> Result<Repair, RepairError> {
+pub fn repair(path: &Path, output: Option<&Path>) -> Result<Repair> {
     let (source, live) = open(path)?;
-    if live {
-        return Err(RepairError::Busy(path.to_path_buf()));
-    }
-    if let Some(output) = output
-        && output.symlink_metadata().is_ok()
-    {
-        return Err(RepairError::Exists(output.to_path_buf()));
-    }
+    ensure!(!live, "{} is still being written: stop the run first", path.display());
+    output.map_or(Ok(()), demand_free)?;
     let target = output.unwrap_or(path);
-    let failed = |cause: McapError| RepairError::Write { path: target.to_path_buf(), cause };
+    let failed = |cause: McapError| anyhow!("cannot write {}: {}", target.display(), in_words(&cause));
     let (partial, file) = new_file_beside(target).map_err(|cause| failed(cause.into()))?;
     // Removed if it was not moved to its place: a failure leaves nothing behind but the error.
     let partial = Partial(partial);
@@ -71,9 +40,7 @@ pub fn repair(path: &Path, output: Option<&Path>) -> Result<Repair, RepairError>
         return Ok(Repair::NotNeeded { messages: extent.messages });
     }
     let kept = output.is_none().then(|| with_suffix(path, ".cut"));
-    if let Some(kept) = kept.as_ref().filter(|kept| kept.symlink_metadata().is_ok()) {
-        return Err(RepairError::Exists(kept.clone()));
-    }
+    kept.as_deref().map_or(Ok(()), demand_free)?;
     let moved = match &kept {
         // A hard link keeps the old content reachable at every moment; the rename then replaces the name alone.
         Some(kept) => std::fs::hard_link(path, kept).or_else(|_| std::fs::rename(path, kept)),
@@ -86,7 +53,12 @@ pub fn repair(path: &Path, output: Option<&Path>) -> Result<Repair, RepairError>
     Ok(Repair::Repaired { repaired: target.to_path_buf(), kept, extent })
 }
 
-/// A file that is not at its place yet.
+/// Refuses to replace something: it may be the only good copy.
+fn demand_free(path: &Path) -> Result<()> {
+    ensure!(path.symlink_metadata().is_err(), "{} exists: move it away first", path.display());
+    Ok(())
+}
+
 struct Partial(PathBuf);
 
 impl Drop for Partial {

@@ -10,44 +10,32 @@ use prost::Message;
 use prost_types::{FileDescriptorProto, FileDescriptorSet};
 use std::sync::Arc;
 
-/// Well-known messages.
 pub mod foxglove {
     #![allow(missing_docs, clippy::pedantic, clippy::enum_variant_names, dead_code, reason = "generated")]
     include!("../../schemas/compiled/foxglove.rs");
 }
 
-/// Our own signals.
 pub mod stillroom {
     #![allow(missing_docs, clippy::pedantic, dead_code, reason = "generated")]
     include!("../../schemas/compiled/stillroom.rs");
 }
 
-/// Encoding of schemas and of messages, as MCAP names it.
 pub const PROTOBUF: &str = "protobuf";
 
-/// A message, as recordings describe it.
 #[derive(Debug, Clone)]
 pub struct Schema {
-    /// E.g. `stillroom.Step`.
     pub name: String,
     /// Its file and all files that this one imports, imports first.
     pub descriptor: Arc<[u8]>,
 }
 
 impl Schema {
-    /// A message of `schemas/`.
-    ///
-    /// # Panics
-    /// If there is none of this name.
     pub fn of(message: &str) -> Self {
         Self { name: message.to_owned(), descriptor: descriptor_of(message).into() }
     }
 }
 
 /// The descriptor of one message, e.g. `foxglove.Log`: its file and all files that this one imports, imports first.
-///
-/// # Panics
-/// If no schema defines the message.
 pub fn descriptor_of(message: &str) -> Vec<u8> {
     let all = FileDescriptorSet::decode(include_bytes!("../../schemas/compiled/descriptors.bin").as_slice())
         .expect("a test compiles the schemas and compares");

@@ -5,7 +5,7 @@
 //! camera saw where that is asked for. The work is divided by kitchen over as many actors as there are cores.
 
 use crate::environment::consent;
-use crate::output::terminal;
+use crate::output::terminal::Live;
 use crate::preflight::programs;
 use crate::process_end::wait_for_child;
 use anyhow::{Context, Result, anyhow, bail, ensure};
@@ -14,6 +14,7 @@ use proto::episode::EnvironmentId;
 use proto::exit::how;
 use proto::kitchen::KitchenId;
 use proto::replay::{Difference, RecordedEpisode, ReplaySetup, ReplayVerdict};
+use serde::Serialize;
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, BufWriter, ErrorKind, Write};
 use std::path::Path;
@@ -26,10 +27,8 @@ use std::time::{Duration, Instant};
 const SILENCE_DEADLINE: Duration = Duration::from_mins(5);
 /// The same where it draws: a film of two hundred steps takes a minute, a large one on a busy machine many.
 const DRAWING_DEADLINE: Duration = Duration::from_hours(1);
-/// How long an actor may take to end after its last verdict.
 const EXIT_DEADLINE: Duration = Duration::from_secs(10);
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(200);
-const PROGRESS_LINE_INTERVAL: Duration = Duration::from_secs(10);
 
 #[derive(Debug, Default)]
 pub struct Totals {
@@ -39,7 +38,6 @@ pub struct Totals {
     pub different: u64,
     /// Kitchen, environment, episode, step of the first one, in that order, and what differs.
     pub first: Option<(u32, u32, u32, Difference)>,
-    /// Episodes with a difference by what differs first in them.
     pub kinds: BTreeMap<String, u64>,
 }
 
@@ -56,10 +54,7 @@ impl Totals {
             self.first = self.first.take().into_iter().chain([place]).min();
         }
     }
-}
 
-impl Totals {
-    /// Adds those of other episodes.
     pub fn merge(&mut self, other: Self) {
         self.episodes += other.episodes;
         self.compared += other.compared;
@@ -72,14 +67,11 @@ impl Totals {
     }
 }
 
-/// What comes back from an actor's reader.
 enum Report {
     Verdict(Box<ReplayVerdict>),
-    /// Its output has ended, after all verdicts or not.
     Ended(usize, Result<()>),
 }
 
-/// Simulates the episodes as `setup` says, showing progress; an error if an actor fails or hangs.
 pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<Totals> {
     let total = episodes.len();
     let deadline = if setup.images.is_some() { DRAWING_DEADLINE } else { SILENCE_DEADLINE };
@@ -93,8 +85,10 @@ pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<T
 
     let mut totals = Totals::default();
     let mut running = actors.0.len();
-    let mut progress = ReplayProgress::new(total);
-    let mut last_answer = Instant::now();
+    let (mut live, began) = (Live::default(), Instant::now());
+    // The first line is not due before there is something to say.
+    live.is_due(Duration::ZERO);
+    let mut last_answer = began;
     while running > 0 {
         match inbox.recv_timeout(PROGRESS_INTERVAL) {
             Ok(Report::Verdict(verdict)) => {
@@ -117,13 +111,18 @@ pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<T
             }
             Err(RecvTimeoutError::Disconnected) => bail!("an actor's reader ended without a result"),
         }
-        progress.show(&totals);
+        if live.is_due(began.elapsed()) {
+            let rate = totals.compared as f64 / began.elapsed().as_secs_f64().max(1e-3);
+            live.show(format!(
+                "replayed {} of {total} episodes, {} states, {rate:.0} a second, {} differences",
+                totals.episodes, totals.compared, totals.different
+            ));
+        }
     }
-    progress.clear();
+    live.clear();
     Ok(totals)
 }
 
-/// The program that simulates episodes of this run again.
 fn replayer(setup: &ReplaySetup) -> Result<Command> {
     let config = Config::from_toml(&setup.config, "the configuration of the recording")?;
     let Some(environment) = &config.environment else {
@@ -137,7 +136,6 @@ fn replayer(setup: &ReplaySetup) -> Result<Command> {
     Ok(command)
 }
 
-/// Divides episodes by kitchen into at most `shares` shares of about as many steps each.
 fn divide(episodes: Vec<RecordedEpisode>, shares: usize) -> Vec<Vec<RecordedEpisode>> {
     let mut kitchens: BTreeMap<KitchenId, Vec<RecordedEpisode>> = BTreeMap::new();
     for episode in episodes {
@@ -158,8 +156,19 @@ fn divide(episodes: Vec<RecordedEpisode>, shares: usize) -> Vec<Vec<RecordedEpis
     divided.into_iter().map(|(_, episodes)| episodes).collect()
 }
 
-/// The actors at work; those that still run when this is dropped are killed and reaped.
-struct Actors(Vec<Child>);
+/// A process that is killed and reaped when this is dropped, if it still runs then.
+pub(super) struct Actor(pub Child);
+
+impl Drop for Actor {
+    fn drop(&mut self) {
+        if let Ok(None) = self.0.try_wait() {
+            let _ = self.0.kill();
+            let _ = self.0.wait();
+        }
+    }
+}
+
+struct Actors(Vec<Actor>);
 
 impl Actors {
     fn start(
@@ -175,7 +184,7 @@ impl Actors {
         let mut child = started.with_context(|| format!("cannot start {}", program.display()))?;
         let input = child.stdin.take().context("the actor has no standard input")?;
         let output = child.stdout.take().context("the actor has no standard output")?;
-        self.0.push(child);
+        self.0.push(Actor(child));
         let expected: Vec<_> = share.iter().map(|episode| (episode.environment, episode.episode)).collect();
         let setup = setup.clone();
         // Reading and writing on threads of their own: neither pipe can fill up while we wait on the other.
@@ -190,7 +199,7 @@ impl Actors {
     }
 
     fn reap(&mut self, number: usize) -> Result<()> {
-        match wait_for_child(&mut self.0[number], EXIT_DEADLINE).context("cannot wait for an actor")? {
+        match wait_for_child(&mut self.0[number].0, EXIT_DEADLINE).context("cannot wait for an actor")? {
             Some(status) if status.success() => Ok(()),
             Some(status) => bail!("`actor replay` {}; its last messages are above", how(status)),
             None => bail!("an actor closed its output but did not exit"),
@@ -198,25 +207,14 @@ impl Actors {
     }
 }
 
-impl Drop for Actors {
-    fn drop(&mut self) {
-        for child in &mut self.0 {
-            if let Ok(None) = child.try_wait() {
-                let _ = child.kill();
-                let _ = child.wait();
-            }
-        }
-    }
-}
-
 /// Writes the work to an actor. The reader reports a broken pipe, because it sees how the actor ended.
-fn feed(input: ChildStdin, setup: &ReplaySetup, share: &[RecordedEpisode]) {
+pub(super) fn feed(input: ChildStdin, setup: &impl Serialize, share: &[impl Serialize]) {
     let mut input = BufWriter::new(input);
     let mut write = || -> std::io::Result<()> {
         serde_json::to_writer(&mut input, setup)?;
         input.write_all(b"\n")?;
-        for episode in share {
-            serde_json::to_writer(&mut input, episode)?;
+        for each in share {
+            serde_json::to_writer(&mut input, each)?;
             input.write_all(b"\n")?;
         }
         input.flush()
@@ -228,7 +226,6 @@ fn feed(input: ChildStdin, setup: &ReplaySetup, share: &[RecordedEpisode]) {
     }
 }
 
-/// Reads verdicts until the output ends; they must be those that were asked for.
 fn listen(output: ChildStdout, expected: &[(EnvironmentId, u32)], reports: &Sender<Report>) -> Result<()> {
     let mut answered = 0;
     for line in BufReader::new(output).lines() {
@@ -245,45 +242,6 @@ fn listen(output: ChildStdout, expected: &[(EnvironmentId, u32)], reports: &Send
     }
     ensure!(answered == expected.len(), "an actor answered {answered} of {} episodes", expected.len());
     Ok(())
-}
-
-/// What the user sees meanwhile: a line that is refreshed, or one now and then where that cannot be.
-struct ReplayProgress {
-    total: usize,
-    started: Instant,
-    shown: Instant,
-    interactive: bool,
-}
-
-impl ReplayProgress {
-    fn new(total: usize) -> Self {
-        let now = Instant::now();
-        Self { total, started: now, shown: now, interactive: terminal::interactive() }
-    }
-
-    fn show(&mut self, totals: &Totals) {
-        let interval = if self.interactive { PROGRESS_INTERVAL } else { PROGRESS_LINE_INTERVAL };
-        if self.shown.elapsed() < interval {
-            return;
-        }
-        self.shown = Instant::now();
-        let rate = totals.compared as f64 / self.started.elapsed().as_secs_f64().max(1e-3);
-        let line = format!(
-            "replayed {} of {} episodes, {} states, {rate:.0} a second, {} differences",
-            totals.episodes, self.total, totals.compared, totals.different
-        );
-        if self.interactive {
-            terminal::progress(vec![line]);
-        } else {
-            terminal::note(&line);
-        }
-    }
-
-    fn clear(&self) {
-        if self.interactive {
-            terminal::progress(Vec::new());
-        }
-    }
 }
 
 #[cfg(test)]

@@ -1,51 +1,33 @@
-//! Which of the recorded episodes are wanted, and the error when there are none.
-
+use anyhow::{Result, bail};
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use std::collections::BTreeSet;
 
-/// Which episodes are wanted; the default is all of them.
 #[derive(Debug, Clone, Default)]
 pub struct Wanted {
     pub kitchen: Option<KitchenId>,
-    /// Only of this environment.
     pub environment: Option<EnvironmentId>,
     /// Only of these numbers: within an environment, or in an evaluation those of its table. Empty: all.
     pub episodes: Vec<u32>,
 }
 
-/// What the recordings hold, whether wanted or not.
 #[derive(Debug, Default)]
 pub struct Known {
-    /// Kitchen and number of every environment.
     pub environments: BTreeSet<(u32, u32)>,
-    /// Numbers of the episodes of the wanted environments.
     pub episodes: BTreeSet<u32>,
 }
 
-/// Something is wanted that was not recorded.
-#[derive(Debug, thiserror::Error)]
-#[error("the recordings hold no {what} {name}; {nearest}")]
-pub struct NotRecorded {
-    what: &'static str,
-    name: String,
-    nearest: String,
-}
-
 impl Wanted {
-    /// Whether episodes of this environment are wanted.
     pub fn is_of(&self, environment: EnvironmentId) -> bool {
         self.kitchen.is_none_or(|kitchen| kitchen == environment.kitchen)
             && self.environment.is_none_or(|wanted| wanted == environment)
     }
 
-    /// Whether episodes of this number are wanted.
     pub fn has_number(&self, number: u32) -> bool {
         self.episodes.is_empty() || self.episodes.contains(&number)
     }
 
-    /// An error that names the nearest ones if anything wanted is not there.
-    pub fn check(&self, known: &Known) -> Result<(), NotRecorded> {
+    pub fn check(&self, known: &Known) -> Result<()> {
         if let Some(kitchen) = self.kitchen {
             let kitchens = known.environments.iter().map(|(kitchen, _)| *kitchen).collect();
             check("kitchen", &kitchen.number(), &kitchens, ToString::to_string)?;
@@ -58,12 +40,7 @@ impl Wanted {
     }
 }
 
-fn check<T: Ord>(
-    what: &'static str,
-    wanted: &T,
-    known: &BTreeSet<T>,
-    name: impl Fn(&T) -> String,
-) -> Result<(), NotRecorded> {
+fn check<T: Ord>(what: &str, wanted: &T, known: &BTreeSet<T>, name: impl Fn(&T) -> String) -> Result<()> {
     if known.contains(wanted) {
         return Ok(());
     }
@@ -73,5 +50,5 @@ fn check<T: Ord>(
         (None, Some(first)) => format!("the first is {}", name(first)),
         (None, None) => "there are none at all".to_owned(),
     };
-    Err(NotRecorded { what, name: name(wanted), nearest })
+    bail!("the recordings hold no {what} {}; {nearest}", name(wanted))
 }

@@ -1,16 +1,16 @@
-//! Writing a report down: `report.json`, and `report.html`, the viewer's page with the numbers inside.
-
 use crate::evaluation::text::shown;
 use crate::output::format::{self, counted};
 use crate::report_builder::gather::Gathered;
 use crate::report_builder::strips::strips;
 use crate::run::identity::unix_now;
 use anyhow::{Context, Result, bail};
+use proto::bounded;
 use proto::run_folder::write_atomically;
 use proto::task::Kind;
+use report::comparison::Comparison;
 use report::format::{interval, percent};
 use report::statistics::Estimate;
-use report::{Options, Report};
+use report::{Kept, Options, Report};
 use serde_json::json;
 use std::fmt::Write;
 use std::path::Path;
@@ -77,7 +77,6 @@ pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<Report
     Ok(report)
 }
 
-/// The main results in HTML, for a browser that runs no scripts.
 fn table(report: &Report) -> String {
     let text = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;");
     let rate = |Estimate { point, interval: found }: Estimate| match &found {
@@ -97,6 +96,21 @@ fn table(report: &Report) -> String {
         let _ = write!(table, "<tr><td>{label}<td>{}<td>{seeds}<td>{episodes}<td>{cells}", result.field);
     }
     table + "</table>"
+}
+
+/// The scores of the paper's tables over many reports.
+pub fn read_table(path: &Path) -> Result<Kept> {
+    let text = bounded::read_text(path).with_context(|| path.display().to_string())?;
+    serde_json::from_str(&text).with_context(|| format!("{} keeps no table", path.display()))
+}
+
+pub fn add_to_table(path: &Path, tables: &[Comparison]) -> Result<Kept> {
+    let mut kept = if path.exists() { read_table(path)? } else { Kept::default() };
+    kept.add(tables)?;
+    let mut text = serde_json::to_string_pretty(&kept).context("plain data")?;
+    text.push('\n');
+    write_atomically(path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
+    Ok(kept)
 }
 
 #[cfg(test)]

@@ -1,11 +1,7 @@
-//! Reads run folders and evaluation folders for a report.
-
-use super::evaluated::evaluation;
-use super::unclaimed::{UnclaimedEvaluation, is_of, same_run};
+use super::unclaimed::{UnclaimedEvaluation, evaluation, is_of, same_run};
 use crate::run::identity::Identity;
-use crate::run::lock::{LockState, holder};
+use crate::run::lock::{LockState, holder, state_of};
 use crate::run::scenes::config_by_content;
-use crate::run::state::state_of;
 use crate::training::means::recent;
 use crate::training::metrics::Figures;
 use crate::training::scores::{Score, Scores, evaluations_below};
@@ -20,19 +16,14 @@ use report::study::{Evaluated, Origin, Rollout, Run, Validated};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Depth of the search for runs below a given folder.
 const DEPTH: usize = 3;
 
-#[derive(Debug)]
 pub struct Gathered {
-    /// Runs that were found, then weights that were evaluated without one.
     pub runs: Vec<Run>,
-    /// What was found and could not be read.
     pub notes: Vec<String>,
 }
 
 struct Given {
-    /// Its path, without links.
     place: PathBuf,
     id: String,
     run: Run,
@@ -108,7 +99,6 @@ pub fn gather(paths: &[PathBuf]) -> Result<Gathered> {
     Ok(Gathered { runs: runs.into_iter().map(|known| known.run).chain(alone).collect(), notes })
 }
 
-/// Why a folder in which nothing was found is of no use here.
 fn no_run(folder: &Path) -> Result<&'static str> {
     let folder = RunFolder::new(folder);
     let evaluates = folder.identity().exists() && Config::of_run(&folder)?.evaluation.is_some();
@@ -149,7 +139,6 @@ fn look(folder: &RunFolder, depth: usize, found: &mut Vec<RunFolder>, notes: &mu
     Ok(())
 }
 
-/// A run with its id.
 fn run(folder: &RunFolder, notes: &mut Vec<String>) -> Result<(String, Run)> {
     let path = folder.root();
     let identity = Identity::read(folder)?;
@@ -175,7 +164,6 @@ fn run(folder: &RunFolder, notes: &mut Vec<String>) -> Result<(String, Run)> {
     Ok((identity.id, run))
 }
 
-/// What was trained, with how fast it was and how long it took until then.
 fn rollouts(history: &History) -> Vec<Rollout> {
     // The number of the next rollout and the frames before it.
     let (mut next, mut before, mut elapsed_s) = (0, 0, 0.0);
@@ -191,7 +179,6 @@ fn rollouts(history: &History) -> Vec<Rollout> {
     history.iter().map(rollout).collect()
 }
 
-/// Evaluations during training, in order of frames.
 fn validation_of(scores: &[Score]) -> Vec<Validated> {
     let validated = |score: &Score| {
         let Score { frames, distribution, figures, .. } = score;
@@ -201,7 +188,6 @@ fn validation_of(scores: &[Score]) -> Vec<Validated> {
     by_frames.into_values().collect()
 }
 
-/// The evaluations in a run's own folder, oldest first. One that cannot be read becomes a note.
 fn evaluations_of(spec: &Spec, folder: &RunFolder, notes: &mut Vec<String>) -> Result<Vec<Evaluated>> {
     let mut evaluations = Vec::new();
     let mut about = Vec::new();

@@ -20,41 +20,32 @@ use std::time::Duration;
 use tokio::runtime::{Builder, Runtime};
 use view::scene_renderer::SceneRenderer;
 
-/// Pictures of an episode.
 const FRAMES: usize = 6;
-/// Their size, pixels.
 const SIZE: (u32, u32) = (320, 240);
 /// Runs that are shown at most: one tells as much as its other seeds.
 const RUNS: usize = 3;
 /// Episodes that are looked for in the recordings, those first that show most.
 const TRIED: usize = 200;
-/// How long the recordings of one evaluation are read.
 const PATIENCE: Duration = Duration::from_mins(2);
 
-/// What the pictures mark.
 const MARKS: &str =
     "Violet: what is displaced, with a ghost where it stood; pink ring: the target; green box: the goal.";
 
 #[derive(Debug, Serialize)]
 pub struct ShownEpisode {
-    /// What is said of it: of which run, which episode, and how it was chosen.
     caption: String,
     /// As weights from before a stage played it and those from after it, or as one policy did.
     strips: Vec<ShownStrip>,
 }
 
-/// An episode in pictures.
 #[derive(Debug, Serialize)]
 struct ShownStrip {
-    /// Which weights, and how it ended.
     title: String,
-    /// From its start to its end.
     frames: Vec<Frame>,
 }
 
 #[derive(Debug, Serialize)]
 struct Frame {
-    /// The picture, as an address that holds it.
     png: String,
     words: Vec<String>,
 }
@@ -111,7 +102,6 @@ fn called(record: &EpisodeRecord) -> String {
     format!("kitchen {}, episode {}{target}", record.kitchen.number(), record.episode)
 }
 
-/// An episode that weights from before a stage and from after it played.
 fn both(pair: &EvaluatedPair<'_>) -> Result<ShownEpisode> {
     let episode_indexes = [Recorded::of(pair.before)?, Recorded::of(pair.after)?];
     let found = pair.episodes.iter().take(TRIED).find_map(|records| {
@@ -151,7 +141,6 @@ fn both(pair: &EvaluatedPair<'_>) -> Result<ShownEpisode> {
     })
 }
 
-/// What the task prints of an episode: the shares that are so, and numbers.
 fn ending(spec: &Spec, record: &EpisodeRecord) -> String {
     let printed = spec.columns().into_iter().zip(&record.numbers).filter(|(one, _)| !one.label.is_empty());
     let words = printed.filter_map(|(one, &number)| match (one.kind, number) {
@@ -187,7 +176,6 @@ impl Recorded {
     }
 }
 
-/// `actor show`, asked one thing after the other.
 struct Actor {
     runtime: Runtime,
     scene_renderer: SceneRenderer,
@@ -200,7 +188,6 @@ impl Actor {
         Ok(Self { runtime, scene_renderer })
     }
 
-    /// An episode from its start to its end, and the camera that it was seen from.
     fn show(
         &self,
         name: &str,
@@ -224,7 +211,10 @@ impl Actor {
             };
             let (answer, png) = self.ask(request)?;
             match answer {
-                ShowAnswer::Picture { .. } => Ok(Frame { png: address(&png), words: words(&shown, step) }),
+                ShowAnswer::Picture { .. } => {
+                    let png = format!("data:image/png;base64,{}", BASE64_STANDARD.encode(png));
+                    Ok(Frame { png, words: words(&shown, step) })
+                }
                 answer => bail!("a picture cannot be drawn: {}", why(&answer)),
             }
         });
@@ -236,11 +226,6 @@ impl Actor {
     }
 }
 
-/// A picture as an address that holds it.
-fn address(png: &[u8]) -> String {
-    format!("data:image/png;base64,{}", BASE64_STANDARD.encode(png))
-}
-
 fn why(answer: &ShowAnswer) -> &str {
     match answer {
         ShowAnswer::Failed { problem } => problem,
@@ -250,7 +235,6 @@ fn why(answer: &ShowAnswer) -> &str {
     }
 }
 
-/// Moments that are drawn: the first, the last, and others at even distances between them.
 fn steps(moments: usize) -> impl Iterator<Item = usize> {
     let last = moments.saturating_sub(1);
     let wanted = FRAMES.min(moments).max(1);

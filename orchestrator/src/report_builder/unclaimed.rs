@@ -1,27 +1,24 @@
-//! Evaluations whose run was not given: whose they are, and what is known of it.
-
-use super::evaluated::evaluation;
+use crate::output::format::counted;
 use crate::run::scenes::config_by_content;
-use anyhow::Result;
+use crate::training::scores::read_result;
+use anyhow::{Context, Result, bail};
+use proto::bounded::TABLE_BYTES_MOST;
 use proto::config::Config;
-use proto::evaluation::Subject;
+use proto::evaluation::{Subject, TABLE_FILE, read_table_from};
 use proto::run_folder::RunFolder;
+use proto::task::Spec;
 use report::study::{Evaluated, Origin, Run, differences_between};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// An evaluation's folder outside of any run's.
 pub(super) struct UnclaimedEvaluation {
-    /// Its path, without links.
     pub place: PathBuf,
-    /// As the user calls it.
     folder: RunFolder,
     config: Config,
     pub evaluated: Evaluated,
 }
 
 impl UnclaimedEvaluation {
-    /// Reads an evaluation's folder; `place`: its path, without links.
     pub fn read(folder: &RunFolder, place: PathBuf) -> Result<Self> {
         let config = config_by_content(folder)?;
         let evaluated = evaluation(config.spec(), folder)?;
@@ -85,4 +82,24 @@ pub(super) fn same_run(known: &Run, other: &Run) -> bool {
         }
         _ => false,
     }
+}
+
+pub(super) fn evaluation(spec: &Spec, run: &RunFolder) -> Result<Evaluated> {
+    let (folder, result) = (run.root(), read_result(run)?);
+    if result.task != spec.name {
+        bail!("{} is an evaluation of the task `{}`, not of `{}`", folder.display(), result.task, spec.name);
+    }
+    let path = folder.join(TABLE_FILE);
+    let table = run.reader(&path, TABLE_BYTES_MOST).with_context(|| format!("cannot read {}", path.display()))?;
+    let episodes = read_table_from(spec, table).with_context(|| path.display().to_string())?;
+    if result.overall.episodes != episodes.len() as u64 {
+        bail!(
+            "{}: the table has {}, the result file {}",
+            folder.display(),
+            counted(episodes.len() as u64, "episode"),
+            result.overall.episodes
+        );
+    }
+    let name = folder.file_name().map_or_else(|| folder.display().to_string(), |name| name.to_string_lossy().into());
+    Ok(Evaluated { name, folder: folder.to_path_buf(), result, episodes })
 }

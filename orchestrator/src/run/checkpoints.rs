@@ -1,5 +1,3 @@
-//! The checkpoints of a folder: which there are, which is the newest one, and whether it is whole.
-
 use anyhow::{Context, Result, anyhow, ensure};
 use proto::checkpoint::Manifest;
 use proto::digest::Digest256;
@@ -9,7 +7,6 @@ use std::collections::BTreeMap;
 use std::io::BufRead;
 use std::path::{Path, PathBuf};
 
-/// Reads a manifest in a run folder, without its tensors.
 pub fn read_manifest(folder: &RunFolder, path: &Path) -> Result<Manifest> {
     Manifest::read_in(folder, path).map_err(|error| anyhow!("{} {error}", path.display()))
 }
@@ -49,10 +46,8 @@ pub fn newest_whole(folder: &RunFolder, place: &Path) -> Result<(PathBuf, Vec<an
     })
 }
 
-/// The newest checkpoints that are looked at.
 const CHECKPOINTS_MOST: usize = 100;
 
-/// Whether the tensors of a checkpoint are as its manifest says.
 fn check(folder: &RunFolder, path: &Path, manifest: Manifest) -> Result<()> {
     let Manifest { tensors, tensors_bytes, tensors_sha256, .. } = manifest;
     let is_beside = Path::new(&tensors).file_name() == Some(tensors.as_ref());
@@ -78,7 +73,6 @@ fn check(folder: &RunFolder, path: &Path, manifest: Manifest) -> Result<()> {
     Ok(())
 }
 
-/// The manifests in a folder of a run folder, the highest rollout first.
 fn manifests(folder: &RunFolder, place: &Path) -> Result<Vec<PathBuf>> {
     let items = folder.list(place).with_context(|| place.display().to_string())?;
     let named = |item: Item| Some((RolloutName::Manifest.rollout_of(&item.path)?, item.path));

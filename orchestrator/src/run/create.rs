@@ -1,5 +1,3 @@
-//! A new run folder, of a run or of an evaluation.
-
 use super::identity::{Identity, is_evaluation};
 use super::lock::{LockState, RunLock, holder};
 use super::scenes;
@@ -45,7 +43,6 @@ pub fn check_free(folder: &RunFolder) -> Result<()> {
     bail!("run folder {root} is not empty, and it is no run: choose another folder")
 }
 
-/// Folders of one name at most.
 const NAMESAKES_MOST: u32 = 10_000;
 
 /// Makes a folder of this name, or where there is one with a number behind it: names that are made of the time are taken by

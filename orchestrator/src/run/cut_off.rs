@@ -10,10 +10,8 @@ use std::path::Path;
 use std::time::Duration;
 use wire::fault;
 
-/// How long its processes are given to notice that their orchestrator is gone.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// Removes an evaluation that was cut off, and what it left in shared memory.
 pub fn remove_evaluation(result: &Path) -> Result<()> {
     if !result.exists() {
         return Ok(());

@@ -1,6 +1,4 @@
-//! Who a run is: `run.toml`.
-
-use super::damaged::damaged;
+use super::damaged;
 use super::unfinished::is_cut_off;
 use crate::output::format::{self, counted};
 use anyhow::{Context, Result, bail};
@@ -17,37 +15,26 @@ use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 use wire::{WireAddress, is_run_id};
 
-/// `run.toml`: what a run is called and what has become of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Identity {
-    /// Version of everything in the folder.
     pub schema_version: u32,
     /// 12 hex digits; part of every name in shared memory.
     pub id: String,
-    /// Version of the program that created it.
     pub created_by: String,
-    /// When, seconds since 1970.
     pub created_unix_s: u64,
     /// The number of actors that the command asks for which started it, where it has another one since (`scale`,
     /// `resume --actors`): the same command, given again, does not undo that.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub commanded_actors: Option<u32>,
-    /// Every start of an orchestrator on it, oldest first.
     #[serde(default)]
     pub incarnations: Vec<Incarnation>,
 }
 
-/// One start of an orchestrator.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Incarnation {
-    /// From 1.
     pub number: u32,
-    /// Address of its services, to be read by people: see [`Identity::address`].
     pub wire: String,
-    /// Machine it ran on.
     pub host: String,
     pub pid: u32,
-    /// When it began, seconds since 1970.
     pub started_unix_s: u64,
     /// When it began, by a clock that nobody sets. None in runs of older versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -55,10 +42,8 @@ pub struct Incarnation {
     /// When it was last known to live, seconds since 1970: noted by the next start, if it left no word.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seen_unix_s: Option<u64>,
-    /// For how long it was known to live, seconds: noted with it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seen_wall_s: Option<f64>,
-    /// The processes that it has, and from where on.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shape: Option<ProcessCounts>,
     /// How it ended; absent while it runs and after a crash.
@@ -67,7 +52,6 @@ pub struct Incarnation {
 }
 
 impl Incarnation {
-    /// Begins now, in this process.
     pub fn begin(number: u32, address: &WireAddress) -> Self {
         Self {
             number,
@@ -90,9 +74,7 @@ pub struct ProcessCounts {
     pub hosts: u32,
     pub learners: u32,
     pub actors: u32,
-    /// The first rollout that they collect.
     pub rollout: u64,
-    /// Frames trained on before it.
     pub frames: u64,
 }
 
@@ -101,7 +83,6 @@ impl ProcessCounts {
         [self.hosts, self.learners, self.actors]
     }
 
-    /// As people read it: `1 host, 1 learner, 3 actors`.
     fn text(self) -> String {
         let [hosts, learners, actors] = self.processes().map(u64::from);
         format!("{}, {}, {}", counted(hosts, "host"), counted(learners, "learner"), counted(actors, "actor"))
@@ -110,20 +91,15 @@ impl ProcessCounts {
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Ended {
-    /// In a word.
     pub how: Ending,
-    /// When, seconds since 1970.
     pub at_unix_s: u64,
     /// How long it took, seconds by a clock that nobody sets. None in runs of older versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wall_s: Option<f64>,
-    /// Frames trained on in the state that was saved last, if that is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames: Option<u64>,
-    /// SHA-256 of the weights saved last, if that is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub weights: Option<String>,
-    /// Why it failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
 }
@@ -142,7 +118,6 @@ impl Identity {
         })
     }
 
-    /// Reads `run.toml` of an existing run.
     pub fn read(folder: &RunFolder) -> Result<Self> {
         let path = folder.identity();
         let root = folder.root().display();
@@ -190,14 +165,12 @@ impl Identity {
         Ok(identity)
     }
 
-    /// Writes `run.toml`, atomically.
     pub fn write(&self, folder: &RunFolder) -> Result<()> {
         let text = toml::to_string(self).context("run.toml")?;
         write_atomically(&folder.identity(), text.as_bytes())
             .with_context(|| format!("cannot write {}", folder.identity().display()))
     }
 
-    /// Adds the next incarnation and returns its address.
     pub fn begin_incarnation(&mut self) -> (u32, WireAddress) {
         let number = self.incarnations.last().map_or(0, |last| last.number) + 1;
         let address = WireAddress::new(&self.id, number);
@@ -205,7 +178,6 @@ impl Identity {
         (number, address)
     }
 
-    /// Notes what processes the last incarnation has, and from where on.
     pub fn note_shape(&mut self, shape: ProcessCounts) {
         if let Some(last) = self.incarnations.last_mut() {
             last.shape = Some(shape);
@@ -224,7 +196,6 @@ impl Identity {
         if self.commanded_actors == Some(asked) { held } else { asked }
     }
 
-    /// Where the number of hosts, learners or actors changed, a line each.
     pub fn changes_of_shape(&self) -> Vec<String> {
         let shapes: Vec<ProcessCounts> = self.incarnations.iter().filter_map(|start| start.shape).collect();
         let changed = shapes.windows(2).filter(|pair| pair[0].processes() != pair[1].processes());
@@ -247,7 +218,6 @@ impl Identity {
         WireAddress::new(&self.id, incarnation.number)
     }
 
-    /// Notes when incarnations that left no word were last known to live, by their numbers.
     pub fn note_signs_of_life(&mut self, seen: &BTreeMap<u32, Sign>) {
         for incarnation in self.incarnations.iter_mut().filter(|incarnation| incarnation.ended.is_none()) {
             if let Some(sign) = seen.get(&incarnation.number) {
@@ -257,7 +227,6 @@ impl Identity {
         }
     }
 
-    /// Notes how the last incarnation ended, just now.
     pub fn end_incarnation(&mut self, ended: Ended) {
         if let Some(last) = self.incarnations.last_mut() {
             let wall_s = last.started.as_ref().and_then(Moment::elapsed_s);
@@ -266,12 +235,9 @@ impl Identity {
     }
 }
 
-/// That an incarnation was alive when it wrote of its last rollout.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sign {
-    /// Seconds since 1970.
     pub at_unix_s: u64,
-    /// Seconds since it began, by a clock that nobody sets.
     pub wall_s: Option<f64>,
 }
 
@@ -300,7 +266,6 @@ impl Moment {
     }
 }
 
-/// Whether a folder holds an evaluation: one that was cut off is made anew, not gone on with.
 pub fn is_evaluation(folder: &RunFolder) -> bool {
     Config::of_run(folder).is_ok_and(|config| config.evaluation.is_some())
 }
@@ -315,7 +280,6 @@ pub fn perhaps(path: &Path) -> String {
     }
 }
 
-/// Seconds since 1970.
 pub fn unix_now() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs())
 }

@@ -12,7 +12,6 @@ use std::io::{BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-/// Has a file hold these bytes and no others.
 pub fn set_content(path: &Path, wanted: &[u8]) -> Result<()> {
     if is_content(path, [wanted]) {
         return Ok(());
@@ -20,7 +19,6 @@ pub fn set_content(path: &Path, wanted: &[u8]) -> Result<()> {
     write_atomically(path, wanted).with_context(|| format!("cannot write {}", path.display()))
 }
 
-/// Whether a file holds these bytes and no others. No file holds none.
 pub fn is_content<B: AsRef<[u8]>>(path: &Path, wanted: impl IntoIterator<Item = B>) -> bool {
     let mut wanted = wanted.into_iter();
     let Ok(mut file) = open_plain(path, OpenOptions::new().read(true)).map(BufReader::new) else {
@@ -51,7 +49,6 @@ pub fn read<T: DeserializeOwned>(folder: &RunFolder, path: &Path, most: u64) -> 
     Ok((read, damaged))
 }
 
-#[derive(Debug)]
 pub struct Writer {
     file: File,
     path: PathBuf,
@@ -73,26 +70,22 @@ impl Writer {
         Ok(Self { file, path: path.to_path_buf() })
     }
 
-    /// Writes one line, in one call.
     pub fn append(&mut self, value: &impl Serialize) -> Result<()> {
         let mut line = serde_json::to_vec(value)?;
         line.push(b'\n');
         self.file.write_all(&line).with_context(|| format!("cannot write {}", self.path.display()))
     }
 
-    /// Whether the file at this path is the one that is written.
     pub fn is_of(&self, path: &Path) -> bool {
         let place = |metadata: Metadata| (metadata.dev(), metadata.ino());
         let (own, there) = (self.file.metadata().map(place), std::fs::symlink_metadata(path).map(place));
         matches!((own, there), (Ok(own), Ok(there)) if own == there)
     }
 
-    /// Begins the file anew.
     pub fn clear(&mut self) -> Result<()> {
         self.file.set_len(0).with_context(|| format!("cannot write {}", self.path.display()))
     }
 
-    /// Has all lines on the disk.
     pub fn sync(&self) -> Result<()> {
         self.file.sync_all().with_context(|| format!("cannot write {}", self.path.display()))
     }

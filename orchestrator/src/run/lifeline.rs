@@ -17,7 +17,6 @@ pub fn this_program() -> Command {
     command
 }
 
-/// From now on the kernel sends this process `signal` when `parent` dies.
 pub fn follow(parent: u32, signal: Signal) -> Result<()> {
     set_parent_process_death_signal(Some(signal)).context("cannot follow the parent process")?;
     // It may have died before that: then its child is someone else's now.

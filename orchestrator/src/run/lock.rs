@@ -1,11 +1,12 @@
 //! Who works on a run folder: `orchestrator.lock`, and the locks of learners that outlive their orchestrator.
 
-use super::identity::host_name;
+use super::identity::{Identity, host_name};
 use crate::preflight::disk::NO_LOCKS;
 use anyhow::{Context, Result, bail};
 use proto::disk::is_not_offered;
 use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
+use proto::run_state::{Ending, RunState};
 use serde::{Deserialize, Serialize};
 use std::fmt::{Display, Formatter};
 use std::fs::{File, OpenOptions, TryLockError};
@@ -19,12 +20,10 @@ const HOLDER_BYTES_MOST: u64 = 4096;
 
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Holder {
-    /// Process id of the orchestrator.
     pub pid: u32,
     pub host: String,
     pub incarnation: u32,
     /// The PID namespace that numbers its process. None in locks of versions that did not note it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pid_namespace: Option<u64>,
 }
 
@@ -60,7 +59,6 @@ pub struct RunLock {
 }
 
 impl RunLock {
-    /// Takes the lock as soon as its holder lets go of it, within `patience`.
     pub fn acquire_within(folder: &RunFolder, patience: Duration) -> Result<Self> {
         let began = Instant::now();
         loop {
@@ -93,7 +91,6 @@ impl RunLock {
         }
     }
 
-    /// Writes the holder's process id, for `stop` and `status`.
     pub fn sign(&mut self, incarnation: u32) -> Result<()> {
         let text = toml::to_string(&Holder::this_process(incarnation)).context("orchestrator.lock")?;
         self.file.set_len(0)?;
@@ -124,11 +121,9 @@ fn refuse_links(folder: &RunFolder) -> Result<()> {
 pub enum LockState {
     Free,
     By(Holder),
-    /// A holder that has not written its process id yet.
     Unsigned,
 }
 
-/// Who holds the run in `folder` now.
 pub fn holder(folder: &RunFolder) -> Result<LockState> {
     let path = folder.orchestrator_lock();
     let file = match folder.open(&path) {
@@ -198,8 +193,21 @@ fn wait_for_lock(file: &File, patience: Duration) -> Result<bool> {
     }
 }
 
+/// The state of a run with this lock. `complete`: its result is there, whatever its last session noted.
+pub fn state_of(identity: &Identity, held: &LockState, complete: bool) -> RunState {
+    match (held, identity.incarnations.last()) {
+        (LockState::By(_) | LockState::Unsigned, _) => RunState::Running,
+        (LockState::Free, _) if complete => RunState::Ended(Ending::Complete),
+        (LockState::Free, None) => RunState::NotStarted,
+        (LockState::Free, Some(last)) => {
+            last.ended.as_ref().map_or(RunState::CutOff, |ended| RunState::Ended(ended.how))
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use super::super::identity::Ended;
     use super::*;
 
     fn folder() -> (tempfile::TempDir, RunFolder) {
@@ -271,5 +279,32 @@ mod tests {
         locks[2].try_lock().unwrap();
         assert_eq!(wait(3), Some(2));
         assert_eq!(wait(1), Some(2), "there were more before");
+    }
+
+    #[test]
+    fn who_holds_a_run_comes_first_then_its_result_then_its_last_word() {
+        let mut identity = Identity::new().unwrap();
+        let state = |identity: &Identity, held, complete| state_of(identity, &held, complete).to_string();
+        assert_eq!(state(&identity, LockState::Free, false), "not started");
+        identity.begin_incarnation();
+        assert_eq!(state(&identity, LockState::Unsigned, false), "running");
+        assert_eq!(state(&identity, LockState::Free, false), "cut off");
+        for (how, word) in [
+            (Ending::Complete, "complete"),
+            (Ending::Stopped, "stopped"),
+            (Ending::Interrupted, "interrupted"),
+            (Ending::Failed, "failed"),
+        ] {
+            identity.end_incarnation(Ended {
+                how,
+                at_unix_s: 1,
+                wall_s: None,
+                frames: None,
+                weights: None,
+                reason: None,
+            });
+            assert_eq!(state(&identity, LockState::Free, false), word);
+        }
+        assert_eq!(state(&identity, LockState::Free, true), "complete");
     }
 }

@@ -1,22 +1,19 @@
 //! Whether a process of this machine is stopped (SIGSTOP, Ctrl-Z, a debugger): it neither works nor answers.
 
-use std::path::Path;
-
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct Stopped {
     pub program: String,
     pub pid: u32,
 }
 
-/// Those of a process and its children that are stopped.
+pub fn children(pid: u32) -> Vec<u32> {
+    let tasks = std::fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
+    let lists = tasks.filter_map(|task| std::fs::read_to_string(task.path().join("children")).ok());
+    lists.flat_map(|list| list.split_whitespace().filter_map(|pid| pid.parse().ok()).collect::<Vec<_>>()).collect()
+}
+
 pub fn stopped(pid: u32) -> Vec<Stopped> {
-    let process = format!("/proc/{pid}");
-    let children = std::fs::read_dir(Path::new(&process).join("task")).into_iter().flatten().flatten();
-    let children = children.filter_map(|task| std::fs::read_to_string(task.path().join("children")).ok());
-    let children: Vec<u32> = children
-        .flat_map(|list| list.split_whitespace().filter_map(|pid| pid.parse().ok()).collect::<Vec<_>>())
-        .collect();
-    std::iter::once(pid).chain(children).filter_map(look).collect()
+    std::iter::once(pid).chain(children(pid)).filter_map(look).collect()
 }
 
 fn look(pid: u32) -> Option<Stopped> {

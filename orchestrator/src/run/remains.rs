@@ -24,11 +24,8 @@ use wire::{SHARED_MEMORY, WireAddress, temporary_folder};
 
 /// An owner file is locked and signed within this time of its creation; a younger one without an owner is left alone.
 const CLAIMING: Duration = Duration::from_secs(10);
-/// How long a killed process may take to be gone.
 const KILLED_ENDS: Duration = Duration::from_secs(5);
 
-/// The claim on one incarnation's names, until dropped.
-#[derive(Debug)]
 pub struct Claim {
     _file: File,
 }
@@ -71,22 +68,15 @@ fn is_locked(owner: &File) -> bool {
     matches!(owner.try_lock_shared(), Err(TryLockError::WouldBlock))
 }
 
-/// What is left in shared memory under one prefix.
-#[derive(Debug)]
 pub struct Remains {
-    /// Address, made from the names.
     pub address: WireAddress,
-    /// The run it belongs to, if its owner signed.
     pub run: Option<PathBuf>,
-    /// Names in /dev/shm.
     pub names: usize,
-    /// Memory they hold, bytes.
     pub bytes: u64,
     /// True while its orchestrator lives (or someone is just starting there).
     pub alive: bool,
 }
 
-/// Everything of this user's runs in /dev/shm or the temporary folder, living and dead.
 pub fn survey() -> Result<Vec<Remains>> {
     temporary::check().demand()?;
     let me = geteuid().as_raw();
@@ -117,7 +107,6 @@ pub fn survey() -> Result<Vec<Remains>> {
     Ok(found.into_values().map(examine).collect())
 }
 
-/// What a survey sees under one prefix.
 struct Names {
     address: WireAddress,
     count: usize,
@@ -143,7 +132,6 @@ fn examine(Names { address, count, bytes, changed }: Names) -> Remains {
     Remains { address, run: signature.map(|signature| signature.run), names: count, bytes, alive }
 }
 
-/// This user's processes that were started with this address on their command line.
 pub fn processes_of(address: &WireAddress) -> Vec<u32> {
     let Ok(entries) = std::fs::read_dir("/proc") else { return Vec::new() };
     let pids = entries.flatten().filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
@@ -164,7 +152,6 @@ fn was_started_with(pid: u32, address: &WireAddress) -> bool {
     })
 }
 
-/// Whether a process that we may look at has one of these names in its memory.
 fn is_mapped(prefix: &str) -> bool {
     let wanted = format!("{SHARED_MEMORY}/{prefix}");
     let Ok(entries) = std::fs::read_dir("/proc") else { return false };
@@ -172,11 +159,9 @@ fn is_mapped(prefix: &str) -> bool {
     pids.any(|entry| std::fs::read_to_string(entry.path().join("maps")).is_ok_and(|maps| maps.contains(&wanted)))
 }
 
-/// What a sweep did.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 pub struct Swept {
     pub names: usize,
-    /// Processes that had to be killed.
     pub killed: usize,
 }
 
@@ -220,7 +205,6 @@ fn kill(pid: u32, address: &WireAddress) -> bool {
         && rustix::process::pidfd_send_signal(&descriptor, rustix::process::Signal::KILL).is_ok()
 }
 
-/// Waits until no process of an address is left, at most for `patience`; returns those that are.
 fn await_ends(address: &WireAddress, patience: Duration) -> Vec<u32> {
     let begin = Instant::now();
     loop {

@@ -1,6 +1,6 @@
 //! What `orchestrator scale` asks of the orchestrator that runs: a file of the run folder, which that one looks for.
 
-use super::damaged::damaged;
+use super::damaged;
 use crate::output::format::counted;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
@@ -8,7 +8,6 @@ use proto::run_folder::{RunFolder, write_atomically};
 use serde::{Deserialize, Serialize};
 use std::io::ErrorKind;
 
-/// Another number of actors.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ScaleRequest {
@@ -16,22 +15,17 @@ pub struct ScaleRequest {
     pub incarnation: u32,
     pub actors: u32,
     /// The rollout that is to be the first with them; none: the next that has not begun.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_rollout: Option<u64>,
-    /// The answer, if it cannot be.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refused: Option<String>,
 }
 
 impl ScaleRequest {
-    /// Lays it into the folder, in the place of an older one.
     pub fn write(&self, folder: &RunFolder) -> Result<()> {
         let path = folder.scale_request();
         let text = toml::to_string(self).context("scale.toml")?;
         write_atomically(&path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))
     }
 
-    /// The one that lies there.
     pub fn read(folder: &RunFolder) -> Result<Option<Self>> {
         let path = folder.scale_request();
         match folder.read_text(&path) {
@@ -103,7 +97,6 @@ impl ScaleRequest {
     }
 }
 
-/// The configuration with another number of actors, if it can have that.
 pub fn with_actors(config: &Config, actors: u32) -> Result<Config> {
     let mut new = config.clone();
     new.actors.count = actors;

@@ -19,7 +19,6 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
-/// Refuses a configuration with a scene that is not sound.
 pub fn check(config: &Config) -> Result<()> {
     if config.scenes.is_empty() {
         return Ok(());
@@ -27,7 +26,6 @@ pub fn check(config: &Config) -> Result<()> {
     finding(config, &programs::find("actor")?).map_or(Ok(()), Finding::demand)
 }
 
-/// What is to be said of the configuration's scenes, all of them; none of a configuration without.
 pub fn finding(config: &Config, program: &Path) -> Option<Finding> {
     if config.scenes.is_empty() {
         return None;
@@ -41,7 +39,6 @@ pub fn finding(config: &Config, program: &Path) -> Option<Finding> {
     })
 }
 
-/// Copies every scene into the run folder and names the copies in the configuration.
 pub fn keep(config: &mut Config, folder: &RunFolder) -> Result<()> {
     if config.scenes.is_empty() {
         return Ok(());
@@ -56,7 +53,6 @@ pub fn keep(config: &mut Config, folder: &RunFolder) -> Result<()> {
     Ok(())
 }
 
-/// Has every scene of the configuration checked, and returns the targets that each has.
 pub fn targets(config: &Config) -> Result<Vec<Vec<TargetCategory>>> {
     if config.scenes.is_empty() {
         return Ok(Vec::new());
@@ -70,15 +66,11 @@ pub fn targets(config: &Config) -> Result<Vec<Vec<TargetCategory>>> {
     config.scenes.iter().map(of).collect()
 }
 
-/// As much as a scene's file may have.
 const FILE_BYTES_MOST: u64 = 512 << 20;
-/// More files than scenes have.
 const FILES_MOST: usize = 10_000;
 
-/// As much as all scenes of a run may have.
 const ALL_BYTES_MOST: u64 = 2 << 30;
 
-/// All files in and below a folder of a run folder, by their names below `root`; none where there is no such folder.
 pub fn files_below(run: &RunFolder, root: &Path, folder: &Path) -> Result<Vec<(String, Vec<u8>)>> {
     let (mut waiting, mut found, mut bytes) = (vec![folder.to_owned()], Vec::new(), 0);
     while let Some(folder) = waiting.pop() {

@@ -71,7 +71,6 @@ fn check(pid: u32, lock: &Path, ours: &OsStr) -> Result<()> {
     Ok(())
 }
 
-/// Name of a process's program, also when its file has been replaced since the process began.
 fn program(process: &str) -> Result<OsString> {
     let path = std::fs::read_link(format!("{process}/exe"))?;
     let name = path.file_name().context("a program has a name")?.to_string_lossy().into_owned();

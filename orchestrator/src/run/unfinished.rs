@@ -21,7 +21,8 @@ pub fn is_cut_off(folder: &RunFolder) -> Result<bool> {
     let mut any = false;
     for entry in std::fs::read_dir(folder.root())? {
         let path = entry?.path();
-        let ours = files.contains(&path) || (folders.contains(&path) && is_empty(&path)?);
+        let is_empty_folder = || Ok::<_, std::io::Error>(path.is_dir() && std::fs::read_dir(&path)?.next().is_none());
+        let ours = files.contains(&path) || (folders.contains(&path) && is_empty_folder()?);
         if !ours {
             return Ok(false);
         }
@@ -30,7 +31,6 @@ pub fn is_cut_off(folder: &RunFolder) -> Result<bool> {
     Ok(any)
 }
 
-/// Removes what a new run would not write over. Its lock must be held.
 pub fn clear(folder: &RunFolder) -> Result<()> {
     match std::fs::remove_dir_all(folder.scenes()) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error),
@@ -38,11 +38,6 @@ pub fn clear(folder: &RunFolder) -> Result<()> {
     }
 }
 
-fn is_empty(folder: &Path) -> Result<bool> {
-    Ok(folder.is_dir() && std::fs::read_dir(folder)?.next().is_none())
-}
-
-/// What is left of an atomic write that was cut off.
 fn partial(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(proto::run_folder::PARTIAL);

@@ -10,11 +10,10 @@ use proto::bounded;
 use proto::config::{Config, check_settings, overlay};
 use proto::stage::{TooFewFrames, scale_to};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use toml::{Table, Value};
 
-/// Runs of one suite at most.
 const RUNS_MAX: usize = 1000;
 /// Longest name of a run without its seed: file systems allow 255 bytes, and its folders and files add to it.
 const NAME_BYTES_MAX: usize = 200;
@@ -22,15 +21,12 @@ const NAME_BYTES_MAX: usize = 200;
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
-    /// Seeds of the runs that name none.
     #[serde(default)]
     seeds: Vec<u64>,
     /// Frames of the runs that name none: all stages are scaled in proportion.
     frames: Option<u64>,
-    /// Keys laid over every preset.
     #[serde(default)]
     config: Table,
-    /// How every run is evaluated when it is trained.
     #[serde(default)]
     evaluations: Vec<Asked>,
     runs: Vec<Planned>,
@@ -46,7 +42,6 @@ struct Planned {
     frames: Option<u64>,
     /// Name of runs further up: each seed begins with the weights that theirs ended with.
     from: Option<String>,
-    /// Keys laid over the preset, and over the suite's own.
     #[serde(default)]
     config: Table,
     /// Keys, each with a list of values: every combination is a run, over the configuration.
@@ -54,18 +49,14 @@ struct Planned {
     grid: Table,
 }
 
-/// Checkpoint of an evaluation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AskedCheckpoint {
-    /// The one that the run ended with.
     #[default]
     Newest,
-    /// The best by the run's own validation.
     Best,
 }
 
-/// One evaluation of every run: what `orchestrator eval` takes.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Asked {
@@ -73,10 +64,8 @@ pub struct Asked {
     pub objects: ObjectsChoice,
     /// Episodes of each kitchen and object set; all 360 if not given.
     pub episodes: Option<u32>,
-    /// The most probable action instead of a sampled one.
     #[serde(default)]
     pub deterministic: bool,
-    /// Whose weights.
     #[serde(default)]
     pub checkpoint: AskedCheckpoint,
 }
@@ -90,12 +79,10 @@ pub struct SuiteEntry {
     pub frames: Option<u64>,
     /// Number of the run before it in the suite whose weights it begins with.
     pub from: Option<usize>,
-    /// What `--config` is given: TOML.
     pub overrides: String,
     pub config: Config,
 }
 
-/// A file that has been found sound.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Suite {
     pub entries: Vec<SuiteEntry>,
@@ -103,7 +90,6 @@ pub struct Suite {
 }
 
 impl Asked {
-    /// Name of its folder in a run's `evaluations/`.
     pub fn folder(&self) -> String {
         let episodes = self.episodes.map_or_else(String::new, |episodes| format!("-{episodes}"));
         let deterministic = if self.deterministic { "-deterministic" } else { "" };
@@ -123,7 +109,6 @@ impl Suite {
         Ok((suite, text))
     }
 
-    /// Judges a file's text.
     pub fn parse(text: &str) -> Result<Self> {
         let file: File = toml::from_str(text)?;
         ensure!(!file.runs.is_empty(), "no [[runs]]: a suite has at least one");
@@ -158,10 +143,26 @@ impl Suite {
         }
         Ok(Self { entries, evaluations: file.evaluations })
     }
+
+    /// Leaves out what is in a table already.
+    pub fn leave_out(&mut self, done: &BTreeSet<&str>) {
+        let mut kept = vec![false; self.entries.len()];
+        for (index, entry) in self.entries.iter().enumerate().rev() {
+            kept[index] |= !done.contains(entry.name.as_str());
+            if let (true, Some(from)) = (kept[index], entry.from) {
+                kept[from] = true;
+            }
+        }
+        let number = |old: usize| kept[..old].iter().filter(|kept| **kept).count();
+        for entry in &mut self.entries {
+            entry.from = entry.from.map(number);
+        }
+        let mut is_kept = kept.iter();
+        self.entries.retain(|_| is_kept.next() == Some(&true));
+    }
 }
 
 impl Planned {
-    /// Its runs, which come after those `before`.
     fn entries(&self, file: &File, before: &[SuiteEntry]) -> Result<Vec<SuiteEntry>> {
         let name = self.name.as_ref().unwrap_or(&self.preset);
         let sound = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
@@ -197,7 +198,6 @@ impl Planned {
         Ok(entries)
     }
 
-    /// Its runs with these keys laid over the preset, one for each seed.
     fn with_keys(
         &self,
         name: &str,
@@ -253,7 +253,6 @@ fn check_keys(keys: &Table) -> Result<()> {
     Ok(())
 }
 
-/// The text of a suite's file with these seeds in the place of all that it has. Comments are not kept.
 fn with_seeds(text: &str, seeds: &[u64]) -> Result<String> {
     let mut file: Table = toml::from_str(text)?;
     let numbers = seeds.iter().map(|&seed| i64::try_from(seed).map(Value::Integer)).collect::<Result<_, _>>();
@@ -266,7 +265,6 @@ fn with_seeds(text: &str, seeds: &[u64]) -> Result<String> {
     toml::to_string(&file).context("the suite with --seed")
 }
 
-/// Each value with its dotted path, alone in a table.
 fn leaves(table: &Table) -> Vec<(String, Table)> {
     let mut found = Vec::new();
     for (key, value) in table {
@@ -283,7 +281,6 @@ fn leaves(table: &Table) -> Vec<(String, Table)> {
     found
 }
 
-/// Number of the run whose weights one with this configuration begins with.
 fn source(name: &str, config: &Config, before: &[SuiteEntry]) -> Result<usize> {
     let found = before.iter().position(|entry| entry.name == name);
     let found = found.with_context(|| format!("from: no run further up in the file is called {name}"))?;
@@ -292,7 +289,6 @@ fn source(name: &str, config: &Config, before: &[SuiteEntry]) -> Result<usize> {
     Ok(found)
 }
 
-/// No two runs with one name, none twice under two names.
 fn distinct(entries: &[SuiteEntry]) -> Result<()> {
     let mut names: BTreeMap<&str, usize> = BTreeMap::new();
     // Two presets may be one experiment.
@@ -487,5 +483,25 @@ mod tests {
         assert!(same.contains("lambda-15-1 and disturb-two-stage-1 are the same run"), "{same}");
         let range = "seeds = [1]\n[[evaluations]]\nsplit = \"test\"\nobjects = \"all\"\nepisodes = 361\n";
         assert!(problem(&format!("{range}[[runs]]\npreset = \"demo\"\n")).contains("361"));
+    }
+
+    #[test]
+    fn what_a_table_has_is_left_out_unless_another_begins_with_it() {
+        let first = "[[runs]]\npreset = \"short-r-only\"\nname = \"stage-1\"\n";
+        let second = "[[runs]]\npreset = \"short-scratch\"\nname = \"stage-2\"\nfrom = \"stage-1\"\n";
+        let whole = Suite::parse(&format!("seeds = [1, 2]\n{first}{second}")).unwrap();
+        let left = |done: &[&str]| {
+            let mut suite = whole.clone();
+            suite.leave_out(&done.iter().copied().collect());
+            suite.entries.into_iter().map(|entry| (entry.name, entry.from)).collect::<Vec<_>>()
+        };
+        let named = |name: &str, from| (name.to_owned(), from);
+        let all = [("stage-1-1", None), ("stage-1-2", None), ("stage-2-1", Some(0)), ("stage-2-2", Some(1))];
+        assert_eq!(left(&[]), all.map(|(name, from)| named(name, from)));
+        assert_eq!(
+            left(&["stage-1-1", "stage-2-1", "stage-1-2"]),
+            [named("stage-1-2", None), named("stage-2-2", Some(0))]
+        );
+        assert_eq!(left(&["stage-1-1", "stage-1-2", "stage-2-1", "stage-2-2"]), []);
     }
 }

@@ -34,7 +34,6 @@ use wire::fault;
 const LOCK: &str = "suite.lock";
 const FILE: &str = "suite.toml";
 
-/// Refuses a suite's folder where a run's is asked for.
 pub fn refuse(folder: &Path) -> Result<()> {
     if folder.join(FILE).exists() && !RunFolder::new(folder).identity().exists() {
         let (root, file, out) = (folder.display(), quoted(folder.join(FILE)), quoted(folder));
@@ -51,18 +50,13 @@ pub struct SuiteFolder {
     root: PathBuf,
 }
 
-/// What a run needs next.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Step {
-    /// `orchestrator up`.
     Begin,
-    /// `orchestrator resume`.
     Resume,
-    /// `orchestrator eval`, the suite's evaluation with this number.
     Evaluate(usize),
 }
 
-/// What to do with a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Next {
     Step(Step),
@@ -70,12 +64,10 @@ pub enum Next {
     HeldBy(String),
     /// Nothing yet: the run with this number, whose weights it begins with, is not trained.
     After(usize),
-    /// Nothing.
     Done,
 }
 
 impl SuiteFolder {
-    /// The folder at `root`.
     pub fn new(root: impl Into<PathBuf>) -> Self {
         Self { root: unlike_a_flag(root) }
     }
@@ -85,7 +77,6 @@ impl SuiteFolder {
         self.root.join(FILE)
     }
 
-    /// The file with the state of every run.
     pub fn state(&self) -> PathBuf {
         self.root.join("suite.json")
     }
@@ -106,7 +97,6 @@ impl SuiteFolder {
         self.run(entry).root().join("evaluations").join(asked.folder())
     }
 
-    /// Whose weights it is of.
     pub fn subject(&self, entry: &SuiteEntry, asked: &Asked) -> PathBuf {
         let run = self.run(entry);
         match asked.checkpoint {
@@ -115,12 +105,10 @@ impl SuiteFolder {
         }
     }
 
-    /// What `--config` is given.
     pub fn config(&self, entry: &SuiteEntry) -> PathBuf {
         self.root.join("configs").join(format!("{}.toml", entry.name))
     }
 
-    /// What its processes print.
     pub fn log(&self, entry: &SuiteEntry) -> PathBuf {
         self.root.join("logs").join(format!("{}.log", entry.name))
     }
@@ -188,7 +176,6 @@ impl SuiteFolder {
         (!same).then_some(begun)
     }
 
-    /// Makes the folder and takes the right to work on it, until the file is dropped.
     pub fn open(&self, suite: &Suite, text: &str) -> Result<File> {
         let root = self.root.display();
         std::fs::create_dir_all(&self.root).with_context(|| format!("cannot create {root}"))?;
@@ -216,7 +203,6 @@ impl SuiteFolder {
         Ok(lock)
     }
 
-    /// What a run needs next.
     pub fn next(&self, suite: &Suite, entry: &SuiteEntry) -> Result<Next> {
         let folder = self.run(entry);
         if let Some(held) = held(&folder)? {
@@ -257,7 +243,6 @@ impl SuiteFolder {
     }
 }
 
-/// Refuses a folder that holds something, and that is neither a run nor one that is being made.
 fn refuse_unknown(folder: &RunFolder) -> Result<()> {
     let root = folder.root().display();
     let holds = match std::fs::read_dir(folder.root()) {
@@ -273,7 +258,6 @@ fn refuse_unknown(folder: &RunFolder) -> Result<()> {
     Ok(())
 }
 
-/// Who works in a folder.
 fn held(folder: &RunFolder) -> Result<Option<String>> {
     Ok(match holder(folder)? {
         LockState::Free => None,

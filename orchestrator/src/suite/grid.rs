@@ -1,5 +1,3 @@
-//! The grid of a run in a suite's file: every combination of the values of some keys is a run of its own.
-
 use anyhow::{Context, Result, bail, ensure};
 use proto::config::Setting;
 use toml::{Table, Value};
@@ -11,7 +9,6 @@ pub struct Point {
     pub settings: Vec<Setting>,
 }
 
-/// One key with its values.
 struct Axis {
     key: String,
     values: Vec<(String, Setting)>,
@@ -38,7 +35,6 @@ pub fn points(grid: &Table, most: usize) -> Result<Vec<Point>> {
     Ok(points)
 }
 
-/// The last part of a dotted key.
 fn last(key: &str) -> &str {
     key.rsplit('.').next().unwrap_or(key)
 }
@@ -79,7 +75,6 @@ fn values_of(key: &str, values: &[Value]) -> Result<Vec<(String, Setting)>> {
     Ok(found)
 }
 
-/// A value as a part of a folder's name.
 fn text(value: &Value) -> Result<String> {
     let text = match value {
         Value::String(text) => text.clone(),

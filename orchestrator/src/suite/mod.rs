@@ -5,7 +5,6 @@
 mod file;
 mod folder;
 mod grid;
-mod left;
 mod scheduler;
 mod state;
 #[cfg(test)]

@@ -1,5 +1,3 @@
-//! Gives the runs of a suite places to work on, until all is done that can be.
-
 use super::file::{Suite, SuiteEntry};
 use super::folder::{Next, Step, SuiteFolder};
 use super::state::{RunStatus, State, Status};
@@ -27,26 +25,18 @@ use tokio::process::{Child, Command};
 use tokio::signal::unix::{SignalKind, signal};
 use wire::fault;
 
-/// Interval of checks for finished processes and signals, and of drawing progress.
 const TICK: Duration = Duration::from_millis(200);
 /// How long a process of an earlier call may go on holding a run: it saves, at the end of an update at the latest.
 const HELD_PATIENCE: Duration = Duration::from_mins(15);
-/// Interval of progress lines if progress cannot be refreshed in place.
 const LINE_EVERY: Duration = Duration::from_mins(1);
-/// How often it is refreshed where it can.
 const REFRESH_EVERY: Duration = Duration::from_secs(2);
-/// Length of a log's end that is searched for its last error.
 const LAST_WORDS_BYTES: u64 = 8192;
 
-/// What a call of the suite came to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SuiteOutcome {
-    /// Everything is trained and evaluated.
     Done,
     Stopped,
-    /// A stop was requested twice: the processes ended without saving.
     Interrupted,
-    /// Some runs failed, or another process stopped them.
     Incomplete,
 }
 
@@ -63,12 +53,9 @@ struct Scheduler<'a> {
     suite: &'a Suite,
     folder: &'a SuiteFolder,
     state: State,
-    /// For each place, the GPUs that its processes see.
     places: Vec<Option<String>>,
     workers: Vec<Worker>,
-    /// Runs that get no further in this call.
     settled: Vec<bool>,
-    /// Since when another process has held a run's lock.
     held_since: BTreeMap<usize, Instant>,
     stops: u32,
 }
@@ -126,7 +113,6 @@ impl Scheduler<'_> {
         })
     }
 
-    /// Passes a request to stop on to every process; theirs is the saving.
     fn stop(&mut self) {
         self.stops += 1;
         if self.stops == 1 {
@@ -145,7 +131,6 @@ impl Scheduler<'_> {
         }
     }
 
-    /// Takes note of processes that have ended.
     fn reap(&mut self) -> Result<()> {
         let mut index = 0;
         while index < self.workers.len() {
@@ -194,7 +179,6 @@ impl Scheduler<'_> {
         self.write()
     }
 
-    /// Starts as many processes as there are free places, runs in the order of the file.
     fn begin_what_fits(&mut self) -> Result<()> {
         for index in 0..self.suite.entries.len() {
             if self.settled[index] || self.workers.iter().any(|worker| worker.entry == index) {
@@ -241,7 +225,6 @@ impl Scheduler<'_> {
         Ok(())
     }
 
-    /// Starts the process of one step.
     fn begin(&mut self, index: usize, step: Step, place: usize) -> Result<()> {
         let entry = &self.suite.entries[index];
         let status = match &step {
@@ -308,7 +291,6 @@ impl Scheduler<'_> {
         Ok(command)
     }
 
-    /// Shows how the runs at work get on.
     fn tell(&self) {
         let line = |worker: &Worker| {
             let entry = &self.suite.entries[worker.entry];
@@ -339,7 +321,6 @@ impl Scheduler<'_> {
     }
 }
 
-/// The last error in a log from this place on, else how the process ended.
 fn last_words(log: &Path, begin: u64, exit: ExitStatus) -> String {
     let mut end = Vec::new();
     let read = open_plain(log, OpenOptions::new().read(true)).and_then(|mut file| {
@@ -361,12 +342,10 @@ fn last_words(log: &Path, begin: u64, exit: ExitStatus) -> String {
 pub struct EntryProgress {
     pub name: String,
     pub folder: String,
-    /// State and tries.
     #[serde(flatten)]
     pub status: RunStatus,
 }
 
-/// How every run stands, for the end of a call.
 pub fn standings(suite: &Suite, folder: &SuiteFolder) -> Result<Vec<EntryProgress>> {
     let text = bounded::read_text(&folder.state()).context("suite.json")?;
     let mut state: State = serde_json::from_str(&text).context("suite.json")?;

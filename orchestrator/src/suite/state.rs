@@ -1,7 +1,7 @@
 //! State of a suite: `suite.json`, for people, scripts and the next call. Progress is read from the run folders; this
 //! file adds what they do not contain: the number of tries and the reason of a failure.
 
-use crate::run::damaged::damaged;
+use crate::run::damaged;
 use anyhow::{Context, Result};
 use proto::SCHEMA_VERSION;
 use proto::bounded;
@@ -13,28 +13,21 @@ use std::path::Path;
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(tag = "status", rename_all = "snake_case")]
 pub enum Status {
-    /// Nobody works on it.
     #[default]
     Waiting,
     Training,
-    /// It is trained, and evaluated in this folder.
     Evaluating {
-        /// Name in the run's `evaluations/`.
         evaluation: String,
     },
     /// Somebody else stopped it; the next call goes on with it.
     Stopped,
-    /// Trained and evaluated.
     Done,
-    /// The last try failed; the next call tries again.
     Failed {
-        /// The child's last message.
         reason: String,
     },
 }
 
 impl Status {
-    /// As people read it.
     pub fn text(&self) -> String {
         match self {
             Self::Waiting => "waiting".into(),
@@ -51,13 +44,11 @@ impl Status {
 pub struct RunStatus {
     #[serde(flatten)]
     pub status: Status,
-    /// How often a process was started for it.
     pub tries: u32,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct State {
-    /// [`SCHEMA_VERSION`] of the writer.
     pub schema_version: u32,
     pub runs: BTreeMap<String, RunStatus>,
 }
@@ -83,7 +74,6 @@ impl State {
         Ok(Self { schema_version: SCHEMA_VERSION, runs: runs.collect() })
     }
 
-    /// Writes the file atomically.
     pub fn write(&self, path: &Path) -> Result<()> {
         let mut text = serde_json::to_string_pretty(self).context("suite.json")?;
         text.push('\n');

@@ -4,7 +4,6 @@ use super::event::Process;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-#[derive(Debug)]
 struct Child {
     incarnation: u32,
     state: ChildState,
@@ -13,19 +12,20 @@ struct Child {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum ChildState {
     /// Not running; to be started at the given time, if any. [`super::learner_group`] holds the start time of learners.
-    Down { restart_at: Option<Duration> },
-    /// Running.
-    Up { since: Duration, killed: Option<Duration> },
+    Down {
+        restart_at: Option<Duration>,
+    },
+    Up {
+        since: Duration,
+        killed: Option<Duration>,
+    },
 }
 
-/// All processes of a run, from its beginning on, in the order in which they are started.
-#[derive(Debug)]
 pub struct Children {
     children: BTreeMap<Process, Child>,
 }
 
 impl Children {
-    /// Of that many learners and actors, none of which has been started.
     pub fn new(learners: u32, actors: u32) -> Self {
         let child = || Child { incarnation: 0, state: ChildState::Down { restart_at: None } };
         let processes = (0..learners).map(Process::Learner).chain((0..actors).map(Process::Actor));
@@ -38,7 +38,6 @@ impl Children {
 
     // What happens to them
 
-    /// One is started; its incarnation.
     pub fn start(&mut self, process: Process, now: Duration) -> u32 {
         let child = self.child(process);
         assert!(matches!(child.state, ChildState::Down { .. }), "{process} is never started twice");
@@ -67,17 +66,14 @@ impl Children {
         runs
     }
 
-    /// One is gone with its host, whatever it was doing.
     pub fn lose(&mut self, process: Process) {
         self.child(process).state = ChildState::Down { restart_at: None };
     }
 
-    /// One that died is to be started again at this time.
     pub fn restart(&mut self, process: Process, at: Duration) {
         self.child(process).state = ChildState::Down { restart_at: Some(at) };
     }
 
-    /// None is started again.
     pub fn stay_down(&mut self) {
         for child in self.children.values_mut() {
             if let ChildState::Down { restart_at } = &mut child.state {
@@ -88,19 +84,16 @@ impl Children {
 
     // How they stand
 
-    /// Whether one was killed here and has not ended yet; false if it is none of these.
     pub fn is_killed(&self, process: Process) -> bool {
         let child = self.children.get(&process);
         child.is_some_and(|child| matches!(child.state, ChildState::Up { killed: Some(_), .. }))
     }
 
-    /// Whether this incarnation of one runs, killed or not.
     pub fn runs(&self, process: Process, incarnation: u32) -> bool {
         let child = self.children.get(&process);
         child.is_some_and(|child| child.incarnation == incarnation && matches!(child.state, ChildState::Up { .. }))
     }
 
-    /// Since when one runs that has not been killed; none of one that is not there.
     pub fn alive_since(&self, process: Process) -> Option<Duration> {
         match self.children.get(&process)?.state {
             ChildState::Up { since, killed: None } => Some(since),
@@ -108,23 +101,19 @@ impl Children {
         }
     }
 
-    /// Whether one does not run.
     pub fn is_down(&self, process: Process) -> bool {
         matches!(self.children[&process].state, ChildState::Down { .. })
     }
 
-    /// How often one has been started.
     pub fn incarnation(&self, process: Process) -> u32 {
         self.children[&process].incarnation
     }
 
-    /// Those that are due to be started.
     pub fn due(&self, now: Duration) -> Vec<Process> {
         let due = |child: &Child| matches!(child.state, ChildState::Down { restart_at: Some(at) } if at <= now);
         self.children.iter().filter(|(_, child)| due(child)).map(|(process, _)| *process).collect()
     }
 
-    /// Those that run, and since when each has been killed.
     pub fn up(&self) -> Vec<(Process, Option<Duration>)> {
         let up = |(process, child): (&Process, &Child)| match child.state {
             ChildState::Up { killed, .. } => Some((*process, killed)),

@@ -1,5 +1,3 @@
-//! Every bound that the supervisor keeps, from the configuration.
-
 use super::pace::{Pace, Work};
 use super::restart::RestartPolicy;
 use proto::config::Config;
@@ -10,15 +8,12 @@ use wire::Standstill;
 /// Learners hang when they take this many times the longest of the last times. Beside an evaluation, a build or a busy
 /// disk they may well take three times as long.
 const MARGIN: u32 = 10;
-/// From this many times on the user is warned.
 const WARNING: u32 = 3;
 /// First work after a start, which warms caches up, may take as many times what is usual.
 const FIRST: u32 = 2;
 
-/// Every bound the supervisor keeps.
 #[derive(Debug, Clone, Copy)]
 pub struct Deadlines {
-    /// Kitchens that the actors simulate.
     pub kitchens: Kitchens,
     pub learners: u32,
     pub actors: u32,
@@ -47,7 +42,6 @@ pub struct Deadlines {
     pub actor_leaves: Duration,
     /// From SIGKILL to the death: longer only when the kernel itself is stuck.
     pub killed: Duration,
-    /// Updates run while the next rollout is collected.
     pub overlap: bool,
 }
 
@@ -91,7 +85,6 @@ impl Deadlines {
         }
     }
 
-    /// How long a checkpoint that is being written may take.
     fn save(&self, pace: &Pace, first: bool) -> Duration {
         self.longest(Work::Save, pace, first).max(self.disk)
     }
@@ -108,7 +101,6 @@ impl Deadlines {
         }
     }
 
-    /// From when on the user is warned that learners take longer than usual.
     pub(super) fn warning(&self, work: Work, pace: &Pace, first: bool) -> Duration {
         match self.measured(work, pace) {
             Some(longest) if !first => (longest * WARNING).max(self.floor / 6),

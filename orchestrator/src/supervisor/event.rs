@@ -1,5 +1,3 @@
-//! The vocabulary of supervision: processes and their ends, what happens, what is to be done about it, how it all ends.
-
 use super::stage_machine::StageSwitch;
 use proto::event::LearnerEvent;
 use proto::kitchen::Kitchens;
@@ -8,10 +6,8 @@ use serde::{Deserialize, Serialize};
 use std::fmt::{Display, Formatter};
 use wire::message::StageAnnouncement;
 
-/// A process of the run, in the order in which they are started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Process {
-    /// A learner, by its rank in the process group.
     Learner(u32),
     Actor(u32),
 }
@@ -26,7 +22,6 @@ impl Display for Process {
 }
 
 impl Process {
-    /// Its name and, of an actor, its kitchen in a run in these kitchens.
     pub fn describe(self, kitchens: Kitchens) -> String {
         match self {
             Self::Learner(_) => self.to_string(),
@@ -38,10 +33,8 @@ impl Process {
     }
 }
 
-/// How a process ended.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Exit {
-    /// It exited with this status.
     Code(i32),
     Signal(i32),
     /// The orchestrator killed it, and has said why.
@@ -79,17 +72,16 @@ fn signal_name(signal: i32) -> Option<&'static str> {
 
 #[derive(Debug, Clone, PartialEq)]
 pub enum Event {
-    /// A process ended and was reaped.
     Exited {
         process: Process,
         incarnation: u32,
         exit: Exit,
-        /// Its last lines on standard error.
         last_words: Vec<String>,
     },
-    /// An event of a learner; it contains the rank.
-    Learner { incarnation: u32, event: LearnerEvent },
-    /// Time passed.
+    Learner {
+        incarnation: u32,
+        event: LearnerEvent,
+    },
     Tick,
     /// Request for an orderly stop (`orchestrator stop`, SIGTERM, SIGHUP). Asking twice changes nothing.
     Stop,
@@ -103,49 +95,30 @@ pub enum Event {
     /// The recording or the figures of the run cannot be written any more: a run that can no longer be observed is
     /// ended.
     CannotWrite(String),
-    /// A host is gone, or cannot be reached any more.
     HostLost {
-        /// The processes that it had.
         processes: Vec<Process>,
-        /// Which host, and how that is known.
         reason: String,
     },
 }
 
-/// How loudly a report is made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Level {
-    /// As expected.
     Info,
-    /// Something broke and is being mended.
     Warning,
-    /// The run ends because of it.
     Error,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub enum Action {
-    /// Start a process.
-    Spawn {
-        process: Process,
-        /// How often it has been started, from 1.
-        incarnation: u32,
-    },
-    /// Close its standard input: it leaves in good order.
+    Spawn { process: Process, incarnation: u32 },
     CloseLifeline(Process),
-    /// SIGKILL.
     Kill(Process),
-    /// Publish to the learners.
     Announce(StageAnnouncement),
-    /// Note a change of stage.
     SwitchStage(StageSwitch),
-    /// Tell the user.
     Report(Level, String),
-    /// Nothing more will come.
     Finish(Outcome),
 }
 
-/// How a session ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Outcome {
     pub end: SessionEnd,
@@ -156,24 +129,18 @@ pub struct Outcome {
 /// How a session ended, with the reason of a failure; [`Ending`] is the word for it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum SessionEnd {
-    /// The budget is reached.
     Complete,
-    /// A stop was requested; the run can be resumed.
     Stopped,
     /// The same, by a scheduler that starts the run again.
     Requeued,
     /// The run goes on at once, with so many actors.
     Scaled(u32),
-    /// A stop was requested twice; the run can be resumed from its last checkpoint.
     Interrupted,
-    /// It cannot go on. The reason has been reported.
     Failed(String),
-    /// A host was lost; the run can be resumed from its last checkpoint.
     HostLost(String),
 }
 
 impl SessionEnd {
-    /// The word for it in `run.toml` and on the terminal.
     pub fn ending(&self) -> Ending {
         match self {
             Self::Complete => Ending::Complete,
@@ -183,7 +150,6 @@ impl SessionEnd {
         }
     }
 
-    /// Why it cannot go on, if that is so.
     pub fn reason(&self) -> Option<&str> {
         match self {
             Self::Failed(reason) | Self::HostLost(reason) => Some(reason),
@@ -192,11 +158,8 @@ impl SessionEnd {
     }
 }
 
-/// The state that the learners left behind.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Saved {
-    /// Frames trained on.
     pub frames: u64,
-    /// SHA-256 of the weights, 64 hex digits.
     pub weights: String,
 }

@@ -11,7 +11,6 @@ use proto::exit::EXIT_NON_FINITE;
 use std::ops::Range;
 use std::time::Duration;
 
-/// Events of one learner in its present incarnation.
 #[derive(Debug, Clone, Copy, Default)]
 struct Reported {
     ready: Option<Duration>,
@@ -24,43 +23,30 @@ struct Reported {
 pub struct Bereaved {
     since: Duration,
     pub rank: u32,
-    /// Its last lines on standard error.
     pub last_words: Vec<String>,
 }
 
-#[derive(Debug)]
 pub struct LearnerGroup {
     reported: Vec<Reported>,
     begun: Duration,
-    /// What they do, and since when.
     work: Work,
     since: Duration,
-    /// Kinds of work that the present incarnation has done once.
     done: [bool; 4],
-    /// How long their work takes.
-    pace: Pace,
-    /// Time of the last sign of life while they are at this work.
+    pub pace: Pace,
     last_event_at: Duration,
-    /// For how long they had been silent when the user was last warned of it.
-    warned: Option<Duration>,
-    /// When one last said that the recorder held it up.
+    pub warned: Option<Duration>,
     held: Duration,
-    /// The present incarnation has collected a rollout.
     collected: bool,
-    /// Time of the next joint start, if no learner is left by then.
     restart_at: Option<Duration>,
     history: RestartHistory,
     /// The first of the present incarnation that ended because it had lost another one, whose end is not known yet.
-    bereaved: Option<Bereaved>,
-    /// One of the present incarnation died of non-finite numbers.
+    pub bereaved: Option<Bereaved>,
     non_finite: bool,
     non_finite_falls: u32,
-    /// Starts since the last progress that did not become ready in time.
     late_starts: u32,
 }
 
 impl LearnerGroup {
-    /// This many learners, none of which has been started.
     pub fn new(learners: u32) -> Self {
         Self {
             reported: vec![Reported::default(); learners as usize],
@@ -90,7 +76,6 @@ impl LearnerGroup {
         0..self.reported.len() as u32
     }
 
-    /// All are started and have sent no event yet.
     pub fn begin(&mut self, now: Duration) {
         self.reported.fill(Reported::default());
         self.begun = now;
@@ -120,7 +105,6 @@ impl LearnerGroup {
         self.goes_on(now, Work::Update);
     }
 
-    /// They have finished what they were at, and begin with `next`.
     pub fn goes_on(&mut self, now: Duration, next: Work) {
         let first = !std::mem::replace(&mut self.done[self.work as usize], true);
         // The first rollout after a start waits until its actors have been started, too.
@@ -146,7 +130,6 @@ impl LearnerGroup {
         (self.since, self.held) = (now, now);
     }
 
-    /// The user was warned that they have been silent for so long.
     pub fn warned(&mut self, silent: Duration) {
         self.warned = Some(silent);
     }
@@ -157,14 +140,12 @@ impl LearnerGroup {
         self.late_starts > 1
     }
 
-    /// One has done all that it had to, and leaves.
     pub fn finished(&mut self, rank: u32) {
         self.reported[rank as usize].finished = true;
     }
 
     // How they stand
 
-    /// Whether this learner has reported that it is ready.
     pub fn is_ready(&self, rank: u32) -> bool {
         self.reported[rank as usize].ready.is_some()
     }
@@ -174,13 +155,11 @@ impl LearnerGroup {
         self.reported[rank as usize].finished
     }
 
-    /// Since when all have been ready. One that has finished has been, too.
     pub fn all_ready_since(&self) -> Option<Duration> {
         let ready = |word: &Reported| word.ready.or(word.finished.then_some(self.begun));
         self.reported.iter().map(ready).try_fold(self.begun, |latest, ready| Some(latest.max(ready?)))
     }
 
-    /// One that is not ready though more than `patience` has passed since all were started.
     pub fn late_to_be_ready(&self, now: Duration, patience: Duration) -> Option<u32> {
         let late = now.saturating_sub(self.begun) > patience;
         self.ranks().filter(|_| late).find(|&rank| !self.is_ready(rank) && !self.has_finished(rank))
@@ -195,40 +174,25 @@ impl LearnerGroup {
         self.ranks().filter(|_| late).find(|&rank| unconnected(self.reported[rank as usize]))
     }
 
-    /// For how long they have not got on since all were ready.
     pub fn silent_for(&self, now: Duration) -> Option<Duration> {
         self.all_ready_since().map(|_| now.saturating_sub(self.last_event_at))
     }
 
-    /// For how long all have been started and not all ready.
     pub fn starting_for(&self, now: Duration) -> Option<Duration> {
         self.all_ready_since().is_none().then(|| now.saturating_sub(self.begun))
     }
 
-    /// What they do, and whether it is the first of its kind since they were started.
     pub fn work(&self) -> (Work, bool) {
         (self.work, !self.done[self.work as usize])
     }
 
-    /// How long their work takes.
-    pub fn pace(&self) -> &Pace {
-        &self.pace
-    }
-
-    /// For how long they had been silent at the last warning of the present silence.
-    pub fn last_warning(&self) -> Option<Duration> {
-        self.warned
-    }
-
     // How they fall
 
-    /// The run got further.
     pub fn progress(&mut self) {
         self.history.progress();
         (self.non_finite_falls, self.late_starts) = (0, 0);
     }
 
-    /// One died, as the first: all fall.
     pub fn fell(&mut self, now: Duration, deadlines: &RestartPolicy) -> Verdict {
         let verdict = self.history.died(now, deadlines);
         if let Verdict::RestartAt(at) = verdict {
@@ -253,15 +217,8 @@ impl LearnerGroup {
         self.bereaved.get_or_insert_with(|| Bereaved { since: now, rank, last_words: last_words.to_vec() });
     }
 
-    /// A learner that ended so, if the other's death has not come within `patience`.
     pub fn take_bereaved(&mut self, now: Duration, patience: Duration) -> Option<Bereaved> {
         self.bereaved.take_if(|bereaved| now.saturating_sub(bereaved.since) >= patience)
-    }
-
-    /// Whether we wait for the death that caused another learner's end.
-    #[cfg(test)]
-    pub fn awaits_a_reason(&self) -> bool {
-        self.bereaved.is_some()
     }
 
     /// From the first death on until all are started again.
@@ -269,7 +226,6 @@ impl LearnerGroup {
         self.restart_at.is_some()
     }
 
-    /// Whether it is time to start again.
     pub fn is_due(&self, now: Duration) -> bool {
         self.restart_at.is_some_and(|at| at <= now)
     }
@@ -287,7 +243,7 @@ mod tests {
     fn their_work_is_timed_but_for_the_first_rollout_of_a_start() {
         let mut learner_group = LearnerGroup::new(1);
         let longest = |learner_group: &LearnerGroup| {
-            [Work::Collect, Work::Update, Work::Save].map(|work| learner_group.pace().longest(work))
+            [Work::Collect, Work::Update, Work::Save].map(|work| learner_group.pace.longest(work))
         };
         for start in 0..2 {
             let begin = 1000 * start;

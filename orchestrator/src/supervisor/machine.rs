@@ -35,17 +35,13 @@ use proto::event::LearnerEvent;
 use proto::exit::{EXIT_LOST_PEERS, EXIT_UNSAVED};
 use std::time::Duration;
 
-/// How a learner ends that has lost another.
 const LOST_PEERS: Exit = Exit::Code(EXIT_LOST_PEERS);
-/// How one ends that is killed here.
 const SIGKILL: Exit = Exit::Signal(9);
-/// From here on a recorder that stands still is warned of, seconds.
 const RECORDER_WARNING_S: f64 = 5.0;
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Phase {
     Running,
-    /// STOP is announced; the learners save.
     Saving {
         failure: Option<String>,
         since: Duration,
@@ -53,18 +49,15 @@ enum Phase {
         /// Only the number of actors changes. Until this has worked, whoever dies is started again as in [`Phase::Running`].
         goes_on: bool,
     },
-    /// All that still run have been asked to exit.
     Leaving {
         since: Duration,
     },
     Over,
 }
 
-#[derive(Debug)]
 pub struct Supervisor {
     deadlines: Deadlines,
     stages: StageMachine,
-    /// The rollout before which the learners are to save, because the number of actors changes.
     stops_before: Option<u64>,
     children: Children,
     learner_group: LearnerGroup,
@@ -277,7 +270,6 @@ impl Supervisor {
         }
     }
 
-    /// The learners fall, because of this one.
     fn fall(&mut self, now: Duration, rank: u32, exit: &Exit, last_words: &[String]) {
         let who = Process::Learner(rank);
         let learners = self.learner_group.size();
@@ -295,7 +287,6 @@ impl Supervisor {
         }
     }
 
-    /// An actor died that should be running.
     fn actor_died(&mut self, now: Duration, actor: u32, exit: &Exit, last_words: &[String]) {
         let process = Process::Actor(actor);
         let who = process.describe(self.deadlines.kitchens);
@@ -415,7 +406,7 @@ impl Supervisor {
         let process = Process::Actor(actor);
         let Some(since) = self.children.alive_since(process) else { return };
         let waited = Duration::try_from_secs_f64(waited_s).unwrap_or_default().min(now.saturating_sub(since));
-        let patience = self.deadlines.actor_patience(self.learner_group.pace());
+        let patience = self.deadlines.actor_patience(&self.learner_group.pace);
         if self.phase != Phase::Running || waited < patience / 3 {
             return;
         }
@@ -515,7 +506,6 @@ impl Supervisor {
         self.learner_group.warned(silent);
     }
 
-    /// Learners that do not save in time hang: no more is asked of them.
     fn check_saving(&mut self, now: Duration, failure: Option<&str>, waited: Duration, patience: Duration) {
         let done = if self.evaluates() { "stopped" } else { "saved" };
         match overdue::of_stop(&self.learner_group, &self.deadlines, (waited, patience), done) {
@@ -576,6 +566,5 @@ impl Supervisor {
 }
 
 mod ending;
-mod lost;
 #[cfg(test)]
 mod tests;

@@ -1,10 +1,7 @@
-//! Sentences about starts and deaths, as the user is told them. Pure.
-
 use super::event::{Exit, Process};
 use crate::output::log_line::error_in;
 use std::time::Duration;
 
-/// How the run goes on after a learner died.
 pub fn rewinds(learners: usize, evaluates: bool) -> String {
     match learners {
         _ if evaluates => "it begins again".to_owned(),
@@ -13,7 +10,6 @@ pub fn rewinds(learners: usize, evaluates: bool) -> String {
     }
 }
 
-/// What an orderly stop waits for.
 pub fn stopping(learners: usize, evaluates: bool) -> String {
     let what = match learners {
         _ if evaluates => "an evaluation that is cut off leaves no result",
@@ -23,14 +19,12 @@ pub fn stopping(learners: usize, evaluates: bool) -> String {
     format!("stopping: {what}")
 }
 
-/// That a learner is ready.
 pub fn ready(rank: u32, device: &str, parameters: u64, checkpoint: Option<String>, frames: u64) -> String {
     let origin = checkpoint.map_or_else(String::new, |path| format!(" from {path},"));
     let who = Process::Learner(rank);
     format!("{who} ready on {device}, {parameters} parameters,{origin} {frames} frames trained")
 }
 
-/// That all actors have answered.
 pub fn connected(actors: u32) -> String {
     match actors {
         1 => "the actor connected".to_owned(),
@@ -53,7 +47,6 @@ pub fn recorder_stands_still(rank: u32, waited_s: f64) -> String {
     )
 }
 
-/// That a learner died during an orderly stop.
 pub fn died_at_stop(who: Process, evaluates: bool, exit: &Exit, last_words: &[String]) -> String {
     let words = quote(last_words);
     if evaluates {
@@ -63,13 +56,11 @@ pub fn died_at_stop(who: Process, evaluates: bool, exit: &Exit, last_words: &[St
     }
 }
 
-/// That learners are killed because they are late.
 pub fn killed_for_it(learners: usize, late: &str) -> String {
     let are = if learners == 1 { "it is" } else { "they are" };
     format!("{late}: {are} killed, and save once more")
 }
 
-/// That learners are killed because one was not ready in time.
 pub fn killed_unready(learners: usize, late: &str) -> String {
     match learners {
         1 => format!("{late}. It is killed"),
@@ -77,12 +68,10 @@ pub fn killed_unready(learners: usize, late: &str) -> String {
     }
 }
 
-/// That a process is still there after SIGKILL.
 pub fn immortal(who: &str) -> String {
     format!("SIGKILL does not end {who}: the kernel holds on")
 }
 
-/// The reason of an end, where something else had already failed.
 pub fn also(failure: Option<&str>, then: &str) -> String {
     failure.map_or_else(|| then.to_owned(), |failure| format!("{failure}\n{then}"))
 }
@@ -95,7 +84,6 @@ pub fn learners_given_up(learners: usize, last: Process) -> (String, String) {
     }
 }
 
-/// That someone is not started again. `last`: who of them died last, where they are several.
 pub fn given_up(who: &str, last: &str, deaths: usize, exit: &Exit, last_words: &[String]) -> String {
     let words = quote(last_words);
     format!("{who} died {deaths} times while the run got no further, last {last}with {exit}{words}")

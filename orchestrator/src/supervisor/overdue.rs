@@ -9,20 +9,16 @@ use super::learner_group::LearnerGroup;
 use super::pace::Work;
 use std::time::Duration;
 
-/// What follows from a deadline that is exceeded.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Overdue {
     /// The run fails, for this reason: trying again would only take as long again.
     Fails(String),
-    /// All learners are killed, with this warning.
     Kills(String),
     /// One was not ready in time: all learners are killed, and if that has happened before the run fails for this reason.
     Unready(String),
-    /// The user is warned. The silence until then.
     Warns(String, Duration),
 }
 
-/// The first deadline that these learners have exceeded. All of them are there.
 pub fn of_learners(learner_group: &LearnerGroup, deadlines: &Deadlines, now: Duration) -> Option<Overdue> {
     let Deadlines { learner_ready, actors_connected, .. } = *deadlines;
     if let Some(rank) = learner_group.late_to_be_ready(now, learner_ready) {
@@ -52,17 +48,16 @@ pub fn of_learners(learner_group: &LearnerGroup, deadlines: &Deadlines, now: Dur
     of_progress(learner_group, deadlines, learner_group.silent_for(now)?)
 }
 
-/// The deadline of the work that they are at.
 fn of_progress(learner_group: &LearnerGroup, deadlines: &Deadlines, silent: Duration) -> Option<Overdue> {
     let (work, first) = learner_group.work();
     let (who, have, are) = subject(learner_group);
-    let patience = deadlines.patience(work, learner_group.pace(), first);
+    let patience = deadlines.patience(work, &learner_group.pace, first);
     let silent_s = silent.as_secs();
-    let usual = match deadlines.measured(work, learner_group.pace()) {
+    let usual = match deadlines.measured(work, &learner_group.pace) {
         Some(longest) => format!("the longest of the last took {:.1} s", longest.as_secs_f64()),
         None => "it is the first, so nobody knows how long it takes".to_owned(),
     };
-    let warning = deadlines.warning(work, learner_group.pace(), first);
+    let warning = deadlines.warning(work, &learner_group.pace, first);
     let beside = deadlines.overlap && matches!(work, Work::Collect | Work::Update);
     let work = if beside { "rollout or update".to_owned() } else { work.to_string() };
     if silent > patience {
@@ -100,7 +95,6 @@ pub fn of_stop(
     })
 }
 
-/// The learners as a subject, with its verbs.
 fn subject(learner_group: &LearnerGroup) -> (String, &'static str, &'static str) {
     match learner_group.size() {
         1 => (Process::Learner(0).to_string(), "has", "is"),
@@ -110,5 +104,5 @@ fn subject(learner_group: &LearnerGroup) -> (String, &'static str, &'static str)
 
 /// Whether to warn now: at first after `first`, then whenever the silence has doubled.
 fn warning_is_due(learner_group: &LearnerGroup, silent: Duration, first: Duration) -> bool {
-    silent > learner_group.last_warning().map_or(first, |last| last * 2)
+    silent > learner_group.warned.map_or(first, |last| last * 2)
 }

@@ -12,21 +12,15 @@ const WINDOW: usize = 16;
 /// The same of episodes: dozens may end together, and then none for a whole episode's length.
 const EPISODES: usize = 1024;
 
-/// What the learners do between two events of progress.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Work {
-    /// They wait for the announcement of a rollout and collect it.
     Collect,
-    /// They update the weights.
     Update,
-    /// They write a checkpoint.
     Save,
-    /// They play an evaluation's episodes.
     Play,
 }
 
 impl Display for Work {
-    /// What is not finished while it goes on.
     fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
             Self::Collect => "rollout",
@@ -37,14 +31,12 @@ impl Display for Work {
     }
 }
 
-/// The last times of every kind of work.
 #[derive(Debug, Clone, Default)]
 pub struct Pace {
     times: [VecDeque<Duration>; 4],
 }
 
 impl Pace {
-    /// One piece of work took this long.
     pub fn took(&mut self, work: Work, time: Duration) {
         let times = &mut self.times[work as usize];
         if times.len() == if work == Work::Play { EPISODES } else { WINDOW } {
@@ -53,7 +45,6 @@ impl Pace {
         times.push_back(time);
     }
 
-    /// The longest of the last times; none while there is none.
     pub fn longest(&self, work: Work) -> Option<Duration> {
         self.times[work as usize].iter().max().copied()
     }

@@ -36,53 +36,38 @@ use wire::WireAddress;
 
 /// The variables with the token that keeps strangers out where a run has several hosts, and with its file's name.
 pub const TOKEN: &str = "STILLROOM_TOKEN";
-/// See [`TOKEN`].
 pub const TOKEN_FILE: &str = "STILLROOM_TOKEN_FILE";
 /// NCCL's own variable for the interface that it uses; `=` asks for exactly that one.
 const NCCL_INTERFACE: &str = "NCCL_SOCKET_IFNAME";
-/// Lines of a child's standard error that are kept for the report of its death.
 const LAST_WORDS: usize = 10;
-/// A longer line is cut into several.
 const LONGEST_LINE: usize = 64 << 10;
 /// After a child's death its pipes close at once, unless a grandchild holds them.
 const PIPES_CLOSE: Duration = Duration::from_secs(2);
 /// The exit status of an actor that has said itself what failed.
 const FAILED: i32 = 1;
 
-/// What all children of one incarnation have in common.
 #[derive(Debug, Clone)]
 pub struct Launch {
     pub programs: Programs,
-    /// What simulates, where the environments are not built in.
     pub environment: Option<EnvironmentConfig>,
     pub learners: u32,
-    /// Threads of libtorch, of each.
     pub threads: u32,
-    /// The learner plays an evaluation's episodes instead of training.
     pub evaluates: bool,
     pub folder: RunFolder,
     pub address: WireAddress,
     /// Cores of each; none where the kernel chooses. It numbers the processes of this host from 0.
     pub placement: Option<Placement>,
-    /// This host's first learner and first actor.
     pub first: [u32; 2],
-    /// Where learners of several hosts meet.
     pub network: Option<LearnersNetwork>,
 }
 
-/// Where learners of several hosts meet.
 #[derive(Debug, Clone)]
 pub struct LearnersNetwork {
     pub hosts: u32,
-    /// Where the first learner's store is.
     pub store: SocketAddr,
-    /// What keys in that store begin with.
     pub key: String,
-    /// This host's own address.
     pub own: IpAddr,
-    /// The name of the interface with that address, if it has one.
     pub interface: Option<String>,
-    /// The socket that listens there, on host 0.
     pub listener: Option<Arc<TcpListener>>,
 }
 
@@ -179,7 +164,6 @@ struct Handle {
     kill: Option<oneshot::Sender<()>>,
 }
 
-/// The children that run now.
 pub struct Processes {
     launch: Launch,
     running: BTreeMap<Process, Handle>,
@@ -187,7 +171,6 @@ pub struct Processes {
 }
 
 impl Processes {
-    /// None yet. What happens to them comes through `events`.
     pub fn new(launch: Launch, events: mpsc::Sender<Event>) -> Self {
         Self { launch, running: BTreeMap::new(), events }
     }
@@ -231,7 +214,6 @@ impl Processes {
         Ok(())
     }
 
-    /// Closes a child's standard input.
     pub fn close_lifeline(&mut self, process: Process) {
         if let Some(handle) = self.running.get_mut(&process) {
             handle.lifeline = None;
@@ -245,7 +227,6 @@ impl Processes {
         }
     }
 
-    /// Forgets a child that has been reaped.
     pub fn forget(&mut self, process: Process) {
         self.running.remove(&process);
     }
@@ -313,7 +294,6 @@ fn exit_of(status: ExitStatus) -> Exit {
     }
 }
 
-/// Reads a child's standard output; a learner's lines are events.
 async fn hear(stdout: impl AsyncRead + Unpin, process: Process, incarnation: u32, events: mpsc::Sender<Event>) {
     let mut reader = BufReader::new(stdout);
     while let Some(line) = next_line(&mut reader).await {
@@ -364,7 +344,6 @@ async fn keep_log(stderr: impl AsyncRead + Unpin, process: Process, mut log: Fil
     last_words.into()
 }
 
-/// The next line without its end, cut at [`LONGEST_LINE`] bytes; none when the pipe is closed.
 async fn next_line(reader: &mut (impl AsyncBufReadExt + Unpin)) -> Option<String> {
     let mut line: Vec<u8> = Vec::new();
     loop {

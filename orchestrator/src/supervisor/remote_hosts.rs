@@ -6,43 +6,31 @@ use proto::event::LearnerEvent;
 use proto::hosts::Hosts;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
-use std::fmt::Debug;
 use std::time::Duration;
 use tokio::sync::mpsc;
 use wire::message::StageAnnouncement;
 
-/// What host 0 has another host do.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Order {
-    /// Start a process.
     Spawn {
         process: Process,
-        /// How often it has been started, from 1.
         incarnation: u32,
     },
-    /// Close its standard input.
     CloseLifeline(Process),
-    /// SIGKILL.
     Kill(Process),
-    /// Publish to the learners there.
     Announce(Announced),
     /// All processes have ended: complete the recording, and report. `frames`: those of the run that were saved.
     Finish {
-        /// None if nothing was saved.
         frames: Option<u64>,
     },
     /// This start is over; come again, the next follows at once, with another number of actors.
     Again,
-    /// The end.
     Dismiss {
-        /// Exit status of the job.
         status: u8,
-        /// A sentence about it.
         text: String,
     },
 }
 
-/// A [`StageAnnouncement`] on its way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Announced {
     version: u64,
@@ -65,64 +53,36 @@ impl From<Announced> for StageAnnouncement {
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum HostReport {
-    /// It is ready for orders.
     Ready,
-    /// Its command asks for this, which is not what host 0 has.
     AsksOtherwise(String),
-    /// It cannot take part.
     Refused(String),
-    /// A process ended.
-    Exited {
-        process: Process,
-        incarnation: u32,
-        exit: Exit,
-        /// Its last lines on standard error.
-        last_words: Vec<String>,
-    },
-    /// An event of a learner.
+    Exited { process: Process, incarnation: u32, exit: Exit, last_words: Vec<String> },
     Learner { incarnation: u32, event: LearnerEvent },
-    /// Its recording cannot be written any more.
     CannotWrite(String),
-    /// Somebody asks for a stop there.
-    Stop {
-        /// And for another start later.
-        requeue: bool,
-    },
-    /// Ctrl-C there.
+    Stop { requeue: bool },
     Interrupt,
-    /// The recording is complete, or why it is not.
     Recorded(Result<(), String>),
 }
 
-/// What is received from a host, or of it.
 #[derive(Debug, Clone, PartialEq)]
 pub enum FromHost {
     Reported(HostReport),
-    /// It is gone, and why that is known.
     Lost(String),
 }
 
-/// One that takes orders.
-pub trait Obeys: Debug {
+pub trait Obeys {
     /// Sends an order. That it did not arrive is received as [`FromHost::Lost`].
     fn order(&self, order: Order);
 }
 
-/// Another host.
-#[derive(Debug)]
 pub struct Other {
-    /// Its name, for people.
     pub name: String,
     pub way: Box<dyn Obeys>,
-    /// It is gone.
     pub lost: bool,
 }
 
-/// The hosts of a run but host 0.
-#[derive(Debug)]
 pub struct RemoteHosts {
     hosts: Hosts,
-    /// From host 1 on.
     others: Vec<Other>,
     early: VecDeque<(u32, FromHost)>,
     inbox: mpsc::Receiver<(u32, FromHost)>,
@@ -153,7 +113,6 @@ impl RemoteHosts {
         learners.chain(self.hosts.actors_of(host).map(Process::Actor)).collect()
     }
 
-    /// A host as people know it.
     pub fn name(&self, host: u32) -> String {
         match self.others.get(host as usize - 1) {
             Some(other) => format!("host {host} ({})", other.name),
@@ -161,17 +120,14 @@ impl RemoteHosts {
         }
     }
 
-    /// Orders something on another host.
     pub fn order(&self, host: u32, order: Order) {
         self.others[host as usize - 1].way.order(order);
     }
 
-    /// Orders it on all of them.
     pub fn order_all(&self, order: &Order) {
         self.others.iter().for_each(|other| other.way.order(order.clone()));
     }
 
-    /// What is received next.
     pub async fn received(&mut self) -> (u32, FromHost) {
         if let Some(early) = self.early.pop_front() {
             return early;
@@ -183,7 +139,6 @@ impl RemoteHosts {
         (host, received)
     }
 
-    /// Whether one of them is gone.
     pub fn is_short(&self) -> bool {
         self.others.iter().any(|other| other.lost)
     }

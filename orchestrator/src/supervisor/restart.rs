@@ -8,13 +8,10 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// Bounds on restarts of one process between two moments of progress.
 #[derive(Debug, Clone, Copy)]
 pub struct RestartPolicy {
-    /// Deaths within [`RestartPolicy::window`] at most.
     pub in_window: usize,
     pub window: Duration,
-    /// Deaths at most, however far apart.
     pub in_all: usize,
     /// Pause before the second restart; doubles with each further one. The first is at once.
     pub first_pause: Duration,
@@ -33,19 +30,12 @@ impl Default for RestartPolicy {
     }
 }
 
-/// What to do about a death.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
-    /// Start again at this time.
     RestartAt(Duration),
-    /// Enough: it died this often without progress.
-    GiveUp {
-        /// Deaths since the last progress.
-        deaths: usize,
-    },
+    GiveUp { deaths: usize },
 }
 
-/// The deaths of one process since the run last got further.
 #[derive(Debug, Clone, Default)]
 pub struct RestartHistory {
     recent: VecDeque<Duration>,
@@ -53,13 +43,11 @@ pub struct RestartHistory {
 }
 
 impl RestartHistory {
-    /// The run got further.
     pub fn progress(&mut self) {
         self.recent.clear();
         self.deaths = 0;
     }
 
-    /// The process died at `now`.
     pub fn died(&mut self, now: Duration, deadlines: &RestartPolicy) -> Verdict {
         self.deaths += 1;
         self.recent.push_back(now);

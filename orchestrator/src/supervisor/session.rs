@@ -8,9 +8,9 @@ use super::shell::{Audience, Shell, Signals};
 use crate::environment::consent;
 use crate::output::format::{self, counted};
 use crate::output::terminal;
-use crate::preflight::cores;
+use crate::preflight::placement;
 use crate::preflight::placement::Placement;
-use crate::preflight::tools::Tools;
+use crate::preflight::programs::Tools;
 use crate::recording::recorder::{Recorder, RecorderSetup};
 use crate::run::lock::RunLock;
 use crate::run::remains;
@@ -31,30 +31,21 @@ const RECORDED: Duration = Duration::from_secs(30);
 /// The same after the loss of a host: all is to end within `--host-deadline`.
 const RECORDED_AFTER_LOSS: Duration = Duration::from_secs(5);
 
-#[derive(Debug)]
 pub struct Session<'a> {
-    /// The folder, with config.toml in it.
     pub folder: &'a RunFolder,
-    /// Contents of config.toml.
     pub config: &'a Config,
     pub incarnation: u32,
     pub address: &'a WireAddress,
     pub tools: &'a Tools,
-    /// A scheduler or launcher started this program: see [`Signals::install`].
     pub launched: bool,
 }
 
-/// What a session on one of several hosts has of the others.
-#[derive(Debug)]
 pub struct Together {
-    /// Hosts with what is divided among them.
     pub hosts: Hosts,
     pub remote_hosts: RemoteHosts,
-    /// Where the learners meet.
     pub network: LearnersNetwork,
 }
 
-/// Has the log go to the folder, too.
 pub fn begin_log(folder: &RunFolder) -> Result<()> {
     let path = folder.log("orchestrator");
     let log = open_plain(&path, OpenOptions::new().create(true).append(true));
@@ -161,9 +152,8 @@ pub fn part_of(config: &Config, hosts: Hosts, host: u32) -> Config {
     part
 }
 
-/// The cores of the processes of this part.
 pub fn placed(part: &Config, tools: &Tools) -> Result<Option<Placement>> {
-    let placement = cores::placement(part, &tools.torch)?;
+    let placement = placement::placement(part, &tools.torch)?;
     if let Some(placement) = &placement {
         tracing::info!("cores: {}", placement.describe());
     }
@@ -195,7 +185,6 @@ fn all_recorded(confirmed: Option<u64>, frames: u64) -> Result<()> {
     Ok(())
 }
 
-/// The processes of a run, as text.
 pub fn shape(config: &Config) -> String {
     let learners = match config.learner.count {
         1 => String::new(),

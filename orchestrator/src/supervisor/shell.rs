@@ -31,13 +31,10 @@ pub const TICK: Duration = Duration::from_millis(250);
 /// A dead process's ports are swept at its death and on this many ticks after it: the file locks by which it is known
 /// to be dead are released a moment after it is reaped.
 pub const SWEEPS_AFTER_DEATH: u32 = 4;
-/// Being stopped for longer than this is told of.
 const STANDSTILL: Duration = Duration::from_secs(5);
 /// Events that may wait. A child that is not listened to blocks; the orchestrator never does.
 pub const QUEUE: usize = 1024;
 
-/// The signals that ask for a stop.
-#[derive(Debug)]
 pub struct Signals {
     interrupt: Signal,
     terminate: Signal,
@@ -65,7 +62,6 @@ impl Signals {
         })
     }
 
-    /// Those that a session before this one installed, or new ones.
     pub fn kept(kept: &mut Option<Self>, launched: bool) -> Result<&mut Self> {
         Ok(match kept {
             Some(kept) => kept,
@@ -73,7 +69,6 @@ impl Signals {
         })
     }
 
-    /// Waits for one.
     pub async fn next(&mut self) -> Event {
         let hang_up = async {
             match &mut self.hang_up {
@@ -113,34 +108,27 @@ fn signal_is_ignored(number: i32) -> bool {
 pub trait Audience {
     /// Handles a learner's event. An error ends the run, because its results can no longer be written.
     fn learner(&mut self, now: Duration, event: &LearnerEvent) -> Result<()>;
-    /// The learner has ended: it died, or it exited as announced.
     fn learner_died(&mut self, now: Duration);
-    /// Some time has passed.
     fn tick(&mut self, now: Duration, recorder: Option<&Recorder>);
     /// Whether the audience still has work when all processes have finished; it gets ticks meanwhile. A stop request
     /// ends the wait: the run then counts as stopped, and `resume` does the missing work.
     fn is_busy(&self) -> bool {
         false
     }
-    /// The end: it shows nothing more and stops its own work.
     fn over(&mut self);
 }
 
-/// What the loop works with.
 pub struct Shell<'a> {
     pub config: &'a Config,
     pub host: &'a WireHost,
     pub recorder: Option<&'a Recorder>,
-    /// Requests to stop.
     pub signals: &'a mut Signals,
-    /// The other hosts, if there are some.
     pub remote_hosts: Option<&'a mut RemoteHosts>,
     /// Where another number of actors may be asked for, and of which start.
     pub scaled: Option<(&'a RunFolder, u32)>,
 }
 
 impl Shell<'_> {
-    /// Runs everything to its end.
     pub async fn supervise(self, launch: Launch, audience: &mut impl Audience) -> Result<Outcome> {
         let stages = if self.config.evaluation.is_some() { Vec::new() } else { self.config.stages.clone() };
         let mut machine = Supervisor::new(Deadlines::of(self.config), stages);
@@ -184,7 +172,6 @@ impl Shell<'_> {
     }
 }
 
-/// The loop's own state, besides the machine.
 struct Supervision<'a, A> {
     shell: Shell<'a>,
     audience: &'a mut A,
@@ -194,21 +181,15 @@ struct Supervision<'a, A> {
     begin: Instant,
     clock: Clock,
     tick: Interval,
-    /// Incarnation of the learners whose events count.
     learner_incarnation: u32,
-    /// Ticks on which dead processes' ports are still to be swept.
     sweeps: u32,
-    /// Events that the loop itself has for the machine.
     own_events: VecDeque<Event>,
-    /// Why hosts cannot go on, in their own words, until their connections close.
     refusals: BTreeMap<u32, String>,
     recording_failed: bool,
     asked_to_stop: bool,
-    /// The stop is a scheduler's.
     requeue: bool,
     /// The first rollout that can have another number of actors; none while a stop or an end is carried out.
     open_rollout: Option<u64>,
-    /// The number of actors with which the run goes on.
     scales_to: Option<u32>,
 }
 
@@ -292,7 +273,6 @@ impl<A: Audience> Supervision<'_, A> {
         }
     }
 
-    /// The host of a process of another host.
     fn elsewhere(&self, process: Process) -> Option<u32> {
         self.shell.remote_hosts.as_ref().map(|remote_hosts| remote_hosts.host_of(process)).filter(|&host| host > 0)
     }
@@ -303,7 +283,6 @@ impl<A: Audience> Supervision<'_, A> {
         }
     }
 
-    /// What is received of another host, as an event of the run.
     fn event_of(&mut self, host: u32, received: FromHost) -> Event {
         let Some(remote_hosts) = &self.shell.remote_hosts else { return Event::Tick };
         match received {
@@ -386,7 +365,6 @@ impl<A: Audience> Supervision<'_, A> {
         }
     }
 
-    /// Takes what `orchestrator scale` asks for.
     fn look_for_scale(&mut self) {
         let Some((folder, incarnation)) = self.shell.scaled else { return };
         let open = self.open_rollout;
@@ -435,7 +413,6 @@ impl<A: Audience> Supervision<'_, A> {
     }
 }
 
-/// What is received next of another host; nothing where there is none.
 async fn received(remote_hosts: &mut Option<&mut RemoteHosts>) -> (u32, FromHost) {
     match remote_hosts {
         Some(remote_hosts) => remote_hosts.received().await,

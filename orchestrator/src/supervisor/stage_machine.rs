@@ -9,29 +9,20 @@ use proto::config::StageConfig;
 use proto::stage::{position_at, total_frames};
 use wire::message::{StageAnnouncement, directive};
 
-/// A change of the stage in force.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StageSwitch {
-    /// The stage before; none at the start of an incarnation.
     pub from: Option<usize>,
-    /// The stage from now on.
     pub to: usize,
-    /// Frames trained on at the switch.
     pub frames: u64,
-    /// First rollout of the new stage.
     pub rollout: u64,
 }
 
-/// The announcement to the learners, and its effect on the stages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Decision {
-    /// To be published.
     pub announcement: StageAnnouncement,
-    /// Set when this changes the stage in force.
     pub switch: Option<StageSwitch>,
 }
 
-/// Decides on every rollout.
 #[derive(Debug, Clone)]
 pub struct StageMachine {
     stages: Vec<StageConfig>,
@@ -45,7 +36,6 @@ impl StageMachine {
         Self { stages, version: 0, in_force: None, last: StageAnnouncement::default() }
     }
 
-    /// Frames of all stages.
     pub fn budget(&self) -> u64 {
         total_frames(&self.stages)
     }
@@ -59,12 +49,10 @@ impl StageMachine {
         Some(Decision { announcement: self.say(rollout, position.stage as u32, directive::TRAIN), switch })
     }
 
-    /// The first rollout that has not been announced.
     pub fn next_rollout(&self) -> u64 {
         if self.version == 0 { 0 } else { self.last.rollout + 1 }
     }
 
-    /// Tells the learners to save and stop, wherever they are.
     pub fn stop(&mut self) -> StageAnnouncement {
         self.say(self.last.rollout, self.last.stage, directive::STOP)
     }

@@ -1,5 +1,3 @@
-//! Files and display of a training run: `metrics.jsonl`, validation, and live progress.
-
 use crate::recording::recorder::Recorder;
 use crate::run::identity::{Incarnation, Moment, unix_now};
 use crate::supervisor::shell::Audience;
@@ -17,9 +15,7 @@ use proto::trained::Trained;
 use std::time::Duration;
 use wire::fault;
 
-#[derive(Debug)]
 pub struct TrainingAudience {
-    /// `metrics.jsonl`.
     pub journal: Journal,
     board: Option<Board>,
     start: Incarnation,
@@ -29,7 +25,6 @@ pub struct TrainingAudience {
 }
 
 impl TrainingAudience {
-    /// Goes on with what the folder holds, in this start.
     pub fn open(folder: &RunFolder, config: &Config, start: &Incarnation) -> Result<Self> {
         let board = || Board::of(folder, config, start.number);
         Ok(Self {
@@ -44,7 +39,6 @@ impl TrainingAudience {
 }
 
 impl TrainingAudience {
-    /// What the run is to have and has not, when nothing more is done for it.
     pub fn missing(&mut self) -> Vec<Missing> {
         let mut missing = self.validation.as_ref().map_or_else(Vec::new, Validation::missing);
         let scores = self.validation.as_ref().map_or(&[][..], Validation::scores);
@@ -107,7 +101,7 @@ impl Audience for TrainingAudience {
         if let Some(validation) = &mut self.validation {
             validation.look(recorder);
             if let Some(board) = &mut self.board {
-                board.validations(validation.scores());
+                board.validations(&validation.scores);
             }
         }
         self.progress.show(now, &self.journal.history, self.is_busy());

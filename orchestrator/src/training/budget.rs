@@ -4,16 +4,16 @@
 //! summary is removed first and the configuration replaced after it. So a crash leaves the run with its old budget,
 //! which the next resume finds reached and sums up again, or with the new one.
 
+use super::run::write_config;
 use crate::output::{format, terminal};
 use anyhow::{Context, Result};
 use proto::config::{Config, StageConfig};
 use proto::disk::sync_folder;
 use proto::learning_rate::{falling, learning_rate_progress};
-use proto::run_folder::{RunFolder, write_atomically};
+use proto::run_folder::RunFolder;
 use proto::stage::{position_at, rebudget, total_frames};
 use wire::fault;
 
-/// A new budget that a run can have.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Budget {
     old: Vec<StageConfig>,
@@ -29,7 +29,6 @@ impl Budget {
         Ok(Self { old: config.stages.clone(), new, trained })
     }
 
-    /// Whether it is the budget that the run has.
     pub fn is_old(&self) -> bool {
         self.old == self.new
     }
@@ -38,7 +37,6 @@ impl Budget {
         Config { stages: self.new.clone(), ..config.clone() }
     }
 
-    /// Says what changes, and what it means for the result.
     pub fn announce(&self, config: &Config) {
         for line in self.lines(config) {
             terminal::note(&line);
@@ -80,7 +78,6 @@ impl Budget {
         (before != after).then_some((before, after))
     }
 
-    /// Makes it the run's, durably.
     pub fn write(&self, folder: &RunFolder, config: &Config) -> Result<()> {
         fault::reach("resume.before_budget");
         let summary = folder.summary();
@@ -92,8 +89,7 @@ impl Budget {
             _ => sync_folder(folder.root()).with_context(|| format!("cannot write {}", folder.root().display()))?,
         }
         fault::reach("resume.amid_budget");
-        write_atomically(&folder.config(), self.lay_over(config).to_toml().as_bytes())
-            .with_context(|| format!("cannot write {}", folder.config().display()))?;
+        write_config(folder, &self.lay_over(config))?;
         fault::reach("resume.after_budget");
         Ok(())
     }

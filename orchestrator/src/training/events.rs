@@ -1,5 +1,3 @@
-//! What a script is told of a run that trains (`up --json`, `resume --json`).
-
 use super::means::recent;
 use super::scores::Score;
 use super::summary::Summary;
@@ -13,7 +11,6 @@ use proto::stage::total_frames;
 use proto::trained::History;
 use serde_json::{Value, json};
 
-/// The run begins, or goes on.
 pub fn started(folder: &RunFolder, config: &Config, identity: &Identity, start: u32) {
     tell("started", || {
         json!({
@@ -68,12 +65,10 @@ pub fn learner(event: &LearnerEvent, stages: &[StageConfig], history: &History) 
     }
 }
 
-/// A start is over, and the run goes on with another number of actors.
 pub fn scaled(before: u32, actors: u32) {
     tell("scaled", || json!({ "before": before, "actors": actors }));
 }
 
-/// A checkpoint was evaluated.
 pub fn validated(score: &Score) {
     tell("validation", || {
         let mut fields = serde_json::to_value(score).unwrap_or_default();
@@ -85,12 +80,10 @@ pub fn validated(score: &Score) {
     });
 }
 
-/// The run has ended, or was complete before. `summary`: as in `summary.json`, if it has saved.
 pub fn ended(folder: &RunFolder, run: &str, end: &SessionEnd, summary: Option<&Summary>) {
     tell_end(folder, run, &end.ending().to_string(), end.reason(), summary);
 }
 
-/// The run could not go on, for this reason.
 pub fn failed(folder: &RunFolder, run: &str, reason: &str) {
     tell_end(folder, run, "failed", Some(reason), None);
 }

@@ -9,13 +9,10 @@ use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
-/// Episode figures over some rollouts: means over the episodes that ended in them.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct EpisodeMeans {
     pub episodes: u64,
-    /// Mean undiscounted return.
     pub mean_return: Option<f64>,
-    /// Means of the task's metrics, by name.
     #[serde(flatten, deserialize_with = "known")]
     pub figures: BTreeMap<String, f64>,
 }
@@ -27,7 +24,6 @@ pub(super) fn known<'de, D: Deserializer<'de>>(deserializer: D) -> Result<BTreeM
 }
 
 impl EpisodeMeans {
-    /// Over `rollouts`, each weighted by its episodes.
     pub fn over<'a>(rollouts: &(impl Iterator<Item = &'a Trained> + Clone)) -> Self {
         let episodes = |trained: &Trained| trained.metrics.get(metric::EPISODES).unwrap_or(0.0);
         let mean = |name: &str| {
@@ -61,9 +57,7 @@ pub struct StageMeans {
     /// PPO-Lagrangian's multiplier after its newest update; none in other stages.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub multiplier: Option<f64>,
-    /// Over the whole stage.
     pub whole: EpisodeMeans,
-    /// Over the first tenth of its budget.
     pub first_tenth: EpisodeMeans,
     /// Over the last tenth of its budget; of a stage that has not got there over its newest frames, as many.
     pub last_tenth: EpisodeMeans,
@@ -72,7 +66,6 @@ pub struct StageMeans {
 /// A rollout, and how many frames of its stage come before it and before the next one.
 type Placed<'a> = (u64, u64, &'a Trained);
 
-/// The rollouts of a stage.
 fn rollouts_of<'a>(stages: &[StageConfig], index: usize, history: &'a History) -> Vec<Placed<'a>> {
     let start = total_frames(&stages[..index]);
     let mut before = start;
@@ -106,7 +99,6 @@ fn newest_tenth(rollouts: &[Placed], budget: u64) -> EpisodeMeans {
     over_part(rollouts, budget, done - 0.1..1.0, last)
 }
 
-/// The figures of every stage that has begun.
 pub fn by_stage(stages: &[StageConfig], history: &History) -> Vec<StageMeans> {
     let means = stages.iter().enumerate().filter_map(|(index, stage)| {
         let rollouts = rollouts_of(stages, index, history);
@@ -129,17 +121,11 @@ pub fn by_stage(stages: &[StageConfig], history: &History) -> Vec<StageMeans> {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Recent {
     pub frames: u64,
-    /// Frames of the whole run.
     pub budget: u64,
-    /// Stage of the newest rollout.
     pub stage: Option<usize>,
-    /// Frames a second, updates included.
     pub frames_per_s: Option<f64>,
-    /// Share of the time spent waiting for simulation, 0..1.
     pub simulate: f64,
-    /// Share of the time spent in inference, 0..1.
     pub infer: f64,
-    /// Share of the time spent in updates, 0..1.
     pub update: f64,
     /// Time left at this rate, seconds; none of a run at rest.
     pub left_s: Option<f64>,

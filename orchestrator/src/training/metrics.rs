@@ -18,7 +18,6 @@ use std::io::ErrorKind;
 use std::ops::RangeInclusive;
 use std::path::Path;
 
-/// What the file says; none where there is no file.
 fn read_file(folder: &RunFolder) -> std::io::Result<Option<(History, usize)>> {
     match folder.reader(&folder.metrics(), FIGURES_BYTES_MOST).and_then(History::read) {
         Ok(read) => Ok(Some(read)),
@@ -33,11 +32,8 @@ pub fn read_history(folder: &RunFolder) -> Result<History> {
     Ok(read.map(|(history, _)| history).unwrap_or_default())
 }
 
-/// What is known of a run's rollouts, from the file and from the newest checkpoint.
-#[derive(Debug)]
 pub struct Figures {
     pub history: History,
-    /// What is wrong with the files, as sentences without an end.
     pub notes: Vec<String>,
 }
 
@@ -81,12 +77,10 @@ impl Figures {
     }
 }
 
-/// That a file of a run folder is passed over, as a sentence without an end.
 pub fn left_out(name: &str, error: &std::io::Error) -> String {
     format!("{name} is left out: {error}")
 }
 
-/// That nothing is known of some rollouts.
 fn lost(gaps: &[RangeInclusive<u64>]) -> Option<String> {
     let named = |gap: &RangeInclusive<u64>| match (gap.start(), gap.end()) {
         (first, last) if first == last => first.to_string(),
@@ -97,16 +91,13 @@ fn lost(gaps: &[RangeInclusive<u64>]) -> Option<String> {
     (!named.is_empty()).then(|| format!("the figures of rollouts {} {are}", named.join(", ")))
 }
 
-#[derive(Debug)]
 pub struct Journal {
     folder: RunFolder,
     writer: Writer,
-    /// Rollouts trained so far, in all incarnations.
     pub history: History,
 }
 
 impl Journal {
-    /// Goes on with what the folder holds.
     pub fn open(folder: &RunFolder) -> Result<Self> {
         let read = read_file(folder).with_context(|| folder.metrics().display().to_string())?;
         let (history, damaged) = read.unwrap_or_default();
@@ -116,7 +107,6 @@ impl Journal {
         Ok(Self { folder: folder.clone(), writer: Writer::open(&folder.metrics())?, history })
     }
 
-    /// A learner begins with `rollout`, from the checkpoint with the manifest at this path in the folder, if any.
     pub fn begin(&mut self, rollout: u64, checkpoint: Option<&str>) -> Result<()> {
         self.history.rewind_to(rollout);
         if let Some(path) = checkpoint {
@@ -141,7 +131,6 @@ impl Journal {
         self.mend().map(drop)
     }
 
-    /// Adds a line.
     pub fn append(&mut self, trained: Trained) -> Result<()> {
         let is_there = self.writer.is_of(&self.folder.metrics());
         if is_there {
@@ -155,7 +144,6 @@ impl Journal {
         Ok(())
     }
 
-    /// The end of a session: what the file says then is what the run did.
     pub fn close(&mut self) -> Result<()> {
         if self.mend()? {
             tracing::warn!("metrics.jsonl was changed while the run went on: it is written anew");
@@ -163,7 +151,6 @@ impl Journal {
         Ok(())
     }
 
-    /// Has the file say what the history says; whether it said something else.
     fn mend(&mut self) -> Result<bool> {
         let path = self.folder.metrics();
         let line = |trained: &Trained| {

@@ -1,5 +1,3 @@
-//! What can be done next with a run, as commands to paste: they name the program as it was called, and the run folder.
-
 use proto::run_folder::RunFolder;
 use proto::shell::quoted;
 use std::path::Path;
@@ -10,12 +8,10 @@ pub fn program() -> String {
     called.map_or_else(|| "orchestrator".to_owned(), quoted)
 }
 
-/// The command that goes on with a run.
 pub fn resume(program: &str, run: &Path) -> String {
     format!("{program} resume {}", quoted(run))
 }
 
-/// What goes on with a run of so many hosts. With several, each is started as it was, by whatever started it.
 pub fn go_on(program: &str, run: &Path, hosts: u32) -> String {
     match hosts {
         1 => resume(program, run),
@@ -27,12 +23,10 @@ fn line(what: &str, command: &str) -> String {
     format!("{what:<12}{command}")
 }
 
-/// After a run of so many hosts that is not complete.
 pub fn unfinished(program: &str, folder: &RunFolder, hosts: u32) -> Vec<String> {
     vec![line("go on with", &go_on(program, folder.root(), hosts))]
 }
 
-/// One line a command after a run that is complete. `recorded`: whether there is a recording to look at.
 pub fn complete(program: &str, folder: &RunFolder, preset: &str, recorded: bool) -> Vec<String> {
     let run = quoted(folder.root());
     let mut lines = Vec::new();

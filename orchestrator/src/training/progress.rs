@@ -12,7 +12,6 @@ use proto::task::Described;
 use proto::trained::History;
 use std::time::Duration;
 
-/// The learner's current activity according to its events.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Doing {
     Starting,
@@ -35,11 +34,8 @@ struct Waiting {
     said: Duration,
 }
 
-/// So long what a learner waits for is shown after it was last said.
 const WAITING_SHOWN: Duration = Duration::from_secs(12);
 
-/// Shows how a run gets on.
-#[derive(Debug)]
 pub struct Progress {
     metrics: Vec<Described>,
     stages: Vec<StageConfig>,
@@ -51,14 +47,12 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Of a run. `overlap`: updates run while the next rollout is collected.
     pub fn new(config: &Config) -> Self {
         let (doing, since, waiting) = (Doing::Starting, Duration::ZERO, None);
         let (metrics, stages, overlap) = (config.spec().shown(), config.stages.clone(), config.ppo.overlap);
         Self { metrics, stages, overlap, doing, since, waiting, live: Live::default() }
     }
 
-    /// Records an event of the learner.
     pub fn learner(&mut self, now: Duration, event: &LearnerEvent) {
         let doing = match *event {
             LearnerEvent::Ready { rollout, .. } => Doing::Collecting(rollout),
@@ -89,7 +83,6 @@ impl Progress {
         self.waiting = None;
     }
 
-    /// The learner is gone: it died, or it has left, and no other follows.
     pub fn learner_died(&mut self, now: Duration) {
         if !matches!(self.doing, Doing::Leaving { .. }) {
             self.doing = Doing::Starting;
@@ -123,7 +116,6 @@ impl Progress {
         self.waiting.filter(|waiting| now.saturating_sub(waiting.said) < WAITING_SHOWN)
     }
 
-    /// Takes the progress off the screen.
     pub fn clear(&self) {
         self.live.clear();
     }
@@ -149,10 +141,8 @@ impl Progress {
     }
 }
 
-/// Between two parts of a line.
 const BETWEEN: &str = "  |  ";
 
-/// What fits into a line of a terminal, the most important first.
 fn short_line(
     metrics: &[Described],
     stages: &[StageConfig],
@@ -198,7 +188,6 @@ fn time_left(recent: &Recent) -> Option<String> {
     Some(format!("{} left", format::duration(Duration::try_from_secs_f64(left_s).ok()?)))
 }
 
-/// Stage, frames, rate and where the time goes, time left.
 pub fn frames_line(stages: &[StageConfig], recent: &Recent) -> String {
     let percent = 100.0 * recent.frames as f64 / recent.budget.max(1) as f64;
     let (frames, budget) = (format::count(recent.frames), format::count(recent.budget));
@@ -218,7 +207,6 @@ pub fn frames_line(stages: &[StageConfig], recent: &Recent) -> String {
     parts.join(BETWEEN)
 }
 
-/// The return and the task's metrics; empty before the first episode has ended.
 fn figures_line(metrics: &[Described], recent: &Recent) -> String {
     let EpisodeMeans { episodes, mean_return, figures } = &recent.episodes;
     if *episodes == 0 {

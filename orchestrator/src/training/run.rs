@@ -6,7 +6,7 @@ use crate::output::events::are_told;
 use crate::output::format;
 use crate::output::terminal;
 use crate::preflight::all::demand_all;
-use crate::preflight::tools::Tools;
+use crate::preflight::programs::Tools;
 use crate::run::checkpoints::newest_readable;
 use crate::run::identity::{Ended, Identity, ProcessCounts, unix_now};
 use crate::run::lock::RunLock;
@@ -30,45 +30,34 @@ use proto::trained::History;
 use std::process::ExitCode;
 use wire::{WireAddress, fault};
 
-/// A run that trains, whose folder has been made.
 pub struct TrainingRun {
-    /// The run folder, with config.toml in it.
     pub folder: RunFolder,
-    /// Contents of config.toml.
     pub config: Config,
-    /// Contents of run.toml.
     pub identity: Identity,
     pub lock: RunLock,
     pub tools: Tools,
-    /// Who starts this program, and may start it again.
     pub started: Started,
 }
 
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub struct Started {
     /// A scheduler or launcher starts it, or flags name this host. Then SIGTERM also asks for another start.
     pub launched: bool,
-    /// The door for the other hosts, if there are some.
     pub rendezvous: Option<Rendezvous>,
 }
 
 impl Started {
-    /// What host 0 has of a run, for what looks at this machine.
     pub fn part(&self, config: &Config) -> Config {
         let hosts = self.rendezvous.as_ref().map_or(1, Rendezvous::hosts);
         part_of(config, Hosts::new(hosts, config.shares()), 0)
     }
 }
 
-/// What follows a start.
 enum Next {
-    /// The end of the program, with this exit status.
     End(u8),
-    /// Another start, with another number of actors; what the run had before, if that has changed.
     Start(Option<Box<Before>>),
 }
 
-/// What a change of the number of actors replaces.
 struct Before {
     config: Config,
     commanded_actors: Option<u32>,
@@ -82,7 +71,6 @@ pub fn write_config(folder: &RunFolder, config: &Config) -> Result<()> {
 /// What is left of a session: how it ended, its recording, its figures, what is missing, and the other hosts.
 type Ran = (Outcome, Result<()>, (History, Vec<Missing>), Option<Together>);
 
-/// What other hosts are told at the end.
 fn farewell(end: &SessionEnd, recording: &Result<()>) -> String {
     match (end, recording) {
         // What that host recorded last is lost with it.
@@ -94,7 +82,6 @@ fn farewell(end: &SessionEnd, recording: &Result<()>) -> String {
 }
 
 impl TrainingRun {
-    /// Runs it and reports; the exit status of the program.
     pub fn run(mut self) -> Result<ExitCode> {
         let (mut signals, mut scaled) = (None, None);
         loop {
@@ -105,7 +92,6 @@ impl TrainingRun {
         }
     }
 
-    /// One start of it. `scaled`: what it had, if it is the first with another number of actors.
     fn start(&mut self, signals: &mut Option<Signals>, scaled: Option<Box<Before>>) -> Result<Next> {
         // Before the lines are removed by which it is known how long a killed one lived.
         self.identity.note_signs_of_life(&signs_of_life(&read_history(&self.folder)?));
@@ -160,7 +146,6 @@ impl TrainingRun {
         self.started.rendezvous.as_ref().map_or(1, Rendezvous::hosts)
     }
 
-    /// The processes of the start that begins.
     fn shape(&self) -> Result<ProcessCounts> {
         let (newest, _) = newest_readable(&self.folder)?;
         let (rollout, frames) = newest.map_or((0, 0), |manifest| (manifest.rollout, manifest.frames));
@@ -208,7 +193,6 @@ impl TrainingRun {
         self.identity.write(&self.folder)
     }
 
-    /// Everything between the note that it began and the note how it ended.
     fn session(&mut self, incarnation: u32, address: &WireAddress, signals: &mut Option<Signals>) -> Result<Ran> {
         let Self { folder, config, identity, lock, tools, started } = self;
         let session = Session { folder, config, incarnation, address, tools, launched: started.launched };

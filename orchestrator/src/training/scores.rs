@@ -15,35 +15,24 @@ use proto::task::{Metric, Spec};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// One line of `validation.jsonl`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Score {
     /// First rollout that is not in the checkpoint.
     pub rollout: u64,
-    /// Frames that its weights were trained on.
     pub frames: u64,
-    /// SHA-256 of the weights, 64 hex digits.
     pub weights: String,
-    /// Folder of the result, relative to the run folder.
     pub result: String,
-    /// Episodes played.
     pub episodes: u64,
-    /// Fixed ones, or drawn as the run draws its own.
     #[serde(default)]
     pub distribution: Distribution,
-    /// Mean length, steps.
     pub length: f64,
-    /// When, seconds since 1970.
     pub at_unix_s: u64,
-    /// What it took, seconds.
     pub wall_s: f64,
-    /// Means of the task's metrics, by name.
     #[serde(flatten, deserialize_with = "known")]
     pub figures: BTreeMap<String, f64>,
 }
 
 impl Score {
-    /// Of the checkpoint with this rollout.
     pub fn of(rollout: u64, evaluation: &Evaluation, task: &Spec) -> Self {
         let overall = &evaluation.overall;
         Self {
@@ -72,30 +61,25 @@ impl Score {
     }
 }
 
-/// Means of the task's metrics in an evaluation, by name; without those that are not known.
 pub fn figures_of(overall: &Figures, task: &Spec) -> BTreeMap<String, f64> {
     let known = |metric: &Metric| Some((metric.name.clone(), overall.get(&metric.name)?));
     task.metrics.iter().filter_map(known).collect()
 }
 
-/// The one that the task ranks first.
 pub fn best<'a>(scored: &'a [Score], task: &Spec) -> Option<&'a Score> {
     scored.iter().reduce(|best, one| if one.beats(best, task) { one } else { best })
 }
 
-/// Reads the result file in an evaluation's folder.
 pub fn read_result(result: &RunFolder) -> Result<Evaluation> {
     let path = result.root().join(RESULT_FILE);
     let file = result.reader(&path, RESULT_BYTES_MOST).with_context(|| path.display().to_string())?;
     Evaluation::read(file).with_context(|| path.display().to_string())
 }
 
-/// Folder of the result of an evaluation.
 pub fn result_folder(folder: &RunFolder, rollout: u64) -> RunFolder {
     folder.within(RunFolder::relative_validation(rollout)).within("result")
 }
 
-/// Evaluations of a run's folder that are read.
 const EVALUATIONS_MOST: usize = 1000;
 
 /// The evaluations in a run's folder that have a result; one that was cut off has none. What is left out is noted, as a
@@ -115,15 +99,10 @@ pub fn evaluations_below(folder: &RunFolder, notes: &mut Vec<String>) -> Result<
     Ok(below.split_off(more))
 }
 
-/// The results without a line that are read, bytes: thousands. A crash leaves one or two.
 const RESULTS_BYTES_MOST: u64 = 64 << 20;
 
-/// The evaluations of a run, from its lines and results.
-#[derive(Debug)]
 pub struct Scores {
-    /// In order of their rollouts.
     pub scores: Vec<Score>,
-    /// What is wrong with the files, as sentences without an end.
     pub notes: Vec<String>,
 }
 
@@ -181,7 +160,6 @@ impl Scores {
     }
 }
 
-/// Rollouts whose evaluations have left a result, ascending, with the length of that.
 fn evaluated(folder: &RunFolder) -> std::io::Result<Vec<(u64, u64)>> {
     let items = folder.list(&folder.validations())?;
     let rollouts = items.iter().filter_map(|item| RolloutName::Folder.rollout_of(&item.path));

@@ -3,7 +3,7 @@
 
 use crate::output::format;
 use crate::recording::files_at;
-use crate::run::damaged::damaged;
+use crate::run::damaged;
 use crate::run::identity::Identity;
 use crate::supervisor::event::SessionEnd;
 use crate::training::means::{StageMeans, by_stage};
@@ -24,16 +24,12 @@ use std::time::Duration;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Missing {
-    /// The validation after this rollout: every try of the last start failed.
     Validation(u64),
-    /// `best`: it could not be written.
     Best,
-    /// TensorBoard's files: not all could be written.
     TensorBoard,
 }
 
 impl Missing {
-    /// Whether there is still what it is made of.
     pub fn can_be_made(self, folder: &RunFolder) -> bool {
         match self {
             Self::Validation(rollout) => folder.validation(rollout).join(RolloutName::Manifest.of(rollout)).is_file(),
@@ -52,27 +48,21 @@ impl Display for Missing {
     }
 }
 
-/// The summary of a run at its end.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     pub schema_version: u32,
     pub id: String,
     pub preset: String,
     pub seed: u64,
-    /// True when the budget is reached.
     pub complete: bool,
     pub frames: u64,
     pub budget: u64,
-    /// SHA-256 of the weights, 64 hex digits.
     pub weights: String,
-    /// Figures of every stage that has begun.
     pub stages: Vec<StageMeans>,
     /// Rollouts whose figures are lost: the means above are without them. 0 is not written.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub lost_rollouts: u64,
-    /// Time spent on the rollouts that count, seconds.
     pub training_s: f64,
-    /// Frames a second of that time.
     pub frames_per_s: f64,
     /// Wall time from the beginning of each start to its end; a start that was killed counts until its last rollout.
     /// None in summaries of older versions.
@@ -81,17 +71,13 @@ pub struct Summary {
     /// Whether the recordings hold every step of the run. None without recordings, and in summaries of older versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recording_complete: Option<bool>,
-    /// What else it was to have and has not.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub missing: Vec<Missing>,
-    /// How often an orchestrator was started on it.
     pub incarnations: u32,
-    /// Recordings, relative to the run folder.
     pub recordings: Vec<PathBuf>,
 }
 
 impl Summary {
-    /// The summary of a run that has trained `frames` and has these `weights`.
     pub fn of(
         folder: &RunFolder,
         config: &Config,
@@ -123,12 +109,10 @@ impl Summary {
         }
     }
 
-    /// Whether a complete run has all that it was to have.
     pub fn is_whole(&self) -> bool {
         self.missing.is_empty() && self.recording_complete != Some(false)
     }
 
-    /// Writes `summary.json`.
     pub fn write(&self, folder: &RunFolder) -> Result<()> {
         let mut text = serde_json::to_string_pretty(self).context("summary.json")?;
         text.push('\n');
@@ -136,7 +120,6 @@ impl Summary {
             .with_context(|| format!("cannot write {}", folder.summary().display()))
     }
 
-    /// Reads `summary.json`; none when the run is not complete yet.
     pub fn read(folder: &RunFolder) -> Result<Option<Self>> {
         let path = folder.summary();
         match folder.read_text(&path) {
@@ -201,7 +184,6 @@ fn is_zero(count: &u64) -> bool {
     *count == 0
 }
 
-/// Rollouts up to the newest of which nothing is known.
 fn lost_rollouts(history: &History) -> u64 {
     let end = history.iter().next_back().map_or(0, |last| last.rollout + 1);
     end - history.len() as u64
@@ -212,7 +194,6 @@ fn recordings(folder: &RunFolder) -> Vec<PathBuf> {
     files.into_iter().filter_map(|path| path.strip_prefix(folder.root()).map(PathBuf::from).ok()).collect()
 }
 
-/// One row a stage, and what the figures are means over.
 pub fn table(metrics: &[Described], stages: &[StageMeans]) -> Vec<String> {
     let header = ["stage", "reward", "frames", "episodes", "return"].map(str::to_owned);
     let mut rows: Vec<Vec<String>> =

@@ -39,35 +39,27 @@ use std::process::{Child, Stdio};
 use std::time::Duration;
 use wire::fault;
 
-/// Time that an evaluation has to stop its processes.
 const STOPS: Duration = Duration::from_secs(10);
 /// Checkpoints that may wait. Each takes the space of a checkpoint.
 const WAITING: usize = 8;
-/// How often one start tries to evaluate a checkpoint.
 const TRIES: u32 = 3;
 
-/// The evaluation that runs.
-#[derive(Debug)]
 struct Running {
     rollout: u64,
     child: Child,
 }
 
-#[derive(Debug)]
 pub struct Validation {
     folder: RunFolder,
     config: Config,
-    scores: Vec<Score>,
-    /// Frames of the newest checkpoint that was due.
+    pub scores: Vec<Score>,
     reached: u64,
     waiting: VecDeque<u64>,
     running: Option<Running>,
-    /// How often the evaluation of a checkpoint has failed.
     failures: BTreeMap<u64, u32>,
 }
 
 impl Validation {
-    /// Continues from the folder's state; none if the run has no validation.
     pub fn open(folder: &RunFolder, config: &Config) -> Result<Option<Self>> {
         if config.validation.every_frames == 0 {
             return Ok(None);
@@ -125,16 +117,10 @@ impl Validation {
         Ok(Some(validation))
     }
 
-    /// The results so far, in the order in which they came.
-    pub fn scores(&self) -> &[Score] {
-        &self.scores
-    }
-
     fn best(&self) -> Option<&Score> {
         best(&self.scores, self.config.spec())
     }
 
-    /// Has the file say what is known.
     fn mend_log(&self) -> Result<()> {
         let mut wanted = Vec::new();
         for one in &self.scores {
@@ -176,7 +162,6 @@ impl Validation {
         self.enqueue(rollout);
     }
 
-    /// Looks after the evaluation that runs, and starts the one that waits.
     pub fn look(&mut self, recorder: Option<&Recorder>) {
         if let Some(running) = &mut self.running {
             let rollout = running.rollout;
@@ -200,7 +185,6 @@ impl Validation {
         }
     }
 
-    /// An evaluation failed or was killed. It is made again, before those that wait.
     fn failed(&mut self, rollout: u64, error: &anyhow::Error) {
         let failures = self.failures.entry(rollout).or_default();
         *failures += 1;
@@ -225,7 +209,6 @@ impl Validation {
         missing
     }
 
-    /// The words after `orchestrator` that have a pinned checkpoint evaluated.
     fn evaluation(&self, rollout: u64) -> Vec<OsString> {
         let validation = self.config.validation;
         let mut words = vec!["eval".into(), self.manifest(rollout).into_os_string()];
@@ -243,12 +226,10 @@ impl Validation {
         words
     }
 
-    /// Whether an evaluation runs or waits.
     pub fn is_busy(&self) -> bool {
         self.running.is_some() || !self.waiting.is_empty()
     }
 
-    /// Ends the evaluation that runs; it is made anew when the run goes on.
     pub fn stop(&mut self) {
         let Some(Running { rollout, mut child }) = self.running.take() else { return };
         tracing::info!("the validation after rollout {rollout} is stopped");
@@ -279,7 +260,6 @@ impl Validation {
         }
     }
 
-    /// Starts the evaluation of a pinned checkpoint.
     fn start(&mut self, rollout: u64) -> Result<()> {
         pin(&self.folder, rollout)?;
         let result = self.result(rollout);
@@ -299,7 +279,6 @@ impl Validation {
         Ok(())
     }
 
-    /// Takes in a result: a line, and the best is crowned.
     fn conclude(&mut self, rollout: u64, recorder: Option<&Recorder>) -> Result<()> {
         let evaluation = read_result(&result_folder(&self.folder, rollout))?;
         let one = Score::of(rollout, &evaluation, self.config.spec());
@@ -350,14 +329,12 @@ impl Validation {
         true
     }
 
-    /// Lets go of a checkpoint; its result stays.
     fn unpin(&self, rollout: u64) {
         if let Err(error) = unpin(&self.folder, rollout) {
             tracing::warn!("cannot delete {error}");
         }
     }
 
-    /// Rollouts of the pinned checkpoints, ascending.
     fn pinned(&self) -> Result<Vec<u64>> {
         let place = self.folder.validations();
         let mut rollouts = vec![];

@@ -12,14 +12,12 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// Wall time, seconds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Wall {
     pub all_starts_s: f64,
     pub last_start_s: f64,
 }
 
-/// When each incarnation last wrote of a rollout that counts.
 pub fn signs_of_life(history: &History) -> BTreeMap<u32, Sign> {
     let mut seen: BTreeMap<u32, Sign> = BTreeMap::new();
     for trained in history.iter() {
@@ -46,7 +44,6 @@ pub fn elapsed_s(history: &History) -> impl Iterator<Item = f64> {
     })
 }
 
-/// For how long a start has run that runs now, seconds. `seen`: its last sign of life.
 fn running_s(start: &Incarnation, seen: Option<Sign>) -> f64 {
     let since = |unix_s: u64| unix_now().saturating_sub(unix_s) as f64;
     let measured = start.started.as_ref().and_then(Moment::elapsed_s);
@@ -55,7 +52,6 @@ fn running_s(start: &Incarnation, seen: Option<Sign>) -> f64 {
     measured.or_else(after_last).unwrap_or_else(|| since(start.started_unix_s))
 }
 
-/// For how long a start that runs now has trained no rollout, seconds. `seen`: its last sign of life.
 pub fn silent_s(start: &Incarnation, seen: Option<Sign>) -> f64 {
     let measured = start.started.as_ref().and_then(Moment::elapsed_s);
     let before = seen.map_or(Some(0.0), |sign| sign.wall_s);

@@ -4,14 +4,11 @@ use proto::metric;
 use std::collections::BTreeMap;
 use view::data::Curves;
 
-/// A point's mean is over this share of the curve's width, or over its own place if that is more.
 const SMOOTHED: f64 = 0.04;
 
-/// The part of a curve in one stage.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Piece {
     pub stage: usize,
-    /// Frames, and the mean around them.
     pub points: Vec<(f64, f64)>,
 }
 
@@ -46,7 +43,6 @@ pub fn pieces(curves: &Curves, name: &str, places: usize) -> Vec<Piece> {
     pieces.filter(|piece| !piece.points.is_empty()).collect()
 }
 
-/// The least and the greatest value of pieces, apart; none without points.
 pub fn range<'a>(pieces: impl Iterator<Item = &'a Piece>) -> Option<[f64; 2]> {
     let values = pieces.flat_map(|piece| &piece.points).map(|(_, value)| *value).filter(|value| value.is_finite());
     let range = values.fold(None, |range: Option<[f64; 2]>, value| {

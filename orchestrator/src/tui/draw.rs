@@ -1,5 +1,3 @@
-//! The screen: how it is divided, and its head and foot.
-
 use super::model::{CHARTS, Model};
 use super::panels;
 use crate::output::format;
@@ -13,9 +11,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 use view::data::{Card, Live};
 
-/// Lines of the head.
 const HEAD: u16 = 4;
-/// A chart needs so many columns, and so many lines.
 const CHART_COLUMNS: u16 = 25;
 const CHART_LINES: [u16; 2] = [6, 16];
 /// Lines that the panels need below the charts; where there are fewer, charts take them all.
@@ -45,7 +41,6 @@ pub fn draw(frame: &mut Frame, model: &Model) {
     draw_panels(frame, lower, model, live);
 }
 
-/// Processes, the log, and where there is room the kitchens.
 fn draw_panels(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
     if area.height < 2 {
         return;
@@ -91,7 +86,6 @@ fn draw_head(frame: &mut Frame, area: Rect, live: &Live) {
     frame.render_widget(Paragraph::new(machine(live)), fourth);
 }
 
-/// The last characters of a path, which tell runs apart.
 fn end_of(path: &str, most: usize) -> String {
     let length = path.chars().count();
     if length <= most {
@@ -100,7 +94,6 @@ fn end_of(path: &str, most: usize) -> String {
     std::iter::once('…').chain(path.chars().skip(length + 1 - most.max(1))).collect()
 }
 
-/// Stage, frames, time left, in a bar.
 fn progress(live: &Live) -> Gauge<'static> {
     let Card { done, budget, left_s, evaluation, .. } = live.card;
     let what = if evaluation { "episodes" } else { "frames" };
@@ -117,7 +110,6 @@ fn progress(live: &Live) -> Gauge<'static> {
         .ratio(ratio)
 }
 
-/// Frames a second, and a bar of where the time goes.
 fn throughput(live: &Live, width: u16) -> Line<'static> {
     let Some(rate) = live.frames_per_s else {
         return Line::from(if live.card.evaluation { "" } else { " no rollout yet" });
@@ -142,7 +134,6 @@ fn throughput(live: &Live, width: u16) -> Line<'static> {
     Line::from(spans)
 }
 
-/// Processor, memory, GPUs; the newest validation.
 fn machine(live: &Live) -> Line<'static> {
     let mut parts = Vec::new();
     let used: Vec<f64> = live.workers.iter().filter_map(|worker| worker.cores).collect();

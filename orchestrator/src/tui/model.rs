@@ -3,43 +3,32 @@
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use view::data::{Curves, Live, Problem};
 
-/// What was read of a run at a time.
 #[derive(Debug, Clone)]
 pub struct Look {
     pub live: Result<Live, Problem>,
-    /// Its curves after those that were known.
     pub curves: Result<Curves, Problem>,
 }
 
-/// Lines of which log are shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Lines {
-    /// The last ones.
     #[default]
     Last,
-    /// Warnings and errors.
     Warnings,
 }
 
 #[derive(Debug, Default)]
 pub struct Model {
-    /// How the run stands; none before it was read.
     pub live: Option<Live>,
-    /// All that is known of its curves.
     pub curves: Curves,
-    /// Why the newest reading failed.
     pub problem: Option<String>,
-    /// Processes that are scrolled away.
     pub scrolled: usize,
     pub lines: Lines,
-    /// The first of the charts that are shown.
     pub chart: usize,
 }
 
 pub const CHARTS: usize = 3;
 
 impl Model {
-    /// Takes in what was read.
     pub fn take(&mut self, look: Look) {
         let Look { live, curves } = look;
         self.problem = None;
@@ -53,7 +42,6 @@ impl Model {
         }
     }
 
-    /// Rollouts that are new, or all of them if those that are known are void.
     fn add(&mut self, new: Curves) {
         let known = self.curves.frames.len();
         if new.edition != self.curves.edition || new.from != known {
@@ -78,7 +66,6 @@ impl Model {
         (all.stages, all.paper) = (stages, paper);
     }
 
-    /// A key; false if it leaves.
     pub fn key(&mut self, key: KeyEvent) -> bool {
         if key.kind == KeyEventKind::Release {
             return true;

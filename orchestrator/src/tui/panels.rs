@@ -1,5 +1,3 @@
-//! The parts of the screen: charts, processes, the log, kitchens.
-
 use super::curves::{Piece, pieces, range};
 use super::model::{Lines, Model};
 use crate::output::format;
@@ -15,10 +13,8 @@ use ratatui::widgets::{Axis, Block, Cell, Chart, Dataset, GraphType, Paragraph, 
 use view::data::{Kitchen, Live, LogLine, Worker};
 
 const STAGES: [Color; 4] = [Color::Cyan, Color::Yellow, Color::Green, Color::Magenta];
-/// Colour of a chart's second figure, in all stages.
 const SECOND: Color = Color::DarkGray;
 
-/// One of the three charts.
 pub fn chart(frame: &mut Frame, area: Rect, model: &Model, live: &Live, number: usize) {
     let places = 2 * usize::from(area.width);
     let of = |name: &str| pieces(&model.curves, name, places);
@@ -70,7 +66,6 @@ pub fn chart(frame: &mut Frame, area: Rect, model: &Model, live: &Live, number: 
     frame.render_widget(chart, area);
 }
 
-/// A count in four characters: `312k`, `4.5M`.
 fn short(count: u64) -> String {
     match count {
         0..10_000 => count.to_string(),
@@ -80,7 +75,6 @@ fn short(count: u64) -> String {
     }
 }
 
-/// Learners, actors, and the orchestrator.
 pub fn processes(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
     let of = |kind: &str| live.workers.iter().filter(|worker| worker.name.starts_with(kind)).count() as u64;
     let restarts: u32 = live.workers.iter().map(|worker| worker.incarnation.saturating_sub(1)).sum();
@@ -117,7 +111,6 @@ fn process_row(worker: &Worker) -> Row<'static> {
     Row::new(cells.map(Cell::from)).style(Style::new().fg(color))
 }
 
-/// The last lines of the log, or warnings, as many as there is room for.
 pub fn log(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
     let warnings = format::counted(live.warnings.len() as u64, "warning");
     let (title, lines) = match model.lines {
@@ -153,7 +146,6 @@ fn folded(line: &LogLine, width: usize) -> Vec<Line<'static>> {
     characters.chunks(width).map(line).collect()
 }
 
-/// What came of the newest episodes of each kitchen.
 pub fn kitchens(frame: &mut Frame, area: Rect, live: &Live) {
     let metrics = &live.card.metrics;
     let row = |kitchen: &Kitchen| {

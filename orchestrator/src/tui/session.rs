@@ -15,18 +15,14 @@ use std::time::{Duration, Instant};
 use tokio::signal::unix::{SignalKind, signal};
 use view::data::Runs;
 
-/// The run is looked at this often.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
-/// A key, or something new, is waited for this long at a time.
 const WAIT: Duration = Duration::from_millis(100);
 
-/// What the other threads report.
 enum News {
     Look(Box<Look>),
     Leave,
 }
 
-/// Shows a run until somebody leaves.
 pub fn show(readers: RunReaders, run: String) -> Result<()> {
     let (sender, inbox) = channel();
     leave_on_signals(sender.clone())?;
@@ -69,7 +65,6 @@ fn newest(inbox: &Receiver<News>) -> Result<Option<News>> {
     }
 }
 
-/// Looks at the run until nobody wants to know.
 fn look(readers: &RunReaders, run: &str, sender: &Sender<News>) {
     let (mut edition, mut known) = (0, 0);
     loop {
@@ -86,7 +81,6 @@ fn look(readers: &RunReaders, run: &str, sender: &Sender<News>) {
     }
 }
 
-/// Signals leave in an orderly way: the terminal is given back first.
 fn leave_on_signals(sender: Sender<News>) -> Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("tokio")?;
     let entered = runtime.enter();
@@ -109,7 +103,6 @@ fn leave_on_signals(sender: Sender<News>) -> Result<()> {
     Ok(())
 }
 
-/// The terminal, taken over: keys come as they are pressed, and what was on it comes back at the end.
 struct Screen {
     terminal: DefaultTerminal,
 }

@@ -1,5 +1,3 @@
-//! Episodes as rows: from recordings, from the tables of evaluations; filtered, sorted, a page at a time.
-
 use crate::recording::episode_index::{Key, Shelved};
 use proto::evaluation::EpisodeRecord;
 use proto::kitchen::TargetCategory;
@@ -8,7 +6,6 @@ use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use view::data::{EpisodeColumn, EpisodeKey, EpisodePage, EpisodeQuery, EpisodeRow, ROWS, ROWS_MAX};
 
-/// An episode of the recordings that has ended.
 pub fn row_of_shelved((kitchen, environment, episode): Key, shelved: &Shelved) -> Option<EpisodeRow> {
     let end = shelved.end.as_ref()?;
     let key = EpisodeKey { kitchen, environment, episode };
@@ -24,7 +21,6 @@ pub fn row_of_shelved((kitchen, environment, episode): Key, shelved: &Shelved) -
     })
 }
 
-/// An episode of an evaluation. `recorded`: the recordings' episodes by kitchen and number in it.
 pub fn row_of_record(spec: &Spec, record: &EpisodeRecord, recorded: &HashMap<(u32, u32), EpisodeKey>) -> EpisodeRow {
     let kitchen = record.kitchen.number();
     let key = recorded.get(&(kitchen, record.episode)).copied();
@@ -52,7 +48,6 @@ fn as_read<'a>(figures: impl IntoIterator<Item = (&'a str, f64)>) -> BTreeMap<St
     figures.into_iter().map(|(name, number)| (name.to_owned(), short(number))).collect()
 }
 
-/// The columns of a task's figures: its metrics, then returns.
 fn columns(spec: &Spec) -> Vec<EpisodeColumn> {
     let mut columns = spec.columns();
     columns.rotate_left(spec.plain_rewards().count());
@@ -99,7 +94,6 @@ fn matches(row: &EpisodeRow, query: &EpisodeQuery, successes: &[String], columns
         && (!has_numbers(&query.range, columns) || within(number(row, &query.range), query))
 }
 
-/// Whether a number is in the range that is asked for; one that is not known is in none.
 fn within(number: Option<f64>, query: &EpisodeQuery) -> bool {
     match (number, query.least, query.most) {
         (_, None, None) => true,
@@ -110,17 +104,14 @@ fn within(number: Option<f64>, query: &EpisodeQuery) -> bool {
     }
 }
 
-/// Whether there is such a column of numbers.
 fn has_numbers(column: &str, columns: &[EpisodeColumn]) -> bool {
     column == "length" || columns.iter().any(|one| one.name == column)
 }
 
-/// The number in a column, if it is known.
 fn number(row: &EpisodeRow, column: &str) -> Option<f64> {
     if column == "length" { Some(row.length.into()) } else { row.figures.get(column).copied() }
 }
 
-/// Sorts by a column; whether there is one of this name.
 fn sort(rows: &mut [EpisodeRow], column: &str, columns: &[EpisodeColumn]) -> bool {
     let compare: fn(&EpisodeRow, &EpisodeRow) -> Ordering = match column {
         "kitchen" => |a, b| (a.kitchen, a.environment, a.episode).cmp(&(b.kitchen, b.environment, b.episode)),

@@ -8,17 +8,14 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap, VecDeque};
 use std::path::PathBuf;
 
-/// Logs of a run that are read.
 const LOGS_MOST: usize = 2048;
 /// All logs together are read up to so many bytes; of longer ones the ends.
 const BYTES_MOST: u64 = 4 << 30;
 
-/// A log.
 #[derive(Debug, Clone)]
 pub struct Found {
     /// Its process. What supervises another host is its `agent`.
     pub name: String,
-    /// Its file.
     pub path: PathBuf,
     bytes: u64,
 }
@@ -70,28 +67,21 @@ pub fn beginnings(logs: &mut Vec<Found>, most: u64) -> (Vec<u64>, Option<String>
     (logs.iter().map(begin).collect(), Some(too_many.into_iter().chain([said]).collect::<Vec<_>>().join("; ")))
 }
 
-/// A line of a log. They sort by time.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Entry {
     /// When: what the line begins with, or the last line before it that has a time. Sorts by time.
     pub at: String,
     pub process: String,
-    /// The whole line.
     pub line: String,
 }
 
-/// What was read of a log.
-#[derive(Debug)]
 struct Book {
     tail: Tail,
-    /// Time of its last line that has one.
     at: String,
-    /// Lines that were read and not handed on yet.
     waiting: VecDeque<Entry>,
 }
 
 impl Book {
-    /// Its next line; none where it ends.
     fn next(&mut self, process: &str) -> std::io::Result<Option<Entry>> {
         while self.waiting.is_empty() {
             let new = self.tail.read()?;
@@ -110,24 +100,18 @@ impl Book {
     }
 }
 
-/// Logs that are read again and again.
-#[derive(Debug)]
 pub struct Logbook {
     folder: RunFolder,
-    /// Names or groups of processes; all if there are none.
     wanted: Vec<String>,
     books: BTreeMap<String, Book>,
-    /// What is not read, as a sentence without an end.
     pub note: Option<String>,
 }
 
 impl Logbook {
-    /// Of these processes, or of such groups as `actor`; of all if none is named. Nothing is read yet.
     pub fn of(folder: RunFolder, wanted: Vec<String>) -> Self {
         Self { folder, wanted, books: BTreeMap::new(), note: None }
     }
 
-    /// Those of the names that no log has.
     pub fn unknown(&self) -> std::io::Result<Vec<&str>> {
         let there = logs_of(&self.folder)?;
         let has = |wanted: &&String| there.iter().any(|found| is_of(&found.name, wanted));
@@ -178,7 +162,6 @@ fn is_of(name: &str, wanted: &str) -> bool {
     name.strip_prefix(wanted).is_some_and(|rest| rest.is_empty() || rest.starts_with('-'))
 }
 
-/// The time that a line begins with, as `wire::logging` writes it: these sort as text.
 fn time_of(line: &str) -> Option<&str> {
     let (time, _) = line.split_once(' ')?;
     let is_time = time.ends_with('Z') && time.contains('T') && time.starts_with(|first: char| first.is_ascii_digit());

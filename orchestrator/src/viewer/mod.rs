@@ -1,16 +1,12 @@
-//! What `orchestrator view` shows of runs: [`view::data::Runs`] from their folders alone.
-//!
-//! [`roster`] finds runs and gives them names for addresses; of each run that is looked at, [`watched`] keeps what was
-//! read, and reads only what is new ([`tail`], and the recordings' episode index); [`logbook`] finds the logs of a run.
-//! [`processes`] looks at the processes of a run on this machine and at GPUs, [`table`] filters and sorts episodes.
-//! [`live`] hands a run on message by message.
+//! What `orchestrator view` shows of runs: [`view::data::Runs`] from their folders alone. Of each run that is looked at,
+//! [`watched`] keeps what was read, and reads only what is new.
 
 mod episode_table;
 mod live;
 pub mod logbook;
 mod processes;
 mod roster;
-mod tail;
+pub mod tail;
 mod watched;
 
 use proto::replay::{RecordedEpisode, ReplaySetup};
@@ -26,13 +22,10 @@ use view::data::{Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Prob
 use view::feed::Feed;
 use watched::Watched;
 
-/// The list is made anew at most this often.
 const LIST_EVERY: Duration = Duration::from_secs(2);
-/// Runs that are read at a time for the list.
 const LISTERS: usize = 4;
 /// Who asks about a run waits for this long: its folder can be anybody's, and its disk can hang.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// Of that for those who asked before.
 const TURN: Duration = Duration::from_secs(3);
 
 /// Runs in folders. Each is read on a thread of its own, so that none waits for another.
@@ -42,21 +35,16 @@ pub struct RunReaders {
     list: Mutex<Option<(Instant, Vec<Card>)>>,
     /// The list waits for a run, and for all together.
     patience: [Duration; 2],
-    /// The run that the list begins with: where there was no time left.
     turn: AtomicUsize,
 }
 
-/// Where one run is read, by one reader at a time.
 struct RunReader {
     entry: Entry,
-    /// None while it is read.
     watched: Mutex<Option<Box<Watched>>>,
     free: Condvar,
-    /// Its last line in the list.
     card: Mutex<Card>,
 }
 
-/// Reads a run, and puts it back, whatever happens.
 struct Reading {
     reader: Arc<RunReader>,
     watched: Option<Box<Watched>>,
@@ -78,7 +66,6 @@ impl RunReader {
         Arc::new(Self { entry, watched, free: Condvar::new(), card: Mutex::new(card) })
     }
 
-    /// Asks about the run, and waits for the answer until then.
     fn ask<T: Send + 'static>(
         self: &Arc<Self>,
         until: Instant,
@@ -117,24 +104,20 @@ impl RunReader {
 }
 
 impl RunReaders {
-    /// Of these run folders, or folders that hold runs, for those who look again and again.
     pub fn of(paths: Vec<PathBuf>) -> Self {
         let patience = [Duration::from_secs(1), PATIENCE];
         let (roster, readers, list) = (Mutex::new(Roster::of(paths)), Mutex::default(), Mutex::default());
         Self { roster, readers, list, patience, turn: AtomicUsize::new(0) }
     }
 
-    /// The same for who looks once.
     pub fn once(paths: Vec<PathBuf>) -> Self {
         Self { patience: [Duration::from_secs(30), Duration::from_mins(2)], ..Self::of(paths) }
     }
 
-    /// How many runs there are now.
     pub fn count(&self) -> usize {
         self.entries().len()
     }
 
-    /// Names of those of these folders that are runs, in their order.
     pub fn names_of(&self, folders: &[PathBuf]) -> Vec<String> {
         let entries = self.entries();
         let name = |folder: &PathBuf| {
@@ -153,7 +136,6 @@ impl RunReaders {
         Arc::clone(readers.entry(entry.id.clone()).or_insert_with(|| RunReader::of(entry)))
     }
 
-    /// Asks about a run.
     fn with<T: Send + 'static>(
         &self,
         run: &str,

@@ -1,7 +1,6 @@
-//! The processes of a run on this machine, and its GPUs.
-
 use crate::preflight::programs;
 use crate::process_end::wait_for_child;
+use crate::run::process_state::children;
 use std::collections::HashMap;
 use std::io::Read;
 use std::process::{Command, Stdio};
@@ -12,33 +11,25 @@ use view::data::Gpu;
 const GPUS_EVERY: Duration = Duration::from_secs(3);
 /// What `/proc` counts processor time in: hundredths of a second on every Linux of this architecture.
 const TICKS_PER_S: f64 = 100.0;
-/// A tool that takes longer than this hangs.
 const GPUS_DEADLINE: Duration = Duration::from_secs(2);
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Process {
-    /// `orchestrator`, `learner-0`, `actor-03`.
     pub name: String,
     pub pid: u32,
-    /// Cores that it used since it was looked at before.
     pub cores: Option<f64>,
-    /// Memory that only it has, bytes.
     pub memory_bytes: Option<u64>,
-    /// It is stopped by a signal.
     pub stopped: bool,
 }
 
-/// What was seen last.
 #[derive(Debug, Default)]
 pub struct Processes {
-    /// Ticks of the processor by process.
     ticks: HashMap<u32, u64>,
     at: Option<Instant>,
     gpus: Option<(Instant, Vec<Gpu>)>,
 }
 
 impl Processes {
-    /// An orchestrator's process and its children.
     pub fn look(&mut self, orchestrator: u32) -> Vec<Process> {
         let now = Instant::now();
         let elapsed = self.at.map(|before| now.duration_since(before).as_secs_f64());
@@ -64,7 +55,6 @@ impl Processes {
         seen
     }
 
-    /// The GPUs of this machine; none without `nvidia-smi`.
     pub fn gpus(&mut self) -> Vec<Gpu> {
         if let Some((asked, gpus)) = &self.gpus
             && asked.elapsed() < GPUS_EVERY
@@ -77,12 +67,6 @@ impl Processes {
     }
 }
 
-fn children(pid: u32) -> Vec<u32> {
-    let tasks = std::fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
-    let lists = tasks.filter_map(|task| std::fs::read_to_string(task.path().join("children")).ok());
-    lists.flat_map(|list| list.split_whitespace().filter_map(|pid| pid.parse().ok()).collect::<Vec<_>>()).collect()
-}
-
 /// Ticks of the processor in `/proc/PID/stat`, and whether the process is stopped. The name before is in brackets, and
 /// can hold brackets itself.
 fn used(stat: &str) -> Option<(u64, bool)> {
@@ -92,7 +76,6 @@ fn used(stat: &str) -> Option<(u64, bool)> {
     Some((ticks(11)? + ticks(12)?, matches!(fields.first(), Some(&("T" | "t")))))
 }
 
-/// What a process of a run is called, from its command line.
 fn name_of(line: &[u8]) -> Option<String> {
     let words: Vec<String> =
         line.split(|&byte| byte == 0).map(|word| String::from_utf8_lossy(word).into_owned()).collect();
@@ -110,7 +93,6 @@ fn name_of(line: &[u8]) -> Option<String> {
     }
 }
 
-/// Memory that is no file's, in `/proc/PID/status`, bytes.
 fn own_memory(status: &str) -> Option<u64> {
     let line = status.lines().find_map(|line| line.strip_prefix("RssAnon:"))?;
     Some(line.split_whitespace().next()?.parse::<u64>().ok()? * 1024)
@@ -135,7 +117,6 @@ fn ask_gpus() -> Option<Vec<Gpu>> {
     Some(text.lines().filter_map(gpu).collect())
 }
 
-/// A line of `nvidia-smi`.
 fn gpu(line: &str) -> Option<Gpu> {
     let mut fields = line.split(',').map(str::trim);
     let index = fields.next()?.parse().ok()?;

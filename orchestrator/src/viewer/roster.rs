@@ -1,46 +1,33 @@
-//! Which runs there are, and what they are called in addresses.
-
 use proto::evaluation::RESULT_FILE;
 use proto::run_folder::{Item, RunFolder};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use view::data::Card;
 
-/// Depth of the search for runs below a given folder.
 const DEPTH: usize = 3;
-/// More runs than this are not listed.
 const RUNS_MAX: usize = 2000;
-/// Nor are more folders looked at.
 const FOLDERS_MAX: usize = 20_000;
-/// Nor are more folders named that are too large.
 const PROBLEMS_MAX: usize = 10;
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Entry {
     /// In addresses: letters, digits, `-`, `_` and `.`; never a path.
     pub id: String,
-    /// Its folder, as the user called it.
     pub folder: RunFolder,
 }
 
 impl Entry {
-    /// All that is known of it without reading it.
     pub fn card(&self) -> Card {
         Card { id: self.id.clone(), folder: self.folder.root().display().to_string(), ..Card::default() }
     }
 }
 
-/// The runs of some paths. A run keeps its name as long as the program runs.
-#[derive(Debug)]
 pub struct Roster {
     paths: Vec<PathBuf>,
-    /// With their real paths.
     named: Vec<(PathBuf, Entry)>,
-    /// What the last look left out.
     pub left_out: Vec<Card>,
 }
 
-/// A look at folders.
 #[derive(Default)]
 struct Look {
     found: Vec<RunFolder>,
@@ -49,12 +36,10 @@ struct Look {
 }
 
 impl Roster {
-    /// Of these run folders, or folders that hold runs.
     pub fn of(paths: Vec<PathBuf>) -> Self {
         Self { paths, named: Vec::new(), left_out: Vec::new() }
     }
 
-    /// Those that are there now.
     pub fn look(&mut self) -> Vec<Entry> {
         let mut look = Look::default();
         for path in &self.paths {
@@ -130,7 +115,6 @@ impl Look {
         }
     }
 
-    /// What is in a folder; nothing where that cannot be read. One with too much in it is named.
     fn items_of(&mut self, folder: &RunFolder) -> Vec<Item> {
         folder.list(folder.root()).unwrap_or_else(|error| {
             if error.kind() == ErrorKind::FileTooLarge && self.left_out.len() < PROBLEMS_MAX {

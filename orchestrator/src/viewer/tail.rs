@@ -4,24 +4,17 @@ use proto::run_folder::RunFolder;
 use std::os::unix::fs::{FileExt, MetadataExt};
 use std::path::PathBuf;
 
-/// Bytes that are read at a time.
 const BLOCK: u64 = 64 << 10;
-/// A line longer than this is no line of ours.
 const LINE_MAX: usize = 256 << 10;
 
-/// The file, and how much of it was read.
-#[derive(Debug)]
 pub struct Tail {
     folder: RunFolder,
     path: PathBuf,
-    /// Bytes before this one are passed over.
     from: u64,
     /// Number of the file that was read: another one with the same name is read from its start.
     inode: u64,
     offset: u64,
-    /// The beginning of a line whose end was not there yet.
     begun: Vec<u8>,
-    /// Of that line something is missing.
     is_cut: bool,
     /// The first bytes of the file: where they differ it was written anew.
     first: Vec<u8>,
@@ -29,20 +22,16 @@ pub struct Tail {
 
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct New {
-    /// The file was replaced or cut: all that was read before is void.
     pub anew: bool,
-    /// Whole lines, without their ends.
     pub lines: Vec<Vec<u8>>,
     pub more: bool,
 }
 
 impl Tail {
-    /// Of a file in a run folder from this byte on. Nothing was read yet.
     pub fn of(folder: RunFolder, path: PathBuf, from: u64) -> Self {
         Self { folder, path, from, inode: 0, offset: 0, begun: Vec::new(), is_cut: false, first: Vec::new() }
     }
 
-    /// Its length; an error if it has more than `most` bytes. A file that is not there has none.
     pub fn length(&self, most: u64) -> std::io::Result<u64> {
         match self.folder.reader(&self.path, most) {
             Ok(file) => Ok(file.get_ref().get_ref().metadata()?.len()),
@@ -57,7 +46,6 @@ impl Tail {
         self.first.clear();
     }
 
-    /// The new lines of the next block. A file that is not there has none.
     pub fn read(&mut self) -> std::io::Result<New> {
         let mut new = New::default();
         let file = match self.folder.open(&self.path) {

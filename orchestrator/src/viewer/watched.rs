@@ -5,7 +5,7 @@ use super::logbook::{Found, beginnings, logs_of};
 use super::processes::{Process, Processes};
 use super::roster::Entry;
 use super::tail::{New, Tail};
-use crate::environment::growth::growing;
+use crate::environment::growing;
 use crate::evaluation::journal;
 use crate::evaluation::progress::Progress;
 use crate::output::format;
@@ -13,8 +13,7 @@ use crate::output::log_line::LogLine as Parsed;
 use crate::recording::Recordings;
 use crate::recording::episode_index::{EpisodeIndex, Shelved};
 use crate::run::identity::Identity;
-use crate::run::lock::{LockState, holder};
-use crate::run::state::state_of;
+use crate::run::lock::{LockState, holder, state_of};
 use crate::training::means::{by_stage, recent};
 use crate::training::metrics::left_out;
 use crate::training::scores::{Score, Scores, result_folder};
@@ -42,19 +41,14 @@ use view::data::{
 /// for.
 const GLANCE: Duration = Duration::from_millis(120);
 const LOOK: Duration = Duration::from_millis(800);
-/// Warnings and lines of the log that are kept.
 const WARNINGS: usize = 30;
 const LINES: usize = 14;
-/// A line of a log is shown up to here, characters.
 const TEXT_MAX: usize = 600;
-/// Episodes of a kitchen whose means are shown.
 const NEWEST: usize = 50;
 /// All logs together are read up to so many bytes; of longer ones the ends.
 const LOG_BYTES_MOST: u64 = 256 << 20;
-/// Values in all curves together.
 const POINTS_MOST: usize = 50_000_000;
 
-/// A log, as far as it is shown.
 struct Log {
     tail: Tail,
     lines: VecDeque<LogLine>,
@@ -70,7 +64,6 @@ impl Log {
         Self { tail, lines, warnings, starts: 0, incarnation: 0 }
     }
 
-    /// Reads what is new until then, and a block at least.
     fn read(&mut self, until: Instant) -> std::io::Result<()> {
         loop {
             let new = self.tail.read()?;
@@ -122,19 +115,16 @@ pub struct Watched {
     metrics: Tail,
     history: History,
     damaged: usize,
-    /// What of its files is not read, as sentences without an end.
     left_out: Vec<String>,
     /// Changes when rollouts that were told are void.
     edition: u64,
     logs: BTreeMap<String, Log>,
     episode_index: EpisodeIndex,
     processes: Processes,
-    /// Whose folder it was when it was last looked at.
     id: Option<String>,
 }
 
 impl Watched {
-    /// Nothing is read yet.
     pub fn of(entry: Entry) -> Self {
         let folder = entry.folder.clone();
         Self {
@@ -152,7 +142,6 @@ impl Watched {
         }
     }
 
-    /// Whether its folder is still there.
     pub fn is_there(&self) -> bool {
         self.folder.root().is_dir()
     }
@@ -167,7 +156,6 @@ impl Watched {
         Ok(identity)
     }
 
-    /// Its line in the list. Its figures are read for about as long as `patience`.
     pub fn card(&mut self, patience: Duration) -> Result<Card> {
         let identity = self.notice_another_run()?;
         self.read_metrics(patience);
@@ -262,7 +250,6 @@ impl Watched {
         figures.into_iter().flatten().map(|(name, value)| (name.to_owned(), value as f32)).collect()
     }
 
-    /// Its learning curves after the first `known` rollouts.
     pub fn curves(&mut self, edition: u64, known: usize) -> Result<Curves> {
         self.read_metrics(LOOK);
         let config = Config::of_run(&self.folder)?;
@@ -303,7 +290,6 @@ impl Watched {
         Ok(curves)
     }
 
-    /// A part of its table of episodes.
     pub fn episodes(&mut self, query: &EpisodeQuery) -> Result<EpisodePage> {
         self.episode_index.advance(LOOK);
         let mut sources = Vec::new();
@@ -361,14 +347,12 @@ impl Watched {
         Ok((ReplaySetup { config, folder: Some(folder), images: None }, recorded))
     }
 
-    /// The newest episode of an environment, if anything was recorded of it.
     pub fn newest(&mut self, kitchen: u32, environment: u32) -> Option<EpisodeKey> {
         self.episode_index.advance(LOOK);
         let (kitchen, environment, episode) = self.episode_index.last_of(kitchen, environment)?;
         Some(EpisodeKey { kitchen, environment, episode })
     }
 
-    /// Reads what is new of its figures for about as long as `patience`; the rest, the next time.
     fn read_metrics(&mut self, patience: Duration) {
         let until = Instant::now() + patience;
         self.left_out.clear();
@@ -406,7 +390,6 @@ impl Watched {
         }
     }
 
-    /// Reads what is new in its logs, for a while; what of them cannot be read, as sentences without an end.
     fn read_logs(&mut self) -> Vec<String> {
         let until = Instant::now() + GLANCE;
         let mut logs = match logs_of(&self.folder) {
@@ -427,7 +410,6 @@ impl Watched {
         notes
     }
 
-    /// Tables that there are: of training, and of each validation.
     fn sources(&self) -> Vec<String> {
         let items = self.folder.list(&self.folder.validations()).unwrap_or_default();
         let has_table = |rollout: &u64| {
@@ -439,7 +421,6 @@ impl Watched {
     }
 }
 
-/// The table of an evaluation's folder; empty where there is none.
 fn records_in(spec: &Spec, folder: &RunFolder) -> Result<Vec<EpisodeRecord>> {
     let path = folder.root().join(TABLE_FILE);
     match folder.reader(&path, TABLE_BYTES_MOST) {
@@ -481,7 +462,6 @@ fn start(incarnation: &crate::run::identity::Incarnation) -> Start {
     }
 }
 
-/// Learners and actors by their logs, with their processes.
 fn workers(logs: &BTreeMap<String, Log>, processes: &[Process], growing: &BTreeMap<String, String>) -> Vec<Worker> {
     let process = |name: &str| processes.iter().find(|process| process.name == name);
     let worker = |name: &str, incarnation: u32, starts: u32| {
@@ -514,7 +494,6 @@ fn validated(spec: &Spec, score: Score) -> Validated {
     Validated { rollout, frames, figures: spec.with_quotients(figures) }
 }
 
-/// Means over the newest episodes of each kitchen.
 fn kitchens(spec: &Spec, episode_index: &EpisodeIndex) -> Vec<Kitchen> {
     let mut environments: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     for (kitchen, environment) in episode_index.environments() {

@@ -1,10 +1,7 @@
-//! What a matrix of scores comes to.
-
 use super::bootstrap::{Interval, intervals};
 use super::scores::{Scores, interquartile_mean};
 use serde::Serialize;
 
-/// A mean with what may be said about it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Estimate {
     pub point: f64,
@@ -12,11 +9,9 @@ pub struct Estimate {
     pub interval: Option<Interval>,
 }
 
-/// Both aggregates of a score matrix.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Aggregate {
     pub seeds: usize,
-    /// Mean over seeds and kitchens.
     pub mean: Estimate,
     /// Interquartile mean over all entries of the seeds × kitchens matrix, as rliable has it.
     pub iqm: Estimate,
@@ -25,7 +20,6 @@ pub struct Aggregate {
 }
 
 impl Aggregate {
-    /// Of these scores, with intervals over this many resamples.
     pub fn of(scores: &Scores, resamples: u32) -> Self {
         let found = (scores.seeds() > 1).then(|| intervals(scores, resamples));
         let per_seed: Vec<f64> =

@@ -11,13 +11,11 @@ pub(crate) const RESAMPLES: u32 = 50_000;
 /// Resamples behind each point of a curve; rliable's default for profiles.
 pub(crate) const CURVE_RESAMPLES: u32 = 2_000;
 
-/// The share below an interval, and above it.
 const TAIL: f64 = 0.025;
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Interval {
     pub low: f64,
-    /// Upper end.
     pub high: f64,
 }
 
@@ -56,7 +54,6 @@ pub fn intervals_over(scores: &Scores, resamples: impl Iterator<Item = Vec<usize
     })
 }
 
-/// Linear interpolation between the order statistics, numpy's default.
 fn quantile(sorted: &[f64], share: f64) -> f64 {
     assert!(!sorted.is_empty(), "a quantile of nothing");
     let place = share * (sorted.len() - 1) as f64;

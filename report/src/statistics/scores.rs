@@ -1,23 +1,11 @@
-//! Scores of seeds in kitchens, and their means.
-
-/// Scores that are no matrix.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum ScoresError {
-    /// Nothing to average over.
     #[error("no scores: at least one seed and one kitchen are needed")]
     Empty,
-    /// Seeds that were not scored in the same kitchens.
     #[error("seed {seed} has {found} scores, the first has {expected}")]
-    Ragged {
-        /// Place of the seed, from 0.
-        seed: usize,
-        /// Scores of the first seed.
-        expected: usize,
-        found: usize,
-    },
+    Ragged { seed: usize, expected: usize, found: usize },
 }
 
-/// One score for every seed in every kitchen.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scores {
     pub(super) kitchens: usize,
@@ -46,7 +34,6 @@ impl Scores {
         &self.values[seed * self.kitchens..][..self.kitchens]
     }
 
-    /// The mean over the kitchens of each one's mean over seeds.
     pub fn mean(&self) -> f64 {
         let mut sums = vec![0.0; self.kitchens];
         for row in self.values.chunks_exact(self.kitchens) {
@@ -58,7 +45,6 @@ impl Scores {
         sums.iter().map(|sum| sum / seeds).sum::<f64>() / self.kitchens as f64
     }
 
-    /// The interquartile mean over all entries.
     pub fn interquartile_mean(&self) -> f64 {
         interquartile_mean(&self.values)
     }

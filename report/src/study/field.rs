@@ -1,20 +1,14 @@
-//! Kinds of episodes that are never averaged together.
-
 use proto::evaluation::{Conditions, Distribution, ObjectSet};
 use proto::kitchen::Split;
 
 /// Which kind of episodes. Only the fixed ones are the paper's kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Source {
-    /// The fixed ones of validation and test kitchens.
     Fixed,
     /// Drawn within the run's distances, in the kitchens of a split.
     Drawn,
-    /// Drawn within the run's distances, in scenes of the run's own.
     Scenes,
-    /// Drawn within the run's distances, in procedural kitchens.
     Procedural,
-    /// Of fixed seeds, in environments that are not built in.
     Seeds,
 }
 
@@ -30,20 +24,16 @@ impl Source {
     }
 }
 
-/// Which episodes a table is about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Field {
     pub split: Split,
-    /// Targets: novel or seen, or that there are none.
     pub objects: ObjectSet,
-    /// Fixed, drawn, or of fixed seeds.
     pub source: Source,
     /// Of the best checkpoint by the run's own validation instead of the newest one.
     pub best: bool,
 }
 
 impl Field {
-    /// All that can be evaluated, the paper's first table first.
     pub(crate) fn all() -> impl Iterator<Item = Self> {
         let places = [
             (Split::Test, Source::Fixed),
@@ -61,12 +51,10 @@ impl Field {
         newest.flat_map(|field| [field, field.of_best()])
     }
 
-    /// These episodes.
     pub(crate) const fn new(split: Split, objects: ObjectSet, source: Source) -> Self {
         Self { split, objects, source, best: false }
     }
 
-    /// The same episodes, played by the best checkpoint.
     pub(crate) const fn of_best(self) -> Self {
         Self { best: true, ..self }
     }

@@ -1,44 +1,30 @@
-//! Runs of one configuration with different seeds.
-
 use super::run::{Origin, Run};
 use super::settings::{differences, settings_of};
 use std::path::Path;
 use toml::Table;
 
-/// Runs of one configuration with different seeds.
 #[derive(Debug, Clone)]
 pub struct Group<'a> {
     /// Its name in tables and figures: the preset's, with a star where it has other settings than the preset. Where
     /// that does not distinguish groups, also their folders' names, or else a letter.
     pub label: String,
     pub preset: String,
-    /// Settings that are not the preset's.
     pub differences: Vec<String>,
     pub runs: Vec<&'a Run>,
-    /// What the runs have in common.
     pub settings: Table,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum StudyError {
-    /// Nothing given.
     #[error("no runs to report on")]
     Nothing,
-    /// One experiment twice: its seed would count for two.
     #[error(
         "{first} and {second} are the same experiment with the same seed {seed} ({preset}): a second run of a seed says \
          nothing about other seeds. Name only one of them"
     )]
-    SameSeed {
-        first: String,
-        /// Another.
-        second: String,
-        seed: u64,
-        preset: String,
-    },
+    SameSeed { first: String, second: String, seed: u64, preset: String },
 }
 
-/// Groups of `runs`, in the order in which their first runs are given.
 pub fn groups(runs: &[Run]) -> Result<Vec<Group<'_>>, StudyError> {
     let mut groups: Vec<Group<'_>> = Vec::new();
     for run in runs {
@@ -84,12 +70,10 @@ impl Group<'_> {
         self.runs.iter().any(|run| run.config.from.as_ref().is_some_and(|from| from.stages.is_empty()))
     }
 
-    /// Its weights are fresh: no run has trained them.
     pub(crate) fn untrained(&self) -> bool {
         self.runs.iter().all(|run| run.origin == Origin::Untrained)
     }
 
-    /// How its weights were trained is not known: their run cannot be found.
     pub(crate) fn unknown(&self) -> bool {
         self.runs.iter().all(|run| run.origin == Origin::Unknown)
     }

@@ -1,5 +1,3 @@
-//! Input of a report: runs as they are read from their folders, in groups that differ only in the seed.
-
 mod field;
 mod group;
 mod pair;

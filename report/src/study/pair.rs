@@ -1,5 +1,3 @@
-//! Which episode shows what a stage changed.
-
 use super::run::{Evaluated, Run};
 use proto::evaluation::EpisodeRecord;
 use proto::task::Column;
@@ -7,13 +5,9 @@ use proto::task::Column;
 /// Evaluations of weights from before a run's second stage and from after it, on the same episodes.
 #[derive(Debug, Clone)]
 pub struct EvaluatedPair<'a> {
-    /// The run that trained the later ones.
     pub run: &'a Run,
-    /// The name of the stage between them.
     pub stage: String,
-    /// Of weights from before it.
     pub before: &'a Evaluated,
-    /// Of weights from after it.
     pub after: &'a Evaluated,
     /// The episodes that both played, those first that show most: the best by the task's ranking afterwards, by how much
     /// their return under the stage's reward rose.

@@ -1,5 +1,3 @@
-//! A run as it is read from its folder.
-
 use super::field::{Field, Source};
 use proto::config::Config;
 use proto::evaluation::{Distribution, EpisodeRecord, Evaluation};
@@ -11,20 +9,15 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// One run, or weights that were evaluated without one.
 #[derive(Debug, Clone)]
 pub struct Run {
-    /// Its folder, as the user named it.
     pub name: String,
-    /// Who trained its weights, and the state of that run.
     pub origin: Origin,
     pub config: Config,
-    /// What was trained, in order.
     pub rollouts: Vec<Rollout>,
     /// Means of the task's metrics over the newest tenth of its newest stage, by name: as the run itself shows them.
     pub newest_tenth: BTreeMap<String, f64>,
     pub evaluations: Vec<Evaluated>,
-    /// Evaluations during training, in order of frames.
     pub validation: Vec<Validated>,
 }
 
@@ -32,16 +25,12 @@ pub struct Run {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Origin {
     Run(RunState),
-    /// A run that is not in the study: only its configuration is known.
     NotGiven,
-    /// Nobody: the weights are fresh.
     Untrained,
-    /// A run that cannot be found.
     Unknown,
 }
 
 impl Origin {
-    /// Whether a run has trained the weights; none where that is not known.
     pub(crate) fn trained(&self) -> Option<bool> {
         match self {
             Self::Run(_) | Self::NotGiven => Some(true),
@@ -70,19 +59,14 @@ impl Serialize for Origin {
 
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Rollout {
-    /// Frames trained on, this rollout included.
     pub frames: u64,
-    /// Frames trained on a second, simulation, inference and update together; none where that is not known.
     pub frames_per_s: Option<f64>,
-    /// Time trained until its end, seconds.
     pub elapsed_s: f64,
     /// Figures: see [`proto::metric`]. Rollouts share their names, of which a run has hundreds of thousands.
     pub metrics: Figures,
 }
 
-/// Metric of a rollout: [`Rollout::frames_per_s`].
 const FRAMES_PER_S: &str = "time/frames_per_second";
-/// Metric of a rollout: [`Rollout::elapsed_s`].
 const ELAPSED_S: &str = "time/elapsed_s";
 
 impl Rollout {
@@ -101,22 +85,16 @@ impl Rollout {
 
 #[derive(Debug, Clone)]
 pub struct Evaluated {
-    /// Its folder, as far as it is not the run's.
     pub name: String,
-    /// Where that is; what it recorded is in there.
     pub folder: PathBuf,
     pub result: Evaluation,
     pub episodes: Vec<EpisodeRecord>,
 }
 
-/// One evaluation during training.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Validated {
-    /// Frames trained on.
     pub frames: u64,
-    /// Fixed episodes, or drawn as the run draws its own.
     pub distribution: Distribution,
-    /// Means of metrics, by name.
     pub figures: BTreeMap<String, f64>,
 }
 
@@ -148,7 +126,6 @@ impl Run {
         self.evaluations_in(field).max_by_key(rank)
     }
 
-    /// Evaluations in a field of older checkpoints than the one that counts.
     pub(crate) fn older_in(&self, field: Field) -> impl Iterator<Item = &Evaluated> {
         let newest = self.evaluation_in(field).map_or(0, |evaluated| evaluated.result.subject.frames);
         self.evaluations_in(field).filter(move |evaluated| evaluated.result.subject.frames < newest)

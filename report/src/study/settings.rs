@@ -1,5 +1,3 @@
-//! In what two configurations differ.
-
 use crate::format::count;
 use proto::config::{self, Config, Difference, Lists, StageConfig};
 use toml::{Table, Value};
@@ -20,7 +18,6 @@ pub(super) fn settings_of(config: &Config) -> Table {
     table
 }
 
-/// Settings that the configuration's preset does not have, as `key = value`.
 pub(super) fn differences(config: &Config) -> Vec<String> {
     match Config::resolve(&config.preset, None) {
         Ok(preset) => differences_between(&preset, config),
@@ -28,7 +25,6 @@ pub(super) fn differences(config: &Config) -> Vec<String> {
     }
 }
 
-/// The settings of the second configuration that change what is learned against the first, as `key = value`.
 pub fn differences_between(first: &Config, second: &Config) -> Vec<String> {
     let [first, of_second] = [first, second].map(|config| Value::Table(settings_of(config)));
     let text = |Difference { path, now, .. }: Difference<'_>| match (path.as_str(), now, &second.environment) {
@@ -44,13 +40,11 @@ pub fn differences_between(first: &Config, second: &Config) -> Vec<String> {
     config::differences(&first, &of_second, Lists::Whole).into_iter().filter_map(text).collect()
 }
 
-/// `begun with weights after 9 000 frames`
 fn from_text(config: &Config) -> String {
     let frames = config.from.as_ref().map_or(0, |from| from.frames);
     format!("begun with weights after {} frames", count(frames))
 }
 
-/// `stages: r 5 000 000, then r_prime 5 000 000 frames`
 fn stages_text(config: &Config) -> String {
     let text = |stage: &StageConfig| format!("{} {}", stage.reward, count(stage.frames));
     format!("stages: {} frames", config.stages.iter().map(text).collect::<Vec<_>>().join(", then "))

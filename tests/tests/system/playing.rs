@@ -21,7 +21,7 @@ fn with_policy() -> Workshop {
 }
 
 fn play(workshop: &Workshop, options: &[&str]) -> Viewer {
-    Viewer::start(workshop, &[&["--policy", FILE], options].concat())
+    Viewer::of(workshop.orchestrator(&[&["play", FILE, "--no-open", "--port", "0"], options].concat()))
 }
 
 /// The temporary folder of a viewer that plays.
@@ -164,17 +164,15 @@ fn what_is_no_policy_is_refused_before_anything_is_started() {
     std::fs::write(workshop.path("changed.safetensors"), changed).expect("a file");
     std::fs::write(workshop.path("notes.txt"), "fetch").expect("a file");
     for (options, expected) in [
-        (&["--policy", "nowhere.safetensors"][..], "nowhere.safetensors does not exist"),
-        (&["--policy", "cut.safetensors"], "is no safetensors file"),
-        (&["--policy", "changed.safetensors"], "is damaged"),
-        (&["--policy", "notes.txt"], "no policy file (.safetensors)"),
-        (&["--policy", "."], "there is no checkpoint in"),
-        (&["--policy", FILE, "--kitchen", "28"], "there is no kitchen 28"),
-        (&["--policy", FILE, "--kitchen", "7", "--split", "test"], "cannot be used with"),
-        (&["--kitchen", "7"], "--policy <FILE>"),
-        (&["--policy", FILE, "runs"], "cannot be used with"),
+        (&["nowhere.safetensors"][..], "nowhere.safetensors does not exist"),
+        (&["cut.safetensors"], "is no safetensors file"),
+        (&["changed.safetensors"], "is damaged"),
+        (&["notes.txt"], "no policy file (.safetensors)"),
+        (&["."], "there is no checkpoint in"),
+        (&[FILE, "--kitchen", "28"], "there is no kitchen 28"),
+        (&[FILE, "--kitchen", "7", "--split", "test"], "cannot be used with"),
     ] {
-        let printed = complete(workshop.orchestrator(&[&["view"], options].concat()));
+        let printed = complete(workshop.orchestrator(&[&["play", "--no-open"], options].concat()));
         assert!(!printed.success && printed.stderr.contains(expected), "{options:?}: {}", printed.stderr);
     }
 }

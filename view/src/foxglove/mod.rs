@@ -32,31 +32,23 @@ use tokio_tungstenite::tungstenite::handshake::derive_accept_key;
 use tokio_tungstenite::tungstenite::protocol::{Role, WebSocketConfig};
 use tokio_tungstenite::tungstenite::{Error, Message};
 
-/// Clients at a time: each reads the recordings for itself.
 pub const CLIENTS: usize = 8;
 /// How often recordings are looked at: a recorder flushes each second.
 const EVERY: Duration = Duration::from_millis(500);
-/// A client that takes longer for a message is gone.
 const PATIENCE: Duration = Duration::from_secs(20);
-/// What a client says is short.
 const ASKED_BYTES_MAX: usize = 256 << 10;
 
 type Socket = WebSocketStream<TokioIo<Upgraded>>;
 type Newest = (EpisodeKey, ReplaySetup, RecordedEpisode);
 
-/// The environment that is shown: kitchen and number in it.
 pub type EnvironmentKey = (u32, u32);
 
-/// What a client is told from.
 pub struct Sources {
     pub readings: Readings,
-    /// Simulates episodes again.
     pub scene_renderer: SceneRenderer,
-    /// Room for [`CLIENTS`].
     pub room: Arc<Semaphore>,
 }
 
-/// Answers a request for a WebSocket, and serves it from then on.
 pub async fn connect(
     sources: Sources,
     run: Option<String>,
@@ -95,7 +87,6 @@ pub async fn connect(
     answer.body(Body::empty()).map_err(|_| refused("the key of the WebSocket is no text"))
 }
 
-/// Key and protocol of a request for a WebSocket.
 fn asked(headers: &HeaderMap) -> Result<(String, &'static str), &'static str> {
     let text = |name: HeaderName| headers.get(name).and_then(|value| value.to_str().ok()).unwrap_or_default();
     if !text(UPGRADE).eq_ignore_ascii_case("websocket") || text(SEC_WEBSOCKET_VERSION) != "13" {
@@ -123,7 +114,6 @@ fn begin(runs: &dyn Runs, run: Option<String>) -> Result<(String, Box<dyn Feed>)
     Ok((run, feed))
 }
 
-/// What is recorded of the newest episode of an environment.
 fn newest(runs: &dyn Runs, run: &str, place: Option<EnvironmentKey>) -> Result<Newest, Problem> {
     let first = || {
         let kitchens = runs.live(run).ok()?.kitchens;
@@ -139,11 +129,9 @@ fn newest(runs: &dyn Runs, run: &str, place: Option<EnvironmentKey>) -> Result<N
 struct Session {
     sources: Sources,
     run: String,
-    /// Away while it is read.
     feed: Option<Box<dyn Feed>>,
     watch: Option<EnvironmentKey>,
     subscriptions: Subscriptions,
-    /// The kitchen whose room was sent whole.
     sent: Option<u32>,
     last: Option<LastMoment>,
 }
@@ -188,7 +176,6 @@ impl Session {
         }
     }
 
-    /// Tells what is new; false if nothing will be any more.
     async fn tell(&mut self, socket: &mut Socket, with_moment: bool) -> Result<bool, Error> {
         let Some(mut feed) = self.feed.take() else { return Ok(false) };
         let read = self.sources.readings.read(move |_| {
@@ -221,7 +208,6 @@ impl Session {
         Ok(())
     }
 
-    /// What the environment looks like now. After a failure the next look tries again.
     async fn moment(&mut self, feed: &dyn Feed) -> Result<Vec<Recorded>, Refusal> {
         if self.subscriptions.has_newcomers() {
             self.sent = None;

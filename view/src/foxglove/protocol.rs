@@ -10,12 +10,9 @@ use std::sync::Arc;
 
 /// Names of the protocol, the newest first: what we use of it is the same in both.
 const NAMES: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
-/// Kind of a binary message that holds a message of a channel.
 const MESSAGE_DATA: u8 = 1;
-/// Subscriptions of a client at most.
 const SUBSCRIPTIONS: usize = 4096;
 
-/// The name to agree on; none if the client offers none that we know.
 pub fn agreed(offered: &str) -> Option<&'static str> {
     let offered: Vec<&str> = offered.split(',').map(str::trim).collect();
     NAMES.into_iter().find(|name| offered.contains(name))
@@ -60,7 +57,6 @@ enum Asked {
     Unsubscribe {
         subscription_ids: Vec<u32>,
     },
-    /// What servers may offer, and this one does not.
     #[serde(other)]
     Other,
 }
@@ -72,20 +68,15 @@ struct Subscription {
     channel_id: u64,
 }
 
-/// What one client was offered and what it wants of it.
 #[derive(Debug, Default)]
 pub struct Subscriptions {
     channels: HashMap<String, (u64, Arc<Topic>)>,
-    /// The last channel's number.
     last: u64,
-    /// Channels by subscriptions.
     wanted: HashMap<u32, u64>,
-    /// Something was subscribed to since this was asked last.
     is_new: bool,
 }
 
 impl Subscriptions {
-    /// The first message to a client.
     pub fn greeting(name: &str, session_id: &str) -> String {
         crate::answer::text(&Told::ServerInfo { name, capabilities: [], session_id })
     }
@@ -118,7 +109,6 @@ impl Subscriptions {
         void.into_iter().chain([crate::answer::text(&Told::Advertise { channels })]).collect()
     }
 
-    /// Takes what a client says. What is not understood is nothing that is served here.
     pub fn take(&mut self, text: &str) {
         match serde_json::from_str(text) {
             Ok(Asked::Subscribe { subscriptions }) => {
@@ -141,12 +131,10 @@ impl Subscriptions {
         self.subscriptions(&topic.name).next().is_some()
     }
 
-    /// Whether something was subscribed to since this was asked last.
     pub fn has_newcomers(&mut self) -> bool {
         std::mem::take(&mut self.is_new)
     }
 
-    /// Binary messages for the subscriptions of a message's topic.
     pub fn messages(&self, recorded: &Recorded) -> Vec<Vec<u8>> {
         let message = |id: u32| {
             let mut bytes = Vec::with_capacity(13 + recorded.data.len());

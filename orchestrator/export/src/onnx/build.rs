@@ -1,16 +1,11 @@
-//! A graph as it grows: every operator's result gets a name, by which later ones take it.
+use super::message::tensor::Element;
+use super::message::{Attribute, Dimension, Graph, Node, Shape, Tensor, TensorType, Type, Value, attribute};
 
-use super::message::{
-    Attribute, AttributeType, Dimension, Element, Graph, Node, Shape, Tensor, TensorType, Type, Value,
-};
-
-/// Name of the dimension that a caller chooses.
 const ROWS: &str = "rows";
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Name(String);
 
-/// An operator's parameter.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Parameter<'a> {
     Float(&'a str, f32),
@@ -20,22 +15,19 @@ pub(super) enum Parameter<'a> {
 
 impl Parameter<'_> {
     fn attribute(self) -> Attribute {
-        let (name, kind) = match self {
-            Self::Float(name, _) => (name, AttributeType::Float),
-            Self::Int(name, _) => (name, AttributeType::Int),
-            Self::Ints(name, _) => (name, AttributeType::Ints),
+        let of = |name: &str, kind: attribute::Type| Attribute {
+            name: name.to_owned(),
+            r#type: kind.into(),
+            ..Attribute::default()
         };
-        let mut attribute = Attribute { name: name.to_owned(), kind: kind.into(), ..Attribute::default() };
         match self {
-            Self::Float(_, value) => attribute.f = Some(value),
-            Self::Int(_, value) => attribute.i = Some(value),
-            Self::Ints(_, values) => attribute.ints = values.to_vec(),
+            Self::Float(name, value) => Attribute { f: Some(value), ..of(name, attribute::Type::Float) },
+            Self::Int(name, value) => Attribute { i: Some(value), ..of(name, attribute::Type::Int) },
+            Self::Ints(name, values) => Attribute { ints: values.to_vec(), ..of(name, attribute::Type::Ints) },
         }
-        attribute
     }
 }
 
-#[derive(Debug)]
 pub(super) struct Builder {
     graph: Graph,
     /// What new results are part of; only for those who look at the graph.
@@ -47,7 +39,6 @@ impl Builder {
         Self { graph: Graph { name: name.to_owned(), ..Graph::default() }, part: String::new() }
     }
 
-    /// The following operators belong to this part of the network.
     pub fn part(&mut self, path: &str) {
         path.clone_into(&mut self.part);
     }
@@ -70,18 +61,15 @@ impl Builder {
         self.graph.output.push(value(name, Element::Float, sizes, doc));
     }
 
-    /// Numbers that do not change.
     pub fn floats(&mut self, name: &str, shape: &[i64], values: &[f32]) -> Name {
         let bytes = values.iter().flat_map(|value| value.to_le_bytes()).collect();
         self.initializer(name, Element::Float, shape, bytes)
     }
 
-    /// One number, which goes with any shape.
     pub fn float(&mut self, value: f32) -> Name {
         self.floats(&format!("float.{value}"), &[], &[value])
     }
 
-    /// Whole numbers that do not change.
     pub fn integers(&mut self, values: &[i64]) -> Name {
         let name = values.iter().map(ToString::to_string).collect::<Vec<_>>().join(",");
         let bytes = values.iter().flat_map(|value| value.to_le_bytes()).collect();
@@ -97,7 +85,6 @@ impl Builder {
         Name(name.to_owned())
     }
 
-    /// An operator's only result.
     pub fn apply(&mut self, operator: &str, inputs: &[&Name], parameters: &[Parameter]) -> Name {
         let output = format!("{}.{}.{operator}", self.part, self.graph.node.len());
         self.push(operator, inputs, parameters, vec![output.clone()]);
@@ -136,5 +123,5 @@ fn value(name: &str, element: Element, sizes: &[i64], doc: &str) -> Value {
     let sizes = sizes.iter().map(|&size| Dimension { dim_value: Some(size), dim_param: None });
     let shape = Shape { dim: std::iter::once(rows).chain(sizes).collect() };
     let tensor = TensorType { elem_type: element.into(), shape: Some(shape) };
-    Value { name: name.to_owned(), kind: Some(Type { tensor_type: Some(tensor) }), doc_string: doc.to_owned() }
+    Value { name: name.to_owned(), r#type: Some(Type { tensor_type: Some(tensor) }), doc_string: doc.to_owned() }
 }

@@ -2,7 +2,10 @@
 //! value and the belief for the next step.
 
 mod build;
-mod message;
+mod message {
+    #![allow(clippy::pedantic, dead_code, reason = "generated")]
+    include!("../../../schemas/compiled/onnx.rs");
+}
 mod network;
 
 use crate::policy::{Policy, PolicyError};
@@ -13,7 +16,6 @@ const OPERATORS: i64 = 17;
 /// The oldest format of files that has them.
 const FORMAT: i64 = 8;
 
-/// The model's bytes.
 pub fn onnx(policy: &Policy) -> Result<Vec<u8>, PolicyError> {
     let model = message::Model {
         ir_version: FORMAT,

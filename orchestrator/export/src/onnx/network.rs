@@ -1,8 +1,6 @@
-//! The network as a graph (`docs/method.md`, Network). Names of weights are those of checkpoints.
-
 use super::build::Parameter::{Float, Int, Ints};
 use super::build::{Builder, Name};
-use super::message::{Element, Graph};
+use super::message::{Graph, tensor::Element};
 use crate::policy::{IMAGES, MASK, NORMALIZER, Policy, PolicyError};
 use proto::camera::FRAME_SIDE;
 use proto::config::{Encoder, GoalCoordinates, Memory, dqn};
@@ -27,7 +25,6 @@ const PREVIOUS_ACTION: usize = 16;
 /// (outputs, size, stride) of the small encoder's convolutions.
 const CNN: [(usize, usize, usize); 3] = [(32, 8, 4), (64, 4, 2), (32, 3, 1)];
 
-/// A network that grows, and the weights that go into it.
 struct Maker<'a> {
     policy: &'a Policy,
     builder: Builder,
@@ -133,7 +130,6 @@ pub(super) fn graph(policy: &Policy) -> Result<Graph> {
 }
 
 impl Maker<'_> {
-    /// What the model gives of the policy, out of the actor's outputs \[rows, outputs\]: name and description of each.
     fn policy(&mut self, head: &ActionHead, outputs: Name) -> Result<Vec<(Name, &'static str, &'static str)>> {
         if head.is_gaussian() {
             let log_stds = self.weight("log_std", &[head.outputs()])?;
@@ -270,7 +266,6 @@ impl Maker<'_> {
         Ok(x)
     }
 
-    /// Two 3 × 3 convolutions and a way around them.
     fn block(&mut self, path: &str, x: &Images, outputs: usize, stride: usize) -> Result<Images> {
         let convolution = |size, stride| Convolution { outputs, size, stride, padding: size / 2 };
         let mut through = self.normalised(&format!("{path}.convs"), 0, x, convolution(3, stride), GROUPS)?;
@@ -339,7 +334,6 @@ impl Maker<'_> {
         Ok(Images { name, ..*x })
     }
 
-    /// Goal \[rows, numbers\], metres, as the network is given it.
     fn coordinates(&mut self, coordinates: GoalCoordinates, goal: &Name) -> Name {
         self.builder.part("goal");
         match coordinates {

@@ -7,27 +7,20 @@ use crate::recording::schema::foxglove::{CameraCalibration, FrameTransform, Quat
 use prost_types::Timestamp;
 use proto::camera::{FIELD_OF_VIEW_DEG, FRAME_SIDE, HEIGHT_M};
 
-/// Names of the frames of one environment. Every kitchen is a world of its own.
 #[derive(Debug, Clone)]
 pub struct FrameNames {
     prefix: String,
-    camera: String,
+    /// Optical frame of the head camera: x right, y down, z into the picture.
+    pub camera: String,
 }
 
 impl FrameNames {
-    /// Frames under a prefix such as `kitchen-01/0`.
     pub fn under(prefix: &str) -> Self {
         Self { prefix: prefix.to_owned(), camera: format!("{prefix}/camera") }
     }
 
-    /// Floor of the kitchen.
     pub fn world(&self) -> String {
         self.of("world")
-    }
-
-    /// Optical frame of the head camera: x right, y down, z into the picture.
-    pub fn camera(&self) -> &str {
-        &self.camera
     }
 
     /// Of the robot's axis on the floor, x ahead (`robot`), or of something whose place the task says.
@@ -54,7 +47,6 @@ pub fn calibration(timestamp: Timestamp, frame_id: &str) -> CameraCalibration {
     }
 }
 
-/// Where robot, camera, and all that the task says the place of are, in the simulator's world.
 #[derive(Debug, Clone, Default)]
 pub struct Places {
     /// x, z.
@@ -67,7 +59,6 @@ pub struct Places {
     pub others_m: Vec<(String, [f32; 3])>,
 }
 
-/// Where robot, camera and all else are.
 pub fn transforms(timestamp: Timestamp, names: &FrameNames, places: &Places) -> Vec<FrameTransform> {
     let [x_m, z_m] = places.base_position_m;
     let at = |parent: &str, child: &str, translation: Vector3, rotation: Quaternion| FrameTransform {
@@ -95,7 +86,6 @@ pub fn transforms(timestamp: Timestamp, names: &FrameNames, places: &Places) -> 
     [robot, camera].into_iter().chain(others).collect()
 }
 
-/// A point of the simulator's world in right-handed axes.
 pub fn ros_from_world([x, y, z]: [f32; 3]) -> Vector3 {
     Vector3 { x: f64::from(z), y: -f64::from(x), z: f64::from(y) }
 }

@@ -5,23 +5,16 @@ use crate::recording::schema::foxglove::RawImage;
 use prost_types::Timestamp;
 use proto::task::{Channel, Dtype, Field, Spec};
 
-/// The images of a task that Foxglove can draw.
-#[derive(Debug)]
 pub struct Images(Vec<Image>);
 
-#[derive(Debug)]
 struct Image {
     field: Field,
-    /// Its name without the unit.
     name: String,
-    /// Its bit among the bulk channels.
     bit: u32,
-    /// Reused for every frame.
     message: RawImage,
 }
 
 impl Images {
-    /// Those of a task.
     pub fn of(spec: &Spec) -> Self {
         let images = spec.channels.iter().zip(&spec.layout().fields).filter(|(channel, _)| channel.is_bulk());
         Self(images.filter_map(|(channel, &field)| Image::of(spec, channel, field)).collect())
@@ -31,17 +24,14 @@ impl Images {
         self.0.len()
     }
 
-    /// What topics call them.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.0.iter().map(|image| &*image.name)
     }
 
-    /// Whether a record whose header has these bits holds the image.
     pub fn is_there(&self, image: usize, bulk: u32) -> bool {
         bulk & self.0[image].bit != 0
     }
 
-    /// The image of a record, where it lies.
     pub fn message(&mut self, image: usize, timestamp: Timestamp, frame_id: &str, record: &[u8]) -> &RawImage {
         let Image { field, message, .. } = &mut self.0[image];
         message.timestamp = Some(timestamp);
@@ -68,8 +58,6 @@ impl Image {
     }
 }
 
-/// Where a task says where its robot is, and everything of which it says a place.
-#[derive(Debug)]
 pub struct Pose {
     base_position_m: Field,
     base_yaw_rad: Field,
@@ -79,7 +67,6 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// That of a task; none if it does not say where its robot is.
     pub fn of(spec: &Spec) -> Option<Self> {
         let reals = |name: &str, count: usize| {
             let (channel, field) = spec.channel(name)?;
@@ -97,7 +84,6 @@ impl Pose {
         })
     }
 
-    /// Where all that is now.
     pub fn places(&self, record: &[u8]) -> Places {
         let others = self.others.iter().map(|(name, field)| (name.clone(), vector(*field, record)));
         Places {
@@ -109,7 +95,6 @@ impl Pose {
     }
 }
 
-/// Numbers of a channel.
 fn vector<const N: usize>(field: Field, record: &[u8]) -> [f32; N] {
     std::array::from_fn(|at| field.numbers(record).nth(at).expect("as many as it is declared with") as f32)
 }

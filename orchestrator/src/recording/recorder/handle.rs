@@ -1,10 +1,9 @@
-//! The recorder's handle in the orchestrator: it starts the recorder, sends it notes, and finishes it.
-
 use super::message_writer::RolloutMetrics;
-use super::note::{Note, RecorderError, RecorderSetup, RecordingSummary, START_DEADLINE, now_ns};
+use super::note::{Note, OBSERVATIONS, RecorderSetup, RecordingSummary, START_DEADLINE, now_ns};
 use super::recorder_thread;
 use crate::recording::schema::foxglove::log::Level;
 use crate::recording::schema::stillroom::{StageSwitch, Validation};
+use anyhow::{Context, Result, anyhow, bail};
 use proto::event::LearnerEvent;
 use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, OnceLock};
@@ -12,31 +11,28 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 use wire::{Bell, Bells, Receipts, Sleeper, Standstill};
 
-/// How often it is looked whether the thread has ended.
 const LOOK: Duration = Duration::from_millis(5);
-/// From here on the end of a recording that hangs is told of.
 const FIRST_WARNING: Duration = Duration::from_secs(5);
+const DIED: &str = "the recorder's thread ended unexpectedly; its last messages are in the log";
 
 #[derive(Debug)]
 pub struct Recorder {
-    thread: JoinHandle<Result<RecordingSummary, RecorderError>>,
+    thread: JoinHandle<Result<RecordingSummary>>,
     notes: Sender<(u64, Note)>,
-    /// Rings when there is a note.
     bell: Bell,
     failure: Arc<OnceLock<String>>,
     receipts: Receipts,
-    /// The learner that speaks for the recording.
     leader: u32,
     stages: Vec<(String, String)>,
 }
 
 impl Recorder {
     /// Starts the thread; returns once its subscriber exists, so that no actor started later can send past it.
-    pub fn start(setup: RecorderSetup) -> Result<Self, RecorderError> {
+    pub fn start(setup: RecorderSetup) -> Result<Self> {
         let (notes, inbox) = channel();
         let (ready, started) = channel();
-        let bell = Bells::open(&setup.address, setup.shape)?.bell([Sleeper::Recorder]);
-        let receipts = Receipts::open(&setup.address, setup.shape.shares.actors())?;
+        let bell = Bells::open(&setup.address, setup.shape).context(OBSERVATIONS)?.bell([Sleeper::Recorder]);
+        let receipts = Receipts::open(&setup.address, setup.shape.shares.actors()).context(OBSERVATIONS)?;
         let (failure, leader) = (Arc::new(OnceLock::new()), setup.ranks.start);
         let stages = setup.config.stages.iter().map(|stage| (stage.name.clone(), stage.reward.clone())).collect();
         let thread = {
@@ -48,19 +44,21 @@ impl Recorder {
                     let result = recorder_thread::run(&setup, &inbox, &failure, &ready);
                     if let Err(error) = &result {
                         // The first reason is kept.
-                        let _ = failure.set(error.to_string());
+                        let _ = failure.set(format!("{error:#}"));
                     }
                     result
                 })
-                .map_err(RecorderError::Thread)?
+                .context("cannot start the recorder's thread")?
         };
         match started.recv_timeout(START_DEADLINE) {
             Ok(()) => Ok(Self { thread, notes, bell, failure, receipts, leader, stages }),
-            Err(std::sync::mpsc::RecvTimeoutError::Timeout) => Err(RecorderError::Slow),
+            Err(std::sync::mpsc::RecvTimeoutError::Timeout) => {
+                bail!("the recorder did not start within {} s", START_DEADLINE.as_secs())
+            }
             // It returned before it was ready: with the reason, unless it panicked.
             Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => match thread.join() {
                 Ok(Err(reason)) => Err(reason),
-                Ok(Ok(_)) | Err(_) => Err(RecorderError::Died),
+                Ok(Ok(_)) | Err(_) => bail!(DIED),
             },
         }
     }
@@ -119,7 +117,6 @@ impl Recorder {
         }
     }
 
-    /// Records that stage `to` begins with rollout `rollout`, after `frames` frames trained on.
     pub fn stage_switch(&self, from: Option<usize>, to: usize, frames: u64, rollout: u64) {
         let (name, reward) = self.stages.get(to).cloned().unwrap_or_default();
         let line = format!("stage {name} (reward {reward}) begins with rollout {rollout}, after {frames} frames");
@@ -134,7 +131,6 @@ impl Recorder {
         self.note(Note::Log { level: Level::Info, process: "orchestrator".to_owned(), line });
     }
 
-    /// Records the figures of an evaluation on the validation kitchens.
     pub fn validation(&self, figures: Validation) {
         self.note(Note::Validation(figures));
     }
@@ -144,20 +140,24 @@ impl Recorder {
     pub fn failure(&self) -> Option<String> {
         match self.failure.get() {
             Some(failure) => Some(failure.clone()),
-            None if self.thread.is_finished() => Some(RecorderError::Died.to_string()),
+            None if self.thread.is_finished() => Some(DIED.to_owned()),
             None => None,
         }
     }
 
     /// Takes what is still in shared memory, completes the last segment and sees it onto the disk. Warns of a disk that
     /// hangs, and gives it up after [`Standstill::DEADLINE`].
-    pub fn finish(self) -> Result<RecordingSummary, RecorderError> {
+    pub fn finish(self) -> Result<RecordingSummary> {
         self.note(Note::Finish);
         let (mut standstill, mut warning) = (Standstill::default(), FIRST_WARNING);
         while !self.thread.is_finished() {
             let still = standstill.look(&self.receipts).unwrap_or_default();
             if still >= Standstill::DEADLINE {
-                return Err(RecorderError::Hangs(still));
+                bail!(
+                    "the recording has not got on for {} s: its disk hangs. What is written of it can be read; \
+                     `orchestrator recover` completes the file",
+                    still.as_secs()
+                );
             }
             if still >= warning {
                 tracing::warn!(
@@ -168,7 +168,7 @@ impl Recorder {
             }
             std::thread::sleep(LOOK);
         }
-        self.thread.join().map_err(|_| RecorderError::Died)?
+        self.thread.join().map_err(|_| anyhow!(DIED))?
     }
 
     fn learner_log(&self, rank: u32, level: Level, line: String) {

@@ -5,16 +5,12 @@
 
 use super::segment::Topic;
 
-/// A message that waits for its episode's end.
 pub struct Message {
-    /// Where it goes.
     pub topic: Topic,
-    /// When it was made.
     pub time_ns: u64,
     pub data: Vec<u8>,
 }
 
-/// The messages of one episode, in order.
 #[derive(Default)]
 pub struct HeldBack {
     episode: u32,
@@ -34,7 +30,6 @@ impl HeldBack {
         self.messages.push((place, message));
     }
 
-    /// Gives out all that is held; nothing is held any more.
     pub fn take(&mut self) -> impl Iterator<Item = Message> + use<> {
         std::mem::take(&mut self.messages).into_iter().map(|(_, message)| message)
     }

@@ -4,67 +4,47 @@
 //! the data, schemas, channels, counts, the offset of each chunk, footer, magic bytes. (`mcap`'s writer makes a tail
 //! too, but only once, when it is finished.)
 
-use mcap::records::{AttachmentHeader, Record, op};
+use binrw::BinWrite;
+use mcap::records::{
+    AttachmentHeader, AttachmentIndex, Channel, ChunkIndex, DataEnd, Footer, MetadataIndex, Record, SchemaHeader,
+    Statistics, op,
+};
 use mcap::{MAGIC, McapError, parse_record};
 use std::collections::BTreeMap;
+use std::io::Cursor;
 
-/// Opcode and length of a record, bytes.
 const RECORD_HEAD_BYTES: usize = 9;
 
-/// Offsets and counts of the records so far.
 #[derive(Debug, Default)]
 pub struct Index {
     /// Schema and channel records as a file's summary holds them.
     described: Vec<u8>,
-    schemas: u16,
-    channels: u32,
-    /// Index records of attachments and metadata.
     extras: Vec<u8>,
-    attachments: u32,
-    metadata: u32,
     /// Index records of all chunks but the last: it may still get message indexes.
     chunks: Vec<u8>,
-    chunk_count: u32,
-    last_chunk: Option<Chunk>,
-    messages: BTreeMap<u16, u64>,
-    /// Times of the first and the last message, nanoseconds.
-    times_ns: Option<(u64, u64)>,
-}
-
-/// A chunk's offset and its contents.
-#[derive(Debug)]
-struct Chunk {
-    offset: u64,
-    length: u64,
-    start_ns: u64,
-    end_ns: u64,
-    message_indexes: BTreeMap<u16, u64>,
-    message_indexes_length: u64,
-    compression: String,
-    compressed_size: u64,
-    uncompressed_size: u64,
+    last_chunk: Option<ChunkIndex>,
+    statistics: Statistics,
 }
 
 impl Index {
     /// Describes a schema, before the first message of a channel that uses it. The same one may be described again.
     pub fn schema(&mut self, id: u16, name: &str, encoding: &str, data: &[u8]) {
         // Numbers are given in order, from 1.
-        if id > self.schemas {
-            self.schemas = id;
-            let body = [&id.to_le_bytes()[..], &text(name), &text(encoding), &sized(data)].concat();
-            put(&mut self.described, op::SCHEMA, &body);
+        if id > self.statistics.schema_count {
+            self.statistics.schema_count = id;
+            let header = SchemaHeader { id, name: name.to_owned(), encoding: encoding.to_owned() };
+            put(&mut self.described, op::SCHEMA, &(header, data.len() as u32, data.to_vec()));
         }
     }
 
-    /// Describes a channel without metadata.
-    pub fn channel(&mut self, id: u16, schema: u16, topic: &str, encoding: &str) {
-        self.channels += 1;
-        let ids = [id.to_le_bytes(), schema.to_le_bytes()].concat();
-        put(&mut self.described, op::CHANNEL, &[&ids[..], &text(topic), &text(encoding), &sized(&[])].concat());
+    pub fn channel(&mut self, id: u16, schema_id: u16, topic: &str, encoding: &str) {
+        self.statistics.channel_count += 1;
+        let (topic, message_encoding, metadata) = (topic.to_owned(), encoding.to_owned(), BTreeMap::new());
+        put(&mut self.described, op::CHANNEL, &Channel { id, schema_id, topic, message_encoding, metadata });
     }
 
     pub fn chunk_count(&self) -> u32 {
-        self.chunk_count
+        self.statistics.chunk_count
     }
 
     /// Notes whole records that were written from `offset` on. Returns whether the data ends in them: then what comes
@@ -86,119 +66,75 @@ impl Index {
     }
 
     fn record(&mut self, offset: u64, length: u64, record: &Record<'_>) {
+        let all = &mut self.statistics;
         match record {
             Record::Chunk { header, .. } => {
-                self.complete_chunk();
-                self.chunk_count += 1;
-                self.last_chunk = Some(Chunk {
-                    offset,
-                    length,
-                    start_ns: header.message_start_time,
-                    end_ns: header.message_end_time,
-                    message_indexes: BTreeMap::new(),
-                    message_indexes_length: 0,
+                all.chunk_count += 1;
+                let next = ChunkIndex {
+                    message_start_time: header.message_start_time,
+                    message_end_time: header.message_end_time,
+                    chunk_start_offset: offset,
+                    chunk_length: length,
+                    message_index_offsets: BTreeMap::new(),
+                    message_index_length: 0,
                     compression: header.compression.clone(),
                     compressed_size: header.compressed_size,
                     uncompressed_size: header.uncompressed_size,
-                });
+                };
+                if let Some(complete) = self.last_chunk.replace(next) {
+                    put(&mut self.chunks, op::CHUNK_INDEX, &complete);
+                }
             }
             Record::MessageIndex(index) => {
                 let Some(chunk) = &mut self.last_chunk else { return };
-                chunk.message_indexes.insert(index.channel_id, offset);
-                chunk.message_indexes_length += length;
-                *self.messages.entry(index.channel_id).or_default() += index.records.len() as u64;
-                let (start, end) = self.times_ns.unwrap_or((chunk.start_ns, chunk.end_ns));
-                self.times_ns = Some((start.min(chunk.start_ns), end.max(chunk.end_ns)));
+                chunk.message_index_offsets.insert(index.channel_id, offset);
+                chunk.message_index_length += length;
+                let is_first = all.channel_message_counts.is_empty();
+                let start = if is_first { chunk.message_start_time } else { all.message_start_time };
+                all.message_start_time = start.min(chunk.message_start_time);
+                all.message_end_time = all.message_end_time.max(chunk.message_end_time);
+                all.message_count += index.records.len() as u64;
+                *all.channel_message_counts.entry(index.channel_id).or_default() += index.records.len() as u64;
             }
             Record::Attachment { header, data, .. } => {
-                self.attachments += 1;
-                let AttachmentHeader { log_time, create_time, name, media_type } = header;
-                let numbers = [offset, length, *log_time, *create_time, data.len() as u64].map(u64::to_le_bytes);
-                let body = [numbers.as_flattened(), &text(name), &text(media_type)].concat();
-                put(&mut self.extras, op::ATTACHMENT_INDEX, &body);
+                all.attachment_count += 1;
+                let AttachmentHeader { log_time, create_time, name, media_type } = header.clone();
+                let data_size = data.len() as u64;
+                let index = AttachmentIndex { offset, length, log_time, create_time, data_size, name, media_type };
+                put(&mut self.extras, op::ATTACHMENT_INDEX, &index);
             }
             Record::Metadata(metadata) => {
-                self.metadata += 1;
-                let numbers = [offset, length].map(u64::to_le_bytes);
-                put(&mut self.extras, op::METADATA_INDEX, &[numbers.as_flattened(), &text(&metadata.name)].concat());
+                all.metadata_count += 1;
+                let index = MetadataIndex { offset, length, name: metadata.name.clone() };
+                put(&mut self.extras, op::METADATA_INDEX, &index);
             }
             _ => {}
         }
     }
 
-    fn complete_chunk(&mut self) {
-        if let Some(chunk) = self.last_chunk.take() {
-            put(&mut self.chunks, op::CHUNK_INDEX, &chunk.index());
-        }
-    }
-
-    /// The end of a file whose data ends at `data_end`.
     pub fn tail(&self, data_end: u64) -> Vec<u8> {
         let mut tail = Vec::new();
         // 0 means that no checksum was calculated.
-        put(&mut tail, op::DATA_END, &0u32.to_le_bytes());
+        put(&mut tail, op::DATA_END, &DataEnd { data_section_crc: 0 });
         let summary_start = data_end + tail.len() as u64;
         tail.extend_from_slice(&self.described);
-        put(&mut tail, op::STATISTICS, &self.statistics());
+        put(&mut tail, op::STATISTICS, &self.statistics);
         tail.extend_from_slice(&self.chunks);
         if let Some(chunk) = &self.last_chunk {
-            put(&mut tail, op::CHUNK_INDEX, &chunk.index());
+            put(&mut tail, op::CHUNK_INDEX, chunk);
         }
         tail.extend_from_slice(&self.extras);
         // No group of offsets into the summary, no checksum of it.
-        let footer = [summary_start.to_le_bytes(), [0; 8]].concat();
-        put(&mut tail, op::FOOTER, &[&footer[..], &0u32.to_le_bytes()].concat());
+        put(&mut tail, op::FOOTER, &Footer { summary_start, summary_offset_start: 0, summary_crc: 0 });
         tail.extend_from_slice(MAGIC);
         tail
     }
-
-    fn statistics(&self) -> Vec<u8> {
-        let (start_ns, end_ns) = self.times_ns.unwrap_or_default();
-        let mut body = self.messages.values().sum::<u64>().to_le_bytes().to_vec();
-        body.extend(self.schemas.to_le_bytes());
-        for count in [self.channels, self.attachments, self.metadata, self.chunk_count] {
-            body.extend(count.to_le_bytes());
-        }
-        body.extend([start_ns, end_ns].map(u64::to_le_bytes).as_flattened());
-        body.extend(numbers_by_channel(&self.messages));
-        body
-    }
 }
 
-impl Chunk {
-    fn index(&self) -> Vec<u8> {
-        let place = [self.start_ns, self.end_ns, self.offset, self.length].map(u64::to_le_bytes);
-        let sizes = [self.compressed_size, self.uncompressed_size].map(u64::to_le_bytes);
-        [
-            place.as_flattened(),
-            &numbers_by_channel(&self.message_indexes),
-            &self.message_indexes_length.to_le_bytes(),
-            &text(&self.compression),
-            sizes.as_flattened(),
-        ]
-        .concat()
-    }
-}
-
-fn put(out: &mut Vec<u8>, opcode: u8, body: &[u8]) {
+fn put(out: &mut Vec<u8>, opcode: u8, record: &impl for<'a> BinWrite<Args<'a> = ()>) {
+    let mut body = Vec::new();
+    record.write_le(&mut Cursor::new(&mut body)).expect("memory takes any record");
     out.push(opcode);
     out.extend((body.len() as u64).to_le_bytes());
-    out.extend_from_slice(body);
-}
-
-fn text(text: &str) -> Vec<u8> {
-    sized(text.as_bytes())
-}
-
-fn sized(bytes: &[u8]) -> Vec<u8> {
-    [&(bytes.len() as u32).to_le_bytes()[..], bytes].concat()
-}
-
-fn numbers_by_channel(map: &BTreeMap<u16, u64>) -> Vec<u8> {
-    let mut pairs = Vec::with_capacity(map.len() * 10);
-    for (channel, number) in map {
-        pairs.extend(channel.to_le_bytes());
-        pairs.extend(number.to_le_bytes());
-    }
-    sized(&pairs)
+    out.append(&mut body);
 }

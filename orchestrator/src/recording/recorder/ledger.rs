@@ -10,7 +10,6 @@ use std::ops::Range;
 use wire::Receipt;
 use wire::message::{ObservationHeader, can_follow};
 
-/// What a sample is to the recorder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     /// The next observations: record what was done and what is seen.
@@ -20,17 +19,13 @@ pub enum Verdict {
     RestorePoint,
     /// Sent before: a restarted actor repeats where it stands.
     Repeated,
-    /// From before the learner went back.
     Stale,
     /// It names an actor, a half or a learner that does not exist, or an exchange far ahead.
     Alien,
 }
 
-/// Exchanges that one sample can be ahead of the last at most.
 const AHEAD_MOST: u64 = 1 << 20;
 
-/// What has been seen of every half of every actor.
-#[derive(Debug)]
 pub struct Ledger {
     actors: Vec<Seen>,
     missed: u64,
@@ -46,17 +41,14 @@ struct Seen {
 }
 
 impl Ledger {
-    /// Nothing seen yet of `actors` actors.
     pub fn new(actors: u32) -> Self {
         Self { actors: vec![Seen::default(); actors as usize], missed: 0 }
     }
 
-    /// Whether the run has this actor.
     pub fn has(&self, actor: u32) -> bool {
         (actor as usize) < self.actors.len()
     }
 
-    /// Judges a sample by its header and notes it.
     pub fn judge(&mut self, header: &ObservationHeader) -> Verdict {
         let Some(seen) = self.actors.get_mut(header.actor as usize).filter(|_| header.half < 2) else {
             return Verdict::Alien;

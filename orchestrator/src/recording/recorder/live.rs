@@ -19,16 +19,13 @@ pub struct LiveFile {
     file: File,
     /// Shared with the writer of schemas and channels: the file holds them in compressed chunks.
     index: Rc<RefCell<Index>>,
-    /// Data that is not in the file yet.
     pending: Vec<u8>,
-    /// Data that is in the file, bytes; the tail comes after it.
     data_end: u64,
     tail: Vec<u8>,
     bytes: Rc<Cell<u64>>,
 }
 
 impl LiveFile {
-    /// Refuses to replace a file: a segment is written once.
     pub fn create(path: &Path, index: Rc<RefCell<Index>>, bytes: Rc<Cell<u64>>) -> Result<Self> {
         let file = File::options().write(true).create_new(true).open(path)?;
         // Tells `recover` to leave it alone, and `status` that it grows. Where the file system has no locks there is
@@ -37,7 +34,6 @@ impl LiveFile {
         Ok(Self { file, index, pending: Vec::new(), data_end: 0, tail: Vec::new(), bytes })
     }
 
-    /// After the writer has finished: all of it is seen onto the disk.
     pub fn close(mut self) -> Result<()> {
         self.commit()?;
         // The last tail of ours may have been longer than the writer's.
@@ -48,7 +44,6 @@ impl LiveFile {
         Ok(())
     }
 
-    /// Writes what is pending, and the tail that belongs to it.
     fn commit(&mut self) -> Result<()> {
         if self.pending.is_empty() {
             return Ok(());

@@ -1,15 +1,14 @@
-//! Turns observations into messages: the messages of each step and their topics.
-
 use crate::recording::declared::Declared;
 use crate::recording::engine::Engine;
 use crate::recording::form::{Carries, Form, Told};
 use crate::recording::recorder::camera::{self, FrameNames};
 use crate::recording::recorder::channels::{Images, Pose};
 use crate::recording::recorder::held_back::{self, HeldBack};
-use crate::recording::recorder::segment::{SegmentError, Segments, Topic};
+use crate::recording::recorder::segment::{Segments, Topic};
 use crate::recording::schema::Schema;
 use crate::recording::schema::foxglove::{FrameTransforms, Log, log};
 use crate::recording::schema::stillroom::{LearnerMetrics, StageSwitch, Validation};
+use anyhow::Result;
 use prost::Message;
 use prost_types::Timestamp;
 use proto::config::Config;
@@ -30,29 +29,21 @@ compile_error!("16UC1 images are little-endian and are copied as they lie in mem
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counts {
-    /// Messages on `/step`.
     pub steps: u64,
-    /// Messages on `/episode/end`.
     pub episodes: u64,
     pub depth_frames: u64,
 }
 
-/// Figures of one trained rollout, as they arrive from the learner.
 #[derive(Debug, Clone)]
 pub struct RolloutMetrics {
-    /// Rank in the process group.
     pub rank: u32,
     pub rollout: u64,
-    /// Frames trained on so far.
     pub frames: u64,
     pub stage: u32,
-    /// Where the time went.
     pub timing: Timing,
-    /// Named figures.
     pub metrics: BTreeMap<String, f64>,
 }
 
-/// Writes messages about environments, learner and stages into the segments.
 pub struct MessageWriter {
     segments: Segments,
     topics: Topics,
@@ -61,22 +52,15 @@ pub struct MessageWriter {
     incarnation: u32,
     declared: Declared,
     images: Images,
-    /// Where the robot is, if the task says it.
     pose: Option<Pose>,
     failures_only: bool,
-    /// Which fixed episodes are played, in an evaluation.
     plan: Option<Plan>,
-    /// Which kitchen an environment is in.
     kitchen_schedule: KitchenSchedule,
-    counts: Counts,
+    pub counts: Counts,
     frames_before: Option<u64>,
-    /// Reused for every record: all but its images.
     small: Vec<Line>,
-    /// Reused for every step, start, and end of an episode.
     told: [Told; 3],
-    /// Room for each of these messages.
     room: Vec<u8>,
-    /// Reused for every other message.
     buffer: Vec<u8>,
 }
 
@@ -91,22 +75,18 @@ struct Topics {
     log: Topic,
 }
 
-/// What the message writer remembers of one environment.
 struct Environment {
-    /// What it is called where its kitchen does not matter.
     home: EnvironmentId,
     frames: FrameNames,
     /// Of each image of the task: of itself and its calibration.
     images: Vec<[Topic; 2]>,
     /// Observation that was last described, so that one that comes back after a HOLD is not described again.
     described: Option<(u32, u32, u32)>,
-    /// The record of that observation, all but its images.
     seen: Vec<u8>,
     /// Transition that was last accounted for: learner incarnation, episode, step. An actor that is restarted during a
     /// HOLD has no record of the HOLD and sends the action before it again, as the next exchange.
     taken: Option<(u32, u32, u32)>,
     course: Option<Course>,
-    /// What is held back of the episode in progress, where only failures are wanted.
     held: HeldBack,
 }
 
@@ -119,7 +99,6 @@ struct Course {
 }
 
 impl MessageWriter {
-    /// A message writer for all environments of `shape`, which are of this task.
     pub fn new(
         mut segments: Segments,
         shape: WireShape,
@@ -196,7 +175,7 @@ impl MessageWriter {
         header: &ObservationHeader,
         records: &[Line],
         with_transitions: bool,
-    ) -> Result<u64, SegmentError> {
+    ) -> Result<u64> {
         let first = (header.actor * self.shape.environments_per_actor) as usize;
         let range = Halves::of(self.shape.environments_per_actor).range(header.half);
         let layout = self.declared.spec.layout();
@@ -217,7 +196,6 @@ impl MessageWriter {
         Ok(steps)
     }
 
-    /// Describes what the last action of an environment did, if that is new; whether it was.
     fn outcome(
         &mut self,
         time_ns: u64,
@@ -225,7 +203,7 @@ impl MessageWriter {
         environment: usize,
         record: &[u8],
         with_transitions: bool,
-    ) -> Result<bool, SegmentError> {
+    ) -> Result<bool> {
         let RecordHeader { acted_episode, acted_step, .. } = *RecordHeader::of(record);
         let taken = Some((header.learner_incarnation, acted_episode, acted_step));
         if !RecordHeader::of(record).has(flag::ACTED) || self.environments[environment].taken == taken {
@@ -250,7 +228,7 @@ impl MessageWriter {
         environment: usize,
         record: &[u8],
         whole: &[u8],
-    ) -> Result<(), SegmentError> {
+    ) -> Result<()> {
         let seen = RecordHeader::of(record);
         let known = &mut self.environments[environment];
         let described = Some((header.learner_incarnation, seen.episode, seen.step));
@@ -268,8 +246,7 @@ impl MessageWriter {
         Ok(())
     }
 
-    /// Figures of a trained rollout.
-    pub fn metrics(&mut self, time_ns: u64, trained: &RolloutMetrics) -> Result<(), SegmentError> {
+    pub fn metrics(&mut self, time_ns: u64, trained: &RolloutMetrics) -> Result<()> {
         let mut other = trained.metrics.clone();
         let mut take = |name: &str| other.remove(name);
         let timing = &trained.timing;
@@ -304,16 +281,15 @@ impl MessageWriter {
         self.write(self.topics.metrics, time_ns, &message)
     }
 
-    pub fn stage(&mut self, time_ns: u64, message: &StageSwitch) -> Result<(), SegmentError> {
+    pub fn stage(&mut self, time_ns: u64, message: &StageSwitch) -> Result<()> {
         self.write(self.topics.stage, time_ns, message)
     }
 
-    /// Figures on the validation kitchens.
-    pub fn validation(&mut self, time_ns: u64, message: &Validation) -> Result<(), SegmentError> {
+    pub fn validation(&mut self, time_ns: u64, message: &Validation) -> Result<()> {
         self.write(self.topics.evaluation, time_ns, message)
     }
 
-    pub fn log(&mut self, time_ns: u64, level: log::Level, process: &str, line: String) -> Result<(), SegmentError> {
+    pub fn log(&mut self, time_ns: u64, level: log::Level, process: &str, line: String) -> Result<()> {
         let message = Log {
             timestamp: Some(timestamp(time_ns)),
             level: level.into(),
@@ -324,14 +300,13 @@ impl MessageWriter {
         self.write(self.topics.log, time_ns, &message)
     }
 
-    /// The segments, to flush, finish or abandon them.
     pub fn segments(&mut self) -> &mut Segments {
         &mut self.segments
     }
 
     /// The recording ends. What is held of episodes that run is written: the next start goes on with them. An evaluation
     /// has none.
-    pub fn finish(&mut self) -> Result<(), SegmentError> {
+    pub fn finish(&mut self) -> Result<()> {
         if self.plan.is_none() {
             for environment in 0..self.environments.len() {
                 self.release(environment, true)?;
@@ -340,16 +315,10 @@ impl MessageWriter {
         self.segments.finish()
     }
 
-    /// The segments, for good.
     pub fn into_segments(self) -> Segments {
         self.segments
     }
 
-    pub fn counts(&self) -> Counts {
-        self.counts
-    }
-
-    /// What messages about an environment's episode begin with.
     fn engine(&self, header: &ObservationHeader, environment: usize, episode: u32) -> Engine {
         let home = self.environments[environment].home;
         Engine {
@@ -363,13 +332,7 @@ impl MessageWriter {
         }
     }
 
-    fn step(
-        &mut self,
-        time_ns: u64,
-        header: &ObservationHeader,
-        environment: usize,
-        bytes: &[u8],
-    ) -> Result<(), SegmentError> {
+    fn step(&mut self, time_ns: u64, header: &ObservationHeader, environment: usize, bytes: &[u8]) -> Result<()> {
         let record = RecordHeader::of(bytes);
         let engine = Engine {
             actor: header.actor,
@@ -402,7 +365,7 @@ impl MessageWriter {
         header: &ObservationHeader,
         environment: usize,
         bytes: &[u8],
-    ) -> Result<(), SegmentError> {
+    ) -> Result<()> {
         let record = RecordHeader::of(bytes);
         let engine = Engine {
             state_hash: record.state_hash,
@@ -415,14 +378,13 @@ impl MessageWriter {
         self.write_of(environment, Carries::Start, (engine.episode, 0), time_ns)
     }
 
-    /// After the episode's last step.
     fn episode_end(
         &mut self,
         time_ns: u64,
         header: &ObservationHeader,
         environment: usize,
         bytes: &[u8],
-    ) -> Result<(), SegmentError> {
+    ) -> Result<()> {
         let record = RecordHeader::of(bytes);
         let length = record.acted_step + 1;
         let engine = self.engine(header, environment, record.acted_episode).ended(record.end());
@@ -436,7 +398,7 @@ impl MessageWriter {
     }
 
     /// The images that are there, and where the camera is. What is not there is not recorded: the learner refuses it.
-    fn images(&mut self, time_ns: u64, environment: usize, record: &[u8], whole: &[u8]) -> Result<(), SegmentError> {
+    fn images(&mut self, time_ns: u64, environment: usize, record: &[u8], whole: &[u8]) -> Result<()> {
         let bulk = RecordHeader::of(record).bulk;
         for image in 0..self.images.count() {
             if !self.images.is_there(image, bulk) {
@@ -445,12 +407,12 @@ impl MessageWriter {
             let known = &self.environments[environment];
             let ([topic, calibration], frames) = (known.images[image], &known.frames);
             if let Some(pose) = &self.pose {
-                let intrinsics = camera::calibration(timestamp(time_ns), frames.camera());
+                let intrinsics = camera::calibration(timestamp(time_ns), &frames.camera);
                 let transforms = camera::transforms(timestamp(time_ns), frames, &pose.places(record));
                 self.write(self.topics.transforms, time_ns, &FrameTransforms { transforms })?;
                 self.write(calibration, time_ns, &intrinsics)?;
             }
-            let frame_id = self.environments[environment].frames.camera();
+            let frame_id = &self.environments[environment].frames.camera;
             let message = self.images.message(image, timestamp(time_ns), frame_id, whole);
             self.buffer.clear();
             message.encode_raw(&mut self.buffer);
@@ -460,14 +422,13 @@ impl MessageWriter {
         Ok(())
     }
 
-    /// Writes what is told of an environment's episode, or holds it back at its place there.
     fn write_of(
         &mut self,
         environment: usize,
         carries: Carries,
         (episode, place): (u32, u32),
         time_ns: u64,
-    ) -> Result<(), SegmentError> {
+    ) -> Result<()> {
         let Self { topics, declared: Declared { forms, .. }, told: [step, start, end], .. } = self;
         let (topic, form, told) = match carries {
             Carries::Step => (topics.step, &forms.step, step),
@@ -485,8 +446,7 @@ impl MessageWriter {
         Ok(())
     }
 
-    /// Writes what is held of an environment's episode, or drops it.
-    fn release(&mut self, environment: usize, wanted: bool) -> Result<(), SegmentError> {
+    fn release(&mut self, environment: usize, wanted: bool) -> Result<()> {
         let held = self.environments[environment].held.take();
         for held_back::Message { topic, time_ns, data } in held.filter(|_| wanted) {
             self.count(topic);
@@ -500,7 +460,7 @@ impl MessageWriter {
         self.counts.episodes += u64::from(topic == self.topics.episode_end);
     }
 
-    fn write(&mut self, topic: Topic, time_ns: u64, message: &impl Message) -> Result<(), SegmentError> {
+    fn write(&mut self, topic: Topic, time_ns: u64, message: &impl Message) -> Result<()> {
         self.buffer.clear();
         message.encode_raw(&mut self.buffer);
         self.segments.write(topic, time_ns, &self.buffer)
@@ -508,7 +468,6 @@ impl MessageWriter {
 }
 
 impl Environment {
-    /// Adds a step to the episode so far.
     fn follow(&mut self, declared: &Declared, told: &Told) {
         let Engine { episode, step, learner_incarnation, .. } = told.engine;
         if step == 0 {
@@ -527,7 +486,6 @@ impl Environment {
     }
 }
 
-/// A wall-clock time as protobuf writes it.
 pub fn timestamp(time_ns: u64) -> Timestamp {
     Timestamp { seconds: (time_ns / 1_000_000_000) as i64, nanos: (time_ns % 1_000_000_000) as i32 }
 }

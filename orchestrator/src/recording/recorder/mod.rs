@@ -1,11 +1,9 @@
 //! The recorder: reads the samples that pass between actors and learner where they lie in shared memory, and writes
 //! MCAP.
 //!
-//! It is one thread with its own subscriber ([`recorder_thread`]). A pure [`ledger`] decides which samples are new, the
-//! [`message_writer`] turns them into messages, and [`segment`] writes these to disk. Actors block until the recorder
-//! has taken a sample, so whatever happens to the disk, the thread goes on taking samples: after a failed write it only
-//! stops writing, and [`Recorder::failure`] says why. A segment is a complete file at every moment ([`live`],
-//! [`index`]).
+//! It is one thread with its own subscriber. Actors block until the recorder has taken a sample, so whatever happens to
+//! the disk, the thread goes on taking samples: after a failed write it only stops writing, and [`Recorder::failure`] says
+//! why.
 
 pub mod camera;
 mod channels;

@@ -1,12 +1,11 @@
-//! The recorder's thread: shared memory in, messages out.
-
 use super::ledger::{Ledger, Verdict};
 use super::message_writer::{Counts, MessageWriter};
-use super::note::{Note, RecorderError, RecorderSetup, RecordingSummary, now_ns};
-use super::segment::{Preamble, SegmentError, Segments};
+use super::note::{Note, OBSERVATIONS, RecorderSetup, RecordingSummary, now_ns};
+use super::segment::{Preamble, Segments};
 use super::tally::Tally;
 use crate::output::warning_limiter::WarningLimiter;
 use crate::recording::declared::Declared;
+use anyhow::{Context, Result, bail};
 use std::sync::OnceLock;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::{Duration, Instant};
@@ -27,13 +26,14 @@ pub fn run(
     notes: &Receiver<(u64, Note)>,
     failure: &OnceLock<String>,
     ready: &Sender<()>,
-) -> Result<RecordingSummary, RecorderError> {
-    let wire = Wire::join(&setup.address, setup.shape, "recorder")?;
+) -> Result<RecordingSummary> {
+    let wire = Wire::join(&setup.address, setup.shape, "recorder").context(OBSERVATIONS)?;
     let ranks = setup.ranks.clone();
-    let subscribers: Vec<_> = ranks.map(|rank| wire.observation_subscriber(rank)).collect::<Result<_, WireError>>()?;
+    let subscribers = ranks.map(|rank| wire.observation_subscriber(rank)).collect::<Result<Vec<_>, WireError>>();
+    let subscribers = subscribers.context(OBSERVATIONS)?;
     let wakeup = wire.bells().wakeup(Sleeper::Recorder);
     let mut learners = Learners::of(&wire, setup);
-    let book = ReceiptBook::open(&setup.address, setup.shape.shares.actors())?;
+    let book = ReceiptBook::open(&setup.address, setup.shape.shares.actors()).context(OBSERVATIONS)?;
     let mut state = RecorderState::new(setup, failure, &book)?;
     // The orchestrator may have given up waiting; then its end of the notes is closed too.
     let _ = ready.send(());
@@ -42,7 +42,7 @@ pub fn run(
     loop {
         book.beat();
         wakeup.wait(FLUSH_INTERVAL.saturating_sub(flushed.elapsed()));
-        drain(&subscribers, &mut state).inspect_err(|_| book.fail())?;
+        drain(&subscribers, &mut state).inspect_err(|_| book.fail()).context(OBSERVATIONS)?;
         learners.tell(&state.ledger);
         let mut finish = false;
         loop {
@@ -54,7 +54,7 @@ pub fn run(
                 Ok((time_ns, note)) => {
                     if state.note(time_ns, note) {
                         flushed = Instant::now();
-                        learners.ring_first();
+                        learners.bells.first().into_iter().for_each(Bell::ring);
                     }
                 }
                 Err(std::sync::mpsc::TryRecvError::Empty) => break,
@@ -69,14 +69,13 @@ pub fn run(
         }
     }
     let deadline = Instant::now() + DRAIN_DEADLINE;
-    while drain(&subscribers, &mut state)? > 0 && Instant::now() < deadline {
+    while drain(&subscribers, &mut state).context(OBSERVATIONS)? > 0 && Instant::now() < deadline {
         // What must be seen is that nothing comes: there is no bell for that.
         std::thread::sleep(QUIET);
     }
     state.finish()
 }
 
-/// Takes every sample that waits; returns how many.
 fn drain(subscribers: &[ObservationSubscriber], state: &mut RecorderState<'_>) -> Result<u64, WireError> {
     let mut taken = 0;
     for subscriber in subscribers {
@@ -95,20 +94,15 @@ fn drain(subscribers: &[ObservationSubscriber], state: &mut RecorderState<'_>) -
     Ok(taken)
 }
 
-/// The bells of the learners, which wait for receipts.
 struct Learners {
     shape: WireShape,
-    /// Rank of the first.
     first: u32,
     bells: Vec<Bell>,
-    /// What each was rung for last.
     told: Vec<Told>,
 }
 
-/// Receipts of a learner's actors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 struct Told {
-    /// Of all of them, of each half.
     complete: [Option<Receipt>; 2],
     news: u64,
 }
@@ -134,14 +128,8 @@ impl Learners {
             *told = now;
         }
     }
-
-    /// Rings for the first learner, which waits for rollouts on behalf of all here.
-    fn ring_first(&self) {
-        self.bells.first().into_iter().for_each(Bell::ring);
-    }
 }
 
-/// Where samples and notes arrive; it passes on new ones while writing still works.
 struct RecorderState<'a> {
     /// None after a failed write.
     message_writer: Option<MessageWriter>,
@@ -149,7 +137,6 @@ struct RecorderState<'a> {
     tally: Tally,
     book: &'a ReceiptBook,
     halves: Halves,
-    /// Cache lines of each half's samples.
     lines: [usize; 2],
     failure: &'a OnceLock<String>,
     /// Times never go back, whatever the clock does.
@@ -159,7 +146,7 @@ struct RecorderState<'a> {
 }
 
 impl<'a> RecorderState<'a> {
-    fn new(setup: &RecorderSetup, failure: &'a OnceLock<String>, book: &'a ReceiptBook) -> Result<Self, RecorderError> {
+    fn new(setup: &RecorderSetup, failure: &'a OnceLock<String>, book: &'a ReceiptBook) -> Result<Self> {
         let time_ns = now_ns();
         let preamble = Preamble {
             run_id: setup.run_id.clone(),
@@ -168,7 +155,7 @@ impl<'a> RecorderState<'a> {
             config: setup.config.clone(),
         };
         let segments = Segments::create(setup.folder.clone(), preamble, time_ns)?;
-        let declared = Declared::of(&setup.config).map_err(RecorderError::Failed)?;
+        let declared = Declared::of(&setup.config).map_err(anyhow::Error::msg)?;
         let message_writer = MessageWriter::new(segments, setup.shape, setup.incarnation, &setup.config, declared);
         let halves = Halves::of(setup.shape.environments_per_actor);
         Ok(Self {
@@ -256,15 +243,15 @@ impl<'a> RecorderState<'a> {
     }
 
     /// Writes, unless writing has failed before. The first failure ends the recording but not the draining.
-    fn attempt(&mut self, write: impl FnOnce(&mut MessageWriter) -> Result<(), SegmentError>) {
+    fn attempt(&mut self, write: impl FnOnce(&mut MessageWriter) -> Result<()>) {
         let Some(message_writer) = &mut self.message_writer else { return };
         if let Err(error) = write(message_writer) {
-            self.fail(&error.into());
+            self.fail(&error);
         }
     }
 
-    fn fail(&mut self, error: &RecorderError) {
-        let message = error.to_string();
+    fn fail(&mut self, error: &anyhow::Error) {
+        let message = format!("{error:#}");
         tracing::error!("recording ends here, and the run is saved and ended: {message}");
         // Only this thread sets it, and only once: the message writer is gone afterwards.
         let _ = self.failure.set(message);
@@ -274,15 +261,15 @@ impl<'a> RecorderState<'a> {
         }
     }
 
-    fn finish(mut self) -> Result<RecordingSummary, RecorderError> {
+    fn finish(mut self) -> Result<RecordingSummary> {
         self.attempt(MessageWriter::finish);
         let Some(message_writer) = self.message_writer else {
-            return Err(RecorderError::Failed(self.failure.get().cloned().unwrap_or_default()));
+            bail!(self.failure.get().cloned().unwrap_or_default());
         };
-        let Counts { steps, episodes, depth_frames } = message_writer.counts();
+        let Counts { steps, episodes, depth_frames } = message_writer.counts;
         let segments = message_writer.into_segments();
         Ok(RecordingSummary {
-            files: segments.files().to_vec(),
+            files: segments.files.clone(),
             steps,
             episodes,
             depth_frames,
@@ -292,8 +279,7 @@ impl<'a> RecorderState<'a> {
     }
 }
 
-/// Writes down what needs no more than that.
-fn write_note(message_writer: &mut MessageWriter, time_ns: u64, note: Note) -> Result<(), SegmentError> {
+fn write_note(message_writer: &mut MessageWriter, time_ns: u64, note: Note) -> Result<()> {
     match note {
         Note::Trained(trained) => message_writer.metrics(time_ns, &trained),
         Note::Stage(stage) => message_writer.stage(time_ns, &stage),

@@ -8,6 +8,7 @@
 use super::index::Index;
 use super::live::LiveFile;
 use crate::recording::schema::{PROTOBUF, Schema};
+use anyhow::{Result, anyhow};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
 use proto::config::Config;
@@ -20,42 +21,34 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// Name of the attachment that holds the effective configuration.
 pub const CONFIG_ATTACHMENT: &str = "config.toml";
-/// Name of the metadata record that identifies the run.
 pub const IDENTITY_METADATA: &str = "stillroom";
 /// Version of recordings. Before 4 the fields of steps and episodes were those of one task.
 pub const RECORDING_VERSION: u32 = 4;
-/// Keys of that record.
 pub mod identity {
-    /// Run id: letters and digits.
     pub const RUN_ID: &str = "run_id";
     /// The host that wrote the file, where the run has several; otherwise it is not there.
     pub const HOST: &str = "host";
     pub const INCARNATION: &str = "incarnation";
-    /// Number of the segment within the incarnation, from 0.
     pub const SEGMENT: &str = "segment";
-    /// [`super::RECORDING_VERSION`] of the writer.
     pub const VERSION: &str = "schema_version";
     pub const SEED: &str = "seed";
-    /// Preset that the configuration came from.
     pub const PRESET: &str = "preset";
 }
 
-/// Target size of a chunk before compression, bytes.
 const CHUNK_BYTES: u64 = 1 << 20;
 /// Data that is held in memory at most, bytes; what comes between two flushes is seldom so much.
 const PENDING_BYTES_MAX: u64 = 8 << 20;
 /// Chunks of a segment at most: its index is written again with each flush. With one a second half an hour.
 const CHUNKS_MAX: u32 = 2048;
 
-/// A recording that could not be written.
-#[derive(Debug, thiserror::Error)]
-#[error("cannot write recording {path}: {cause}", path = .path.display(), cause = in_words(.cause))]
-pub struct SegmentError {
-    pub path: PathBuf,
-    /// Error of the file system or of the writer.
-    pub cause: McapError,
+fn cannot_write(path: &Path, cause: &McapError) -> anyhow::Error {
+    anyhow!(
+        "cannot write recording {}: {}; see that the folder is writable and its disk has space, or set \
+         recording.enabled = false to run without",
+        path.display(),
+        in_words(cause)
+    )
 }
 
 /// Why nothing can be written. The writer reports any error of the file system without its cause, which the user needs.
@@ -67,7 +60,6 @@ pub fn in_words(cause: &McapError) -> String {
     }
 }
 
-/// How all our MCAP files are written.
 pub fn write_options() -> WriteOptions {
     WriteOptions::new()
         .library(concat!("stillroom-orchestrator/", env!("CARGO_PKG_VERSION")))
@@ -80,20 +72,16 @@ pub fn write_options() -> WriteOptions {
         .disable_seeking(true)
 }
 
-/// A topic, common to all segments of an incarnation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Topic(usize);
 
-#[derive(Debug)]
 struct TopicEntry {
     name: String,
     schema: Schema,
     sequence: u32,
-    /// Its number in the open segment, once something was written.
     channel: Option<u16>,
 }
 
-/// What every segment begins with.
 #[derive(Debug, Clone)]
 pub struct Preamble {
     pub run_id: String,
@@ -107,20 +95,17 @@ pub struct Segments {
     preamble: Preamble,
     topics: Vec<TopicEntry>,
     open: Option<Writer<LiveFile>>,
-    files: Vec<PathBuf>,
+    pub files: Vec<PathBuf>,
     finished_bytes: u64,
     open_bytes: Rc<Cell<u64>>,
-    /// Bytes of the open segment when it was flushed last.
     flushed_bytes: u64,
-    /// Of the open segment.
     index: Rc<RefCell<Index>>,
 }
 
 impl Segments {
-    /// Begins with the first segment; creates the folder of recordings if it is missing.
-    pub fn create(folder: RunFolder, preamble: Preamble, time_ns: u64) -> Result<Self, SegmentError> {
+    pub fn create(folder: RunFolder, preamble: Preamble, time_ns: u64) -> Result<Self> {
         std::fs::create_dir_all(folder.recordings())
-            .map_err(|cause| SegmentError { path: folder.recordings(), cause: cause.into() })?;
+            .map_err(|cause| cannot_write(&folder.recordings(), &cause.into()))?;
         let mut segments = Self {
             folder,
             preamble,
@@ -136,15 +121,13 @@ impl Segments {
         Ok(segments)
     }
 
-    /// Registers a topic that carries these messages.
     pub fn topic(&mut self, name: impl Into<String>, schema: &Schema) -> Topic {
         let (name, schema) = (name.into(), schema.clone());
         self.topics.push(TopicEntry { name, schema, sequence: 0, channel: None });
         Topic(self.topics.len() - 1)
     }
 
-    /// Writes one encoded message; begins the next segment when this one is full.
-    pub fn write(&mut self, topic: Topic, time_ns: u64, data: &[u8]) -> Result<(), SegmentError> {
+    pub fn write(&mut self, topic: Topic, time_ns: u64, data: &[u8]) -> Result<()> {
         if self.open_bytes.get() >= self.preamble.config.recording.segment_bytes
             || self.index.borrow().chunk_count() >= CHUNKS_MAX
         {
@@ -164,22 +147,20 @@ impl Segments {
         self.writing(|writer| writer.write_to_known_channel(&header, data))
     }
 
-    /// Hands everything written so far to the operating system, as a complete file.
-    pub fn flush(&mut self) -> Result<(), SegmentError> {
+    pub fn flush(&mut self) -> Result<()> {
         self.writing(Writer::flush)?;
         self.flushed_bytes = self.open_bytes.get();
         Ok(())
     }
 
-    /// Completes the open segment: index, end mark, and all of it on the disk.
-    pub fn finish(&mut self) -> Result<(), SegmentError> {
+    pub fn finish(&mut self) -> Result<()> {
         let Some(mut writer) = self.open.take() else { return Ok(()) };
         let path = self.path().to_path_buf();
         let finished = writer.finish().and_then(|_| Ok(writer.into_inner().close()?));
         // The folder too, or the file may have no name after a power cut.
         let finished = finished.and_then(|()| Ok(sync_folder(&self.folder.recordings())?));
         self.finished_bytes += self.open_bytes.take();
-        finished.map_err(|cause| SegmentError { path, cause })
+        finished.map_err(|cause| cannot_write(&path, &cause))
     }
 
     /// Gives the open segment up after a failure: nothing more is written, not even by its destructor.
@@ -188,16 +169,11 @@ impl Segments {
         drop(self.open.take().map(Writer::into_inner));
     }
 
-    /// All segments so far, in order.
-    pub fn files(&self) -> &[PathBuf] {
-        &self.files
-    }
-
     pub fn bytes(&self) -> u64 {
         self.finished_bytes + self.open_bytes.get()
     }
 
-    fn begin(&mut self, time_ns: u64) -> Result<(), SegmentError> {
+    fn begin(&mut self, time_ns: u64) -> Result<()> {
         let segment = self.files.len() as u32;
         let path = self.folder.recording(self.preamble.incarnation, segment);
         self.files.push(path.clone());
@@ -221,7 +197,7 @@ impl Segments {
             writer.flush()?;
             Ok(writer)
         });
-        self.open = Some(begun.map_err(|cause| SegmentError { path, cause })?);
+        self.open = Some(begun.map_err(|cause| cannot_write(&path, &cause))?);
         self.flushed_bytes = self.open_bytes.get();
         Ok(())
     }
@@ -241,7 +217,7 @@ impl Segments {
         Metadata { name: IDENTITY_METADATA.to_owned(), metadata }
     }
 
-    fn announce(&mut self, topic: Topic) -> Result<u16, SegmentError> {
+    fn announce(&mut self, topic: Topic) -> Result<u16> {
         let TopicEntry { name, schema: Schema { name: message, descriptor }, .. } = &self.topics[topic.0];
         let (name, message, descriptor) = (name.clone(), message.clone(), descriptor.clone());
         let (schema, channel) = self.writing(|writer| {
@@ -256,15 +232,12 @@ impl Segments {
         Ok(channel)
     }
 
-    fn writing<T>(
-        &mut self,
-        write: impl FnOnce(&mut Writer<LiveFile>) -> Result<T, McapError>,
-    ) -> Result<T, SegmentError> {
+    fn writing<T>(&mut self, write: impl FnOnce(&mut Writer<LiveFile>) -> Result<T, McapError>) -> Result<T> {
         let written = match &mut self.open {
             Some(writer) => write(writer),
             None => Err(McapError::AttemptedWriteAfterFailure),
         };
-        written.map_err(|cause| SegmentError { path: self.path().to_path_buf(), cause })
+        written.map_err(|cause| cannot_write(self.path(), &cause))
     }
 
     fn path(&self) -> &Path {
@@ -279,11 +252,11 @@ mod tests {
     #[test]
     fn a_full_disk_is_called_that() {
         let full = rustix::io::Errno::NOSPC;
-        let error = SegmentError { path: "runs/a/b.mcap".into(), cause: McapError::Io(full.into()) };
+        let error = cannot_write(Path::new("runs/a/b.mcap"), &McapError::Io(full.into()));
         let said = error.to_string();
         let expected = "cannot write recording runs/a/b.mcap: the disk is full (No space left on device";
         assert!(said.starts_with(expected), "{said}");
-        let denied = SegmentError { path: "b.mcap".into(), cause: McapError::Io(rustix::io::Errno::ACCESS.into()) };
+        let denied = cannot_write(Path::new("b.mcap"), &McapError::Io(rustix::io::Errno::ACCESS.into()));
         assert!(denied.to_string().contains("Permission denied"), "{denied}");
     }
 }

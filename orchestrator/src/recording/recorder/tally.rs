@@ -3,17 +3,14 @@
 //! A learner trains on a rollout only after the recorder has confirmed it. So at that moment every step recorded under
 //! this learner since the last such moment belongs to the rollout.
 
-/// Counts the steps of one learner incarnation.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Tally {
     learner_incarnation: u32,
     /// Frames of the run up to the last rollout that was confirmed, or that this learner began with.
     frames: Option<u64>,
-    /// Steps recorded since then.
     steps: u64,
 }
 
-/// A rollout that is not all there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error(
     "{recorded} of the {collected} steps of rollout {rollout} were recorded. It is not trained on: `orchestrator resume` \
@@ -21,20 +18,16 @@ pub struct Tally {
 )]
 pub struct Gap {
     pub rollout: u64,
-    /// Its frames.
     pub collected: u64,
-    /// Its steps that are recorded.
     pub recorded: u64,
 }
 
 impl Tally {
-    /// A learner goes on from `frames` frames.
     pub fn begin(&mut self, learner_incarnation: u32, frames: u64) {
         self.follow(learner_incarnation);
         self.frames = Some(frames);
     }
 
-    /// Steps were recorded under a learner.
     pub fn record(&mut self, learner_incarnation: u32, steps: u64) {
         self.follow(learner_incarnation);
         // What an actor sent to a learner that was replaced is no part of what is trained on.
@@ -60,7 +53,6 @@ impl Tally {
         Ok(())
     }
 
-    /// Frames of the run whose steps are all recorded; none before a learner has begun.
     pub fn frames(&self) -> Option<u64> {
         self.frames
     }

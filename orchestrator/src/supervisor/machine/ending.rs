@@ -6,7 +6,6 @@ use crate::supervisor::messages::stopping;
 use std::time::Duration;
 
 impl Supervisor {
-    /// The number of actors is to change before this rollout, or before the next one that has not been announced.
     pub(super) fn stop_before(&mut self, before: Option<u64>) {
         if self.phase == Phase::Running {
             let next = self.stages.next_rollout();
@@ -14,12 +13,10 @@ impl Supervisor {
         }
     }
 
-    /// Whether this rollout is another shape's.
     pub(super) fn ends_before(&self, rollout: u64) -> bool {
         self.phase == Phase::Running && self.stops_before.is_some_and(|before| rollout >= before)
     }
 
-    /// The learners are ready, and would begin with this rollout.
     pub(super) fn begin(&mut self, now: Duration, rollout: u64, frames: u64) {
         if self.ends_before(rollout) {
             self.end_shape(now);
@@ -39,7 +36,6 @@ impl Supervisor {
         }
     }
 
-    /// Whether the learners save only because the number of actors changes.
     pub(super) fn is_to_go_on(&self) -> bool {
         matches!(self.phase, Phase::Saving { goes_on: true, .. })
     }
@@ -114,7 +110,7 @@ impl Supervisor {
             let (work, first) = self.learner_group.work();
             let patience = match self.learner_group.starting_for(now) {
                 Some(starting) => self.deadlines.learner_ready.saturating_sub(starting) + self.deadlines.first_save,
-                None => self.deadlines.stop(work, self.learner_group.pace(), first),
+                None => self.deadlines.stop(work, &self.learner_group.pace, first),
             };
             self.phase = Phase::Saving { failure, since: now, patience, goes_on: false };
             self.learner_group.waits(now);
@@ -127,9 +123,32 @@ impl Supervisor {
     /// The checkpoint of a stop has begun: from now on the stop waits for a disk.
     pub(super) fn save_begins(&mut self, now: Duration) {
         let (work, first) = self.learner_group.work();
-        let left = self.deadlines.stop(work, self.learner_group.pace(), first);
+        let left = self.deadlines.stop(work, &self.learner_group.pace, first);
         if let Phase::Saving { since, patience, .. } = &mut self.phase {
             (*since, *patience) = (now, left);
+        }
+    }
+
+    /// A lost host ends the run with what is on the disk: learners can neither save nor go on without the others, and
+    /// nobody else can start processes there.
+    pub(super) fn host_lost(&mut self, now: Duration, processes: &[Process], reason: String) {
+        for &process in processes {
+            self.children.lose(process);
+        }
+        match self.phase {
+            Phase::Running | Phase::Saving { .. } => {
+                self.report(Level::Error, reason.clone());
+                self.leave(now, SessionEnd::HostLost(reason), None);
+            }
+            Phase::Leaving { .. } => {
+                // It ends as it would have: all that matters was saved before.
+                self.report(Level::Warning, reason);
+                if !self.learner_group.has_finished(0) {
+                    self.kill_broken(now);
+                }
+                self.finish_if_alone();
+            }
+            Phase::Over => {}
         }
     }
 

@@ -113,7 +113,7 @@ impl World {
         let gone =
             |rank| !self.up.contains_key(&Process::Learner(rank)) && !self.supervisor.learner_group.has_finished(rank);
         // Once rank 0 has saved, they only have to leave. Who is the reason of another's end is given time to say why.
-        let waits = !self.supervisor.is_stopping() && self.supervisor.learner_group.awaits_a_reason();
+        let waits = !self.supervisor.is_stopping() && self.supervisor.learner_group.bereaved.is_some();
         if !waits && self.outcome.is_none() && !self.supervisor.learner_group.has_finished(0) && self.ranks().any(gone)
         {
             for process in self.ranks().map(Process::Learner) {

@@ -34,7 +34,6 @@ mod schema {
 const PREFIX: &str = "events.out.tfevents.";
 /// Of files in which a start makes void what comes after its step.
 const FILE_VERSION: &str = "brain.Event:2";
-/// Bytes before an event.
 const HEAD: usize = 12;
 /// An event that is longer is not ours: it has a few dozen figures.
 const EVENT_BYTES_MOST: u64 = 1 << 20;
@@ -43,14 +42,10 @@ const MASK: u32 = 0xa282_ead8;
 
 static CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISCSI);
 
-/// Figures of one step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Point {
-    /// Frames trained on.
     pub step: u64,
-    /// When, seconds since 1970.
     pub at_unix_s: u64,
-    /// Figures by tag.
     pub values: BTreeMap<String, f32>,
 }
 
@@ -58,7 +53,6 @@ pub struct Point {
 /// points with dozens of figures each, and files are compared with all of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Mark {
-    /// The point's step.
     pub step: u64,
     content: u64,
 }
@@ -104,7 +98,6 @@ fn add_record(bytes: &mut Vec<u8>, event: &Event) {
     bytes.extend(masked(&content).to_le_bytes());
 }
 
-/// The next event of a file; none where it ends, or where a record is not whole.
 fn next_event(file: &mut impl Read) -> Option<Event> {
     let mut word = [0; 4];
     let (mut length, mut content) = ([0; HEAD - 4], Vec::new());
@@ -120,7 +113,6 @@ fn next_event(file: &mut impl Read) -> Option<Event> {
     is_whole.then(|| Event::decode(content.as_slice()).ok()).flatten()
 }
 
-/// Event files of a folder in the order in which they are read, with the numbers of their names.
 fn files(folder: &Path) -> Vec<(u64, PathBuf)> {
     let paths = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
     let number = |path: &PathBuf| path.file_name()?.to_str()?.strip_prefix(PREFIX)?.split('.').next()?.parse().ok();
@@ -129,7 +121,6 @@ fn files(folder: &Path) -> Vec<(u64, PathBuf)> {
     files
 }
 
-/// What TensorBoard shows of a folder, in order of steps.
 pub fn marks_in(folder: &Path) -> Vec<Mark> {
     kept_of(folder, |point| point.mark())
 }

@@ -35,13 +35,11 @@ const TAGS: [(&str, &str); 12] = [
     (metric::GRADIENT_NORM, "losses/gradient_norm"),
 ];
 
-/// The tag of a rollout's figure.
 fn tag(task: &Spec, name: &str) -> String {
     let known = || TAGS.iter().find(|(metric, _)| *metric == name).map_or(name, |(_, tag)| tag).to_owned();
     metric::of_task(name).map_or_else(known, |name| tag_of_task(task, name))
 }
 
-/// The tag of a task's metric.
 fn tag_of_task(task: &Spec, name: &str) -> String {
     let rate = if task.columns().iter().any(|one| one.name == name && one.is_share()) { "_rate" } else { "" };
     format!("charts/{name}{rate}")
@@ -49,25 +47,18 @@ fn tag_of_task(task: &Spec, name: &str) -> String {
 
 const VALIDATION: &str = "validation";
 
-/// Writes the event files of a run.
-#[derive(Debug)]
 pub struct Board {
     root: PathBuf,
     task: &'static Spec,
-    /// Folders of the stages, in order.
     stages: Vec<String>,
-    /// What comes behind the time in the names of files.
     name: String,
-    /// Files of this start, by folder.
     files: HashMap<String, EventFile>,
-    /// Validations that were written; none before the first look.
     validated: Option<usize>,
     /// Something could not be written: nothing more is, until a learner begins.
     given_up: bool,
 }
 
 impl Board {
-    /// Of a run; nothing is written yet.
     pub fn of(folder: &RunFolder, config: &Config, incarnation: u32) -> Self {
         let plain = |name: &str| name.replace(|letter: char| !letter.is_ascii_alphanumeric(), "-");
         let stage = |(number, stage): (usize, &StageConfig)| format!("stage-{}-{}", number + 1, plain(&stage.name));
@@ -82,13 +73,11 @@ impl Board {
         }
     }
 
-    /// A learner begins: from now on the files say what this history says.
     pub fn begin(&mut self, history: &History) {
         self.given_up = false;
         self.attempt(|board| board.agree(history));
     }
 
-    /// The newest rollout of the history was trained.
     pub fn rollout(&mut self, history: &History) {
         self.attempt(|board| {
             let mut newest = history.iter().rev();
@@ -98,7 +87,6 @@ impl Board {
         });
     }
 
-    /// These validations are known.
     pub fn validations(&mut self, scores: &[Score]) {
         if self.validated == Some(scores.len()) {
             return;
@@ -151,7 +139,6 @@ impl Board {
         Ok(())
     }
 
-    /// Has the files of a folder say these points and no others.
     fn have_say(&mut self, folder: &str, wanted: impl Iterator<Item = Point>) -> Result<()> {
         let written = marks_in(&self.root.join(folder));
         let (mut written, mut wanted) = (written.into_iter().peekable(), wanted.peekable());
@@ -181,13 +168,11 @@ impl Board {
     }
 }
 
-/// The folder of a rollout's stage.
 fn stage_of(stages: &[String], trained: &Trained) -> String {
     let number = trained.stage as usize;
     stages.get(number).cloned().unwrap_or_else(|| format!("stage-{}", number + 1))
 }
 
-/// A rollout's figures; `before`: the one that is known before it.
 fn point_of(task: &Spec, before: Option<&Trained>, trained: &Trained) -> Point {
     let mut values: BTreeMap<String, f32> =
         trained.metrics.iter().map(|(name, value)| (tag(task, name), value as f32)).collect();

@@ -1,6 +1,5 @@
 //! A run message by message, for Foxglove: the topics of its recordings as they grow, and one environment as it is at
-//! the moment. Of the latter nothing need have been recorded: robot and room as scene entities ([`scene`]), the depth
-//! frame with its calibration and as points, and the frames between them.
+//! the moment. Of the latter nothing need have been recorded.
 
 mod scene;
 
@@ -21,12 +20,9 @@ use view::feed::{Feed, Recorded, Topic};
 
 /// Prefix of topics and frames, whichever environment is shown: a layout names them.
 const PREFIX: &str = "watch";
-/// How long recordings are read at a time.
 const GLANCE: Duration = Duration::from_millis(100);
-/// One point for so many pixels in a row and in a column.
 const POINT_EVERY: usize = 2;
 
-/// Topics of what is shown.
 struct Topics {
     scene: Arc<Topic>,
     transforms: Arc<Topic>,
@@ -68,7 +64,6 @@ pub struct Recordings {
 }
 
 impl Recordings {
-    /// In a run's folder; nothing is read yet.
     pub fn of(folder: RunFolder) -> Self {
         Self { follower: Follower::of(folder), names: FrameNames::under(PREFIX) }
     }
@@ -102,10 +97,10 @@ impl Feed for Recordings {
             others_m: others.collect(),
         };
         let transforms = FrameTransforms { transforms: camera::transforms(timestamp, &self.names, &places) };
-        let camera = self.names.camera();
+        let camera = &self.names.camera;
         let image = RawImage {
             timestamp: Some(timestamp),
-            frame_id: camera.to_owned(),
+            frame_id: camera.clone(),
             width: FRAME_SIDE as u32,
             height: FRAME_SIDE as u32,
             encoding: "16UC1".into(),

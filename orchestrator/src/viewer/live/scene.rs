@@ -13,7 +13,6 @@ use std::collections::HashMap;
 
 /// What is not told of again for so long is gone: a ghost whose thing was put back, or a viewer that ended.
 const GHOST_S: i64 = 3;
-/// How much of a ghost is seen, and of the goal.
 const GHOST_ALPHA: f64 = 0.35;
 const GOAL: [u8; 3] = [46, 160, 67];
 
@@ -65,7 +64,6 @@ pub fn scene_of(
     SceneUpdate { deletions: if whole { vec![all_of_them] } else { Vec::new() }, entities }
 }
 
-/// A body; corners that several triangles share are told of once.
 fn triangles(solid: &ShownSolid) -> TriangleListPrimitive {
     let (mut points, mut numbers) = (Vec::new(), HashMap::new());
     let mut number = |corner: [f32; 3]| {
@@ -92,7 +90,6 @@ fn point(place_m: [f32; 3]) -> Point3 {
     Point3 { x: place.x, y: place.y, z: place.z }
 }
 
-/// No move and no turn.
 pub fn at_rest() -> Pose {
     let orientation = Quaternion { x: 0.0, y: 0.0, z: 0.0, w: 1.0 };
     Pose { position: Some(Vector3 { x: 0.0, y: 0.0, z: 0.0 }), orientation: Some(orientation) }

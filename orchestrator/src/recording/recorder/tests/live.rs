@@ -31,7 +31,7 @@ fn a_file_is_complete_after_every_flush_and_its_index_is_the_one_it_ends_with() 
     let temporary = tempfile::tempdir().unwrap();
     let preamble = Preamble { run_id: "live".to_owned(), host: 0, incarnation: 1, config: Config::default() };
     let mut segments = Segments::create(RunFolder::new(temporary.path()), preamble, 0).unwrap();
-    let path = segments.files()[0].clone();
+    let path = segments.files[0].clone();
     assert_eq!(indexed(&path), BTreeMap::new());
     let topics =
         [segments.topic("/step", &ARM.forms.step.schema()), segments.topic("/log", &Schema::of("foxglove.Log"))];

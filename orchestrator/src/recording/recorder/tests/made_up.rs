@@ -107,7 +107,7 @@ fn recorded(folder: &Path) -> (Declared, PathBuf) {
     let config = Config::default();
     let preamble = Preamble { run_id: "made-up".to_owned(), host: 0, incarnation: 1, config: config.clone() };
     let segments = Segments::create(RunFolder::new(folder), preamble, 0).unwrap();
-    let path = segments.files()[0].clone();
+    let path = segments.files[0].clone();
     let declared = made_up();
     let shape = WireShape::new(Shares::of_one(1), 1, declared.spec);
     let spec = declared.spec;

@@ -40,7 +40,7 @@ fn throughput_of_the_scribe() {
         }
         message_writer.segments().finish().unwrap();
         let seconds = started.elapsed().as_secs_f64();
-        let counts = message_writer.counts();
+        let counts = message_writer.counts;
         let bytes = message_writer.segments().bytes();
         assert!(counts.steps > 0 && (flags == 0) == (counts.depth_frames == 0), "{name}");
         println!(

@@ -1,8 +1,0 @@
-//! What is said of a file of a run that cannot be understood. Ours are written atomically, so something else did it.
-
-use std::path::Path;
-
-/// Names the file and what to do about it.
-pub fn damaged(path: &Path, remedy: &str) -> String {
-    format!("{} is damaged ({remedy})", path.display())
-}
