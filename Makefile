@@ -1,7 +1,7 @@
 # Set-up, build and run in one command; for everything else there is plain cargo, which works after `make setup`.
 .DEFAULT_GOAL := help
 .PHONY: help setup build library install uninstall up play test test-all test-part schemas chaos soak lint check-deploy doc book examples deny fuzz \
-	sanitize bench-peers bench-learner bench-kernels bench-view bench-hosts check-determinism \
+	sanitize bench-peers bench-learner bench-kernels bench-wire bench-view bench-hosts check-determinism \
 	python python-aarch64 test-python bench-python bench-env bench-depth bench-transfer dist
 # Cargo uses all cores by itself; targets run one after the other also under -j.
 .NOTPARALLEL:
@@ -39,7 +39,7 @@ help:
 	@echo 'make dist    the files of a release in target/dist/: the wheel with the programs and an archive of them, for any Linux'
 	@echo '             with glibc 2.28 and AVX2; the sources, notes, a bill of materials, checksums; STRICT=yes: what keeps'
 	@echo '             them from being one is an error'
-	@echo 'make test-python   build it and run its tests; make bench-python measures it beside Gymnasium's AsyncVectorEnv'
+	@echo 'make test-python   build it and run its tests; make bench-python measures it beside Gymnasium'
 	@echo 'make bench-env   what a run adds to a step of an environment of Python, beside a bare loop and AsyncVectorEnv'
 	@echo 'make bench-depth'
 	@echo '             stillroom.DepthCamera beside mujoco.Renderer in software, on the models of six packages, which go into'
@@ -65,6 +65,8 @@ help:
 	@echo 'make bench-kernels'
 	@echo '             the share of memory bandwidth and of the tensor cores that each kernel of a GPU reaches, by Nsight'
 	@echo '             Compute; ARGS="--ncu /path/to/ncu --what update" measures less'
+	@echo 'make bench-wire'
+	@echo '             shared memory beside raw POSIX shared memory, Unix sockets, ZeroMQ and gRPC; needs a C++ compiler'
 	@echo 'make bench-view'
 	@echo '             what a viewer with an open page costs a run, in pairs (half an hour on an idle machine);'
 	@echo '             ARGS="--pairs 4 --page browser" measures otherwise'
@@ -182,7 +184,7 @@ lint: setup
 	cargo fmt --all --check
 	rustfmt --edition 2024 --check actor/simulator/src/tasks/*/mod.rs  # a build script lists them
 	cargo clippy --release --workspace --all-targets --locked -- -D warnings
-	@for part in fuzz fuzz/unsafe; do \
+	@for part in fuzz fuzz/unsafe bench/wire; do \
 		cargo metadata --locked --format-version 1 --manifest-path $$part/Cargo.toml >/dev/null || exit; \
 	done
 	@STRICT='$(STRICT)' deploy/check
@@ -228,6 +230,11 @@ bench-learner:
 
 bench-kernels: build
 	@python3 bench/kernels.py --learner target/release/learner $(ARGS)
+
+# A package of its own with a lock file of its own: its dependencies are none of the product's.
+bench-wire:
+	cargo build --release --locked --manifest-path bench/wire/Cargo.toml --target-dir target/wire
+	@target/wire/release/bench-wire $(ARGS)
 
 # In pairs, one without and one with: nothing else may run meanwhile.
 bench-view: build

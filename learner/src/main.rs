@@ -69,6 +69,8 @@ enum Command {
     Import(process::ImportArguments),
     /// Measures inference and updates on this machine
     Bench(bench::Arguments),
+    /// Measures how long learners take to sum a gradient, on this machine or over a network
+    Exchange(bench::exchange::Arguments),
     /// Runs network, losses and gradients on a batch from a file, to compare with another implementation
     Probe(probe::Arguments),
 }
@@ -106,6 +108,9 @@ fn main() -> ExitCode {
         }
         CommandLine { command: Some(Command::Import(arguments)), .. } => process::import(&arguments, std::io::stdout()),
         CommandLine { command: Some(Command::Bench(arguments)), .. } => bench::run(&arguments, std::io::stdout()),
+        CommandLine { command: Some(Command::Exchange(arguments)), .. } => {
+            bench::exchange::run(&arguments, std::io::stdout())
+        }
         CommandLine { command: Some(Command::Probe(arguments)), .. } => probe::run(&arguments, std::io::stdout()),
         CommandLine { run: Some(run), wire: Some(wire), incarnation, rank, lifeline, network, .. } => {
             process::run(Arguments { run, wire, incarnation, rank, lifeline, network: network.network() })

@@ -7,8 +7,10 @@
 //! time        what all of them measure with
 //! gpu         how busy the GPU is meanwhile, and how much of its memory is taken
 //! report      all of it as one table, or as JSON
+//! exchange    a command of its own: sums of gradients over learners
 //! ```
 
+pub mod exchange;
 mod frames;
 mod gpu;
 mod inference;

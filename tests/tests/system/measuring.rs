@@ -1,4 +1,4 @@
-//! `learner bench`.
+//! `learner bench` and `learner exchange`.
 
 use serde_json::Value;
 use std::process::{Command, Stdio};
@@ -44,4 +44,26 @@ fn a_profiler_is_shown_nothing_of_a_cpu() {
     let printed = complete(command);
     assert!(!printed.success && printed.stdout.is_empty(), "{printed:#?}");
     assert!(printed.stderr.contains("--mark shows a profiler what a GPU does, and this is a CPU"), "{printed:#?}");
+}
+
+#[test]
+fn learners_measure_their_exchange() {
+    let workshop = Workshop::new();
+    let exchange = |arguments: &[&str]| {
+        let mut command = Command::new(binary("learner"));
+        command.current_dir(workshop.path("")).arg("exchange").args(["--device", "cpu"]).args(arguments);
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        complete(command)
+    };
+    let printed = exchange(&["--learners", "3", "--weights", "1000", "--pieces", "1,7", "--sums", "4", "--json"]);
+    assert!(printed.success, "{printed:#?}");
+    let report: Value = serde_json::from_str(&printed.stdout).unwrap_or_else(|error| panic!("{error}: {printed:#?}"));
+    assert_eq!([&report["learners"], &report["bytes"], &report["sums"][1]["pieces"]], [3, 4000, 7]);
+    for sums in report["sums"].as_array().expect("a list") {
+        let [p50, p99, rate] = ["p50_s", "p99_s", "bus_bytes_per_s"].map(|figure| sums[figure].as_f64().unwrap_or(0.0));
+        assert!(0.0 < p50 && p50 <= p99, "{report:#}");
+        assert!((rate * p50 - 2.0 * 2.0 / 3.0 * 4000.0).abs() < 1e-6, "{report:#}");
+    }
+    let refused = exchange(&["--rank", "2", "--meet", "127.0.0.1:1", "--address", "127.0.0.1"]);
+    assert!(!refused.success && refused.stderr.contains("2 learners have ranks 0 to 1"), "{refused:#?}");
 }
