@@ -37,7 +37,7 @@ A batch is a rollout of T steps and N environments (bool may be u8, i64 may be a
                                    weights were trained with (network.carried_goal); or instead of it
   goal             f32 (T, N, 3)   what the network is given for it
   numbers          f32 (T, N, K)   in a task without a frame instead of frames and goal: its observations, one behind the
-                                   other, whole numbers as one-hot
+                                   other, whole numbers as one-hot; behind them, as behind a goal, those of the critic alone
   previous_action  i64 (T, N)      0 = none yet, else 1 + action
   episode_start    bool (T, N)     the belief is zeroed before this observation
   action           i64 (T, N)      action taken; of several choices i64 (T, N, K), of a box f32 (T, N, K), unclipped
@@ -48,14 +48,14 @@ A batch is a rollout of T steps and N environments (bool may be u8, i64 may be a
   last_value       f32 (T, N)      value of what was seen last then; NaN where it is not known [default: not known]
   disturbed        bool (T, N)     label of the auxiliary task `disturb`
   bootstrap        f32 (N)         value of the observation after the last action
-  beliefs          f32 (N, hidden) before the first step [default: 0]
+  beliefs          f32 (N, hidden) before the first step; of an LSTM (N, 2 * hidden), cells behind them [default: 0]
   recorded         bool (T, N)     false for the last environments in the last step, if they did not act [default: true]
   negatives        i64 (T, N)      cell t·N + n that `cpca16` shows where (t, n) was seen [default: drawn]
 Names may begin with `rollout.`: the dump of a non-finite update can be probed (--weights and --batch the same file).
 
-Written are log_probs (of a box means and log_stds), values, embeddings, beliefs, advantages, returns, each loss and figure
-by its name in the metrics (loss/policy, ...), loss/total, gradient.NAME of every weight (unclipped) and what the auxiliary
-task was asked. All names, shapes and formulas: docs/probe.md.")]
+Written are log_probs (of a box means and log_stds), values, embeddings, beliefs, next_beliefs, advantages, returns, each
+loss and figure by its name in the metrics (loss/policy, ...), loss/total, gradient.NAME of every weight (unclipped) and what
+the auxiliary task was asked. All names, shapes and formulas: docs/probe.md.")]
 pub struct Arguments {
     /// Weights by PyTorch's module paths, or a checkpoint of a run: which network they are of is read from them
     #[arg(long, value_name = "W.safetensors")]
