@@ -75,21 +75,13 @@ pub(super) fn graph(policy: &Policy) -> Result<Graph> {
     let doc = "Whether each option may be chosen; of several choices side by side.";
     let masked = policy.is_masked();
     let mask = masked.then(|| maker.builder.input(MASK, Element::Bool, &[actions as i64], doc));
-    let states: Vec<(&str, String, Name)> = policy
-        .states()
-        .iter()
-        .map(|&name| {
-            let next = format!("next_{name}");
-            let doc = format!("Of what is remembered: zeros where an episode begins, then {next} of the step before.");
-            (name, next, maker.builder.input(name, Element::Float, &[hidden as i64], &doc))
-        })
-        .collect();
+    let before = maker.remembered(hidden);
 
     // Layers that actor and critic share, and those that each has of its own.
     let (mut shared, mut own) = (&network.mlp[..], &[][..]);
     if depth.is_some() {
         shared = &[];
-    } else if states.is_empty() && images.is_empty() {
+    } else if before.is_empty() && images.is_empty() {
         std::mem::swap(&mut shared, &mut own);
     }
     let (mut parts, mut width) = match (depth, given) {
@@ -117,7 +109,6 @@ pub(super) fn graph(policy: &Policy) -> Result<Graph> {
     }
     maker.builder.part("embedding");
     let embedding = maker.builder.apply("Concat", &parts.iter().collect::<Vec<_>>(), &[Int("axis", 1)]);
-    let before: Vec<Name> = states.iter().map(|(_, _, state)| state.clone()).collect();
     let after = maker.remember(&embedding, &before, [width, hidden])?;
     // The belief comes first.
     let (seen, width) = after.first().map_or((&embedding, width), |belief| (belief, hidden));
@@ -127,17 +118,16 @@ pub(super) fn graph(policy: &Policy) -> Result<Graph> {
         outputs = maker.builder.apply("Where", &[&mask, &outputs, &forbidden], &[]);
     }
     let given = maker.policy(&head, outputs)?;
-    let value = policy.has_value().then(|| maker.head("critic", seen, [width, 1], own)).transpose()?;
+    let value = maker.value(seen, width, own)?;
     for (output, name, doc) in given {
         maker.builder.output(&output, name, &[actions as i64], doc);
     }
     if let Some(value) = value {
-        let last = maker.builder.integers(&[1]);
-        let value = maker.builder.apply("Squeeze", &[&value, &last], &[]);
         maker.builder.output(&value, "value", &[], "The critic's estimate of the discounted return.");
     }
-    for ((name, next, _), state) in states.iter().zip(&after) {
-        maker.builder.output(state, next, &[hidden as i64], &format!("The {name} for the next step."));
+    for (name, state) in policy.states().iter().zip(&after) {
+        let (next, doc) = (format!("next_{name}"), format!("The {name} for the next step."));
+        maker.builder.output(state, &next, &[hidden as i64], &doc);
     }
     Ok(maker.builder.finish())
 }
@@ -444,6 +434,26 @@ impl Maker<'_> {
         let table = [rows, none].concat();
         let table = self.builder.floats(path, &[actions as i64 + 1, PREVIOUS_ACTION as i64], &table);
         Ok(self.builder.apply("Gather", &[&table, previous], &[Int("axis", 0)]))
+    }
+
+    /// Inputs of what is remembered, each \[rows, hidden\]: the belief first.
+    fn remembered(&mut self, hidden: usize) -> Vec<Name> {
+        let input = |name: &&str| {
+            let doc =
+                format!("Of what is remembered: zeros where an episode begins, then next_{name} of the step before.");
+            self.builder.input(name, Element::Float, &[hidden as i64], &doc)
+        };
+        self.policy.states().iter().map(input).collect()
+    }
+
+    /// The critic's value \[rows\], unless it is given more than the model is.
+    fn value(&mut self, seen: &Name, width: usize, own: &[u32]) -> Result<Option<Name>> {
+        if !self.policy.has_value() {
+            return Ok(None);
+        }
+        let value = self.head("critic", seen, [width, 1], own)?;
+        let last = self.builder.integers(&[1]);
+        Ok(Some(self.builder.apply("Squeeze", &[&value, &last], &[])))
     }
 
     /// One step of a GRU or LSTM: embedding \[rows, inputs\] and states \[rows, hidden\] → states, the belief first; none
