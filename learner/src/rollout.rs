@@ -64,7 +64,7 @@ pub struct Rollout {
     recorded: Vec<bool>,
     /// Value of the observation after the last action, by column.
     bootstrap: Vec<Option<f32>>,
-    /// Beliefs before the first step \[N, hidden\].
+    /// The belief's states before the first step \[N, state\].
     beliefs_at_start: Tensor,
 }
 
@@ -192,6 +192,7 @@ impl Rollout {
             .find(|&(t, n)| self.is_valid(t, n) && !self.recorded[self.index(t, n)])
     }
 
+    /// The belief's states before the first step \[N, state\].
     pub(crate) fn beliefs_at_start(&self) -> &Tensor {
         &self.beliefs_at_start
     }

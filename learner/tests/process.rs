@@ -14,7 +14,7 @@ use proto::metric;
 use std::path::Path;
 use std::process::Command;
 use std::sync::OnceLock;
-use support::{Ended, Plan, Rig, tiny, tiny_numbers};
+use support::{Ended, Plan, Rig, tiny, tiny_numbers, tiny_privileged};
 use tch::Device;
 use wire::WireAddress;
 
@@ -207,11 +207,11 @@ fn a_run_goes_on_from_the_weights_it_was_given() {
 /// Wherever the learner of a task of numbers dies, or one of its actors, the weights at the end are the same.
 #[test]
 fn a_run_without_frames_ends_in_the_same_bits_whatever_happens_on_the_way() {
-    for memory in [Memory::None, Memory::Gru] {
+    for (memory, privileged) in [(Memory::None, false), (Memory::Gru, false), (Memory::Lstm, true)] {
         for overlap in [false, true] {
-            let mut config = tiny_numbers(memory);
+            let mut config = if privileged { tiny_privileged(memory) } else { tiny_numbers(memory) };
             config.ppo.overlap = overlap;
-            let name = |what: &str| format!("{}{}{what}", u8::from(memory == Memory::Gru), u8::from(overlap));
+            let name = |what: &str| format!("{}{}{what}", memory.states(), u8::from(overlap));
             let mut rig = Rig::new(&name("nu"), config.clone());
             let straight = rig.learner(&Plan::Undisturbed);
             assert!(straight.status.success(), "{straight:?}");

@@ -111,10 +111,9 @@ def judge(
     network: Network, embedded: torch.Tensor, belief: torch.Tensor, start: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """Log-probabilities, values and beliefs; the belief is zeroed where an episode starts."""
-    gru = network.belief
     belief = torch.where(start[:, None], torch.zeros_like(belief), belief)
-    belief = torch.gru_cell(embedded, belief, gru.weight_ih_l0, gru.weight_hh_l0, gru.bias_ih_l0, gru.bias_hh_l0)
-    return F.log_softmax(network.actor(belief), -1), network.critic(belief)[:, 0], belief
+    seen, belief = network.remember(embedded, belief)
+    return F.log_softmax(network.actor(seen), -1), network.critic(seen)[:, 0], belief
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ pub fn state<'py>(py: Python<'py>, place: &EpisodePlayer) -> PyResult<Bound<'py,
         state.set_item("target_object", target)?;
     }
     let fields = spec.channels.iter().zip(&spec.layout().fields);
-    for (channel, field) in fields.filter(|(channel, _)| channel.role == Role::State) {
+    for (channel, field) in fields.filter(|(channel, _)| matches!(channel.role, Role::State | Role::Privileged)) {
         let (name, number) = (called(channel), field.number(&place.record));
         if !channel.shape.is_empty() {
             state.set_item(name, PyArray1::from_iter(py, field.numbers(&place.record).map(|number| number as f32)))?;

@@ -40,9 +40,13 @@ KINDS = {
     "masked_choices": ('kind = "multi_discrete"\ncounts = [3, 2]', 5),
     "box": ('kind = "box"\nbounds = [[-1, 1], [-0.25, 2]]', 2),
     "images": (DISCRETE, 3),
+    "privileged": (DISCRETE, 3),
 }
 # Those with the embedding of the last action.
 TOLD_PREVIOUS = ("discrete", "images", "masked")
+# What the critic alone is given of the nine numbers: where the door is.
+DOOR = 'name = "door"\nrole = "observation"'
+PRIVILEGED = 3
 
 
 CLIP = 0.8
@@ -53,6 +57,8 @@ def weights_of(memory: str, kind: str, normalized: bool) -> dict[str, np.ndarray
     random = np.random.default_rng(3)
     shapes: dict[str, tuple[int, ...]] = {}
     outputs = KINDS[kind][1]
+    more = PRIVILEGED if kind == "privileged" else 0
+    inputs = NUMBERS - more
 
     def layer(name: str, outputs: int, inputs: int) -> None:
         shapes[f"{name}.weight"], shapes[f"{name}.bias"] = (outputs, inputs), (outputs,)
@@ -64,26 +70,27 @@ def weights_of(memory: str, kind: str, normalized: bool) -> dict[str, np.ndarray
             shapes[f"images.{image}.{index}.weight"], shapes[f"images.{image}.{index}.bias"] = size, size[:1]
         layer(f"images.{image}.7", 512, features)
     if memory == "none" and of_images:
-        layer("mlp.0", 12, NUMBERS)
+        layer("mlp.0", 12, inputs)
         layer("mlp.2", 10, 12)
         layer("actor", outputs, 10 + of_images)
         layer("critic", 1, 10 + of_images)
     elif memory == "none":
-        for head, width in (("actor", outputs), ("critic", 1)):
-            layer(f"{head}.0", 12, NUMBERS)
+        for head, width, seen in (("actor", outputs, inputs), ("critic", 1, inputs + more)):
+            layer(f"{head}.0", 12, seen)
             layer(f"{head}.2", 10, 12)
             layer(f"{head}.4", width, 10)
     else:
-        layer("mlp.0", 12, NUMBERS)
+        layer("mlp.0", 12, inputs)
         layer("mlp.2", 10, 12)
         layer("actor", outputs, HIDDEN)
-        layer("critic", 1, HIDDEN)
+        layer("critic", 1, HIDDEN + more)
         inputs = 10 + of_images
         if kind in TOLD_PREVIOUS:
             shapes["previous_action_embedder.weight"] = (outputs + 1, 16)
             inputs += 16
-        shapes["belief.weight_ih_l0"], shapes["belief.weight_hh_l0"] = (3 * HIDDEN, inputs), (3 * HIDDEN, HIDDEN)
-        shapes["belief.bias_ih_l0"] = shapes["belief.bias_hh_l0"] = (3 * HIDDEN,)
+        gates = {"gru": 3, "lstm": 4}[memory] * HIDDEN
+        shapes["belief.weight_ih_l0"], shapes["belief.weight_hh_l0"] = (gates, inputs), (gates, HIDDEN)
+        shapes["belief.bias_ih_l0"] = shapes["belief.bias_hh_l0"] = (gates,)
     if kind == "box":
         shapes["log_std"] = (outputs,)
     # Many inputs add up.
@@ -107,6 +114,7 @@ def batch_of(kind: str) -> dict[str, np.ndarray]:
         previous = np.zeros(size, int)
         drawn = random.normal(0, 1, (*size, 2)).astype(np.float32)
         actions = drawn if kind == "box" else random.integers(0, [3, 2], (*size, 2))
+        actions = random.integers(0, 3, size) if kind == "privileged" else actions
     table = random.normal(0, 1, (3, *size)).astype(np.float32)
     masks = {}
     if kind.startswith("masked"):
@@ -134,7 +142,8 @@ def batch_of(kind: str) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize(("memory", "normalized"), [("none", False), ("none", True), ("gru", False), ("gru", True)])
+@pytest.mark.parametrize("normalized", [False, True])
+@pytest.mark.parametrize("memory", ["none", "gru", "lstm"])
 def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str, normalized: bool, kind: str) -> None:
     run, weights, batch = tmp_path / "run", weights_of(memory, kind, normalized), batch_of(kind)
     run.mkdir()
@@ -143,12 +152,14 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str,
     is_masked = kind.startswith("masked")
     channel = f'\n[[channels]]\nname = "legal"\nrole = "mask"\ndtype = "u8"\nshape = [{KINDS[kind][1]}]\ndoc = ""\n'
     declared = declared.replace(DISCRETE, KINDS[kind][0]) + (channel if is_masked else "")
+    is_privileged = kind == "privileged"
+    declared = declared.replace(DOOR, DOOR.replace("observation", kind)) if is_privileged else declared
     kinds = {np.float32: "f32", np.uint8: "u8", np.uint16: "u16"}
     for image, dtype, shape, _ in IMAGES if kind == "images" else []:
         declared += f'[[channels]]\nname = "{image}"\nrole = "observation"\ndtype = "{kinds[dtype]}"\n'
         declared += f"shape = {list(shape)}\n" + "range = [-1, 1]\n" * (dtype is np.float32) + 'doc = ""\n'
     (run / "task.toml").write_text(declared)
-    told_previous = memory == "gru" and kind in TOLD_PREVIOUS
+    told_previous = memory != "none" and kind in TOLD_PREVIOUS
     network = f'goal = "plain"\nmemory = "{memory}"\nmlp = [12, 10]\nhidden = {HIDDEN}\n'
     network += f"previous_action = {'true' if told_previous else 'false'}\n"
     stage = '[[stages]]\nname = "I"\nreward = "r"\nframes = 100\n'
@@ -177,7 +188,8 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str,
     policy = onnxruntime.InferenceSession(tmp_path / "policy.onnx", providers=["CPUExecutionProvider"])
     names = {value.name for value in policy.get_inputs()}
     images = {name for name in batch if name.startswith("images.")}
-    expected = {"numbers"} | images | ({"belief"} if memory == "gru" else set())
+    remembered = {"none": [], "gru": ["belief"], "lstm": ["belief", "cell"]}[memory]
+    expected = {"numbers"} | images | set(remembered)
     assert names - {"previous_action"} == expected | ({"action_mask"} if is_masked else set())
     assert ("previous_action" in names) == told_previous
     outputs = {value.name: at for at, value in enumerate(policy.get_outputs())}
@@ -187,23 +199,29 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str,
     # Of an image many more numbers add up.
     atol = 1e-5 if images else 2e-6
     assert stillroom.load(run).weights.keys() == weights.keys()
-    beliefs = np.zeros((COLUMNS, HIDDEN), np.float32)
+    states = {name: np.zeros((COLUMNS, HIDDEN), np.float32) for name in remembered}
     carried = loaded.begin(COLUMNS)
+    # The numbers of the policy come first.
+    numbers, privileged = np.split(batch["numbers"], [NUMBERS - PRIVILEGED * is_privileged], -1)
     for step in range(STEPS):
         starts = batch["episode_start"][step]
-        beliefs[starts] = 0
+        states = {name: np.where(starts[:, None], np.float32(0), state) for name, state in states.items()}
         carried = carried * torch.tensor(~starts).unsqueeze(1)
         given = {
-            "numbers": batch["numbers"][step],
+            "numbers": numbers[step],
             "previous_action": (batch["previous_action"][step] + 3) % 4,
         } | {name: batch[name][step] for name in images}
         given |= {"action_mask": batch["mask"][step]} if is_masked else {}
-        told = given | {"belief": beliefs}
+        told = given | states
         answer = policy.run(None, {name: told[name] for name in names})
-        beliefs = answer[outputs["next_belief"]] if "next_belief" in outputs else beliefs
+        states = {name: answer[outputs[f"next_{name}"]] for name in states}
         with torch.no_grad():
+            if is_privileged:
+                assert loaded(given, carried)[1].isnan().all()
+                given |= {"privileged": privileged[step]}
             own, own_values, carried = loaded(given, carried)
-        for name, theirs in [(table, table) for table in tables] + [("value", "values")]:
+        np.testing.assert_allclose(carried, np.concatenate([*states.values(), carried[:, :0]], 1), atol=atol)
+        for name, theirs in [(table, table) for table in tables] + [("value", "values")] * (not is_privileged):
             np.testing.assert_allclose(answer[outputs[name]], found[theirs][step], atol=atol)
         for ours, theirs in [(own, found[tables[0]][step]), (own_values, found["values"][step])]:
             np.testing.assert_allclose(ours.numpy(), theirs, atol=atol)
@@ -211,6 +229,7 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str,
             "masked": lambda own: own.argmax(1),
             "masked_choices": lambda own: np.stack([own[:, :3].argmax(1), own[:, 3:].argmax(1)], 1),
             "discrete": lambda own: own.argmax(1),
+            "privileged": lambda own: own.argmax(1),
             "images": lambda own: own.argmax(1),
             "choices": lambda own: np.stack([own[:, :3].argmax(1), own[:, 3:].argmax(1)], 1),
             "box": lambda own: own.clip([-1, -0.25], [1, 2]),

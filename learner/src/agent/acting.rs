@@ -52,7 +52,7 @@ pub(super) struct Policy<'a> {
     pub head: &'a ActionHead,
     /// Whether there are options that may not be chosen.
     pub masked: bool,
-    /// The table \[columns + 1, hidden\].
+    /// The table \[columns + 1, state\].
     pub beliefs: &'a Tensor,
     /// The rollout's frames, \[frames + 1, side, side\].
     pub store: &'a Tensor,
@@ -265,7 +265,7 @@ impl Acting {
         let side = store.size()[1];
         let kept = Tensor::empty([layout.rows as i64, side, side], (Kind::Float, device));
         let (frames, places) = (part(&layout.frames, Kind::Int64), part(&layout.places, Kind::Int64));
-        let gru = network.belief.gru();
+        let recurrent = network.belief.recurrent();
         let (seen, told, before, from_before) = self.branches.joined(|branches| {
             let mut seen = vec![];
             let parts = parts(layout.rows);
@@ -283,11 +283,11 @@ impl Acting {
             let told = network.told(&numbers, &part(&layout.previous_actions, Kind::Int64));
             let before = beliefs.index_select(0, &part(&layout.columns, Kind::Int64))
                 * part(&layout.carried, Kind::Float).unsqueeze(1);
-            let from_before = gru.state_gates(&network.parameters, &before);
+            let from_before = recurrent.state_gates(&network.parameters, &before);
             Ok::<_, GraphError>((seen, told, before, from_before))
         })?;
         let embedded = Tensor::cat(&[Tensor::cat(&seen, 0), told], 1);
-        let from_input = gru.input_gates(&network.parameters, &embedded);
+        let from_input = recurrent.input_gates(&network.parameters, &embedded);
         let noise = part(&layout.noise, Kind::Float).view([layout.rows as i64, -1]);
         let row = Undecided { from_input: &from_input, from_before: &from_before, before: &before, noise: &noise };
         let to = part(&layout.beliefs_to, Kind::Int64);

@@ -185,7 +185,8 @@ impl Agent {
             * to_device(Tensor::from_slice(&carried).unsqueeze(1));
         let embedded = network.embed(&observations);
         let beliefs = network.belief.step(&network.parameters, &embedded, &before);
-        let output = network.actor_critic(&beliefs, masks_of(steps.iter(), self.device).as_ref());
+        let (privileged, masks) = (network.privileged(&observations), masks_of(steps.iter(), self.device));
+        let output = network.actor_critic(&network.belief.of(&beliefs), privileged.as_ref(), masks.as_ref());
 
         // One copy back: each row is the policy and then the value.
         let judged = to_vec(&Tensor::cat(&[output.policy.rows(), output.values.unsqueeze(1)], 1));

@@ -67,9 +67,9 @@ pub struct Agent {
     shards: Shards,
     /// Rows that go through the network together, where a step may be of fewer columns.
     batch_rows: Option<usize>,
-    /// Beliefs before the next observation, \[columns, hidden\]: all rows but the last of `table`.
+    /// The belief's states before the next observation, \[columns, state\]: all rows but the last of `table`.
     beliefs: Tensor,
-    /// \[columns + 1, hidden\].
+    /// \[columns + 1, state\].
     table: Tensor,
     rollout: Option<Rollout>,
     /// Room for a rollout's frames and images while no rollout holds it.
@@ -92,7 +92,7 @@ impl Agent {
         let adam = Adam::new(&network.parameters.flat());
         let table = network.belief.blank(columns.len() as i64 + 1, device);
         let beliefs = table.narrow(0, 0, columns.len() as i64);
-        let kernels = network.kernels().filter(|_| network.belief.hidden() > 0 && network.images().are_none());
+        let kernels = network.kernels().filter(|_| network.acts_in_parts());
         let acting = kernels.and_then(|_| match Acting::new(device) {
             Ok(acting) => Some(acting),
             Err(error) => {
@@ -161,6 +161,7 @@ impl Agent {
         let _no_grad = tch::no_grad_guard();
         self.carry(input.columns, &beliefs);
         let Trainer { network, auxiliary, .. } = self.trainer();
+        let beliefs = network.belief.of(&beliefs);
         let disturbs = auxiliary.disturbance_logits(&network.parameters, &beliefs).map(|logits| {
             let options: Vec<usize> = chosen.iter().map(option).collect();
             let logits = logits.gather(1, &column_indices(&options, self.device).unsqueeze(1), false);
@@ -372,7 +373,7 @@ impl Agent {
         }
     }
 
-    /// Beliefs \[columns, hidden\] as of the last rollout boundary, on the CPU.
+    /// Beliefs' states \[columns, state\] as of the last rollout boundary, on the CPU.
     pub(crate) fn boundary_beliefs(&self) -> Tensor {
         let beliefs = self.rollout.as_ref().map_or(&self.beliefs, Rollout::beliefs_at_start);
         beliefs.detach().to_device(Device::Cpu).copy()

@@ -18,7 +18,7 @@ pub(crate) const BELIEFS: &str = "beliefs";
 #[derive(Debug)]
 pub struct AgentState {
     /// Weights as `model.…` with PyTorch's module paths, Adam's moments as `adam.first` and `adam.second` (flat, in the
-    /// network's order), and `beliefs` \[columns, hidden\], all f32; running statistics as `statistics.…`, f64. With
+    /// network's order), and `beliefs` \[columns, state\], all f32; running statistics as `statistics.…`, f64. With
     /// `ppo.overlap` also the weights that the next rollout is collected with, as `acting.…`.
     pub tensors: BTreeMap<String, Tensor>,
     /// Optimiser steps taken in this stage.

@@ -102,6 +102,7 @@ pub struct Choice {
 /// The network's outputs for the observations of some columns.
 pub(super) struct Inference {
     pub kept: Kept,
+    /// What [`crate::network::Belief::step`] gives.
     pub beliefs: Tensor,
     /// [`crate::network::Distribution::rows`], one behind the other.
     pub policy: Vec<f32>,

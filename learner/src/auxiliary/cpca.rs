@@ -8,7 +8,7 @@
 use super::query::{Epoch, Query};
 use super::task::{Pass, Sizes, Tally, Task, TaskEntry, TaskLoss};
 use crate::device::upload;
-use crate::network::{Gru, Initial, Layout, Linear, OBSERVATION, Packing, ParameterId, Parameters};
+use crate::network::{Initial, Layout, Linear, OBSERVATION, Packing, ParameterId, Parameters, Recurrent};
 use crate::peers::{PeerError, Peers};
 use proto::config::AuxiliaryTask;
 use std::collections::BTreeMap;
@@ -34,7 +34,7 @@ const WIDTH: i64 = 32;
 #[derive(Debug)]
 pub struct Cpca {
     action_embedder: ParameterId,
-    context: Gru,
+    context: Recurrent,
     first: Linear,
     second: Linear,
     /// Share of the valid pairs of step and offset that an epoch uses.
@@ -48,7 +48,7 @@ impl Cpca {
         let normal = Initial::Normal { deviation: 1.0 };
         Self {
             action_embedder: layout.add(format!("{path}.action_embedder.weight"), &[actions, ACTION], normal),
-            context: Gru::with_default(layout, &format!("{path}.context_model"), [ACTION, hidden]),
+            context: Recurrent::gru_with_default(layout, &format!("{path}.context_model"), [ACTION, hidden]),
             first: Linear::with_default(layout, &format!("{path}.classifier.0"), [OBSERVATION + hidden, WIDTH]),
             second: Linear::with_default(layout, &format!("{path}.classifier.2"), [WIDTH, 1]),
             share,

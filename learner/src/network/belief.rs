@@ -1,71 +1,78 @@
-//! The belief: a one-layer GRU that is zeroed at episode starts, one step at a time when acting and over whole
-//! rollouts when training. Without memory it is what is seen now, and there is nothing to carry from step to step.
+//! The belief: a one-layer GRU or LSTM that is zeroed at episode starts, one step at a time when acting and over whole
+//! rollouts when training. Its state is carried from step to step; the belief is its output: all of a GRU's state, and
+//! what stands before the cell in an LSTM's. Without memory it is what is seen now, and there is nothing to carry.
 //!
 //! A rollout of T steps × N columns, cut at its episode starts, is a set of segments. Sorted by length they form
 //! PyTorch's packed sequence: first the first row of every segment, then the second row of those that have one, and so
-//! on. That takes as many GRU steps as the longest segment has, with no masks, and frameworks have a fast path for it
+//! on. That takes as many steps as the longest segment has, with no masks, and frameworks have a fast path for it
 //! (a masked loop over T took ten times as long on a GPU).
 //!
 //! Rows of a training batch have no other order than this one: [`Packing`] says which (step, column) each row is, the
 //! encoder and the losses run over rows, and nothing differentiable is ever permuted.
 
 use super::initialize::Initial;
-use super::layers::Gru;
+use super::layers::{Recurrent, Unit};
 use super::parameters::{Layout, Parameters};
 use crate::device::upload;
+use proto::config::Memory;
 use std::ops::Range;
 use tch::{Device, Kind, Tensor};
 
-/// The belief's GRU, if there is one.
+/// The belief's unit, if there is one.
 #[derive(Debug)]
 pub struct Belief {
-    gru: Option<Gru>,
+    recurrent: Option<Recurrent>,
 }
 
 impl Belief {
-    /// Declares the GRU: orthogonal weights, zero biases.
-    pub fn new(layout: &mut Layout, path: &str, sizes: [i64; 2]) -> Self {
-        let gru = Gru::new(layout, path, sizes, Initial::Orthogonal { gain: 1.0 }, Initial::Constant(0.0));
-        Self { gru: Some(gru) }
+    /// Declares the unit, if there is to be one: orthogonal weights, zero biases.
+    pub fn new(layout: &mut Layout, path: &str, memory: Memory, sizes: [i64; 2]) -> Self {
+        let unit = match memory {
+            Memory::Gru => Unit::Gru,
+            Memory::Lstm => Unit::Lstm,
+            Memory::None => return Self { recurrent: None },
+        };
+        let initial = [Initial::Orthogonal { gain: 1.0 }, Initial::Constant(0.0)];
+        Self { recurrent: Some(Recurrent::new(layout, path, unit, sizes, initial)) }
     }
 
-    /// No memory.
-    pub fn none() -> Self {
-        Self { gru: None }
+    /// Width of the state that is carried from step to step: 0 without memory.
+    pub fn state(&self) -> i64 {
+        self.recurrent.map_or(0, |recurrent| recurrent.state())
     }
 
-    /// Width of what is carried from step to step: 0 without memory.
-    pub fn hidden(&self) -> i64 {
-        self.gru.map_or(0, |gru| gru.hidden())
-    }
-
-    /// One step: observations \[rows, inputs\] and beliefs before them \[rows, hidden\] → beliefs after them.
+    /// One step: observations \[rows, inputs\] and states before them \[rows, state\] → states after them.
     pub fn step(&self, parameters: &Parameters, x: &Tensor, before: &Tensor) -> Tensor {
-        self.gru.map_or_else(|| x.shallow_clone(), |gru| gru.step(parameters, x, before))
+        self.recurrent.map_or_else(|| x.shallow_clone(), |recurrent| recurrent.step(parameters, x, before))
     }
 
-    /// The GRU, for whoever takes a step in parts.
+    /// The beliefs \[rows, hidden\] in what [`Belief::step`] gives.
+    pub fn of(&self, states: &Tensor) -> Tensor {
+        self.recurrent.map_or_else(|| states.shallow_clone(), |recurrent| recurrent.output(states))
+    }
+
+    /// The unit, for whoever takes a step in parts.
     ///
     /// # Panics
     /// Without memory.
-    pub(crate) fn gru(&self) -> &Gru {
-        self.gru.as_ref().expect("a network with memory")
+    pub(crate) fn recurrent(&self) -> &Recurrent {
+        self.recurrent.as_ref().expect("a network with memory")
     }
 
-    /// All steps: observations \[rows, inputs\] in the order of `packing`, beliefs of all columns at the rollout's
-    /// start \[columns, hidden\] → beliefs \[rows, hidden\] in the same order.
+    /// All steps: observations \[rows, inputs\] in the order of `packing`, states of all columns at the rollout's
+    /// start \[columns, state\] → beliefs \[rows, hidden\] in the same order.
     pub fn unroll(&self, parameters: &Parameters, x: &Tensor, packing: &Packing, at_start: &Tensor) -> Tensor {
-        let Some(gru) = self.gru else { return x.shallow_clone() };
+        let Some(recurrent) = self.recurrent else { return x.shallow_clone() };
         let device = x.device();
         let columns = upload(&packing.columns, device);
         let carried = upload(&packing.carried, device).unsqueeze(1);
         let before = at_start.index_select(0, &columns) * carried;
-        gru.packed(parameters, x, &packing.batch_sizes, &before)
+        recurrent.packed(parameters, x, &packing.batch_sizes, &before)
     }
 
-    /// The belief before anything was seen, \[columns, hidden\].
+    /// The state before anything was seen, \[columns, state\].
     pub(crate) fn blank(&self, columns: i64, device: Device) -> Tensor {
-        Tensor::zeros([columns, self.hidden()], (Kind::Float, device))
+        Tensor::zeros([columns, self.state()], (Kind::Float, device))
     }
 }
 
@@ -214,15 +221,16 @@ mod tests {
         fn unroll_equals_stepping(
             steps in 1usize..12, columns in 1usize..6, first in 0usize..3, short in 0usize..6,
             starts in proptest::collection::vec(proptest::bool::weighted(0.2), 72),
+            memory in proptest::sample::select(vec![Memory::Gru, Memory::Lstm]),
         ) {
             let first = first.min(columns - 1);
             let (inputs, hidden) = (7, 5);
             let mut layout = Layout::default();
-            let belief = Belief::new(&mut layout, "belief", [inputs, hidden]);
+            let belief = Belief::new(&mut layout, "belief", memory, [inputs, hidden]);
             let parameters = Parameters::new(layout, 3, Device::Cpu);
             tch::manual_seed(7);
             let x = Tensor::randn([steps as i64, columns as i64, inputs], (Kind::Float, Device::Cpu));
-            let at_start = Tensor::randn([columns as i64, hidden], (Kind::Float, Device::Cpu));
+            let at_start = Tensor::randn([columns as i64, belief.state()], (Kind::Float, Device::Cpu));
             let is_start = |t: usize, n: usize| starts[t * 6 + n];
             // The last `short` columns have one row fewer.
             let length = |n: usize| if n + short >= columns && steps > 1 { steps - 1 } else { steps };
@@ -242,7 +250,7 @@ mod tests {
                     state = belief.step(&parameters, &x.get(t as i64).get(n as i64).unsqueeze(0), &state);
                     let row = packing.rows.iter().position(|&row| row == (t, n));
                     let row = row.expect("every valid row is packed") as i64;
-                    let difference = (unrolled.get(row) - state.squeeze()).abs().max().double_value(&[]);
+                    let difference = (unrolled.get(row) - belief.of(&state).squeeze()).abs().max().double_value(&[]);
                     prop_assert!(difference < 1e-6, "({t}, {n}): {difference}");
                     seen += 1;
                 }

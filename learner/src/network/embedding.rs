@@ -12,15 +12,14 @@ pub const GOAL: i64 = 32;
 /// Width of the previous action's embedding.
 pub const PREVIOUS_ACTION: i64 = 16;
 
-/// What the network is given for the numbers that a record has, of any number of rows. Panics if vectors in space are
-/// no whole number of threes.
+/// What the network is given for the numbers that a record has: a vector in space comes first, and what is behind it, for
+/// the critic alone, stays. Panics if there are fewer than three numbers, and those are to be a vector in space.
 pub fn coordinates(kind: GoalCoordinates, numbers: &[f32]) -> Vec<f32> {
     if kind == GoalCoordinates::Plain {
         return numbers.to_vec();
     }
-    let (vectors, rest) = numbers.as_chunks();
-    assert!(rest.is_empty(), "a vector in space has three numbers");
-    vectors.iter().flat_map(|&vector| goal_coordinates(kind, vector)).collect()
+    let (vector, rest) = numbers.split_first_chunk().expect("a vector in space has three numbers");
+    [&goal_coordinates(kind, *vector), rest].concat()
 }
 
 /// What the network is given for a goal vector in the robot's frame (x right, y up, z ahead), metres.

@@ -27,7 +27,7 @@ pub use frame::{FramePreparation, RawFrame, Staging};
 pub(crate) use images::PATH as IMAGES;
 pub use initialize::Initial;
 pub(crate) use initialize::fill_normal;
-pub(crate) use layers::{Gru, Linear};
+pub(crate) use layers::{Linear, Recurrent};
 pub(crate) use normalizer::{EPSILON as VARIANCE_EPSILON, is_among as has_normalizer};
 pub use parameters::{Layout, ParameterId, Parameters, Unfit, to_vec};
 pub(crate) use parameters::{all_finite, fits};
@@ -85,7 +85,7 @@ impl Kept {
 #[derive(Debug)]
 pub struct Observations {
     pub kept: Kept,
-    /// Numbers beside frames and images, see [`coordinates`]; f32 \[rows, numbers\].
+    /// Numbers beside frames and images, see [`coordinates`]; f32 \[rows, numbers\]. Those of the critic alone come last.
     pub numbers: Tensor,
     /// Rows of the action embedding, see [`table_row`]; i64 \[rows\].
     pub previous_actions: Tensor,
@@ -115,6 +115,9 @@ pub struct Network {
     pub belief: Belief,
     /// Width of what an observation gives by itself, which comes first in the rows of [`Network::embed`].
     observation: i64,
+    /// How many of an observation's numbers the policy is given, and how many the critic alone.
+    numbers: i64,
+    privileged: i64,
     normalizer: Option<Normalizer>,
     embedding: Embedding,
     images: Images,
@@ -133,6 +136,8 @@ pub struct PrecisionError(String);
 pub(crate) struct Embedded<'a> {
     /// One row an observation, see [`Network::embed`].
     pub rows: Tensor,
+    /// See [`Network::privileged`].
+    pub privileged: Option<Tensor>,
     /// Where autograd does not see the encoder: the visual embedding, at which autograd ends, and the encoder's own
     /// backward pass from there.
     fused: Option<(Tensor, Backward<'a>)>,
@@ -154,12 +159,13 @@ impl Network {
         let actions = action_head.outputs() as i64;
         let hidden = i64::from(config.network.hidden);
         let seen = config.spec().inputs().expect("a validated configuration's task has what networks take");
-        let numbers = seen.width() as i64;
+        let numbers = seen.policy_width() as i64;
+        let privileged = seen.width() as i64 - numbers;
         let memory = config.network.memory;
 
         let normalize = config.normalize;
-        let normalizer = (normalize.observations && numbers > 0)
-            .then(|| Normalizer::new(&mut layout, numbers, normalize.observation_clip));
+        let normalizer = (normalize.observations && seen.width() > 0)
+            .then(|| Normalizer::new(&mut layout, numbers + privileged, normalize.observation_clip));
         // Layers that actor and critic share, and those that each has of its own.
         let (mut shared, mut own) = (&config.network.mlp[..], &[][..]);
         let (embedding, mut inputs) = if seen.frame.is_some() {
@@ -183,13 +189,11 @@ impl Network {
             inputs += embedding::PREVIOUS_ACTION;
             ActionEmbedding::new(&mut layout, "previous_action_embedder", actions)
         });
-        let (belief, hidden) = match memory {
-            Memory::Gru => (Belief::new(&mut layout, "belief", [inputs, hidden]), hidden),
-            Memory::None => (Belief::none(), inputs),
-        };
-        let mut head = |path: &str, outputs: i64, gain| Head::new(&mut layout, path, [hidden, outputs], own, gain);
-        let actor = head("actor", actions, 0.01);
-        let critic = head("critic", 1, 1.0);
+        let belief = Belief::new(&mut layout, "belief", memory, [inputs, hidden]);
+        let hidden = if memory == Memory::None { inputs } else { hidden };
+        let mut head = |path: &str, sizes: [i64; 2], gain| Head::new(&mut layout, path, sizes, own, gain);
+        let actor = head("actor", [hidden, actions], 0.01);
+        let critic = head("critic", [hidden + privileged, 1], 1.0);
         let policy = distribution::Maker::new(&mut layout, &action_head);
         let declared = declare(&mut layout, hidden);
 
@@ -199,6 +203,8 @@ impl Network {
             preparation,
             belief,
             observation,
+            numbers,
+            privileged,
             normalizer,
             embedding,
             images,
@@ -287,12 +293,13 @@ impl Network {
     /// With what the encoder made of the frames by itself, if it did.
     fn embedded<'a>(&'a self, observations: &Observations, visual: Option<(Tensor, Backward<'a>)>) -> Embedded<'a> {
         let Observations { kept: Kept { frames, images }, numbers, previous_actions } = observations;
-        let numbers = &self.normalized(numbers);
+        let privileged = self.privileged(observations);
+        let numbers = &self.normalized(numbers).narrow(1, 0, self.numbers);
         let (encoder, goal) = match &self.embedding {
             Embedding::Frame { encoder, goal } => (encoder, goal),
             Embedding::Numbers(mlp) => {
                 let seen = self.beside_images(mlp.forward(&self.parameters, numbers), images);
-                return Embedded { rows: self.beside(seen, previous_actions), fused: None };
+                return Embedded { rows: self.beside(seen, previous_actions), privileged, fused: None };
             }
         };
         let see = |kept: &Tensor| encoder.forward(&self.parameters, &self.preparation.input(kept));
@@ -305,7 +312,7 @@ impl Network {
         };
         let goal = self.beside_images(goal.forward(&self.parameters, numbers), images);
         let told = self.beside(goal, previous_actions);
-        Embedded { rows: Tensor::cat(&[visual, told], 1), fused }
+        Embedded { rows: Tensor::cat(&[visual, told], 1), privileged, fused }
     }
 
     /// The visual embedding \[rows, 512\] of kept frames, where the encoder computes with kernels of our own.
@@ -318,6 +325,11 @@ impl Network {
         fused.expect("an encoder with kernels").0
     }
 
+    /// Whether a step can be taken by kernels of our own: with memory, and without images or numbers of the critic alone.
+    pub(crate) fn acts_in_parts(&self) -> bool {
+        self.belief.state() > 0 && self.images.are_none() && self.privileged == 0
+    }
+
     /// What stands beside it in a row of [`Network::embed`]: embeddings of the numbers and, if the network has them, of
     /// previous actions.
     ///
@@ -326,6 +338,13 @@ impl Network {
     pub(crate) fn told(&self, numbers: &Tensor, previous_actions: &Tensor) -> Tensor {
         let Embedding::Frame { goal, .. } = &self.embedding else { panic!("numbers stand beside a frame") };
         self.beside(goal.forward(&self.parameters, &self.normalized(numbers)), previous_actions)
+    }
+
+    /// What the critic alone is given of observations \[rows, privileged\], if there is something: the asymmetric
+    /// actor-critic (Pinto et al. 2018).
+    pub fn privileged(&self, observations: &Observations) -> Option<Tensor> {
+        let its_own = || self.normalized(&observations.numbers).narrow(1, self.numbers, self.privileged);
+        (self.privileged > 0).then(its_own)
     }
 
     fn normalized(&self, numbers: &Tensor) -> Tensor {
@@ -371,7 +390,7 @@ impl Network {
     /// Gradient of a loss, flat, in the order of [`Parameters::flat`]. `embedded` are the embeddings that the loss was
     /// computed from.
     pub(crate) fn gradient_of(&self, loss: &Tensor, embedded: Embedded) -> Tensor {
-        let Embedded { rows, fused } = embedded;
+        let Embedded { rows, fused, .. } = embedded;
         match fused {
             Some((visual, backward)) => {
                 // The graph keeps what it needs.
@@ -388,18 +407,24 @@ impl Network {
             let Linear { weight, bias } = head.last();
             [weight, bias].map(|id| &self.parameters[id])
         };
-        let gate_biases = self.belief.gru().biases(&self.parameters);
+        let gate_biases = self.belief.recurrent().biases(&self.parameters);
         let log_std = self.policy.log_std(&self.parameters);
         Heads { gate_biases, actor: of(&self.actor), critic: of(&self.critic), log_std }
     }
 
-    /// Beliefs \[rows, hidden\], or embeddings without memory → policy and value. `masks` are true where an option may be
-    /// chosen, \[rows, options\].
-    pub fn actor_critic(&self, beliefs: &Tensor, masks: Option<&Tensor>) -> ActorCriticOutput {
+    /// Beliefs \[rows, hidden\], or embeddings without memory → policy and value. `privileged`: see
+    /// [`Network::privileged`]; `masks` are true where an option may be chosen, \[rows, options\].
+    pub fn actor_critic(
+        &self,
+        beliefs: &Tensor,
+        privileged: Option<&Tensor>,
+        masks: Option<&Tensor>,
+    ) -> ActorCriticOutput {
+        let judged = privileged.map_or_else(|| beliefs.shallow_clone(), |more| Tensor::cat(&[beliefs, more], 1));
         let outputs = self.actor.forward(&self.parameters, beliefs);
         ActorCriticOutput {
             policy: self.policy.distribution(&self.parameters, outputs, masks),
-            values: self.critic.forward(&self.parameters, beliefs).squeeze_dim(1),
+            values: self.critic.forward(&self.parameters, &judged).squeeze_dim(1),
         }
     }
 }

@@ -256,7 +256,7 @@ impl<'a> Update<'a> {
         // Forward: embeddings [B, 512 for the frame and each image + 32 + 16] → beliefs [B, H] → the policy and values [B].
         let embedded = chunk.embed(network, rollout, self.rollout_number);
         let beliefs = network.belief.unroll(&network.parameters, &embedded.rows, packing, rollout.beliefs_at_start());
-        let output = network.actor_critic(&beliefs, experience.masks.as_ref());
+        let output = network.actor_critic(&beliefs, embedded.privileged.as_ref(), experience.masks.as_ref());
 
         // Loss: clipped surrogate + c_v · clipped value loss − c_H · entropy, scalars.
         let Terms { policy, value, entropy, clip_fraction, approximate_kl } =

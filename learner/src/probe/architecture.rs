@@ -9,6 +9,9 @@ use proto::task::{ActionHead, ActionSpace};
 use std::collections::BTreeMap;
 use tch::Tensor;
 
+/// The weight that shows which unit the belief has, and how wide it is.
+const BELIEF: &str = "belief.weight_hh_l0";
+
 /// Sets encoder, pooling or layers, memory, previous action, normalisation, width, action space and auxiliary task to
 /// what the weights are of.
 pub fn fit(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> Result<(), TensorsError> {
@@ -19,7 +22,7 @@ pub fn fit(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> Result<()
         fit_frames(config, weights)?;
         "actor.weight".to_owned()
     };
-    let (actions, width) = (side(&actor, 0)?, side(&actor, 1)?);
+    let actions = side(&actor, 0)?;
     let spaces: Vec<(usize, ActionSpace)> = ActionSpace::all()
         .filter_map(|space| Some((ActionHead::of(space, &config.spec().actions)?.outputs(), space)))
         .collect();
@@ -27,9 +30,10 @@ pub fn fit(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> Result<()
     let counts: Vec<String> = spaces.iter().map(|(count, _)| count.to_string()).collect();
     let none = || wrong(&actor, format!("has {actions} actions; there are spaces of {}", counts.join(" and ")));
     config.episode.action_space = found.ok_or_else(none)?.1;
-    config.network.memory = if weights.contains_key("belief.weight_hh_l0") { Memory::Gru } else { Memory::None };
-    if config.network.memory == Memory::Gru {
-        config.network.hidden = u32::try_from(width).map_err(|_| wrong(&actor, format!("is {width} wide")))?;
+    config.network.memory = memory(weights)?;
+    if config.network.memory != Memory::None {
+        let width = side(BELIEF, 1)?;
+        config.network.hidden = u32::try_from(width).map_err(|_| wrong(BELIEF, format!("is {width} wide")))?;
     }
     config.normalize.observations = has_normalizer(weights.keys());
     config.network.previous_action = weights.contains_key("previous_action_embedder.weight");
@@ -37,6 +41,16 @@ pub fn fit(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> Result<()
     let task = TASKS.into_iter().find(|entry| has_task(entry.name));
     config.auxiliary.task = task.map_or(AuxiliaryTask::None, |entry| entry.task);
     Ok(())
+}
+
+/// The belief's unit, by its gates.
+fn memory(weights: &BTreeMap<String, Tensor>) -> Result<Memory, TensorsError> {
+    if !weights.contains_key(BELIEF) {
+        return Ok(Memory::None);
+    }
+    let [rows, width] = [side(weights, BELIEF, 0)?, side(weights, BELIEF, 1)?];
+    let found = [Memory::Gru, Memory::Lstm].into_iter().find(|memory| rows == i64::from(memory.gates()) * width);
+    found.ok_or_else(|| wrong(BELIEF, format!("is {rows} by {width}: a GRU has 3 gates, an LSTM 4")))
 }
 
 fn fit_frames(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> Result<(), TensorsError> {
@@ -113,7 +127,7 @@ mod tests {
             config.network.encoder = encoder;
             config.network.input_pool = input_pool;
             config.network.hidden = 16;
-            config.network.memory = if index < 5 { Memory::Gru } else { Memory::None };
+            config.network.memory = [Memory::Gru, Memory::Lstm, Memory::None][index / 2];
             config.network.previous_action = index % 2 == 0;
             config.normalize.observations = index % 2 == 1;
             config.episode.action_space =

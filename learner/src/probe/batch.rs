@@ -163,13 +163,13 @@ fn warn_of_contradictions(ended: &[bool], start: &[bool], columns: usize) {
 impl Batch {
     pub fn read(file: &BTreeMap<String, Tensor>, config: &Config, network: &Network) -> Result<Self, TensorsError> {
         let file = Tensors::of_batch(file)?;
-        let hidden = network.belief.hidden();
+        let state = network.belief.state();
         let (cells, shape, recorded) = shape(&file)?;
         let [steps, columns] = cells;
 
         let beliefs = match file.find("beliefs") {
-            Some(_) => Tensor::from_slice(&file.floats("beliefs", &[columns, hidden])?).view([columns, hidden]),
-            None => Tensor::zeros([columns, hidden], (Kind::Float, Device::Cpu)),
+            Some(_) => Tensor::from_slice(&file.floats("beliefs", &[columns, state])?).view([columns, state]),
+            None => network.belief.blank(columns, Device::Cpu),
         };
         let device = network.parameters.flat().device();
         let kept = Kept { frames: kept_frames(&file, cells, network)?, images: images(&file, cells, network)? };
@@ -362,7 +362,7 @@ fn images(file: &Tensors, [steps, columns]: [i64; 2], network: &Network) -> Resu
 fn numbers(file: &Tensors, [steps, columns]: [i64; 2], config: &Config) -> Result<Vec<Vec<f32>>, TensorsError> {
     let inputs = config.spec().inputs().expect("a validated configuration's task has what networks take");
     let size = [steps, columns, inputs.width() as i64];
-    let rows = |given: &[f32]| given.chunks_exact(inputs.width()).map(<[f32]>::to_vec).collect();
+    let rows = |given: &[f32]| -> Vec<_> { given.chunks_exact(inputs.width()).map(<[f32]>::to_vec).collect() };
     if inputs.width() == 0 {
         return Ok(vec![vec![]; (steps * columns) as usize]);
     }
@@ -372,6 +372,9 @@ fn numbers(file: &Tensors, [steps, columns]: [i64; 2], config: &Config) -> Resul
     match (file.find("goal"), file.find("goal_m")) {
         (Some(_), Some(_)) => Err(wrong("goal", "and goal_m are both there: only one can be meant".to_owned())),
         (Some(_), None) => Ok(rows(&file.floats("goal", &size)?)),
-        (None, _) => Ok(rows(&coordinates(config.network.goal, &file.floats("goal_m", &size)?))),
+        (None, _) => {
+            let given = rows(&file.floats("goal_m", &size)?);
+            Ok(given.iter().map(|row| coordinates(config.network.goal, row)).collect())
+        }
     }
 }

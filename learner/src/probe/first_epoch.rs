@@ -104,9 +104,12 @@ impl Cells<'_> {
     fn pass(&self, network: &Network, targets: &Targets) -> BTreeMap<String, Tensor> {
         let Self { rollout, packing } = self;
         let _no_grad = tch::no_grad_guard();
-        let embeddings = network.embed(&rollout.observations(packing));
+        let observations = rollout.observations(packing);
+        let embeddings = network.embed(&observations);
         let beliefs = network.belief.unroll(&network.parameters, &embeddings, packing, rollout.beliefs_at_start());
-        let ActorCriticOutput { policy, values } = network.actor_critic(&beliefs, rollout.masks(packing).as_ref());
+        let (privileged, masks) = (network.privileged(&observations), rollout.masks(packing));
+        let ActorCriticOutput { policy, values } = network.actor_critic(&beliefs, privileged.as_ref(), masks.as_ref());
+        let last = (network.belief.state() > 0).then(|| self.last_states(network, &self.table(&embeddings)));
         let target = |of: &dyn Fn((usize, usize)) -> f32| {
             Tensor::from_slice(&packing.rows.iter().map(|&row| of(row)).collect::<Vec<f32>>())
         };
@@ -118,7 +121,24 @@ impl Cells<'_> {
             ("returns", target(&|row| targets.value_target(row))),
         ];
         let tables = policy.tables().into_iter().chain(others);
-        tables.map(|(name, rows)| (name.to_owned(), self.table(&rows))).collect()
+        let tables = tables.map(|(name, rows)| (name.to_owned(), self.table(&rows)));
+        tables.chain(last.map(|states| ("next_beliefs".to_owned(), states))).collect()
+    }
+
+    /// States \[columns, state\] behind the last observation of each column, of a table of embeddings: one step after the
+    /// other, as in acting.
+    fn last_states(&self, network: &Network, embeddings: &Tensor) -> Tensor {
+        let device = network.parameters.flat().device();
+        let of_column = |column: usize| {
+            let state = self.rollout.beliefs_at_start().narrow(0, column as i64, 1);
+            (0..self.rollout.steps_of(column)).fold(state, |state, t| {
+                let carried = if self.rollout.step(t, column).episode_start { state.zeros_like() } else { state };
+                let seen = embeddings.get(t as i64).narrow(0, column as i64, 1).to_device(device);
+                network.belief.step(&network.parameters, &seen, &carried)
+            })
+        };
+        let states: Vec<Tensor> = (0..self.rollout.columns()).map(of_column).collect();
+        Tensor::cat(&states, 0).to_device(Device::Cpu)
     }
 
     /// What the auxiliary task was asked: (step, column, offset) of each query, and each cell's negative sample, -1

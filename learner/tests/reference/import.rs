@@ -73,7 +73,7 @@ fn an_imported_network_says_what_allenacts_says() {
             };
             let before = belief * Tensor::from_slice(&[1f32, 0.0]).unsqueeze(1);
             belief = network.belief.step(&network.parameters, &network.embed(&observations), &before);
-            let ActorCriticOutput { policy, values } = network.actor_critic(&belief, None);
+            let ActorCriticOutput { policy, values } = network.actor_critic(&belief, None, None);
             assert_close(name, &policy.rows(), &expected[&format!("{name}.log_probs")].get(t), 1e-5);
             assert_close(name, &values, &expected[&format!("{name}.values")].get(t), 1e-5);
         }

@@ -230,7 +230,7 @@ fn with_shards_numbers_are_trained_on_alike() {
 /// Without frames, and with epochs left out by what all learners agree on.
 #[test]
 fn with_shards_numbers_alone_train_the_same_weights() {
-    for memory in [Memory::None, Memory::Gru] {
+    for memory in [Memory::None, Memory::Gru, Memory::Lstm] {
         let of = |target_kl: f64| {
             train_with_any_number(|config| {
                 let shards = Config { actors: config.actors, learner: config.learner, ..numbers_config(memory) };

@@ -8,7 +8,9 @@ Formulas and constants are those of `ppo.py` in vwxyzjn/cleanrl: two networks of
 advantages, the clipped losses; Gaussians are those of `ppo_continuous_action.py`, and several choices are a product of
 categoricals. Masks are those of MaskableCategorical in sb3-contrib (common/maskable/distributions.py). The case `normalized` is given what Gymnasium's NormalizeObservation and NormalizeReward make of its numbers and
 rewards, clipped as in `ppo_continuous_action.py`, and truncated episodes are bootstrapped as in `collect_rollouts` of
-Stable-Baselines3. The backward pass is written out by hand. Nothing is shared with the Rust code but the
+Stable-Baselines3. The case `lstm` is `ppo_atari_lstm.py` behind such layers, with its states zeroed where an episode
+begins (torch.nn.LSTM's equations; Hochreiter & Schmidhuber 1997); in `privileged` the critic is given numbers that the
+actor is not (Pinto et al. 2018). The backward pass is written out by hand. Nothing is shared with the Rust code but the
 formula `noise`, from which both sides make weights and inputs, so that the file holds results only.
 """
 
@@ -19,6 +21,7 @@ from safetensors.numpy import save_file
 
 HERE = pathlib.Path(__file__).parent
 STEPS, COLUMNS, INPUTS, WIDTHS = 16, 4, 6, [64, 64]
+HIDDEN, PRIVILEGED = 16, 3
 GAMMA, LAMBDA, VALUE, ENTROPY = 0.99, 0.95, 0.5, 0.01
 
 
@@ -46,38 +49,86 @@ def noise(name: str, *shape: int) -> np.ndarray:
     return rounded(exact(name, *shape))
 
 
-def weights(actions: int) -> dict[str, np.ndarray]:
-    """`weight_values` of the tests."""
-    found = {}
-    for head, outputs in [("actor", actions), ("critic", 1)]:
-        sizes = [INPUTS, *WIDTHS, outputs]
-        for index, (inputs, width) in enumerate(zip(sizes, sizes[1:], strict=False)):
-            name = f"{head}.{2 * index}"
-            # Scaled in double, and only then rounded to what 32 bits hold.
-            found[f"{name}.weight"] = exact(f"{name}.weight", width, inputs) * np.sqrt(3.0 / inputs)
-            found[f"{name}.bias"] = 0.1 * exact(f"{name}.bias", width)
-    return {name: rounded(value) for name, value in found.items()}
+def weight(name: str, *shape: int) -> np.ndarray:
+    """`weight_values` of the tests: scaled in double, and only then rounded to what 32 bits hold."""
+    return rounded(exact(name, *shape) * (np.sqrt(3.0 / shape[1]) if len(shape) > 1 else 0.1))
 
 
-def forward(w: dict[str, np.ndarray], head: str, x: np.ndarray) -> list[np.ndarray]:
-    """What each layer gives, the input first."""
-    layers = [x]
-    for index in range(len(WIDTHS) + 1):
-        y = layers[-1] @ w[f"{head}.{2 * index}.weight"].T + w[f"{head}.{2 * index}.bias"]
-        layers.append(np.tanh(y) if index < len(WIDTHS) else y)
-    return layers
+class Layers:
+    """Linear layers, by their names; behind all but an actor's or critic's last a tangent."""
+
+    def __init__(self, path: str, sizes: list[int]) -> None:
+        self.path, self.w = path, {}
+        # One layer has no number.
+        self.names = [f"{path}.{2 * i}" for i in range(len(sizes) - 1)] if len(sizes) > 2 else [path]
+        for name, inputs, width in zip(self.names, sizes, sizes[1:], strict=False):
+            self.w[f"{name}.weight"] = weight(f"{name}.weight", width, inputs)
+            self.w[f"{name}.bias"] = weight(f"{name}.bias", width)
+
+    def is_tangent(self, index: int) -> bool:
+        return self.path == "mlp" or index + 1 < len(self.names)
+
+    def forward(self, x: np.ndarray) -> np.ndarray:
+        self.given = [x]
+        for index, name in enumerate(self.names):
+            y = self.given[-1] @ self.w[f"{name}.weight"].T + self.w[f"{name}.bias"]
+            self.given.append(np.tanh(y) if self.is_tangent(index) else y)
+        return self.given[-1]
+
+    def backward(self, dy: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Gradients of the weights and of the input for `dy`, that of the output."""
+        found = {}
+        for index, name in reversed(list(enumerate(self.names))):
+            if self.is_tangent(index):
+                dy = dy * (1.0 - self.given[index + 1] ** 2)
+            found[f"{name}.weight"] = dy.T @ self.given[index]
+            found[f"{name}.bias"] = dy.sum(0)
+            dy = dy @ self.w[f"{name}.weight"]
+        return found, dy
 
 
-def backward(w: dict[str, np.ndarray], head: str, layers: list[np.ndarray], dy: np.ndarray) -> dict[str, np.ndarray]:
-    """Gradients of a head's weights for `dy`, that of its output."""
-    found = {}
-    for index in reversed(range(len(WIDTHS) + 1)):
-        if index < len(WIDTHS):
-            dy = dy * (1.0 - layers[index + 1] ** 2)
-        found[f"{head}.{2 * index}.weight"] = dy.T @ layers[index]
-        found[f"{head}.{2 * index}.bias"] = dy.sum(0)
-        dy = dy @ w[f"{head}.{2 * index}.weight"]
-    return found
+class Lstm:
+    """Gates i, f, g, o; before the first step are given states, zeroed where an episode begins."""
+
+    def __init__(self, inputs: int, starts: np.ndarray) -> None:
+        shapes = {"weight_ih_l0": (inputs,), "weight_hh_l0": (HIDDEN,), "bias_ih_l0": (), "bias_hh_l0": ()}
+        names = {f"belief.{name}": shape for name, shape in shapes.items()}
+        self.starts, self.w = starts, {name: weight(name, 4 * HIDDEN, *shape) for name, shape in names.items()}
+
+    def forward(self, x: np.ndarray) -> np.ndarray:
+        self.x, self.cache, outputs = x.reshape(STEPS, COLUMNS, -1), [], []
+        h, c = np.split(noise("cleanrl.beliefs", COLUMNS, 2 * HIDDEN), 2, 1)
+        for t in range(STEPS):
+            carried = 1.0 - self.starts[t][:, None]
+            h, c = carried * h, carried * c
+            gates = self.x[t] @ self.w["belief.weight_ih_l0"].T + self.w["belief.bias_ih_l0"]
+            gates = gates + h @ self.w["belief.weight_hh_l0"].T + self.w["belief.bias_hh_l0"]
+            i, f, g, o = np.split(gates, 4, 1)
+            i, f, o, g = *(1.0 / (1.0 + np.exp(-gate)) for gate in (i, f, o)), np.tanh(g)
+            before, c = (h, c), f * c + i * g
+            h = o * np.tanh(c)
+            self.cache.append((carried, *before, i, f, g, o, c))
+            outputs.append(h)
+        self.last = np.concatenate([h, c], 1)
+        return np.concatenate(outputs)
+
+    def backward(self, dy: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Through time: gradients of the weights and of the input for `dy`, that of all outputs."""
+        dy, found, dx = dy.reshape(STEPS, COLUMNS, HIDDEN), {name: 0.0 for name in self.w}, [None] * STEPS
+        dh = dc = np.zeros((COLUMNS, HIDDEN))
+        for t in reversed(range(STEPS)):
+            carried, h, before, i, f, g, o, c = self.cache[t]
+            dh = dh + dy[t]
+            dc = dc + dh * o * (1.0 - np.tanh(c) ** 2)
+            d_gates = [dc * g * i * (1 - i), dc * before * f * (1 - f), dc * i * (1 - g**2)]
+            d_gates = np.concatenate([*d_gates, dh * np.tanh(c) * o * (1 - o)], 1)
+            found["belief.weight_ih_l0"] += d_gates.T @ self.x[t]
+            found["belief.weight_hh_l0"] += d_gates.T @ h
+            for name in ("bias_ih_l0", "bias_hh_l0"):
+                found[f"belief.{name}"] += d_gates.sum(0)
+            dx[t] = d_gates @ self.w["belief.weight_ih_l0"]
+            dh, dc = carried * (d_gates @ self.w["belief.weight_hh_l0"]), carried * dc * f
+        return found, np.concatenate(dx)
 
 
 class Categorical:
@@ -153,11 +204,18 @@ def normalized(values: np.ndarray, mean: np.ndarray | float, var: np.ndarray | f
 
 
 def case(
-    name: str, policy: Categorical | Gaussian, clip: float, *, norm_adv: bool, clip_vloss: bool, norm: bool = False
+    name: str,
+    policy: Categorical | Gaussian,
+    clip: float,
+    *,
+    norm_adv: bool = True,
+    clip_vloss: bool = True,
+    norm: bool = False,
+    recurrent: bool = False,
+    privileged: int = 0,
 ) -> dict[str, np.ndarray]:
     """One minibatch of everything."""
-    w = weights(policy.outputs)
-    obs = 2.0 * noise("cleanrl.numbers", STEPS, COLUMNS, INPUTS)
+    obs = 2.0 * noise("cleanrl.numbers", STEPS, COLUMNS, INPUTS + privileged)
     # 32-bit arithmetic makes these on both sides.
     half = np.float32(0.25)
     logprobs = (noise("cleanrl.log_prob", STEPS, COLUMNS).astype(np.float32) * half - np.float32(1.25)).astype(float)
@@ -188,9 +246,20 @@ def case(
     returns = advantages + values
 
     rows = STEPS * COLUMNS
-    x = obs.reshape(rows, INPUTS)
-    actor, critic = forward(w, "actor", x), forward(w, "critic", x)
-    given, newlogprob, entropies = policy.judge(actor[-1])
+    x = obs.reshape(rows, -1)
+    shared, of_memory = [], {}
+    if recurrent:
+        starts = np.concatenate([np.ones((1, COLUMNS)), ended[:-1]])
+        # The first column goes on from the states that it is given.
+        starts[0, 0] = 0.0
+        shared = [Layers("mlp", [INPUTS, *WIDTHS]), Lstm(WIDTHS[-1], starts)]
+        for part in shared:
+            x = part.forward(x)
+        of_memory = {"beliefs": x.reshape(STEPS, COLUMNS, HIDDEN), "next_beliefs": shared[-1].last}
+    sizes = [x.shape[1]] if recurrent else [INPUTS, *WIDTHS]
+    actor = Layers("actor", [*sizes, policy.outputs])
+    critic = Layers("critic", [sizes[0] + privileged, *sizes[1:], 1])
+    given, newlogprob, entropies = policy.judge(actor.forward(x[:, : sizes[0]]))
     logratio = newlogprob - logprobs.reshape(rows)
     ratio = np.exp(logratio)
     approx_kl = ((ratio - 1) - logratio).mean()
@@ -204,7 +273,7 @@ def case(
     pg_loss2 = -mb_advantages * np.clip(ratio, 1 - clip, 1 + clip)
     pg_loss = np.maximum(pg_loss1, pg_loss2).mean()
 
-    newvalue, old, target = critic[-1][:, 0], values.reshape(rows), returns.reshape(rows)
+    newvalue, old, target = critic.forward(x)[:, 0], values.reshape(rows), returns.reshape(rows)
     v_loss_unclipped = (newvalue - target) ** 2
     v_clipped = old + np.clip(newvalue - old, -clip, clip)
     v_loss_clipped = (v_clipped - target) ** 2
@@ -223,10 +292,15 @@ def case(
     # Where nothing is clipped both are the same.
     d_value = np.where(within | (not clip_vloss), d_unclipped, d_value)
     d_value = 0.5 * VALUE * d_value / rows
-    gradients = backward(w, "actor", actor, d_outputs) | backward(w, "critic", critic, d_value[:, None]) | own
+    (of_actor, d_actor), (of_critic, d_critic) = actor.backward(d_outputs), critic.backward(d_value[:, None])
+    gradients, dx = of_actor | of_critic | own, d_actor + d_critic[:, : sizes[0]]
+    for part in reversed(shared):
+        of_part, dx = part.backward(dx)
+        gradients |= of_part
 
     found = {
         **{key: table.reshape(STEPS, COLUMNS, -1) for key, table in given.items()},
+        **of_memory,
         "values": newvalue.reshape(STEPS, COLUMNS),
         "advantages": mb_advantages.reshape(STEPS, COLUMNS),
         "returns": returns,
@@ -244,13 +318,15 @@ def case(
 
 if __name__ == "__main__":
     save_file(
-        case("defaults", Categorical([3]), 0.2, norm_adv=True, clip_vloss=True)
+        case("defaults", Categorical([3]), 0.2)
         | case("plain", Categorical([3]), 0.2, norm_adv=False, clip_vloss=False)
-        | case("narrow", Categorical([3]), 0.05, norm_adv=False, clip_vloss=True)
-        | case("choices", Categorical([3, 2]), 0.2, norm_adv=True, clip_vloss=True)
-        | case("masked", Categorical([3], masked=True), 0.2, norm_adv=True, clip_vloss=True)
-        | case("masked_choices", Categorical([3, 2], masked=True), 0.2, norm_adv=True, clip_vloss=True)
-        | case("numbers", Gaussian(2), 0.2, norm_adv=True, clip_vloss=True)
-        | case("normalized", Categorical([3]), 0.2, norm_adv=True, clip_vloss=True, norm=True),
+        | case("narrow", Categorical([3]), 0.05, norm_adv=False)
+        | case("choices", Categorical([3, 2]), 0.2)
+        | case("masked", Categorical([3], masked=True), 0.2)
+        | case("masked_choices", Categorical([3, 2], masked=True), 0.2)
+        | case("numbers", Gaussian(2), 0.2)
+        | case("normalized", Categorical([3]), 0.2, norm=True)
+        | case("lstm", Categorical([3]), 0.2, recurrent=True)
+        | case("privileged", Categorical([3]), 0.2, privileged=PRIVILEGED),
         HERE / "cleanrl.safetensors",
     )

@@ -41,7 +41,7 @@ fn network_matches(name: &str, config: &Config) {
         let carried = Tensor::from_slice(&start.map(|start| if start { 0f32 } else { 1.0 })).unsqueeze(1);
         let embedded = network.embed(&observe(&[0, 1, 2].map(|n| (t, n))));
         belief = network.belief.step(parameters, &embedded, &(belief * carried));
-        let ActorCriticOutput { policy, values } = network.actor_critic(&belief, None);
+        let ActorCriticOutput { policy, values } = network.actor_critic(&belief, None, None);
         assert_close("acting log_probs", &policy.rows(), &expected["log_probs"].get(t as i64), 1e-5);
         assert_close("acting values", &values, &expected["values"].get(t as i64), 1e-5);
     }
@@ -51,7 +51,7 @@ fn network_matches(name: &str, config: &Config) {
     let packing = Packing::new(0..3, |_| 3, |t, n| starts[t][n]);
     let embedded = network.embed(&observe(&packing.rows));
     let beliefs = network.belief.unroll(parameters, &embedded, &packing, &at_start);
-    let ActorCriticOutput { policy, values } = network.actor_critic(&beliefs, None);
+    let ActorCriticOutput { policy, values } = network.actor_critic(&beliefs, None, None);
     let log_probs = policy.rows();
     let at = |table: &Tensor| {
         let rows: Vec<Tensor> = packing.rows.iter().map(|&(t, n)| table.get(t as i64).get(n as i64)).collect();

@@ -2,7 +2,7 @@
 //! balanced.
 
 use crate::shared::{assert_close, choice, doubles, fixture, noise_tensor, weight_values};
-use crate::world::{World, mask, masked_config, numbers_config, weights_of};
+use crate::world::{World, mask, masked_config, numbers_config, privileged_config, weights_of};
 use learner::agent::{Agent, StepInput};
 use learner::collector::Noise;
 use learner::network::{ActorCriticOutput, to_vec};
@@ -23,14 +23,21 @@ const STEPS: i64 = 16;
 const COLUMNS: i64 = 4;
 /// Numbers of the task: speed, and one-hot those of the door and of the room would be five more.
 const INPUTS: i64 = 6;
+/// Numbers that the critic alone is given.
+const PRIVILEGED: i64 = 3;
+const HIDDEN: i64 = 16;
 
-/// What `case` of `make_cleanrl.py` is given: actions of as many choices, or numbers if there are none; with truncated
-/// episodes, or with none; with masks, or without.
-fn batch(choices: &[i64], truncated: bool, masked: bool) -> Vec<(&'static str, Tensor)> {
+/// What `case` of `make_cleanrl.py` is given: actions of as many choices, or numbers if there are none.
+fn batch(case: &str, choices: &[i64]) -> Vec<(&'static str, Tensor)> {
+    let (truncated, masked, recurrent) = (case == "normalized", case.starts_with("masked"), case == "lstm");
+    let inputs = INPUTS + if case == "privileged" { PRIVILEGED } else { 0 };
     let size = [STEPS, COLUMNS];
     let table = |name: &str| noise_tensor(&format!("cleanrl.{name}"), &size);
     let ended = table("ended").gt(0.7);
-    let first = Tensor::from_slice(&[true; COLUMNS as usize]).view([1, COLUMNS]);
+    let mut first = [true; COLUMNS as usize];
+    // One goes on from the states that it is given.
+    first[0] = !recurrent;
+    let first = Tensor::from_slice(&first).view([1, COLUMNS]);
     let start = Tensor::cat(&[first, ended.narrow(0, 0, STEPS - 1)], 0);
     let cells = (0..STEPS).flat_map(|t| (0..COLUMNS).map(move |n| 3 * t + 5 * n));
     let options = cells.flat_map(|cell| (0..).zip(choices).map(move |(at, count)| (cell + at) % count));
@@ -54,7 +61,7 @@ fn batch(choices: &[i64], truncated: bool, masked: bool) -> Vec<(&'static str, T
     // Of episodes that were not truncated none is known.
     let last_value = table("last_value").masked_fill(&limit.logical_not(), f64::NAN);
     let given = [
-        ("numbers", noise_tensor("cleanrl.numbers", &[STEPS, COLUMNS, INPUTS]) * 2.0),
+        ("numbers", noise_tensor("cleanrl.numbers", &[STEPS, COLUMNS, inputs]) * 2.0),
         ("previous_action", ended.zeros_like().to_kind(Kind::Int64)),
         ("episode_start", start),
         ("action", actions),
@@ -67,7 +74,8 @@ fn batch(choices: &[i64], truncated: bool, masked: bool) -> Vec<(&'static str, T
         ("disturbed", zeros),
         ("bootstrap", noise_tensor("cleanrl.bootstrap", &[COLUMNS])),
     ];
-    given.into_iter().chain(mask.map(|mask| ("mask", mask))).collect()
+    let beliefs = recurrent.then(|| ("beliefs", noise_tensor("cleanrl.beliefs", &[COLUMNS, 2 * HIDDEN])));
+    given.into_iter().chain(mask.map(|mask| ("mask", mask))).chain(beliefs).collect()
 }
 
 /// A task with [`INPUTS`] numbers and these actions, in a file for `learner probe`.
@@ -84,6 +92,14 @@ fn masked(actions: &str, options: usize) -> String {
     )
 }
 
+/// Actions, and a channel behind them that the critic alone is given.
+fn privileged(actions: &str) -> String {
+    format!(
+        "{actions}\n[[channels]]\nname = \"hidden\"\nrole = \"privileged\"\ndtype = \"f32\"\nshape = [{PRIVILEGED}]\n\
+         range = [-9, 9]\ndoc = \"\"\n"
+    )
+}
+
 /// Losses, advantages, returns and each gradient, to 1e-5 of the largest number.
 #[test]
 fn a_probe_finds_what_cleanrl_computes() {
@@ -97,6 +113,8 @@ fn a_probe_finds_what_cleanrl_computes() {
         ("masked", &masked(discrete, 3), &[3], "ppo.clip = 0.2"),
         ("masked_choices", &masked("kind = \"multi_discrete\"\ncounts = [3, 2]", 5), &[3, 2], "ppo.clip = 0.2"),
         ("numbers", "kind = \"box\"\nbounds = [[-1, 1], [-2, 2]]", &[], "ppo.clip = 0.2"),
+        ("lstm", discrete, &[3], "ppo.clip = 0.2\nnetwork.memory = \"lstm\"\nnetwork.hidden = 16"),
+        ("privileged", &privileged(discrete), &[3], "ppo.clip = 0.2"),
         (
             "normalized",
             discrete,
@@ -106,20 +124,13 @@ fn a_probe_finds_what_cleanrl_computes() {
     ] {
         let name = format!("six_numbers_{case}");
         let task = Spec::declare(&six_numbers(&name, actions)).expect("a sound task");
-        assert_eq!(task.inputs().expect("networks can take it").width() as i64, INPUTS);
+        assert_eq!(task.inputs().expect("networks can take it").policy_width() as i64, INPUTS);
         let settings = format!("task = \"{name}\"\nppo.entropy_coefficient = 0.01\n{settings}\n");
         let config = Config::resolve_with("gym", Some((&settings, "a test"))).expect("it fits");
         let agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
         let value = |(name, weight): (String, Tensor)| (name.clone(), weight_values(&name, &weight.size()));
         let weights: Vec<(String, Tensor)> = weights_of(&agent).into_iter().map(value).collect();
-        compare(
-            case,
-            task,
-            &weights,
-            &batch(choices, case == "normalized", case.starts_with("masked")),
-            &settings,
-            &expected,
-        );
+        compare(case, task, &weights, &batch(case, choices), &settings, &expected);
     }
 }
 
@@ -165,9 +176,10 @@ fn compare(
         assert_close(&format!("{case}: {name}"), &ours.view(theirs.size().as_slice()), theirs, 1e-5);
         compared += 1;
     }
-    // A Gaussian has a table more, and its deviations.
+    // A Gaussian has a table more, and its deviations; what remembers has beliefs, and states at the end.
     let gaussian = usize::from(weights.iter().any(|(name, _)| name == "log_std"));
-    assert_eq!(compared, 11 + gaussian + weights.len(), "{case}");
+    let of_memory = if case == "lstm" { 2 } else { 0 };
+    assert_eq!(compared, 11 + gaussian + of_memory + weights.len(), "{case}");
     assert_eq!(weights.len(), 12 + gaussian, "{case}");
 }
 
@@ -243,7 +255,8 @@ fn epochs_end_where_the_policy_has_gone_as_far_as_it_may() {
 
 #[test]
 fn the_same_calls_give_the_same_bits_also_through_a_saved_state() {
-    for (memory, all) in [(Memory::None, false), (Memory::None, true), (Memory::Gru, false), (Memory::Gru, true)] {
+    let memories = [Memory::None, Memory::Gru, Memory::Lstm];
+    for (memory, all) in memories.into_iter().flat_map(|memory| [(memory, false), (memory, true)]) {
         let mut config = numbers_config(memory);
         if all {
             with_all(&mut config);
@@ -310,6 +323,30 @@ fn a_policy_with_masks_is_the_same_in_acting_and_in_the_update() {
             });
             assert!(columns.iter().zip(chosen).all(|(&n, action)| mask(now, n, 3)[usize::from(action)]));
         }
+    }
+}
+
+/// Its one-hot code stands behind the six numbers of the policy.
+#[test]
+fn what_the_critic_alone_is_given_changes_values_and_no_policy() {
+    for (memory, normalized) in [(Memory::None, false), (Memory::Gru, true), (Memory::Lstm, false)] {
+        let mut config = privileged_config(memory);
+        config.normalize.observations = normalized;
+        let columns = [0, 1, 2, 3];
+        let judged = |door: usize| {
+            let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+            agent.begin_rollout(RolloutShape::next(u64::MAX, 2, 4));
+            World::new(&config).see(&mut agent, 0, &columns, |agent, input| {
+                let mut numbers = input.numbers.to_vec();
+                numbers.chunks_exact_mut(9).for_each(|row| (row[6..].fill(0.0), row[6 + door] = 1.0).1);
+                let input = StepInput { numbers: &numbers, gumbel: &[0.0; 12], ..*input };
+                let output = agent.step(0, &input).expect("finite");
+                (output.actions, output.log_probs, output.values)
+            })
+        };
+        let [(actions, log_probs, values), other] = [0, 2].map(judged);
+        assert_eq!((&actions, &log_probs), (&other.0, &other.1), "{memory:?}");
+        assert!(values.iter().zip(&other.2).all(|(one, other)| one != other), "{memory:?}: {values:?}");
     }
 }
 
@@ -392,7 +429,7 @@ fn the_entropy_bonus_falls_with_the_learning_rate() {
 /// of that episode, not of the next. Without memory it is the critic's two layers, by hand.
 #[test]
 fn a_truncated_episode_is_valued_by_what_was_seen_last() {
-    for memory in [Memory::None, Memory::Gru] {
+    for memory in [Memory::None, Memory::Gru, Memory::Lstm] {
         let mut config = numbers_config(memory);
         (config.ppo.bootstrap_time_limits, config.network.previous_action) = (true, true);
         let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");

@@ -63,6 +63,14 @@ pub fn numbers_config(memory: Memory) -> Config {
     config
 }
 
+/// The same where the critic alone is given where the door is.
+pub fn privileged_config(memory: Memory) -> Config {
+    let text = include_str!("../support/numbers.toml").replacen("\"numbers\"", "\"privileged_numbers\"", 1);
+    let [observed, privileged] = ["observation", "privileged"].map(|role| format!("\"door\"\nrole = \"{role}\""));
+    Spec::declare(&text.replacen(&observed, &privileged, 1)).expect("a sound task");
+    Config { task: "privileged_numbers".to_owned(), ..numbers_config(memory) }
+}
+
 /// The same with a mask.
 pub fn masked_config(memory: Memory) -> Config {
     let mask = "[[channels]]\nname = \"action_mask\"\nrole = \"mask\"\ndtype = \"u8\"\nshape = [3]\ndoc = \"\"\n";

@@ -71,6 +71,14 @@ pub fn tiny_numbers(memory: Memory) -> Config {
     config
 }
 
+/// The same where the critic alone is given where the door is.
+pub fn tiny_privileged(memory: Memory) -> Config {
+    let text = include_str!("numbers.toml").replacen("\"numbers\"", "\"privileged_numbers\"", 1);
+    let [observed, privileged] = ["observation", "privileged"].map(|role| format!("\"door\"\nrole = \"{role}\""));
+    Spec::declare(&text.replacen(&observed, &privileged, 1)).unwrap();
+    Config { task: "privileged_numbers".to_owned(), ..tiny_numbers(memory) }
+}
+
 /// A run folder with the services of one orchestrator incarnation and its actors.
 pub struct Rig {
     pub config: Config,

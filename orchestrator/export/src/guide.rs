@@ -1,7 +1,7 @@
 //! The page that goes with a policy: what it takes and gives, in which units, and ten lines that let it act.
 
 use crate::policy::{IMAGES, MASK, Policy};
-use proto::config::{CarriedGoal, GoalCoordinates, Memory};
+use proto::config::{CarriedGoal, GoalCoordinates};
 use proto::task::{ActionHead, Dtype};
 use std::fmt::Write;
 
@@ -20,7 +20,7 @@ pub fn guide(policy: &Policy, model: &str) -> String {
         GoalCoordinates::Polar | GoalCoordinates::Plain => "",
     };
     let numbers = policy.numbers();
-    let remembers = network.memory == Memory::Gru;
+    let states = policy.states();
     let mut text = format!(
         "# {model}
 
@@ -62,27 +62,29 @@ A policy of Stillroom after {frames} frames of training: one step of any number 
             "| {MASK} | bool | rows, {actions} | whether each option may be chosen; of several choices side by side |"
         ));
     }
-    if remembers {
+    for name in states {
         line(format_args!(
-            "| belief | float32 | rows, {hidden} | zeros at first, then next_belief of the step before |"
+            "| {name} | float32 | rows, {hidden} | zeros at first, then next_{name} of the step before |"
         ));
     }
     line(format_args!(
         "
 | output | type | shape | |
 |---|---|---|---|
-{given}
-| value | float32 | rows | the critic's estimate of the discounted return |"
+{given}"
     ));
-    if remembers {
-        line(format_args!("| next_belief | float32 | rows, {hidden} | |"));
+    if policy.has_value() {
+        line(format_args!("| value | float32 | rows | the critic's estimate of the discounted return |"));
+    }
+    for name in states {
+        line(format_args!("| next_{name} | float32 | rows, {hidden} | |"));
     }
     line(format_args!(
         "
 {actions_are}
 "
     ));
-    if policy.has_frame() && remembers && !policy.action_names().is_empty() {
+    if policy.has_frame() && !states.is_empty() && policy.has_value() && !policy.action_names().is_empty() {
         line(format_args!("With `pip install onnxruntime` and the package `stillroom`:\n"));
         text.push_str(&program(policy, model, actions));
     }
@@ -153,10 +155,11 @@ env = stillroom.ArmPointNav(
     start_distance_max_m={start}, goal_distance_max_m={goal},
 )
 observation, info = env.reset(seed=1)
-belief, ended = numpy.zeros((1, {hidden}), numpy.float32), False
+states, ended = {{name: numpy.zeros((1, {hidden}), numpy.float32) for name in {states:?}}}, False
 while not ended:
     rows = {{name: numpy.expand_dims(observation[name], 0) for name in {names}}}
-    log_probs, value, belief = policy.run(None, rows | {{"belief": belief}})
+    log_probs, value, *after = policy.run(None, rows | states)
+    states = dict(zip(states, after))
     action = random.choice({actions}, p=numpy.exp(log_probs[0]) / numpy.exp(log_probs[0]).sum())
     observation, reward, terminated, truncated, info = env.step(action)
     ended = terminated or truncated
@@ -169,5 +172,6 @@ print("success" if info["success"] else "failure", "after", info["step"], "steps
         start = episode.start_distance_max_m,
         goal = episode.goal_distance_max_m,
         hidden = policy.config.network.hidden,
+        states = policy.states(),
     )
 }

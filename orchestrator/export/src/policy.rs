@@ -120,7 +120,7 @@ impl Policy {
             ("weights_sha256", self.origin.weights.clone()),
             ("producer", format!("stillroom {}", env!("CARGO_PKG_VERSION"))),
         ];
-        let hidden = (network.memory == Memory::Gru).then(|| ("hidden", network.hidden.to_string()));
+        let hidden = (network.memory != Memory::None).then(|| ("hidden", network.hidden.to_string()));
         let of_frames = of_frames.into_iter().filter(|_| self.has_frame());
         let facts = facts.into_iter().chain(of_frames).chain(hidden);
         facts.map(|(name, value)| (name.to_owned(), value)).collect()
@@ -141,7 +141,17 @@ impl Policy {
 
     /// How many numbers it is given, beside the frame if there is one.
     pub(crate) fn numbers(&self) -> usize {
-        self.inputs().width()
+        self.inputs().policy_width()
+    }
+
+    /// Whether the model gives a value: what the critic alone is given is not there where a policy acts.
+    pub(crate) fn has_value(&self) -> bool {
+        self.inputs().width() == self.numbers()
+    }
+
+    /// Inputs of the model that what is remembered has, each as wide as the belief.
+    pub(crate) fn states(&self) -> &'static [&'static str] {
+        &["belief", "cell"][..self.config.network.memory.states() as usize]
     }
 
     pub(crate) fn numbers_name(&self) -> &'static str {

@@ -271,7 +271,7 @@ fn numbers(memory: Memory) -> (Config, Tensors) {
     config.network.memory = memory;
     config.network.mlp = vec![12, 10];
     config.network.hidden = HIDDEN as u32;
-    config.network.previous_action = memory == Memory::Gru;
+    config.network.previous_action = memory != Memory::None;
     let mut tensors = Tensors::new();
     let mut add = |name: &str, shape: &[usize]| {
         let count: usize = shape.iter().product();
@@ -295,10 +295,11 @@ fn numbers(memory: Memory) -> (Config, Tensors) {
         layer(name, sizes);
     }
     add("previous_action_embedder.weight", &[4, 16]);
-    add("belief.weight_ih_l0", &[3 * HIDDEN, 26]);
-    add("belief.weight_hh_l0", &[3 * HIDDEN, HIDDEN]);
+    let gates = memory.gates() as usize * HIDDEN;
+    add("belief.weight_ih_l0", &[gates, 26]);
+    add("belief.weight_hh_l0", &[gates, HIDDEN]);
     for name in ["bias_ih_l0", "bias_hh_l0"] {
-        add(&format!("belief.{name}"), &[3 * HIDDEN]);
+        add(&format!("belief.{name}"), &[gates]);
     }
     (config, tensors)
 }
@@ -306,7 +307,7 @@ fn numbers(memory: Memory) -> (Config, Tensors) {
 /// That its numbers are those of the learner is tested with onnxruntime in `python/tests/test_numbers.py`.
 #[test]
 fn a_policy_without_frames_is_a_model_and_a_file_that_names_its_task() {
-    for memory in [Memory::None, Memory::Gru] {
+    for memory in [Memory::None, Memory::Gru, Memory::Lstm] {
         let (config, tensors) = numbers(memory);
         let folder = tempfile::tempdir().unwrap();
         let manifest = write(folder.path(), &tensors);
@@ -320,7 +321,8 @@ fn a_policy_without_frames_is_a_model_and_a_file_that_names_its_task() {
         assert!(text.contains("How fast it moves."), "the task's declaration is in it");
         let page = guide(&policy, "numbers.onnx");
         assert!(page.contains("| numbers | float32 | rows, 9 |") && !page.contains("depth"), "{page}");
-        assert_eq!(page.contains("next_belief"), memory == Memory::Gru, "{page}");
+        let states = ["next_belief", "next_cell"].iter().filter(|name| page.contains(**name)).count();
+        assert_eq!(states, memory.states() as usize, "{page}");
         // Another network's weights.
         let mut wider = config;
         wider.network.mlp = vec![12, 11];

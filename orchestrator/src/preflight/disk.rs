@@ -22,15 +22,17 @@ const KITCHEN: u64 = 32_000;
 /// What a run writes at most, bytes: (checkpoints and kitchens, recordings).
 pub fn need(config: &Config) -> (u64, u64) {
     let hidden = u64::from(config.network.hidden);
-    // GRU and heads grow with the belief; the encoder's size is its own.
+    let memory = config.network.memory;
+    let [gates, states] = [memory.gates(), memory.states()].map(u64::from);
+    // The unit and heads grow with the belief; the encoder's size is its own.
     let encoder = config.network.encoder.weights(config.network.input_pool);
     let inputs = config.spec().inputs();
     let images = inputs.map_or(0, |inputs| inputs.images.iter().map(dqn::weights).sum::<u64>());
-    let parameters = encoder + images + 3 * hidden * (hidden + 560) + hidden * 400;
+    let parameters = encoder + images + gates * hidden * (hidden + 560) + hidden * 400;
     let environments = config.environments() as u64;
     // Weights and two moments, beliefs, environment states.
     let state = STATE + u64::from(config.episode.max_steps);
-    let checkpoint = parameters * 12 + environments * (hidden * 4 + state);
+    let checkpoint = parameters * 12 + environments * (states * hidden * 4 + state);
     let kept = u64::from(config.checkpoint.keep) + config.stages.len() as u64 + 1;
     let frames = total_frames(&config.stages) as f64;
     let recorded_step = RECORDED_STEP as f64 + config.recording.depth_share * RECORDED_FRAME as f64;

@@ -61,10 +61,13 @@ pub fn need(config: &Config, actors: u32, cuda: bool) -> Need {
             0 => minibatch,
             pass => pass.min(minibatch),
         };
+        // Gates and states of a step, and what becomes of them, both directions.
+        let memory = config.network.memory;
+        let unit = u64::from(2 * (memory.gates() + memory.states()) * config.network.hidden) * 4;
         let encoder = || config.network.encoder.autograd_bytes(config.network.input_pool);
         let frame = if has_frame { encoder() } else { NUMBERS };
         let images = images.map_or(0, |inputs| inputs.images.iter().map(dqn::autograd_bytes).sum());
-        LEARNER_BASE + rollout + in_pass * steps * (frame + images)
+        LEARNER_BASE + rollout + in_pass * steps * (frame + images + unit)
     };
     let shared = WireShape::with_actors(config, shares).shared_memory_bytes();
     let learners = shares.learners();

@@ -48,8 +48,30 @@ pub enum GoalCoordinates {
 pub enum Memory {
     /// A gated recurrent unit: the belief. Actor and critic are one layer each behind it.
     Gru,
+    /// Long short-term memory in its place, whose cell is part of the state.
+    Lstm,
     /// Nothing. In a task of numbers alone actor and critic have layers of their own.
     None,
+}
+
+impl Memory {
+    /// Gates of a unit.
+    pub fn gates(self) -> u32 {
+        match self {
+            Self::Gru => 3,
+            Self::Lstm => 4,
+            Self::None => 0,
+        }
+    }
+
+    /// Numbers of the state for each number of the belief.
+    pub fn states(self) -> u32 {
+        match self {
+            Self::Gru => 1,
+            Self::Lstm => 2,
+            Self::None => 0,
+        }
+    }
 }
 
 /// The goal vector while the target is held. Before that it always leads from the wrist to the object.
@@ -100,12 +122,12 @@ pub struct NetworkConfig {
     pub carried_goal: CarriedGoal,
     /// Feed the previous action's embedding to the belief.
     pub previous_action: bool,
-    /// Widths of the layers (tanh) that see the numbers of a task without a frame: of one stack before a GRU or beside
-    /// images, of one for the actor and one for the critic without either.
+    /// Widths of the layers (tanh) that see the numbers of a task without a frame: of one stack before a GRU or LSTM
+    /// or beside images, of one for the actor and one for the critic without either.
     pub mlp: Vec<u32>,
     /// What the policy remembers.
     pub memory: Memory,
-    /// Width of the belief (GRU).
+    /// Width of the belief (GRU or LSTM).
     pub hidden: u32,
 }
 

@@ -13,6 +13,8 @@ pub enum Role {
     Outcome,
     /// What the policy may be given.
     Observation,
+    /// Numbers that the critic alone is given: nothing that acts needs them.
+    Privileged,
     /// Of each option of the actions, whether it may be chosen now: 1 or 0. Of several choices, side by side.
     Mask,
     /// For viewers and recordings alone.
@@ -163,6 +165,9 @@ impl Channel {
         }
         if self.role == Role::Part && (self.dtype != Dtype::F32 || !self.shape.is_empty()) {
             return wrong("a part of rewards is a scalar f32");
+        }
+        if self.role == Role::Privileged && self.is_bulk() {
+            return wrong("the critic alone is given numbers, and no image");
         }
         if self.is_bulk() && (self.range.is_some() || !self.values.is_empty() || !self.names.is_empty()) {
             return wrong(

@@ -24,7 +24,10 @@ pub struct Inputs {
     pub frame: Option<Field>,
     /// All other images, in the order of their names.
     pub images: Vec<Image>,
+    /// Those that the policy is given, too, come first.
     numbers: Vec<(Field, Coding)>,
+    /// How many of these the critic alone is given.
+    privileged: usize,
 }
 
 impl Inputs {
@@ -33,20 +36,21 @@ impl Inputs {
         self.images.last().map_or(0, Image::end)
     }
 
-    /// How many numbers the network is given beside frame and images.
+    /// How many numbers the network is given beside frame and images: the policy's, then those of the critic alone.
     pub fn width(&self) -> usize {
-        let of = |(field, coding): &(Field, Coding)| match coding {
-            Coding::Plain => field.count,
-            Coding::OneHot { count, .. } => field.count * count,
-        };
-        self.numbers.iter().map(of).sum()
+        width(&self.numbers)
+    }
+
+    /// How many of these the policy is given.
+    pub fn policy_width(&self) -> usize {
+        width(&self.numbers[..self.numbers.len() - self.privileged])
     }
 
     /// The same of what was seen last of a truncated episode; none in a task with images.
     pub fn last(&self, layout: &Layout) -> Option<Self> {
         let numbers = self.numbers.iter().map(|&(field, coding)| Some((layout.last(field)?, coding)));
         let numbers = numbers.collect::<Option<_>>()?;
-        self.images.is_empty().then_some(Self { frame: None, images: vec![], numbers })
+        self.images.is_empty().then_some(Self { frame: None, images: vec![], numbers, ..*self })
     }
 
     /// Of each number, whether it is one as the task declares it, and not a place of a one-hot code.
@@ -59,11 +63,11 @@ impl Inputs {
 
     /// Whether the numbers are one vector in space, or could be.
     pub(crate) fn are_coordinates(&self) -> bool {
-        self.width() == 3 && self.numbers.iter().all(|(_, coding)| *coding == Coding::Plain)
+        self.policy_width() == 3 && self.are_plain().take(3).all(|is_plain| is_plain)
     }
 
-    /// Appends a record's numbers: one observation behind the other, as the task declares them. Panics if the record is
-    /// shorter than its layout, or was not checked.
+    /// Appends a record's numbers: one observation behind the other, as the task declares them, then what the critic alone
+    /// is given. Panics if the record is shorter than its layout, or was not checked.
     pub fn read(&self, record: &[u8], numbers: &mut Vec<f32>) {
         for &(field, coding) in &self.numbers {
             match coding {
@@ -85,9 +89,12 @@ impl Spec {
     /// Its observations, if networks can take them.
     pub fn inputs(&self) -> Result<Inputs, SpecError> {
         let refuse = |what: String| Err(SpecError::Input { task: self.name.clone(), what });
-        let mut inputs = Inputs { frame: None, images: vec![], numbers: vec![] };
-        let pairs = self.channels.iter().zip(&self.layout.fields);
-        for (channel, &field) in pairs.filter(|(channel, _)| channel.role == Role::Observation) {
+        let mut inputs = Inputs { frame: None, images: vec![], numbers: vec![], privileged: 0 };
+        let of_role = |role: Role| {
+            let pairs = self.channels.iter().zip(&self.layout.fields);
+            pairs.filter(move |(channel, _)| channel.role == role)
+        };
+        for (channel, &field) in of_role(Role::Observation) {
             let is_frame = channel.dtype == Dtype::U16 && channel.shape == [FRAME_SIDE; 2];
             if is_frame && channel.sums == Some(WINDOW) && inputs.frame.is_none() {
                 inputs.frame = Some(field);
@@ -96,11 +103,12 @@ impl Spec {
             } else if channel.is_bulk() {
                 return refuse(format!("its image `{}` of the shape {:?}", channel.name, channel.shape));
             } else {
-                match coding(channel) {
-                    Ok(coding) => inputs.numbers.push((field, coding)),
-                    Err(problem) => return refuse(format!("its observation `{}`: {problem}", channel.name)),
-                }
+                inputs.numbers.push((field, self.coding(channel)?));
             }
+        }
+        for (channel, &field) in of_role(Role::Privileged) {
+            inputs.numbers.push((field, self.coding(channel)?));
+            inputs.privileged += 1;
         }
         inputs.images.sort_by(|one, other| one.name.cmp(&other.name));
         let mut begin = 0;
@@ -109,13 +117,26 @@ impl Spec {
             begin = image.end();
         }
         match inputs.width() {
-            0 if inputs.images.is_empty() || inputs.frame.is_some() => {
+            _ if inputs.policy_width() == 0 && (inputs.images.is_empty() || inputs.frame.is_some()) => {
                 refuse("its observations: there are no numbers".to_owned())
             }
             0..=NUMBERS_MOST => Ok(inputs),
             width => refuse(format!("its observations: {width} numbers")),
         }
     }
+
+    fn coding(&self, channel: &Channel) -> Result<Coding, SpecError> {
+        let what = |problem| format!("its observation `{}`: {problem}", channel.name);
+        coding(channel).map_err(|problem| SpecError::Input { task: self.name.clone(), what: what(problem) })
+    }
+}
+
+fn width(numbers: &[(Field, Coding)]) -> usize {
+    let of = |(field, coding): &(Field, Coding)| match coding {
+        Coding::Plain => field.count,
+        Coding::OneHot { count, .. } => field.count * count,
+    };
+    numbers.iter().map(of).sum()
 }
 
 fn coding(channel: &Channel) -> Result<Coding, &'static str> {
@@ -161,21 +182,24 @@ mod tests {
     fn vectors_stay_and_whole_numbers_become_one_hot_in_the_declarations_order() {
         let text = channel("speed", "dtype = \"f32\"\nshape = [2]\nrange = [-9, 9]")
             + &channel("door", "dtype = \"i32\"\nrange = [-1, 1]")
+            + &channel("goal", "dtype = \"u8\"\nnames = [\"near\", \"far\"]").replace("observation", "privileged")
             + &channel("rooms", "dtype = \"u8\"\nshape = [2]\nnames = [\"kitchen\", \"hall\"]")
             + &channel("angle", "dtype = \"f32\"\nrange = [-9, 9]");
         let (spec, inputs) = inputs(&text).unwrap();
-        assert_eq!((inputs.width(), inputs.frame, inputs.are_coordinates()), (2 + 3 + 4 + 1, None, false));
+        assert_eq!((inputs.width(), inputs.policy_width(), inputs.frame), (2 + 3 + 4 + 1 + 2, 2 + 3 + 4 + 1, None));
+        assert!(!inputs.are_coordinates());
         // Records begin on a cache line.
         let mut lines = vec![[0u64; LINE_BYTES / 8]; spec.layout().bytes / LINE_BYTES];
         let record: &mut [u8] = bytemuck::cast_slice_mut(&mut lines);
         let place = |name: &str| spec.channel(name).unwrap().1;
         place("speed").of_mut(record).copy_from_slice(&[0.5f32, -1.5]);
         place("door").of_mut(record)[0] = -1i32;
+        place("goal").of_mut(record)[0] = 1u8;
         place("rooms").of_mut(record).copy_from_slice(&[1u8, 0]);
         place("angle").of_mut(record)[0] = 7.0f32;
         let mut numbers = vec![3.0];
         inputs.read(record, &mut numbers);
-        assert_eq!(numbers, [3.0, 0.5, -1.5, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 7.0]);
+        assert_eq!(numbers, [3.0, 0.5, -1.5, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 7.0, 0.0, 1.0]);
     }
 
     #[test]
@@ -213,6 +237,14 @@ mod tests {
             (channel("x", "dtype = \"u32\"\nrange = [0, 1e6]"), "`x`: its range is too large"),
             (channel("x", "dtype = \"u32\"\nrange = [0, 1.5]"), "`x`: its range is not of whole numbers"),
             (channel("x", "dtype = \"f32\"\nshape = [70000]\nrange = [0, 1]"), "its observations: 70000 numbers"),
+            (
+                channel("x", "dtype = \"f32\"\nrange = [0, 1]").replace("observation", "privileged"),
+                "there are no numbers",
+            ),
+            (
+                channel("x", "dtype = \"u8\"\nshape = [9, 9]").replace("observation", "privileged"),
+                "`x`: the critic alone",
+            ),
             (channel("x", "dtype = \"u8\"\nshape = [84, 84, 13]"), "its image `x` of the shape [84, 84, 13]"),
             (channel("x", "dtype = \"u8\"\nshape = [3, 31, 84]"), "its image `x` of the shape [3, 31, 84]"),
             (channel("x", "dtype = \"u16\"\nshape = [2, 3, 84, 84]"), "its image `x` of the shape [2, 3, 84, 84]"),

@@ -1,4 +1,4 @@
-"""The learner's network in PyTorch: encoder, embeddings or layers, GRU, heads (docs/method.md, Network).
+"""The learner's network in PyTorch: encoder, embeddings or layers, GRU or LSTM, heads (docs/method.md, Network).
 
 Names of modules and weights are those of checkpoints. Everything is float32; `learner probe` on a CPU agrees with it to
 rounding. `learner/tests/reference/plain_network.py` is the same network for the reference values of the Rust tests, and
@@ -146,14 +146,18 @@ def layers(inputs: int, widths: list[int]) -> list[nn.Module]:
 class Normalizer(nn.Module):
     """Numbers less their mean, divided by their deviation, then clipped. Both are as a run has found them."""
 
+    running_mean: Tensor
+    running_var: Tensor
+
     def __init__(self, numbers: int, clip: float) -> None:
         super().__init__()
         self.clip = clip
         self.register_buffer("running_mean", torch.zeros(numbers))
         self.register_buffer("running_var", torch.ones(numbers))
 
-    def forward(self, x: Tensor) -> Tensor:
-        return ((x - self.running_mean) / (self.running_var + 1e-8).sqrt()).clamp(-self.clip, self.clip)
+    def forward(self, x: Tensor, which: slice) -> Tensor:
+        mean, var = self.running_mean[which], self.running_var[which]
+        return ((x - mean) / (var + 1e-8).sqrt()).clamp(-self.clip, self.clip)
 
 
 class Network(nn.Module):
@@ -164,7 +168,8 @@ class Network(nn.Module):
         input_pool: side of the pooling before the encoder.
         goal: what becomes of the numbers beside a frame: "polar", "cartesian", "plain".
         previous_action: whether the network is given the last action.
-        hidden: width of the GRU; 0 without memory.
+        hidden: width of the GRU or LSTM; 0 without memory.
+        memory: "gru" or "lstm".
         actions: how many there are; of several choices the options of all, of a box its numbers.
         choices: options of each choice, if there are several.
         bounds: least and greatest of each number of a box: means are the policy's, and `log_std` is a weight.
@@ -172,6 +177,7 @@ class Network(nn.Module):
         mlp: widths of the layers of a task without a frame.
         masked: whether observations have a mask of the options that may be chosen.
         images: channels, and features that convolutions leave, of each image but the frame, in the order of names.
+        privileged: how many numbers the critic alone is given.
     """
 
     def __init__(
@@ -182,6 +188,7 @@ class Network(nn.Module):
         goal: str = "polar",
         previous_action: bool = True,
         hidden: int = 512,
+        memory: str = "gru",
         actions: int = 21,
         numbers: int = 3,
         mlp: list[int] | None = None,
@@ -190,6 +197,7 @@ class Network(nn.Module):
         observation_clip: float | None = None,
         masked: bool = False,
         images: dict[str, tuple[int, int]] | None = None,
+        privileged: int = 0,
     ) -> None:
         super().__init__()
         self.masked = masked
@@ -203,7 +211,8 @@ class Network(nn.Module):
                 f'encoder is {encoder!r}, goal {goal!r}, input_pool {input_pool!r}: there are "resnet", "cnn", None;'
                 ' "polar", "cartesian", "plain"; 1, 2, 4'
             )
-        self.observation_norm = None if observation_clip is None else Normalizer(numbers, observation_clip)
+        clip = observation_clip
+        self.observation_norm = None if clip is None else Normalizer(numbers + privileged, clip)
         # Layers that actor and critic share, and those that each has of its own.
         shared, own = (mlp or [], []) if hidden or images else ([], mlp or [])
         if encoder is None:
@@ -215,19 +224,19 @@ class Network(nn.Module):
             self.visual_encoder = {"resnet": Resnet, "cnn": Cnn}[encoder](RAW_SIDE // input_pool)
             self.goal_embedder = nn.Sequential(nn.Linear(numbers, 100), nn.LeakyReLU(0.01), nn.Linear(100, 32))
             width = 544
-        self.numbers = numbers
+        self.numbers, self.privileged = numbers, privileged
         self.images = Images(images) if images else None
         width += 512 * len(images or {})
         self.previous_action_embedder = nn.Embedding(actions + 1, 16) if previous_action else None
         width += 16 if previous_action else 0
-        self.belief = nn.GRU(width, hidden) if hidden else None
+        self.belief = {"gru": nn.GRU, "lstm": nn.LSTM}[memory](width, hidden) if hidden else None
         width = hidden or width
 
-        def head(outputs: int) -> nn.Module:
+        def head(width: int, outputs: int) -> nn.Module:
             last = nn.Linear([width, *own][-1], outputs)
             return nn.Sequential(*layers(width, own), last) if own else last
 
-        self.actor, self.critic = head(actions), head(1)
+        self.actor, self.critic = head(width, actions), head(width + privileged, 1)
 
     @classmethod
     def of(
@@ -265,15 +274,21 @@ class Network(nn.Module):
             last = "actor.weight"
         actor = f"actor.{2 * len(own_layers)}.weight" if own_layers else "actor.weight"
         remembers = "belief.weight_hh_l0" in weights or not (own_layers or images or has_frame)
-        for name in (actor, last, *(["belief.weight_hh_l0"] if remembers else [])):
+        # The critic's first layer is wider by what it alone is given.
+        first = [f"{head}.0.weight" if own_layers else f"{head}.weight" for head in ("actor", "critic")]
+        for name in (actor, last, *first, *(["belief.weight_hh_l0"] if remembers else [])):
             if name not in weights or len(weights[name].shape) != 2:
                 raise ValueError(f"these are no weights of a policy: {name} is missing or no matrix")
         actions, width = weights[actor].shape
         # Before a network of that size is made.
         if 0 in (actions, width):
             raise ValueError(f"these are no weights of a policy: {actor} is empty")
-        if remembers and weights["belief.weight_hh_l0"].shape != (3 * width, width):
-            raise ValueError(f"these are no weights of a policy: belief.weight_hh_l0 does not fit {actor}")
+        memories = {(3 * width, width): "gru", (4 * width, width): "lstm"}
+        memory = memories.get(weights["belief.weight_hh_l0"].shape) if remembers else "gru"
+        privileged = weights[first[1]].shape[1] - weights[first[0]].shape[1]
+        if memory is None or privileged < 0:
+            misfit = "belief.weight_hh_l0" if memory is None else first[1]
+            raise ValueError(f"these are no weights of a policy: {misfit} does not fit {actor}")
         if len(bounds or []) != (actions if "log_std" in weights else 0) or sum(choices or [actions]) != actions:
             raise ValueError(f"these weights are of other actions: {actor} has {actions} outputs")
         previous_action = "previous_action_embedder.weight" in weights
@@ -291,6 +306,7 @@ class Network(nn.Module):
                 goal=goal,
                 previous_action=previous_action,
                 hidden=width if remembers else 0,
+                memory=memory,
                 actions=actions,
                 numbers=numbers,
                 mlp=shared or own_layers,
@@ -299,6 +315,7 @@ class Network(nn.Module):
                 observation_clip=observation_clip if "observation_norm.running_mean" in weights else None,
                 masked=masked,
                 images=images,
+                privileged=privileged,
             )
             own = network.state_dict()
             if own[last].shape == weights[last].shape:
@@ -311,8 +328,23 @@ class Network(nn.Module):
         raise ValueError(f"no input pooling gives the encoder {weights[last].shape[1]} features")
 
     def begin(self, rows: int = 1) -> Tensor:
-        """The belief at an episode's start: zeros [rows, hidden]."""
-        return torch.zeros(rows, self.hidden, device=self.device())
+        """The belief at an episode's start: zeros [rows, hidden]; of an LSTM the cell stands behind it, and it is twice
+        as wide."""
+        states = 2 if isinstance(self.belief, nn.LSTM) else 1
+        return torch.zeros(rows, states * self.hidden, device=self.device())
+
+    def remember(self, embedded: Tensor, belief: Tensor) -> tuple[Tensor, Tensor]:
+        """One step of what `embed` gave, with the belief of the step before: what actor and critic see, and the belief
+        for the next step."""
+        unit = self.belief
+        if unit is None:
+            return embedded, belief
+        weights = (unit.weight_ih_l0, unit.weight_hh_l0, unit.bias_ih_l0, unit.bias_hh_l0)
+        if isinstance(unit, nn.LSTM):
+            seen, cell = torch.lstm_cell(embedded, belief.chunk(2, 1), *weights)
+            return seen, torch.cat([seen, cell], 1)
+        belief = torch.gru_cell(embedded, belief, *weights)
+        return belief, belief
 
     def device(self) -> torch.device:
         """Where its weights are."""
@@ -343,7 +375,7 @@ class Network(nn.Module):
         none yet, else 1 + action) to [rows, 560]. In a task without a frame the numbers take the goal's place. Images
         by name, as they were observed, add 512 each."""
         if self.observation_norm is not None:
-            goal = self.observation_norm(goal)
+            goal = self.observation_norm(goal, slice(0, self.numbers))
         if self.visual_encoder is None or self.goal_embedder is None:
             parts = [self.mlp(goal)]
         else:
@@ -361,12 +393,12 @@ class Network(nn.Module):
             observations: those of a `VectorEnv`, arrays or tensors: depth [rows, 224, 224], goal [rows, 3], and
                 previous_action [rows]. In a task without a frame numbers [rows, numbers] instead of depth and goal; in
                 a task with masks action_mask [rows, actions], true where an option may be chosen. Any other image as
-                `images.NAME`, as it was observed.
-            belief: [rows, hidden]; zeros (`begin`) where an episode begins.
+                `images.NAME`, as it was observed. What the critic alone is given as `privileged`, or none of it.
+            belief: as `begin` has it; zeros where an episode begins.
 
         Returns:
             log-probabilities of the actions [rows, actions] (of several choices side by side; of a box means), values
-            [rows], and beliefs for the next step.
+            [rows] (NaN without what the critic alone is given), and beliefs for the next step.
         """
 
         def given(name: str) -> Tensor:
@@ -385,18 +417,20 @@ class Network(nn.Module):
             # In observations "none yet" is the last number, in the table the first row.
             rows = (given("previous_action").long() + 1) % (self.actions + 1)
         embedded = self.embed(depth_mm, goal, rows, images)
-        gru = self.belief
-        if gru is None:
-            seen = embedded
-        else:
-            weights = (gru.weight_ih_l0, gru.weight_hh_l0, gru.bias_ih_l0, gru.bias_hh_l0)
-            seen = belief = torch.gru_cell(embedded, belief, *weights)
+        seen, belief = self.remember(embedded, belief)
         policy = self.actor(seen)
         if self.masked:
             policy = policy.masked_fill(~given("action_mask").bool(), FORBIDDEN_LOGIT)
         if self.log_std is None:
             policy = torch.cat([F.log_softmax(logits, -1) for logits in policy.split(self.choices, 1)], 1)
-        return policy, self.critic(seen).squeeze(1), belief
+        if not self.privileged:
+            return policy, self.critic(seen).squeeze(1), belief
+        if "privileged" not in observations:
+            return policy, torch.full((len(seen),), math.nan, device=self.device()), belief
+        more = given("privileged")
+        if self.observation_norm is not None:
+            more = self.observation_norm(more, slice(self.numbers, None))
+        return policy, self.critic(torch.cat([seen, more], 1)).squeeze(1), belief
 
     def best(self, policy: Tensor) -> Tensor:
         """The most probable actions of a policy that `forward` gave: numbers [rows], options [rows, choices], or means

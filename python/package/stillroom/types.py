@@ -41,7 +41,7 @@ State: TypeAlias = dict[str, Any]
 quaternions (x, y, z, w). `k` is the number of movable objects, in the order of `Kitchen.objects`.
 
 * `kitchen`, `seed`, `episode`, `step`, `state_hash`
-* The task's channels with the role `state`, such as `base_position_m`, `goal_position_m`, `holding`.
+* The task's channels with the role `state` or `privileged`, such as `base_position_m`, `goal_position_m`, `holding`.
 * `target_object`: index of the target among the objects, where the task has one.
 * `arm_ticks`: int32 [7]: height, wrist x, y, z, elbow, wrist yaw, wrist pitch, each in steps of its action.
 * `camera_position_m`, `camera_rotation_xyzw` [4]; the camera looks along its z axis.

@@ -226,16 +226,24 @@ fn an_environment_is_restored_as_it_declares() {
 fn a_run_with_actions_and_images_of_any_kind_ends_in_the_same_weights_killed_or_not() {
     let place = place();
     let stage = "stages=[{ name = \"I\", reward = \"r\", frames = 600 }]";
-    let alone = ["auxiliary.task=none", "network.goal=plain", "network.memory=none", "network.previous_action=false"];
-    for (kind, more) in [
-        ("numbers", "learner.shards=2"),
-        ("choices", "ppo.overlap=true"),
-        ("images", "ppo.minibatches=2"),
-        ("masked", "learner.shards=2"),
-        ("masked_choices", "ppo.overlap=true"),
+    let alone = ["auxiliary.task=none", "network.goal=plain", "network.previous_action=false"];
+    let told = "channels = [
+        { name = \"elapsed\", role = \"privileged\", dtype = \"u8\", range = [0, 7], doc = \"Steps so far.\" },
+        { name = \"wanted\", role = \"privileged\", dtype = \"f32\", shape = [4], range = [0, 4], doc = \"What pays.\" },
+    ]";
+    std::fs::write(place.workshop.path("told.toml"), told).expect("a writable folder");
+    std::fs::write(place.workshop.path("none.toml"), "").expect("a writable folder");
+    for (kind, more, memory, declaration) in [
+        ("numbers", "learner.shards=2", "none", "none.toml"),
+        ("choices", "ppo.overlap=true", "lstm", "none.toml"),
+        ("told", "learner.shards=2", "lstm", "told.toml"),
+        ("images", "ppo.minibatches=2", "none", "none.toml"),
+        ("masked", "learner.shards=2", "none", "none.toml"),
+        ("masked_choices", "ppo.overlap=true", "none", "none.toml"),
     ] {
-        let settings = [stage, more].into_iter().chain(alone).flat_map(|setting| ["--set", setting]);
-        let settings: Vec<&str> = settings.collect();
+        let memory = format!("network.memory={memory}");
+        let settings = [stage, more, &memory].into_iter().chain(alone).flat_map(|setting| ["--set", setting]);
+        let settings: Vec<&str> = settings.chain(["--env-declaration", declaration]).collect();
         let run = |name: &str| place.up(name, &format!("actions.py:{kind}"), &serde_json::json!({}), &settings);
         let expected = complete(run(kind)).result();
         let name = format!("{kind}-killed");

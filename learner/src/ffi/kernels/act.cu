@@ -101,11 +101,12 @@ __device__ inline float sum_of(float a, float b) {
 
 // The rest of a step, one block a row: the belief's gates, actor and critic, and the choice of an action.
 //
-// from_input and from_before [rows, 3 · hidden]: what the gates (reset, update, candidate, as PyTorch's GRU has them)
-// get from what was seen and from the belief before [rows, hidden], without their biases [3 · hidden]. The belief after
-// goes to row to[i] of the table; several may go to one row that nobody reads. actor [actions, hidden] and critic
-// [hidden] have biases, too. noise [rows, actions]: the action is argmax(log-probability + noise), the first of equals.
-// All sums have one order, whatever the batch.
+// from_input and from_before [rows, gates · hidden]: what the gates (reset, update, candidate, as PyTorch's GRU has them,
+// or where the state is wider than the belief, input, forget, cell, output, as its LSTM has them) get from what was seen
+// and from the belief before, without their biases [gates · hidden]. before [rows, state]: the belief, and an LSTM's cell
+// behind it. The state after goes to row to[i] of the table; several may go to one row that nobody reads. actor [actions,
+// hidden] and critic [hidden] have biases, too. noise [rows, actions]: the action is argmax(log-probability + noise), the
+// first of equals. All sums have one order, whatever the batch.
 //
 // With `outputs_to` [rows, width] no action is chosen: a row gets what the actor gives, the logarithms of deviations
 // [actions] if there are some, and the value.
@@ -113,15 +114,31 @@ extern "C" __global__ void decide(const float* from_input, const float* from_bef
                                   const float* input_bias, const float* before_bias, const float* actor,
                                   const float* actor_bias, const float* critic, const float* critic_bias,
                                   const float* noise, const long long* to, float* table, Chosen* choices, int hidden,
-                                  int actions, float* outputs_to, const float* log_std) {
+                                  int state, int actions, float* outputs_to, const float* log_std) {
     __shared__ float belief[MAX_HIDDEN];
     __shared__ float outputs[MAX_OUTPUTS + 1];
     const size_t row = blockIdx.x;
-    from_input += row * 3 * hidden;
-    from_before += row * 3 * hidden;
-    before += row * hidden;
-    table += (size_t)to[row] * hidden;
-    for (int i = threadIdx.x; i < hidden; i += blockDim.x) {
+    const bool is_lstm = state > hidden;
+    const int gates_in_row = (is_lstm ? 4 : 3) * hidden;
+    from_input += row * gates_in_row;
+    from_before += row * gates_in_row;
+    before += row * state;
+    table += (size_t)to[row] * state;
+    for (int i = threadIdx.x; is_lstm && i < hidden; i += blockDim.x) {
+        float gates[4];
+#pragma unroll
+        for (int gate = 0; gate < 4; gate++) {
+            const int at = gate * hidden + i;
+            const float sum = from_input[at] + from_before[at] + input_bias[at] + before_bias[at];
+            gates[gate] = gate == 2 ? tanhf(sum) : logistic(sum);
+        }
+        const float cell = gates[1] * before[hidden + i] + gates[0] * gates[2];
+        const float after = gates[3] * tanhf(cell);
+        belief[i] = after;
+        table[i] = after;
+        table[hidden + i] = cell;
+    }
+    for (int i = threadIdx.x; !is_lstm && i < hidden; i += blockDim.x) {
         float gates[2];
 #pragma unroll
         for (int gate = 0; gate < 2; gate++) {

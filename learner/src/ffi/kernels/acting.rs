@@ -36,8 +36,8 @@ pub struct Chosen {
     pub finite: bool,
 }
 
-/// What decides: biases of the belief's gates \[3 · hidden\], from what is seen and from the belief before; weights and
-/// biases of actor \[actions, hidden\] and critic \[1, hidden\]. All f32.
+/// What decides: biases of the belief's gates \[gates · hidden\], from what is seen and from the belief before; weights
+/// and biases of actor \[actions, hidden\] and critic \[1, hidden\]. All f32.
 #[derive(Debug)]
 pub struct Heads<'a> {
     pub gate_biases: [&'a Tensor; 2],
@@ -47,8 +47,8 @@ pub struct Heads<'a> {
     pub log_std: Option<&'a Tensor>,
 }
 
-/// What is decided about: what the gates get from what was seen, and from the belief before, \[rows, 3 · hidden\]; that
-/// belief \[rows, hidden\]; noise \[rows, actions\]. All f32.
+/// What is decided about: what the gates get from what was seen, and from the belief before, \[rows, gates · hidden\];
+/// the state before \[rows, state\], of an LSTM twice as wide as the belief; noise \[rows, actions\]. All f32.
 #[derive(Debug)]
 pub struct Undecided<'a> {
     pub from_input: &'a Tensor,
@@ -133,8 +133,8 @@ impl ActingKernels {
     }
 
     /// Belief, policy and value of each row, and the action that is chosen: [`CHOSEN_WORDS`] numbers a row at
-    /// `choices`, which may be pinned memory of the host. Beliefs go to the rows `to` (i64 \[rows\]) of a table \[..,
-    /// hidden\]; several may go to a row that nobody reads.
+    /// `choices`, which may be pinned memory of the host. States go to the rows `to` (i64 \[rows\]) of a table \[..,
+    /// state\]; several may go to a row that nobody reads.
     ///
     /// # Safety
     /// When this runs, `to` must hold rows of the table.
@@ -166,19 +166,21 @@ impl ActingKernels {
         written: &Tensor,
         [choices, outputs]: [Argument; 2],
     ) {
-        let (rows, hidden) = row.before.size2().expect("a row for each observation");
-        let actions = heads.actor[0].size()[0];
+        let (rows, state) = row.before.size2().expect("a row for each observation");
+        let (actions, hidden) = heads.actor[0].size2().expect("a row for each output");
+        assert!(state == hidden || state == 2 * hidden, "a GRU's state, or an LSTM's");
+        let gates = if state == hidden { 3 } else { 4 } * hidden;
         assert!(hidden <= MAX_HIDDEN && actions <= MAX_OUTPUTS, "the configuration admits no more");
         let log_std = heads.log_std.map_or(Argument::Address(0), |tensor| {
             assert!(tensor.kind() == Kind::Float && tensor.size() == [actions] && tensor.is_contiguous());
             address(tensor)
         });
         let floats = [
-            (row.from_input, vec![rows, 3 * hidden]),
-            (row.from_before, vec![rows, 3 * hidden]),
-            (row.before, vec![rows, hidden]),
-            (heads.gate_biases[0], vec![3 * hidden]),
-            (heads.gate_biases[1], vec![3 * hidden]),
+            (row.from_input, vec![rows, gates]),
+            (row.from_before, vec![rows, gates]),
+            (row.before, vec![rows, state]),
+            (heads.gate_biases[0], vec![gates]),
+            (heads.gate_biases[1], vec![gates]),
             (heads.actor[0], vec![actions, hidden]),
             (heads.actor[1], vec![actions]),
             (heads.critic[0], vec![1, hidden]),
@@ -189,10 +191,19 @@ impl ActingKernels {
             assert!(tensor.kind() == Kind::Float && tensor.size() == *size && tensor.is_contiguous());
         }
         assert!(to.kind() == Kind::Int64 && to.size() == [rows] && to.is_contiguous());
-        assert!(table.kind() == Kind::Float && table.size()[1..] == [hidden] && table.is_contiguous());
+        assert!(table.kind() == Kind::Float && table.size()[1..] == [state] && table.is_contiguous());
         assert!(written.kind() == Kind::Float && written.is_contiguous(), "a row after the other");
         let mut arguments: Vec<Argument> = floats.iter().map(|(tensor, _)| address(tensor)).collect();
-        arguments.extend([address(to), address(table), choices, int(hidden), int(actions), outputs, log_std]);
+        arguments.extend([
+            address(to),
+            address(table),
+            choices,
+            int(hidden),
+            int(state),
+            int(actions),
+            outputs,
+            log_std,
+        ]);
         launch(self.decide, rows, DECIDE_THREADS, &arguments);
     }
 }

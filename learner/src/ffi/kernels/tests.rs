@@ -184,28 +184,38 @@ fn kernel_of_decisions() {
     let _alone = crate::device::cuda_alone();
     let kernels = kernels(112);
     let float = (Kind::Float, DEVICE);
-    for (rows, hidden, actions) in [(1, 8, 13), (152, 512, 21), (5, 4096, 32)] {
+    let sizes = [(1, 8, 13), (152, 512, 21), (5, 4096, 32)];
+    for ((rows, hidden, actions), is_lstm) in sizes.into_iter().flat_map(|sizes| [(sizes, false), (sizes, true)]) {
+        let (gates, state) = if is_lstm { (4 * hidden, 2 * hidden) } else { (3 * hidden, hidden) };
         let random = |size: &[i64]| Tensor::randn(size, float);
-        let (x, before) = (random(&[rows, 40]), random(&[rows, hidden]));
-        let gates = [random(&[3 * hidden, 40]), random(&[3 * hidden, hidden]) / (hidden as f64).sqrt()];
-        let biases = [random(&[3 * hidden]), random(&[3 * hidden])];
+        let (x, before) = (random(&[rows, 40]), random(&[rows, state]));
+        let (own, biases) = (before.narrow(1, 0, hidden), [random(&[gates]), random(&[gates])]);
+        let gates = [random(&[gates, 40]), random(&[gates, hidden]) / (hidden as f64).sqrt()];
         let heads = [actions, 1].map(|width| [random(&[width, hidden]) / (hidden as f64).sqrt(), random(&[width])]);
         let noise = random(&[rows, actions]);
-        let expected = x.gru_cell(&before, &gates[0], &gates[1], Some(&biases[0]), Some(&biases[1]));
+        let [input_bias, before_bias] = biases.each_ref().map(Some);
+        let (expected, states) = if is_lstm {
+            let cell = before.narrow(1, hidden, hidden);
+            let (after, cell) = x.lstm_cell(&[&own, &cell], &gates[0], &gates[1], input_bias, before_bias);
+            (after.shallow_clone(), Tensor::cat(&[after, cell], 1))
+        } else {
+            let after = x.gru_cell(&before, &gates[0], &gates[1], input_bias, before_bias);
+            (after.shallow_clone(), after)
+        };
         let log_probs = expected.linear(&heads[0][0], Some(&heads[0][1])).log_softmax(-1, None);
         let values = expected.linear(&heads[1][0], Some(&heads[1][1])).squeeze_dim(1);
 
-        let (from_input, from_before) = (x.matmul(&gates[0].tr()), before.matmul(&gates[1].tr()));
+        let (from_input, from_before) = (x.matmul(&gates[0].tr()), own.matmul(&gates[1].tr()));
         let row = Undecided { from_input: &from_input, from_before: &from_before, before: &before, noise: &noise };
         let [actor, critic] = heads.each_ref().map(|[weight, bias]| [weight, bias]);
         let heads = Heads { gate_biases: [&biases[0], &biases[1]], actor, critic, log_std: None };
         // Each to another row than its own.
         let to = Tensor::arange_start_step(rows - 1, -1, -1, (Kind::Int64, DEVICE));
         let (table, choices) =
-            (Tensor::zeros([rows + 1, hidden], float), Tensor::zeros([rows, CHOSEN_WORDS as i64], float));
+            (Tensor::zeros([rows + 1, state], float), Tensor::zeros([rows, CHOSEN_WORDS as i64], float));
         // SAFETY: rows of the table.
         unsafe { kernels.acting.decide(&heads, &row, &to, &table, &choices) };
-        assert_close(&table.narrow(0, 0, rows).flip([0]), &expected, 1e-5);
+        assert_close(&table.narrow(0, 0, rows).flip([0]), &states, 1e-5);
         assert!(table.get(rows).abs().max().double_value(&[]) == 0.0, "the row that nobody chose");
         let (words, perturbed) = (crate::network::to_vec(&choices), &log_probs + &noise);
         for (index, words) in words.chunks_exact(CHOSEN_WORDS).enumerate() {

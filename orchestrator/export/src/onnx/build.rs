@@ -91,11 +91,18 @@ impl Builder {
         Name(output)
     }
 
-    /// The second of an operator's results; the first is not used.
-    pub fn apply_second(&mut self, operator: &str, inputs: &[&Name], parameters: &[Parameter]) -> Name {
+    /// An operator's results behind the first, which is not used: as many as have an ending of a name here.
+    pub fn apply_rest(
+        &mut self,
+        operator: &str,
+        inputs: &[&Name],
+        parameters: &[Parameter],
+        rest: &[&str],
+    ) -> Vec<Name> {
         let output = format!("{}.{}.{operator}", self.part, self.graph.node.len());
-        self.push(operator, inputs, parameters, vec![String::new(), output.clone()]);
-        Name(output)
+        let outputs: Vec<String> = rest.iter().map(|ending| format!("{output}{ending}")).collect();
+        self.push(operator, inputs, parameters, [&[String::new()], &outputs[..]].concat());
+        outputs.into_iter().map(Name).collect()
     }
 
     fn push(&mut self, operator: &str, inputs: &[&Name], parameters: &[Parameter], output: Vec<String>) {

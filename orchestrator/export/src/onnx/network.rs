@@ -72,15 +72,13 @@ pub(super) fn graph(policy: &Policy) -> Result<Graph> {
     let doc = "Whether each option may be chosen; of several choices side by side.";
     let masked = policy.is_masked();
     let mask = masked.then(|| maker.builder.input(MASK, Element::Bool, &[actions as i64], doc));
-    let doc = "The GRU's state: zeros where an episode begins, then next_belief of the step before.";
-    let belief =
-        (network.memory == Memory::Gru).then(|| maker.builder.input("belief", Element::Float, &[hidden as i64], doc));
+    let before = maker.remembered(hidden);
 
     // Layers that actor and critic share, and those that each has of its own.
     let (mut shared, mut own) = (&network.mlp[..], &[][..]);
     if depth.is_some() {
         shared = &[];
-    } else if belief.is_none() && images.is_empty() {
+    } else if before.is_empty() && images.is_empty() {
         std::mem::swap(&mut shared, &mut own);
     }
     let (mut parts, mut width) = match (depth, given) {
@@ -108,23 +106,25 @@ pub(super) fn graph(policy: &Policy) -> Result<Graph> {
     }
     maker.builder.part("embedding");
     let embedding = maker.builder.apply("Concat", &parts.iter().collect::<Vec<_>>(), &[Int("axis", 1)]);
-    let next = belief.map(|belief| maker.belief(&embedding, &belief, [width, hidden])).transpose()?;
-    let (seen, width) = next.as_ref().map_or((&embedding, width), |next| (next, hidden));
+    let after = maker.remember(&embedding, &before, [width, hidden])?;
+    // The belief comes first.
+    let (seen, width) = after.first().map_or((&embedding, width), |belief| (belief, hidden));
     let mut outputs = maker.head("actor", seen, [width, actions], own)?;
     if let Some(mask) = mask {
         let forbidden = maker.builder.float(FORBIDDEN_LOGIT);
         outputs = maker.builder.apply("Where", &[&mask, &outputs, &forbidden], &[]);
     }
     let given = maker.policy(&head, outputs)?;
-    let value = maker.head("critic", seen, [width, 1], own)?;
-    let last = maker.builder.integers(&[1]);
-    let value = maker.builder.apply("Squeeze", &[&value, &last], &[]);
+    let value = maker.value(seen, width, own)?;
     for (output, name, doc) in given {
         maker.builder.output(&output, name, &[actions as i64], doc);
     }
-    maker.builder.output(&value, "value", &[], "The critic's estimate of the discounted return.");
-    if let Some(next) = next {
-        maker.builder.output(&next, "next_belief", &[hidden as i64], "The belief for the next step.");
+    if let Some(value) = value {
+        maker.builder.output(&value, "value", &[], "The critic's estimate of the discounted return.");
+    }
+    for (name, state) in policy.states().iter().zip(&after) {
+        let (next, doc) = (format!("next_{name}"), format!("The {name} for the next step."));
+        maker.builder.output(state, &next, &[hidden as i64], &doc);
     }
     Ok(maker.builder.finish())
 }
@@ -349,8 +349,10 @@ impl Maker<'_> {
         if !normalize.observations {
             return Ok(given);
         }
-        let mean = self.policy.weight(&format!("{NORMALIZER}running_mean"), &[numbers])?;
-        let variance = self.policy.weight(&format!("{NORMALIZER}running_var"), &[numbers])?;
+        // Behind those of the policy are those of the critic alone.
+        let all = [self.policy.inputs().width()];
+        let mean = &self.policy.weight(&format!("{NORMALIZER}running_mean"), &all)?[..numbers];
+        let variance = &self.policy.weight(&format!("{NORMALIZER}running_var"), &all)?[..numbers];
         let deviation: Vec<f32> = variance.iter().map(|variance| (variance + VARIANCE_EPSILON).sqrt()).collect();
         let builder = &mut self.builder;
         builder.part("observation_norm");
@@ -428,32 +430,64 @@ impl Maker<'_> {
         Ok(self.builder.apply("Gather", &[&table, previous], &[Int("axis", 0)]))
     }
 
-    /// One step of the GRU: embedding \[rows, inputs\] and belief \[rows, hidden\] → belief.
-    fn belief(&mut self, embedding: &Name, belief: &Name, [inputs, hidden]: [usize; 2]) -> Result<Name> {
+    /// Inputs of what is remembered, each \[rows, hidden\]: the belief first.
+    fn remembered(&mut self, hidden: usize) -> Vec<Name> {
+        let input = |name: &&str| {
+            let doc =
+                format!("Of what is remembered: zeros where an episode begins, then next_{name} of the step before.");
+            self.builder.input(name, Element::Float, &[hidden as i64], &doc)
+        };
+        self.policy.states().iter().map(input).collect()
+    }
+
+    /// The critic's value \[rows\], unless it is given more than the model is.
+    fn value(&mut self, seen: &Name, width: usize, own: &[u32]) -> Result<Option<Name>> {
+        if !self.policy.has_value() {
+            return Ok(None);
+        }
+        let value = self.head("critic", seen, [width, 1], own)?;
+        let last = self.builder.integers(&[1]);
+        Ok(Some(self.builder.apply("Squeeze", &[&value, &last], &[])))
+    }
+
+    /// One step of a GRU or LSTM: embedding \[rows, inputs\] and states \[rows, hidden\] → states, the belief first; none
+    /// without memory.
+    fn remember(&mut self, embedding: &Name, before: &[Name], [inputs, hidden]: [usize; 2]) -> Result<Vec<Name>> {
         self.builder.part("belief");
+        // As in PyTorch the reset gate works on the product, bias included.
+        let parameters = [Int("hidden_size", hidden as i64), Int("linear_before_reset", 1)];
+        // PyTorch's gates (reset, update, new; input, forget, cell, output) in ONNX's order (update, reset, new; input,
+        // output, forget, cell).
+        let (operator, parameters, order) = match self.policy.config.network.memory {
+            Memory::Gru => ("GRU", &parameters[..], &[1, 0, 2][..]),
+            Memory::Lstm => ("LSTM", &parameters[..1], &[0, 3, 1, 2][..]),
+            Memory::None => return Ok(vec![]),
+        };
+        let rows = order.len() * hidden;
+        let in_order = |gates: &[f32]| -> Vec<f32> {
+            let each: Vec<&[f32]> = gates.chunks_exact(gates.len() / order.len()).collect();
+            order.iter().flat_map(|&gate: &usize| each[gate]).copied().collect()
+        };
         let mut matrix = |name: &str, columns: usize| -> Result<Name> {
             let path = format!("belief.{name}");
-            let values = reset_after_update(self.policy.weight(&path, &[3 * hidden, columns])?);
-            Ok(self.builder.floats(&path, &[1, 3 * hidden as i64, columns as i64], &values))
+            let values = in_order(self.policy.weight(&path, &[rows, columns])?);
+            Ok(self.builder.floats(&path, &[1, rows as i64, columns as i64], &values))
         };
         let (input, recurrent) = (matrix("weight_ih_l0", inputs)?, matrix("weight_hh_l0", hidden)?);
         let bias: Vec<f32> = ["bias_ih_l0", "bias_hh_l0"]
-            .map(|name| Ok(reset_after_update(self.policy.weight(&format!("belief.{name}"), &[3 * hidden])?)))
+            .map(|name| Ok(in_order(self.policy.weight(&format!("belief.{name}"), &[rows])?)))
             .into_iter()
             .collect::<Result<Vec<_>>>()?
             .concat();
         let builder = &mut self.builder;
-        let bias = builder.floats("belief.bias", &[1, 6 * hidden as i64], &bias);
+        let bias = builder.floats("belief.bias", &[1, 2 * rows as i64], &bias);
         let first = builder.integers(&[0]);
-        let (sequence, state) =
-            (builder.apply("Unsqueeze", &[embedding, &first], &[]), builder.apply("Unsqueeze", &[belief, &first], &[]));
-        let next = builder.apply_second(
-            "GRU",
-            &[&sequence, &input, &recurrent, &bias, &Builder::none(), &state],
-            // As in PyTorch the reset gate works on the product, bias included.
-            &[Int("hidden_size", hidden as i64), Int("linear_before_reset", 1)],
-        );
-        Ok(builder.apply("Squeeze", &[&next, &first], &[]))
+        let sequence = builder.apply("Unsqueeze", &[embedding, &first], &[]);
+        let before: Vec<Name> = before.iter().map(|state| builder.apply("Unsqueeze", &[state, &first], &[])).collect();
+        let none = Builder::none();
+        let inputs: Vec<&Name> = [&sequence, &input, &recurrent, &bias, &none].into_iter().chain(&before).collect();
+        let after = builder.apply_rest(operator, &inputs, parameters, &["", ".cell"][..before.len()]);
+        Ok(after.iter().map(|state| builder.apply("Squeeze", &[state, &first], &[])).collect())
     }
 
     /// Layers with hyperbolic tangents behind them, and the width of what comes out: every second entry of a Sequential.
@@ -485,10 +519,4 @@ impl Maker<'_> {
         let shape: Vec<i64> = shape.iter().map(|&size| size as i64).collect();
         Ok(self.builder.floats(name, &shape, values))
     }
-}
-
-/// Three gates as PyTorch orders them (reset, update, new) in ONNX's order (update, reset, new).
-fn reset_after_update(gates: &[f32]) -> Vec<f32> {
-    let each = gates.len() / 3;
-    [&gates[each..2 * each], &gates[..each], &gates[2 * each..]].concat()
 }

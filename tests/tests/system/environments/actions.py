@@ -34,6 +34,21 @@ class Choices(gymnasium.Env):
         return self._wanted.flatten(), paid, self._steps == 7, False, {}
 
 
+class Told(Choices):
+    """Tells the critic alone, by `info`, how far the episode is and what pays."""
+
+    def reset(self, *, seed=None, options=None):
+        seen, _ = super().reset(seed=seed)
+        return seen, self._info(seen)
+
+    def step(self, action):
+        *stepped, _ = super().step(action)
+        return *stepped, self._info(stepped[0])
+
+    def _info(self, seen):
+        return {"elapsed": self._steps, "wanted": seen.astype(np.float32)}
+
+
 class Masked(gymnasium.Env):
     """Allows some options, others at every step, and fails if another one is taken. At its end it allows nothing."""
 
@@ -109,6 +124,10 @@ class Images(gymnasium.Env):
 
 def numbers():
     return Slow(gymnasium.make("Pendulum-v1"))
+
+
+def told():
+    return Slow(Told())
 
 
 def choices():
