@@ -74,7 +74,7 @@ fn step(
     let mut sum = 0u64;
     for half in 0..halves.count() {
         let range = halves.range(half);
-        environments.act(range.clone(), &actions[range.clone()])?;
+        environments.act(range.clone(), &actions[range.clone()], &mut [])?;
         for index in range {
             if actions[index] != HOLD {
                 let record = Line::bytes_mut(&mut slots[index]);
