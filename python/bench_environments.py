@@ -3,7 +3,7 @@
     make bench-env ARGS="--seconds 3"
 
 Everything is measured in processor time, so that other programs of the machine count little: of an actor's process of
-16 environments whose learner answers at once (`actor/engine/examples/instant_learner.rs`), of a loop over 16 environments
+16 environments whose learner answers at once (actor/engine/examples/instant_learner.rs), of a loop over 16 environments
 in one process, and of all processes of an `AsyncVectorEnv` with shared memory. They take turns; medians count. Of two
 environments one does nothing, the other computes for 50 us. Both observe 4 x 84 x 84 bytes, as an Atari game does.
 """
@@ -157,7 +157,7 @@ def main() -> None:
         (loop, _), (run, run_wall), (beside, beside_wall) = map(medians, zip(*rounds, strict=True))
         print(
             f"{name:14} {loop:9.2f} {run:10.2f} {run - loop:7.2f} {loop / run:19.2f} {beside:16.2f}"
-            f" {beside / run:15.1f}x  ({1e6 / run_wall:,.0f}/s, {1e6 / beside_wall:,.0f}/s: {beside_wall / run_wall:.1f}x)",
+            f" {beside / run:15.1f}x  ({1e6 / run_wall:,.0f}/s and {1e6 / beside_wall:,.0f}/s)",
             flush=True,
         )
 
