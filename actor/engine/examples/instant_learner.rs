@@ -7,7 +7,6 @@
 
 use anyhow::{Context, Result, ensure};
 use proto::config::Config;
-use std::path::Path;
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 use wire::message::{ActionHeader, EnvironmentState, Halves, RestoreHeader, observation_kind};
@@ -17,7 +16,7 @@ use wire::{
 };
 
 /// Without an observation for so long the actor has failed.
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_mins(1);
 /// What is left out: caches are cold, and Python specialises its bytecode.
 const WARM_UP: Duration = Duration::from_millis(500);
 /// Of the one learner that there is.
@@ -104,7 +103,7 @@ impl Learner {
             if self.serve()? {
                 last = Instant::now();
             }
-            ensure!(last.elapsed() < PATIENCE, "the actor has sent nothing for {} s", PATIENCE.as_secs());
+            ensure!(last.elapsed() < PATIENCE, "the actor has sent nothing for a minute");
         }
         Ok(())
     }
@@ -147,7 +146,7 @@ fn main() -> Result<()> {
     let mut learner = Learner::open(&config)?;
     let mut command = environment.program();
     command.args(["--actor", "0", "--lifeline", "--wire", &learner.host.address().to_string(), "--config"]).arg(&path);
-    let mut actor = command.current_dir(Path::new(".")).stdin(Stdio::piped()).spawn()?;
+    let mut actor = command.stdin(Stdio::piped()).spawn()?;
     let measured = measure(&mut learner, &actor, Duration::from_secs_f64(seconds));
     drop(actor.stdin.take());
     actor.kill()?;
