@@ -1,6 +1,7 @@
 //! Environments whose code is not ours, in whichever language: what an actor's process of such does.
 //!
 //! ```text
+//! record   where they write what they show
 //! served   such environments, as the engine runs them: seeds, states' hashes, checks
 //! process  the process's part in a run
 //! notes    what it keeps written down for those who find it dead, or grown
@@ -9,12 +10,14 @@
 
 mod notes;
 mod process;
+mod record;
 mod replay;
 mod served;
 
 pub use process::{GuestActor, GuestError};
+pub use record::{Record, Source};
 pub use replay::{Replay, ReplayError};
-pub use served::{Failure, Record, Served, Source};
+pub use served::{Failure, Served};
 
 /// Environments of a run, numbered from 0. What is wrong with one is a sentence without its place.
 pub trait Guest {

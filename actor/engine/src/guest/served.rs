@@ -2,6 +2,7 @@
 
 use super::Guest;
 use super::notes::Notes;
+use super::record::Record;
 use crate::Simulator;
 use proto::actor_notes::LastPlace;
 use proto::config::Config;
@@ -10,7 +11,7 @@ use proto::evaluation::{Plan, seed_of};
 use proto::kitchen::Split;
 use proto::random::Key;
 use proto::record::{End, RecordHeader};
-use proto::task::{Channel, Check, Field, Layout, REWARD, Role, Spec};
+use proto::task::{Check, Field, Layout};
 use wire::message::{Line, Snapshot};
 use xxhash_rust::xxh3::Xxh3;
 
@@ -40,55 +41,6 @@ pub struct Served<G> {
     environments: Vec<Environment>,
     /// None outside a run, or where they cannot be written.
     notes: Option<Notes>,
-}
-
-/// A channel that an environment fills in.
-#[derive(Debug, Clone)]
-pub struct Source {
-    pub channel: Channel,
-    /// In its piece of a [`Record`].
-    pub field: Field,
-}
-
-/// Where a guest writes: a record in two pieces, as images may lie elsewhere.
-pub struct Record<'a> {
-    small: &'a mut [u8],
-    images: &'a mut [u8],
-}
-
-impl<'a> Record<'a> {
-    /// Of a whole record, or one whose images are written `ahead`, into a record of the same layout.
-    pub fn of(kept: &'a mut [Line], ahead: &'a mut [u8], layout: &Layout) -> Self {
-        let (small, images) = Line::bytes_mut(kept).split_at_mut(layout.small_bytes);
-        Self { small, images: if ahead.is_empty() { images } else { &mut ahead[layout.small_bytes..] } }
-    }
-
-    /// The piece that a channel's field is in.
-    pub fn piece(&mut self, channel: &Channel) -> &mut [u8] {
-        if channel.is_bulk() { self.images } else { self.small }
-    }
-}
-
-impl Source {
-    /// The channel of a name.
-    pub fn of(spec: &Spec, name: &str) -> Option<Self> {
-        let (channel, mut field) = spec.channel(name)?;
-        if channel.is_bulk() {
-            field.offset -= spec.layout().small_bytes;
-        }
-        Some(Self { channel: channel.clone(), field })
-    }
-
-    /// What a step reports beside observations and the reward.
-    pub fn reported(spec: &Spec) -> Vec<Self> {
-        let is_reported = |channel: &&Channel| channel.role != Role::Observation && channel.name != REWARD;
-        spec.channels.iter().filter(is_reported).filter_map(|channel| Self::of(spec, &channel.name)).collect()
-    }
-
-    /// The environment's own reward.
-    pub fn reward(spec: &Spec) -> Option<Self> {
-        Self::of(spec, REWARD)
-    }
 }
 
 /// One environment.
@@ -326,7 +278,9 @@ impl<G: Guest> Simulator for Served<G> {
 mod tests {
     use super::*;
     use crate::Environments;
+    use crate::guest::Source;
     use proto::record::HOLD;
+    use proto::task::Spec;
 
     const TASK: &str = r#"
 name = "films"
