@@ -44,7 +44,8 @@ class Nothing(gymnasium.Env):
         self._busy_ns = int(busy_us * 1000)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Nothing is drawn."""
+        """Every episode begins alike."""
+        self._seen.fill(0)
         return self._seen, self._info
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
