@@ -166,8 +166,9 @@ bench-python:
 	@python=$$(PYTHON='$(PYTHON)' python/setup) && "$$python" python/bench.py $(ARGS)
 
 bench-env: build
-	@python=$$(PYTHON='$(PYTHON)' python/setup) && \
-		"$$python" python/bench_environments.py --orchestrator target/release/orchestrator $(ARGS)
+	cargo build --release --locked --workspace --example instant_learner
+	@python=$$(PYTHON='$(PYTHON)' python/setup) && "$$python" python/bench_environments.py \
+		--orchestrator target/release/orchestrator --learner target/release/examples/instant_learner $(ARGS)
 
 # A policy in both physics engines.
 bench-transfer: build

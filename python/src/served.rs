@@ -1,7 +1,7 @@
 //! Environments of Python, called step by step.
 
 use crate::numbers;
-use engine::guest::{Guest, Source};
+use engine::guest::{Guest, Record, Source};
 use numpy::PyArray1;
 use proto::task::{Field, Spec};
 use pyo3::exceptions::PySystemExit;
@@ -32,6 +32,8 @@ struct Environment {
     step: Py<PyAny>,
     /// Of a task that is restored by snapshots: `get_state` and `set_state`.
     snapshots: Option<[Py<PyAny>; 2]>,
+    /// What it observed last, if it is shown again.
+    seen: Option<Py<PyAny>>,
 }
 
 /// How an action's bytes become what `step` is given.
@@ -76,7 +78,7 @@ impl Served {
             let method = |name: &str| Ok::<_, PyErr>(environment.getattr(name)?.unbind());
             let snapshots = || Ok::<_, PyErr>([method("get_state")?, method("set_state")?]);
             let snapshots = has_snapshots.then(snapshots).transpose()?;
-            Ok(Environment { reset: method("reset")?, step: method("step")?, snapshots })
+            Ok(Environment { reset: method("reset")?, step: method("step")?, snapshots, seen: None })
         };
         let mut first = 0;
         let vector = |vector: &Bound<'_, PyAny>| {
@@ -98,8 +100,16 @@ impl Served {
     }
 }
 
+impl Served {
+    /// Keeps what was observed, if it has images and is shown again.
+    fn keep(&mut self, index: usize, observation: Bound<'_, PyAny>) {
+        let has_images = self.observed.iter().any(|(source, _)| source.channel.is_bulk());
+        self.environments[index].seen = (has_images && self.shows_again()).then(|| observation.unbind());
+    }
+}
+
 impl Guest for Served {
-    fn reset(&mut self, index: usize, seed: u32, record: &mut [u8]) -> Result<(), String> {
+    fn reset(&mut self, index: usize, seed: u32, mut record: Record<'_>) -> Result<(), String> {
         Python::attach(|py| {
             let arguments = PyDict::new(py);
             let returned = arguments.set_item(intern!(py, "seed"), seed);
@@ -108,9 +118,11 @@ impl Guest for Served {
             let returned = returned.map_err(|error| raised(py, "reset", &error))?;
             let (observation, info): (Bound<'_, PyAny>, Bound<'_, PyAny>) =
                 returned.extract().map_err(|_| "reset() returned no observation with an info".to_owned())?;
-            take_in(&self.observed, &observation, record)?;
+            take_in(&self.observed, &observation, &mut record)?;
             let states = self.of_info.iter().filter(|(source, _)| !source.channel.is_of_action());
-            take_in(states, &info, record)
+            take_in(states, &info, &mut record)?;
+            self.keep(index, observation);
+            Ok(())
         })
     }
 
@@ -133,7 +145,7 @@ impl Guest for Served {
         Ok(())
     }
 
-    fn step(&mut self, index: usize, action: &[u8], record: &mut [u8]) -> Result<[bool; 2], String> {
+    fn step(&mut self, index: usize, action: &[u8], mut record: Record<'_>) -> Result<[bool; 2], String> {
         Python::attach(|py| {
             let step = self.environments[index].step.bind(py);
             let returned = self.actions.value(py, action).and_then(|action| step.call1((action,)));
@@ -143,14 +155,29 @@ impl Guest for Served {
                 returned.ok_or("step() did not return (observation, reward, terminated, truncated, info)")?;
             let [observation, reward, terminated, truncated, info] =
                 std::array::from_fn(|at| returned.get_item(at).unwrap_or_else(|_| py.None().into_bound(py)));
-            take_in(&self.observed, &observation, record)?;
-            if let Some(Source { field, .. }) = &self.reward {
-                numbers::write(&reward, &[], *field, record).map_err(|wrong| format!("its reward is {wrong}"))?;
+            take_in(&self.observed, &observation, &mut record)?;
+            if let Some(Source { channel, field }) = &self.reward {
+                let written = numbers::write(&reward, &[], *field, record.piece(channel));
+                written.map_err(|wrong| format!("its reward is {wrong}"))?;
             }
-            take_in(&self.of_info, &info, record)?;
+            take_in(&self.of_info, &info, &mut record)?;
+            self.keep(index, observation);
             let [terminated, truncated] = [("terminated", terminated), ("truncated", truncated)]
                 .map(|(name, value)| value.is_truthy().map_err(|_| format!("`{name}` is neither true nor false")));
             Ok([terminated?, truncated?])
+        })
+    }
+
+    /// A vector is stepped as a whole, and may write over what a column that is held has observed.
+    fn shows_again(&self) -> bool {
+        self.vectors.is_empty()
+    }
+
+    fn show_again(&mut self, index: usize, mut record: Record<'_>) -> Result<(), String> {
+        Python::attach(|py| {
+            let seen = self.environments[index].seen.as_ref().ok_or("it has observed nothing")?;
+            let images = self.observed.iter().filter(|(source, _)| source.channel.is_bulk());
+            take_in(images, seen.bind(py), &mut record)
         })
     }
 
@@ -178,7 +205,7 @@ impl Guest for Served {
 fn take_in<'a>(
     sources: impl IntoIterator<Item = &'a (Source, Option<String>)>,
     from: &Bound<'_, PyAny>,
-    record: &mut [u8],
+    record: &mut Record<'_>,
 ) -> Result<(), String> {
     for (Source { channel, field }, key) in sources {
         let name = &channel.name;
@@ -186,7 +213,8 @@ fn take_in<'a>(
             None => from.clone(),
             Some(key) => from.get_item(key).map_err(|_| format!("it gives no `{key}`"))?,
         };
-        numbers::write(&value, &channel.shape, *field, record).map_err(|wrong| format!("its `{name}` is {wrong}"))?;
+        let written = numbers::write(&value, &channel.shape, *field, record.piece(channel));
+        written.map_err(|wrong| format!("its `{name}` is {wrong}"))?;
     }
     Ok(())
 }

@@ -12,6 +12,7 @@ import stillroom
 from stillroom.training import _place
 
 ORCHESTRATOR = Path(__file__).parents[2] / "target/release/orchestrator"
+EXAMPLES = Path(__file__).parents[1] / "examples"
 needs_programs = pytest.mark.skipif(not ORCHESTRATOR.exists(), reason="needs `make build`")
 
 
@@ -55,6 +56,40 @@ def test_what_is_wrong_is_one_sentence(tmp_path, monkeypatch):
         start(tmp_path, settings={"no.such.setting": 1})
     with pytest.raises(stillroom.RunError, match="there is no program"):
         stillroom.train(make_cart_pole, frames=1, orchestrator="no-such-program")
+
+
+STAGES = [{"name": name, "reward": name, "frames": 128} for name in ("r", "careful", "constrained")]
+
+
+# No more than a few rollouts: that all parts fit together.
+@needs_programs
+@pytest.mark.parametrize(
+    ("env", "needs", "words", "settings"),
+    [
+        ("envpool:CartPole-v1", ["envpool"], [], {}),
+        ("atari.py:make_env", ["ale_py", "cv2"], ["--config", "atari.toml"], {"ppo.epochs": 1}),
+        (
+            "cheetah.py:make_env",
+            ["mujoco"],
+            ["--config", "cheetah_stages.toml", "--env-declaration", "cheetah.toml"],
+            {"stages": STAGES},
+        ),
+    ],
+)
+def test_an_example_is_trained_on(env, needs, words, settings, tmp_path, monkeypatch):
+    for package in needs:
+        pytest.importorskip(package)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "states"))
+    env = env if env.startswith("envpool") else str(EXAMPLES / env)
+    words = [word if word.startswith("--") else str(EXAMPLES / word) for word in words]
+    options = [*words, "--preset", "gym", "--actors", "2", "--envs-per-actor", "2"]
+    settings = {"ppo.rollout_steps": 32, "ppo.minibatches": 1, "learner.device": "cpu"} | settings
+    training = stillroom.train(
+        env, run=tmp_path / "run", frames=384, settings=settings, options=options, orchestrator=str(ORCHESTRATOR)
+    ).wait(300)
+    assert (training.frames, training.budget) == (384, 384)
+    if "stages" in settings:
+        assert "lagrangian/multiplier" in (training.path / "metrics.jsonl").read_text()
 
 
 def test_a_function_of_a_notebook_lies_beside_the_run(tmp_path):

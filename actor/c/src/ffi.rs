@@ -1,7 +1,7 @@
 //! A simulator as `stillroom_actor.h` describes it. Every pointer, size and number that can be checked is.
 
 use crate::error::ServeError;
-use engine::guest::{Guest, Source};
+use engine::guest::{Guest, Record, Source};
 use proto::config::Config;
 use proto::task::{Actions, Channel, Description, Dtype, Restore, Role, Spec};
 use std::collections::BTreeMap;
@@ -223,34 +223,34 @@ impl CChannel {
 
 impl Environments {
     /// Points to where each channel's numbers lie in a record.
-    fn point(&mut self, record: &mut [u8]) -> *const *mut c_void {
-        for (place, Source { field, .. }) in self.places.iter_mut().zip(&self.sources) {
-            *place = record[field.range()].as_mut_ptr().cast();
+    fn point(&mut self, record: &mut Record<'_>) -> *const *mut c_void {
+        for (place, Source { channel, field }) in self.places.iter_mut().zip(&self.sources) {
+            *place = record.piece(channel)[field.range()].as_mut_ptr().cast();
         }
         self.places.as_ptr()
     }
 }
 
 impl Guest for Environments {
-    fn reset(&mut self, index: usize, seed: u32, record: &mut [u8]) -> Result<(), String> {
-        let places = self.point(record);
+    fn reset(&mut self, index: usize, seed: u32, mut record: Record<'_>) -> Result<(), String> {
+        let places = self.point(&mut record);
         // SAFETY: an environment that `make` returned, and places within the record, each as long as its channel.
         let status = unsafe { (self.simulator.reset)(self.made[index].as_ptr(), seed, places) };
         if status == 0 { Ok(()) } else { Err(self.simulator.failed("reset")) }
     }
 
-    fn step(&mut self, index: usize, action: &[u8], record: &mut [u8]) -> Result<[bool; 2], String> {
+    fn step(&mut self, index: usize, action: &[u8], mut record: Record<'_>) -> Result<[bool; 2], String> {
         let mut result = CResult::default();
         let number = action.first().copied().unwrap_or_default();
-        let places = self.point(record);
+        let places = self.point(&mut record);
         let environment = self.made[index].as_ptr();
         // SAFETY: as in `reset`; the result outlives the call.
         let status = unsafe { (self.simulator.step)(environment, number.into(), places, &raw mut result) };
         if status != 0 {
             return Err(self.simulator.failed("step"));
         }
-        if let Some(Source { field, .. }) = &self.reward {
-            record[field.range()].copy_from_slice(&(result.reward as f32).to_ne_bytes());
+        if let Some(Source { channel, field }) = &self.reward {
+            record.piece(channel)[field.range()].copy_from_slice(&(result.reward as f32).to_ne_bytes());
         }
         Ok([result.terminated != 0, result.truncated != 0])
     }

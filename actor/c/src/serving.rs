@@ -3,7 +3,7 @@
 use crate::error::ServeError;
 use crate::ffi::{Environments, Simulator};
 use clap::Parser;
-use engine::guest::{Guest, GuestActor, Replay};
+use engine::guest::{Guest, GuestActor, Record, Replay};
 use proto::replay::ReplaySetup;
 use proto::task::{Field, Role, Spec};
 use std::ffi::OsString;
@@ -108,7 +108,7 @@ fn play(environments: &mut Environments, seed: u32, actions: usize, spec: &Spec)
         observed.filter(|(channel, _)| channel.role != Role::Outcome).map(|(_, &field)| field).collect();
     let mut lines = vec![Line([0; 64]); layout.bytes / size_of::<Line>()];
     let mut seen = vec![];
-    environments.reset(0, seed, Line::bytes_mut(&mut lines)).map_err(ServeError::Refused)?;
+    environments.reset(0, seed, Record::of(&mut lines, &mut [], layout)).map_err(ServeError::Refused)?;
     for step in 0..=STEPS {
         let record = Line::bytes(&lines);
         seen.push(observed.iter().flat_map(|field| &record[field.range()]).copied().collect());
@@ -119,7 +119,8 @@ fn play(environments: &mut Environments, seed: u32, actions: usize, spec: &Spec)
         let Some(action) = (0..actions).map(|more| (first + more) % actions).find(allows) else {
             return Err(ServeError::Refused("its mask allows no action: one at least can always be taken".to_owned()));
         };
-        let ended = environments.step(0, &[action as u8], Line::bytes_mut(&mut lines)).map_err(ServeError::Refused)?;
+        let stepped = environments.step(0, &[action as u8], Record::of(&mut lines, &mut [], layout));
+        let ended = stepped.map_err(ServeError::Refused)?;
         if ended.contains(&true) {
             break;
         }

@@ -73,11 +73,17 @@ impl Rules {
         key.stream().uniform_open() < self.recorded
     }
 
-    fn begin<S: Simulator>(&self, running: &mut Running, simulator: &mut S, episode: u32) -> Result<(), EngineError> {
+    fn begin<S: Simulator>(
+        &self,
+        running: &mut Running,
+        simulator: &mut S,
+        episode: u32,
+        ahead: &mut [u8],
+    ) -> Result<(), EngineError> {
         running.id = simulator.place(running.home, episode);
         whereabouts::enter(running.id, episode);
         let index = running.header.environment as usize;
-        let state_hash = simulator.begin(index, running.home, episode).map_err(failed::<S>)?;
+        let state_hash = simulator.begin(index, running.home, episode, ahead).map_err(failed::<S>)?;
         running.header.begin(episode, state_hash, self.records(running.id, episode));
         running.actions[1].fill(0);
         Ok(())
@@ -112,7 +118,7 @@ impl Rules {
                 Err(EngineError::NoSnapshot { place: running.place() })
             }
             (Restore::Snapshot { .. }, None) if (state.episode, state.action_count()) == (0, 0) => Ok(()),
-            _ => self.begin(running, simulator, state.episode),
+            _ => self.begin(running, simulator, state.episode, &mut []),
         }
     }
 
@@ -141,11 +147,11 @@ impl Rules {
         simulator: &mut S,
         state: &EnvironmentState,
     ) -> Result<(), EngineError> {
-        self.begin(running, simulator, state.episode)?;
+        self.begin(running, simulator, state.episode, &mut [])?;
         running.header.step = state.action_count() - 1;
         running.is_lost = true;
         if state.has_ended() || state.action_count() >= self.max_steps {
-            return self.act(running, simulator, state.last_action());
+            return self.act(running, simulator, state.last_action(), &mut []);
         }
         running.take(state.last_action());
         running.header.act(running.header.state_hash, None);
@@ -154,7 +160,13 @@ impl Rules {
 
     /// Takes an action that the task has; after the last one of an episode the environment stands at the start of the
     /// next.
-    fn act<S: Simulator>(&self, running: &mut Running, simulator: &mut S, action: &[u8]) -> Result<(), EngineError> {
+    fn act<S: Simulator>(
+        &self,
+        running: &mut Running,
+        simulator: &mut S,
+        action: &[u8],
+        ahead: &mut [u8],
+    ) -> Result<(), EngineError> {
         whereabouts::enter(running.id, running.header.episode);
         let index = running.header.environment as usize;
         let (state_hash, end) = if running.is_lost {
@@ -162,7 +174,7 @@ impl Rules {
             running.done.fill(0);
             (0, Some(End::Truncated))
         } else {
-            simulator.act(index, action, &mut running.done).map_err(failed::<S>)?
+            simulator.act(index, action, &mut running.done, ahead).map_err(failed::<S>)?
         };
         running.take(action);
         running.header.act(state_hash, end);
@@ -171,7 +183,7 @@ impl Rules {
                 self.keep_last_seen(running, simulator)?;
             }
             let next = running.next_episode().expect("four billion episodes outlast any run");
-            self.begin(running, simulator, next)?;
+            self.begin(running, simulator, next, ahead)?;
         }
         Ok(())
     }
@@ -229,7 +241,7 @@ impl<S: Simulator> Environments<S> {
             let actions = [(); 2].map(|()| vec![0; rules.hold.len()]);
             let last_seen = vec![0; rules.layout.last_seen.len()];
             let mut one = Running { home, id: home, header, actions, done, last_seen, is_lost: false };
-            rules.begin(&mut one, &mut simulator, 0)?;
+            rules.begin(&mut one, &mut simulator, 0, &mut [])?;
             running.push(one);
         }
         Ok(Self { unprepared: (0..running.len()).collect(), running, simulator, rules })
@@ -297,7 +309,7 @@ impl<S: Simulator> Environments<S> {
             simulator.act_together(0, &actions).map_err(failed::<S>)?;
             for index in acting() {
                 let place = running[index].place();
-                rules.act(&mut running[index], simulator, &actions[index * bytes..][..bytes])?;
+                rules.act(&mut running[index], simulator, &actions[index * bytes..][..bytes], &mut [])?;
                 let (all, left) = (states[index].action_count() as usize, moments - moment - 1);
                 if running[index].header.end().is_some() && left > 0 {
                     return Err(EngineError::EndsEarlier { actions: all, place, ended: all - left });
@@ -308,8 +320,8 @@ impl<S: Simulator> Environments<S> {
     }
 
     /// Applies one action to each environment of `range`, of as many bytes as the task's have. HOLD leaves an environment as
-    /// it is.
-    pub fn act(&mut self, range: Range<usize>, actions: &[u8]) -> Result<(), EngineError> {
+    /// it is. `ahead` are the records that they are observed in next, or none: images may be written there at once.
+    pub fn act(&mut self, range: Range<usize>, actions: &[u8], ahead: &mut [Line]) -> Result<(), EngineError> {
         let bytes = self.rules.hold.len();
         assert_eq!(range.len() * bytes, actions.len(), "one action an environment");
         let mut together = actions.to_vec();
@@ -323,19 +335,27 @@ impl<S: Simulator> Environments<S> {
             }
         }
         self.simulator.act_together(range.start, &together).map_err(failed::<S>)?;
+        let mut records = Line::bytes_mut(ahead).chunks_exact_mut(self.rules.layout.bytes);
         for (index, action) in range.zip(actions.chunks_exact(bytes)) {
+            let ahead = records.next().unwrap_or_default();
             let running = &mut self.running[index];
             let episode = running.header.episode;
             if action == self.rules.hold {
                 running.hold();
             } else {
-                self.rules.act(running, &mut self.simulator, action)?;
+                self.rules.act(running, &mut self.simulator, action, ahead)?;
             }
             if running.header.episode != episode && !self.unprepared.contains(&index) {
                 self.unprepared.push_back(index);
             }
         }
         Ok(())
+    }
+
+    /// Writes the records of environments.
+    pub fn observe_all(&mut self, range: Range<usize>, records: &mut [Line]) -> Result<(), EngineError> {
+        let mut records = Line::bytes_mut(records).chunks_exact_mut(self.rules.layout.bytes);
+        range.zip(&mut records).try_for_each(|(index, record)| self.observe(index, record))
     }
 
     /// Writes the record of environment `index`, its images in place. Panics if the record has not the task's size.
@@ -399,7 +419,13 @@ terms = [["gain", 1.0]]
     impl Simulator for Counts {
         type Error = Infallible;
 
-        fn begin(&mut self, index: usize, _home: EnvironmentId, episode: u32) -> Result<u64, Infallible> {
+        fn begin(
+            &mut self,
+            index: usize,
+            _home: EnvironmentId,
+            episode: u32,
+            _ahead: &mut [u8],
+        ) -> Result<u64, Infallible> {
             self.0[index] = [episode, 0];
             Ok(0)
         }
@@ -416,7 +442,13 @@ terms = [["gain", 1.0]]
             Ok(())
         }
 
-        fn act(&mut self, index: usize, action: &[u8], _done: &mut [u8]) -> Result<(u64, Option<End>), Infallible> {
+        fn act(
+            &mut self,
+            index: usize,
+            action: &[u8],
+            _done: &mut [u8],
+            _ahead: &mut [u8],
+        ) -> Result<(u64, Option<End>), Infallible> {
             self.0[index][1] += 1;
             let limit = (self.0[index][1] == 3).then_some(End::Truncated);
             Ok((0, if action == [1] { Some(End::Terminated) } else { limit }))
@@ -454,7 +486,7 @@ terms = [["gain", 1.0]]
         let whole = 0..2;
         let mut seen = vec![];
         for actions in [[0, 0], [0, 0], [0, 1], [0, HOLD], [HOLD, 0]] {
-            environments.act(whole.clone(), &actions).expect("nothing fails");
+            environments.act(whole.clone(), &actions, &mut []).expect("nothing fails");
             seen.push(records(&mut environments).map(|(count, last, _)| (count, last)));
         }
         // The first one is truncated after three actions, the second one ends by itself then.
@@ -464,7 +496,7 @@ terms = [["gain", 1.0]]
         // Rebuilt from its actions, it is sent again.
         let mut environments = new();
         for actions in [[0, 0], [0, 0], [0, 1]] {
-            environments.act(whole.clone(), &actions).expect("nothing fails");
+            environments.act(whole.clone(), &actions, &mut []).expect("nothing fails");
         }
         let mut rebuilt = new();
         let states = [EnvironmentState::after(0, &[0, 0, 0], 1), EnvironmentState::after(0, &[0, 0, 1], 1)];

@@ -42,6 +42,8 @@ pub fn run<S: Simulator>(
     let started = Instant::now();
     let mut protocol = Protocol::new(link.actor(), incarnation, environments.count(), link.is_recorded());
     let mut accepted: [Vec<u8>; 2] = Default::default();
+    // A half that is simulated, and where its records will be.
+    let mut ahead = None;
     loop {
         if protocol.is_strange() {
             protocol.on_met(link.met());
@@ -55,16 +57,21 @@ pub fn run<S: Simulator>(
                 fault::reach("actor.after_hello");
             }
             Todo::Act { half } => {
-                environments.act(protocol.halves().range(half), &accepted[half as usize])?;
+                let range = protocol.halves().range(half);
+                let (_, sample) = ahead.insert((half, link.loan(range.len())?));
+                environments.act(range, &accepted[half as usize], sample.payload_mut())?;
                 protocol.acted(half, started.elapsed());
             }
             Todo::Send { half } => {
                 let range = protocol.halves().range(half);
                 fault::reach("actor.before_send");
-                let everyone =
-                    link.send_observations(protocol.observation_header(half), range.len(), |i, observation| {
-                        environments.observe(range.start + i, observation)
-                    })?;
+                // A restore can come between, and then the other half is sent first.
+                let mut sample = match ahead.take().filter(|(simulated, _)| *simulated == half) {
+                    Some((_, sample)) => sample,
+                    None => link.loan(range.len())?,
+                };
+                environments.observe_all(range, sample.payload_mut())?;
+                let everyone = link.send_observations(sample, protocol.observation_header(half))?;
                 fault::reach("actor.after_send");
                 protocol.sent(half, everyone, started.elapsed());
             }

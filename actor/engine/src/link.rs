@@ -1,11 +1,11 @@
 //! The actor's ends of the shared-memory services.
 
 use crate::error::EngineError;
-use crate::shm;
+use crate::shm::{self, Written};
 use proto::config::Config;
 use std::time::Duration;
 use wire::fault;
-use wire::message::{ActionHeader, EnvironmentState, ObservationHeader, RestoreHeader};
+use wire::message::{ActionHeader, EnvironmentState, Line, ObservationHeader, RestoreHeader};
 use wire::{
     ActionSubscriber, Bell, ObservationPublisher, ObservationReaders, Receipts, RestoreSubscriber, Sleeper,
     UpdateConnections, Wakeup, Wire, WireAddress, WireShape,
@@ -102,33 +102,34 @@ impl Link {
 
     /// Sends a HELLO: one zeroed record.
     pub(crate) fn send_hello(&self, header: ObservationHeader) -> Result<(), EngineError> {
-        self.send_observations(header, 1, |_, record| {
-            record.fill(0);
-            Ok(())
-        })?;
+        let mut sample = self.loan(1)?;
+        Line::bytes_mut(sample.payload_mut()).fill(0);
+        self.send_observations(sample, header)?;
         // Whoever waits for observations of many does not wait for this.
         self.bell.ring();
         Ok(())
     }
 
-    /// Sends `count` records, each written in place by `write`, which is given its index and what lay there before.
-    /// Blocks while a subscriber is full. Returns whether all subscribers got them: a new subscriber that has not yet
-    /// connected to this publisher can miss a sample.
-    pub(crate) fn send_observations(
-        &self,
-        header: ObservationHeader,
-        count: usize,
-        write: impl FnMut(usize, &mut [u8]) -> Result<(), EngineError>,
-    ) -> Result<bool, EngineError> {
-        // A subscriber that came after the last send is found here, and only here.
-        self.observations.update_connections().map_err(EngineError::port("connect to the learner"))?;
+    /// Room for `count` records, in which they are written where they are sent from. One at a time.
+    pub(crate) fn loan(&self, count: usize) -> Result<Written, EngineError> {
         fault::reach("actor.before_loan");
         let loan = self.observations.loan_slice_uninit(self.shape.lines(count));
-        let mut sample = loan.map_err(EngineError::port("find a free slot for observations"))?;
+        let sample = loan.map_err(EngineError::port("find a free slot for observations"))?;
         fault::reach("actor.after_loan");
-        *sample.user_header_mut() = header;
-        let sample = shm::fill(sample, self.shape.record_lines, write)?;
+        Ok(shm::as_it_lies(sample))
+    }
+
+    /// Sends records. Blocks while a subscriber is full. Returns whether all subscribers got them: a new subscriber that
+    /// has not yet connected to this publisher can miss a sample.
+    pub(crate) fn send_observations(
+        &self,
+        mut sample: Written,
+        header: ObservationHeader,
+    ) -> Result<bool, EngineError> {
         fault::reach("actor.after_write");
+        // A subscriber that came after the last send is found here, and only here.
+        self.observations.update_connections().map_err(EngineError::port("connect to the learner"))?;
+        *sample.user_header_mut() = header;
         let receivers = sample.send().map_err(EngineError::port("send observations"))?;
         fault::reach("actor.before_bell");
         self.bell.ring_counted();

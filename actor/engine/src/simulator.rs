@@ -19,8 +19,9 @@ pub trait Simulator {
     fn announce(&self, _places: impl DoubleEndedIterator<Item = EnvironmentId>) {}
 
     /// Puts environment number `index` at the start of an episode; the first time it makes the environment. Returns the
-    /// state's hash.
-    fn begin(&mut self, index: usize, home: EnvironmentId, episode: u32) -> Result<u64, Self::Error>;
+    /// state's hash. `ahead` is the record that it is observed in next, where it lies ready, and else empty: images may be
+    /// written there at once.
+    fn begin(&mut self, index: usize, home: EnvironmentId, episode: u32, ahead: &mut [u8]) -> Result<u64, Self::Error>;
 
     /// Puts environment number `index` where it was after `step` actions of an episode, by what it wrote into a record's
     /// snapshot there ([`proto::task::Layout::snapshot`]) and the state's hash. At least one action follows before it is
@@ -41,8 +42,15 @@ pub trait Simulator {
     }
 
     /// Takes one action, which the task has, and writes what it did: the bytes of a record's parts and outcomes. It does
-    /// not begin the next episode. Returns the state's hash, and how the episode has ended, if it has.
-    fn act(&mut self, index: usize, action: &[u8], done: &mut [u8]) -> Result<(u64, Option<End>), Self::Error>;
+    /// not begin the next episode. Returns the state's hash, and how the episode has ended, if it has. `ahead` as of
+    /// [`Self::begin`].
+    fn act(
+        &mut self,
+        index: usize,
+        action: &[u8],
+        done: &mut [u8],
+        ahead: &mut [u8],
+    ) -> Result<(u64, Option<End>), Self::Error>;
 
     /// Writes what is seen now: observations and states with the gaps between them, images with their bits in the header,
     /// and the snapshot of a task that is restored by such. All other small bytes of the record are written already.

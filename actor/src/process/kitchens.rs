@@ -59,7 +59,7 @@ impl Simulator for Kitchens {
         self.scenes.order(places);
     }
 
-    fn begin(&mut self, index: usize, home: EnvironmentId, episode: u32) -> Result<u64> {
+    fn begin(&mut self, index: usize, home: EnvironmentId, episode: u32, _ahead: &mut [u8]) -> Result<u64> {
         let place = self.place(home, episode);
         let enters = match self.environments.get_mut(index) {
             Some((id, environment)) if *id == place => {
@@ -83,7 +83,7 @@ impl Simulator for Kitchens {
         bail!("kitchen {} is rebuilt from its actions: it has no snapshots", home.kitchen)
     }
 
-    fn act(&mut self, index: usize, action: &[u8], done: &mut [u8]) -> Result<(u64, Option<End>)> {
+    fn act(&mut self, index: usize, action: &[u8], done: &mut [u8], _ahead: &mut [u8]) -> Result<(u64, Option<End>)> {
         let environment = self.environment(index)?;
         environment.act(action, done);
         let base = environment.base();

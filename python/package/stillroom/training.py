@@ -140,7 +140,7 @@ def train(
     if env_kwargs:
         command += ["--env-kwargs", _json("env_kwargs", dict(env_kwargs))]
     for name, value in (settings or {}).items():
-        command += ["--set", f"{name}={_json(name, value)}"]
+        command += ["--set", f"{name}={_toml(name, value)}"]
     # A file in memory: the run's process goes on writing when this one is gone.
     said = os.memfd_create("orchestrator up")
     process = subprocess.Popen([*command, *options], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said)
@@ -151,6 +151,15 @@ def train(
             raise RunError(f"`orchestrator up` has ended without a run in {path}")
         time.sleep(LOOKS_EVERY_S)
     return training
+
+
+def _toml(name: str, value: Any) -> str:
+    """TOML's tables within a value are not JSON's."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{json.dumps(key)} = {_toml(name, inner)}" for key, inner in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_toml(name, inner) for inner in value) + "]"
+    return _json(name, value)
 
 
 def _json(name: str, value: Any) -> str:

@@ -50,7 +50,7 @@ impl<G: Guest> Replay<G> {
     pub fn verdict(&mut self, line: &str) -> Result<String, ReplayError> {
         let recorded: RecordedEpisode = serde_json::from_str(line)?;
         let Self { rules, served } = self;
-        let begun = served.begin(0, recorded.environment, recorded.episode);
+        let begun = served.begin(0, recorded.environment, recorded.episode, &mut []);
         let state_hash = begun.map_err(Box::<dyn Error + Send + Sync>::from)?;
         let mut played = Played { served, state_hash, end: None };
         let performance = play(rules, &mut played, &recorded, |_, _| Ok::<(), PlayError>(()));
@@ -69,7 +69,7 @@ struct Played<'a, G> {
 impl<G: Guest> Player for Played<'_, G> {
     fn act(&mut self, action: &[u8], done: &mut [u8]) -> Result<(), Box<dyn Error + Send + Sync>> {
         self.served.act_together(0, action)?;
-        (self.state_hash, self.end) = self.served.act(0, action, done)?;
+        (self.state_hash, self.end) = self.served.act(0, action, done, &mut [])?;
         Ok(())
     }
 

@@ -2,6 +2,7 @@
 
 use super::Guest;
 use super::notes::Notes;
+use super::record::Record;
 use crate::Simulator;
 use proto::actor_notes::LastPlace;
 use proto::config::Config;
@@ -10,7 +11,7 @@ use proto::evaluation::{Plan, seed_of};
 use proto::kitchen::Split;
 use proto::random::Key;
 use proto::record::{End, RecordHeader};
-use proto::task::{Channel, Check, Field, Layout, REWARD, Role, Spec};
+use proto::task::{Check, Field, Layout};
 use wire::message::{Line, Snapshot};
 use xxhash_rust::xxh3::Xxh3;
 
@@ -35,35 +36,11 @@ pub struct Served<G> {
     check: Check,
     /// Images, each with its bit in the header.
     images: Vec<(Field, u32)>,
+    /// Images are written where they are sent from.
+    writes_ahead: bool,
     environments: Vec<Environment>,
     /// None outside a run, or where they cannot be written.
     notes: Option<Notes>,
-}
-
-/// A channel that an environment fills in.
-#[derive(Debug, Clone)]
-pub struct Source {
-    pub channel: Channel,
-    pub field: Field,
-}
-
-impl Source {
-    /// The channel of a name.
-    pub fn of(spec: &Spec, name: &str) -> Option<Self> {
-        let (channel, field) = spec.channel(name)?;
-        Some(Self { channel: channel.clone(), field })
-    }
-
-    /// What a step reports beside observations and the reward.
-    pub fn reported(spec: &Spec) -> Vec<Self> {
-        let is_reported = |channel: &&Channel| channel.role != Role::Observation && channel.name != REWARD;
-        spec.channels.iter().filter(is_reported).filter_map(|channel| Self::of(spec, &channel.name)).collect()
-    }
-
-    /// The environment's own reward.
-    pub fn reward(spec: &Spec) -> Option<Self> {
-        Self::of(spec, REWARD)
-    }
 }
 
 /// One environment.
@@ -71,11 +48,24 @@ struct Environment {
     number: u32,
     episode: u32,
     steps: u32,
-    /// All that was seen and done in this episode so far.
+    /// All that was seen and done in this episode so far, and all before the last action.
     history: Xxh3,
+    before: Xxh3,
     state_hash: u64,
-    /// The record as it is now, but for its header and actions.
+    /// The record as it is now, but for its header and actions, and for images that were written elsewhere.
     record: Vec<Line>,
+    images_in: ImagesIn,
+}
+
+/// Where an environment's images were written last.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum ImagesIn {
+    /// Its own record.
+    Record,
+    /// The record that it is observed in next.
+    Ahead,
+    /// A record that is sent, and out of reach.
+    Sent,
 }
 
 impl<G: Guest> Served<G> {
@@ -89,8 +79,10 @@ impl<G: Guest> Served<G> {
             episode: 0,
             steps: 0,
             history: Xxh3::new(),
+            before: Xxh3::new(),
             state_hash: 0,
             record: vec![Line([0; 64]); lines],
+            images_in: ImagesIn::Record,
         };
         let filled: Vec<Field> = spec
             .channels
@@ -100,7 +92,9 @@ impl<G: Guest> Served<G> {
             .map(|(_, &field)| field)
             .collect();
         let bits = layout.images.iter().enumerate().map(|(bit, &image)| (image, 1 << bit));
+        let images: Vec<(Field, u32)> = bits.filter(|(image, _)| filled.contains(image)).collect();
         Self {
+            writes_ahead: guest.shows_again() && !images.is_empty(),
             guest,
             seed: config.seed,
             plan: config.evaluation_plan().zip(config.evaluation.as_ref().map(|asked| asked.split)),
@@ -108,7 +102,7 @@ impl<G: Guest> Served<G> {
             hold: spec.actions.hold(),
             layout,
             check: Check::of(spec),
-            images: bits.filter(|(image, _)| filled.contains(image)).collect(),
+            images,
             environments: std::iter::repeat_with(environment).take(count).collect(),
             notes,
         }
@@ -142,20 +136,32 @@ impl Environment {
         LastPlace { environment: self.number, episode: self.episode, step: self.steps }
     }
 
+    /// Adds what is seen now and what the last action did to a history.
+    fn add_to(&self, mut history: Xxh3, images: &[u8], layout: &Layout) -> Xxh3 {
+        let record = &Line::bytes(&self.record)[..layout.small_bytes];
+        history.update(&record[layout.seen.start..]);
+        history.update(images);
+        if self.steps > 0 {
+            history.update(&record[layout.of_action.clone()]);
+        }
+        history
+    }
+
     /// Refuses numbers that the task does not declare; returns the state's hash: of all that was seen and done so far.
-    fn check(&mut self, check: &Check, [acted, ended]: [bool; 2], layout: &Layout) -> Result<u64, String> {
+    fn check(&mut self, check: &Check, ended: bool, ahead: &[u8], layout: &Layout) -> Result<u64, String> {
         let record = Line::bytes(&self.record);
+        let acted = self.steps > 0;
         let sound = check.record(record, acted).and_then(|()| if ended { Ok(()) } else { check.choice(record) });
         sound.map_err(|problem| problem.to_string())?;
         if acted && !layout.snapshot.is_empty() {
             // A chain, which goes on from a snapshot.
             self.history = Xxh3::with_seed(self.state_hash);
         }
-        self.history.update(&record[layout.seen.start..]);
-        if acted {
-            self.history.update(&record[layout.of_action.clone()]);
-        }
+        let images = if ahead.is_empty() { record } else { ahead };
+        self.before = self.history.clone();
+        self.history = self.add_to(self.before.clone(), &images[layout.small_bytes..], layout);
         self.state_hash = self.history.digest();
+        self.images_in = if ahead.is_empty() { ImagesIn::Record } else { ImagesIn::Ahead };
         Ok(self.state_hash)
     }
 }
@@ -163,7 +169,7 @@ impl Environment {
 impl<G: Guest> Simulator for Served<G> {
     type Error = Failure;
 
-    fn begin(&mut self, index: usize, home: EnvironmentId, episode: u32) -> Result<u64, Failure> {
+    fn begin(&mut self, index: usize, home: EnvironmentId, episode: u32, ahead: &mut [u8]) -> Result<u64, Failure> {
         let (told, seed) = self.which(home, episode);
         let one = &mut self.environments[index];
         (one.number, one.episode, one.steps) = (home.number, told, 0);
@@ -171,8 +177,9 @@ impl<G: Guest> Simulator for Served<G> {
         let place = one.place();
         self.enter(place);
         let one = &mut self.environments[index];
-        let begun = self.guest.reset(index, seed, Line::bytes_mut(&mut one.record));
-        let hash = begun.and_then(|()| one.check(&self.check, [false, false], self.layout));
+        let ahead = if self.writes_ahead { ahead } else { &mut [] };
+        let begun = self.guest.reset(index, seed, Record::of(&mut one.record, ahead, self.layout));
+        let hash = begun.and_then(|()| one.check(&self.check, false, ahead, self.layout));
         hash.map_err(|problem| Failure { place, problem })
     }
 
@@ -201,11 +208,18 @@ impl<G: Guest> Simulator for Served<G> {
         self.guest.step_together(first, actions).map_err(|problem| Failure { place, problem })
     }
 
-    fn act(&mut self, index: usize, action: &[u8], done: &mut [u8]) -> Result<(u64, Option<End>), Failure> {
+    fn act(
+        &mut self,
+        index: usize,
+        action: &[u8],
+        done: &mut [u8],
+        ahead: &mut [u8],
+    ) -> Result<(u64, Option<End>), Failure> {
         let place = self.environments[index].place();
         self.enter(place);
         let one = &mut self.environments[index];
-        let stepped = self.guest.step(index, action, Line::bytes_mut(&mut one.record));
+        let ahead = if self.writes_ahead { ahead } else { &mut [] };
+        let stepped = self.guest.step(index, action, Record::of(&mut one.record, ahead, self.layout));
         let result = stepped.and_then(|[terminated, truncated]| {
             one.steps += 1;
             let end = match (terminated, truncated || one.steps >= self.max_steps) {
@@ -216,7 +230,7 @@ impl<G: Guest> Simulator for Served<G> {
             if end.is_some() {
                 self.notes.iter_mut().for_each(Notes::ended);
             }
-            let hash = one.check(&self.check, [true, end.is_some()], self.layout)?;
+            let hash = one.check(&self.check, end.is_some(), ahead, self.layout)?;
             done.copy_from_slice(&Line::bytes(&one.record)[self.layout.of_action.clone()]);
             Ok((hash, end))
         });
@@ -225,10 +239,26 @@ impl<G: Guest> Simulator for Served<G> {
 
     fn observe(&mut self, index: usize, header: &mut RecordHeader, record: &mut [u8]) -> Result<(), Failure> {
         self.copy_seen(index, &mut record[self.layout.seen.clone()]);
-        let seen = Line::bytes(&self.environments[index].record);
+        let one = &mut self.environments[index];
         for (image, bit) in &self.images {
-            record[image.range()].copy_from_slice(&seen[image.range()]);
+            if one.images_in == ImagesIn::Record {
+                record[image.range()].copy_from_slice(&Line::bytes(&one.record)[image.range()]);
+            }
             header.bulk |= bit;
+        }
+        match one.images_in {
+            ImagesIn::Record => {}
+            ImagesIn::Ahead => one.images_in = ImagesIn::Sent,
+            ImagesIn::Sent => {
+                let place = one.place();
+                let shown = self.guest.show_again(index, Record::of(&mut one.record, record, self.layout));
+                let images = &record[self.layout.small_bytes..];
+                let is_same = one.add_to(one.before.clone(), images, self.layout).digest() == one.state_hash;
+                let problem = || "what it observed has changed since it was returned: return a copy".to_owned();
+                shown
+                    .and_then(|()| is_same.then_some(()).ok_or_else(problem))
+                    .map_err(|problem| Failure { place, problem })?;
+            }
         }
         if self.layout.snapshot.is_empty() {
             return Ok(());
@@ -241,5 +271,99 @@ impl<G: Guest> Simulator for Served<G> {
             fits.then_some(()).ok_or_else(problem)
         });
         taken.map_err(|problem| Failure { place, problem })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Environments;
+    use crate::guest::Source;
+    use proto::record::HOLD;
+    use proto::task::Spec;
+
+    const TASK: &str = r#"
+name = "films"
+[actions]
+kind = "discrete"
+names = ["go", "stay"]
+[[channels]]
+name = "gain"
+role = "part"
+dtype = "f32"
+range = [0, 1]
+doc = ""
+[[channels]]
+name = "screen"
+role = "observation"
+dtype = "u8"
+shape = [36, 36]
+doc = "As bright as the steps of the episode."
+[[rewards]]
+name = "r"
+terms = [["gain", 1.0]]
+"#;
+
+    struct Films {
+        steps: [u8; 2],
+        shows_again: bool,
+    }
+
+    impl Films {
+        fn draw(&self, index: usize, mut record: Record<'_>) {
+            let Source { channel, field } = Spec::named("films").and_then(|spec| Source::of(spec, "screen")).unwrap();
+            record.piece(&channel)[field.range()].fill(self.steps[index]);
+        }
+    }
+
+    impl Guest for Films {
+        fn reset(&mut self, index: usize, _seed: u32, record: Record<'_>) -> Result<(), String> {
+            self.steps[index] = 0;
+            self.draw(index, record);
+            Ok(())
+        }
+
+        fn step(&mut self, index: usize, _action: &[u8], record: Record<'_>) -> Result<[bool; 2], String> {
+            self.steps[index] += 1;
+            self.draw(index, record);
+            Ok([false, self.steps[index] == 3])
+        }
+
+        fn shows_again(&self) -> bool {
+            self.shows_again
+        }
+
+        fn show_again(&mut self, index: usize, record: Record<'_>) -> Result<(), String> {
+            self.draw(index, record);
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn images_that_are_written_where_they_are_sent_from_are_the_same() {
+        Spec::declare(TASK).unwrap();
+        let config = Config::resolve_with("gym", Some(("task = \"films\"", "a test"))).unwrap();
+        let lines = 2 * config.spec().layout().bytes / size_of::<Line>();
+        let homes = [0, 1].map(|number| EnvironmentId::of(0, number, 2));
+        let [mut kept, mut ahead] = [false, true].map(|shows_again| {
+            let served = Served::new(Films { steps: [0; 2], shows_again }, 2, None, &config);
+            Environments::new(served, &homes, &config).unwrap()
+        });
+        let observed = |environments: &mut Environments<Served<Films>>, mut records: Vec<Line>| {
+            environments.observe_all(0..2, &mut records).map(|()| Line::bytes(&records).to_vec())
+        };
+        let empty = vec![Line([0; 64]); lines];
+        assert_eq!(observed(&mut ahead, empty.clone()).unwrap(), observed(&mut kept, empty.clone()).unwrap());
+        for actions in [[0, 0], [HOLD, 0], [0, HOLD], [0, 0], [0, 0]] {
+            let mut records = empty.clone();
+            kept.act(0..2, &actions, &mut records).unwrap();
+            let expected = observed(&mut kept, empty.clone()).unwrap();
+            ahead.act(0..2, &actions, &mut records).unwrap();
+            assert_eq!(observed(&mut ahead, records).unwrap(), expected, "{actions:?}");
+            assert_eq!(observed(&mut ahead, empty.clone()).unwrap(), expected, "sent again");
+        }
+        ahead.simulator().guest.steps[1] += 1;
+        let error = observed(&mut ahead, empty).unwrap_err().to_string();
+        assert!(error.starts_with("environment 1, ") && error.contains("return a copy"), "{error}");
     }
 }

@@ -39,7 +39,7 @@ fn played(
         let actions: Vec<u8> = (0..episodes.len())
             .map(|_| if random.below(3) == 0 { ending } else { random.below(count as u32) as u8 })
             .collect();
-        environments.act(0..actions.len(), &actions).unwrap();
+        environments.act(0..actions.len(), &actions, &mut []).unwrap();
         for (index, episode) in episodes.iter_mut().enumerate() {
             let mut record = vec![Line([0; 64]); spec.layout().bytes / size_of::<Line>()];
             let record = Line::bytes_mut(&mut record);

@@ -1,0 +1,31 @@
+"""A MuJoCo task with a cost: a half cheetah runs ahead, and does not exceed a speed limit.
+
+orchestrator up --env python/examples/cheetah.py:make_env --config python/examples/cheetah_stages.toml \
+    --env-declaration python/examples/cheetah.toml
+
+Limit and cost are those of Safety-Gymnasium's `SafetyHalfCheetahVelocity-v1`, whose package wants an older Gymnasium.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+
+from stillroom.wrappers import MujocoSnapshot
+
+LIMIT_M_S = 3.2096
+
+
+class Limited(gymnasium.Wrapper):
+    """Reports with every step whether it was too fast."""
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """The cost stands in `info`, under the name that the declaration has."""
+        seen, reward, terminated, truncated, info = self.env.step(action)
+        return seen, reward, terminated, truncated, info | {"too_fast": float(info["x_velocity"] > LIMIT_M_S)}
+
+
+def make_env() -> gymnasium.Env:
+    """Called once for each environment of an actor."""
+    return MujocoSnapshot(Limited(gymnasium.make("HalfCheetah-v5")))
