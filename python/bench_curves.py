@@ -309,9 +309,10 @@ def draw(runs: list[dict[str, Any]], picture: Path) -> None:
     """IQM and interval of each part of the training: a row for each peer."""
     from matplotlib import pyplot
 
-    figure, axes = pyplot.subplots(2, len(TASKS), figsize=(3 * len(TASKS), 5))
+    tasks = [task for task in TASKS if any(run["task"] == task for run in runs)]
+    figure, axes = pyplot.subplots(2, len(tasks), figsize=(3 * len(tasks), 5), squeeze=False)
     for (peer, name), row in zip(PEERS.items(), axes, strict=True):
-        for task, axis in zip(TASKS, row, strict=True):
+        for task, axis in zip(tasks, row, strict=True):
             for of, label, colour in zip(pairs(runs, task, peer), (name, "Stillroom"), ("C1", "C0"), strict=True):
                 points = []
                 for part in range(POINTS):
