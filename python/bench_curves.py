@@ -1,0 +1,379 @@
+"""Learning curves of Stillroom beside CleanRL and Stable-Baselines3, with the settings that the peers have for a task.
+
+    make bench-curves ARGS="--tasks CartPole-v1,Pendulum-v1 --seeds 5 --jobs 2 --picture curves.png"
+
+`cleanrl` has the defaults of CleanRL's single files, `sb3` the settings of RL Baselines3 Zoo; `stillroom-cleanrl` and
+`stillroom-sb3` are Stillroom with the same, as far as it has them. A run has as many cores as `--cores` says for all
+its processes; times are of the whole command. Runs that are in the results already are not repeated.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import math
+import os
+import runpy
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import urllib.request
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+
+CLEANRL = "https://raw.githubusercontent.com/vwxyzjn/cleanrl/fe8d8a03c41a7ef5b523e2e354bd01c363e786bb/cleanrl/"
+SHA256 = {
+    "ppo.py": "d8dfbb7ac0b21e747b77d6e6673e566db4d6cdacc83bcebcd19cf87ad0e459ae",
+    "ppo_continuous_action.py": "326dd8678bf9cc51abec833eb551ef2409a3804d604b689e1f0a084eca41f655",
+}
+# Episodes at the end of training whose mean return is a run's result; points of a curve.
+LAST_EPISODES, POINTS = 100, 50
+# A row of what a run leaves: frames so far, mean return of the episodes that ended there, how many.
+Rows = list[tuple[int, float, int]]
+
+
+class Recipe(NamedTuple):
+    """PPO for a task. The network is two MLPs of 64 and 64 (tanh), and all else has the same value in all systems."""
+
+    frames: int
+    environments: int
+    steps: int
+    minibatches: int
+    epochs: int
+    rate: float
+    rate_falls: bool = False
+    gamma: float = 0.99
+    gae_lambda: float = 0.95
+    entropy: float = 0.0
+    # Of half the squared error: CleanRL's is 0.5 as here, Stable-Baselines3's is half of this.
+    value: float = 1.0
+    clip_value: bool = False
+    normalize: bool = False
+    bootstrap: bool = True
+    # Stable-Baselines3 alone: the clip range falls as the rate does; state-dependent noise, drawn every so many steps.
+    clip_falls: bool = False
+    sde_steps: int = 0
+
+
+PPO = Recipe(500_000, 4, 128, 4, 4, 2.5e-4, True, entropy=0.01, value=0.5, clip_value=True, bootstrap=False)
+CONTINUOUS = Recipe(1_000_000, 1, 2048, 32, 10, 3e-4, True, value=0.5, clip_value=True, normalize=True, bootstrap=False)
+# The Zoo's `mujoco-defaults`: what it has tuned for Hopper-v4 and HalfCheetah-v4 needs ReLU, PyTorch's own initial
+# weights and an initial deviation of exp(-2), which Stillroom has no settings for.
+MUJOCO = Recipe(1_000_000, 1, 2048, 32, 10, 3e-4, normalize=True)
+# The Zoo's are of hyperparams/ppo.yml at 22e3ff24. CleanRL has none for Pendulum: the frames are the Zoo's.
+RECIPES = {
+    ("cleanrl", "CartPole-v1"): PPO,
+    ("sb3", "CartPole-v1"): Recipe(100_000, 8, 32, 1, 20, 1e-3, True, 0.98, 0.8, clip_falls=True),
+    ("cleanrl", "Acrobot-v1"): PPO,
+    ("sb3", "Acrobot-v1"): Recipe(1_000_000, 16, 256, 64, 4, 3e-4, gae_lambda=0.94, normalize=True),
+    ("cleanrl", "Pendulum-v1"): CONTINUOUS._replace(frames=100_000),
+    ("sb3", "Pendulum-v1"): Recipe(100_000, 4, 1024, 64, 10, 1e-3, gamma=0.9, sde_steps=4),
+    ("cleanrl", "Hopper-v5"): CONTINUOUS,
+    ("sb3", "Hopper-v5"): MUJOCO,
+    ("cleanrl", "HalfCheetah-v5"): CONTINUOUS,
+    ("sb3", "HalfCheetah-v5"): MUJOCO,
+}
+PEERS = {"cleanrl": "CleanRL", "sb3": "SB3, Zoo"}
+TASKS = list(dict.fromkeys(task for _, task in RECIPES))
+# Those of a minute come first; of the others all systems of a seed come before the next seed.
+SHORT = TASKS[:3]
+SYSTEMS = ["sb3", "cleanrl", "stillroom-sb3", "stillroom-cleanrl"]
+
+
+def run_cleanrl(task: str, seed: int, recipe: Recipe, folder: Path) -> Rows:
+    """CleanRL's file, which is of Gymnasium 0.29, as it is under Gymnasium 1, without its log."""
+    rows: Rows = []
+
+    class Noted(gym.vector.SyncVectorEnv):
+        """Resets in the step that ends an episode, as 0.29 did."""
+
+        def __init__(self, makers: Any) -> None:
+            super().__init__(makers, autoreset_mode=gym.vector.AutoresetMode.SAME_STEP)
+            self._frames = 0
+
+        def step(self, actions: Any) -> Any:
+            *seen, infos = super().step(actions)
+            self._frames += self.num_envs
+            if final := infos.get("final_info"):
+                rows.extend((self._frames, float(one), 1) for one in final["episode"]["r"][final["_episode"]])
+            return *seen, {}
+
+    transform = gym.wrappers.TransformObservation
+    gym.vector.SyncVectorEnv = Noted
+    gym.wrappers.TransformObservation = lambda env, change: transform(env, change, env.observation_space)
+    log = SimpleNamespace(add_text=lambda *_: None, add_scalar=lambda *_: None, close=lambda: None)
+    settings = {
+        "env_id": task, "seed": seed, "total_timesteps": recipe.frames, "num_envs": recipe.environments,
+        "num_steps": recipe.steps, "num_minibatches": recipe.minibatches, "update_epochs": recipe.epochs,
+        "learning_rate": recipe.rate, "anneal_lr": recipe.rate_falls, "gamma": recipe.gamma,
+        "gae_lambda": recipe.gae_lambda, "ent_coef": recipe.entropy, "vf_coef": recipe.value,
+        "clip_vloss": recipe.clip_value,
+    }  # fmt: skip
+    stubs = {
+        "tyro": SimpleNamespace(cli=lambda arguments: arguments(**settings)),
+        "torch.utils.tensorboard": SimpleNamespace(SummaryWriter=lambda _: log),
+    }
+    sys.modules.update(stubs)  # type: ignore[arg-type]
+    runpy.run_path(str(folder / ("ppo_continuous_action.py" if recipe.normalize else "ppo.py")), run_name="__main__")
+    return rows
+
+
+def run_sb3(task: str, seed: int, recipe: Recipe) -> Rows:
+    """As RL Baselines3 Zoo sets it up."""
+    import stable_baselines3 as sb3
+    from stable_baselines3.common import callbacks, env_util, vec_env
+
+    rows: Rows = []
+
+    class Note(callbacks.BaseCallback):
+        def _on_step(self) -> bool:
+            ended = (info["episode"] for info in self.locals["infos"] if "episode" in info)
+            rows.extend((self.num_timesteps, float(episode["r"]), 1) for episode in ended)
+            return True
+
+    def falling(value: float, falls: bool) -> Any:
+        return (lambda left: left * value) if falls else value
+
+    env = env_util.make_vec_env(task, recipe.environments, seed=seed)
+    model = sb3.PPO(
+        "MlpPolicy", vec_env.VecNormalize(env, gamma=recipe.gamma) if recipe.normalize else env,
+        learning_rate=falling(recipe.rate, recipe.rate_falls), clip_range=falling(0.2, recipe.clip_falls),
+        n_steps=recipe.steps, batch_size=recipe.steps * recipe.environments // recipe.minibatches,
+        n_epochs=recipe.epochs, gamma=recipe.gamma, gae_lambda=recipe.gae_lambda, ent_coef=recipe.entropy,
+        vf_coef=recipe.value / 2, use_sde=recipe.sde_steps > 0, sde_sample_freq=recipe.sde_steps or -1,
+        seed=seed, device="cpu",
+    )  # fmt: skip
+    model.learn(recipe.frames, callback=Note())
+    return rows
+
+
+def stillroom_words(task: str, seed: int, recipe: Recipe, folder: Path, actors: int) -> list[str]:
+    """What `orchestrator` is called with."""
+    actors = math.gcd(actors, recipe.environments)
+    settings = {
+        "actors.count": actors, "actors.environments_per_actor": recipe.environments // actors,
+        "episode.max_steps": gym.spec(task).max_episode_steps, "ppo.rollout_steps": recipe.steps,
+        "ppo.minibatches": recipe.minibatches, "ppo.epochs": recipe.epochs, "ppo.learning_rate": recipe.rate,
+        "ppo.learning_rate_end": 0.0 if recipe.rate_falls else 1.0, "ppo.gamma": recipe.gamma,
+        "ppo.gae_lambda": recipe.gae_lambda, "ppo.entropy_coefficient": recipe.entropy,
+        "ppo.value_coefficient": recipe.value, "ppo.clip_value": recipe.clip_value,
+        "ppo.bootstrap_time_limits": recipe.bootstrap, "normalize.observations": recipe.normalize,
+        "normalize.rewards": recipe.normalize, "recording.enabled": False, "recording.tensorboard": False,
+    }  # fmt: skip
+    words = ["up", "--preset", "gym", "--env", f"gymnasium:{task}", "--python", sys.executable, "--run", str(folder)]
+    words += ["--seed", str(seed), "--frames", str(recipe.frames)]
+    return words + [word for name, value in settings.items() for word in ("--set", f"{name}={json.dumps(value)}")]
+
+
+def read_stillroom(folder: Path) -> Rows:
+    """A row a rollout in which episodes ended. Nothing has interrupted the run, so every line counts."""
+    lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
+    found = ((line["frames"], line["metrics"]) for line in lines)
+    return [(frames, of["episode/return"], int(of["episode/count"])) for frames, of in found if of["episode/count"]]
+
+
+def result(rows: Rows, frames: int) -> dict[str, Any]:
+    """Mean return of the last episodes, and of those that ended in each part of the training."""
+    last: list[float] = []
+    for _, value, count in reversed(rows):
+        last += [value] * min(count, LAST_EPISODES - len(last))
+    curve = [[0.0, 0] for _ in range(POINTS)]
+    for at, value, count in rows:
+        part = curve[min((at - 1) * POINTS // frames, POINTS - 1)]
+        part[0], part[1] = part[0] + value * count, part[1] + count
+    return {
+        "final": round(float(np.mean(last)), 3) if last else None,
+        "curve": [round(total / count, 3) if count else None for total, count in curve],
+    }
+
+
+def recipe_of(system: str, task: str, options: argparse.Namespace) -> Recipe:
+    """The settings, with other frames for a rehearsal."""
+    recipe = RECIPES[system.removeprefix("stillroom-"), task]
+    return recipe._replace(frames=options.frames) if options.frames else recipe
+
+
+def measure(job: tuple[str, str, int], deadline: float, options: argparse.Namespace) -> dict[str, Any] | None:
+    """A run in processes of its own, on the cores of this thread; none if time is over before its end."""
+    system, task, seed = job
+    recipe, is_ours = recipe_of(system, task, options), system.startswith("stillroom")
+    with tempfile.TemporaryDirectory(prefix="curves-") as place, open(Path(place, "log"), "w+b") as log:
+        run = Path(place, "run")
+        words = [sys.executable, __file__, "--one", json.dumps([*job, str(run)]), "--cleanrl", str(options.cleanrl)]
+        words += ["--frames", str(recipe.frames)]
+        if is_ours:
+            words = [options.orchestrator, *stillroom_words(task, seed, recipe, run, options.cores)]
+        environment = os.environ | {"OMP_NUM_THREADS": "1", "CUDA_VISIBLE_DEVICES": ""}
+        began = time.monotonic()
+        process = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment)
+        overdue = threading.Timer(deadline - began, process.terminate)
+        overdue.start()
+        _, status, used = os.wait4(process.pid, 0)
+        ended = time.monotonic()
+        overdue.cancel()
+        process.returncode = os.waitstatus_to_exitcode(status)
+        if ended >= deadline:
+            return None
+        if process.returncode:
+            log.seek(max(0, log.tell() - 2000))
+            raise RuntimeError(f"{job} ended with {process.returncode}: {log.read().decode(errors='replace')}")
+        rows = read_stillroom(run) if is_ours else json.loads(run.read_text())
+    times = {"wall_s": round(ended - began, 2), "cpu_s": round(used.ru_utime + used.ru_stime, 2)}
+    of = {"system": system, "task": task, "seed": seed, "frames": recipe.frames, "cores": options.cores}
+    return of | times | result(rows, recipe.frames)
+
+
+def run_all(jobs: list[tuple[str, str, int]], options: argparse.Namespace) -> bool:
+    """All runs, some at a time; whether none has failed."""
+    there = sorted(os.sched_getaffinity(0))
+    if len(there) < options.jobs * options.cores:
+        sys.exit(f"bench-curves: {options.jobs} jobs of {options.cores} cores, but {len(there)} cores are there")
+    deadline = time.monotonic() + options.seconds
+    waiting, one_at_a_time, failures = iter(jobs), threading.Lock(), []
+
+    def work(slot: int) -> None:
+        # Of this thread, and so of the processes that it starts.
+        os.sched_setaffinity(0, there[slot * options.cores : (slot + 1) * options.cores])
+        while time.monotonic() < deadline:
+            with one_at_a_time:
+                job = next(waiting, None)
+            if job is None:
+                return
+            try:
+                run = measure(job, deadline, options)
+            except (KeyError, OSError, RuntimeError, ValueError) as error:
+                failures.append(job)
+                print(f"bench-curves: {error}", file=sys.stderr)
+                continue
+            if run:
+                with one_at_a_time, options.out.open("a") as out:
+                    out.write(json.dumps(run) + "\n")
+                print({name: value for name, value in run.items() if name != "curve"}, file=sys.stderr)
+
+    workers = [threading.Thread(target=work, args=(slot,)) for slot in range(options.jobs)]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    return not failures
+
+
+def read(options: argparse.Namespace) -> list[dict[str, Any]]:
+    """The runs that are there, with these frames and cores."""
+    runs = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
+    of = [(run, recipe_of(run["system"], run["task"], options).frames) for run in runs]
+    return [run for run, frames in of if (run["frames"], run["cores"]) == (frames, options.cores)]
+
+
+def interval(values: list[float]) -> tuple[float, float, float]:
+    """Interquartile mean over seeds (rliable, Agarwal et al. 2021), and the 95% interval of a bootstrap over them."""
+
+    def iqm(of: np.ndarray) -> np.ndarray:
+        cut = of.shape[-1] // 4
+        return np.sort(of)[..., cut : of.shape[-1] - cut].mean(axis=-1)
+
+    drawn = iqm(np.random.default_rng(0).choice(values, (10_000, len(values))))
+    return float(iqm(np.asarray(values))), float(np.quantile(drawn, 0.025)), float(np.quantile(drawn, 0.975))
+
+
+def pairs(runs: list[dict[str, Any]], task: str, peer: str) -> list[list[dict[str, Any]]]:
+    """The peer's runs of a task in which episodes ended, and ours with its settings."""
+    of = [run for run in runs if run["task"] == task and run["final"] is not None]
+    return [[run for run in of if run["system"] == system] for system in (peer, f"stillroom-{peer}")]
+
+
+def table(runs: list[dict[str, Any]]) -> str:
+    """A row for each task and peer, in Markdown."""
+    head = "| task | settings | frames | seeds | peer | Stillroom | frames/s: peer | Stillroom | times |"
+    rows = [head, "|---" * 9 + "|"]
+    for task, (peer, name) in ((task, peer) for task in TASKS for peer in PEERS.items()):
+        both = pairs(runs, task, peer)
+        if all(both):
+            finals = [interval([one["final"] for one in of]) for of in both]
+            returns = " | ".join("{:.1f} [{:.1f}, {:.1f}]".format(*final) for final in finals)
+            seeds = ", ".join(dict.fromkeys(str(len(of)) for of in both))
+            theirs, ours = (float(np.median([one["frames"] / one["wall_s"] for one in of])) for of in both)
+            speeds = f"{theirs:,.0f} | {ours:,.0f} | {ours / theirs:.2f}"
+            rows.append(f"| {task} | {name} | {both[0][0]['frames']:,} | {seeds} | {returns} | {speeds} |")
+    return "\n".join(rows)
+
+
+def draw(runs: list[dict[str, Any]], picture: Path) -> None:
+    """IQM and interval of each part of the training: a row for each peer."""
+    from matplotlib import pyplot
+
+    tasks = [task for task in TASKS if any(run["task"] == task for run in runs)]
+    figure, axes = pyplot.subplots(2, len(tasks), figsize=(3 * len(tasks), 5), squeeze=False)
+    for (peer, name), row in zip(PEERS.items(), axes, strict=True):
+        for task, axis in zip(tasks, row, strict=True):
+            for of, label, colour in zip(pairs(runs, task, peer), (name, "Stillroom"), ("C1", "C0"), strict=True):
+                points = []
+                for part in range(POINTS):
+                    if values := [run["curve"][part] for run in of if run["curve"][part] is not None]:
+                        points.append(((part + 1) / POINTS * of[0]["frames"], *interval(values)))
+                if points:
+                    frames, middle, low, high = zip(*points, strict=True)
+                    axis.plot(frames, middle, colour, label=label)
+                    axis.fill_between(frames, low, high, color=colour, alpha=0.25)
+                    axis.legend(fontsize=7)
+            axis.set_title(task, fontsize=8)
+            axis.tick_params(labelsize=7)
+    figure.tight_layout()
+    figure.savefig(picture, dpi=100)
+
+
+def fetch(folder: Path) -> None:
+    """CleanRL's files, once."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, digest in SHA256.items():
+        if not (folder / name).exists():
+            with urllib.request.urlopen(CLEANRL + name) as answer:
+                (folder / name).write_bytes(answer.read())
+        if hashlib.sha256((folder / name).read_bytes()).hexdigest() != digest:
+            sys.exit(f"bench-curves: {folder / name} is not the file of the pinned commit: remove it")
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--systems", default=",".join(SYSTEMS), help="%(default)s")
+    parser.add_argument("--tasks", default=",".join(TASKS), help="%(default)s")
+    parser.add_argument("--seeds", type=int, default=5, help="seeds of each, from 1 on: %(default)s")
+    parser.add_argument("--jobs", type=int, default=1, help="runs at a time: %(default)s")
+    parser.add_argument("--cores", type=int, default=1, help="cores of a run: %(default)s")
+    parser.add_argument("--frames", type=int, help="other frames than the settings', for a rehearsal")
+    parser.add_argument("--seconds", type=float, default=1e9, help="when runs that have not ended are given up")
+    parser.add_argument("--out", type=Path, default=Path("curves.jsonl"), help="results: %(default)s")
+    parser.add_argument("--picture", type=Path, help="a PNG of the curves, too")
+    parser.add_argument("--cleanrl", type=Path, default=Path("cleanrl"), help="folder of CleanRL's files: %(default)s")
+    parser.add_argument("--orchestrator", default="orchestrator", help="%(default)s")
+    parser.add_argument("--one", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.one:
+        system, task, seed, rows = json.loads(options.one)
+        of = (task, seed, recipe_of(system, task, options))
+        Path(rows).write_text(json.dumps(run_sb3(*of) if system == "sb3" else run_cleanrl(*of, options.cleanrl)))
+        return
+    tasks, seeds = options.tasks.split(","), range(1, options.seeds + 1)
+    order = [(task, seed) for task in tasks if task in SHORT for seed in seeds]
+    order += [(task, seed) for seed in seeds for task in tasks if task not in SHORT]
+    jobs = [(system, task, seed) for task, seed in order for system in options.systems.split(",")]
+    done = {(run["system"], run["task"], run["seed"]) for run in read(options)}
+    if "cleanrl" in options.systems.split(","):
+        fetch(options.cleanrl)
+    all_well = run_all([job for job in jobs if job not in done], options)
+    print(table(runs := read(options)))
+    if options.picture:
+        draw(runs, options.picture)
+    sys.exit(not all_well)
+
+
+if __name__ == "__main__":
+    main()
