@@ -151,7 +151,7 @@ fn an_evaluation_is_the_same_by_any_number_of_workers_and_kills() {
         command.envs(fault.map(|fault| ("STILLROOM_FAULT", fault)));
         let printed = complete(command);
         assert!(printed.success, "{printed:#?}");
-        (table(out), serde_json::from_str::<serde_json::Value>(&printed.stdout).expect("JSON"))
+        (table(out), printed.json())
     };
     let (undisturbed, result) = eval("one", &["--actors", "1", "--environments", "1"], None);
     assert_eq!(undisturbed.lines().next(), Some("episode,end,length,return_r,score,state_hash"));
@@ -176,8 +176,7 @@ fn an_evaluation_is_the_same_by_any_number_of_workers_and_kills() {
         assert!(!printed.stdout.contains("128"), "{arguments:?} {printed:#?}");
     }
     assert!(place.orchestrator(&["report", "run"]).success);
-    let report = std::fs::read_to_string(workshop.path("run/report/report.json")).expect("a report");
-    let report: serde_json::Value = serde_json::from_str(&report).expect("JSON");
+    let report = workshop.json("run/report/report.json");
     let results = report["groups"][0]["results"].to_string();
     assert!(results.contains("\"score\"") && results.contains("-seeds"), "{results}");
     for refused in [&["--split", "train"][..], &["--kitchens", "procedural:1000..1003"], &["--distribution", "run"]] {
