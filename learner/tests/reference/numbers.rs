@@ -1,14 +1,13 @@
 //! Tasks of numbers alone: `learner probe` against `ppo.py` of `CleanRL`, and settings against their formulas.
 
 use crate::repetition::saved_and_loaded;
-use crate::shared::{Probed, assert_close, choice, doubles, fixture, noise_tensor, probe, weight_values};
+use crate::shared::{Probed, assert_close, doubles, fixture, noise_tensor, probe, weight_values};
 use crate::world::{World, mask, masked_config, numbers_config, weights_of};
 use learner::agent::{Agent, StepInput};
-use learner::network::{ActorCriticOutput, to_vec};
+use learner::network::to_vec;
 use learner::optimizer::Adam;
-use learner::ppo::loss::{Experience, terms};
 use learner::rollout::Outcome;
-use proto::config::{Config, Memory, PpoConfig, Shuffle};
+use proto::config::{Config, Memory, Shuffle};
 use proto::metric;
 use proto::stage::RolloutShape;
 use proto::task::Spec;
@@ -147,32 +146,6 @@ fn a_state_of_numbers_is_saved_and_loaded() {
         world.collect(&mut agent, 3, 4).expect("finite");
         assert_eq!(agent.rollout_tensors()["rollout.numbers"].size(), [6, 4, 9], "{memory:?}");
     }
-}
-
-#[test]
-fn values_are_clipped_unless_they_are_not_to_be() {
-    let [values, old, returns] = [[0.5f32, 0.0], [0.0, 0.0], [1.0, 0.1]];
-    let zeros = || Tensor::from_slice(&[0.0f32, 0.0]);
-    let output = ActorCriticOutput {
-        policy: choice(Tensor::from_slice(&[0.5f32.ln(); 4]).view([2, 2])),
-        values: Tensor::from_slice(&values),
-    };
-    let experience = Experience {
-        actions: Tensor::from_slice(&[0i64, 1]).view([2, 1]),
-        masks: None,
-        log_probs: zeros(),
-        values: Tensor::from_slice(&old),
-        advantages: zeros(),
-        returns: Tensor::from_slice(&returns),
-    };
-    let loss = |clip_value: bool| {
-        let ppo = PpoConfig { clip: 0.2, clip_value, ..PpoConfig::default() };
-        terms(&output, &experience, &ppo, 2).value.double_value(&[])
-    };
-    // The first value may count as 0.2 only, and is 0.8 away then.
-    let expected = |errors: [f64; 2]| 0.5 * (errors[0].powi(2) + errors[1].powi(2)) / 2.0;
-    assert!((loss(true) - expected([0.8, 0.1])).abs() < 1e-7, "{}", loss(true));
-    assert!((loss(false) - expected([0.5, 0.1])).abs() < 1e-7, "{}", loss(false));
 }
 
 #[test]

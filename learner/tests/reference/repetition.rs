@@ -200,31 +200,6 @@ fn states_that_do_not_fit_are_refused() {
     assert!(before.tensors.iter().all(|(name, tensor)| tensor.equal(&agent.state().tensors[name])));
 }
 
-/// Gradients of passes over parts of the columns add up to those of the whole batch.
-#[test]
-fn passes_add_up() {
-    let train_with = |environments_per_pass: u32| {
-        let mut config = small_config();
-        config.ppo.environments_per_pass = environments_per_pass;
-        config.ppo.epochs = 1;
-        let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
-        let mut world = World::new(&config);
-        world.collect(&mut agent, 0, 3).expect("finite");
-        let metrics = agent.update(0.0, 0).expect("finite");
-        // After one step Adam's first moment is a tenth of the gradient.
-        (metrics, agent.state().tensors.remove("adam.first").expect("it is there"))
-    };
-    let (whole_metrics, whole) = train_with(0);
-    for width in [1, 2, 3] {
-        let (metrics, moment) = train_with(width);
-        assert_eq!(metrics.keys().collect::<Vec<_>>(), whole_metrics.keys().collect::<Vec<_>>());
-        for (name, value) in &metrics {
-            assert!((value - whole_metrics[name]).abs() < 1e-5 * value.abs().max(0.1), "{name}");
-        }
-        assert_close("adam.first", &moment, &whole, 1e-5);
-    }
-}
-
 /// Minibatches are steps of their own, by columns that are dealt out anew for each rollout, and chunks divide each.
 #[test]
 fn each_minibatch_is_a_step_of_the_optimiser() {

@@ -1,6 +1,6 @@
 //! What the script and the tests share: numbers that both make, and how ours are compared with its.
 
-use learner::network::{Distribution, RawFrame};
+use learner::network::RawFrame;
 use proto::camera::{FRAME_PIXELS, FRAME_SIDE};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -45,11 +45,6 @@ pub fn weight_values(name: &str, shape: &[i64]) -> Tensor {
         .map(|value| value as f32)
         .collect();
     Tensor::from_slice(&values).view(shape)
-}
-
-/// A policy of one choice.
-pub fn choice(log_probs: Tensor) -> Distribution {
-    Distribution::Categorical { choices: vec![log_probs.size()[1]], log_probs }
 }
 
 pub fn depth_mm(t: usize, n: usize) -> Box<RawFrame> {
