@@ -207,35 +207,35 @@ fn a_run_goes_on_from_the_weights_it_was_given() {
 /// Wherever the learner of a task of numbers dies, or one of its actors, the weights at the end are the same.
 #[test]
 fn a_run_without_frames_ends_in_the_same_bits_whatever_happens_on_the_way() {
-    for (memory, privileged) in [(Memory::None, false), (Memory::Gru, false), (Memory::Lstm, true)] {
-        for overlap in [false, true] {
-            let mut config = if privileged { tiny_privileged(memory) } else { tiny_numbers(memory) };
-            config.ppo.overlap = overlap;
-            let name = |what: &str| format!("{}{}{what}", memory.states(), u8::from(overlap));
-            let mut rig = Rig::new(&name("nu"), config.clone());
-            let straight = rig.learner(&Plan::Undisturbed);
-            assert!(straight.status.success(), "{straight:?}");
-            let weights = complete(&rig, &straight);
+    for (memory, privileged, overlap) in
+        [(Memory::None, false, true), (Memory::Gru, false, false), (Memory::Lstm, true, true)]
+    {
+        let mut config = if privileged { tiny_privileged(memory) } else { tiny_numbers(memory) };
+        config.ppo.overlap = overlap;
+        let name = |what: &str| format!("{}{}{what}", memory.states(), u8::from(overlap));
+        let mut rig = Rig::new(&name("nu"), config.clone());
+        let straight = rig.learner(&Plan::Undisturbed);
+        assert!(straight.status.success(), "{straight:?}");
+        let weights = complete(&rig, &straight);
 
-            let mut rig = Rig::new(&name("nk"), config.clone());
-            for point in ["learner.mid_rollout:9", "learner.after_update:2", "learner.after_manifest:2"] {
-                let killed = rig.learner(&Plan::Fault(point));
-                assert!(!killed.status.success(), "{point} was not reached: {killed:?}");
-            }
-            let ended = rig.learner(&Plan::Undisturbed);
-            assert_eq!(complete(&rig, &ended), weights, "{memory:?}, {overlap}: {}", ended.stderr);
-
-            let mut rig = Rig::new(&name("na"), config.clone());
-            let ended = rig.learner(&Plan::CrashActorAfter(1, 1));
-            assert_eq!(complete(&rig, &ended), weights, "{memory:?}, {overlap}: {}", ended.stderr);
-
-            let mut rig = Rig::new(&name("ns"), config);
-            let stopped = rig.learner(&Plan::StopAfter(1));
-            assert!(stopped.status.success(), "{stopped:?}");
-            rig.next_incarnation(2);
-            let ended = rig.learner(&Plan::Undisturbed);
-            assert_eq!(complete(&rig, &ended), weights, "{memory:?}, {overlap}: {}", ended.stderr);
+        let mut rig = Rig::new(&name("nk"), config.clone());
+        for point in ["learner.mid_rollout:9", "learner.after_update:2", "learner.after_manifest:2"] {
+            let killed = rig.learner(&Plan::Fault(point));
+            assert!(!killed.status.success(), "{point} was not reached: {killed:?}");
         }
+        let ended = rig.learner(&Plan::Undisturbed);
+        assert_eq!(complete(&rig, &ended), weights, "{memory:?}, {overlap}: {}", ended.stderr);
+
+        let mut rig = Rig::new(&name("na"), config.clone());
+        let ended = rig.learner(&Plan::CrashActorAfter(1, 1));
+        assert_eq!(complete(&rig, &ended), weights, "{memory:?}, {overlap}: {}", ended.stderr);
+
+        let mut rig = Rig::new(&name("ns"), config);
+        let stopped = rig.learner(&Plan::StopAfter(1));
+        assert!(stopped.status.success(), "{stopped:?}");
+        rig.next_incarnation(2);
+        let ended = rig.learner(&Plan::Undisturbed);
+        assert_eq!(complete(&rig, &ended), weights, "{memory:?}, {overlap}: {}", ended.stderr);
     }
 }
 

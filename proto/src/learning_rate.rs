@@ -17,13 +17,6 @@ pub fn falling(start: f64, end_share: f64, progress: f64) -> f64 {
 mod tests {
     use super::*;
 
-    #[test]
-    fn the_rate_falls_linearly_to_a_third() {
-        assert_eq!(falling(3e-4, 1.0 / 3.0, 0.0), 3e-4);
-        assert!((falling(3e-4, 1.0 / 3.0, 1.0) - 1e-4).abs() < 1e-18);
-        assert!((falling(3e-4, 1.0 / 3.0, 0.5) - 2e-4).abs() < 1e-18);
-    }
-
     /// The reference's factor: max(1/3, 1 - 2/3 · frames / 30M), in each of its stages.
     #[test]
     fn the_rate_of_a_stage_falls_over_frames_of_its_own_number() {

@@ -1,6 +1,6 @@
-//! What TensorBoard shows of a run's event files, read without any code of the system: checksums bit by bit, fields of
-//! protobuf by their numbers.
+//! What TensorBoard shows of a run's event files, read without any code of the system: checksums bit by bit.
 
+use prost::Message;
 use proto::run_folder::RunFolder;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -67,73 +67,42 @@ fn masked(bytes: &[u8]) -> u32 {
     crc.rotate_right(15).wrapping_add(0xa282_ead8)
 }
 
-/// A field: its number, and its number or bytes.
-enum Field<'a> {
-    Varint(u64),
-    Fixed32([u8; 4]),
-    Fixed64,
-    Bytes(&'a [u8]),
+/// What is needed of `tensorflow.Event`.
+#[derive(Clone, PartialEq, Message)]
+struct Event {
+    #[prost(int64, tag = "2")]
+    step: i64,
+    #[prost(message, optional, tag = "5")]
+    summary: Option<Summary>,
+    /// A start.
+    #[prost(message, optional, tag = "7")]
+    session: Option<Session>,
 }
 
-fn fields(mut bytes: &[u8]) -> Vec<(u64, Field<'_>)> {
-    fn varint(bytes: &mut &[u8]) -> u64 {
-        let (mut value, mut shift) = (0, 0);
-        loop {
-            let byte = bytes[0];
-            *bytes = &bytes[1..];
-            value |= u64::from(byte & 0x7f) << shift;
-            shift += 7;
-            if byte < 0x80 {
-                return value;
-            }
-        }
-    }
-    let mut fields = Vec::new();
-    while !bytes.is_empty() {
-        let key = varint(&mut bytes);
-        let (field, length) = match key & 7 {
-            0 => (Field::Varint(varint(&mut bytes)), 0),
-            1 => (Field::Fixed64, 8),
-            2 => {
-                let length = varint(&mut bytes) as usize;
-                (Field::Bytes(&bytes[..length]), length)
-            }
-            5 => (Field::Fixed32(bytes[..4].try_into().expect("four")), 4),
-            kind => panic!("there is no kind {kind} of fields"),
-        };
-        fields.push((key >> 3, field));
-        bytes = &bytes[length..];
-    }
-    fields
+#[derive(Clone, PartialEq, Message)]
+struct Session {}
+
+#[derive(Clone, PartialEq, Message)]
+struct Summary {
+    #[prost(message, repeated, tag = "1")]
+    values: Vec<Figure>,
 }
 
-/// An event: field 2 is its step, 5 a summary, 7 a start.
+#[derive(Clone, PartialEq, Message)]
+struct Figure {
+    #[prost(string, tag = "1")]
+    tag: String,
+    #[prost(float, tag = "2")]
+    value: f32,
+}
+
 fn take(curves: &mut Curves, event: &[u8]) {
-    let fields_of_event = fields(event);
-    let step = fields_of_event.iter().find_map(|(number, field)| match (number, field) {
-        (2, Field::Varint(step)) => Some(*step),
-        _ => None,
-    });
-    let step = step.unwrap_or(0);
-    for (number, field) in fields_of_event {
-        match (number, field) {
-            (7, _) => drop(curves.split_off(&step)),
-            (5, Field::Bytes(summary)) => {
-                let figures = curves.entry(step).or_default();
-                for (_, value) in fields(summary) {
-                    let Field::Bytes(value) = value else { panic!("a value is a message") };
-                    let (mut tag, mut figure) = (String::new(), 0.0);
-                    for (number, field) in fields(value) {
-                        match (number, field) {
-                            (1, Field::Bytes(name)) => tag = String::from_utf8_lossy(name).into_owned(),
-                            (2, Field::Fixed32(bytes)) => figure = f32::from_le_bytes(bytes),
-                            _ => {}
-                        }
-                    }
-                    assert!(figures.insert(tag, figure).is_none(), "a tag is there once");
-                }
-            }
-            _ => {}
-        }
+    let event = Event::decode(event).expect("an event");
+    let step = event.step.unsigned_abs();
+    if event.session.is_some() {
+        curves.split_off(&step);
+    }
+    for Figure { tag, value } in event.summary.into_iter().flat_map(|summary| summary.values) {
+        assert!(curves.entry(step).or_default().insert(tag, value).is_none(), "a tag is there once");
     }
 }

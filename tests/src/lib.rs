@@ -5,17 +5,19 @@
 
 pub mod board;
 mod browser;
+pub mod evidence;
 mod foxglove;
 mod network;
-mod recorded;
+pub mod recording;
 mod terminal;
 mod undisturbed;
 mod viewer;
 
 pub use browser::Browser;
+pub use evidence::Evidence;
 pub use foxglove::{Channel, Foxglove};
 pub use network::{Network, Quality};
-pub use recorded::{RecordedSteps, recorded_depth};
+pub use recording::{Recording, recorded_depth};
 pub use terminal::Terminal;
 pub use undisturbed::Undisturbed;
 pub use viewer::{Answer, Viewer};
@@ -137,23 +139,14 @@ impl Workshop {
     }
 
     pub fn up_seeded(&self, name: &str, actors: u32, environments_per_actor: u32, frames: u64, seed: u64) -> Command {
-        self.orchestrator(&[
-            "up",
-            "--preset",
-            "demo",
-            "--config",
-            "tiny.toml",
-            "--run",
-            name,
-            "--seed",
-            &seed.to_string(),
-            "--actors",
-            &actors.to_string(),
-            "--envs-per-actor",
-            &environments_per_actor.to_string(),
-            "--frames",
-            &frames.to_string(),
-        ])
+        let mut command = self.orchestrator(&["up", "--preset", "demo", "--config", "tiny.toml", "--run", name]);
+        let (actors, environments) = (actors.into(), environments_per_actor.into());
+        for (flag, number) in
+            [("--seed", seed), ("--actors", actors), ("--envs-per-actor", environments), ("--frames", frames)]
+        {
+            command.args([flag, &number.to_string()]);
+        }
+        command
     }
 
     /// The command in a shell that first sets its limits with `ulimit`.
@@ -174,6 +167,31 @@ impl Workshop {
     /// The run called `name`.
     pub fn run(&self, name: &str) -> Run {
         Run { folder: RunFolder::new(self.path(name)) }
+    }
+
+    /// The tiny configuration with one line in another's place, and more tables.
+    pub fn configure(&self, (line, other): (&str, &str), tables: &str) {
+        assert!(TINY.contains(line), "{line}");
+        std::fs::write(self.path("tiny.toml"), TINY.replace(line, other) + tables).expect("a writable folder");
+    }
+
+    /// A copy of a folder.
+    pub fn copy(&self, from: &str, to: &str) -> Run {
+        let copied = Command::new("cp").arg("-r").arg(self.path(from)).arg(self.path(to)).status();
+        assert!(copied.is_ok_and(|status| status.success()), "{from} {to}");
+        self.run(to)
+    }
+
+    /// A file of JSON.
+    pub fn json(&self, name: &str) -> serde_json::Value {
+        let text = std::fs::read_to_string(self.path(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
+        serde_json::from_str(&text).unwrap_or_else(|error| panic!("{name}: {error}: {text}"))
+    }
+
+    /// Simulates what is recorded of a run again.
+    pub fn assert_replays(&self, name: &str) {
+        let replayed = complete(self.orchestrator(&["replay", "--check", name]));
+        assert!(replayed.success && replayed.stdout.contains("differences: 0"), "{replayed:#?}");
     }
 }
 
@@ -210,6 +228,12 @@ impl Printed {
         let weights = lines[1].strip_prefix("weights: ").expect("the line before is the weights digest");
         assert!(weights.len() == 64 && weights.chars().all(|digit| digit.is_ascii_hexdigit()), "{weights}");
         (weights.to_owned(), frames.expect("a number"))
+    }
+
+    /// What a command that went well printed, as JSON.
+    pub fn json(&self) -> serde_json::Value {
+        assert!(self.success, "{self:#?}");
+        serde_json::from_str(&self.stdout).unwrap_or_else(|error| panic!("{error}: {self:#?}"))
     }
 
     /// The lines of standard error that tell of a death.

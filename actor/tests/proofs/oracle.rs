@@ -110,30 +110,6 @@ fn displacements_agree_with_one_another_and_what_was_disturbed_stays_noted() {
 }
 
 #[test]
-fn an_evaluations_environments_play_what_its_plan_says() {
-    let kitchen = &kitchens()[1];
-    let mut config = Config::default();
-    config.actors.count = 10;
-    config.actors.environments_per_actor = 2;
-    config.evaluation = Some(EvaluationConfig::fixed(Split::Test, ObjectSet::Seen, 6));
-    let fixed = episodes::fixed(kitchen).unwrap();
-    let run = Run::of(&config);
-    let id = EnvironmentId { kitchen: kitchen.id(), number: 1 };
-    let mut environment = Environment::open(&run, Arc::clone(kitchen), id, 0).unwrap();
-    // Seen targets are the first six of each twelve; environment 1 of 4 has the second and the sixth.
-    assert_eq!(*environment.episode(), fixed[1]);
-    environment.start_episode(1);
-    assert_eq!(*environment.episode(), fixed[5]);
-    // One that is made at that episode stands where this one came to.
-    assert_eq!(Environment::open(&run, Arc::clone(kitchen), id, 1).unwrap().current(), environment.current());
-    // It has run out: something to look at while it holds.
-    environment.start_episode(2);
-    assert_eq!(*environment.episode(), fixed[0]);
-    let elsewhere = EnvironmentId { kitchen: KitchenId::new(2).unwrap(), number: 0 };
-    assert!(Environment::open(&run, Arc::clone(kitchen), elsewhere, 0).is_err());
-}
-
-#[test]
 fn the_state_hash_of_an_evaluated_episode_depends_on_no_number_of_environments() {
     let kitchen = &kitchens()[1];
     let id = |number| EnvironmentId { kitchen: kitchen.id(), number };

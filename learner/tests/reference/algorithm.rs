@@ -1,20 +1,16 @@
-//! What the update is made of: targets, losses, optimiser, multiplier, sensors.
+//! Advantages, multiplier, sensors. Losses are compared in `probe.rs` and `numbers.rs`, the optimiser in `whole.rs`.
 
-use crate::shared::{assert_close, choice, doubles, fixture, noise, noise_f32, noise_tensor};
+use crate::shared::{assert_close, doubles, fixture, noise, noise_f32};
 use crate::world::small_config;
 use learner::agent::Agent;
-use learner::auxiliary::focal_loss;
 use learner::collector::{Ended, RolloutStatistics, RunningEpisode};
-use learner::network::{ActorCriticOutput, Kept, goal_coordinates};
-use learner::optimizer::{Adam, clip, norm};
+use learner::network::{Kept, goal_coordinates};
 use learner::peers::Peers;
 use learner::ppo::gae;
-use learner::ppo::loss::{Experience, terms};
 use learner::ppo::moments::RewardScale;
 use learner::rollout::{Outcome, Rollout, Step};
 use learner::shards::Shards;
-use proto::config::{GoalCoordinates, LagrangianConfig, PpoConfig};
-use proto::learning_rate::falling;
+use proto::config::{GoalCoordinates, LagrangianConfig};
 use proto::stage::RolloutShape;
 use tch::{Device, Kind, Tensor};
 
@@ -59,131 +55,6 @@ fn advantages_are_the_explicit_sums() {
             assert_close("returns", &collect(&|row| targets.value_target(row)), theirs, 1e-6);
         }
     }
-}
-
-/// `collect_rollouts` of Stable-Baselines3 adds the discounted value of a truncated episode's last observation to its
-/// last reward, and `compute_returns_and_advantage` knows ends alone.
-#[test]
-fn truncated_episodes_are_bootstrapped_as_by_stable_baselines() {
-    let (steps, columns) = (40, 3);
-    let float = (Kind::Float, Device::Cpu);
-    let shape = RolloutShape::next(u64::MAX, steps, columns);
-    let kept = |rows: i64| Kept::of_frames(Tensor::zeros([rows, 0, 0], float));
-    let mut rollout = Rollout::new(shape, columns, kept(120), Tensor::zeros([3, 0], float));
-    let table = |name: &str| noise_f32(&format!("sb3.{name}"), steps * columns);
-    let [mut rewards, values, last, ended, limit] = ["reward", "value", "last", "ended", "limit"].map(table);
-    let after = noise_f32("sb3.after", columns);
-    let dones: Vec<bool> = ended.iter().map(|&number| number > 0.5).collect();
-    let truncated = |row: usize| dones[row] && limit[row] > 0.0;
-    for t in 0..steps {
-        let rows = [0, 1, 2].map(|n| Step { value: values[t * columns + n], ..Step::default() });
-        rollout.store(t, &[0, 1, 2], &kept(3), &rows);
-        for n in 0..columns {
-            let row = t * columns + n;
-            let (reward, time_limit) = (rewards[row], truncated(row));
-            rollout.record(t, n, Outcome { reward, ended: dones[row], time_limit, ..Outcome::default() });
-            if time_limit {
-                rollout.set_last_value(t, n, last[row]);
-            }
-        }
-    }
-    (0..columns).for_each(|n| rollout.set_bootstrap(n, after[n]));
-    let ppo = PpoConfig { bootstrap_time_limits: true, ..PpoConfig::default() };
-    let targets =
-        gae::estimate(&rollout, &ppo, RewardScale::NONE, &Shards::one(columns), &Peers::Alone).expect("nobody to lose");
-
-    for row in (0..steps * columns).filter(|&row| truncated(row)) {
-        rewards[row] += 0.99 * last[row];
-    }
-    let mut last_gae_lam = vec![0.0; columns];
-    for row in (0..steps * columns).rev() {
-        let (t, n) = (row / columns, row % columns);
-        // episode_starts[t + 1], or dones of the last step.
-        let next_non_terminal = if dones[row] { 0.0 } else { 1.0 };
-        let next_value = if t == steps - 1 { after[n] } else { values[row + columns] };
-        let delta = rewards[row] + 0.99 * next_value * next_non_terminal - values[row];
-        last_gae_lam[n] = delta + 0.99 * 0.95 * next_non_terminal * last_gae_lam[n];
-        let found = [targets.advantage((t, n)), targets.value_target((t, n))];
-        for (ours, theirs) in found.into_iter().zip([last_gae_lam[n], last_gae_lam[n] + values[row]]) {
-            assert!((ours - theirs).abs() < 1e-5, "({t}, {n}): {ours} is not {theirs}");
-        }
-    }
-    assert!((0..steps * columns).any(truncated) && (0..steps * columns).any(|row| dones[row] && !truncated(row)));
-}
-
-#[test]
-fn the_losses_and_their_gradients_are_the_formulas() {
-    let rows = 40;
-    let expected = fixture("loss");
-    let logits = (noise_tensor("loss.logits", &[rows, 21]) * 2.0).set_requires_grad(true);
-    let values = noise_tensor("loss.values", &[rows]).set_requires_grad(true);
-    let experience = Experience {
-        actions: Tensor::from_slice(&(0..rows).map(|i| (7 * i) % 21).collect::<Vec<_>>()).view([rows, 1]),
-        masks: None,
-        log_probs: expected["old_log_probs"].shallow_clone(),
-        values: values.detach() + noise_tensor("loss.value_drift", &[rows]) * 0.3,
-        advantages: noise_tensor("loss.advantages", &[rows]),
-        returns: noise_tensor("loss.returns", &[rows]),
-    };
-    // In two passes, which must add up to the whole.
-    let mut sums = Tensor::zeros([5], (Kind::Float, Device::Cpu));
-    let mut loss = Tensor::zeros([] as [i64; 0], (Kind::Float, Device::Cpu));
-    for (first, count) in [(0, 15), (15, 25)] {
-        let cut = |tensor: &Tensor| tensor.narrow(0, first, count);
-        let output = ActorCriticOutput { policy: choice(cut(&logits).log_softmax(-1, None)), values: cut(&values) };
-        let part = Experience {
-            actions: cut(&experience.actions),
-            masks: None,
-            log_probs: cut(&experience.log_probs),
-            values: cut(&experience.values),
-            advantages: cut(&experience.advantages),
-            returns: cut(&experience.returns),
-        };
-        let terms = terms(&output, &part, &PpoConfig::default(), rows as u64);
-        loss += &terms.policy + &terms.value * 0.5 - &terms.entropy * 0.01;
-        let scalars = [terms.policy, terms.value, terms.entropy, terms.clip_fraction, terms.approximate_kl];
-        sums += Tensor::stack(&scalars, 0).detach();
-    }
-    assert_close("terms", &sums, &expected["terms"], 1e-5);
-    let gradients = Tensor::run_backward(&[loss], &[&logits, &values], false, false);
-    assert_close("gradient of logits", &gradients[0], &expected["gradient.logits"], 1e-5);
-    assert_close("gradient of values", &gradients[1], &expected["gradient.values"], 1e-5);
-
-    let logits = (noise_tensor("focal.logits", &[rows]) * 6.0).set_requires_grad(true);
-    let labels = noise_tensor("focal.labels", &[rows]).gt(0.5).to_kind(Kind::Float);
-    let focal = focal_loss(&logits, &labels, 2.0);
-    assert_close("focal loss", &focal, &expected["focal"], 1e-5);
-    let gradient = Tensor::run_backward(&[focal.mean(Kind::Float)], &[&logits], false, false);
-    assert_close("gradient of focal loss", &gradient[0], &expected["gradient.focal"], 1e-5);
-}
-
-/// A hundred updates of a smooth problem: what differs in the last bits does not grow.
-#[test]
-fn adam_with_clipping_and_schedule_is_pytorchs() {
-    let expected = fixture("adam");
-    let (points, waves, updates) = (200, 64, 100i64);
-    let inputs = noise_tensor("adam.inputs", &[points, waves]);
-    let target = noise_tensor("adam.target", &[points]) * 3.0;
-    let mut weights = noise_tensor("adam.weights", &[waves]);
-    let mut adam = Adam::new(&weights);
-    for update in 0..updates {
-        let leaf = weights.copy().set_requires_grad(true);
-        let loss = (inputs.mv(&leaf).sin() - &target).square().mean(Kind::Float);
-        let theirs = expected["losses"].double_value(&[update]);
-        let ours = loss.double_value(&[]);
-        assert!((ours - theirs).abs() < 1e-6 * theirs, "update {update}: loss {ours} is not {theirs}");
-        let mut gradient = Tensor::run_backward(&[loss], &[leaf], false, false).remove(0);
-        let norm = norm(&gradient);
-        clip(&mut gradient, &norm, 0.5);
-        let theirs = expected["norms"].double_value(&[update]);
-        let norm = norm.double_value(&[]);
-        assert!((norm - theirs).abs() < 1e-5 * theirs, "update {update}: norm {norm} is not {theirs}");
-        adam.step(&mut weights, &gradient, falling(3e-2, 1.0 / 3.0, update as f64 / updates as f64), 1e-8);
-        if update % 10 == 9 {
-            assert_close("weights", &weights, &expected["weights"].get(update / 10), 1e-6);
-        }
-    }
-    assert_eq!(adam.steps, 100);
 }
 
 #[test]

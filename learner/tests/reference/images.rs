@@ -1,13 +1,12 @@
 //! Tasks of images: `learner probe` against the PPO of `CleanRL` for Atari games (`make_images.py`), and what must be
 //! the same again.
 
-use crate::shared::{assert_close, assert_probes, doubles, fixture, noise_tensor, weight_values};
-use crate::world::{World, numbers_config, weights_of};
+use crate::repetition::saved_and_loaded;
+use crate::shared::{Probed, assert_close, assert_probes, doubles, fixture, noise_tensor, probe, weight_values};
+use crate::world::{numbers_config, weights_of};
 use learner::agent::Agent;
 use proto::config::{Config, Memory, Shuffle};
 use proto::task::Spec;
-use std::collections::BTreeMap;
-use std::process::Command;
 use tch::{Device, Kind, Tensor};
 
 const TASK: &str = include_str!("../support/images.toml");
@@ -59,25 +58,10 @@ fn a_probe_finds_what_cleanrl_computes_of_images() {
     assert_close("orthogonal rows", &first.matmul(&first.tr()), &gain, 1e-5);
     let value = |(name, weight): (String, Tensor)| (name.clone(), weight_values(&name, &weight.size()));
     let weights: Vec<(String, Tensor)> = weights_of(&agent).into_iter().map(value).collect();
-    let folder = tempfile::tempdir().expect("a folder for the files");
-    let path = |name: &str| folder.path().join(name);
-    std::fs::write(path("task.toml"), TASK).expect("the task is written");
     let settings = "ppo.clip = 0.1\nppo.entropy_coefficient = 0.01\nppo.normalize_advantages = true\n";
-    std::fs::write(path("config"), settings).expect("settings");
-    Tensor::write_safetensors(&weights, path("weights")).expect("weights are written");
-    let probe = |batch: &[(&str, Tensor)]| {
-        Tensor::write_safetensors(batch, path("batch")).expect("a batch is written");
-        Command::new(env!("CARGO_BIN_EXE_learner"))
-            .args(["probe", "--weights", "weights", "--batch", "batch", "--out", "out", "--config", "config"])
-            .args(["--preset", "gym", "--task", "task.toml"])
-            .current_dir(folder.path())
-            .output()
-            .expect("the learner starts")
-    };
-    let run = probe(&batch());
-    assert!(run.status.success(), "{run:?}");
-    let found: BTreeMap<String, Tensor> =
-        Tensor::read_safetensors(path("out")).expect("it is written").into_iter().collect();
+    let probe = |batch: &[(&str, Tensor)]| probe(&weights, batch, settings, Some(TASK));
+    let Probed { good, said, found, .. } = probe(&batch());
+    assert!(good, "{said}");
     let mut expected = fixture("images");
     let probes = expected.remove("gradients").expect("the script wrote it");
     for (name, theirs) in &expected {
@@ -90,8 +74,7 @@ fn a_probe_finds_what_cleanrl_computes_of_images() {
     let mut other = batch();
     other[2].1 = other[2].1.to_kind(Kind::Int16);
     let refused = probe(&other);
-    assert!(String::from_utf8_lossy(&refused.stderr).contains("images.screen"), "{refused:?}");
-    assert!(!refused.status.success());
+    assert!(!refused.good && refused.said.contains("images.screen"), "{}", refused.said);
 }
 
 /// Acting, training, saving: the bytes that came are what is trained on, whichever thread updates.
@@ -105,27 +88,7 @@ fn images_give_the_same_bits_again_also_through_a_saved_state() {
         let mut config = images_config(memory);
         (config.ppo.shuffle, config.ppo.minibatches, config.learner.shards) = (shuffle, 2, shards);
         config.validate().expect("a run can have this");
-        let fresh = |seed: u64| {
-            let mut agent = Agent::new(&Config { seed, ..config.clone() }, Device::Cpu).expect("a fresh agent");
-            if overlap {
-                agent.overlap().expect("a thread");
-            }
-            agent
-        };
-        let train = |agent: &mut Agent, world: &mut World, rollouts: std::ops::Range<usize>| {
-            for rollout in rollouts {
-                world.collect(agent, rollout, 4).expect("finite");
-                agent.update(0.1 * rollout as f64, rollout as u64).expect("finite");
-            }
-        };
-        let (mut straight, mut world) = (fresh(config.seed), World::new(&config));
-        train(&mut straight, &mut world, 0..3);
-        let (mut first, mut world) = (fresh(config.seed), World::new(&config));
-        train(&mut first, &mut world, 0..2);
-        let mut second = fresh(config.seed);
-        second.load_state(&first.state()).expect("the state fits");
-        train(&mut second, &mut world, 2..3);
-        assert_eq!(second.weights_digest(), straight.weights_digest(), "{memory:?}");
+        let (mut second, mut world) = saved_and_loaded(&config, config.seed, overlap);
         world.collect(&mut second, 3, 4).expect("finite");
         let dumped = second.rollout_tensors();
         let depth = &dumped["rollout.images.depth"];

@@ -86,44 +86,40 @@ fn an_imported_network_says_what_allenacts_says() {
 /// By `DataParallel`, by `torch.compile`, by both, around parts, and by whatever a training script calls its network.
 #[test]
 fn names_that_are_wrapped_are_those_of_the_same_weights() {
-    for name in ["disturb_free", "original"] {
-        let config = configuration_of(name);
-        let agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
-        let imported = |state_dict: &BTreeMap<String, Tensor>| {
-            let mut state = agent.state();
-            let imported = import(state_dict, &mut state).expect("it is a state dict of this network");
-            (imported, state.tensors)
-        };
-        let plain = allenact(name);
-        let (first, expected) = imported(&plain);
-        assert_eq!(first.taken_off, Vec::<String>::new());
-        let model = |(name, tensor): (&String, &Tensor)| {
-            Some((name.strip_prefix("model.")?.to_owned(), tensor.shallow_clone()))
-        };
-        let ours: BTreeMap<String, Tensor> = expected.iter().filter_map(model).collect();
-        for state_dict in [&plain, &ours] {
-            for prefix in
-                ["module.", "_orig_mod.", "module._orig_mod.", "actor_critic.", "state_dict.module.", "policy.net."]
-            {
-                let wrapped =
-                    state_dict.iter().map(|(name, tensor)| (format!("{prefix}{name}"), tensor.shallow_clone()));
-                let (again, tensors) = imported(&wrapped.collect());
-                assert_eq!(again.taken_off, [prefix], "{name}");
-                assert_eq!(again.taken, if state_dict.len() == ours.len() { ours.len() } else { first.taken });
-                assert!(tensors.iter().all(|(name, tensor)| tensor.equal(&expected[name])), "{prefix}");
-            }
-            let inside = |name: &String| name.replace("visual_encoder.", "visual_encoder._orig_mod.");
-            let wrapped = state_dict.iter().map(|(name, tensor)| (inside(name), tensor.shallow_clone()));
+    let config = configuration_of("disturb_free");
+    let agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+    let imported = |state_dict: &BTreeMap<String, Tensor>| {
+        let mut state = agent.state();
+        let imported = import(state_dict, &mut state).expect("it is a state dict of this network");
+        (imported, state.tensors)
+    };
+    let plain = allenact("disturb_free");
+    let (first, expected) = imported(&plain);
+    assert_eq!(first.taken_off, Vec::<String>::new());
+    let model =
+        |(name, tensor): (&String, &Tensor)| Some((name.strip_prefix("model.")?.to_owned(), tensor.shallow_clone()));
+    let ours: BTreeMap<String, Tensor> = expected.iter().filter_map(model).collect();
+    for state_dict in [&plain, &ours] {
+        for prefix in
+            ["module.", "_orig_mod.", "module._orig_mod.", "actor_critic.", "state_dict.module.", "policy.net."]
+        {
+            let wrapped = state_dict.iter().map(|(name, tensor)| (format!("{prefix}{name}"), tensor.shallow_clone()));
             let (again, tensors) = imported(&wrapped.collect());
-            assert_eq!(again.taken_off, ["_orig_mod."]);
-            assert!(tensors.iter().all(|(name, tensor)| tensor.equal(&expected[name])));
+            assert_eq!(again.taken_off, [prefix]);
+            assert_eq!(again.taken, if state_dict.len() == ours.len() { ours.len() } else { first.taken });
+            assert!(tensors.iter().all(|(name, tensor)| tensor.equal(&expected[name])), "{prefix}");
         }
-        // With fewer bits, or more, they are the same numbers, as far as these hold them.
-        for kind in [Kind::Half, Kind::BFloat16, Kind::Double] {
-            let kept = plain.iter().map(|(name, tensor)| (name.clone(), tensor.to_kind(kind))).collect();
-            let bias = imported(&kept).1["model.critic.bias"].shallow_clone();
-            assert!(bias.equal(&plain["critic.fc.bias"].to_kind(kind).to_kind(Kind::Float)), "{kind:?}");
-        }
+        let inside = |name: &String| name.replace("visual_encoder.", "visual_encoder._orig_mod.");
+        let wrapped = state_dict.iter().map(|(name, tensor)| (inside(name), tensor.shallow_clone()));
+        let (again, tensors) = imported(&wrapped.collect());
+        assert_eq!(again.taken_off, ["_orig_mod."]);
+        assert!(tensors.iter().all(|(name, tensor)| tensor.equal(&expected[name])));
+    }
+    // With fewer bits, or more, they are the same numbers, as far as these hold them.
+    for kind in [Kind::Half, Kind::BFloat16, Kind::Double] {
+        let kept = plain.iter().map(|(name, tensor)| (name.clone(), tensor.to_kind(kind))).collect();
+        let bias = imported(&kept).1["model.critic.bias"].shallow_clone();
+        assert!(bias.equal(&plain["critic.fc.bias"].to_kind(kind).to_kind(Kind::Float)), "{kind:?}");
     }
 }
 

@@ -4,7 +4,6 @@
 //! All in one binary because loading libtorch takes longer than most of these tests.
 
 mod algorithm;
-mod auxiliary;
 mod images;
 mod import;
 mod kept;

@@ -1,6 +1,6 @@
 """Reference values for learner/tests/reference/: the same method, written a second time in plain PyTorch.
 
-    pip install torch==2.11.0 torchvision==0.26.0 numpy==2.4.6 safetensors==0.8.0
+    pip install torch==2.11.0 numpy==2.4.6 safetensors==0.8.0
     python3 make_fixtures.py            # writes *.safetensors beside this file
     python3 make_fixtures.py DIR        # and into DIR what `learner probe` takes, and must find (docs/probe.md)
 
@@ -16,11 +16,10 @@ import sys
 import numpy as np
 import torch
 from allenact_names import import_fixture
-from plain_network import Network, auxiliary_head, depth_mm, goal_m, noise, probes, set_weights, tensor
+from plain_network import Network, depth_mm, goal_m, noise, probes, tensor
 from safetensors.torch import save_file
 from torch import nn
 from torch.nn import functional as F
-from torchvision.ops import sigmoid_focal_loss
 
 HERE = pathlib.Path(__file__).parent
 
@@ -131,70 +130,6 @@ def ppo_terms(log_probs, values, actions, old_log_probs, old_values, advantage, 
     value = 0.5 * torch.max((values - returns) ** 2, (clipped - returns) ** 2).mean()
     kl = (ratio - 1 - ratio.log()).mean()
     return policy, value, new.entropy().mean(), ((ratio - 1).abs() > clip).float().mean(), kl
-
-
-def loss_fixture() -> None:
-    rows, actions = 40, 21
-    logits = tensor("loss.logits", rows, actions).double() * 2.0
-    values = tensor("loss.values", rows).double()
-    logits.requires_grad_()
-    values.requires_grad_()
-    taken = torch.tensor([(7 * i) % actions for i in range(rows)])
-    log_probs = F.log_softmax(logits, -1)
-    old_log_probs = (log_probs[torch.arange(rows), taken].detach() + 0.3 * tensor("loss.drift", rows)).float().double()
-    terms = ppo_terms(
-        log_probs,
-        values,
-        taken,
-        old_log_probs,
-        (values.detach() + 0.3 * tensor("loss.value_drift", rows)).float().double(),
-        tensor("loss.advantages", rows).double(),
-        tensor("loss.returns", rows).double(),
-        0.1,
-    )
-    policy, value, entropy, fraction, _ = terms
-    assert 0.2 < fraction < 0.9
-    gradients = torch.autograd.grad(policy + 0.5 * value - 0.01 * entropy, [logits, values])
-
-    focal_logits = (tensor("focal.logits", rows) * 6.0).double().requires_grad_()
-    labels = (tensor("focal.labels", rows) > 0.5).double()
-    # Without the class weight α, which the reference does not use.
-    focal = sigmoid_focal_loss(focal_logits, labels, alpha=-1, gamma=2.0)
-    (focal_gradient,) = torch.autograd.grad(focal.mean(), [focal_logits])
-    save_file(
-        {
-            "old_log_probs": old_log_probs.float(),
-            "terms": torch.stack([term.detach() for term in terms]),
-            "gradient.logits": gradients[0].contiguous(),
-            "gradient.values": gradients[1].contiguous(),
-            "focal": focal.detach(),
-            "gradient.focal": focal_gradient.contiguous(),
-        },
-        HERE / "loss.safetensors",
-    )
-
-
-def adam_fixture() -> None:
-    """100 updates under PyTorch's clipping, Adam and linear schedule: a curve fitted by 64 waves, smooth everywhere."""
-    points, waves, updates = 200, 64, 100
-    weights = nn.Parameter(tensor("adam.weights", waves))
-    inputs, target = tensor("adam.inputs", points, waves), tensor("adam.target", points) * 3.0
-    optimizer = torch.optim.Adam([weights], lr=3e-2)
-    schedule = torch.optim.lr_scheduler.LinearLR(optimizer, 1.0, 1.0 / 3.0, total_iters=updates)
-    losses, norms, path = [], [], []
-    for _ in range(updates):
-        loss = (torch.sin(inputs @ weights) - target).square().mean()
-        (weights.grad,) = torch.autograd.grad(loss, [weights])
-        losses.append(loss.item())
-        norms.append(nn.utils.clip_grad_norm_([weights], 0.5).item())
-        optimizer.step()
-        schedule.step()
-        path.append(weights.detach().clone())
-    assert max(norms) > 0.6 and min(norms) < 0.4 and losses[-1] < 0.9 * losses[0]
-    save_file(
-        {"weights": torch.stack(path[9::10]), "losses": torch.tensor(losses), "norms": torch.tensor(norms)},
-        HERE / "adam.safetensors",
-    )
 
 
 def goal_fixture() -> None:
@@ -353,14 +288,6 @@ def run_fixture() -> None:
 # The other auxiliary tasks -------------------------------------------------------------------------------------------
 
 
-class Tasks(nn.Module):
-    def __init__(self, hidden: int, actions: int):
-        super().__init__()
-        names = ["inverse_dynamics", "cpca16"]
-        self.auxiliary = nn.ModuleDict({name: auxiliary_head(name, hidden, actions) for name in names})
-        set_weights(self)
-
-
 def contrast(cpca, embeddings, beliefs, action, questions, elsewhere) -> torch.Tensor:
     """CPC|A's loss over questions (t, n, offset): tensors [T, N, ...]; `elsewhere` maps a cell to the one shown for it."""
     verdicts = []
@@ -381,52 +308,6 @@ def guess(decoder, embeddings, beliefs, action, questions, last) -> torch.Tensor
         known = torch.cat([embeddings[t, n], embeddings[t + 1, n], beliefs[last[t, n], n]])
         guesses.append(F.cross_entropy(decoder(known)[None], action[t, n][None]))
     return torch.stack(guesses).mean()
-
-
-def auxiliary_fixture() -> None:
-    """20 steps of 4 columns with random episode starts, the last column one step shorter; one question at a time."""
-    steps, columns, hidden, actions, horizon = 20, 4, 24, 21, 16
-    tasks = Tasks(hidden, actions)
-    inverse, cpca = tasks.auxiliary["inverse_dynamics"], tasks.auxiliary["cpca16"]
-    embeddings = tensor("auxiliary.embeddings", steps, columns, 544).requires_grad_()
-    beliefs = tensor("auxiliary.beliefs", steps, columns, hidden).requires_grad_()
-    starts = noise("auxiliary.starts", steps * columns).reshape(steps, columns) > 0.8
-    action = torch.tensor([[(3 * t + 5 * n + t * n) % actions for n in range(columns)] for t in range(steps)])
-    length = [steps - (n == columns - 1) for n in range(columns)]
-
-    def same_episode(t: int, later: int, n: int) -> bool:
-        return later < length[n] and not starts[t + 1 : later + 1, n].any()
-
-    def chosen(offset: int) -> np.ndarray:
-        return noise(f"auxiliary.chosen.{offset}", steps * columns).reshape(steps, columns) > 0.4
-
-    valid = [(t, n) for t in range(steps) for n in range(columns) if t < length[n]]
-    order = np.argsort(noise("auxiliary.negatives", len(valid)), kind="stable")
-    elsewhere = {row: valid[other] for row, other in zip(valid, order)}
-
-    def questions(horizon: int) -> list[tuple[int, int, int]]:
-        offsets = [(offset, chosen(offset)) for offset in range(1, horizon + 1)]
-        return [
-            (t, n, offset) for offset, of in offsets for t, n in valid if same_episode(t, t + offset, n) and of[t, n]
-        ]
-
-    last = {
-        (t, n): max(later for later in range(t, length[n]) if later == t or same_episode(t, later, n)) for t, n in valid
-    }
-    inverse_loss = guess(inverse, embeddings, beliefs, action, questions(1), last)
-    cpca_loss = contrast(cpca, embeddings, beliefs, action, questions(horizon), elsewhere)
-
-    out = {}
-    for name, loss, questions in [
-        ("inverse_dynamics", inverse_loss, len(questions(1))),
-        ("cpca16", cpca_loss, len(questions(horizon))),
-    ]:
-        named = [(f"auxiliary.{name}.{rest}", w) for rest, w in tasks.auxiliary[name].named_parameters()]
-        named += [("auxiliary.beliefs", beliefs), ("auxiliary.embeddings", embeddings)]
-        gradients = torch.autograd.grad(loss, [tensor for _, tensor in named])
-        out[f"{name}.loss"] = torch.tensor([loss.item(), float(questions)], dtype=torch.float64)
-        out[f"{name}.gradients"] = probes(sorted(zip([name for name, _ in named], gradients)))
-    save_file(out, HERE / "auxiliary.safetensors")
 
 
 # A batch from a file ---------------------------------------------------------------------------------------------------
@@ -569,11 +450,8 @@ if __name__ == "__main__":
     network_fixture("resnet", encoder="resnet", pool=2, polar=True, previous_action=True, hidden=512, actions=21)
     network_fixture("cnn", encoder="cnn", pool=1, polar=False, previous_action=False, hidden=64, actions=13)
     gae_fixture()
-    loss_fixture()
-    adam_fixture()
     goal_fixture()
     lagrangian_fixture()
-    auxiliary_fixture()
     run_fixture()
     import_fixture()
     probe_fixture(sys.argv[1] if len(sys.argv) > 1 else None)

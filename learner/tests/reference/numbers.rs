@@ -1,22 +1,16 @@
-//! Tasks of numbers alone: `learner probe` against `ppo.py` of `CleanRL`, settings against their formulas, and a pole that is
-//! balanced.
+//! Tasks of numbers alone: `learner probe` against `ppo.py` of `CleanRL`, and settings against their formulas.
 
-use crate::shared::{assert_close, choice, doubles, fixture, noise_tensor, weight_values};
+use crate::repetition::saved_and_loaded;
+use crate::shared::{Probed, assert_close, doubles, fixture, noise_tensor, probe, weight_values};
 use crate::world::{World, mask, masked_config, numbers_config, privileged_config, weights_of};
 use learner::agent::{Agent, StepInput};
-use learner::collector::Noise;
-use learner::network::{ActorCriticOutput, to_vec};
+use learner::network::to_vec;
 use learner::optimizer::Adam;
-use learner::ppo::loss::{Experience, terms};
 use learner::rollout::Outcome;
-use proto::config::{Config, Memory, PpoConfig, Shuffle};
-use proto::episode::EnvironmentId;
+use proto::config::{Config, Memory, Shuffle};
 use proto::metric;
-use proto::run_folder::RunFolder;
 use proto::stage::RolloutShape;
 use proto::task::Spec;
-use std::collections::BTreeMap;
-use std::process::Command;
 use tch::{Device, Kind, Tensor};
 
 const STEPS: i64 = 16;
@@ -130,83 +124,48 @@ fn a_probe_finds_what_cleanrl_computes() {
         let agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
         let value = |(name, weight): (String, Tensor)| (name.clone(), weight_values(&name, &weight.size()));
         let weights: Vec<(String, Tensor)> = weights_of(&agent).into_iter().map(value).collect();
-        compare(case, task, &weights, &batch(case, choices), &settings, &expected);
+        let batch = batch(case, choices);
+        let statistics = [
+            ("observation_norm.running_mean", noise_tensor("cleanrl.mean", &[INPUTS])),
+            ("observation_norm.running_var", noise_tensor("cleanrl.var", &[INPUTS]) + 1.25),
+            // Count, mean, squares of deviations.
+            ("statistics.returns", Tensor::from_slice(&[500.0f64, 3.0, 8.0])),
+        ];
+        let statistics = statistics.iter().filter(|_| case == "normalized").map(|(name, one)| (*name, one));
+        let all: Vec<_> = weights.iter().map(|(name, weight)| (name.as_str(), weight)).chain(statistics).collect();
+        let Probed { good, said, found, .. } = probe(&all, &batch, &settings, Some(task.text()));
+        assert!(good, "{case}: {said}");
+        let mut compared = 0;
+        for (name, theirs) in &expected {
+            let Some(name) = name.strip_prefix(&format!("{case}.")) else { continue };
+            let ours = found.get(name).unwrap_or_else(|| panic!("{name} is missing"));
+            // What a mask forbids has no probability, and would hide other differences.
+            let ours = if name == "log_probs" { ours.masked_fill(&ours.lt(-9e7), 0.0) } else { ours.shallow_clone() };
+            assert_close(&format!("{case}: {name}"), &ours.view(theirs.size().as_slice()), theirs, 1e-5);
+            compared += 1;
+        }
+        // A Gaussian has a table more, and its deviations; what remembers has beliefs, and states at the end.
+        let gaussian = usize::from(weights.iter().any(|(name, _)| name == "log_std"));
+        let of_memory = if case == "lstm" { 2 } else { 0 };
+        assert_eq!((compared, weights.len()), (11 + gaussian + of_memory + weights.len(), 12 + gaussian), "{case}");
     }
-}
-
-fn compare(
-    case: &str,
-    task: &Spec,
-    weights: &[(String, Tensor)],
-    batch: &[(&str, Tensor)],
-    settings: &str,
-    expected: &BTreeMap<String, Tensor>,
-) {
-    let folder = tempfile::tempdir().expect("a folder for the files");
-    let path = |name: &str| folder.path().join(name);
-    let statistics = [
-        ("observation_norm.running_mean", noise_tensor("cleanrl.mean", &[INPUTS])),
-        ("observation_norm.running_var", noise_tensor("cleanrl.var", &[INPUTS]) + 1.25),
-        // Count, mean, squares of deviations.
-        ("statistics.returns", Tensor::from_slice(&[500.0f64, 3.0, 8.0])),
-    ];
-    let statistics = statistics.iter().filter(|_| case == "normalized").map(|(name, one)| (*name, one));
-    let all = weights.iter().map(|(name, weight)| (name.as_str(), weight)).chain(statistics);
-    Tensor::write_safetensors(&all.collect::<Vec<_>>(), path("weights")).expect("weights are written");
-    Tensor::write_safetensors(batch, path("batch")).expect("a batch is written");
-    std::fs::write(RunFolder::new(folder.path()).task(), task.text()).expect("the task is written");
-    std::fs::write(path("config"), settings).expect("settings");
-    let task_file = RunFolder::new(folder.path()).task();
-    let run = Command::new(env!("CARGO_BIN_EXE_learner"))
-        .args(["probe", "--weights", "weights", "--batch", "batch", "--out", "out", "--config", "config"])
-        .args(["--preset", "gym", "--task"])
-        .arg(task_file)
-        .current_dir(folder.path())
-        .output()
-        .expect("the learner starts");
-    assert!(run.status.success(), "{case}: {run:?}");
-    let found: BTreeMap<String, Tensor> =
-        Tensor::read_safetensors(path("out")).expect("it is written").into_iter().collect();
-    let mut compared = 0;
-    for (name, theirs) in expected {
-        let Some(name) = name.strip_prefix(&format!("{case}.")) else { continue };
-        let ours = found.get(name).unwrap_or_else(|| panic!("{name} is missing"));
-        // What a mask forbids has no probability, and would hide other differences.
-        let ours = if name == "log_probs" { ours.masked_fill(&ours.lt(-9e7), 0.0) } else { ours.shallow_clone() };
-        assert_close(&format!("{case}: {name}"), &ours.view(theirs.size().as_slice()), theirs, 1e-5);
-        compared += 1;
-    }
-    // A Gaussian has a table more, and its deviations; what remembers has beliefs, and states at the end.
-    let gaussian = usize::from(weights.iter().any(|(name, _)| name == "log_std"));
-    let of_memory = if case == "lstm" { 2 } else { 0 };
-    assert_eq!(compared, 11 + gaussian + of_memory + weights.len(), "{case}");
-    assert_eq!(weights.len(), 12 + gaussian, "{case}");
 }
 
 #[test]
-fn values_are_clipped_unless_they_are_not_to_be() {
-    let [values, old, returns] = [[0.5f32, 0.0], [0.0, 0.0], [1.0, 0.1]];
-    let zeros = || Tensor::from_slice(&[0.0f32, 0.0]);
-    let output = ActorCriticOutput {
-        policy: choice(Tensor::from_slice(&[0.5f32.ln(); 4]).view([2, 2])),
-        values: Tensor::from_slice(&values),
-    };
-    let experience = Experience {
-        actions: Tensor::from_slice(&[0i64, 1]).view([2, 1]),
-        masks: None,
-        log_probs: zeros(),
-        values: Tensor::from_slice(&old),
-        advantages: zeros(),
-        returns: Tensor::from_slice(&returns),
-    };
-    let loss = |clip_value: bool| {
-        let ppo = PpoConfig { clip: 0.2, clip_value, ..PpoConfig::default() };
-        terms(&output, &experience, &ppo, 2).value.double_value(&[])
-    };
-    // The first value may count as 0.2 only, and is 0.8 away then.
-    let expected = |errors: [f64; 2]| 0.5 * (errors[0].powi(2) + errors[1].powi(2)) / 2.0;
-    assert!((loss(true) - expected([0.8, 0.1])).abs() < 1e-7, "{}", loss(true));
-    assert!((loss(false) - expected([0.5, 0.1])).abs() < 1e-7, "{}", loss(false));
+fn a_state_of_numbers_is_saved_and_loaded() {
+    let memories = [Memory::None, Memory::Gru, Memory::Lstm];
+    for (memory, all) in memories.into_iter().flat_map(|memory| [(memory, false), (memory, true)]) {
+        let mut config = numbers_config(memory);
+        if all {
+            with_all(&mut config);
+        }
+        // Other weights at first; but frames are dealt out by the seed.
+        let (mut agent, mut world) = saved_and_loaded(&config, if all { config.seed } else { 99 }, false);
+        let is_statistics = |name: &&String| name.starts_with("statistics.");
+        assert_eq!(agent.state().tensors.keys().filter(is_statistics).count(), if all { 2 } else { 0 });
+        world.collect(&mut agent, 3, 4).expect("finite");
+        assert_eq!(agent.rollout_tensors()["rollout.numbers"].size(), [6, 4, 9], "{memory:?}");
+    }
 }
 
 #[test]
@@ -251,47 +210,6 @@ fn epochs_end_where_the_policy_has_gone_as_far_as_it_may() {
     assert_eq!(steps(1e3).0, 16);
     let (some, _) = steps(mean);
     assert!(some > 2 && some < 16 && some % 2 == 0, "{some}");
-}
-
-#[test]
-fn the_same_calls_give_the_same_bits_also_through_a_saved_state() {
-    let memories = [Memory::None, Memory::Gru, Memory::Lstm];
-    for (memory, all) in memories.into_iter().flat_map(|memory| [(memory, false), (memory, true)]) {
-        let mut config = numbers_config(memory);
-        if all {
-            with_all(&mut config);
-        }
-        let train = |agent: &mut Agent, world: &mut World, rollouts: std::ops::Range<usize>| {
-            for rollout in rollouts {
-                world.collect(agent, rollout, if rollout == 1 { 2 } else { 4 }).expect("finite");
-                agent.update(0.1 * rollout as f64, rollout as u64).expect("finite");
-            }
-        };
-        let (mut straight, mut world) = (Agent::new(&config, Device::Cpu).expect("fresh"), World::new(&config));
-        train(&mut straight, &mut world, 0..3);
-        let (mut first, mut world) = (Agent::new(&config, Device::Cpu).expect("fresh"), World::new(&config));
-        train(&mut first, &mut world, 0..2);
-        // Other weights at first; but frames are dealt out by the seed.
-        let seed = if all { config.seed } else { 99 };
-        let mut second = Agent::new(&Config { seed, ..config.clone() }, Device::Cpu).expect("fresh");
-        second.load_state(&first.state()).expect("the state fits");
-        train(&mut second, &mut world, 2..3);
-        assert_eq!(second.weights_digest(), straight.weights_digest(), "{memory:?}");
-        let statistics = |agent: &Agent| {
-            let tensors = agent.state().tensors.into_iter();
-            tensors
-                .filter(|(name, _)| name.starts_with("statistics."))
-                .map(|(_, one)| doubles(&one))
-                .collect::<Vec<_>>()
-        };
-        assert_eq!(statistics(&second), statistics(&straight));
-        assert_eq!(statistics(&second).len(), if all { 2 } else { 0 });
-        let dumped = {
-            world.collect(&mut second, 3, 4).expect("finite");
-            second.rollout_tensors()
-        };
-        assert_eq!(dumped["rollout.numbers"].size(), [6, 4, 9], "{memory:?}");
-    }
 }
 
 /// Nothing that is forbidden is chosen, by chance or without noise, and the update begins with the policy that acted.
@@ -473,115 +391,4 @@ fn a_truncated_episode_is_valued_by_what_was_seen_last() {
             assert!((f64::from(found) - by_hand).abs() < 1e-6, "{found} is not {by_hand}");
         }
     }
-}
-
-/// A pole on a cart (Barto, Sutton and Anderson 1983) with Gymnasium's constants.
-#[derive(Clone, Copy, Default)]
-struct Pole {
-    state: [f64; 4],
-    episode: u32,
-    step: u32,
-}
-
-impl Pole {
-    fn start(column: usize, episode: u32) -> Self {
-        let drawn = noise_tensor(&format!("pole.{column}.{episode}"), &[4]) * 0.05;
-        let state = <[f64; 4]>::try_from(doubles(&drawn)).expect("four");
-        Self { state, episode, step: 0 }
-    }
-
-    /// Whether the episode ends with this action.
-    fn push(&mut self, right: bool) -> bool {
-        let [x, v, angle, turn] = self.state;
-        let force = if right { 10.0 } else { -10.0 };
-        let (sin, cos) = angle.sin_cos();
-        let pushed = (force + 0.05 * turn * turn * sin) / 1.1;
-        let turning = (9.8 * sin - cos * pushed) / (0.5 * (4.0 / 3.0 - 0.1 * cos * cos / 1.1));
-        let moving = pushed - 0.05 * turning * cos / 1.1;
-        self.state = [x + 0.02 * v, v + 0.02 * moving, angle + 0.02 * turn, turn + 0.02 * turning];
-        self.step += 1;
-        self.state[0].abs() > 2.4 || self.state[2].abs() > 12f64.to_radians() || self.step >= 500
-    }
-}
-
-const CART_POLE: &str = r#"
-name = "test_cart_pole"
-[actions]
-kind = "discrete"
-names = ["left", "right"]
-[[channels]]
-name = "upright"
-role = "part"
-dtype = "f32"
-values = [0, 1]
-doc = "1: the pole stands."
-[[channels]]
-name = "state"
-role = "observation"
-dtype = "f32"
-shape = [4]
-range = [-1e6, 1e6]
-doc = "Place, speed, angle, its speed."
-[[rewards]]
-name = "r"
-terms = [["upright", 1.0]]
-"#;
-
-/// With the constants of the preset the pole stands for hundreds of steps after a fifth of its frames, instead of twenty.
-#[test]
-fn a_pole_is_balanced() {
-    Spec::declare(&CART_POLE.replace("\"state\"", "\"motion\"")).expect("a sound task");
-    let config = Config::resolve_with("gym", Some(("task = \"test_cart_pole\"", "a test"))).expect("it fits");
-    let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
-    let columns: Vec<usize> = (0..config.environments()).collect();
-    let steps = config.ppo.rollout_steps as usize;
-    let mut poles: Vec<Pole> = columns.iter().map(|&column| Pole::start(column, 0)).collect();
-    let (mut previous, mut lengths) = (vec![0; columns.len()], vec![]);
-    let see = |agent: &mut Agent, poles: &[Pole], previous: &[u8], t: Option<usize>| -> Vec<u8> {
-        let numbers: Vec<f32> = poles.iter().flat_map(|pole| pole.state).map(|number| number as f32).collect();
-        let starts: Vec<bool> = poles.iter().map(|pole| pole.step == 0).collect();
-        let mut noise = vec![];
-        for (&column, pole) in columns.iter().zip(poles) {
-            Noise::Gumbel(2).draw(1, EnvironmentId::of(column as u32, 0, 1), pole.episode, pole.step, &mut noise);
-        }
-        let input = StepInput {
-            columns: &columns,
-            frames: &[],
-            images: &[],
-            numbers: &numbers,
-            previous_action: previous,
-            episode_start: &starts,
-            masks: &[],
-            gumbel: &noise,
-        };
-        match t {
-            Some(t) => agent.step(t, &input).expect("finite").actions,
-            None => agent.bootstrap(&input).map(|()| vec![]).expect("finite"),
-        }
-    };
-    let rollouts = 120;
-    for rollout in 0..rollouts {
-        agent.begin_rollout(RolloutShape::next(u64::MAX, steps, columns.len()));
-        for t in 0..steps {
-            previous = see(&mut agent, &poles, &previous, Some(t));
-            for (&column, pole) in columns.iter().zip(&mut poles) {
-                let ended = pole.push(previous[column] == 1);
-                agent.record(t, column, Outcome { reward: 1.0, ended, ..Outcome::default() });
-                if ended {
-                    lengths.push((rollout, pole.step));
-                    *pole = Pole::start(column, pole.episode + 1);
-                }
-            }
-        }
-        see(&mut agent, &poles, &previous, None);
-        agent.update(rollout as f64 / 586.0, rollout as u64).expect("finite");
-    }
-    let mean = |from: usize, to: usize| {
-        let of: Vec<f64> =
-            lengths.iter().filter(|(at, _)| (from..to).contains(at)).map(|(_, length)| f64::from(*length)).collect();
-        of.iter().sum::<f64>() / of.len() as f64
-    };
-    let [first, last] = [mean(0, 2), mean(rollouts - 10, rollouts)];
-    assert!(first < 40.0 && last > 150.0, "episodes of {first} steps became episodes of {last}");
-    assert!(weights_of(&agent).values().flat_map(to_vec).all(f32::is_finite));
 }

@@ -1,6 +1,8 @@
 //! Batches from files.
 
-use crate::shared::{assert_close, assert_probes, depth_mm, doubles, fixture, goal_m, noise_tensor, weight_values};
+use crate::shared::{
+    Probed, assert_close, assert_probes, depth_mm, doubles, fixture, goal_m, noise_tensor, probe, weight_values,
+};
 use crate::world::small_config;
 use learner::agent::Agent;
 use learner::auxiliary::{Auxiliary, Sizes};
@@ -10,7 +12,6 @@ use proto::config::{AuxiliaryTask, Config, Encoder, EncoderPrecision};
 use proto::metric;
 use proto::task::ActionSpace;
 use std::collections::BTreeMap;
-use std::process::Command;
 use tch::{Device, Kind, Tensor};
 
 /// What `probe_batch` of the script makes: 7 steps of 4 columns, the last two of which have 6.
@@ -57,8 +58,6 @@ fn probe_batch(task: &str, actions: i64, hidden: i64) -> Vec<(&'static str, Tens
 #[test]
 fn a_probe_finds_what_the_reference_finds() {
     let expected = fixture("probe");
-    let folder = tempfile::tempdir().expect("a folder for the files");
-    let path = |name: &str| folder.path().join(name);
     for (task, auxiliary, encoder, space, hidden, settings) in [
         ("disturb", AuxiliaryTask::Disturb, Encoder::Cnn, "small", 32, "ppo.normalize_advantages = true\n"),
         ("cpca16", AuxiliaryTask::Cpca16, Encoder::Cnn, "large", 24, "network.goal = \"cartesian\"\n"),
@@ -77,25 +76,15 @@ fn a_probe_finds_what_the_reference_finds() {
         });
         let weights: Vec<(String, Tensor)> =
             network.parameters.named().map(|(name, w)| (name.to_owned(), weight_values(name, &w.size()))).collect();
-        Tensor::write_safetensors(&weights, path("weights")).expect("weights are written");
         let batch = probe_batch(task, actions, i64::from(hidden));
-        Tensor::write_safetensors(&batch, path("batch")).expect("a batch is written");
-        std::fs::write(path("config"), format!("auxiliary.subsample = 1.0\n{settings}")).expect("settings");
-        let run = Command::new(env!("CARGO_BIN_EXE_learner"))
-            .args(["probe", "--weights", "weights", "--batch", "batch", "--out", "out", "--config", "config"])
-            .current_dir(folder.path())
-            .output()
-            .expect("the learner starts");
-        assert!(run.status.success(), "{task}: {run:?}");
-        let found: BTreeMap<String, Tensor> =
-            Tensor::read_safetensors(path("out")).expect("it is written").into_iter().collect();
-
+        let settings = format!("auxiliary.subsample = 1.0\n{settings}");
+        let Probed { good, printed, said, found } = probe(&weights, &batch, &settings, None);
+        assert!(good, "{task}: {said}");
         let expected = |name: &str| &expected[&format!("{task}.{name}")];
         for name in ["log_probs", "values", "advantages", "returns"] {
             assert_close(&format!("{task}: {name}"), &found[name], expected(name), 1e-5);
         }
         let figures = SCALARS.into_iter().chain(["loss/total", metric::GRADIENT_NORM]);
-        let printed = String::from_utf8(run.stdout).expect("text");
         for (name, theirs) in figures.zip(doubles(expected("figures"))) {
             let ours = found[name].double_value(&[]);
             assert!((ours - theirs).abs() < 1e-5 * theirs.abs().max(0.1), "{task}: {name}: {ours} is not {theirs}");
@@ -119,18 +108,10 @@ fn a_probe_finds_what_the_reference_finds() {
     }
 }
 
-/// Runs the probe on these files: whether it went well, and what it printed on standard error.
-fn probe(weights: &[(String, Tensor)], batch: &[(&str, Tensor)]) -> (bool, String) {
-    let folder = tempfile::tempdir().expect("a folder for the files");
-    let path = |name: &str| folder.path().join(name);
-    Tensor::write_safetensors(weights, path("weights")).expect("weights are written");
-    Tensor::write_safetensors(batch, path("batch")).expect("a batch is written");
-    let run = Command::new(env!("CARGO_BIN_EXE_learner"))
-        .args(["probe", "--weights", "weights", "--batch", "batch", "--out", "out"])
-        .current_dir(folder.path())
-        .output()
-        .expect("the learner starts");
-    (run.status.success(), String::from_utf8(run.stderr).expect("text"))
+/// Whether a probe of these went well, and what it printed on standard error.
+fn tried(weights: &[(String, Tensor)], batch: &[(&str, Tensor)]) -> (bool, String) {
+    let Probed { good, said, .. } = probe(weights, batch, "", None);
+    (good, said)
 }
 
 /// The state of a small agent, as a checkpoint has it.
@@ -156,7 +137,7 @@ fn a_batch_that_cannot_be_probed_is_named() {
         tensor
     };
     // What is not there is not looked at: the last two environments bootstrap from their value in the last step.
-    let (good, text) = probe(&weights, &change("bootstrap", Tensor::from_slice(&[0.5f32, 0.5, f32::NAN, f32::NAN])));
+    let (good, text) = tried(&weights, &change("bootstrap", Tensor::from_slice(&[0.5f32, 0.5, f32::NAN, f32::NAN])));
     assert!(good && !text.contains("contradicts"), "{text}");
     for (batch, problem) in [
         (batch().into_iter().skip(1).collect(), "tensor `frames` is missing"),
@@ -178,7 +159,7 @@ fn a_batch_that_cannot_be_probed_is_named() {
         (change("bootstrap", Tensor::from_slice(&[0.5f32, f32::INFINITY, 0.0, 0.0])), "`bootstrap` holds inf at [1]"),
         (change("frames", Tensor::full([7, 4, 56, 56], f64::NAN, float)), "`frames` is not finite"),
     ] {
-        let (good, text) = probe(&weights, &batch);
+        let (good, text) = tried(&weights, &batch);
         assert!(!good && text.contains(problem) && text.contains("batch: "), "{problem}: {text}");
     }
 }
@@ -188,9 +169,9 @@ fn weights_that_cannot_be_probed_are_named() {
     let weights = small_agent();
     let batch = || probe_batch("disturb", 13, 32);
     // An agent's state, as in a checkpoint: only what is its model counts.
-    let (good, text) = probe(&weights, &batch());
+    let (good, text) = tried(&weights, &batch());
     assert!(good, "{text}");
-    let (good, text) = probe(&weights[1..], &batch());
+    let (good, text) = tried(&weights[1..], &batch());
     assert!(good, "moments are no weights: {text}");
 
     let with = |name: &str, other: Tensor| {
@@ -201,46 +182,34 @@ fn weights_that_cannot_be_probed_are_named() {
     };
     let float = |size: &[i64]| Tensor::zeros(size, (Kind::Float, Device::Cpu));
     for hidden in [0, 100_000] {
-        let text = probe(&with("model.actor.weight", float(&[13, hidden])), &batch()).1;
+        let text = tried(&with("model.actor.weight", float(&[13, hidden])), &batch()).1;
         assert!(text.contains(&format!("network.hidden = {hidden}: must be 8 to 4096")), "{text}");
     }
-    let text = probe(&with("model.critic.bias", float(&[1]) / 0.0), &batch()).1;
+    let text = tried(&with("model.critic.bias", float(&[1]) / 0.0), &batch()).1;
     assert!(text.contains("weights: tensor `critic.bias` is not finite"), "{text}");
     let mut fewer = weights.iter().map(|(name, weight)| (name.clone(), weight.shallow_clone())).collect::<Vec<_>>();
     fewer.retain(|(name, _)| name != "model.critic.bias");
-    assert!(probe(&fewer, &batch()).1.contains("weights: tensor `critic.bias` is missing"));
+    assert!(tried(&fewer, &batch()).1.contains("weights: tensor `critic.bias` is missing"));
     fewer.push(("model.critic.bias".to_owned(), Tensor::zeros([1], (Kind::Float, Device::Cpu))));
     fewer.push(("model.other".to_owned(), Tensor::zeros([1], (Kind::Float, Device::Cpu))));
-    assert!(probe(&fewer, &batch()).1.contains("`other` has no place in this network"));
+    assert!(tried(&fewer, &batch()).1.contains("`other` has no place in this network"));
 }
 
 /// A dump has the agent's own tensors beside the batch, and is both files.
 #[test]
 fn the_dump_of_a_run_is_weights_and_batch() {
-    let agent = Agent::new(&small_config(), Device::Cpu).expect("a fresh agent");
-    let folder = tempfile::tempdir().expect("a folder for the files");
-    let mut dump: Vec<(String, Tensor)> = agent.state().tensors.into_iter().collect();
+    let mut dump = small_agent();
     dump.retain(|(name, _)| name != "beliefs");
     for (name, tensor) in probe_batch("disturb", 13, 32) {
         dump.push((if name == "beliefs" { name.to_owned() } else { format!("rollout.{name}") }, tensor));
     }
-    Tensor::write_safetensors(&dump, folder.path().join("dump")).expect("a dump is written");
-    let run = Command::new(env!("CARGO_BIN_EXE_learner"))
-        .args(["probe", "--weights", "dump", "--batch", "dump", "--out", "out"])
-        .current_dir(folder.path())
-        .output()
-        .expect("the learner starts");
-    assert!(run.status.success(), "{run:?}");
+    let Probed { good, said, .. } = probe(&dump, &dump, "", None);
+    assert!(good, "{said}");
 }
 
 /// Ends without starts ran without a word.
 #[test]
 fn an_end_that_the_next_step_does_not_follow_is_warned_of() {
-    let agent = Agent::new(&small_config(), Device::Cpu).expect("a fresh agent");
-    let folder = tempfile::tempdir().expect("a folder for the files");
-    let path = |name: &str| folder.path().join(name);
-    let weights: Vec<(String, Tensor)> = agent.state().tensors.into_iter().collect();
-    Tensor::write_safetensors(&weights, path("weights")).expect("weights are written");
     let batch = probe_batch("disturb", 13, 32);
     let start = &batch.iter().find(|(name, _)| *name == "episode_start").expect("it is there").1;
     // Two starts are turned around; the first step's has nothing before it.
@@ -248,39 +217,24 @@ fn an_end_that_the_next_step_does_not_follow_is_warned_of() {
         let mut cell = start.get(t).get(n);
         let _ = cell.logical_not_();
     }
-    Tensor::write_safetensors(&batch, path("batch")).expect("a batch is written");
-    let run = Command::new(env!("CARGO_BIN_EXE_learner"))
-        .args(["probe", "--weights", "weights", "--batch", "batch", "--out", "out"])
-        .current_dir(folder.path())
-        .output()
-        .expect("the learner starts");
-    let said = String::from_utf8_lossy(&run.stderr);
+    let (good, said) = tried(&small_agent(), &batch);
     let warning = "contradicts the next step's `episode_start` in 2 of the cells, first at step 2 of environment 1";
-    assert!(run.status.success() && said.contains(warning), "{said}");
+    assert!(good && said.contains(warning), "{said}");
 }
 
 /// It computed in float32, whatever the configuration asked for.
 #[test]
 fn a_probe_computes_in_the_precision_that_training_would() {
-    let folder = tempfile::tempdir().expect("a folder for the files");
-    let path = |name: &str| folder.path().join(name);
-    Tensor::write_safetensors(&probe_batch("disturb", 13, 32), path("batch")).expect("a batch is written");
-    std::fs::write(path("config"), "learner.encoder_precision = \"bfloat16\"\n").expect("settings");
     for encoder in [Encoder::Cnn, Encoder::Resnet] {
         let mut config = small_config();
         config.network.encoder = encoder;
         let agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
         let weights: Vec<(String, Tensor)> = agent.state().tensors.into_iter().collect();
-        Tensor::write_safetensors(&weights, path("weights")).expect("weights are written");
         config.learner.encoder_precision = EncoderPrecision::Bfloat16;
         let training = Agent::new(&config, Device::Cpu).expect_err("there is no GPU").to_string();
         assert!(training.starts_with("learner.encoder_precision is \"bfloat16\": "), "{training}");
-        let run = Command::new(env!("CARGO_BIN_EXE_learner"))
-            .args(["probe", "--weights", "weights", "--batch", "batch", "--out", "out", "--config", "config"])
-            .current_dir(folder.path())
-            .output()
-            .expect("the learner starts");
-        let said = String::from_utf8_lossy(&run.stderr);
-        assert!(!run.status.success() && said.contains(&training), "{said}");
+        let settings = "learner.encoder_precision = \"bfloat16\"\n";
+        let Probed { good, said, .. } = probe(&weights, &probe_batch("disturb", 13, 32), settings, None);
+        assert!(!good && said.contains(&training), "{said}");
     }
 }

@@ -1,9 +1,10 @@
 //! What the script and the tests share: numbers that both make, and how ours are compared with its.
 
-use learner::network::{Distribution, RawFrame};
+use learner::network::RawFrame;
 use proto::camera::{FRAME_PIXELS, FRAME_SIDE};
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::process::Command;
 use tch::{Kind, Tensor};
 
 /// `noise` of the script.
@@ -46,11 +47,6 @@ pub fn weight_values(name: &str, shape: &[i64]) -> Tensor {
     Tensor::from_slice(&values).view(shape)
 }
 
-/// A policy of one choice.
-pub fn choice(log_probs: Tensor) -> Distribution {
-    Distribution::Categorical { choices: vec![log_probs.size()[1]], log_probs }
-}
-
 pub fn depth_mm(t: usize, n: usize) -> Box<RawFrame> {
     let tiles = noise(&format!("frame.{t}.{n}"), 28 * 28);
     let mut frame: Box<RawFrame> = vec![0; FRAME_PIXELS].try_into().expect("a frame's pixels");
@@ -65,6 +61,38 @@ pub fn depth_mm(t: usize, n: usize) -> Box<RawFrame> {
 pub fn goal_m(t: usize, n: usize) -> [f32; 3] {
     let values = noise_f32(&format!("goal.{t}.{n}"), 3);
     [values[0] * 2.0, values[1] * 2.0, values[2] * 2.0]
+}
+
+/// What `learner probe` found, and said.
+pub struct Probed {
+    pub good: bool,
+    pub printed: String,
+    pub said: String,
+    pub found: BTreeMap<String, Tensor>,
+}
+
+/// `learner probe` with files of these; `task`: a declaration.
+pub fn probe(
+    weights: &[(impl AsRef<str>, impl AsRef<Tensor>)],
+    batch: &[(impl AsRef<str>, impl AsRef<Tensor>)],
+    settings: &str,
+    task: Option<&str>,
+) -> Probed {
+    let folder = tempfile::tempdir().expect("a folder for the files");
+    let path = |name: &str| folder.path().join(name);
+    Tensor::write_safetensors(weights, path("weights")).expect("weights are written");
+    Tensor::write_safetensors(batch, path("batch")).expect("a batch is written");
+    std::fs::write(path("config"), settings).expect("settings");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_learner"));
+    command.args(["probe", "--weights", "weights", "--batch", "batch", "--out", "out", "--config", "config"]);
+    if let Some(task) = task {
+        std::fs::write(path("task.toml"), task).expect("the task is written");
+        command.args(["--preset", "gym", "--task", "task.toml"]);
+    }
+    let run = command.current_dir(folder.path()).output().expect("the learner starts");
+    let [printed, said] = [run.stdout, run.stderr].map(|text| String::from_utf8(text).expect("text"));
+    let found = Tensor::read_safetensors(path("out")).unwrap_or_default().into_iter().collect();
+    Probed { good: run.status.success(), printed, said, found }
 }
 
 pub fn fixture(name: &str) -> BTreeMap<String, Tensor> {

@@ -141,7 +141,7 @@ pub(super) fn all() -> Vec<Preset> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{AuxiliaryTask, CarriedGoal, Config, Encoder, GoalCoordinates};
+    use super::super::{CarriedGoal, Config};
     use super::*;
     use std::collections::BTreeSet;
 
@@ -168,39 +168,6 @@ mod tests {
                 );
             }
         }
-    }
-
-    #[test]
-    fn rows_are_what_their_names_say() {
-        let two = config("disturb-two-stage");
-        assert_eq!(two.validation.every_frames, 1_000_000);
-        let validation = Config::default().validation;
-        assert_eq!(Config { preset: "paper".into(), validation, ..two }, Config::default());
-
-        let original = config("original-stage1-20m");
-        assert_eq!((original.network.encoder, original.network.input_pool), (Encoder::Cnn, 1));
-        assert_eq!(original.network.goal, GoalCoordinates::Cartesian);
-        assert!(original.ppo.normalize_advantages && !original.network.previous_action);
-        assert_eq!(original.auxiliary.task, AuxiliaryTask::None);
-        assert_eq!(original.stages.len(), 1);
-
-        let scratch = config("cpca16-scratch-45m");
-        assert_eq!(scratch.auxiliary.task, AuxiliaryTask::Cpca16);
-        assert_eq!((&*scratch.stages[0].reward, scratch.stages[0].frames), ("r_prime", 45_000_000));
-
-        let ablation = config("ablation-cnn-plain-action-polar");
-        assert_eq!(ablation.episode.action_space.name(), "small");
-        assert!(ablation.network.previous_action && !ablation.ppo.normalize_advantages);
-        assert_eq!(ablation.network.goal, GoalCoordinates::Polar);
-
-        let unweighted = config("lambda-0");
-        assert_eq!((unweighted.reward.weights["lambda_disturb"], unweighted.stages.len()), (0.0, 2));
-        assert_eq!(config("lambda-25").reward.weights["lambda_disturb"], 25.0);
-        let lagrangian = config("lagrangian-15");
-        assert_eq!(lagrangian.reward.lagrangian.initial, 15.0);
-        assert_eq!((&*lagrangian.stages[0].reward, lagrangian.stages[0].frames), ("lagrangian", 45_000_000));
-        assert_eq!((lagrangian.stages.len(), lagrangian.auxiliary.task), (1, AuxiliaryTask::None));
-        assert_eq!(config("small-disturb-two-stage").stages.len(), 2);
     }
 
     /// Presets with the paper's constants have the reference's sign and learning-rate schedule; presets with own

@@ -106,7 +106,7 @@ pub(super) fn merged(name: &str) -> Result<toml::Table, ConfigError> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{CarriedGoal, Config, KitchenSource};
+    use super::super::{CarriedGoal, Config};
     use super::*;
     use std::collections::BTreeSet;
 
@@ -123,34 +123,6 @@ mod tests {
             assert_eq!(config.preset, preset.name);
             assert_eq!(Config::from_toml(&config.to_toml(), "round trip").unwrap(), config);
         }
-    }
-
-    #[test]
-    fn procedural_presets_differ_from_their_bases_in_the_kitchens_alone() {
-        let shown = [
-            ("recipe-procedural", "recipe", 1000),
-            ("procedural-100", "short-two-stage", 100),
-            ("procedural-1000", "short-two-stage", 1000),
-            ("procedural-10000", "short-two-stage", 10_000),
-        ];
-        for (name, base, count) in shown {
-            let (config, base) = (Config::resolve(name, None).unwrap(), Config::resolve(base, None).unwrap());
-            assert_eq!((config.kitchens.source, config.kitchens.count), (KitchenSource::Procedural, count));
-            assert_eq!(base.kitchens.source, KitchenSource::BuiltIn);
-            assert_eq!(Config { preset: base.preset.clone(), kitchens: base.kitchens, ..config }, base);
-        }
-    }
-
-    #[test]
-    fn procedural_scratch_differs_from_recipe_procedural_in_its_stage_and_learning_rate() {
-        let [config, base] =
-            ["procedural-scratch", "recipe-procedural"].map(|name| Config::resolve(name, None).unwrap());
-        let [stage] = &config.stages[..] else { panic!("{:?}", config.stages) };
-        assert_eq!((&*stage.reward, stage.frames, config.ppo.learning_rate_end), ("r_prime", 45_000_000, 0.05));
-        assert_eq!(stage.frames, base.stages.iter().map(|stage| stage.frames).sum::<u64>());
-        let mut same = Config { preset: base.preset.clone(), stages: base.stages.clone(), ..config };
-        same.ppo.learning_rate_end = base.ppo.learning_rate_end;
-        assert_eq!(same, base);
     }
 
     #[test]
@@ -199,16 +171,5 @@ mod tests {
         std::fs::write(&path, "[actors]\ncount = 0\n").unwrap();
         let message = Config::resolve("paper", Some(&path)).unwrap_err().to_string();
         assert!(message.contains("actors.count = 0"), "{message}");
-    }
-
-    #[test]
-    fn a_file_overlays_a_preset_key_by_key() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("mine.toml");
-        std::fs::write(&path, "[ppo]\nepochs = 2\n").unwrap();
-        let config = Config::resolve("demo", Some(&path)).unwrap();
-        let demo = Config::resolve("demo", None).unwrap();
-        assert_eq!(config.ppo.epochs, 2);
-        assert_eq!(config.ppo.rollout_steps, demo.ppo.rollout_steps);
     }
 }

@@ -408,6 +408,9 @@ mod tests {
         assert!(found.contains("learner.deterministic = false: must be true where learner.shards is not 0"), "{found}");
         let found = problem(4, 2, 4, &|config| config.ppo.preemption_share = 0.6).unwrap_err();
         assert!(found.contains("ppo.preemption_share = 0.6: must be 0 where learner.shards is not"), "{found}");
+        let both = |config: &mut Config| (config.ppo.overlap, config.ppo.preemption_share) = (true, 0.6);
+        let found = problem(4, 2, 0, &both).unwrap_err();
+        assert!(found.contains("ppo.overlap = true: must be false where ppo.preemption_share is above 0"), "{found}");
     }
 
     #[test]

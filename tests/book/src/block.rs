@@ -89,7 +89,7 @@ impl Block {
         let joined = self.text.replace("\\\n", " ");
         let mut found = vec![];
         for line in joined.lines() {
-            let words = words(line);
+            let words: Vec<String> = shlex::Shlex::new(line).collect();
             for command in words.split(|word| ["|", "&&", "||", ";", "&", "--", ">"].contains(&word.as_str())) {
                 let at = command
                     .iter()
@@ -110,35 +110,6 @@ impl Block {
 /// The last part of a path.
 fn name_of(word: &str) -> &str {
     word.rsplit('/').next().unwrap_or_default()
-}
-
-/// The words of a line of shell without its comment; quotes hold words together.
-fn words(line: &str) -> Vec<String> {
-    let mut found: Vec<String> = vec![];
-    let mut quote = None;
-    let mut begun = false;
-    for letter in line.chars() {
-        match (quote, letter) {
-            (None, '#') if !begun => break,
-            (None, '\'' | '"') => {
-                quote = Some(letter);
-                if !begun {
-                    found.push(String::new());
-                    begun = true;
-                }
-            }
-            (Some(open), _) if open == letter => quote = None,
-            (None, _) if letter.is_whitespace() => begun = false,
-            _ => {
-                if !begun {
-                    found.push(String::new());
-                    begun = true;
-                }
-                found.last_mut().expect("a word has begun").push(letter);
-            }
-        }
-    }
-    found
 }
 
 #[cfg(test)]

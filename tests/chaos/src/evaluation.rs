@@ -2,7 +2,6 @@
 //! made again, in another folder.
 
 use crate::case_folder::{CaseFolder, Start};
-use crate::evidence::{first_difference, result};
 use crate::fault::{Case, Fate, Phase};
 use crate::inject::disturb_by_time;
 use crate::judge::explain;
@@ -14,6 +13,7 @@ use proto::evaluation::{RESULT_FILE, TABLE_FILE};
 use serde_json::Value;
 use std::collections::VecDeque;
 use std::path::Path;
+use system_tests::evidence::{first_difference, result};
 
 /// One that has no result after so many starts gets nowhere.
 const STARTS_MAX: usize = 12;

@@ -10,7 +10,7 @@
 //! disk, privileges               a disk whose power can fail; what the machine allows
 //! inject       a fault, carried out
 //! judge        whether faults explain how a command ended
-//! evidence, recording, leftovers what is compared
+//! leftovers                      what is left behind; `system_tests::evidence` has all else that is compared
 //! soak, slope  a long run: what grows
 //! ```
 
@@ -19,7 +19,6 @@ mod case_folder;
 mod disk;
 mod draw;
 mod evaluation;
-mod evidence;
 mod fault;
 mod inject;
 mod judge;
@@ -27,7 +26,6 @@ mod leftovers;
 mod points;
 mod privileges;
 mod processes;
-mod recording;
 mod run_kind;
 mod session;
 mod slope;

@@ -8,7 +8,6 @@ use crate::draw::Draw;
 use crate::fault::Who;
 use crate::leftovers;
 use crate::processes::{find, of_folder, signal};
-use crate::recording::steps_that_count;
 use crate::session::{Session, wait_for_end};
 use crate::slope::Slope;
 use anyhow::{Context, Result, ensure};
@@ -17,6 +16,8 @@ use rustix::process::Signal;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::{Duration, Instant};
+use system_tests::Run;
+use system_tests::recording::steps_that_count;
 
 /// Between two samples.
 const SAMPLE: Duration = Duration::from_secs(5);
@@ -224,7 +225,7 @@ impl Watch<'_> {
     /// Files against what doctor foretells for as many frames.
     fn disk(&self, hours: f64) -> Result<bool> {
         let trained = last_frames(&self.folder);
-        let recorded = steps_that_count(&self.folder)?;
+        let recorded = steps_that_count(&Run { folder: self.folder.clone() })?;
         let size = |path: &Path| bytes_under(path).map(|bytes| bytes as f64);
         let checkpoints = size(&self.folder.checkpoints())?;
         let recordings = size(&self.folder.recordings())?;

@@ -1,7 +1,6 @@
 //! A suite, disturbed: called until all is done, its weights and tables are those of an undisturbed one.
 
 use crate::case_folder::{CaseFolder, Start};
-use crate::evidence::{first_difference, result};
 use crate::fault::{Case, Fate, Fault, Phase};
 use crate::inject::disturb_by_time;
 use crate::judge::explain;
@@ -13,6 +12,7 @@ use proto::evaluation::{RESULT_FILE, TABLE_FILE};
 use serde_json::Value;
 use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
+use system_tests::evidence::{first_difference, result};
 
 /// A suite that is not done after so many calls gets nowhere.
 const CALLS_MAX: usize = 15;

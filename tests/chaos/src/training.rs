@@ -1,7 +1,6 @@
 //! A run that trains: started, disturbed, resumed until it is complete.
 
 use crate::case_folder::{CaseFolder, Start};
-use crate::evidence::Evidence;
 use crate::fault::{Case, Fate, Fault, Phase, Planned};
 use crate::inject::{carry_out, damage};
 use crate::judge::explain;
@@ -18,6 +17,7 @@ use rustix::process::Signal;
 use std::collections::VecDeque;
 use std::path::Path;
 use std::time::{Duration, Instant};
+use system_tests::{Evidence, Run};
 
 /// A run that is not complete after so many starts gets nowhere.
 const STARTS_MAX: usize = 20;
@@ -89,7 +89,7 @@ pub fn train(case: &Case, place: &CaseFolder, privileges: Privileges, tally: &mu
         recover(place, &folder)?;
     }
     let replay = replay(place, folder.root())?;
-    Ok(Complete { evidence: Evidence::read(&folder)?, result, replay, starts, unsaid, left })
+    Ok(Complete { evidence: Evidence::read(&Run { folder })?, result, replay, starts, unsaid, left })
 }
 
 /// Repairs the recordings, as one does after a power failure: the end of one that was open may be damaged.

@@ -2,7 +2,7 @@
 
 use proto::config::Config;
 use serde_json::Value;
-use system_tests::{Printed, Workshop, complete, finish, signal, start};
+use system_tests::{Printed, Workshop, complete};
 
 fn resume_to(workshop: &Workshop, name: &str, frames: u64) -> std::process::Command {
     workshop.orchestrator(&["resume", name, "--frames", &frames.to_string()])
@@ -14,8 +14,7 @@ fn stages(workshop: &Workshop, name: &str) -> Vec<u64> {
 }
 
 fn json(workshop: &Workshop, arguments: &[&str]) -> Value {
-    let printed = complete(workshop.orchestrator(arguments));
-    serde_json::from_str(&printed.stdout).unwrap_or_else(|error| panic!("{error}: {printed:#?}"))
+    complete(workshop.orchestrator(arguments)).json()
 }
 
 fn refused(printed: &Printed, expected: &str) {
@@ -47,8 +46,7 @@ fn a_complete_run_trains_on_to_a_larger_budget() {
     assert!(complete(workshop.orchestrator(&["replay", "--check", "run"])).success);
 
     // Both starts count, and what is said of them survives.
-    let summary = std::fs::read_to_string(run.folder.summary()).expect("a complete run");
-    let summary: Value = serde_json::from_str(&summary).expect("JSON");
+    let summary = workshop.json("run/summary.json");
     assert_eq!((&summary["complete"], &summary["budget"]), (&Value::Bool(true), &Value::from(3100)));
     let status = json(&workshop, &["status", "run", "--json"]);
     for wall in [&summary["wall"], &status["wall"]] {
@@ -99,27 +97,4 @@ fn killed_while_the_budget_changes_it_has_the_old_one_or_the_new() {
     complete(workshop.up("undisturbed", 1, 3, 600)).result();
     assert_eq!(complete(resume_to(&workshop, "undisturbed", 1000)).result(), long);
     workshop.run("run").assert_nothing_left();
-}
-
-#[test]
-fn a_stopped_run_can_end_earlier() {
-    let workshop = Workshop::new();
-    let child = start(workshop.up("run", 1, 3, 20_000));
-    let run = workshop.run("run");
-    run.wait_for_rollouts(8);
-    signal(child.id(), rustix::process::Signal::INT);
-    let stopped = finish(child);
-    let (_, trained) = stopped.result();
-    assert!(stopped.stderr.contains("orchestrator resume run\n"), "{stopped:#?}");
-    assert!(!stopped.stderr.contains("orchestrator eval"), "{stopped:#?}");
-
-    refused(&complete(resume_to(&workshop, "run", trained - 1)), &format!("trained {trained} frames already"));
-    // Enough for all that is trained, but stage I would have to share it with stage II.
-    let amid = complete(resume_to(&workshop, "run", trained + 1));
-    refused(&amid, "stage I would have ended");
-    assert_eq!(stages(&workshop, "run").iter().sum::<u64>(), 20_000, "refused, nothing is changed");
-    let budget = trained * 2 + 501;
-    assert_eq!(complete(resume_to(&workshop, "run", budget)).result().1, budget);
-    assert_eq!(stages(&workshop, "run").iter().sum::<u64>(), budget);
-    run.assert_nothing_left();
 }

@@ -1,12 +1,13 @@
 //! Evaluations of real weights by real processes: the same table whatever happens on the way.
 
+use crate::figures::validating;
 use proto::config::Config;
 use proto::evaluation::read_table;
 use proto::record::End;
 use std::path::PathBuf;
 use std::process::Command;
 use std::time::{Duration, Instant};
-use system_tests::{DEADLINE, Printed, Workshop, complete, finish, kill_child, start};
+use system_tests::{DEADLINE, Printed, Workshop, complete, finish, start};
 
 /// Episodes of each kitchen and object set: each category once.
 const EPISODES: &str = "6";
@@ -29,12 +30,11 @@ fn table(workshop: &Workshop, out: &str) -> String {
 }
 
 fn result(workshop: &Workshop, out: &str) -> serde_json::Value {
-    let text = std::fs::read_to_string(workshop.path(out).join("evaluation.json")).expect("a result file");
-    serde_json::from_str(&text).expect("JSON")
+    workshop.json(&format!("{out}/evaluation.json"))
 }
 
 #[test]
-fn the_same_table_twice_and_with_processes_killed() {
+fn the_same_table_by_more_actors_and_with_processes_killed() {
     let workshop = Workshop::new();
     good(&complete(eval_fresh(&workshop, "first", &[])));
     let undisturbed = table(&workshop, "first");
@@ -42,7 +42,7 @@ fn the_same_table_twice_and_with_processes_killed() {
     let records = read_table(Config::default().spec(), &undisturbed).unwrap();
     assert!(records.iter().all(|record| (1..=24).contains(&record.length)));
 
-    good(&complete(eval_fresh(&workshop, "again", &[])));
+    good(&complete(eval_fresh(&workshop, "again", &["--actors", "10"])));
     assert_eq!(table(&workshop, "again"), undisturbed);
 
     // Every actor dies once.
@@ -67,28 +67,6 @@ fn the_same_table_twice_and_with_processes_killed() {
     // Another seed is another table; the most probable action does not depend on the seed's noise.
     good(&complete(eval_fresh(&workshop, "argmax", &["--deterministic"])));
     assert_ne!(table(&workshop, "argmax"), undisturbed);
-}
-
-#[test]
-fn the_same_table_by_any_number_of_actors_and_environments() {
-    let workshop = Workshop::new();
-    let tables = [("5", "1"), ("5", "4"), ("10", "3")].map(|(actors, environments)| {
-        let out = format!("of-{actors}-{environments}");
-        let mut command = workshop.orchestrator(&["eval", "--preset", "demo", "--config", "tiny.toml", "--out", &out]);
-        command.args(["--split", "test", "--objects", "all", "--episodes", "6", "--record", "all"]);
-        command.args(["--actors", actors, "--environments", environments]);
-        good(&complete(command));
-        let replay = complete(workshop.orchestrator(&["replay", "--check", &out]));
-        assert!(replay.success && replay.stdout.contains("differences: 0"), "{replay:#?}");
-        let figures = result(&workshop, &out);
-        (
-            table(&workshop, &out),
-            ["overall", "object_sets", "kitchens", "categories", "action_counts"].map(|key| figures[key].clone()),
-        )
-    });
-    assert_eq!(tables[0].0.lines().count(), 1 + 5 * 12);
-    assert_eq!(tables[1], tables[0]);
-    assert_eq!(tables[2], tables[0]);
 }
 
 #[test]
@@ -123,9 +101,7 @@ fn figures_are_those_of_the_table() {
     // What was recorded is what was played: simulated again, every state is the same.
     let recorded = workshop.run("out").recorded();
     assert_eq!((recorded["/step"], recorded["/episode/end"]), (steps, 60));
-    let replay = complete(workshop.orchestrator(&["replay", "--check", "out"]));
-    good(&replay);
-    assert!(replay.stdout.contains("differences: 0"), "{replay:#?}");
+    workshop.assert_replays("out");
 
     // An episode is called for, and its film called, by its line in the table.
     let record = &records[3];
@@ -171,8 +147,7 @@ fn printed_result(workshop: &Workshop, arguments: &[&str]) -> (serde_json::Value
     let mut command = workshop.orchestrator(&["eval", "--json", "--seed", "5", "--episodes", "1"]);
     command.args(arguments);
     let printed = complete(command);
-    good(&printed);
-    (serde_json::from_str(&printed.stdout).expect("JSON and nothing else"), printed)
+    (printed.json(), printed)
 }
 
 #[test]
@@ -202,43 +177,26 @@ fn which_episodes_are_played_follows_from_the_run_and_is_said() {
 }
 
 #[test]
-fn training_kitchens_have_drawn_episodes() {
-    let workshop = Workshop::new();
-    let mut command = workshop.orchestrator(&["eval", "--preset", "demo", "--config", "tiny.toml", "--seed", "5"]);
-    command.args(["--split", "train", "--objects", "all", "--episodes", "1", "--out", "out"]);
-    good(&complete(command));
-    assert_eq!(table(&workshop, "out").lines().count(), 1 + 19 * 2);
-    let result = result(&workshop, "out");
-    assert_eq!(
-        (&result["conditions"]["split"], &result["conditions"]["distribution"]),
-        (&"train".into(), &"run".into())
-    );
-    assert_eq!(result["kitchens"].as_array().map(Vec::len), Some(19));
-}
-
-#[test]
 fn a_run_in_scenes_of_its_own_is_evaluated_there() {
     let workshop = Workshop::new();
     let scene = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes/studio/scene.toml");
     let text = format!("scenes = [{:?}]\n{}", scene.to_str().unwrap(), system_tests::TINY);
     std::fs::write(workshop.path("tiny.toml"), text).unwrap();
-    complete(workshop.up("run", 1, 2, 40)).result();
+    let (weights, _) = complete(workshop.up("run", 1, 2, 40)).result();
     let eval = |further: &[&str]| printed_result(&workshop, &[&["run"], further].concat());
     let (result, printed) = eval(&["--out", "there", "--record", "all"]);
     assert!(printed.stderr.contains("in 1 scene of the run's own (--split goes elsewhere)"), "{printed:#?}");
     let conditions = &result["conditions"];
     assert_eq!((&conditions["scenes"][0], &conditions["objects"]), (&"scenes/000/scene.toml".into(), &"all".into()));
     assert_eq!((&result["kitchens"][0]["kitchen"], &result["overall"]["episodes"]), (&128.into(), &1.into()));
+    assert_eq!(result["subject"]["weights"], *weights);
     // Of its own copies: simulated again, every state is the same.
-    let replay = complete(workshop.orchestrator(&["replay", "--check", "there"]));
-    good(&replay);
-    assert!(replay.stdout.contains("differences: 0"), "{replay:#?}");
+    workshop.assert_replays("there");
 
     let report = complete(workshop.orchestrator(&["report", "run", "there", "--out", "report"]));
     good(&report);
     assert!(report.stderr.contains("Figures of drawn episodes near their targets"), "{report:#?}");
-    let numbers = std::fs::read_to_string(workshop.path("report/report.json")).unwrap();
-    let numbers: serde_json::Value = serde_json::from_str(&numbers).unwrap();
+    let numbers = workshop.json("report/report.json");
     assert_eq!(numbers["groups"][0]["results"][0]["field"], "scenes-seen");
 
     let (elsewhere, _) = eval(&["--out", "elsewhere", "--split", "test"]);
@@ -246,27 +204,6 @@ fn a_run_in_scenes_of_its_own_is_evaluated_there() {
     assert!(!workshop.path("elsewhere/scenes").exists());
     let none = complete(workshop.orchestrator(&["eval", "run", "--objects", "novel"]));
     assert!(!none.success && none.stderr.contains("no targets that are novel (they have: Apple"), "{none:#?}");
-}
-
-#[test]
-fn a_runs_newest_checkpoint_is_evaluated() {
-    let workshop = Workshop::new();
-    let (weights, frames) = complete(workshop.up("run", 1, 2, 300)).result();
-    let printed = complete(workshop.orchestrator(&["eval", "run", "--split", "valid", "--episodes", "1"]));
-    good(&printed);
-    let folder = printed.stdout.lines().last().and_then(|line| line.strip_prefix("result: ")).expect("the last line");
-    let text = std::fs::read_to_string(folder).expect("a result file");
-    let result: serde_json::Value = serde_json::from_str(&text).expect("JSON");
-    assert_eq!(result["subject"]["weights"].as_str(), Some(weights.as_str()));
-    assert_eq!(result["subject"]["frames"].as_u64(), Some(frames));
-    assert_eq!(result["conditions"]["split"], "validation");
-    assert_eq!(result["overall"]["episodes"].as_u64(), Some(5));
-}
-
-/// The tiny configuration with validation after each 300 frames, an episode in each kitchen.
-fn write_validating(workshop: &Workshop) {
-    let text = format!("{}\n[validation]\nevery_frames = 300\nepisodes = 1\n", system_tests::TINY);
-    std::fs::write(workshop.path("tiny.toml"), text).expect("a writable temporary folder");
 }
 
 /// The lines of a run's validation.jsonl.
@@ -283,24 +220,23 @@ fn assert_best(workshop: &Workshop, run: &str, lines: &[serde_json::Value]) {
     let better = |a, b| if key(a) > key(b) { a } else { b };
     let best = lines.iter().reduce(better).expect("at least one line");
     let rollout = best["rollout"].as_u64().expect("a number");
-    let manifest = workshop.path(run).join(format!("best/rollout-{rollout:08}.json"));
-    let text = std::fs::read_to_string(&manifest).unwrap_or_else(|error| panic!("{}: {error}", manifest.display()));
-    let manifest: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+    let manifest = workshop.json(&format!("{run}/best/rollout-{rollout:08}.json"));
     assert_eq!(manifest["weights"], best["weights"]);
 }
 
 #[test]
 fn validation_keeps_the_best_and_changes_nothing() {
-    let workshop = Workshop::new();
-    let plain = complete(workshop.up("plain", 2, 3, 1500)).result();
+    let workshop = validating();
+    let mut plain = workshop.up("plain", 2, 3, 900);
+    plain.args(["--set", "validation.every_frames=0"]);
+    let plain = complete(plain).result();
     assert!(!workshop.path("plain/validation").exists());
-    write_validating(&workshop);
-    let printed = complete(workshop.up("run", 2, 3, 1500));
+    let printed = complete(workshop.up("run", 2, 3, 900));
     assert_eq!(printed.result(), plain);
     let lines = validated(&workshop, "run");
     let frames: Vec<_> = lines.iter().filter_map(|line| line["frames"].as_u64()).collect();
-    assert_eq!(frames.len(), 5, "none is skipped: {frames:?}");
-    assert_eq!(frames.last(), Some(&1500));
+    assert_eq!(frames.len(), 3, "none is skipped: {frames:?}");
+    assert_eq!(frames.last(), Some(&900));
     assert_best(&workshop, "run", &lines);
     let run = workshop.run("run");
     assert_eq!(run.recorded()["/evaluation"], lines.len() as u64);
@@ -310,33 +246,8 @@ fn validation_keeps_the_best_and_changes_nothing() {
 }
 
 #[test]
-fn validation_survives_a_killed_orchestrator() {
-    let workshop = Workshop::new();
-    write_validating(&workshop);
-    let mut child = start(workshop.up("run", 2, 3, 1200));
-    let run = workshop.run("run");
-    let begun = Instant::now();
-    while run.processes("--beside").is_empty() {
-        assert!(begun.elapsed() < DEADLINE && child.try_wait().unwrap().is_none(), "a validation begins");
-        std::thread::sleep(Duration::from_millis(5));
-    }
-    kill_child(child);
-    let begun = Instant::now();
-    while !run.processes("--beside").is_empty() {
-        assert!(begun.elapsed() < Duration::from_secs(30), "a validation ends with its run");
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    let (_, frames) = complete(workshop.resume("run")).result();
-    let lines = validated(&workshop, "run");
-    assert_eq!(lines.last().unwrap()["frames"].as_u64(), Some(frames));
-    assert_best(&workshop, "run", &lines);
-    run.assert_nothing_left();
-}
-
-#[test]
 fn a_stop_while_the_last_validation_is_waited_for_leaves_it_to_resume() {
-    let workshop = Workshop::new();
-    write_validating(&workshop);
+    let workshop = validating();
     let mut child = start(workshop.up("run", 2, 3, 300));
     let run = workshop.run("run");
     let begun = Instant::now();
@@ -380,15 +291,13 @@ fn a_run_begins_with_anothers_weights() {
     let workshop = Workshop::new();
     let (weights, _) = complete(workshop.up("one", 1, 2, 300)).result();
     // The first checkpoint is not pruned.
-    let keeping = system_tests::TINY.replace("[checkpoint]", "[checkpoint]\nkeep = 100");
-    std::fs::write(workshop.path("tiny.toml"), keeping).unwrap();
+    workshop.configure(("[checkpoint]", "[checkpoint]\nkeep = 100"), "");
     let mut second = workshop.up("two", 1, 2, 20);
     second.args(["--from", "one"]);
     complete(second).result();
     let two = workshop.path("two");
     // Before its first rollout it has the other's weights, no optimiser's moments and no frames.
-    let text = std::fs::read_to_string(two.join("checkpoints/rollout-00000000.json")).unwrap();
-    let manifest: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let manifest = workshop.json("two/checkpoints/rollout-00000000.json");
     assert_eq!(manifest["weights"].as_str(), Some(weights.as_str()));
     assert_eq!((manifest["frames"].as_u64(), manifest["adam_steps"].as_u64()), (Some(0), Some(0)));
     let config: toml::Table = std::fs::read_to_string(two.join("config.toml")).unwrap().parse().unwrap();
@@ -396,26 +305,9 @@ fn a_run_begins_with_anothers_weights() {
     assert_eq!(config["from"]["frames"].as_integer(), Some(300));
 
     let mut other = workshop.up("three", 1, 2, 20);
-    std::fs::write(workshop.path("tiny.toml"), system_tests::TINY.replace("hidden = 32", "hidden = 48")).unwrap();
+    workshop.configure(("hidden = 32", "hidden = 48"), "");
     other.args(["--from", "one"]);
     let printed = complete(other);
     assert!(!printed.success && printed.stderr.contains("network.hidden is 48, there 32"), "{printed:#?}");
     assert!(!workshop.path("three").exists(), "nothing is left of a run that never began");
-}
-
-#[test]
-fn what_cannot_be_evaluated_is_said() {
-    let workshop = Workshop::new();
-    let refused = |arguments: &[&str], expected: &str| {
-        let printed = complete(workshop.orchestrator(arguments));
-        assert!(!printed.success && printed.stderr.contains(expected), "expected `{expected}` in {printed:#?}");
-        assert!(!printed.stderr.contains("panicked"), "{printed:#?}");
-    };
-    refused(&["eval", "nowhere"], "nowhere does not exist");
-    refused(&["eval"], "RUN|CHECKPOINT");
-    refused(&["eval", "--preset", "demo", "--split", "train", "--distribution", "fixed"], "have no fixed episodes");
-    refused(&["eval", "--preset", "demo", "--split", "training"], "training");
-    refused(&["eval", "--preset", "demo", "--actors", "4"], "actors");
-    std::fs::create_dir_all(workshop.path("run/checkpoints")).unwrap();
-    refused(&["eval", "run"], "there is no checkpoint in");
 }

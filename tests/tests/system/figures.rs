@@ -7,9 +7,7 @@ use serde_json::Value;
 use std::path::PathBuf;
 use std::process::Child;
 use std::time::Duration;
-use system_tests::{
-    Run, TINY, Undisturbed, Workshop, board, complete, finish, kill, kill_child, signal, start, wait_until,
-};
+use system_tests::{Run, Undisturbed, Workshop, board, complete, finish, kill, kill_child, signal, start, wait_until};
 
 const ACTORS: u32 = 2;
 const ENVIRONMENTS: u32 = 3;
@@ -18,36 +16,8 @@ const FRAMES: u64 = 600;
 /// A workshop whose runs are validated after each 300 frames, an episode in each kitchen.
 pub fn validating() -> Workshop {
     let workshop = Workshop::new();
-    let text = format!("{TINY}\n[validation]\nevery_frames = 300\nepisodes = 1\n");
-    std::fs::write(workshop.path("tiny.toml"), text).expect("a writable temporary folder");
+    workshop.configure(("", ""), "\n[validation]\nevery_frames = 300\nepisodes = 1\n");
     workshop
-}
-
-#[derive(Debug, PartialEq)]
-pub struct Figures {
-    metrics: Vec<Value>,
-    validation: Vec<Value>,
-    summary: Value,
-    best: Option<u64>,
-}
-
-impl Figures {
-    /// Those of a run.
-    pub fn of(run: &Run) -> Self {
-        let summary = std::fs::read_to_string(run.folder.summary()).expect("a summary");
-        let mut summary: Value = serde_json::from_str(&summary).expect("JSON");
-        // Absent without a recording.
-        let recorded = summary.as_object_mut().expect("an object").remove("recording_complete");
-        assert_ne!(recorded, Some(Value::Bool(false)));
-        shown_by_tensorboard(run);
-        let others = ["id", "training_s", "frames_per_s", "wall", "incarnations", "recordings"];
-        Self {
-            metrics: lines(run.folder.metrics(), &["at_unix_s", "incarnation", "wall_s", "timing"]),
-            validation: lines(run.folder.validation_log(), &["at_unix_s", "wall_s"]),
-            summary: without(summary, &others),
-            best: run.folder.best_rollout(),
-        }
-    }
 }
 
 /// What TensorBoard shows is what the lines of the run say, each step once.
@@ -57,7 +27,7 @@ fn shown_by_tensorboard(run: &Run) {
         curves.into_iter().map(|(step, figures)| (step, figures.get(tag).copied())).collect::<Vec<_>>()
     };
     let said = |path: PathBuf, figure: fn(&Value) -> &Value| {
-        let lines = lines(path, &[]);
+        let lines = lines(path);
         let mut said: Vec<(u64, Option<f32>)> = lines
             .iter()
             .map(|line| (line["frames"].as_u64().expect("frames"), figure(line).as_f64().map(|figure| figure as f32)))
@@ -74,51 +44,37 @@ fn shown_by_tensorboard(run: &Run) {
     assert_eq!(shown(false, "charts/success_rate"), said(run.folder.validation_log(), |line| &line["success"]));
 }
 
-/// Every line of a file, without these keys.
-fn lines(path: PathBuf, keys: &[&str]) -> Vec<Value> {
+fn lines(path: PathBuf) -> Vec<Value> {
     let text = std::fs::read_to_string(path).unwrap_or_default();
-    text.lines().map(|line| without(serde_json::from_str(line).expect("whole lines"), keys)).collect()
+    text.lines().map(|line| serde_json::from_str(line).expect("whole lines")).collect()
 }
 
-fn without(mut value: Value, keys: &[&str]) -> Value {
-    let object = value.as_object_mut().expect("an object");
-    for key in keys {
-        let is_there = object.remove(*key).is_some();
-        // A line that was taken from a checkpoint has no time of the orchestrator's.
-        assert!(is_there || *key == "wall_s", "{key} is there");
-    }
-    value
+/// The undisturbed run in such a workshop, with validations or without.
+fn undisturbed(workshop: &Workshop) -> Undisturbed {
+    let undisturbed = Undisturbed::of(workshop, workshop.up("undisturbed", ACTORS, ENVIRONMENTS, FRAMES));
+    let folder = &undisturbed.run.folder;
+    let validations = if folder.validations().exists() { 2 } else { 0 };
+    assert_eq!((lines(folder.validation_log()).len(), folder.best_rollout().is_some()), (validations, validations > 0));
+    undisturbed
 }
 
-/// Those of the undisturbed run in such a workshop, with validations or without.
-fn undisturbed(workshop: &Workshop) -> Figures {
-    let run = Undisturbed::of(workshop, workshop.up("undisturbed", ACTORS, ENVIRONMENTS, FRAMES)).run;
-    let figures = Figures::of(&run);
-    let rollouts: Vec<u64> = figures.metrics.iter().filter_map(|line| line["rollout"].as_u64()).collect();
-    assert_eq!(rollouts, (0..rollouts.len() as u64).collect::<Vec<_>>(), "each rollout once, in order");
-    let validated = run.folder.validations().exists();
-    assert_eq!((figures.validation.len(), figures.best.is_some()), (if validated { 2 } else { 0 }, validated));
-    assert_eq!(figures.summary["stages"].as_array().map(Vec::len), Some(2));
-    figures
-}
-
-/// Resumes a run until it is complete; its figures are the undisturbed ones.
+/// Resumes a run until it is complete; it is the undisturbed one.
 fn assert_resumes(workshop: &Workshop, name: &str, what: &str) {
     complete(workshop.resume(name)).result();
     let run = workshop.run(name);
-    assert_eq!(Figures::of(&run), undisturbed(workshop), "{what}");
+    run.assert_same(&undisturbed(workshop), what);
+    shown_by_tensorboard(&run);
     run.assert_nothing_left();
 }
 
 #[test]
 fn an_orchestrator_that_hears_nothing_before_it_is_killed_loses_no_figures() {
     let workshop = Workshop::new();
+    // A recorder that is stopped would stop the actors, too.
+    workshop.configure(("[recording]\n", "[recording]\nenabled = false\n"), "");
     for (number, rollouts) in [1, 5].into_iter().enumerate() {
         let name = format!("deaf-{number}");
-        let mut command = workshop.up(&name, ACTORS, ENVIRONMENTS, FRAMES);
-        // A recorder that is stopped would stop the actors, too.
-        command.args(["--set", "recording.enabled=false"]);
-        let child = start(command);
+        let child = start(workshop.up(&name, ACTORS, ENVIRONMENTS, FRAMES));
         let run = workshop.run(&name);
         run.wait_for_rollouts(rollouts);
         // What its learner tells now lies in a pipe that nobody reads.
@@ -135,25 +91,12 @@ fn an_orchestrator_that_hears_nothing_before_it_is_killed_loses_no_figures() {
     }
 }
 
-#[test]
-fn a_killed_validation_is_made_again() {
-    let workshop = validating();
-    let child = start(workshop.up("killed", ACTORS, ENVIRONMENTS, FRAMES));
-    let run = workshop.run("killed");
-    wait_until("a validation begins", || !run.processes("--beside").is_empty());
-    run.kill_one("--beside");
-    let printed = finish(child);
-    printed.result();
-    assert!(printed.stderr.contains("failed and is made again"), "{printed:#?}");
-    assert_eq!(Figures::of(&run), undisturbed(&workshop));
-    run.assert_nothing_left();
-}
-
 /// It was lost: the run ended as complete, with status 0, and `resume` only printed the summary.
 #[test]
 fn a_validation_that_is_killed_in_every_try_is_missed_and_made_up_by_resume() {
     let workshop = validating();
-    let last = format!("rollout-{:08}", undisturbed(&workshop).validation.last().unwrap()["rollout"].as_u64().unwrap());
+    let validations = lines(undisturbed(&workshop).run.folder.validation_log());
+    let last = format!("rollout-{:08}", validations.last().unwrap()["rollout"].as_u64().unwrap());
     let child = start(workshop.up("killed", ACTORS, ENVIRONMENTS, FRAMES));
     let run = workshop.run("killed");
     let is_last =
@@ -174,9 +117,7 @@ fn a_validation_that_is_killed_in_every_try_is_missed_and_made_up_by_resume() {
     assert!(text.contains("\"missing\"") && text.contains("\"validation\""), "{text}");
     let status = complete(workshop.orchestrator(&["status", "killed"]));
     assert!(status.stdout.contains("note: the validation after rollout "), "{status:#?}");
-    complete(workshop.resume("killed")).result();
-    assert_eq!(Figures::of(&run), undisturbed(&workshop));
-    run.assert_nothing_left();
+    assert_resumes(&workshop, "killed", "killed in every try");
     // Now there is nothing to make up, and nothing is started for it.
     let starts =
         |run: &Run| std::fs::read_to_string(run.folder.identity()).unwrap().matches("[[incarnations]]").count();
@@ -223,28 +164,6 @@ fn damaged_and_deleted_files_are_told_of_and_mended() {
         }
         assert_resumes(&workshop, name, name);
     }
-}
-
-#[test]
-fn a_complete_run_whose_figures_were_deleted_is_reported_on_with_a_word() {
-    let workshop = Workshop::new();
-    complete(workshop.up("run", ACTORS, ENVIRONMENTS, FRAMES)).result();
-    let run = workshop.run("run");
-    let report = || complete(workshop.orchestrator(&["report", "run", "--out", "report"]));
-    let rollouts = || {
-        let text = std::fs::read_to_string(workshop.path("report/report.json")).unwrap();
-        text.matches("\"frames\"").count()
-    };
-    assert!(!report().stderr.contains("metrics.jsonl"));
-    let before = rollouts();
-    std::fs::remove_file(run.folder.metrics()).unwrap();
-    std::fs::remove_dir_all(workshop.path("report")).unwrap();
-    let printed = report();
-    assert!(printed.success, "{printed:#?}");
-    assert!((printed.stdout.clone() + &printed.stderr).contains("run: metrics.jsonl is missing"), "{printed:#?}");
-    assert_eq!(rollouts(), before, "nothing is left out");
-    let status = complete(workshop.orchestrator(&["status", "run"])).stdout;
-    assert!(status.contains("metrics.jsonl is missing") && status.contains("\nI "), "{status}");
 }
 
 /// The folder of a run is removed and another run begins in a new one of that name. A learner of the first wakes late.

@@ -2,7 +2,7 @@
 
 use rustix::process::Signal;
 use std::time::{Duration, Instant};
-use system_tests::{Run, TINY, Undisturbed, Workshop, complete, finish, signal, start};
+use system_tests::{Run, Undisturbed, Workshop, complete, finish, signal, start};
 
 const ACTORS: u32 = 2;
 const ENVIRONMENTS: u32 = 3;
@@ -11,9 +11,7 @@ const FRAMES: u64 = 1500;
 /// A workshop whose learners are taken to hang after three seconds.
 fn workshop() -> Workshop {
     let workshop = Workshop::new();
-    let text = TINY.replace("actor_deadline_s = 60.0", "actor_deadline_s = 60.0\nprogress_deadline_s = 3.0");
-    assert_ne!(text, TINY);
-    std::fs::write(workshop.path("tiny.toml"), text).expect("a writable temporary folder");
+    workshop.configure(("[learner]\n", "[learner]\nprogress_deadline_s = 3.0\n"), "");
     workshop
 }
 
@@ -57,9 +55,7 @@ fn an_actor_that_hangs_is_told_of_and_started_again() {
 #[test]
 fn a_recorder_that_stands_still_is_told_of_and_nobody_is_killed_for_it() {
     let workshop = Workshop::new();
-    let text = TINY.replace("actor_deadline_s = 60.0", "actor_deadline_s = 60.0\nprogress_deadline_s = 10.0");
-    assert_ne!(text, TINY);
-    std::fs::write(workshop.path("tiny.toml"), text).expect("a writable temporary folder");
+    workshop.configure(("[learner]\n", "[learner]\nprogress_deadline_s = 10.0\n"), "");
     let mut command = workshop.up("disk", ACTORS, ENVIRONMENTS, FRAMES);
     command.env("STILLROOM_FAULT", "stall=16=recorder.after_receive:200@orchestrator");
     let printed = complete(command);

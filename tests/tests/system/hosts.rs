@@ -8,7 +8,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 use system_tests::{
-    Network, Printed, RecordedSteps, Run, Undisturbed, Workshop, complete, finish, kill_child, signal, start,
+    Network, Printed, Recording, Run, Undisturbed, Workshop, complete, finish, kill_child, signal, start,
 };
 
 pub const ACTORS: u32 = 4;
@@ -148,12 +148,11 @@ fn two_hosts_train_as_one_and_their_recordings_together_are_the_run() {
         let [exchange, update] = ["exchange_s", "update_s"].map(|part| line["timing"][part].as_f64().unwrap_or(0.0));
         assert!(0.0 < exchange && exchange < update, "{line}");
     }
-    let steps = RecordedSteps::of(&run);
-    assert_eq!((steps.count(), steps.messages), (FRAMES, FRAMES), "each step once");
+    let steps = Recording::of(&run);
+    assert_eq!((steps.steps(), steps.messages()), (FRAMES, FRAMES), "each step once");
     let here = hosts.other().recordings();
     assert!(here.iter().all(|path| path.starts_with(run.folder.host(1).root())), "{here:?}");
-    let replayed = complete(hosts.workshop.orchestrator(&["replay", "--check", "shared"]));
-    assert!(replayed.success && replayed.stdout.contains("differences: 0"), "{replayed:#?}");
+    hosts.workshop.assert_replays("shared");
     let status = complete(hosts.workshop.orchestrator(&["status", "shared"]));
     assert!(status.stdout.contains("recordings: 2 files"), "{status:#?}");
     assert!(run.folder.host(1).log("learner-1").exists() && !run.folder.log("learner-1").exists());
@@ -252,7 +251,7 @@ fn a_lost_host_ends_the_job_by_name_and_the_next_start_goes_on() {
         let [first, second] = hosts.complete();
         assert_eq!(&first.result(), on_one_host());
         assert!(second.success, "{second:#?}");
-        let recorded = RecordedSteps::of(&run).count() + RecordedSteps::of(&hosts.other()).count();
+        let recorded = Recording::of(&run).steps() + Recording::of(&hosts.other()).steps();
         assert!(recorded >= FRAMES, "every step that counts is recorded: {recorded}");
         hosts.assert_nothing_left();
     }
@@ -271,8 +270,7 @@ fn a_scheduler_has_it_saved_and_started_again_also_with_other_hosts() {
         }
     }
     assert!(run.trained() < FRAMES, "the run was stopped in its middle");
-    let copied = Command::new("cp").arg("-r").arg(run.folder.root()).arg(hosts.workshop.path("alone")).status();
-    assert!(copied.is_ok_and(|status| status.success()));
+    hosts.workshop.copy("first", "alone");
     let [first, second] = hosts.complete();
     assert_eq!(&first.result(), on_one_host());
     assert!(second.success, "{second:#?}");

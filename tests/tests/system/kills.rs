@@ -1,9 +1,8 @@
 //! A process is killed at each named point: the run ends in the weights and figures of one that was left alone, and each
 //! step that was trained on is recorded.
 
-use crate::figures::Figures;
 use crate::overlap;
-use system_tests::{RecordedSteps, Undisturbed, Workshop, complete};
+use system_tests::{Undisturbed, Workshop, complete};
 
 const FRAMES: u64 = 600;
 
@@ -42,7 +41,6 @@ const ORCHESTRATOR: [&str; 9] = [
 fn killed_at(workshop: &Workshop, program: &str, points: &[&str]) {
     let up = |name: &str| workshop.up(name, 2, 3, FRAMES);
     let undisturbed = Undisturbed::of(workshop, up("undisturbed"));
-    let figures = Figures::of(&undisturbed.run);
     for (number, point) in points.iter().enumerate() {
         let name = format!("run-{number}");
         let mut command = up(&name);
@@ -55,9 +53,7 @@ fn killed_at(workshop: &Workshop, program: &str, points: &[&str]) {
         }
         assert_eq!(printed.result(), undisturbed.result, "killed at {point}");
         let run = workshop.run(&name);
-        assert_eq!(Figures::of(&run), figures, "killed at {point}");
-        let recorded = RecordedSteps::of(&run);
-        assert_eq!((recorded.count(), recorded.holes()), (FRAMES, vec![]), "killed at {point}");
+        run.assert_same(&undisturbed, point);
         run.assert_nothing_left();
     }
 }

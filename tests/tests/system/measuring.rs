@@ -21,8 +21,7 @@ fn the_learner_measures_itself() {
     command.args(["--batches", "3", "--steps", "4", "--rollout-frames", "16", "--seconds", "0.01"]);
     command.args(["--json"]).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let printed = complete(command);
-    assert!(printed.success, "{printed:#?}");
-    let report: Value = serde_json::from_str(&printed.stdout).unwrap_or_else(|error| panic!("{error}: {printed:#?}"));
+    let report = printed.json();
     let positive = |value: &Value| assert!(value.as_f64().is_some_and(|value| value > 0.0), "{report:#}");
     let inference = &report["inference"][0];
     assert_eq!(inference["batch"], 3);
@@ -56,8 +55,7 @@ fn learners_measure_their_exchange() {
         complete(command)
     };
     let printed = exchange(&["--learners", "3", "--weights", "1000", "--pieces", "1,7", "--sums", "4", "--json"]);
-    assert!(printed.success, "{printed:#?}");
-    let report: Value = serde_json::from_str(&printed.stdout).unwrap_or_else(|error| panic!("{error}: {printed:#?}"));
+    let report = printed.json();
     assert_eq!([&report["learners"], &report["bytes"], &report["sums"][1]["pieces"]], [3, 4000, 7]);
     for sums in report["sums"].as_array().expect("a list") {
         let [p50, p99, rate] = ["p50_s", "p99_s", "bus_bytes_per_s"].map(|figure| sums[figure].as_f64().unwrap_or(0.0));

@@ -7,7 +7,7 @@ use std::io::Read;
 use std::process::{Child, Stdio};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
-use system_tests::{Network, Printed, Quality, RecordedSteps, complete, finish, kill, kill_child, start, wait_until};
+use system_tests::{Network, Printed, Quality, Recording, finish, kill, kill_child, start, wait_until};
 
 const HOSTS: usize = 3;
 /// As `--host-deadline` has it where nobody says anything else.
@@ -40,10 +40,9 @@ fn is_complete(hosts: &Hosts, printed: &[Printed; HOSTS], expected: &(String, u6
     for other in &printed[1..] {
         assert!(other.success && other.stderr.contains("the run is complete"), "{other:#?}");
     }
-    let steps = RecordedSteps::of(&hosts.run());
-    assert!(steps.count() >= expected.1 && steps.holes().is_empty(), "{} steps, {:?}", steps.count(), steps.holes());
-    let replayed = complete(hosts.workshop.orchestrator(&["replay", "--check", "shared"]));
-    assert!(replayed.success && replayed.stdout.contains("differences: 0"), "{replayed:#?}");
+    let steps = Recording::of(&hosts.run());
+    assert!(steps.steps() >= expected.1 && steps.holes().is_empty(), "{} steps, {:?}", steps.steps(), steps.holes());
+    hosts.workshop.assert_replays("shared");
     hosts.assert_nothing_left();
 }
 

@@ -3,7 +3,7 @@
 use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor};
 use rustix::process::Signal;
 use std::collections::BTreeMap;
-use system_tests::{Foxglove, RecordedSteps, Viewer, Workshop, complete, finish, signal, start, wait_until};
+use system_tests::{Foxglove, Recording, Viewer, Workshop, complete, finish, signal, start, wait_until};
 
 const ACTORS: u32 = 2;
 const ENVIRONMENTS: u32 = 2;
@@ -82,7 +82,7 @@ fn a_run_is_live_in_foxglove_with_the_topics_of_its_recordings() {
             .is_some_and(|data| data.as_bytes().is_some_and(|data| data.len() > 12_000))
     );
     assert_eq!(finish(child).result(), alone, "whoever looks, the weights are the same");
-    assert!(RecordedSteps::of(&run).messages >= FRAMES);
+    assert!(Recording::of(&run).messages() >= FRAMES);
     drop(foxglove);
 
     // One that ended is shown, too; `/foxglove` means the newest. Who has no token is not answered.

@@ -1,7 +1,7 @@
 //! The orchestrator is killed while it makes the folder, and what depends on it goes on or ends. `kills.rs` has the points
 //! of its protocol.
 
-use system_tests::{TINY, Undisturbed, Workshop, complete, kill_child, start, wait_until};
+use system_tests::{Undisturbed, Workshop, complete, kill_child, start, wait_until};
 
 const ACTORS: u32 = 1;
 const ENVIRONMENTS: u32 = 3;
@@ -11,9 +11,7 @@ const FRAMES: u64 = 400;
 fn a_learner_whose_orchestrator_is_killed_saves_what_it_has_trained() {
     let workshop = Workshop::new();
     // The tests' configuration saves after every rollout.
-    let seldom = TINY.replace("interval_s = 0.0", "interval_s = 300.0");
-    assert_ne!(seldom, TINY);
-    std::fs::write(workshop.path("tiny.toml"), seldom).expect("a writable temporary folder");
+    workshop.configure(("interval_s = 0.0", "interval_s = 300.0"), "");
     let child = start(workshop.up("killed", ACTORS, ENVIRONMENTS, 10 * FRAMES));
     let run = workshop.run("killed");
     run.wait_for_rollouts(3);
@@ -63,18 +61,14 @@ fn killed_while_it_makes_the_folder() {
 #[test]
 fn whoever_draws_ends_with_who_asked_for_it() {
     let workshop = Workshop::new();
-    complete(workshop.up("run", 2, 3, 4000)).result();
-    for command in [&["kitchens", "--out", "all.png"][..], &["replay", "run"]] {
-        let child = start(workshop.orchestrator(command));
-        let parent = child.id();
-        let actors = || {
-            let children = std::fs::read_to_string(format!("/proc/{parent}/task/{parent}/children"));
-            children.is_ok_and(|children| !children.is_empty())
-        };
-        wait_until("it has an actor", actors);
-        // The actors have its standard error, too: their end is waited for.
-        let printed = kill_child(child);
-        assert!(printed.killed && !printed.stderr.contains("ERROR"), "{printed:#?}");
-    }
+    let child = start(workshop.orchestrator(&["kitchens", "--out", "all.png"]));
+    let parent = child.id();
+    wait_until("it has an actor", || {
+        let children = std::fs::read_to_string(format!("/proc/{parent}/task/{parent}/children"));
+        children.is_ok_and(|children| !children.is_empty())
+    });
+    // The actors have its standard error, too: their end is waited for.
+    let printed = kill_child(child);
+    assert!(printed.killed && !printed.stderr.contains("ERROR"), "{printed:#?}");
     assert!(!workshop.path("all.png").exists(), "it worked on to the end");
 }

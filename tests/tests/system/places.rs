@@ -1,7 +1,7 @@
 //! Places of another kind: disks without links or locks, containers, odd temporary folders. Each works, or is refused in one
 //! sentence, which `doctor` says as well.
 
-use crate::figures::{Figures, validating};
+use crate::figures::validating;
 use rustix::process::Signal;
 use serde_json::Value;
 use std::ffi::OsStr;
@@ -10,7 +10,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
-use system_tests::{Printed, Workshop, binary, complete, finish, signal, start, tell, wait_until};
+use system_tests::{Printed, Undisturbed, Workshop, binary, complete, finish, signal, start, tell, wait_until};
 
 /// What a disk like exFAT, a network share or a shared folder of a virtual machine refuses, as a library that programs are
 /// started with. It concerns all below `DISK`.
@@ -96,7 +96,7 @@ fn a_run_on_a_disk_without_links_is_gone_on_with_and_has_its_best() {
         command.env("LD_PRELOAD", &library).env("DISK", workshop.path("run"));
         command
     };
-    complete(workshop.up("undisturbed", 1, 3, 700)).result();
+    let undisturbed = Undisturbed::of(&workshop, workshop.up("undisturbed", 1, 3, 700));
     std::fs::create_dir(workshop.path("run")).unwrap();
     let child = start(there(workshop.up("run", 1, 3, 700)));
     let run = workshop.run("run");
@@ -105,7 +105,7 @@ fn a_run_on_a_disk_without_links_is_gone_on_with_and_has_its_best() {
     finish(child);
     assert!(!run.folder.summary().exists(), "the run was stopped in its middle");
     complete(there(workshop.resume("run"))).result();
-    assert_eq!(Figures::of(&run), Figures::of(&workshop.run("undisturbed")));
+    run.assert_same(&undisturbed, "without links");
     assert!(run.folder.best().is_file() && !run.folder.best().is_symlink());
     let log = std::fs::read_to_string(run.folder.log("orchestrator")).unwrap();
     assert!(!log.contains(" WARN ") && !log.contains("ERROR"), "{log}");
@@ -151,9 +151,7 @@ fn a_clock_that_is_set_while_a_run_goes_on_changes_no_wall_time() {
         command.env("LD_PRELOAD", &library).env("CLOCK", &clock);
         command
     };
-    let json = |arguments: &[&str]| -> Value {
-        serde_json::from_str(&complete(with(workshop.orchestrator(arguments))).stdout).expect("JSON")
-    };
+    let json = |arguments: &[&str]| -> Value { complete(with(workshop.orchestrator(arguments))).json() };
     let undisturbed = complete(workshop.up("undisturbed", 1, 2, 1000)).result();
     let (run, began) = (workshop.run("run"), Instant::now());
     let child = start(with(workshop.up("run", 1, 2, 1000)));
@@ -176,7 +174,7 @@ fn a_clock_that_is_set_while_a_run_goes_on_changes_no_wall_time() {
     set(30 * 86_400);
     let resumed = complete(with(workshop.resume("run")));
     assert_eq!(resumed.result(), undisturbed);
-    let summary: Value = serde_json::from_str(&std::fs::read_to_string(run.folder.summary()).unwrap()).unwrap();
+    let summary = workshop.json("run/summary.json");
     is_sound(&summary["wall"]["all_starts_s"]);
     set(0);
     // The summary was written a moment before the end, which may be less than the millisecond that is noted.
@@ -241,20 +239,23 @@ fn a_temporary_folder_is_used_or_refused_in_the_words_of_the_doctor() {
 #[test]
 fn a_dev_shm_that_cannot_be_written_is_refused_in_the_words_of_the_doctor() {
     let workshop = Workshop::new();
-    let contained = |inner: &Command| {
+    let contained = |options: &str, inner: &Command| {
         let mut command = Command::new("unshare");
         command.args(["--user", "--map-root-user", "--mount", "sh", "-c"]);
-        command.arg("mount -t tmpfs -o ro tmpfs /dev/shm && exec \"$0\" \"$@\"");
+        command.arg(format!("mount -t tmpfs -o {options} tmpfs /dev/shm && exec \"$0\" \"$@\""));
         command.arg(inner.get_program()).args(inner.get_args()).current_dir(workshop.path(""));
         command.stdout(Stdio::piped()).stderr(Stdio::piped());
         complete(command)
     };
-    let doctor = contained(&workshop.orchestrator(&["doctor", "--preset", "demo", "--actors", "1"]));
+    let doctor = contained("ro", &workshop.orchestrator(&["doctor", "--preset", "demo", "--actors", "1"]));
     if doctor.stderr.contains("unshare:") || doctor.stderr.contains("mount:") {
         tell(&format!("skipped: this machine allows no mount namespaces: {}", doctor.stderr));
         return;
     }
-    same_sentence(&doctor, &contained(&workshop.up("new", 1, 1, 100)), "/dev/shm cannot be used");
+    same_sentence(&doctor, &contained("ro", &workshop.up("new", 1, 1, 100)), "/dev/shm cannot be used");
+    // Docker's.
+    let small = contained("size=4m", &workshop.up("new", 4, 16, 1_000));
+    assert!(!small.success && small.stderr.contains("/dev/shm is too small"), "{small:#?}");
 }
 
 /// `stop` said that it had asked a process, which was another's number, and waited for an hour.

@@ -58,8 +58,7 @@ fn a_policy_file_is_evaluated_without_its_run() {
     let workshop = with_policy();
     let eval = ["eval", FILE, "--split", "test", "--episodes", "1", "--json", "--out", "result"];
     let printed = complete(workshop.orchestrator(&eval));
-    assert!(printed.success, "{}", printed.stderr);
-    let result: Value = serde_json::from_str(&printed.stdout).expect("JSON");
+    let result = printed.json();
     let subject = &result["subject"];
     assert_eq!((&subject["run"], subject["frames"].as_u64()), (&Value::Null, Some(FRAMES)));
     let file = workshop.path(FILE).display().to_string();

@@ -1,9 +1,8 @@
 //! Kitchens without end: environments go from kitchen to kitchen, and whatever happens on the way, it is the same run.
 
-use mcap::MessageStream;
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
-use system_tests::{Run, TINY, Workshop, complete, kill_child, start};
+use system_tests::{Recording, Run, Workshop, complete, kill_child, start};
 
 const FRAMES: u64 = 900;
 /// Six kitchens, and another one after every second episode: each environment sees several.
@@ -11,7 +10,7 @@ const KITCHENS: &str = "\n[kitchens]\nsource = \"procedural\"\ncount = 6\nepisod
 
 fn workshop() -> Workshop {
     let workshop = Workshop::new();
-    std::fs::write(workshop.path("tiny.toml"), format!("{TINY}{KITCHENS}")).expect("a writable temporary folder");
+    workshop.configure(("", ""), KITCHENS);
     workshop
 }
 
@@ -20,43 +19,12 @@ fn up(workshop: &Workshop, name: &str) -> Command {
 }
 
 /// Of every environment the kitchens of its recorded episodes, by the episode's number.
-fn kitchens_played(run: &Run) -> BTreeMap<u64, BTreeMap<u64, u64>> {
-    let mut played: BTreeMap<u64, BTreeMap<u64, u64>> = BTreeMap::new();
-    for path in run.recordings() {
-        let bytes = std::fs::read(&path).expect("a readable recording");
-        for message in MessageStream::new(&bytes).expect("an MCAP file") {
-            let message = message.expect("a whole message");
-            if message.channel.topic == "/episode/start" {
-                // Varint fields 1 to 3 of the message: kitchen, environment, episode; zeros are left out.
-                let fields = varints(&message.data);
-                let of = |field| fields.get(&field).copied().unwrap_or(0);
-                played.entry(of(2)).or_default().insert(of(3), of(1));
-            }
-        }
+fn kitchens_played(run: &Run) -> BTreeMap<u32, BTreeMap<u32, u32>> {
+    let mut played: BTreeMap<u32, BTreeMap<u32, u32>> = BTreeMap::new();
+    for (kitchen, environment, episode) in Recording::of(run).starts() {
+        played.entry(environment).or_default().insert(episode, kitchen);
     }
     played
-}
-
-/// The first varint fields of a protobuf message, up to one of another kind.
-fn varints(data: &[u8]) -> BTreeMap<u64, u64> {
-    let mut bytes = data.iter();
-    let mut varint = || {
-        let (mut value, mut shift) = (0, 0);
-        loop {
-            let byte = *bytes.next()?;
-            value |= u64::from(byte & 0x7f) << shift;
-            shift += 7;
-            if byte < 0x80 {
-                return Some(value);
-            }
-        }
-    };
-    let mut fields = BTreeMap::new();
-    while let Some(tag) = varint().filter(|tag| tag.trailing_zeros() >= 3) {
-        let Some(value) = varint() else { break };
-        fields.insert(tag >> 3, value);
-    }
-    fields
 }
 
 #[test]
@@ -67,17 +35,16 @@ fn killed_and_resumed_it_is_the_same_run_in_the_same_kitchens() {
     let run = workshop.run("undisturbed");
     let kitchens = kitchens_played(&run);
     assert_eq!(kitchens.keys().copied().collect::<Vec<_>>(), [0, 1, 2, 3]);
-    let all: BTreeSet<u64> = kitchens.values().flat_map(BTreeMap::values).copied().collect();
+    let all: BTreeSet<u32> = kitchens.values().flat_map(BTreeMap::values).copied().collect();
     assert!(all.iter().all(|kitchen| (1000..1006).contains(kitchen)) && all.len() > 2, "{all:?}");
     for (environment, episodes) in &kitchens {
         // Two episodes each: the rule is a test of its own.
-        assert!(episodes.keys().copied().eq(0..episodes.len() as u64), "{environment}: {episodes:?}");
+        assert!(episodes.keys().copied().eq(0..episodes.len() as u32), "{environment}: {episodes:?}");
         assert!(episodes.iter().all(|(episode, kitchen)| episodes[&(episode / 2 * 2)] == *kitchen), "{episodes:?}");
     }
     let kept = || std::fs::read_dir(run.folder.kitchens()).unwrap().count();
     assert!(kept() >= all.len(), "kitchens are kept in the run's folder");
-    let replay = complete(workshop.orchestrator(&["replay", "--check", "undisturbed"]));
-    assert!(replay.success && replay.stdout.contains("differences: 0"), "{replay:#?}");
+    workshop.assert_replays("undisturbed");
     // One kitchen's episodes can be called for.
     let one = all.first().unwrap().to_string();
     let replay = complete(workshop.orchestrator(&["replay", "--check", "undisturbed", "--kitchen", &one]));
@@ -103,8 +70,7 @@ fn killed_and_resumed_it_is_the_same_run_in_the_same_kitchens() {
     assert_eq!(complete(workshop.resume("killed")).result(), undisturbed);
     run.assert_nothing_left();
     assert_eq!(kitchens_played(&run), kitchens);
-    let replay = complete(workshop.orchestrator(&["replay", "--check", "killed"]));
-    assert!(replay.success && replay.stdout.contains("differences: 0"), "{replay:#?}");
+    workshop.assert_replays("killed");
 }
 
 #[test]
@@ -126,12 +92,10 @@ fn kitchens_never_seen_are_evaluated_alike_whoever_dies() {
         *kitchens.entry(record.kitchen.number()).or_default() += 1;
     }
     assert_eq!(kitchens, BTreeMap::from([(5000, 12), (5001, 12), (5002, 12)]));
-    let result = std::fs::read_to_string(workshop.path("first").join("evaluation.json")).expect("a result file");
-    let result: serde_json::Value = serde_json::from_str(&result).expect("JSON");
+    let result = workshop.json("first/evaluation.json");
     assert_eq!(result["conditions"]["procedural"], "5000..5003");
     assert_eq!(result["kitchens"].as_array().map(Vec::len), Some(3));
-    let replay = complete(workshop.orchestrator(&["replay", "--check", "first"]));
-    assert!(replay.success && replay.stdout.contains("differences: 0"), "{replay:#?}");
+    workshop.assert_replays("first");
 
     // Every actor dies once.
     let mut command = evaluate("actors");

@@ -5,7 +5,7 @@ use super::hosts::Hosts;
 use rustix::process::Signal;
 use std::process::{Child, Command};
 use system_tests::{
-    Printed, RecordedSteps, Run, Workshop, complete, finish, is_held, kill_child, signal, start, wait_until,
+    Printed, Recording, Run, Workshop, complete, finish, is_held, kill_child, signal, start, wait_until,
 };
 
 const ACTORS: u32 = 3;
@@ -97,11 +97,6 @@ fn a_stop_that_reaches_another_host_between_two_starts_is_not_lost() {
     hosts.assert_nothing_left();
 }
 
-pub fn assert_replays(workshop: &Workshop, name: &str) {
-    let replayed = complete(workshop.orchestrator(&["replay", "--check", name]));
-    assert!(replayed.success && replayed.stdout.contains("differences: 0"), "{replayed:#?}");
-}
-
 #[test]
 fn the_number_of_actors_changes_at_a_rollout_and_nothing_is_lost_or_played_twice() {
     let workshop = Workshop::new();
@@ -109,10 +104,10 @@ fn the_number_of_actors_changes_at_a_rollout_and_nothing_is_lost_or_played_twice
     assert_eq!(result.1, FRAMES);
     let run = workshop.run("scaled");
     run.assert_nothing_left();
-    let steps = RecordedSteps::of(&run);
-    assert_eq!((steps.count(), steps.messages), (FRAMES, FRAMES), "each step once");
+    let steps = Recording::of(&run);
+    assert_eq!((steps.steps(), steps.messages()), (FRAMES, FRAMES), "each step once");
     assert_eq!(steps.holes(), Vec::<String>::new(), "each environment goes on where it was");
-    assert_replays(&workshop, "scaled");
+    workshop.assert_replays("scaled");
 
     // Rollouts have the frames of their actors, but for the last of each stage.
     let mut before = 0;
@@ -144,8 +139,8 @@ fn the_number_of_actors_changes_at_a_rollout_and_nothing_is_lost_or_played_twice
     // The held learner does not notice that its orchestrator is gone; the next start wakes it.
     assert_eq!(complete(workshop.resume("disturbed")).result(), result);
     other.assert_nothing_left();
-    assert!(RecordedSteps::of(&other).holes().is_empty());
-    assert_replays(&workshop, "disturbed");
+    assert!(Recording::of(&other).holes().is_empty());
+    workshop.assert_replays("disturbed");
 }
 
 /// Another command's answer is not taken for one's own, and nothing changes what is being carried out already.
@@ -251,10 +246,10 @@ fn several_hosts_change_together_as_one_does() {
     scaled(&hosts.workshop, &hosts.run(), "shared");
     let [first, second] = children.map(finish);
     assert!(second.success, "{second:#?}");
-    let steps = RecordedSteps::of(&hosts.run());
-    assert_eq!((steps.count(), steps.messages), (hosts.frames, hosts.frames), "each step once");
+    let steps = Recording::of(&hosts.run());
+    assert_eq!((steps.steps(), steps.messages()), (hosts.frames, hosts.frames), "each step once");
     assert!(steps.holes().is_empty(), "{:?}", steps.holes());
-    assert_replays(&hosts.workshop, "shared");
+    hosts.workshop.assert_replays("shared");
     hosts.assert_nothing_left();
 
     let mut alone = hosts.workshop.up("alone", 4, 3, hosts.frames);
@@ -291,10 +286,7 @@ fn with_its_own(hosts: &Hosts, name: &str, host: usize, count: usize, learners: 
 fn a_run_goes_on_with_fewer_hosts_and_with_more() {
     let hosts = Hosts::new(&["shared", "shared"]);
     let run = hosts.run();
-    let copy = |from: &str, to: &str| {
-        let (from, to) = (hosts.workshop.path(from), hosts.workshop.path(to));
-        assert!(Command::new("cp").arg("-r").arg(from).arg(to).status().is_ok_and(|status| status.success()));
-    };
+    let copy = |from: &str, to: &str| hosts.workshop.copy(from, to);
     let by_hand = |name: &str, actors: &str, learners: &str| {
         let mut command = hosts.workshop.resume(name);
         command.args(["--actors", actors, "--learners", learners]);
@@ -322,8 +314,8 @@ fn a_run_goes_on_with_fewer_hosts_and_with_more() {
     assert!(second.success, "{second:#?}");
     assert_eq!(first.result(), by_hand("more-by-hand", "4", "2"), "hosts do not matter");
     assert_eq!(first.result().1, hosts.frames);
-    assert!(RecordedSteps::of(&run).count() >= hosts.frames, "every step that counts is recorded");
-    assert_replays(&hosts.workshop, "shared");
+    assert!(Recording::of(&run).steps() >= hosts.frames, "every step that counts is recorded");
+    hosts.workshop.assert_replays("shared");
     let status = complete(hosts.workshop.orchestrator(&["status", "shared"]));
     for change in ["1 host, 1 learner, 2 actors instead of 2 hosts", "2 hosts, 2 learners, 4 actors instead of 1 host"]
     {

@@ -2,11 +2,11 @@
 //! lost, and the same commands go on.
 
 use super::hosts::{Hosts, as_many_on_one_host};
-use super::scaling::{HOLD, ask, assert_replays};
+use super::scaling::{HOLD, ask};
 use rustix::process::Signal;
 use std::process::Child;
 use std::time::{Duration, Instant};
-use system_tests::{Printed, RecordedSteps, Run, finish, is_held, kill_child, signal, start, wait_until};
+use system_tests::{Printed, Recording, Run, finish, is_held, kill_child, signal, start, wait_until};
 
 const HOST_LOST: i32 = proto::exit::EXIT_HOST_LOST;
 /// The first rollout with another number.
@@ -54,9 +54,9 @@ fn goes_on<const N: usize>(hosts: &Hosts) {
     let [first, others @ ..] = &hosts.complete::<N>()[..] else { panic!("there is a host 0") };
     assert!(others.iter().all(|other| other.success), "{others:#?}");
     assert_eq!(first.result(), as_many_on_one_host(N as u32, hosts.frames));
-    let steps = RecordedSteps::of(&hosts.run());
-    assert!(steps.count() >= hosts.frames && steps.holes().is_empty(), "{} steps, {:?}", steps.count(), steps.holes());
-    assert_replays(&hosts.workshop, "shared");
+    let steps = Recording::of(&hosts.run());
+    assert!(steps.steps() >= hosts.frames && steps.holes().is_empty(), "{} steps, {:?}", steps.steps(), steps.holes());
+    hosts.workshop.assert_replays("shared");
     hosts.assert_nothing_left();
 }
 

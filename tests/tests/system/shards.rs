@@ -2,8 +2,7 @@
 
 use rustix::process::Signal;
 use std::process::Command;
-use std::sync::OnceLock;
-use system_tests::{Run, TINY, Undisturbed, Workshop, complete, finish, kill, signal, start};
+use system_tests::{TINY, Undisturbed, Workshop, complete, finish, kill, signal, start};
 
 /// A power of two and one more: the first shard is larger.
 const ACTORS: u32 = 5;
@@ -37,41 +36,6 @@ fn up(workshop: &Workshop, name: &str, learners: usize) -> Command {
     command
 }
 
-/// The figures of all rollouts, but for what the learners exchanged.
-fn figures(run: &Run) -> Vec<serde_json::Value> {
-    let metrics = run.metrics().into_values();
-    let figures = metrics.map(|mut line| {
-        let figures = line["metrics"].as_object_mut().expect("a line has metrics");
-        figures.remove("rollout/exchanged_bytes");
-        line["metrics"].take()
-    });
-    figures.collect()
-}
-
-/// The result of one learner and its figures, made once per test process.
-fn of_one() -> &'static ((String, u64), Vec<serde_json::Value>) {
-    static RESULT: OnceLock<((String, u64), Vec<serde_json::Value>)> = OnceLock::new();
-    RESULT.get_or_init(|| {
-        let workshop = workshop();
-        let Undisturbed { result, run } = Undisturbed::of(&workshop, up(&workshop, "undisturbed", 1));
-        assert_eq!(result.1, FRAMES);
-        (result, figures(&run))
-    })
-}
-
-#[test]
-fn two_and_four_learners_train_the_weights_of_one() {
-    let workshop = workshop();
-    let multipliers: Vec<&serde_json::Value> =
-        of_one().1.iter().map(|figures| &figures["lagrangian/multiplier"]).collect();
-    assert!(multipliers.iter().filter(|value| value.is_f64()).count() > 3, "the multiplier moves: {multipliers:?}");
-    for learners in [2, 4] {
-        let name = format!("of-{learners}");
-        assert_eq!(complete(up(&workshop, &name, learners)).result(), of_one().0, "{learners} learners");
-        assert_eq!(figures(&workshop.run(&name)), of_one().1, "{learners} learners");
-    }
-}
-
 /// Four learners, of which one is killed; then one; then two.
 #[test]
 fn a_run_goes_on_with_other_numbers_of_learners_as_the_same_run() {
@@ -96,7 +60,7 @@ fn a_run_goes_on_with_other_numbers_of_learners_as_the_same_run() {
     assert!(!printed.stderr.contains("WARN"), "nothing changes: {printed:#?}");
 
     let printed = complete(resume(&workshop, 2));
-    assert_eq!(printed.result(), of_one().0, "{printed:#?}");
+    assert_eq!(printed.result(), Undisturbed::of(&workshop, up(&workshop, "undisturbed", 1)).result, "{printed:#?}");
     assert!(!printed.stderr.contains("WARN"), "nothing changes: {printed:#?}");
     run.assert_nothing_left();
 }

@@ -1,13 +1,13 @@
 //! Run folders that came from somebody else: what reads one shows nothing of other files, and ends in bounded time and
 //! memory, whatever lies there.
 
+use crate::figures::validating;
 use proto::run_folder::{RolloutName, RunFolder};
 use std::fs::File;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::time::{Duration, Instant};
-use system_tests::{TINY, Viewer, Workshop, complete};
+use system_tests::{Viewer, Workshop, complete};
 
 const SECRET: &str = "xyzzy-private-xyzzy";
 /// What reads a run.
@@ -26,19 +26,14 @@ const PAGES: [&str; 4] = ["", "/curves", "/episodes", "/episodes?source=training
 
 /// A workshop with a run, and a copy of it for each victim.
 fn workshop() -> Workshop {
-    let workshop = Workshop::new();
-    let text = format!("{TINY}\n[validation]\nevery_frames = 300\nepisodes = 1\n");
-    std::fs::write(workshop.path("tiny.toml"), text).expect("a writable workshop");
+    let workshop = validating();
     complete(workshop.up("runs/good", 1, 2, 300)).result();
     workshop
 }
 
 fn copy(workshop: &Workshop) -> RunFolder {
-    let bad = workshop.run("runs/bad").folder;
-    let _ = std::fs::remove_dir_all(bad.root());
-    let copied = Command::new("cp").args(["-r", "runs/good", "runs/bad"]).current_dir(workshop.path("")).status();
-    assert!(copied.is_ok_and(|status| status.success()));
-    bad
+    let _ = std::fs::remove_dir_all(workshop.path("runs/bad"));
+    workshop.copy("runs/good", "runs/bad").folder
 }
 
 /// One of each kind of file and folder, relative to the run.
@@ -142,8 +137,7 @@ fn a_file_without_end_is_named_and_the_rest_of_the_run_is_read() {
 #[test]
 fn a_run_that_cannot_be_read_is_named_and_the_others_are_shown() {
     let workshop = workshop();
-    let other = Command::new("cp").args(["-r", "runs/good", "runs/other"]).current_dir(workshop.path("")).status();
-    assert!(other.is_ok_and(|status| status.success()));
+    workshop.copy("runs/good", "runs/other");
     // Runs of one seed are none beside each other.
     let reseed = |run: &str, digit: &str| {
         let config = workshop.run(run).folder.config();

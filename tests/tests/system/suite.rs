@@ -2,10 +2,7 @@
 
 use serde_json::Value;
 use std::path::Path;
-use std::process::Stdio;
-use system_tests::{
-    Printed, Run, TINY, Workshop, binary, complete, finish, kill_child, signal, start, tell, wait_until,
-};
+use system_tests::{Printed, Run, TINY, Workshop, complete, finish, kill_child, signal, start, tell, wait_until};
 
 /// Two seeds of the tiny configuration and one run more, each evaluated on 30 episodes.
 fn suite(workshop: &Workshop, frames: u64, more: &str) {
@@ -19,8 +16,7 @@ fn suite(workshop: &Workshop, frames: u64, more: &str) {
 }
 
 fn state(workshop: &Workshop) -> Value {
-    let text = std::fs::read_to_string(workshop.path("all/suite.json")).expect("a state file");
-    serde_json::from_str(&text).expect("the state file is whole at any time")
+    workshop.json("all/suite.json")
 }
 
 fn call(workshop: &Workshop) -> std::process::Command {
@@ -143,77 +139,10 @@ fn a_run_that_fails_is_said_and_tried_again_and_holds_up_nobody() {
 }
 
 #[test]
-fn a_second_interrupt_is_told_from_an_orderly_stop() {
-    let workshop = Workshop::new();
-    suite(&workshop, 3000, "");
-    let mut child = start(call(&workshop));
-    let first = run(&workshop, "tiny-5");
-    first.wait_for_rollouts(2);
-    // Two signals at once would be one: somebody presses the keys until it is over.
-    let mut status = None;
-    wait_until("the suite ends", || {
-        signal(child.id(), rustix::process::Signal::INT);
-        status = child.try_wait().expect("a status");
-        status.is_some()
-    });
-    let code = status.and_then(|status| status.code());
-    assert_eq!(code, Some(130), "{:#?}", finish(child));
-    first.assert_nothing_left();
-}
-
-#[test]
-fn the_program_may_be_compiled_anew_while_a_suite_works() {
-    let workshop = Workshop::new();
-    suite(&workshop, 300, "");
-    let built = binary("orchestrator");
-    let copy = workshop.path("orchestrator");
-    std::fs::copy(&built, &copy).expect("room for a copy");
-    let mut command = std::process::Command::new(&copy);
-    let usual = call(&workshop);
-    command.args(usual.get_args()).current_dir(workshop.path("")).env_remove("STILLROOM_FAULT");
-    // The other two programs are found where they were built.
-    let others = built.parent().expect("a program lies in a folder").display();
-    command.env("PATH", format!("{others}:{}", std::env::var("PATH").unwrap_or_default()));
-    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-    let child = start(command);
-    run(&workshop, "tiny-5").wait_for_rollouts(1);
-    std::fs::remove_file(&copy).expect("a running program's file can be removed");
-    let printed = finish(child);
-    assert!(printed.success, "{printed:#?}");
-    assert_eq!(state(&workshop)["runs"]["tiny-6"]["status"], "done");
-}
-
-#[test]
-fn a_wrong_file_starts_nothing() {
-    let workshop = Workshop::new();
-    for (more, word) in [
-        ("[[runs]]\npreset = \"demmo\"", "did you mean `demo`?"),
-        ("[[runs]]\npreset = \"demo\"\nname = \"tiny\"", "two runs are called tiny-5"),
-        ("[[runs]]\npreset = \"demo\"\nname = \"wrong\"\nconfig.ppo.lerning_rate = 1.0", "lerning_rate"),
-    ] {
-        suite(&workshop, 300, more);
-        refused(&complete(call(&workshop)), word);
-        assert!(!workshop.path("all").exists());
-    }
-    refused(&complete(workshop.orchestrator(&["suite", "nowhere.toml"])), "nowhere.toml");
-}
-
-#[test]
 fn a_report_of_two_seeds_has_numbers_and_says_what_is_missing() {
     let workshop = Workshop::new();
     for seed in [5, 6] {
         complete(workshop.up_seeded(&format!("seed-{seed}"), 1, 2, 300, seed)).result();
-    }
-    let printed = complete(workshop.orchestrator(&["report", "seed-5", "seed-6", "--out", "both"]));
-    assert!(printed.success && printed.stdout.contains("2 runs in 1 group; groups evaluated: 0"), "{printed:#?}");
-    assert!(workshop.path("both/report.html").exists());
-    let numbers = std::fs::read_to_string(workshop.path("both/report.json")).expect("numbers");
-    let numbers: Value = serde_json::from_str(&numbers).expect("JSON");
-    let training = numbers["groups"][0]["training"].as_array().expect("curves");
-    assert!(training.iter().any(|curve| curve["metric"] == "rollout/reward"), "{training:#?}");
-    for curve in training {
-        let last = curve["points"].as_array().and_then(|points| points.last()).expect("a point");
-        assert_eq!(last["seeds"], 2, "{}", curve["metric"]);
     }
     // One seed evaluated, as a folder of its own; the other not.
     let eval = ["eval", "seed-5", "--split", "test", "--objects", "all", "--episodes", "6", "--out", "elsewhere"];
@@ -221,8 +150,7 @@ fn a_report_of_two_seeds_has_numbers_and_says_what_is_missing() {
     assert!(evaluated.success, "{evaluated:#?}");
     let printed = complete(workshop.orchestrator(&["report", "seed-5", "seed-6", "elsewhere", "--out", "both"]));
     assert!(printed.success && printed.stderr.contains("not in its means: seed-6"), "{printed:#?}");
-    let numbers = std::fs::read_to_string(workshop.path("both/report.json")).expect("numbers");
-    let numbers: Value = serde_json::from_str(&numbers).expect("JSON");
+    let numbers = workshop.json("both/report.json");
     let result = &numbers["groups"][0]["results"][0];
     assert_eq!((&result["field"], &result["metrics"]["success"]["seeds"]), (&"test-novel-drawn".into(), &1.into()));
     assert_eq!(result["pooled"]["episodes"], 30);
@@ -230,8 +158,6 @@ fn a_report_of_two_seeds_has_numbers_and_says_what_is_missing() {
     refused(&complete(workshop.orchestrator(&["report", "seed-5", "--out", "seed-5"])), "no report");
     refused(&complete(workshop.orchestrator(&["report", "nowhere"])), "nowhere");
     // The same seed twice is no second seed.
-    let copied =
-        std::process::Command::new("cp").args(["-r", "seed-5", "copy"]).current_dir(workshop.path("")).status();
-    assert!(copied.expect("cp runs").success());
+    workshop.copy("seed-5", "copy");
     refused(&complete(workshop.orchestrator(&["report", "seed-5", "copy", "--out", "twice"])), "same seed 5");
 }

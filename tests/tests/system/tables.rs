@@ -8,9 +8,7 @@ use std::process::Command;
 use system_tests::{Workshop, complete, finish, start};
 
 fn json(workshop: &Workshop, arguments: &[&str]) -> Value {
-    let printed = complete(workshop.orchestrator(arguments));
-    assert!(printed.success, "{arguments:?}: {printed:#?}");
-    serde_json::from_str(&printed.stdout).unwrap_or_else(|error| panic!("{arguments:?}: {error}: {}", printed.stdout))
+    complete(workshop.orchestrator(arguments)).json()
 }
 
 fn row<'a>(table: &'a Value, name: &str) -> &'a Value {
@@ -94,24 +92,7 @@ fn logs_are_followed_and_runs_are_compared() {
 
     assert_eq!(json(&workshop, &["list", ".", "--json"]).as_array().map(Vec::len), Some(2));
     let report = json(&workshop, &["report", "one", "two", "--json"]);
-    let file = std::fs::read_to_string(workshop.path("runs/report/report.json")).expect("the numbers");
-    assert_eq!(report, serde_json::from_str::<Value>(&file).expect("JSON"));
-}
-
-#[test]
-fn a_suite_is_told_as_json() {
-    let workshop = Workshop::new();
-    std::fs::write(workshop.path("s.toml"), "seeds = [1, 2]\nframes = 1000\n[[runs]]\npreset = \"demo\"\n")
-        .expect("a file");
-    let told = json(&workshop, &["suite", "s.toml", "--check", "--json"]);
-    let expected = serde_json::json!({
-        "runs": [
-            { "name": "demo-1", "folder": "runs/s/runs/demo-1" },
-            { "name": "demo-2", "folder": "runs/s/runs/demo-2" },
-        ],
-        "evaluations": [],
-    });
-    assert_eq!(told, expected);
+    assert_eq!(report, workshop.json("runs/report/report.json"));
 }
 
 #[test]

@@ -51,7 +51,7 @@ fn a_run_is_shown_while_it_trains_and_trains_as_if_nobody_looked() {
     );
     assert_eq!(curves["series"]["episode/success"].as_array().map(Vec::len), Some(frames.len()));
 
-    every_episode_is_in_the_table(&viewer, &run.folder);
+    every_episode_is_in_the_table(&viewer, &workshop);
     let row = &viewer.json("/api/runs/watched/episodes?recorded=true&sort=length&descending=true")["rows"][0];
     let address = format!("/api/runs/watched/episodes/{}", row["key"].as_str().expect("a key"));
     let shown = viewer.json(&address);
@@ -80,9 +80,8 @@ fn a_run_is_shown_while_it_trains_and_trains_as_if_nobody_looked() {
 }
 
 /// Each recorded end is a row; of training and of nothing else.
-fn every_episode_is_in_the_table(viewer: &Viewer, folder: &RunFolder) {
-    let summary: Value =
-        serde_json::from_str(&std::fs::read_to_string(folder.summary()).expect("a summary")).expect("JSON");
+fn every_episode_is_in_the_table(viewer: &Viewer, workshop: &Workshop) {
+    let summary = workshop.json("runs/watched/summary.json");
     let stages = summary["stages"].as_array().expect("stages");
     let episodes: u64 = stages.iter().filter_map(|stage| stage["whole"]["episodes"].as_u64()).sum();
     wait_until("all recordings are read", || {
@@ -109,12 +108,7 @@ fn damage(path: &Path, change: impl FnOnce(&mut Vec<u8>)) {
 fn a_damaged_run_is_shown_as_far_as_it_goes_and_harms_no_other() {
     let workshop = Workshop::new();
     complete(workshop.up("runs/sound", ACTORS, ENVIRONMENTS, 300)).result();
-    let copy = |name: &str| {
-        let copied =
-            std::process::Command::new("cp").args(["-r", "runs/sound", name]).current_dir(workshop.path("")).status();
-        assert!(copied.expect("cp").success());
-        workshop.run(name).folder
-    };
+    let copy = |name: &str| workshop.copy("runs/sound", name).folder;
     damage(&copy("runs/identity").identity(), |bytes| bytes.truncate(20));
     damage(&copy("runs/configuration").config(), |bytes| bytes.extend_from_slice(b"\n[nonsense]\nx = 1\n"));
     damage(&copy("runs/figures").metrics(), |bytes| bytes[10..40].fill(b'#'));

@@ -8,8 +8,6 @@ pub enum Rule {
     Circle,
     /// No circle between the rooms of one crate: the folders and files beside its root.
     RoomCircle,
-    /// No reference to a file that is not there.
-    DeadReference,
     /// No way to open a file of a run folder but `RunFolder`'s.
     Opening,
     /// No Rust source that the other rules cannot read.
@@ -21,7 +19,6 @@ impl Rule {
         match self {
             Self::Circle => "move what both sides need into a file that uses neither",
             Self::RoomCircle => "move a file into the room that needs it, or what both need into a third room",
-            Self::DeadReference => "name the file that is there, or delete the reference",
             Self::Opening => "open it by a method of `RunFolder`; what is in no run folder stands in openings.rs",
             Self::Unreadable => "mend the syntax",
         }

@@ -16,7 +16,6 @@ mod finding;
 mod modules;
 mod openings;
 mod paths;
-mod references;
 mod syntax;
 mod tree;
 
@@ -28,7 +27,6 @@ pub fn findings(tree: &Tree) -> Vec<Finding> {
     let (sources, mut found) = syntax::parse(tree);
     let targets: Vec<_> = tree.targets().iter().map(|target| modules::Target::load(target, &sources)).collect();
     found.extend(circles::findings(&targets));
-    found.extend(references::findings(tree));
     found.extend(openings::findings(&targets));
     found.sort();
     found.dedup();

@@ -6,8 +6,6 @@ use tidy::{Finding, Rule, Tree, findings};
 fn clean() -> Tree {
     let mut tree = Tree::default();
     tree.add("Cargo.toml", "[workspace]\nmembers = [\"stock\", \"shop\"]\n");
-    tree.add("README.md", "# Shop\n\nPrices are in `stock/src/price.rs`, see [the text](docs/text.md#two-words).\n");
-    tree.add("docs/text.md", "# Two words\n\nBack to the [shop](../README.md); a run writes `runs/NAME/bill.json`.\n");
     tree.add("stock/Cargo.toml", "[package]\nname = \"stock\"\n");
     tree.add("stock/src/lib.rs", "//! Stock.\npub mod price;\nmod shelf;\npub use shelf::Shelf;\n");
     tree.add("stock/src/price.rs", "//! Prices.\nuse crate::Shelf;\npub fn price(shelf: &Shelf) -> u32 { shelf.0 }\n");
@@ -38,15 +36,6 @@ fn planted(path: &str, text: &str) -> Vec<Finding> {
     let mut tree = clean();
     tree.add(path, text);
     findings(&tree)
-}
-
-/// The one finding of a planted tree.
-fn only(path: &str, text: &str, rule: Rule) -> Finding {
-    let found = planted(path, text);
-    assert_eq!(found.len(), 1, "{found:#?}");
-    assert_eq!(found[0].rule, rule);
-    assert_eq!(found[0].path, path);
-    found.into_iter().next().expect("one finding")
 }
 
 #[test]
@@ -109,28 +98,6 @@ fn rooms_that_use_each_other_are_found_though_no_files_do() {
     let rules = |uses| wood(uses).iter().map(|finding| finding.rule).collect::<Vec<_>>();
     assert_eq!(rules("fn bent() -> u32 { 1 }\n"), []);
     assert_eq!(rules(only_tests), []);
-}
-
-#[test]
-fn a_dead_reference_is_found_in_comments_and_documents() {
-    for (comment, name) in [
-        ("//! Prices; taxes are in `stock/src/tax.rs`.", "`stock/src/tax.rs`"),
-        ("//! Prices; taxes are in tax.rs, says nobody.", "`tax.rs`"),
-        ("//! Prices, of `cellar/`.", "`cellar/`"),
-        ("//! Prices, of `docs/*.toml`.", "`docs/*.toml`"),
-    ] {
-        let text = format!("{comment}\npub fn price(shelf: &crate::Shelf) -> u32 {{ shelf.0 }}\n");
-        let found = only("stock/src/price.rs", &text, Rule::DeadReference);
-        assert_eq!((found.line, found.what), (1, format!("{name} is not there")));
-    }
-    for (text, name) in [("See [it](gone.md).\n", "`gone.md`"), ("See `stock/src/gone/`.\n", "`stock/src/gone/`")] {
-        let found = only("docs/more.md", text, Rule::DeadReference);
-        assert_eq!((found.line, found.what), (1, format!("{name} is not there")));
-    }
-    let fine =
-        "See `price.rs:3`, `shelf/`, `shelf/*.rs`, https://example.org/gone.md, `/step`, `loss/total`, README.md.\n";
-    assert_eq!(planted("docs/more.md", fine), []);
-    assert_eq!(planted("CHANGELOG.md", "`gone.rs` is gone.\n"), []);
 }
 
 #[test]

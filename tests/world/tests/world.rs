@@ -149,8 +149,7 @@ fn whatever_is_wrong_on_purpose_is_found() {
         (Mutation::ForgetsFiles, 500, "can be used"),
         (Mutation::ForgetsNames, 500, "and the run goes on from"),
     ] {
-        let found = finders(mutation, seeds);
-        println!("{mutation:?}: {} of {seeds}, first {:?}", found.len(), found.first());
-        assert!(found.iter().any(|(_, text)| text.contains(said)), "{mutation:?} is not found: {found:?}");
+        let mut found = (0..seeds).filter_map(|seed| play(seed, Some(mutation), false).violation);
+        assert!(found.any(|text| text.contains(said)), "{mutation:?} is not found by {seeds} seeds");
     }
 }

@@ -85,17 +85,3 @@ impl Action {
         self as u8
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn index_and_table_agree() {
-        for (i, action) in Action::ALL.iter().enumerate() {
-            assert_eq!(usize::from(action.index()), i);
-            assert_eq!(Action::from_index(i as u8), Some(*action));
-        }
-        assert_eq!(Action::from_index(Action::ALL.len() as u8), None);
-    }
-}

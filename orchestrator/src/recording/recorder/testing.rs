@@ -103,10 +103,10 @@ pub fn hash(episode: u32, step: u32) -> u64 {
     (u64::from(episode) << 32 | u64::from(step)).wrapping_mul(0x9E37_79B9_7F4A_7C15)
 }
 
-/// What was done and is seen after `exchange` actions, all of them taken. `flags` are set besides.
-pub fn record(environment: u32, exchange: u64, flags: u32) -> Record {
+/// What was done and is seen after `exchange` actions, all of them taken.
+fn record(environment: u32, exchange: u64) -> Record {
     let mut record = Record(vec![Line([0; 64]); task().layout().bytes / size_of::<Line>()]);
-    *record.header_mut() = header(environment, exchange, flags);
+    *record.header_mut() = header(environment, exchange);
     if let Some((episode, step)) = exchange.checked_sub(1).map(position) {
         record.act(episode, step);
     }
@@ -118,7 +118,7 @@ pub fn record(environment: u32, exchange: u64, flags: u32) -> Record {
     record
 }
 
-pub fn header(environment: u32, exchange: u64, flags: u32) -> RecordHeader {
+fn header(environment: u32, exchange: u64) -> RecordHeader {
     let mut header = RecordHeader { environment, bulk: 1, ..RecordHeader::default() };
     header.begin(0, hash(0, 0), false);
     if let Some((episode, step)) = exchange.checked_sub(1).map(position) {
@@ -128,7 +128,6 @@ pub fn header(environment: u32, exchange: u64, flags: u32) -> RecordHeader {
             header.begin(episode + 1, hash(episode + 1, 0), false);
         }
     }
-    header.flags |= flags;
     header
 }
 
@@ -185,7 +184,7 @@ impl FakeActor {
         loop {
             let mut records = Vec::new();
             for environment in range.clone() {
-                let mut record = record(environment as u32, step, 0);
+                let mut record = record(environment as u32, step);
                 edit(&mut record);
                 records.extend(record.0);
             }

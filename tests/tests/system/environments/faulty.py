@@ -50,8 +50,8 @@ class Faulty(gymnasium.Env):
                     seen["goal_m"] = seen["goal_m"].astype(np.int16)
                 case "range":
                     seen["goal_m"] = seen["goal_m"] + np.float32(7)
-                case "nan" | "inf":
-                    seen["goal_m"] = seen["goal_m"] * np.float32(self._fault)
+                case "nan":
+                    seen["goal_m"] = seen["goal_m"] * np.float32("nan")
                 case "reward":
                     reward = float("inf")
                 case "key":

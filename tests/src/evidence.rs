@@ -1,12 +1,12 @@
 //! What a complete run leaves, as far as it must be the same whatever happened: no times, no counts of starts.
 
+use crate::board::{self, Curves};
 use crate::recording::Recording;
+use crate::{Run, Undisturbed};
 use anyhow::{Context, Result, ensure};
-use proto::run_folder::RunFolder;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
-use system_tests::board::{self, Curves};
 
 /// Of a run that trained.
 #[derive(Debug)]
@@ -55,9 +55,18 @@ pub fn result(path: &Path) -> Result<Value> {
     Ok(value)
 }
 
+impl Run {
+    /// Asserts that it left what an undisturbed one left.
+    pub fn assert_same(&self, undisturbed: &Undisturbed, what: &str) {
+        let [ours, theirs] = [self, &undisturbed.run].map(|run| Evidence::read(run).expect("a complete run"));
+        assert_eq!(ours.differences(&theirs), Vec::<String>::new(), "{what}");
+    }
+}
+
 impl Evidence {
     /// Of a complete run.
-    pub fn read(folder: &RunFolder) -> Result<Self> {
+    pub fn read(run: &Run) -> Result<Self> {
+        let folder = &run.folder;
         let text = std::fs::read_to_string(folder.summary()).context("summary.json")?;
         let summary: Value = serde_json::from_str(&text).context("summary.json")?;
         let varying = ["id", "training_s", "frames_per_s", "wall", "incarnations", "recordings"];
@@ -86,7 +95,7 @@ impl Evidence {
             best,
             tables: tables.collect::<Result<_>>()?,
             curves,
-            recording: Recording::read(folder)?,
+            recording: Recording::read(run)?,
             files,
         })
     }
@@ -233,15 +242,17 @@ pub fn first_difference(place: &str, one: &Value, other: &Value) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proto::run_folder::RunFolder;
     use serde_json::json;
 
     fn run(folder: &Path, metrics: &[Value]) -> Result<Evidence> {
-        let folder = RunFolder::new(folder);
+        let run = Run { folder: RunFolder::new(folder) };
+        let folder = &run.folder;
         let summary = json!({ "frames": 10, "complete": true, "training_s": 1.0 });
         std::fs::write(folder.summary(), summary.to_string()).unwrap();
         let lines: Vec<String> = metrics.iter().map(|line| format!("{line}\n")).collect();
         std::fs::write(folder.metrics(), lines.concat()).unwrap();
-        Evidence::read(&folder)
+        Evidence::read(&run)
     }
 
     #[test]

@@ -1,13 +1,13 @@
-//! What the recordings of a run hold, read by a reader of the harness's own: each step, start and end of an episode,
+//! What the recordings of a run hold, read without any code of the system: each step, start and end of an episode,
 //! by what it is of, with every copy of it.
 
+use crate::Run;
 use anyhow::{Context, Result};
 use mcap::read::Options;
 use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor, ReflectMessage};
-use proto::run_folder::RunFolder;
 use proto::task::{Metric, Over, Spec};
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Kitchen, environment, episode, step (0 for the starts and ends of episodes).
 type Key = (u32, u32, u32, u32);
@@ -76,17 +76,22 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Of a run folder.
-    pub fn read(folder: &RunFolder) -> Result<Self> {
+    /// Of a run; an error if a file cannot be read.
+    pub fn read(run: &Run) -> Result<Self> {
         let mut recording = Self::default();
-        for path in &files(folder) {
+        for path in &run.recordings() {
             recording.add(path).with_context(|| path.display().to_string())?;
         }
         Ok(recording)
     }
 
+    /// Of a run whose files can be read.
+    pub fn of(run: &Run) -> Self {
+        Self::read(run).expect("readable recordings")
+    }
+
     fn add(&mut self, path: &Path) -> Result<()> {
-        each_message(path, |topic, message| {
+        each_message(path, is_of_episodes, |topic, message| {
             let key = key_of(&message);
             let copies = match topic {
                 "/step" => {
@@ -106,6 +111,35 @@ impl Recording {
     /// Different steps.
     pub fn steps(&self) -> u64 {
         self.steps.len() as u64
+    }
+
+    /// Steps, each as often as it was recorded.
+    pub fn messages(&self) -> u64 {
+        self.order.len() as u64
+    }
+
+    /// Kitchen, environment and number of the episodes that began.
+    pub fn starts(&self) -> impl Iterator<Item = (u32, u32, u32)> {
+        self.starts.keys().map(|&(kitchen, environment, episode, _)| (kitchen, environment, episode))
+    }
+
+    /// Where an environment's course breaks off and goes on later: each step follows the one before it in its episode,
+    /// or begins the episode after one that ended.
+    pub fn holes(&self) -> Vec<String> {
+        let lasts = self.closed.iter().map(|&((kitchen, environment, episode, _), _, length)| {
+            (kitchen, environment, episode, length.saturating_sub(1))
+        });
+        let lasts: HashSet<Key> = lasts.collect();
+        let (mut holes, mut expected) = (vec![], BTreeMap::new());
+        for key in self.steps.keys() {
+            let &(kitchen, environment, episode, step) = key;
+            let expected = expected.entry((kitchen, environment)).or_insert((0, 0));
+            if (episode, step) != *expected {
+                holes.push(format!("{kitchen}/{environment}: {expected:?} is missing before {:?}", (episode, step)));
+            }
+            *expected = if lasts.contains(key) { (episode + 1, 0) } else { (episode, step + 1) };
+        }
+        holes
     }
 
     /// Steps of the run as it was in the end.
@@ -145,17 +179,27 @@ fn is_of_all_steps(name: &str) -> bool {
 }
 
 /// Steps of a run as it was in the end, of a recording of any length.
-pub fn steps_that_count(folder: &RunFolder) -> Result<u64> {
+pub fn steps_that_count(run: &Run) -> Result<u64> {
     let mut order = vec![];
-    for path in &files(folder) {
-        each_message(path, |topic, message| {
-            if topic == "/step" {
-                order.push((key_of(&message), generation_of(&message)));
-            }
-        })
-        .with_context(|| path.display().to_string())?;
+    for path in &run.recordings() {
+        let take = |_: &str, message: DynamicMessage| order.push((key_of(&message), generation_of(&message)));
+        each_message(path, |topic| topic == "/step", take).with_context(|| path.display().to_string())?;
     }
     Ok(count(order))
+}
+
+/// The recorded depth frames of a run, by topic, in the order in which they were written.
+pub fn recorded_depth(run: &Run) -> BTreeMap<String, Vec<Vec<u8>>> {
+    let mut frames: BTreeMap<String, Vec<Vec<u8>>> = BTreeMap::new();
+    for path in &run.recordings() {
+        let take = |topic: &str, image: DynamicMessage| {
+            let data = image.get_field_by_name("data").and_then(|data| Some(data.as_bytes()?.to_vec()));
+            frames.entry(topic.to_owned()).or_default().push(data.expect("an image"));
+        };
+        let is_image = |topic: &str| topic.starts_with("/depth/") && topic.ends_with("/image");
+        each_message(path, is_image, take).expect("a readable recording");
+    }
+    frames
 }
 
 /// Of steps that were taken again the newest counts, and those that were given up do not.
@@ -175,18 +219,16 @@ fn count(mut order: Vec<(Key, (u32, u32))>) -> u64 {
     environments.values().map(|taken| taken.len() as u64).sum()
 }
 
-fn files(folder: &RunFolder) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(folder.recordings()).into_iter().flatten().flatten();
-    let mut files: Vec<_> = entries
-        .map(|entry| entry.path())
-        .filter(|path| path.extension().is_some_and(|extension| extension == "mcap"))
-        .collect();
-    files.sort();
-    files
+fn is_of_episodes(topic: &str) -> bool {
+    ["/step", "/episode/start", "/episode/end"].contains(&topic)
 }
 
-/// Hands on every message about steps and episodes, by the schemas that the file has of them.
-fn each_message(path: &Path, mut take: impl FnMut(&str, DynamicMessage)) -> Result<()> {
+/// Hands on every message on these topics, by the schemas that the file has of them.
+fn each_message(
+    path: &Path,
+    is_wanted: impl Fn(&str) -> bool,
+    mut take: impl FnMut(&str, DynamicMessage),
+) -> Result<()> {
     let bytes = std::fs::read(path)?;
     // The start of a recording that was killed before its first flush.
     if bytes.is_empty() {
@@ -197,7 +239,7 @@ fn each_message(path: &Path, mut take: impl FnMut(&str, DynamicMessage)) -> Resu
     for message in mcap::MessageStream::new_with_options(&bytes, Options::IgnoreEndMagic.into())? {
         let message = message?;
         let topic = message.channel.topic.as_str();
-        if !["/step", "/episode/start", "/episode/end"].contains(&topic) {
+        if !is_wanted(topic) {
             continue;
         }
         if !kinds.contains_key(topic) {
@@ -278,6 +320,21 @@ mod tests {
         assert!(besides.differences(&reference)[0].contains("steps, besides: 1"));
         let other = recording(&[step(0, 0, 1), step(0, 1, 2), step(0, 1, 3)]);
         assert!(other.differences(&reference)[0].contains("steps, other: 1"));
+    }
+
+    #[test]
+    fn a_missing_step_is_seen_wherever_it_was() {
+        let course = [(0, 0), (0, 1), (1, 0), (2, 0), (2, 1)];
+        let without = |left_out: usize| {
+            let kept = course.iter().enumerate().filter(|(index, _)| *index != left_out);
+            let steps: Vec<_> = kept.map(|(_, &(episode, number))| step(episode, number, 0)).collect();
+            let closed = vec![((1, 0, 0, 0), (1, 1), 2), ((1, 0, 1, 0), (1, 1), 1)];
+            let recording = Recording { closed, ..recording(&steps) };
+            (recording.steps(), recording.holes().len())
+        };
+        assert_eq!(without(9), (5, 0));
+        // The last one is missed by its count alone.
+        assert_eq!([0, 1, 2, 3, 4].map(without), [(4, 1), (4, 1), (4, 1), (4, 1), (4, 0)]);
     }
 
     #[test]
