@@ -98,7 +98,10 @@ pub fn sheet(options: &SheetOptions) -> Result<()> {
         "each: floor plan cut at 1.4 m, and what the robot (orange) sees from where it stands; {} things in all",
         pairs.iter().map(|(_, _, things)| *things).sum::<usize>()
     );
-    canvas.text(&legend, 17.0, end + 18.0, 31.0, FAINT);
+    // On a narrow sheet it would be cut.
+    if end + 18.0 + 8.0 * legend.len() as f32 <= options.width as f32 {
+        canvas.text(&legend, 17.0, end + 18.0, 31.0, FAINT);
+    }
     for (index, (subject, (views, plan, things))) in options.subjects.iter().zip(&pairs).enumerate() {
         let x = MARGIN + index % columns * (cell + MARGIN);
         let y = HEAD + index / columns * (TITLE + side + MARGIN);

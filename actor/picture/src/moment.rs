@@ -7,6 +7,8 @@ use simulator::simulation::Simulation;
 
 /// Moments whose places the outside camera is chosen for.
 const SAMPLES: usize = 12;
+/// A thing that is nearer to its place than this stands still, metres.
+const STILL_M: f32 = 0.005;
 
 /// What an episode is about, as far as pictures of it go.
 #[derive(Debug, Clone)]
@@ -62,6 +64,16 @@ pub struct Captions {
     pub measures: String,
     /// How the episode ended, and whether well; none before its last moment.
     pub outcome: Option<(String, bool)>,
+}
+
+/// The movable things that are not always where they are at first, and the target: pictures of the whole episode do not
+/// show their shadows.
+pub fn moving(task: &Task, moments: &[Moment]) -> Vec<usize> {
+    let moves = |thing: usize| {
+        let place = |moment: &Moment| moment.things[thing].translation;
+        moments.iter().any(|moment| (place(moment) - place(&moments[0])).length() > STILL_M)
+    };
+    (0..moments[0].things.len()).filter(|&thing| Some(thing) == task.target || moves(thing)).collect()
 }
 
 /// What the outside view has to show, each point with its weight: start and goal of the target, and everybody's way.
