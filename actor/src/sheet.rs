@@ -15,6 +15,8 @@ const INK: Rgb = [34, 38, 44];
 const FAINT: Rgb = [112, 118, 126];
 /// Kitchens in a row, at most.
 const COLUMNS: usize = 5;
+/// A narrower one cuts its words, pixels.
+const CELL_LEAST: usize = 240;
 const MARGIN: usize = 10;
 const TITLE: usize = 26;
 const HEAD: usize = 46;
@@ -85,7 +87,7 @@ pub fn sheet(options: &SheetOptions) -> Result<()> {
         "a sheet is {WIDTH_MIN} to {WIDTH_MAX} pixels wide, not {}",
         options.width
     );
-    let columns = options.subjects.len().min(COLUMNS);
+    let columns = options.subjects.len().min(COLUMNS).min(options.width as usize / CELL_LEAST).max(1);
     let rows = options.subjects.len().div_ceil(columns);
     let cell = (options.width as usize - MARGIN) / columns - MARGIN;
     let side = cell / 2;

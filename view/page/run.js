@@ -193,7 +193,8 @@ class Thumbnails {
     const version = `${live.rollouts} ${live.card.done}`;
     if (live.card.state === "running" || live.indexed < 0.999 || version === this.shown) return;
     this.shown = version;
-    this.load().catch((error) => { if (!this.signal.aborted) replace(this.grid, notice(error.message, "error")); });
+    // A machine that is busy with other work may need several tries.
+    this.load().catch(() => { this.shown = ""; if (!this.signal.aborted) setTimeout(() => this.know(live), 5000); });
   }
 
   async load() {
