@@ -80,6 +80,7 @@ pub fn with_tip(mut error: clap::Error) -> clap::Error {
     }
     if let Some(tip) = tip {
         error.remove(ContextKind::SuggestedSubcommand);
+        error.remove(ContextKind::SuggestedArg);
         error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
     }
     let said = error.to_string();
