@@ -319,9 +319,9 @@ impl<'a> Telling<'a> {
 
     fn finish(self, about: About, environment: &Base) -> Episode {
         let mut cameras: Vec<Frames> = self.depth.into_iter().collect();
-        if let Some((first, last)) = self.drawn.first().zip(self.moments.last()) {
+        if let Some(last) = self.moments.last().filter(|_| !self.drawn.is_empty()) {
             let task = picture::task(self.rules.spec, environment, &last.record, String::new());
-            let scene = Scene::new(Arc::clone(environment.kitchen()), task, first);
+            let scene = Scene::new(Arc::clone(environment.kitchen()), task, &self.drawn);
             let side = self.setup.side_px as usize;
             for &kind in &self.setup.pictures {
                 let from = match kind {

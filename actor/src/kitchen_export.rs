@@ -106,7 +106,7 @@ impl Writer {
         if let Some(material) = self.materials.get(category) {
             return *material;
         }
-        let [red, green, blue] = colour(category).map(linear);
+        let [red, green, blue] = colour(category, 1).map(linear);
         let see_through = category == "Ceiling";
         let material = gltf::json::Material {
             name: Some(category.to_owned()),

@@ -14,6 +14,8 @@ const PAPER: Rgb = [250, 250, 248];
 const INK: Rgb = [34, 38, 44];
 const FAINT: Rgb = [112, 118, 126];
 const COLUMNS: usize = 5;
+/// A narrower one cuts its words, pixels.
+const CELL_LEAST: usize = 240;
 const MARGIN: usize = 10;
 const TITLE: usize = 26;
 const HEAD: usize = 46;
@@ -78,7 +80,7 @@ pub fn sheet(options: &SheetOptions) -> Result<()> {
         "a sheet is {WIDTH_MIN} to {WIDTH_MAX} pixels wide, not {}",
         options.width
     );
-    let columns = options.subjects.len().min(COLUMNS);
+    let columns = options.subjects.len().min(COLUMNS).min(options.width as usize / CELL_LEAST).max(1);
     let rows = options.subjects.len().div_ceil(columns);
     let cell = (options.width as usize - MARGIN) / columns - MARGIN;
     let side = cell / 2;
@@ -91,7 +93,10 @@ pub fn sheet(options: &SheetOptions) -> Result<()> {
         "each: floor plan cut at 1.4 m, and what the robot (orange) sees from where it stands; {} things in all",
         pairs.iter().map(|(_, _, things)| *things).sum::<usize>()
     );
-    canvas.text(&legend, 17.0, end + 18.0, 31.0, FAINT);
+    // On a narrow sheet it would be cut.
+    if end + 18.0 + 8.0 * legend.len() as f32 <= options.width as f32 {
+        canvas.text(&legend, 17.0, end + 18.0, 31.0, FAINT);
+    }
     for (index, (subject, (views, plan, things))) in options.subjects.iter().zip(&pairs).enumerate() {
         let x = MARGIN + index % columns * (cell + MARGIN);
         let y = HEAD + index / columns * (TITLE + side + MARGIN);

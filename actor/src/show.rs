@@ -129,7 +129,7 @@ impl KitchensInUse {
         let Telling { moments, displaced, shown, things, record, .. } = telling;
         let task = picture::task(rules.spec, environment.base(), &record, String::new());
         let goal_tolerance_m = task.goal_tolerance_m;
-        let scene = Scene::new(Arc::clone(&kitchen), task, &moments[0]);
+        let scene = Scene::new(Arc::clone(&kitchen), task, &moments);
         let frame = scene.frame;
         let Orbit { centre, radius_m, yaw_rad, pitch_rad } = scene.best(&moments);
         let camera = DepthCamera::new(kitchen.bodies());

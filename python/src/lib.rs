@@ -60,6 +60,12 @@ fn tasks() -> Vec<&'static str> {
     Spec::built_in().iter().map(|spec| &*spec.name).collect()
 }
 
+/// Whether the engine has this name for itself.
+#[pyfunction]
+fn is_reserved(name: &str) -> bool {
+    proto::task::is_reserved(name)
+}
+
 /// What a task's environments report: of each channel its name, role, type, shape, unit, and what it is.
 #[pyfunction]
 fn channels<'py>(py: Python<'py>, task: &Bound<'py, PyAny>) -> PyResult<Vec<Bound<'py, PyDict>>> {
@@ -98,6 +104,7 @@ fn _stillroom(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("CheckpointError", module.py().get_type::<checkpoint::CheckpointError>())?;
     module.add_function(wrap_pyfunction!(kitchens, module)?)?;
     module.add_function(wrap_pyfunction!(tasks, module)?)?;
+    module.add_function(wrap_pyfunction!(is_reserved, module)?)?;
     module.add_function(wrap_pyfunction!(channels, module)?)?;
     module.add_function(wrap_pyfunction!(argument::whole, module)?)?;
     module.add_function(wrap_pyfunction!(argument::choice, module)?)?;

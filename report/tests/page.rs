@@ -64,6 +64,8 @@ fn the_page_fits_screens_and_gives_its_charts_away() {
     browser.keep_downloads_in(folder.path());
     browser.resize(1280, 900);
     open(&mut browser, folder.path(), &report, &json!([]));
+    browser
+        .value("[...document.querySelectorAll('.controls label')].find((one) => one.textContent === 'more').click()");
     browser.wait_for("document.querySelectorAll('.chart canvas').length >= 36");
     assert_ne!(browser.value("document.querySelectorAll('tr.absent').length"), 0, "rows of the paper without a group");
     browser.value("document.querySelectorAll('details').forEach((one) => { one.open = true; })");

@@ -166,6 +166,7 @@ export class Chart {
     const values = this.lines.flatMap((line, index) => (line.name === undefined ? [] : [[line.name, near(this.data[index + 1], at)]])).filter(([, value]) => value !== null);
     const several = values.length > 1;
     const words = this.content.read?.(this.plot) ?? values.map(([name, value]) => (several ? `${name} ${this.format(value)}` : this.format(value)));
+    if (at === null && values.length && this.content.smoothed) words.push("smoothed");
     if (at !== null && values.length) words.push(`at ${this.xFormat(this.data[0][at])}`);
     const text = words.join(several ? "\n" : " · ") || (this.rows ? "" : "nothing yet");
     this.element.classList.toggle("several", several);

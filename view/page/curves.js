@@ -83,7 +83,7 @@ export class Curves {
       const first = this.sources[all[0].index];
       const alike = all.every(({ source }) => JSON.stringify(source.stages) === JSON.stringify(first.stages));
       chart.show({
-        series, most: metric?.kind === "share" ? most : undefined,
+        series, smoothed: weight > 0, most: metric?.kind === "share" ? most : undefined,
         marks: axis === "frames" && alike ? first.stages.slice(1).map(([label, x]) => ({ label: `stage ${label}`, x })) : [],
         levels: metric && metric.name in (first.paper ?? {}) ? [{ y: first.paper[metric.name], label: "the paper's level" }] : [],
       });

@@ -10,7 +10,7 @@ class Player {
   constructor(stages, signal, remember) {
     Object.assign(this, { stages, signal, remember, step: 0, timer: 0 });
     this.last = Math.max(...stages.map((stage) => stage.last));
-    this.strip = new Strip(stages, (step) => this.go(step));
+    this.strip = new Strip(stages, (step) => this.go(step), signal);
     this.range = h("input", { type: "range", min: "0", max: String(this.last), value: "0", "aria-label": "Step", oninput: () => this.go(Number(this.range.value)) });
     this.play = h("button", { "aria-pressed": "false", onclick: () => this.toggle() }, "Play");
     this.speed = h("select", { "aria-label": "Steps a second" }, [2, 5, 10, 20].map((speed) => h("option", { value: String(speed), selected: speed === 5 }, `${speed} a second`)));

@@ -117,7 +117,7 @@ class Page {
 
   /** Every group in every field. */
   evaluated() {
-    if (!this.results.length) return this.none("Results: none of these runs has been evaluated yet (orchestrator eval RUN --split test --objects novel).");
+    if (!this.results.length) return this.none("Results: none of these runs has been evaluated yet (orchestrator eval RUN).");
     const metrics = ([task, found]) => {
       const { ranking } = this.report.tasks[task];
       const printed = this.printed(task, found[0].result);
@@ -143,7 +143,7 @@ class Page {
   }
 
   /** What the task says of these figures. */
-  docs(described) { return says(described.map(({ label, doc }) => `${label}: ${doc}`).join(" ")); }
+  docs(described) { return h("details", {}, h("summary", { class: "small" }, "What the columns mean"), h("ul", { class: "small soft wide" }, described.map(({ label, doc }) => h("li", {}, `${label}: ${doc}`)))); }
 
   /** The paper's row that a group stands beside. */
   published(group, field) {
@@ -194,7 +194,7 @@ class Page {
   /** The paper's tables with ours in them; rows of the paper that no group is are folded away. */
   comparisons() {
     const { comparisons, paper, statistics } = this.report;
-    if (!comparisons.some(({ rows }) => rows.some((row) => row.ours.length))) return this.none("Beside the paper: no group here is a row of its tables and evaluated on its episodes.");
+    if (!comparisons.some(({ rows }) => rows.some((row) => row.ours.length))) return this.report.groups.some(({ metrics }) => metrics.some(({ name }) => name === "success_without_disturbance")) ? this.none("Beside the paper: no group here is a row of its tables and evaluated on its episodes.") : null;
     const heads = (columns) => [...columns, "#seeds", ...["#mean", "#IQM", "#IQM of seeds"], ...["#mean", "#IQM", "#IQM of seeds"], "#mean"];
     const published = ({ what, paper: row }, kind, seeds) => ({ kind, row: [...what, seeds, percent(row.success), "", percent(row.success_iqm), percent(row.success_without_disturbance), "", percent(row.success_without_disturbance_iqm), ""] });
     const ours = (columns) => (one) => {
@@ -223,7 +223,7 @@ class Page {
       const of = new Map(training.map(({ metric, points }) => [metric, columns(points, stages)]));
       return { name: label, metrics, stages: stages.map(({ name, begins_at: at }) => [name, at]), of: (metric) => of.get(metric) ?? {} };
     });
-    const curves = new Curves(sources, { axes: ["frames"], key: "report", weight: 0.5, more: true, hidden: this.hidden });
+    const curves = new Curves(sources, { axes: ["frames"], key: "report", weight: 0.5, hidden: this.hidden });
     curves.keys.hidden = true;
     this.redraws.push(() => curves.draw());
     curves.element.id = "training";

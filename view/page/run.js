@@ -75,10 +75,12 @@ function timeline(live) {
 
 function kitchens(live, run) {
   const { metrics } = live.card;
-  const most = ({ share, name }) => (share ? 1 : Math.max(0.01, ...live.kitchens.map((kitchen) => kitchen.figures[name] ?? 0)));
+  const most = ({ kind, name }) => (kind === "share" ? 1 : Math.max(0.01, ...live.kitchens.map((kitchen) => kitchen.figures[name] ?? 0)));
   const inks = ["--run-0", "--run-2", "--run-1", "--run-3", "--run-4", "--run-5"];
   const cell = (share, text, ink) => h("div", { class: "meter" }, h("div", { class: "bar" }, h("i", { style: { width: `${100 * share}%`, background: ink } })), h("span", { class: "small soft" }, text));
   const reading = live.indexed < 0.999 ? h("p", { class: "small warn" }, `${percent(live.indexed, 0)} of the recordings are read so far.`) : null;
+  // Of the oldest episodes, as yet.
+  if (live.indexed < 0.9) return [reading];
   return [reading, h("div", { class: "scroll" }, h("table", { class: "tight" },
     h("thead", {}, h("tr", {}, ["Kitchen", ...metrics.map(({ label }) => label)].map((head) => h("th", { scope: "col" }, head)))),
     h("tbody", {}, live.kitchens.map((kitchen) => h("tr", {},
@@ -191,7 +193,8 @@ class Thumbnails {
     const version = `${live.rollouts} ${live.card.done}`;
     if (live.card.state === "running" || live.indexed < 0.999 || version === this.shown) return;
     this.shown = version;
-    this.load().catch((error) => { if (!this.signal.aborted) replace(this.grid, notice(error.message, "error")); });
+    // A machine that is busy with other work may need several tries.
+    this.load().catch(() => { this.shown = ""; if (!this.signal.aborted) setTimeout(() => this.know(live), 5000); });
   }
 
   async load() {

@@ -222,11 +222,12 @@ export const explained = () => h("p", { class: "small faint" }, `${hint()} Pink 
 
 /** The task's first reward, and the channel that its metrics limit, over the steps; a click goes there. */
 export class Strip {
-  constructor(stages, go) {
+  constructor(stages, go, signal) {
     Object.assign(this, { stages, step: 0 });
     this.canvas = h("canvas", { class: "strip", "aria-hidden": "true", onpointerdown: (event) => this.drag(event, go), onpointermove: (event) => { if (event.buttons) this.drag(event, go); } });
     this.element = h("div", {}, this.canvas, this.legend());
     new ResizeObserver(() => this.draw(this.step)).observe(this.canvas);
+    addEventListener("recolour", () => this.draw(this.step), { signal });
     this.steps = Math.max(...stages.map((stage) => stage.episode.moments.length - 1));
   }
 

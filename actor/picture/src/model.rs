@@ -29,7 +29,7 @@ impl Model {
         let mut model = Self::default();
         for (body, pose) in kitchen.bodies().iter().zip(kitchen.settled_poses()) {
             if body.role != BodyRole::Robot && body.category != "Ceiling" {
-                let colour = palette::colour(&body.category);
+                let colour = palette::colour(&body.category, kitchen.id().number());
                 model.add(&body.shape, pose, colour, body.role == BodyRole::Movable);
             }
         }
@@ -41,7 +41,7 @@ impl Model {
         let fixed = kitchen.static_bodies();
         for (body, pose) in kitchen.bodies()[fixed.clone()].iter().zip(&kitchen.settled_poses()[fixed]) {
             if body.category != "Ceiling" {
-                model.add(&body.shape, pose, palette::colour(&body.category), false);
+                model.add(&body.shape, pose, palette::colour(&body.category, kitchen.id().number()), false);
             }
         }
         model
@@ -52,27 +52,31 @@ impl Model {
     pub fn add_things(&mut self, kitchen: &Kitchen, poses: &[Pose3], colour: impl Fn(usize) -> Option<Rgb>) -> u32 {
         let first = self.colours.len() as u32;
         for (index, (body, pose)) in kitchen.bodies()[kitchen.movable_bodies()].iter().zip(poses).enumerate() {
-            let colour = colour(index).unwrap_or_else(|| palette::colour(&body.category));
+            let colour = colour(index).unwrap_or_else(|| palette::colour(&body.category, kitchen.id().number()));
             self.add(&body.shape, pose, colour, true);
         }
         first
     }
 
-    /// Adds the robot in these poses: as people see it, or without its body, in which the head camera sits, the arm that
-    /// the camera sees.
+    /// Adds the robot in these poses as people see it, with or without its body, in which the head camera sits.
     pub fn add_robot(&mut self, poses: &PartPoses, with_body: bool) {
-        let mut add = |shape: &Shape, pose: &Pose3, colour: Rgb| {
-            self.add(shape, pose, colour, false);
+        for piece in pieces().iter().filter(|piece| with_body || piece.part != 0) {
+            self.add(&piece.shape, &poses[piece.part], piece.colour, false);
             self.sections.pop();
-            self.sections.push(colour);
-        };
-        if with_body {
-            for piece in pieces(poses) {
-                add(&piece.shape, &piece.world_from_body, piece.colour);
-            }
-        } else {
-            part_shapes().iter().zip(poses).skip(1).for_each(|(shape, pose)| add(shape, pose, palette::ROBOT));
+            self.sections.push(piece.colour);
         }
+    }
+
+    /// Adds the arm that the depth camera sees in these poses.
+    pub fn add_arm(&mut self, poses: &PartPoses) {
+        part_shapes().iter().zip(poses).skip(1).for_each(|(shape, pose)| self.add(shape, pose, palette::ROBOT, false));
+    }
+
+    /// Takes the kitchen's movable things of these places, the first of which is body `first`, out of the picture.
+    pub fn take_away(&mut self, first: u32, things: &[usize]) {
+        self.triangles.retain(|triangle| {
+            triangle.body.checked_sub(first).is_none_or(|thing| !things.contains(&(thing as usize)))
+        });
     }
 
     pub fn add(&mut self, shape: &Shape, world_from_body: &Pose3, colour: Rgb, movable: bool) {

@@ -4,6 +4,8 @@ use simulator::robot::links::PartPoses;
 use simulator::simulation::Simulation;
 
 const SAMPLES: usize = 12;
+/// A thing that is nearer to its place than this stands still, metres.
+const STILL_M: f32 = 0.005;
 
 #[derive(Debug, Clone)]
 pub struct Task {
@@ -48,6 +50,16 @@ pub struct Captions {
     pub remark: String,
     pub measures: String,
     pub outcome: Option<(String, bool)>,
+}
+
+/// The movable things that are not always where they are at first, and the target: pictures of the whole episode do not
+/// show their shadows.
+pub fn moving(task: &Task, moments: &[Moment]) -> Vec<usize> {
+    let moves = |thing: usize| {
+        let place = |moment: &Moment| moment.things[thing].translation;
+        moments.iter().any(|moment| (place(moment) - place(&moments[0])).length() > STILL_M)
+    };
+    (0..moments[0].things.len()).filter(|&thing| Some(thing) == task.target || moves(thing)).collect()
 }
 
 /// What the outside view has to show, each point with its weight: start and goal of the target, and everybody's way.

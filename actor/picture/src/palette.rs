@@ -6,16 +6,9 @@ pub(crate) const ROBOT: Rgb = [238, 106, 36];
 pub(crate) const SECTION: Rgb = [74, 78, 86];
 
 /// sRGB colours of fixed things: pale, so that movable ones stand out.
-const FIXED: [(&str, Rgb); 30] = [
+const FIXED: [(&str, Rgb); 23] = [
     ("Wall", [226, 222, 212]),
     ("Ceiling", [240, 240, 238]),
-    ("Floor", [212, 190, 160]),
-    ("CounterTop", [232, 228, 220]),
-    ("Cabinet", [166, 184, 182]),
-    ("CornerUnit", [166, 184, 182]),
-    ("DrawerUnit", [166, 184, 182]),
-    ("Filler", [158, 176, 174]),
-    ("Drawer", [150, 170, 170]),
     ("Fridge", [206, 212, 218]),
     ("Dishwasher", [192, 198, 204]),
     ("Microwave", [96, 102, 110]),
@@ -39,6 +32,17 @@ const FIXED: [(&str, Rgb); 30] = [
     ("Mirror", [190, 214, 226]),
 ];
 
+/// Cabinets, counters and floor of a kitchen: so that one kitchen is told from another.
+const TONES: [[Rgb; 3]; 6] = [
+    [[206, 202, 194], [176, 170, 164], [190, 166, 138]],
+    [[166, 184, 182], [232, 228, 220], [212, 190, 160]],
+    [[148, 168, 192], [226, 224, 222], [202, 196, 186]],
+    [[204, 180, 146], [222, 220, 216], [186, 182, 176]],
+    [[168, 178, 146], [230, 222, 206], [206, 180, 146]],
+    [[190, 160, 152], [234, 230, 226], [214, 200, 182]],
+];
+
+/// Colours for everything else, told apart by name.
 const OTHERS: [Rgb; 12] = [
     [196, 92, 96],
     [214, 142, 62],
@@ -59,7 +63,16 @@ pub fn linear(channel: u8) -> f32 {
     if c <= 0.04045 { c / 12.92 } else { libm::powf((c + 0.055) / 1.055, 2.4) }
 }
 
-pub fn colour(category: &str) -> Rgb {
+/// sRGB colour of a category in a kitchen with this number.
+pub fn colour(category: &str, kitchen: u32) -> Rgb {
+    let [cabinets, counters, floor] = TONES[kitchen as usize % TONES.len()];
+    match category {
+        "Cabinet" | "CornerUnit" | "DrawerUnit" => return cabinets,
+        "Filler" | "Drawer" => return cabinets.map(|channel| channel - 12),
+        "CounterTop" => return counters,
+        "Floor" => return floor,
+        _ => {}
+    }
     if let Some(movable) = CATEGORIES.iter().find(|movable| movable.name == category) {
         return movable.colour;
     }
@@ -80,7 +93,7 @@ mod tests {
             assert!(FIXED[..index].iter().all(|(other, _)| other != name), "{name} stands here twice");
             assert!(CATEGORIES.iter().all(|movable| movable.name != *name), "{name} is movable");
         }
-        assert_eq!(colour("Window"), [166, 206, 232]);
-        assert_eq!(colour("AnythingElse"), colour("AnythingElse"));
+        assert_eq!(colour("Window", 1), [166, 206, 232]);
+        assert_eq!(colour("AnythingElse", 1), colour("AnythingElse", 2));
     }
 }

@@ -6,7 +6,7 @@
 use super::canvas::Rgb;
 use super::palette;
 use rapier3d::math::{Pose3, Rot3, Vec3};
-use simulator::robot::links::{HAND, PartPoses, part_shapes};
+use simulator::robot::links::{HAND, part_shapes};
 use simulator::shape::{Part, Primitive, Shape};
 use std::f32::consts::FRAC_1_SQRT_2;
 
@@ -21,11 +21,12 @@ const LINK: f32 = 0.75;
 
 pub struct Piece {
     pub shape: Shape,
-    pub world_from_body: Pose3,
+    /// The part that it moves with.
+    pub part: usize,
     pub colour: Rgb,
 }
 
-pub fn pieces(poses: &PartPoses) -> Vec<Piece> {
+pub fn pieces() -> Vec<Piece> {
     let capsule = |part: &Shape| match part.parts[0].primitive {
         Primitive::Capsule { radius_m, half_height_m } => (radius_m, half_height_m),
         _ => (0.0, 0.0),
@@ -34,7 +35,7 @@ pub fn pieces(poses: &PartPoses) -> Vec<Piece> {
     let mut pieces = Vec::new();
     let mut add = |part: usize, primitive: Primitive, body_from_part: Pose3, colour: Rgb| {
         let shape = Shape { parts: vec![Part { primitive, body_from_part }] };
-        pieces.push(Piece { shape, world_from_body: poses[part], colour });
+        pieces.push(Piece { shape, part, colour });
     };
     let up = |y: f32| Pose3::translation(0.0, y, 0.0);
     let along_z = Rot3::from_xyzw(FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2);

@@ -5,7 +5,7 @@ use super::canvas::{Canvas, Rgb};
 use super::depth_view::{depth_view, mark};
 use super::marks::TARGET;
 use super::model::Model;
-use super::moment::{Moment, Task, points};
+use super::moment::{Moment, Task, moving, points};
 use super::palette;
 use super::robot::pieces;
 use super::shade::Exposure;
@@ -44,17 +44,21 @@ pub struct Scene {
     /// Things at the episode's start.
     origins: Vec<Pose3>,
     fixed: Model,
-    /// Light on the first moment without the robot: what moves later is small. Made with the first fine picture.
+    /// Things whose shadows would stay where they stood.
+    moving: Vec<usize>,
+    /// Light on the first moment without the robot and what moves. Made with the first fine picture.
     dome: OnceLock<Dome>,
     pub frame: PlanFrame,
 }
 
 impl Scene {
-    pub fn new(kitchen: Arc<Kitchen>, task: Task, first: &Moment) -> Self {
+    /// Panics if there is no moment.
+    pub fn new(kitchen: Arc<Kitchen>, task: Task, moments: &[Moment]) -> Self {
         let fixed = Model::fixed_of(&kitchen);
-        let origins = first.things.clone();
+        let origins = moments[0].things.clone();
         let frame = PlanFrame::of(&fixed);
-        Self { kitchen, task, origins, fixed, dome: OnceLock::new(), frame }
+        let moving = moving(&task, moments);
+        Self { kitchen, task, origins, fixed, moving, dome: OnceLock::new(), frame }
     }
 
     pub fn best(&self, moments: &[Moment]) -> Orbit {
@@ -86,13 +90,19 @@ impl Scene {
     }
 
     pub fn photograph(&self, moment: &Moment, from: &Standpoint, side: usize) -> Canvas {
-        let (camera, body) = match from {
-            Standpoint::Robot => (robot_camera(moment.world_from_camera), false),
-            Standpoint::Outside(orbit) => (orbit.camera(), true),
-        };
         let mut model = self.fixed.clone();
         model.add_things(&self.kitchen, &moment.things, |_| None);
-        model.add_robot(&moment.robot, body);
+        let camera = match from {
+            Standpoint::Robot => {
+                // As in the depth frame beside it.
+                model.add_arm(&moment.robot);
+                robot_camera(moment.world_from_camera)
+            }
+            Standpoint::Outside(orbit) => {
+                model.add_robot(&moment.robot, true);
+                orbit.camera()
+            }
+        };
         // Soft light would take most of a second a picture, and a data set has thousands.
         self.develop(Exposure::take(&model, &camera, side, side, PAPER), false)
     }
@@ -117,7 +127,7 @@ impl Scene {
         let statics = self.kitchen.static_bodies();
         let still = bodies[statics.clone()].iter().zip(&self.kitchen.settled_poses()[statics]).enumerate();
         for (index, (body, pose)) in still.filter(|(_, (body, _))| fixed && body.category != "Ceiling") {
-            let colour = palette::colour(&body.category);
+            let colour = palette::colour(&body.category, self.kitchen.id().number());
             solids.push(solid(format!("fixed/{index} {}", body.category), colour, &body.shape, pose));
         }
         for (index, (body, pose)) in bodies[self.kitchen.movable_bodies()].iter().zip(&moment.things).enumerate() {
@@ -125,7 +135,7 @@ impl Scene {
             let colour = match index {
                 _ if Some(index) == self.task.target => TARGET,
                 _ if is_displaced => DISPLACED,
-                _ => palette::colour(&body.category),
+                _ => palette::colour(&body.category, self.kitchen.id().number()),
             };
             solids.push(solid(format!("thing/{index} {}", body.category), colour, &body.shape, pose));
             if is_displaced {
@@ -134,8 +144,8 @@ impl Scene {
                 solids.push(ShownSolid { ghost: true, ..stood });
             }
         }
-        for (index, piece) in pieces(&moment.robot).iter().enumerate() {
-            solids.push(solid(format!("robot/{index}"), piece.colour, &piece.shape, &piece.world_from_body));
+        for (index, piece) in pieces().iter().enumerate() {
+            solids.push(solid(format!("robot/{index}"), piece.colour, &piece.shape, &moment.robot[piece.part]));
         }
         solids
     }
@@ -143,7 +153,7 @@ impl Scene {
     pub fn depth(&self, moment: &Moment, camera: &mut DepthCamera, side: usize) -> Canvas {
         let depth_mm = self.frame_mm(moment, camera, side);
         let (mut model, first) = self.at(&moment.things, &[]);
-        model.add_robot(&moment.robot, false);
+        model.add_arm(&moment.robot);
         let target = self.task.target.map(|target| first + target as u32);
         depth_view(&self.task, moment, (&model, target), side, &depth_mm)
     }
@@ -162,7 +172,12 @@ impl Scene {
     fn develop(&self, exposure: Exposure, fine: bool) -> Canvas {
         let waiting: Vec<Lit> = exposure.waiting().collect();
         let light = if fine {
-            self.dome.get_or_init(|| Dome::over(&self.at(&self.origins, &[]).0, LAMPS)).light(&waiting)
+            let dome = || {
+                let (mut model, first) = self.at(&self.origins, &[]);
+                model.take_away(first, &self.moving);
+                Dome::over(&model, LAMPS)
+            };
+            self.dome.get_or_init(dome).light(&waiting)
         } else {
             let slope = |lit: &Lit| DRAFT_SIDE_LIGHT + (1.0 - DRAFT_SIDE_LIGHT) * lit.normal.y.max(0.0);
             waiting.iter().map(slope).collect()
@@ -218,7 +233,7 @@ mod tests {
         let goal = Some(Vec3::new(0.0, 1.0, 0.0));
         let task = Task { target: Some(target), goal, goal_tolerance_m: 0.1, title: String::new() };
         let other = usize::from(target == 0);
-        (Scene::new(kitchen, task, &moment), moment, other)
+        (Scene::new(kitchen, task, std::slice::from_ref(&moment)), moment, other)
     }
 
     fn violet(picture: &Canvas) -> usize {
@@ -263,6 +278,20 @@ mod tests {
         let height = at("thing").corners_m[0][1] - at("ghost").corners_m[0][1];
         assert!((height - 1.0).abs() < 1e-5 && at("ghost").ghost && !at("thing").ghost);
         assert_eq!(at("thing").colour, DISPLACED);
+    }
+
+    #[test]
+    fn no_shadow_stays_where_the_target_was_taken_away() {
+        let (scene, first, _) = scene();
+        let target = scene.task.target.unwrap();
+        let orbit = Orbit { centre: first.things[target].translation, radius_m: 0.6, yaw_rad: 0.3, pitch_rad: 0.9 };
+        let mut gone = first.clone();
+        gone.things[target].translation.y += 40.0;
+        let of = |moments: &[Moment]| {
+            let scene = Scene::new(Arc::clone(&scene.kitchen), scene.task.clone(), moments);
+            scene.orbit(&gone, &[], &orbit, (120, 90), true)
+        };
+        assert_eq!(of(&[first, gone.clone()]), of(std::slice::from_ref(&gone)), "as if it had never stood there");
     }
 
     #[test]

@@ -3,7 +3,7 @@ use super::canvas::{Canvas, Rgb};
 use super::depth_view::{depth_view, mark};
 use super::marks::TARGET;
 use super::model::Model;
-use super::moment::{Captions, Moment, Task, points};
+use super::moment::{Captions, Moment, Task, moving, points};
 use super::shade::Exposure;
 use super::sky::{self, Lit};
 use super::viewpoint;
@@ -14,6 +14,8 @@ pub const PAPER: Rgb = [250, 250, 248];
 const INK: Rgb = [34, 38, 44];
 const FAINT: Rgb = [112, 118, 126];
 const GOOD: Rgb = [0, 128, 64];
+/// A failed action as well as a success.
+const NOTE: Rgb = [36, 92, 168];
 const BAD: Rgb = [196, 40, 28];
 const GAP: usize = 4;
 pub struct Storyboard {
@@ -22,6 +24,7 @@ pub struct Storyboard {
     side: usize,
     fixed: Model,
     outside: Camera,
+    /// The first moment without the robot and what moves, and the light on it.
     lit: (Exposure, Vec<f32>),
 }
 
@@ -32,13 +35,14 @@ impl Storyboard {
         let fixed = Model::fixed_of(&kitchen);
         let mut model = fixed.clone();
         let of_target = |thing: usize| (Some(thing) == task.target).then_some(TARGET);
-        model.add_things(&kitchen, &moments[0].things, of_target);
+        let first = model.add_things(&kitchen, &moments[0].things, of_target);
         // Where the robot stands at first and at last it hides things, too.
         let mut with_robot = model.clone();
         for moment in [&moments[0], &moments[moments.len() - 1]] {
             with_robot.add_robot(&moment.robot, true);
         }
         let outside = viewpoint::best(&with_robot, &points(&task, moments)).camera();
+        model.take_away(first, &moving(&task, moments));
         let exposure = Exposure::take(&model, &outside, side, side, PAPER);
         let waiting: Vec<Lit> = exposure.waiting().collect();
         let light = sky::light(&model, &waiting);
@@ -59,7 +63,7 @@ impl Storyboard {
         let things = model.add_things(&self.kitchen, &moment.things, of_target);
         let target = self.task.target.map(|target| things + target as u32);
         let mut seen = model.clone();
-        seen.add_robot(&moment.robot, false);
+        seen.add_arm(&moment.robot);
         model.add_robot(&moment.robot, true);
         let top = height - self.side;
         canvas.place(&depth_view(&self.task, moment, (&seen, target), self.side, depth_mm), 0, top);
@@ -88,7 +92,7 @@ fn write(canvas: &mut Canvas, side: usize, title: &str, captions: &Captions) {
         canvas.text(outcome, text_px, end + space, line(1.0), if *good { GOOD } else { BAD });
     }
     let end = canvas.text(&captions.action, text_px, left, line(2.0), INK);
-    canvas.text(&captions.remark, text_px, end + 0.4 * text_px, line(2.0), BAD);
+    canvas.text(&captions.remark, text_px, end + 0.4 * text_px, line(2.0), NOTE);
     canvas.text(&captions.measures, text_px, left, line(3.0), FAINT);
 }
 
@@ -174,7 +178,7 @@ mod tests {
             Captions { remark: "failed".to_owned(), measures: "goal 1.00 m".to_owned(), ..Captions::default() };
         write(&mut canvas, 448, "Kitchen 26", &captions);
         let has = |colour: Rgb| canvas.pixels.contains(&colour);
-        assert!(has(INK) && has(BAD) && has(FAINT) && !has(GOOD));
+        assert!(has(INK) && has(NOTE) && has(FAINT) && !has(GOOD));
         let below = &canvas.pixels[(height - 448) * width..];
         assert!(below.iter().all(|pixel| *pixel == PAPER), "captions reach into the views");
     }

@@ -110,7 +110,10 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
     terminal::out(&format!("episodes: {}", totals.episodes));
     terminal::out(&format!("states compared: {}", totals.compared));
     if let Some(images) = &images {
-        terminal::out(&format!("images: {} in {}", totals.images, images.folder));
+        match images.format {
+            ImageFormat::Png => terminal::out(&format!("images: {} in {}", totals.images, images.folder)),
+            _ => terminal::out(&format!("films: {} in {}", totals.episodes, images.folder)),
+        }
     }
     terminal::out(&format!("differences: {}", totals.different));
     match totals.first {

@@ -1,7 +1,10 @@
 //! What to type in place of what another program would have understood.
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
-use proto::config::presets;
+use proto::config::{nearest, presets};
+
+/// What the standard library says of a word in a number's place.
+const NO_NUMBER: &str = "invalid digit found in string";
 
 const COMMANDS: [(&str, &[&str]); 6] = [
     ("up", &["train", "start", "run", "launch", "learn"]),
@@ -12,6 +15,17 @@ const COMMANDS: [(&str, &[&str]); 6] = [
     ("status", &["ps", "info", "show"]),
 ];
 
+/// Options of other programs, and what says the same to `up`.
+const OPTIONS: [(&str, &[&str]); 6] = [
+    ("--set ppo.learning_rate=RATE", &["--lr", "--learning-rate"]),
+    ("--envs-per-actor N", &["--num-envs", "--n-envs", "--num-processes"]),
+    ("--learners N", &["--gpus", "--num-gpus", "--nproc-per-node"]),
+    ("--set learner.device=cuda", &["--device", "--cuda", "--gpu"]),
+    ("--frames N", &["--steps", "--num-steps", "--timesteps", "--total-timesteps"]),
+    ("--run FOLDER", &["--out", "--output", "--output-dir", "--logdir", "--name", "--exp-name"]),
+];
+
+/// An error of the command line, with what was probably meant.
 pub fn with_tip(mut error: clap::Error) -> clap::Error {
     let text = |kind| match error.get(kind) {
         Some(ContextValue::String(text)) => Some(text.clone()),
@@ -20,13 +34,24 @@ pub fn with_tip(mut error: clap::Error) -> clap::Error {
     };
     let tip = match error.kind() {
         ErrorKind::InvalidSubcommand => text(ContextKind::InvalidSubcommand).and_then(|word| {
-            let (ours, _) = COMMANDS.iter().find(|(_, theirs)| theirs.contains(&word.as_str()))?;
+            let all = COMMANDS.iter().flat_map(|(_, theirs)| *theirs).copied();
+            let meant = match error.get(ContextKind::SuggestedSubcommand) {
+                None => nearest(&word, all)?,
+                Some(_) => word,
+            };
+            let (ours, _) = COMMANDS.iter().find(|(_, theirs)| theirs.contains(&meant.as_str()))?;
             Some(format!("`orchestrator {ours}` does that"))
         }),
         ErrorKind::UnknownArgument => {
             let usage = text(ContextKind::Usage).unwrap_or_default();
             text(ContextKind::InvalidArg).and_then(|word| {
                 match word.as_str() {
+                word if usage.contains("orchestrator presets") => {
+                    Some(format!("`orchestrator config --preset {word}` prints a preset"))
+                }
+                word if usage.contains("orchestrator scale") && word.parse::<u32>().is_ok() => {
+                    Some(format!("their number is given as `--actors {word}`"))
+                }
                 word if presets().iter().any(|preset| preset.name == word) => {
                     Some(format!("a preset is given as `--preset {word}`"))
                 }
@@ -38,15 +63,29 @@ pub fn with_tip(mut error: clap::Error) -> clap::Error {
                      begins another run with its weights"
                         .to_owned(),
                 ),
+                word if usage.contains("orchestrator up") => {
+                    let (ours, _) = OPTIONS.iter().find(|(_, theirs)| theirs.contains(&word))?;
+                    Some(format!("here it is `{ours}`"))
+                }
                 _ => None,
             }
             })
         }
         _ => None,
     };
+    let dashes = |value: &ContextValue| matches!(value, ContextValue::StyledStrs(all) if all.iter().any(|one| one.to_string().contains("as a value")));
+    if error.get(ContextKind::Suggested).is_some_and(dashes) {
+        error.remove(ContextKind::Suggested);
+    }
     if let Some(tip) = tip {
         error.remove(ContextKind::SuggestedSubcommand);
+        error.remove(ContextKind::SuggestedArg);
         error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
+    }
+    let said = error.to_string();
+    if said.contains(NO_NUMBER) {
+        let said = said.trim_start_matches("error: ").replace(NO_NUMBER, "expected a whole number");
+        return clap::Error::raw(error.kind(), said);
     }
     error
 }
@@ -65,10 +104,22 @@ mod tests {
             (&["evaluate", "runs/a"], "tip: `orchestrator eval` does that"),
             (&["resume", "runs/a", "--preset", "demo"], "tip: a run keeps its settings"),
             (&["upp"], "'up'"),
+            (&["trian"], "tip: `orchestrator up` does that"),
+            (&["presets", "demo"], "tip: `orchestrator config --preset demo` prints a preset"),
+            (&["scale", "runs/a", "40"], "tip: their number is given as `--actors 40`"),
+            (&["up", "--lr", "3e-4"], "tip: here it is `--set ppo.learning_rate=RATE`"),
         ] {
             let line = std::iter::once("orchestrator").chain(words.iter().copied());
             let error = super::with_tip(CommandLine::command().try_get_matches_from(line).unwrap_err()).to_string();
             assert!(error.contains(tip) && error.matches("tip:").count() == 1, "{words:?}: {error}");
+        }
+        for (words, said) in [
+            (["eval", "runs/a", "--run", "b"], "unexpected argument '--run'"),
+            (["eval", "runs/a", "--episodes", "many"], "expected a whole number"),
+        ] {
+            let line = std::iter::once("orchestrator").chain(words);
+            let error = super::with_tip(CommandLine::command().try_get_matches_from(line).unwrap_err()).to_string();
+            assert!(error.contains(said) && !error.contains("tip:"), "{words:?}: {error}");
         }
     }
 }

@@ -21,18 +21,23 @@ const KITCHEN: u64 = 32_000;
 
 /// What a run writes at most, bytes: (checkpoints and kitchens, recordings).
 pub fn need(config: &Config) -> (u64, u64) {
-    let hidden = u64::from(config.network.hidden);
-    let memory = config.network.memory;
-    let [gates, states] = [memory.gates(), memory.states()].map(u64::from);
-    // The unit and heads grow with the belief; the encoder's size is its own.
-    let encoder = config.network.encoder.weights(config.network.input_pool);
-    let inputs = config.spec().inputs();
-    let images = inputs.map_or(0, |inputs| inputs.images.iter().map(dqn::weights).sum::<u64>());
-    let parameters = encoder + images + gates * hidden * (hidden + 560) + hidden * 400;
+    let network = &config.network;
+    let inputs = config.spec().inputs().ok();
+    let has_frame = inputs.as_ref().is_none_or(|inputs| inputs.frame.is_some());
+    let encoder = if has_frame { network.encoder.weights(network.input_pool) } else { 0 };
+    let images = inputs.as_ref().map_or(0, |inputs| inputs.images.iter().map(dqn::weights).sum::<u64>());
+    // Actor's and critic's.
+    let first = inputs.iter().map(|inputs| inputs.width() as u64);
+    let widths: Vec<u64> = first.chain(network.mlp.iter().map(|&width| u64::from(width))).collect();
+    let layers: u64 = widths.windows(2).map(|pair| 2 * (pair[0] + 1) * pair[1]).sum();
+    // The unit and heads grow with the belief.
+    let [gates, states] = [network.memory.gates(), network.memory.states()].map(u64::from);
+    let behind = if gates > 0 || has_frame { u64::from(network.hidden) } else { widths[widths.len() - 1] };
+    let parameters = encoder + images + layers + gates * behind * (behind + 560) + behind * 400;
     let environments = config.environments() as u64;
     // Weights and two moments, beliefs, environment states.
     let state = STATE + u64::from(config.episode.max_steps);
-    let checkpoint = parameters * 12 + environments * (states * hidden * 4 + state);
+    let checkpoint = parameters * 12 + environments * (states * behind * 4 + state);
     let kept = u64::from(config.checkpoint.keep) + config.stages.len() as u64 + 1;
     let frames = total_frames(&config.stages) as f64;
     let recorded_step = RECORDED_STEP as f64 + config.recording.depth_share * RECORDED_FRAME as f64;

@@ -141,15 +141,19 @@ fn both(pair: &EvaluatedPair<'_>) -> Result<ShownEpisode> {
     })
 }
 
+/// How an episode ended: the most that ranks policies and is so, and the numbers that the task prints.
 fn ending(spec: &Spec, record: &EpisodeRecord) -> String {
+    let is = |name: &&str| spec.column(name).is_some_and(|column| record.has_all(&[column]));
+    let ranking = spec.ranking();
+    let best = ranking.iter().map(|metric| metric.name.as_str()).find(is);
+    let best = best.or((!ranking.is_empty()).then_some("failure")).map(|name| name.replace('_', " "));
     let printed = spec.columns().into_iter().zip(&record.numbers).filter(|(one, _)| !one.label.is_empty());
-    let words = printed.filter_map(|(one, &number)| match (one.kind, number) {
-        (_, None) => None,
-        (Kind::Share, Some(share)) => (share != 0.0).then_some(one.label),
+    let numbers = printed.filter_map(|(one, &number)| match (one.kind, number) {
+        (Kind::Share, _) | (_, None) => None,
         (Kind::Count, Some(count)) => Some(format!("{} {count}", one.label)),
         (_, Some(_)) => Some(format!("{} {} {}", one.label, in_words(&one, number), one.unit).trim_end().to_owned()),
     });
-    words.collect::<Vec<_>>().join(", ")
+    best.into_iter().chain(numbers).collect::<Vec<_>>().join(", ")
 }
 
 struct Recorded {

@@ -223,12 +223,14 @@ fn at_most(what: &'static str, count: usize, most: usize) -> Result<(), SpecErro
     if count <= most { Ok(()) } else { Err(SpecError::TooMany { what, count, most }) }
 }
 
+/// Whether a channel or a metric may not have this name.
+pub fn is_reserved(name: &str) -> bool {
+    RESERVED.split(' ').any(|own| own == name) || name.starts_with("reward_") || name.starts_with("return_")
+}
+
 /// The same as [`check_names`], and refuses those that the engine has.
 fn check_own_names<'a>(names: impl Iterator<Item = &'a str> + Clone) -> Result<(), SpecError> {
-    let is_reserved = |name: &&str| {
-        RESERVED.split(' ').any(|own| own == *name) || name.starts_with("reward_") || name.starts_with("return_")
-    };
-    match names.clone().find(is_reserved) {
+    match names.clone().find(|name| is_reserved(name)) {
         Some(name) => Err(SpecError::Reserved(name.to_owned())),
         None => check_names(names),
     }

@@ -24,6 +24,9 @@ JAM_GROWTH_M: float
 class CheckpointError(ValueError):
     """A path holds no checkpoint that can be used."""
 
+def is_reserved(name: str) -> bool:
+    """Whether the engine has this name for itself."""
+
 def tasks() -> list[str]:
     """Names of the tasks."""
 

@@ -11,6 +11,8 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from . import _stillroom
+
 F32_MOST = float(np.finfo(np.float32).max)
 
 # What a record holds for numbers of NumPy's types.
@@ -101,7 +103,7 @@ def _channel_name(key: Any) -> str:
     name = re.sub(r"[^a-z0-9]+", "_", str(key).lower()).strip("_")
     if not isinstance(key, str) or not name[:1].isalpha():
         raise Refused(f"its observation has the key {key!r}: a key begins with a letter")
-    return name
+    return f"observation_{name}" if _stillroom.is_reserved(name) else name
 
 
 def _actions(space: spaces.Space) -> dict[str, Any]:

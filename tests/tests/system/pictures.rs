@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use system_tests::{Browser, Viewer, Workshop};
 
 /// Sizes that a page of text takes without waiting, bytes.
-const PICTURE_MAX: usize = 200_000;
+const PICTURE_MAX: usize = 240_000;
 const FILM_MAX: usize = 1_500_000;
 
 #[test]
