@@ -1,7 +1,8 @@
 //! What to type in place of what another program would have understood.
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
-use proto::config::{nearest, presets};
+use proto::config::presets;
+use proto::likeness::nearest;
 
 /// What the standard library says of a word in a number's place.
 const NO_NUMBER: &str = "invalid digit found in string";
