@@ -1,6 +1,6 @@
 use crate::recording::declared::Declared;
 use crate::recording::engine::Engine;
-use crate::recording::form::{Carries, Form, Told};
+use crate::recording::form::{Carries, Told};
 use crate::recording::recorder::camera::{self, FrameNames};
 use crate::recording::recorder::channels::{Images, Pose};
 use crate::recording::recorder::held_back::{self, HeldBack};
@@ -152,7 +152,7 @@ impl MessageWriter {
             environments,
             shape,
             incarnation,
-            told: [&forms.step, &forms.start, &forms.end].map(Form::empty),
+            told: [&forms.step, &forms.start, &forms.end].map(|form| form.empty.clone()),
             declared,
             images,
             pose,
