@@ -41,7 +41,7 @@ impl TrainingAudience {
 impl TrainingAudience {
     pub fn missing(&mut self) -> Vec<Missing> {
         let mut missing = self.validation.as_ref().map_or_else(Vec::new, Validation::missing);
-        let scores = self.validation.as_ref().map_or(&[][..], |validation| &validation.scores);
+        let scores = self.validation.as_ref().map_or(&[][..], |validation| &validation.scores[..]);
         let board = self.board.as_mut().is_none_or(|board| board.is_whole(&self.journal.history, scores));
         missing.extend((!board).then_some(Missing::TensorBoard));
         missing

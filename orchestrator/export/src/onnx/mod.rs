@@ -2,10 +2,7 @@
 //! value and the belief for the next step.
 
 mod build;
-mod message {
-    #![allow(clippy::pedantic, dead_code, reason = "generated")]
-    include!("../../../schemas/compiled/onnx.rs");
-}
+mod message;
 mod network;
 
 use crate::policy::{Policy, PolicyError};

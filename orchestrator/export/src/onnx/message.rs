@@ -1,0 +1,3 @@
+#![allow(clippy::pedantic, dead_code, reason = "generated")]
+
+include!("../../../schemas/compiled/onnx.rs");
