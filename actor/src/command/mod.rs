@@ -20,7 +20,7 @@ pub enum Command {
     Dataset,
     /// Re-simulate episodes and draw them from any camera: `orchestrator view` calls this.
     Show,
-    /// Look at kitchens: pictures, scene files, figures beside iTHOR's.
+    /// Look at kitchens: pictures, scene files, categories of things.
     #[command(subcommand)]
     Kitchens(kitchens::KitchensCommand),
     /// Prove all that a kitchen, or a scene of your own, must satisfy: a line a kitchen, the totals last.
