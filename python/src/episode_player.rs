@@ -254,7 +254,7 @@ impl EpisodePlayer {
         let base = self.base();
         let moment = Moment::of(base.simulation(), base.world_from_camera(), self.captions());
         let story = match self.story.take() {
-            Some(story) if story.side() == side => story,
+            Some(story) if story.side == side => story,
             _ => {
                 let (spec, kitchen) = (self.config.spec(), &self.room.kitchen);
                 let target = picture::target_name(spec, &self.record).map(|target| format!(": bring the {target}"));

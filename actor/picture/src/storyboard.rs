@@ -21,7 +21,7 @@ const GAP: usize = 4;
 pub struct Storyboard {
     kitchen: Arc<Kitchen>,
     task: Task,
-    side: usize,
+    pub side: usize,
     fixed: Model,
     outside: Camera,
     /// The first moment without the robot and what moves, and the light on it.
