@@ -60,7 +60,7 @@ def test_spaces_become_channels():
     (several,) = channels(spaces.MultiDiscrete([3, 5]))
     assert (several["dtype"], several["shape"], several["range"]) == ("i32", [2], [0.0, 4.0])
     both = describe(Env(spaces.Dict({"Goal-1": spaces.Discrete(2), "robot": spaces.Box(0, 1, (2,))})), "mine")
-    assert both.observed == [("goal_1", "Goal-1"), ("robot", "robot")]
+    assert both.observed == [("goal_1", "Goal-1"), ("observation_robot", "robot")]
     assert both.description["actions"] == {"kind": "discrete", "names": ["action_0", "action_1", "action_2"]}
 
 
