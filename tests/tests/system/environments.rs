@@ -177,7 +177,8 @@ fn an_evaluation_is_the_same_by_any_number_of_workers_and_kills() {
     for arguments in [&["eval", "run/best", "--episodes", "3"][..], &["compare", "run", "one"]] {
         let printed = place.orchestrator(arguments);
         assert!(printed.success && printed.stdout.contains("score"), "{arguments:?} {printed:#?}");
-        assert!(!printed.stdout.contains("128"), "{arguments:?} {printed:#?}");
+        // The number under which a record has the place of such an environment; a date may hold it, too.
+        assert!(printed.stdout.split_whitespace().all(|word| word != "128"), "{arguments:?} {printed:#?}");
     }
     assert!(place.orchestrator(&["report", "run"]).success);
     let report = workshop.json("run/report/report.json");
