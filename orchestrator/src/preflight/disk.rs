@@ -116,6 +116,15 @@ mod tests {
     }
 
     #[test]
+    fn checkpoints_of_two_small_networks_are_small() {
+        proto::task::Spec::declare(include_str!("../../../learner/tests/support/numbers.toml")).unwrap();
+        let gym = |text: &str| Config::resolve_with("gym", Some((text, "mine.toml"))).unwrap();
+        let [none, lstm] =
+            ["", "network.memory = \"lstm\""].map(|more| need(&gym(&format!("task = \"numbers\"\n{more}"))).0);
+        assert!(none < 2 << 20 && lstm > 8 * none, "{none} {lstm}");
+    }
+
+    #[test]
     fn a_place_that_cannot_be_written_to_is_a_problem() {
         let temporary = tempfile::tempdir().unwrap();
         let file = temporary.path().join("file");
