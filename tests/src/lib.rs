@@ -278,16 +278,29 @@ pub fn kill_child(child: Child) -> Printed {
     printed
 }
 
+/// The same, and this process adopts what the command has started: a stopped learner stays stopped. The kernel wakes a
+/// stopped process when the death of its parent orphans its process group.
+pub fn kill_child_and_adopt(child: Child) -> Printed {
+    let adopt = |parent| rustix::process::set_child_subreaper(parent).expect("any process can adopt");
+    adopt(Some(rustix::process::getpid()));
+    let printed = kill_child(child);
+    adopt(None);
+    printed
+}
+
 /// Sends a signal; a process that is already gone is fine.
 pub fn signal(pid: u32, signal: rustix::process::Signal) {
     let pid = i32::try_from(pid).ok().and_then(rustix::process::Pid::from_raw).expect("a process id");
     let _ = rustix::process::kill_process(pid, signal);
 }
 
-/// Whether a signal has stopped a process, as a fault point does that is to hold it.
+/// Whether a signal has stopped a process, as a fault point does that is to hold it: all its threads, for one that waits
+/// for the disk stops only after that.
 pub fn is_held(pid: u32) -> bool {
-    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
-    stat.rsplit_once(") ").is_some_and(|(_, rest)| rest.starts_with('T'))
+    let mut threads = std::fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten().peekable();
+    let is_stopped = |stat: String| stat.rsplit_once(") ").is_some_and(|(_, rest)| rest.starts_with('T'));
+    threads.peek().is_some()
+        && threads.all(|thread| std::fs::read_to_string(thread.path().join("stat")).is_ok_and(is_stopped))
 }
 
 /// A run folder under test.

@@ -6,7 +6,10 @@ use rustix::process::Signal;
 use serde_json::Value;
 use std::path::PathBuf;
 use std::process::Child;
-use system_tests::{Run, Undisturbed, Workshop, board, complete, finish, kill, kill_child, signal, start, wait_until};
+use system_tests::{
+    Run, Undisturbed, Workshop, board, complete, finish, is_held, kill, kill_child, kill_child_and_adopt, signal,
+    start, wait_until,
+};
 
 const ACTORS: u32 = 2;
 const ENVIRONMENTS: u32 = 3;
@@ -165,14 +168,6 @@ fn damaged_and_deleted_files_are_told_of_and_mended() {
     }
 }
 
-fn threads_are_stopped(process: u32) -> bool {
-    let threads = std::fs::read_dir(format!("/proc/{process}/task")).expect("a process has threads");
-    threads.flatten().all(|thread| {
-        let stat = std::fs::read_to_string(thread.path().join("stat")).unwrap_or_default();
-        stat.rsplit(") ").next().is_some_and(|after| after.starts_with('T'))
-    })
-}
-
 /// The folder of a run is removed and another run begins in a new one of that name. A learner of the first wakes late.
 #[test]
 fn a_late_learner_writes_nothing_into_the_folder_of_another_run() {
@@ -185,8 +180,7 @@ fn a_late_learner_writes_nothing_into_the_folder_of_another_run() {
     // Not while it writes: a file that is nearly there gets its name when the learner wakes.
     wait_until("the learner is stopped between two files", || {
         signal(late, Signal::STOP);
-        // A thread that waits for the disk stops only after that, with its file in the folder.
-        wait_until("all its threads are stopped", || threads_are_stopped(late));
+        wait_until("it is stopped", || is_held(late));
         let files = std::fs::read_dir(run.folder.checkpoints()).into_iter().flatten().flatten();
         let writes = files.into_iter().any(|file| file.path().extension().is_some_and(|end| end == "partial"));
         if writes {
@@ -194,11 +188,12 @@ fn a_late_learner_writes_nothing_into_the_folder_of_another_run() {
         }
         !writes
     });
-    kill_child(child);
+    kill_child_and_adopt(child);
     wait_until("its actors leave", || run.processes("--actor ").is_empty());
     let first = run.folder.id().expect("a run has an id");
     std::fs::remove_dir_all(run.folder.root()).expect("a folder to remove");
     assert_eq!(complete(workshop.up_seeded("run", ACTORS, ENVIRONMENTS, 300, 6)).result(), elsewhere);
+    assert!(is_held(late), "the learner of the first run wakes only now");
     signal(late, Signal::CONT);
     run.wait_for_end();
     let own = run.folder.id().expect("a run has an id");

@@ -2,7 +2,9 @@
 
 use rustix::process::Signal;
 use std::time::{Duration, Instant};
-use system_tests::{Run, Undisturbed, Workshop, complete, finish, signal, start};
+use system_tests::{
+    Run, Undisturbed, Workshop, complete, finish, is_held, kill_child_and_adopt, signal, start, wait_until,
+};
 
 const ACTORS: u32 = 2;
 const ENVIRONMENTS: u32 = 3;
@@ -109,29 +111,19 @@ fn a_stopped_orchestrator_is_told_of_and_kills_nobody_when_it_goes_on() {
     run.assert_nothing_left();
 }
 
-/// A stopped learner that has outlived its orchestrator is woken, so that it saves. The kernel itself hangs up on
-/// stopped processes when their parent's death orphans their group, if it finds them stopped at that moment: then there
-/// is nobody to wake, and the schedule is tried again.
+/// A stopped learner that has outlived its orchestrator is woken, so that it saves.
 #[test]
 fn a_resume_wakes_a_stopped_learner_of_the_last_start() {
-    for attempt in 0..12 {
-        let workshop = workshop();
-        let name = format!("late-{attempt}");
-        let child = start(workshop.up(&name, ACTORS, ENVIRONMENTS, FRAMES));
-        let run = workshop.run(&name);
-        run.wait_for_rollouts(5);
-        let learner = run.learner();
-        signal(learner, Signal::STOP);
-        system_tests::kill_child(child);
-        std::thread::sleep(Duration::from_millis(200));
-        let stopped = std::fs::read_to_string(format!("/proc/{learner}/stat")).is_ok_and(|stat| stat.contains(") T "));
-        let printed = complete(workshop.resume(&name));
-        assert_eq!(printed.result(), undisturbed());
-        run.assert_nothing_left();
-        if stopped {
-            assert!(printed.stderr.contains("is stopped and is woken, so that it saves and leaves"), "{printed:#?}");
-            return;
-        }
-    }
-    panic!("the kernel hung up on the learner every time");
+    let workshop = workshop();
+    let child = start(workshop.up("late", ACTORS, ENVIRONMENTS, FRAMES));
+    let run = workshop.run("late");
+    run.wait_for_rollouts(5);
+    let learner = run.learner();
+    signal(learner, Signal::STOP);
+    wait_until("it is stopped", || is_held(learner));
+    kill_child_and_adopt(child);
+    let printed = complete(workshop.resume("late"));
+    assert_eq!(printed.result(), undisturbed());
+    assert!(printed.stderr.contains("is stopped and is woken, so that it saves and leaves"), "{printed:#?}");
+    run.assert_nothing_left();
 }
