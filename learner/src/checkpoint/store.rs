@@ -257,7 +257,7 @@ impl<D: Disk> Store<D> {
     ///
     /// Checkpoints newer than `newest` are unusable, otherwise the run would have resumed from them. They are kept for
     /// inspection until the run reaches their rollout again. Older unusable ones do not count as kept.
-    fn prune(&self, newest: u64) {
+    pub(crate) fn prune(&self, newest: u64) {
         let Ok(mut rollouts) = self.rollouts() else { return };
         rollouts.retain(|&rollout| rollout <= newest);
         let mut kept = 0;

@@ -71,6 +71,10 @@ pub fn resume(
         bail!("the weights loaded from checkpoint {path} have digest {loaded}, saved were {saved}");
     }
     let Snapshot { rollout, frames, boundary, .. } = snapshot;
+    if rank == 0 && checkpoint.is_some() {
+        // Whoever wrote it may have died before this, and it may be the run's last.
+        store.prune(rollout);
+    }
     Ok(Resumed { rollout, frames, boundary, resting, figures, checkpoint })
 }
 

@@ -7,7 +7,7 @@ use system_tests::{Undisturbed, Workshop, complete};
 const FRAMES: u64 = 600;
 
 /// What the orchestrator starts again by itself.
-const LEARNER: [&str; 11] = [
+const LEARNER: [&str; 12] = [
     "before_checkpoint:1",
     "after_tensors:1",
     "mid_rollout:25",
@@ -19,6 +19,8 @@ const LEARNER: [&str; 11] = [
     "after_figures:6",
     "after_manifest:6",
     "after_pin:9",
+    // Of the last checkpoint: nothing is saved after it.
+    "after_pin:12",
 ];
 
 /// Of a learner that updates and collects at once: in both, and in the checkpoint between.
