@@ -174,7 +174,8 @@ bench-env: build
 
 # A policy in both physics engines.
 bench-transfer: build
-	test target/transfer.onnx -nt models/fetch.safetensors || target/release/orchestrator export models/fetch.safetensors --out target/transfer.onnx
+	test target/transfer.onnx -nt models/fetch.safetensors || { rm -f target/transfer.onnx target/transfer.md; \
+		target/release/orchestrator export models/fetch.safetensors --out target/transfer.onnx; }
 	@python=$$(PYTHON='$(PYTHON)' python/setup) && \
 		"$$python" python/bench_transfer.py --policy target/transfer.onnx $(ARGS)
 

@@ -184,7 +184,7 @@ class Depths {
 /** The last moments of the newest episodes, a few of each outcome: what a run at rest has come to. */
 class Thumbnails {
   constructor(run, signal) {
-    Object.assign(this, { run, signal, shown: "" });
+    Object.assign(this, { run, signal, shown: "", failures: 0 });
     this.grid = h("div", { class: "tiles" });
     this.element = h("section", { class: "card", hidden: true }, h("div", { class: "row between" }, h("h2", {}, "Newest episodes"), h("a", { href: `#/run/${encodeURIComponent(run)}/episodes` }, "all")), this.grid);
   }
@@ -194,7 +194,13 @@ class Thumbnails {
     if (live.card.state === "running" || live.indexed < 0.999 || version === this.shown) return;
     this.shown = version;
     // A machine that is busy with other work may need several tries.
-    this.load().catch(() => { this.shown = ""; if (!this.signal.aborted) setTimeout(() => this.know(live), 5000); });
+    this.load().catch((error) => {
+      if (this.signal.aborted) return;
+      this.failures += 1;
+      if (this.failures > 5) { this.element.hidden = false; replace(this.grid, notice(error.message, "error")); return; }
+      this.shown = "";
+      setTimeout(() => this.know(live), 5000);
+    });
   }
 
   async load() {

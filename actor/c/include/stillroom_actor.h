@@ -73,8 +73,8 @@ typedef struct stillroom_simulator {
     stillroom_environment *(*make)(void);
 
     /* Begins the episode of a seed, whatever happened before: the same seed and actions always lead to the same numbers.
-     * `numbers[i]` is where channel i's numbers are written, in the order of the channels, row by row. Observations and a
-     * mask must be written, others need not. Returns 0, or anything else for a failure. */
+     * `numbers[i]` is where channel i's numbers are written, in the order of the channels, row by row. Observations, a
+     * mask and privileged numbers must be written, others need not. Returns 0, or anything else for a failure. */
     int (*reset)(stillroom_environment *environment, uint32_t seed, void *const *numbers);
 
     /* Takes an action, 0 to actions - 1, writes all channels as `reset` does, and the result. An episode that has ended is

@@ -125,10 +125,15 @@ fn processor_ns(process: u32) -> Result<u64> {
     Ok(sum)
 }
 
-fn measure(learner: &mut Learner, actor: &Child, span: Duration) -> Result<()> {
+fn measure(learner: &mut Learner, actor: &mut Child, span: Duration) -> Result<()> {
+    // Its environments are made before the first step, however long that takes.
+    let begun = Instant::now();
     while learner.steps() == 0 {
         learner.serve_for(WARM_UP)?;
+        ensure!(actor.try_wait()?.is_none(), "the actor has ended");
+        ensure!(begun.elapsed() < PATIENCE, "the actor has taken no step for a minute");
     }
+    learner.serve_for(WARM_UP)?;
     let before = (learner.steps(), processor_ns(actor.id())?, Instant::now());
     learner.serve_for(span)?;
     let processor = processor_ns(actor.id())? - before.1;
@@ -147,7 +152,7 @@ fn main() -> Result<()> {
     let mut command = environment.program();
     command.args(["--actor", "0", "--lifeline", "--wire", &learner.host.address().to_string(), "--config"]).arg(&path);
     let mut actor = command.stdin(Stdio::piped()).spawn()?;
-    let measured = measure(&mut learner, &actor, Duration::from_secs_f64(seconds));
+    let measured = measure(&mut learner, &mut actor, Duration::from_secs_f64(seconds));
     drop(actor.stdin.take());
     actor.kill()?;
     actor.wait()?;

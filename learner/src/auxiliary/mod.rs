@@ -16,7 +16,7 @@ mod reward_prediction;
 mod task;
 
 pub use cpca::Cpca;
-pub use disturb::{Disturb, focal_loss};
+pub use disturb::Disturb;
 pub use inverse_dynamics::InverseDynamics;
 pub(crate) use query::count;
 pub use query::{Epoch, Query};

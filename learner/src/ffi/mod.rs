@@ -83,8 +83,11 @@ pub fn floats(size: &[i64], fill: impl FnOnce(&mut [f32])) -> Tensor {
 
 /// The numbers that a 32-bit floating-point tensor on the CPU consists of, row-major.
 ///
-/// # Safety As long as the slice lives, nothing else reads or writes the memory: no other tensor that shares it, and no
-/// GPU. Panics if it is not contiguous, not on the CPU, or of another kind.
+/// # Safety
+/// As long as the slice lives, nothing else reads or writes the memory: no other tensor that shares it, and no GPU.
+///
+/// # Panics
+/// If it is not contiguous, not on the CPU, or of another kind.
 pub unsafe fn floats_mut(tensor: &mut Tensor) -> &mut [f32] {
     assert!(tensor.device() == Device::Cpu && tensor.kind() == Kind::Float && tensor.is_contiguous());
     if tensor.numel() == 0 {
@@ -97,7 +100,11 @@ pub unsafe fn floats_mut(tensor: &mut Tensor) -> &mut [f32] {
 
 /// The raw bytes that a tensor on the CPU consists of.
 ///
-/// # Safety As for [`floats_mut`]. Panics if it is not contiguous, not on the CPU, or not of bytes.
+/// # Safety
+/// As for [`floats_mut`].
+///
+/// # Panics
+/// If it is not contiguous, not on the CPU, or not of bytes.
 pub unsafe fn bytes_mut(tensor: &mut Tensor) -> &mut [u8] {
     assert!(tensor.device() == Device::Cpu && tensor.kind() == Kind::Uint8 && tensor.is_contiguous());
     if tensor.numel() == 0 {

@@ -53,7 +53,8 @@ impl Overrides {
         let over = |before: u32| {
             let mut base = Config::default();
             base.actors.environments_per_actor = before;
-            anyhow::Ok(self.over(&base)?.actors.environments_per_actor)
+            let set = base.overlaid(self.config.as_deref(), &self.settings()?)?;
+            anyhow::Ok(set.actors.environments_per_actor)
         };
         let [one, other] = [over(1)?, over(2)?];
         Ok((one == other).then_some(one))

@@ -123,6 +123,9 @@ pub fn run(args: &StopArgs) -> Result<()> {
 
 pub(super) struct Log(Tail);
 
+/// Pieces of a log that are read at once.
+const READS_MOST: usize = 16;
+
 impl Log {
     pub(super) fn at_end(folder: &RunFolder) -> Self {
         let path = folder.log("orchestrator");
@@ -136,8 +139,14 @@ impl Log {
     }
 
     fn new_lines(&mut self) -> Vec<String> {
-        // A log that cannot be read is no reason not to stop.
-        let lines = self.0.read().unwrap_or_default().lines;
+        // A log that cannot be read is no reason not to stop, and one without end does not hold it up.
+        let mut lines = vec![];
+        for _ in 0..READS_MOST {
+            match self.0.read().unwrap_or_default().lines {
+                none if none.is_empty() => break,
+                more => lines.extend(more),
+            }
+        }
         let told = lines.iter().filter_map(|line| {
             let line = String::from_utf8_lossy(line);
             let LogLine { level, text, .. } = LogLine::parse(&line);

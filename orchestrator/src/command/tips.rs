@@ -47,7 +47,7 @@ pub fn with_tip(mut error: clap::Error) -> clap::Error {
             let usage = text(ContextKind::Usage).unwrap_or_default();
             text(ContextKind::InvalidArg).and_then(|word| {
                 match word.as_str() {
-                word if usage.contains("orchestrator presets") => {
+                word if usage.contains("orchestrator presets") && !word.starts_with('-') => {
                     Some(format!("`orchestrator config --preset {word}` prints a preset"))
                 }
                 word if usage.contains("orchestrator scale") && word.parse::<u32>().is_ok() => {
@@ -106,6 +106,7 @@ mod tests {
             (&["resume", "runs/a", "--preset", "demo"], "tip: a run keeps its settings"),
             (&["upp"], "'up'"),
             (&["trian"], "tip: `orchestrator up` does that"),
+            (&["presets", "--jsn"], "tip: a similar argument exists: '--json'"),
             (&["presets", "demo"], "tip: `orchestrator config --preset demo` prints a preset"),
             (&["scale", "runs/a", "40"], "tip: their number is given as `--actors 40`"),
             (&["up", "--lr", "3e-4"], "tip: here it is `--set ppo.learning_rate=RATE`"),

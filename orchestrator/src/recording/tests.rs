@@ -53,7 +53,6 @@ pub fn those(said: &[Said], carries: Carries) -> impl Iterator<Item = &Told> {
     said.iter().filter(move |(of, _)| *of == carries).map(|(_, told)| told)
 }
 
-/// Four episodes of three steps in one environment, the last one unfinished after two; under this learner.
 pub fn read<E: From<RecordingError>>(
     path: &Path,
     mut visit: impl FnMut(Record<'_>) -> Result<(), E>,
@@ -61,6 +60,7 @@ pub fn read<E: From<RecordingError>>(
     read_with_trust(path, |record, _| visit(record))
 }
 
+/// Four episodes of three steps in one environment, the last one unfinished after two; under this learner.
 fn episodes(learner_incarnation: u32) -> Vec<Said> {
     let mut said = Vec::new();
     for episode in 0..4 {

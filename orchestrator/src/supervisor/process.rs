@@ -191,12 +191,12 @@ impl Processes {
                     Process::Learner(rank) => placement.of_learner(rank - first_learner),
                     Process::Actor(actor) => placement.of_actor(actor - first_actor),
                 };
-                start_on(cores, || command.spawn()).map_err(|error| format!("{process}: {error}"))
+                start_on(cores, || command.spawn()).map_err(|error| format!("{process}: {error:#}"))
             }
         };
         let child = match (&self.launch.network, process) {
             (Some(network), Process::Learner(0)) => {
-                network.lend(start).map_err(|error| format!("{process}: {error}"))?
+                network.lend(start).map_err(|error| format!("{process}: {error:#}"))?
             }
             _ => start(),
         };

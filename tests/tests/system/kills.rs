@@ -2,7 +2,7 @@
 //! step that was trained on is recorded.
 
 use crate::overlap;
-use system_tests::{Undisturbed, Workshop, complete};
+use system_tests::{Evidence, Undisturbed, Workshop, complete};
 
 const FRAMES: u64 = 600;
 
@@ -43,6 +43,8 @@ const ORCHESTRATOR: [&str; 9] = [
 fn killed_at(workshop: &Workshop, program: &str, points: &[&str]) {
     let up = |name: &str| workshop.up(name, 2, 3, FRAMES);
     let undisturbed = Undisturbed::of(workshop, up("undisturbed"));
+    let evidence = Evidence::read(&undisturbed.run).expect("a complete run");
+    assert_eq!(evidence.violations(FRAMES), Vec::<String>::new());
     for (number, point) in points.iter().enumerate() {
         let name = format!("run-{number}");
         let mut command = up(&name);

@@ -251,6 +251,8 @@ impl<G: Guest> Simulator for Served<G> {
             ImagesIn::Ahead => one.images_in = ImagesIn::Sent,
             ImagesIn::Sent => {
                 let place = one.place();
+                self.enter(place);
+                let one = &mut self.environments[index];
                 let shown = self.guest.show_again(index, Record::of(&mut one.record, record, self.layout));
                 let images = &record[self.layout.small_bytes..];
                 let is_same = one.add_to(one.before.clone(), images, self.layout).digest() == one.state_hash;
