@@ -6,8 +6,6 @@
 
 mod answer;
 pub mod data;
-pub mod feed;
-mod foxglove;
 mod guard;
 mod metrics;
 pub mod page;

@@ -30,7 +30,6 @@ use view::{Settings, serve};
   ssh -L 8765:127.0.0.1:8765 HOST            then the address that is printed there opens here, too
   orchestrator view --address 0.0.0.0        for other machines, too
   orchestrator view --token-file token       the token is the same at each start
-  ws://127.0.0.1:8765/foxglove/RUN?token=TOKEN   a run live in Foxglove, with the layout deploy/foxglove/stillroom.json
   http://127.0.0.1:8765/metrics              how all runs stand, for Prometheus, with `Authorization: Bearer TOKEN`")]
 pub struct ViewArgs {
     /// Run folders, those of evaluations, or folders that hold runs [default: runs]
