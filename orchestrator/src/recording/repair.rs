@@ -3,7 +3,7 @@ use crate::recording::recorder::segment::{in_words, write_options};
 use anyhow::{Result, anyhow, ensure};
 use mcap::McapError;
 use proto::disk::sync_folder;
-use salvage::{Limits, ReadError, rewrite};
+use salvage::{ReadError, rewrite};
 use std::fs::File;
 use std::io::{BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -28,16 +28,15 @@ pub fn repair(path: &Path, output: Option<&Path>) -> Result<Repair> {
     // Removed if it was not moved to its place: a failure leaves nothing behind but the error.
     let partial = Partial(partial);
     let mut out = BufWriter::new(file);
-    let account = rewrite(&source, &Limits::default(), write_options(), &mut out).map_err(|error| match error {
+    let account = rewrite(&source, write_options(), &mut out).map_err(|error| match error {
         ReadError::Visit(cause) => failed(cause),
         ReadError::Empty => RecordingError::Empty(path.to_path_buf()).into(),
         ReadError::NotMcap => RecordingError::NotMcap(path.to_path_buf()).into(),
         ReadError::Io(cause) => RecordingError::Unreadable { path: path.to_path_buf(), cause }.into(),
     })?;
     out.flush().and_then(|()| out.get_ref().sync_all()).map_err(|cause| failed(cause.into()))?;
-    let extent = Extent::of(account, live);
-    if extent.account.is_whole() && output.is_none() {
-        return Ok(Repair::NotNeeded { messages: extent.messages });
+    if account.is_whole() && output.is_none() {
+        return Ok(Repair::NotNeeded { messages: account.messages });
     }
     let kept = output.is_none().then(|| with_suffix(path, ".cut"));
     kept.as_deref().map_or(Ok(()), demand_free)?;
@@ -50,7 +49,7 @@ pub fn repair(path: &Path, output: Option<&Path>) -> Result<Repair> {
         .and_then(|()| std::fs::rename(&partial.0, target))
         .and_then(|()| sync_folder_of(target))
         .map_err(|cause| failed(cause.into()))?;
-    Ok(Repair::Repaired { repaired: target.to_path_buf(), kept, extent })
+    Ok(Repair::Repaired { repaired: target.to_path_buf(), kept, extent: Extent { account, live } })
 }
 
 /// Refuses to replace something: it may be the only good copy.
