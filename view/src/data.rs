@@ -72,7 +72,6 @@ pub struct Live {
     pub notes: Vec<String>,
     /// Changes whenever the figures do.
     pub rollouts: u64,
-    pub newest: BTreeMap<String, f32>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize)]

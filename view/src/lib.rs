@@ -7,7 +7,6 @@
 mod answer;
 pub mod data;
 mod guard;
-mod metrics;
 pub mod page;
 mod readings;
 mod routes;

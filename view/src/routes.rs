@@ -1,7 +1,6 @@
 use crate::answer::{Refusal, json, text};
 use crate::data::{EpisodeKey, EpisodeQuery, Problem, Runs};
 use crate::guard;
-use crate::metrics;
 use crate::page::ASSETS;
 use crate::readings::Readings;
 use crate::run_feeds::RunFeeds;
@@ -44,7 +43,6 @@ pub fn router(runs: Arc<dyn Runs>, scene_renderer: SceneRenderer, token: Arc<str
         opening: Arc::new(opening),
     };
     let mut router = Router::new()
-        .route("/metrics", get(exported))
         .route("/api/opening", get(opening_page))
         .route("/api/runs", get(list))
         .route("/api/runs/{run}", get(live))
@@ -85,11 +83,6 @@ impl Server {
 
 async fn opening_page(State(server): State<Server>) -> Response {
     json(text(&*server.opening))
-}
-
-async fn exported(State(server): State<Server>) -> Result<Response, Refusal> {
-    let text = server.readings.read(|runs| Ok(metrics::read(runs))).await?;
-    Ok(([(CONTENT_TYPE, metrics::CONTENT_KIND)], text).into_response())
 }
 
 async fn list(State(server): State<Server>) -> Result<Response, Refusal> {
