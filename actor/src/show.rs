@@ -7,14 +7,12 @@ use crate::replay::film::moment;
 use anyhow::{Context, Result, ensure};
 use engine::whereabouts;
 use picture::{Captions, Moment, Orbit, Scene};
-use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::replay::{Performance, RecordedEpisode, ReplaySetup, Rules, Seen, play};
 use proto::show::{
-    SHOWN_SIDE_MAX, ShowAnswer, ShowOrbit, ShowRequest, ShowView, ShownEpisode, ShownMoment, ShownSolids, ShownTask,
-    ShownThing,
+    SHOWN_SIDE_MAX, ShowAnswer, ShowOrbit, ShowRequest, ShowView, ShownEpisode, ShownMoment, ShownTask, ShownThing,
 };
 use proto::task::Field;
 use rapier3d::math::Vec3;
@@ -97,10 +95,6 @@ impl KitchensInUse {
                 let Some(kept) = self.kept(&name) else { return Ok((ShowAnswer::NotOpen, Vec::new())) };
                 let picture = kept.draw(step as usize, &view, (width as usize, height as usize), fine)?;
                 Ok((ShowAnswer::Picture { bytes: picture.len() as u64 }, picture))
-            }
-            ShowRequest::Solids { name, step, fixed } => {
-                let Some(kept) = self.kept(&name) else { return Ok((ShowAnswer::NotOpen, Vec::new())) };
-                Ok((ShowAnswer::Solids(Box::new(kept.solids(step as usize, fixed)?)), Vec::new()))
             }
         }
     }
@@ -186,16 +180,6 @@ impl Kept {
             ShowView::Plan => self.scene.plan(size.0),
         };
         Ok(picture.png()?)
-    }
-
-    fn solids(&mut self, step: usize, fixed: bool) -> Result<ShownSolids> {
-        let moment = moment_of(&self.moments, step)?;
-        let ahead = moment.world_from_camera.rotation * Vec3::Z;
-        Ok(ShownSolids {
-            solids: self.scene.solids(moment, &self.displaced[step], fixed),
-            camera_pitch_rad: (-ahead.y).clamp(-1.0, 1.0).asin(),
-            depth_mm: self.scene.frame_mm(moment, &mut self.camera, FRAME_SIDE),
-        })
     }
 }
 

@@ -32,13 +32,6 @@ pub enum ShowRequest {
         /// With soft light from all over; without it a picture takes a fraction of the time.
         fine: bool,
     },
-    /// One moment of a kept episode for programs that draw it themselves.
-    Solids {
-        name: String,
-        step: u32,
-        /// With what never moves.
-        fixed: bool,
-    },
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -73,7 +66,6 @@ pub enum ShowAnswer {
     Picture {
         bytes: u64,
     },
-    Solids(Box<ShownSolids>),
     /// No episode of this name is kept: open it again.
     NotOpen,
     Failed {
@@ -147,29 +139,6 @@ impl ShownMoment {
     pub fn numbers<const N: usize>(&self, channel: &str) -> Option<[f32; N]> {
         self.channels.get(channel)?.as_slice().try_into().ok()
     }
-}
-
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct ShownSolids {
-    /// Bodies, with the robot's parts.
-    pub solids: Vec<ShownSolid>,
-    /// How far the head camera looks down, radians.
-    pub camera_pitch_rad: f32,
-    /// What it sees: a square of the observation's size, millimetres.
-    pub depth_mm: Vec<u16>,
-}
-
-/// A body as triangles.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct ShownSolid {
-    /// The same at every moment of an episode, e.g. `thing/12 Mug`.
-    pub name: String,
-    /// sRGB.
-    pub colour: [u8; 3],
-    /// It is not there any more: it stood there.
-    pub ghost: bool,
-    /// Three corners for each triangle, in the simulator's world, metres.
-    pub corners_m: Vec<[f32; 3]>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

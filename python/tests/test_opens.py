@@ -35,21 +35,3 @@ def test_tensorboard_reads_event_files(tmp_path: Path) -> None:
     assert board.Scalars("charts/SPS")[0].value == 1253.0
     lone, last = board.Scalars("charts/a")
     assert (lone.step, math.isnan(lone.value), last.step, last.value) == (7296, True, 45_000_000, 0.0)
-
-
-def test_prometheus_reads_metrics() -> None:
-    """The Rust test `what_is_exported_is_text_that_prometheus_reads` exports this text."""
-    from prometheus_client.parser import text_string_to_metric_families
-
-    text = (REFERENCE / "metrics.prom").read_text(encoding="utf-8")
-    families = {family.name: family for family in text_string_to_metric_families(text)}
-    assert len(families) > 25
-    for family in families.values():
-        assert family.documentation.endswith("."), family.name
-        assert family.type == "gauge", family.name
-        assert family.samples, family.name
-    (frames,) = families["stillroom_run_frames"].samples
-    assert (frames.labels, frames.value) == ({"run": "a"}, 4864.0)
-    info = families["stillroom_run_info"].samples[0]
-    assert (info.labels["preset"], info.labels["seed"]) == ('de"mo\\\n', "3")
-    assert families["stillroom_run_left_seconds"].samples[0].value == math.inf

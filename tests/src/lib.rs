@@ -6,7 +6,6 @@
 pub mod board;
 mod browser;
 pub mod evidence;
-mod foxglove;
 mod network;
 pub mod recording;
 mod terminal;
@@ -15,7 +14,6 @@ mod viewer;
 
 pub use browser::Browser;
 pub use evidence::Evidence;
-pub use foxglove::{Channel, Foxglove};
 pub use network::{Network, Quality};
 pub use recording::{Recording, recorded_depth};
 pub use terminal::Terminal;

@@ -1,4 +1,3 @@
-use crate::feed::Feed;
 use proto::replay::{RecordedEpisode, ReplaySetup};
 use proto::task::Described;
 use serde::{Deserialize, Serialize};
@@ -26,7 +25,6 @@ pub trait Runs: Send + Sync + 'static {
     fn recorded(&self, run: &str, key: EpisodeKey) -> Result<(ReplaySetup, RecordedEpisode), Problem>;
     /// The newest episode of an environment, which may still go on; none if nothing was recorded of it yet.
     fn newest(&self, run: &str, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>, Problem>;
-    fn feed(&self, run: &str) -> Result<Box<dyn Feed>, Problem>;
 }
 
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
@@ -74,7 +72,6 @@ pub struct Live {
     pub notes: Vec<String>,
     /// Changes whenever the figures do.
     pub rollouts: u64,
-    pub newest: BTreeMap<String, f32>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize)]

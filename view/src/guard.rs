@@ -2,7 +2,7 @@
 //!
 //! Every user of a machine can connect to 127.0.0.1, an end of a tunnel included, and every page in a browser can send
 //! requests there. So all but the page's own files needs the viewer's token: as `Authorization: Bearer`, or as `?token=`
-//! from what can set no header, such as a WebSocket. There is no cookie: browsers send those to every port of a host,
+//! from what can set no header. There is no cookie: browsers send those to every port of a host,
 //! where another user may listen, and for pages of other sites.
 
 use crate::page::ASSETS;

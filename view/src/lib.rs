@@ -6,10 +6,7 @@
 
 mod answer;
 pub mod data;
-pub mod feed;
-mod foxglove;
 mod guard;
-mod metrics;
 pub mod page;
 mod readings;
 mod routes;

@@ -1,14 +1,12 @@
 use crate::answer::{Refusal, json, text};
 use crate::data::{EpisodeKey, EpisodeQuery, Problem, Runs};
-use crate::foxglove;
 use crate::guard;
-use crate::metrics;
 use crate::page::ASSETS;
 use crate::readings::Readings;
 use crate::run_feeds::RunFeeds;
 use crate::scene_renderer::SceneRenderer;
 use axum::extract::rejection::QueryRejection;
-use axum::extract::{Path, Query, Request, State};
+use axum::extract::{Path, Query, State};
 use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
 use axum::http::{StatusCode, Uri};
 use axum::response::sse::{Event, KeepAlive, Sse};
@@ -20,14 +18,12 @@ use proto::show::{ShowAnswer, ShowOrbit, ShowRequest, ShowView};
 use serde::{Deserialize, Serialize};
 use std::convert::Infallible;
 use std::sync::Arc;
-use tokio::sync::Semaphore;
 
 #[derive(Clone)]
 struct Server {
     readings: Readings,
     run_feeds: RunFeeds,
     scene_renderer: SceneRenderer,
-    watchers: Arc<Semaphore>,
     opening: Arc<Opening>,
 }
 
@@ -44,13 +40,9 @@ pub fn router(runs: Arc<dyn Runs>, scene_renderer: SceneRenderer, token: Arc<str
         run_feeds: RunFeeds::new(Arc::clone(&runs)),
         readings: Readings::of(runs),
         scene_renderer,
-        watchers: Arc::new(Semaphore::new(foxglove::CLIENTS)),
         opening: Arc::new(opening),
     };
     let mut router = Router::new()
-        .route("/metrics", get(exported))
-        .route("/foxglove", get(watch))
-        .route("/foxglove/{run}", get(watch))
         .route("/api/opening", get(opening_page))
         .route("/api/runs", get(list))
         .route("/api/runs/{run}", get(live))
@@ -69,12 +61,6 @@ pub fn router(runs: Arc<dyn Runs>, scene_renderer: SceneRenderer, token: Arc<str
 }
 
 impl Server {
-    fn watched(&self) -> foxglove::Sources {
-        let (readings, scene_renderer, room) =
-            (self.readings.clone(), self.scene_renderer.clone(), Arc::clone(&self.watchers));
-        foxglove::Sources { readings, scene_renderer, room }
-    }
-
     async fn answer<T, F>(&self, ask: F) -> Result<Response, Refusal>
     where
         T: Serialize + Send + 'static,
@@ -95,39 +81,8 @@ impl Server {
     }
 }
 
-#[derive(Debug, Default, Deserialize)]
-struct WatchQuery {
-    watch: Option<String>,
-}
-
-impl WatchQuery {
-    fn place(&self) -> Result<Option<foxglove::EnvironmentKey>, Refusal> {
-        let wrong = || Refusal(StatusCode::BAD_REQUEST, "watch is KITCHEN-ENVIRONMENT, e.g. 6-0".to_owned());
-        let place = |text: &String| {
-            let (kitchen, environment) = text.split_once('-').ok_or_else(wrong)?;
-            Ok((kitchen.parse().map_err(|_| wrong())?, environment.parse().map_err(|_| wrong())?))
-        };
-        self.watch.as_ref().map(place).transpose()
-    }
-}
-
-async fn watch(
-    State(server): State<Server>,
-    run: Option<Path<String>>,
-    query: Result<Query<WatchQuery>, QueryRejection>,
-    request: Request,
-) -> Result<Response, Refusal> {
-    let place = understood(query)?.place()?;
-    foxglove::connect(server.watched(), run.map(|Path(run)| run), place, request).await
-}
-
 async fn opening_page(State(server): State<Server>) -> Response {
     json(text(&*server.opening))
-}
-
-async fn exported(State(server): State<Server>) -> Result<Response, Refusal> {
-    let text = server.readings.read(|runs| Ok(metrics::read(runs))).await?;
-    Ok(([(CONTENT_TYPE, metrics::CONTENT_KIND)], text).into_response())
 }
 
 async fn list(State(server): State<Server>) -> Result<Response, Refusal> {

@@ -75,8 +75,7 @@ pub async fn serve(
                 .timer(TokioTimer::new())
                 .header_read_timeout(HEAD_DEADLINE)
                 .max_buf_size(HEAD_BYTES)
-                .serve_connection(TokioIo::new(Box::pin(stream)), service)
-                .with_upgrades();
+                .serve_connection(TokioIo::new(Box::pin(stream)), service);
             // A client that hangs up or sends nonsense ends its own connection.
             if let Err(error) = connection.await {
                 tracing::debug!("a connection ended: {error}");

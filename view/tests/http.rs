@@ -5,7 +5,6 @@ use proptest::prelude::*;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::replay::{RecordedEpisode, ReplaySetup};
-use proto::show::{ShownEpisode, ShownSolids};
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::os::unix::fs::PermissionsExt;
@@ -13,7 +12,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 use view::data::{Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Problem, Runs};
-use view::feed::{Feed, Recorded, Topic};
 use view::{Settings, serve};
 
 /// What a request shows that has the server's token.
@@ -46,24 +44,6 @@ impl One {
     }
 }
 
-/// A run of which nothing is recorded.
-struct Silent;
-
-impl Feed for Silent {
-    fn read(&mut self) -> Vec<Recorded> {
-        Vec::new()
-    }
-    fn topics(&self) -> Vec<Arc<Topic>> {
-        vec![Arc::new(Topic { name: "/step".to_owned(), ..Topic::default() })]
-    }
-    fn moment_topics(&self) -> Vec<Arc<Topic>> {
-        Vec::new()
-    }
-    fn moment(&self, _: &ShownEpisode, _: &ShownSolids, _: bool) -> Vec<Recorded> {
-        Vec::new()
-    }
-}
-
 impl Runs for One {
     fn list(&self) -> Vec<Card> {
         self.read("a", vec![Card { id: "a".to_owned(), ..Card::default() }]).unwrap_or_default()
@@ -93,10 +73,6 @@ impl Runs for One {
     }
     fn newest(&self, run: &str, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>, Problem> {
         self.read(run, Some(EpisodeKey { kitchen, environment, episode: 1 }))
-    }
-    fn feed(&self, run: &str) -> Result<Box<dyn Feed>, Problem> {
-        self.read(run, ())?;
-        Ok(Box::new(Silent))
     }
 }
 
@@ -152,16 +128,6 @@ impl Server {
         let mut answer = Vec::new();
         let _ = stream.read_to_end(&mut answer);
         answer
-    }
-
-    /// Asks for a WebSocket; the status, and the connection.
-    fn socket(&self, path: &str) -> (u16, TcpStream) {
-        let mut stream = self.connect();
-        let request = format!("GET {path} HTTP/1.1\r\nHost: {}\r\nConnection: Upgrade\r\n{SOCKET}\r\n", self.address);
-        stream.write_all(request.as_bytes()).expect("it reads");
-        let mut status = [0; 12];
-        stream.read_exact(&mut status).expect("an answer");
-        (String::from_utf8_lossy(&status[9..]).parse().unwrap_or(0), stream)
     }
 
     /// Asks as one who shows nothing else than these headers.
@@ -290,13 +256,12 @@ fn requests_that_are_too_large_are_refused_and_do_no_harm() {
 fn nothing_of_a_run_is_answered_without_the_token() {
     let server = Server::start();
     let picture = "/api/runs/a/episodes/1-0-0/picture?view=depth&step=1&width=64";
-    let routes = ["/api/opening", "/api/runs", "/api/runs/a", "/api/runs/a/live", "/api/runs/a/curves", "/metrics"];
+    let routes = ["/api/opening", "/api/runs", "/api/runs/a", "/api/runs/a/live", "/api/runs/a/curves"];
     let routes = routes.into_iter().chain(["/api/runs/a/episodes", "/api/runs/a/episodes/1-0-0", picture]);
-    let routes = routes.chain(["/api/runs/a/newest/1/0", "/foxglove", "/foxglove/a", "/index.html", "/nowhere", "//"]);
+    let routes = routes.chain(["/api/runs/a/newest/1/0", "/index.html", "/nowhere", "//"]);
     for path in routes {
         for wrong in [
             "",
-            SOCKET,
             "Authorization: Bearer\r\n",
             "Authorization: Bearer \r\n",
             "Authorization: Bearer 0123abc\r\n",
@@ -331,32 +296,9 @@ fn nothing_of_a_run_is_answered_without_the_token() {
 fn the_token_is_shown_by_a_header_or_by_what_can_set_none_in_the_query() {
     let server = Server::start();
     for header in [TOKEN, "authorization: bearer 0123abcd\r\n"] {
-        assert_eq!(server.ask("GET", "/metrics", header).status, 200);
+        assert_eq!(server.ask("GET", "/api/runs", header).status, 200);
     }
     assert_eq!(server.ask("HEAD", "/api/runs?token=0123abcd", "").status, 200);
-    assert_eq!(server.socket(WATCH).0, 101);
-    assert_eq!(server.socket("/foxglove?watch=1-0&token=0123abcd").0, 101);
-}
-
-const WATCH: &str = "/foxglove/a?token=0123abcd";
-/// What a WebSocket of Foxglove's asks for.
-const SOCKET: &str = "Upgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\
-                      Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n";
-
-#[test]
-fn only_as_many_programs_watch_as_there_is_room_for() {
-    let server = Server::start();
-    assert_eq!(server.socket("/foxglove/b?token=0123abcd").0, 404);
-    let mut held: Vec<TcpStream> = (0..8).map(|_| server.socket(WATCH).1).collect();
-    assert_eq!(server.socket(WATCH).0, 503);
-    // What is no frame ends the connection, and makes room again.
-    held[0].write_all(&[0xff; 300]).unwrap();
-    let begun = Instant::now();
-    while server.socket(WATCH).0 != 101 {
-        assert!(begun.elapsed() < Duration::from_secs(20));
-        std::thread::sleep(Duration::from_millis(50));
-    }
-    assert_eq!(server.get("/api/runs").status, 200);
 }
 
 #[test]

@@ -6,20 +6,15 @@ use super::depth_view::{depth_view, mark};
 use super::marks::TARGET;
 use super::model::Model;
 use super::moment::{Moment, Task, moving, points};
-use super::palette;
-use super::robot::pieces;
 use super::shade::Exposure;
 use super::sky::{Dome, Lit};
 use super::storyboard::PAPER;
 use super::view::{PlanFrame, robot_camera};
 use super::viewpoint::{self, Orbit};
 use super::visible::Visible;
-use proto::show::ShownSolid;
-use rapier3d::math::{Pose3, Vec3};
+use rapier3d::math::Pose3;
 use simulator::depth::DepthCamera;
 use simulator::kitchen::Kitchen;
-use simulator::mesh::triangles_of;
-use simulator::shape::Shape;
 use std::sync::{Arc, OnceLock};
 
 /// Colour of what is not where it stood, and of its ghost: no other thing has it.
@@ -112,42 +107,12 @@ impl Scene {
         self.develop(Exposure::take(&model, &self.frame.camera(), side, side, PAPER), true)
     }
 
-    pub fn frame_mm(&self, moment: &Moment, camera: &mut DepthCamera, side: usize) -> Vec<u16> {
+    fn frame_mm(&self, moment: &Moment, camera: &mut DepthCamera, side: usize) -> Vec<u16> {
         let mut bodies = Vec::new();
         moment.world_from_bodies(&self.kitchen, &mut bodies);
         let mut depth_mm = vec![0; side * side];
         camera.render(&bodies, moment.world_from_camera, side, &mut depth_mm);
         depth_mm
-    }
-
-    /// Everything as triangles, for programs that draw it themselves; `fixed`: with what never moves.
-    pub fn solids(&self, moment: &Moment, displaced: &[usize], fixed: bool) -> Vec<ShownSolid> {
-        let bodies = self.kitchen.bodies();
-        let mut solids = Vec::new();
-        let statics = self.kitchen.static_bodies();
-        let still = bodies[statics.clone()].iter().zip(&self.kitchen.settled_poses()[statics]).enumerate();
-        for (index, (body, pose)) in still.filter(|(_, (body, _))| fixed && body.category != "Ceiling") {
-            let colour = palette::colour(&body.category, self.kitchen.id().number());
-            solids.push(solid(format!("fixed/{index} {}", body.category), colour, &body.shape, pose));
-        }
-        for (index, (body, pose)) in bodies[self.kitchen.movable_bodies()].iter().zip(&moment.things).enumerate() {
-            let is_displaced = displaced.contains(&index);
-            let colour = match index {
-                _ if Some(index) == self.task.target => TARGET,
-                _ if is_displaced => DISPLACED,
-                _ => palette::colour(&body.category, self.kitchen.id().number()),
-            };
-            solids.push(solid(format!("thing/{index} {}", body.category), colour, &body.shape, pose));
-            if is_displaced {
-                let name = format!("ghost/{index} {}", body.category);
-                let stood = solid(name, DISPLACED, &body.shape, &self.origins[index]);
-                solids.push(ShownSolid { ghost: true, ..stood });
-            }
-        }
-        for (index, piece) in pieces().iter().enumerate() {
-            solids.push(solid(format!("robot/{index}"), piece.colour, &piece.shape, &moment.robot[piece.part]));
-        }
-        solids
     }
 
     pub fn depth(&self, moment: &Moment, camera: &mut DepthCamera, side: usize) -> Canvas {
@@ -203,18 +168,13 @@ impl Scene {
     }
 }
 
-fn solid(name: String, colour: Rgb, shape: &Shape, world_from_body: &Pose3) -> ShownSolid {
-    let placed = |corner: [f32; 3]| (*world_from_body * Vec3::from(corner)).to_array();
-    let corners_m = triangles_of(shape).into_iter().flatten().map(placed).collect();
-    ShownSolid { name, colour, ghost: false, corners_m }
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::moment::Captions;
     use super::*;
     use proto::config::SimulationConfig;
     use proto::kitchen::{KitchenId, TargetCategory};
+    use rapier3d::math::Vec3;
     use simulator::robot::configuration::Configuration;
     use simulator::robot::links::{part_poses, world_from_camera};
 
@@ -257,27 +217,6 @@ mod tests {
         // Lifted a little: highlighted itself.
         moment.things[thing].translation = stood + Vec3::new(0.0, 0.15, 0.0);
         assert!(violet(&draw(&moment, &[thing])) > violet(&draw(&moment, &[])) + 20);
-    }
-
-    #[test]
-    fn solids_are_the_room_that_pictures_show() {
-        let (scene, mut moment, thing) = scene();
-        let all = scene.solids(&moment, &[], true);
-        let moving = scene.solids(&moment, &[], false);
-        let triangles = |solids: &[ShownSolid]| solids.iter().map(|solid| solid.corners_m.len() / 3).sum::<usize>();
-        let mut model = scene.at(&moment.things, &[]).0;
-        model.add_robot(&moment.robot, true);
-        assert_eq!(triangles(&all), model.triangles.len());
-        assert!(moving.len() < all.len() && moving.iter().all(|solid| !solid.name.starts_with("fixed")));
-        let names: std::collections::HashSet<&str> = all.iter().map(|solid| solid.name.as_str()).collect();
-        assert_eq!(names.len(), all.len(), "each name is one body's");
-        moment.things[thing].translation.y += 1.0;
-        let displaced = scene.solids(&moment, &[thing], false);
-        let at =
-            |kind: &str| displaced.iter().find(|solid| solid.name.starts_with(&format!("{kind}/{thing} "))).unwrap();
-        let height = at("thing").corners_m[0][1] - at("ghost").corners_m[0][1];
-        assert!((height - 1.0).abs() < 1e-5 && at("ghost").ghost && !at("thing").ghost);
-        assert_eq!(at("thing").colour, DISPLACED);
     }
 
     #[test]

@@ -91,36 +91,3 @@ fn what_cannot_be_done_is_answered_and_the_next_request_is_heard() {
         assert!(matches!(answers[at].0, ShowAnswer::Picture { .. }), "{:?}", answers[at].0);
     }
 }
-
-#[test]
-fn solids_are_of_the_moment_that_was_asked_for() {
-    let config = Config::default();
-    let actions = [Action::MoveAheadContinuous, Action::LookDown];
-    let asked = |step, fixed| ShowRequest::Solids { name: "a".to_owned(), step, fixed };
-    let open = open(&config, "a", recorded(&config, &actions, None));
-    let answers = ask(&[asked(0, true), open, asked(0, true), asked(1, false), asked(2, false), asked(3, false)]);
-    assert_eq!(answers[0].0, ShowAnswer::NotOpen);
-    assert!(problem(&answers[5].0).contains("has 2 steps, not 3"));
-    let solids = |at: usize| match &answers[at].0 {
-        ShowAnswer::Solids(solids) => solids,
-        other => panic!("{other:?}"),
-    };
-    let (start, ahead, down) = (solids(2), solids(3), solids(4));
-    let ShowAnswer::Opened(shown) = &answers[1].0 else { panic!("it is open") };
-    assert!(start.solids.len() > ahead.solids.len(), "without what never moves");
-    let body = |of: &ShownSolids| of.solids.iter().find(|solid| solid.name == "robot/0").unwrap().corners_m[0];
-    let [start_m, ahead_m] = [0, 1].map(|step| shown.moments[step].numbers::<2>("base_position_m").unwrap());
-    for (axis, base) in [(0, 0), (2, 1)] {
-        let moved = ahead_m[base] - start_m[base];
-        assert!((body(ahead)[axis] - body(start)[axis] - moved).abs() < 1e-4);
-    }
-    assert_eq!(start.depth_mm.len(), FRAME_SIDE * FRAME_SIDE);
-    assert_ne!(ahead.depth_mm, down.depth_mm);
-    // One LookDown turns the camera by more than 0.1 rad.
-    assert!(
-        down.camera_pitch_rad > ahead.camera_pitch_rad + 0.1,
-        "{} {}",
-        down.camera_pitch_rad,
-        ahead.camera_pitch_rad
-    );
-}

@@ -1,12 +1,12 @@
 use super::player::Player;
-use crate::hosts::token::refuse_public;
+use crate::hosts::token::{draw, refuse_public};
 use crate::output::terminal;
 use crate::preflight::programs;
 use crate::run::identity::host_name;
 use crate::viewer::RunReaders;
 use anyhow::{Context, Result, bail, ensure};
 use std::convert::Infallible;
-use std::io::{Read, Write};
+use std::io::Write;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -29,9 +29,7 @@ use view::{Settings, serve};
   orchestrator view --compare E1 E2          the same episodes of two evaluations side by side
   ssh -L 8765:127.0.0.1:8765 HOST            then the address that is printed there opens here, too
   orchestrator view --address 0.0.0.0        for other machines, too
-  orchestrator view --token-file token       the token is the same at each start
-  ws://127.0.0.1:8765/foxglove/RUN?token=TOKEN   a run live in Foxglove, with the layout deploy/foxglove/stillroom.json
-  http://127.0.0.1:8765/metrics              how all runs stand, for Prometheus, with `Authorization: Bearer TOKEN`")]
+  orchestrator view --token-file token       the token is the same at each start")]
 pub struct ViewArgs {
     /// Run folders, those of evaluations, or folders that hold runs [default: runs]
     #[arg(value_name = "RUN")]
@@ -55,7 +53,7 @@ pub struct PageArgs {
     /// Address to listen at
     #[arg(long, value_name = "IP", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST), value_parser = ip)]
     address: IpAddr,
-    /// Keep the token in this file: the same one at each start, e.g. for Prometheus; made if it is not there
+    /// Keep the token in this file: the same one at each start; made if it is not there
     #[arg(long, value_name = "FILE")]
     token_file: Option<PathBuf>,
 }
@@ -94,7 +92,7 @@ fn show(shown: Shown, page: &PageArgs, open: bool) -> Result<()> {
     let address = listener.local_addr().context("the listener has no address")?;
     let token = match &page.token_file {
         Some(file) => token_in(file)?,
-        None => token()?,
+        None => draw()?,
     };
     let place = link(address, &token);
     let settings = Settings {
@@ -196,20 +194,13 @@ fn listen(args: &PageArgs) -> Result<TcpListener> {
     bail!("cannot listen at {}: {cause}; choose another port with --port", SocketAddr::new(args.address, first))
 }
 
-/// What others cannot guess: 128 bits of the kernel's, as hex digits.
-fn token() -> Result<String> {
-    let mut bytes = [0u8; 16];
-    std::fs::File::open("/dev/urandom").and_then(|mut file| file.read_exact(&mut bytes)).context("/dev/urandom")?;
-    Ok(format!("{:032x}", u128::from_be_bytes(bytes)))
-}
-
 /// The token in a file, which is made if it is not there.
 fn token_in(path: &Path) -> Result<String> {
     use std::os::unix::fs::OpenOptionsExt;
     let text = match proto::bounded::read_text(path) {
         Ok(text) => text,
         Err(_) if !path.exists() => {
-            let text = token()?;
+            let text = draw()?;
             let mut options = std::fs::OpenOptions::new();
             let file = options.write(true).create_new(true).mode(0o600).open(path);
             let written = file.and_then(|mut file| file.write_all(text.as_bytes()));
@@ -278,8 +269,6 @@ mod tests {
         assert_eq!(link(loopback, "ab"), "http://127.0.0.1:8765/#token=ab");
         let all: SocketAddr = "0.0.0.0:80".parse().unwrap();
         assert_eq!(link(all, "ab"), format!("http://{}:80/#token=ab", host_name()));
-        let (one, other) = (token().unwrap(), token().unwrap());
-        assert!(one.len() == 32 && one != other);
     }
 
     #[test]
@@ -288,7 +277,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("token");
         let made = token_in(&path).unwrap();
-        assert_eq!((made.len(), token_in(&path).unwrap()), (32, made));
+        assert_eq!((made.len(), token_in(&path).unwrap()), (64, made));
         assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
         for weak in ["", "short", "0123456789abcde\n", "0123456789 abcdef", "0123456789abcdef;"] {
             std::fs::write(&path, weak).unwrap();

@@ -11,12 +11,12 @@ use super::token::Token;
 use crate::environment::consent;
 use crate::output::format::counted;
 use crate::output::terminal;
-use crate::recording::recorder::{Recorder, RecorderSetup};
+use crate::recording::recorder::Recorder;
 use crate::run::remains;
 use crate::supervisor::event::{Event, Exit, Process};
-use crate::supervisor::process::{Launch, LearnersNetwork, Processes};
+use crate::supervisor::process::{LearnersNetwork, Processes};
 use crate::supervisor::remote_hosts::{HostReport, Order};
-use crate::supervisor::session::{begin_log, part_of, placed, recorded};
+use crate::supervisor::session::{Part, Session, begin_log, recorded};
 use crate::supervisor::shell::{QUEUE, SWEEPS_AFTER_DEATH, Signals, TICK};
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
@@ -29,7 +29,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
-use wire::{Announcer, WireHost, WireShape};
+use wire::{Announcer, WireHost};
 
 const ATTEMPT: Duration = Duration::from_secs(5);
 const PAUSE: Duration = Duration::from_millis(500);
@@ -234,35 +234,13 @@ impl Agent {
     ) -> Result<Ended> {
         let HostFolder { folder, config, address, hosts, tools, mut lock } = place;
         let signals = Signals::kept(signals, true)?;
-        lock.sign(invitation.incarnation)?;
-        let run = std::path::absolute(folder.root()).context("run folder")?;
-        let _claim = remains::claim(&address, &run)?;
-        let (shape, ranks) = (WireShape::of(&config), hosts.ranks_of(self.member.host));
-        let host = WireHost::create_part(&address, shape, ranks.clone())?;
-        let setup = || RecorderSetup {
-            address: address.clone(),
-            shape,
-            run_id: invitation.run_id.clone(),
-            host: self.member.host,
-            ranks: ranks.clone(),
-            folder: folder.clone(),
-            incarnation: invitation.incarnation,
-            config: config.clone(),
-        };
-        let recorder = config.recording.enabled.then(|| Recorder::start(setup())).transpose()?;
         consent::demand(&config, folder.root())?;
-        let launch = Launch {
-            placement: placed(&part_of(&config, hosts, self.member.host), &tools)?,
-            programs: tools.programs.clone(),
-            environment: config.environment.clone(),
-            learners: config.learner.count,
-            threads: config.learner.threads,
-            evaluates: false,
-            folder: folder.clone(),
-            address: address.clone(),
-            first: [ranks.start, hosts.actors_of(self.member.host).start],
-            network: Some(network),
-        };
+        lock.sign(invitation.incarnation)?;
+        let incarnation = invitation.incarnation;
+        let (config, tools, address, folder) = (&config, &tools, &address, &folder);
+        let session = Session { folder, config, incarnation, address, tools, launched: true };
+        let begun = Part::begin(&session, &invitation.run_id, hosts, self.member.host, Some(network))?;
+        let Part { _claim, host, recorder, launch } = begun;
         let (sender, inbox) = mpsc::channel(QUEUE);
         let announcer = host.wire().announcer()?;
         mouth.say(HostReport::Ready);

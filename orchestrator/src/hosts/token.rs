@@ -115,6 +115,7 @@ fn words(side: &str, drawn: &Drawn<'_>) -> [String; 4] {
     [side.to_owned(), drawn.host.to_string(), drawn.guest.to_owned(), drawn.door.to_owned()]
 }
 
+/// What others cannot guess: 256 bits of the kernel's, as hex digits.
 pub fn draw() -> Result<String> {
     let mut bytes = [0u8; 32];
     File::open("/dev/urandom").and_then(|mut source| source.read_exact(&mut bytes)).context("/dev/urandom")?;

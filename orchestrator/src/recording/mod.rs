@@ -7,7 +7,6 @@ mod engine;
 pub mod episode_index;
 pub mod episodes;
 pub mod ffmpeg;
-pub mod follow;
 mod form;
 pub mod harvest;
 pub mod newest;

@@ -233,9 +233,7 @@ impl Actor {
 fn why(answer: &ShowAnswer) -> &str {
     match answer {
         ShowAnswer::Failed { problem } => problem,
-        ShowAnswer::Opened(_) | ShowAnswer::Picture { .. } | ShowAnswer::Solids(_) | ShowAnswer::NotOpen => {
-            "another answer than was asked for"
-        }
+        ShowAnswer::Opened(_) | ShowAnswer::Picture { .. } | ShowAnswer::NotOpen => "another answer than was asked for",
     }
 }
 

@@ -13,7 +13,7 @@ use crate::preflight::placement::Placement;
 use crate::preflight::programs::Tools;
 use crate::recording::recorder::{Recorder, RecorderSetup};
 use crate::run::lock::RunLock;
-use crate::run::remains;
+use crate::run::remains::{self, Claim};
 use anyhow::{Context, Result};
 use proto::config::{ActorsConfig, Config};
 use proto::hosts::Hosts;
@@ -80,41 +80,14 @@ impl Session<'_> {
         mut together: Option<&mut Together>,
         signals: &mut Option<Signals>,
     ) -> Result<(Outcome, Result<()>)> {
-        let Self { folder, config, incarnation, address, tools, launched } = *self;
+        let Self { folder, config, incarnation, address, launched, .. } = *self;
         consent::demand(config, folder.root())?;
         let signals = Signals::kept(signals, launched)?;
         // `stop` signals the process that has signed the lock. So it signs only after it handles signals as requests.
         lock.sign(incarnation)?;
-        let run = std::path::absolute(folder.root()).context("run folder")?;
-        let _claim = remains::claim(address, &run)?;
-        let shape = WireShape::of(config);
         let hosts = together.as_ref().map_or_else(|| Hosts::of_one(config.shares()), |together| together.hosts);
-        let host = WireHost::create_part(address, shape, hosts.ranks_of(0))?;
-        fault::reach("orchestrator.after_wire");
-        let setup = || RecorderSetup {
-            address: address.clone(),
-            shape,
-            run_id: address.run_id().to_owned(),
-            host: 0,
-            ranks: hosts.ranks_of(0),
-            folder: folder.clone(),
-            incarnation,
-            config: config.clone(),
-        };
-        // Before the actors: none of their samples is missed.
-        let recorder = config.recording.enabled.then(|| Recorder::start(setup())).transpose()?;
-        let launch = Launch {
-            placement: placed(&part_of(config, hosts, 0), tools)?,
-            programs: tools.programs.clone(),
-            environment: config.environment.clone(),
-            learners: config.learner.count,
-            threads: config.learner.threads,
-            evaluates: config.evaluation.is_some(),
-            folder: folder.clone(),
-            address: address.clone(),
-            first: [0, 0],
-            network: together.as_ref().map(|together| together.network.clone()),
-        };
+        let network = together.as_ref().map(|together| together.network.clone());
+        let Part { _claim, host, recorder, launch } = Part::begin(self, address.run_id(), hosts, 0, network)?;
         let remote_hosts = together.as_mut().map(|together| &mut together.remote_hosts);
         let scaled = config.evaluation.is_none().then_some((folder, incarnation));
         let shell = Shell { config, host: &host, recorder: recorder.as_ref(), signals, remote_hosts, scaled };
@@ -143,6 +116,56 @@ impl Session<'_> {
     }
 }
 
+/// What a session has on one of the run's hosts.
+pub struct Part {
+    pub _claim: Claim,
+    pub host: WireHost,
+    pub recorder: Option<Recorder>,
+    pub launch: Launch,
+}
+
+impl Part {
+    pub fn begin(
+        session: &Session<'_>,
+        run_id: &str,
+        hosts: Hosts,
+        host: u32,
+        network: Option<LearnersNetwork>,
+    ) -> Result<Self> {
+        let Session { folder, config, incarnation, address, tools, .. } = *session;
+        let run = std::path::absolute(folder.root()).context("run folder")?;
+        let _claim = remains::claim(address, &run)?;
+        let (shape, ranks) = (WireShape::of(config), hosts.ranks_of(host));
+        let wire_host = WireHost::create_part(address, shape, ranks.clone())?;
+        fault::reach("orchestrator.after_wire");
+        let setup = || RecorderSetup {
+            address: address.clone(),
+            shape,
+            run_id: run_id.to_owned(),
+            host,
+            ranks: ranks.clone(),
+            folder: folder.clone(),
+            incarnation,
+            config: config.clone(),
+        };
+        // Before the actors: none of their samples is missed.
+        let recorder = config.recording.enabled.then(|| Recorder::start(setup())).transpose()?;
+        let launch = Launch {
+            placement: placed(&part_of(config, hosts, host), tools)?,
+            programs: tools.programs.clone(),
+            environment: config.environment.clone(),
+            learners: config.learner.count,
+            threads: config.learner.threads,
+            evaluates: config.evaluation.is_some(),
+            folder: folder.clone(),
+            address: address.clone(),
+            first: [ranks.start, hosts.actors_of(host).start],
+            network,
+        };
+        Ok(Self { _claim, host: wire_host, recorder, launch })
+    }
+}
+
 /// What one host has of a run, as a configuration for what looks at this machine.
 pub fn part_of(config: &Config, hosts: Hosts, host: u32) -> Config {
     let mut part = config.clone();
@@ -152,7 +175,7 @@ pub fn part_of(config: &Config, hosts: Hosts, host: u32) -> Config {
     part
 }
 
-pub fn placed(part: &Config, tools: &Tools) -> Result<Option<Placement>> {
+fn placed(part: &Config, tools: &Tools) -> Result<Option<Placement>> {
     let placement = placement::placement(part, &tools.torch)?;
     if let Some(placement) = &placement {
         tracing::info!("cores: {}", placement.describe());

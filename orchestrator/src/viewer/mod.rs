@@ -2,7 +2,6 @@
 //! [`watched`] keeps what was read, and reads only what is new.
 
 mod episode_table;
-mod live;
 pub mod logbook;
 mod processes;
 mod roster;
@@ -19,7 +18,6 @@ use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use view::data::{Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Problem, Runs};
-use view::feed::Feed;
 use watched::Watched;
 
 const LIST_EVERY: Duration = Duration::from_secs(2);
@@ -222,12 +220,6 @@ impl Runs for RunReaders {
 
     fn newest(&self, run: &str, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>, Problem> {
         self.with(run, move |watched| Ok(watched.newest(kitchen, environment)))
-    }
-
-    fn feed(&self, run: &str) -> Result<Box<dyn Feed>, Problem> {
-        let found = self.entries().into_iter().find(|entry| entry.id == run);
-        let entry = found.ok_or_else(|| Problem::NotThere(format!("there is no run called {run}")))?;
-        Ok(Box::new(live::Recordings::of(entry.folder)))
     }
 }
 

@@ -240,14 +240,8 @@ impl Watched {
             indexed: self.episode_index.indexed(),
             notes,
             rollouts: self.history.len() as u64,
-            newest: self.newest_figures(),
             card: self.card_of(&config, &identity, &held)?,
         })
-    }
-
-    fn newest_figures(&self) -> BTreeMap<String, f32> {
-        let figures = self.history.iter().next_back().map(|trained| trained.metrics.iter());
-        figures.into_iter().flatten().map(|(name, value)| (name.to_owned(), value as f32)).collect()
     }
 
     pub fn curves(&mut self, edition: u64, known: usize) -> Result<Curves> {

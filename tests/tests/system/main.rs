@@ -15,7 +15,6 @@ mod kills;
 mod learners;
 mod measuring;
 mod networks;
-mod opens;
 mod orchestrator_faults;
 mod overlap;
 mod pictures;

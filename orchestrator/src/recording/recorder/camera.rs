@@ -19,12 +19,8 @@ impl FrameNames {
         Self { prefix: prefix.to_owned(), camera: format!("{prefix}/camera") }
     }
 
-    pub fn world(&self) -> String {
-        self.of("world")
-    }
-
     /// Of the robot's axis on the floor, x ahead (`robot`), or of something whose place the task says.
-    pub fn of(&self, what: &str) -> String {
+    fn of(&self, what: &str) -> String {
         format!("{}/{what}", self.prefix)
     }
 }
@@ -86,7 +82,7 @@ pub fn transforms(timestamp: Timestamp, names: &FrameNames, places: &Places) -> 
     [robot, camera].into_iter().chain(others).collect()
 }
 
-pub fn ros_from_world([x, y, z]: [f32; 3]) -> Vector3 {
+fn ros_from_world([x, y, z]: [f32; 3]) -> Vector3 {
     Vector3 { x: f64::from(z), y: -f64::from(x), z: f64::from(y) }
 }
 
