@@ -1,183 +1,95 @@
-use crate::account::{Account, REPAIR_METADATA};
-use crate::layout::{Frame, Next, each_record, is_private, next, parse};
-use crate::source::Source;
-use mcap::MAGIC;
-use mcap::records::{Channel, Record, SchemaHeader, op};
-use std::collections::HashMap;
-use std::collections::hash_map::Entry;
-
-#[derive(Debug, thiserror::Error)]
-pub enum ReadError<E> {
-    #[error("it is empty")]
-    Empty,
-    #[error("it does not begin with MCAP's magic bytes")]
-    NotMcap,
-    #[error(transparent)]
-    Io(#[from] std::io::Error),
-    #[error(transparent)]
-    Visit(E),
-}
+use crate::account::{Account, Cost};
+use crate::layout::{Frame, MAGIC, parse};
+use crate::source::{Source, peek};
+use crate::state::{Definitions, Limits, Places, ReadError, Reader, Trust};
+use crate::summary::Summary;
+use mcap::records::{Header, Record, op};
 
 /// Hands every record of the data to `visit`, those inside chunks in their place: header, schemas, channels, messages,
-/// attachments, metadata and private records. Channels come before their messages, schemas before their channels, each
-/// once.
+/// attachments, metadata and private records. Channels come before their messages, schemas before their channels.
 ///
 /// Damage is no error: it is in the account. An error of `visit` ends the reading.
-pub fn read<E>(source: &impl Source, visit: impl FnMut(Record<'_>) -> Result<(), E>) -> Result<Account, ReadError<E>> {
-    let (length, start) = (source.length(), MAGIC.len() as u64);
+pub fn read<E>(
+    source: &impl Source,
+    limits: &Limits,
+    mut visit: impl FnMut(Record<'_>, Trust) -> Result<(), E>,
+) -> Result<Account, ReadError<E>> {
+    let length = source.length();
+    let is_marked = peek(source, 0)? == Some(MAGIC);
     if length == 0 {
         return Err(ReadError::Empty);
     }
-    if length < start || source.bytes(0..start)? != MAGIC {
+    if !is_marked && header(source)?.is_none() {
         return Err(ReadError::NotMcap);
     }
+    let summary = Summary::read(source)?;
+    let (start, end) = (MAGIC.len() as u64, summary.as_ref().map_or(length, |summary| summary.start));
     let mut reader = Reader {
-        visit,
-        account: Account::default(),
-        schemas: HashMap::new(),
-        channels: HashMap::new(),
-        others: 0,
-        place: start,
+        source,
+        limits: *limits,
+        visit: &mut visit,
+        account: Account { cut: summary.is_none(), ..Account::default() },
+        definitions: Definitions::default(),
+        summary,
+        budget: limits.total_bytes.saturating_add(length.saturating_mul(limits.total_factor)),
+        inside: None,
+        indexed: (Trust::Doubtful, Places::new()),
+        data_end: None,
+        cut_at: length,
+        time_ns: None,
+        region: None,
+        others: [0; 2],
+        odd_chunk: None,
     };
-    if let Some(data_end) = reader.data(source)? {
-        reader.end(source, data_end)?;
+    if !is_marked {
+        reader.finding(0..start, "the magic bytes at the beginning were altered", Cost::Nothing, None);
     }
+    reader.records(source, start..end)?;
+    reader.finish();
+    if let Some(chunk) = reader.odd_chunk {
+        reader.finding(chunk..chunk, "the header of a chunk does not agree with its content", Cost::Nothing, None);
+    }
+    reader.account.findings.sort_by_key(|finding| finding.offset);
     Ok(reader.account)
 }
 
-struct Reader<V> {
-    visit: V,
-    account: Account,
-    schemas: HashMap<u16, (SchemaHeader, Vec<u8>)>,
-    channels: HashMap<u16, Channel>,
-    /// Attachments and metadata.
-    others: u64,
-    place: u64,
+pub(crate) fn header(source: &dyn Source) -> std::io::Result<Option<Header>> {
+    let Some(frame) = Frame::at(source, MAGIC.len() as u64)? else { return Ok(None) };
+    if frame.opcode != op::HEADER || frame.rest(source, source.length())? != Some(0) {
+        return Ok(None);
+    }
+    match parse(frame.opcode, &source.bytes(frame.content()..frame.end())?) {
+        Some(Record::Header(header)) => Ok(Some(header)),
+        _ => Ok(None),
+    }
 }
 
-impl<V> Reader<V> {
-    fn loss(&mut self, problem: &str) {
-        self.account.find(self.place, problem, true);
-    }
-
-    /// Reads up to the mark that ends the data; none if there is none.
-    fn data<E>(&mut self, source: &impl Source) -> Result<Option<Frame>, ReadError<E>>
-    where
-        V: FnMut(Record<'_>) -> Result<(), E>,
-    {
-        loop {
-            let frame = match next(source, self.place)? {
-                Next::Record(frame) => frame,
-                Next::Cut => {
-                    self.account.cut = true;
-                    self.loss("the file ends here, before its end mark");
-                    return Ok(None);
-                }
-                Next::Damaged => {
-                    self.loss("no record can be recognised from here on");
-                    return Ok(None);
-                }
-            };
-            match frame.opcode {
-                op::DATA_END => return Ok(Some(frame)),
-                // Indexes are not needed.
-                op::MESSAGE_INDEX => {}
-                op::CHUNK => {
-                    let mut records = Vec::new();
-                    let all = each_record(&frame.content(source)?, |record| records.push(record.into_owned()));
-                    match all {
-                        Some(()) => records.into_iter().try_for_each(|record| self.take(record))?,
-                        None => self.loss("a chunk's content is not what its checksum says, or cannot be unpacked"),
-                    }
-                }
-                opcode => match parse(opcode, &frame.content(source)?) {
-                    Some(record) => self.take(record)?,
-                    None => self.loss("a record was altered"),
-                },
-            }
-            self.place = frame.end;
-        }
-    }
-
-    fn take<E>(&mut self, record: Record<'_>) -> Result<(), ReadError<E>>
-    where
-        V: FnMut(Record<'_>) -> Result<(), E>,
-    {
-        match &record {
-            Record::Schema { header, data } => {
-                let defined = (header.clone(), data.to_vec());
-                match self.schemas.entry(header.id) {
-                    Entry::Occupied(known) if *known.get() == defined => return Ok(()),
-                    Entry::Vacant(new) if header.id != 0 => drop(new.insert(defined)),
-                    _ => return Ok(self.loss("a schema has another's number")),
-                }
-            }
-            Record::Channel(channel) => {
-                let is_defined = channel.schema_id == 0 || self.schemas.contains_key(&channel.schema_id);
-                match self.channels.entry(channel.id) {
-                    Entry::Occupied(known) if known.get() == channel => return Ok(()),
-                    Entry::Vacant(new) if is_defined => drop(new.insert(channel.clone())),
-                    _ => return Ok(self.loss("a channel has another's number, or no schema")),
-                }
-            }
-            Record::Message { header, .. } if self.channels.contains_key(&header.channel_id) => {
-                self.account.messages += 1;
-            }
-            Record::Message { .. } => return Ok(self.loss("a message is of no channel that there is")),
-            Record::Attachment { .. } => self.others += 1,
-            Record::Metadata(metadata) => {
-                self.others += 1;
-                if let Some(outcome) = metadata.metadata.get("outcome").filter(|_| metadata.name == REPAIR_METADATA) {
-                    self.account.repaired_with_loss = Some(outcome.clone());
-                }
-            }
-            Record::Header(_) if self.place == MAGIC.len() as u64 => {}
-            Record::Unknown { opcode, .. } if is_private(*opcode) => {}
-            _ => return Ok(self.loss("a record stands where it may not")),
-        }
-        (self.visit)(record).map_err(ReadError::Visit)
-    }
-
-    /// Reads what comes after the data, and compares it with what there was.
-    fn end<E>(&mut self, source: &impl Source, data_end: Frame) -> Result<(), ReadError<E>> {
-        if let Some(Record::DataEnd(end)) = parse(op::DATA_END, &data_end.content(source)?)
-            && end.data_section_crc != 0
-            && self.account.is_whole()
-            && end.data_section_crc != sum(source, data_end.offset)?
-        {
-            self.account.find(0, "the checksum over all data does not agree: something was altered", true);
-        }
-        self.place = data_end.end;
-        let has_ended = loop {
-            let Next::Record(frame) = next(source, self.place)? else { break false };
-            self.place = frame.end;
-            match frame.opcode {
-                op::FOOTER => break source.bytes(frame.end..source.length())? == MAGIC,
-                op::STATISTICS => {
-                    let content = frame.content(source)?;
-                    let Some(Record::Statistics(counted)) = parse(frame.opcode, &content) else { break false };
-                    self.account.missing = counted.message_count.saturating_sub(self.account.messages);
-                    let others = u64::from(counted.attachment_count) + u64::from(counted.metadata_count);
-                    if counted.message_count != self.account.messages || others > self.others {
-                        self.loss("the statistics count other records than there are");
-                    }
-                }
-                _ => {}
-            }
+impl<E> Reader<'_, E> {
+    fn finish(&mut self) {
+        self.settle_channels();
+        let length = self.source.length();
+        let Some(summary) = &self.summary else {
+            // All that is missing may be the summary.
+            let cost = if self.data_end.is_some() { Cost::Nothing } else { Cost::Rest };
+            let times_ns = self.time_ns.map(|time_ns| (time_ns, time_ns));
+            return self.finding(self.cut_at..length, "the file ends here, before its end mark", cost, times_ns);
         };
-        if !has_ended {
-            self.account.cut = true;
-            self.account.find(self.place, "the file ends here, before its end mark", false);
+        let (start, counted) = (summary.start, summary.statistics.clone());
+        if let Some(problem) = summary.problem(self.data_end, length) {
+            self.finding(start..length, problem, Cost::Nothing, None);
         }
-        Ok(())
+        let Some(counted) = counted else { return };
+        let others = self.others[0] < counted.attachment_count || self.others[1] < counted.metadata_count;
+        let read = self.account.messages + self.account.lost;
+        let missing = counted.message_count.saturating_sub(read);
+        let cost = match missing {
+            _ if self.account.lost_unknown => return self.account.price(missing, others),
+            1.. => Cost::Lost(missing),
+            0 if !self.account.is_whole() => return,
+            0 if read > counted.message_count => Cost::Doubt(read - counted.message_count),
+            0 if others => Cost::Record,
+            0 => return,
+        };
+        self.finding(0..length, "the statistics count other records than there are", cost, None);
     }
-}
-
-fn sum(source: &impl Source, end: u64) -> std::io::Result<u32> {
-    const BLOCK_BYTES: u64 = 256 << 10;
-    let mut hasher = crc32fast::Hasher::new();
-    for start in (0..end).step_by(BLOCK_BYTES as usize) {
-        hasher.update(&source.bytes(start..end.min(start + BLOCK_BYTES))?);
-    }
-    Ok(hasher.finalize())
 }

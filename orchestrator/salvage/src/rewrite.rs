@@ -1,12 +1,15 @@
 use crate::account::{Account, REPAIR_METADATA};
-use crate::layout::{Next, next, parse};
-use crate::reader::{ReadError, read};
+use crate::reader::{header, read};
 use crate::source::Source;
-use mcap::records::{AttachmentHeader, Metadata, Record, op};
+use crate::state::{Limits, ReadError, Trust};
+use mcap::records::{Metadata, Record};
 use mcap::write::PrivateRecordOptions;
-use mcap::{Attachment, MAGIC, McapError, WriteOptions, Writer};
+use mcap::{Attachment, McapError, WriteOptions, Writer};
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
+
+/// What an attachment whose content was altered is called after its name.
+const ALTERED: &str = ".altered";
 
 /// Writes all that can be read of `source` as a whole file: under the old numbers, with the old profile and library,
 /// with attachments, metadata and private records. `options` are for the rest, such as compression.
@@ -14,24 +17,21 @@ use std::io::{Seek, Write};
 /// If something was lost, the new file says so in its metadata. [`ReadError::Visit`] is an error of the new file.
 pub fn rewrite<W: Write + Seek>(
     source: &impl Source,
+    limits: &Limits,
     options: WriteOptions,
     out: W,
 ) -> Result<Account, ReadError<McapError>> {
-    let first = match next(source, MAGIC.len() as u64)? {
-        Next::Record(frame) => frame.content(source)?,
-        Next::Cut | Next::Damaged => Vec::new(),
-    };
-    let options = match parse(op::HEADER, &first) {
-        Some(Record::Header(header)) => options.profile(header.profile).library(header.library),
-        _ => options,
+    let options = match header(source)? {
+        Some(header) => options.profile(header.profile).library(header.library),
+        None => options,
     };
     let mut writer = options.create(out).map_err(ReadError::Visit)?;
-    let account = read(source, |record| copy(record, &mut writer))?;
+    let account = read(source, limits, |record, trust| copy(record, trust, &mut writer))?;
     finish(writer, &account).map_err(ReadError::Visit)?;
     Ok(account)
 }
 
-fn copy<W: Write + Seek>(record: Record<'_>, writer: &mut Writer<W>) -> Result<(), McapError> {
+fn copy<W: Write + Seek>(record: Record<'_>, trust: Trust, writer: &mut Writer<W>) -> Result<(), McapError> {
     match record {
         Record::Schema { header, data } => {
             writer.add_schema_with_id(header.id, &header.name, &header.encoding, &data).map(drop)
@@ -42,7 +42,9 @@ fn copy<W: Write + Seek>(record: Record<'_>, writer: &mut Writer<W>) -> Result<(
         }
         Record::Message { header, data } => writer.write_to_known_channel(&header, &data),
         Record::Attachment { header, data, .. } => {
-            let AttachmentHeader { log_time, create_time, name, media_type } = header;
+            let altered = if trust == Trust::Doubtful { ALTERED } else { "" };
+            let name = format!("{}{altered}", header.name);
+            let (log_time, create_time, media_type) = (header.log_time, header.create_time, header.media_type);
             writer.attach(&Attachment { log_time, create_time, name, media_type, data })
         }
         Record::Metadata(metadata) => writer.write_metadata(&metadata),

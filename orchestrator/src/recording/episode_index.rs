@@ -12,19 +12,26 @@ use super::form::{Carries, Told};
 use super::origin::Origin;
 use super::reader::RecordingError;
 use super::reading::{MessageError, Reading};
+use mcap::read::parse_record;
 use mcap::records::{Record, op};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::{KitchenId, Kitchens};
 use proto::replay::RecordedEpisode;
 use proto::run_folder::{Item, RunFolder};
 use proto::shell::quoted;
-use salvage::{FileSource, Next, each_record, next};
+use salvage::FileSource;
 use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::fs::File;
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+const RECORD_MAX: u64 = 256 << 20;
+/// Bytes before a record's content: its kind and its length.
+const RECORD_HEAD: u64 = 9;
 const EPISODES_MAX: usize = 1_000_000;
 
 const NOTES_MOST: usize = 20;
@@ -132,6 +139,13 @@ pub struct EpisodeIndex {
     pub notes: Vec<String>,
 }
 
+pub(super) enum Next {
+    Chunk(Vec<u8>, u64),
+    Other(u64),
+    End,
+    Damaged,
+}
+
 impl EpisodeIndex {
     pub fn of(folder: RunFolder) -> Self {
         Self {
@@ -211,21 +225,24 @@ impl EpisodeIndex {
             let unreadable = |cause| RecordingError::Unreadable { path: volume.path.clone(), cause };
             let Some(setting) = &volume.config else { continue };
             config.get_or_insert_with(|| setting.text.clone());
-            let file = self.folder.open(&volume.path).and_then(FileSource::new).map_err(unreadable)?;
+            let file = self.folder.open(&volume.path).map_err(unreadable)?;
             let mut offset = first;
             while offset <= last {
-                let Next::Record(frame) = next(&file, offset).map_err(unreadable)? else { break };
-                offset = frame.end;
-                let chunk =
-                    if frame.opcode == op::CHUNK { frame.content(&file).map_err(unreadable)? } else { continue };
-                for found in contents(&chunk).unwrap_or_default() {
-                    if let Found::Message(channel, data) = found
-                        && let Some((carries, reading)) = volume.channels.get(&channel)
-                        && let Ok(told) = reading.read(&data)
-                    {
-                        assemble(&mut assembly, key, *carries, told, &setting.declared);
+                offset = match next(&file, offset, volume.length).map_err(unreadable)? {
+                    Next::Chunk(body, end) => {
+                        for found in contents(&body).unwrap_or_default() {
+                            if let Found::Message(channel, data) = found
+                                && let Some((carries, reading)) = volume.channels.get(&channel)
+                                && let Ok(told) = reading.read(&data)
+                            {
+                                assemble(&mut assembly, key, *carries, told, &setting.declared);
+                            }
+                        }
+                        end
                     }
-                }
+                    Next::Other(end) => end,
+                    Next::End | Next::Damaged => break,
+                };
             }
         }
         let Some(config) = config.filter(|_| !assembly.hashes.is_empty()) else { return Ok(None) };
@@ -279,20 +296,16 @@ impl EpisodeIndex {
                 }
             }
         }
-        let Ok(file) = self.folder.open(&volume.path).and_then(FileSource::new) else { return false };
-        let (offset, read) = match next(&file, volume.offset) {
-            // What follows the data is index; a recorder that goes on replaces it.
-            Ok(Next::Record(frame)) if frame.opcode == op::DATA_END => {
+        let record = self.folder.open(&volume.path).and_then(|file| next(&file, volume.offset, volume.length));
+        let (offset, read) = match record {
+            Ok(Next::Chunk(body, end)) => (end, contents(&body)),
+            Ok(Next::Other(end)) => (end, Some(Vec::new())),
+            Ok(Next::End) => {
                 volume.caught_up = true;
                 return false;
             }
-            Ok(Next::Record(frame)) if frame.opcode == op::CHUNK => match frame.content(&file) {
-                Ok(chunk) => (frame.end, contents(&chunk)),
-                Err(_) => return false,
-            },
-            Ok(Next::Record(frame)) => (frame.end, Some(Vec::new())),
-            Ok(Next::Cut | Next::Damaged) => (volume.offset, None),
             Err(_) => return false,
+            Ok(Next::Damaged) => (volume.offset, None),
         };
         let Some(contents) = read else {
             // A flush that is seen half is whole a moment later.
@@ -443,6 +456,37 @@ fn contents(body: &[u8]) -> Option<Vec<Found>> {
     Some(found)
 }
 
+/// Takes every record of a chunk; none if its content is not what its checksum says. No room is made for what a damaged
+/// length claims.
+pub(super) fn each_record(body: &[u8], mut take: impl FnMut(Record)) -> Option<()> {
+    let Ok(Record::Chunk { header, .. }) = parse_record(op::CHUNK, body) else { return None };
+    if header.uncompressed_size > RECORD_MAX {
+        return None;
+    }
+    let options = LinearReaderOptions::default().with_skip_start_magic(true).with_skip_end_magic(true);
+    let options = options.with_prevalidate_chunk_crcs(true).with_record_length_limit(RECORD_MAX as usize);
+    let mut reader = LinearReader::new_with_options(options);
+    let mut head = vec![op::CHUNK];
+    head.extend((body.len() as u64).to_le_bytes());
+    let mut rest = [head.as_slice(), body].into_iter();
+    let mut piece = rest.next().unwrap_or_default();
+    while let Some(event) = reader.next_event() {
+        match event.ok()? {
+            LinearReadEvent::ReadRequest(wanted) => {
+                if piece.is_empty() {
+                    piece = rest.next().unwrap_or_default();
+                }
+                let (now, later) = piece.split_at(wanted.min(piece.len()));
+                reader.insert(now.len()).copy_from_slice(now);
+                reader.notify_read(now.len());
+                piece = later;
+            }
+            LinearReadEvent::Record { data, opcode } => take(parse_record(opcode, data).ok()?),
+        }
+    }
+    Some(())
+}
+
 fn config_of(folder: &RunFolder, path: &Path) -> Result<Setting, RecordingError> {
     let source = folder.open(path).and_then(FileSource::new);
     let source = source.map_err(|cause| RecordingError::Unreadable { path: path.to_path_buf(), cause })?;
@@ -450,4 +494,30 @@ fn config_of(folder: &RunFolder, path: &Path) -> Result<Setting, RecordingError>
     let foreign = |problem: String| RecordingError::Foreign { path: path.to_path_buf(), problem };
     let config: Config = toml::from_str(&text).map_err(|cause| foreign(cause.to_string()))?;
     Ok(Setting { kitchens: config.kitchens(), declared: Declared::of(&config).map_err(foreign)?, text })
+}
+
+pub(super) fn next(file: &File, offset: u64, length: u64) -> std::io::Result<Next> {
+    if offset + RECORD_HEAD > length {
+        return Ok(Next::End);
+    }
+    let mut head = [0; RECORD_HEAD as usize];
+    file.read_exact_at(&mut head, offset)?;
+    let size = u64::from_le_bytes(std::array::from_fn(|at| head[at + 1]));
+    // What follows the data is index; a recorder that goes on replaces it.
+    if head[0] == op::DATA_END {
+        return Ok(Next::End);
+    }
+    if head[0] == 0 || size > RECORD_MAX {
+        return Ok(Next::Damaged);
+    }
+    let end = offset + RECORD_HEAD + size;
+    if end > length {
+        return Ok(Next::Damaged);
+    }
+    if head[0] != op::CHUNK {
+        return Ok(Next::Other(end));
+    }
+    let mut body = vec![0; size as usize];
+    file.read_exact_at(&mut body, offset + RECORD_HEAD)?;
+    Ok(Next::Chunk(body, end))
 }

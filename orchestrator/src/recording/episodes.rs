@@ -8,7 +8,7 @@ use super::assembly::{Assembly, Generation};
 use super::declared::Declared;
 use super::form::{Carries, Told};
 use super::origin::{Origin, world_of};
-use super::reader::{Extent, RecordingError, read};
+use super::reader::{Extent, RecordingError, read_with_trust};
 use super::reading::Reading;
 use super::wanted::{Known, Wanted};
 use crate::recording::recorder::segment::{IDENTITY_METADATA, identity};
@@ -19,10 +19,14 @@ use proto::evaluation::Plan;
 use proto::kitchen::{KitchenId, Kitchens};
 use proto::kitchen_schedule::KitchenSchedule;
 use proto::replay::RecordedEpisode;
+use salvage::Trust;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 
 const FAULTS_MAX: usize = 20;
+
+/// The highest incarnation of a learner that is believed where nothing but an altered message says so.
+const FIRST_LEARNER_MAX: u32 = 1000;
 
 #[derive(Debug)]
 pub struct Recorded {
@@ -71,6 +75,7 @@ pub fn gather(files: &[PathBuf], wanted: Wanted) -> Result<Recorded, RecordingEr
         let (origin, path) = &in_time[at];
         let others = in_time.iter().map(|(other, _)| other);
         let config = origin.configuration(path, others)?;
+        collection.incarnation = origin.place.map(|place| place.0);
         let extent = collection.add(path, &config)?;
         collection.complaints.extend(extent.complaints(path));
         collection.damaged_files += u64::from(extent.is_damaged());
@@ -117,6 +122,7 @@ struct Collection {
     wanted: Wanted,
     known: Known,
     run_id: Option<String>,
+    incarnation: Option<u32>,
     settings: Vec<Setting>,
     episodes: BTreeMap<Key, Assembly>,
     /// Of every environment the newest learner, and the last episode that it began.
@@ -134,7 +140,8 @@ impl Collection {
         let mut schemas: HashMap<u16, Vec<u8>> = HashMap::new();
         let mut channels: HashMap<u16, (Carries, Reading)> = HashMap::new();
         let mut identified = false;
-        read(path, |record| {
+        let mut undecodable = 0u64;
+        let extent = read_with_trust(path, |record, trust| {
             match record {
                 Record::Metadata(metadata) if metadata.name == IDENTITY_METADATA => {
                     self.identify(&metadata.metadata).map_err(foreign)?;
@@ -154,13 +161,23 @@ impl Collection {
                 }
                 Record::Message { header, data } => {
                     let Some((carries, reading)) = channels.get(&header.channel_id) else { return Ok(()) };
-                    let told = reading.read(&data).map_err(|cause| foreign(cause.to_string()))?;
-                    self.take(config, *carries, told).map_err(foreign)?;
+                    // A place that was altered may hold anything.
+                    let doubtful = trust == Trust::Doubtful;
+                    match reading.read(&data) {
+                        Ok(told) if doubtful && !self.is_credible(config, &told) => undecodable += 1,
+                        Ok(told) => self.take(config, *carries, told).map_err(foreign)?,
+                        Err(_) if doubtful => undecodable += 1,
+                        Err(cause) => return Err(foreign(cause.to_string())),
+                    }
                 }
                 _ => {}
             }
             Ok(())
-        })
+        })?;
+        if undecodable > 0 {
+            self.faults.push(format!("{}: {undecodable} altered messages cannot be used", path.display()));
+        }
+        Ok(extent)
     }
 
     fn configure(&mut self, config: &str) -> Result<usize, String> {
@@ -192,6 +209,22 @@ impl Collection {
                 Ok(())
             }
         }
+    }
+
+    /// Whether an altered message says what can follow those before it. One wrong incarnation would make everything
+    /// after it void.
+    fn is_credible(&self, config: usize, told: &Told) -> bool {
+        let ((kitchen, environment, episode), generation) = told.engine.whose();
+        let setting = &self.settings[config];
+        let home =
+            KitchenId::new(kitchen).ok().map(|kitchen| setting.home(EnvironmentId { kitchen, number: environment }));
+        if home.is_none_or(|home| setting.kitchen_schedule.place(home, episode).kitchen.number() != kitchen) {
+            return false;
+        }
+        let newest = home.and_then(|home| self.newest.get(&(home.kitchen.number(), home.number)));
+        // The first of an environment: from its file's start, and learners do not restart so often.
+        let may_be_first = self.incarnation == Some(generation.0) && generation.1 <= FIRST_LEARNER_MAX;
+        newest.map_or(may_be_first, |(newest, last)| *newest == generation && episode <= last.saturating_add(1))
     }
 
     fn take(&mut self, config: usize, carries: Carries, told: Told) -> Result<(), String> {

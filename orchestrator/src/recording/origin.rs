@@ -5,7 +5,7 @@ use crate::recording::recorder::segment::{CONFIG_ATTACHMENT, IDENTITY_METADATA, 
 use mcap::records::{Metadata, Record};
 use proto::config::Config;
 use proto::run_folder::RunFolder;
-use salvage::FileSource;
+use salvage::{FileSource, Trust};
 use std::path::Path;
 
 /// Identity, configuration and schemas lie before this, whatever a file holds after them.
@@ -41,7 +41,7 @@ impl Origin {
         }
         let mut origin = Self::default();
         let beginning = source.up_to(BEGINNING_BYTES_MOST);
-        let outcome = read_source(path, &beginning, |record| match record {
+        let outcome = read_source(path, &beginning, false, |record, trust| match record {
             Record::Metadata(Metadata { name, metadata }) if name == IDENTITY_METADATA => {
                 let number = |key: &str| metadata.get(key)?.parse().ok();
                 let host = number(identity::HOST).unwrap_or(0);
@@ -52,7 +52,7 @@ impl Origin {
                 origin.seed = metadata.get(identity::SEED).and_then(|seed| seed.parse().ok());
                 Ok(())
             }
-            Record::Attachment { header, data, .. } if header.name == CONFIG_ATTACHMENT => {
+            Record::Attachment { header, data, .. } if header.name == CONFIG_ATTACHMENT && trust == Trust::Sound => {
                 origin.config = String::from_utf8(data.into_owned()).ok();
                 Ok(())
             }

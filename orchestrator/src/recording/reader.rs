@@ -3,7 +3,7 @@
 use mcap::records::Record;
 use proto::plain_file::open_plain;
 use proto::shell::quoted;
-use salvage::{Account, FileSource, ReadError};
+use salvage::{Account, FileSource, Limits, ReadError, Trust};
 use std::fs::{OpenOptions, TryLockError};
 use std::path::{Path, PathBuf};
 
@@ -22,25 +22,43 @@ pub enum RecordingError {
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
+pub enum FileEnd {
+    Whole,
+    Cut,
+    Damaged(String),
+}
+
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Extent {
+    pub messages: u64,
+    pub end: FileEnd,
     pub account: Account,
     pub live: bool,
 }
 
 impl Extent {
+    pub fn of(account: Account, live: bool) -> Self {
+        let end = match (account.is_whole(), account.cut) {
+            (true, _) => FileEnd::Whole,
+            (false, true) => FileEnd::Cut,
+            (false, false) => FileEnd::Damaged(account.outcome()),
+        };
+        Self { messages: account.messages, end, account, live }
+    }
+
     pub fn complaints(&self, path: &Path) -> Vec<String> {
         let (file, path, account) = (quoted(path), path.display(), &self.account);
         if self.live {
-            return vec![format!("{path} is being written: read up to message {}", account.messages)];
+            return vec![format!("{path} is being written: read up to message {}", self.messages)];
         }
         let earlier = account.repaired_with_loss.as_ref();
         let mut lines: Vec<_> = earlier
             .map(|outcome| format!("{path} was repaired, and not all was there: {outcome}"))
             .into_iter()
             .collect();
-        if !account.is_whole() {
-            let how = if account.cut { "was cut off" } else { "is damaged" };
-            let (messages, outcome) = (account.messages, account.outcome());
+        if self.end != FileEnd::Whole {
+            let how = if self.end == FileEnd::Cut { "was cut off" } else { "is damaged" };
+            let (messages, outcome) = (self.messages, account.outcome());
             lines.push(format!(
                 "{path} {how}: {messages} messages are readable, {outcome}; `orchestrator recover {file}` repairs it"
             ));
@@ -51,10 +69,11 @@ impl Extent {
 
     /// Whether anything is wrong with the file. What a recorder has not written yet does not count.
     pub fn is_damaged(&self) -> bool {
-        !self.live && (!self.account.is_whole() || self.account.repaired_with_loss.is_some())
+        !self.live && (self.end != FileEnd::Whole || self.account.repaired_with_loss.is_some())
     }
 
-    /// Whether something that was recorded is not in the file. What a recorder has not written yet does not count.
+    /// Whether something that was recorded is not in the file, or not as it was recorded. What a recorder has not
+    /// written yet does not count.
     pub fn is_incomplete(&self) -> bool {
         !self.live && (!self.account.is_lossless() || self.account.repaired_with_loss.is_some())
     }
@@ -70,24 +89,29 @@ pub fn open(path: &Path) -> Result<(FileSource, bool), RecordingError> {
     Ok((FileSource::new(file).map_err(unreadable)?, live))
 }
 
-/// Hands every record of the file's data to `visit`, those inside chunks included. What the file's end repeats (schemas,
-/// channels, indexes) is left out.
+/// Hands every record of the file's data to `visit`, those inside chunks included, and whether it can be trusted. What
+/// the file's end repeats (schemas, channels, indexes) is left out.
 ///
 /// A cut or damaged file is no error: it is read as far as it goes. An error of `visit` ends the reading.
-pub fn read<E: From<RecordingError>>(path: &Path, visit: impl FnMut(Record<'_>) -> Result<(), E>) -> Result<Extent, E> {
+pub fn read_with_trust<E: From<RecordingError>>(
+    path: &Path,
+    visit: impl FnMut(Record<'_>, Trust) -> Result<(), E>,
+) -> Result<Extent, E> {
     let (source, live) = open(path)?;
-    Ok(Extent { account: read_source(path, &source, visit)?, live })
+    read_source(path, &source, live, visit)
 }
 
 pub fn read_source<E: From<RecordingError>>(
     path: &Path,
     source: &FileSource,
-    visit: impl FnMut(Record<'_>) -> Result<(), E>,
-) -> Result<Account, E> {
-    salvage::read(source, visit).map_err(|error| match error {
-        ReadError::Visit(error) => error,
-        ReadError::Empty => RecordingError::Empty(path.to_path_buf()).into(),
-        ReadError::NotMcap => RecordingError::NotMcap(path.to_path_buf()).into(),
-        ReadError::Io(cause) => RecordingError::Unreadable { path: path.to_path_buf(), cause }.into(),
-    })
+    live: bool,
+    visit: impl FnMut(Record<'_>, Trust) -> Result<(), E>,
+) -> Result<Extent, E> {
+    match salvage::read(source, &Limits::default(), visit) {
+        Ok(account) => Ok(Extent::of(account, live)),
+        Err(ReadError::Visit(error)) => Err(error),
+        Err(ReadError::Empty) => Err(RecordingError::Empty(path.to_path_buf()).into()),
+        Err(ReadError::NotMcap) => Err(RecordingError::NotMcap(path.to_path_buf()).into()),
+        Err(ReadError::Io(cause)) => Err(RecordingError::Unreadable { path: path.to_path_buf(), cause }.into()),
+    }
 }

@@ -3,7 +3,7 @@ use crate::recording::recorder::segment::{in_words, write_options};
 use anyhow::{Result, anyhow, ensure};
 use mcap::McapError;
 use proto::disk::sync_folder;
-use salvage::{ReadError, rewrite};
+use salvage::{Limits, ReadError, rewrite};
 use std::fs::Permissions;
 use std::io::{BufWriter, Write};
 use std::os::unix::fs::PermissionsExt;
@@ -31,7 +31,7 @@ pub fn repair(path: &Path, output: Option<&Path>) -> Result<Repair> {
         .tempfile_in(folder)
         .map_err(|cause| failed(cause.into()))?;
     let mut out = BufWriter::new(partial.as_file_mut());
-    let account = rewrite(&source, write_options(), &mut out).map_err(|error| match error {
+    let account = rewrite(&source, &Limits::default(), write_options(), &mut out).map_err(|error| match error {
         ReadError::Visit(cause) => failed(cause),
         ReadError::Empty => RecordingError::Empty(path.to_path_buf()).into(),
         ReadError::NotMcap => RecordingError::NotMcap(path.to_path_buf()).into(),
@@ -39,8 +39,9 @@ pub fn repair(path: &Path, output: Option<&Path>) -> Result<Repair> {
     })?;
     out.flush().and_then(|()| out.get_ref().sync_all()).map_err(|cause| failed(cause.into()))?;
     drop(out);
-    if account.is_whole() && output.is_none() {
-        return Ok(Repair::NotNeeded { messages: account.messages });
+    let extent = Extent::of(account, live);
+    if extent.account.is_whole() && output.is_none() {
+        return Ok(Repair::NotNeeded { messages: extent.messages });
     }
     let kept = output.is_none().then(|| with_suffix(path, ".cut"));
     kept.as_deref().map_or(Ok(()), demand_free)?;
@@ -53,7 +54,7 @@ pub fn repair(path: &Path, output: Option<&Path>) -> Result<Repair> {
         .and_then(|()| Ok(partial.persist(target)?))
         .and_then(|_| sync_folder(folder))
         .map_err(|cause| failed(cause.into()))?;
-    Ok(Repair::Repaired { repaired: target.to_path_buf(), kept, extent: Extent { account, live } })
+    Ok(Repair::Repaired { repaired: target.to_path_buf(), kept, extent })
 }
 
 /// Refuses to replace something: it may be the only good copy.

@@ -43,7 +43,7 @@ fn a_file_is_complete_after_every_flush_and_its_index_is_the_one_it_ends_with() 
         let (before, _) = all_messages(&path);
         segments.flush().unwrap();
         let (now, end) = all_messages(&path);
-        assert_eq!((now.len(), end), (before.len() + round + 1, true));
+        assert_eq!((now.len(), end), (before.len() + round + 1, FileEnd::Whole));
         assert_eq!(indexed(&path).values().sum::<usize>(), now.len());
     }
     let live = summary();
