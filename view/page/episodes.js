@@ -2,9 +2,10 @@
 
 import { every, h, json, notice, replace } from "./dom.js";
 import { count, number, outcome, percent, words } from "./format.js";
+import { paintEnd } from "./stage.js";
 
 // What every task's episodes have.
-const COLUMNS = [["Kitchen", "kitchen", ""], ["Episode", "episode", "number"], ["Target", "target", ""], ["Outcome", "outcome", ""], ["Steps", "length", "number"]];
+const COLUMNS = [["Kitchen", "kitchen", "optional"], ["Episode", "episode", "number"], ["Target", "target", ""], ["Outcome", "outcome", ""], ["Steps", "length", "number optional"]];
 const PAGE = 50;
 
 export async function showEpisodes(root, run, query, signal) {
@@ -37,6 +38,32 @@ export async function showEpisodes(root, run, query, signal) {
       change("offset", "0");
     },
   }, label));
+  const whole = h("input", { type: "checkbox", onchange: () => load() });
+  // Of a run at work rows are soon others, and pictures would take from its speed.
+  const pictured = ({ elsewhere }) => !elsewhere && card.state !== "running";
+  const canvases = new Map(), waiting = new Set();
+  let paints = false;
+  async function paint() {
+    if (paints) return;
+    paints = true;
+    for (const canvas of waiting) {
+      waiting.delete(canvas);
+      if (canvas.isConnected) await paintEnd(canvas, run, canvas.dataset.key, signal).catch(() => {});
+    }
+    paints = false;
+  }
+  const sight = new IntersectionObserver((seen) => {
+    for (const { target, isIntersecting } of seen) if (!isIntersecting) waiting.delete(target); else if (!target.dataset.step) waiting.add(target);
+    paint();
+  });
+  signal.addEventListener("abort", () => sight.disconnect());
+  const picture = (key, address) => {
+    if (!canvases.has(key)) {
+      canvases.set(key, h("canvas", { class: "room", width: 320, height: 240, "data-key": key, "aria-hidden": "true" }));
+      sight.observe(canvases.get(key));
+    }
+    return h("a", { href: address, tabIndex: -1, "aria-hidden": "true" }, canvases.get(key));
+  };
   const head = h("tr", {});
   let heads = [];
   const body = h("tbody");
@@ -45,9 +72,10 @@ export async function showEpisodes(root, run, query, signal) {
   replace(root,
     h("div", { class: "row between" }, h("h1", {}, "Episodes"), status),
     notes, films,
-    h("div", { class: "row", role: "group", "aria-label": "Filters" },
+    h("div", { class: "row filters", role: "group", "aria-label": "Filters" },
       select("source", "of"), select("kitchen", "kitchen"), select("target", "target"), select("outcome", "outcome"), select("recorded", "recording"),
-      h("span", { class: "row range" }, select("range", "with"), h("label", {}, "from", limit("least", "at least")), h("label", {}, "to", limit("most", "at most")))),
+      h("span", { class: "row range" }, select("range", "with"), h("label", {}, "from", limit("least", "at least")), h("label", {}, "to", limit("most", "at most"))),
+      h("label", {}, whole, "all columns")),
     h("div", { class: "card scroll" }, h("table", { class: "episodes" }, h("thead", {}, head), body)),
     h("div", { class: "row" }, back, on));
   options("recorded", [["", "any"], ["true", "can be simulated"], ["false", "not recorded"]]);
@@ -55,20 +83,22 @@ export async function showEpisodes(root, run, query, signal) {
   const kind = (word, successes) => (successes.indexOf(word) === 0 ? "good" : successes.includes(word) ? "warn" : word === "failure" ? "bad" : "soft");
   /** A figure: of a share whether it is so. */
   const figure = (value, { is_share: share, name }) => (value === undefined ? "–" : share ? (value ? "yes" : "no") : number(value, Number.isInteger(value) && !name.endsWith("_m") ? 0 : 3));
-  const row = (each, { columns, successes, elsewhere, targets }) => {
+  const row = (each, page, columns) => {
+    const { successes, elsewhere, targets } = page;
     // Only kitchens are drawn here.
     const address = each.key && !elsewhere && `#/run/${encoded}/episode/${each.key}`;
     const places = [elsewhere ? null : each.kitchen, each.environment];
     const where = places.filter((place) => place !== null).join(" / ");
     return h("tr", { class: address ? "link" : null, onclick: (event) => { if (address && !event.target.closest("a")) location.hash = address; } },
-      h("td", {}, where),
+      pictured(page) ? h("td", {}, each.key ? picture(each.key, address) : null) : null,
+      h("td", { class: "optional" }, where),
       h("td", { class: "number" }, address ? h("a", { href: address }, count(each.episode)) : h("span", { title: each.key ? null : "its actions were not recorded" }, count(each.episode))),
       targets.length ? h("td", {}, each.target ?? "") : null,
       h("td", { class: kind(each.outcome, successes) }, outcome(each.outcome)),
-      h("td", { class: "number" }, String(each.length)),
-      columns.map((column) => h("td", { class: "number optional" }, figure(each.figures[column.name], column))));
+      h("td", { class: "number optional" }, String(each.length)),
+      columns.map((column) => h("td", { class: "number" }, figure(each.figures[column.name], column))));
   };
-  let shown = "", latest = 0;
+  let shown = "", latest = 0, card = null;
   async function load() {
     latest += 1;
     const mine = latest;
@@ -77,6 +107,7 @@ export async function showEpisodes(root, run, query, signal) {
     const kept = new URLSearchParams([...search].filter(([name, value]) => name !== "limit" && !(name === "offset" && value === "0")));
     history.replaceState(null, "", `#/run/${encoded}/episodes${kept.size ? `?${kept}` : ""}`);
     try {
+      card ??= (await json(`/api/runs/${encoded}`, { signal })).card;
       const page = await json(`/api/runs/${encoded}/episodes?${search}`, { signal });
       if (mine !== latest || signal.aborted) return;
       const offset = Number(asked.offset);
@@ -90,26 +121,31 @@ export async function showEpisodes(root, run, query, signal) {
       films.hidden = !page.elsewhere;
       options("kitchen", [["", "all"], ...page.kitchens.map((kitchen) => [String(kitchen), String(kitchen)])]);
       options("target", [["", "all"], ...page.targets.map((target) => [target, target])]);
-      const { columns, successes } = page;
+      const { successes } = page;
       const outcomes = [...successes, successes.length ? "failure" : "ended", "time-limit"].map((word) => [word, outcome(word)]);
       const any = successes.length ? [["any-success", "any success"], ["any-failure", "any failure"]] : [];
       options("outcome", [["", "any"], ...any, ...outcomes]);
-      const figures = columns.map(({ name, doc }) => [words(name), name, "number optional", doc]);
-      options("range", [["length", "steps"], ...figures.map(([label, name]) => [name, label])]);
-      const first = (page.elsewhere ? [["Environment", "kitchen", ""], ...COLUMNS.slice(1)] : COLUMNS).filter(([, name]) => name !== "target" || page.targets.length);
-      if (heads.length !== first.length + figures.length) {
+      // What the run's other tables have; the outcome says which successes there are.
+      const main = ({ name, is_share: share }) => card.metrics.some((metric) => metric.name === name) && !(share && successes.length);
+      const columns = page.columns.filter((column) => whole.checked || main(column) || column.name === asked.sort);
+      const figures = columns.map(({ name, doc }) => [words(name), name, "number", doc]);
+      options("range", [["length", "steps"], ...page.columns.map(({ name }) => [name, words(name)])]);
+      const first = (page.elsewhere ? [["Environment", "kitchen", "optional"], ...COLUMNS.slice(1)] : COLUMNS).filter(([, name]) => name !== "target" || page.targets.length);
+      const names = [...first, ...figures].map(([, name]) => name).join();
+      if (heads.map((one) => one.dataset.column).join() !== names) {
         heads = [...first, ...figures].map(sorter);
         figures.forEach(([, , , doc], at) => { heads[first.length + at].title = doc; });
-        replace(head, heads);
+        replace(head, pictured(page) ? h("th", {}, h("span", { class: "unseen" }, "Its end")) : null, heads);
       }
       heads.forEach((one) => one.setAttribute("aria-sort", asked.sort !== one.dataset.column ? "none" : asked.descending === "true" ? "descending" : "ascending"));
-      const text = JSON.stringify(page.rows);
+      const text = JSON.stringify([page.rows, names]);
       if (text === shown) return;
       shown = text;
+      for (const key of canvases.keys()) if (!page.rows.some((each) => each.key === key)) canvases.delete(key);
       replace(notes, page.notes.map((note) => notice(note)));
       const focused = body.contains(document.activeElement) ? document.activeElement.getAttribute("href") : null;
-      replace(body, page.rows.length ? page.rows.map((each) => row(each, page)) : h("tr", {}, h("td", { colSpan: heads.length, class: "soft" }, page.total ? "No episode passes the filters." : "No episode has ended yet.")));
-      if (focused) body.querySelector(`[href="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
+      replace(body, page.rows.length ? page.rows.map((each) => row(each, page, columns)) : h("tr", {}, h("td", { colSpan: heads.length + 1, class: "soft" }, page.total ? "No episode passes the filters." : "No episode has ended yet.")));
+      if (focused) body.querySelector(`a:not([tabindex])[href="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
     } catch (error) {
       if (!signal.aborted) { shown = ""; replace(notes, notice(error.message, "error")); }
     }

@@ -16,10 +16,10 @@ class SceneRenderer {
   constructor(root, signal) {
     Object.assign(this, { signal, run: null, chosen: null, live: null });
     this.title = h("h1", {}, "A policy at work");
-    this.tally = h("span", { class: "soft small", role: "status" }, "the kitchens are being furnished …");
+    this.tally = h("span", { class: "soft small", role: "status" }, "the policy starts");
     this.picker = h("select", { "aria-label": "Kitchen", hidden: true, onchange: () => { this.chosen = this.picker.value; } });
     this.link = h("a", { href: "#/?all", hidden: true }, "Figures and all episodes");
-    this.place = h("div", {});
+    this.place = h("div", {}, notice("An episode is simulated and drawn: seconds on an idle machine, longer on a busy one."));
     replace(root, h("div", { class: "row between" }, h("div", { class: "row" }, this.title, this.tally), h("div", { class: "row" }, this.picker, this.link)), this.place);
   }
 

@@ -4,7 +4,7 @@ import { every, follow, h, json, notice, remember, remembered, replace } from ".
 import { Curves } from "./curves.js";
 import { bytes, count, date, duration, figure, number, outcome, percent, short } from "./format.js";
 import { progress, stateWord } from "./list.js";
-import { Painter, orbitQuery, pictureAddress } from "./stage.js";
+import { Painter, paintEnd, pictureAddress } from "./stage.js";
 
 /** The curves of one run: columns that grow. */
 class Columns {
@@ -219,12 +219,7 @@ class Thumbnails {
       return { key, canvas, element: h("figure", {}, h("a", { href: `#/run/${run}/episode/${key}` }, canvas), h("figcaption", {}, h("span", {}, target ?? `kitchen ${kitchen}`), h("span", { class: kind(ended) }, outcome(ended)))) };
     });
     replace(this.grid, tiles.map(({ element }) => element));
-    for (const { key, canvas } of tiles) {
-      const { orbit, moments } = await json(`/api/runs/${run}/episodes/${key}`, { signal });
-      const step = moments.length - 1;
-      await new Painter(canvas).paint(pictureAddress(this.run, key, { view: "orbit", ...orbitQuery(orbit), step, width: 320, height: 240, fine: true, of: step }), signal);
-      canvas.dataset.step = String(step);
-    }
+    for (const { key, canvas } of tiles) await paintEnd(canvas, this.run, key, signal);
   }
 }
 
@@ -234,9 +229,9 @@ function evaluations(cards, { folder }) {
   if (!own.length) return null;
   const { metrics } = own[0];
   const row = (card) => h("tr", {}, h("td", {}, h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, card.folder.slice(card.folder.lastIndexOf("/") + 1))),
-    h("td", { class: "number" }, count(card.done)), metrics.map((metric) => h("td", {}, figure(metric, card.figures[metric.name]))));
+    h("td", { class: "number" }, count(card.done)), metrics.map((metric, at) => h("td", { class: at > 1 ? "optional" : null }, figure(metric, card.figures[metric.name]))));
   return h("section", { class: "card" }, h("h2", {}, "Evaluations"), h("div", { class: "scroll" }, h("table", { class: "tight" },
-    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Evaluation"), h("th", { scope: "col", class: "number" }, "Episodes"), metrics.map(({ label }) => h("th", { scope: "col" }, label)))),
+    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Evaluation"), h("th", { scope: "col", class: "number" }, "Episodes"), metrics.map(({ label }, at) => h("th", { scope: "col", class: at > 1 ? "optional" : null }, label)))),
     h("tbody", {}, own.map(row)))));
 }
 

@@ -39,8 +39,16 @@ export class Painter {
   }
 }
 
+/** Paints an episode's last moment. */
+export async function paintEnd(canvas, run, key, signal) {
+  const { orbit, moments } = await json(`/api/runs/${encodeURIComponent(run)}/episodes/${key}`, { signal });
+  const step = moments.length - 1;
+  await new Painter(canvas).paint(pictureAddress(run, key, { view: "orbit", ...orbitQuery(orbit), step, width: 320, height: 240, fine: true, of: step }), signal);
+  canvas.dataset.step = String(step);
+}
+
 /** A free camera, as addresses have it. */
-export function orbitQuery({ centre_m: [x, y, z], radius_m: radius, yaw_rad: yaw, pitch_rad: pitch }) {
+function orbitQuery({ centre_m: [x, y, z], radius_m: radius, yaw_rad: yaw, pitch_rad: pitch }) {
   return Object.fromEntries(Object.entries({ x, y, z, radius, yaw, pitch }).map(([name, value]) => [name, value.toFixed(4)]));
 }
 

@@ -2,7 +2,7 @@
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use proto::config::presets;
-use proto::likeness::nearest;
+use proto::likeness::{likeness, nearest};
 
 /// What the standard library says of a word in a number's place.
 const NO_NUMBER: &str = "invalid digit found in string";
@@ -37,7 +37,7 @@ pub fn with_tip(mut error: clap::Error) -> clap::Error {
         ErrorKind::InvalidSubcommand => text(ContextKind::InvalidSubcommand).and_then(|word| {
             let all = COMMANDS.iter().flat_map(|(_, theirs)| *theirs).copied();
             let meant = match error.get(ContextKind::SuggestedSubcommand) {
-                None => nearest(&word, all)?,
+                None => nearest(&word, all).filter(|meant| likeness(&word, meant) > 0.85)?,
                 Some(_) => word,
             };
             let (ours, _) = COMMANDS.iter().find(|(_, theirs)| theirs.contains(&meant.as_str()))?;
@@ -118,6 +118,8 @@ mod tests {
         for (words, said) in [
             (["eval", "runs/a", "--run", "b"], "unexpected argument '--run'"),
             (["eval", "runs/a", "--episodes", "many"], "expected a whole number"),
+            // It is like `validate`, and was answered with `orchestrator eval`.
+            (["delete", "runs/a", "--run", "b"], "unrecognized subcommand"),
         ] {
             let line = std::iter::once("orchestrator").chain(words);
             let error = super::with_tip(CommandLine::command().try_get_matches_from(line).unwrap_err()).to_string();

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 #[serde(rename_all = "snake_case")]
 pub enum SplitChoice {
     Train,
+    #[value(aliases = ["val", "validation"])]
     Valid,
     Test,
 }
@@ -12,6 +13,7 @@ pub enum SplitChoice {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum ObjectsChoice {
+    #[value(alias = "unseen")]
     Novel,
     Seen,
     All,

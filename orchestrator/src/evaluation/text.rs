@@ -75,8 +75,9 @@ pub fn lines(spec: &Spec, evaluation: &Evaluation) -> Vec<String> {
         }
     }
     let figure = |one: &Described| {
-        let unit = if one.unit.is_empty() { String::new() } else { format!(" {}", one.unit) };
-        format!("{} {}{unit}", one.label, shown(one, evaluation.overall.get(&one.name)))
+        let figure = evaluation.overall.get(&one.name);
+        let unit = if one.unit.is_empty() || figure.is_none() { String::new() } else { format!(" {}", one.unit) };
+        format!("{} {}{unit}", one.label, shown(one, figure))
     };
     let figures: Vec<String> = described[further..].iter().filter(printed).map(figure).collect();
     lines.extend(figures.chunks(4).map(|some| some.join(", ")));

@@ -147,13 +147,15 @@ fn folded(line: &LogLine, width: usize) -> Vec<Line<'static>> {
 }
 
 pub fn kitchens(frame: &mut Frame, area: Rect, live: &Live) {
-    let metrics = &live.card.metrics;
+    let width = |metric: &Described| (metric.label.chars().count() as u16 + 1).max(7);
+    let mut left = area.width.saturating_sub(19);
+    let fits = |metric: &&Described| left.checked_sub(width(metric)).map(|rest| left = rest).is_some();
+    let metrics: Vec<&Described> = live.card.metrics.iter().take_while(fits).collect();
     let row = |kitchen: &Kitchen| {
         let figures = metrics.iter().map(|metric| format::metric(metric, kitchen.figures.get(&metric.name).copied()));
         Row::new([kitchen.kitchen.to_string(), kitchen.episodes.to_string()].into_iter().chain(figures).map(Cell::from))
     };
-    let widths = metrics.iter().map(|metric| (metric.label.chars().count() as u16 + 1).max(7));
-    let widths = [8, 9].into_iter().chain(widths).map(Constraint::Length);
+    let widths = [8, 9].into_iter().chain(metrics.iter().map(|metric| width(metric))).map(Constraint::Length);
     let labels = metrics.iter().map(|metric| metric.label.as_str());
     let head = Row::new(["kitchen", "episodes"].into_iter().chain(labels)).bold();
     let table = Table::new(live.kitchens.iter().map(row), widths).header(head).column_spacing(0);

@@ -119,7 +119,12 @@ fn an_episode_is_looked_at(browser: &mut Browser) {
         browser.wait_for("document.querySelector('th[data-column=length]').ariaSort === 'descending'");
     }
     keep(browser, "episodes");
-    browser.wait_for("Number(document.querySelector('table.episodes tbody tr td:nth-child(5)')?.textContent) > 5");
+    browser.wait_for("Number(document.querySelector('table.episodes tbody tr td:nth-child(6)')?.textContent) > 5");
+    browser.wait_for("document.querySelector('table.episodes canvas[data-step]')");
+    let columns = "document.querySelectorAll('table.episodes thead th').length";
+    let few = browser.value(columns);
+    browser.value("document.querySelector('.filters input[type=checkbox]').click()");
+    browser.wait_for(&format!("{columns} > {few}"));
     browser.value("document.querySelector('table.episodes tbody tr a').click()");
     browser.wait_for("document.querySelector('canvas.orbit')?.dataset.fine === '0'");
     browser.wait_for("document.querySelector('canvas.depth')?.dataset.step === '0'");
