@@ -238,7 +238,7 @@ impl Simulation {
             for &index in &self.candidates {
                 let (aabb, fixed, pose) = kitchen.scene.part(index);
                 if aabb.intersects(sweep.aabb()) {
-                    end = sweep.first_nearer(solid, 1..end, fixed, pose, -tolerance_m).unwrap_or(end);
+                    end = sweep.first_nearer(solid, 1..end, fixed, pose, aabb, -tolerance_m).unwrap_or(end);
                 }
             }
         }
@@ -336,11 +336,11 @@ impl Simulation {
             if !aabb.intersects(&swept) || self.held.is_some_and(|held| held.movable == thing) {
                 continue;
             }
-            let (aabb, pose) = (aabb.loosened(TOUCH_M), self.things.poses()[thing]);
-            for (sweep, body) in bodies().filter(|(sweep, _)| aabb.intersects(sweep.aabb())) {
+            let (near, pose) = (aabb.loosened(TOUCH_M), self.things.poses()[thing]);
+            for (sweep, body) in bodies().filter(|(sweep, _)| near.intersects(sweep.aabb())) {
                 for (shape, body_from_part) in &kitchen.solids[thing].parts {
                     let pose = pose * *body_from_part;
-                    end = sweep.first_nearer(body, range.start..end, shape, &pose, TOUCH_M).unwrap_or(end);
+                    end = sweep.first_nearer(body, range.start..end, shape, &pose, aabb, TOUCH_M).unwrap_or(end);
                 }
             }
         }
@@ -363,13 +363,8 @@ impl Simulation {
     /// One sub-step in which the robot goes to these poses.
     fn advance_robot(&mut self, poses: &PartPoses) {
         self.place_robot();
-        for (&handle, pose) in self.kitchen.robot.iter().zip(poses) {
-            self.world.body_mut(handle).set_next_kinematic_position(*pose);
-        }
-        if let Some(held) = self.held {
-            let body = self.world.body_mut(self.kitchen.movables[held.movable]);
-            body.set_next_kinematic_position(poses[HAND] * held.hand_from_body);
-        }
+        let held = self.held.map(|held| (self.kitchen.movables[held.movable], poses[HAND] * held.hand_from_body));
+        self.world.drive(self.kitchen.robot.iter().copied().zip(poses.iter().copied()).chain(held));
         self.poses = *poses;
         self.advance_world();
     }

@@ -20,6 +20,7 @@ pub struct Solid {
     /// the whole mesh, and about the same point; its other pieces weigh nothing.
     given_masses: Vec<Option<MassProperties>>,
     radius_m: f32,
+    aabb: Aabb,
 }
 
 impl std::fmt::Debug for Solid {
@@ -52,7 +53,9 @@ impl Solid {
                 sphere.center.length() + sphere.radius
             })
             .fold(0.0, f32::max);
-        Self { parts, given_masses, radius_m }
+        let mut solid = Self { parts, given_masses, radius_m, aabb: Aabb::new_invalid() };
+        solid.aabb = solid.aabb(&Pose3::identity());
+        solid
     }
 
     /// No point of it is further from the origin, metres.
@@ -67,6 +70,11 @@ impl Solid {
             aabb.merge(&shape.compute_aabb(&(*world_from_body * *body_from_part)));
         }
         aabb
+    }
+
+    /// A box in the world that contains that of [`aabb`](Self::aabb), but for rounding: larger, and cheaper.
+    pub(crate) fn loose_aabb(&self, world_from_body: &Pose3) -> Aabb {
+        self.aabb.transform_by(world_from_body)
     }
 
     /// Volume of the parts, cubic metres, in their order.

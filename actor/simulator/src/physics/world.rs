@@ -32,11 +32,24 @@ pub struct World {
     movable_count: u128,
     /// Dynamic bodies that gravity acts on: all but those that sleep.
     weighed: Vec<RigidBodyHandle>,
+    /// Whether a body was put elsewhere, woke or became another kind of body since the last sub-step.
+    changed: bool,
     // Scratch, without meaning between calls.
     roused: Vec<RigidBodyHandle>,
+    nothing: Nothing,
     // Work space only: a clone begins with fresh ones, so that nothing of an earlier episode can leak into the next.
     pipeline: PhysicsPipeline,
     ccd_solver: CCDSolver,
+}
+
+/// A world without colliders, see [`World::drive`].
+#[derive(Default)]
+struct Nothing {
+    islands: IslandManager,
+    broad_phase: BroadPhaseBvh,
+    narrow_phase: NarrowPhase,
+    colliders: ColliderSet,
+    pipeline: CollisionPipeline,
 }
 
 impl std::fmt::Debug for World {
@@ -59,7 +72,9 @@ impl Clone for World {
             soft_bodies: SoftBodySet::new(),
             movable_count: self.movable_count,
             weighed: self.weighed.clone(),
+            changed: self.changed,
             roused: Vec::new(),
+            nothing: Nothing::default(),
             pipeline: PhysicsPipeline::new(),
             ccd_solver: CCDSolver::new(),
         }
@@ -85,7 +100,9 @@ impl World {
             soft_bodies: SoftBodySet::new(),
             movable_count: 0,
             weighed: Vec::new(),
+            changed: true,
             roused: Vec::new(),
+            nothing: Nothing::default(),
             pipeline: PhysicsPipeline::new(),
             ccd_solver: CCDSolver::new(),
         }
@@ -126,6 +143,7 @@ impl World {
     fn add_colliders(&mut self, body: RigidBodyHandle, solid: &Solid, mass_kg: Option<f32>, friction: f32) {
         let volumes = solid.volumes_m3();
         let total: f32 = volumes.iter().sum();
+        self.changed = true;
         for (index, ((shape, body_from_part), volume)) in solid.parts.iter().zip(volumes).enumerate() {
             let mut collider = ColliderBuilder::new(shape.clone()).position(*body_from_part).friction(friction);
             if let Some(mass_kg) = mass_kg {
@@ -160,7 +178,26 @@ impl World {
             &(),
             &(),
         );
+        self.changed = false;
         self.weigh();
+    }
+
+    /// Says where kinematic bodies go in the next sub-step.
+    ///
+    /// rapier 0.36 takes each body of which it has lent a mutable reference for one that was changed, and then measures
+    /// every fixed collider again before it sweeps fast bodies: a tenth of a sub-step. A goal changes nothing unless it
+    /// wakes its body. So the marks of these references are spent here, on a step among no colliders.
+    pub(crate) fn drive(&mut self, goals: impl Iterator<Item = (RigidBodyHandle, Pose3)>) {
+        for (handle, pose) in goals {
+            let body = &mut self.bodies[handle];
+            let slept = body.is_sleeping();
+            body.set_next_kinematic_position(pose);
+            self.changed |= slept != body.is_sleeping();
+        }
+        if !self.changed {
+            let Nothing { islands, broad_phase, narrow_phase, colliders, pipeline } = &mut self.nothing;
+            pipeline.step(0.0, islands, broad_phase, narrow_phase, &mut self.bodies, colliders, &(), &());
+        }
     }
 
     /// Gravity acts on what is awake, and leaves alone what sleeps.
@@ -197,6 +234,7 @@ impl World {
     }
 
     pub(crate) fn body_mut(&mut self, handle: RigidBodyHandle) -> &mut RigidBody {
+        self.changed = true;
         &mut self.bodies[handle]
     }
 
@@ -204,13 +242,13 @@ impl World {
     pub fn put(&mut self, handle: RigidBodyHandle, pose: Pose3) {
         self.rouse_neighbours(handle);
         let wakes = self.bodies[handle].is_dynamic();
-        self.bodies[handle].set_position(pose, wakes);
+        self.body_mut(handle).set_position(pose, wakes);
     }
 
     /// Makes a movable body kinematic. Things near it wake up.
     pub(crate) fn take_hold(&mut self, handle: RigidBodyHandle) {
         self.rouse_neighbours(handle);
-        let body = &mut self.bodies[handle];
+        let body = self.body_mut(handle);
         body.set_linvel(Vec3::ZERO, false);
         body.set_angvel(Vec3::ZERO, false);
         body.set_body_type(RigidBodyType::KinematicPositionBased, true);
@@ -272,7 +310,7 @@ impl World {
             // Asked through a shared reference: a mutable one would mark the body as modified.
             let body = &self.bodies[handle];
             if !body.is_sleeping() || body.linvel() != Vec3::ZERO || body.angvel() != Vec3::ZERO {
-                self.bodies[handle].sleep();
+                self.body_mut(handle).sleep();
             }
         }
         self.weigh();
