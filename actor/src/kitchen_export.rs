@@ -32,7 +32,7 @@ const ROUGHNESS: f32 = 0.85;
 
 /// The file's bytes. Panics if the kitchen does not fit into a GLB file's 4 GiB: it holds a few megabytes.
 pub fn glb(kitchen: &Kitchen) -> Vec<u8> {
-    let mut writer = Writer::default();
+    let mut writer = Writer { kitchen: kitchen.id().number(), ..Writer::default() };
     let mut nodes = Vec::new();
     for (index, (body, pose)) in kitchen.bodies().iter().zip(kitchen.settled_poses()).enumerate() {
         let role = match body.role {
@@ -61,7 +61,7 @@ pub fn glb(kitchen: &Kitchen) -> Vec<u8> {
         name: Some(format!("Kitchen {}", kitchen.id())),
         nodes,
         extensions: None,
-        extras: raw(&serde_json::json!({ "kitchen": kitchen.id().number() })),
+        extras: raw(&serde_json::json!({ "kitchen": writer.kitchen })),
     };
     writer.root.scene = Some(writer.root.push(scene));
     writer.finish()
@@ -69,6 +69,7 @@ pub fn glb(kitchen: &Kitchen) -> Vec<u8> {
 
 #[derive(Default)]
 struct Writer {
+    kitchen: u32,
     root: Root,
     materials: BTreeMap<String, Index<gltf::json::Material>>,
     meshes: Vec<(String, Shape, Index<gltf::json::Mesh>)>,
@@ -106,7 +107,7 @@ impl Writer {
         if let Some(material) = self.materials.get(category) {
             return *material;
         }
-        let [red, green, blue] = colour(category, 1).map(linear);
+        let [red, green, blue] = colour(category, self.kitchen).map(linear);
         let see_through = category == "Ceiling";
         let material = gltf::json::Material {
             name: Some(category.to_owned()),

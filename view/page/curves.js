@@ -41,9 +41,9 @@ export function legend(names, hidden, changed) {
 export class Curves {
   /** `sources`: each a name, the task's metrics, stages (name and first frame), perhaps the paper's levels by metric, and
    * `of(figure, axis)`, which is the columns x, y, stage, and perhaps low and high. */
-  constructor(sources, { axes = ["frames", "time"], key = "curves", weight: lasting = 0.9, more = false, hidden = new Set(), signal } = {}) {
+  constructor(sources, { axes = ["frames", "time"], key = "curves", weight: lasting = 0.9, hidden = new Set(), signal } = {}) {
     Object.assign(this, { sources, hidden, signal, charts: new Map() });
-    this.settings = { weight: lasting, axis: "frames", raw: true, more, ...remembered(key, {}) };
+    this.settings = { weight: lasting, axis: "frames", raw: true, more: false, ...remembered(key, {}) };
     this.grid = h("div", { class: "grid" });
     const set = (change) => { Object.assign(this.settings, change); remember(key, this.settings); this.draw(); };
     const box = (name) => h("input", { type: "checkbox", checked: this.settings[name], onchange: (event) => set({ [name]: event.target.checked }) });

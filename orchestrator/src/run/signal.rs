@@ -106,6 +106,9 @@ mod tests {
         assert!(format!("{:#}", wake_learner(me, &lock).unwrap_err()).contains("no learner"));
         assert!(reason(me, &other).contains("does not hold"));
         assert!(reason(me, &link).contains("not a file"));
+        // A build has replaced its file since.
+        std::os::unix::fs::symlink("/built/orchestrator (deleted)", folder.path().join("exe")).unwrap();
+        assert_eq!(program(folder.path().to_str().unwrap()).unwrap(), "orchestrator");
     }
 
     #[test]

@@ -48,7 +48,7 @@ struct Environment {
     number: u32,
     episode: u32,
     steps: u32,
-    /// All that was seen and done in this episode so far, and all before the last action.
+    /// All that was seen and done in this episode so far; and the same before that, if images may be shown again.
     history: Xxh3,
     before: Xxh3,
     state_hash: u64,
@@ -158,8 +158,10 @@ impl Environment {
             self.history = Xxh3::with_seed(self.state_hash);
         }
         let images = if ahead.is_empty() { record } else { ahead };
-        self.before = self.history.clone();
-        self.history = self.add_to(self.before.clone(), &images[layout.small_bytes..], layout);
+        if !ahead.is_empty() {
+            self.before.clone_from(&self.history);
+        }
+        self.history = self.add_to(self.history.clone(), &images[layout.small_bytes..], layout);
         self.state_hash = self.history.digest();
         self.images_in = if ahead.is_empty() { ImagesIn::Record } else { ImagesIn::Ahead };
         Ok(self.state_hash)

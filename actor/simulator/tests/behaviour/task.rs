@@ -51,6 +51,9 @@ fn kitchens_differ_and_are_the_same_each_time() {
     let (one, again, other) = (kitchen(7), kitchen(7), kitchen(8));
     assert_eq!(one.settled_poses(), again.settled_poses());
     assert_ne!(one.settled_poses(), other.settled_poses());
+    let id = EnvironmentId { kitchen: one.id(), number: 0 };
+    let refused = Environment::new(Arc::clone(&other), id, &config()).err().map(|error| error.to_string());
+    assert_eq!(refused.as_deref(), Some("environment of kitchen 7 was given kitchen 8"));
     let roles: Vec<u8> = one
         .bodies()
         .iter()
