@@ -57,15 +57,15 @@ class Recipe(NamedTuple):
     clip_value: bool = False
     normalize: bool = False
     bootstrap: bool = True
-    # Stable-Baselines3 alone: the clip range falls as the rate does; state-dependent noise, drawn every so many steps.
+    # The clip range falls as the rate does.
     clip_falls: bool = False
+    # Stable-Baselines3 alone: state-dependent noise, drawn every so many steps.
     sde_steps: int = 0
 
 
 PPO = Recipe(500_000, 4, 128, 4, 4, 2.5e-4, True, entropy=0.01, value=0.5, clip_value=True, bootstrap=False)
 CONTINUOUS = Recipe(1_000_000, 1, 2048, 32, 10, 3e-4, True, value=0.5, clip_value=True, normalize=True, bootstrap=False)
-# The Zoo's `mujoco-defaults`: what it has tuned for Hopper-v4 and HalfCheetah-v4 needs ReLU, PyTorch's own initial
-# weights and an initial deviation of exp(-2), which Stillroom has no settings for.
+# The Zoo's `mujoco-defaults`, not what it has tuned for Hopper-v4 and HalfCheetah-v4.
 MUJOCO = Recipe(1_000_000, 1, 2048, 32, 10, 3e-4, normalize=True)
 # The Zoo's are of hyperparams/ppo.yml at 22e3ff24. CleanRL has none for Pendulum: the frames are the Zoo's.
 RECIPES = {
@@ -163,6 +163,7 @@ def stillroom_words(task: str, seed: int, recipe: Recipe, folder: Path, actors: 
         "ppo.minibatches": recipe.minibatches, "ppo.epochs": recipe.epochs, "ppo.learning_rate": recipe.rate,
         "ppo.learning_rate_end": 0.0 if recipe.rate_falls else 1.0, "ppo.gamma": recipe.gamma,
         "ppo.gae_lambda": recipe.gae_lambda, "ppo.entropy_coefficient": recipe.entropy,
+        "ppo.clip_end": 0.0 if recipe.clip_falls else 1.0, "ppo.normalize_by_minibatch": True,
         "ppo.value_coefficient": recipe.value, "ppo.clip_value": recipe.clip_value,
         "ppo.bootstrap_time_limits": recipe.bootstrap, "normalize.observations": recipe.normalize,
         "normalize.rewards": recipe.normalize, "recording.enabled": False, "recording.tensorboard": False,

@@ -41,7 +41,14 @@ def test_the_notebook_runs() -> None:
 
 
 @pytest.mark.parametrize(
-    "example", ["cart_pole.py", "corridor.py:make_env", "pendulum.py:make_env", "atari.py:make_env"]
+    "example",
+    [
+        "cart_pole.py",
+        "corridor.py:make_env",
+        "t_maze.py:make_env",
+        "pendulum.py:make_env",
+        "atari.py:make_env",
+    ],
 )
 def test_an_environment_describes_itself(example: str) -> None:
     if example.startswith("atari"):

@@ -161,7 +161,8 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str,
     (run / "task.toml").write_text(declared)
     told_previous = memory != "none" and kind in TOLD_PREVIOUS
     network = f'goal = "plain"\nmemory = "{memory}"\nmlp = [12, 10]\nhidden = {HIDDEN}\n'
-    network += f"previous_action = {'true' if told_previous else 'false'}\n"
+    activation = "relu" if normalized else "tanh"
+    network += f"previous_action = {'true' if told_previous else 'false'}\nactivation = \"{activation}\"\n"
     stage = '[[stages]]\nname = "I"\nreward = "r"\nframes = 100\n'
     config = f'task = "numbers_{kind}"\n[auxiliary]\ntask = "none"\n[network]\n{network}{stage}'
     config = config.replace("[network]\n", '[network]\ncarried_goal = "goal_to_object"\n')
@@ -181,8 +182,8 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str,
     done("orchestrator", "export", "run", "--format", "safetensors", "--out", "policy.safetensors")
     done("orchestrator", "export", "run", "--out", "policy.onnx")
     files = ("--weights", "policy.safetensors", "--batch", "batch.safetensors", "--out", "found.safetensors")
-    clip = ("--set", f"normalize.observation_clip={CLIP}")
-    done("learner", "probe", *files, "--preset", "gym", "--task", "run/task.toml", *clip)
+    shapeless = ("--set", f"normalize.observation_clip={CLIP}", "--set", f"network.activation={activation}")
+    done("learner", "probe", *files, "--preset", "gym", "--task", "run/task.toml", *shapeless)
     found = load_file(tmp_path / "found.safetensors")
 
     policy = onnxruntime.InferenceSession(tmp_path / "policy.onnx", providers=["CPUExecutionProvider"])

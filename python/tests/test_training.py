@@ -92,6 +92,20 @@ def test_an_example_is_trained_on(env, needs, words, settings, tmp_path, monkeyp
         assert "lagrangian/multiplier" in (training.path / "metrics.jsonl").read_text()
 
 
+# Without memory half of the turns are right.
+@needs_programs
+@pytest.mark.parametrize("memory", ["gru", "lstm", "none"])
+def test_what_was_shown_at_the_start_is_remembered(memory, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "states"))
+    settings = {"network.memory": memory, "network.hidden": 32, "ppo.rollout_steps": 64, "learner.device": "cpu"}
+    env, program = str(EXAMPLES / "t_maze.py:make_env"), str(ORCHESTRATOR)
+    training = stillroom.train(
+        env, run=tmp_path / "run", frames=10_240, settings=settings, options=["--preset", "gym"], orchestrator=program
+    ).wait(300)
+    mean = training.metrics["episode/return"].tail(5).mean()
+    assert abs(mean) < 0.5 if memory == "none" else mean > 0.9
+
+
 def test_a_function_of_a_notebook_lies_beside_the_run(tmp_path):
     def cell(text):
         name = f"<cell {len(text)}>"

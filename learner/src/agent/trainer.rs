@@ -56,12 +56,13 @@ pub(super) fn build(config: &Config, device: Device) -> Result<(Network, Auxilia
 }
 
 impl Job {
-    /// `progress` is how far the learning rate and the entropy bonus have fallen.
+    /// `progress` is how far learning rate, clip range and entropy bonus have fallen.
     pub fn new(trainer: Box<Trainer>, collected: Rollout, number: u64, progress: f64, config: &Config) -> Self {
         let (mut config, shuffle) = (config.clone(), config.shuffle());
         let ppo = &mut config.ppo;
         let learning_rate = falling(ppo.learning_rate, ppo.learning_rate_end, progress);
         ppo.shuffle = shuffle;
+        ppo.clip = falling(ppo.clip, ppo.clip_end, progress);
         ppo.entropy_coefficient = falling(ppo.entropy_coefficient, ppo.entropy_coefficient_end, progress);
         Self { trainer, collected, number, learning_rate, config }
     }

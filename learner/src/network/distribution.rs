@@ -27,11 +27,10 @@ pub(super) enum Maker {
 }
 
 impl Maker {
-    /// Declares the deviations, if there are some: their logarithms begin with 0 (`CleanRL`, its PPO of
-    /// continuous actions).
-    pub fn new(layout: &mut Layout, head: &ActionHead) -> Self {
+    /// Declares the deviations, if there are some, with what their logarithms begin with.
+    pub fn new(layout: &mut Layout, head: &ActionHead, log_std: f64) -> Self {
         if head.is_gaussian() {
-            Self::Gaussian(layout.add("log_std".to_owned(), &[head.outputs() as i64], Initial::Constant(0.0)))
+            Self::Gaussian(layout.add("log_std".to_owned(), &[head.outputs() as i64], Initial::Constant(log_std)))
         } else {
             Self::Categorical(head.choices().into_iter().map(|options| options as i64).collect())
         }

@@ -178,7 +178,7 @@ impl Network {
             } else if memory == Memory::None && seen.images.is_empty() {
                 std::mem::swap(&mut shared, &mut own);
             }
-            let mlp = Mlp::new(&mut layout, "mlp", numbers, shared);
+            let mlp = Mlp::new(&mut layout, "mlp", numbers, shared, &config.network);
             let outputs = mlp.outputs();
             (Embedding::Numbers(mlp), outputs)
         };
@@ -191,10 +191,11 @@ impl Network {
         });
         let belief = Belief::new(&mut layout, "belief", memory, [inputs, hidden]);
         let hidden = if memory == Memory::None { inputs } else { hidden };
-        let mut head = |path: &str, sizes: [i64; 2], gain| Head::new(&mut layout, path, sizes, own, gain);
+        let mut head =
+            |path: &str, sizes: [i64; 2], gain| Head::new(&mut layout, path, sizes, own, (&config.network, gain));
         let actor = head("actor", [hidden, actions], 0.01);
         let critic = head("critic", [hidden + privileged, 1], 1.0);
-        let policy = distribution::Maker::new(&mut layout, &action_head);
+        let policy = distribution::Maker::new(&mut layout, &action_head, config.network.log_std);
         let declared = declare(&mut layout, hidden);
 
         let parameters = Parameters::new(layout, config.seed, device);

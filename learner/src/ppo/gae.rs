@@ -72,13 +72,13 @@ pub fn estimate(
             (next_value, next_advantage) = (value, advantage);
         }
     }
-    if config.normalize_advantages {
+    if config.normalize_advantages && !config.normalize_by_minibatch {
         normalize(rollout, &mut targets, shards, peers)?;
     }
     Ok(targets)
 }
 
-/// Mean 0 and deviation 1 over the batch's frames. The deviation is the unbiased one plus 1e-5, as in the reference.
+/// Mean 0 and deviation 1 over the batch's frames. 1e-5 is added to the deviation, as in the reference.
 fn normalize(rollout: &Rollout, targets: &mut Targets, shards: &Shards, peers: &Peers) -> Result<(), PeerError> {
     let columns = targets.columns;
     let valid = (0..targets.advantages.len()).filter(|index| rollout.is_valid(index / columns, index % columns));
@@ -88,17 +88,22 @@ fn normalize(rollout: &Rollout, targets: &mut Targets, shards: &Shards, peers: &
         valid.iter().filter(own).map(|&index| f64::from(targets.advantages[index])).collect::<Vec<f64>>()
     };
     let advantages: Vec<Vec<f64>> = shards.columns().iter().map(of).collect();
-    let sums: Vec<Vec<f64>> =
-        advantages.iter().map(|of_shard| vec![of_shard.len() as f64, of_shard.iter().sum()]).collect();
-    let whole = shards.sum(&sums, peers)?;
-    let (frames, mean) = (whole[0], whole[1] / whole[0]);
-    let squares: Vec<Vec<f64>> =
-        advantages.iter().map(|of_shard| vec![of_shard.iter().map(|a| (a - mean).powi(2)).sum()]).collect();
-    let squares = shards.sum(&squares, peers)?;
-    // One frame has no spread to divide by.
-    let deviation = (squares[0] / (frames - 1.0).max(1.0)).sqrt();
+    let (mean, deviation) = moments(&advantages, shards, peers)?;
     for index in valid {
         targets.advantages[index] = ((f64::from(targets.advantages[index]) - mean) / (deviation + 1e-5)) as f32;
     }
     Ok(())
+}
+
+/// Mean and unbiased deviation of the numbers of all learners, given by shard.
+pub(super) fn moments(numbers: &[Vec<f64>], shards: &Shards, peers: &Peers) -> Result<(f64, f64), PeerError> {
+    let sums: Vec<Vec<f64>> =
+        numbers.iter().map(|of_shard| vec![of_shard.len() as f64, of_shard.iter().sum()]).collect();
+    let whole = shards.sum(&sums, peers)?;
+    let (count, mean) = (whole[0], whole[1] / whole[0]);
+    let squares: Vec<Vec<f64>> =
+        numbers.iter().map(|of_shard| vec![of_shard.iter().map(|a| (a - mean).powi(2)).sum()]).collect();
+    let squares = shards.sum(&squares, peers)?;
+    // One frame has no spread to divide by.
+    Ok((mean, (squares[0] / (count - 1.0).max(1.0)).sqrt()))
 }

@@ -1,10 +1,11 @@
 //! The batch, divided by columns or by rows: into minibatches, of which each is a step of the optimiser, and these into
 //! chunks, which only bound memory. Each shard is divided by itself: a chunk has columns of one.
 
-use super::gae::Targets;
+use super::gae::{self, Targets};
 use super::loss::Experience;
 use crate::device::upload;
 use crate::network::{Embedded, Network, Observations, Packing};
+use crate::peers::{PeerError, Peers};
 use crate::rollout::Rollout;
 use crate::shards::Shards;
 use proto::random::{Key, Purpose};
@@ -160,6 +161,25 @@ impl Chunk {
         };
         let observations = unbounded.then(|| rollout.observations(&packing));
         Self { shard, packing, experience, observations }
+    }
+
+    /// Normalises the advantages of a minibatch: mean 0 and deviation 1 over the frames of all learners. 1e-8 is added to
+    /// the deviation (`CleanRL`, Stable-Baselines3).
+    pub(crate) fn normalize(
+        minibatch: &mut [Self],
+        targets: &Targets,
+        shards: &Shards,
+        peers: &Peers,
+    ) -> Result<(), PeerError> {
+        let mut advantages = vec![vec![]; shards.columns().len()];
+        for Self { shard, packing, .. } in &*minibatch {
+            advantages[*shard].extend(packing.rows.iter().map(|&row| f64::from(targets.advantage(row))));
+        }
+        let (mean, deviation) = gae::moments(&advantages, shards, peers)?;
+        for Self { experience, .. } in minibatch {
+            experience.advantages = (&experience.advantages - mean) / (deviation + 1e-8);
+        }
+        Ok(())
     }
 
     /// Embeds its observations, to train with them in the update of this number: \[rows, width\].

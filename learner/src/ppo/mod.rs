@@ -138,6 +138,11 @@ impl<'a> Update<'a> {
             }
             if epoch == 0 || self.ppo.shuffle == Shuffle::Rows {
                 minibatches = self.minibatches(&targets, epoch);
+                if self.ppo.normalize_advantages && self.ppo.normalize_by_minibatch {
+                    for chunks in &mut minibatches {
+                        Chunk::normalize(chunks, &targets, shards, self.peers)?;
+                    }
+                }
                 frames = self.peers.totals(minibatches.iter().map(|chunks| rows(chunks)))?;
             }
             let packings: Vec<&Packing> = minibatches.iter().flatten().map(|chunk| &chunk.packing).collect();

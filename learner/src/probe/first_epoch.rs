@@ -12,7 +12,7 @@ use crate::ppo::moments::RewardScale;
 use crate::ppo::{Totals, Update, UpdateError};
 use crate::rollout::Rollout;
 use crate::shards::Shards;
-use proto::config::Config;
+use proto::config::{Config, PpoConfig};
 use proto::metric;
 use std::collections::BTreeMap;
 use tch::{Device, Tensor};
@@ -48,7 +48,9 @@ pub(super) fn probe(
         seed: config.seed,
         rollout_number: 0,
     };
-    let targets = gae::estimate(rollout, &config.ppo, reward_scale, &shards, update.peers)?;
+    // The batch is one minibatch.
+    let ppo = PpoConfig { normalize_by_minibatch: false, ..config.ppo };
+    let targets = gae::estimate(rollout, &ppo, reward_scale, &shards, update.peers)?;
     let columns: Vec<usize> = (0..rollout.columns()).collect();
     let chunks = Chunk::divide(rollout, &targets, &[(0, columns)], 0);
     let packing = rollout.packing(0..rollout.columns());

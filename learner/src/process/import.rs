@@ -103,7 +103,9 @@ impl Told {
         if let Some(theirs) = &self.config {
             let mut trained = config.clone();
             // The sign has an error of its own, which applies only where the network sees a sign.
-            trained.network = NetworkConfig { carried_goal: config.network.carried_goal, ..theirs.network.clone() };
+            // What weights began with does not matter.
+            let NetworkConfig { carried_goal, initial, log_std, .. } = config.network;
+            trained.network = NetworkConfig { carried_goal, initial, log_std, ..theirs.network.clone() };
             trained.episode.action_space = theirs.episode.action_space;
             let changes = config.changes_since(&trained);
             ensure!(

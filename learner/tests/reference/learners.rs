@@ -227,6 +227,7 @@ fn with_shards_numbers_are_trained_on_alike() {
             (config.ppo.minibatches, config.ppo.shuffle, config.ppo.bootstrap_time_limits) =
                 (minibatches, Shuffle::Rows, true);
             (config.normalize.observations, config.normalize.rewards) = (true, true);
+            config.ppo.normalize_by_minibatch = minibatches > 1;
         });
     }
 }

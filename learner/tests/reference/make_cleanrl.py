@@ -55,32 +55,34 @@ def weight(name: str, *shape: int) -> np.ndarray:
 
 
 class Layers:
-    """Linear layers, by their names; behind all but an actor's or critic's last a tangent."""
+    """Linear layers, by their names; behind all but an actor's or critic's last a tangent or a rectifier."""
 
-    def __init__(self, path: str, sizes: list[int]) -> None:
-        self.path, self.w = path, {}
+    def __init__(self, path: str, sizes: list[int], *, relu: bool = False) -> None:
+        self.path, self.w, self.relu = path, {}, relu
         # One layer has no number.
         self.names = [f"{path}.{2 * i}" for i in range(len(sizes) - 1)] if len(sizes) > 2 else [path]
         for name, inputs, width in zip(self.names, sizes, sizes[1:], strict=False):
             self.w[f"{name}.weight"] = weight(f"{name}.weight", width, inputs)
             self.w[f"{name}.bias"] = weight(f"{name}.bias", width)
 
-    def is_tangent(self, index: int) -> bool:
+    def is_activated(self, index: int) -> bool:
         return self.path == "mlp" or index + 1 < len(self.names)
 
     def forward(self, x: np.ndarray) -> np.ndarray:
         self.given = [x]
         for index, name in enumerate(self.names):
             y = self.given[-1] @ self.w[f"{name}.weight"].T + self.w[f"{name}.bias"]
-            self.given.append(np.tanh(y) if self.is_tangent(index) else y)
+            activated = np.maximum(y, 0.0) if self.relu else np.tanh(y)
+            self.given.append(activated if self.is_activated(index) else y)
         return self.given[-1]
 
     def backward(self, dy: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Gradients of the weights and of the input for `dy`, that of the output."""
         found = {}
         for index, name in reversed(list(enumerate(self.names))):
-            if self.is_tangent(index):
-                dy = dy * (1.0 - self.given[index + 1] ** 2)
+            if self.is_activated(index):
+                y = self.given[index + 1]
+                dy = dy * ((y > 0.0) if self.relu else (1.0 - y**2))
             found[f"{name}.weight"] = dy.T @ self.given[index]
             found[f"{name}.bias"] = dy.sum(0)
             dy = dy @ self.w[f"{name}.weight"]
@@ -213,6 +215,7 @@ def case(
     norm: bool = False,
     recurrent: bool = False,
     privileged: int = 0,
+    relu: bool = False,
 ) -> dict[str, np.ndarray]:
     """One minibatch of everything."""
     obs = 2.0 * noise("cleanrl.numbers", STEPS, COLUMNS, INPUTS + privileged)
@@ -257,8 +260,8 @@ def case(
             x = part.forward(x)
         of_memory = {"beliefs": x.reshape(STEPS, COLUMNS, HIDDEN), "next_beliefs": shared[-1].last}
     sizes = [x.shape[1]] if recurrent else [INPUTS, *WIDTHS]
-    actor = Layers("actor", [*sizes, policy.outputs])
-    critic = Layers("critic", [sizes[0] + privileged, *sizes[1:], 1])
+    actor = Layers("actor", [*sizes, policy.outputs], relu=relu)
+    critic = Layers("critic", [sizes[0] + privileged, *sizes[1:], 1], relu=relu)
     given, newlogprob, entropies = policy.judge(actor.forward(x[:, : sizes[0]]))
     logratio = newlogprob - logprobs.reshape(rows)
     ratio = np.exp(logratio)
@@ -327,6 +330,7 @@ if __name__ == "__main__":
         | case("numbers", Gaussian(2), 0.2)
         | case("normalized", Categorical([3]), 0.2, norm=True)
         | case("lstm", Categorical([3]), 0.2, recurrent=True)
-        | case("privileged", Categorical([3]), 0.2, privileged=PRIVILEGED),
+        | case("privileged", Categorical([3]), 0.2, privileged=PRIVILEGED)
+        | case("relu", Categorical([3]), 0.2, relu=True),
         HERE / "cleanrl.safetensors",
     )

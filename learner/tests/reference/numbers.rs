@@ -7,7 +7,7 @@ use learner::agent::{Agent, StepInput};
 use learner::network::to_vec;
 use learner::optimizer::Adam;
 use learner::rollout::Outcome;
-use proto::config::{Config, Memory, Shuffle};
+use proto::config::{Activation, Config, Memory, PpoConfig, Shuffle};
 use proto::metric;
 use proto::stage::RolloutShape;
 use proto::task::Spec;
@@ -109,6 +109,7 @@ fn a_probe_finds_what_cleanrl_computes() {
         ("numbers", "kind = \"box\"\nbounds = [[-1, 1], [-2, 2]]", &[], "ppo.clip = 0.2"),
         ("lstm", discrete, &[3], "ppo.clip = 0.2\nnetwork.memory = \"lstm\"\nnetwork.hidden = 16"),
         ("privileged", &privileged(discrete), &[3], "ppo.clip = 0.2"),
+        ("relu", discrete, &[3], "ppo.clip = 0.2\nnetwork.activation = \"relu\"\nppo.normalize_by_minibatch = true"),
         (
             "normalized",
             discrete,
@@ -272,7 +273,8 @@ fn what_the_critic_alone_is_given_changes_values_and_no_policy() {
 fn with_all(config: &mut Config) {
     (config.ppo.bootstrap_time_limits, config.ppo.minibatches) = (true, 3);
     (config.normalize.observations, config.normalize.rewards) = (true, true);
-    config.ppo.entropy_coefficient_end = 0.0;
+    (config.ppo.entropy_coefficient_end, config.ppo.clip_end) = (0.0, 0.5);
+    (config.ppo.normalize_by_minibatch, config.network.activation) = (true, Activation::Relu);
     if config.network.memory == Memory::None {
         config.ppo.shuffle = Shuffle::Rows;
     }
@@ -328,19 +330,63 @@ fn observations_and_returns_are_normalised_by_all_that_was_met_before_the_rollou
 
 /// The bonus ends at nothing, and a rollout's steps are dealt out anew in each epoch.
 #[test]
-fn the_entropy_bonus_falls_with_the_learning_rate() {
-    let digest = |coefficient: f64, end: f64, progress: f64| {
+fn the_entropy_bonus_and_the_clip_range_fall_with_the_learning_rate() {
+    let digest = |set: &dyn Fn(&mut PpoConfig), progress: f64| {
         let mut config = numbers_config(Memory::None);
-        (config.ppo.entropy_coefficient, config.ppo.entropy_coefficient_end) = (coefficient, end);
-        config.ppo.learning_rate_end = 1.0;
+        (config.ppo.learning_rate_end, config.ppo.clip_value) = (1.0, true);
+        set(&mut config.ppo);
         let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
         World::new(&config).collect(&mut agent, 0, 4).expect("finite");
         agent.update(progress, 0).expect("finite");
         agent.weights_digest()
     };
-    assert_eq!(digest(0.5, 0.0, 1.0), digest(0.0, 1.0, 0.3));
-    assert_eq!(digest(0.5, 0.0, 0.5), digest(0.25, 1.0, 0.3));
-    assert_ne!(digest(0.5, 0.0, 0.5), digest(0.5, 1.0, 0.5));
+    let entropy = |coefficient, end, progress| {
+        digest(&|ppo| (ppo.entropy_coefficient, ppo.entropy_coefficient_end) = (coefficient, end), progress)
+    };
+    assert_eq!(entropy(0.5, 0.0, 1.0), entropy(0.0, 1.0, 0.3));
+    assert_eq!(entropy(0.5, 0.0, 0.5), entropy(0.25, 1.0, 0.3));
+    assert_ne!(entropy(0.5, 0.0, 0.5), entropy(0.5, 1.0, 0.5));
+    let clip = |clip, end, progress| digest(&|ppo| (ppo.clip, ppo.clip_end) = (clip, end), progress);
+    assert_eq!(clip(0.02, 0.0, 0.5), clip(0.01, 1.0, 0.3));
+    assert_ne!(clip(0.02, 0.0, 0.5), clip(0.02, 1.0, 0.5));
+}
+
+/// One minibatch is the rollout; but its deviation has another number added.
+#[test]
+fn advantages_are_normalised_over_what_is_configured() {
+    let trained = |by_minibatch: bool, minibatches: u32| {
+        let mut config = numbers_config(Memory::None);
+        (config.ppo.normalize_by_minibatch, config.ppo.minibatches) = (by_minibatch, minibatches);
+        let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+        World::new(&config).collect(&mut agent, 0, 4).expect("finite");
+        agent.update(0.0, 0).expect("finite");
+        weights_of(&agent)
+    };
+    let apart = |minibatches: u32| {
+        let [one, other] = [false, true].map(|by_minibatch| trained(by_minibatch, minibatches));
+        let apart = one.iter().map(|(name, weight)| (weight - &other[name]).abs().max().double_value(&[]));
+        apart.fold(0.0, f64::max)
+    };
+    let [of_one, of_three] = [apart(1), apart(3)];
+    assert!(of_one < 1e-5 && of_three > 1e-4, "{of_one} {of_three}");
+}
+
+#[test]
+fn initial_weights_and_deviations_are_as_configured() {
+    let task = six_numbers("six_numbers_uniform", "kind = \"box\"\nbounds = [[-1, 1], [-2, 2]]");
+    Spec::declare(&task).expect("a sound task");
+    let settings = "task = \"six_numbers_uniform\"\nnetwork.initial = \"uniform\"\nnetwork.log_std = -2.0";
+    let config = Config::resolve_with("gym", Some((settings, "a test"))).expect("it fits");
+    let weights = weights_of(&Agent::new(&config, Device::Cpu).expect("a fresh agent"));
+    assert_eq!(to_vec(&weights["log_std"]), [-2.0; 2]);
+    for (layer, inputs) in [("actor.0", 6.0f64), ("actor.4", 64.0), ("critic.2", 64.0), ("critic.4", 64.0)] {
+        for of in ["weight", "bias"] {
+            let (values, bound) = (doubles(&weights[&format!("{layer}.{of}")]), 1.0 / inputs.sqrt());
+            assert!(values.iter().all(|value| value.abs() <= bound && *value != 0.0), "{layer}.{of}: {values:?}");
+            // Of few numbers the greatest may be small.
+            assert!(values.len() < 16 || values.iter().any(|value| value.abs() > 0.7 * bound), "{layer}.{of}");
+        }
+    }
 }
 
 /// What was seen last of a truncated episode has the value that a rollout's end there bootstraps from: with the belief

@@ -28,7 +28,9 @@ pub use episode::EpisodeConfig;
 pub use error::ConfigError;
 pub use kitchens::{KitchenSource, KitchensConfig};
 pub use machine::{MachineConfig, Pin};
-pub use network::{CarriedGoal, Encoder, GoalCoordinates, INPUT_POOLS, Memory, NetworkConfig};
+pub use network::{
+    Activation, CarriedGoal, Encoder, GoalCoordinates, INPUT_POOLS, InitialWeights, Memory, NetworkConfig,
+};
 pub use normalize::NormalizeConfig;
 pub use preset::{Preset, overlay};
 pub use presets::presets;
@@ -122,7 +124,7 @@ pub struct SimulationConfig {
 }
 
 /// DD-PPO.
-// Four independent settings, not a state machine.
+// Independent settings, not a state machine.
 #[allow(clippy::struct_excessive_bools)]
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -131,8 +133,10 @@ pub struct PpoConfig {
     pub rollout_steps: u32,
     /// Passes over each rollout.
     pub epochs: u32,
-    /// Clip range of the policy ratio and of the value.
+    /// Clip range of the policy ratio and of the value at a stage's start.
     pub clip: f64,
+    /// What it falls to, as a share of itself, as the learning rate does.
+    pub clip_end: f64,
     /// Clip the value's change in its loss, too.
     pub clip_value: bool,
     /// No further epoch of an update begins after one whose last minibatch has an approximate KL divergence from the
@@ -149,8 +153,7 @@ pub struct PpoConfig {
     /// What the learning rate falls to, as a share of the one at a stage's start; linear in between.
     pub learning_rate_end: f64,
     /// Frames of a stage after which it has fallen to that; it stays there. 0 = the stage's own frames. The reference's
-    /// falls over 30M frames whatever a stage's length: 20M frames end at 0.556 of the start, 25M at 0.444. `--frames`
-    /// leaves it as it is.
+    /// falls over 30M frames whatever a stage's length. `--frames` leaves it as it is.
     pub learning_rate_frames: u64,
     /// What Adam adds to the root of the second moment.
     pub adam_epsilon: f64,
@@ -162,6 +165,8 @@ pub struct PpoConfig {
     pub gae_lambda: f64,
     /// Normalise advantages over the rollout ("Original" in the paper's tables).
     pub normalize_advantages: bool,
+    /// Where they are normalised: over each minibatch in place of the rollout.
+    pub normalize_by_minibatch: bool,
     /// Treat an end by the step limit as a truncation: the advantage of the last action has the value of what was seen
     /// after it, or, in a task with images, of what was seen before it. The paper does not.
     pub bootstrap_time_limits: bool,
@@ -169,13 +174,13 @@ pub struct PpoConfig {
     /// 0 = all, or with `learner.shards` all of a shard. A smaller number bounds memory.
     pub environments_per_pass: u32,
     /// Minibatches of a rollout, each a step of the optimiser: every learner, or shard, deals its frames out among
-    /// them. 1 = all in one, as in the paper. More of them take more steps on a large batch.
+    /// them. 1 = all in one, as in the paper.
     pub minibatches: u32,
     /// What is dealt out among minibatches.
     pub shuffle: Shuffle,
     /// With several learners: share of them that must have finished a rollout for the others to end theirs early (0.6
     /// in DD-PPO). Results then depend on timing, and a stage's last rollouts may have few frames. 0 = all learners
-    /// finish. A single learner never ends early.
+    /// finish.
     pub preemption_share: f64,
     /// Collect the next rollout while the update of the last one runs: always with the weights from before that update,
     /// so results still do not depend on timing. Faster, above all on a GPU, where acting leaves much of it idle; but a
@@ -418,6 +423,7 @@ impl Default for PpoConfig {
             rollout_steps: 200,
             epochs: 4,
             clip: 0.1,
+            clip_end: 1.0,
             clip_value: true,
             target_kl: 0.0,
             value_coefficient: 0.5,
@@ -431,6 +437,7 @@ impl Default for PpoConfig {
             gamma: 0.99,
             gae_lambda: 0.95,
             normalize_advantages: false,
+            normalize_by_minibatch: false,
             bootstrap_time_limits: false,
             environments_per_pass: 0,
             minibatches: 1,

@@ -74,6 +74,26 @@ impl Memory {
     }
 }
 
+/// What follows on each layer of `mlp`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Activation {
+    /// Hyperbolic tangent.
+    Tanh,
+    /// What is below 0 becomes 0.
+    Relu,
+}
+
+/// Initial weights of `mlp`, actor and critic.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum InitialWeights {
+    /// Orthogonal; biases are 0.
+    Orthogonal,
+    /// Uniform within ±1/√inputs, biases too: PyTorch's own.
+    Uniform,
+}
+
 /// The goal vector while the target is held. Before that it always leads from the wrist to the object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -107,7 +127,7 @@ impl fmt::Display for GoalCoordinates {
 pub const INPUT_POOLS: [u32; 3] = [1, 2, 4];
 
 /// The network's shape and inputs.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct NetworkConfig {
     /// Visual encoder, of a task with a frame.
@@ -122,9 +142,15 @@ pub struct NetworkConfig {
     pub carried_goal: CarriedGoal,
     /// Feed the previous action's embedding to the belief.
     pub previous_action: bool,
-    /// Widths of the layers (tanh) that see the numbers of a task without a frame: of one stack before a GRU or LSTM
+    /// Widths of the layers that see the numbers of a task without a frame: of one stack before a GRU or LSTM
     /// or beside images, of one for the actor and one for the critic without either.
     pub mlp: Vec<u32>,
+    /// What follows on each of them.
+    pub activation: Activation,
+    /// What they, the actor and the critic begin with.
+    pub initial: InitialWeights,
+    /// Logarithm of the standard deviations that a box's numbers begin with.
+    pub log_std: f64,
     /// What the policy remembers.
     pub memory: Memory,
     /// Width of the belief (GRU or LSTM).
@@ -140,6 +166,9 @@ impl Default for NetworkConfig {
             carried_goal: CarriedGoal::GoalToObject,
             previous_action: true,
             mlp: vec![64, 64],
+            activation: Activation::Tanh,
+            initial: InitialWeights::Orthogonal,
+            log_std: 0.0,
             memory: Memory::Gru,
             hidden: 512,
         }

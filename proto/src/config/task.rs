@@ -203,6 +203,8 @@ mod tests {
             ("normalize.reward_clip = 0.0", "normalize.reward_clip = 0: must be greater than 0"),
             ("ppo.entropy_coefficient_end = -1.0", "ppo.entropy_coefficient_end = -1: must be 0 or greater"),
             ("ppo.target_kl = -1.0", "ppo.target_kl = -1: must be 0 or greater"),
+            ("ppo.clip_end = -1.0", "ppo.clip_end = -1: must be 0 or greater"),
+            ("network.log_std = 3.0", "network.log_std = 3: must be -10 to 2"),
             ("episode.max_steps = 100001", "episode.max_steps = 100001: must be 1 to 100000"),
         ] {
             let found = problem(text).unwrap_err();

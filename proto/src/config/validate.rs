@@ -92,6 +92,7 @@ impl Config {
         let fits = (1..=8).contains(&network.mlp.len()) && network.mlp.iter().all(|width| (1..=4096).contains(width));
         check("network.mlp", format!("[{}]", layers()), fits, "must be 1 to 8 widths of 1 to 4096")?;
         within("network.hidden", network.hidden, 8..=4096, "must be 8 to 4096")?;
+        within("network.log_std", network.log_std, -10.0..=2.0, "must be -10 to 2")?;
         within("ppo.rollout_steps", ppo.rollout_steps, 1..=4096, "must be 1 to 4096")?;
         within("ppo.epochs", ppo.epochs, 1..=64, "must be 1 to 64")?;
         within("ppo.minibatches", ppo.minibatches, 1..=64, "must be 1 to 64")?;
@@ -122,6 +123,7 @@ impl Config {
             ("ppo.value_coefficient", ppo.value_coefficient),
             ("ppo.entropy_coefficient", ppo.entropy_coefficient),
             ("ppo.entropy_coefficient_end", ppo.entropy_coefficient_end),
+            ("ppo.clip_end", ppo.clip_end),
             ("ppo.learning_rate_end", ppo.learning_rate_end),
             ("ppo.target_kl", ppo.target_kl),
             ("auxiliary.weight", auxiliary.weight),

@@ -83,7 +83,13 @@ class Checkpoint:
         choices, bounds = self.actions.get("counts"), self.actions.get("bounds")
         masked = self.actions.get("masked", False)
         return Network.of(
-            self.weights, goal=self.goal, observation_clip=clip, choices=choices, bounds=bounds, masked=masked
+            self.weights,
+            goal=self.goal,
+            activation=self.config.get("network", {}).get("activation", "tanh"),
+            observation_clip=clip,
+            choices=choices,
+            bounds=bounds,
+            masked=masked,
         )
 
     def save(self, path: str | PathLike[str]) -> None:

@@ -134,12 +134,13 @@ class Images(nn.ModuleDict):
         return self[name](image)
 
 
-def layers(inputs: int, widths: list[int]) -> list[nn.Module]:
-    """Linear layers of these widths, each with a hyperbolic tangent behind it."""
+def layers(inputs: int, widths: list[int], activation: str) -> list[nn.Module]:
+    """Linear layers of these widths, each with an activation behind it."""
+    behind = {"tanh": nn.Tanh, "relu": nn.ReLU}[activation]
     return [
         module
         for before, width in zip([inputs, *widths], widths, strict=False)
-        for module in (nn.Linear(before, width), nn.Tanh())
+        for module in (nn.Linear(before, width), behind())
     ]
 
 
@@ -175,6 +176,7 @@ class Network(nn.Module):
         bounds: least and greatest of each number of a box: means are the policy's, and `log_std` is a weight.
         numbers: how many numbers an observation has, beside its frame if there is one.
         mlp: widths of the layers of a task without a frame.
+        activation: what follows on each of them, "tanh" or "relu".
         masked: whether observations have a mask of the options that may be chosen.
         images: channels, and features that convolutions leave, of each image but the frame, in the order of names.
         privileged: how many numbers the critic alone is given.
@@ -192,6 +194,7 @@ class Network(nn.Module):
         actions: int = 21,
         numbers: int = 3,
         mlp: list[int] | None = None,
+        activation: str = "tanh",
         choices: list[int] | None = None,
         bounds: list[list[float]] | None = None,
         observation_clip: float | None = None,
@@ -217,7 +220,7 @@ class Network(nn.Module):
         shared, own = (mlp or [], []) if hidden or images else ([], mlp or [])
         if encoder is None:
             self.visual_encoder, self.goal_embedder = None, None
-            self.mlp = nn.Sequential(*layers(numbers, shared))
+            self.mlp = nn.Sequential(*layers(numbers, shared, activation))
             width = [numbers, *shared][-1]
         else:
             own = []
@@ -234,7 +237,7 @@ class Network(nn.Module):
 
         def head(width: int, outputs: int) -> nn.Module:
             last = nn.Linear([width, *own][-1], outputs)
-            return nn.Sequential(*layers(width, own), last) if own else last
+            return nn.Sequential(*layers(width, own, activation), last) if own else last
 
         self.actor, self.critic = head(width, actions), head(width + privileged, 1)
 
@@ -244,13 +247,14 @@ class Network(nn.Module):
         weights: dict[str, NDArray[Any]],
         *,
         goal: str = "polar",
+        activation: str = "tanh",
         observation_clip: float = 10.0,
         choices: list[int] | None = None,
         bounds: list[list[float]] | None = None,
         masked: bool = False,
     ) -> Network:
-        """The network that weights belong to: names and shapes give all but `goal`, `observation_clip`, `masked` and
-        the actions' form. Heads of auxiliary tasks are left out."""
+        """The network that weights belong to: names and shapes give all but `goal`, `activation`,
+        `observation_clip`, `masked` and the actions' form. Heads of auxiliary tasks are left out."""
 
         def widths(path: str) -> list[int]:
             """Outputs of a Sequential's linear layers."""
@@ -310,6 +314,7 @@ class Network(nn.Module):
                 actions=actions,
                 numbers=numbers,
                 mlp=shared or own_layers,
+                activation=activation,
                 choices=choices,
                 bounds=bounds,
                 observation_clip=observation_clip if "observation_norm.running_mean" in weights else None,

@@ -3,7 +3,7 @@ use super::build::{Builder, Name};
 use super::message::{Graph, tensor::Element};
 use crate::policy::{IMAGES, MASK, NORMALIZER, Policy, PolicyError};
 use proto::camera::FRAME_SIDE;
-use proto::config::{Encoder, GoalCoordinates, Memory, dqn};
+use proto::config::{Activation, Encoder, GoalCoordinates, Memory, dqn};
 use proto::task::{ActionHead, Dtype, Image};
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -490,12 +490,16 @@ impl Maker<'_> {
         Ok(after.iter().map(|state| builder.apply("Squeeze", &[state, &first], &[])).collect())
     }
 
-    /// Layers with hyperbolic tangents behind them, and the width of what comes out: every second entry of a Sequential.
+    /// Layers with an activation behind each, and the width of what comes out: every second entry of a Sequential.
     fn layers(&mut self, path: &str, x: &Name, inputs: usize, widths: &[u32]) -> Result<(Name, usize)> {
+        let activation = match self.policy.config.network.activation {
+            Activation::Tanh => "Tanh",
+            Activation::Relu => "Relu",
+        };
         let mut end = (x.clone(), inputs);
         for (index, &width) in widths.iter().enumerate() {
             let layer = self.linear(&format!("{path}.{}", 2 * index), &end.0, [end.1, width as usize])?;
-            end = (self.builder.apply("Tanh", &[&layer], &[]), width as usize);
+            end = (self.builder.apply(activation, &[&layer], &[]), width as usize);
         }
         Ok(end)
     }
