@@ -72,12 +72,12 @@ pub fn run(json: bool, mut out: impl Write) -> Result<()> {
 
 impl Listed {
     fn of(category: &Category) -> Self {
-        let shape = category.shape();
+        let shape = category.shape;
         let target = TargetCategory::ALL.into_iter().find(|target| target.name() == category.name);
         Self {
             name: category.name,
-            size_m: Solid::of(&shape).aabb(&Pose3::identity()).extents().to_array(),
-            shape: kind(&shape),
+            size_m: Solid::of(shape).aabb(&Pose3::identity()).extents().to_array(),
+            shape: kind(shape),
             mass_kg: category.mass_kg,
             material: material(category.material),
             friction: category.friction(),

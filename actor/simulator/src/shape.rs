@@ -83,20 +83,4 @@ impl Shape {
         self.parts.push(Part { primitive, body_from_part: Pose3::translation(x_m, y_m, z_m) });
         self
     }
-
-    #[must_use]
-    pub fn turned(mut self, primitive: Primitive, body_from_part: Pose3) -> Self {
-        self.parts.push(Part { primitive, body_from_part });
-        self
-    }
-
-    /// Adds another shape's parts, moved by this much.
-    #[must_use]
-    pub(crate) fn joined(mut self, other: Self, x_m: f32, y_m: f32, z_m: f32) -> Self {
-        self.parts.extend(other.parts.into_iter().map(|mut part| {
-            part.body_from_part.translation += Vec3::new(x_m, y_m, z_m);
-            part
-        }));
-        self
-    }
 }

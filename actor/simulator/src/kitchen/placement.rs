@@ -107,7 +107,7 @@ impl<'a> Furnishing<'a> {
     }
 
     fn add(&mut self, pattern: &Pattern, random: &mut Random) -> Option<()> {
-        let Pattern { category, solid, .. } = pattern;
+        let Pattern { category, solid } = pattern;
         let pose = match category.place {
             Place::Seat => self.seat(category.name == "Stool", solid, random),
             Place::Floor => self.beside_wall(solid, random),

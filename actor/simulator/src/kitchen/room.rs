@@ -32,10 +32,10 @@ pub struct Thing {
 
 impl Thing {
     pub(super) fn of(pattern: &Pattern, pose: Pose3) -> Self {
-        let Pattern { category, shape, solid } = pattern;
+        let Pattern { category, solid } = pattern;
         Self {
             category: category.name.to_owned(),
-            shape: shape.clone(),
+            shape: category.shape.clone(),
             solid: solid.clone(),
             mass_kg: category.mass_kg,
             friction: category.friction(),

@@ -1,10 +1,13 @@
 //! What a category is: mass, material, colour, shape, where its things stand and how often kitchens have them.
 
+use super::forms::{Piece, shape_of};
 use crate::physics::geometry::centred;
 use crate::shape::Shape;
+use serde::Deserialize;
 
 /// Where things of a category stand. A kitchen that lacks the named place puts them on any [`Place::Surface`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Place {
     Surface,
     /// On a counter: appliances and what is used beside sink and stove.
@@ -21,7 +24,8 @@ pub enum Place {
 }
 
 /// What the surface of a thing is made of: decides its friction.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Material {
     /// Steel, cast iron, aluminium, tin plate.
     Metal,
@@ -78,15 +82,11 @@ pub struct Category {
     pub colour: [u8; 3],
     pub place: Place,
     pub presence: Presence,
-    shape: fn() -> Shape,
+    /// Origin at the centre of the bounding box.
+    pub shape: &'static Shape,
 }
 
 impl Category {
-    /// Its shape, origin at the centre of the bounding box.
-    pub fn shape(&self) -> Shape {
-        centred((self.shape)())
-    }
-
     pub const fn friction(&self) -> f32 {
         self.material.friction()
     }
@@ -108,25 +108,33 @@ impl Category {
             Presence::Every | Presence::Extra => 1,
         }
     }
-
-    pub(super) const fn every(self) -> Self {
-        Self { presence: Presence::Every, ..self }
-    }
-
-    /// In this many of iTHOR's 30 kitchens, with this mean count where there is any.
-    pub(super) const fn some(self, kitchens: u8, per_kitchen: f32) -> Self {
-        Self { presence: Presence::Share { share: kitchens as f32 / 30.0, per_kitchen }, ..self }
-    }
 }
 
-/// A category of the variety; [`Category::every`] and [`Category::some`] change how often it is there.
-pub(super) const fn thing(
-    name: &'static str,
+/// A row of a family's table.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Row {
+    name: String,
     mass_kg: f32,
     material: Material,
     colour: [u8; 3],
     place: Place,
-    shape: fn() -> Shape,
-) -> Category {
-    Category { name, mass_kg, material, colour, place, presence: Presence::Extra, shape }
+    /// How many of iTHOR's 30 kitchens have it.
+    kitchens: Option<u8>,
+    per_kitchen: Option<f32>,
+    parts: Vec<Piece>,
+}
+
+impl Row {
+    /// Its category, for as long as the process lives.
+    pub fn category(self) -> Category {
+        let Self { name, mass_kg, material, colour, place, kitchens, per_kitchen, parts } = self;
+        let presence = match kitchens {
+            Some(30) => Presence::Every,
+            Some(some) => Presence::Share { share: f32::from(some) / 30.0, per_kitchen: per_kitchen.unwrap_or(1.0) },
+            None => Presence::Extra,
+        };
+        let shape = Box::leak(Box::new(centred(shape_of(&parts))));
+        Category { name: name.leak(), mass_kg, material, colour, place, presence, shape }
+    }
 }

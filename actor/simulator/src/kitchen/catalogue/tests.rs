@@ -1,6 +1,6 @@
 use super::*;
 use crate::physics::world::World;
-use crate::shape::Shape;
+use crate::shape::{Primitive, Shape};
 use proto::kitchen::TargetCategory;
 use rapier3d::math::Vec3;
 
@@ -9,7 +9,7 @@ const DROP_M: f32 = 0.001;
 const TIMESTEP_S: f32 = 1.0 / 60.0;
 
 fn extents_m(category: &Category) -> Vec3 {
-    Solid::of(&category.shape()).aabb(&Pose3::identity()).extents()
+    Solid::of(category.shape).aabb(&Pose3::identity()).extents()
 }
 
 #[test]
@@ -39,7 +39,7 @@ fn things_are_as_frequent_as_in_ithor() {
 #[test]
 fn shapes_are_centred_and_of_household_size() {
     for category in CATEGORIES.iter() {
-        let aabb = Solid::of(&category.shape()).aabb(&Pose3::identity());
+        let aabb = Solid::of(category.shape).aabb(&Pose3::identity());
         assert!(aabb.center().length() < 1e-5, "{}", category.name);
         let extents = aabb.extents();
         assert!(extents.min_element() > 0.004 && extents.max_element() < 1.0, "{} {extents}", category.name);
@@ -53,7 +53,7 @@ fn densities_are_those_of_household_materials() {
     for category in CATEGORIES.iter() {
         let extents = extents_m(category);
         let box_density = category.mass_kg / (extents.x * extents.y * extents.z);
-        let part_density = category.mass_kg / Solid::of(&category.shape()).volumes_m3().iter().sum::<f32>();
+        let part_density = category.mass_kg / Solid::of(category.shape).volumes_m3().iter().sum::<f32>();
         assert!(box_density > 15.0, "{}: {box_density} kg/m3 of its box", category.name);
         assert!(part_density < 8000.0, "{}: {part_density} kg/m3 of its parts", category.name);
     }
@@ -64,9 +64,9 @@ fn densities_are_those_of_household_materials() {
 fn everything_comes_to_rest_upright() {
     let mut restless = Vec::new();
     for category in CATEGORIES.iter() {
-        let solid = Solid::of(&category.shape());
+        let solid = Solid::of(category.shape);
         let mut world = World::new(TIMESTEP_S);
-        let floor = Shape::of(forms::cuboid(4.0, 0.1, 4.0));
+        let floor = Shape::of(Primitive::Cuboid { half_extents_m: Vec3::new(2.0, 0.05, 2.0) });
         world.add_fixed(&Solid::of(&floor), Pose3::translation(0.0, -0.05, 0.0));
         let start = Vec3::new(0.0, 0.5 * extents_m(category).y + DROP_M, 0.0);
         let handle = world.add_movable(&solid, Pose3::from_translation(start), category.mass_kg, category.friction());
@@ -95,7 +95,7 @@ fn the_magnet_reaches_every_target_from_above() {
     const MAGNET_RADIUS_M: f32 = 0.06;
     for target in TargetCategory::ALL {
         let category = category(target.name()).unwrap();
-        let solid = Solid::of(&category.shape());
+        let solid = Solid::of(category.shape);
         let height_m = extents_m(category).y;
         // The wrist above the middle of the thing, lowered until it would be nearer to the counter than its radius.
         let lowest_m = MAGNET_RADIUS_M.max(height_m + 0.01);
