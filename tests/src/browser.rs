@@ -3,6 +3,7 @@
 //! The protocol goes through the browser's standard input and output, so that nothing has to be installed beside the
 //! browser itself.
 
+use crate::tell;
 use base64::Engine;
 use serde_json::{Value, json};
 use std::collections::{HashMap, HashSet};
@@ -37,7 +38,10 @@ pub struct Browser {
 impl Browser {
     /// Starts it; none where no browser is installed.
     pub fn start() -> Option<Self> {
-        let program = find()?;
+        let Some(program) = find() else {
+            tell("no Chromium on the PATH: its page is not looked at");
+            return None;
+        };
         let profile = tempfile::tempdir().expect("a temporary folder");
         // The shell gives it the pipes under the numbers that it expects.
         let mut child = Command::new("sh")

@@ -22,6 +22,7 @@ pub use viewer::{Answer, Viewer};
 
 use proto::run_folder::RunFolder;
 use std::collections::BTreeMap;
+use std::ffi::OsStr;
 use std::io::Write;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
@@ -62,11 +63,24 @@ pub const DEADLINE: Duration = Duration::from_mins(4);
 
 /// Waits until `condition` holds, looking fifty times a second.
 pub fn wait_until(what: &str, mut condition: impl FnMut() -> bool) {
+    wait_for(what, || condition().then_some(()));
+}
+
+/// Waits until there is such a thing.
+pub fn wait_for<T>(what: &str, mut find: impl FnMut() -> Option<T>) -> T {
     let begun = Instant::now();
-    while !condition() {
+    loop {
+        if let Some(found) = find() {
+            return found;
+        }
         assert!(begun.elapsed() < DEADLINE, "not within {} s: {what}", DEADLINE.as_secs());
         std::thread::sleep(Duration::from_millis(20));
     }
+}
+
+/// The checkout.
+pub fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize().expect("a checkout")
 }
 
 /// Says something about a test that passes: that it is skipped, or what it does without. What the macros print of such a
@@ -111,6 +125,15 @@ impl Workshop {
         self.folder.path().join(name)
     }
 
+    /// Writes a program.
+    pub fn script(&self, name: &str, text: &str) -> PathBuf {
+        use std::os::unix::fs::PermissionsExt;
+        let path = self.path(name);
+        std::fs::write(&path, text).expect("a writable folder");
+        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).expect("a file of ours");
+        path
+    }
+
     /// Writes a file that other users may not read.
     pub fn secret(&self, name: &str, text: &str) {
         use std::os::unix::fs::OpenOptionsExt;
@@ -121,12 +144,20 @@ impl Workshop {
 
     /// `orchestrator ARGS`, ready to be started, with nothing inherited that would change it.
     pub fn orchestrator(&self, arguments: &[&str]) -> Command {
-        let mut command = Command::new(binary("orchestrator"));
+        let mut command = self.program(binary("orchestrator"));
+        command.args(arguments);
         command
-            .args(arguments)
-            .current_dir(self.folder.path())
-            .env_remove("STILLROOM_LOG")
-            .env_remove("STILLROOM_FAULT");
+    }
+
+    /// `orchestrator ARGS`, complete.
+    pub fn call(&self, arguments: &[&str]) -> Printed {
+        complete(self.orchestrator(arguments))
+    }
+
+    /// Any program, ready to be started in the same way.
+    pub fn program(&self, path: impl AsRef<OsStr>) -> Command {
+        let mut command = Command::new(path);
+        command.current_dir(self.folder.path()).env_remove("STILLROOM_LOG").env_remove("STILLROOM_FAULT");
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         command
     }
@@ -147,13 +178,11 @@ impl Workshop {
         command
     }
 
-    /// The command in a shell that first sets its limits with `ulimit`.
+    /// The command in a shell that first does something else, as set its limits with `ulimit`.
     pub fn limited(&self, limits: &str, command: &Command) -> Command {
-        let mut shell = Command::new("sh");
+        let mut shell = self.program("sh");
         shell.args(["-c", &format!("{limits} && exec \"$0\" \"$@\"")]);
-        shell.arg(command.get_program()).args(command.get_args()).current_dir(self.folder.path());
-        shell.env_remove("STILLROOM_LOG").env_remove("STILLROOM_FAULT");
-        shell.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        shell.arg(command.get_program()).args(command.get_args());
         shell
     }
 
@@ -175,8 +204,9 @@ impl Workshop {
 
     /// A copy of a folder.
     pub fn copy(&self, from: &str, to: &str) -> Run {
-        let copied = Command::new("cp").arg("-r").arg(self.path(from)).arg(self.path(to)).status();
-        assert!(copied.is_ok_and(|status| status.success()), "{from} {to}");
+        let mut copy = self.program("cp");
+        copy.args(["-r", from, to]);
+        complete(copy).good();
         self.run(to)
     }
 
@@ -188,8 +218,8 @@ impl Workshop {
 
     /// Simulates what is recorded of a run again.
     pub fn assert_replays(&self, name: &str) {
-        let replayed = complete(self.orchestrator(&["replay", "--check", name]));
-        assert!(replayed.success && replayed.stdout.contains("differences: 0"), "{replayed:#?}");
+        let replayed = self.call(&["replay", "--check", name]).good();
+        assert!(replayed.stdout.contains("differences: 0"), "{replayed:#?}");
     }
 }
 
@@ -228,7 +258,23 @@ impl Printed {
         (weights.to_owned(), frames.expect("a number"))
     }
 
+    /// The same, of a command that went well.
+    #[track_caller]
+    #[allow(clippy::return_self_not_must_use)]
+    pub fn good(self) -> Self {
+        assert!(self.success, "{self:#?}");
+        self
+    }
+
+    /// Asserts that it failed, said why on standard error, and did not panic.
+    #[track_caller]
+    pub fn refused(&self, why: &str) {
+        assert!(!self.success, "it should have been refused: {self:#?}");
+        assert!(self.stderr.contains(why) && !self.stderr.contains("panicked"), "expected `{why}` in {self:#?}");
+    }
+
     /// What a command that went well printed, as JSON.
+    #[track_caller]
     pub fn json(&self) -> serde_json::Value {
         assert!(self.success, "{self:#?}");
         serde_json::from_str(&self.stdout).unwrap_or_else(|error| panic!("{error}: {self:#?}"))
@@ -310,11 +356,7 @@ pub struct Run {
 impl Run {
     /// Waits until the learner has trained at least `rollouts` rollouts.
     pub fn wait_for_rollouts(&self, rollouts: usize) {
-        let begun = Instant::now();
-        while self.metrics().len() < rollouts {
-            assert!(begun.elapsed() < DEADLINE, "{rollouts} rollouts not reached in {DEADLINE:?}");
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        wait_until(&format!("{rollouts} rollouts"), || self.metrics().len() >= rollouts);
     }
 
     /// The trained rollouts so far; of a rollout trained again after a fault, the newest.
@@ -347,12 +389,7 @@ impl Run {
 
     /// Waits until one of these [`Run::processes`] is held at a fault point (`STILLROOM_FAULT=hold=POINT`); its pid.
     pub fn wait_until_held(&self, word: &str) -> u32 {
-        let mut held = None;
-        wait_until(&format!("a process `{word}` is held"), || {
-            held = self.processes(word).into_iter().find(|pid| is_held(*pid));
-            held.is_some()
-        });
-        held.expect("just found")
+        wait_for(&format!("a process `{word}` is held"), || self.processes(word).into_iter().find(|pid| is_held(*pid)))
     }
 
     /// Kills one process whose command line holds `word`, and waits until it is gone.
@@ -360,11 +397,12 @@ impl Run {
         let found = self.processes(word);
         let pid = *found.first().unwrap_or_else(|| panic!("no process to kill has `{word}` in its command line"));
         kill(pid);
-        let begun = Instant::now();
-        while self.processes(word).contains(&pid) {
-            assert!(begun.elapsed() < DEADLINE, "pid {pid} (`{word}`) survives a SIGKILL for {DEADLINE:?}");
-            std::thread::sleep(Duration::from_millis(1));
-        }
+        wait_until(&format!("pid {pid} (`{word}`) ends by SIGKILL"), || !self.processes(word).contains(&pid));
+    }
+
+    /// The log of a process.
+    pub fn log(&self, process: &str) -> String {
+        std::fs::read_to_string(self.folder.log(process)).expect("a log")
     }
 
     pub fn trained(&self) -> u64 {

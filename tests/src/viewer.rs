@@ -5,7 +5,6 @@ use rustix::process::Signal;
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
-use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
 use std::process::{Child, Command};
 use std::time::Duration;
@@ -38,14 +37,12 @@ impl Workshop {
     /// Gives a command a home folder, `home`, and a desktop: it copies the file that it is asked to open to the path that
     /// comes back, and runs until that file is removed.
     pub fn with_desktop(&self, command: &mut Command) -> PathBuf {
-        let opener = self.path("bin/xdg-open");
         let script = "#!/bin/sh\ncp \"$1\" \"$0.new\" && mv \"$0.new\" \"$0.html\"\n\
                       while [ -e \"$1\" ]; do sleep 0.1; done\n";
         for folder in ["bin", "home"] {
             std::fs::create_dir(self.path(folder)).expect("a folder");
         }
-        std::fs::write(&opener, script).expect("a program");
-        std::fs::set_permissions(&opener, std::fs::Permissions::from_mode(0o755)).expect("a file of ours");
+        let opener = self.script("bin/xdg-open", script);
         let path = std::env::var("PATH").unwrap_or_default();
         command.env("PATH", format!("{}:{path}", self.path("bin").display())).env("HOME", self.path("home"));
         opener.with_extension("html")

@@ -1,14 +1,7 @@
 //! Every mistake gets one clear message, a non-zero exit, and leaves nothing behind.
 
-use std::process::{Command, Stdio};
-use system_tests::{Printed, Terminal, Workshop, complete, finish, start};
-
-/// Fails, says `expected` on standard error, and does not panic.
-fn refused(printed: &Printed, expected: &str) {
-    assert!(!printed.success, "it should have been refused: {printed:#?}");
-    assert!(printed.stderr.contains(expected), "expected `{expected}` in {printed:#?}");
-    assert!(!printed.stderr.contains("panicked"), "{printed:#?}");
-}
+use std::process::Command;
+use system_tests::{Terminal, Workshop, complete, finish, start};
 
 /// It would begin anew, over its own figures: by `resume` and by the command of a launcher that begins and goes on.
 #[test]
@@ -22,7 +15,7 @@ fn a_run_whose_checkpoints_are_gone_is_not_gone_on_with() {
     let child = start(command(&workshop));
     let run = workshop.run("run");
     run.wait_for_rollouts(3);
-    assert!(complete(workshop.orchestrator(&["stop", "run"])).success);
+    assert!(workshop.call(&["stop", "run"]).success);
     finish(child);
     let figures = || std::fs::read(run.folder.metrics()).unwrap();
     let before = figures();
@@ -36,12 +29,12 @@ fn a_run_whose_checkpoints_are_gone_is_not_gone_on_with() {
     }
     for why in ["no checkpoint in", "there is no checkpoint in"] {
         for again in [workshop.resume("run"), command(&workshop)] {
-            refused(&complete(again), &format!("this run has trained, but {why}"));
+            complete(again).refused(&format!("this run has trained, but {why}"));
         }
         let _ = std::fs::remove_dir_all(run.folder.checkpoints());
     }
     std::fs::create_dir_all(run.folder.checkpoints()).unwrap();
-    refused(&complete(workshop.resume("run")), "this run has trained, but there is no checkpoint in");
+    complete(workshop.resume("run")).refused("this run has trained, but there is no checkpoint in");
     assert_eq!(figures(), before);
     assert_eq!(identity(), started, "no start is on record that could not be");
 }
@@ -98,11 +91,11 @@ fn what_a_newcomer_types() {
         ("view --address 127.0.0.1:8766", "--address 127.0.0.1 --port 8766"),
     ] {
         let typed: Vec<&str> = typed.split(' ').collect();
-        refused(&complete(workshop.orchestrator(&typed)), help);
+        workshop.call(&typed).refused(help);
     }
-    assert!(complete(workshop.orchestrator(&["man", "up"])).success && !workshop.path("up").exists());
+    assert!(workshop.call(&["man", "up"]).success && !workshop.path("up").exists());
     std::fs::create_dir(workshop.path("empty")).unwrap();
-    let list = complete(workshop.orchestrator(&["list", "empty"]));
+    let list = workshop.call(&["list", "empty"]);
     assert!(list.success && list.stderr.contains("no run yet: `orchestrator up` starts one"), "{list:#?}");
 }
 
@@ -112,8 +105,7 @@ fn a_filter_of_the_log_is_heard_and_a_wrong_one_named() {
     let told = |filter: &str| {
         let mut command = workshop.orchestrator(&["presets"]);
         command.env("STILLROOM_LOG", filter);
-        let printed = complete(command);
-        assert!(printed.success, "{printed:#?}");
+        let printed = complete(command).good();
         printed.stderr
     };
     let wrong = told("orchestrator=loud");
@@ -134,9 +126,9 @@ fn what_is_no_ordinary_file_is_not_read() {
         for named in [true, false] {
             let mut args = vec!["up", "--config", file];
             args.extend(if named { &["--preset", "demo"][..] } else { &[] });
-            refused(&complete(workshop.orchestrator(&args)), problem);
+            workshop.call(&args).refused(problem);
         }
-        refused(&complete(workshop.orchestrator(&["suite", file])), problem);
+        workshop.call(&["suite", file]).refused(problem);
     }
 }
 
@@ -146,7 +138,7 @@ fn a_result_that_cannot_be_written_is_a_failure() {
     let full = std::fs::OpenOptions::new().write(true).open("/dev/full").expect("Linux has it");
     let mut command = workshop.orchestrator(&["presets"]);
     command.stdout(full);
-    refused(&complete(command), "cannot write to standard output: No space left on device");
+    complete(command).refused("cannot write to standard output: No space left on device");
 }
 
 /// It gives EIO, where a pipe without a reader gives EPIPE. Nobody is left who could miss the result.
@@ -164,12 +156,9 @@ fn a_terminal_that_was_closed_makes_no_command_fail() {
 #[test]
 fn a_current_folder_that_was_removed_is_named() {
     let workshop = Workshop::new();
-    let list = workshop.orchestrator(&["list", "/tmp"]);
-    let mut command = Command::new("sh");
-    command.args(["-c", "mkdir gone && cd gone && rmdir ../gone && exec \"$0\" \"$@\""]);
-    command.arg(list.get_program()).args(list.get_args()).current_dir(workshop.path(""));
-    command.stdout(Stdio::piped()).stderr(Stdio::piped());
-    refused(&complete(command), "the current folder cannot be used: change to another one: No such file");
+    let first = "mkdir gone && cd gone && rmdir ../gone";
+    let command = workshop.limited(first, &workshop.orchestrator(&["list", "/tmp"]));
+    complete(command).refused("the current folder cannot be used: change to another one: No such file");
 }
 
 #[test]
@@ -180,7 +169,7 @@ fn the_doctor_finds_what_is_wrong_with_a_run_folder() {
     std::fs::write(workshop.path("full/file"), "").unwrap();
     for (run, problem) in [("full", Some("is not empty, and it is no run")), ("file/run", Some("file")), ("new", None)]
     {
-        let printed = complete(workshop.orchestrator(&["doctor", "--preset", "demo", "--run", run]));
+        let printed = workshop.call(&["doctor", "--preset", "demo", "--run", run]);
         let found: Vec<&str> = printed.stdout.lines().filter(|line| line.contains("PROBLEM")).collect();
         match problem {
             Some(problem) => assert!(!printed.success && found.concat().contains(problem), "{printed:#?}"),
@@ -188,7 +177,7 @@ fn the_doctor_finds_what_is_wrong_with_a_run_folder() {
         }
         // `up` is of the same opinion.
         if let Some(problem) = problem {
-            refused(&complete(workshop.orchestrator(&["up", "--preset", "demo", "--run", run])), problem);
+            workshop.call(&["up", "--preset", "demo", "--run", run]).refused(problem);
         }
     }
 }
@@ -197,8 +186,8 @@ fn the_doctor_finds_what_is_wrong_with_a_run_folder() {
 fn too_few_open_files_are_refused_if_the_limit_cannot_be_raised() {
     let workshop = Workshop::new();
     let printed = complete(workshop.limited("ulimit -n 100", &workshop.up("few", 2, 2, 400)));
-    refused(&printed, "more actors than open files allow: with 2 actors and 1 learner a process needs up to");
-    refused(&printed, "may have 100 (the hard limit");
+    printed.refused("more actors than open files allow: with 2 actors and 1 learner a process needs up to");
+    printed.refused("may have 100 (the hard limit");
     assert!(!workshop.path("few").exists(), "nothing is left of a run that never began");
     let doctor = workshop.orchestrator(&["doctor", "--preset", "demo"]);
     let printed = complete(workshop.limited("ulimit -n 100", &doctor));
@@ -214,7 +203,7 @@ fn a_libtorch_that_is_missing_or_of_another_version() {
     let workshop = Workshop::new();
     let mut command = workshop.up("none", 1, 1, 100);
     command.env("LIBTORCH", workshop.path("not-there"));
-    refused(&complete(command), "not-there");
+    complete(command).refused("not-there");
 
     let other = workshop.path("other-torch");
     std::fs::create_dir_all(other.join("lib")).unwrap();
@@ -223,8 +212,8 @@ fn a_libtorch_that_is_missing_or_of_another_version() {
     let mut command = workshop.up("old", 1, 1, 100);
     command.env("LIBTORCH", &other);
     let printed = complete(command);
-    refused(&printed, "2.4.1");
-    refused(&printed, "2.11");
+    printed.refused("2.4.1");
+    printed.refused("2.11");
 }
 
 #[test]
@@ -232,12 +221,11 @@ fn a_run_folder_in_use_or_already_there() {
     let workshop = Workshop::new();
     let child = start(workshop.up("busy", 1, 2, 5_000));
     workshop.run("busy").wait_for_rollouts(2);
-    refused(&complete(workshop.up("busy", 1, 2, 5_000)), "busy");
-    refused(&complete(workshop.resume("busy")), "busy");
-    let stop = complete(workshop.orchestrator(&["stop", "busy"]));
-    assert!(stop.success, "{stop:#?}");
+    complete(workshop.up("busy", 1, 2, 5_000)).refused("busy");
+    complete(workshop.resume("busy")).refused("busy");
+    workshop.call(&["stop", "busy"]).good();
     assert!(finish(child).success);
-    refused(&complete(workshop.up("busy", 1, 2, 5_000)), "resume");
+    complete(workshop.up("busy", 1, 2, 5_000)).refused("resume");
 }
 
 #[test]
@@ -248,22 +236,22 @@ fn a_truncated_recording() {
     let length = std::fs::metadata(&recording).unwrap().len();
     std::fs::OpenOptions::new().write(true).open(&recording).unwrap().set_len(length * 2 / 3).unwrap();
 
-    let printed = complete(workshop.orchestrator(&["replay", "--check", recording.to_str().unwrap()]));
+    let printed = workshop.call(&["replay", "--check", recording.to_str().unwrap()]);
     assert!(printed.stderr.contains("orchestrator recover"), "{printed:#?}");
     assert_eq!(printed.status, Some(proto::exit::EXIT_INCOMPLETE), "{printed:#?}");
-    let repaired = complete(workshop.orchestrator(&["recover", recording.to_str().unwrap()]));
+    let repaired = workshop.call(&["recover", recording.to_str().unwrap()]);
     assert_eq!(repaired.status, Some(proto::exit::EXIT_INCOMPLETE), "what came after the cut is lost: {repaired:#?}");
     assert!(repaired.stdout.contains("the file ends here, before its end mark"), "{repaired:#?}");
     // What is there agrees, but the file is not what was recorded, and neither is the run.
     for path in [recording.to_str().unwrap(), "cut"] {
-        let printed = complete(workshop.orchestrator(&["replay", "--check", path]));
+        let printed = workshop.call(&["replay", "--check", path]);
         assert_eq!(printed.status, Some(proto::exit::EXIT_INCOMPLETE), "{printed:#?}");
         assert!(printed.stdout.contains("differences: 0"), "{printed:#?}");
         assert!(printed.stderr.contains("was repaired, and not all was there"), "{printed:#?}");
     }
-    let replay = complete(workshop.orchestrator(&["replay", "--check", "cut"]));
+    let replay = workshop.call(&["replay", "--check", "cut"]);
     assert!(replay.stderr.contains("of the 600 steps that the run has"), "{replay:#?}");
 
     std::fs::write(workshop.path("noise.mcap"), [7u8; 4096]).unwrap();
-    refused(&complete(workshop.orchestrator(&["replay", "--check", "noise.mcap"])), "noise.mcap");
+    workshop.call(&["replay", "--check", "noise.mcap"]).refused("noise.mcap");
 }

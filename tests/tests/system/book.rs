@@ -4,9 +4,8 @@
 use book::{Block, How, Page, pages};
 use std::fmt::Write;
 use std::os::unix::fs::symlink;
-use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use system_tests::{Printed, Workshop, binary, complete};
+use system_tests::{Printed, Workshop, binary, complete, root};
 
 /// What `run=small` adds to `orchestrator up`, where the page does not say otherwise.
 const SMALL: &str = "\
@@ -20,10 +19,6 @@ const SMALL_OPTIONS: [(&str, &str); 3] = [("--actors", "2"), ("--envs-per-actor"
 /// What of the checkout a page's commands use.
 const LINKED: [&str; 4] = ["deploy", "docs", "scenes", "suites"];
 
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
-}
-
 fn page(path: &str) -> Page {
     let found = pages(&root()).expect("the book can be read").into_iter().find(|page| page.path == path);
     found.unwrap_or_else(|| panic!("docs/SUMMARY.md has no page {path}"))
@@ -34,7 +29,7 @@ fn is_run(block: &Block) -> bool {
 }
 
 /// A program `orchestrator` that gives `up` a tiny network and few frames.
-fn write_small(folder: &Path) {
+fn write_small(workshop: &Workshop) {
     let mut script = format!("#!/bin/sh\nprogram='{}'\n", binary("orchestrator").display());
     script += "[ \"$1\" = up ] || exec \"$program\" \"$@\"\nshift\nall=\" $* \"\n";
     for (option, value) in SMALL_OPTIONS {
@@ -43,10 +38,7 @@ fn write_small(folder: &Path) {
     }
     // Before the page's own settings, which win.
     writeln!(script, "exec \"$program\" up {SMALL} \"$@\"").expect("a string");
-    let path = folder.join("orchestrator");
-    std::fs::write(&path, script).expect("a writable temporary folder");
-    let mode = std::os::unix::fs::PermissionsExt::from_mode(0o755);
-    std::fs::set_permissions(path, mode).expect("a file of ours");
+    workshop.script("small/orchestrator", &script);
 }
 
 fn shell(workshop: &Workshop, block: &Block) -> Printed {
@@ -57,10 +49,8 @@ fn shell(workshop: &Workshop, block: &Block) -> Printed {
         How::RunSmall => format!("{}:{}:{path}", small.display(), programs.display()),
         _ => format!("{}:{path}", programs.display()),
     };
-    let mut command = Command::new("sh");
+    let mut command = workshop.program("sh");
     command.args(["-euc", &block.text]).current_dir(workshop.path("page")).env("PATH", path);
-    command.env_remove("STILLROOM_LOG").env_remove("STILLROOM_FAULT");
-    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     complete(command)
 }
 
@@ -71,7 +61,7 @@ fn follow(path: &str) {
     for folder in ["page", "small"] {
         std::fs::create_dir(workshop.path(folder)).expect("a writable temporary folder");
     }
-    write_small(&workshop.path("small"));
+    write_small(&workshop);
     for folder in LINKED {
         let there = root().join(folder).canonicalize().expect("a folder of the checkout");
         symlink(there, workshop.path("page").join(folder)).expect("a writable temporary folder");

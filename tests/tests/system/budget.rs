@@ -2,7 +2,7 @@
 
 use proto::config::Config;
 use serde_json::Value;
-use system_tests::{Printed, Workshop, complete};
+use system_tests::{Workshop, complete};
 
 fn resume_to(workshop: &Workshop, name: &str, frames: u64) -> std::process::Command {
     workshop.orchestrator(&["resume", name, "--frames", &frames.to_string()])
@@ -13,23 +13,15 @@ fn stages(workshop: &Workshop, name: &str) -> Vec<u64> {
     config.stages.iter().map(|stage| stage.frames).collect()
 }
 
-fn json(workshop: &Workshop, arguments: &[&str]) -> Value {
-    complete(workshop.orchestrator(arguments)).json()
-}
-
-fn refused(printed: &Printed, expected: &str) {
-    assert!(!printed.success && printed.stderr.contains(expected), "expected `{expected}` in {printed:#?}");
-}
-
 #[test]
 fn a_complete_run_trains_on_to_a_larger_budget() {
     let workshop = Workshop::new();
     let short = complete(workshop.up("run", 1, 3, 2000)).result();
     assert_eq!(stages(&workshop, "run"), [1181, 819]);
 
-    refused(&complete(resume_to(&workshop, "run", 1999)), "the run has trained 2000 frames already");
+    complete(resume_to(&workshop, "run", 1999)).refused("the run has trained 2000 frames already");
     assert_eq!(complete(resume_to(&workshop, "run", 2000)).result(), short, "it has that budget");
-    assert_eq!(json(&workshop, &["status", "run", "--json"])["state"], "complete");
+    assert_eq!(workshop.call(&["status", "run", "--json"]).json()["state"], "complete");
 
     let printed = complete(resume_to(&workshop, "run", 3100));
     let (weights, frames) = printed.result();
@@ -43,12 +35,12 @@ fn a_complete_run_trains_on_to_a_larger_budget() {
     assert!(rollouts.iter().copied().eq(0..rollouts.len() as u64), "one run without a gap: {rollouts:?}");
     assert_eq!(run.metrics().values().next_back().expect("a rollout")["frames"], 3100);
     run.assert_nothing_left();
-    assert!(complete(workshop.orchestrator(&["replay", "--check", "run"])).success);
+    assert!(workshop.call(&["replay", "--check", "run"]).success);
 
     // Both starts count, and what is said of them survives.
     let summary = workshop.json("run/summary.json");
     assert_eq!((&summary["complete"], &summary["budget"]), (&Value::Bool(true), &Value::from(3100)));
-    let status = json(&workshop, &["status", "run", "--json"]);
+    let status = workshop.call(&["status", "run", "--json"]).json();
     for wall in [&summary["wall"], &status["wall"]] {
         let [all, last] = ["all_starts_s", "last_start_s"].map(|key| wall[key].as_f64().expect("seconds"));
         assert!(last > 0.0 && all > last, "{wall}");

@@ -1,7 +1,6 @@
 //! A file of a run that something damaged is named, with what to do; and that works.
 
 use std::path::Path;
-use std::process::{Command, Stdio};
 use system_tests::{Printed, Workshop, binary, complete};
 
 /// Refused with one error that names the file; the command in it, if it has one.
@@ -22,10 +21,8 @@ fn cut(file: &Path) {
 
 /// As a person pastes it.
 fn pasted(workshop: &Workshop, line: &str) -> Printed {
-    let mut shell = Command::new("sh");
-    shell.args(["-c", line]).current_dir(workshop.path(""));
-    shell.env_remove("STILLROOM_LOG").env_remove("STILLROOM_FAULT");
-    shell.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut shell = workshop.program("sh");
+    shell.args(["-c", line]);
     complete(shell)
 }
 
@@ -49,7 +46,7 @@ fn a_run_is_given_its_configuration_again() {
         },
     ] {
         damage(&config);
-        let printed = complete(workshop.orchestrator(&["status", "my run"]));
+        let printed = workshop.call(&["status", "my run"]);
         let line = printed.stderr.split('`').nth_back(1).unwrap_or_else(|| panic!("a command: {printed:#?}"));
         assert!(!printed.success && line.starts_with("orchestrator config --of "), "{printed:#?}");
         assert!(pasted(&workshop, &with_program(line)).success, "{line}");
@@ -65,7 +62,7 @@ fn a_run_is_given_its_configuration_again() {
     for manifest in &manifests {
         cut(manifest);
     }
-    let printed = complete(workshop.orchestrator(&["status", "my run"]));
+    let printed = workshop.call(&["status", "my run"]);
     let line = printed.stderr.split('`').nth_back(1).unwrap_or_else(|| panic!("a command: {printed:#?}"));
     let printed = pasted(&workshop, &with_program(line));
     assert!(!printed.success && printed.stderr.starts_with("error: "), "{printed:#?}");
@@ -81,22 +78,22 @@ fn what_is_said_of_a_damaged_file_helps() {
 
     let summary = folder.summary();
     cut(&summary);
-    refused(&complete(workshop.orchestrator(&["status", "my run"])), &summary, "delete it");
+    refused(&workshop.call(&["status", "my run"]), &summary, "delete it");
     let printed = complete(workshop.resume("my run"));
     let line = refused(&printed, &summary, "writes it anew").expect("a command");
     std::fs::remove_file(&summary).expect("a damaged file to delete");
     assert_eq!(pasted(&workshop, line).result(), result, "{line}");
-    assert!(complete(workshop.orchestrator(&["status", "my run"])).success);
+    assert!(workshop.call(&["status", "my run"]).success);
 
     // There is a second recording now, of that start. Not a word of it can be read, the first is compared all the same.
     let recordings = workshop.run("my run").recordings();
     assert_eq!(recordings.len(), 2);
     std::fs::write(&recordings[1], [0; 5000]).expect("a writable file");
-    let replay = complete(workshop.orchestrator(&["replay", "--check", "my run"]));
+    let replay = workshop.call(&["replay", "--check", "my run"]);
     assert_eq!(replay.status, Some(6), "{replay:#?}");
     assert!(replay.stderr.contains("does not begin with MCAP's magic bytes): it is passed over"), "{replay:#?}");
     std::fs::write(&recordings[0], [0; 5000]).expect("a writable file");
-    let neither = complete(workshop.orchestrator(&["replay", "--check", "my run"]));
+    let neither = workshop.call(&["replay", "--check", "my run"]);
     assert!(neither.status == Some(1) && neither.stderr.contains("is not an MCAP recording"), "{neither:#?}");
 
     // Two checkpoints are kept: where the newest is damaged, everybody takes the one before.
@@ -110,14 +107,14 @@ fn what_is_said_of_a_damaged_file_helps() {
     let whole = std::fs::read(newest).expect("a checkpoint");
     cut(newest);
     let out = workshop.path("policy.onnx").display().to_string();
-    let export = complete(workshop.orchestrator(&["export", "my run", "--out", &out]));
+    let export = workshop.call(&["export", "my run", "--out", &out]);
     let name = |path: &Path| path.file_stem().and_then(|name| name.to_str()).expect("text").to_owned();
     assert!(export.success && export.stderr.contains(&format!("{}.json is taken", name(before))), "{export:#?}");
     std::fs::write(newest, whole).expect("a writable file");
 
     let evaluate = ["eval", "my run", "--split", "valid", "--objects", "novel", "--episodes", "6"];
-    let evaluated = || assert!(complete(workshop.orchestrator(&evaluate)).success);
-    let report = || complete(workshop.orchestrator(&["report", "my run"]));
+    let evaluated = || assert!(workshop.call(&evaluate).success);
+    let report = || workshop.call(&["report", "my run"]);
     evaluated();
     let evaluations = folder.root().join("evaluations");
     let [evaluation] = &std::fs::read_dir(&evaluations).expect("evaluations").collect::<Vec<_>>()[..] else {
@@ -145,6 +142,6 @@ fn what_is_said_of_a_damaged_file_helps() {
     let evaluation =
         std::fs::read_dir(&evaluations).expect("evaluations").next().expect("one").expect("readable").path();
     cut(&evaluation.join("run.toml"));
-    let printed = complete(workshop.orchestrator(&["status", &evaluation.display().to_string()]));
+    let printed = workshop.call(&["status", &evaluation.display().to_string()]);
     assert_eq!(refused(&printed, &evaluation.join("run.toml"), "delete its folder, and evaluate again"), None);
 }

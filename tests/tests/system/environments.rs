@@ -135,8 +135,7 @@ fn a_kitchen_that_python_serves_ends_in_the_weights_of_built_in_actors_killed_or
     workshop.run("killed").assert_nothing_left();
     for run in ["served", "killed"] {
         place.assert_replays(run);
-        let drawn = place.orchestrator(&["replay", run]);
-        assert!(!drawn.success && drawn.stderr.contains("films need 'rgb_array'"), "{drawn:#?}");
+        place.orchestrator(&["replay", run]).refused("films need 'rgb_array'");
     }
 }
 
@@ -153,8 +152,7 @@ fn an_evaluation_is_the_same_by_any_number_of_workers_and_kills() {
         let arguments = [&["eval", "run", "--episodes", "9", "--json", "--out", out], more].concat();
         let mut command = place.user(workshop.orchestrator(&arguments));
         command.envs(fault.map(|fault| ("STILLROOM_FAULT", fault)));
-        let printed = complete(command);
-        assert!(printed.success, "{printed:#?}");
+        let printed = complete(command).good();
         (table(out), printed.json())
     };
     let (undisturbed, result) = eval("one", &["--actors", "1", "--environments", "1"], None);
@@ -217,11 +215,9 @@ fn an_environment_is_restored_as_it_declares() {
     assert!(!killed.deaths().is_empty() && killed.stderr.contains("same in distribution only"), "{killed:#?}");
     assert_eq!(killed.result().1, 1200);
     workshop.run("none").assert_nothing_left();
-    let refused = place.orchestrator(&["replay", "none", "--check"]);
-    assert!(!refused.success && refused.stderr.contains("cannot be restored"), "{refused:#?}");
+    place.orchestrator(&["replay", "none", "--check"]).refused("cannot be restored");
     for class in ["Forgetful", "Claiming"] {
-        let refused = complete(place.of_numbers("refused", &own(class), &[]));
-        assert!(!refused.success && refused.stderr.contains("it does not repeat itself"), "{refused:#?}");
+        complete(place.of_numbers("refused", &own(class), &[])).refused("it does not repeat itself");
     }
 }
 
@@ -428,8 +424,7 @@ fn a_run_of_somebody_elses_starts_no_command_before_it_is_allowed() {
     let workshop = &place.workshop;
     let child = start(place.kitchen("run"));
     workshop.run("run").wait_for_rollouts(1);
-    let stopped = place.orchestrator(&["stop", "run"]);
-    assert!(stopped.success, "{stopped:#?}");
+    place.orchestrator(&["stop", "run"]).good();
     assert!(finish(child).success);
     let other = |arguments: &[&str]| {
         let mut command = workshop.orchestrator(arguments);

@@ -20,10 +20,6 @@ fn eval_fresh(workshop: &Workshop, out: &str, further: &[&str]) -> Command {
     command
 }
 
-fn good(printed: &Printed) {
-    assert!(printed.success, "{printed:#?}");
-}
-
 fn table(workshop: &Workshop, out: &str) -> String {
     let path: PathBuf = workshop.path(out).join("episodes.csv");
     std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
@@ -36,28 +32,26 @@ fn result(workshop: &Workshop, out: &str) -> serde_json::Value {
 #[test]
 fn the_same_table_by_more_actors_and_with_processes_killed() {
     let workshop = Workshop::new();
-    good(&complete(eval_fresh(&workshop, "first", &[])));
+    complete(eval_fresh(&workshop, "first", &[])).good();
     let undisturbed = table(&workshop, "first");
     assert_eq!(undisturbed.lines().count(), 1 + 5 * 12, "{undisturbed}");
     let records = read_table(Config::default().spec(), &undisturbed).unwrap();
     assert!(records.iter().all(|record| (1..=24).contains(&record.length)));
 
-    good(&complete(eval_fresh(&workshop, "again", &["--actors", "10"])));
+    complete(eval_fresh(&workshop, "again", &["--actors", "10"])).good();
     assert_eq!(table(&workshop, "again"), undisturbed);
 
     // Every actor dies once.
     let mut command = eval_fresh(&workshop, "actors", &[]);
     command.env("STILLROOM_FAULT", "actor.before_send:31");
-    let printed = complete(command);
-    good(&printed);
+    let printed = complete(command).good();
     assert!(printed.stderr.contains("actor-00 (kitchen 2) died"), "{printed:#?}");
     assert_eq!(table(&workshop, "actors"), undisturbed);
 
     // The learner dies once, in the middle, and begins again.
     let mut command = eval_fresh(&workshop, "learner", &[]);
     command.env("STILLROOM_FAULT", "learner.mid_evaluation:40");
-    let printed = complete(command);
-    good(&printed);
+    let printed = complete(command).good();
     assert!(printed.stderr.contains("it begins again"), "{printed:#?}");
     assert_eq!(table(&workshop, "learner"), undisturbed);
     for out in ["first", "actors", "learner"] {
@@ -65,15 +59,14 @@ fn the_same_table_by_more_actors_and_with_processes_killed() {
     }
 
     // Another seed is another table; the most probable action does not depend on the seed's noise.
-    good(&complete(eval_fresh(&workshop, "argmax", &["--deterministic"])));
+    complete(eval_fresh(&workshop, "argmax", &["--deterministic"])).good();
     assert_ne!(table(&workshop, "argmax"), undisturbed);
 }
 
 #[test]
 fn figures_are_those_of_the_table() {
     let workshop = Workshop::new();
-    let printed = complete(eval_fresh(&workshop, "out", &["--record", "all"]));
-    good(&printed);
+    let printed = complete(eval_fresh(&workshop, "out", &["--record", "all"])).good();
     let spec = Config::default().spec();
     let records = read_table(spec, &table(&workshop, "out")).unwrap();
     let result = result(&workshop, "out");
@@ -109,10 +102,9 @@ fn figures_are_those_of_the_table() {
     let film = |episode: &str| {
         let chosen = ["--kitchen", &kitchen, "--episode", episode];
         let drawn = ["--images", "films", "--format", "apng", "--side", "64"];
-        complete(workshop.orchestrator(&[&["replay", "out"][..], &chosen, &drawn].concat()))
+        workshop.call(&[&["replay", "out"][..], &chosen, &drawn].concat())
     };
-    let filmed = film(&episode);
-    good(&filmed);
+    let filmed = film(&episode).good();
     assert!(filmed.stdout.contains(&format!("episodes: 1\nstates compared: {}", record.length + 1)), "{filmed:#?}");
     let films: Vec<_> =
         std::fs::read_dir(workshop.path("films")).unwrap().map(|file| file.unwrap().file_name()).collect();
@@ -127,18 +119,16 @@ fn figures_are_those_of_the_table() {
     let name = format!("kitchen-{:02}-episode-{:03}-{category}-{outcome}.png", record.kitchen.number(), record.episode);
     assert_eq!(films, [std::ffi::OsString::from(name)]);
     let last = records.iter().map(|record| record.episode).max().unwrap();
-    let refused = film(&format!("{episode},{}", last + 1));
-    assert!(!refused.success && refused.stderr.contains(&format!("the last is {last}")), "{refused:#?}");
+    film(&format!("{episode},{}", last + 1)).refused(&format!("the last is {last}"));
 
     // Whoever chooses none gets the newest, of the kind that is asked for.
     let newest = |further: &[&str]| {
         let drawn = ["replay", "out", "--newest", "2", "--images", "newest", "--format", "apng", "--side", "64"];
-        complete(workshop.orchestrator(&[&drawn[..], further].concat()))
+        workshop.call(&[&drawn[..], further].concat())
     };
-    good(&newest(&[]));
+    newest(&[]).good();
     assert_eq!(std::fs::read_dir(workshop.path("newest")).unwrap().count(), 2);
-    let failures = newest(&["--only", "failure"]);
-    good(&failures);
+    let failures = newest(&["--only", "failure"]).good();
     assert!(failures.stdout.contains("episodes: 2\n") && failures.stdout.contains("differences: 0"), "{failures:#?}");
 }
 
@@ -193,8 +183,7 @@ fn a_run_in_scenes_of_its_own_is_evaluated_there() {
     // Of its own copies: simulated again, every state is the same.
     workshop.assert_replays("there");
 
-    let report = complete(workshop.orchestrator(&["report", "run", "there", "--out", "report"]));
-    good(&report);
+    let report = workshop.call(&["report", "run", "there", "--out", "report"]).good();
     assert!(report.stderr.contains("Figures of drawn episodes near their targets"), "{report:#?}");
     let numbers = workshop.json("report/report.json");
     assert_eq!(numbers["groups"][0]["results"][0]["field"], "scenes-seen");
@@ -202,7 +191,7 @@ fn a_run_in_scenes_of_its_own_is_evaluated_there() {
     let (elsewhere, _) = eval(&["--out", "elsewhere", "--split", "test"]);
     assert_eq!(elsewhere["kitchens"].as_array().map(Vec::len), Some(5));
     assert!(!workshop.path("elsewhere/scenes").exists());
-    let none = complete(workshop.orchestrator(&["eval", "run", "--objects", "novel"]));
+    let none = workshop.call(&["eval", "run", "--objects", "novel"]);
     assert!(!none.success && none.stderr.contains("no targets that are novel (they have: Apple"), "{none:#?}");
 }
 
@@ -241,7 +230,7 @@ fn validation_keeps_the_best_and_changes_nothing() {
     let run = workshop.run("run");
     assert_eq!(run.recorded()["/evaluation"], lines.len() as u64);
     run.assert_nothing_left();
-    good(&complete(workshop.orchestrator(&["eval", "run/best", "--episodes", "1", "--out", "of-best"])));
+    workshop.call(&["eval", "run/best", "--episodes", "1", "--out", "of-best"]).good();
     assert_eq!(result(&workshop, "of-best")["subject"]["frames"], lines.last().unwrap()["frames"]);
 }
 
@@ -256,7 +245,7 @@ fn a_stop_while_the_last_validation_is_waited_for_leaves_it_to_resume() {
         assert!(begun.elapsed() < DEADLINE && child.try_wait().unwrap().is_none(), "the last validation is waited for");
         std::thread::sleep(Duration::from_millis(5));
     }
-    let stopped = complete(workshop.orchestrator(&["stop", "run"]));
+    let stopped = workshop.call(&["stop", "run"]);
     assert!(stopped.stdout.contains(" stopped"), "{stopped:#?}");
     let printed = finish(child);
     let (_, frames) = printed.result();
@@ -276,14 +265,11 @@ fn an_evaluation_is_not_gone_on_with() {
     let mut command = eval_fresh(&workshop, "out", &[]);
     command.env("STILLROOM_FAULT", "orchestrator.after_wire");
     assert!(complete(command).killed);
-    let status = complete(workshop.orchestrator(&["status", "out"]));
-    good(&status);
+    let status = workshop.call(&["status", "out"]).good();
     assert!(status.stdout.contains("cut off") && !status.stdout.contains("go on with"), "{status:#?}");
-    let resumed = complete(workshop.resume("out"));
-    assert!(!resumed.success && resumed.stderr.contains("`orchestrator eval`"), "{resumed:#?}");
+    complete(workshop.resume("out")).refused("`orchestrator eval`");
     assert!(!workshop.path("out/checkpoints").exists());
-    let again = complete(eval_fresh(&workshop, "out", &[]));
-    assert!(!again.success && again.stderr.contains("it holds an evaluation"), "{again:#?}");
+    complete(eval_fresh(&workshop, "out", &[])).refused("it holds an evaluation");
 }
 
 #[test]
@@ -307,7 +293,6 @@ fn a_run_begins_with_anothers_weights() {
     let mut other = workshop.up("three", 1, 2, 20);
     workshop.configure(("hidden = 32", "hidden = 48"), "");
     other.args(["--from", "one"]);
-    let printed = complete(other);
-    assert!(!printed.success && printed.stderr.contains("network.hidden is 48, there 32"), "{printed:#?}");
+    complete(other).refused("network.hidden is 48, there 32");
     assert!(!workshop.path("three").exists(), "nothing is left of a run that never began");
 }

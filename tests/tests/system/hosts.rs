@@ -153,7 +153,7 @@ fn two_hosts_train_as_one_and_their_recordings_together_are_the_run() {
     let here = hosts.other().recordings();
     assert!(here.iter().all(|path| path.starts_with(run.folder.host(1).root())), "{here:?}");
     hosts.workshop.assert_replays("shared");
-    let status = complete(hosts.workshop.orchestrator(&["status", "shared"]));
+    let status = hosts.workshop.call(&["status", "shared"]);
     assert!(status.stdout.contains("recordings: 2 files"), "{status:#?}");
     assert!(run.folder.host(1).log("learner-1").exists() && !run.folder.log("learner-1").exists());
     hosts.assert_nothing_left();
@@ -224,7 +224,7 @@ fn a_stranger_who_knocks_writes_no_log() {
     let first = finish(first);
     assert_eq!((&first.result(), second.success), (on_one_host(), true), "{second:#?}");
     drop(mute);
-    let log = std::fs::read_to_string(hosts.run().folder.logs().join("orchestrator.log")).expect("a log");
+    let log = hosts.run().log("orchestrator");
     for text in [&log, &first.stderr] {
         let lines: Vec<_> = text.lines().filter(|line| line.contains("refused") || line.contains("prove")).collect();
         assert!(knocks == 300 && (2..10).contains(&lines.len()), "{knocks} knocks: {lines:#?}");
@@ -296,7 +296,7 @@ fn strangers_stay_outside_and_whoever_does_not_come_is_named() {
     stranger.args(&arguments[..at]).arg("20").args(&arguments[at + 1..]);
     let refused = complete(stranger);
     assert_eq!(refused.status, Some(1), "{refused:#?}");
-    assert!(refused.stderr.contains("does not have this run's token"), "{refused:#?}");
+    refused.refused("does not have this run's token");
     signal(child.id(), Signal::TERM);
     let printed = finish(child);
     assert!(
@@ -304,22 +304,11 @@ fn strangers_stay_outside_and_whoever_does_not_come_is_named() {
         "{printed:#?}"
     );
 
-    let short = |mut command: Command| {
-        command.args(["--learners", "1"]);
-        complete(command)
-    };
-    let refused = short(hosts.workshop.orchestrator(&[
-        "up",
-        "--hosts",
-        "2",
-        "--host-rank",
-        "0",
-        "--rendezvous",
-        "127.0.0.1:1",
-        "--run",
-        "x",
-    ]));
-    assert!(refused.stderr.contains("2 hosts (the command line) cannot share 1 learner"), "{refused:#?}");
-    let refused = short(hosts.workshop.orchestrator(&["up", "--hosts", "2", "--host-rank", "1"]));
-    assert!(refused.stderr.contains("--rendezvous is missing"), "{refused:#?}");
+    for (words, why) in [
+        ("--host-rank 0 --rendezvous 127.0.0.1:1 --run x", "2 hosts (the command line) cannot share 1 learner"),
+        ("--host-rank 1", "--rendezvous is missing"),
+    ] {
+        let words: Vec<&str> = "up --hosts 2 --learners 1".split(' ').chain(words.split(' ')).collect();
+        hosts.workshop.call(&words).refused(why);
+    }
 }

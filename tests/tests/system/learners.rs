@@ -24,7 +24,7 @@ fn a_straggler_is_preempted_and_stages_end_on_their_budget() {
     // Actor 3 is the last learner's. It stands still, longer each time, until the others have finished a rollout
     // meanwhile and its learner, which is in the middle of that, notices. (On a busy machine the first learner may be
     // slower by itself: it has two actors.)
-    let log = || std::fs::read_to_string(run.folder.log("learner-2")).unwrap();
+    let log = || run.log("learner-2");
     let mut still = Duration::from_secs(1);
     while !log().contains("steps: the others wait") {
         let Some(&actor) = run.processes("--actor 3 ").first() else {

@@ -1,27 +1,21 @@
 //! `learner bench` and `learner exchange`.
 
 use serde_json::Value;
-use std::process::{Command, Stdio};
-use system_tests::{Workshop, binary, complete};
+use system_tests::{Printed, Workshop, binary, complete};
+
+/// `learner ARGS` on a CPU, complete.
+fn learner(what: &str, arguments: &[&str]) -> Printed {
+    let workshop = Workshop::new();
+    let mut command = workshop.program(binary("learner"));
+    command.args([what, "--device", "cpu"]).args(arguments);
+    complete(command)
+}
 
 #[test]
 fn the_learner_measures_itself() {
-    let workshop = Workshop::new();
-    let mut command = Command::new(binary("learner"));
-    command.current_dir(workshop.path("")).args([
-        "bench",
-        "--preset",
-        "demo",
-        "--config",
-        "tiny.toml",
-        "--device",
-        "cpu",
-    ]);
-    command.args(["--set", "actors.count=2", "--set", "actors.environments_per_actor=2", "--set", "machine.pin=true"]);
-    command.args(["--batches", "3", "--steps", "4", "--rollout-frames", "16", "--seconds", "0.01"]);
-    command.args(["--json"]).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-    let printed = complete(command);
-    let report = printed.json();
+    let task = "--preset demo --config tiny.toml --set actors.count=2 --set actors.environments_per_actor=2";
+    let sizes = "--set machine.pin=true --batches 3 --steps 4 --rollout-frames 16 --seconds 0.01 --json";
+    let report = learner("bench", &[task, sizes].join(" ").split(' ').collect::<Vec<_>>()).json();
     let positive = |value: &Value| assert!(value.as_f64().is_some_and(|value| value > 0.0), "{report:#}");
     let inference = &report["inference"][0];
     assert_eq!(inference["batch"], 3);
@@ -36,32 +30,21 @@ fn the_learner_measures_itself() {
 /// Before anything is measured.
 #[test]
 fn a_profiler_is_shown_nothing_of_a_cpu() {
-    let workshop = Workshop::new();
-    let mut command = Command::new(binary("learner"));
-    command.current_dir(workshop.path("")).args(["bench", "--device", "cpu", "--mark", "update"]);
-    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-    let printed = complete(command);
-    assert!(!printed.success && printed.stdout.is_empty(), "{printed:#?}");
-    assert!(printed.stderr.contains("--mark shows a profiler what a GPU does, and this is a CPU"), "{printed:#?}");
+    let printed = learner("bench", &["--mark", "update"]);
+    assert!(printed.stdout.is_empty(), "{printed:#?}");
+    printed.refused("--mark shows a profiler what a GPU does, and this is a CPU");
 }
 
 #[test]
 fn learners_measure_their_exchange() {
-    let workshop = Workshop::new();
-    let exchange = |arguments: &[&str]| {
-        let mut command = Command::new(binary("learner"));
-        command.current_dir(workshop.path("")).arg("exchange").args(["--device", "cpu"]).args(arguments);
-        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        complete(command)
-    };
-    let printed = exchange(&["--learners", "3", "--weights", "1000", "--pieces", "1,7", "--sums", "4", "--json"]);
-    let report = printed.json();
+    let exchange = |arguments: &[&str]| learner("exchange", arguments);
+    let report = exchange(&["--learners", "3", "--weights", "1000", "--pieces", "1,7", "--sums", "4", "--json"]).json();
     assert_eq!([&report["learners"], &report["bytes"], &report["sums"][1]["pieces"]], [3, 4000, 7]);
     for sums in report["sums"].as_array().expect("a list") {
         let [p50, p99, rate] = ["p50_s", "p99_s", "bus_bytes_per_s"].map(|figure| sums[figure].as_f64().unwrap_or(0.0));
         assert!(0.0 < p50 && p50 <= p99, "{report:#}");
         assert!((rate * p50 - 2.0 * 2.0 / 3.0 * 4000.0).abs() < 1e-6, "{report:#}");
     }
-    let refused = exchange(&["--rank", "2", "--meet", "127.0.0.1:1", "--address", "127.0.0.1"]);
-    assert!(!refused.success && refused.stderr.contains("2 learners have ranks 0 to 1"), "{refused:#?}");
+    exchange(&["--rank", "2", "--meet", "127.0.0.1:1", "--address", "127.0.0.1"])
+        .refused("2 learners have ranks 0 to 1");
 }

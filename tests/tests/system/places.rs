@@ -6,9 +6,8 @@ use rustix::process::Signal;
 use serde_json::Value;
 use std::ffi::OsStr;
 use std::os::unix::ffi::OsStrExt;
-use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::time::{Duration, Instant};
 use system_tests::{Printed, Undisturbed, Workshop, binary, complete, finish, signal, start, tell, wait_until};
 
@@ -107,13 +106,12 @@ fn a_run_on_a_disk_without_links_is_gone_on_with_and_has_its_best() {
     complete(there(workshop.resume("run"))).result();
     run.assert_same(&undisturbed, "without links");
     assert!(run.folder.best().is_file() && !run.folder.best().is_symlink());
-    let log = std::fs::read_to_string(run.folder.log("orchestrator")).unwrap();
+    let log = run.log("orchestrator");
     assert!(!log.contains(" WARN ") && !log.contains("ERROR"), "{log}");
     for command in
         [&["eval", "run/best", "--episodes", "1", "--out", "evaluated"][..], &["export", "run/best", "--out", "a.onnx"]]
     {
-        let printed = complete(there(workshop.orchestrator(command)));
-        assert!(printed.success, "{printed:#?}");
+        complete(there(workshop.orchestrator(command))).good();
     }
     run.assert_nothing_left();
 }
@@ -136,8 +134,7 @@ fn a_disk_without_locks_is_refused_and_what_is_on_it_is_shown() {
     );
     assert!(!workshop.path("new").exists());
     for command in [&["status", "run"][..], &["replay", "run", "--check"]] {
-        let printed = there(command);
-        assert!(printed.success, "{printed:#?}");
+        there(command).good();
     }
 }
 
@@ -240,11 +237,10 @@ fn a_temporary_folder_is_used_or_refused_in_the_words_of_the_doctor() {
 fn a_dev_shm_that_cannot_be_written_is_refused_in_the_words_of_the_doctor() {
     let workshop = Workshop::new();
     let contained = |options: &str, inner: &Command| {
-        let mut command = Command::new("unshare");
+        let mut command = workshop.program("unshare");
         command.args(["--user", "--map-root-user", "--mount", "sh", "-c"]);
         command.arg(format!("mount -t tmpfs -o {options} tmpfs /dev/shm && exec \"$0\" \"$@\""));
-        command.arg(inner.get_program()).args(inner.get_args()).current_dir(workshop.path(""));
-        command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        command.arg(inner.get_program()).args(inner.get_args());
         complete(command)
     };
     let doctor = contained("ro", &workshop.orchestrator(&["doctor", "--preset", "demo", "--actors", "1"]));
@@ -254,8 +250,7 @@ fn a_dev_shm_that_cannot_be_written_is_refused_in_the_words_of_the_doctor() {
     }
     same_sentence(&doctor, &contained("ro", &workshop.up("new", 1, 1, 100)), "/dev/shm cannot be used");
     // Docker's.
-    let small = contained("size=4m", &workshop.up("new", 4, 16, 1_000));
-    assert!(!small.success && small.stderr.contains("/dev/shm is too small"), "{small:#?}");
+    contained("size=4m", &workshop.up("new", 4, 16, 1_000)).refused("/dev/shm is too small");
 }
 
 /// `stop` said that it had asked a process, which was another's number, and waited for an hour.
@@ -263,9 +258,8 @@ fn a_dev_shm_that_cannot_be_written_is_refused_in_the_words_of_the_doctor() {
 fn a_run_in_another_pid_namespace_is_not_asked_and_that_is_said_at_once() {
     let workshop = Workshop::new();
     let up = workshop.up("run", 1, 2, 100_000);
-    let mut command = Command::new("unshare");
+    let mut command = workshop.program("unshare");
     command.args(["--pid", "--fork", "--kill-child", "--mount-proc"]).arg(up.get_program()).args(up.get_args());
-    command.current_dir(workshop.path("")).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child = start(command);
     let run = workshop.run("run");
     wait_until("it trains, or cannot be started", || run.metrics().len() > 1 || child.try_wait().unwrap().is_some());
@@ -274,18 +268,18 @@ fn a_run_in_another_pid_namespace_is_not_asked_and_that_is_said_at_once() {
         return;
     }
     let began = Instant::now();
-    let stop = complete(workshop.orchestrator(&["stop", "run"]));
+    let stop = workshop.call(&["stop", "run"]);
     assert!(began.elapsed() < Duration::from_secs(20) && !stop.success, "{stop:#?}");
     for words in ["nobody was asked: ", "in another container or PID namespace", "docker exec"] {
         assert!(stop.stderr.contains(words) && !stop.stderr.contains("asked pid"), "{words}: {stop:#?}");
     }
-    let status = complete(workshop.orchestrator(&["status", "run"]));
+    let status = workshop.call(&["status", "run"]);
     assert!(status.stdout.contains(" running (pid 1 on ") && status.stdout.contains("PID namespace)"), "{status:#?}");
     assert!(complete(workshop.resume("run")).stderr.contains("is already in use"));
     let orchestrator = *run.processes("up --preset").last().expect("it runs");
     signal(orchestrator, rustix::process::Signal::TERM);
     finish(child);
-    assert!(complete(workshop.orchestrator(&["stop", "run"])).stderr.contains("does not run"));
+    assert!(workshop.call(&["stop", "run"]).stderr.contains("does not run"));
     run.assert_nothing_left();
 }
 
@@ -315,15 +309,13 @@ fn beside(workshop: &Workshop, other: &str, script: &str) -> PathBuf {
         }
     }
     let text = format!("#!/bin/sh\n{}\n", script.replace("REAL", &binary(other).display().to_string()));
-    std::fs::write(folder.join(other), text).expect("a script");
-    std::fs::set_permissions(folder.join(other), std::fs::Permissions::from_mode(0o755)).expect("a mode");
+    workshop.script(&format!("with-{other}/{other}"), &text);
     folder.join("orchestrator")
 }
 
 fn run_of(workshop: &Workshop, orchestrator: &Path, arguments: &[&str]) -> Printed {
-    let mut command = Command::new(orchestrator);
-    command.args(arguments).current_dir(workshop.path("")).env_remove("STILLROOM_LOG").env_remove("STILLROOM_FAULT");
-    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut command = workshop.program(orchestrator);
+    command.args(arguments);
     complete(command)
 }
 
@@ -355,8 +347,7 @@ fn an_actor_that_is_killed_while_it_works_for_a_command_is_named_with_the_signal
         (&["replay", "--check", "run"], "replay"),
         (&["export", "run", "--format", "npz", "--out", "arrays"], "dataset"),
     ] {
-        let printed = run_of(&workshop, &orchestrator, command);
         let said = format!("`actor {name}` was killed by signal 9 (SIGKILL)");
-        assert!(!printed.success && printed.stderr.contains(&said), "{said}: {printed:#?}");
+        run_of(&workshop, &orchestrator, command).refused(&said);
     }
 }

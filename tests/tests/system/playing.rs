@@ -4,7 +4,7 @@
 use rustix::process::Signal;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
-use system_tests::{Browser, Viewer, Workshop, complete, wait_until};
+use system_tests::{Browser, Viewer, Workshop, complete, wait_for, wait_until};
 
 const FILE: &str = "small.safetensors";
 const FRAMES: u64 = 200;
@@ -14,7 +14,7 @@ fn with_policy() -> Workshop {
     let workshop = Workshop::new();
     complete(workshop.up("runs/small", 2, 2, FRAMES)).result();
     let export = ["export", "runs/small", "--format", "safetensors", "--half", "--out", FILE];
-    let exported = complete(workshop.orchestrator(&export));
+    let exported = workshop.call(&export);
     assert!(exported.success && exported.stdout.contains("after 200 frames"), "{exported:?}");
     std::fs::remove_dir_all(workshop.path("runs")).expect("a run of ours");
     workshop
@@ -42,22 +42,19 @@ fn processes_in(folder: &Path) -> usize {
 
 /// The newest evaluation, once its environment has a step; and that step's episode.
 fn watched(viewer: &Viewer, place: &str) -> (String, String) {
-    let mut found = None;
-    wait_until("the policy plays", || {
+    wait_for("the policy plays", || {
         let run = viewer.json("/api/runs")[0]["id"].as_str().map(str::to_owned);
         let key = run.as_ref().map(|run| viewer.get(&format!("/api/runs/{run}/newest/{place}")));
         let key = key.filter(|answer| answer.status == 200).and_then(|key| key.json().as_str().map(str::to_owned));
-        found = run.zip(key);
-        found.is_some()
-    });
-    found.expect("waited for")
+        run.zip(key)
+    })
 }
 
 #[test]
 fn a_policy_file_is_evaluated_without_its_run() {
     let workshop = with_policy();
     let eval = ["eval", FILE, "--split", "test", "--episodes", "1", "--json", "--out", "result"];
-    let printed = complete(workshop.orchestrator(&eval));
+    let printed = workshop.call(&eval);
     let result = printed.json();
     let subject = &result["subject"];
     assert_eq!((&subject["run"], subject["frames"].as_u64()), (&Value::Null, Some(FRAMES)));
@@ -66,16 +63,15 @@ fn a_policy_file_is_evaluated_without_its_run() {
     assert_eq!(result["overall"]["episodes"], 5);
     // Exported again it is the same policy; as a model, too.
     for (options, name) in [(&["--half"][..], "again.safetensors"), (&[], "again.onnx")] {
-        let again = complete(workshop.orchestrator(&[&["export", FILE, "--out", name], options].concat()));
-        assert!(again.success, "{}", again.stderr);
+        workshop.call(&[&["export", FILE, "--out", name], options].concat()).good();
     }
     let bytes = |name: &str| std::fs::read(workshop.path(name)).expect("a file");
     assert_eq!(bytes("again.safetensors"), bytes(FILE));
-    let nowhere = complete(workshop.orchestrator(&["export", FILE, "--out", "nowhere/again.onnx"]));
-    assert!(!nowhere.success && nowhere.stderr.contains("there is no folder nowhere: make it first"), "{nowhere:?}");
+    workshop
+        .call(&["export", FILE, "--out", "nowhere/again.onnx"])
+        .refused("there is no folder nowhere: make it first");
     // It has weights alone: a run goes on from a checkpoint.
-    let from = complete(workshop.orchestrator(&["up", "--preset", "demo", "--config", "tiny.toml", "--from", FILE]));
-    assert!(!from.success && from.stderr.contains("orchestrator import"), "{}", from.stderr);
+    workshop.call(&["up", "--preset", "demo", "--config", "tiny.toml", "--from", FILE]).refused("orchestrator import");
 }
 
 #[test]
@@ -148,7 +144,7 @@ fn whoever_ends_a_viewer_or_its_policy_leaves_nothing_behind() {
     let folder = folder_of(&viewer);
     std::fs::remove_file(workshop.path(FILE)).expect("a file of ours");
     let printed = viewer.wait();
-    assert!(!printed.success && printed.stderr.contains("the policy does not play"), "{printed:?}");
+    printed.refused("the policy does not play");
     assert!(printed.stderr.contains("does not exist"), "{printed:?}");
     assert!(!folder.exists());
 }
@@ -171,7 +167,7 @@ fn what_is_no_policy_is_refused_before_anything_is_started() {
         (&[FILE, "--kitchen", "28"], "there is no kitchen 28"),
         (&[FILE, "--kitchen", "7", "--split", "test"], "cannot be used with"),
     ] {
-        let printed = complete(workshop.orchestrator(&[&["play", "--no-open"], options].concat()));
+        let printed = workshop.call(&[&["play", "--no-open"], options].concat());
         assert!(!printed.success && printed.stderr.contains(expected), "{options:?}: {}", printed.stderr);
     }
 }

@@ -47,7 +47,7 @@ fn killed_and_resumed_it_is_the_same_run_in_the_same_kitchens() {
     workshop.assert_replays("undisturbed");
     // One kitchen's episodes can be called for.
     let one = all.first().unwrap().to_string();
-    let replay = complete(workshop.orchestrator(&["replay", "--check", "undisturbed", "--kitchen", &one]));
+    let replay = workshop.call(&["replay", "--check", "undisturbed", "--kitchen", &one]);
     assert!(replay.success && replay.stdout.contains("differences: 0"), "{replay:#?}");
 
     // Actors die, then the orchestrator; then what was kept of one kitchen is damaged, and of another lost.
@@ -83,8 +83,7 @@ fn kitchens_never_seen_are_evaluated_alike_whoever_dies() {
         command
     };
     let table = |out: &str| std::fs::read_to_string(workshop.path(out).join("episodes.csv")).expect("a table");
-    let printed = complete(evaluate("first"));
-    assert!(printed.success, "{printed:#?}");
+    let printed = complete(evaluate("first")).good();
     assert!(printed.stderr.contains("3 procedural kitchens (5000..5003)"), "{printed:#?}");
     let records = proto::evaluation::read_table(proto::config::Config::default().spec(), &table("first")).unwrap();
     let mut kitchens: BTreeMap<u32, u32> = BTreeMap::new();

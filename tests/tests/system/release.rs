@@ -4,11 +4,7 @@
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use system_tests::{Printed, Workshop, binary, complete};
-
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize().expect("a checkout")
-}
+use system_tests::{Printed, Workshop, binary, complete, root};
 
 /// A command without what a build, or another test's machine, has in its environment.
 fn command(program: impl AsRef<std::ffi::OsStr>, folder: &Path) -> Command {
@@ -31,12 +27,8 @@ fn python(script: &str, arguments: &[&str], folder: &Path) -> Printed {
 fn packed(workshop: &Workshop) -> PathBuf {
     let out = workshop.path("dist");
     let programs = binary("orchestrator").parent().expect("a folder").display().to_string();
-    let printed = python(
-        "pack.py",
-        &["--programs", &programs, "--out", &out.display().to_string(), "--as-built"],
-        &workshop.path("."),
-    );
-    assert!(printed.success, "{}", printed.stderr);
+    let options = ["--programs", &programs, "--out", &out.display().to_string(), "--as-built"];
+    python("pack.py", &options, &workshop.path(".")).good();
     out
 }
 
@@ -46,18 +38,13 @@ fn a_program_that_needs_more_than_promised_is_named() {
     let program = binary("actor").display().to_string();
     let old = python("symbols.py", &["--glibc", "2.2", &program], &workshop.path("."));
     // Which it is depends on the machine; `memcpy` of 2.14 is in every program that was linked since.
-    assert!(
-        !old.success && old.stderr.contains("needs GLIBC_2.14 of libc.so.6, newer than GLIBC_2.2: "),
-        "{}",
-        old.stderr
-    );
+    old.refused("needs GLIBC_2.14 of libc.so.6, newer than GLIBC_2.2: ");
     assert!(old.stderr.contains("memcpy"), "{}", old.stderr);
-    let new = python("symbols.py", &["--glibc", "2.99", &program], &workshop.path("."));
-    assert!(new.success, "{}", new.stderr);
+    python("symbols.py", &["--glibc", "2.99", &program], &workshop.path(".")).good();
     // Where its libtorch lies on this machine is no business of a release.
     let learner = binary("learner").display().to_string();
-    let built = python("symbols.py", &["--glibc", "2.99", &learner], &workshop.path("."));
-    assert!(!built.success && built.stderr.contains("a folder of the machine that built it"), "{}", built.stderr);
+    python("symbols.py", &["--glibc", "2.99", &learner], &workshop.path("."))
+        .refused("a folder of the machine that built it");
 }
 
 /// A library that asks glibc for `planted`, a function of glibc 2.34, whatever glibc this machine has.
@@ -76,8 +63,7 @@ fn planted(workshop: &Workshop) -> PathBuf {
     {
         let mut compile = command("cc", &folder);
         compile.args(["-shared", "-nostdlib", "-fPIC"]).args(arguments.split(' '));
-        let printed = complete(compile);
-        assert!(printed.success, "{}", printed.stderr);
+        complete(compile).good();
     }
     folder.join("newer.so")
 }
@@ -131,8 +117,7 @@ fn a_release_takes_its_notes_from_the_changelog_and_needs_them() {
     };
     let two =
         "# Changelog\n\n## [Unreleased]\n\n## [0.2.0] - 2026-12-01\n\n- New.\n\n## [0.1.0] - 2026-11-23\n\n- Old.\n";
-    let printed = notes("0.2.0", two);
-    assert!(printed.success, "{}", printed.stderr);
+    let printed = notes("0.2.0", two).good();
     assert_eq!(printed.stdout, "## [0.2.0] - 2026-12-01\n\n- New.\n");
     for (version, text, said) in [
         ("0.3.0", two.to_owned(), "no section '## [0.3.0] - YEAR-MONTH-DAY'"),
@@ -142,8 +127,7 @@ fn a_release_takes_its_notes_from_the_changelog_and_needs_them() {
         ("0.2.0", two.replace(" - 2026-12-01", ""), "no section '## [0.2.0] - "),
         ("0.2.0", two.replace("## [Unreleased]\n", "## [Unreleased]\n\n- Newest.\n"), "lists changes as unreleased"),
     ] {
-        let printed = notes(version, &text);
-        assert!(!printed.success && printed.stderr.contains(said), "{said}: {}", printed.stderr);
+        notes(version, &text).refused(said);
     }
 
     // What packs says the same; with STRICT it is an error.
@@ -158,7 +142,7 @@ fn a_release_takes_its_notes_from_the_changelog_and_needs_them() {
     std::fs::write(&file, two.replace("0.1.0", "9.9.9").replace("0.2.0", "9.9.8")).expect("a file");
     let printed = pack("yes");
     let said = format!("not a release: CHANGELOG.md has no section '## [{version}]");
-    assert!(!printed.success && printed.stderr.contains(&said), "{}", printed.stderr);
+    printed.refused(&said);
     std::fs::write(&file, two.replace("0.2.0", version)).expect("a file");
     let printed = pack("");
     assert!(printed.success && !printed.stderr.contains("CHANGELOG.md"), "{}", printed.stderr);
@@ -262,16 +246,14 @@ fn a_wheel_proves_itself_in_a_fresh_environment() {
     std::fs::copy(&made, &wheel).expect("a copy");
     let programs = binary("orchestrator").parent().expect("a folder").display().to_string();
     let wheel = wheel.display().to_string();
-    let printed = python("wheel.py", &["--programs", &programs, &wheel], &workshop.path("."));
-    assert!(printed.success, "{}", printed.stderr);
+    python("wheel.py", &["--programs", &programs, &wheel], &workshop.path(".")).good();
 
     let environment = workshop.path("environment");
     succeed(Path::new("python3"), &["-m", "venv", &environment.display().to_string()]);
     let bin = environment.join("bin");
     // The console commands need none of what the simulator's module needs.
     succeed(&bin.join("pip"), &["install", "--no-index", "--no-deps", &wheel]);
-    let without = run(&bin.join("learner"), &["check"]);
-    assert!(!without.success && without.stderr.contains("pip install 'stillroom[train]'"), "{}", without.stderr);
+    run(&bin.join("learner"), &["check"]).refused("pip install 'stillroom[train]'");
     let without = run(&bin.join("stillroom"), &["doctor", "--preset", "demo"]);
     assert!(!without.success && without.stdout.contains("Run `pip install 'stillroom[train]'`"), "{}", without.stdout);
 
@@ -290,8 +272,7 @@ fn torch() -> PathBuf {
 fn the_bill_lists_what_is_linked_and_what_is_fetched() {
     let workshop = Workshop::new();
     let file = workshop.path("bill.json");
-    let printed = python("parts.py", &["--bill", &file.display().to_string()], &workshop.path("."));
-    assert!(printed.success, "{}", printed.stderr);
+    python("parts.py", &["--bill", &file.display().to_string()], &workshop.path(".")).good();
     let bill: Value = serde_json::from_slice(&std::fs::read(file).expect("a file")).expect("JSON");
     assert_eq!((&bill["bomFormat"], &bill["specVersion"]), (&"CycloneDX".into(), &"1.5".into()));
     let parts = bill["components"].as_array().expect("a list");

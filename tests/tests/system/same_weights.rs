@@ -37,8 +37,7 @@ fn whoever_is_killed_and_whoever_asks_it_to_stop_it_is_the_same_run() {
     let before = run.trained();
     let child = start(workshop.resume("run"));
     run.wait_for_rollouts(run.metrics().len() + 3);
-    let stop = complete(workshop.orchestrator(&["stop", "run"]));
-    assert!(stop.success, "{stop:#?}");
+    workshop.call(&["stop", "run"]).good();
     assert!(finish(child).success);
     is_amid(before);
 

@@ -121,7 +121,7 @@ fn the_number_of_actors_changes_at_a_rollout_and_nothing_is_lost_or_played_twice
         before = frames;
     }
     assert_eq!(whole, run.metrics().len() - 2, "{:#?}", run.metrics());
-    let status = complete(workshop.orchestrator(&["status", "scaled"]));
+    let status = workshop.call(&["status", "scaled"]);
     for line in [
         "from rollout 5 on (300 frames): 1 host, 1 learner, 2 actors instead of 1 host, 1 learner, 3 actors",
         "from rollout 11 on (540 frames): 1 host, 1 learner, 4 actors instead of 1 host, 1 learner, 2 actors",
@@ -155,7 +155,7 @@ fn each_of_several_who_ask_hears_its_own_answer() {
     let run = workshop.run("asked");
     let refused = |rollout: &str, answer: &str| {
         let words = ["scale", "asked", "--actors", "4", "--at-rollout", rollout];
-        let printed = complete(workshop.orchestrator(&words));
+        let printed = workshop.call(&words);
         assert!(printed.status == Some(1) && printed.stderr.contains(answer), "{printed:#?}");
     };
     let learner = run.wait_until_held(LEARNER);
@@ -178,7 +178,7 @@ fn each_of_several_who_ask_hears_its_own_answer() {
         child.try_wait().is_ok_and(|end| end.is_some())
     });
     assert_eq!(finish(child).result().1, FRAMES);
-    let status = complete(workshop.orchestrator(&["status", "asked"])).stdout;
+    let status = workshop.call(&["status", "asked"]).stdout;
     assert!(status.contains("from rollout 5 on") && !status.contains("4 actors"), "{status}");
 }
 
@@ -203,7 +203,7 @@ fn what_cannot_be_is_one_clear_error_and_the_run_goes_on() {
     let message = refused(&["--actors", "4", "--at-rollout", "1"]);
     assert!(message.contains("rollout 1 has begun already"), "{message}");
     assert!(!run.folder.scale_request().exists(), "nothing is left of it");
-    let same = complete(workshop.orchestrator(&["scale", "kept", "--actors", "3"]));
+    let same = workshop.call(&["scale", "kept", "--actors", "3"]);
     assert!(same.success && same.stderr.contains("has 3 actors already"), "{same:#?}");
     for rank in ["--rank 0 ", "--rank 1 "] {
         wait_until("both are held", || run.processes(rank).iter().any(|pid| is_held(*pid)));
@@ -216,8 +216,7 @@ fn what_cannot_be_is_one_clear_error_and_the_run_goes_on() {
     assert!(message.contains("does not run") && message.contains("resume kept --actors 4"), "{message}");
     let mut resume = workshop.resume("kept");
     resume.args(["--actors", "4"]);
-    let printed = complete(resume);
-    assert!(!printed.success && printed.stderr.contains("this run is complete"), "{printed:#?}");
+    complete(resume).refused("this run is complete");
 }
 
 #[test]
@@ -316,7 +315,7 @@ fn a_run_goes_on_with_fewer_hosts_and_with_more() {
     assert_eq!(first.result().1, hosts.frames);
     assert!(Recording::of(&run).steps() >= hosts.frames, "every step that counts is recorded");
     hosts.workshop.assert_replays("shared");
-    let status = complete(hosts.workshop.orchestrator(&["status", "shared"]));
+    let status = hosts.workshop.call(&["status", "shared"]);
     for change in ["1 host, 1 learner, 2 actors instead of 2 hosts", "2 hosts, 2 learners, 4 actors instead of 1 host"]
     {
         assert!(status.stdout.contains(change), "{status:#?}");
@@ -326,6 +325,5 @@ fn a_run_goes_on_with_fewer_hosts_and_with_more() {
     // With one host to the end.
     assert_eq!(finish(up("fewer", 0, 1)).result(), by_hand("fewer-by-hand", "2", "1"));
 
-    let refused = complete(with_its_own(&hosts, "new", 0, 1, "3"));
-    assert!(!refused.success && refused.stderr.contains("every learner has actors of its own"), "{refused:#?}");
+    complete(with_its_own(&hosts, "new", 0, 1, "3")).refused("every learner has actors of its own");
 }

@@ -46,15 +46,13 @@ fn a_run_goes_on_with_other_numbers_of_learners_as_the_same_run() {
     kill(run.processes("--rank 2 ")[0]);
     run.wait_for_rollouts(6);
     signal(child.id(), Signal::INT);
-    let printed = finish(child);
-    assert!(printed.success, "{printed:#?}");
+    let printed = finish(child).good();
     assert!(matches!(printed.deaths()[..], [death] if death.contains("learner-2 died")), "{printed:#?}");
 
     let child = start(resume(&workshop, 1));
     run.wait_for_rollouts(run.metrics().len() + 3);
     signal(child.id(), Signal::INT);
-    let printed = finish(child);
-    assert!(printed.success, "{printed:#?}");
+    let printed = finish(child).good();
     assert!(run.trained() < FRAMES, "the run was stopped in its middle");
     assert!(printed.stderr.contains("1 learner instead of 4 from here on"), "{printed:#?}");
     assert!(!printed.stderr.contains("WARN"), "nothing changes: {printed:#?}");
@@ -81,13 +79,11 @@ fn what_shards_cannot_be_is_refused() {
     ] {
         let mut command = up(&workshop, "refused", learners);
         command.args(["--set", set]);
-        let printed = complete(command);
-        assert!(!printed.success && printed.stderr.contains(expected), "{printed:#?}");
+        complete(command).refused(expected);
     }
     let child = start(up(&workshop, "running", 2));
     workshop.run("running").wait_for_rollouts(1);
-    let scaled = complete(workshop.orchestrator(&["scale", "running", "--actors", "3"]));
-    assert!(!scaled.success && scaled.stderr.contains("learner.shards = 4"), "{scaled:#?}");
+    workshop.call(&["scale", "running", "--actors", "3"]).refused("learner.shards = 4");
     signal(child.id(), Signal::INT);
     assert!(finish(child).success);
 }

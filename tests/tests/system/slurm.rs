@@ -2,8 +2,7 @@
 //! orchestrators with Slurm's variables, the highest exit status of both, a note of what is to be queued again.
 
 use rustix::process::Signal;
-use std::os::unix::fs::PermissionsExt;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command};
 use system_tests::{Printed, Run, Workshop, complete, finish, kill, signal, start};
 
 const BATCH: &str = include_str!("../../../deploy/slurm/stillroom.sbatch");
@@ -38,7 +37,7 @@ impl Cluster {
         let workshop = Workshop::new();
         std::fs::create_dir(workshop.path("bin")).expect("a writable folder");
         for (name, text) in [("bin/srun", SRUN), ("bin/scontrol", SCONTROL), ("batch", BATCH)] {
-            write_program(&workshop, name, text);
+            workshop.script(name, text);
         }
         workshop.secret("token", "0123456789abcdef0123456789abcdef\n");
         // The port is made of it: those of tests that run at the same time differ.
@@ -48,13 +47,11 @@ impl Cluster {
     /// A start of the job. `orchestrator`: what the batch file takes for it.
     fn batch(&self, orchestrator: &str) -> Command {
         let up = self.workshop.up("run", 4, 2, FRAMES);
-        let mut batch = Command::new(self.workshop.path("batch"));
-        batch.args(up.get_args().skip(1)).args(["--learners", "2"]).current_dir(self.workshop.path(""));
+        let mut batch = self.workshop.program(self.workshop.path("batch"));
+        batch.args(up.get_args().skip(1)).args(["--learners", "2"]).env_remove("STILLROOM_TOKEN_FILE");
         let path = std::env::var("PATH").unwrap_or_default();
         batch.env("PATH", format!("{}:{path}", self.workshop.path("bin").display()));
         batch.env("SLURM_JOB_ID", &self.job).env("STILLROOM_ORCHESTRATOR", orchestrator);
-        batch.env_remove("STILLROOM_LOG").env_remove("STILLROOM_FAULT").env_remove("STILLROOM_TOKEN_FILE");
-        batch.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         batch
     }
 
@@ -74,12 +71,6 @@ impl Cluster {
         let text = std::fs::read_to_string(self.workshop.path("queued")).unwrap_or_default();
         text.lines().filter(|line| **line == format!("requeue {}", self.job)).count()
     }
-}
-
-fn write_program(workshop: &Workshop, name: &str, text: &str) {
-    std::fs::write(workshop.path(name), text).expect("a writable folder");
-    let all = std::fs::Permissions::from_mode(0o755);
-    std::fs::set_permissions(workshop.path(name), all).expect("one's own file");
 }
 
 fn program() -> String {
@@ -147,8 +138,8 @@ fn a_job_that_is_preempted_is_saved_and_queued_again() {
 fn a_job_that_saves_nothing_is_not_queued_for_ever() {
     let cluster = Cluster::new();
     let ends_with = |status: i32, first: &str| {
-        write_program(&cluster.workshop, "ends", &format!("#!/bin/sh\n{first}\nexit {status}\n"));
-        let orchestrator = cluster.workshop.path("ends").display().to_string();
+        let ends = cluster.workshop.script("ends", &format!("#!/bin/sh\n{first}\nexit {status}\n"));
+        let orchestrator = ends.display().to_string();
         (complete(cluster.batch(&orchestrator)), cluster.queued())
     };
     for status in [7, 137, 1] {

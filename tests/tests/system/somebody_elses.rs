@@ -125,7 +125,7 @@ fn a_file_without_end_is_named_and_the_rest_of_the_run_is_read() {
     let bad = copy(&workshop);
     sparse(&bad.metrics());
     sparse(&bad.validation_log());
-    let status = complete(workshop.orchestrator(&["status", "runs/bad"]));
+    let status = workshop.call(&["status", "runs/bad"]);
     assert!(status.success && status.stdout.contains("300 / 300 frames"), "the checkpoint has them: {status:#?}");
     for (file, most) in [("metrics.jsonl", 256 << 20), ("validation.jsonl", 16 << 20)] {
         let sentence = format!("note: {file} is left out: it has more than the {most} bytes that are read");
@@ -160,7 +160,7 @@ fn a_run_that_cannot_be_read_is_named_and_the_others_are_shown() {
             &["report", "runs/bad", "runs/good", "runs/other", "--out", "page"],
             &["report", "runs", "--out", "page"],
         ] {
-            let printed = complete(workshop.orchestrator(command));
+            let printed = workshop.call(command);
             // No sentence about one widens the table of all.
             let widest = printed.stdout.lines().map(|line| line.chars().count()).max();
             assert!(command != ["list"] || widest < Some(120), "{}", printed.stdout);

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 use std::path::Path;
-use system_tests::{Printed, Run, TINY, Workshop, complete, finish, kill_child, signal, start, tell, wait_until};
+use system_tests::{Run, TINY, Workshop, complete, finish, kill_child, signal, start, tell, wait_until};
 
 /// Two seeds of the tiny configuration and one run more, each evaluated on 30 episodes.
 fn suite(workshop: &Workshop, frames: u64, more: &str) {
@@ -31,10 +31,6 @@ fn weights(run: &Path) -> String {
     summary["weights"].as_str().expect("a digest").to_owned()
 }
 
-fn refused(printed: &Printed, word: &str) {
-    assert!(!printed.success && printed.stderr.contains(word), "{printed:#?}");
-}
-
 fn killed_at(mut command: std::process::Command, point: &str) {
     command.env("STILLROOM_FAULT", point);
     let printed = complete(command);
@@ -57,7 +53,7 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     let child = start(call(&workshop));
     let first = run(&workshop, "tiny-5");
     first.wait_for_rollouts(4);
-    refused(&complete(call(&workshop)), "already in use");
+    complete(call(&workshop)).refused("already in use");
     kill_child(child);
     assert_eq!(state(&workshop)["runs"]["tiny-5"]["status"], "training");
     first.assert_nothing_left();
@@ -73,7 +69,7 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     // Something damages its file of states: the message says what to do, and that is right.
     let states = workshop.path("all/suite.json");
     std::fs::write(&states, "{").expect("a writable file");
-    refused(&complete(call(&workshop)), "suite.json is damaged (delete it");
+    complete(call(&workshop)).refused("suite.json is damaged (delete it");
     std::fs::remove_file(&states).expect("a damaged file to delete");
 
     // Stopped in an orderly way while the second trains: before the first is evaluated, if the processes of the killed
@@ -90,8 +86,7 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     // Killed when all is done but the last file of the report.
     killed_at(call(&workshop), "report.before_page");
     assert!(!workshop.path("all/report/report.html").exists());
-    let printed = complete(call(&workshop));
-    assert!(printed.success, "{printed:#?}");
+    complete(call(&workshop)).good();
     let done = state(&workshop);
     for name in ["tiny-5", "tiny-6", "after-5"] {
         assert_eq!(done["runs"][name]["status"], "done", "{done:#}");
@@ -123,7 +118,7 @@ fn a_run_that_fails_is_said_and_tried_again_and_holds_up_nobody() {
         tell("skipped: this machine has a CUDA device");
         return;
     }
-    refused(&printed, "gpu-5 failed: learner.device = \"cuda\"");
+    printed.refused("gpu-5 failed: learner.device = \"cuda\"");
     let after = state(&workshop);
     assert_eq!(after["runs"]["gpu-5"]["status"], "failed");
     let reason = after["runs"]["after-5"]["reason"].as_str().expect("a reason");
@@ -134,7 +129,7 @@ fn a_run_that_fails_is_said_and_tried_again_and_holds_up_nobody() {
         (&"done".into(), &"done".into())
     );
     assert!(workshop.path("all/report/report.json").exists(), "what there is is reported");
-    refused(&complete(call(&workshop)), "gpu-5 failed");
+    complete(call(&workshop)).refused("gpu-5 failed");
     assert_eq!(state(&workshop)["runs"]["gpu-5"]["tries"], 2);
 }
 
@@ -146,18 +141,17 @@ fn a_report_of_two_seeds_has_numbers_and_says_what_is_missing() {
     }
     // One seed evaluated, as a folder of its own; the other not.
     let eval = ["eval", "seed-5", "--split", "test", "--objects", "all", "--episodes", "6", "--out", "elsewhere"];
-    let evaluated = complete(workshop.orchestrator(&eval));
-    assert!(evaluated.success, "{evaluated:#?}");
-    let printed = complete(workshop.orchestrator(&["report", "seed-5", "seed-6", "elsewhere", "--out", "both"]));
+    workshop.call(&eval).good();
+    let printed = workshop.call(&["report", "seed-5", "seed-6", "elsewhere", "--out", "both"]);
     assert!(printed.success && printed.stderr.contains("not in its means: seed-6"), "{printed:#?}");
     let numbers = workshop.json("both/report.json");
     let result = &numbers["groups"][0]["results"][0];
     assert_eq!((&result["field"], &result["metrics"]["success"]["seeds"]), (&"test-novel-drawn".into(), &1.into()));
     assert_eq!(result["pooled"]["episodes"], 30);
 
-    refused(&complete(workshop.orchestrator(&["report", "seed-5", "--out", "seed-5"])), "no report");
-    refused(&complete(workshop.orchestrator(&["report", "nowhere"])), "nowhere");
+    workshop.call(&["report", "seed-5", "--out", "seed-5"]).refused("no report");
+    workshop.call(&["report", "nowhere"]).refused("nowhere");
     // The same seed twice is no second seed.
     workshop.copy("seed-5", "copy");
-    refused(&complete(workshop.orchestrator(&["report", "seed-5", "copy", "--out", "twice"])), "same seed 5");
+    workshop.call(&["report", "seed-5", "copy", "--out", "twice"]).refused("same seed 5");
 }

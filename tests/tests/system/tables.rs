@@ -7,10 +7,6 @@ use std::path::Path;
 use std::process::Command;
 use system_tests::{Workshop, complete, finish, start};
 
-fn json(workshop: &Workshop, arguments: &[&str]) -> Value {
-    complete(workshop.orchestrator(arguments)).json()
-}
-
 fn row<'a>(table: &'a Value, name: &str) -> &'a Value {
     let rows = table.as_array().expect("rows");
     &rows.iter().find(|row| row["name"] == name).unwrap_or_else(|| panic!("no {name} in {rows:#?}"))["values"]
@@ -30,7 +26,7 @@ fn what_a_library_prints_in_a_learner_is_in_its_log_and_no_event() {
     drop(output);
     let printed = finish(child);
     assert!(printed.success && !printed.stderr.contains("no event"), "{printed:#?}");
-    let log = std::fs::read_to_string(run.folder.log("learner-0")).expect("a log");
+    let log = run.log("learner-0");
     assert!(log.lines().any(|line| line == LINE), "{log}");
     assert!(printed.stderr.contains(&format!("learner-0: {LINE}")), "and shown as its words: {printed:#?}");
 }
@@ -47,7 +43,7 @@ fn logs_are_followed_and_runs_are_compared() {
     let followed: Vec<String> = followed.lines().map_while(Result::ok).collect();
     assert!(finish(follower).success, "it ends with the run");
 
-    let printed = complete(workshop.orchestrator(&["logs", "one"]));
+    let printed = workshop.call(&["logs", "one"]);
     let lines: Vec<&str> = printed.stdout.lines().collect();
     let sorted = |mut lines: Vec<String>| {
         lines.sort();
@@ -61,21 +57,20 @@ fn logs_are_followed_and_runs_are_compared() {
     let times: Vec<&str> = lines.iter().filter_map(|line| line.get(14..)?.split(' ').next()).collect();
     let times: Vec<&str> = times.into_iter().filter(|word| word.ends_with('Z')).collect();
     assert!(times.len() > 3 && times.is_sorted(), "{times:#?}");
-    let learner = complete(workshop.orchestrator(&["logs", "one", "--process", "learner-0"])).stdout;
-    assert_eq!(learner, std::fs::read_to_string(run.folder.log("learner-0")).expect("a log"));
-    let last = complete(workshop.orchestrator(&["logs", "one", "--process", "learner", "-n", "1"])).stdout;
+    let learner = workshop.call(&["logs", "one", "--process", "learner-0"]).stdout;
+    assert_eq!(learner, run.log("learner-0"));
+    let last = workshop.call(&["logs", "one", "--process", "learner", "-n", "1"]).stdout;
     assert_eq!(last.lines().collect::<Vec<_>>(), learner.lines().last().into_iter().collect::<Vec<_>>());
-    let wrong = complete(workshop.orchestrator(&["logs", "one", "--process", "acter"]));
-    assert!(
-        !wrong.success && wrong.stderr.contains("no log of acter: there are those of actor-00, actor-01, learner-0")
-    );
+    workshop
+        .call(&["logs", "one", "--process", "acter"])
+        .refused("no log of acter: there are those of actor-00, actor-01, learner-0");
     // A reader that has had enough is no error.
     let head = format!("{} logs one | head -n 1", system_tests::binary("orchestrator").display());
     let head = Command::new("bash").args(["-o", "pipefail", "-c", &head]).current_dir(workshop.path("")).output();
     assert!(head.expect("a shell").status.success());
 
     let two = complete(workshop.up_seeded("two", 2, 2, 400, 6)).result();
-    let compared = json(&workshop, &["compare", "one", "two", "--json"]);
+    let compared = workshop.call(&["compare", "one", "two", "--json"]).json();
     assert_eq!(compared["runs"], serde_json::json!(["one", "two"]));
     assert_eq!(*row(&compared["configuration"], "seed"), serde_json::json!([5, 6]));
     let keys: Vec<&str> =
@@ -83,15 +78,14 @@ fn logs_are_followed_and_runs_are_compared() {
     assert!(keys.iter().all(|key| *key == "seed" || key.starts_with("stages.")), "{keys:?}");
     assert_eq!(*row(&compared["figures"], "weights"), serde_json::json!([one.0, two.0]));
     assert_eq!(*row(&compared["figures"], "frames"), serde_json::json!([600, 400]));
-    let text = complete(workshop.orchestrator(&["compare", "one", "two"])).stdout;
+    let text = workshop.call(&["compare", "one", "two"]).stdout;
     let seed: Vec<&str> =
         text.lines().find(|line| line.starts_with("  seed ")).unwrap_or_default().split(' ').collect();
     assert!(seed.contains(&"5") && seed.contains(&"6"), "{text}");
-    let alone = complete(workshop.orchestrator(&["compare", "one"]));
-    assert!(!alone.success && alone.stderr.contains("give two runs or more"), "{alone:#?}");
+    workshop.call(&["compare", "one"]).refused("give two runs or more");
 
-    assert_eq!(json(&workshop, &["list", ".", "--json"]).as_array().map(Vec::len), Some(2));
-    let report = json(&workshop, &["report", "one", "two", "--json"]);
+    assert_eq!(workshop.call(&["list", ".", "--json"]).json().as_array().map(Vec::len), Some(2));
+    let report = workshop.call(&["report", "one", "two", "--json"]).json();
     assert_eq!(report, workshop.json("runs/report/report.json"));
 }
 
@@ -99,7 +93,7 @@ fn logs_are_followed_and_runs_are_compared() {
 fn shells_and_man_get_all_commands() {
     let workshop = Workshop::new();
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
-        let printed = complete(workshop.orchestrator(&["completions", shell]));
+        let printed = workshop.call(&["completions", shell]);
         assert!(printed.success && printed.stderr.is_empty(), "{printed:#?}");
         for word in ["orchestrator", "compare", "resume", "envs-per-actor"] {
             assert!(printed.stdout.contains(word), "{shell}: {word}");
@@ -115,15 +109,14 @@ fn shells_and_man_get_all_commands() {
             assert_eq!(String::from_utf8_lossy(&output.stdout).trim(), "compare completions", "{output:?}");
         }
     }
-    let wrong = complete(workshop.orchestrator(&["completions", "tcsh"]));
-    assert!(!wrong.success && wrong.stderr.contains("[possible values: bash"), "{wrong:#?}");
-    let page = complete(workshop.orchestrator(&["man"])).stdout;
+    workshop.call(&["completions", "tcsh"]).refused("[possible values: bash");
+    let page = workshop.call(&["man"]).stdout;
     assert!(page.contains(".TH orchestrator 1") && page.contains("orchestrator\\-compare(1)"), "{page}");
-    assert!(complete(workshop.orchestrator(&["man", "pages"])).success);
+    assert!(workshop.call(&["man", "pages"]).success);
     let up = std::fs::read_to_string(workshop.path("pages/orchestrator-up.1")).expect("a page");
     assert!(up.contains("\\-\\-envs\\-per\\-actor"), "{up}");
     let count = std::fs::read_dir(workshop.path("pages")).expect("a folder").count();
-    let listed = complete(workshop.orchestrator(&["help"])).stdout;
+    let listed = workshop.call(&["help"]).stdout;
     let commands = listed.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
     // `help` is no command of ours; the program has a page, too.
     assert_eq!(count, commands.filter(|line| line.starts_with("  ") && !line.starts_with("   ")).count());

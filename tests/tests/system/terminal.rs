@@ -25,8 +25,7 @@ fn a_run_is_watched_from_another_terminal_which_comes_back() {
     terminal.wait_for(before, &["learner-0", "actor-01", "q leave"]);
     assert!(!terminal.written().contains(LEAVES));
     terminal.press("q");
-    let left = finish(top);
-    assert!(left.success, "{left:#?}");
+    finish(top).good();
     assert_eq!(terminal.modes(), modes);
     // What was written last may still be on its way.
     wait_until("the screen is as it was", || {
@@ -52,11 +51,10 @@ fn a_run_is_watched_from_another_terminal_which_comes_back() {
         wait_until("the screen is as it was", || terminal.written()[before..].contains(LEAVES));
     }
 
-    let refused = complete(workshop.orchestrator(&["top", "run"]));
+    let refused = workshop.call(&["top", "run"]);
     assert!(!refused.success && refused.stdout.is_empty(), "{refused:#?}");
     assert_eq!(refused.stderr.matches("standard output is none: `orchestrator status RUN`").count(), 1, "{refused:#?}");
-    let nothing = complete(workshop.orchestrator(&["top", "nothing"]));
-    assert!(!nothing.success && nothing.stderr.contains("nothing"), "{nothing:#?}");
+    workshop.call(&["top", "nothing"]).refused("nothing");
     // Whoever watched, the weights are the same.
     assert_eq!(complete(workshop.up("alone", 2, 2, 3000)).result().0, weights);
 }
@@ -105,8 +103,7 @@ fn scripts_are_told_what_happens() {
     let run = workshop.run("run");
     run.wait_for_rollouts(3);
     run.kill_one("--actor ");
-    let printed = finish(child);
-    assert!(printed.success, "{printed:#?}");
+    let printed = finish(child).good();
     let told = events(&printed.stdout);
     assert!(told.iter().all(|event| event["at_unix_s"].as_f64().is_some_and(|at| at > 1.7e9)), "{told:#?}");
     let started = named(&told, "started");
@@ -153,7 +150,7 @@ fn the_last_event_tells_why_figures_cannot_be_written_and_a_resume_writes_them()
     let place = workshop.path("run/summary.json");
     std::fs::create_dir_all(place.join("in the way")).expect("a folder");
     let printed = finish(child);
-    assert!(!printed.success && printed.stderr.contains("summary.json"), "{printed:#?}");
+    printed.refused("summary.json");
     let told = events(&printed.stdout);
     let last = told.last().expect("events");
     assert_eq!((&last["event"], &last["how"]), (&"ended".into(), &"failed".into()), "{last}");

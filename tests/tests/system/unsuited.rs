@@ -1,25 +1,17 @@
 //! Machines that cannot build or run it: each is told why, in a sentence.
 
-use std::os::unix::fs::PermissionsExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Stdio};
-use system_tests::{Printed, Workshop, binary, complete};
-
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize().expect("a checkout")
-}
+use system_tests::{Printed, Workshop, binary, complete, root};
 
 /// Set-up of this checkout on a machine whose `uname` prints something else.
 fn set_up_on(system: &str, machine: &str) -> Printed {
     let workshop = Workshop::new();
-    let uname = workshop.path("uname");
     let script = format!("#!/bin/sh\ncase $1 in -s) echo {system} ;; -m) echo {machine} ;; *) exit 2 ;; esac\n");
-    std::fs::write(&uname, script).expect("a file");
-    std::fs::set_permissions(&uname, std::fs::Permissions::from_mode(0o755)).expect("a mode");
+    workshop.script("uname", &script);
     let path = std::env::var("PATH").expect("a PATH");
-    let mut command = Command::new(root().join("deploy/setup"));
+    let mut command = workshop.program(root().join("deploy/setup"));
     command.env("PATH", format!("{}:{path}", workshop.path(".").display())).env_remove("LIBTORCH");
-    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     complete(command)
 }
 

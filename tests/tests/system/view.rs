@@ -165,12 +165,11 @@ fn what_cannot_be_shown_is_an_error_that_says_what_to_do() {
         (&["view", "."], "there is no run in ."),
         (&["view", "--compare", ".", "."], "there is no run in ."),
     ] {
-        let printed = complete(workshop.orchestrator(arguments));
+        let printed = workshop.call(arguments);
         assert!(!printed.success && printed.stderr.contains(expected), "{arguments:?}: {}", printed.stderr);
     }
     std::fs::create_dir(workshop.path("runs")).expect("a folder");
     let viewer = Viewer::start(&workshop, &[]);
     let port = viewer.address.rsplit_once(':').expect("a port").1;
-    let second = complete(workshop.orchestrator(&["view", "--port", port]));
-    assert!(!second.success && second.stderr.contains("choose another port with --port"), "{}", second.stderr);
+    workshop.call(&["view", "--port", port]).refused("choose another port with --port");
 }

@@ -4,7 +4,7 @@
 //! Where no Chromium is installed nothing is tested; `.ci/run` says so. `STILLROOM_SCREENSHOTS=FOLDER` keeps pictures.
 
 use serde_json::Value;
-use system_tests::{Browser, Viewer, Workshop, complete, finish, start};
+use system_tests::{Browser, Viewer, Workshop, finish, start};
 
 const ACTORS: u32 = 2;
 const ENVIRONMENTS: u32 = 2;
@@ -51,10 +51,7 @@ fn text(browser: &mut Browser, selector: &str) -> String {
 
 #[test]
 fn a_run_is_watched_and_an_episode_is_looked_at() {
-    let Some(mut browser) = Browser::start() else {
-        eprintln!("no Chromium on the PATH: the page was not tested");
-        return;
-    };
+    let Some(mut browser) = Browser::start() else { return };
     let workshop = Workshop::new();
     std::fs::create_dir(workshop.path("runs")).expect("a folder");
     let viewer = Viewer::start(&workshop, &[]);
@@ -100,7 +97,7 @@ fn curves_move(browser: &mut Browser, workshop: &Workshop) {
     let drawn = pixels(browser, "[data-figure='time/frames_per_second'] canvas");
     assert!(drawn.0 > 5, "a curve, a grid and words: {} colours", drawn.0);
     let longer = FRAMES[1].to_string();
-    complete(workshop.orchestrator(&["resume", "runs/watched", "--frames", &longer])).result();
+    workshop.call(&["resume", "runs/watched", "--frames", &longer]).result();
     assert!(trained() > before, "it went on");
     browser.wait_for(&format!("{points} === {}", trained()));
     assert_ne!(pixels(browser, "[data-figure='time/frames_per_second'] canvas"), drawn, "the curve moved");

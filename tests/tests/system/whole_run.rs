@@ -22,29 +22,17 @@ fn a_run_ends_on_its_budget_and_its_recording_holds_every_step() {
     let stages: Vec<u64> = run.metrics().values().map(|line| line["stage"].as_u64().unwrap()).collect();
     assert!(stages.contains(&0) && stages.contains(&1) && stages.is_sorted());
 
-    let replay = complete(workshop.orchestrator(&["replay", "--check", "run"]));
-    assert!(replay.success, "{replay:#?}");
+    workshop.call(&["replay", "--check", "run"]).good();
 
     let images = workshop.path("images");
-    let replay = complete(workshop.orchestrator(&[
-        "replay",
-        "run",
-        "--images",
-        images.to_str().unwrap(),
-        "--format",
-        "png",
-        "--environment",
-        "1/0",
-        "--episode",
-        "0",
-    ]));
-    assert!(replay.success, "{replay:#?}");
+    let drawn = "replay run --images images --format png --environment 1/0 --episode 0";
+    let replay = workshop.call(&drawn.split(' ').collect::<Vec<_>>()).good();
     assert!(walk(&images).iter().any(|path| path.extension().is_some_and(|end| end == "png")), "{replay:#?}");
 
     let stills = "kitchen-01-environment-0-episode-000000-";
     assert!(walk(&images).iter().all(|path| path.to_str().unwrap().contains(stills)), "{replay:#?}");
 
-    let status = complete(workshop.orchestrator(&["status", "run"]));
+    let status = workshop.call(&["status", "run"]);
     assert!(status.stdout.contains("recordings: 1 file, "), "{status:#?}");
 
     let again = complete(workshop.resume("run"));
@@ -62,7 +50,7 @@ fn the_demonstration_ends_with_a_test_that_its_report_shows() {
     let printed = complete(command);
     assert_eq!(printed.result().1, 60, "the last lines of standard output are the run's");
     assert!(printed.stderr.contains("30 episodes"), "{printed:#?}");
-    let report = complete(workshop.orchestrator(&["report", "demo"]));
+    let report = workshop.call(&["report", "demo"]);
     assert!(report.stdout.contains("groups evaluated: 1"), "{report:#?}");
     let page = std::fs::read_to_string(workshop.path("demo/report/report.html")).unwrap();
     assert!(page.contains("data:image/png;base64,"), "its best episode, in pictures");
@@ -80,13 +68,12 @@ fn a_run_trains_on_from_imported_weights() {
     let options = |run: &'static str, config: &'static str| {
         ["--preset", "demo", "--config", config, run, "--seed", "5", "--actors", "1", "--envs-per-actor", "2"]
     };
-    let first = complete(workshop.orchestrator(&[&["up"][..], &options("--run=-one", "one.toml")].concat())).result();
+    let first = workshop.call(&[&["up"][..], &options("--run=-one", "one.toml")].concat()).result();
     let checkpoints = walk(&workshop.path("-one/checkpoints"));
     let newest = checkpoints.iter().filter(|path| path.extension().is_some_and(|end| end == "safetensors")).max();
     let newest = newest.expect("a complete run has a checkpoint").to_str().unwrap();
 
-    let imported =
-        complete(workshop.orchestrator(&[&["import", newest][..], &options("--run=-two", "two.toml")].concat()));
+    let imported = workshop.call(&[&["import", newest][..], &options("--run=-two", "two.toml")].concat());
     assert!(imported.success && imported.stdout.ends_with(&format!("weights: {}\n", first.0)), "{imported:#?}");
     let second = complete(workshop.resume("./-two")).result();
     assert_eq!(second.1, 60);
@@ -94,8 +81,7 @@ fn a_run_trains_on_from_imported_weights() {
     workshop.run("-two").assert_nothing_left();
 
     let options = [&["import", "one.toml"][..], &options("--run=-three", "two.toml")].concat();
-    let refused = complete(workshop.orchestrator(&options));
-    assert!(!refused.success && refused.stderr.contains("one.toml"), "{refused:#?}");
+    workshop.call(&options).refused("one.toml");
     assert!(!workshop.path("-three").exists(), "nothing is left of a run that never began");
 }
 
