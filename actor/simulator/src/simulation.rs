@@ -238,7 +238,7 @@ impl Simulation {
             for &index in &self.candidates {
                 let (aabb, fixed, pose) = kitchen.scene.part(index);
                 if aabb.intersects(sweep.aabb()) {
-                    end = sweep.first_nearer(solid, 1..end, fixed, pose, aabb, -tolerance_m).unwrap_or(end);
+                    end = sweep.first_nearer(solid, 1..end, fixed, pose, -tolerance_m).unwrap_or(end);
                 }
             }
         }
@@ -336,11 +336,11 @@ impl Simulation {
             if !aabb.intersects(&swept) || self.held.is_some_and(|held| held.movable == thing) {
                 continue;
             }
-            let (near, pose) = (aabb.loosened(TOUCH_M), self.things.poses()[thing]);
-            for (sweep, body) in bodies().filter(|(sweep, _)| near.intersects(sweep.aabb())) {
+            let (aabb, pose) = (aabb.loosened(TOUCH_M), self.things.poses()[thing]);
+            for (sweep, body) in bodies().filter(|(sweep, _)| aabb.intersects(sweep.aabb())) {
                 for (shape, body_from_part) in &kitchen.solids[thing].parts {
                     let pose = pose * *body_from_part;
-                    end = sweep.first_nearer(body, range.start..end, shape, &pose, aabb, TOUCH_M).unwrap_or(end);
+                    end = sweep.first_nearer(body, range.start..end, shape, &pose, TOUCH_M).unwrap_or(end);
                 }
             }
         }

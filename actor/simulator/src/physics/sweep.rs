@@ -39,11 +39,10 @@ impl Sweep {
             if let Some(last) = self.poses.last() {
                 travel_m += ROUNDING_M + furthest_travel_m(last, &pose, solid.radius_m());
             }
-            self.aabb.merge(&solid.loose_aabb(&pose));
+            self.aabb.merge(&solid.loose_aabb(&pose).loosened(ROUNDING_M));
             self.travel_m.push(travel_m);
             self.poses.push(pose);
         }
-        self.aabb = self.aabb.loosened(ROUNDING_M);
     }
 
     /// Box about the body in all poses.
@@ -52,28 +51,20 @@ impl Sweep {
     }
 
     /// First index in `range` at which the body comes nearer than `distance_m` (negative: overlaps by more than that)
-    /// to a convex solid in a box; none if it does nowhere. `body` is what was recorded.
+    /// to a convex solid; none if it does nowhere. `body` is what was recorded.
     pub fn first_nearer(
         &self,
         body: &Solid,
         range: Range<usize>,
         other: &SharedShape,
         other_pose: &Pose3,
-        other_aabb: &Aabb,
         distance_m: f32,
     ) -> Option<usize> {
         let mut end = range.end;
         for (shape, body_from_part) in &body.parts {
             let mut index = range.start;
             while index < end {
-                let origin = self.poses[index].translation;
-                // From the sphere about the body to the box about the solid: no more than between the two, and cheaper.
-                let apart_m = length(origin - origin.clamp(other_aabb.mins, other_aabb.maxs)) - body.radius_m();
-                let room_m = if apart_m > distance_m + ROUNDING_M {
-                    apart_m - distance_m
-                } else {
-                    gap_m(&(self.poses[index] * *body_from_part), shape, other_pose, other) - distance_m
-                };
+                let room_m = gap_m(&(self.poses[index] * *body_from_part), shape, other_pose, other) - distance_m;
                 if room_m < 0.0 {
                     end = index;
                     break;
@@ -130,11 +121,10 @@ mod tests {
             sweep.record(&solid, poses.iter().copied());
             let other = SharedShape::cuboid(half.0, half.1, half.2);
             let other_pose = Pose3::identity();
-            let other_aabb = other.compute_aabb(&other_pose);
             let expected = (from..24).find(|&k| {
                 solid.parts.iter().any(|(shape, part)| gap_m(&(poses[k] * *part), shape, &other_pose, &other) < distance_m)
             });
-            prop_assert_eq!(sweep.first_nearer(&solid, from..24, &other, &other_pose, &other_aabb, distance_m), expected);
+            prop_assert_eq!(sweep.first_nearer(&solid, from..24, &other, &other_pose, distance_m), expected);
             for pose in &poses {
                 prop_assert!(sweep.aabb().contains(&solid.aabb(pose)));
             }
