@@ -45,6 +45,9 @@ fn run(workshop: &Workshop, name: &str) -> Run {
 fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     let workshop = Workshop::new();
     suite(&workshop, 900, "[[runs]]\npreset = \"demo\"\nname = \"after\"\nfrom = \"tiny\"\nseeds = [5]");
+    let checked = complete(workshop.orchestrator(&["suite", "suite.toml", "--check", "--json"])).json();
+    let names: Vec<_> = checked["runs"].as_array().expect("runs").iter().map(|run| &run["name"]).collect();
+    assert_eq!(names, ["tiny-5", "tiny-6", "after-5"]);
     // Killed before its folder can be known for a suite's, just before it starts its first process, and just after.
     for point in ["suite.before_file", "suite.before_process", "suite.after_process"] {
         killed_at(call(&workshop), point);
@@ -72,10 +75,22 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     complete(call(&workshop)).refused("suite.json is damaged (delete it");
     std::fs::remove_file(&states).expect("a damaged file to delete");
 
+    // Two signals at once would be one: somebody presses the keys until it is over.
+    let mut child = start(call(&workshop));
+    let second = run(&workshop, "tiny-6");
+    second.wait_for_rollouts(2);
+    let mut status = None;
+    wait_until("the suite ends", || {
+        signal(child.id(), rustix::process::Signal::INT);
+        status = child.try_wait().expect("a status");
+        status.is_some()
+    });
+    assert_eq!(status.and_then(|status| status.code()), Some(130));
+    second.assert_nothing_left();
+
     // Stopped in an orderly way while the second trains: before the first is evaluated, if the processes of the killed
     // evaluation still leave, which holds up nobody; after it otherwise.
     let child = start(call(&workshop));
-    let second = run(&workshop, "tiny-6");
     second.wait_for_rollouts(4);
     signal(child.id(), rustix::process::Signal::INT);
     let printed = finish(child);
@@ -95,6 +110,7 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     // No kill changed a bit.
     let undisturbed = complete(workshop.up("undisturbed", 1, 2, 900)).result().0;
     assert_eq!(weights(first.folder.root()), undisturbed);
+    assert_ne!(weights(second.folder.root()), undisturbed, "another seed");
     let after = std::fs::read_to_string(run(&workshop, "after-5").folder.config()).expect("a configuration");
     assert!(after.contains("[from]") && after.contains(&undisturbed), "{after}");
 
