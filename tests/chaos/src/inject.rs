@@ -1,11 +1,14 @@
 //! Faults, carried out: those that happen to processes that run, and those that happen to files in between.
 
-use crate::case_folder::CaseFolder;
-use crate::fault::{Damage, Fate, Fault, Journal, Phase, Planned, Who};
+use crate::case_folder::{CaseFolder, Start};
+use crate::fault::{Case, Damage, Fate, Fault, Journal, Phase, Planned, Who};
+use crate::judge::explain;
 use crate::privileges::Privileges;
 use crate::processes::{find, of_folder, signal};
+use crate::run_kind::Kind;
 use crate::session::{Session, wait_for_end};
-use anyhow::{Context, Result};
+use crate::tally::Tally;
+use anyhow::{Context, Result, bail};
 use proto::checkpoint::Manifest;
 use proto::digest::sha256;
 use proto::run_folder::{RolloutName, RunFolder};
@@ -20,9 +23,54 @@ const BACK: Duration = Duration::from_secs(15);
 /// The file that a start names when lines of it are missing.
 const METRICS: &str = "metrics.jsonl";
 
+/// Starts a command again until it has left a file, disturbed by time; its folder, and how many starts that took.
+/// `command`: the folder of a start by its number, and the words before that.
+pub fn start_until_done<'a>(
+    case: &Case,
+    place: &CaseFolder,
+    privileges: Privileges,
+    tally: &mut Tally,
+    command: impl Fn(usize) -> (PathBuf, &'a str),
+    left: &str,
+) -> Result<(PathBuf, usize)> {
+    let is_suite = case.shape.kind == Kind::Suite;
+    // One that is not done then gets nowhere.
+    let starts_max = if is_suite { 15 } else { 12 };
+    let mut plan: VecDeque<_> = case.faults.iter().copied().collect();
+    for starts in 1..=starts_max {
+        let (folder, words) = command(starts);
+        let mut start = Start::default();
+        let armed = plan.pop_front_if(|planned| planned.fault.phase() == Phase::Start).map(|planned| planned.fault);
+        armed.into_iter().for_each(|fault| start.arm(fault));
+        let out = folder.display().to_string();
+        let arguments: Vec<&str> = words.split(' ').chain([out.as_str()]).collect();
+        let mut session = Session::start(place, format!("start-{starts:02}"), &arguments, &start)?;
+        let mut recent = Vec::from_iter(armed);
+        for (fault, fate) in disturb_by_time(&mut plan, &folder, place, privileges, &mut session)? {
+            recent.extend(fault.in_force(fate));
+            tally.add(fault, fate);
+        }
+        let ended = session.wait()?;
+        if let Some(armed) = armed {
+            // The deaths of the processes of a suite's runs are in the runs' own logs.
+            let is_elsewhere = is_suite && matches!(armed, Fault::Point(point, _) if point.program != "orchestrator");
+            tally.add(armed, if is_elsewhere || ended.shows(armed) { Fate::Landed } else { Fate::Missed });
+        }
+        ended.ensure_no_panic()?;
+        wait_for_end(&folder)?;
+        if ended.status.success() && folder.join(left).exists() {
+            plan.drain(..).for_each(|planned| tally.add(planned.fault, Fate::Missed));
+            return Ok((folder, starts));
+        }
+        // After a failure the next start tries again.
+        explain(&ended, &recent).context("it is not done")?;
+    }
+    bail!("it is not done after {starts_max} starts")
+}
+
 /// Lets the first faults of a plan happen to a session, each after its delay, until it ends or the next one is for
 /// another time; what became of each.
-pub fn disturb_by_time(
+fn disturb_by_time(
     plan: &mut VecDeque<Planned>,
     folder: &Path,
     place: &CaseFolder,

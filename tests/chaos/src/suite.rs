@@ -1,21 +1,16 @@
 //! A suite, disturbed: called until all is done, its weights and tables are those of an undisturbed one.
 
-use crate::case_folder::{CaseFolder, Start};
-use crate::fault::{Case, Fate, Fault, Phase};
-use crate::inject::disturb_by_time;
-use crate::judge::explain;
+use crate::case_folder::CaseFolder;
+use crate::fault::Case;
+use crate::inject::start_until_done;
 use crate::privileges::Privileges;
-use crate::session::{Session, wait_for_end};
 use crate::tally::Tally;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use proto::evaluation::{RESULT_FILE, TABLE_FILE};
 use serde_json::Value;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::path::Path;
 use system_tests::evidence::{first_difference, result};
-
-/// A suite that is not done after so many calls gets nowhere.
-const CALLS_MAX: usize = 15;
 
 /// What is compared, by the name of the run.
 #[derive(Debug)]
@@ -50,39 +45,9 @@ impl Done {
 /// Calls the suite until all is done.
 pub fn complete(case: &Case, place: &CaseFolder, privileges: Privileges, tally: &mut Tally) -> Result<Done> {
     std::fs::write(place.path("suite.toml"), case.shape.suite())?;
-    let folder = place.path("suite");
-    let out = folder.display().to_string();
-    let mut plan: VecDeque<_> = case.faults.iter().copied().collect();
-    for calls in 1..=CALLS_MAX {
-        let mut start = Start::default();
-        let mut recent = vec![];
-        let armed = plan.pop_front_if(|planned| planned.fault.phase() == Phase::Start).map(|planned| planned.fault);
-        if let Some(fault) = armed {
-            start.arm(fault);
-        }
-        let arguments = ["suite", "suite.toml", "--out", &out];
-        let mut session = Session::start(place, format!("call-{calls:02}"), &arguments, &start)?;
-        for (fault, fate) in disturb_by_time(&mut plan, &folder, place, privileges, &mut session)? {
-            recent.extend(fault.in_force(fate));
-            tally.add(fault, fate);
-        }
-        let ended = session.wait()?;
-        if let Some(armed) = armed {
-            // The deaths of its runs' processes are in the runs' own logs.
-            let is_elsewhere = matches!(armed, Fault::Point(point, _) if point.program != "orchestrator");
-            tally.add(armed, if is_elsewhere || ended.shows(armed) { Fate::Landed } else { Fate::Missed });
-            recent.push(armed);
-        }
-        ended.ensure_no_panic()?;
-        wait_for_end(&folder)?;
-        if ended.status.success() && folder.join("report/report.html").exists() {
-            plan.drain(..).for_each(|planned| tally.add(planned.fault, Fate::Missed));
-            return read(&folder, calls);
-        }
-        // After a failure the next call tries again.
-        explain(&ended, &recent).context("the suite is not done")?;
-    }
-    bail!("the suite is not done after {CALLS_MAX} calls")
+    let command = |_| (place.path("suite"), "suite suite.toml --out");
+    let (folder, calls) = start_until_done(case, place, privileges, tally, command, "report/report.html")?;
+    read(&folder, calls)
 }
 
 fn read(folder: &Path, calls: usize) -> Result<Done> {
