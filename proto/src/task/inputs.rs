@@ -126,7 +126,7 @@ impl Spec {
     }
 
     fn coding(&self, channel: &Channel) -> Result<Coding, SpecError> {
-        let what = |problem| format!("its observation `{}`: {problem}", channel.name);
+        let what = |problem| format!("its channel `{}`: {problem}", channel.name);
         coding(channel).map_err(|problem| SpecError::Input { task: self.name.clone(), what: what(problem) })
     }
 }
@@ -232,7 +232,7 @@ mod tests {
     fn what_no_network_takes_is_named() {
         for (text, problem) in [
             (String::new(), "there are no numbers"),
-            (channel("x", "dtype = \"f64\"\nrange = [0, 1]"), "its observation `x`: it is f64"),
+            (channel("x", "dtype = \"f64\"\nrange = [0, 1]"), "its channel `x`: it is f64"),
             (channel("x", "dtype = \"u32\""), "`x`: a whole number has a range, or names"),
             (channel("x", "dtype = \"u32\"\nrange = [0, 1e6]"), "`x`: its range is too large"),
             (channel("x", "dtype = \"u32\"\nrange = [0, 1.5]"), "`x`: its range is not of whole numbers"),
