@@ -167,8 +167,8 @@ pub struct PpoConfig {
     pub normalize_advantages: bool,
     /// Where they are normalised: over each minibatch in place of the rollout.
     pub normalize_by_minibatch: bool,
-    /// Treat an end by the step limit as a truncation: the advantage of the last action has the value of what was seen
-    /// after it, or, in a task with images, of what was seen before it. The paper does not.
+    /// Treat an end by the step limit as a truncation: the last action's advantage contains the value of the observation
+    /// after it. In a task with images it is the observation before it. The paper does not.
     pub bootstrap_time_limits: bool,
     /// Environments that go through forward and backward at once; gradients add up to those of the whole batch.
     /// 0 = all, or with `learner.shards` all of a shard. A smaller number bounds memory.

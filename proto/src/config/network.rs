@@ -46,9 +46,9 @@ pub enum GoalCoordinates {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Memory {
-    /// A gated recurrent unit: the belief. Actor and critic are one layer each behind it.
+    /// A gated recurrent unit; actor and critic are one layer each behind it.
     Gru,
-    /// Long short-term memory in its place, whose cell is part of the state.
+    /// An LSTM in its place; its cell is part of the state.
     Lstm,
     /// Nothing. In a task of numbers alone actor and critic have layers of their own.
     None,
@@ -142,8 +142,8 @@ pub struct NetworkConfig {
     pub carried_goal: CarriedGoal,
     /// Feed the previous action's embedding to the belief.
     pub previous_action: bool,
-    /// Widths of the layers that see the numbers of a task without a frame: of one stack before a GRU or LSTM
-    /// or beside images, of one for the actor and one for the critic without either.
+    /// Widths of the layers that see the numbers of a task without a frame. With a memory or images there is one stack of
+    /// them, else one for the actor and one for the critic.
     pub mlp: Vec<u32>,
     /// What follows on each of them.
     pub activation: Activation,
