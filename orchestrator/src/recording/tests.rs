@@ -5,7 +5,7 @@ mod shelved;
 use super::declared::Declared;
 use super::episodes::{Recorded, gather};
 use super::form::{Carries, Told};
-use super::reader::{RecordingError, read};
+use super::reader::{Extent, RecordingError, read_with_trust};
 use super::recorder::segment::{CONFIG_ATTACHMENT, IDENTITY_METADATA, RECORDING_VERSION, identity};
 use super::repair::{Repair, repair};
 use super::wanted::Wanted;
@@ -50,6 +50,13 @@ pub fn said(path: &Path, declared: &Declared) -> Vec<Said> {
 /// Those on one topic.
 pub fn those(said: &[Said], carries: Carries) -> impl Iterator<Item = &Told> {
     said.iter().filter(move |(of, _)| *of == carries).map(|(_, told)| told)
+}
+
+pub fn read<E: From<RecordingError>>(
+    path: &Path,
+    mut visit: impl FnMut(Record<'_>) -> Result<(), E>,
+) -> Result<Extent, E> {
+    read_with_trust(path, |record, _| visit(record))
 }
 
 /// Four episodes of three steps in one environment, the last one unfinished after two; under this learner.
