@@ -134,7 +134,7 @@ impl Part {
     ) -> Result<Self> {
         let Session { folder, config, incarnation, address, tools, .. } = *session;
         let run = std::path::absolute(folder.root()).context("run folder")?;
-        let _claim = remains::claim(address, &run)?;
+        let claim = remains::claim(address, &run)?;
         let (shape, ranks) = (WireShape::of(config), hosts.ranks_of(host));
         let wire_host = WireHost::create_part(address, shape, ranks.clone())?;
         fault::reach("orchestrator.after_wire");
@@ -162,7 +162,7 @@ impl Part {
             first: [ranks.start, hosts.actors_of(host).start],
             network,
         };
-        Ok(Self { _claim, host: wire_host, recorder, launch })
+        Ok(Self { _claim: claim, host: wire_host, recorder, launch })
     }
 }
 

@@ -41,7 +41,9 @@ pub fn start_until_done<'a>(
         let (folder, words) = command(starts);
         let mut start = Start::default();
         let armed = plan.pop_front_if(|planned| planned.fault.phase() == Phase::Start).map(|planned| planned.fault);
-        armed.into_iter().for_each(|fault| start.arm(fault));
+        if let Some(fault) = armed {
+            start.arm(fault);
+        }
         let out = folder.display().to_string();
         let arguments: Vec<&str> = words.split(' ').chain([out.as_str()]).collect();
         let mut session = Session::start(place, format!("start-{starts:02}"), &arguments, &start)?;
