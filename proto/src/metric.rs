@@ -32,6 +32,10 @@ pub const MULTIPLIER: &str = "lagrangian/multiplier";
 /// Auxiliary loss (before its weight); `auxiliary/…` holds the task's other figures.
 pub const AUXILIARY_LOSS: &str = "loss/auxiliary";
 
+/// Cross-entropy of the policy and a teacher's advice, summed over what was advised and divided by all frames, before its
+/// coefficient; absent without a teacher.
+pub const TEACHER_LOSS: &str = "loss/teacher";
+
 /// A metric that the task declares: its mean over the episodes that ended.
 pub fn of_episode(metric: &str) -> String {
     format!("{EPISODE}{metric}")
@@ -44,7 +48,7 @@ pub fn of_task(figure: &str) -> Option<&str> {
 
 const EPISODE: &str = "episode/";
 
-pub const ALL: [&str; 16] = [
+pub const ALL: [&str; 17] = [
     EPISODES,
     RETURN,
     LENGTH,
@@ -61,4 +65,5 @@ pub const ALL: [&str; 16] = [
     LEARNING_RATE,
     MULTIPLIER,
     AUXILIARY_LOSS,
+    TEACHER_LOSS,
 ];

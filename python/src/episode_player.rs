@@ -1,7 +1,6 @@
 //! One environment, which episode it plays, and what its oracle advises.
 
 use crate::room::Room;
-use oracle::{Policy, Variant};
 use picture::{Canvas, Captions, Moment, Storyboard};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
@@ -14,6 +13,7 @@ use simulator::simulation::Way;
 use simulator::tasks::arm_point_nav::Environment as ArmPointNav;
 use simulator::tasks::arm_point_nav::episode::Episode;
 use simulator::tasks::arm_point_nav::episodes::{self, EpisodesError};
+use simulator::tasks::arm_point_nav::oracle::{Policy, Variant};
 use simulator::tasks::{self, OpenError, Run};
 use std::any::Any;
 use std::sync::Arc;

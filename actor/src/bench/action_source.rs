@@ -2,6 +2,7 @@ use proto::episode::EnvironmentId;
 use proto::random::{Key, Purpose};
 use simulator::robot::action::Action;
 use simulator::tasks::arm_point_nav::Environment;
+use simulator::tasks::arm_point_nav::oracle::{Policy, Variant};
 
 const SEED: u64 = 1;
 
@@ -37,7 +38,7 @@ pub fn script(kind: PolicyKind, environment: &Environment, id: EnvironmentId, ep
 
 /// What the oracle does, found out by letting it.
 fn rehearse(mut environment: Environment) -> Vec<Action> {
-    let mut oracle = oracle::Policy::new(oracle::Variant::Fast);
+    let mut oracle = Policy::new(Variant::Fast);
     let mut actions = Vec::new();
     while !environment.ended() {
         let action = oracle.next(&environment);

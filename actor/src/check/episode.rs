@@ -4,13 +4,13 @@
 //! check depends on how well any policy, the oracle included, does in the episode.
 
 use crate::parallel::in_parallel;
-use oracle::Leg;
 use proto::config::Config;
 use rapier3d::math::Vec3;
 use simulator::kitchen::Kitchen;
 use simulator::robot::configuration::Configuration;
 use simulator::simulation::{CONTACT_TOLERANCE_M, OTHERS_DRIFT_M, Settling, Simulation, Start};
 use simulator::tasks::arm_point_nav::episode::{Episode, at_goal};
+use simulator::tasks::arm_point_nav::oracle::{self, Leg};
 use std::sync::Arc;
 
 /// A target that is set down comes to rest within this distance, metres.

@@ -3,7 +3,6 @@
 use actor::check::episode as check;
 use actor::oracle_table::{Outcome, play};
 use actor::parallel::in_parallel;
-use oracle::Variant;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use simulator::kitchen::Kitchen;
@@ -13,6 +12,7 @@ use simulator::tasks::Run;
 use simulator::tasks::arm_point_nav::Environment;
 use simulator::tasks::arm_point_nav::episode::{Episode, at_goal};
 use simulator::tasks::arm_point_nav::episodes::{self, EPISODES_PER_KITCHEN, EpisodesError, drawn};
+use simulator::tasks::arm_point_nav::oracle::Variant;
 
 use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet};
 use proto::kitchen::{KitchenId, Split, TargetCategory};

@@ -40,6 +40,7 @@ pub(super) fn probe(
         rollout,
         ppo: &config.ppo,
         auxiliary_config: &config.auxiliary,
+        teacher_coefficient: config.teacher.coefficient,
         peers: &Peers::Alone,
         shards: &shards,
         reward_scale,

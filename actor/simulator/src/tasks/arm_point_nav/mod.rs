@@ -3,6 +3,7 @@
 mod environment;
 pub mod episode;
 pub mod episodes;
+pub mod oracle;
 mod step;
 
 pub use environment::Environment;

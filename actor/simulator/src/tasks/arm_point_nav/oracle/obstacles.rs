@@ -4,7 +4,7 @@ use rapier3d::geometry::{Aabb, SharedShape};
 use rapier3d::math::Pose3;
 use rapier3d::parry::bounding_volume::BoundingVolume;
 use rapier3d::parry::query;
-use simulator::physics::geometry::Solid;
+use crate::physics::geometry::Solid;
 
 const CELL_M: f32 = 0.25;
 /// Cells along each axis. They repeat beyond that, which costs time in a room of more than 16 m and nothing else.
@@ -79,7 +79,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
     use rapier3d::math::Vec3;
-    use simulator::shape::{Primitive, Shape};
+    use crate::shape::{Primitive, Shape};
 
     proptest! {
         #[test]

@@ -5,32 +5,37 @@ use super::moment::Moment;
 use super::reach::{self, Aim};
 use super::search::Search;
 use super::space::{Care, Space};
-use simulator::robot::action::Action;
-use simulator::robot::configuration::Configuration;
+use crate::robot::action::Action;
+use crate::robot::configuration::Configuration;
 
-/// Floor poses that a search expands.
-const EXPANSIONS: u32 = 40_000;
 /// Floor poses in reach whose final configurations are looked for before the best of them is chosen.
 const STANDS_COMPARED: usize = 16;
 /// Floor poses nearer to each other than this count as the same if they face the same way, metres.
 const SAME_STAND_M: f32 = 0.1;
 
-/// Which floor poses in reach of the aim are looked at.
+/// How far a search for a leg goes.
 #[derive(Debug, Clone, Copy)]
-pub struct Stands<'a> {
-    most: usize,
+pub struct Effort<'a> {
+    /// Floor poses that it expands.
+    expansions: u32,
+    /// How often the distance that is left counts.
+    weight: u32,
+    /// Floor poses in reach of the aim that it looks at.
+    stands: usize,
     /// None that is like one of these.
     avoided: &'a [Configuration],
 }
 
-impl<'a> Stands<'a> {
-    /// The first few: for a caller that has another plan to try.
-    pub const FIRST: Self = Self { most: 400, avoided: &[] };
+impl<'a> Effort<'a> {
+    /// A few milliseconds at most: for a caller that can do without a plan.
+    pub const SMALL: Self = Self { expansions: 2500, weight: 3, stands: 16, avoided: &[] };
+    /// For a caller that has another plan to try.
+    pub const USUAL: Self = Self { expansions: 40_000, weight: 1, stands: 400, avoided: &[] };
 
-    /// Nearly all of them: for a caller that must know whether any way exists. They come in order of the drive, those
-    /// from which the arm just does not reach before those from which it does.
+    /// Nearly all floor poses: for a caller that must know whether any way exists. They come in order of the drive,
+    /// those from which the arm just does not reach before those from which it does.
     pub const fn all_but(avoided: &'a [Configuration]) -> Self {
-        Self { most: 4000, avoided }
+        Self { expansions: 40_000, weight: 1, stands: 4000, avoided }
     }
 
     fn avoid(&self, at: &Configuration) -> bool {
@@ -82,7 +87,7 @@ pub fn leg(
     care: Care,
     carriage: Carriage,
     forbidden: &[(Configuration, Action)],
-    allowed: Stands,
+    effort: Effort,
 ) -> Option<Vec<Action>> {
     let aim = Aim::of(moment);
     let now = moment.robot;
@@ -94,12 +99,12 @@ pub fn leg(
 
     let passable = |from: &Configuration, action, to: &Configuration| driving.passable(from, action, to);
     let floor = Floor { passable: &passable, place: aim.place(), slack_m: aim.slack_m(), forbidden };
-    let mut search = Search::new(&floor, travelling, EXPANSIONS);
+    let mut search = Search::weighted(&floor, travelling, effort.expansions, effort.weight);
     let (mut looked_at, mut exhausted) = (0, false);
-    while looked_at < allowed.most && !exhausted {
+    while looked_at < effort.stands && !exhausted {
         // Some floor poses from which the aim can be met, by their length of drive and reach together.
         let mut stands: Vec<(u32, usize, Vec<Configuration>)> = Vec::new();
-        while stands.len() < STANDS_COMPARED && looked_at < allowed.most {
+        while stands.len() < STANDS_COMPARED && looked_at < effort.stands {
             let Some(index) = search.next(&floor) else {
                 exhausted = true;
                 break;
@@ -109,7 +114,7 @@ pub fn leg(
             if stands.iter().any(|(total, _, _)| search.cost(index) > *total) {
                 break;
             }
-            if !floor.faces_place(&at) || allowed.avoid(&at) {
+            if !floor.faces_place(&at) || effort.avoid(&at) {
                 continue;
             }
             looked_at += 1;

@@ -5,13 +5,13 @@ use super::search::{Graph, Search};
 use super::space::Space;
 use rapier3d::geometry::Aabb;
 use rapier3d::math::{Pose3, Vec3};
-use simulator::physics::geometry::{Solid, rotation_y};
-use simulator::robot::action::Action;
-use simulator::robot::configuration::{
+use crate::physics::geometry::{Solid, rotation_y};
+use crate::robot::action::Action;
+use crate::robot::configuration::{
     ARM_HEIGHT_MAX_M, ARM_HEIGHT_MIN_M, ARM_HEIGHT_TICKS, Configuration, WRIST_STEP_M,
 };
-use simulator::robot::dimensions::{ARM_BASE_AHEAD_M, MAGNET_RADIUS_M, REACH_M};
-use simulator::robot::links::{HAND, part_poses, world_from_robot};
+use crate::robot::dimensions::{ARM_BASE_AHEAD_M, MAGNET_RADIUS_M, REACH_M};
+use crate::robot::links::{HAND, part_poses, world_from_robot};
 
 /// The magnet reaches for the target with this much to spare, metres.
 const MAGNET_SPARE_M: f32 = 0.006;
@@ -92,7 +92,7 @@ impl<'a> Aim<'a> {
                 .and_then(|poses| space.held_pose(&poses))
                 .is_some_and(|pose| {
                     (pose.translation - *goal).abs().max_element()
-                        <= simulator::tasks::arm_point_nav::episode::GOAL_TOLERANCE_M - GOAL_SPARE_M
+                        <= crate::tasks::arm_point_nav::episode::GOAL_TOLERANCE_M - GOAL_SPARE_M
                 }),
         }
     }

@@ -5,9 +5,9 @@
 
 use super::search::Graph;
 use rapier3d::math::Vec3;
-use simulator::robot::action::Action;
-use simulator::robot::configuration::{Configuration, MOVE_AHEAD_M};
-use simulator::robot::dimensions::{ARM_BASE_AHEAD_M, REACH_M};
+use crate::robot::action::Action;
+use crate::robot::configuration::{Configuration, MOVE_AHEAD_M};
+use crate::robot::dimensions::{ARM_BASE_AHEAD_M, REACH_M};
 
 const CELL_M: f32 = 0.05;
 /// Room about the room: keeps cell numbers positive, metres.
@@ -67,7 +67,7 @@ impl Graph for Floor<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::search::Search;
+    use super::super::search::Search;
     use proptest::prelude::*;
     use std::collections::BTreeSet;
 
