@@ -39,8 +39,6 @@ pub struct Step {
     pub discounted_return: f64,
     /// What the auxiliary task predicts holds of the action.
     pub label: bool,
-    /// The action that a teacher would have taken, if it was asked.
-    pub advised: Option<u8>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -53,7 +51,6 @@ pub struct Outcome {
     /// Discounted sum of the episode's rewards up to this one, the newest undiscounted.
     pub discounted_return: f64,
     pub label: bool,
-    pub advised: Option<u8>,
 }
 
 #[derive(Debug)]
@@ -165,7 +162,6 @@ impl Rollout {
         step.time_limit = outcome.time_limit;
         step.discounted_return = outcome.discounted_return;
         step.label = outcome.label;
-        step.advised = outcome.advised;
         self.recorded[index] = true;
     }
 
@@ -230,12 +226,6 @@ impl Rollout {
     /// Which options could be chosen, in the order of a packing: see [`masks_of`].
     pub fn masks(&self, packing: &Packing) -> Option<Tensor> {
         masks_of(packing.rows.iter().map(|&(t, n)| self.step(t, n)), self.device())
-    }
-
-    /// What a teacher advised, in the order of a packing, i64 \[rows\], −1 where nothing; none where it advised nowhere.
-    pub fn advised(&self, packing: &Packing) -> Option<Tensor> {
-        let any = packing.rows.iter().any(|&(t, n)| self.step(t, n).advised.is_some());
-        any.then(|| self.gather(packing, |step| step.advised.map_or(-1, i64::from)))
     }
 
     /// One number a row, in the order of a packing, on the device.

@@ -32,10 +32,6 @@ pub const MULTIPLIER: &str = "lagrangian/multiplier";
 /// Auxiliary loss (before its weight); `auxiliary/…` holds the task's other figures.
 pub const AUXILIARY_LOSS: &str = "loss/auxiliary";
 
-/// Cross-entropy of the policy and a teacher's advice, summed over what was advised and divided by all frames, before its
-/// coefficient; absent without a teacher.
-pub const TEACHER_LOSS: &str = "loss/teacher";
-
 /// A metric that the task declares: its mean over the episodes that ended.
 pub fn of_episode(metric: &str) -> String {
     format!("{EPISODE}{metric}")
@@ -48,7 +44,7 @@ pub fn of_task(figure: &str) -> Option<&str> {
 
 const EPISODE: &str = "episode/";
 
-pub const ALL: [&str; 17] = [
+pub const ALL: [&str; 16] = [
     EPISODES,
     RETURN,
     LENGTH,
@@ -65,5 +61,4 @@ pub const ALL: [&str; 17] = [
     LEARNING_RATE,
     MULTIPLIER,
     AUXILIARY_LOSS,
-    TEACHER_LOSS,
 ];

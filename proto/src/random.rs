@@ -40,8 +40,6 @@ pub enum Purpose {
     Minibatch = 12,
     /// The seed that an environment which is not built in begins an episode with.
     EpisodeSeed = 13,
-    /// In which steps a teacher is asked.
-    Teacher = 14,
     /// What a contrastive auxiliary loss shows as not seen; keyed as [`Purpose::AuxiliarySubsample`].
     AuxiliaryNegatives = 16,
     /// Resamples behind the intervals of a report; `environment` is the number of seeds, `episode` the resample.

@@ -67,7 +67,7 @@ pub fn table<'py>(py: Python<'py>, task: &Spec, rows: &[Facts]) -> PyResult<Boun
                 }
             }
             Role::Outcome if channel.shape.is_empty() => put(py, &table, channel, field, rows)?,
-            Role::Outcome | Role::Observation | Role::Privileged | Role::Mask | Role::Teacher | Role::State => {}
+            Role::Outcome | Role::Observation | Role::Privileged | Role::Mask | Role::State => {}
         }
     }
     for (metric, measure) in task.rollout_metrics().filter(|(_, measure)| measure.kind() == Kind::Share) {

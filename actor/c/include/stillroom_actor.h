@@ -38,8 +38,7 @@ enum stillroom_role {
     STILLROOM_PART = 1,        /* part of rewards or a cost, of the last action: one STILLROOM_F32 */
     STILLROOM_OUTCOME = 2,     /* what else the last action led to */
     STILLROOM_MASK = 3,        /* 1 for each action that may be taken now, 0 for others: STILLROOM_U8 [actions] */
-    STILLROOM_PRIVILEGED = 4,  /* numbers that the critic alone is given */
-    STILLROOM_TEACHER = 5      /* 1 and the action that a teacher would take now, or 0: one STILLROOM_U32 */
+    STILLROOM_PRIVILEGED = 4   /* numbers that the critic alone is given */
 };
 
 /* A named array of numbers that every step fills in. */

@@ -179,7 +179,7 @@ impl Simulator {
 impl CChannel {
     fn read(&self, index: usize) -> Result<Channel, ServeError> {
         let name = text(&format!("the name of channel {index}"), self.name)?;
-        let roles = [Role::Observation, Role::Part, Role::Outcome, Role::Mask, Role::Privileged, Role::Teacher];
+        let roles = [Role::Observation, Role::Part, Role::Outcome, Role::Mask, Role::Privileged];
         let dtypes = [Dtype::U8, Dtype::U16, Dtype::I32, Dtype::U32, Dtype::F32];
         let (Some(&role), Some(&dtype)) = (roles.get(self.role as usize), dtypes.get(self.dtype as usize)) else {
             let Self { role, dtype, .. } = self;

@@ -296,11 +296,6 @@ impl Base {
         self.ever_disturbed.iter().filter(|&&ever| ever).count() as u32
     }
 
-    /// The number that state hashes have of the episode, and its step.
-    pub(crate) fn moment(&self) -> (u32, u32) {
-        (self.hashed_number, self.step)
-    }
-
     pub fn ended(&self) -> bool {
         self.end.is_some()
     }

@@ -76,7 +76,6 @@ impl Job {
             rollout: &collected,
             ppo: &config.ppo,
             auxiliary_config: &config.auxiliary,
-            teacher_coefficient: config.teacher.coefficient,
             peers,
             shards,
             reward_scale: running.reward_scale(),

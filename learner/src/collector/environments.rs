@@ -50,15 +50,12 @@ pub struct Environments {
     /// In place of an action.
     hold: Vec<u8>,
     mask: Option<Field>,
-    teacher: Option<Field>,
     soundness: Check,
     measures: Vec<Measure>,
     states: Vec<EnvironmentState>,
     running: Vec<RunningEpisode>,
     /// The last action was sent, and its outcome is not yet recorded.
     in_flight: Vec<bool>,
-    /// What a teacher would have done in its place.
-    advised: Vec<Option<u8>>,
 }
 
 impl Environments {
@@ -69,7 +66,7 @@ impl Environments {
             states.len() == column_map.columns() && running.len() == column_map.columns(),
             "there is one state and one running episode for each environment"
         );
-        let (in_flight, advised) = (vec![false; column_map.columns()], vec![None; column_map.columns()]);
+        let in_flight = vec![false; column_map.columns()];
         let (layout, soundness) = (task.layout(), Check::of(task));
         let measures = task.rollout_metrics().map(|(_, one)| one).collect();
         Self {
@@ -81,13 +78,11 @@ impl Environments {
             actions: &task.actions,
             hold: task.actions.hold(),
             mask: task.mask(),
-            teacher: task.teacher(),
             soundness,
             measures,
             states,
             running,
             in_flight,
-            advised,
         }
     }
 
@@ -144,8 +139,6 @@ impl Environments {
             self.states[column].remember(Snapshot { state_hash, bytes: snapshot.to_vec() });
         }
         self.in_flight[column] = true;
-        // Checked on arrival: no more than there are actions.
-        self.advised[column] = self.teacher.and_then(|field| (field.number(seen) as u8).checked_sub(1));
     }
 
     /// What contradicts the record of a column.
@@ -230,7 +223,6 @@ impl Environments {
             time_limit: header.end() == Some(End::Truncated),
             discounted_return,
             label: signals.labels(part),
-            advised: self.advised[column],
         };
         Some(Settlement { outcome, ended })
     }

@@ -22,11 +22,9 @@ pub struct Experience {
     pub advantages: Tensor,
     /// `R_t`.
     pub returns: Tensor,
-    /// The actions that a teacher would have taken, i64 \[B\], −1 where it gave no advice; none where it gave none at all.
-    pub advised: Option<Tensor>,
 }
 
-/// Scalars: shares of the minibatch's means. Those without gradients come last.
+/// Scalars: shares of the minibatch's means. The first three carry gradients.
 #[derive(Debug)]
 pub struct Terms {
     /// −min(ρA, clip(ρ, 1−ε, 1+ε)A), ρ the ratio of the new to the old probability.
@@ -35,8 +33,6 @@ pub struct Terms {
     pub value: Tensor,
     /// Entropy of the policy, nats.
     pub entropy: Tensor,
-    /// −ln π of what was advised, 0 where nothing was.
-    pub teacher: Tensor,
     /// Share of rows whose ratio is outside 1 ± ε.
     pub clip_fraction: Tensor,
     /// (ρ − 1) − ln ρ: an estimate of KL(old ‖ new) that is never negative (Schulman 2020).
@@ -65,50 +61,8 @@ pub fn terms(output: &ActorCriticOutput, experience: &Experience, ppo: &PpoConfi
 
     let entropy = mean(output.policy.entropy());
 
-    let teacher = experience.advised.as_ref().map_or_else(
-        || entropy.zeros_like(),
-        |advised| {
-            let log_probs = output.policy.log_prob(&advised.clamp_min(0).unsqueeze(1));
-            mean(-log_probs * advised.ge(0).to_kind(Kind::Float))
-        },
-    );
-
     let (ratio, log_ratio) = (ratio.detach(), log_ratio.detach());
     let clip_fraction = mean((&ratio - 1.0).abs().gt(clip).to_kind(Kind::Float));
     let approximate_kl = mean(ratio - 1.0 - log_ratio);
-    Terms { policy, value, entropy, teacher, clip_fraction, approximate_kl }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::network::Distribution;
-    use proto::config::Config;
-    use tch::Device;
-
-    /// −(ln 0.25 + ln 0.9) / 4, and its gradient by the logits: (probability − advised) / 4.
-    #[test]
-    fn what_was_advised_is_made_more_likely() {
-        let probabilities = Tensor::from_slice2(&[[0.25_f32, 0.75], [0.5, 0.5], [0.1, 0.9]]);
-        let logits = probabilities.log().set_requires_grad(true);
-        let policy = Distribution::Categorical { log_probs: logits.log_softmax(-1, Kind::Float), choices: vec![2] };
-        let zeros = || Tensor::zeros([3], (Kind::Float, Device::Cpu));
-        let experience = Experience {
-            actions: Tensor::from_slice(&[0_i64, 1, 0]).view([3, 1]),
-            masks: None,
-            log_probs: zeros(),
-            values: zeros(),
-            advantages: zeros(),
-            returns: zeros(),
-            advised: Some(Tensor::from_slice(&[0_i64, -1, 1])),
-        };
-        let output = ActorCriticOutput { policy, values: zeros() };
-        let teacher = terms(&output, &experience, &Config::default().ppo, 4).teacher;
-        let expected = -(0.25_f64.ln() + 0.9_f64.ln()) / 4.0;
-        assert!((teacher.double_value(&[]) - expected).abs() < 1e-6, "{teacher:?} is not {expected}");
-        teacher.backward();
-        let expected = Tensor::from_slice2(&[[-0.1875_f32, 0.1875], [0.0, 0.0], [0.025, -0.025]]);
-        let away = (logits.grad() - expected).abs().max().double_value(&[]);
-        assert!(away < 1e-6, "the gradient is away by {away}");
-    }
+    Terms { policy, value, entropy, clip_fraction, approximate_kl }
 }

@@ -12,12 +12,11 @@ use std::collections::BTreeMap;
 use tch::{Device, Kind, Tensor};
 
 /// Names of the scalars of a pass, in the order in which they are kept.
-pub const SCALARS: [&str; 7] = [
+pub const SCALARS: [&str; 6] = [
     metric::POLICY_LOSS,
     metric::VALUE_LOSS,
     metric::ENTROPY,
     metric::AUXILIARY_LOSS,
-    metric::TEACHER_LOSS,
     metric::CLIP_FRACTION,
     metric::APPROXIMATE_KL,
 ];
@@ -178,7 +177,7 @@ mod tests {
     #[test]
     fn a_minibatch_without_queries_has_no_part_in_the_auxiliary_loss() {
         let steps = [(1.0, 0.0, 0), (2.0, 5.0, 3), (3.0, 7.0, 1), (6.0, 0.0, 0)].map(|(policy, auxiliary, queries)| {
-            let scalars = [policy, 0.0, 0.0, auxiliary, 0.0, 0.0, 0.0];
+            let scalars = [policy, 0.0, 0.0, auxiliary, 0.0, 0.0];
             StepMetrics { scalars, queries, ..StepMetrics::default() }
         });
         let figures = means(&steps, &task());
@@ -194,16 +193,16 @@ mod tests {
         let (task, shards) = (task(), Shards::of(&config, &(0..4)));
         let mut step = StepSums::new(&task, &shards, Device::Cpu);
         for (shard, number) in [(3, 0.5), (2, -1e30), (0, 1e30), (1, 1.0), (2, 0.0)] {
-            step.add_pass(shard, &[0; 7].map(|_| Tensor::from(number)), &[]);
+            step.add_pass(shard, &[0; 6].map(|_| Tensor::from(number)), &[]);
         }
         let read = step.read(&Tensor::from(1.0), 0, &task, (&shards, &Peers::Alone)).unwrap();
-        assert_eq!(read.scalars, [0.5; 7], "the 1 vanishes beside 1e30, the half comes after");
+        assert_eq!(read.scalars, [0.5; 6], "the 1 vanishes beside 1e30, the half comes after");
     }
 
     #[test]
     fn passes_add_up_and_steps_stay_apart() {
         let single = |number: f32| Tensor::from(number);
-        let pass = |first: f32| [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0].map(|more| single(first + more));
+        let pass = |first: f32| [0.0, 0.5, 1.0, 1.5, 2.0, 2.5].map(|more| single(first + more));
         let (task, norm) = (task(), |norm: f64| Tensor::from(norm));
         let mut sums = UpdateSums::default();
         let shards = Shards::one(1);
@@ -216,8 +215,7 @@ mod tests {
         sums.add(&step, &norm(f64::NAN), 0);
 
         let steps = sums.read(&task, (&shards, &Peers::Alone)).unwrap();
-        let of_parts =
-            [0.0_f32, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0].map(|more| f64::from(1.0 + more) + f64::from(0.1 + more));
+        let of_parts = [0.0_f32, 0.5, 1.0, 1.5, 2.0, 2.5].map(|more| f64::from(1.0 + more) + f64::from(0.1 + more));
         assert_eq!(steps[0].scalars, of_parts, "in double");
         assert_eq!((steps[0].tally.sum("right"), steps[0].tally.sum("asked")), (4.0, 6.0));
         assert_eq!((steps[0].gradient_norm, steps[0].queries, steps[0].first_non_finite()), (0.25, 6, None));

@@ -158,7 +158,6 @@ impl Chunk {
             values: rollout.gather(&packing, |step| step.value),
             advantages: target(&|row| targets.advantage(row)),
             returns: target(&|row| targets.value_target(row)),
-            advised: rollout.advised(&packing),
         };
         let observations = unbounded.then(|| rollout.observations(&packing));
         Self { shard, packing, experience, observations }

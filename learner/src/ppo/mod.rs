@@ -69,8 +69,6 @@ pub(crate) struct Update<'a> {
     pub rollout: &'a Rollout,
     pub ppo: &'a PpoConfig,
     pub auxiliary_config: &'a AuxiliaryConfig,
-    /// Weight of what a teacher advised; 0: there is none.
-    pub teacher_coefficient: f64,
     pub peers: &'a Peers,
     /// The rollout's columns as shards, which are computed by themselves.
     pub shards: &'a Shards,
@@ -188,9 +186,6 @@ impl<'a> Update<'a> {
         }
         let mut means = means(&steps, self.auxiliary);
         means.insert(metric::LEARNING_RATE.to_owned(), self.learning_rate);
-        if self.teacher_coefficient == 0.0 {
-            means.remove(metric::TEACHER_LOSS);
-        }
         if self.peers.count() > 1 {
             means.insert(metric::EXCHANGED.to_owned(), self.peers.exchanged()?.bytes as f64);
         }
@@ -269,14 +264,9 @@ impl<'a> Update<'a> {
         let output = network.actor_critic(&beliefs, embedded.privileged.as_ref(), experience.masks.as_ref());
 
         // Loss: clipped surrogate + c_v · clipped value loss − c_H · entropy, scalars.
-        let Terms { policy, value, entropy, teacher, clip_fraction, approximate_kl } =
+        let Terms { policy, value, entropy, clip_fraction, approximate_kl } =
             terms(&output, experience, ppo, totals.frames);
         let mut loss = &policy + &value * ppo.value_coefficient - &entropy * ppo.entropy_coefficient;
-
-        // + c_T · cross-entropy with what a teacher advised.
-        if experience.advised.is_some() && self.teacher_coefficient > 0.0 {
-            loss += &teacher * self.teacher_coefficient;
-        }
 
         // + w · the auxiliary task's loss, from what each observation gives by itself and from the beliefs.
         let embeddings = network.observations_of(&embedded.rows);
@@ -288,8 +278,7 @@ impl<'a> Update<'a> {
             loss += &task.loss * self.auxiliary_config.weight;
             (auxiliary, counted) = (task.loss, task.sums);
         }
-        let scalars = [policy, value, entropy, auxiliary, teacher, clip_fraction, approximate_kl];
-        step.add_pass(*shard, &scalars, &counted);
+        step.add_pass(*shard, &[policy, value, entropy, auxiliary, clip_fraction, approximate_kl], &counted);
         (loss, embedded)
     }
 

@@ -40,7 +40,6 @@ pub(super) fn probe(
         rollout,
         ppo: &config.ppo,
         auxiliary_config: &config.auxiliary,
-        teacher_coefficient: config.teacher.coefficient,
         peers: &Peers::Alone,
         shards: &shards,
         reward_scale,

@@ -82,8 +82,6 @@ pub struct Config {
     pub rewards: Vec<Reward>,
     /// Auxiliary task.
     pub auxiliary: AuxiliaryConfig,
-    /// A teacher, whose advice the policy imitates.
-    pub teacher: TeacherConfig,
     /// Settings of the learner processes.
     pub learner: LearnerConfig,
     /// Where processes run.
@@ -227,20 +225,6 @@ pub struct AuxiliaryConfig {
     pub focal_gamma: f64,
     /// Share of the valid samples that `inverse_dynamics` and `cpca16` use in an epoch.
     pub subsample: f64,
-}
-
-/// A teacher, whose advice the policy imitates: in the built-in task a planner with privileged state.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct TeacherConfig {
-    /// Weight in the loss of the cross-entropy of policy and advice, summed over what was advised and divided by all
-    /// frames. 0 = no teacher.
-    pub coefficient: f64,
-    /// Share of the steps of an environment's first episode in which the built-in teacher is asked, 0..=1. A plan takes as
-    /// long as twenty steps.
-    pub share: f64,
-    /// Episodes of an environment in which that share falls to 0.
-    pub episodes: u32,
 }
 
 /// Where the learner computes.
@@ -404,7 +388,6 @@ impl Default for Config {
             reward: RewardConfig::default(),
             rewards: Vec::new(),
             auxiliary: AuxiliaryConfig::default(),
-            teacher: TeacherConfig::default(),
             learner: LearnerConfig::default(),
             machine: MachineConfig::default(),
             checkpoint: CheckpointConfig::default(),
@@ -468,12 +451,6 @@ impl Default for PpoConfig {
 impl Default for AuxiliaryConfig {
     fn default() -> Self {
         Self { task: AuxiliaryTask::Disturb, weight: 0.1, focal_gamma: 2.0, subsample: 0.2 }
-    }
-}
-
-impl Default for TeacherConfig {
-    fn default() -> Self {
-        Self { coefficient: 0.0, share: 1.0 / 64.0, episodes: 400 }
     }
 }
 

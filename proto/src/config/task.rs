@@ -4,7 +4,7 @@ use super::validate::check;
 use super::{AuxiliaryTask, Config, ConfigError, EnvironmentConfig, GoalCoordinates};
 use crate::likeness::nearest;
 use crate::run_folder::RunFolder;
-use crate::task::{ActionHead, ActionSpace, Composition, Condition, MULTIPLIER, NEGATIVE_MULTIPLIER, Spec, SpecError};
+use crate::task::{ActionHead, Composition, Condition, MULTIPLIER, NEGATIVE_MULTIPLIER, Spec, SpecError};
 
 impl Config {
     /// The task's declaration. Panics if the configuration was not validated.
@@ -122,13 +122,6 @@ impl Config {
             serde_json::json!(self.auxiliary.task),
             self.auxiliary.task == AuxiliaryTask::None || inputs.frame.is_some() && !spec.actions.names().is_empty(),
             "must be \"none\" in a task without a frame, or whose actions have no names",
-        )?;
-        let is_whole = self.episode.action_space == ActionSpace::default();
-        check(
-            "teacher.coefficient",
-            self.teacher.coefficient,
-            self.teacher.coefficient == 0.0 || spec.teacher().is_some() && is_whole,
-            "must be 0 in a task without a teacher, or with a subset of its actions",
         )?;
         let is_named = !spec.actions.names().is_empty();
         check(

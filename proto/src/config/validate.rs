@@ -81,7 +81,7 @@ impl Config {
     }
 
     fn validate_learning(&self) -> Result<(), ConfigError> {
-        let Self { network, ppo, normalize, reward, auxiliary, teacher, .. } = self;
+        let Self { network, ppo, normalize, reward, auxiliary, .. } = self;
         check(
             "network.input_pool",
             network.input_pool,
@@ -100,7 +100,6 @@ impl Config {
             ("ppo.gamma", ppo.gamma),
             ("ppo.gae_lambda", ppo.gae_lambda),
             ("ppo.preemption_share", ppo.preemption_share),
-            ("teacher.share", teacher.share),
         ] {
             within(key, value, 0.0..=1.0, "must be 0 to 1")?;
         }
@@ -129,7 +128,6 @@ impl Config {
             ("ppo.target_kl", ppo.target_kl),
             ("auxiliary.weight", auxiliary.weight),
             ("auxiliary.focal_gamma", auxiliary.focal_gamma),
-            ("teacher.coefficient", teacher.coefficient),
             ("reward.lagrangian.initial", reward.lagrangian.initial),
             ("reward.lagrangian.learning_rate", reward.lagrangian.learning_rate),
         ] {

@@ -17,8 +17,6 @@ pub enum Role {
     Privileged,
     /// Of each option of the actions, whether it may be chosen now: 1 or 0. Of several choices, side by side.
     Mask,
-    /// What a teacher would do now, for the policy to imitate: 1 and the action's number, or 0 where it gives no advice.
-    Teacher,
     /// For viewers and recordings alone.
     State,
 }

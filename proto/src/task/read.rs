@@ -132,7 +132,6 @@ impl Spec {
         actions.check()?;
         channels.iter().try_for_each(Channel::check)?;
         check_masks(&actions, &channels)?;
-        check_teachers(&actions, &channels)?;
         if let Restore::Snapshot { bytes } = restore {
             let valid = (1..=Restore::SNAPSHOT_BYTES_MOST).contains(&bytes);
             valid.then_some(()).ok_or(SpecError::Snapshot { bytes })?;
@@ -200,23 +199,6 @@ impl Spec {
         }
         check_names(self.rewards.iter().chain(own).map(|reward| &*reward.name))
     }
-}
-
-fn check_teachers(actions: &Actions, channels: &[Channel]) -> Result<(), SpecError> {
-    let mut teachers = channels.iter().filter(|channel| channel.role == Role::Teacher);
-    let Some(teacher) = teachers.next() else { return Ok(()) };
-    let wrong = |channel: &Channel, problem| Err(SpecError::Channel { name: channel.name.clone(), problem });
-    if let Some(second) = teachers.next() {
-        return wrong(second, "a task has one teacher");
-    }
-    let Actions::Discrete { names, .. } = actions else {
-        return wrong(teacher, "a teacher advises discrete actions");
-    };
-    let whole = !matches!(teacher.dtype, Dtype::F32 | Dtype::F64);
-    if !whole || !teacher.shape.is_empty() || teacher.range != Some([0.0, names.len() as f64]) {
-        return wrong(teacher, "advice is a whole number, and its range is 0 to the number of actions: 0 is none");
-    }
-    Ok(())
 }
 
 fn check_masks(actions: &Actions, channels: &[Channel]) -> Result<(), SpecError> {

@@ -54,12 +54,6 @@ impl Spec {
         Some(self.layout.fields[index])
     }
 
-    /// Where a teacher's advice lies; none in a task without one.
-    pub fn teacher(&self) -> Option<Field> {
-        let index = self.channels.iter().position(|channel| channel.role == Role::Teacher)?;
-        Some(self.layout.fields[index])
-    }
-
     pub fn metric(&self, name: &str) -> Option<&Metric> {
         self.metrics.iter().find(|metric| metric.name == name)
     }

@@ -532,29 +532,6 @@ fn numbers_that_a_task_does_not_declare_are_named() {
 }
 
 #[test]
-fn advice_is_a_number_of_an_action_or_none() {
-    let [two, numbers] = ["kind = \"discrete\"\nnames = [\"a\", \"b\"]", "kind = \"box\"\nbounds = [[-1, 1]]"];
-    let spec = |actions: &str, channels: &str| {
-        let head = "[[channels]]\nname = \"advice\"\nrole = \"teacher\"\ndoc = \"\"";
-        Spec::parse(&format!("name = \"taught\"\n[actions]\n{actions}\n{head}\n{channels}\n"))
-    };
-    let sound = "dtype = \"u8\"\nrange = [0, 2]";
-    let again = format!("{sound}\n[[channels]]\nname = \"again\"\nrole = \"teacher\"\ndoc = \"\"\n{sound}");
-    for (actions, channels, problem) in [
-        (two, "dtype = \"f32\"\nrange = [0, 2]", "advice is a whole number"),
-        (two, "dtype = \"u8\"\nrange = [0, 1]", "its range is 0 to the number of actions"),
-        (two, "dtype = \"u8\"", "its range is"),
-        (two, "dtype = \"u8\"\nshape = [2]\nrange = [0, 2]", "advice is a whole number"),
-        (two, &again, "channel `again`: a task has one teacher"),
-        (numbers, sound, "a teacher advises discrete actions"),
-    ] {
-        let error = spec(actions, channels).unwrap_err().to_string();
-        assert!(error.contains(problem), "{channels}: {error}");
-    }
-    assert!(spec(two, sound).unwrap().teacher().is_some());
-}
-
-#[test]
 fn a_mask_is_of_the_options_and_allows_one_of_each_choice() {
     let spec = |actions: &str, mask: &str| {
         let channel = "[[channels]]\nrole = \"mask\"\ndoc = \"\"";

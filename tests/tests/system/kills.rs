@@ -72,11 +72,10 @@ fn an_orchestrator_killed_at_any_point_changes_nothing() {
     killed_at(&Workshop::new(), "orchestrator", &ORCHESTRATOR);
 }
 
-/// The multiplier and a teacher's advice are part of what must go on, too.
+/// The multiplier is part of what must go on, too.
 #[test]
 fn a_learner_killed_beside_an_update_changes_nothing() {
-    let stages = "[teacher]\ncoefficient = 1.0\nshare = 0.2\n\
-                  [[stages]]\nname = \"I\"\nreward = \"r\"\nframes = 300\n\
+    let stages = "[[stages]]\nname = \"I\"\nreward = \"r\"\nframes = 300\n\
                   [[stages]]\nname = \"II\"\nreward = \"lagrangian\"\nframes = 300\n";
     killed_at(&overlap::workshop(stages), "learner", &OVERLAPPING);
 }

@@ -8,8 +8,7 @@ fn an_outcome_that_does_not_follow_from_the_action_is_an_error() {
     let mut collector = collector(settings(column_map, 1), Boundary::start(1));
     let mut actor = FakeActor::new(0, 1);
     actor.restore = Some(collector.restore(0, 0));
-    let (header, mut sample) = actor.turn(column_map).unwrap().remove(0);
-    named(Config::default().spec(), "advice").of_mut::<u32>(Line::bytes_mut(&mut sample.0[0]))[0] = 8;
+    let (header, sample) = actor.turn(column_map).unwrap().remove(0);
     collector.receive(&header, sample).unwrap();
     let in_force = reward("r");
     collector.begin(RolloutShape { steps: 2, environments_in_last_step: 1, frames: 2 }, in_force, 1);
@@ -48,7 +47,6 @@ fn an_outcome_that_does_not_follow_from_the_action_is_an_error() {
     let part = |index| layout.part(sample.record(0), index);
     assert_eq!(settled[0].outcome.reward, reward("r").composition.of(part, 0.0));
     assert_eq!(settled[0].outcome.label, sample.clone().reals("disturbance_progress_m")[0] <= -0.001);
-    assert_eq!(settled[0].outcome.advised, Some(7), "what was advised in place of this action");
     assert!(collector.settle(&second).is_empty(), "an outcome is taken in once");
 }
 

@@ -3,7 +3,6 @@
 
 use super::episode::{Episode, at_goal};
 use super::episodes::{episode, fixed_of};
-use super::oracle;
 use super::step::{Current, Transition, goal_m};
 use crate::environment::{self, Base};
 use crate::kitchen::Kitchen;
@@ -12,9 +11,8 @@ use crate::robot::action::Action;
 use crate::robot::configuration::Configuration;
 use crate::simulation::{Start, Way};
 use crate::tasks::run::{OpenError, Run, check_kitchen};
-use proto::config::{Config, TeacherConfig};
+use proto::config::Config;
 use proto::episode::EnvironmentId;
-use proto::random::{Key, Purpose};
 use rapier3d::math::{Pose3, Vec3};
 use std::ops::{Deref, DerefMut};
 use std::sync::Arc;
@@ -184,22 +182,6 @@ impl Environment {
         }
     }
 
-    /// The planner's advice, where the run has it asked.
-    fn advice(&self) -> u32 {
-        let TeacherConfig { coefficient, share, episodes } = self.run.config.teacher;
-        let (episode, step) = self.base.moment();
-        if coefficient == 0.0 || episode >= episodes || self.run.plan.is_some() || self.ended() {
-            return 0;
-        }
-        let EnvironmentId { kitchen, number } = self.id;
-        let key = Key { step, ..Key::episode(self.run.config.seed, Purpose::Teacher, kitchen, number, episode) };
-        let share = share * f64::from(episodes - episode) / f64::from(episodes);
-        if f64::from(key.stream().uniform()) >= share {
-            return 0;
-        }
-        oracle::advice(self).map_or(0, |action| 1 + u32::from(action.index()))
-    }
-
     pub fn current(&self) -> Current {
         let configuration = self.simulation().configuration();
         let (wrist, target, goal) = (self.simulation().wrist(), self.target_position(), self.episode.goal);
@@ -219,7 +201,6 @@ impl Environment {
             wrist_position_m: wrist.to_array(),
             target_position_m: target.to_array(),
             goal_position_m: goal.to_array(),
-            advice: 0,
         }
     }
 
@@ -284,7 +265,7 @@ impl environment::Environment for Environment {
     }
 
     fn observe(&self, seen: &mut [u8]) {
-        Current { advice: self.advice(), ..self.current() }.write(seen);
+        self.current().write(seen);
     }
 
     fn before_first(&self, done: &mut [u8]) {

@@ -18,7 +18,7 @@ mod search;
 mod space;
 
 use moment::Moment;
-use plan::{Carriage, Effort};
+use plan::{Carriage, Stands};
 use rapier3d::math::Vec3;
 use crate::kitchen::Kitchen;
 use crate::robot::action::Action;
@@ -163,7 +163,7 @@ impl Policy {
         let mut least: Option<(f32, Vec<Action>)> = None;
         for &care in self.variant.cares(self.failed.len()) {
             for &carriage in self.variant.carriages(holding) {
-                let Some(mut actions) = plan::leg(&moment, care, carriage, &self.failed, Effort::USUAL) else {
+                let Some(mut actions) = plan::leg(&moment, care, carriage, &self.failed, Stands::FIRST) else {
                     continue;
                 };
                 actions.push(end);
@@ -183,26 +183,6 @@ impl Policy {
     }
 }
 
-/// What the careful variant would do now, planned anew with little effort; none if that finds no way on which nothing is
-/// disturbed. It is a function of the state alone, so that whoever plays the episode again is given the same.
-pub fn advice(environment: &Environment) -> Option<Action> {
-    let holding = environment.simulation().holding();
-    let end = if holding { Action::DoneMidLevel } else { Action::PickUpMidLevel };
-    let moment = Moment::of(environment);
-    let [wide, _, narrow, ..] = *Variant::Careful.cares(0) else { return None };
-    // As the arm is before another way to hold it: otherwise each new plan would raise it again near the aim.
-    let ways = [(wide, Carriage::UNCHANGED), (wide, Carriage::at(16, 4)), (narrow, Carriage::UNCHANGED)];
-    for (care, carriage) in ways {
-        if let Some(mut actions) = plan::leg(&moment, care, carriage, &[], Effort::SMALL) {
-            actions.push(end);
-            if trial(environment, &actions) <= UNDISTURBED_M {
-                return actions.first().copied();
-            }
-        }
-    }
-    None
-}
-
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Leg {
     ToTarget,
@@ -214,7 +194,7 @@ pub enum Leg {
 pub fn first_obstructed_leg(kitchen: &Kitchen, episode: &Episode) -> Option<Leg> {
     let leg = |moment: &Moment, avoided: &[Configuration]| {
         let carriages = Variant::Fast.carriages(moment.held.is_some());
-        carriages.iter().find_map(|&carriage| plan::leg(moment, Care::NONE, carriage, &[], Effort::all_but(avoided)))
+        carriages.iter().find_map(|&carriage| plan::leg(moment, Care::NONE, carriage, &[], Stands::all_but(avoided)))
     };
     let beginning = Moment::beginning(kitchen, episode);
     let mut tried = Vec::new();

@@ -8,34 +8,29 @@ use super::space::{Care, Space};
 use crate::robot::action::Action;
 use crate::robot::configuration::Configuration;
 
+/// Floor poses that a search expands.
+const EXPANSIONS: u32 = 40_000;
 /// Floor poses in reach whose final configurations are looked for before the best of them is chosen.
 const STANDS_COMPARED: usize = 16;
 /// Floor poses nearer to each other than this count as the same if they face the same way, metres.
 const SAME_STAND_M: f32 = 0.1;
 
-/// How far a search for a leg goes.
+/// Which floor poses in reach of the aim are looked at.
 #[derive(Debug, Clone, Copy)]
-pub struct Effort<'a> {
-    /// Floor poses that it expands.
-    expansions: u32,
-    /// How often the distance that is left counts.
-    weight: u32,
-    /// Floor poses in reach of the aim that it looks at.
-    stands: usize,
+pub struct Stands<'a> {
+    most: usize,
     /// None that is like one of these.
     avoided: &'a [Configuration],
 }
 
-impl<'a> Effort<'a> {
-    /// A few milliseconds at most: for a caller that can do without a plan.
-    pub const SMALL: Self = Self { expansions: 2500, weight: 3, stands: 16, avoided: &[] };
-    /// For a caller that has another plan to try.
-    pub const USUAL: Self = Self { expansions: 40_000, weight: 1, stands: 400, avoided: &[] };
+impl<'a> Stands<'a> {
+    /// The first few: for a caller that has another plan to try.
+    pub const FIRST: Self = Self { most: 400, avoided: &[] };
 
-    /// Nearly all floor poses: for a caller that must know whether any way exists. They come in order of the drive,
-    /// those from which the arm just does not reach before those from which it does.
+    /// Nearly all of them: for a caller that must know whether any way exists. They come in order of the drive, those
+    /// from which the arm just does not reach before those from which it does.
     pub const fn all_but(avoided: &'a [Configuration]) -> Self {
-        Self { expansions: 40_000, weight: 1, stands: 4000, avoided }
+        Self { most: 4000, avoided }
     }
 
     fn avoid(&self, at: &Configuration) -> bool {
@@ -87,7 +82,7 @@ pub fn leg(
     care: Care,
     carriage: Carriage,
     forbidden: &[(Configuration, Action)],
-    effort: Effort,
+    allowed: Stands,
 ) -> Option<Vec<Action>> {
     let aim = Aim::of(moment);
     let now = moment.robot;
@@ -99,12 +94,12 @@ pub fn leg(
 
     let passable = |from: &Configuration, action, to: &Configuration| driving.passable(from, action, to);
     let floor = Floor { passable: &passable, place: aim.place(), slack_m: aim.slack_m(), forbidden };
-    let mut search = Search::weighted(&floor, travelling, effort.expansions, effort.weight);
+    let mut search = Search::new(&floor, travelling, EXPANSIONS);
     let (mut looked_at, mut exhausted) = (0, false);
-    while looked_at < effort.stands && !exhausted {
+    while looked_at < allowed.most && !exhausted {
         // Some floor poses from which the aim can be met, by their length of drive and reach together.
         let mut stands: Vec<(u32, usize, Vec<Configuration>)> = Vec::new();
-        while stands.len() < STANDS_COMPARED && looked_at < effort.stands {
+        while stands.len() < STANDS_COMPARED && looked_at < allowed.most {
             let Some(index) = search.next(&floor) else {
                 exhausted = true;
                 break;
@@ -114,7 +109,7 @@ pub fn leg(
             if stands.iter().any(|(total, _, _)| search.cost(index) > *total) {
                 break;
             }
-            if !floor.faces_place(&at) || effort.avoid(&at) {
+            if !floor.faces_place(&at) || allowed.avoid(&at) {
                 continue;
             }
             looked_at += 1;

@@ -38,32 +38,24 @@ pub struct Search<S> {
     closed: HashSet<u64>,
     successors: Vec<(Action, S)>,
     expansions_left: u32,
-    weight: u32,
 }
 
 impl<S: Copy> Search<S> {
     /// A search from `start` that expands at most `expansions` states.
     pub fn new(graph: &impl Graph<State = S>, start: S, expansions: u32) -> Self {
-        Self::weighted(graph, start, expansions, 1)
-    }
-
-    /// The same with bounds that count `weight` times: ways are found sooner, and are at most so many times as long as the
-    /// shortest (weighted A*, Pohl 1970).
-    pub fn weighted(graph: &impl Graph<State = S>, start: S, expansions: u32, weight: u32) -> Self {
         let mut search = Self {
             nodes: Vec::new(),
             open: BinaryHeap::new(),
             closed: HashSet::new(),
             successors: Vec::new(),
             expansions_left: expansions,
-            weight,
         };
         search.push(graph, Node { state: start, parent: None, cost: 0 });
         search
     }
 
     fn push(&mut self, graph: &impl Graph<State = S>, node: Node<S>) {
-        let total = node.cost.saturating_add(self.weight * graph.bound(&node.state));
+        let total = node.cost.saturating_add(graph.bound(&node.state));
         self.open.push(Reverse((total, Reverse(node.cost), self.nodes.len())));
         self.nodes.push(node);
     }
