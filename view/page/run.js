@@ -1,6 +1,6 @@
 // One run, live; or several over each other. Figures come when they change (server-sent events), curves by what is new.
 
-import { every, follow, h, json, notice, remember, remembered, replace } from "./dom.js";
+import { every, follow, h, json, notice, pause, remember, remembered, replace } from "./dom.js";
 import { Curves } from "./curves.js";
 import { bytes, count, date, duration, figure, number, outcome, percent, short } from "./format.js";
 import { progress, stateWord } from "./list.js";
@@ -184,23 +184,23 @@ class Depths {
 /** The last moments of the newest episodes, a few of each outcome: what a run at rest has come to. */
 class Thumbnails {
   constructor(run, signal) {
-    Object.assign(this, { run, signal, shown: "", failures: 0 });
+    Object.assign(this, { run, signal, shown: "" });
     this.grid = h("div", { class: "tiles" });
     this.element = h("section", { class: "card", hidden: true }, h("div", { class: "row between" }, h("h2", {}, "Newest episodes"), h("a", { href: `#/run/${encodeURIComponent(run)}/episodes` }, "all")), this.grid);
   }
 
-  know(live) {
+  async know(live) {
     const version = `${live.rollouts} ${live.card.done}`;
     if (live.card.state === "running" || live.indexed < 0.999 || version === this.shown) return;
     this.shown = version;
     // A machine that is busy with other work may need several tries.
-    this.load().catch((error) => {
-      if (this.signal.aborted) return;
-      this.failures += 1;
-      if (this.failures > 5) { this.element.hidden = false; replace(this.grid, notice(error.message, "error")); return; }
-      this.shown = "";
-      setTimeout(() => this.know(live), 5000);
-    });
+    for (let left = 5; this.shown === version && !this.signal.aborted; left -= 1) {
+      try { return await this.load(); } catch (error) {
+        if (!left && !this.signal.aborted) { this.element.hidden = false; replace(this.grid, notice(error.message, "error")); }
+        if (!left) return;
+      }
+      await pause(5000, this.signal);
+    }
   }
 
   async load() {
@@ -289,7 +289,7 @@ export async function showRun(root, runs, signal) {
       grow().catch((error) => { if (!signal.aborted) replace(notes, notice(error.message, "error")); });
     }
   };
-  const first = await json(`/api/runs/${encoded}`, { signal });
+  const first = await json(`/api/runs/${encoded}`, { signal, waits: (reason) => replace(root, notice(reason)) });
   take(first);
   every(10_000, signal, async () => {
     const cards = await json("/api/runs", { signal }).catch(() => []);

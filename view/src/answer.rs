@@ -1,7 +1,7 @@
 use crate::data::Problem;
 use crate::scene_renderer::TheatreError;
-use axum::http::StatusCode;
-use axum::http::header::CONTENT_TYPE;
+use axum::http::header::{CONTENT_TYPE, RETRY_AFTER};
+use axum::http::{HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 
@@ -10,7 +10,12 @@ pub struct Refusal(pub StatusCode, pub String);
 impl IntoResponse for Refusal {
     fn into_response(self) -> Response {
         let Self(status, problem) = self;
-        (status, [(CONTENT_TYPE, "application/json")], text(&serde_json::json!({ "error": problem }))).into_response()
+        let body = text(&serde_json::json!({ "error": problem }));
+        let mut response = (status, [(CONTENT_TYPE, "application/json")], body).into_response();
+        if status == StatusCode::SERVICE_UNAVAILABLE {
+            response.headers_mut().insert(RETRY_AFTER, HeaderValue::from_static("1"));
+        }
+        response
     }
 }
 

@@ -230,6 +230,8 @@ fn a_way_that_leads_nowhere_is_no_way_out() {
     assert_eq!(server.get("/api/runs/broken").status, 422, "a damaged run is said to be one");
     assert!(server.get("/api/runs/broken").body.contains("run.toml is damaged"));
     assert_eq!(server.get("/api/runs/broken/live").status, 422);
+    let long = server.get("/api/runs/long");
+    assert!(long.status == 503 && long.head.contains("\r\nretry-after: 1\r\n"), "{long:?}");
     assert_eq!(server.get("/api/runs/a").status, 200);
 }
 

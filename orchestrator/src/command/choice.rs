@@ -41,6 +41,10 @@ impl Choice {
         self.kitchen.is_none() && self.environment.is_none() && self.episode.is_empty()
     }
 
+    pub fn is_of_one_environment(&self) -> bool {
+        self.environment.is_some()
+    }
+
     pub fn gather(&self, paths: &[PathBuf]) -> Result<Chosen> {
         let mut files = Vec::new();
         for path in paths {

@@ -94,6 +94,10 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
     let picks = !args.check && args.choice.is_all();
     let (shares, incomplete) = if picks { (args.picked()?, false) } else { args.chosen()? };
     let images = if args.check { None } else { Some(args.images_wanted()?) };
+    let films = shares.iter().map(|(_, episodes)| episodes.len()).sum::<usize>() as u64;
+    if images.is_some() && !picks && films > 1 && !args.choice.is_of_one_environment() {
+        terminal::note(&format!("makes {films} films: --environment chooses one environment"));
+    }
     let mut totals = Totals::default();
     let mut in_kitchens = true;
     for (mut setup, episodes) in shares {

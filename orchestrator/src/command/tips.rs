@@ -17,14 +17,21 @@ const COMMANDS: [(&str, &[&str]); 6] = [
 ];
 
 /// Options of other programs, and what says the same to `up`.
-const OPTIONS: [(&str, &[&str]); 6] = [
+const OPTIONS: [(&str, &[&str]); 7] = [
     ("--set ppo.learning_rate=RATE", &["--lr", "--learning-rate"]),
-    ("--envs-per-actor N", &["--num-envs", "--n-envs", "--num-processes"]),
+    ("--set ppo.rollout_steps=STEPS", &["--n-steps", "--num-steps", "--rollout"]),
+    ("--actors N` times `--envs-per-actor N", &["--num-envs", "--n-envs", "--num-processes"]),
     ("--learners N", &["--gpus", "--num-gpus", "--nproc-per-node"]),
     ("--set learner.device=cuda", &["--device", "--cuda", "--gpu"]),
-    ("--frames N", &["--steps", "--num-steps", "--timesteps", "--total-timesteps"]),
+    ("--frames N", &["--steps", "--timesteps", "--total-timesteps"]),
     ("--run FOLDER", &["--out", "--output", "--output-dir", "--logdir", "--name", "--exp-name"]),
 ];
+
+/// What says the same here as an option of another program, or as a setting of it.
+fn ours(word: &str) -> Option<String> {
+    let (ours, _) = OPTIONS.iter().find(|(_, theirs)| theirs.contains(&word))?;
+    Some(format!("here it is `{ours}`"))
+}
 
 /// An error of the command line, with what was probably meant.
 pub fn with_tip(mut error: clap::Error) -> clap::Error {
@@ -64,14 +71,15 @@ pub fn with_tip(mut error: clap::Error) -> clap::Error {
                      begins another run with its weights"
                         .to_owned(),
                 ),
-                word if usage.contains("orchestrator up") => {
-                    let (ours, _) = OPTIONS.iter().find(|(_, theirs)| theirs.contains(&word))?;
-                    Some(format!("here it is `{ours}`"))
-                }
+                word if usage.contains("orchestrator up") => ours(word),
                 _ => None,
             }
             })
         }
+        ErrorKind::ValueValidation => text(ContextKind::InvalidValue).and_then(|setting| {
+            let (key, _) = setting.split_once('=')?;
+            ours(&format!("--{}", key.trim().replace('_', "-")))
+        }),
         _ => None,
     };
     let dashes = |value: &ContextValue| matches!(value, ContextValue::StyledStrs(all) if all.iter().any(|one| one.to_string().contains("as a value")));
@@ -110,6 +118,11 @@ mod tests {
             (&["presets", "demo"], "tip: `orchestrator config --preset demo` prints a preset"),
             (&["scale", "runs/a", "40"], "tip: their number is given as `--actors 40`"),
             (&["up", "--lr", "3e-4"], "tip: here it is `--set ppo.learning_rate=RATE`"),
+            (&["up", "--num-steps", "128"], "tip: here it is `--set ppo.rollout_steps=STEPS`"),
+            (&["up", "--set", "num_envs=8"], "tip: here it is `--actors N` times `--envs-per-actor N`"),
+            (&["config", "--set", "n_steps = 128"], "tip: here it is `--set ppo.rollout_steps=STEPS`"),
+            (&["up", "--set", "learning_rate=1e-3"], "tip: here it is `--set ppo.learning_rate=RATE`"),
+            (&["up", "--set", "total_timesteps=1e6"], "tip: here it is `--frames N`"),
         ] {
             let line = std::iter::once("orchestrator").chain(words.iter().copied());
             let error = super::with_tip(CommandLine::command().try_get_matches_from(line).unwrap_err()).to_string();

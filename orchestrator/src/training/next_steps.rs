@@ -8,6 +8,14 @@ pub fn program() -> String {
     called.map_or_else(|| "orchestrator".to_owned(), quoted)
 }
 
+/// The command of the full run that a demonstration stands for, with the file of settings of this one.
+pub fn full_run(program: &str, preset: &str, words: impl IntoIterator<Item = String>) -> String {
+    let mut words = words.into_iter().skip_while(|word| word.split('=').next() != Some("--config"));
+    let file = words.next().and_then(|word| word.split_once('=').map(|(_, file)| file.to_owned()).or(words.next()));
+    let file = file.map_or_else(String::new, |file| format!(" --config {}", quoted(file)));
+    format!("{program} up --preset {preset}{file}")
+}
+
 pub fn resume(program: &str, run: &Path) -> String {
     format!("{program} resume {}", quoted(run))
 }
@@ -36,8 +44,8 @@ pub fn complete(program: &str, folder: &RunFolder, preset: &str, recorded: bool)
     lines.push(line("evaluate", &format!("{program} eval {run}")));
     lines.push(line("report", &format!("{program} report {run}")));
     if preset == "demo" {
-        lines.push(line("full run", &format!("{program} up --preset paper")));
-        lines.push(line("on a GPU", &format!("{program} up --preset recipe")));
+        lines.push(line("full run", &full_run(program, "paper", std::env::args())));
+        lines.push(line("on a GPU", &full_run(program, "recipe", std::env::args())));
     }
     lines
 }
@@ -59,6 +67,14 @@ mod tests {
         ];
         assert_eq!(lines("demo", true), expected);
         assert_eq!(lines("paper", false), expected[1..3], "nothing was recorded, and this was the full run");
+    }
+
+    #[test]
+    fn a_full_run_keeps_the_file_of_settings() {
+        let full = |words: &str| full_run("orchestrator", "paper", words.split(' ').map(str::to_owned));
+        assert_eq!(full("up --seed 2 --config mine.toml --view"), "orchestrator up --preset paper --config mine.toml");
+        assert_eq!(full("up --config=mine.toml"), "orchestrator up --preset paper --config mine.toml");
+        assert_eq!(full("up --preset demo"), "orchestrator up --preset paper");
     }
 
     #[test]

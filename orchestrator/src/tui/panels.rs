@@ -158,6 +158,12 @@ pub fn kitchens(frame: &mut Frame, area: Rect, live: &Live) {
     let widths = [8, 9].into_iter().chain(metrics.iter().map(|metric| width(metric))).map(Constraint::Length);
     let labels = metrics.iter().map(|metric| metric.label.as_str());
     let head = Row::new(["kitchen", "episodes"].into_iter().chain(labels)).bold();
-    let table = Table::new(live.kitchens.iter().map(row), widths).header(head).column_spacing(0);
-    frame.render_widget(table.block(Block::bordered().title(" newest episodes ")), area);
+    let title = match live.indexed {
+        0.999.. => " newest episodes ".to_owned(),
+        indexed => format!(" {:.0}% of the recordings are read ", 100.0 * indexed),
+    };
+    // They are read in the order of time: the newest that are known of few are of the run's beginning.
+    let known = if live.indexed < 0.9 { &[] } else { &live.kitchens[..] };
+    let table = Table::new(known.iter().map(row), widths).header(head).column_spacing(0);
+    frame.render_widget(table.block(Block::bordered().title(title)), area);
 }

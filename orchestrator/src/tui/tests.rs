@@ -10,7 +10,7 @@ use proto::run_folder::RunFolder;
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
-use view::data::{Curves, Problem, Runs};
+use view::data::{Curves, Kitchen, Problem, Runs};
 
 const WARNING: &str = "2026-11-21T02:04:24.000000Z  WARN orchestrator::x: actor-01 died: signal 9\u{1b}[2J";
 
@@ -139,4 +139,24 @@ fn a_figure_that_comes_or_ends_has_no_value_where_it_is_missing() {
     assert_eq!(model.curves.series["early"], [Some(1.0), Some(1.0), None, None]);
     assert_eq!(model.curves.series["late"], [None, None, Some(1.0), Some(1.0)]);
     assert_eq!(model.problem.as_deref(), Some("not asked"));
+}
+
+/// They are read in the order of time: what is known of a long run is of its beginning at first.
+#[test]
+fn the_oldest_episodes_are_not_shown_as_the_newest() {
+    let (_temporary, readers, name) = run(3);
+    let mut model = Model::default();
+    look(&readers, &name, &mut model);
+    let live = model.live.as_mut().unwrap();
+    live.kitchens = vec![Kitchen { kitchen: 17, environments: vec![0], episodes: 43, figures: [].into() }];
+    let mut shown = |indexed| {
+        model.live.as_mut().unwrap().indexed = indexed;
+        screen(&model, 150, 40).join("\n")
+    };
+    let early = shown(0.4);
+    assert!(early.contains("40% of the recordings are read") && !early.contains("17      43"), "{early}");
+    let late = shown(0.95);
+    assert!(late.contains("95% of the recordings are read") && late.contains("17      43"), "{late}");
+    let whole = shown(1.0);
+    assert!(whole.contains("newest episodes ") && whole.contains("17      43"), "{whole}");
 }

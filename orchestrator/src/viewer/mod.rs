@@ -72,7 +72,7 @@ impl RunReader {
         let left = || until.saturating_duration_since(Instant::now());
         let slow = || {
             let folder = self.entry.folder.root().display();
-            Problem::Unreadable(format!("{folder} is still being read: it is large, or its disk is slow"))
+            Problem::NotYet(format!("{folder} is still being read: it is large, or its disk is slow"))
         };
         let watched = self.watched.lock().unwrap_or_else(PoisonError::into_inner);
         let free = self.free.wait_timeout_while(watched, left().min(TURN), |watched| watched.is_none());
@@ -239,7 +239,8 @@ mod tests {
         let reader = readers.reader(readers.entries().remove(0));
         let soon = || Instant::now() + Duration::from_millis(50);
         let hangs = reader.ask(soon(), move |_| Ok(gate.recv().is_ok()));
-        assert!(hangs.unwrap_err().to_string().contains("is still being read"));
+        let problem = hangs.unwrap_err();
+        assert!(matches!(&problem, Problem::NotYet(text) if text.contains("is still being read")), "{problem:?}");
         let began = Instant::now();
         assert_eq!(readers.with("b", |_| Ok(1)), Ok(1));
         let problems: Vec<bool> =

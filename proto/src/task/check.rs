@@ -14,8 +14,8 @@ use std::ops::Range;
 pub enum Implausible {
     #[error("its {0} is not finite")]
     NotFinite(String),
-    #[error("its {what} is {value}, which cannot be")]
-    Range { what: String, value: f64 },
+    #[error("its {what} is {value}, which cannot be: {allowed}")]
+    Range { what: String, value: f64, allowed: String },
     #[error("its {0} allows no option of a choice: one at least can always be chosen")]
     NoOption(String),
 }
@@ -34,6 +34,15 @@ impl Sound {
         let numbers: &[f32] = bytemuck::try_cast_slice(&record[field.range()]).unwrap_or_default();
         let is_sound = |&number: &f32| (*least <= f64::from(number)) & (f64::from(number) <= *most);
         !numbers.is_empty() && numbers.iter().fold(true, |all, number| all & is_sound(number))
+    }
+
+    fn allowed(&self) -> String {
+        match self {
+            Self::Range([least, most]) => format!("its range is {least} to {most}"),
+            Self::Values(values) => {
+                format!("its values are {}", values.iter().map(f64::to_string).collect::<Vec<_>>().join(", "))
+            }
+        }
     }
 }
 
@@ -126,7 +135,7 @@ impl Check {
                 if !is_sound {
                     let what = what.clone();
                     return Err(if value.is_finite() {
-                        Implausible::Range { what, value }
+                        Implausible::Range { what, value, allowed: sound.allowed() }
                     } else {
                         Implausible::NotFinite(what)
                     });
@@ -138,7 +147,10 @@ impl Check {
         // There may be thousands of bytes: an OR of them takes many at a time, a search one by one.
         let mut strange = gaps.filter(|gap| gap.iter().fold(0, |all, byte| all | byte) != 0).flatten();
         let byte = strange.find(|&&byte| byte != 0);
-        byte.map_or(Ok(()), |&byte| Err(Implausible::Range { what: "reserved byte".to_owned(), value: byte.into() }))
+        byte.map_or(Ok(()), |&byte| {
+            let (what, allowed) = ("reserved byte".to_owned(), "it is 0".to_owned());
+            Err(Implausible::Range { what, value: byte.into(), allowed })
+        })
     }
 }
 

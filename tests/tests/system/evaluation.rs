@@ -120,6 +120,11 @@ fn figures_are_those_of_the_table() {
     assert_eq!(films, [std::ffi::OsString::from(name)]);
     let last = records.iter().map(|record| record.episode).max().unwrap();
     film(&format!("{episode},{}", last + 1)).refused(&format!("the last is {last}"));
+    let drawn = ["--images", "films of all", "--format", "apng", "--side", "16"];
+    let all = workshop.call(&[&["replay", "out", "--episode", &episode][..], &drawn].concat()).good();
+    let films = records.iter().filter(|other| other.episode == record.episode).count();
+    let note = format!("makes {films} films: --environment chooses one environment");
+    assert!(all.stderr.contains(&note), "{all:#?}");
 
     // Whoever chooses none gets the newest, of the kind that is asked for.
     let newest = |further: &[&str]| {

@@ -79,6 +79,7 @@ fn a_run_is_watched_and_an_episode_is_looked_at() {
     assert_eq!(browser.value("document.body.innerText.includes('What they see now')"), false);
     assert_eq!(browser.value("document.querySelector('summary').innerText.includes('have ended')"), true);
     keep(&mut browser, "run");
+    thumbnails_are_tried_again(&mut browser);
     an_episode_is_looked_at(&mut browser);
     only_keys(&mut browser);
     narrow_and_dark(&mut browser);
@@ -102,6 +103,36 @@ fn curves_move(browser: &mut Browser, workshop: &Workshop) {
     browser.wait_for(&format!("{points} === {}", trained()));
     assert_ne!(pixels(browser, "[data-figure='time/frames_per_second'] canvas"), drawn, "the curve moved");
     browser.wait_for("document.querySelector('section[aria-label=Progress]').innerText.includes('of 1\u{202f}600')");
+}
+
+/// Failures that were overcome are not counted when others come.
+fn thumbnails_are_tried_again(browser: &mut Browser) {
+    browser.value(
+        "(async () => { \
+           const own = { fetch, setTimeout, EventSource }; \
+           const planted = { own, failing: 4, root: document.createElement('div'), leaving: new AbortController() }; \
+           const refusal = () => Promise.resolve(new Response('{}', { status: 500 })); \
+           const ask = (path, options) => \
+             (path.includes('/episodes?') && planted.failing-- > 0 ? refusal() : own.fetch.call(window, path, options)); \
+           Object.assign(window, { planted, fetch: ask, \
+             setTimeout: (work, wait) => own.setTimeout.call(window, work, wait === 5000 ? 20 : wait), \
+             EventSource: class { constructor() { planted.events = this; } close() {} } }); \
+           const { showRun } = await import('/run.js'); \
+           await showRun(planted.root, ['watched'], planted.leaving.signal); \
+         })()",
+    );
+    browser.wait_for("planted.failing < 0 && planted.root.querySelector('.tiles canvas.room[data-step]')");
+    browser.value(
+        "(async () => { \
+           const { json } = await import('/dom.js'); \
+           const live = await json('/api/runs/watched'); \
+           planted.failing = 4; \
+           planted.events.onmessage({ data: JSON.stringify({ ...live, rollouts: live.rollouts + 1 }) }); \
+         })()",
+    );
+    browser.wait_for("planted.failing < 0 || planted.root.querySelector('.tiles .notice')");
+    assert_eq!(browser.value("planted.root.querySelector('.tiles .notice') === null"), true);
+    browser.value("planted.leaving.abort(); Object.assign(window, planted.own); 0");
 }
 
 fn an_episode_is_looked_at(browser: &mut Browser) {
