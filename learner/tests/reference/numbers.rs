@@ -1,7 +1,7 @@
 //! Tasks of numbers alone: `learner probe` against `ppo.py` of `CleanRL`, and settings against their formulas.
 
 use crate::repetition::saved_and_loaded;
-use crate::shared::{Probed, assert_close, doubles, fixture, noise_tensor, probe, weight_values};
+use crate::shared::{Probed, assert_close, doubles, fixture, noise_f32, noise_tensor, probe, weight_values};
 use crate::world::{World, mask, masked_config, numbers_config, privileged_config, weights_of};
 use learner::agent::{Agent, StepInput};
 use learner::network::to_vec;
@@ -149,6 +149,87 @@ fn a_probe_finds_what_cleanrl_computes() {
         let gaussian = usize::from(weights.iter().any(|(name, _)| name == "log_std"));
         let of_memory = if case == "lstm" { 2 } else { 0 };
         assert_eq!((compared, weights.len()), (11 + gaussian + of_memory + weights.len(), 12 + gaussian), "{case}");
+    }
+}
+
+/// Acting, advantages, and epochs of minibatches with clipping and Adam: weights to 1e-5 of the largest, and the means of
+/// the losses.
+#[test]
+fn an_update_of_several_minibatches_is_cleanrls() {
+    let expected = fixture("update");
+    let (steps, columns) = (STEPS as usize, COLUMNS as usize);
+    let discrete = "kind = \"discrete\"\nnames = [\"left\", \"stay\", \"right\"]";
+    let boxed = "kind = \"box\"\nbounds = [[-1, 1], [-2, 2]]";
+    let cases = [("discrete", discrete, 3), ("box", boxed, 2)];
+    for ((name, actions, outputs), over) in cases.into_iter().flat_map(|case| [(case, "rollout"), (case, "minibatch")])
+    {
+        let task = format!("minibatches_{name}");
+        Spec::declare(&six_numbers(&task, actions)).expect("a sound task");
+        let settings = format!(
+            "task = \"{task}\"\nseed = 7\nactors.count = 2\nactors.environments_per_actor = 2\n\
+             ppo = {{ rollout_steps = {STEPS}, epochs = 3, minibatches = 4, clip = 0.2, learning_rate = 2.5e-3, \
+             entropy_coefficient = 0.01, max_gradient_norm = 1.0, bootstrap_time_limits = false, \
+             normalize_by_minibatch = {} }}",
+            over == "minibatch"
+        );
+        let config = Config::resolve_with("gym", Some((&settings, "a test"))).expect("it fits");
+        let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+        let mut state = agent.state();
+        for (name, tensor) in &mut state.tensors {
+            if let Some(name) = name.strip_prefix("model.") {
+                *tensor = weight_values(name, &tensor.size());
+            }
+        }
+        agent.load_state(&state).expect("the state fits");
+
+        let drawn = |name: &str, width: usize| noise_f32(&format!("cleanrl.{name}"), steps * columns * width);
+        let doubled = |name: &str, width: usize| drawn(name, width).iter().map(|x| 2.0 * x).collect::<Vec<f32>>();
+        let (numbers, after) = (doubled("numbers", INPUTS as usize), doubled("after", INPUTS as usize));
+        let (draws, rewards, ended) = (doubled("draws", outputs), drawn("reward", 1), drawn("ended", 1));
+        let all: Vec<usize> = (0..columns).collect();
+        let row = columns * INPUTS as usize;
+        let input = StepInput {
+            columns: &all,
+            frames: &[],
+            images: &[],
+            numbers: &after[..row],
+            previous_action: &[0; COLUMNS as usize],
+            episode_start: &[false; COLUMNS as usize],
+            masks: &[],
+            gumbel: &[],
+        };
+        agent.begin_rollout(RolloutShape::next(u64::MAX, steps, columns));
+        for (t, gumbel) in draws.chunks_exact(columns * outputs).enumerate() {
+            agent.step(t, &StepInput { numbers: &numbers[t * row..][..row], gumbel, ..input }).expect("finite");
+            for n in 0..columns {
+                let (reward, ended) = (rewards[t * columns + n], ended[t * columns + n] > 0.7);
+                agent.record(t, n, Outcome { reward, ended, ..Outcome::default() });
+            }
+        }
+        agent.bootstrap(&input).expect("finite");
+        let chosen = agent.rollout_tensors()["rollout.action"].to_kind(Kind::Float);
+        let metrics = agent.update(0.0, 0).expect("finite");
+
+        let expected = |of: &str| &expected[&format!("{name}.{over}.{of}")];
+        let actions = expected("actions");
+        assert_close("actions", &chosen.view(actions.size().as_slice()), actions, 1e-6);
+        let figures = [
+            metric::POLICY_LOSS,
+            metric::VALUE_LOSS,
+            metric::ENTROPY,
+            metric::CLIP_FRACTION,
+            metric::APPROXIMATE_KL,
+            metric::GRADIENT_NORM,
+        ];
+        for (figure, theirs) in figures.into_iter().zip(doubles(expected("figures"))) {
+            let ours = metrics[figure];
+            assert!((ours - theirs).abs() <= 1e-5 * theirs.abs(), "{name} {over} {figure}: {ours} is not {theirs}");
+        }
+        let weights = weights_of(&agent);
+        assert_eq!(weights.len(), if name == "box" { 13 } else { 12 });
+        for (weight, ours) in &weights {
+            assert_close(weight, ours, expected(&format!("weight.{weight}")), 1e-5);
+        }
     }
 }
 
