@@ -147,14 +147,7 @@ mod tests {
         let mut audience = EvaluationAudience::new(config.spec(), plan, &folder).unwrap();
         let mut hear = |event: LearnerEvent| audience.learner(Duration::ZERO, &event).unwrap();
         let standing = || Progress::read(&folder, &config).unwrap().unwrap();
-        let ready = || LearnerEvent::Ready {
-            rank: 0,
-            rollout: 0,
-            frames: 0,
-            device: "cpu".into(),
-            parameters: 1,
-            checkpoint: None,
-        };
+        let ready = || testing::ready(0, 0, 0);
         let played = |index: usize, success: bool| {
             let (kitchen, episode) = episodes[index];
             let ones: &[&str] = if success { &["success", "success_without_disturbance"] } else { &[] };

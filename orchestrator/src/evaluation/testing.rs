@@ -1,7 +1,8 @@
-//! A record for tests.
+//! Records and events for tests.
 
 use proto::config::Config;
 use proto::evaluation::{EpisodeRecord, category_of};
+use proto::event::LearnerEvent;
 use proto::kitchen::KitchenId;
 use proto::record::End;
 
@@ -18,4 +19,10 @@ pub fn played(kitchen: KitchenId, episode: u32, ones: &[&str]) -> EpisodeRecord 
         prediction: None,
         state_hash: 0,
     }
+}
+
+/// A learner without a checkpoint is ready.
+pub fn ready(rank: u32, rollout: u64, frames: u64) -> LearnerEvent {
+    let device = "cpu".to_owned();
+    LearnerEvent::Ready { rank, rollout, frames, device, parameters: 1, checkpoint: None }
 }

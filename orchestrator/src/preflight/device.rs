@@ -46,10 +46,10 @@ pub fn check(config: &Config, torch: &Torch) -> Finding {
 }
 
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
 
-    fn torch(cuda: usize) -> Torch {
+    pub fn torch(cuda: usize) -> Torch {
         let devices = (0..cuda).map(|index| format!("cuda:{index}")).chain(["cpu".to_owned()]).collect();
         let library = "/x/libtorch_cpu.so".into();
         Torch { version: "2.11.0".into(), library, devices, pci: vec![], arithmetic: "reproducible".into() }

@@ -166,6 +166,7 @@ pub fn check(config: &Config, torch: &Torch) -> Finding {
 
 #[cfg(test)]
 mod tests {
+    use super::super::device::tests::torch;
     use super::*;
 
     /// Two sockets of eight cores with two GPUs each.
@@ -217,14 +218,7 @@ mod tests {
 
     #[test]
     fn a_child_inherits_its_cores_and_this_thread_keeps_its_own() {
-        let torch = Torch {
-            version: "2.11.0".into(),
-            library: String::new(),
-            devices: vec!["cpu".into()],
-            pci: vec![],
-            arithmetic: String::new(),
-        };
-        let cores = Cores::find(&torch).unwrap();
+        let cores = Cores::find(&torch(0)).unwrap();
         let last = *cores.usable.last().unwrap();
         let placed = cores.place(&Pin::Cores(vec![last as u32]), Shares::of_one(1), false).unwrap().unwrap();
         let own = || std::fs::read_to_string("/proc/thread-self/status").unwrap();
@@ -243,18 +237,11 @@ mod tests {
 
     #[test]
     fn a_core_that_is_not_there_is_a_problem() {
-        let torch = |pci| Torch {
-            version: "2.11.0".into(),
-            library: String::new(),
-            devices: vec!["cpu".into()],
-            pci,
-            arithmetic: String::new(),
-        };
         let mut config = Config::resolve("demo", None).unwrap();
-        assert!(matches!(check(&config, &torch(vec![])), Finding::Good(text) if text.contains("kernel")));
+        assert!(matches!(check(&config, &torch(0)), Finding::Good(text) if text.contains("kernel")));
         config.machine.pin = Pin::Automatic(true);
-        assert!(matches!(check(&config, &torch(vec![])), Finding::Good(text) if text.starts_with("learner 0 on ")));
+        assert!(matches!(check(&config, &torch(0)), Finding::Good(text) if text.starts_with("learner 0 on ")));
         config.machine.pin = Pin::Cores(vec![1023]);
-        assert!(matches!(check(&config, &torch(vec![])), Finding::Problem(text) if text.contains("core 1023")));
+        assert!(matches!(check(&config, &torch(0)), Finding::Problem(text) if text.contains("core 1023")));
     }
 }

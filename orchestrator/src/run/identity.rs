@@ -289,10 +289,14 @@ pub fn host_name() -> String {
 }
 
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
 
-    fn folder() -> (tempfile::TempDir, RunFolder) {
+    pub fn ended(how: Ending, at_unix_s: u64) -> Ended {
+        Ended { how, at_unix_s, wall_s: None, frames: None, weights: None, reason: None }
+    }
+
+    pub fn folder() -> (tempfile::TempDir, RunFolder) {
         let temporary = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(temporary.path());
         (temporary, folder)
@@ -310,14 +314,7 @@ mod tests {
         let (second, second_address) = again.begin_incarnation();
         assert_eq!((first, second), (1, 2));
         assert_ne!(first_address, second_address);
-        again.end_incarnation(Ended {
-            how: Ending::Stopped,
-            at_unix_s: 5,
-            wall_s: None,
-            frames: Some(7),
-            weights: None,
-            reason: None,
-        });
+        again.end_incarnation(Ended { frames: Some(7), ..ended(Ending::Stopped, 5) });
         again.write(&folder).unwrap();
         let text = std::fs::read_to_string(folder.identity()).unwrap();
         assert!(text.contains("how = \"stopped\""), "{text}");

@@ -207,14 +207,8 @@ pub fn state_of(identity: &Identity, held: &LockState, complete: bool) -> RunSta
 
 #[cfg(test)]
 mod tests {
-    use super::super::identity::Ended;
+    use super::super::identity::tests::{ended, folder};
     use super::*;
-
-    fn folder() -> (tempfile::TempDir, RunFolder) {
-        let temporary = tempfile::tempdir().unwrap();
-        let folder = RunFolder::new(temporary.path());
-        (temporary, folder)
-    }
 
     #[test]
     fn a_process_id_of_another_namespace_or_host_means_nothing_here() {
@@ -295,14 +289,7 @@ mod tests {
             (Ending::Interrupted, "interrupted"),
             (Ending::Failed, "failed"),
         ] {
-            identity.end_incarnation(Ended {
-                how,
-                at_unix_s: 1,
-                wall_s: None,
-                frames: None,
-                weights: None,
-                reason: None,
-            });
+            identity.end_incarnation(ended(how, 1));
             assert_eq!(state(&identity, LockState::Free, false), word);
         }
         assert_eq!(state(&identity, LockState::Free, true), "complete");

@@ -431,14 +431,7 @@ mod tests {
 
     #[test]
     fn of_other_learners_only_what_they_wait_for_is_shown() {
-        let ready = |rank| LearnerEvent::Ready {
-            rank,
-            rollout: 0,
-            frames: 0,
-            device: "cpu".into(),
-            parameters: 1,
-            checkpoint: None,
-        };
+        let ready = |rank| crate::evaluation::testing::ready(rank, 0, 0);
         assert!(is_for_audience(&ready(0)) && !is_for_audience(&ready(1)));
         assert!(is_for_audience(&LearnerEvent::WaitingForActor { rank: 1, actor: 12, waited_s: 5.0 }));
     }

@@ -97,7 +97,7 @@ impl Wall {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::identity::Ended;
+    use crate::run::identity::tests::ended;
     use proto::run_state::Ending;
 
     /// Starts at 1000, 2000 and 3000 s by the clock of the day: stopped after 100 s, killed, and the last.
@@ -107,15 +107,7 @@ mod tests {
             identity.begin_incarnation();
             let start = &mut identity.incarnations[number - 1];
             (start.started_unix_s, start.started) = (number as u64 * 1000, None);
-            let ended = |at_unix_s| Ended {
-                how: Ending::Stopped,
-                at_unix_s,
-                wall_s: None,
-                frames: None,
-                weights: None,
-                reason: None,
-            };
-            start.ended = (number == 1).then(|| ended(1100));
+            start.ended = (number == 1).then(|| ended(Ending::Stopped, 1100));
         }
         identity
     }

@@ -53,7 +53,11 @@ impl Bench {
     }
 
     fn start_as(&self, incarnation: u32) -> Recorder {
-        Recorder::start(RecorderSetup {
+        Recorder::start(self.setup(incarnation)).unwrap()
+    }
+
+    fn setup(&self, incarnation: u32) -> RecorderSetup {
+        RecorderSetup {
             address: self.address.clone(),
             shape: shape(),
             run_id: self.address.run_id().to_owned(),
@@ -62,8 +66,7 @@ impl Bench {
             folder: RunFolder::new(self.folder.path()),
             incarnation,
             config: self.config.clone(),
-        })
-        .unwrap()
+        }
     }
 
     fn actors(&self) -> [FakeActor; 2] {
@@ -230,18 +233,7 @@ fn a_recording_that_exists_is_never_overwritten() {
     let path = RunFolder::new(bench.folder.path()).recording(1, 0);
     std::fs::create_dir_all(path.parent().unwrap()).unwrap();
     std::fs::write(&path, b"precious").unwrap();
-    let error = Recorder::start(RecorderSetup {
-        address: bench.address.clone(),
-        shape: shape(),
-        run_id: bench.address.run_id().to_owned(),
-        host: 0,
-        ranks: 0..2,
-        folder: RunFolder::new(bench.folder.path()),
-        incarnation: 1,
-        config: bench.config.clone(),
-    })
-    .unwrap_err()
-    .to_string();
+    let error = Recorder::start(bench.setup(1)).unwrap_err().to_string();
     assert!(error.contains("incarnation-001.000.mcap"), "{error}");
     assert_eq!(std::fs::read(&path).unwrap(), b"precious");
 }

@@ -209,14 +209,8 @@ impl World {
         let (rollout, frames) = (self.trained, self.boundaries[self.trained]);
         if self.ready.insert(rank) {
             let checkpoint = (rollout > 0).then(|| "checkpoints/x.json".to_owned());
-            return self.learner(LearnerEvent::Ready {
-                rank,
-                rollout: rollout as u64,
-                frames,
-                device: "cpu".into(),
-                parameters: 1,
-                checkpoint,
-            });
+            let (rollout, device) = (rollout as u64, "cpu".to_owned());
+            return self.learner(LearnerEvent::Ready { rank, rollout, frames, device, parameters: 1, checkpoint });
         }
         if let Some(complete) = self.agreed {
             return if self.supervisor.learner_group.has_finished(rank) {

@@ -17,18 +17,13 @@ fn collected(rollout: u64, here: u64, frames: u64) -> LearnerEvent {
     LearnerEvent::RolloutCollected { rank: 0, rollout, frames, here }
 }
 
-fn ready(frames: u64) -> LearnerEvent {
-    let device = "cpu".to_owned();
-    LearnerEvent::Ready { rank: 0, rollout: 0, frames, device, parameters: 1, checkpoint: None }
-}
-
 #[test]
 fn a_rollout_with_a_hole_is_an_error_and_never_confirmed() {
     let bench = Bench::new("hole");
     let recorder = bench.start();
     let receipts = Receipts::open(&bench.address, 2).unwrap();
     let [actor, _] = bench.actors();
-    recorder.learner(1, &ready(0));
+    recorder.learner(1, &crate::evaluation::testing::ready(0, 0, 0));
     // Exchange 1 never comes: two of four steps.
     actor.send(0, 1, 0, |_| {});
     actor.send(0, 1, 2, |_| {});

@@ -312,14 +312,7 @@ fn played(episode: u32) -> LearnerEvent {
 
 #[test]
 fn an_evaluation_is_complete_without_a_frame_and_playing_again_is_no_progress() {
-    let ready = || LearnerEvent::Ready {
-        rank: 0,
-        rollout: 7,
-        frames: 700,
-        device: "cpu".into(),
-        parameters: 1,
-        checkpoint: None,
-    };
+    let ready = || crate::evaluation::testing::ready(0, 7, 700);
     let mut supervisor = Supervisor::new(deadlines(1), Vec::new());
     let mut now = Duration::ZERO;
     supervisor.start(now);
