@@ -167,31 +167,4 @@ mod tests {
             [0xd16c_fe09, 0x94fd_cceb, 0x5001_e420, 0x2412_6ea1]
         );
     }
-
-    #[test]
-    fn below_covers_its_range_evenly() {
-        let mut random =
-            Key { seed: 7, purpose: Purpose::Episode, kitchen: 1, environment: 0, episode: 0, step: 0 }.stream();
-        let mut counts = [0u32; 6];
-        for _ in 0..60_000 {
-            counts[random.below(6) as usize] += 1;
-        }
-        assert!(counts.iter().all(|&count| (9_600..10_400).contains(&count)), "{counts:?}");
-    }
-
-    #[test]
-    fn kitchens_beyond_255_have_streams_of_their_own() {
-        let key = Key { seed: 7, purpose: Purpose::Episode, kitchen: 232, environment: 2, episode: 3, step: 4 };
-        let draw = |kitchen, step| Key { kitchen, step, ..key }.stream().next_u32();
-        let drawn =
-            [(232, 4), (1000, 4), (1000, 5), (1256, 4), (9_999_999, 511)].map(|(kitchen, step)| draw(kitchen, step));
-        assert!(drawn.iter().enumerate().all(|(i, word)| !drawn[..i].contains(word)), "{drawn:?}");
-    }
-
-    #[test]
-    fn a_different_purpose_is_a_different_stream() {
-        let key = Key { seed: 7, purpose: Purpose::Episode, kitchen: 1, environment: 2, episode: 3, step: 4 };
-        let other = Key { purpose: Purpose::ActionNoise, ..key };
-        assert_ne!(key.stream().next_u32(), other.stream().next_u32());
-    }
 }

@@ -38,18 +38,3 @@ impl Wall {
         free
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use rapier3d::math::Vec3;
-
-    #[test]
-    fn what_is_not_taken_is_free() {
-        let frame = Frame { origin: Vec3::ZERO, along: Vec3::X, out: Vec3::Z };
-        let mut wall = Wall::new(frame, 5.0);
-        assert_eq!(wall.free(), [[0.0, 5.0]]);
-        wall.taken = vec![[3.0, 4.0], [0.0, 1.0], [0.5, 1.5]];
-        assert_eq!(wall.free(), [[1.5, 3.0], [4.0, 5.0]]);
-    }
-}
