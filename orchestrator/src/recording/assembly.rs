@@ -187,15 +187,6 @@ mod tests {
     }
 
     #[test]
-    fn an_older_learner_adds_nothing_to_a_newer_one() {
-        let mut assembly = Assembly::default();
-        assembly.step(&ARM, taken(2, 0, 1, 10));
-        assembly.step(&ARM, taken(1, 1, 9, 90));
-        assert!(assembly.gap.is_none());
-        assert_eq!((assembly.actions, assembly.hashes), (vec![1], vec![10]));
-    }
-
-    #[test]
     fn a_hole_ends_an_episode_and_a_rewind_mends_it() {
         let mut assembly = Assembly::default();
         for step in [0, 1, 3, 4] {

@@ -53,11 +53,7 @@ impl Bench {
     }
 
     fn start_as(&self, incarnation: u32) -> Recorder {
-        Recorder::start(self.setup(incarnation)).unwrap()
-    }
-
-    fn setup(&self, incarnation: u32) -> RecorderSetup {
-        RecorderSetup {
+        Recorder::start(RecorderSetup {
             address: self.address.clone(),
             shape: shape(),
             run_id: self.address.run_id().to_owned(),
@@ -66,7 +62,8 @@ impl Bench {
             folder: RunFolder::new(self.folder.path()),
             incarnation,
             config: self.config.clone(),
-        }
+        })
+        .unwrap()
     }
 
     fn actors(&self) -> [FakeActor; 2] {
@@ -228,24 +225,13 @@ fn a_full_segment_is_completed_and_episodes_span_segments() {
 }
 
 #[test]
-fn a_recording_that_exists_is_never_overwritten() {
-    let bench = Bench::new("exists");
-    let path = RunFolder::new(bench.folder.path()).recording(1, 0);
-    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-    std::fs::write(&path, b"precious").unwrap();
-    let error = Recorder::start(bench.setup(1)).unwrap_err().to_string();
-    assert!(error.contains("incarnation-001.000.mcap"), "{error}");
-    assert_eq!(std::fs::read(&path).unwrap(), b"precious");
-}
-
-#[test]
 fn a_failed_write_is_reported_and_actors_never_block() {
     let mut bench = Bench::new("full");
     // The second segment cannot be created: its name is taken.
     bench.config.recording.segment_bytes = 1;
     let second = RunFolder::new(bench.folder.path()).recording(1, 1);
     std::fs::create_dir_all(second.parent().unwrap()).unwrap();
-    std::fs::write(&second, b"").unwrap();
+    std::fs::write(&second, b"precious").unwrap();
     let recorder = bench.start();
     let actors = bench.actors();
     // Far more than the subscriber's buffer holds: `send` would block for good.
@@ -260,6 +246,7 @@ fn a_failed_write_is_reported_and_actors_never_block() {
     let failure = recorder.failure().unwrap();
     assert!(failure.contains("incarnation-001.001.mcap") && failure.contains("recording.enabled = false"), "{failure}");
     assert_eq!(recorder.finish().unwrap_err().to_string(), failure);
+    assert_eq!(std::fs::read(&second).unwrap(), b"precious");
 }
 
 /// A small recording, made once: its bytes.

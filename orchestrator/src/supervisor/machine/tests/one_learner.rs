@@ -72,15 +72,6 @@ fn a_crash_loop_ends_the_run_in_order_and_names_the_culprit() {
 }
 
 #[test]
-fn a_learner_that_refuses_to_begin_is_not_asked_again() {
-    let mut world = World::new();
-    world.exit(LEARNER, Exit::Code(1));
-    train(&mut world);
-    assert!(matches!(world.outcome, Some(Outcome { end: SessionEnd::Failed(_), saved: None })));
-    assert_eq!(world.spawned[&LEARNER], 1);
-}
-
-#[test]
 fn a_learner_that_cannot_save_is_not_started_again() {
     for learners in [1, 3] {
         let mut world = World::with(learners);
@@ -187,7 +178,6 @@ fn a_silent_learner_is_killed_and_a_dead_ones_words_are_ignored() {
     assert_eq!(world.announced.version, version);
 }
 
-/// A learner whose rollouts and updates take two seconds each hangs: in a rollout, and in an update.
 #[test]
 fn the_end_of_a_process_that_is_not_there_changes_nothing() {
     let mut supervisor = Supervisor::new(deadlines(1), Vec::new());
@@ -199,6 +189,7 @@ fn the_end_of_a_process_that_is_not_there_changes_nothing() {
     }
 }
 
+/// A learner whose rollouts and updates take two seconds each hangs: in a rollout, and in an update.
 #[test]
 fn a_hang_is_told_of_early_and_ended_by_what_was_measured() {
     for steps in [14, 15] {

@@ -136,6 +136,7 @@ fn a_learner_that_refuses_to_begin_ends_the_run_for_all() {
         panic!("{:?}", world.outcome)
     };
     assert!(reason.starts_with("learner-2 could not begin: exit status 1"), "{reason}");
+    assert!(world.spawned.values().all(|&starts| starts == 1), "nobody is asked again: {:?}", world.spawned);
 }
 
 #[test]
