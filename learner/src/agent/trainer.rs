@@ -70,6 +70,8 @@ impl Job {
     pub fn run(self) -> Done {
         let Self { mut trainer, collected, number, learning_rate, config } = self;
         let Trainer { network, auxiliary, adam, running, peers, shards, first_column } = &mut *trainer;
+        let before = running.clone();
+        let met = running.take_in_returns(&collected, *first_column, peers);
         let update = Update {
             network,
             auxiliary,
@@ -84,10 +86,11 @@ impl Job {
             seed: config.seed,
             rollout_number: number,
         };
-        let result = update.run(adam).and_then(|figures| {
-            running.take_in(&collected, *first_column, network, peers)?;
+        let result = met.map_err(UpdateError::from).and_then(|()| update.run(adam)).and_then(|figures| {
+            running.take_in_observations(&collected, *first_column, network, peers)?;
             Ok(figures)
         });
+        let result = result.inspect_err(|_| *running = before);
         let result = result.map_err(|error| match error {
             UpdateError::NonFinite(what) => AgentError::NonFinite { what: format!("rollout {number}: {what}") },
             UpdateError::Peers(error) => error.into(),

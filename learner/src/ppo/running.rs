@@ -1,5 +1,6 @@
-//! Running statistics of observations and of discounted returns (`[normalize]`). They hold for a whole rollout, and
-//! take it in when the update with it is through. Columns are merged in the order of the run's, so no bit depends on
+//! Running statistics of observations and of discounted returns (`[normalize]`). They hold for a whole rollout: those of
+//! observations take it in when the update with it is through; those of returns before, or else the first targets are
+//! of rewards that nothing has scaled. Columns are merged in the order of the run's, so no bit depends on
 //! how they are divided among learners or shards.
 
 use super::moments::{Moments, RewardScale};
@@ -44,20 +45,27 @@ impl Running {
         self.returns.as_ref().map_or(RewardScale::NONE, |returns| RewardScale::of(returns, self.reward_clip))
     }
 
-    /// Takes a rollout in, whose first column is this one of the run's, and gives the network what is known now.
-    pub(crate) fn take_in(
+    /// Takes in the returns of a rollout, whose first column is this one of the run's.
+    pub(crate) fn take_in_returns(
+        &mut self,
+        rollout: &Rollout,
+        first_column: usize,
+        peers: &Peers,
+    ) -> Result<(), PeerError> {
+        let Some(returns) = &mut self.returns else { return Ok(()) };
+        merge(returns, rollout, [first_column, self.columns], peers, |step, _| step.discounted_return)
+    }
+
+    /// Takes in what a rollout has seen, and gives the network what is known now.
+    pub(crate) fn take_in_observations(
         &mut self,
         rollout: &Rollout,
         first_column: usize,
         network: &Network,
         peers: &Peers,
     ) -> Result<(), PeerError> {
-        let place = [first_column, self.columns];
-        if let Some(returns) = &mut self.returns {
-            merge(returns, rollout, place, peers, |step, _| step.discounted_return)?;
-        }
         if let Some(observations) = &mut self.observations {
-            merge(observations, rollout, place, peers, |step, i| f64::from(step.numbers[i]))?;
+            merge(observations, rollout, [first_column, self.columns], peers, |step, i| f64::from(step.numbers[i]))?;
             let of = |(i, &normalized): (usize, &bool)| {
                 let [mean, variance] = if normalized { observations.of_number(i) } else { [0.0, 1.0] };
                 // Finite in 32 bits, too.

@@ -364,7 +364,7 @@ fn with_all(config: &mut Config) {
 
 /// Means and variances one vector at a time (Welford 1962), of all columns as they come: not how they are computed.
 #[test]
-fn observations_and_returns_are_normalised_by_all_that_was_met_before_the_rollout() {
+fn statistics_are_of_all_that_was_met() {
     let mut found = vec![];
     for shards in [0, 1, 2, 4] {
         let mut config = numbers_config(Memory::None);
@@ -407,6 +407,22 @@ fn observations_and_returns_are_normalised_by_all_that_was_met_before_the_rollou
         found.push(doubles(&agent.state().tensors["statistics.observations"]));
     }
     assert!(found.iter().all(|one| *one == found[0]), "the same bits for every number of shards");
+}
+
+/// As Gymnasium's wrapper scales them: also those of the first rollout.
+#[test]
+fn rewards_are_scaled_by_returns_of_their_own_rollout() {
+    let trained = |returns: f64| {
+        let mut config = numbers_config(Memory::None);
+        config.normalize.rewards = true;
+        let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+        let mut world = World::new(&config);
+        world.returns = returns;
+        world.collect(&mut agent, 0, 4).expect("finite");
+        agent.update(0.0, 0).expect("finite");
+        agent.weights_digest()
+    };
+    assert_ne!(trained(20.0), trained(40.0));
 }
 
 /// The bonus ends at nothing, and a rollout's steps are dealt out anew in each epoch.

@@ -33,6 +33,8 @@ pub struct World {
     /// Steps that a rollout is planned with; it is cut after `steps`.
     pub planned: usize,
     pub previous: Vec<u8>,
+    /// Discounted sums of rewards are so many times a reward: any numbers of their size.
+    pub returns: f64,
 }
 
 pub fn small_config() -> Config {
@@ -93,7 +95,8 @@ impl World {
         let (width, has_frame) = (inputs.width(), inputs.frame.is_some());
         let (actions, previous) = (config.policy_actions().len(), vec![NO_ACTION; columns]);
         let (is_masked, images) = (config.spec().mask().is_some(), inputs.images);
-        Self { columns, width, actions, has_frame, is_masked, images, own, halves, steps, planned: steps, previous }
+        let (planned, returns) = (steps, 20.0);
+        Self { columns, width, actions, has_frame, is_masked, images, own, halves, steps, planned, previous, returns }
     }
 
     /// The same, with a half of each actor's environments in either half, as in a run.
@@ -146,8 +149,7 @@ impl World {
                                 reward: reward[n] * 3.0,
                                 ended,
                                 time_limit: ended && limit[n] > 0.0,
-                                // Any numbers of the size of returns.
-                                discounted_return: f64::from(reward[n]) * 20.0,
+                                discounted_return: f64::from(reward[n]) * self.returns,
                                 label: disturbed[n] > 0.4,
                             },
                         );
