@@ -4,10 +4,10 @@
 //! same, and the first that the search comes by stands for its cell.
 
 use super::search::Graph;
-use rapier3d::math::Vec3;
 use crate::robot::action::Action;
 use crate::robot::configuration::{Configuration, MOVE_AHEAD_M};
 use crate::robot::dimensions::{ARM_BASE_AHEAD_M, REACH_M};
+use rapier3d::math::Vec3;
 
 const CELL_M: f32 = 0.05;
 /// Room about the room: keeps cell numbers positive, metres.
@@ -66,8 +66,8 @@ impl Graph for Floor<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use super::super::search::Search;
+    use super::*;
     use proptest::prelude::*;
     use std::collections::BTreeSet;
 

@@ -17,14 +17,14 @@ mod reach;
 mod search;
 mod space;
 
-use moment::Moment;
-use plan::{Carriage, Stands};
-use rapier3d::math::Vec3;
 use crate::kitchen::Kitchen;
 use crate::robot::action::Action;
 use crate::robot::configuration::Configuration;
 use crate::tasks::arm_point_nav::Environment;
 use crate::tasks::arm_point_nav::episode::Episode;
+use moment::Moment;
+use plan::{Carriage, Stands};
+use rapier3d::math::Vec3;
 use space::{Care, Space};
 use std::collections::VecDeque;
 

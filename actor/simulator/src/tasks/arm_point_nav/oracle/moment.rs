@@ -1,12 +1,12 @@
 //! State of one moment for the planner: positions of all things, and what the robot holds.
 
-use rapier3d::math::{Pose3, Vec3};
 use crate::kitchen::Kitchen;
 use crate::robot::action::Action;
 use crate::robot::configuration::Configuration;
 use crate::robot::links::{HAND, part_poses};
 use crate::tasks::arm_point_nav::Environment;
 use crate::tasks::arm_point_nav::episode::Episode;
+use rapier3d::math::{Pose3, Vec3};
 
 #[derive(Debug, Clone)]
 pub struct Moment<'a> {

@@ -1,10 +1,10 @@
 //! Convex solids that stand still, indexed by where on the floor plane they stand.
 
+use crate::physics::geometry::Solid;
 use rapier3d::geometry::{Aabb, SharedShape};
 use rapier3d::math::Pose3;
 use rapier3d::parry::bounding_volume::BoundingVolume;
 use rapier3d::parry::query;
-use crate::physics::geometry::Solid;
 
 const CELL_M: f32 = 0.25;
 /// Cells along each axis. They repeat beyond that, which costs time in a room of more than 16 m and nothing else.
@@ -77,9 +77,9 @@ impl Obstacles {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::shape::{Primitive, Shape};
     use proptest::prelude::*;
     use rapier3d::math::Vec3;
-    use crate::shape::{Primitive, Shape};
 
     proptest! {
         #[test]

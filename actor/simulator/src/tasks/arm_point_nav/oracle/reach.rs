@@ -3,15 +3,13 @@
 use super::moment::Moment;
 use super::search::{Graph, Search};
 use super::space::Space;
-use rapier3d::geometry::Aabb;
-use rapier3d::math::{Pose3, Vec3};
 use crate::physics::geometry::{Solid, rotation_y};
 use crate::robot::action::Action;
-use crate::robot::configuration::{
-    ARM_HEIGHT_MAX_M, ARM_HEIGHT_MIN_M, ARM_HEIGHT_TICKS, Configuration, WRIST_STEP_M,
-};
+use crate::robot::configuration::{ARM_HEIGHT_MAX_M, ARM_HEIGHT_MIN_M, ARM_HEIGHT_TICKS, Configuration, WRIST_STEP_M};
 use crate::robot::dimensions::{ARM_BASE_AHEAD_M, MAGNET_RADIUS_M, REACH_M};
 use crate::robot::links::{HAND, part_poses, world_from_robot};
+use rapier3d::geometry::Aabb;
+use rapier3d::math::{Pose3, Vec3};
 
 /// The magnet reaches for the target with this much to spare, metres.
 const MAGNET_SPARE_M: f32 = 0.006;

@@ -2,12 +2,12 @@
 
 use super::moment::Moment;
 use super::obstacles::Obstacles;
-use rapier3d::math::Pose3;
 use crate::kitchen::Kitchen;
 use crate::physics::geometry::Solid;
 use crate::robot::action::Action;
 use crate::robot::configuration::{Configuration, Posture};
 use crate::robot::links::{HAND, PartPoses, part_poses};
+use rapier3d::math::Pose3;
 use std::rc::Rc;
 
 /// Room that a plan leaves between robot and fixed things, metres: more than the simulator's own tolerance, because
