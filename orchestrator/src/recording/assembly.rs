@@ -231,7 +231,9 @@ mod tests {
         let (steps, end) = ended();
         let fault_of = |end: Told| {
             let mut assembly = Assembly::default();
-            steps.iter().for_each(|told| assembly.step(&ARM, told.clone()));
+            for told in &steps {
+                assembly.step(&ARM, told.clone());
+            }
             assembly.end(&ARM, end);
             assembly.fault(&ARM, true)
         };
