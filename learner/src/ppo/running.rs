@@ -1,6 +1,6 @@
 //! Running statistics of observations and of discounted returns (`[normalize]`). They hold for a whole rollout: those of
-//! observations take it in when the update with it is through; those of returns before, or else the first targets are
-//! of rewards that nothing has scaled. Columns are merged in the order of the run's, so no bit depends on
+//! observations take it in after the update with it, those of returns before it, so that the first targets are scaled,
+//! too. Columns are merged in the order of the run's, so no bit depends on
 //! how they are divided among learners or shards.
 
 use super::moments::{Moments, RewardScale};

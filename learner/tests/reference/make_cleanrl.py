@@ -205,6 +205,23 @@ def normalized(values: np.ndarray, mean: np.ndarray | float, var: np.ndarray | f
     return np.clip((values - mean) / np.sqrt(var + 1e-8), -clip, clip)
 
 
+def gae(rewards: np.ndarray, values: np.ndarray, ended: np.ndarray, next_value: np.ndarray) -> np.ndarray:
+    """Advantages [STEPS, COLUMNS]."""
+    # dones[t] of ppo.py is what ended before the observation of t.
+    dones = np.concatenate([np.zeros((1, COLUMNS)), ended[:-1]])
+    next_done = ended[-1].astype(float)
+    advantages = np.zeros_like(rewards)
+    lastgaelam = 0.0
+    for t in reversed(range(STEPS)):
+        if t == STEPS - 1:
+            nextnonterminal, nextvalues = 1.0 - next_done, next_value
+        else:
+            nextnonterminal, nextvalues = 1.0 - dones[t + 1], values[t + 1]
+        delta = rewards[t] + GAMMA * nextvalues * nextnonterminal - values[t]
+        advantages[t] = lastgaelam = delta + GAMMA * LAMBDA * nextnonterminal * lastgaelam
+    return advantages
+
+
 def case(
     name: str,
     policy: Categorical | Gaussian,
@@ -234,18 +251,7 @@ def case(
         truncated = ended & (noise("cleanrl.limit", STEPS, COLUMNS) > 0.0)
         rewards = rewards + truncated * GAMMA * noise("cleanrl.last_value", STEPS, COLUMNS)
 
-    # dones[t] of ppo.py is what ended before the observation of t.
-    dones = np.concatenate([np.zeros((1, COLUMNS)), ended[:-1]])
-    next_done = ended[-1].astype(float)
-    advantages = np.zeros_like(rewards)
-    lastgaelam = 0.0
-    for t in reversed(range(STEPS)):
-        if t == STEPS - 1:
-            nextnonterminal, nextvalues = 1.0 - next_done, next_value
-        else:
-            nextnonterminal, nextvalues = 1.0 - dones[t + 1], values[t + 1]
-        delta = rewards[t] + GAMMA * nextvalues * nextnonterminal - values[t]
-        advantages[t] = lastgaelam = delta + GAMMA * LAMBDA * nextnonterminal * lastgaelam
+    advantages = gae(rewards, values, ended, next_value)
     returns = advantages + values
 
     rows = STEPS * COLUMNS

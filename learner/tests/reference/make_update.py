@@ -4,12 +4,12 @@
     python3 make_update.py              # writes update.safetensors beside this file
 
 The loop is that of `ppo.py` and `ppo_continuous_action.py` in vwxyzjn/cleanrl, in double precision, with PyTorch's own
-distributions, gradients, clipping and Adam: acting, advantages, epochs of minibatches. Frames are dealt out as
+distributions, gradients, clipping and Adam: acting, epochs of minibatches. Frames are dealt out as
 docs/method.md has it, by Philox4x32-10 (Salmon et al. 2011). Nothing is shared with the Rust code but `noise`.
 """
 
 import torch
-from make_cleanrl import COLUMNS, ENTROPY, GAMMA, HERE, INPUTS, LAMBDA, STEPS, VALUE, WIDTHS, noise, weight
+from make_cleanrl import COLUMNS, ENTROPY, HERE, INPUTS, STEPS, VALUE, WIDTHS, gae, noise, weight
 from safetensors.torch import save_file
 from torch import nn
 from torch.distributions import Categorical, Independent, Normal
@@ -83,17 +83,8 @@ def update(outputs: int, *, gaussian: bool, by_minibatch: bool) -> dict[str, tor
     with torch.no_grad():
         actions = agent.choose(obs, 2.0 * tensor("draws", STEPS, COLUMNS, outputs))
         logprobs, values = agent.policy(obs).log_prob(actions), agent.critic(obs)[..., 0]
-        # dones[t] of ppo.py is what ended before the observation of t.
-        dones, next_done = torch.cat([torch.zeros(1, COLUMNS), ended[:-1]]), ended[-1]
-        next_value = agent.critic(next_obs)[:, 0]
-        advantages, lastgaelam = torch.zeros_like(rewards), 0
-        for t in reversed(range(STEPS)):
-            if t == STEPS - 1:
-                nextnonterminal, nextvalues = 1.0 - next_done, next_value
-            else:
-                nextnonterminal, nextvalues = 1.0 - dones[t + 1], values[t + 1]
-            delta = rewards[t] + GAMMA * nextvalues * nextnonterminal - values[t]
-            advantages[t] = lastgaelam = delta + GAMMA * LAMBDA * nextnonterminal * lastgaelam
+        known = (rewards, values, ended, agent.critic(next_obs)[:, 0])
+        advantages = torch.tensor(gae(*(one.numpy() for one in known)))
         returns = advantages + values
 
     b_obs, b_actions = obs.flatten(0, 1), actions.flatten(0, 1)

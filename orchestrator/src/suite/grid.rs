@@ -112,6 +112,7 @@ mod tests {
                     network.encoder = [\"cnn\"]";
         let names: Vec<String> = grid(both).unwrap().into_iter().map(|point| point.suffix).collect();
         assert_eq!(names.len(), 2);
+        assert_eq!(grid("").unwrap().len(), 1, "no grid is one run");
         for part in ["-ppo.learning_rate=0.001", "-reward.lagrangian.learning_rate=0.5", "-encoder=cnn"] {
             assert!(names.iter().all(|name| name.contains(part)), "{names:?}");
         }

@@ -283,6 +283,19 @@ fn a_run_in_another_pid_namespace_is_not_asked_and_that_is_said_at_once() {
     run.assert_nothing_left();
 }
 
+/// All but one were refused.
+#[test]
+fn runs_that_begin_in_the_same_second_have_folders_of_their_own() {
+    let workshop = Workshop::new();
+    let up =
+        ["up", "--preset", "demo", "--config", "tiny.toml", "--actors", "1", "--envs-per-actor", "1", "--frames", "30"];
+    let children: Vec<_> = (0..3).map(|_| start(workshop.orchestrator(&up))).collect();
+    for child in children {
+        finish(child).result();
+    }
+    assert_eq!(std::fs::read_dir(workshop.path("runs")).unwrap().count(), 3);
+}
+
 /// A folder with the orchestrator and another program as this script, in which REAL is that program's path.
 fn beside(workshop: &Workshop, other: &str, script: &str) -> PathBuf {
     let folder = workshop.path(&format!("with-{other}"));

@@ -89,6 +89,39 @@ fn logs_are_followed_and_runs_are_compared() {
     assert_eq!(report, workshop.json("runs/report/report.json"));
 }
 
+#[test]
+fn shells_and_man_get_all_commands() {
+    let workshop = Workshop::new();
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let printed = workshop.call(&["completions", shell]);
+        assert!(printed.success && printed.stderr.is_empty(), "{printed:#?}");
+        for word in ["orchestrator", "compare", "resume", "envs-per-actor"] {
+            assert!(printed.stdout.contains(word), "{shell}: {word}");
+        }
+        if shell == "bash" {
+            // A shell takes them, and completes a command by them.
+            let script = format!(
+                "{}\nCOMP_WORDS=(orchestrator com); COMP_CWORD=1; _orchestrator orchestrator com orchestrator\n\
+                 echo \"${{COMPREPLY[@]}}\"",
+                printed.stdout
+            );
+            let output = Command::new("bash").args(["-c", &script]).output().expect("bash");
+            assert_eq!(String::from_utf8_lossy(&output.stdout).trim(), "compare completions", "{output:?}");
+        }
+    }
+    workshop.call(&["completions", "tcsh"]).refused("[possible values: bash");
+    let page = workshop.call(&["man"]).stdout;
+    assert!(page.contains(".TH orchestrator 1") && page.contains("orchestrator\\-compare(1)"), "{page}");
+    assert!(workshop.call(&["man", "pages"]).success);
+    let up = std::fs::read_to_string(workshop.path("pages/orchestrator-up.1")).expect("a page");
+    assert!(up.contains("\\-\\-envs\\-per\\-actor"), "{up}");
+    let count = std::fs::read_dir(workshop.path("pages")).expect("a folder").count();
+    let listed = workshop.call(&["help"]).stdout;
+    let commands = listed.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
+    // `help` is no command of ours; the program has a page, too.
+    assert_eq!(count, commands.filter(|line| line.starts_with("  ") && !line.starts_with("   ")).count());
+}
+
 /// Of a checkout with our program, and others that do nothing.
 #[test]
 fn an_installation_brings_pages_and_completions_and_takes_them_away() {

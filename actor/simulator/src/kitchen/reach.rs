@@ -99,3 +99,51 @@ impl<'a> Reach<'a> {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot::links::part_shapes;
+    use crate::shape::{Primitive, Shape};
+    use rapier3d::math::Pose3;
+
+    /// A counter of 0.6 m depth along x, its front at z = 0, its top at 0.9 m, and free floor before it.
+    fn kitchen(more: &[(Vec3, Vec3)]) -> (FixedScene, Vec<(f32, f32)>) {
+        let mut scene = FixedScene::default();
+        let counter = (Vec3::new(-2.0, 0.0, 0.0), Vec3::new(2.0, 0.9, 0.6));
+        for (low, high) in std::iter::once(&counter).chain(more) {
+            let solid = Solid::of(&Shape::of(Primitive::Cuboid { half_extents_m: 0.5 * (*high - *low) }));
+            scene.add(&solid, &Pose3::from_translation(0.5 * (*low + *high)));
+        }
+        let floor = (0..16)
+            .flat_map(|row| (0..16).map(move |column| (-1.0 + 0.125 * column as f32, -0.25 - 0.125 * row as f32)));
+        (scene, floor.collect())
+    }
+
+    fn comes_to(more: &[(Vec3, Vec3)], point: Vec3) -> bool {
+        let (scene, floor) = kitchen(more);
+        let parts = part_shapes().map(|shape| Solid::of(&shape));
+        Reach::new(&floor, &scene, &parts).comes_to(point)
+    }
+
+    #[test]
+    fn the_arm_comes_over_a_counter_as_far_as_it_reaches() {
+        assert!(comes_to(&[], Vec3::new(0.0, 0.9, 0.05)));
+        assert!(comes_to(&[], Vec3::new(0.0, 0.9, 0.4)));
+        assert!(!comes_to(&[], Vec3::new(0.0, 0.9, 0.75)), "further than the arm is long");
+        assert!(!comes_to(&[], Vec3::new(-1.9, 0.9, 0.3)), "no floor before it");
+    }
+
+    #[test]
+    fn what_is_fixed_keeps_it_out() {
+        let point = Vec3::new(0.0, 0.9, 0.3);
+        let wall = (Vec3::new(-2.0, 0.9, 0.0), Vec3::new(2.0, 2.0, 0.02));
+        assert!(!comes_to(&[wall], point), "a wall on the counter's edge");
+        let bar = (Vec3::new(-2.0, 1.0, 0.0), Vec3::new(2.0, 1.05, 0.6));
+        assert!(!comes_to(&[bar], point), "a bar 0.1 m above it");
+        let cabinet = (Vec3::new(-2.0, 1.4, 0.25), Vec3::new(2.0, 2.1, 0.6));
+        assert!(comes_to(&[cabinet], point), "a wall cabinet leaves room");
+        let shelf = (Vec3::new(-2.0, 1.18, 0.0), Vec3::new(2.0, 1.2, 0.6));
+        assert!(comes_to(&[shelf], point), "a shelf lets the arm in with its elbow aside");
+    }
+}
