@@ -7,6 +7,9 @@ time of all threads of this process, the least of the turns, so that other progr
 draws with OSMesa or, where that is missing, with EGL; `MUJOCO_GL` chooses. What `DepthCamera` does not draw,
 tendons and rays of sensors, is switched off there, too.
 
+The meshes alone are also drawn by Embree, in packets of sixteen coherent rays with one thread: what the model welds to
+the world is one tree, what moves has a tree of its own each, and the tree above them is built again for each frame.
+
 Agreement: the share of pixels that differ from `mujoco.Renderer` by more than 1 mm and 0.1%; and the largest error
 against `mj_multiRay`, of those beyond 1 mm, away from silhouettes and where MuJoCo's rays and its renderer show the
 same geom (rays also meet faces from behind, which the renderer leaves out).
@@ -18,6 +21,7 @@ import argparse
 import ctypes.util
 import os
 import statistics
+import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -34,6 +38,9 @@ from numpy.typing import NDArray
 
 import stillroom
 from stillroom.wrappers import mujoco_of
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "bench"))
+from peers import meshes
 
 SIDE = 224
 TURNS = 5
@@ -217,6 +224,7 @@ def row(package: str, name: str, model: Any, data: Any) -> tuple[dict[str, Any],
     same &= np.ptp(around(rays_m), axis=0) < STEP * rays_m
     errors = np.where(np.abs(depth_m - rays_m) <= 1e-3, 0, np.abs(depth_m - rays_m) / np.maximum(rays_m, 1e-9))[same]
     peer.renderer.close()
+    embree = meshes.compare(model, data, pose, SIDE, least_s)
     figures = {
         "package": package,
         "model": name,
@@ -227,6 +235,7 @@ def row(package: str, name: str, model: Any, data: Any) -> tuple[dict[str, Any],
         "error": float(errors.max(initial=0.0)),
         "other_ids": int((ids != geoms)[same].sum()),
         "compared": int(same.sum()),
+        "embree": embree,
     }
     return figures, theirs_m, shown_m
 
@@ -277,6 +286,14 @@ def scaling() -> None:
         print(f"| {len(triangles):,} | {1e3 * own_s:.3f} | {1e9 * own_s / len(triangles):.1f} |")
 
 
+def cells(embree: tuple[float, float, float] | None) -> str:
+    """The columns of `meshes.compare`."""
+    if embree is None:
+        return "| | | | "
+    own_s, embree_s, differs = embree
+    return f"| {1e3 * embree_s:.2f} | {1e3 * own_s:.3f} | {embree_s / own_s:.1f} | {differs:.2%} "
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", default="", help="models whose names contain one of these, separated by commas")
@@ -284,8 +301,11 @@ def main() -> None:
     arguments = parser.parse_args()
     warnings.filterwarnings("ignore")
     print(f"{os.environ['MUJOCO_GL']}, mujoco {mujoco.__version__}, {SIDE} by {SIDE}\n")
-    print("| model | triangles | MuJoCo, ms | ours, ms | times faster | differs | error, rays | ids differ |")
-    print(f"|{'---|' * 8}")
+    print(
+        "| model | triangles | MuJoCo, ms | ours, ms | times faster | differs | error, rays | ids differ "
+        "| meshes: Embree, ms | ours, ms | times faster | differs |"
+    )
+    print(f"|{'---|' * 12}")
     rows, pairs = [], []
     for package, name, (model, data) in models([part for part in arguments.only.split(",") if part]):
         figures, theirs, ours = row(package, name, model, data)
@@ -296,11 +316,17 @@ def main() -> None:
         print(
             f"| {package} {name} | {figures['triangles']:,} | {peer_ms:.2f} | {own_ms:.3f} | {peer_ms / own_ms:.1f} "
             f"| {figures['differs']:.2%} | {figures['error']:.3%} "
-            f"| {figures['other_ids']} of {figures['compared']:,} |",
+            f"| {figures['other_ids']} of {figures['compared']:,} {cells(figures['embree'])}|",
             flush=True,
         )
     ratios = [figures["peer_s"] / figures["own_s"] for figures in rows]
     print(f"\n{len(rows)} models: median {statistics.median(ratios):.1f} times faster, least {min(ratios):.1f}")
+    beside_embree = [embree_s / own_s for own_s, embree_s, _ in filter(None, (figures["embree"] for figures in rows))]
+    if beside_embree:
+        print(
+            f"meshes of {len(beside_embree)} models beside Embree: median {statistics.median(beside_embree):.1f} times "
+            f"faster, least {min(beside_embree):.1f}"
+        )
     scaling()
     if arguments.picture:
         picture(arguments.picture, pairs)

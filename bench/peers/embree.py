@@ -38,8 +38,8 @@ class Picture:
 class Embree:
     """Embree's library with one device of one thread."""
 
-    def __init__(self, export: Export) -> None:
-        self.library = ctypes.CDLL(str(LIBRARY))
+    def __init__(self, export: Export, library: Path = LIBRARY) -> None:
+        self.library = ctypes.CDLL(str(library))
         self.library.peers_device.restype = ctypes.c_void_p
         self.library.peers_scene.restype = ctypes.c_void_p
         self.device = ctypes.c_void_p(self.library.peers_device())
