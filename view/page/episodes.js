@@ -94,7 +94,9 @@ export async function showEpisodes(root, run, query, signal) {
       h("td", { class: "optional" }, where),
       h("td", { class: "number" }, address ? h("a", { href: address }, count(each.episode)) : h("span", { title: each.key ? null : "its actions were not recorded" }, count(each.episode))),
       targets.length ? h("td", {}, each.target ?? "") : null,
-      h("td", { class: kind(each.outcome, successes) }, outcome(each.outcome)),
+      h("td", { class: kind(each.outcome, successes) }, outcome(each.outcome),
+        // On a narrow screen in the place of their columns.
+        h("div", { class: "narrow faint small" }, `${elsewhere ? "environment" : "kitchen"} ${where}, ${each.length} ${each.length === 1 ? "step" : "steps"}`)),
       h("td", { class: "number optional" }, String(each.length)),
       columns.map((column) => h("td", { class: "number" }, figure(each.figures[column.name], column))));
   };

@@ -43,7 +43,9 @@ export async function showList(root, signal) {
     return h("tr", {},
       h("td", {}, box),
       h("td", {}, link, h("div", { class: "faint small" }, `${card.evaluation ? "evaluation · " : ""}${card.preset} · seed ${card.seed}`)),
-      h("td", {}, progress(card.done / card.budget, done), h("div", { class: "row small" }, stateWord(card.state), h("span", { class: "faint" }, done))),
+      h("td", {}, progress(card.done / card.budget, done), h("div", { class: "row small" }, stateWord(card.state), h("span", { class: "faint" }, done)),
+        // On a narrow screen in the place of their columns.
+        card.metrics.slice(2).map((metric) => h("div", { class: "narrow faint small" }, `${metric.label} ${figure(metric, card.figures[metric.name])}`))),
       metrics.map((label, at) => {
         const metric = card.metrics.find((each) => each.label === label);
         return h("td", { class: at > 1 ? "optional" : null }, metric ? figure(metric, card.figures[metric.name]) : "");

@@ -2,7 +2,7 @@
 
 import { h, json, notice, replace, say, takeToken } from "./dom.js";
 import { showList } from "./list.js";
-import { showRun } from "./run.js";
+import { showRun, showTogether } from "./run.js";
 import { showEpisodes } from "./episodes.js";
 import { showEpisode, showCompare } from "./episode.js";
 import { showPlay } from "./play.js";
@@ -58,7 +58,7 @@ async function show() {
       await showEpisode(root, first, key, query, signal);
     } else if (kind === "run" && runs) {
       title(runs.split("+").join(", "), [crumb(runs.split("+").join(", "))]);
-      await showRun(root, runs.split("+"), signal);
+      await (runs.includes("+") ? showTogether(root, runs.split("+"), signal) : showRun(root, runs, signal));
     } else if (kind === "compare" && parts.length >= 3) {
       title("Side by side", [crumb(parts[1], `#/run/${parts[1]}`), crumb(parts[2], `#/run/${parts[2]}`), crumb("side by side")]);
       await showCompare(root, parts.slice(1, 3), query, signal);

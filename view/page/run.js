@@ -1,4 +1,4 @@
-// One run, live; or several over each other. Figures come when they change (server-sent events), curves by what is new.
+// One run, live; or several side by side and over each other. Figures come when they change (server-sent events), curves by what is new.
 
 import { every, follow, h, json, notice, pause, remember, remembered, replace } from "./dom.js";
 import { Curves } from "./curves.js";
@@ -235,16 +235,46 @@ function evaluations(cards, { folder }) {
     h("tbody", {}, own.map(row)))));
 }
 
-export async function showRun(root, runs, signal) {
-  const run = runs[0];
+/** Several runs: what they have come to, a line each, and their curves over each other. */
+export async function showTogether(root, runs, signal) {
+  const columns = runs.map((run) => new Columns(run));
+  const curves = new Curves(columns, { signal });
+  const table = h("table", { class: "tight", "aria-label": "The runs" });
+  const notes = h("div", {});
+  replace(root, h("h1", {}, runs.join(", ")), notes, h("section", { class: "card scroll" }, table), curves.element);
+  every(5000, signal, async () => {
+    try {
+      const cards = await json("/api/runs", { signal });
+      const own = runs.map((run) => cards.find(({ id }) => id === run)).filter((card) => card && !card.problem);
+      const labels = [...new Set(own.flatMap(({ metrics }) => metrics.map(({ label }) => label)))];
+      const cell = ({ metrics, figures: known }, label) => {
+        const metric = metrics.find((each) => each.label === label);
+        return metric ? figure(metric, known[metric.name]) : "";
+      };
+      replace(table,
+        h("thead", {}, h("tr", {}, ["Run", "Progress", ...labels].map((head, at) => h("th", { scope: "col", class: at === 1 ? "optional" : null }, head)))),
+        h("tbody", {}, own.map((card) => h("tr", {},
+          h("td", {}, h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, card.id), h("div", { class: "faint small" }, `${card.preset} · seed ${card.seed}`)),
+          h("td", { class: "optional" }, stateWord(card.state), h("div", { class: "faint small" }, `${count(card.done)} of ${count(card.budget)}`)),
+          labels.map((label) => h("td", {}, cell(card, label)))))));
+      if ((await Promise.all(columns.map((one) => one.grow(signal)))).some(Boolean)) curves.draw();
+      replace(notes);
+    } catch (error) {
+      if (!signal.aborted) replace(notes, notice(error.message, "error"));
+    }
+  });
+}
+
+/** One run, by its events. */
+export async function showRun(root, run, signal) {
   const encoded = encodeURIComponent(run);
   const head = h("div", { class: "row between" });
   const summary = h("section", { class: "card stack", "aria-label": "Progress" });
   const notes = h("div", {});
   const parts = Object.fromEntries(["kitchens", "workers", "warnings", "log", "validation", "evaluations"].map((name) => [name, h("div", {})]));
-  const columns = runs.map((name) => new Columns(name));
-  const curves = new Curves(columns, { signal });
-  const grow = async () => { if ((await Promise.all(columns.map((one) => one.grow(signal)))).some(Boolean)) curves.draw(); };
+  const columns = new Columns(run);
+  const curves = new Curves([columns], { signal });
+  const grow = async () => { if (await columns.grow(signal)) curves.draw(); };
   const [depths, thumbnails] = [new Depths(run, signal), new Thumbnails(run, signal)];
   const card = (title, part) => h("section", { class: "card" }, h("h2", {}, title), part);
   const kitchensCard = card("By kitchen, newest 50 episodes of each", parts.kitchens);
@@ -264,8 +294,8 @@ export async function showRun(root, runs, signal) {
     replace(element, make());
   };
   const take = (live) => {
-    update("head", head, [live.card.state, runs], () => [
-      h("div", { class: "row" }, h("h1", {}, runs.length > 1 ? `${run} and ${runs.length - 1} more` : run), stateWord(live.card.state), h("span", { class: "soft small" }, `${live.card.preset} · seed ${live.card.seed}`)),
+    update("head", head, live.card.state, () => [
+      h("div", { class: "row" }, h("h1", {}, run), stateWord(live.card.state), h("span", { class: "soft small" }, `${live.card.preset} · seed ${live.card.seed}`)),
       h("div", { class: "row" }, h("a", { href: `#/run/${encoded}/episodes` }, "Episodes"))]);
     update("notes", notes, live.notes, () => live.notes.map((note) => notice(note)));
     update("summary", summary, [live.card, live.stages, live.shares, live.workers.map((worker) => worker.cores), live.gpus, Math.round(live.wall_s)], () => [figures(live), live.card.evaluation ? null : timeline(live)]);
@@ -305,6 +335,4 @@ export async function showRun(root, runs, signal) {
   events.onerror = () => json("/api/opening", { signal }).catch((error) => {
     if (!signal.aborted) { shown.notes = null; replace(notes, notice(error.message, "error")); }
   });
-  // The others' curves, which no event tells of.
-  if (runs.length > 1) every(5000, signal, () => grow().catch(() => {}));
 }

@@ -66,7 +66,8 @@ class OrbitView {
       onkeydown: (event) => this.key(event),
       oncontextmenu: (event) => event.preventDefault(),
     });
-    this.element = h("div", { class: "picture" }, this.canvas, h("span", { class: "busy" }, "drawing"));
+    this.busy = h("span", { class: "busy" }, "drawing");
+    this.element = h("div", { class: "picture" }, this.canvas, this.busy);
     this.painter = new Painter(this.canvas, (waits) => this.element.classList.toggle("waits", waits));
     this.home();
   }
@@ -144,6 +145,8 @@ class OrbitView {
   draw() {
     clearTimeout(this.timer);
     const { signal } = this.stage;
+    const { step: shown = String(this.step) } = this.canvas.dataset;
+    this.busy.textContent = shown === String(this.step) ? "drawing" : `still step ${shown}: drawing step ${this.step}`;
     const failed = (error) => this.stage.fail(error);
     const refine = () => this.painter.paint(this.address(true), signal).then((painted) => { if (painted) this.canvas.dataset.fine = String(this.step); }, failed);
     this.painter.paint(this.address(false), signal).then((painted) => {

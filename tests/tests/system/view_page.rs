@@ -83,6 +83,7 @@ fn a_run_is_watched_and_an_episode_is_looked_at() {
     an_episode_is_looked_at(&mut browser);
     only_keys(&mut browser);
     narrow_and_dark(&mut browser);
+    two_are_beside_one_another(&mut browser, &workshop);
     assert_eq!(browser.complaints, Vec::<String>::new(), "the page's console has no error");
     assert!(viewer.stop());
 }
@@ -118,7 +119,7 @@ fn thumbnails_are_tried_again(browser: &mut Browser) {
              setTimeout: (work, wait) => own.setTimeout.call(window, work, wait === 5000 ? 20 : wait), \
              EventSource: class { constructor() { planted.events = this; } close() {} } }); \
            const { showRun } = await import('/run.js'); \
-           await showRun(planted.root, ['watched'], planted.leaving.signal); \
+           await showRun(planted.root, 'watched', planted.leaving.signal); \
          })()",
     );
     browser.wait_for("planted.failing < 0 && planted.root.querySelector('.tiles canvas.room[data-step]')");
@@ -219,14 +220,33 @@ fn only_keys(browser: &mut Browser) {
     browser.wait_for("document.querySelector('canvas.depth').dataset.step === '1'");
 }
 
+fn two_are_beside_one_another(browser: &mut Browser, workshop: &Workshop) {
+    let copied = std::process::Command::new("cp")
+        .args(["-r".as_ref(), workshop.path("runs/watched").as_os_str(), workshop.path("runs/copied").as_os_str()])
+        .status();
+    assert!(copied.is_ok_and(|status| status.success()), "cp");
+    browser.value("location.hash = '#/?all'");
+    browser.wait_for("document.querySelector('a[href=\"#/run/copied\"]')");
+    browser.value("location.hash = '#/run/watched+copied'");
+    browser.wait_for("document.querySelectorAll('table[aria-label=\"The runs\"] tbody tr').length === 2");
+    browser.wait_for("document.querySelector('[data-figure]')");
+    // Nothing is there that only one of them has.
+    assert_eq!(browser.value("document.querySelector('section[aria-label=Progress]') === null"), true);
+    keep(browser, "two");
+}
+
 fn narrow_and_dark(browser: &mut Browser) {
     let paper = "getComputedStyle(document.body).backgroundColor";
     for (scheme, bright) in [("light", true), ("dark", false)] {
         browser.scheme(scheme);
         browser.resize(390, 800);
-        for page in ["#/?all", "#/run/watched", "#/run/watched/episodes"] {
+        for (page, said) in
+            [("#/?all", "disturbance"), ("#/run/watched", "disturbance"), ("#/run/watched/episodes", " steps")]
+        {
             browser.value(&format!("location.hash = {page:?}"));
             browser.wait_for("document.querySelector('main table tbody tr, main figure')");
+            // What has no column there is said elsewhere.
+            browser.wait_for(&format!("document.querySelector('main').innerText.includes({said:?})"));
             let width = browser.value("document.documentElement.scrollWidth");
             assert!(
                 width.as_u64().is_some_and(|width| width <= 390),
