@@ -1,10 +1,9 @@
 use super::overrides::{Overrides, default_preset};
 use crate::output::terminal;
 use crate::preflight::programs::Tools;
-use crate::run::checkpoints::newest_readable;
 use anyhow::{Context, Result, ensure};
 use proto::config::Config;
-use proto::run_folder::{RolloutName, RunFolder, write_atomically};
+use proto::run_folder::{RunFolder, write_atomically};
 use std::path::{Path, PathBuf};
 
 /// Print the effective configuration as TOML, every default included
@@ -39,7 +38,9 @@ pub struct ConfigArgs {
 
 pub fn run(args: &ConfigArgs) -> Result<()> {
     let config = match &args.of {
-        Some(run) => saved_under(run)?,
+        Some(run) => Config::saved_under(&RunFolder::new(run)).with_context(|| {
+            format!("{} has no checkpoint that holds a configuration which this version reads", run.display())
+        })?,
         None => configured(args)?,
     };
     match &args.out {
@@ -62,13 +63,4 @@ fn configured(args: &ConfigArgs) -> Result<Config> {
     let default = || Ok(Tools::find().map_or("demo", |tools| default_preset(&tools.torch)));
     let preset = args.overrides.preset(args.preset.as_deref().or(args.named.as_deref()), default)?;
     args.overrides.resolve(&preset)
-}
-
-fn saved_under(run: &Path) -> Result<Config> {
-    let checkpoints = RunFolder::new(run).checkpoints();
-    let (newest, _) = newest_readable(&RunFolder::new(run))?;
-    let newest = newest.with_context(|| format!("there is no checkpoint in {}", checkpoints.display()))?;
-    let name = checkpoints.join(RolloutName::Manifest.of(newest.rollout));
-    ensure!(!newest.config.is_empty(), "{} was saved by a version that did not note it", name.display());
-    Ok(Config::from_toml(&newest.config, &name.display().to_string())?)
 }

@@ -1,7 +1,6 @@
 //! Configuration errors with file, line and a suggestion.
 
 use crate::likeness::{nearest, suggestion};
-use crate::shell::quoted;
 use crate::task::SpecError;
 use serde::de::DeserializeOwned;
 use std::path::PathBuf;
@@ -12,8 +11,8 @@ pub enum ConfigError {
     UnknownPreset { name: String, nearest: Option<String> },
     #[error("cannot read configuration {path}: {cause}", path = .path.display())]
     Unreadable { path: PathBuf, cause: std::io::Error },
-    #[error("{cause} (mend it, or: `orchestrator config --of {run} --out {file}`)", run = quoted(.run), file = quoted(.file))]
-    OfRun { cause: Box<ConfigError>, run: PathBuf, file: PathBuf },
+    #[error("{cause} (mend it, or{remedy})")]
+    OfRun { cause: Box<ConfigError>, remedy: String },
     #[error("{origin}:{line}: unknown key `{key}`{}", suggestion(.nearest.as_deref()))]
     UnknownKey {
         /// File or preset.

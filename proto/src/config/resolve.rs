@@ -4,7 +4,9 @@ use super::error::{self, ConfigError};
 use super::setting::Setting;
 use super::{CarriedGoal, Config, preset, presets};
 use crate::bounded;
-use crate::run_folder::RunFolder;
+use crate::digest::sha256;
+use crate::run_folder::{Item, RolloutName, RunFolder};
+use crate::shell::quoted;
 use std::path::Path;
 use toml::Table;
 
@@ -78,11 +80,28 @@ impl Config {
             Err(cause) => Err(ConfigError::Unreadable { path, cause }),
         };
         read.map_err(|cause| {
-            if run.checkpoints().is_dir() {
-                ConfigError::OfRun { cause: Box::new(cause), run: run.root().to_owned(), file: run.config() }
-            } else {
-                cause
+            if !run.checkpoints().is_dir() {
+                return cause;
             }
+            let (of, out) = (quoted(run.root()), quoted(run.config()));
+            let remedy = match Self::saved_under(run) {
+                Some(_) => format!(": `orchestrator config --of {of} --out {out}`"),
+                None => " go on with the version that began the run, which `run.toml` names".to_owned(),
+            };
+            ConfigError::OfRun { cause: Box::new(cause), remedy }
+        })
+    }
+
+    /// The configuration of the newest checkpoint of a run that holds one which this version reads.
+    pub fn saved_under(run: &RunFolder) -> Option<Self> {
+        let manifests = run.list(&run.checkpoints()).ok()?.into_iter().rev();
+        let mut manifests = manifests.filter(|item| RolloutName::Manifest.rollout_of(&item.path).is_some());
+        manifests.find_map(|Item { path, .. }| {
+            let manifest: serde_json::Value = serde_json::from_str(&run.read_text(&path).ok()?).ok()?;
+            let (config, of) = (manifest["config"].as_str()?, manifest["run"].as_str().unwrap_or_default());
+            let is_own = of.is_empty() || run.id().is_none_or(|id| id == of);
+            let is_whole = manifest["config_sha256"] == sha256(config.as_bytes());
+            Self::from_toml(config, "").ok().filter(|_| is_own && is_whole)
         })
     }
 

@@ -1,5 +1,8 @@
 //! A file of a run that something damaged is named, with what to do; and that works.
 
+use proto::checkpoint::Manifest;
+use proto::digest::sha256;
+use proto::run_folder::{RolloutName, RunFolder};
 use std::path::Path;
 use system_tests::{Printed, Workshop, binary, complete};
 
@@ -39,7 +42,20 @@ fn a_run_is_given_its_configuration_again() {
     // Every checkpoint holds what it was saved under.
     let config = folder.config();
     let configured = std::fs::read(&config).expect("a configuration");
+    let manifests = |folder: &RunFolder| {
+        let checkpoints = std::fs::read_dir(folder.checkpoints()).expect("checkpoints");
+        let paths = checkpoints.map(|entry| entry.expect("an entry").path());
+        paths.filter(|path| path.extension().is_some_and(|end| end == "json")).collect::<Vec<_>>()
+    };
+    // The newest one's is of a version with another key: the one before is taken.
+    let newest = manifests(&folder).into_iter().max_by_key(|path| RolloutName::Manifest.rollout_of(path));
+    let newest = newest.expect("a checkpoint");
+    let manifest = Manifest::read(&newest).expect("a manifest");
+    let other = format!("unknown = 1\n{}", manifest.config);
+    let other = Manifest { config_sha256: sha256(other.as_bytes()), config: other, ..manifest };
+    std::fs::write(&newest, other.seal()).expect("a writable file");
     for damage in [
+        |file: &Path| std::fs::write(file, "unknown = 1").expect("a writable file"),
         |file: &Path| std::fs::write(file, "seed").expect("a writable file"),
         |file: &Path| {
             std::fs::remove_file(file).expect("a file to remove");
@@ -55,18 +71,17 @@ fn a_run_is_given_its_configuration_again() {
 
     // Without a checkpoint that can be read the command has nothing to write, and leaves what is there.
     std::fs::write(&config, "seed").expect("a writable file");
-    let checkpoints = std::fs::read_dir(folder.checkpoints()).expect("checkpoints");
-    let manifests = checkpoints.map(|entry| entry.expect("an entry").path());
-    let manifests: Vec<_> = manifests.filter(|path| path.extension().is_some_and(|end| end == "json")).collect();
+    let manifests = manifests(&folder);
     assert!(!manifests.is_empty());
     for manifest in &manifests {
         cut(manifest);
     }
-    let printed = workshop.call(&["status", "my run"]);
-    let line = printed.stderr.split('`').nth_back(1).unwrap_or_else(|| panic!("a command: {printed:#?}"));
-    let printed = pasted(&workshop, &with_program(line));
+    let out = config.to_str().expect("a path of text");
+    let printed = workshop.call(&["config", "--of", "my run", "--out", out]);
     assert!(!printed.success && printed.stderr.starts_with("error: "), "{printed:#?}");
     assert_eq!(std::fs::read(&config).expect("it is there still"), b"seed");
+    // And is not named.
+    workshop.call(&["status", "my run"]).refused("go on with the version that began the run");
 }
 
 #[test]
