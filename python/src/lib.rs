@@ -86,6 +86,7 @@ fn channels<'py>(py: Python<'py>, task: &Bound<'py, PyAny>) -> PyResult<Vec<Boun
 
 #[pymodule]
 fn _stillroom(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("BUILD", wire::version::BUILD)?;
     // Before anything is computed: all of it is compiled for AVX2.
     #[cfg(target_arch = "x86_64")]
     if !std::arch::is_x86_feature_detected!("avx2") {

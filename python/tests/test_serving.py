@@ -14,7 +14,7 @@ from gymnasium import spaces
 
 import stillroom
 from stillroom.description import F32_MOST, Refused, check_seen, describe
-from stillroom.determinism import prove
+from stillroom.determinism import prove, try_out
 from stillroom.masks import add_mask
 from stillroom.serving import find
 from stillroom.wrappers import ActionMasks, MujocoSnapshot
@@ -131,6 +131,51 @@ def test_what_is_seen_is_as_its_space_says():
     ]:
         with pytest.raises(Refused, match=problem):
             check_seen(described, seen)
+
+
+class Faulty(Env):
+    """Its first step returns something else than it should."""
+
+    def __init__(self, **instead):
+        super().__init__()
+        self._instead = instead
+
+    def step(self, action):
+        step = dict(zip(("observation", "reward", "terminated", "truncated", "info"), super().step(1), strict=True))
+        return tuple((step | self._instead).values())
+
+
+@pytest.mark.parametrize(
+    ("instead", "problem"),
+    [
+        ({"reward": float("nan")}, "its reward is nan, which is not finite"),
+        ({"reward": np.zeros(2)}, "its reward is array.*, not a number"),
+        ({"reward": None}, "its reward is None, not a number"),
+        ({"observation": np.full(3, np.nan, np.float32)}, "its observation `observation` is nan, which is not finite"),
+        ({"observation": np.full(3, 7, np.float32)}, "is 7.0, which is not between -1.0 and 1.0"),
+        ({"observation": np.zeros(4, np.float32)}, r"is an array of \[4\] float32"),
+        ({"info": {}}, "the info of its step has no `speed`, which the declaration names"),
+        ({"info": {"speed": 3.0}}, "its `speed` in info is 3.0, which is not between 0 and 2"),
+        ({"more": 0}, "step.. did not return"),
+    ],
+)
+def test_what_a_run_would_refuse_at_the_first_step_is_refused_before(instead, problem):
+    speed = {"name": "speed", "role": "part", "dtype": "f32", "range": [0, 2]}
+    described = describe(Env(), "mine")
+    try_out(described, Faulty(info={"speed": 2.0}), [speed])
+    with pytest.raises(Refused, match=problem):
+        try_out(described, Faulty(**({"info": {"speed": 1.0}} | instead)), [speed])
+
+
+def test_everything_that_is_wrong_with_spaces_is_said_at_once():
+    with pytest.raises(Refused, match="`a` is of float16.*; and its observation `b` is.*; and its actions begin with 1"):
+        describe(
+            Env(
+                spaces.Dict({"a": spaces.Box(0, 1, (2,), np.float16), "b": spaces.Text(3)}),
+                spaces.Discrete(3, start=1),
+            ),
+            "mine",
+        )
 
 
 def test_an_environment_that_does_not_repeat_itself_is_refused():

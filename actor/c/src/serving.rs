@@ -5,7 +5,7 @@ use crate::ffi::{Environments, Simulator};
 use clap::Parser;
 use engine::guest::{Guest, GuestActor, Record, Replay};
 use proto::replay::ReplaySetup;
-use proto::task::{Field, Role, Spec};
+use proto::task::{Check, Field, Role, Spec};
 use std::ffi::OsString;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Write};
@@ -21,6 +21,12 @@ struct Arguments {
     /// Print what the environment says of itself, as JSON
     #[arg(long)]
     describe: bool,
+    /// Channels that the user declares beside, as JSON; they are no part of what is described
+    #[arg(long, requires = "describe")]
+    declared: Option<String>,
+    /// Print which build of Stillroom this is
+    #[arg(long)]
+    build: bool,
     /// Simulate the recorded episodes on standard input again
     #[arg(long)]
     replay: bool,
@@ -53,6 +59,9 @@ pub fn serve(words: &[OsString], simulator: Simulator) -> Result<(), ServeError>
     }
     let description = serde_json::to_string(&simulator.description)?;
     let mut answer = File::from(answer);
+    if arguments.build {
+        return Ok(writeln!(answer, "{}", wire::version::BUILD)?);
+    }
     if arguments.describe {
         prove(simulator)?;
         return Ok(writeln!(answer, "{description}")?);
@@ -102,7 +111,7 @@ fn prove(simulator: Simulator) -> Result<(), ServeError> {
 
 /// What is seen in an episode whose actions follow from its seed and from what is allowed, and the reward after each.
 fn play(environments: &mut Environments, seed: u32, actions: usize, spec: &Spec) -> Result<Vec<Vec<u8>>, ServeError> {
-    let layout = spec.layout();
+    let (layout, check) = (spec.layout(), Check::of(spec));
     let observed = spec.channels.iter().zip(&layout.fields);
     let observed: Vec<Field> =
         observed.filter(|(channel, _)| channel.role != Role::Outcome).map(|(_, &field)| field).collect();
@@ -111,6 +120,7 @@ fn play(environments: &mut Environments, seed: u32, actions: usize, spec: &Spec)
     environments.reset(0, seed, Record::of(&mut lines, &mut [], layout)).map_err(ServeError::Refused)?;
     for step in 0..=STEPS {
         let record = Line::bytes(&lines);
+        check.record(record, step > 0).map_err(|problem| ServeError::Refused(problem.to_string()))?;
         seen.push(observed.iter().flat_map(|field| &record[field.range()]).copied().collect());
         let first = step * 7 + step / 3 + seed as usize;
         let allows = |&action: &usize| {

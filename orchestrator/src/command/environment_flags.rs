@@ -1,6 +1,6 @@
 use super::overrides::Overrides;
 use crate::environment::consent;
-use crate::environment::describe::{Answer, describe};
+use crate::environment::describe::{Answer, demand_build, describe};
 use crate::preflight::programs::on_path;
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
@@ -20,7 +20,7 @@ pub struct EnvironmentFlags {
     /// Keyword arguments for it, as JSON
     #[arg(long, value_name = "JSON", requires = "env")]
     env_kwargs: Option<String>,
-    /// Python that it runs in [default: that of the active virtual environment, else python3]
+    /// Python that it runs in [default: that of the active virtual environment, else of this program's own, else python3]
     #[arg(long, value_name = "PYTHON", requires = "env")]
     python: Option<PathBuf>,
     /// Any other program that serves environments, such as a script that calls stillroom.serve: its words, as a shell
@@ -45,7 +45,15 @@ impl EnvironmentFlags {
             return Ok(vec![]);
         };
         let mut environment = EnvironmentConfig { command, declaration: String::new() };
-        let Answer { description, environments } = describe(&environment)?;
+        demand_build(&environment)?;
+        let more = match &self.env_declaration {
+            Some(path) => bounded::read_text(path).with_context(|| format!("cannot read {}", path.display()))?,
+            None => String::new(),
+        };
+        // What is wrong with it is said below.
+        let declared = more.parse::<toml::Table>().ok().and_then(|table| table.get("channels").cloned());
+        let declared = declared.map(|channels| serde_json::to_string(&channels)).transpose()?.unwrap_or_default();
+        let Answer { description, environments } = describe(&environment, &declared)?;
         if let (Some(size), Some(given)) = (environments, given.environments_per_actor()?) {
             ensure!(
                 size == given,
@@ -53,10 +61,6 @@ impl EnvironmentFlags {
                  --envs-per-actor and actors.environments_per_actor, or say {size}"
             );
         }
-        let more = match &self.env_declaration {
-            Some(path) => bounded::read_text(path).with_context(|| format!("cannot read {}", path.display()))?,
-            None => String::new(),
-        };
         environment.declaration = description.declaration(&more).context("--env-declaration")?;
         let task = Spec::kept(&environment.declaration).context("the environment's declaration")?.name.clone();
         consent::allow(&environment.command)?;
@@ -104,7 +108,38 @@ impl EnvironmentFlags {
                 let name = python.to_str().context("--python is not text")?;
                 on_path(name).with_context(|| format!("there is no program `{name}` on the PATH"))
             }
-            None => active().or_else(|| on_path("python3")).context("there is no Python: name one with --python"),
+            None => {
+                let own = || beside(&std::env::current_exe().ok()?);
+                active()
+                    .or_else(own)
+                    .or_else(|| on_path("python3"))
+                    .context("there is no Python: name one with --python")
+            }
+        }
+    }
+}
+
+/// The interpreter of the virtual environment that a program is installed in: in its `bin`, or in a package of it.
+fn beside(program: &Path) -> Option<PathBuf> {
+    let environment = program.ancestors().find(|folder| folder.join("pyvenv.cfg").is_file())?;
+    Some(environment.join("bin/python")).filter(|python| python.exists())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_program_in_a_virtual_environment_has_its_interpreter() {
+        let folder = tempfile::tempdir().unwrap();
+        let (bin, package) = (folder.path().join("bin"), folder.path().join("lib/python3.12/site-packages/programs"));
+        std::fs::create_dir_all(&bin).unwrap();
+        std::fs::create_dir_all(&package).unwrap();
+        std::fs::write(bin.join("python"), "").unwrap();
+        assert_eq!(beside(&bin.join("orchestrator")), None, "any folder");
+        std::fs::write(folder.path().join("pyvenv.cfg"), "").unwrap();
+        for place in [&bin, &package] {
+            assert_eq!(beside(&place.join("orchestrator")), Some(bin.join("python")));
         }
     }
 }

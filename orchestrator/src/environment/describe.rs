@@ -23,14 +23,49 @@ pub struct Answer {
     pub environments: Option<u32>,
 }
 
-pub fn describe(environment: &EnvironmentConfig) -> Result<Answer> {
+pub fn describe(environment: &EnvironmentConfig, declared: &str) -> Result<Answer> {
+    let mut words = vec!["--describe"];
+    words.extend((!declared.is_empty()).then_some(["--declared", declared]).into_iter().flatten());
+    let (answer, errors) = ask(environment, &words)?;
+    let command = shown(&environment.command);
+    read(&answer)
+        .with_context(|| format!("`{command}` answers with what is no description; it says: {}", last(&errors)))
+}
+
+/// Refuses environments whose package was compiled from other sources than this program: their actors would all die.
+pub fn demand_build(environment: &EnvironmentConfig) -> Result<()> {
+    const OWN: &str = wire::version::BUILD;
+    let found = match ask(environment, &["--build"]) {
+        Ok((answer, _)) if answer.trim_ascii() == OWN.as_bytes() => return Ok(()),
+        Ok((answer, _)) if answer.trim_ascii().len() == OWN.len() => {
+            format!("build {}", printable(String::from_utf8_lossy(&answer).trim()))
+        }
+        Ok((_, errors)) => {
+            bail!(
+                "`{}` serves no environments: it names no build; it says: {}",
+                shown(&environment.command),
+                last(&errors)
+            )
+        }
+        Err(error) if error.to_string().contains("--build") => "an older build".to_owned(),
+        Err(error) => return Err(error),
+    };
+    bail!(
+        "the package `stillroom` that `{}` uses is {found}, and this program, {}, is build {OWN}: install there the wheel \
+         or library that was made with this program",
+        shown(&environment.command),
+        std::env::current_exe().unwrap_or_default().display()
+    )
+}
+
+fn ask(environment: &EnvironmentConfig, words: &[&str]) -> Result<(Vec<u8>, String)> {
     let command = &environment.command;
     let mut asked = environment.program();
-    asked.arg("--describe").stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    asked.args(words).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child = asked.process_group(0).spawn().with_context(|| format!("cannot start `{}`", shown(command)))?;
     let group = Pid::from_child(&child);
     let (output, errors) = (child.stdout.take(), child.stderr.take());
-    let (answer, errors) = std::thread::scope(|scope| {
+    std::thread::scope(|scope| {
         let (answer, errors) = (scope.spawn(|| whole(output)), scope.spawn(|| whole(errors)));
         let status = wait_for_child(&mut child, ANSWERS_WITHIN);
         // Also what the environment has started and left behind, which may hold the pipes.
@@ -47,9 +82,7 @@ pub fn describe(environment: &EnvironmentConfig) -> Result<Answer> {
                 bail!("`{}` has not described its environment within {} s", shown(command), ANSWERS_WITHIN.as_secs())
             }
         }
-    })?;
-    let said = || format!("`{}` answers with what is no description; it says: {}", shown(command), last(&errors));
-    read(&answer).with_context(said)
+    })
 }
 
 fn read(answer: &[u8]) -> serde_json::Result<Answer> {
@@ -89,7 +122,26 @@ mod tests {
 
     fn asked(script: &str) -> Result<Answer, String> {
         let command = ["sh", "-c", script].map(str::to_owned).to_vec();
-        describe(&EnvironmentConfig { command, declaration: String::new() }).map_err(|error| format!("{error:#}"))
+        describe(&EnvironmentConfig { command, declaration: String::new() }, "").map_err(|error| format!("{error:#}"))
+    }
+
+    #[test]
+    fn another_build_is_one_sentence_that_says_which_is_which() {
+        let of = |script: &str| {
+            let command = ["sh", "-c", script].map(str::to_owned).to_vec();
+            demand_build(&EnvironmentConfig { command, declaration: String::new() }).map_err(|error| error.to_string())
+        };
+        let own = wire::version::BUILD;
+        of(&format!("test $0 = --build && echo {own}")).unwrap();
+        let older = "echo 'usage: x\nserve: error: unrecognized arguments: --build' >&2; exit 2";
+        assert!(of("true").unwrap_err().contains("serves no environments"));
+        let other = "0123456789abcdef";
+        for (script, found) in
+            [(&*format!("echo {other}"), &*format!("is build {other},")), (older, "is an older build,")]
+        {
+            let problem = of(script).unwrap_err();
+            assert!(problem.contains(found) && problem.contains(own) && problem.contains("install there"), "{problem}");
+        }
     }
 
     #[test]
@@ -108,6 +160,6 @@ mod tests {
             assert!(problem.contains(expected) && !problem.contains('\n'), "{problem}");
         }
         let command = vec!["/no/such/program".to_owned()];
-        assert!(describe(&EnvironmentConfig { command, declaration: String::new() }).is_err());
+        assert!(describe(&EnvironmentConfig { command, declaration: String::new() }, "").is_err());
     }
 }

@@ -3,10 +3,18 @@
 pub mod consent;
 pub mod describe;
 
+use anyhow::Result;
 use proto::actor_notes::Noted;
 use proto::config::Config;
 use proto::run_folder::RunFolder;
 use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Refuses a run or recording whose environments are simulated by a command that is not allowed, or of another build.
+pub fn demand(config: &Config, folder: &Path) -> Result<()> {
+    consent::demand(config, folder)?;
+    config.environment.as_ref().map_or(Ok(()), describe::demand_build)
+}
 
 /// A sentence for each actor of a run whose memory grows without an end in sight, by the actor's name.
 pub fn growing(folder: &RunFolder, config: &Config) -> BTreeMap<String, String> {

@@ -8,7 +8,7 @@ use super::link::{Mouth, receive, receive_bytes, serve};
 use super::membership::Membership;
 use super::rendezvous::{Invitation, Patience, Reply};
 use super::token::Token;
-use crate::environment::consent;
+use crate::environment;
 use crate::output::format::counted;
 use crate::output::terminal;
 use crate::recording::recorder::Recorder;
@@ -234,7 +234,7 @@ impl Agent {
     ) -> Result<Ended> {
         let HostFolder { folder, config, address, hosts, tools, mut lock } = place;
         let signals = Signals::kept(signals, true)?;
-        consent::demand(&config, folder.root())?;
+        environment::demand(&config, folder.root())?;
         lock.sign(invitation.incarnation)?;
         let incarnation = invitation.incarnation;
         let (config, tools, address, folder) = (&config, &tools, &address, &folder);

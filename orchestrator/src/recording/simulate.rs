@@ -4,7 +4,7 @@
 //! `actor replay`, which takes the actions again and compares the hash of every state on the way, and draws what the
 //! camera saw where that is asked for. The work is divided by kitchen over as many actors as there are cores.
 
-use crate::environment::consent;
+use crate::environment;
 use crate::output::terminal::Live;
 use crate::preflight::programs;
 use crate::process_end::wait_for_child;
@@ -130,7 +130,7 @@ fn replayer(setup: &ReplaySetup) -> Result<Command> {
         command.arg("replay");
         return Ok(command);
     };
-    consent::demand(&config, Path::new(setup.folder.as_deref().unwrap_or("RUN")))?;
+    environment::demand(&config, Path::new(setup.folder.as_deref().unwrap_or("RUN")))?;
     let mut command = environment.program();
     command.arg("--replay");
     Ok(command)

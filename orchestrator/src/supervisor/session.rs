@@ -5,7 +5,7 @@ use super::event::{Outcome, SessionEnd};
 use super::process::{Launch, LearnersNetwork};
 use super::remote_hosts::RemoteHosts;
 use super::shell::{Audience, Shell, Signals};
-use crate::environment::consent;
+use crate::environment;
 use crate::output::format::{self, counted};
 use crate::output::terminal;
 use crate::preflight::placement;
@@ -81,7 +81,7 @@ impl Session<'_> {
         signals: &mut Option<Signals>,
     ) -> Result<(Outcome, Result<()>)> {
         let Self { folder, config, incarnation, address, launched, .. } = *self;
-        consent::demand(config, folder.root())?;
+        environment::demand(config, folder.root())?;
         let signals = Signals::kept(signals, launched)?;
         // `stop` signals the process that has signed the lock. So it signs only after it handles signals as requests.
         lock.sign(incarnation)?;

@@ -17,6 +17,9 @@ macro_rules! version {
     }};
 }
 
+/// Which sources of this crate and of `proto` a program is made of. Processes of one run have the same.
+pub const BUILD: &str = env!("STILLROOM_BUILD");
+
 /// `version`, and `commit` in brackets behind it if there is one. The first call in a process decides.
 pub fn with_commit(version: &str, commit: Option<&str>) -> &'static str {
     static TEXT: OnceLock<String> = OnceLock::new();

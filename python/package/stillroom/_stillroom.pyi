@@ -12,6 +12,8 @@ ACTIONS: list[str]
 """Names of all actions."""
 TARGETS: list[str]
 """Names of the categories of targets, by number."""
+BUILD: str
+"""Which sources it was compiled from."""
 FRAME_SIDE: int
 """Width and height of the robot's own depth frame, pixels."""
 SUBSTEPS: int

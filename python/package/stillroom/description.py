@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,22 +49,47 @@ def describe(env: gymnasium.Env, name: str) -> Described:
         found = [(_channel_name(key), key, inner) for key, inner in space.spaces.items()]
     else:
         found = [("observation", None, space)]
-    channels = [_channel(channel, inner) for channel, _, inner in found]
-    actions = _actions(env.action_space)
-    description = {"name": name, "actions": actions, "channels": channels, "restore": _restore(env)}
+    with _Gathered() as gathered:
+        channels = [gathered(_channel, channel, inner) for channel, _, inner in found]
+        actions, restore = gathered(_actions, env.action_space), gathered(_restore, env)
+    description = {"name": name, "actions": actions, "channels": channels, "restore": restore}
     return Described(description, [(channel, key) for channel, key, _ in found])
 
 
+class _Gathered:
+    """Refuses at its end, with all that was refused in it."""
+
+    def __init__(self) -> None:
+        self._problems: list[str] = []
+
+    def __enter__(self) -> _Gathered:
+        return self
+
+    def __call__(self, check: Callable[..., Any], *given: Any) -> Any:
+        try:
+            return check(*given)
+        except Refused as refusal:
+            self._problems.append(str(refusal))
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if self._problems and kind is None:
+            raise Refused("; and ".join(self._problems))
+
+
 def check_seen(described: Described, observation: Any) -> None:
-    """Refuses an observation whose arrays are not as its space says: a run would refuse it at its first step."""
+    """Refuses an observation that is not as its space says: a run would refuse it at its first step."""
     by_name = {channel["name"]: channel for channel in described.description["channels"]}
-    for name, key in described.observed:
-        if key is not None and not (isinstance(observation, Mapping) and key in observation):
-            raise Refused(f"its observation has no `{key}`, which its space has")
-        seen, channel = observation if key is None else observation[key], by_name[name]
-        if not channel.get("shape"):
-            continue
-        space = channel["doc"].removeprefix("Observation: ")
+    with _Gathered() as gathered:
+        for name, key in described.observed:
+            gathered(_check_channel, by_name[name], key, observation)
+
+
+def _check_channel(channel: dict[str, Any], key: str | None, observation: Any) -> None:
+    name, space = channel["name"], channel["doc"].removeprefix("Observation: ")
+    if key is not None and not (isinstance(observation, Mapping) and key in observation):
+        raise Refused(f"its observation has no `{key}`, which its space has")
+    seen = observation if key is None else observation[key]
+    if channel.get("shape"):
         if not isinstance(seen, np.ndarray):
             raise Refused(f"its observation `{name}` is a {type(seen).__name__}, and its space is {space}")
         fits = DTYPES.get(str(seen.dtype)) == channel["dtype"] or (channel["dtype"], seen.dtype) == ("u8", np.int8)
@@ -72,6 +97,26 @@ def check_seen(described: Described, observation: Any) -> None:
             raise Refused(
                 f"its observation `{name}` is an array of {list(seen.shape)} {seen.dtype}, and its space is {space}"
             )
+    check_numbers(f"observation `{name}`", seen, channel)
+
+
+def check_numbers(what: str, value: Any, channel: Mapping[str, Any]) -> None:
+    """Refuses what is no number, not finite, or outside of a channel's range."""
+    try:
+        # NumPy makes numbers of texts and of None.
+        numbers = np.asarray(value if isinstance(value, np.ndarray) else 0 + value, np.float64)
+        numbers = numbers.reshape(channel.get("shape", ()))
+    except (TypeError, ValueError):
+        raise Refused(f"its {what} is {value!r}, not {channel.get('shape') or 'a number'}") from None
+    # As a record holds it, in 32 bits.
+    kind, limit = (np.float32, F32_MOST) if channel.get("dtype", "f32") == "f32" else (np.float64, np.inf)
+    least, most = channel.get("range", (-limit, limit))
+    with np.errstate(over="ignore"):
+        kept = numbers.astype(kind)
+    wrong = numbers[~((kind(least) <= kept) & (kept <= kind(most)))]
+    if wrong.size:
+        allowed = f"between {least} and {most}" if np.isfinite(wrong.flat[0]) else "finite"
+        raise Refused(f"its {what} is {wrong.flat[0]}, which is not {allowed}")
 
 
 def way_of(env: gymnasium.Env) -> str:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import zip_longest
 from typing import Any
 
 import gymnasium
 import numpy as np
 
-from stillroom.description import Refused, way_of
+from stillroom.description import Described, Refused, check_numbers, check_seen, way_of
 from stillroom.masks import MASK, sample
 
 # Of the episode that is played twice, and of another one between.
@@ -18,6 +18,23 @@ STEPS = 40
 STEPS_BETWEEN = 10
 # A snapshot is taken after so many steps, or before the last one of an episode that is shorter.
 STEPS_BEFORE = 20
+
+
+def try_out(described: Described, env: Any, declared: Sequence[dict[str, Any]]) -> None:
+    """Refuses what a run would refuse at an episode's start or first step. `declared`: channels that the user adds."""
+    observation, info = env.reset(seed=0)
+    check_seen(described, observation)
+    stepped = env.step(_chance(env, 0)(_seen(observation, info)))
+    if not (isinstance(stepped, tuple) and len(stepped) == 5):
+        raise Refused("step() did not return (observation, reward, terminated, truncated, info)")
+    observation, reward, _, _, info = stepped
+    check_seen(described, observation)
+    by_name = {channel["name"]: channel for channel in declared if channel["role"] != "observation"}
+    check_numbers("reward", reward, by_name.pop("reward", {}))
+    for name in by_name.keys() - {channel["name"] for channel in described.description["channels"]}:
+        if info.get(name) is None:
+            raise Refused(f"the info of its step has no `{name}`, which the declaration names")
+        check_numbers(f"`{name}` in info", info.get(name), by_name[name])
 
 
 def prove(env: gymnasium.Env, make: Callable[[], gymnasium.Env]) -> None:

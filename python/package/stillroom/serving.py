@@ -22,10 +22,10 @@ from typing import Any, NoReturn, TextIO
 
 import gymnasium
 
-from stillroom._stillroom import Actor, Replay, hold_lifeline
+from stillroom._stillroom import BUILD, Actor, Replay, hold_lifeline
 from stillroom.columns import Among, Vector, check_sizes, halves, takes_size
-from stillroom.description import Refused, check_seen, describe
-from stillroom.determinism import prove
+from stillroom.description import Refused, describe
+from stillroom.determinism import prove, try_out
 from stillroom.film import Camera, write
 from stillroom.masks import add_mask
 from stillroom.pools import PoolEnv
@@ -105,6 +105,8 @@ def _module(place: str) -> Any:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description="Serves environments to a run; the orchestrator starts this.")
     parser.add_argument("--describe", action="store_true", help="print what the environment says of itself, as JSON")
+    parser.add_argument("--declared", type=json.loads, default=[], help="channels that the user declares, as JSON")
+    parser.add_argument("--build", action="store_true", help="print which build of Stillroom this is")
     parser.add_argument("--replay", action="store_true", help="simulate the recorded episodes on standard input again")
     parser.add_argument("--actor", type=int)
     parser.add_argument("--incarnation", type=int, default=1)
@@ -134,6 +136,9 @@ def _run(
     arguments: argparse.Namespace, found: Callable[[], tuple[MakeEnv, str]], streams: tuple[TextIO, TextIO]
 ) -> NoReturn:
     asked, answer = streams
+    if arguments.build:
+        print(BUILD, file=answer, flush=True)
+        raise SystemExit(0)
     one: Any
     proven: Any
     try:
@@ -143,8 +148,8 @@ def _run(
             vector = env if isinstance(env, Vector) else None
             one, proven = (vector.columns[0], Among(vector)) if vector else (env, env)
             described = describe(one, _task_name(name))
-            check_seen(described, proven.reset(seed=0)[0])
             add_mask(described, one)
+            try_out(described, proven, arguments.declared)
             prove(proven, lambda: _made(make_env, 1))
             # Of vectors that have a size, an actor has two.
             size = {"environments": 2 * len(vector)} if vector and not takes_size(make_env) else {}

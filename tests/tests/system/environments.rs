@@ -406,6 +406,7 @@ fn an_environment_that_cannot_take_part_is_refused_before_a_run_begins() {
     }
     for (env, expected) in [
         ("faulty.py:random_env", "it does not repeat itself"),
+        ("faulty.py:at_once", "its reward is nan"),
         ("actions.py:stuck", "its action_mask allows no option"),
     ] {
         let said = refused(&["--python", python, "--env", &source(env)]);

@@ -103,3 +103,13 @@ class Random(Faulty):
 
 def random_env():
     return Random()
+
+
+class AtOnce(Faulty):
+    def step(self, action):
+        seen, _, *more = super().step(action)
+        return seen, float("nan"), *more
+
+
+def at_once():
+    return AtOnce()
