@@ -200,6 +200,23 @@ fn the_true_reason_is_given_and_what_was_probably_meant() {
     }
 }
 
+/// Only the first was said.
+#[test]
+fn all_errors_of_the_text_are_said_at_once() {
+    let changes = [
+        ("role = \"floor\"", "role = \"flor\""),
+        ("mass_kg = 0.35", "mass = 0.35\ncolour = \"red\""),
+        ("\"Window\"\nrole = \"fixed\"", "\"Window\""),
+    ];
+    let message = studio(|text| changes.iter().fold(text.to_owned(), |text, (from, to)| text.replacen(from, to, 1)));
+    let message = message.unwrap_err();
+    for expected in
+        ["4 things are wrong", "`floor`?)", "unknown field `mass`", "field `colour`", "missing field `role`"]
+    {
+        assert!(message.contains(expected), "`{expected}` is not in:\n{message}");
+    }
+}
+
 #[test]
 fn targets_that_are_nearly_called_so_are_named() {
     let others = ["Apple", "Bread", "Pot", "Tomato"];

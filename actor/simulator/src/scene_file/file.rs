@@ -1,4 +1,4 @@
-use super::problem::{ENTRIES_MOST, Problem};
+use super::problem::{ENTRIES_MOST, PROBLEMS_MOST, Problem};
 use crate::gltf_file::solid::Convex;
 use crate::gltf_file::uri;
 use proto::bounded;
@@ -67,22 +67,49 @@ fn in_words(message: &str) -> String {
 /// Every [`Role`], as it is written.
 const ROLES: &str = "`floor`, `fixed`, `surface`, `movable`, `ignore`";
 
-impl SceneFile {
-    pub fn open(path: &Path) -> Result<Self, Problem> {
-        if path.extension().is_some_and(|kind| kind == "glb" || kind == "gltf") {
-            return Err(Problem::Geometry);
+/// Parses a scene's text. After an error what it is about is left out, and the rest is parsed: all errors are found.
+fn parse(text: &str) -> Result<SceneFile, Vec<Problem>> {
+    let mut lines: Vec<&str> = text.split('\n').collect();
+    let mut problems: Vec<Problem> = Vec::new();
+    loop {
+        let text = lines.join("\n");
+        let error: toml::de::Error = match toml::from_str(&text) {
+            Ok(file) if problems.is_empty() => return Ok(file),
+            Ok(_) => return Err(problems),
+            Err(error) => error,
+        };
+        let line = error.span().map_or(0, |span| text[..span.start].matches('\n').count());
+        // Without what was left out there may be no entry at all.
+        if problems.is_empty() || !error.message().starts_with("missing field `node`") {
+            problems.push(Problem::Toml { line: line + 1, problem: in_words(error.message()) });
         }
-        let text = bounded::read_text(path).map_err(|cause| Problem::Unreadable { cause: cause.to_string() })?;
-        let mut file: Self = toml::from_str(&text).map_err(|error: toml::de::Error| Problem::Toml {
-            line: error.span().map_or(0, |span| text[..span.start].matches('\n').count() + 1),
-            problem: in_words(error.message()),
-        })?;
+        let is_head = |line: &&str| line.trim_start().starts_with('[');
+        let entry = lines[..=line].iter().rposition(is_head);
+        let left_out = match entry.filter(|_| !error.message().starts_with("unknown field")) {
+            Some(head) => head..lines[head + 1..].iter().position(is_head).map_or(lines.len(), |end| head + 1 + end),
+            None => line..line + 1,
+        };
+        if problems.len() >= PROBLEMS_MOST || lines[left_out.clone()].iter().all(|line| line.is_empty()) {
+            return Err(problems);
+        }
+        lines[left_out].fill("");
+    }
+}
+
+impl SceneFile {
+    /// The error holds everything that is wrong with the text.
+    pub fn open(path: &Path) -> Result<Self, Vec<Problem>> {
+        if path.extension().is_some_and(|kind| kind == "glb" || kind == "gltf") {
+            return Err(vec![Problem::Geometry]);
+        }
+        let text = bounded::read_text(path).map_err(|cause| vec![Problem::Unreadable { cause: cause.to_string() }])?;
+        let mut file = parse(&text)?;
         // As the names of the nodes are.
         for entry in &mut file.nodes {
             entry.name = entry.name.nfc().collect();
         }
         let entries = file.nodes.len();
-        if entries > ENTRIES_MOST { Err(Problem::TooManyEntries { entries }) } else { Ok(file) }
+        if entries > ENTRIES_MOST { Err(vec![Problem::TooManyEntries { entries }]) } else { Ok(file) }
     }
 
     /// The glTF file, relative to this one's folder and inside it: a scene's files travel together.

@@ -27,7 +27,8 @@ impl SceneError {
 pub(super) const ENTRIES_MOST: usize = 2000;
 /// Bodies of a scene at most: physics and camera look at each.
 pub(super) const BODIES_MOST: usize = 2000;
-const SHOWN_MOST: usize = 50;
+/// Problems that are shown, and errors that are looked for in a file's text.
+pub(super) const PROBLEMS_MOST: usize = 50;
 
 impl fmt::Display for SceneError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -36,10 +37,10 @@ impl fmt::Display for SceneError {
             return write!(f, "{file}: {problem}");
         }
         write!(f, "{file}: {} things are wrong", self.problems.len())?;
-        for problem in self.problems.iter().take(SHOWN_MOST) {
+        for problem in self.problems.iter().take(PROBLEMS_MOST) {
             write!(f, "\n  {problem}")?;
         }
-        let more = self.problems.len().saturating_sub(SHOWN_MOST);
+        let more = self.problems.len().saturating_sub(PROBLEMS_MOST);
         if more > 0 { write!(f, "\n  and {more} more") } else { Ok(()) }
     }
 }

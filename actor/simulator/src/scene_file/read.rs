@@ -66,7 +66,7 @@ pub fn name_of(path: &Path) -> String {
 /// Reads a scene's files. The error holds everything that was found wrong.
 pub fn read(path: &Path) -> Result<Scene, SceneError> {
     let alone = |problem| SceneError::new(path, vec![problem]);
-    let file = SceneFile::open(path).map_err(alone)?;
+    let file = SceneFile::open(path).map_err(|problems| SceneError::new(path, problems))?;
     let folder = path.parent().unwrap_or(Path::new(""));
     let gltf = uri::find(folder, &file.gltf_path().map_err(alone)?);
     if !folder.join(&gltf).exists() {
