@@ -60,6 +60,9 @@ pub fn run(args: &LogsArgs) -> Result<()> {
         // First whether it runs: what is written until then is read after it.
         let goes_on = args.follow && running()?;
         let read = book.read(|entry, of_many| {
+            if is_head(entry, of_many) {
+                return Ok(true);
+            }
             if skipped > 0 {
                 skipped -= 1;
                 return Ok(true);
@@ -79,11 +82,16 @@ pub fn run(args: &LogsArgs) -> Result<()> {
 fn count(folder: &RunFolder, args: &LogsArgs) -> usize {
     let mut lines = 0;
     // What cannot be read is told when it is shown.
-    let _ = Logbook::of(folder.clone(), args.process.clone()).read(|_, _| {
-        lines += 1;
+    let _ = Logbook::of(folder.clone(), args.process.clone()).read(|entry, of_many| {
+        lines += usize::from(!is_head(entry, of_many));
         Ok(true)
     });
     lines
+}
+
+/// Every child's log begins with such a line, without a time. Of many these came before all text.
+fn is_head(Entry { line, .. }: &Entry, of_many: bool) -> bool {
+    of_many && line.starts_with("--- ") && line.contains(", start 1 of ")
 }
 
 /// False if nobody reads any more.

@@ -130,7 +130,7 @@ pub fn frames(text: &str) -> Result<u64, String> {
     let frames = digits.parse::<f64>().ok().map(|number| number * unit).filter(exact);
     frames
         .map(|frames| frames as u64)
-        .ok_or_else(|| "expected a number of frames: 2000000, 2_000_000, 2M or 2e6".into())
+        .ok_or_else(|| "expected a whole number of frames from 1 on: 2000000, 2_000_000, 2M or 2e6".into())
 }
 
 pub fn default_preset(torch: &Torch) -> &'static str {

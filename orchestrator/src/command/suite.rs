@@ -1,6 +1,7 @@
-use crate::output::format::counted;
+use crate::output::format::{bytes, count, counted};
 use crate::output::table::aligned;
 use crate::output::terminal;
+use crate::preflight::disk::need;
 use crate::preflight::{device, libtorch, programs};
 use crate::report_builder::files;
 use crate::report_builder::gather::gather;
@@ -10,6 +11,7 @@ use crate::training::next_steps::program;
 use anyhow::{Context, Result, ensure};
 use proto::device::VISIBLE_DEVICES;
 use proto::shell::quoted;
+use proto::stage::total_frames;
 use report::Options;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -85,7 +87,7 @@ pub struct SuiteArgs {
     /// with is made again
     #[arg(long, value_name = "FILE")]
     table: Option<PathBuf>,
-    /// Only judge the file and print its runs
+    /// Only judge the file and print its runs, with their frames and what each writes at most
     #[arg(long)]
     check: bool,
     /// Print one JSON object: `runs`, each with `name`, `folder`, `status` and `tries`, the names of the `evaluations`,
@@ -176,12 +178,19 @@ fn announce(suite: &Suite, folder: &SuiteFolder, as_json: bool) -> serde_json::R
         let runs: Vec<_> = suite.entries.iter().map(run).collect();
         return terminal::out_json(&json!({ "runs": runs, "evaluations": names(suite) }));
     }
-    for entry in &suite.entries {
-        terminal::out(&entry.name);
-    }
+    let size = |entry: &SuiteEntry| [total_frames(&entry.config.stages), need(&entry.config).0 + need(&entry.config).1];
+    let row = |entry: &SuiteEntry| {
+        let [frames, disk] = size(entry);
+        let from = entry.from.map_or_else(String::new, |from| format!("begins with {}", suite.entries[from].name));
+        vec![entry.name.clone(), format!("{} frames", count(frames)), format!("at most {}", bytes(disk)), from]
+    };
+    aligned(&suite.entries.iter().map(row).collect::<Vec<_>>()).iter().for_each(|line| terminal::out(line));
+    let [frames, disk] = [0, 1].map(|which| suite.entries.iter().map(|entry| size(entry)[which]).sum());
     let (runs, evaluations) = (suite.entries.len() as u64, suite.evaluations.len() as u64);
     let each = if runs == 1 { "" } else { " each" };
-    terminal::out(&format!("{}, {}{each}", counted(runs, "run"), counted(evaluations, "evaluation")));
+    let (runs, evaluations) = (counted(runs, "run"), counted(evaluations, "evaluation"));
+    let (frames, disk) = (count(frames), bytes(disk));
+    terminal::out(&format!("{runs} in this order, {evaluations}{each}: {frames} frames, at most {disk} on the disk"));
     Ok(())
 }
 

@@ -102,6 +102,12 @@ impl Suite {
     /// Reads and judges a file. If there are `seeds`, they take the place of all in the file, in the text that is
     /// returned as well.
     pub fn read(path: &Path, seeds: &[u64]) -> Result<(Self, String)> {
+        ensure!(
+            path.exists() || path.extension().is_some(),
+            "{} is no file: a suite is a TOML file, such as suites/paper.toml (`orchestrator suite --help` shows one); \
+             `orchestrator up --preset` trains a preset, `orchestrator presets` lists them",
+            path.display()
+        );
         let text = bounded::read_text(path).with_context(|| format!("cannot read suite {}", path.display()))?;
         let named = || path.display().to_string();
         let text = if seeds.is_empty() { text } else { with_seeds(&text, seeds).with_context(named)? };

@@ -45,6 +45,7 @@ fn logs_are_followed_and_runs_are_compared() {
 
     let printed = workshop.call(&["logs", "one"]);
     let lines: Vec<&str> = printed.stdout.lines().collect();
+    assert!(!printed.stdout.contains(", start 1 of "), "they come before all text: {printed:#?}");
     let sorted = |mut lines: Vec<String>| {
         lines.sort();
         lines
