@@ -16,7 +16,11 @@ pub fn since(manifest: &Manifest, config: &Config, file: &str) -> Option<String>
         return Some("in what is not known, because an older version wrote that checkpoint".to_owned());
     }
     match Config::from_toml(&manifest.config, "its configuration") {
-        Ok(older) => Some(config.changes_since(&older)).filter(|found| !found.is_empty()).map(|found| found.join(", ")),
+        Ok(mut older) => {
+            // Another budget is what `orchestrator resume --frames` has announced.
+            older.stages.iter_mut().zip(&config.stages).for_each(|(older, stage)| older.frames = stage.frames);
+            Some(config.changes_since(&older)).filter(|found| !found.is_empty()).map(|found| found.join(", "))
+        }
         Err(error) => Some(format!("this version cannot read the older one ({error})")),
     }
 }
@@ -74,6 +78,8 @@ mod tests {
             assert_eq!(since(&manifest(&old, kept), &read, &old), None, "only the version is new");
         }
         let mut changed = read.clone();
+        changed.stages[0].frames += 1;
+        assert_eq!(since(&manifest(&old, true), &changed, &changed.to_toml()), None, "that was asked for");
         changed.ppo.epochs += 3;
         let file = changed.to_toml();
         let said = since(&manifest(&old, true), &changed, &file).unwrap();

@@ -29,6 +29,7 @@ fn a_complete_run_trains_on_to_a_larger_budget() {
     assert_ne!(weights, short.0);
     assert!(printed.stderr.contains("the budget is 3 100 frames instead of 2 000"), "{printed:#?}");
     assert!(printed.stderr.contains("the learning rate falls"), "{printed:#?}");
+    assert!(!printed.stderr.contains("has changed since checkpoint"), "it was asked for: {printed:#?}");
     assert_eq!(stages(&workshop, "run"), [1181, 1919]);
     let run = workshop.run("run");
     let rollouts: Vec<u64> = run.metrics().keys().copied().collect();
