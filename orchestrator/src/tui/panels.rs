@@ -41,7 +41,7 @@ pub fn chart(frame: &mut Frame, area: Rect, model: &Model, live: &Live, number: 
     };
     let is_share = charted.first().is_some_and(|metric| metric.is_share());
     let [least, greatest] = match number {
-        _ if is_share => [0.0, 1.0],
+        _ if is_share => range(first.iter().chain(&second)).map_or([0.0, 1.0], share_bounds),
         1 | 2 => [0.0, range(first.iter()).map_or(1.0, |[_, greatest]| greatest.max(1e-3))],
         _ => range(first.iter()).unwrap_or([0.0, 1.0]),
     };
@@ -141,9 +141,26 @@ fn folded(line: &LogLine, width: usize) -> Vec<Line<'static>> {
         "WARN" => Color::Yellow,
         _ => Color::Reset,
     };
-    let characters: Vec<char> = text.chars().collect();
-    let line = |piece: &[char]| Line::styled(piece.iter().collect::<String>(), Style::new().fg(color));
-    characters.chunks(width).map(line).collect()
+    wrapped(&text, width).into_iter().map(|piece| Line::styled(piece, Style::new().fg(color))).collect()
+}
+
+/// Lines which end between words: a word is cut where it is longer than a line.
+fn wrapped(text: &str, width: usize) -> Vec<String> {
+    let mut rest: Vec<char> = text.chars().collect();
+    let mut lines = Vec::new();
+    while rest.len() > width {
+        let next = rest.split_off(rest[..=width].iter().rposition(|&one| one == ' ').unwrap_or(width).max(1));
+        lines.push(std::mem::replace(&mut rest, next.into_iter().skip_while(|&one| one == ' ').collect()));
+    }
+    lines.push(rest);
+    lines.iter().map(|line| line.iter().collect()).collect()
+}
+
+/// The axis of shares: from the multiple of 5% below them to that above.
+fn share_bounds([least, greatest]: [f64; 2]) -> [f64; 2] {
+    const STEP: f64 = 0.05;
+    let low = (least / STEP).floor().clamp(0.0, 19.0);
+    [low * STEP, (greatest / STEP).ceil().clamp(low + 1.0, 20.0) * STEP]
 }
 
 pub fn kitchens(frame: &mut Frame, area: Rect, live: &Live) {
@@ -166,4 +183,26 @@ pub fn kitchens(frame: &mut Frame, area: Rect, live: &Live) {
     let known = if live.indexed < 0.9 { &[] } else { &live.kitchens[..] };
     let table = Table::new(known.iter().map(row), widths).header(head).column_spacing(0);
     frame.render_widget(table.block(Block::bordered().title(title)), area);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_of_a_log_is_folded_between_words() {
+        assert_eq!(wrapped("the learner saves and leaves", 12), ["the learner", "saves and", "leaves"]);
+        assert_eq!(wrapped("/a/long/path at last", 6), ["/a/lon", "g/path", "at", "last"]);
+        assert_eq!(wrapped("short", 12), ["short"]);
+        assert_eq!(wrapped("", 3), [""]);
+    }
+
+    #[test]
+    fn shares_in_a_narrow_band_fill_the_chart() {
+        for (of, expected) in
+            [([0.42, 0.48], [8, 10]), ([0.0, 1.0], [0, 20]), ([1.0, 1.0], [19, 20]), ([0.0, 0.0], [0, 1])]
+        {
+            assert_eq!(share_bounds(of).map(|bound| (20.0 * bound).round() as u32), expected, "{of:?}");
+        }
+    }
 }

@@ -56,12 +56,14 @@ struct Log {
     /// Starts of its process in all, and within the newest start of the orchestrator.
     starts: u32,
     incarnation: u32,
+    /// Its process is on another host.
+    is_remote: bool,
 }
 
 impl Log {
-    fn of(tail: Tail) -> Self {
+    fn of(tail: Tail, is_remote: bool) -> Self {
         let (lines, warnings) = (VecDeque::new(), VecDeque::new());
-        Self { tail, lines, warnings, starts: 0, incarnation: 0 }
+        Self { tail, lines, warnings, starts: 0, incarnation: 0, is_remote }
     }
 
     fn read(&mut self, until: Instant) -> std::io::Result<()> {
@@ -393,8 +395,9 @@ impl Watched {
         let (beginnings, note) = beginnings(&mut logs, LOG_BYTES_MOST);
         let mut notes: Vec<String> = note.into_iter().collect();
         for (Found { name, path, .. }, from) in logs.into_iter().zip(beginnings) {
-            let tail = || Tail::of(self.folder.clone(), path, from);
-            let log = self.logs.entry(name.clone()).or_insert_with(|| Log::of(tail()));
+            let is_remote = path.parent() != Some(self.folder.logs().as_path());
+            let new = || Log::of(Tail::of(self.folder.clone(), path, from), is_remote);
+            let log = self.logs.entry(name.clone()).or_insert_with(new);
             if let Err(error) = log.read(until)
                 && notes.len() < WARNINGS
             {
@@ -471,7 +474,9 @@ fn workers(logs: &BTreeMap<String, Log>, processes: &[Process], growing: &BTreeM
             stopped: process.is_some_and(|process| process.stopped),
         }
     };
-    let of_logs = logs.iter().filter(|(_, log)| log.starts > 0);
+    // While a run goes on, those that have ended are left out: of other hosts nothing is seen.
+    let ended = |name: &str, log: &Log| !processes.is_empty() && !log.is_remote && process(name).is_none();
+    let of_logs = logs.iter().filter(|(name, log)| log.starts > 0 && !ended(name, log));
     let mut workers: Vec<Worker> = of_logs.map(|(name, log)| worker(name, log.incarnation, log.starts)).collect();
     // The orchestrator and learners before actors.
     let is_actor = |worker: &Worker| !worker.name.starts_with("learner");
@@ -506,4 +511,27 @@ fn kitchens(spec: &Spec, episode_index: &EpisodeIndex) -> Vec<Kitchen> {
         Kitchen { kitchen, environments, episodes: ends.len() as u64, figures: spec.with_quotients(means) }
     };
     environments.into_iter().map(of).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_a_run_that_goes_on_what_has_ended_is_left_out() {
+        let folder = RunFolder::new("nowhere");
+        let log = |name: &str, is_remote: bool| {
+            let tail = Tail::of(folder.clone(), folder.log(name), 0);
+            (name.to_owned(), Log { starts: 1, ..Log::of(tail, is_remote) })
+        };
+        let logs = BTreeMap::from([log("actor-00", false), log("actor-01", false), log("actor-02", true)]);
+        let process =
+            |name: &str| Process { name: name.to_owned(), pid: 7, cores: None, memory_bytes: None, stopped: false };
+        let named = |processes: &[Process]| {
+            let workers = workers(&logs, processes, &BTreeMap::new());
+            workers.into_iter().map(|worker| worker.name).collect::<Vec<_>>()
+        };
+        assert_eq!(named(&[process("orchestrator"), process("actor-01")]), ["orchestrator", "actor-01", "actor-02"]);
+        assert_eq!(named(&[]), ["actor-00", "actor-01", "actor-02"], "at rest");
+    }
 }
