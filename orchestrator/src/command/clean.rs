@@ -4,28 +4,25 @@ use crate::run::remains::{Remains, processes_of, survey, sweep};
 use anyhow::{Result, bail};
 use std::time::Duration;
 
+/// Processes that have outlived their orchestrator have this long to save.
+const PATIENCE: Duration = Duration::from_mins(1);
+
 /// Free the shared memory that dead runs left
 ///
 /// Living runs are not touched. Processes that have outlived their orchestrator are given time to save, then ended.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:
-  orchestrator clean --dry-run
-  orchestrator clean --patience 0")]
 pub struct CleanArgs {
     /// Only print what would be done
     #[arg(long)]
     dry_run: bool,
-    /// Seconds to wait for processes that have outlived their orchestrator
-    #[arg(long, value_name = "SECONDS", default_value_t = 60)]
-    patience: u64,
 }
 
 pub fn run(args: &CleanArgs) -> Result<()> {
-    free(&survey()?, args)
+    free(&survey()?, args.dry_run, PATIENCE)
 }
 
 /// Removes what is dead of all this. What cannot be removed does not keep the rest from it.
-fn free(found: &[Remains], args: &CleanArgs) -> Result<()> {
+fn free(found: &[Remains], dry_run: bool, patience: Duration) -> Result<()> {
     let (mut freed, mut dead, mut living, mut failed) = (0, 0, 0, 0);
     for remains in found {
         let of = remains.run.as_ref().map_or_else(String::new, |run| format!(" of {}", run.display()));
@@ -38,16 +35,16 @@ fn free(found: &[Remains], args: &CleanArgs) -> Result<()> {
         let names = counted(remains.names as u64, "name");
         let what = format!("{prefix}{of}: {names}, {}", format::bytes(remains.bytes));
         let left = processes_of(&remains.address);
-        if args.dry_run {
+        if dry_run {
             (dead, freed) = (dead + 1, freed + remains.bytes);
             terminal::out(&format!("would remove {what}; processes that still run: {}", left.len()));
             continue;
         }
         if !left.is_empty() {
             let processes = counted(left.len() as u64, "process");
-            terminal::note(&format!("{prefix}: waiting up to {} s for {processes}", args.patience));
+            terminal::note(&format!("{prefix}: waiting up to {} s for {processes}", patience.as_secs()));
         }
-        let swept = match sweep(&remains.address, Duration::from_secs(args.patience)) {
+        let swept = match sweep(&remains.address, patience) {
             Ok(swept) => swept,
             Err(error) => {
                 failed += 1;
@@ -62,7 +59,7 @@ fn free(found: &[Remains], args: &CleanArgs) -> Result<()> {
         };
         terminal::out(&format!("removed {what}{killed}"));
     }
-    let verb = if args.dry_run { "would be freed" } else { "freed" };
+    let verb = if dry_run { "would be freed" } else { "freed" };
     let (dead, living) = (counted(dead, "dead run"), counted(living, "living run"));
     terminal::out(&format!("{} of {dead} {verb}, {living} left alone", format::bytes(freed)));
     if failed > 0 {
@@ -86,8 +83,7 @@ mod tests {
         std::fs::create_dir(dead.root()).unwrap();
         let found =
             [&held, &dead].map(|at| Remains { address: at.clone(), run: None, names: 1, bytes: 1, alive: false });
-        let args = CleanArgs { dry_run: false, patience: 0 };
-        let message = free(&found, &args).unwrap_err().to_string();
+        let message = free(&found, false, Duration::ZERO).unwrap_err().to_string();
         assert!(message.contains("1 dead run could not"), "{message}");
         assert!(!dead.root().exists());
         drop(claimed);
