@@ -30,10 +30,6 @@ impl Figures {
     pub fn iter(&self) -> impl Iterator<Item = (&str, f64)> {
         self.names().zip(self.values.iter().copied())
     }
-
-    pub fn to_map(&self) -> BTreeMap<String, f64> {
-        self.iter().map(|(name, value)| (name.to_owned(), value)).collect()
-    }
 }
 
 impl From<BTreeMap<String, f64>> for Figures {
@@ -105,7 +101,6 @@ mod tests {
     fn they_are_a_map_in_json_and_found_by_name() {
         let own = figures(&["loss/value", "loss/policy", "SR"]);
         let text = serde_json::to_string(&own).unwrap();
-        assert_eq!(text, serde_json::to_string(&own.to_map()).unwrap());
         assert_eq!(text, r#"{"SR":3.0,"loss/policy":2.0,"loss/value":1.0}"#);
         assert_eq!(serde_json::from_str::<Figures>(&text).unwrap(), own);
         assert_eq!((own.get("loss/policy"), own.get("loss"), own.get("z")), (Some(2.0), None, None));

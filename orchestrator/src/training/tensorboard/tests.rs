@@ -1,6 +1,7 @@
 use super::events::tests::points_in;
 use super::*;
 use crate::training::means::tests::{history, stages};
+use std::collections::BTreeMap;
 
 /// A run's board in its first start, and the folder.
 fn board(incarnation: u32, folder: &RunFolder) -> Board {
@@ -68,9 +69,8 @@ fn files_that_lack_something_or_say_something_else_are_corrected() {
     // Another figure for rollout 4.
     let mut other = history(10);
     let mut fourth = other.iter().nth(4).unwrap().clone();
-    let mut figures = fourth.metrics.to_map();
-    figures.insert(metric::RETURN.to_owned(), -1.0);
-    fourth.metrics = figures.into();
+    let figures = fourth.metrics.iter().map(|(name, value)| (name.to_owned(), value));
+    fourth.metrics = figures.chain([(metric::RETURN.to_owned(), -1.0)]).collect::<BTreeMap<_, _>>().into();
     other.insert(fourth);
     board(4, &folder).begin(&other);
     let mut corrected = expected(0..5);
