@@ -10,8 +10,6 @@ pub const THINGS: [f32; 3] = [54.0, 68.5, 90.0];
 pub(super) const EXTENT_X_M: [f32; 3] = [2.74, 4.23, 9.18];
 /// Extent of the objects' centres along z, metres: least, median, largest.
 pub(super) const EXTENT_Z_M: [f32; 3] = [2.61, 4.78, 7.05];
-/// Deciles of the distance from a small thing to the nearest other one, over all kitchens, metres.
-pub const NEAREST_NEIGHBOUR_DECILES_M: [f32; 9] = [0.12, 0.15, 0.19, 0.22, 0.27, 0.31, 0.35, 0.41, 0.54];
 /// Categories that are not counted as things: iTHOR has no objects for them.
 pub const NOT_THINGS: [&str; 10] =
     ["Wall", "Ceiling", "Robot", "Door", "Filler", "CornerUnit", "DrawerUnit", "StoveOven", "Dishwasher", "RangeHood"];
