@@ -40,15 +40,9 @@ pub struct Campaign {
     /// Cases at once
     #[arg(long, default_value_t = 2)]
     jobs: u32,
-    /// The number of the first case
-    #[arg(long, default_value_t = 0)]
-    first: u32,
     /// Only cases in which a fault of such a class is planned, as `power failure`
     #[arg(long, value_name = "CLASS")]
     only: Option<String>,
-    /// Print the cases, and let nothing happen
-    #[arg(long)]
-    list: bool,
 }
 
 /// Among so many cases every class of faults occurs.
@@ -88,12 +82,6 @@ impl Campaign {
             let classes: BTreeSet<_> = faults.map(|planned| planned.fault.class()).collect();
             bail!("no class of faults is called `{class}`; there are: {}", Vec::from_iter(classes).join("; "));
         }
-        if self.list {
-            for number in self.numbers() {
-                describe(&Case::draw(self.seed, number));
-            }
-            return Ok(true);
-        }
         let temporary = tempfile::Builder::new().prefix("chaos-").tempdir().context("a temporary folder")?;
         let work = Work {
             campaign: self,
@@ -101,13 +89,7 @@ impl Campaign {
             privileges: Privileges::probe(),
             begun: Instant::now(),
             references: RUN_KINDS.iter().map(|_| OnceLock::new()).collect(),
-            queue: Mutex::new(Queue {
-                next: self.first,
-                tally: Tally::default(),
-                passed: 0,
-                failed: vec![],
-                broken: false,
-            }),
+            queue: Mutex::new(Queue { next: 0, tally: Tally::default(), passed: 0, failed: vec![], broken: false }),
         };
         if !work.privileges.mounts {
             println!("full disks and a full /dev/shm are skipped: this user may not mount file systems");
@@ -133,23 +115,10 @@ impl Campaign {
         Ok(all_is_well)
     }
 
-    fn numbers(&self) -> impl Iterator<Item = u32> {
-        let only = self.case;
-        let wanted = move |number: &u32| only.is_some() || self.is_wanted(*number);
-        (only.unwrap_or(self.first)..).filter(wanted).take(if only.is_some() { 1 } else { 100 })
-    }
-
     fn is_wanted(&self, number: u32) -> bool {
         let case = Case::draw(self.seed, number);
         let is_of = |class: &String| case.faults.iter().any(|planned| planned.fault.class().contains(class.as_str()));
         case.shape.is_possible() && self.only.as_ref().is_none_or(is_of)
-    }
-}
-
-fn describe(case: &Case) {
-    println!("case {} ({})", case.number, case.shape.name);
-    for planned in &case.faults {
-        println!("  {planned}");
     }
 }
 

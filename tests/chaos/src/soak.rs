@@ -14,6 +14,7 @@ use anyhow::{Context, Result, ensure};
 use proto::run_folder::RunFolder;
 use rustix::process::Signal;
 use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 use std::path::Path;
 use std::time::{Duration, Instant};
 use system_tests::Run;
@@ -23,6 +24,8 @@ use system_tests::recording::steps_that_count;
 const SAMPLE: Duration = Duration::from_secs(5);
 /// Of a life; then buffers have their size.
 const WARM_UP: Duration = Duration::from_mins(1);
+/// Between two faults: growth can be told from warming up only in lives that are much longer than a minute.
+const FAULT_S: RangeInclusive<u64> = 300..=900;
 /// No run of the soak's length has so many.
 const FRAMES: u64 = 1_000_000_000;
 /// What a process may grow by in an hour, beyond what the samples' scatter explains.
@@ -42,10 +45,6 @@ pub struct Soak {
     /// Seed of what happens
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Mean time between two faults, seconds; 0 lets nothing happen. Growth can be told from warming up only in lives
-    /// that are much longer than a minute
-    #[arg(long, default_value_t = 600)]
-    every_s: u64,
     /// Learners
     #[arg(long, default_value_t = 1)]
     learners: u32,
@@ -141,9 +140,8 @@ impl Watch<'_> {
                 self.next_sample = now + SAMPLE;
                 self.sample(first)?;
             }
-            if self.soak.every_s > 0 && now >= self.next_fault {
-                let wait = self.draw.within(self.soak.every_s / 2..=self.soak.every_s * 3 / 2);
-                self.next_fault = now + Duration::from_secs(wait.max(1));
+            if now >= self.next_fault {
+                self.next_fault = now + Duration::from_secs(self.draw.within(FAULT_S));
                 self.disturb(first);
             }
             std::thread::sleep(Duration::from_millis(100));
