@@ -17,14 +17,12 @@ use player::{Player, View};
 use proto::camera::{FRAME_PIXELS, FRAME_SIDE};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
-use proto::kitchen::{KitchenChoice, KitchenId};
+use proto::kitchen::KitchenChoice;
 use report::Measurement;
 use simulator::depth::DepthCamera;
 use simulator::kitchen::Kitchen;
-use simulator::scene_file;
 use std::hint::black_box;
 use std::io::Write;
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -40,9 +38,6 @@ pub struct Arguments {
     /// Kitchens: `all` 29, or numbers with commas between, or procedural ones, such as 1000..1032.
     #[arg(long, default_value = "all", value_name = "all|1,2,...")]
     kitchens: KitchenChoice,
-    /// A scene of your own instead: its TOML file.
-    #[arg(long, value_name = "FILE.toml", conflicts_with = "kitchens")]
-    scene: Option<PathBuf>,
     /// Who chooses the actions.
     #[arg(long, value_enum, value_delimiter = ',', default_values_t = PolicyKind::ALL, value_name = "POLICY,...")]
     policies: Vec<PolicyKind>,
@@ -58,14 +53,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     ensure!(arguments.seconds > 0.0 && arguments.seconds <= 3600.0, "measure for a time between 0 and 3600 seconds");
     let config = Config::default();
     let mut rows = Vec::new();
-    let scene = arguments.scene.as_ref().and_then(|_| KitchenId::scene(0));
-    let kitchens: Vec<KitchenId> = scene.map_or_else(|| arguments.kitchens.0.clone(), |scene| vec![scene]);
-    for &kitchen in &kitchens {
-        let built = match &arguments.scene {
-            Some(path) => scene_file::load(path, kitchen, &config.simulation)?,
-            None => Kitchen::build(kitchen, &config.simulation)?,
-        };
-        let built = Arc::new(built);
+    let kitchens = &arguments.kitchens.0;
+    for &kitchen in kitchens {
+        let built = Arc::new(Kitchen::build(kitchen, &config.simulation)?);
         for &policy in &arguments.policies {
             for environments in ENVIRONMENT_COUNTS {
                 rows.push(measure(&built, policy, environments, &config, arguments.seconds)?);
