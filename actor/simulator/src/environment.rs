@@ -4,7 +4,7 @@ use crate::depth::{Backdrop, DepthCamera};
 use crate::kitchen::Kitchen;
 use crate::robot::configuration::Configuration;
 use crate::robot::links::world_from_camera;
-use crate::simulation::{Settling, Simulation, Start, Substep};
+use crate::simulation::{Settling, Simulation, Start, Substep, ThingMotion};
 use proto::camera::SUMS_PIXELS;
 use proto::config::Config;
 use proto::record::End;
@@ -313,9 +313,9 @@ impl Base {
         self.simulation.configuration()
     }
 
-    /// Watches every sub-step of this episode from now on: see [`Simulation::extremes`].
-    pub fn watch(&mut self) {
-        self.simulation.watch();
+    /// How things moved since the last call, see [`Simulation::take_motions`].
+    pub fn take_motions(&mut self) -> Vec<ThingMotion> {
+        self.simulation.take_motions()
     }
 
     pub fn simulation(&self) -> &Simulation {

@@ -21,7 +21,6 @@ use crate::kitchen::Kitchen;
 use crate::physics::geometry::length;
 use crate::physics::sweep::Sweep;
 use crate::physics::things::Things;
-use crate::physics::watch::{Extremes, Watch};
 use crate::physics::world::World;
 use crate::robot::configuration::{Configuration, Posture};
 use crate::robot::dimensions::MAGNET_RADIUS_M;
@@ -63,7 +62,8 @@ pub struct Simulation {
     awake: bool,
     held: Option<HeldObject>,
     began_at_rest: bool,
-    watch: Option<Box<Watch>>,
+    /// Since the last call of [`Simulation::take_motions`], if they are noted.
+    motions: Option<Vec<ThingMotion>>,
     /// The robot's path since the last call of [`Simulation::take_substeps`], if it is recorded.
     log: Option<Vec<Substep>>,
     // Scratch, without meaning between calls: the way of the robot, pose by pose and body by body.
@@ -78,6 +78,15 @@ pub struct Substep {
     pub parts: PartPoses,
     /// The movable thing on the magnet and where it went, if there is one.
     pub held: Option<(usize, Pose3)>,
+}
+
+/// A movable thing after a sub-step of physics that it spent awake.
+#[derive(Debug, Clone, Copy)]
+pub struct ThingMotion {
+    pub movable: usize,
+    pub pose: Pose3,
+    pub velocity_m_per_s: Vec3,
+    pub depth_in_fixed_m: f32,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -143,12 +152,9 @@ impl Simulation {
         self.log.replace(Vec::new()).unwrap_or_default()
     }
 
-    pub fn watch(&mut self) {
-        self.watch = Some(Box::new(Watch::new(self.kitchen.extent(), self.world.timestep_s(), self.things.poses())));
-    }
-
-    pub fn extremes(&self) -> Option<&Extremes> {
-        self.watch.as_ref().map(|watch| watch.extremes())
+    /// How things moved since the last call, none at the first: from then on it is noted.
+    pub fn take_motions(&mut self) -> Vec<ThingMotion> {
+        self.motions.replace(Vec::new()).unwrap_or_default()
     }
 
     pub fn movable_count(&self) -> usize {
@@ -394,13 +400,12 @@ impl Simulation {
         for thing in self.world.awake_movables() {
             self.awake = true;
             self.things.disturb(thing);
-            if let Some(watch) = &mut self.watch {
+            if let Some(motions) = &mut self.motions {
                 let body = self.world.body(self.kitchen.movables[thing]);
-                watch.note(&self.kitchen.scene, thing, &self.kitchen.solids[thing], body.position(), body.linvel());
+                let (pose, velocity_m_per_s) = (*body.position(), body.linvel());
+                let depth_in_fixed_m = self.kitchen.scene.deepest_penetration_m(&self.kitchen.solids[thing], &pose);
+                motions.push(ThingMotion { movable: thing, pose, velocity_m_per_s, depth_in_fixed_m });
             }
-        }
-        if let Some(watch) = &mut self.watch {
-            watch.count_substep();
         }
     }
 

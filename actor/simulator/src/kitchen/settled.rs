@@ -173,7 +173,7 @@ impl Kitchen {
     }
 
     /// The room up to the backs of its walls; where there are no walls, up to where fixed things end.
-    pub(crate) fn extent(&self) -> Aabb {
+    pub fn extent(&self) -> Aabb {
         let mut room = Aabb::new_invalid();
         let bodies = || self.static_bodies().map(|index| (&self.bodies[index], &self.settled_poses[index]));
         let walled = bodies().any(|(body, _)| body.category == "Wall");

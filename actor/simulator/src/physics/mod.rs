@@ -6,5 +6,4 @@ pub mod gap;
 pub mod geometry;
 pub(crate) mod sweep;
 pub(crate) mod things;
-pub mod watch;
 pub mod world;

@@ -278,10 +278,6 @@ impl World {
             .map(|body| body.user_data as usize)
     }
 
-    pub fn timestep_s(&self) -> f32 {
-        self.parameters.dt
-    }
-
     pub fn asleep(&self, handles: &[RigidBodyHandle]) -> bool {
         handles.iter().all(|&handle| self.bodies[handle].is_sleeping())
     }

@@ -49,7 +49,7 @@ impl Settling {
             awake: true,
             held: None,
             began_at_rest: false,
-            watch: None,
+            motions: None,
             log: None,
             path: Vec::new(),
             sweeps: Vec::new(),
