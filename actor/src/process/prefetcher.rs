@@ -92,12 +92,6 @@ impl KitchenPrefetcher {
         drop(unwanted);
     }
 
-    /// Whether the kitchen that an environment ordered is open.
-    #[cfg(test)]
-    pub fn is_ready(&self, environment: u32) -> bool {
-        self.orders.lock().ready.contains_key(&environment)
-    }
-
     /// The kitchen, opened; made first if that was not done ahead. If the thread is just making or opening it, this does
     /// not wait: on a busy machine a thread of low priority may get no processor for minutes.
     pub fn take(&self, environment: u32, kitchen: KitchenId) -> Result<Opened> {

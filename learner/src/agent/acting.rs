@@ -304,19 +304,6 @@ impl Acting {
     }
 }
 
-#[cfg(test)]
-impl Acting {
-    /// Whether steps were taken, each by a graph.
-    pub(super) fn is_recorded(&self) -> bool {
-        !self.prepared.is_empty() && self.prepared.iter().all(|prepared| prepared.graph.is_some())
-    }
-
-    /// Whether steps were taken, each with frames where actors wrote them.
-    pub(super) fn has_copied_nothing(&self) -> bool {
-        !self.prepared.is_empty() && !self.copied
-    }
-}
-
 /// Rows of a batch that go through the encoder together.
 fn parts(rows: usize) -> Vec<Range<usize>> {
     let count = rows.div_ceil(PART_ROWS).min(MOST_PARTS);
@@ -360,6 +347,18 @@ mod tests {
     use crate::bench::Frames;
     use proto::config::Config;
     use proto::stage::RolloutShape;
+
+    impl Acting {
+        /// Whether steps were taken, each by a graph.
+        pub(in crate::agent) fn is_recorded(&self) -> bool {
+            !self.prepared.is_empty() && self.prepared.iter().all(|prepared| prepared.graph.is_some())
+        }
+
+        /// Whether steps were taken, each with frames where actors wrote them.
+        fn has_copied_nothing(&self) -> bool {
+            !self.prepared.is_empty() && !self.copied
+        }
+    }
 
     /// What a graph does, in parts or whole, is what the agent does without one: as far as bfloat16 goes, because other
     /// sizes of batches may have other convolutions.

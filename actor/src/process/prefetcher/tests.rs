@@ -3,6 +3,13 @@ use proto::config::KitchenSource;
 use proto::run_folder::RunFolder;
 use std::time::{Duration, Instant};
 
+impl KitchenPrefetcher {
+    /// Whether the kitchen that an environment ordered is open.
+    pub fn is_ready(&self, environment: u32) -> bool {
+        self.orders.lock().ready.contains_key(&environment)
+    }
+}
+
 fn config() -> Config {
     let mut config = Config::default();
     config.kitchens.source = KitchenSource::Procedural;
