@@ -89,7 +89,6 @@ pub struct Start {
     pub number: u32,
     pub place: String,
     pub at_unix_s: u64,
-    pub ended_unix_s: Option<u64>,
     pub how: Option<String>,
     pub reason: Option<String>,
 }

@@ -453,7 +453,6 @@ fn start(incarnation: &crate::run::identity::Incarnation) -> Start {
         number: incarnation.number,
         place: format!("pid {} on {}", incarnation.pid, incarnation.host),
         at_unix_s: incarnation.started_unix_s,
-        ended_unix_s: ended.map(|ended| ended.at_unix_s).or(incarnation.seen_unix_s),
         how: ended.map(|ended| ended.how.to_string()),
         reason: ended.and_then(|ended| ended.reason.clone()),
     }
