@@ -1,7 +1,9 @@
-"""What `pip install .` calls in a checkout or a source archive (PEP 517): maturin, and the programs in its wheel.
+"""What `pip install .` and `make dist` call to make a wheel (PEP 517): maturin, and the programs in its wheel.
 
 Set-up fetches libtorch into .torch/ (544 MB) as for `make build`, unless LIBTORCH names a torch 2.11; cargo compiles
 for minutes.
+
+    python3 deploy/release/backend.py FOLDER
 """
 
 import os
@@ -18,14 +20,37 @@ from maturin import *  # noqa: F403  # the hooks that stay maturin's own
 LOCKED = "--locked"
 
 
+def run(*command):
+    """A step of the build. What it prints says what is missing, and is the last that is read."""
+    if subprocess.run(command, cwd=wheel.ROOT).returncode != 0:
+        sys.exit(f"stillroom: error: `{' '.join(command)}` failed: see above")
+
+
+def set_up():
+    os.environ["PYTHON"] = sys.executable
+    run("deploy/setup")
+    commit = subprocess.run(["deploy/commit"], cwd=wheel.ROOT, capture_output=True, text=True)
+    os.environ.setdefault("STILLROOM_COMMIT", commit.stdout.strip())
+    os.environ.setdefault("MATURIN_PEP517_ARGS", LOCKED)
+
+
+def get_requires_for_build_wheel(config_settings=None):
+    """None: maturin would fetch a Rust where there is none. Set-up says which one is needed."""
+    return []
+
+
+def prepare_metadata_for_build_wheel(metadata_directory, config_settings=None):
+    """The hook that pip calls first; the folder's name."""
+    set_up()
+    return maturin.prepare_metadata_for_build_wheel(metadata_directory, config_settings)
+
+
 def build_wheel(wheel_directory, config_settings=None, metadata_directory=None):
     """The hook that makes the wheel; its file name."""
-    cargo = ["cargo", "build", "--release", LOCKED, "--workspace"]
-    programs = [part for name in wheel.PROGRAMS for part in ("--bin", name)]
-    library = ["cargo", "build", "--release", LOCKED, "-p", "stillroom_actor"]
-    for command in (["deploy/setup"], cargo + programs, library):
-        subprocess.run(command, cwd=wheel.ROOT, check=True, env={**os.environ, "PYTHON": sys.executable})
-    os.environ.setdefault("MATURIN_PEP517_ARGS", LOCKED)
+    set_up()
+    cargo = ("cargo", "build", "--release", LOCKED)
+    run(*cargo, "--workspace", *(part for name in wheel.PROGRAMS for part in ("--bin", name)))
+    run(*cargo, "-p", "stillroom_actor")
     name = maturin.build_wheel(wheel_directory, config_settings, metadata_directory)
     target = Path(os.environ.get("CARGO_TARGET_DIR", wheel.ROOT / "target"))
     wheel.complete(Path(wheel_directory, name), target / "release", parts.licences(parts.metadata()))
@@ -37,3 +62,7 @@ def build_sdist(sdist_directory, config_settings=None):
     if path := sources.write(parts.version(), sdist_directory):
         return path.name
     raise OSError("a source archive is made in a git checkout")
+
+
+if __name__ == "__main__":
+    build_wheel(sys.argv[1])

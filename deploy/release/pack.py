@@ -81,21 +81,14 @@ def stage(programs, folder):
 
 def unpack(packed, work):
     """The files of a wheel, in a folder of its name."""
+    if (size := packed.stat().st_size) > WHEEL_BYTES_MOST:
+        raise Failed(f"{packed.name} has {size / 1e6:.1f} MB, more than {WHEEL_BYTES_MOST / 1e6:.0f}")
     folder = Path(work) / packed.stem
     with zipfile.ZipFile(packed) as files:
         files.extractall(folder)
     if not symbols.compiled(folder):
         raise Failed(f"{packed.name} has no compiled module in it")
     return folder
-
-
-def complete(made, programs, third_party, work):
-    """A wheel of the Python package with the programs in it, in another folder."""
-    whole = Path(shutil.copy2(made, work))
-    wheel.complete(whole, programs, third_party)
-    if (size := whole.stat().st_size) > WHEEL_BYTES_MOST:
-        raise Failed(f"{whole.name} has {size / 1e6:.1f} MB, more than {WHEEL_BYTES_MOST / 1e6:.0f}")
-    return whole
 
 
 def check(folders, glibc):
@@ -160,12 +153,10 @@ def pack(programs, wheels, out, glibc, text):
     with tempfile.TemporaryDirectory(dir=out) as work:
         folder = Path(work) / name
         stage(programs, folder)
-        third_party = parts.licences(data)
-        (folder / "THIRD-PARTY.txt").write_text(third_party)
-        whole = [complete(path, programs, third_party, work) for path in made]
+        (folder / "THIRD-PARTY.txt").write_text(parts.licences(data))
         said = run(folder / "orchestrator", "--version").strip()
-        check([folder, *(unpack(path, work) for path in whole)], glibc)
-        for path in whole:
+        check([folder, *(unpack(path, work) for path in made)], glibc)
+        for path in made:
             shutil.copy2(path, out)
         archive(folder, out / f"{name}-x86_64-linux-{f'glibc{glibc}' if glibc else 'as-built'}.tar.gz")
     parts.write_bill(data, out / f"{name}.cdx.json")

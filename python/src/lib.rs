@@ -46,6 +46,9 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use simulator::simulation::{JAM_DEPTH_M, JAM_GROWTH_M};
 
+/// Cargo links the module again where this is another one: `make dist` links for an older glibc.
+const _LINKED_FOR: Option<&str> = option_env!("STILLROOM_LINKED_FOR");
+
 /// Numbers of the built-in kitchens of a split: `train`, `validation` or `test`.
 #[pyfunction]
 fn kitchens(split: &Bound<'_, PyAny>) -> PyResult<Vec<u32>> {

@@ -82,24 +82,21 @@ fn a_file_that_needs_a_newer_glibc_is_not_packed() {
     for program in ["orchestrator", "learner"] {
         std::os::unix::fs::symlink(binary(program), programs.join(program)).expect("a link");
     }
-    for program in ["actor", "libstillroom_actor.so"] {
-        std::fs::copy(&newer, programs.join(program)).expect("a copy");
-    }
+    std::fs::copy(&newer, programs.join("actor")).expect("a copy");
     let wheels = workshop.path("wheels");
     std::fs::create_dir(&wheels).expect("a folder");
     let wheel = wheels.join(format!("stillroom-{}-cp310-abi3-manylinux_2_28_x86_64.whl", env!("CARGO_PKG_VERSION")));
     let mut zip = command("python3", newer.parent().expect("a folder"));
-    let record = newer.with_file_name("stillroom.dist-info");
-    std::fs::create_dir(&record).expect("a folder");
-    std::fs::write(record.join("RECORD"), "").expect("a file");
-    zip.args(["-m", "zipfile", "-c"]).arg(&wheel).args(["newer.so", "stillroom.dist-info"]);
+    std::fs::create_dir(newer.with_file_name("stillroom")).expect("a folder");
+    std::fs::copy(&newer, newer.with_file_name("stillroom").join("libstillroom_actor.so")).expect("a copy");
+    zip.args(["-m", "zipfile", "-c"]).arg(&wheel).args(["newer.so", "stillroom"]);
     assert!(complete(zip).success);
     let out = workshop.path("dist");
     let folders = [&programs, &wheels, &out].map(|folder| folder.display().to_string());
     let arguments = ["--programs", &folders[0], "--wheels", &folders[1], "--out", &folders[2], "--glibc", "2.28"];
     let printed = python("pack.py", &arguments, &workshop.path("."));
     assert!(!printed.success);
-    let of_library = "_x86_64/stillroom/c/libstillroom_actor.so".to_owned();
+    let of_library = "_x86_64/stillroom/libstillroom_actor.so".to_owned();
     for file in [format!("stillroom-{}/actor", env!("CARGO_PKG_VERSION")), "_x86_64/newer.so".to_owned(), of_library] {
         let finding = format!("{file} needs GLIBC_2.34 of libc.so.6, newer than GLIBC_2.28: planted");
         assert!(printed.stderr.contains(&finding), "{finding}: {}", printed.stderr);
@@ -247,6 +244,25 @@ fn a_wheel_proves_itself_in_a_fresh_environment() {
     let programs = binary("orchestrator").parent().expect("a folder").display().to_string();
     let wheel = wheel.display().to_string();
     python("wheel.py", &["--programs", &programs, &wheel], &workshop.path(".")).good();
+    let packed = succeed(Path::new("python3"), &["-m", "zipfile", "-l", &wheel]);
+    for file in [
+        "stillroom/_stillroom.abi3.so",
+        "stillroom/c/libstillroom_actor.so",
+        "stillroom/c/stillroom_actor.h",
+        "stillroom/py.typed",
+        "stillroom_programs/actor",
+        "stillroom_programs/learner",
+        "stillroom_programs/models/fetch.safetensors",
+        "stillroom_programs/orchestrator",
+    ] {
+        assert!(packed.lines().any(|line| line.starts_with(&format!("{file} "))), "{file}: {packed}");
+    }
+    let metadata = "import sys, zipfile; file = zipfile.ZipFile(sys.argv[1]); \
+                    [print(file.read(name).decode()) for name in file.namelist() if name.endswith(('METADATA', 'entry_points.txt'))]";
+    let metadata = succeed(Path::new("python3"), &["-c", metadata, &wheel]);
+    for line in ["Requires-Dist: torch==2.11.0 ; extra == 'train'", "stillroom=stillroom_programs:orchestrator"] {
+        assert!(metadata.lines().any(|found| found == line), "{line}: {metadata}");
+    }
 
     let environment = workshop.path("environment");
     succeed(Path::new("python3"), &["-m", "venv", &environment.display().to_string()]);

@@ -28,6 +28,35 @@ fn set_up_says_on_arm_and_on_macos_what_is_needed() {
     }
 }
 
+/// `pip install .` calls these hooks, with maturin, which is not reached here.
+#[test]
+fn pip_says_what_a_build_of_the_wheel_lacks() {
+    let workshop = Workshop::new();
+    std::fs::write(workshop.path("maturin.py"), "").expect("a writable temporary folder");
+    workshop.script("rustc", "#!/bin/sh\necho 'rustc 1.60.0'\n");
+    let path = format!("{}:{}", workshop.path(".").display(), std::env::var("PATH").expect("a PATH"));
+    for (variable, value, sentence) in [
+        ("PATH", path.as_str(), "setup: error: rustc 1.60.0 is too old: Stillroom needs "),
+        ("CXX", "no-compiler", "setup: error: no C++ compiler: 'no-compiler' is not on PATH"),
+        ("LIBTORCH", "/nowhere", "setup: error: LIBTORCH=/nowhere"),
+    ] {
+        for hook in ["prepare_metadata_for_build_wheel", "build_wheel"] {
+            let mut command = workshop.program("python3");
+            command.args(["-c", &format!("import backend; backend.{hook}('.')")]);
+            command.env("PYTHONDONTWRITEBYTECODE", "1").env_remove("LIBTORCH").env(variable, value);
+            let folders = [workshop.path("."), root().join("deploy/release")];
+            command.env("PYTHONPATH", std::env::join_paths(folders).expect("folders without colons"));
+            let printed = complete(command);
+            assert!(!printed.success && printed.stderr.starts_with(sentence), "{hook}: {}", printed.stderr);
+            assert!(
+                printed.stderr.ends_with("stillroom: error: `deploy/setup` failed: see above\n"),
+                "{}",
+                printed.stderr
+            );
+        }
+    }
+}
+
 /// A program under QEMU's emulation of a processor, None where there is no QEMU.
 fn under_processor(processor: &str, program: &Path) -> Option<Printed> {
     let mut command = Command::new("qemu-x86_64");
