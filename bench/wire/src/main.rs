@@ -18,7 +18,6 @@ use anyhow::{Context, Result, ensure};
 use cell::{Figures, Setting};
 use clap::{Args, Parser, Subcommand};
 use end::{ActorArgs, EndArgs, Way};
-use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use std::process::{Command, Stdio};
 use table::Row;
 
@@ -53,12 +52,6 @@ struct RunArgs {
     /// Rounds; the median counts
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=99))]
     rounds: u32,
-    /// Cores that everything runs on, with commas between [default: all that may be used]
-    #[arg(long, value_delimiter = ',')]
-    cores: Vec<usize>,
-    /// Print JSON in place of the table
-    #[arg(long)]
-    json: bool,
 }
 
 #[derive(Debug, Subcommand)]
@@ -89,7 +82,7 @@ fn main() -> Result<()> {
 fn compare(args: &RunArgs) -> Result<()> {
     ensure!(args.seconds > 0.0 && args.seconds <= 600.0, "--seconds must be above 0 and at most 600");
     ensure!(args.frames.iter().all(|frames| (1..=128).contains(frames)), "--frames must be 1 to 128");
-    let cores = hold_to(&args.cores)?;
+    let cores = std::thread::available_parallelism()?;
     let before = load();
     let mut rows: Vec<Row> = vec![];
     for round in 0..args.rounds {
@@ -112,7 +105,7 @@ fn compare(args: &RunArgs) -> Result<()> {
     }
     rows.sort_by_key(|row| args.frames.iter().position(|&frames| frames == row.frames()));
     let machine = format!("{cores} cores; load {before} before, {} after", load());
-    println!("{}", if args.json { table::json(&rows, &machine)? } else { table::text(&rows, args.actors, &machine) });
+    println!("{}", table::text(&rows, args.actors, &machine));
     Ok(())
 }
 
@@ -127,21 +120,6 @@ fn measure(setting: &Setting) -> Result<Figures> {
     ensure!(output.status.success(), "the measurement ended with {}", output.status);
     let text = String::from_utf8_lossy(&output.stdout);
     serde_json::from_str(text.trim()).with_context(|| format!("not figures: {text}"))
-}
-
-/// Holds this process, and all that it starts, to some cores; returns how many.
-fn hold_to(cores: &[usize]) -> Result<usize> {
-    let usable = sched_getaffinity(None)?;
-    if cores.is_empty() {
-        return Ok(usable.count() as usize);
-    }
-    let mut set = CpuSet::new();
-    for &core in cores {
-        ensure!(core < CpuSet::MAX_CPU && usable.is_set(core), "--cores: core {core} may not be used here");
-        set.set(core);
-    }
-    sched_setaffinity(None, &set).context("--cores")?;
-    Ok(set.count() as usize)
 }
 
 /// Processes that ran or wanted to, mean over the last minute.

@@ -1,9 +1,7 @@
-//! All that was measured: as a table with ratios, or as JSON.
+//! All that was measured, as a table with ratios.
 
 use crate::cell::{Figures, Setting};
 use crate::end::Way;
-use anyhow::Result;
-use serde_json::json;
 
 /// At eight frames the wire carries at least this much of what raw shared memory does.
 const BAR: (u32, f64) = (8, 0.9);
@@ -96,14 +94,6 @@ fn verdict(rows: &[Row]) -> Option<String> {
     let ratio = own.frames_per_s / base(rows, BAR.0)?.frames_per_s;
     let met = if ratio >= BAR.1 { "met" } else { "MISSED" };
     Some(format!("wire with {} frames: {ratio:.2} of raw shared memory (target at least {}): {met}", BAR.0, BAR.1))
-}
-
-pub fn json(rows: &[Row], machine: &str) -> Result<String> {
-    let rows: Vec<_> = rows
-        .iter()
-        .map(|row| json!({ "way": row.name(), "frames": row.frames(), "median": row.median(), "rounds": row.rounds }))
-        .collect();
-    Ok(serde_json::to_string_pretty(&json!({ "machine": machine, "rows": rows }))?)
 }
 
 #[cfg(test)]
