@@ -34,7 +34,6 @@ const RADIUS_M: (f32, f32) = (0.1, 20.0);
 const PITCH_RAD: (f32, f32) = (-0.2, 1.57);
 const SIDE_MIN: u32 = 8;
 
-/// Answers requests from `input` until it ends.
 pub fn run(input: impl BufRead, mut output: impl Write) -> Result<()> {
     let mut in_use = KitchensInUse::default();
     for line in input.lines() {

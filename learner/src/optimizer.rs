@@ -19,7 +19,6 @@ impl Adam {
         Self { first: weights.zeros_like(), second: weights.zeros_like(), steps: 0 }
     }
 
-    /// One step of the weights against the gradient.
     pub fn step(&mut self, weights: &mut Tensor, gradient: &Tensor, learning_rate: f64, epsilon: f64) {
         self.steps += 1;
         let power = self.steps.min(i32::MAX as u64) as i32;

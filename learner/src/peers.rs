@@ -144,7 +144,6 @@ impl Peers {
         self.sum(&mut [0.0])
     }
 
-    /// A count over all learners.
     pub fn total(&self, own: u64) -> Result<u64, PeerError> {
         Ok(self.totals([own])?[0])
     }

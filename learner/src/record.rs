@@ -37,7 +37,6 @@ impl Inputs {
         self.observations.image_bytes()
     }
 
-    /// Appends a record's numbers.
     pub fn read(&self, record: &[u8], numbers: &mut Vec<f32>) {
         self.observations.read(record, numbers);
     }

@@ -10,7 +10,6 @@ use proto::task::PolicyAction;
 use std::collections::BTreeMap;
 use tch::{Device, Kind, Tensor};
 
-/// One step of one column.
 // Four independent facts, not a state machine.
 #[allow(clippy::struct_excessive_bools)]
 #[derive(Debug, Clone, PartialEq, Default)]

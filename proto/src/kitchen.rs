@@ -166,7 +166,6 @@ impl fmt::Display for KitchenRange {
     }
 }
 
-/// The kitchens that a run's actors simulate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kitchens {
     Split(Split),
@@ -311,7 +310,6 @@ impl TargetCategory {
         self as u8
     }
 
-    /// iTHOR's name of the category.
     pub fn name(self) -> &'static str {
         match self {
             Self::Apple => "Apple",

@@ -54,7 +54,6 @@ pub unsafe extern "C" fn stillroom_serve(
     error.status()
 }
 
-/// See `stillroom_actor.h`.
 #[unsafe(no_mangle)]
 pub extern "C" fn stillroom_error() -> *const c_char {
     let error = ERROR.lock().unwrap_or_else(std::sync::PoisonError::into_inner);

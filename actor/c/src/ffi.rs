@@ -138,7 +138,6 @@ impl Simulator {
         Ok(Self { description, make, reset, step, problem })
     }
 
-    /// What is wrong after a call failed.
     fn failed(&self, call: &str) -> String {
         // SAFETY: the simulator's own function, on its own thread.
         let place = self.problem.map_or(null(), |problem| unsafe { problem() });

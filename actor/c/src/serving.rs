@@ -42,7 +42,6 @@ struct Arguments {
     lifeline: bool,
 }
 
-/// Does what the program's arguments ask for.
 pub fn serve(words: &[OsString], simulator: Simulator) -> Result<(), ServeError> {
     let arguments = Arguments::try_parse_from(words).map_err(|error| {
         let text = error.to_string();

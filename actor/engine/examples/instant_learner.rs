@@ -108,7 +108,6 @@ impl Learner {
         Ok(())
     }
 
-    /// Steps of all environments so far.
     fn steps(&self) -> u64 {
         let halves = Halves::of(self.environments);
         (0..halves.count()).map(|half| self.answered[half as usize] * halves.range(half).len() as u64).sum()

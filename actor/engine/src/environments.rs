@@ -352,7 +352,6 @@ impl<S: Simulator> Environments<S> {
         Ok(())
     }
 
-    /// Writes the records of environments.
     pub fn observe_all(&mut self, range: Range<usize>, records: &mut [Line]) -> Result<(), EngineError> {
         let mut records = Line::bytes_mut(records).chunks_exact_mut(self.rules.layout.bytes);
         range.zip(&mut records).try_for_each(|(index, record)| self.observe(index, record))

@@ -175,7 +175,6 @@ impl Acting {
         self.memory.recheck();
     }
 
-    /// Takes a step.
     pub fn step(&mut self, policy: Policy, rows: Rows) -> Result<Vec<Sampled>, GraphError> {
         let count = rows.steps.len();
         let layout = InputBytes::new(count, [rows.steps[0].numbers.len(), rows.noise.len() / count]);

@@ -346,7 +346,6 @@ impl Agent {
         device::describe(self.device, self.policy().is_fused())
     }
 
-    /// Trainable parameters.
     pub(crate) fn parameter_count(&self) -> u64 {
         self.policy().parameters.count() as u64
     }

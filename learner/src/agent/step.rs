@@ -63,7 +63,6 @@ impl Batch<'_> {
         self.at.iter().copied()
     }
 
-    /// The batch as the agent takes it.
     pub fn input(&self) -> StepInput<'_> {
         StepInput {
             columns: &self.columns,
@@ -83,9 +82,7 @@ impl Batch<'_> {
 pub struct StepOutput {
     /// Bytes of the actions, one behind the other.
     pub actions: Vec<u8>,
-    /// Log-probability of the action.
     pub log_probs: Vec<f32>,
-    /// Value of the observation.
     pub values: Vec<f32>,
 }
 

@@ -34,7 +34,6 @@ impl ColumnMap {
         Self { kitchens, ..self }
     }
 
-    /// Actors of this learner.
     pub fn actors(self) -> u32 {
         self.actors
     }

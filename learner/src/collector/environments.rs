@@ -12,7 +12,6 @@ use wire::message::{EnvironmentState, Snapshot};
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settlement {
     pub outcome: Outcome,
-    /// The episode, if it has ended.
     pub ended: Option<Ended>,
 }
 

@@ -123,7 +123,6 @@ impl GroupNorm {
     }
 }
 
-/// Kind of a recurrent unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Unit {
     Gru,

@@ -75,7 +75,6 @@ impl Head {
         Self { own, last }
     }
 
-    /// Its last layer.
     pub fn last(&self) -> Linear {
         self.last
     }

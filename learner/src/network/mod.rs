@@ -91,12 +91,9 @@ pub struct Observations {
     pub previous_actions: Tensor,
 }
 
-/// The heads' outputs.
 #[derive(Debug)]
 pub struct ActorCriticOutput {
-    /// What the policy would do.
     pub policy: Distribution,
-    /// Values \[rows\].
     pub values: Tensor,
 }
 
@@ -109,7 +106,6 @@ enum Embedding {
 
 #[derive(Debug)]
 pub struct Network {
-    /// All weights.
     pub parameters: Parameters,
     pub preparation: FramePreparation,
     pub belief: Belief,

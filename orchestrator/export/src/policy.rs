@@ -27,7 +27,6 @@ const ACTING: [&str; 10] = [
     "critic.",
     "log_std",
 ];
-/// The model's input of masks.
 pub(crate) const MASK: &str = "action_mask";
 pub(crate) const NORMALIZER: &str = "observation_norm.";
 /// Encoders of images but the frame; inputs of a model have the names, too.

@@ -71,12 +71,10 @@ fn is_growing(folder: &RunFolder, path: &Path) -> bool {
     folder.open(path).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }
 
-/// The state of a run's recordings.
 #[derive(Debug, PartialEq, Eq, Serialize)]
 pub struct Recordings {
     pub files: usize,
     pub bytes: u64,
-    /// The last one.
     pub newest: PathBuf,
     /// A recorder writes the last one at this moment.
     pub being_written: bool,

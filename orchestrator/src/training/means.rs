@@ -117,7 +117,6 @@ pub fn by_stage(stages: &[StageConfig], history: &History) -> Vec<StageMeans> {
     means.collect()
 }
 
-/// The figures of the moment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Recent {
     pub frames: u64,

@@ -6,7 +6,6 @@ use crate::record::End;
 use crate::task::{Composition, Spec, SpecError, Summing};
 use std::error::Error;
 
-/// An environment in an episode.
 pub trait Player {
     /// Takes one action, which the task has, and writes what it did: the bytes of a record's parts and outcomes.
     fn act(&mut self, action: &[u8], done: &mut [u8]) -> Result<(), Box<dyn Error + Send + Sync>>;

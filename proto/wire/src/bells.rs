@@ -32,7 +32,6 @@ const STRIDE: usize = 8;
 const TARGET: usize = 1;
 const AT_ONCE: usize = 2;
 
-/// A process that can be woken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sleeper {
     Recorder,
@@ -73,7 +72,6 @@ impl Bells {
         Bell { words: Arc::clone(&self.words), places }
     }
 
-    /// A process's own end.
     pub fn wakeup(&self, sleeper: Sleeper) -> Wakeup {
         let place = self.place(sleeper);
         // As if it had just rung: what was sent before may be there.

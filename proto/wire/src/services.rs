@@ -308,7 +308,6 @@ impl Debug for WireHost {
 }
 
 impl WireHost {
-    /// Creates all services of an incarnation.
     pub fn create(address: &WireAddress, shape: WireShape) -> Result<Self, WireError> {
         Self::create_part(address, shape, 0..shape.shares.learners())
     }

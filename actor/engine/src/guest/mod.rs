@@ -48,7 +48,6 @@ pub trait Guest {
         Err("it gives no snapshots, which its task declares".to_owned())
     }
 
-    /// Brings an environment back.
     fn restore(&mut self, _index: usize, _snapshot: &[u8]) -> Result<(), String> {
         Err("it takes no snapshots, which its task declares".to_owned())
     }

@@ -12,7 +12,6 @@ use std::convert::Infallible;
 use std::path::{Path, PathBuf};
 use wire::WireAddress;
 
-/// Why the process ends.
 #[derive(Debug, thiserror::Error)]
 pub enum GuestError {
     #[error("cannot read {path}: {cause}", path = .path.display())]
@@ -55,12 +54,10 @@ impl GuestActor {
         Ok(Self { config, folder, wire: wire.parse()?, number, incarnation })
     }
 
-    /// The run's configuration.
     pub fn config(&self) -> &Config {
         &self.config
     }
 
-    /// How many environments it has.
     pub fn environments(&self) -> u32 {
         self.config.actors.environments_per_actor
     }

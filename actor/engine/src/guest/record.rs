@@ -31,7 +31,6 @@ impl<'a> Record<'a> {
 }
 
 impl Source {
-    /// The channel of a name.
     pub fn of(spec: &Spec, name: &str) -> Option<Self> {
         let (channel, mut field) = spec.channel(name)?;
         if channel.is_bulk() {
@@ -46,7 +45,6 @@ impl Source {
         spec.channels.iter().filter(is_reported).filter_map(|channel| Self::of(spec, &channel.name)).collect()
     }
 
-    /// The environment's own reward.
     pub fn reward(spec: &Spec) -> Option<Self> {
         Self::of(spec, REWARD)
     }

@@ -8,7 +8,6 @@ use proto::replay::{Performance, PlayError, Player, RecordedEpisode, ReplaySetup
 use proto::task::Description;
 use std::error::Error;
 
-/// Why an episode cannot be simulated.
 #[derive(Debug, thiserror::Error)]
 pub enum ReplayError {
     #[error(transparent)]
@@ -59,7 +58,6 @@ impl<G: Guest> Replay<G> {
     }
 }
 
-/// The environment in an episode.
 struct Played<'a, G> {
     served: &'a mut Served<G>,
     state_hash: u64,

@@ -15,7 +15,6 @@ use proto::task::{Check, Field, Layout};
 use wire::message::{Line, Snapshot};
 use xxhash_rust::xxh3::Xxh3;
 
-/// An environment failed.
 #[derive(Debug, thiserror::Error)]
 #[error("{place}: {problem}")]
 pub struct Failure {
@@ -23,7 +22,6 @@ pub struct Failure {
     problem: String,
 }
 
-/// Environments of a run.
 pub struct Served<G> {
     guest: G,
     seed: u64,
@@ -43,7 +41,6 @@ pub struct Served<G> {
     notes: Option<Notes>,
 }
 
-/// One environment.
 struct Environment {
     number: u32,
     episode: u32,

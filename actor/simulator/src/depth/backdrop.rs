@@ -35,7 +35,6 @@ pub(super) enum Redraw {
 }
 
 impl Backdrop {
-    /// Whether a body is part of the backdrop.
     pub(super) fn holds(&self, body: usize) -> bool {
         self.bodies[body].in_backdrop
     }

@@ -74,7 +74,6 @@ pub fn pose_bits(pose: &Pose3) -> [u32; 7] {
 }
 
 impl PlacedBodies {
-    /// These bodies, not placed yet.
     pub fn new(bodies: &[Body]) -> Self {
         let mut placed = Self {
             bodies: Vec::new(),

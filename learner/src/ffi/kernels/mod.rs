@@ -26,7 +26,6 @@ pub struct Kernels {
     /// Of whole basic blocks; none where a block of threads has too little shared memory.
     pub block: Option<BlockKernels>,
     pub norm: NormKernels,
-    /// Around the network when it acts.
     pub acting: ActingKernels,
 }
 

@@ -110,7 +110,6 @@ impl Category {
     }
 }
 
-/// A row of a family's table.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Row {

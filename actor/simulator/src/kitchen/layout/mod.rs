@@ -69,7 +69,6 @@ pub struct FittedRoom {
     pub plan: Plan,
     /// Fixed bodies: floor, four walls, ceiling, then furniture.
     pub fixtures: Vec<Fixture>,
-    /// Where small things stand.
     pub worktops: Vec<Worktop>,
     pub floor: Rectangle,
     pub seats: Vec<Seat>,
