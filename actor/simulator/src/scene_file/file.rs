@@ -89,7 +89,9 @@ fn parse(text: &str) -> Result<SceneFile, Vec<Problem>> {
             Some(head) => head..lines[head + 1..].iter().position(is_head).map_or(lines.len(), |end| head + 1 + end),
             None => line..line + 1,
         };
-        if problems.len() >= PROBLEMS_MOST || lines[left_out.clone()].iter().all(|line| line.is_empty()) {
+        // One [node] in single brackets makes a duplicate of each that follows.
+        let ends = problems.len() >= PROBLEMS_MOST || error.message() == "duplicate key";
+        if ends || lines[left_out.clone()].iter().all(|line| line.is_empty()) {
             return Err(problems);
         }
         lines[left_out].fill("");
