@@ -4,7 +4,9 @@ use std::path::PathBuf;
 
 fn main() {
     let mut found = vec![PathBuf::from("../src"), PathBuf::from("src")];
-    found.iter().for_each(|folder| println!("cargo:rerun-if-changed={}", folder.display()));
+    for folder in &found {
+        println!("cargo:rerun-if-changed={}", folder.display());
+    }
     while let Some(at) = found.iter().position(|path| path.is_dir()) {
         let items = std::fs::read_dir(found.swap_remove(at)).expect("the sources can be listed");
         found.extend(items.map(|item| item.expect("it can be listed").path()));

@@ -17,6 +17,7 @@ const STEPS: usize = 40;
 
 /// Serves a simulator to a run; the orchestrator starts this.
 #[derive(Debug, Parser)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a flag")]
 struct Arguments {
     /// Print what the environment says of itself, as JSON
     #[arg(long)]

@@ -184,7 +184,9 @@ fn announce(suite: &Suite, folder: &SuiteFolder, as_json: bool) -> serde_json::R
         let from = entry.from.map_or_else(String::new, |from| format!("begins with {}", suite.entries[from].name));
         vec![entry.name.clone(), format!("{} frames", count(frames)), format!("at most {}", bytes(disk)), from]
     };
-    aligned(&suite.entries.iter().map(row).collect::<Vec<_>>()).iter().for_each(|line| terminal::out(line));
+    for line in aligned(&suite.entries.iter().map(row).collect::<Vec<_>>()) {
+        terminal::out(&line);
+    }
     let [frames, disk] = [0, 1].map(|which| suite.entries.iter().map(|entry| size(entry)[which]).sum());
     let (runs, evaluations) = (suite.entries.len() as u64, suite.evaluations.len() as u64);
     let each = if runs == 1 { "" } else { " each" };
