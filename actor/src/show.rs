@@ -17,7 +17,7 @@ use proto::show::{
 use proto::task::Field;
 use rapier3d::math::Vec3;
 use simulator::depth::DepthCamera;
-use simulator::environment::{Base, DISTURBED_AXIS_M};
+use simulator::environment::Base;
 use simulator::kitchen::Kitchen;
 use simulator::{source, tasks};
 use std::io::{BufRead, Write};
@@ -67,7 +67,6 @@ struct Kept {
     scene: Scene,
     moments: Vec<Moment>,
     /// Of each moment the things that are highlighted.
-    displaced: Vec<Vec<usize>>,
     camera: DepthCamera,
 }
 
@@ -119,7 +118,7 @@ impl KitchensInUse {
             telling.keep(&rules, environment.base(), seen);
             anyhow::Ok(())
         })?;
-        let Telling { moments, displaced, shown, things, record, .. } = telling;
+        let Telling { moments, shown, things, record, .. } = telling;
         let task = picture::task(rules.spec, environment.base(), &record, String::new());
         let goal_tolerance_m = task.goal_tolerance_m;
         let scene = Scene::new(Arc::clone(&kitchen), task, &moments);
@@ -130,7 +129,7 @@ impl KitchensInUse {
         if self.kept.len() >= KEPT {
             self.kept.remove(0);
         }
-        self.kept.push(Kept { name, scene, moments, displaced, camera });
+        self.kept.push(Kept { name, scene, moments, camera });
         Ok(ShownEpisode {
             task: ShownTask::of(rules.spec, &config.reward.weights),
             target: picture::target_name(rules.spec, &record).map(str::to_owned),
@@ -173,7 +172,7 @@ impl Kept {
         let picture = match view {
             ShowView::Orbit(orbit) => {
                 let orbit = checked(orbit)?;
-                self.scene.orbit(moment, &self.displaced[step], &orbit, size, fine)
+                self.scene.orbit(moment, &orbit, size, fine)
             }
             ShowView::Depth => self.scene.depth(moment, &mut self.camera, size.0),
             ShowView::Plan => self.scene.plan(size.0),
@@ -204,7 +203,6 @@ fn checked(orbit: &ShowOrbit) -> Result<Orbit> {
 struct Telling {
     origins: Vec<Vec3>,
     moments: Vec<Moment>,
-    displaced: Vec<Vec<usize>>,
     shown: Vec<ShownMoment>,
     /// Of each movable thing its number among `things`.
     listed: Vec<Option<u32>>,
@@ -219,7 +217,6 @@ impl Telling {
         Self {
             origins: poses.iter().map(|pose| pose.translation).collect(),
             moments: Vec::new(),
-            displaced: Vec::new(),
             shown: Vec::new(),
             listed: vec![None; poses.len()],
             things: Vec::new(),
@@ -230,14 +227,11 @@ impl Telling {
     fn keep(&mut self, rules: &Rules, environment: &Base, seen: &Seen) {
         let target = picture::target(rules.spec, environment, seen.record);
         let poses = environment.simulation().things().poses();
-        let (mut moved, mut displaced) = (Vec::new(), Vec::new());
+        let mut moved = Vec::new();
         for (thing, (origin, pose)) in self.origins.iter().zip(poses).enumerate() {
             let way = pose.translation - *origin;
             if Some(thing) == target || way.length() < LISTED_M {
                 continue;
-            }
-            if way.abs().max_element() > DISTURBED_AXIS_M {
-                displaced.push(thing);
             }
             let number = *self.listed[thing].get_or_insert_with(|| {
                 let kitchen = environment.kitchen();
@@ -248,7 +242,6 @@ impl Telling {
             moved.push((number, way.length(), [pose.translation.x, pose.translation.z]));
         }
         self.shown.push(shown(rules, seen, moved));
-        self.displaced.push(displaced);
         self.moments.push(moment(environment, Captions::default()));
         seen.record.clone_into(&mut self.record);
     }

@@ -22,6 +22,25 @@ pub fn action_name(spec: &'static Spec, record: &[u8]) -> Option<&'static str> {
     spec.actions.names().get(number as usize).map(String::as_str)
 }
 
+/// An action's name as the page has it: `MoveArmXP` is "move arm x +".
+fn in_words(name: &str) -> String {
+    let mut words = String::new();
+    let letters: Vec<char> =
+        ["Continuous", "MidLevel"].into_iter().fold(name, |name, end| name.trim_end_matches(end)).chars().collect();
+    for (at, &letter) in letters.iter().enumerate() {
+        let before = at.checked_sub(1).map(|before| letters[before]);
+        let is_last = at + 1 == letters.len();
+        let signed = is_last && before.is_some_and(|before| before.is_lowercase() || "XYZ".contains(before));
+        match letter {
+            'P' if signed => words.push_str(" +"),
+            'M' if signed => words.push_str(" −"),
+            _ if letter.is_uppercase() && before.is_some_and(char::is_lowercase) => words.extend([' ', letter]),
+            _ => words.push(letter),
+        }
+    }
+    words.to_lowercase()
+}
+
 /// Caption of a moment that an action led to, without its number and the episode's end: parts of rewards that are 1, and
 /// the first measures of what the action led to.
 pub fn captions(spec: &'static Spec, record: &[u8]) -> Captions {
@@ -37,7 +56,7 @@ pub fn captions(spec: &'static Spec, record: &[u8]) -> Captions {
     };
     let measures = pairs().filter(|(channel, _)| is_measure(channel)).take(MEASURES).map(measure);
     Captions {
-        action: action_name(spec, record).unwrap_or_default().to_owned(),
+        action: in_words(action_name(spec, record).unwrap_or_default()),
         remark: remarks.join(", "),
         measures: measures.collect::<Vec<_>>().join("  "),
         outcome: None,

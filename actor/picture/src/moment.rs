@@ -4,6 +4,9 @@ use simulator::robot::links::PartPoses;
 use simulator::simulation::Simulation;
 
 const SAMPLES: usize = 12;
+const SLACK_M: f32 = 0.1;
+/// The way through the robot to its axis, from above.
+const ROBOT_SLACK_M: f32 = 0.4;
 /// A thing that is nearer to its place than this stands still, metres.
 const STILL_M: f32 = 0.005;
 
@@ -62,18 +65,30 @@ pub fn moving(task: &Task, moments: &[Moment]) -> Vec<usize> {
     (0..moments[0].things.len()).filter(|&thing| Some(thing) == task.target || moves(thing)).collect()
 }
 
-/// What the outside view has to show, each point with its weight: start and goal of the target, and everybody's way.
-/// The robot's body is in the picture, but large enough to be seen behind whatever there is.
-pub fn points(task: &Task, moments: &[Moment]) -> Vec<(Vec3, f32)> {
-    let mut points: Vec<(Vec3, f32)> = task.goal.map(|goal| (goal, 3.0)).into_iter().collect();
+/// A place that the outside view has to show. It counts as seen through what is less than `slack_m` before it: what it
+/// stands on or in.
+#[derive(Debug, Clone, Copy)]
+pub struct Point {
+    pub place: Vec3,
+    pub weight: f32,
+    pub slack_m: f32,
+}
+
+/// Start and goal of the target, the robot's start, and everybody's way.
+pub fn points(task: &Task, moments: &[Moment]) -> Vec<Point> {
+    let point = |place: Vec3, weight: f32| Point { place, weight, slack_m: SLACK_M };
+    let robot =
+        |moment: &Moment, weight: f32| Point { place: moment.robot[0].translation, weight, slack_m: ROBOT_SLACK_M };
+    let mut points: Vec<Point> = task.goal.map(|goal| point(goal, 3.0)).into_iter().collect();
     let of_target = |moment: &Moment| task.target.map(|target| moment.things[target].translation);
-    points.extend(of_target(&moments[0]).map(|start| (start, 3.0)));
+    points.extend(of_target(&moments[0]).map(|start| point(start, 3.0)));
+    points.push(robot(&moments[0], 3.0));
     let step = moments.len().div_ceil(SAMPLES).max(1);
     // The last moment counts whatever the step.
     for moment in moments.iter().rev().step_by(step) {
-        let [body, .., hand] = moment.robot.map(|pose| pose.translation);
-        points.extend(of_target(moment).map(|target| (target, 1.0)));
-        points.extend([(hand, 1.0), (body, 0.0)]);
+        let hand = moment.robot[moment.robot.len() - 1].translation;
+        points.extend(of_target(moment).map(|target| point(target, 1.0)));
+        points.extend([point(hand, 1.0), robot(moment, 0.5)]);
     }
     points
 }

@@ -14,6 +14,7 @@ use super::viewpoint::{self, Orbit};
 use super::visible::Visible;
 use rapier3d::math::Pose3;
 use simulator::depth::DepthCamera;
+use simulator::environment::DISTURBED_AXIS_M;
 use simulator::kitchen::Kitchen;
 use std::sync::{Arc, OnceLock};
 
@@ -35,7 +36,7 @@ pub enum Standpoint {
 
 pub struct Scene {
     kitchen: Arc<Kitchen>,
-    task: Task,
+    pub task: Task,
     /// Things at the episode's start.
     origins: Vec<Pose3>,
     fixed: Model,
@@ -57,29 +58,22 @@ impl Scene {
     }
 
     pub fn best(&self, moments: &[Moment]) -> Orbit {
-        let mut model = self.at(&self.origins, &[]).0;
+        let mut model = self.at(&self.origins).0;
         for moment in moments.iter().take(1).chain(moments.last()) {
             model.add_robot(&moment.robot, true);
         }
         viewpoint::best(&model, &points(&self.task, moments))
     }
 
-    /// The room from a free camera. `displaced`: things that are not where they stood, by their places.
-    pub fn orbit(
-        &self,
-        moment: &Moment,
-        displaced: &[usize],
-        orbit: &Orbit,
-        (width, height): (usize, usize),
-        fine: bool,
-    ) -> Canvas {
+    /// The room from a free camera.
+    pub fn orbit(&self, moment: &Moment, orbit: &Orbit, (width, height): (usize, usize), fine: bool) -> Canvas {
         let camera = orbit.camera();
-        let mut model = self.at(&moment.things, displaced).0;
+        let mut model = self.at(&moment.things).0;
         model.add_robot(&moment.robot, true);
         let exposure = Exposure::take(&model, &camera, width, height, PAPER);
         let depths_m = exposure.depths_m();
         let mut picture = self.develop(exposure, fine);
-        self.haunt(&mut picture, displaced, &camera, &depths_m);
+        self.haunt(&mut picture, moment, &camera, &depths_m);
         mark(&mut picture, &camera, &self.task, moment, |x, y| depths_m[y * width + x]);
         picture
     }
@@ -103,7 +97,7 @@ impl Scene {
     }
 
     pub fn plan(&self, side: usize) -> Canvas {
-        let model = self.at(&self.origins, &[]).0;
+        let model = self.at(&self.origins).0;
         self.develop(Exposure::take(&model, &self.frame.camera(), side, side, PAPER), true)
     }
 
@@ -117,32 +111,40 @@ impl Scene {
 
     pub fn depth(&self, moment: &Moment, camera: &mut DepthCamera, side: usize) -> Canvas {
         let depth_mm = self.frame_mm(moment, camera, side);
-        let (mut model, first) = self.at(&moment.things, &[]);
+        let (mut model, first) = self.at(&moment.things);
         model.add_arm(&moment.robot);
         let target = self.task.target.map(|target| first + target as u32);
         depth_view(&self.task, moment, (&model, target), side, &depth_mm)
     }
 
+    /// Whether a thing, other than the target, is in another place than at first.
+    fn is_displaced(&self, thing: usize, things: &[Pose3]) -> bool {
+        let way = things[thing].translation - self.origins[thing].translation;
+        Some(thing) != self.task.target && way.abs().max_element() > DISTURBED_AXIS_M
+    }
+
     /// The kitchen with its things in these poses, and the first thing's number among the bodies.
-    fn at(&self, things: &[Pose3], displaced: &[usize]) -> (Model, u32) {
+    pub fn at(&self, things: &[Pose3]) -> (Model, u32) {
         let mut model = self.fixed.clone();
         let colour = |thing: usize| {
-            let displaced = displaced.contains(&thing).then_some(DISPLACED);
+            let displaced = self.is_displaced(thing, things).then_some(DISPLACED);
             if Some(thing) == self.task.target { Some(TARGET) } else { displaced }
         };
         let first = model.add_things(&self.kitchen, things, colour);
         (model, first)
     }
 
+    /// The first moment without the robot and what moves.
+    pub fn unmoved(&self) -> Model {
+        let (mut model, first) = self.at(&self.origins);
+        model.take_away(first, &self.moving);
+        model
+    }
+
     fn develop(&self, exposure: Exposure, fine: bool) -> Canvas {
         let waiting: Vec<Lit> = exposure.waiting().collect();
         let light = if fine {
-            let dome = || {
-                let (mut model, first) = self.at(&self.origins, &[]);
-                model.take_away(first, &self.moving);
-                Dome::over(&model, LAMPS)
-            };
-            self.dome.get_or_init(dome).light(&waiting)
+            self.dome.get_or_init(|| Dome::over(&self.unmoved(), LAMPS)).light(&waiting)
         } else {
             let slope = |lit: &Lit| DRAFT_SIDE_LIGHT + (1.0 - DRAFT_SIDE_LIGHT) * lit.normal.y.max(0.0);
             waiting.iter().map(slope).collect()
@@ -150,14 +152,12 @@ impl Scene {
         exposure.develop(&mut light.into_iter())
     }
 
-    fn haunt(&self, picture: &mut Canvas, displaced: &[usize], camera: &Camera, depths_m: &[f32]) {
-        if displaced.is_empty() {
-            return;
-        }
+    /// Draws what is displaced where it stood.
+    pub fn haunt(&self, picture: &mut Canvas, moment: &Moment, camera: &Camera, depths_m: &[f32]) {
         let (width, height) = (picture.width, picture.height);
         let mut ghosts = Model::default();
         let bodies = &self.kitchen.bodies()[self.kitchen.movable_bodies()];
-        for &thing in displaced {
+        for thing in (0..self.origins.len()).filter(|&thing| self.is_displaced(thing, &moment.things)) {
             ghosts.add(&bodies[thing].shape, &self.origins[thing], DISPLACED, true);
         }
         let visible = Visible::draw(camera, width, height, (0..).zip(ghosts.corners()));
@@ -169,14 +169,18 @@ impl Scene {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::super::moment::Captions;
+pub(crate) mod tests {
+    use super::super::moment::{Captions, Point};
+    use super::super::visible::NOTHING;
     use super::*;
-    use proto::config::SimulationConfig;
+    use proto::config::{Config, SimulationConfig};
+    use proto::episode::EnvironmentId;
     use proto::kitchen::{KitchenId, TargetCategory};
+    use proto::replay::{RecordedEpisode, Rules, play};
     use rapier3d::math::Vec3;
     use simulator::robot::configuration::Configuration;
     use simulator::robot::links::{part_poses, world_from_camera};
+    use simulator::tasks;
 
     fn scene() -> (Scene, Moment, usize) {
         let kitchen = Arc::new(Kitchen::build(KitchenId::new(1).unwrap(), &SimulationConfig::default()).unwrap());
@@ -196,7 +200,7 @@ mod tests {
         (Scene::new(kitchen, task, std::slice::from_ref(&moment)), moment, other)
     }
 
-    fn violet(picture: &Canvas) -> usize {
+    pub(crate) fn violet(picture: &Canvas) -> usize {
         picture.pixels.iter().filter(|[r, g, b]| *b > 90 && *g < *b / 2 && *r < *b).count()
     }
 
@@ -205,18 +209,72 @@ mod tests {
         let (scene, mut moment, thing) = scene();
         let stood = moment.things[thing].translation;
         let orbit = Orbit { centre: stood, radius_m: 0.6, yaw_rad: 0.3, pitch_rad: 0.9 };
-        let draw = |moment: &Moment, displaced: &[usize]| scene.orbit(moment, displaced, &orbit, (160, 120), false);
-        let before = draw(&moment, &[]);
+        let draw = |moment: &Moment| scene.orbit(moment, &orbit, (160, 120), false);
+        let before = draw(&moment);
+        // A scene in which the thing has always been there has no ghost of it.
+        let task = &scene.task;
+        let always = |moment: &Moment| {
+            let scene = Scene::new(Arc::clone(&scene.kitchen), task.clone(), std::slice::from_ref(moment));
+            scene.orbit(moment, &orbit, (160, 120), false)
+        };
         // Far away: only its ghost is left in the picture.
         moment.things[thing].translation += Vec3::new(0.0, 40.0, 0.0);
-        let gone = draw(&moment, &[]);
-        let haunted = draw(&moment, &[thing]);
         let changed = |a: &Canvas, b: &Canvas| a.pixels.iter().zip(&b.pixels).filter(|(a, b)| a != b).count();
-        assert!(changed(&before, &gone) > 20, "the thing was in the picture");
-        assert!(changed(&gone, &haunted) > 20, "its ghost is not");
+        assert!(changed(&before, &always(&moment)) > 20, "the thing was in the picture");
+        assert!(changed(&always(&moment), &draw(&moment)) > 20, "its ghost is not");
         // Lifted a little: highlighted itself.
         moment.things[thing].translation = stood + Vec3::new(0.0, 0.15, 0.0);
-        assert!(violet(&draw(&moment, &[thing])) > violet(&draw(&moment, &[])) + 20);
+        assert!(violet(&draw(&moment)) > violet(&always(&moment)) + 20);
+        // No further than what counts as disturbed.
+        moment.things[thing].translation = stood + Vec3::new(0.0, 0.9 * DISTURBED_AXIS_M, 0.0);
+        assert!(violet(&draw(&moment)) < violet(&before) + 20);
+    }
+
+    /// The first moment of an episode of this kitchen, and of some steps that nobody chose.
+    fn episode(kitchen: &Arc<Kitchen>, number: u32) -> (Task, Vec<Moment>) {
+        let config = Config::default();
+        let id = EnvironmentId { kitchen: kitchen.id(), number: 0 };
+        let mut environment = tasks::open(&tasks::Run::of(&config), kitchen, id, number).unwrap();
+        let actions: Vec<u8> = (0..40u32).map(|step| ((step * 7 + number) % 19) as u8).collect();
+        let (hashes, digests, start) = (vec![0; actions.len()], vec![], vec![]);
+        let recorded =
+            RecordedEpisode { environment: id, episode: number, start_hash: None, actions, hashes, digests, start };
+        let (rules, mut moments, mut task) = (Rules::of(&config).unwrap(), Vec::new(), None);
+        play(&rules, &mut *environment, &recorded, |environment, seen| {
+            let base = environment.base();
+            task.get_or_insert_with(|| crate::task(rules.spec, base, seen.record, String::new()));
+            moments.push(Moment::of(base.simulation(), base.world_from_camera(), Captions::default()));
+            Ok::<(), proto::replay::PlayError>(())
+        })
+        .unwrap();
+        (task.unwrap(), moments)
+    }
+
+    #[test]
+    fn robot_and_goal_are_seen_at_the_start_in_every_kitchen() {
+        let mut hidden = Vec::new();
+        for id in KitchenId::all() {
+            let kitchen = Arc::new(Kitchen::build(id, &SimulationConfig::default()).unwrap());
+            let (task, moments) = episode(&kitchen, 0);
+            let goal = Point { place: task.goal.unwrap(), weight: 1.0, slack_m: 0.1 };
+            let scene = Scene::new(Arc::clone(&kitchen), task, &moments);
+            let camera = scene.best(&moments).camera();
+            let furnished = scene.at(&moments[0].things).0;
+            let (mut whole, mut alone) = (furnished.clone(), Model::default());
+            whole.add_robot(&moments[0].robot, true);
+            alone.add_robot(&moments[0].robot, true);
+            let draw = |model: &Model| Visible::draw(&camera, 160, 120, (0..).zip(model.corners()));
+            let first = furnished.triangles.len() as u32;
+            let count = |model: &Model, least: u32| {
+                draw(model).triangle.iter().filter(|&&triangle| triangle != NOTHING && triangle >= least).count()
+            };
+            let (shown, all) = (count(&whole, first), count(&alone, 0));
+            let goal_shown = draw(&furnished).shows(&camera, &goal);
+            if 3 * shown < all || all < 60 || !goal_shown {
+                hidden.push(format!("{id}: {shown} of {all} pixels, goal {goal_shown}"));
+            }
+        }
+        assert!(hidden.is_empty(), "{hidden:#?}");
     }
 
     #[test]
@@ -228,7 +286,7 @@ mod tests {
         gone.things[target].translation.y += 40.0;
         let of = |moments: &[Moment]| {
             let scene = Scene::new(Arc::clone(&scene.kitchen), scene.task.clone(), moments);
-            scene.orbit(&gone, &[], &orbit, (120, 90), true)
+            scene.orbit(&gone, &orbit, (120, 90), true)
         };
         assert_eq!(of(&[first, gone.clone()]), of(std::slice::from_ref(&gone)), "as if it had never stood there");
     }
@@ -238,12 +296,12 @@ mod tests {
         let (scene, moment, thing) = scene();
         let mut orbit = Orbit { centre: moment.things[thing].translation, radius_m: 1.2, yaw_rad: 0.3, pitch_rad: 0.8 };
         let size = (120, 90);
-        let draft = scene.orbit(&moment, &[], &orbit, size, false);
-        let fine = scene.orbit(&moment, &[], &orbit, size, true);
+        let draft = scene.orbit(&moment, &orbit, size, false);
+        let fine = scene.orbit(&moment, &orbit, size, true);
         assert_eq!((fine.width, fine.height), size);
         assert_ne!(fine, draft);
         orbit.yaw_rad += 0.5;
-        let turned = scene.orbit(&moment, &[], &orbit, size, false);
+        let turned = scene.orbit(&moment, &orbit, size, false);
         let changed = turned.pixels.iter().zip(&draft.pixels).filter(|(a, b)| a != b).count();
         assert!(changed > 120 * 90 / 4, "{changed} pixels changed");
     }

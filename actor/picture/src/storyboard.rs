@@ -1,12 +1,11 @@
 use super::camera::Camera;
 use super::canvas::{Canvas, Rgb};
 use super::depth_view::{depth_view, mark};
-use super::marks::TARGET;
 use super::model::Model;
-use super::moment::{Captions, Moment, Task, moving, points};
+use super::moment::{Captions, Moment, Task};
+use super::scene::Scene;
 use super::shade::Exposure;
 use super::sky::{self, Lit};
-use super::viewpoint;
 use simulator::kitchen::Kitchen;
 use std::sync::Arc;
 
@@ -19,10 +18,8 @@ const NOTE: Rgb = [36, 92, 168];
 const BAD: Rgb = [196, 40, 28];
 const GAP: usize = 4;
 pub struct Storyboard {
-    kitchen: Arc<Kitchen>,
-    task: Task,
+    scene: Scene,
     pub side: usize,
-    fixed: Model,
     outside: Camera,
     /// The first moment without the robot and what moves, and the light on it.
     lit: (Exposure, Vec<f32>),
@@ -32,21 +29,13 @@ impl Storyboard {
     /// Chooses where to look from, for all `moments`; `side`: width and height of each of the two views, pixels. Panics
     /// if there is no moment.
     pub fn new(kitchen: Arc<Kitchen>, task: Task, moments: &[Moment], side: usize) -> Self {
-        let fixed = Model::fixed_of(&kitchen);
-        let mut model = fixed.clone();
-        let of_target = |thing: usize| (Some(thing) == task.target).then_some(TARGET);
-        let first = model.add_things(&kitchen, &moments[0].things, of_target);
-        // Where the robot stands at first and at last it hides things, too.
-        let mut with_robot = model.clone();
-        for moment in [&moments[0], &moments[moments.len() - 1]] {
-            with_robot.add_robot(&moment.robot, true);
-        }
-        let outside = viewpoint::best(&with_robot, &points(&task, moments)).camera();
-        model.take_away(first, &moving(&task, moments));
+        let scene = Scene::new(kitchen, task, moments);
+        let outside = scene.best(moments).camera();
+        let model = scene.unmoved();
         let exposure = Exposure::take(&model, &outside, side, side, PAPER);
         let waiting: Vec<Lit> = exposure.waiting().collect();
         let light = sky::light(&model, &waiting);
-        Self { kitchen, task, side, fixed, outside, lit: (exposure, light) }
+        Self { scene, side, outside, lit: (exposure, light) }
     }
 
     /// Width and height of every picture; both even, which video encoders demand.
@@ -58,17 +47,16 @@ impl Storyboard {
     pub fn draw(&self, moment: &Moment, depth_mm: &[u16]) -> Canvas {
         let (width, height) = Self::size(self.side);
         let mut canvas = Canvas::new(width, height, PAPER);
-        let mut model = self.fixed.clone();
-        let of_target = |thing: usize| (Some(thing) == self.task.target).then_some(TARGET);
-        let things = model.add_things(&self.kitchen, &moment.things, of_target);
-        let target = self.task.target.map(|target| things + target as u32);
+        let task = &self.scene.task;
+        let (mut model, things) = self.scene.at(&moment.things);
+        let target = task.target.map(|target| things + target as u32);
         let mut seen = model.clone();
         seen.add_arm(&moment.robot);
         model.add_robot(&moment.robot, true);
         let top = height - self.side;
-        canvas.place(&depth_view(&self.task, moment, (&seen, target), self.side, depth_mm), 0, top);
+        canvas.place(&depth_view(task, moment, (&seen, target), self.side, depth_mm), 0, top);
         self.draw_outside(&mut canvas, top, moment, &model);
-        write(&mut canvas, self.side, &self.task.title, &moment.captions);
+        write(&mut canvas, self.side, &task.title, &moment.captions);
         canvas
     }
 
@@ -78,7 +66,8 @@ impl Storyboard {
         let light: Vec<f32> = exposure.light_as_in(before, light).collect();
         let depths_m = exposure.depths_m();
         let mut picture = exposure.develop(&mut light.into_iter());
-        mark(&mut picture, &self.outside, &self.task, moment, |x, y| depths_m[y * self.side + x]);
+        self.scene.haunt(&mut picture, moment, &self.outside, &depths_m);
+        mark(&mut picture, &self.outside, &self.scene.task, moment, |x, y| depths_m[y * self.side + x]);
         canvas.place(&picture, self.side + GAP, top);
     }
 }
@@ -105,7 +94,8 @@ fn text(side: usize) -> (f32, f32) {
 mod tests {
     use super::super::canvas::mix;
     use super::super::depth_view::{TINT, brightness};
-    use super::super::marks::GOAL;
+    use super::super::marks::{GOAL, TARGET};
+    use super::super::scene::tests::violet;
     use super::*;
     use proto::config::SimulationConfig;
     use proto::kitchen::{KitchenId, TargetCategory};
@@ -120,7 +110,7 @@ mod tests {
     const ASIDE_M: f32 = 0.25;
 
     /// The pictures of a target to the right of the middle of the depth view, where the arm does not hide it, and of
-    /// one to the left; for one place of the goal.
+    /// one to the left, with another thing displaced; for one place of the goal.
     fn pictures(goal: Vec3) -> [Canvas; 2] {
         let kitchen = Kitchen::build(KitchenId::new(1).unwrap(), &SimulationConfig::default()).unwrap();
         let kitchen = Arc::new(kitchen);
@@ -131,6 +121,9 @@ mod tests {
         let moments = [ASIDE_M, -ASIDE_M].map(|aside_m| {
             let mut things = kitchen.settled_poses()[kitchen.movable_bodies()].to_vec();
             things[target] = camera * Pose3::translation(aside_m, 0.0, AHEAD_M);
+            if aside_m < 0.0 {
+                things[usize::from(target == 0)] = camera * Pose3::translation(0.0, 0.25, AHEAD_M);
+            }
             let robot = part_poses(&configuration.posture()).unwrap();
             Moment { things, robot, world_from_camera: camera, captions: Captions::default() }
         });
@@ -165,6 +158,7 @@ mod tests {
             });
             assert!(changed, "view {view} does not follow the target");
         }
+        assert!(violet(&left) > violet(&right) + 4, "what is displaced is not violet");
         // The goal behind the robot: no box in the depth view.
         let [behind, _] = pictures(Vec3::new(0.0, 0.0, -0.8));
         assert_eq!(coloured(&behind, 0, GOAL), 0);

@@ -2,6 +2,7 @@
 
 use super::camera::{Camera, Projection};
 use super::model::Model;
+use super::moment::Point;
 use super::visible::Visible;
 use rapier3d::math::{Pose3, Vec3};
 use simulator::physics::geometry::{rotation_x, rotation_y};
@@ -9,15 +10,14 @@ use std::f32::consts::TAU;
 
 const TAN_HALF_WIDTH: f32 = 0.42;
 const DIRECTIONS: usize = 16;
-const PITCHES: [f32; 3] = [0.75, 0.6, 1.05];
+const PITCHES: [f32; 4] = [0.75, 0.6, 1.05, 1.3];
 /// What a less liked angle must show more, as a share of all points.
 const PREFERENCE: f32 = 0.06;
 /// Room around the points, and the smallest scene, metres.
 const MARGIN_M: f32 = 0.3;
 const RADIUS_LEAST_M: f32 = 1.2;
-const TRIAL_SIDE: usize = 160;
-/// A point counts as seen through what is less than this before it, metres: what it stands on or in.
-const SLACK_M: f32 = 0.1;
+/// As wide, for its height, as the page's picture: a square one shows more.
+const TRIAL: (usize, usize) = (160, 120);
 
 /// Looks at a ball from outside and sees all of it; what stands between is cut away.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,13 +37,13 @@ impl Orbit {
     }
 }
 
-pub fn best(model: &Model, points: &[(Vec3, f32)]) -> Orbit {
-    let (low, high) = points.iter().fold((Vec3::splat(f32::MAX), Vec3::splat(f32::MIN)), |(low, high), (point, _)| {
-        (low.min(*point), high.max(*point))
+pub fn best(model: &Model, points: &[Point]) -> Orbit {
+    let (low, high) = points.iter().fold((Vec3::splat(f32::MAX), Vec3::splat(f32::MIN)), |(low, high), point| {
+        (low.min(point.place), high.max(point.place))
     });
     let centre = 0.5 * (low + high);
     let radius_m = (0.5 * (high - low).length() + MARGIN_M).max(RADIUS_LEAST_M);
-    let total: f32 = points.iter().map(|(_, weight)| weight).sum();
+    let total: f32 = points.iter().map(|point| point.weight).sum();
     let mut best: Option<(f32, Orbit)> = None;
     for (rank, pitch_rad) in PITCHES.into_iter().enumerate() {
         for direction in 0..DIRECTIONS {
@@ -58,17 +58,10 @@ pub fn best(model: &Model, points: &[(Vec3, f32)]) -> Orbit {
     best.expect("there are directions").1
 }
 
-fn seen(model: &Model, camera: &Camera, points: &[(Vec3, f32)]) -> f32 {
-    let visible = Visible::draw(camera, TRIAL_SIDE, TRIAL_SIDE, (0..).zip(model.corners()));
-    let is_seen = |point: Vec3| {
-        let point = camera.camera_from_world * point;
-        let pixel = camera.project(point, TRIAL_SIDE, TRIAL_SIDE);
-        let at = |px: f32| (px.max(0.0) as usize).min(TRIAL_SIDE - 1);
-        let nearest_m = 1.0 / visible.nearness[at(pixel.y) * TRIAL_SIDE + at(pixel.x)];
-        // Nothing at all is infinitely near in the other direction.
-        nearest_m <= 0.0 || nearest_m > point.z - SLACK_M
-    };
-    points.iter().filter(|(point, _)| is_seen(*point)).map(|(_, weight)| weight).sum()
+fn seen(model: &Model, camera: &Camera, points: &[Point]) -> f32 {
+    let (width, height) = TRIAL;
+    let visible = Visible::draw(camera, width, height, (0..).zip(model.corners()));
+    points.iter().filter(|point| visible.shows(camera, point)).map(|point| point.weight).sum()
 }
 
 #[cfg(test)]
@@ -85,7 +78,8 @@ mod tests {
         for z in [-0.3, 0.3] {
             model.add(&block(0.5, 1.0, 0.05), &Pose3::translation(0.0, 1.0, z), [255; 3], false);
         }
-        let points = [(Vec3::new(0.0, 0.2, 0.0), 1.0), (Vec3::new(0.05, 0.3, 0.0), 1.0)];
+        let point = |x: f32, y: f32| Point { place: Vec3::new(x, y, 0.0), weight: 1.0, slack_m: 0.1 };
+        let points = [point(0.0, 0.2), point(0.05, 0.3)];
         let camera = best(&model, &points).camera();
         let eye = camera.camera_from_world.inverse().translation;
         assert!(eye.x > eye.z.abs() && eye.y > 0.5, "looks from {eye}");

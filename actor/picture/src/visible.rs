@@ -1,4 +1,5 @@
 use super::camera::{Camera, Pixel};
+use super::moment::Point;
 use rapier3d::math::Vec3;
 
 pub const NOTHING: u32 = u32::MAX;
@@ -34,6 +35,16 @@ impl Visible {
             }
         }
         visible
+    }
+
+    /// Whether a point is in the picture, and nothing before it.
+    pub fn shows(&self, camera: &Camera, point: &Point) -> bool {
+        let place = camera.camera_from_world * point.place;
+        let pixel = camera.project(place, self.width, self.height);
+        let inside = (0.0..self.width as f32).contains(&pixel.x) && (0.0..self.height as f32).contains(&pixel.y);
+        let nearest_m = || 1.0 / self.nearness[pixel.y as usize * self.width + pixel.x as usize];
+        // Nothing at all is infinitely near in the other direction.
+        inside && (nearest_m() <= 0.0 || nearest_m() > place.z - point.slack_m)
     }
 
     fn fill(&mut self, number: u32, [a, b, c]: [Pixel; 3]) {

@@ -152,7 +152,7 @@ mod tests {
         set("picked_up", 1.0);
         set("wrist_object_m", 0.25);
         let said = words(&rules, &Seen { record: &record, rewards: Some(&[]) });
-        assert_eq!((said.action.as_str(), said.remark.as_str()), ("MoveArmHeightP", "picked up"));
+        assert_eq!((said.action.as_str(), said.remark.as_str()), ("move arm height +", "picked up"));
         assert!(said.measures.contains("wrist object 0.250 m"), "{}", said.measures);
         assert_eq!(words(&rules, &Seen { record: &record, rewards: None }).action, "");
         let outcome = |word| outcome_in_words(&rules, word);

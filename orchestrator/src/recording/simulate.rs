@@ -85,6 +85,7 @@ pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<T
 
     let mut totals = Totals::default();
     let mut running = actors.0.len();
+    let mut shown = 0;
     let (mut live, began) = (Live::default(), Instant::now());
     // The first line is not due before there is something to say.
     live.is_due(Duration::ZERO);
@@ -111,7 +112,8 @@ pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<T
             }
             Err(RecvTimeoutError::Disconnected) => bail!("an actor's reader ended without a result"),
         }
-        if live.is_due(began.elapsed()) {
+        if (totals.episodes > shown || live.columns().is_some()) && live.is_due(began.elapsed()) {
+            shown = totals.episodes;
             let rate = totals.compared as f64 / began.elapsed().as_secs_f64().max(1e-3);
             live.show(format!(
                 "replayed {} of {total} episodes, {} states, {rate:.0} a second, {} differences",

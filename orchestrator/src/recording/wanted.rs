@@ -33,7 +33,11 @@ impl Wanted {
             check("kitchen", &kitchen.number(), &kitchens, ToString::to_string)?;
         }
         if let Some(EnvironmentId { kitchen, number }) = self.environment {
-            let name = |(kitchen, number): &(u32, u32)| format!("{kitchen}/{number}");
+            // Environments in no kitchen, which are named without one, are recorded as those of the first scene.
+            let name = |(kitchen, number): &(u32, u32)| match KitchenId::scene(0) {
+                Some(first) if first.number() == *kitchen => number.to_string(),
+                _ => format!("{kitchen}/{number}"),
+            };
             check("environment", &(kitchen.number(), number), &known.environments, name)?;
         }
         self.episodes.iter().try_for_each(|number| check("episode", number, &known.episodes, ToString::to_string))
@@ -51,4 +55,18 @@ fn check<T: Ord>(what: &str, wanted: &T, known: &BTreeSet<T>, name: impl Fn(&T) 
         (None, None) => "there are none at all".to_owned(),
     };
     bail!("the recordings hold no {what} {}; {nearest}", name(wanted))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_environment_that_was_named_without_a_kitchen_is_called_so() {
+        let environment = EnvironmentId { kitchen: KitchenId::scene(0).unwrap(), number: 0 };
+        let known = Known { environments: [(3, 0), (30, 3)].into(), episodes: BTreeSet::new() };
+        let wanted = Wanted { environment: Some(environment), ..Wanted::default() };
+        let said = wanted.check(&known).unwrap_err().to_string();
+        assert_eq!(said, "the recordings hold no environment 0; the last is 30/3");
+    }
 }
