@@ -4,6 +4,8 @@ use simulator::robot::links::PartPoses;
 use simulator::simulation::Simulation;
 
 const SAMPLES: usize = 12;
+/// Weight of what has to be seen at the start: as much as most of the way.
+const START: f32 = 20.0;
 const SLACK_M: f32 = 0.1;
 /// The way through the robot to its axis, from above.
 const ROBOT_SLACK_M: f32 = 0.4;
@@ -79,10 +81,10 @@ pub fn points(task: &Task, moments: &[Moment]) -> Vec<Point> {
     let point = |place: Vec3, weight: f32| Point { place, weight, slack_m: SLACK_M };
     let robot =
         |moment: &Moment, weight: f32| Point { place: moment.robot[0].translation, weight, slack_m: ROBOT_SLACK_M };
-    let mut points: Vec<Point> = task.goal.map(|goal| point(goal, 3.0)).into_iter().collect();
+    let mut points: Vec<Point> = task.goal.map(|goal| point(goal, START)).into_iter().collect();
     let of_target = |moment: &Moment| task.target.map(|target| moment.things[target].translation);
     points.extend(of_target(&moments[0]).map(|start| point(start, 3.0)));
-    points.push(robot(&moments[0], 3.0));
+    points.push(robot(&moments[0], START));
     let step = moments.len().div_ceil(SAMPLES).max(1);
     // The last moment counts whatever the step.
     for moment in moments.iter().rev().step_by(step) {

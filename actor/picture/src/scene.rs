@@ -8,7 +8,6 @@ use super::model::Model;
 use super::moment::{Moment, Task, moving, points};
 use super::shade::Exposure;
 use super::sky::{Dome, Lit};
-use super::storyboard::PAPER;
 use super::view::{PlanFrame, robot_camera};
 use super::viewpoint::{self, Orbit};
 use super::visible::Visible;
@@ -18,6 +17,7 @@ use simulator::environment::DISTURBED_AXIS_M;
 use simulator::kitchen::Kitchen;
 use std::sync::{Arc, OnceLock};
 
+pub const PAPER: Rgb = [250, 250, 248];
 /// Colour of what is not where it stood, and of its ghost: no other thing has it.
 const DISPLACED: Rgb = [124, 58, 237];
 const GHOST: [f32; 2] = [0.5, 0.18];

@@ -3,13 +3,12 @@ use super::canvas::{Canvas, Rgb};
 use super::depth_view::{depth_view, mark};
 use super::model::Model;
 use super::moment::{Captions, Moment, Task};
-use super::scene::Scene;
+use super::scene::{PAPER, Scene};
 use super::shade::Exposure;
 use super::sky::{self, Lit};
 use simulator::kitchen::Kitchen;
 use std::sync::Arc;
 
-pub const PAPER: Rgb = [250, 250, 248];
 const INK: Rgb = [34, 38, 44];
 const FAINT: Rgb = [112, 118, 126];
 const GOOD: Rgb = [0, 128, 64];
