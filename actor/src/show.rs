@@ -66,7 +66,6 @@ struct Kept {
     name: String,
     scene: Scene,
     moments: Vec<Moment>,
-    /// Of each moment the things that are highlighted.
     camera: DepthCamera,
 }
 

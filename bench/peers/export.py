@@ -129,9 +129,7 @@ class Kitchen:
 
     def world_triangles(self, world_from_bodies: Floats) -> Floats:
         """[triangle, corner, xyz] in the world, bodies standing at these poses."""
-        pose = world_from_bodies[self.triangle_body].astype(np.float64)
-        turned = np.einsum("tij,tcj->tci", rotations(pose[:, 3:]), self.triangles.astype(np.float64))
-        return (turned + pose[:, None, :3]).astype(np.float32)
+        return world_triangles(self.triangles, self.triangle_body, world_from_bodies)
 
 
 @dataclass(frozen=True)
@@ -171,6 +169,13 @@ def rotations(quaternions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
     return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+
+
+def world_triangles(triangles: Floats, triangle_body: npt.NDArray[np.integer], world_from_bodies: Floats) -> Floats:
+    """[triangle, corner, xyz] in the world, bodies standing at these poses."""
+    pose = world_from_bodies[triangle_body].astype(np.float64)
+    turned = np.einsum("tij,tcj->tci", rotations(pose[:, 3:]), triangles.astype(np.float64))
+    return (turned + pose[:, None, :3]).astype(np.float32)
 
 
 def camera_axes(pose: Floats) -> tuple[Floats, Floats]:

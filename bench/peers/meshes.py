@@ -15,7 +15,7 @@ import numpy.typing as npt
 import stillroom
 
 from .embree import Embree, MovingScene
-from .export import Floats, rotations
+from .export import Floats, world_triangles
 from .shim import build
 
 
@@ -47,9 +47,7 @@ class Meshes:
 
     def world_triangles(self, poses: Floats) -> Floats:
         """[triangle, corner, xyz] in the world."""
-        pose = poses[self.triangle_body].astype(np.float64)
-        turned = np.einsum("tij,tcj->tci", rotations(pose[:, 3:]), self.triangles.astype(np.float64))
-        return (turned + pose[:, None, :3]).astype(np.float32)
+        return world_triangles(self.triangles, self.triangle_body, poses)
 
 
 def corners(model: mujoco.MjModel, mesh: int) -> Floats:
