@@ -8,7 +8,7 @@ use proto::checkpoint::{Machine, Manifest, ManifestError};
 use proto::config::StageConfig;
 use proto::digest::{Digest256, sha256};
 use proto::disk::{Disk, LocalDisk, TENSORS_BYTES_MOST};
-use proto::pin::pin;
+use proto::pin::{pin, unpin};
 use proto::run_folder::{RolloutName, RunFolder, write_pieces_atomically_on};
 use proto::stage::position_at;
 use proto::trained::History;
@@ -171,7 +171,10 @@ impl<D: Disk> Store<D> {
         self.check_run()?;
         self.write(&manifest_path, once(manifest.seal()))?;
         wire::fault::reach("learner.after_manifest");
-        if evaluated && let Err(cause) = pin(&self.run, snapshot.rollout) {
+        // One that was pinned before this learner went back may be damaged.
+        if evaluated
+            && let Err(cause) = unpin(&self.run, snapshot.rollout).and_then(|()| pin(&self.run, snapshot.rollout))
+        {
             tracing::warn!("the checkpoint at {} frames is not kept for its evaluation: {cause}", snapshot.frames);
         }
         wire::fault::reach("learner.after_pin");

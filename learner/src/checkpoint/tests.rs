@@ -375,6 +375,10 @@ fn one_that_is_to_be_evaluated_is_pinned_before_it_can_be_pruned() {
     assert!(!folder.path().join("checkpoints/rollout-00000001.json").exists());
     assert_eq!(read(&place.join("rollout-00000001.json")).unwrap().0.rollout, 1);
     assert!(!RunFolder::new(folder.path()).validation(2).exists());
+    // Damaged, and a learner that went back writes it again.
+    std::fs::write(place.join("rollout-00000001.safetensors"), "").unwrap();
+    store.save(&snapshot(1), &figures(1), true).unwrap();
+    assert_eq!(read(&place.join("rollout-00000001.json")).unwrap().0.rollout, 1);
 }
 
 fn files(folder: &tempfile::TempDir) -> [PathBuf; 2] {

@@ -7,8 +7,9 @@
 //!
 //! A crash can interrupt every arrow; [`Validation::open`] reads the state from the folder and continues. An evaluation
 //! that fails is made again. One that fails again and again is left to the next `resume`, also of a run that is complete
-//! otherwise: its checkpoint stays pinned, and the summary names it ([`Validation::missing`]). So the lines, and which
-//! checkpoint is the best, do not depend on what was killed.
+//! otherwise: its checkpoint stays pinned, and the summary names it ([`Validation::missing`]). A learner that went back
+//! and writes the checkpoint again pins it anew and has the evaluation tried again: the old one may have been damaged.
+//! So the lines, and which checkpoint is the best, do not depend on what was killed or damaged.
 
 use crate::output::format;
 use crate::process_end::wait_for_child;
@@ -103,7 +104,10 @@ impl Validation {
             let frames = match manifest {
                 Ok(manifest) => manifest.frames,
                 Err(error) => {
-                    tracing::warn!("the validation after rollout {rollout} is left out: {error:#}");
+                    tracing::warn!(
+                        "the validation after rollout {rollout} is left out unless its checkpoint is written again: \
+                         {error:#}"
+                    );
                     validation.unpin(rollout);
                     validation.failures.insert(rollout, TRIES);
                     continue;
@@ -151,10 +155,10 @@ impl Validation {
         }
         self.reached = self.reached.max(frames);
         let runs = self.running.as_ref().is_some_and(|running| running.rollout == rollout);
-        let given_up = self.failures.get(&rollout).is_some_and(|&failures| failures >= TRIES);
-        if runs || given_up || self.waiting.contains(&rollout) {
+        if runs || self.waiting.contains(&rollout) {
             return;
         }
+        self.failures.remove(&rollout);
         fault::reach("validation.before_pin");
         if let Err(error) = pin(&self.folder, rollout) {
             tracing::warn!("the checkpoint at {frames} frames is not kept for its validation yet: {error}");
@@ -511,7 +515,7 @@ pub mod tests {
     }
 
     #[test]
-    fn a_waiting_validation_whose_manifest_is_damaged_is_left_out() {
+    fn a_validation_whose_manifest_is_damaged_waits_until_it_is_written_again() {
         let (_temporary, folder, config) = run(&[3, 5]);
         let validation = Validation::open(&folder, &config).unwrap().unwrap();
         for rollout in [3, 5] {
@@ -522,9 +526,14 @@ pub mod tests {
         let text = String::from_utf8(manifest(5, 500)).unwrap();
         assert!(text.contains("500"));
         std::fs::write(&path, text.replace("500", "501")).unwrap();
-        let again = Validation::open(&folder, &config).unwrap().unwrap();
+        let mut again = Validation::open(&folder, &config).unwrap().unwrap();
         assert_eq!(again.missing(), [Missing::Validation(5)]);
-        assert_eq!((again.pinned().unwrap(), again.waiting, again.reached), (vec![3], VecDeque::from([3]), 300));
+        assert_eq!((again.pinned().unwrap(), again.reached), (vec![3], 300));
+        assert_eq!(again.waiting, [3]);
+        // The learner went back and has written it again.
+        again.checkpoint(5, 500);
+        assert_eq!(again.missing(), []);
+        assert_eq!((again.pinned().unwrap(), again.waiting), (vec![3, 5], VecDeque::from([3, 5])));
     }
 
     #[test]

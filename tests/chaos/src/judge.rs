@@ -60,7 +60,7 @@ pub fn explain(ended: &Ended, faults: &[Fault]) -> Result<()> {
 }
 
 fn explain_failure(ended: &Ended, faults: &[Fault]) -> Result<()> {
-    let mut is_explained = false;
+    let mut is_explained = ended.leaves_a_validation() && faults.iter().any(ends_evaluations);
     for line in ended.complaints() {
         for want in WANTS.iter().filter(|want| (want.is_named_in)(line)) {
             let holds = faults.iter().any(want.is_caused_by);
@@ -117,6 +117,16 @@ fn kills_the_first(fault: &Fault) -> bool {
     }
 }
 
+/// Whether it can end the evaluation beside a run as often as it is tried.
+fn ends_evaluations(fault: &Fault) -> bool {
+    WANTS.iter().any(|want| (want.is_caused_by)(fault))
+        || match fault {
+            Fault::Kill(who) | Fault::Terminate(who) => *who == Who::Child,
+            Fault::KillTwo(one, other) => [one, other].contains(&&Who::Child),
+            _ => false,
+        }
+}
+
 /// Learners and actors that it ends; full shared memory ends as many as touch it.
 fn deaths(fault: &Fault) -> u32 {
     let of = |who: &Who| u32::from(matches!(who, Who::Learner(_) | Who::Actor(_)));
@@ -147,7 +157,7 @@ mod tests {
     const FAILURE: i32 = 1 << 8;
 
     /// Ways to end before a command is complete: name, raw status, standard error.
-    const ENDS: [(&str, i32, &str); 16] = [
+    const ENDS: [(&str, i32, &str); 17] = [
         ("SIGKILL", 9, ""),
         ("SIGBUS", 7, ""),
         ("SIGINT", 2, ""),
@@ -173,6 +183,12 @@ mod tests {
         ("child killed", FAILURE, "tiny-5 failed: its process was killed by signal 9 (SIGKILL) (all it said: a.log)"),
         ("child stopped", FAILURE, "tiny-5 stopped"),
         ("deaths", FAILURE, "[   1.2s] ERROR actor-00 died 3 times while the run got no further, last with signal 9"),
+        (
+            "no validation",
+            FAILURE,
+            "[   3.5s]  WARN the validation after rollout 12 failed 3 times and is left to `orchestrator resume run`: it \
+             ended with exit status: 1",
+        ),
         // A warning is no reason.
         ("silent", FAILURE, "[   0.9s]  WARN the disk is full; /dev/shm; open files\nerror: no such device"),
     ];
@@ -188,9 +204,9 @@ mod tests {
             (Fault::Kill(Orchestrator), "SIGKILL"),
             (Fault::Kill(Learner(0)), ""),
             (Fault::Kill(Actor(1)), ""),
-            (Fault::Kill(Child), "child killed"),
+            (Fault::Kill(Child), "child killed, no validation"),
             (Fault::KillTwo(Actor(1), Orchestrator), "SIGKILL"),
-            (Fault::KillTwo(Child, Actor(0)), "child killed"),
+            (Fault::KillTwo(Child, Actor(0)), "child killed, no validation"),
             (Fault::KillTwo(Learner(0), Actor(0)), ""),
             (Fault::KillAll, "SIGKILL"),
             (Fault::KillAgain(Learner(0), 30), ""),
@@ -199,17 +215,17 @@ mod tests {
             (Fault::Terminate(Orchestrator), "SIGTERM, stopped, no result, child stopped"),
             (Fault::Terminate(Learner(0)), ""),
             (Fault::Terminate(Actor(0)), ""),
-            (Fault::Terminate(Child), "child stopped"),
+            (Fault::Terminate(Child), "child stopped, no validation"),
             (Fault::Interrupt, "SIGINT, stopped, no result, child stopped"),
             (point("orchestrator"), "SIGKILL"),
             (point("learner"), ""),
             (point("actor"), ""),
-            (Fault::FullDisk(700), "disk"),
-            (Fault::FullMemory(700), "memory, SIGBUS, deaths"),
+            (Fault::FullDisk(700), "disk, no validation"),
+            (Fault::FullMemory(700), "memory, SIGBUS, deaths, no validation"),
             (Fault::LosePower, "SIGKILL"),
             (Fault::Checkpoint(Damage::NoTensors), ""),
             (Fault::Metrics(Journal::Torn), ""),
-            (Fault::FewDescriptors(48), "few"),
+            (Fault::FewDescriptors(48), "few, no validation"),
             (Fault::FewDescriptors(ENOUGH_DESCRIPTORS), ""),
         ]
     }

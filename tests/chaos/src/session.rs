@@ -65,6 +65,13 @@ impl Ended {
         self.stderr.lines().filter(|line| !line.contains(" INFO ") && !line.contains(" WARN "))
     }
 
+    /// Whether a validation failed as often as it is tried: the next start makes it.
+    pub fn leaves_a_validation(&self) -> bool {
+        let is_left =
+            |line: &str| line.contains(" the validation after rollout ") && line.contains(" times and is left to ");
+        self.stderr.lines().any(is_left)
+    }
+
     /// The last lines that it printed, for a message.
     pub fn last_words(&self) -> String {
         let lines: Vec<&str> = self.stderr.lines().rev().filter(|line| !line.is_empty()).take(6).collect();
