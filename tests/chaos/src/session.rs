@@ -65,6 +65,15 @@ impl Ended {
         self.stderr.lines().filter(|line| !line.contains(" INFO ") && !line.contains(" WARN "))
     }
 
+    /// Names of the checkpoints that could not be written.
+    pub fn unwritten(&self) -> impl Iterator<Item = String> {
+        let path = |line: &'_ str| {
+            line.split_once("cannot write checkpoint ")?.1.split_once(": ").map(|(path, _)| path.to_owned())
+        };
+        let name = |path: String| Some(Path::new(&path).file_stem()?.to_string_lossy().into_owned());
+        self.stderr.lines().filter_map(path).filter_map(name)
+    }
+
     /// Whether a validation failed as often as it is tried: the next start makes it.
     pub fn leaves_a_validation(&self) -> bool {
         let is_left =

@@ -14,7 +14,7 @@ use anyhow::{Result, ensure};
 use proto::exit::EXIT_INCOMPLETE;
 use proto::run_folder::RunFolder;
 use rustix::process::Signal;
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::path::Path;
 use std::time::{Duration, Instant};
 use system_tests::{Evidence, Run};
@@ -50,6 +50,8 @@ struct Training<'a> {
     armed: Option<Fault>,
     /// Damaged files that no start has complained of since.
     unsaid: Vec<String>,
+    /// Checkpoints that a full disk kept from being written.
+    unwritten: BTreeSet<String>,
 }
 
 /// Runs a case to its end and reads what it left. What happened on the way is counted in `tally`.
@@ -70,6 +72,7 @@ pub fn train(case: &Case, place: &CaseFolder, privileges: Privileges, tally: &mu
         recent: vec![],
         armed: None,
         unsaid: vec![],
+        unwritten: BTreeSet::new(),
     };
     let mut starts = 0;
     let result = loop {
@@ -82,14 +85,16 @@ pub fn train(case: &Case, place: &CaseFolder, privileges: Privileges, tally: &mu
     for planned in training.plan.drain(..) {
         tally.add(planned.fault, Fate::Missed);
     }
-    let Training { folder, unsaid, .. } = training;
+    let Training { folder, unsaid, unwritten, .. } = training;
     wait_for_end(folder.root())?;
     let left = leftovers::of_run(&folder)?;
     if place.disk().is_some() {
         recover(place, &folder)?;
     }
     let replay = replay(place, folder.root())?;
-    Ok(Complete { evidence: Evidence::read(&Run { folder })?, result, replay, starts, unsaid, left })
+    let mut evidence = Evidence::read(&Run { folder })?;
+    evidence.unwritten = unwritten;
+    Ok(Complete { evidence, result, replay, starts, unsaid, left })
 }
 
 /// Repairs the recordings, as one does after a power failure: the end of one that was open may be damaged.
@@ -97,6 +102,10 @@ fn recover(place: &CaseFolder, folder: &RunFolder) -> Result<()> {
     let mut recordings: Vec<_> = std::fs::read_dir(folder.recordings())?.flatten().map(|entry| entry.path()).collect();
     recordings.sort_unstable();
     for (number, path) in recordings.iter().enumerate() {
+        // Nothing was written, or nothing of it had reached the disk.
+        if std::fs::metadata(path)?.len() == 0 {
+            continue;
+        }
         let name = path.display().to_string();
         let ended =
             Session::start(place, format!("recover-{number:02}"), &["recover", &name], &Start::default())?.wait()?;
@@ -144,6 +153,7 @@ impl Training<'_> {
             self.recent.push(armed);
         }
         self.unsaid.retain(|name| !ended.stderr.contains(name));
+        self.unwritten.extend(ended.unwritten());
         ended.ensure_no_panic()?;
         let recent = std::mem::take(&mut self.recent);
         if let Some(result) = self.result(&ended, &recent)? {
