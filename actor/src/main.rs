@@ -25,10 +25,16 @@ struct Arguments {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
+    let is_command = arguments.command.is_some();
     wire::logging::to_stderr();
     whereabouts::name_it_in_panics();
     match run(arguments) {
         Ok(()) => ExitCode::SUCCESS,
+        // To the user, not into a log.
+        Err(error) if is_command => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
         Err(error) => {
             let place = whereabouts::here().map(|here| format!(" ({here})")).unwrap_or_default();
             tracing::error!("{error:#}{place}");

@@ -111,7 +111,7 @@ pub fn main(version: &'static str) -> ExitCode {
         Command::Config(args) => command::config::run(args).map(done),
         Command::Presets(args) => command::presets::run(args).map(done),
         Command::Import(args) => command::import::run(args).map(done),
-        Command::Kitchens(args) => command::kitchens::run(args).map(done),
+        Command::Kitchens(args) => command::kitchens::run(args),
         Command::Replay(args) => command::replay::run(args),
         Command::Export(args) => command::export::run(args),
         Command::Recover(args) => command::recover::run(args),

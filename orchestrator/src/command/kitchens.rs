@@ -1,12 +1,12 @@
 //! This program links no physics: `actor kitchens` builds and draws them.
 
 use crate::preflight::programs;
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, bail};
 use proto::exit::how;
 use proto::kitchen::{KitchenChoice, KitchenId, KitchenRange};
 use proto::run_folder::unlike_a_flag;
 use std::path::PathBuf;
-use std::process::{Command, Stdio};
+use std::process::{Command, ExitCode, Stdio};
 
 /// Draw the kitchens or a scene of your own on one sheet, or write one as a glTF scene
 ///
@@ -48,7 +48,7 @@ fn one(text: &str) -> Result<KitchenId, String> {
     KitchenId::generated(number).map_err(|error| error.to_string())
 }
 
-pub fn run(args: &KitchensArgs) -> Result<()> {
+pub fn run(args: &KitchensArgs) -> Result<ExitCode> {
     let program = programs::find("actor")?;
     let mut command = Command::new(&program);
     command.arg("kitchens");
@@ -84,6 +84,7 @@ pub fn run(args: &KitchensArgs) -> Result<()> {
     let lifeline = actor.stdin.take();
     let status = actor.wait().with_context(|| format!("cannot wait for {}", program.display()))?;
     drop(lifeline);
-    ensure!(status.success(), "`actor kitchens` {}; its last messages are above", how(status));
-    Ok(())
+    // What went wrong it has printed itself.
+    let code = status.code().and_then(|code| u8::try_from(code).ok());
+    code.map(ExitCode::from).with_context(|| format!("`actor kitchens` {}", how(status)))
 }

@@ -47,6 +47,8 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         return Ok(());
     }
     let out = args.out.clone().unwrap_or_else(|| default_folder(&args.runs));
+    let is_file = out.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("html"));
+    ensure!(!is_file, "--out {} is to be a folder, for {PAGE} and {NUMBERS}: leave out .html", out.display());
     check_free(&out)?;
     let gathered = gather(&args.runs)?;
     let runs = gathered.runs.len();

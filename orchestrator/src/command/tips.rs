@@ -7,22 +7,24 @@ use proto::likeness::{likeness, nearest};
 /// What the standard library says of a word in a number's place.
 const NO_NUMBER: &str = "invalid digit found in string";
 
-const COMMANDS: [(&str, &[&str]); 6] = [
+const COMMANDS: [(&str, &[&str]); 7] = [
     ("up", &["train", "start", "run", "launch", "learn"]),
     ("eval", &["evaluate", "test", "enjoy", "validate"]),
-    ("view", &["tensorboard", "ui", "dashboard", "watch"]),
+    ("view", &["ui", "dashboard", "watch"]),
+    ("view` or `tensorboard --logdir RUN/tensorboard", &["tensorboard"]),
     ("stop", &["kill", "down", "cancel"]),
     ("resume", &["continue", "restart"]),
     ("status", &["ps", "info", "show"]),
 ];
 
 /// Options of other programs, and what says the same to `up`.
-const OPTIONS: [(&str, &[&str]); 7] = [
+const OPTIONS: [(&str, &[&str]); 8] = [
     ("--set ppo.learning_rate=RATE", &["--lr", "--learning-rate"]),
     ("--set ppo.rollout_steps=STEPS", &["--n-steps", "--num-steps", "--rollout"]),
     ("--actors N` times `--envs-per-actor N", &["--num-envs", "--n-envs", "--num-processes"]),
     ("--learners N", &["--gpus", "--num-gpus", "--nproc-per-node"]),
     ("--set learner.device=cuda", &["--device", "--cuda", "--gpu"]),
+    ("orchestrator resume RUN", &["--resume", "--continue", "--restore"]),
     ("--frames N", &["--steps", "--timesteps", "--total-timesteps"]),
     ("--run FOLDER", &["--out", "--output", "--output-dir", "--logdir", "--name", "--exp-name"]),
 ];
@@ -56,6 +58,12 @@ pub fn with_tip(mut error: clap::Error) -> clap::Error {
                 match word.as_str() {
                 word if usage.contains("orchestrator presets") && !word.starts_with('-') => {
                     Some(format!("`orchestrator config --preset {word}` prints a preset"))
+                }
+                word if usage.contains("orchestrator kitchens") && word.parse::<u32>().is_ok() => {
+                    Some(format!("it is drawn by `--kitchens {word}`"))
+                }
+                word if usage.contains("orchestrator [OPTIONS] <COMMAND>") && word.starts_with("--") => {
+                    Some(format!("a command comes first, as in `orchestrator up {word}`"))
                 }
                 word if usage.contains("orchestrator scale") && word.parse::<u32>().is_ok() => {
                     Some(format!("their number is given as `--actors {word}`"))
@@ -92,8 +100,9 @@ pub fn with_tip(mut error: clap::Error) -> clap::Error {
         error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
     }
     let said = error.to_string();
-    if said.contains(NO_NUMBER) {
-        let said = said.trim_start_matches("error: ").replace(NO_NUMBER, "expected a whole number");
+    let readable = said.replace(NO_NUMBER, "expected a whole number").replace(" is not in ", " is outside ");
+    if readable != said {
+        let said = readable.trim_start_matches("error: ").replace("..=", " to ");
         return clap::Error::raw(error.kind(), said);
     }
     error
@@ -113,6 +122,10 @@ mod tests {
             (&["evaluate", "runs/a"], "tip: `orchestrator eval` does that"),
             (&["resume", "runs/a", "--preset", "demo"], "tip: a run keeps its settings"),
             (&["upp"], "'up'"),
+            (&["--preset", "demo"], "tip: a command comes first, as in `orchestrator up --preset`"),
+            (&["kitchens", "7"], "tip: it is drawn by `--kitchens 7`"),
+            (&["tensorboard"], "tip: `orchestrator view` or `tensorboard --logdir RUN/tensorboard` does that"),
+            (&["up", "--resume", "runs/a"], "tip: here it is `orchestrator resume RUN`"),
             (&["trian"], "tip: `orchestrator up` does that"),
             (&["presets", "--jsn"], "tip: a similar argument exists: '--json'"),
             (&["presets", "demo"], "tip: `orchestrator config --preset demo` prints a preset"),
@@ -131,6 +144,7 @@ mod tests {
         for (words, said) in [
             (["eval", "runs/a", "--run", "b"], "unexpected argument '--run'"),
             (["eval", "runs/a", "--episodes", "many"], "expected a whole number"),
+            (["kitchens", "--width", "9", "--gltf"], "9 is outside 320 to 8192"),
             // It is like `validate`, and was answered with `orchestrator eval`.
             (["delete", "runs/a", "--run", "b"], "unrecognized subcommand"),
         ] {
