@@ -6,7 +6,7 @@
 use crate::replay::film::moment;
 use anyhow::{Context, Result, ensure};
 use engine::whereabouts;
-use picture::{Captions, Moment, Orbit, Scene};
+use picture::{Captions, Moment, NIGHT, Orbit, PAPER, Rgb, Scene};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
@@ -83,14 +83,15 @@ impl KitchensInUse {
                 let shown = self.open(name, &setup, &episode)?;
                 Ok((ShowAnswer::Opened(Box::new(shown)), Vec::new()))
             }
-            ShowRequest::Draw { name, step, view, width, height, fine } => {
+            ShowRequest::Draw { name, step, view, width, height, fine, dark } => {
                 let sides = SIDE_MIN..=SHOWN_SIDE_MAX;
                 ensure!(
                     sides.contains(&width) && sides.contains(&height),
                     "pictures are {SIDE_MIN} to {SHOWN_SIDE_MAX} pixels wide and high, not {width} by {height}"
                 );
                 let Some(kept) = self.kept(&name) else { return Ok((ShowAnswer::NotOpen, Vec::new())) };
-                let picture = kept.draw(step as usize, &view, (width as usize, height as usize), fine)?;
+                let background = if dark { NIGHT } else { PAPER };
+                let picture = kept.draw(step as usize, &view, (width as usize, height as usize), fine, background)?;
                 Ok((ShowAnswer::Picture { bytes: picture.len() as u64 }, picture))
             }
         }
@@ -166,15 +167,22 @@ impl KitchensInUse {
 }
 
 impl Kept {
-    fn draw(&mut self, step: usize, view: &ShowView, size: (usize, usize), fine: bool) -> Result<Vec<u8>> {
+    fn draw(
+        &mut self,
+        step: usize,
+        view: &ShowView,
+        size: (usize, usize),
+        fine: bool,
+        background: Rgb,
+    ) -> Result<Vec<u8>> {
         let moment = moment_of(&self.moments, step)?;
         let picture = match view {
             ShowView::Orbit(orbit) => {
                 let orbit = checked(orbit)?;
-                self.scene.orbit(moment, &orbit, size, fine)
+                self.scene.orbit(moment, &orbit, size, fine, background)
             }
             ShowView::Depth => self.scene.depth(moment, &mut self.camera, size.0),
-            ShowView::Plan => self.scene.plan(size.0),
+            ShowView::Plan => self.scene.plan(size.0, background),
         };
         Ok(picture.png()?)
     }

@@ -31,6 +31,8 @@ pub enum ShowRequest {
         height: u32,
         /// With soft light from all over; without it a picture takes a fraction of the time.
         fine: bool,
+        /// Where there is no room, the picture is dark, as the page around it.
+        dark: bool,
     },
 }
 

@@ -81,12 +81,11 @@ impl Report {
         let groups = groups(runs)?;
         notes.extend(groups.iter().filter(|group| group.unknown()).map(|group| {
             let names: Vec<&str> = group.runs.iter().map(|run| run.name.as_str()).collect();
-            format!(
-                "{}: the run was not given, and its folder is not where it was ({}). How the weights were trained is not \
-                 known, so they stand in no row of the paper.",
-                group.label,
-                names.join(", ")
-            )
+            let why = match &group.runs[0].origin {
+                Origin::Policy(_) => "a policy file does not say how its weights were trained",
+                _ => "the run is not where it was: give its folder, too. How the weights were trained is not known",
+            };
+            format!("{} ({}): {why}, so they stand in no row of the paper.", group.label, names.join(", "))
         }));
         let results = |group| GroupResults { group, results: results(group, options, &mut notes) };
         let entries: Vec<GroupResults<'_>> = groups.iter().map(results).collect();

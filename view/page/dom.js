@@ -38,6 +38,9 @@ export function css(name) {
   return inks.get(name);
 }
 
+/** Whether the page is dark: by the reader's choice, or as the system. */
+export const isDark = () => document.documentElement.style.colorScheme === "dark" || (!document.documentElement.style.colorScheme && matchMedia("(prefers-color-scheme: dark)").matches);
+
 function recolour(scheme, tell = true) {
   document.documentElement.style.setProperty("color-scheme", scheme);
   inks.clear();
@@ -131,3 +134,22 @@ export function every(milliseconds, signal, work) {
   };
   round();
 }
+
+/** Says what is waited for, and counts the seconds. `words`: may be put in other words. */
+export function waiting(text, signal) {
+  const [words, taken, begun] = [h("span", {}, text), h("span", { "aria-hidden": "true" }), performance.now()];
+  every(1000, signal, () => { taken.textContent = ` … ${Math.round((performance.now() - begun) / 1000)} s`; });
+  return { words, element: h("p", { class: "soft", role: "status" }, words, taken) };
+}
+
+/** Heads of columns that sort by a click: largest first, smallest first, and back. `asked` has `sort` and `descending`. */
+export function sorters(columns, asked, changed) {
+  return columns.map(([label, name, kind]) => h("th", { scope: "col", class: kind, "aria-sort": "none", "data-column": name }, h("button", {
+    onclick: () => {
+      [asked.sort, asked.descending] = asked.sort !== name ? [name, "true"] : asked.descending === "true" ? [name, ""] : ["", ""];
+      changed();
+    },
+  }, label)));
+}
+
+export const showOrder = (heads, asked) => heads.forEach((one) => one.setAttribute("aria-sort", asked.sort !== one.dataset.column ? "none" : asked.descending === "true" ? "descending" : "ascending"));

@@ -1,6 +1,6 @@
 // The pages of one episode, and of two side by side.
 
-import { h, hand, json, notice, replace, say } from "./dom.js";
+import { h, hand, json, notice, replace, say, waiting } from "./dom.js";
 import { film, kinds } from "./film.js";
 import { outcome } from "./format.js";
 import { Stage, Strip, explained } from "./stage.js";
@@ -102,9 +102,9 @@ const keep = (base) => {
 };
 
 export async function showEpisode(root, run, key, query, signal) {
-  const state = h("p", { class: "soft", role: "status" }, "The episode is simulated again …");
-  replace(root, state);
-  const stage = await Stage.open(run, key, signal, (why) => { state.textContent = `${why} …`; });
+  const { element, words } = waiting("The kitchen is built, and the episode simulated again", signal);
+  replace(root, element);
+  const stage = await Stage.open(run, key, signal, (why) => { words.textContent = why; });
   const player = new Player([stage], signal, keep(`#/run/${encodeURIComponent(run)}/episode/${key}`));
   replace(root, stage.title(), stage.problem,
     h("div", { class: "episode" },
@@ -145,7 +145,7 @@ export async function showCompare(root, runs, query, signal) {
   const base = (name) => `#/compare/${runs.map(encodeURIComponent).join("/")}?episode=${encodeURIComponent(name)}`;
   const picker = h("select", { onchange: () => { location.hash = base(picker.value); } }, both.map((name) => h("option", { value: name, selected: name === asked }, label(name))));
   replace(root, h("div", { class: "row between" }, h("h1", {}, "Side by side"), h("label", {}, "episode", picker)), cut, place);
-  replace(place, h("p", { class: "soft", role: "status" }, "Both are simulated again …"));
+  replace(place, waiting("Both are simulated again", signal).element);
   const keys = [ones, others].map((all) => all.get(asked).key);
   const stages = [await Stage.open(runs[0], keys[0], signal), await Stage.open(runs[1], keys[1], signal)];
   const player = new Player(stages, signal, keep(base(asked)));

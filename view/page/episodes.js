@@ -1,6 +1,6 @@
 // The table of episodes: filtered and sorted by the server, a page at a time.
 
-import { every, h, json, notice, replace } from "./dom.js";
+import { every, h, json, notice, replace, showOrder, sorters } from "./dom.js";
 import { count, number, outcome, percent, words } from "./format.js";
 import { paintEnd } from "./stage.js";
 
@@ -30,14 +30,6 @@ export async function showEpisodes(root, run, query, signal) {
   const status = h("p", { class: "soft small", role: "status" });
   const notes = h("div", {});
   const films = h("p", { class: "soft small", hidden: true }, "`orchestrator replay RUN --environment E --episode N` makes a film of one.");
-  const sorter = ([label, name, kind]) => h("th", { scope: "col", class: kind, "aria-sort": "none", "data-column": name }, h("button", {
-    onclick: () => {
-      // Largest first, smallest first, and back to the newest first.
-      const order = asked.sort !== name ? [name, "true"] : asked.descending === "true" ? [name, ""] : ["", ""];
-      [asked.sort, asked.descending] = order;
-      change("offset", "0");
-    },
-  }, label));
   const whole = h("input", { type: "checkbox", onchange: () => load() });
   // Of a run at work rows are soon others, and pictures would take from its speed.
   const pictured = ({ elsewhere }) => !elsewhere && card.state !== "running";
@@ -135,11 +127,11 @@ export async function showEpisodes(root, run, query, signal) {
       const first = (page.elsewhere ? [["Environment", "kitchen", "optional"], ...COLUMNS.slice(1)] : COLUMNS).filter(([, name]) => name !== "target" || page.targets.length);
       const names = [...first, ...figures].map(([, name]) => name).join();
       if (heads.map((one) => one.dataset.column).join() !== names) {
-        heads = [...first, ...figures].map(sorter);
+        heads = sorters([...first, ...figures], asked, () => change("offset", "0"));
         figures.forEach(([, , , doc], at) => { heads[first.length + at].title = doc; });
         replace(head, pictured(page) ? h("th", {}, h("span", { class: "unseen" }, "Its end")) : null, heads);
       }
-      heads.forEach((one) => one.setAttribute("aria-sort", asked.sort !== one.dataset.column ? "none" : asked.descending === "true" ? "descending" : "ascending"));
+      showOrder(heads, asked);
       const text = JSON.stringify([page.rows, names]);
       if (text === shown) return;
       shown = text;

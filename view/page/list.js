@@ -1,6 +1,6 @@
 // The list of runs with their state.
 
-import { every, h, json, notice, replace } from "./dom.js";
+import { every, h, json, notice, replace, showOrder, sorters } from "./dom.js";
 import { count, date, duration, figure } from "./format.js";
 
 export const stateWord = (state) => h("span", { class: `state ${state.replace(/ /g, "-")}` }, state || "?");
@@ -10,7 +10,14 @@ export function progress(share, label) {
   return h("div", { class: "bar", role: "img", "aria-label": label ?? width }, h("i", { style: { width } }));
 }
 
-export async function showList(root, signal) {
+/** What a card is sorted by; in a column that it has not it comes last. */
+function place(card, column) {
+  const own = { run: card.id, progress: card.done / card.budget, begun: card.created_unix_s };
+  return column in own ? own[column] : card.figures?.[card.metrics.find(({ label }) => label === column)?.name];
+}
+
+export async function showList(root, query, signal) {
+  const asked = { sort: query.get("sort") ?? "", descending: query.get("descending") ?? "" };
   const chosen = new Set();
   const together = h("button", { hidden: true, onclick: () => { location.hash = `#/run/${[...chosen].join("+")}`; } }, "Show together");
   const beside = h("button", { hidden: true, onclick: () => { location.hash = `#/compare/${[...chosen].join("/")}`; } }, "Side by side");
@@ -20,7 +27,20 @@ export async function showList(root, signal) {
   const head = h("thead");
   // Of all tasks that runs here have.
   let metrics = [];
-  const heads = () => ["", "Run", "Progress", ...metrics, "Begun"].map((name, at) => h("th", { scope: "col", class: at > 4 ? "optional" : null }, name || h("span", { class: "unseen" }, "Choose")));
+  let cards = [];
+  /** The newest first, unless a column's head was clicked. */
+  const order = () => {
+    showOrder([...head.querySelectorAll("[data-column]")], asked);
+    const sign = asked.descending ? -1 : 1;
+    const value = (card) => (asked.sort ? place(card, asked.sort) ?? null : 0);
+    const compare = (one, other) => (one === null) - (other === null) || sign * ((one > other) - (one < other));
+    replace(body, [...cards].sort((a, b) => compare(value(a), value(b))).map(row));
+  };
+  const sort = () => {
+    for (const [name, value] of Object.entries(asked)) if (value) query.set(name, value); else query.delete(name);
+    history.replaceState(null, "", `#/${query.size ? `?${query}` : ""}`);
+    order();
+  };
   replace(root,
     h("div", { class: "row between" }, h("h1", {}, "Runs"), h("div", { class: "row" }, hint, together, beside)),
     h("div", { class: "card scroll" },
@@ -55,14 +75,16 @@ export async function showList(root, signal) {
   let shown = "";
   every(3000, signal, async () => {
     try {
-      const cards = await json("/api/runs", { signal });
+      cards = await json("/api/runs", { signal });
       const text = JSON.stringify(cards);
       if (text === shown) return;
       shown = text;
       const focused = document.activeElement?.getAttribute("aria-label") ?? document.activeElement?.getAttribute("href");
       metrics = [...new Set(cards.flatMap((card) => card.metrics.map(({ label }) => label)))];
-      replace(head, h("tr", {}, heads()));
-      replace(body, cards.map(row));
+      const columns = [["Run", "run"], ["Progress", "progress"], ...metrics.map((label, at) => [label, label, at > 1 ? "optional" : null]), ["Begun", "begun", "optional"]];
+      if (head.dataset.columns !== metrics.join()) replace(head, h("tr", {}, h("th", {}, h("span", { class: "unseen" }, "Choose")), sorters(columns, asked, sort)));
+      head.dataset.columns = metrics.join();
+      order();
       // Rows are new elements: the keyboard stays where it was.
       if (focused) body.querySelector(`[aria-label="${CSS.escape(focused)}"], [href="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
       empty.textContent = cards.length ? "" : "No run yet. Start one with `orchestrator up`: it appears here.";

@@ -49,7 +49,7 @@ async function show() {
       await showPlay(root, signal);
     } else if (!kind) {
       title("Runs", []);
-      await showList(root, signal);
+      await showList(root, query, signal);
     } else if (kind === "run" && what === "episodes") {
       title(`Episodes of ${first}`, [crumb(first, run), crumb("episodes")]);
       await showEpisodes(root, first, query, signal);

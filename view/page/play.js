@@ -1,6 +1,6 @@
 // A policy that plays: one of its environments after the other, step by step, as fast as steps come.
 
-import { h, json, notice, pause, replace, say } from "./dom.js";
+import { h, json, notice, pause, replace, say, waiting } from "./dom.js";
 import { count, figure, outcome } from "./format.js";
 import { Stage, explained } from "./stage.js";
 
@@ -10,17 +10,39 @@ const CATCH_UP = 2;
 /** How long the end of an episode is looked at, and how long to wait where there is nothing new, milliseconds. */
 const END = 2500;
 const LOOK = 400;
+/** So long without a step it says what it waits for, milliseconds. */
+const SILENCE = 1500;
 
 /** The environment that is watched. The evaluation may be another one when all episodes have been played. */
 class SceneRenderer {
   constructor(root, signal) {
-    Object.assign(this, { signal, run: null, chosen: null, live: null });
+    Object.assign(this, { signal, run: null, chosen: null, live: null, still: false });
     this.title = h("h1", {}, "A policy at work");
     this.tally = h("span", { class: "soft small", role: "status" }, "the policy starts");
     this.picker = h("select", { "aria-label": "Kitchen", hidden: true, onchange: () => { this.chosen = this.picker.value; } });
     this.link = h("a", { href: "#/?all", hidden: true }, "Figures and all episodes");
-    this.place = h("div", {}, notice("An episode is simulated and drawn: seconds on an idle machine, longer on a busy one."));
-    replace(root, h("div", { class: "row between" }, h("div", { class: "row" }, this.title, this.tally), h("div", { class: "row" }, this.picker, this.link)), this.place);
+    this.button = h("button", { "aria-pressed": "false", hidden: true, onclick: () => this.toggle() }, "Pause");
+    this.wait = waiting("The policy is loaded, and its kitchens are built", signal);
+    this.place = h("div", {});
+    replace(root, h("div", { class: "row between" }, h("div", { class: "row" }, this.title, this.tally), h("div", { class: "row" }, this.button, this.picker, this.link)), this.wait.element, this.place);
+  }
+
+  /** Says what it waits for; nothing without a text. */
+  waits(text) {
+    if (text && text !== this.wait.words.textContent) {
+      const next = waiting(text, this.signal);
+      this.wait.element.replaceWith(next.element);
+      this.wait = next;
+    }
+    // Its line stays: nothing jumps.
+    this.wait.element.style.visibility = text ? "visible" : "hidden";
+  }
+
+  toggle() {
+    this.still = !this.still;
+    this.button.textContent = this.still ? "Go on" : "Pause";
+    this.button.setAttribute("aria-pressed", String(this.still));
+    say(this.still ? "paused" : "goes on");
   }
 
   /** Looks how the newest evaluation stands; whether there is something to see. */
@@ -48,22 +70,30 @@ class SceneRenderer {
   /** Shows an episode to its end, or until another kitchen is chosen; it may still go on. */
   async show(key) {
     const { signal, run, chosen } = this;
+    this.waits(`The newest episode in kitchen ${chosen.split("/")[0]} is simulated up to here`);
     const stage = await Stage.open(run, key, signal);
+    this.waits("");
+    this.button.hidden = false;
     const end = h("span", {});
     replace(this.place, h("div", { class: "episode" },
       h("div", { class: "stack" }, h("section", { class: "card stack", "aria-label": "The room" },
         h("div", { class: "row between" }, h("strong", {}, stage.episode.target ?? ""), end), stage.problem, stage.orbit.element, stage.words,
-        explained())),
+        explained(), h("p", { class: "small soft keys" }, h("kbd", {}, "space"), " pause  ", h("kbd", {}, "arrows"), " turn  ", h("kbd", {}, "+"), " ", h("kbd", {}, "−"), " zoom  ", h("kbd", {}, "0"), " back, in the picture"))),
       h("div", { class: "side" }, h("figure", { class: "card" }, h("figcaption", {}, "What the robot sees"), h("div", { class: "picture" }, stage.depth)), h("figure", { class: "card" }, h("figcaption", {}, "Floor plan and way"), stage.plan.element),
         h("section", { class: "card" }, stage.moved))));
     this.camera(stage);
     stage.show(0);
     this.place.dataset.episode = key;
+    let newest = performance.now();
     for (let step = 1; !signal.aborted && this.chosen === chosen;) {
-      if (step <= stage.last) {
+      if (this.still) {
+        await pause(LOOK / 4, signal);
+      } else if (step <= stage.last) {
         stage.show(step);
         this.place.dataset.step = String(step);
         step += 1;
+        newest = performance.now();
+        this.waits("");
         await pause(1000 / Math.max(SPEED, (stage.last - step) / CATCH_UP), signal);
       } else if (stage.episode.outcome !== "unfinished") {
         const ended = outcome(stage.episode.outcome);
@@ -72,6 +102,7 @@ class SceneRenderer {
         await pause(END, signal);
         return;
       } else {
+        if (performance.now() - newest > SILENCE) this.waits("The policy's next step is waited for");
         await pause(LOOK, signal);
         stage.episode = await json(`/api/runs/${encodeURIComponent(run)}/episodes/${key}`, { signal });
         // A newer one has begun, and this one was cut off.
@@ -90,12 +121,21 @@ class SceneRenderer {
 
 export async function showPlay(root, signal) {
   const renderer = new SceneRenderer(root, signal);
+  addEventListener("keydown", (event) => {
+    if (event.key !== " " || event.target.closest("select, button, a, summary")) return;
+    event.preventDefault();
+    renderer.toggle();
+  }, { signal });
   let shown = null;
   while (!signal.aborted) {
     try {
       const key = await renderer.look() ? await renderer.newest() : null;
       const place = `${renderer.run} ${key}`;
-      if (key === null || place === shown) { await pause(LOOK, signal); continue; }
+      if (key === null || place === shown) {
+        if (renderer.chosen) renderer.waits(`${shown ? "The next" : "The first"} episode in kitchen ${renderer.chosen.split("/")[0]} is waited for`);
+        await pause(LOOK, signal);
+        continue;
+      }
       await renderer.show(key);
       shown = place;
     } catch (error) {

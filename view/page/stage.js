@@ -1,6 +1,6 @@
 // One episode on stage: the room from a free camera, what the robot sees, the floor plan, and what happens.
 
-import { ask, css, h, json, replace, svg } from "./dom.js";
+import { ask, css, h, isDark, json, replace, svg, waiting } from "./dom.js";
 import { action, metres, number, outcome, quantity, signed, words } from "./format.js";
 
 export function pictureAddress(run, key, query) {
@@ -19,14 +19,18 @@ export class Painter {
     }
     this.busy = true;
     this.waits(true);
+    if (!this.asked) addEventListener("recolour", () => this.paint(this.asked, signal).catch(() => {}), { signal });
+    this.asked = address;
+    // Where there is no room the picture is as light or dark as the page.
+    const wanted = isDark() ? `${address}&dark=true` : address;
     try {
-      if (address !== this.shown) {
-        const blob = await (await ask(address, { signal })).blob();
+      if (wanted !== this.shown) {
+        const blob = await (await ask(wanted, { signal })).blob();
         const picture = await createImageBitmap(blob);
         Object.assign(this.canvas, { width: picture.width, height: picture.height });
         this.canvas.getContext("2d").drawImage(picture, 0, 0);
         picture.close();
-        this.shown = address;
+        this.shown = wanted;
       }
       return true;
     } finally {
@@ -41,9 +45,9 @@ export class Painter {
 
 /** Paints an episode's last moment. */
 export async function paintEnd(canvas, run, key, signal) {
-  const { orbit, moments } = await json(`/api/runs/${encodeURIComponent(run)}/episodes/${key}`, { signal });
+  const { orbit, moments } = await json(`/api/runs/${encodeURIComponent(run)}/episodes/${key}?later=true`, { signal });
   const step = moments.length - 1;
-  await new Painter(canvas).paint(pictureAddress(run, key, { view: "orbit", ...orbitQuery(orbit), step, width: 320, height: 240, fine: true, of: step }), signal);
+  await new Painter(canvas).paint(pictureAddress(run, key, { view: "orbit", ...orbitQuery(orbit), step, width: 320, height: 240, fine: true, of: step, later: true }), signal);
   canvas.dataset.step = String(step);
 }
 
@@ -67,7 +71,8 @@ class OrbitView {
       oncontextmenu: (event) => event.preventDefault(),
     });
     this.busy = h("span", { class: "busy" }, "drawing");
-    this.element = h("div", { class: "picture" }, this.canvas, this.busy);
+    this.first = h("div", { class: "first" }, waiting("The room is drawn", stage.signal).element);
+    this.element = h("div", { class: "picture" }, this.canvas, this.first, this.busy);
     this.painter = new Painter(this.canvas, (waits) => this.element.classList.toggle("waits", waits));
     this.home();
   }
@@ -144,15 +149,16 @@ class OrbitView {
   /** A draft at once, and soft light when nothing has changed for a moment after it. */
   draw() {
     clearTimeout(this.timer);
-    const { signal } = this.stage;
-    const { step: shown = String(this.step) } = this.canvas.dataset;
-    this.busy.textContent = shown === String(this.step) ? "drawing" : `still step ${shown}: drawing step ${this.step}`;
+    const { step, stage: { signal } } = this;
+    const { step: shown = String(step) } = this.canvas.dataset;
+    this.busy.textContent = shown === String(step) ? "drawing" : `still step ${shown}: drawing step ${step}`;
     const failed = (error) => this.stage.fail(error);
-    const refine = () => this.painter.paint(this.address(true), signal).then((painted) => { if (painted) this.canvas.dataset.fine = String(this.step); }, failed);
+    const refine = () => this.painter.paint(this.address(true), signal).then((painted) => { if (painted) this.canvas.dataset.fine = String(step); }, failed);
     this.painter.paint(this.address(false), signal).then((painted) => {
       // Of those that were overtaken the newest draws on.
       if (!painted) return;
-      this.canvas.dataset.step = String(this.step);
+      this.canvas.dataset.step = String(step);
+      this.first.remove();
       clearTimeout(this.timer);
       this.timer = setTimeout(refine, 350);
     }, failed);
@@ -167,12 +173,14 @@ class PlanView {
     this.canvas = h("canvas", { width: 420, height: 420, "aria-hidden": "true" });
     this.overlay = svg("svg", { viewBox: `${x - half} ${-z - half} ${2 * half} ${2 * half}`, role: "img" });
     this.element = h("div", { class: "plan" }, this.canvas, this.overlay);
-    new Painter(this.canvas).paint(stage.address({ view: "plan", step: 0, width: 640 }), stage.signal).catch((error) => stage.fail(error));
   }
 
   /** Only what the task has channels for is drawn. */
   draw(step) {
-    const { moments, goal_tolerance_m: reach, things } = this.stage.episode;
+    const { stage } = this;
+    // After the room's first picture: its soft light takes long.
+    this.floor ??= new Painter(this.canvas).paint(stage.address({ view: "plan", step: 0, width: 640 }), stage.signal).catch((error) => stage.fail(error));
+    const { moments, goal_tolerance_m: reach, things } = stage.episode;
     const now = moments[step];
     // Of a place in the room that on the floor; of two numbers both are.
     const place = (moment, name) => { const at = moment.channels[name]; return at && [at[0], -at.at(-1)]; };

@@ -23,7 +23,8 @@ use std::sync::Arc;
 struct Server {
     readings: Readings,
     run_feeds: RunFeeds,
-    scene_renderer: SceneRenderer,
+    /// For what a visitor looks at, and for what may come later: that holds up nothing.
+    scene_renderers: [SceneRenderer; 2],
     opening: Arc<Opening>,
 }
 
@@ -35,11 +36,11 @@ pub struct Opening {
     pub version: &'static str,
 }
 
-pub fn router(runs: Arc<dyn Runs>, scene_renderer: SceneRenderer, token: Arc<str>, opening: Opening) -> Router {
+pub fn router(runs: Arc<dyn Runs>, scene_renderers: [SceneRenderer; 2], token: Arc<str>, opening: Opening) -> Router {
     let server = Server {
         run_feeds: RunFeeds::new(Arc::clone(&runs)),
         readings: Readings::of(runs),
-        scene_renderer,
+        scene_renderers,
         opening: Arc::new(opening),
     };
     let mut router = Router::new()
@@ -69,11 +70,11 @@ impl Server {
         self.readings.read(move |runs| ask(runs).map(|value| text(&value))).await.map(json)
     }
 
-    async fn open(&self, run: &str, key: EpisodeKey, name: &str) -> Result<ShowAnswer, Refusal> {
+    async fn open(&self, run: &str, key: EpisodeKey, later: bool) -> Result<ShowAnswer, Refusal> {
         let owned = run.to_owned();
         let (setup, episode) = self.readings.read(move |runs| runs.recorded(&owned, key)).await?;
-        let request = ShowRequest::Open { name: name.to_owned(), setup, episode: Box::new(episode) };
-        let (answer, _) = self.scene_renderer.ask(request).await?;
+        let request = ShowRequest::Open { name: name_of(run, key), setup, episode: Box::new(episode) };
+        let (answer, _) = self.scene_renderers[usize::from(later)].ask(request).await?;
         match answer {
             ShowAnswer::Failed { problem } => Err(Refusal(StatusCode::UNPROCESSABLE_ENTITY, problem)),
             answer => Ok(answer),
@@ -148,10 +149,20 @@ async fn newest(
     server.answer(move |runs| runs.newest(&run, kitchen, environment)).await
 }
 
-async fn episode(State(server): State<Server>, Path((run, key)): Path<(String, String)>) -> Result<Response, Refusal> {
-    let parsed: EpisodeKey = key.parse()?;
-    let opened = server.open(&run, parsed, &name_of(&run, parsed)).await?;
-    match opened {
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct OpenQuery {
+    #[serde(default)]
+    later: bool,
+}
+
+async fn episode(
+    State(server): State<Server>,
+    Path((run, key)): Path<(String, String)>,
+    query: Result<Query<OpenQuery>, QueryRejection>,
+) -> Result<Response, Refusal> {
+    let OpenQuery { later } = understood(query)?;
+    match server.open(&run, key.parse()?, later).await? {
         ShowAnswer::Opened(shown) => Ok(json(text(&shown))),
         _ => Err(unasked()),
     }
@@ -174,6 +185,10 @@ struct PictureQuery {
     height: Option<u32>,
     #[serde(default)]
     fine: bool,
+    #[serde(default)]
+    dark: bool,
+    #[serde(default)]
+    later: bool,
     /// Of a free camera: middle and radius (metres), yaw and pitch (radians).
     #[serde(default)]
     x: f32,
@@ -222,14 +237,15 @@ async fn picture(
 ) -> Result<Response, Refusal> {
     let query = understood(query)?;
     let key: EpisodeKey = key.parse()?;
-    let (name, view) = (name_of(&run, key), query.view()?);
+    let view = query.view()?;
     let (width, height) = (query.width, query.height.unwrap_or(query.width));
-    let request = ShowRequest::Draw { name: name.clone(), step: query.step, view, width, height, fine: query.fine };
-    let ask = || async { server.scene_renderer.ask(request.clone()).await };
+    let PictureQuery { step, fine, dark, later, .. } = query;
+    let request = ShowRequest::Draw { name: name_of(&run, key), step, view, width, height, fine, dark };
+    let ask = || async { server.scene_renderers[usize::from(later)].ask(request.clone()).await };
     let (mut answer, mut bytes) = ask().await?;
     if answer == ShowAnswer::NotOpen {
         // The simulator was started again, or has opened many others since.
-        server.open(&run, key, &name).await?;
+        server.open(&run, key, later).await?;
         (answer, bytes) = ask().await?;
     }
     match answer {

@@ -76,14 +76,15 @@ impl Runs for One {
     }
 }
 
-/// A simulator: opens nothing until it is asked to, then draws `PNG!`; dies when step 13 is drawn, and talks nonsense
-/// at step 14.
+/// A simulator: opens nothing until it is asked to, then draws `PNG!`; dies when step 13 is drawn, talks nonsense at
+/// step 14, and never ends with step 15.
 const SIMULATOR: &str = r#"#!/bin/sh
 open=
 while read -r line; do
   case "$line" in
     *'"step":13'*) exit 3 ;;
     *'"step":14'*) echo nonsense ;;
+    *'"step":15'*) exec sleep 3600 ;;
     *'"open"'*) open=yes; echo '{"picture":{"bytes":0}}' ;;
     *) if [ "$open" ]; then printf '{"picture":{"bytes":4}}\nPNG!'; else echo '"not_open"'; fi ;;
   esac
@@ -453,6 +454,17 @@ fn a_simulator_that_dies_or_talks_nonsense_is_started_again() {
     assert_eq!(unknown.status, 404);
     assert_eq!(server.get("/api/runs/a/episodes/77-0-0").status, 404, "no such kitchen");
     assert_eq!(server.get("/api/runs/long/episodes/1-0-0").status, 503, "a page asks again, with a bound");
+}
+
+#[test]
+fn what_may_come_later_holds_up_nothing_that_is_looked_at() {
+    let server = Server::start();
+    let mut thumbnail = server.connect();
+    let path = "/api/runs/a/episodes/1-0-0/picture?view=depth&step=15&width=64&later=true";
+    write!(thumbnail, "GET {path} HTTP/1.1\r\nHost: {}\r\n{TOKEN}\r\n", server.address).expect("the server reads");
+    thumbnail.set_read_timeout(Some(Duration::from_millis(500))).expect("a timeout");
+    assert!(thumbnail.read(&mut [0]).is_err(), "it is still drawn");
+    assert_eq!(server.get("/api/runs/a/episodes/1-0-0/picture?view=depth&step=1&width=64").body, "PNG!");
 }
 
 proptest! {

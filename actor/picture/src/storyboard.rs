@@ -1,9 +1,10 @@
 use super::camera::Camera;
-use super::canvas::{Canvas, Rgb};
+use super::canvas::{Canvas, Rgb, mix};
 use super::depth_view::{depth_view, mark};
+use super::marks::{GOAL, TARGET};
 use super::model::Model;
 use super::moment::{Captions, Moment, Task};
-use super::scene::{PAPER, Scene};
+use super::scene::{DISPLACED, GHOST, PAPER, Scene};
 use super::shade::Exposure;
 use super::sky::{self, Lit};
 use simulator::kitchen::Kitchen;
@@ -40,7 +41,7 @@ impl Storyboard {
     /// Width and height of every picture; both even, which video encoders demand.
     pub fn size(side: usize) -> (usize, usize) {
         let (text_px, _) = text(side);
-        (2 * side + GAP, (side + 4 * text_px as usize).next_multiple_of(2))
+        (2 * side + GAP, (side + 5 * text_px as usize).next_multiple_of(2))
     }
 
     pub fn draw(&self, moment: &Moment, depth_mm: &[u16]) -> Canvas {
@@ -55,7 +56,7 @@ impl Storyboard {
         let top = height - self.side;
         canvas.place(&depth_view(task, moment, (&seen, target), self.side, depth_mm), 0, top);
         self.draw_outside(&mut canvas, top, moment, &model);
-        write(&mut canvas, self.side, &task.title, &moment.captions);
+        write(&mut canvas, self.side, task, &moment.captions);
         canvas
     }
 
@@ -71,17 +72,30 @@ impl Storyboard {
     }
 }
 
-fn write(canvas: &mut Canvas, side: usize, title: &str, captions: &Captions) {
+fn write(canvas: &mut Canvas, side: usize, task: &Task, captions: &Captions) {
     let (text_px, left) = text(side);
     let line = |number: f32| 1.15 * text_px * number;
     let space = 1.2 * text_px;
-    let end = canvas.text(title, text_px, left, line(1.0), INK);
+    let end = canvas.text(&task.title, text_px, left, line(1.0), INK);
     if let Some((outcome, good)) = &captions.outcome {
         canvas.text(outcome, text_px, end + space, line(1.0), if *good { GOOD } else { BAD });
     }
     let end = canvas.text(&captions.action, text_px, left, line(2.0), INK);
     canvas.text(&captions.remark, text_px, end + 0.4 * text_px, line(2.0), NOTE);
     canvas.text(&captions.measures, text_px, left, line(3.0), FAINT);
+    // What the colours in the views stand for.
+    let (mut at, small_px) = (left, 0.8 * text_px);
+    let signs = [
+        ("target", TARGET, task.target.is_some()),
+        ("goal", GOAL, task.goal.is_some()),
+        ("moved by the robot", DISPLACED, true),
+        ("where it stood", mix(PAPER, DISPLACED, GHOST[0]), true),
+    ];
+    for (word, colour, _) in signs.into_iter().filter(|(.., is_there)| *is_there) {
+        let [x, y, size] = [at, line(4.0) - 0.6 * small_px, 0.6 * small_px].map(|px| px as usize);
+        canvas.fill(x, y, size, size, colour);
+        at = canvas.text(word, small_px, at + small_px, line(4.0), FAINT) + space;
+    }
 }
 
 fn text(side: usize) -> (f32, f32) {
@@ -91,9 +105,7 @@ fn text(side: usize) -> (f32, f32) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::canvas::mix;
     use super::super::depth_view::{TINT, brightness};
-    use super::super::marks::{GOAL, TARGET};
     use super::super::scene::tests::violet;
     use super::*;
     use proto::config::SimulationConfig;
@@ -169,9 +181,14 @@ mod tests {
         let mut canvas = Canvas::new(width, height, PAPER);
         let captions =
             Captions { remark: "failed".to_owned(), measures: "goal 1.00 m".to_owned(), ..Captions::default() };
-        write(&mut canvas, 448, "Kitchen 26", &captions);
-        let has = |colour: Rgb| canvas.pixels.contains(&colour);
-        assert!(has(INK) && has(NOTE) && has(FAINT) && !has(GOOD));
+        let mut task = Task { target: None, goal: None, goal_tolerance_m: 0.1, title: "Kitchen 26".to_owned() };
+        write(&mut canvas, 448, &task, &captions);
+        let has = |canvas: &Canvas, colours: &[Rgb]| colours.iter().all(|colour| canvas.pixels.contains(colour));
+        assert!(has(&canvas, &[INK, NOTE, FAINT, DISPLACED]) && !has(&canvas, &[GOOD]));
+        assert!(!has(&canvas, &[TARGET]) && !has(&canvas, &[GOAL]), "explains what this task has not");
+        (task.target, task.goal) = (Some(0), Some(Vec3::ZERO));
+        write(&mut canvas, 448, &task, &captions);
+        assert!(has(&canvas, &[TARGET, GOAL]), "does not explain its colours");
         let below = &canvas.pixels[(height - 448) * width..];
         assert!(below.iter().all(|pixel| *pixel == PAPER), "captions reach into the views");
     }

@@ -29,7 +29,7 @@ fn open(config: &Config, name: &str, episode: RecordedEpisode) -> ShowRequest {
 }
 
 fn draw(name: &str, step: u32, view: ShowView, width: u32) -> ShowRequest {
-    ShowRequest::Draw { name: name.to_owned(), step, view, width, height: width, fine: false }
+    ShowRequest::Draw { name: name.to_owned(), step, view, width, height: width, fine: false, dark: false }
 }
 
 /// Answers with the pictures that follow them.

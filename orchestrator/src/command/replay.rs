@@ -15,7 +15,8 @@ use std::process::ExitCode;
 
 /// Simulate recorded episodes again: films of the newest ones, or with --check a proof of all
 ///
-/// Without further words: films of the newest successes, of one that disturbed something, and of a failure.
+/// Without further words: films of the newest two successes without disturbance, of one that disturbed something, and of a
+/// failure; those of more than five steps go first.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator replay runs/a                                        a few films, in runs/a/films
@@ -41,7 +42,7 @@ pub struct ReplayArgs {
     /// Only of the newest that ended so.
     #[arg(long, value_enum, conflicts_with_all = ["kitchen", "environment", "episode"])]
     only: Option<Only>,
-    /// Of the newest N episodes [default: a few of each kind; with --only: 3].
+    /// Of the newest N episodes, however short [default: a few of each kind; with --only: 3, of more than five steps first].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), conflicts_with_all = ["kitchen", "environment", "episode"])]
     newest: Option<u16>,
     /// Write pictures into this folder; their names hold kitchen, episode, target and outcome [default: RUN/films; of a

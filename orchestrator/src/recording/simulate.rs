@@ -55,6 +55,17 @@ impl Totals {
         }
     }
 
+    fn progress(&self, total: usize, drawn: bool, elapsed_s: f64) -> String {
+        let Self { episodes, compared, different, .. } = self;
+        if drawn {
+            return format!("drawn {episodes} of {total} episodes, {elapsed_s:.0} s, {different} differences");
+        }
+        let rate = *compared as f64 / elapsed_s.max(1e-3);
+        format!(
+            "replayed {episodes} of {total} episodes, {compared} states, {rate:.0} a second, {different} differences"
+        )
+    }
+
     pub fn merge(&mut self, other: Self) {
         self.episodes += other.episodes;
         self.compared += other.compared;
@@ -85,7 +96,6 @@ pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<T
 
     let mut totals = Totals::default();
     let mut running = actors.0.len();
-    let mut shown = 0;
     let (mut live, began) = (Live::default(), Instant::now());
     // The first line is not due before there is something to say.
     live.is_due(Duration::ZERO);
@@ -112,13 +122,8 @@ pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<T
             }
             Err(RecvTimeoutError::Disconnected) => bail!("an actor's reader ended without a result"),
         }
-        if (totals.episodes > shown || live.columns().is_some()) && live.is_due(began.elapsed()) {
-            shown = totals.episodes;
-            let rate = totals.compared as f64 / began.elapsed().as_secs_f64().max(1e-3);
-            live.show(format!(
-                "replayed {} of {total} episodes, {} states, {rate:.0} a second, {} differences",
-                totals.episodes, totals.compared, totals.different
-            ));
+        if live.is_due(began.elapsed()) {
+            live.show(totals.progress(total, setup.images.is_some(), began.elapsed().as_secs_f64()));
         }
     }
     live.clear();

@@ -292,12 +292,12 @@ mod tests {
             assert!(left_out.is_some_and(|note| note.contains("a-old of ")), "{:?}", report.notes);
             assert!(left_out.is_some_and(|note| note.contains("after 400 frames.")), "{:?}", report.notes);
         }
-        // Of a policy file nobody knows the run; that there was one is known.
+        // Of a policy file no run is known; that there was one is.
         evaluate(&at("file"), Split::Test, None, "c");
         let path = at("file").join(RESULT_FILE);
         let result = std::fs::read_to_string(&path).unwrap();
         std::fs::write(&path, result.replace("\"checkpoint\":null", "\"checkpoint\":\"/w/a.safetensors\"")).unwrap();
-        assert_eq!(gather(&[at("file")]).unwrap().runs[0].origin, Origin::Unknown);
+        assert_eq!(gather(&[at("file")]).unwrap().runs[0].origin, Origin::Policy("a.safetensors".to_owned()));
         // One alone stands for its run, however old.
         let gathered = gather(&[at("of/a-old")]).unwrap();
         let report = Report::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
@@ -369,7 +369,7 @@ mod tests {
         // The training of these weights is unknown, so they match no row of the paper, and the report says so.
         assert!(rows(&gathered).is_empty(), "{:?}", rows(&gathered));
         let report = Report::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
-        assert!(report.notes.iter().any(|note| note.contains("the run was not given")), "{:?}", report.notes);
+        assert!(report.notes.iter().any(|note| note.contains("give its folder, too")), "{:?}", report.notes);
         assert_eq!(report.groups[1].results.len(), 2, "what was evaluated is shown");
     }
 

@@ -37,9 +37,11 @@ impl UnclaimedEvaluation {
         let (origin, config) = match (&subject.run, trained) {
             (Some(_), Some(trained)) => (Origin::NotGiven, trained),
             (run, _) => {
-                // Those of a policy file some run has trained.
-                let fresh = run.is_none() && subject.checkpoint.is_none();
-                let origin = if fresh { Origin::Untrained } else { Origin::Unknown };
+                let origin = match (run, &subject.checkpoint) {
+                    (None, None) => Origin::Untrained,
+                    (None, Some(file)) => Origin::Policy(file.rsplit('/').next().unwrap_or(file).to_owned()),
+                    (Some(_), _) => Origin::Unknown,
+                };
                 // The configuration is the evaluation's: its own seed, its own number of actors.
                 let mut config = Config { seed: subject.seed, evaluation: None, ..self.config };
                 if let Ok(preset) = Config::resolve(&config.preset, None) {

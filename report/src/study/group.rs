@@ -75,15 +75,17 @@ impl Group<'_> {
     }
 
     pub(crate) fn unknown(&self) -> bool {
-        self.runs.iter().all(|run| run.origin == Origin::Unknown)
+        self.runs.iter().all(|run| run.origin.trained().is_none())
     }
 
     fn named(&self, name: &str) -> String {
         let star = if self.differences.is_empty() { "" } else { "*" };
-        let trained = match (self.untrained(), self.unknown()) {
-            (true, _) => ", untrained",
-            (_, true) => ", run unknown",
-            _ => "",
+        let trained = match &self.runs[0].origin {
+            Origin::Policy(file) if self.runs.len() == 1 => format!(", {file}"),
+            Origin::Policy(_) => ", policy files".to_owned(),
+            Origin::Unknown => ", run not found".to_owned(),
+            Origin::Untrained => ", untrained".to_owned(),
+            Origin::Run(_) | Origin::NotGiven => String::new(),
         };
         format!("{name}{star}{trained}")
     }
@@ -174,7 +176,9 @@ pub(crate) mod tests {
         ];
         let groups = groups(&runs).unwrap();
         let labels: Vec<&str> = groups.iter().map(|group| group.label.as_str()).collect();
-        assert_eq!(labels, ["demo", "demo* (a)", "demo* (b)", "demo, untrained", "demo, run unknown", "paper"]);
+        assert_eq!(labels, ["demo", "demo* (a)", "demo* (b)", "demo, untrained", "demo, run not found", "paper"]);
+        let policy = [with_origin("h", Origin::Policy("fetch.safetensors".to_owned()))];
+        assert_eq!(super::groups(&policy).unwrap()[0].label, "demo, fetch.safetensors");
         let names: Vec<&str> = groups[0].runs.iter().map(|run| run.name.as_str()).collect();
         assert_eq!(names, ["b", "a", "c"], "by seed");
         assert!(groups[0].differences.is_empty(), "{:?}", groups[0].differences);

@@ -27,6 +27,8 @@ pub enum Origin {
     Run(RunState),
     NotGiven,
     Untrained,
+    /// Nothing but a policy file of this name is known.
+    Policy(String),
     Unknown,
 }
 
@@ -35,7 +37,7 @@ impl Origin {
         match self {
             Self::Run(_) | Self::NotGiven => Some(true),
             Self::Untrained => Some(false),
-            Self::Unknown => None,
+            Self::Policy(_) | Self::Unknown => None,
         }
     }
 }
@@ -46,6 +48,7 @@ impl fmt::Display for Origin {
             Self::Run(state) => state.fmt(f),
             Self::NotGiven => f.write_str("its run was not given"),
             Self::Untrained => f.write_str("untrained"),
+            Self::Policy(file) => write!(f, "of the file {file}"),
             Self::Unknown => f.write_str("its run cannot be found"),
         }
     }

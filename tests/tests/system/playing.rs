@@ -61,6 +61,9 @@ fn a_policy_file_is_evaluated_without_its_run() {
     let file = workshop.path(FILE).display().to_string();
     assert!(subject["checkpoint"].as_str().is_some_and(|path| path.ends_with(&file)), "{subject}");
     assert_eq!(result["overall"]["episodes"], 5);
+    let reported = workshop.call(&["report", "result", "--out", "report"]);
+    let said = format!("small.safetensors ({}): a policy file does not say how", "result");
+    assert!(reported.success && reported.stderr.contains(&said), "{reported:?}");
     // Exported again it is the same policy; as a model, too.
     for (options, name) in [(&["--half"][..], "again.safetensors"), (&[], "again.onnx")] {
         workshop.call(&[&["export", FILE, "--out", name], options].concat()).good();
@@ -101,6 +104,20 @@ fn a_policy_plays_on_the_page_and_leaves_nothing_behind() {
             let picture = browser.screenshot();
             std::fs::write(Path::new(&folder).join("play.png"), picture).expect("a folder of pictures");
         }
+        // It waits at the space bar, and goes on.
+        let button = |word: &str| {
+            format!("[...document.querySelectorAll('button')].some((one) => one.textContent === '{word}')")
+        };
+        browser.press(" ");
+        browser.wait_for(&button("Go on"));
+        let step = "document.querySelector('[data-episode]').dataset.step";
+        // A step that was being shown.
+        std::thread::sleep(std::time::Duration::from_secs(1));
+        let before = browser.value(step);
+        std::thread::sleep(std::time::Duration::from_secs(2));
+        assert_eq!(browser.value(step), before, "it is paused");
+        browser.press(" ");
+        browser.wait_for(&button("Pause"));
         let seen = browser.value("document.querySelector('[data-episode]').dataset.episode");
         let other = format!("document.querySelector('[data-episode]')?.dataset.episode !== {seen}");
         browser.wait_for(&other);

@@ -80,6 +80,7 @@ fn a_run_is_watched_and_an_episode_is_looked_at() {
     assert_eq!(browser.value("document.querySelector('summary').innerText.includes('have ended')"), true);
     keep(&mut browser, "run");
     thumbnails_are_tried_again(&mut browser);
+    what_is_waited_for_is_said(&mut browser);
     an_episode_is_looked_at(&mut browser);
     only_keys(&mut browser);
     narrow_and_dark(&mut browser);
@@ -134,6 +135,29 @@ fn thumbnails_are_tried_again(browser: &mut Browser) {
     browser.wait_for("planted.failing < 0 || planted.root.querySelector('.tiles .notice')");
     assert_eq!(browser.value("planted.root.querySelector('.tiles .notice') === null"), true);
     browser.value("planted.leaving.abort(); Object.assign(window, planted.own); 0");
+}
+
+/// Of an episode that takes long to be simulated, and then of its first picture.
+fn what_is_waited_for_is_said(browser: &mut Browser) {
+    browser.value(
+        "(async () => { \
+           const { json } = await import('/dom.js'); \
+           const { rows } = await json('/api/runs/watched/episodes?recorded=true&limit=1'); \
+           const own = fetch; \
+           const planted = { own, root: document.createElement('div'), leaving: new AbortController() }; \
+           const held = new Promise((resolve) => { planted.go = resolve; }); \
+           const ask = (path, options) => String(path).includes('/picture') ? new Promise(() => {}) \
+             : held.then(() => own.call(window, path, options)); \
+           Object.assign(window, { planted, fetch: ask }); \
+           const { showEpisode } = await import('/episode.js'); \
+           const { signal } = planted.leaving; \
+           showEpisode(planted.root, 'watched', rows[0].key, new URLSearchParams(), signal); \
+         })()",
+    );
+    browser.wait_for("planted.root.textContent.includes('simulated again … 2 s')");
+    browser.value("planted.go()");
+    browser.wait_for("planted.root.querySelector('.picture')?.textContent.includes('The room is drawn … 1 s')");
+    browser.value("planted.leaving.abort(); window.fetch = planted.own; 0");
 }
 
 fn an_episode_is_looked_at(browser: &mut Browser) {
@@ -198,6 +222,12 @@ fn an_episode_is_looked_at(browser: &mut Browser) {
     assert!(text(browser, ".legend").contains("reward r"), "the strip has a legend");
     browser.resize(1280, 900);
     browser.wait_for("document.querySelector('.plan svg .robot') && document.querySelector('.plan svg .way')");
+    // Around the room it is as dark as the page.
+    let corner = "document.querySelector('.plan canvas').getContext('2d').getImageData(0, 0, 1, 1).data[0]";
+    browser.wait_for(&format!("{corner} > 200"));
+    browser.scheme("dark");
+    browser.wait_for(&format!("{corner} < 60"));
+    browser.scheme("light");
 }
 
 /// From the top of the page to an episode's third step without a mouse.
@@ -227,6 +257,17 @@ fn two_are_beside_one_another(browser: &mut Browser, workshop: &Workshop) {
     assert!(copied.is_ok_and(|status| status.success()), "cp");
     browser.value("location.hash = '#/?all'");
     browser.wait_for("document.querySelector('a[href=\"#/run/copied\"]')");
+    // A column's head sorts, also by keys, and a reload keeps that.
+    browser.value("document.activeElement.blur()");
+    for (order, first) in [("descending", "watched"), ("ascending", "copied")] {
+        tab_to(browser, "th[data-column=run] button");
+        browser.press("Enter");
+        let sorted = format!("document.querySelector('th[data-column=run]').ariaSort === '{order}'");
+        let at_top = format!("document.querySelector('tbody a').textContent === '{first}'");
+        browser.wait_for(&format!("{sorted} && {at_top}"));
+        browser.value("setTimeout(() => location.reload()) && 0");
+        browser.wait_for(&format!("performance.now() < 5000 && {sorted} && {at_top}"));
+    }
     browser.value("location.hash = '#/run/watched+copied'");
     browser.wait_for("document.querySelectorAll('table[aria-label=\"The runs\"] tbody tr').length === 2");
     browser.wait_for("document.querySelector('[data-figure]')");
