@@ -18,7 +18,7 @@ class SceneRenderer {
   constructor(root, signal) {
     Object.assign(this, { signal, run: null, chosen: null, live: null, still: false });
     this.title = h("h1", {}, "A policy at work");
-    this.tally = h("span", { class: "soft small", role: "status" }, "the policy starts");
+    this.tally = h("span", { class: "soft small", role: "status" });
     this.picker = h("select", { "aria-label": "Kitchen", hidden: true, onchange: () => { this.chosen = this.picker.value; } });
     this.link = h("a", { href: "#/?all", hidden: true }, "Figures and all episodes");
     this.button = h("button", { "aria-pressed": "false", hidden: true, onclick: () => this.toggle() }, "Pause");
@@ -70,7 +70,7 @@ class SceneRenderer {
   /** Shows an episode to its end, or until another kitchen is chosen; it may still go on. */
   async show(key) {
     const { signal, run, chosen } = this;
-    this.waits(`The newest episode in kitchen ${chosen.split("/")[0]} is simulated up to here`);
+    this.waits(`The newest episode in kitchen ${chosen.split("/")[0]} is simulated up to its last step`);
     const stage = await Stage.open(run, key, signal);
     this.waits("");
     this.button.hidden = false;

@@ -17,9 +17,7 @@ const DEADLINE: Duration = Duration::from_mins(2);
 const ENDS: Duration = Duration::from_secs(1);
 const IDLE: Duration = Duration::from_mins(10);
 /// As the server: the lowest would leave a busy machine with a hundredth of a core for pictures that somebody waits for.
-pub const SOON: i32 = 10;
-/// Of pictures that may come later.
-pub const LATER: i32 = 19;
+const NICENESS: i32 = 10;
 const BYTES_MAX: u64 = 64 << 20;
 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -38,9 +36,9 @@ type Answer = Result<(ShowAnswer, Vec<u8>), TheatreError>;
 pub struct SceneRenderer(mpsc::Sender<(ShowRequest, oneshot::Sender<Answer>)>);
 
 impl SceneRenderer {
-    pub fn new(program: PathBuf, niceness: i32) -> Self {
+    pub fn new(program: PathBuf) -> Self {
         let (sender, receiver) = mpsc::channel(WAITING);
-        tokio::spawn(work(program, niceness, receiver));
+        tokio::spawn(work(program, receiver));
         Self(sender)
     }
 
@@ -51,7 +49,7 @@ impl SceneRenderer {
     }
 }
 
-async fn work(program: PathBuf, niceness: i32, mut requests: mpsc::Receiver<(ShowRequest, oneshot::Sender<Answer>)>) {
+async fn work(program: PathBuf, mut requests: mpsc::Receiver<(ShowRequest, oneshot::Sender<Answer>)>) {
     let mut player: Option<Player> = None;
     loop {
         let (request, reply) = match tokio::time::timeout(IDLE, requests.recv()).await {
@@ -65,19 +63,19 @@ async fn work(program: PathBuf, niceness: i32, mut requests: mpsc::Receiver<(Sho
         if reply.is_closed() {
             continue;
         }
-        let mut answer = answer_of(&mut player, &program, niceness, &request).await;
+        let mut answer = answer_of(&mut player, &program, &request).await;
         if let Err(TheatreError::Ended(_)) = answer {
             // Another one is asked once more.
-            answer = answer_of(&mut player, &program, niceness, &request).await;
+            answer = answer_of(&mut player, &program, &request).await;
         }
         // Nobody waits any more: the picture was drawn in vain.
         let _ = reply.send(answer);
     }
 }
 
-async fn answer_of(player: &mut Option<Player>, program: &PathBuf, niceness: i32, request: &ShowRequest) -> Answer {
+async fn answer_of(player: &mut Option<Player>, program: &PathBuf, request: &ShowRequest) -> Answer {
     let broken = |error: std::io::Error| TheatreError::Broken(error.to_string());
-    let mut at_work = player.take().map_or_else(|| Player::start(program, niceness), Ok).map_err(broken)?;
+    let mut at_work = player.take().map_or_else(|| Player::start(program), Ok).map_err(broken)?;
     match tokio::time::timeout(DEADLINE, at_work.ask(request)).await {
         Ok(Ok(answer)) => {
             // Only one that answered as agreed is asked again.
@@ -99,7 +97,7 @@ struct Player {
 }
 
 impl Player {
-    fn start(program: &PathBuf, niceness: i32) -> std::io::Result<Self> {
+    fn start(program: &PathBuf) -> std::io::Result<Self> {
         let mut child = Command::new(program)
             .arg("show")
             .stdin(Stdio::piped())
@@ -109,7 +107,7 @@ impl Player {
             .spawn()?;
         if let Some(pid) = child.id().and_then(|pid| rustix::process::Pid::from_raw(pid.cast_signed())) {
             // Where it is refused it is as important as others, and right all the same.
-            let _ = rustix::process::setpriority_process(Some(pid), niceness);
+            let _ = rustix::process::setpriority_process(Some(pid), NICENESS);
         }
         let missing = || std::io::Error::other("the child has no pipes");
         let input = child.stdin.take().ok_or_else(missing)?;

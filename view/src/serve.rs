@@ -1,6 +1,6 @@
 use crate::data::Runs;
 use crate::routes::{Opening, router};
-use crate::scene_renderer::{LATER, SOON, SceneRenderer};
+use crate::scene_renderer::SceneRenderer;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use std::future::Future;
@@ -42,8 +42,7 @@ pub async fn serve(
 ) -> Result<(), ServeError> {
     let Settings { actor, token, open, compare, play } = settings;
     let opening = Opening { runs: open, compare, play, version: env!("CARGO_PKG_VERSION") };
-    let scene_renderers = [SceneRenderer::new(actor.clone(), SOON), SceneRenderer::new(actor, LATER)];
-    let router = router(runs, scene_renderers, token.into(), opening);
+    let router = router(runs, [actor.clone(), actor].map(SceneRenderer::new), token.into(), opening);
     let room = Arc::new(Semaphore::new(CONNECTIONS));
     tokio::pin!(end);
     loop {

@@ -18,7 +18,7 @@ use serde::Serialize;
 use std::cmp::Reverse;
 use std::time::Duration;
 use tokio::runtime::{Builder, Runtime};
-use view::scene_renderer::{SOON, SceneRenderer};
+use view::scene_renderer::SceneRenderer;
 
 const FRAMES: usize = 6;
 const SIZE: (u32, u32) = (320, 240);
@@ -188,8 +188,7 @@ struct Actor {
 impl Actor {
     fn start() -> Result<Self> {
         let runtime = Builder::new_current_thread().enable_all().build().context("cannot wait for `actor show`")?;
-        let scene_renderer =
-            runtime.block_on(async { anyhow::Ok(SceneRenderer::new(programs::find("actor")?, SOON)) })?;
+        let scene_renderer = runtime.block_on(async { anyhow::Ok(SceneRenderer::new(programs::find("actor")?)) })?;
         Ok(Self { runtime, scene_renderer })
     }
 
