@@ -135,6 +135,10 @@ fn figures_are_those_of_the_table() {
     assert_eq!(std::fs::read_dir(workshop.path("newest")).unwrap().count(), 2);
     let failures = newest(&["--only", "failure"]).good();
     assert!(failures.stdout.contains("episodes: 2\n") && failures.stdout.contains("differences: 0"), "{failures:#?}");
+    // Without a terminal there is a line every five seconds, also while the first film is drawn.
+    let large = ["replay", "out", "--newest", "1", "--images", "large", "--format", "apng", "--side", "900"];
+    let large = workshop.call(&large).good();
+    assert!(large.stderr.contains("drawn 0 of 1 episodes, "), "{large:#?}");
 }
 
 /// `orchestrator eval --json` with these arguments: the result as it is printed, and all that was printed.
