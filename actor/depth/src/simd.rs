@@ -1,7 +1,7 @@
 //! The unsafe code of depth cameras, also of the simulator's: eight numbers at once.
 //!
-//! [`Lanes`] has one meaning and two builds: with AVX2, and plain. Every operation is one that IEEE 754 rounds exactly,
-//! nothing is fused and nothing approximated, so both builds give the same bits on every machine.
+//! [`Lanes`] has one meaning and three builds: with AVX2, with NEON, and plain. Every operation is one that IEEE 754
+//! rounds exactly, nothing is fused and nothing approximated, so all builds give the same bits on every machine.
 
 // A number that nobody takes is seen without it.
 #![allow(clippy::return_self_not_must_use)]
@@ -145,8 +145,141 @@ mod vector {
     operator!(Div, div, _mm256_div_ps);
 }
 
-#[cfg(any(test, not(target_feature = "avx2")))]
-#[cfg_attr(target_feature = "avx2", allow(dead_code))]
+#[cfg(target_arch = "aarch64")]
+mod vector {
+    use std::arch::aarch64 as arm;
+
+    #[derive(Debug, Clone, Copy)]
+    pub struct Lanes([arm::float32x4_t; 2]);
+
+    #[derive(Debug, Clone, Copy)]
+    pub struct Mask([arm::uint32x4_t; 2]);
+
+    // SAFETY of every block below: every 64-bit ARM processor has NEON; each load and store covers one array of eight.
+    macro_rules! halves {
+        ($instruction:ident, $($whole:expr),+) => {
+            // SAFETY: see above.
+            unsafe { [arm::$instruction($($whole.0[0]),+), arm::$instruction($($whole.0[1]),+)] }
+        };
+    }
+
+    impl Lanes {
+        #[inline(always)]
+        pub fn splat(value: f32) -> Self {
+            // SAFETY: see above.
+            Self([unsafe { arm::vdupq_n_f32(value) }; 2])
+        }
+
+        #[inline(always)]
+        pub fn load(from: &[f32; 8]) -> Self {
+            // SAFETY: see above.
+            let halves = unsafe { arm::vld1q_f32_x2(from.as_ptr()) };
+            Self([halves.0, halves.1])
+        }
+
+        #[inline(always)]
+        pub fn store(self, to: &mut [f32; 8]) {
+            // SAFETY: see above.
+            unsafe { arm::vst1q_f32_x2(to.as_mut_ptr(), arm::float32x4x2_t(self.0[0], self.0[1])) }
+        }
+
+        /// The smaller; `other` where one is not a number, which NEON's own instruction is not.
+        #[inline(always)]
+        pub fn min(self, other: Self) -> Self {
+            self.or_else(self.less(other), other)
+        }
+
+        /// The larger; `other` where one is not a number.
+        #[inline(always)]
+        pub fn max(self, other: Self) -> Self {
+            self.or_else(other.less(self), other)
+        }
+
+        #[inline(always)]
+        pub fn sqrt(self) -> Self {
+            Self(halves!(vsqrtq_f32, self))
+        }
+
+        #[inline(always)]
+        pub fn ceil(self) -> Self {
+            Self(halves!(vrndpq_f32, self))
+        }
+
+        #[inline(always)]
+        pub fn less(self, other: Self) -> Mask {
+            Mask(halves!(vcltq_f32, self, other))
+        }
+
+        /// These numbers where the mask is true, 0 elsewhere.
+        #[inline(always)]
+        pub fn only(self, mask: Mask) -> Self {
+            self.or_else(mask, Self::splat(0.0))
+        }
+
+        /// These numbers where the mask is true, `other` elsewhere.
+        #[inline(always)]
+        pub fn or_else(self, mask: Mask, other: Self) -> Self {
+            Self(halves!(vbslq_f32, mask, self, other))
+        }
+
+        /// Lane i of the result is lane `from[i]` of these, 0..8.
+        #[inline(always)]
+        pub fn pick(self, from: &[i32; 8]) -> Self {
+            let numbers = self.to_array();
+            Self::load(&from.map(|from| numbers[from as usize]))
+        }
+
+        /// Whole numbers in 0..65536, or not a number, which becomes anything, as 16 bits.
+        #[inline(always)]
+        pub fn to_u16(self) -> [u16; 8] {
+            let mut out = [0u16; 8];
+            // SAFETY: see above; the store covers the 16 bytes of `out`.
+            unsafe {
+                let [low, high] = self.0.map(|half| arm::vmovn_u32(arm::vcvtq_u32_f32(half)));
+                arm::vst1q_u16(out.as_mut_ptr(), arm::vcombine_u16(low, high));
+            }
+            out
+        }
+    }
+
+    impl Mask {
+        #[inline(always)]
+        pub fn and(self, other: Self) -> Self {
+            Self(halves!(vandq_u32, self, other))
+        }
+
+        /// Bit i is lane i.
+        #[inline(always)]
+        pub fn bits(self) -> u32 {
+            let place: [u32; 8] = [1, 2, 4, 8, 16, 32, 64, 128];
+            // SAFETY: see above.
+            unsafe {
+                let low = arm::vandq_u32(self.0[0], arm::vld1q_u32(place.as_ptr()));
+                let high = arm::vandq_u32(self.0[1], arm::vld1q_u32(place[4..].as_ptr()));
+                arm::vaddvq_u32(arm::vorrq_u32(low, high))
+            }
+        }
+    }
+
+    macro_rules! operator {
+        ($name:ident, $function:ident, $instruction:ident) => {
+            impl super::$name for Lanes {
+                type Output = Self;
+                #[inline(always)]
+                fn $function(self, other: Self) -> Self {
+                    Self(halves!($instruction, self, other))
+                }
+            }
+        };
+    }
+    operator!(Add, add, vaddq_f32);
+    operator!(Sub, sub, vsubq_f32);
+    operator!(Mul, mul, vmulq_f32);
+    operator!(Div, div, vdivq_f32);
+}
+
+#[cfg(any(test, not(any(target_feature = "avx2", target_arch = "aarch64"))))]
+#[cfg_attr(any(target_feature = "avx2", target_arch = "aarch64"), allow(dead_code))]
 mod plain {
     #[derive(Debug, Clone, Copy)]
     pub struct Lanes([f32; 8]);
@@ -257,9 +390,9 @@ mod plain {
     operator!(Div, div, /);
 }
 
-#[cfg(not(target_feature = "avx2"))]
+#[cfg(not(any(target_feature = "avx2", target_arch = "aarch64")))]
 pub use plain::{Lanes, Mask};
-#[cfg(target_feature = "avx2")]
+#[cfg(any(target_feature = "avx2", target_arch = "aarch64"))]
 pub use vector::{Lanes, Mask};
 
 impl Lanes {
@@ -293,7 +426,7 @@ impl Lanes {
     }
 }
 
-#[cfg(all(test, target_feature = "avx2"))]
+#[cfg(all(test, any(target_feature = "avx2", target_arch = "aarch64")))]
 mod tests {
     use super::{plain, vector};
     use proptest::prelude::*;

@@ -1,4 +1,4 @@
-//! Arithmetic that is the same on every x86-64 processor (`arithmetic.cpp`, `product.cpp`).
+//! Arithmetic that is the same on every x86-64 processor (`arithmetic.cpp`, `product.cpp`). On ARM its bits are others.
 //!
 //! A program that links this crate has it from its first operation on. `ATen`, oneDNN and MKL are held to one set of
 //! kernels; products of matrices and square roots are our own.

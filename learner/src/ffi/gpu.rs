@@ -53,7 +53,7 @@ fn ask_pci_address(device: usize) -> Result<String, WatchError> {
     if code != 0 {
         return Err(WatchError::Refused { call: "cuDeviceGetPCIBusId", code });
     }
-    let bytes: Vec<u8> = text.iter().map(|&byte| byte.cast_unsigned()).take_while(|&byte| byte != 0).collect();
+    let bytes: Vec<u8> = text.iter().map(|&byte| byte as u8).take_while(|&byte| byte != 0).collect();
     Ok(String::from_utf8_lossy(&bytes).to_lowercase())
 }
 

@@ -121,7 +121,7 @@ fn guarded(call: impl FnOnce(*mut c_char, usize) -> c_int) -> Result<(), TchErro
     if call(message.as_mut_ptr(), message.len()) == 0 {
         return Ok(());
     }
-    let text: Vec<u8> = message.iter().map(|&byte| byte.cast_unsigned()).take_while(|&byte| byte != 0).collect();
+    let text: Vec<u8> = message.iter().map(|&byte| byte as u8).take_while(|&byte| byte != 0).collect();
     Err(TchError::Torch(String::from_utf8_lossy(&text).into_owned()))
 }
 

@@ -1,4 +1,4 @@
-// Products of matrices whose last bit is the same on every x86-64 processor with AVX2 and FMA, and with any number of
+// Products of matrices whose last bit is the same on every processor with fused multiply-adds, and with any number of
 // threads.
 //
 // libtorch multiplies 32-bit matrices with BLAS' `sgemm_`, and MKL's order of additions depends on the processor. A
@@ -19,6 +19,8 @@
 #include <memory>
 #if defined(__x86_64__)
 #include <immintrin.h>
+#elif defined(__aarch64__)
+#include <arm_neon.h>
 #endif
 
 namespace {
@@ -110,6 +112,19 @@ chains_avx512(int64_t depth, const float *left, const float *right, float *sums)
         _mm512_store_ps(sums + 32 * j + 16, sum[j][1]);
     }
 }
+#elif defined(__aarch64__)
+void chains_neon(int64_t depth, const float *left, const float *right, float *sums) {
+    float32x4_t sum[6][4] = {};
+    for (int64_t k = 0; k < depth; k++, left += 16, right += 6) {
+        const float32x4x4_t x = vld1q_f32_x4(left);
+#pragma GCC unroll 6
+        for (int j = 0; j < 6; j++)
+#pragma GCC unroll 4
+            for (int i = 0; i < 4; i++) sum[j][i] = vfmaq_n_f32(sum[j][i], x.val[i], right[j]);
+    }
+    for (int j = 0; j < 6; j++)
+        for (int i = 0; i < 4; i++) vst1q_f32(sums + 16 * j + 4 * i, sum[j][i]);
+}
 #endif
 
 void chains_plain(int64_t depth, const float *left, const float *right, float *sums) {
@@ -127,6 +142,9 @@ const Kernel &widest() {
         : __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") ? Kernel{16, 6, chains_avx2, pack<16>, pack<6>}
                                                                            : PLAIN;
     return chosen;
+#elif defined(__aarch64__)
+    static constexpr Kernel NEON{16, 6, chains_neon, pack<16>, pack<6>};
+    return NEON;
 #else
     return PLAIN;
 #endif

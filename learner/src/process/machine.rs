@@ -9,8 +9,8 @@ use tch::Device;
 /// Version of libtorch that this program is written for.
 pub const TORCH_VERSION: &str = "2.11.0";
 
-/// The name of the arithmetic that is the same on every x86-64 processor with AVX2.
-const REPRODUCIBLE: &str = "reproducible";
+/// The name of the arithmetic that is the same on every x86-64 processor with AVX2; on ARM its bits are others.
+const REPRODUCIBLE: &str = if cfg!(target_arch = "aarch64") { "neon" } else { "reproducible" };
 
 pub fn machine(device: Device, LearnerConfig { threads, count, shards, .. }: LearnerConfig) -> Machine {
     Machine {

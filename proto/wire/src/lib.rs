@@ -39,10 +39,10 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-#[cfg(not(all(target_os = "linux", target_arch = "x86_64")))]
+#[cfg(not(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64"))))]
 compile_error!(
-    "Stillroom's programs are for 64-bit x86 Linux only: libtorch is pinned for it, and frames cross shared memory as \
-     Linux has it. Build on such a machine, or in a container on one; the Python package alone needs none of this."
+    "Stillroom's programs are for 64-bit x86 and ARM Linux only: libtorch is pinned for it, and frames cross shared memory \
+     as Linux has it. Build on such a machine, or in a container on one; the Python package alone needs none of this."
 );
 
 mod address;
