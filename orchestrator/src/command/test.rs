@@ -19,8 +19,8 @@ use std::time::{Duration, Instant};
 ///
 /// Trains the demonstration's first frames twice on the CPU, where the same seed gives the same weights on every
 /// x86-64 processor: once undisturbed, once killed on the way and resumed. Both must end in the weights that this version
-/// is known to give. It takes up to two minutes on two cores, and leaves nothing behind; if something is wrong its runs
-/// stay, and are named.
+/// is known to give, on ARM in the same ones. It takes up to two minutes on two cores, and leaves nothing behind; if
+/// something is wrong its runs stay, and are named.
 #[derive(Debug, clap::Args)]
 pub struct TestArgs {}
 
@@ -63,8 +63,11 @@ fn prove(name: &str, proof: Proof, place: &Path) -> Result<()> {
 fn undisturbed(place: &Path) -> Result<String> {
     let folder = RunFolder::new(place.join("undisturbed"));
     finish(&mut up(&folder)?, &folder)?;
-    demand_known_weights(&folder)?;
-    Ok(format!("{FRAMES} frames end in the known weights {}", &WEIGHTS[..8]))
+    let weights = weights(&folder)?;
+    if cfg!(target_arch = "x86_64") {
+        demand(&weights, WEIGHTS)?;
+    }
+    Ok(format!("{FRAMES} frames end in the weights {}", &weights[..8]))
 }
 
 /// A run whose orchestrator is killed after its first checkpoint: no other process outlives it.
@@ -84,7 +87,7 @@ fn killed(place: &Path) -> Result<String> {
     child.wait().context("cannot wait for the run")?;
     ensure!(frames < FRAMES && Summary::read(&folder)?.is_none(), "it was complete before it could be killed");
     finish(&mut start(&folder, &["resume"])?, &folder)?;
-    demand_known_weights(&folder)?;
+    demand(&weights(&folder)?, &weights(&RunFolder::new(place.join("undisturbed")))?)?;
     Ok(format!("killed after {frames} frames and resumed, it ends in the same"))
 }
 
@@ -124,13 +127,13 @@ fn finish(child: &mut Child, folder: &RunFolder) -> Result<()> {
     }
 }
 
-fn demand_known_weights(folder: &RunFolder) -> Result<()> {
+fn weights(folder: &RunFolder) -> Result<String> {
     let summary = Summary::read(folder)?.context("the run has no summary")?;
-    ensure!(
-        summary.frames == FRAMES && summary.weights == WEIGHTS,
-        "{} frames end in the weights {}, and not in the known {WEIGHTS}",
-        summary.frames,
-        summary.weights
-    );
+    ensure!(summary.frames == FRAMES, "it ended after {} frames", summary.frames);
+    Ok(summary.weights)
+}
+
+fn demand(weights: &str, expected: &str) -> Result<()> {
+    ensure!(weights == expected, "{FRAMES} frames end in the weights {weights}, and not in {expected}");
     Ok(())
 }
