@@ -34,9 +34,13 @@ from pathlib import Path
 TORCH_VERSION = "2.11.0"
 TORCH_SERIES = "2.11"
 
+# Of the processor that is built for.
+MACHINE = sys.argv[1] if len(sys.argv) > 1 else os.uname().machine
+IS_FOREIGN = MACHINE != os.uname().machine
+
 # (requirement, platform tag, file name, bytes, SHA-256). libtorch_cpu.so of the ordinary wheel is linked against the
 # two small CUDA libraries, with or without a GPU; nothing else of CUDA is needed to build or to run on a CPU.
-WHEELS = [
+ALL_WHEELS = [
     (
         "torch==2.11.0",
         "manylinux_2_28_x86_64",
@@ -58,11 +62,35 @@ WHEELS = [
         10715597,
         "4eb01c08e859bf924d222250d2e8f8b8ff6d3db4721288cf35d14252a4d933c8",
     ),
+    (
+        "torch==2.11.0",
+        "manylinux_2_28_aarch64",
+        "torch-2.11.0-cp311-cp311-manylinux_2_28_aarch64.whl",
+        419718178,
+        "d91aac77f24082809d2c5a93f52a5f085032740a1ebc9252a7b052ef5a4fddc6",
+    ),
+    (
+        "nvidia-cuda-runtime==13.0.96",
+        "manylinux2014_aarch64",
+        "nvidia_cuda_runtime-13.0.96-py3-none-manylinux2014_aarch64.manylinux_2_17_aarch64.whl",
+        2261060,
+        "ef9bcbe90493a2b9d810e43d249adb3d02e98dd30200d86607d8d02687c43f55",
+    ),
+    (
+        "nvidia-cuda-cupti==13.0.85",
+        "manylinux_2_25_aarch64",
+        "nvidia_cuda_cupti-13.0.85-py3-none-manylinux_2_25_aarch64.whl",
+        10310827,
+        "796bd679890ee55fb14a94629b698b6db54bcfd833d391d5e94017dd9d7d3151",
+    ),
 ]
+WHEELS = [wheel for wheel in ALL_WHEELS if wheel[1].endswith(MACHINE)]
 
 # Everything else in the wheels (libtorch_cuda.so, Python code, tools) stays packed: 0.5 GB instead of 1.2 GB.
 KEPT = re.compile(
     r"torch/lib/(libtorch_cpu\.so|libc10\.so|libgomp\.so\.1)$"
+    # On ARM.
+    r"|torch/lib/(libarm_compute\w*\.so|libgfortran\.so\.5|libnvpl_\w+\.so\.0)$"
     r"|torch/include/"
     r"|torch/version\.py$"
     r"|nvidia/cu13/lib/(libcudart\.so\.13|libcupti\.so\.13)$"
@@ -79,7 +107,7 @@ BUILD_BYTES = 4_000_000_000  # target/ after a release build and the tests
 ROOT = Path(__file__).resolve().parent.parent
 # An unpacked release has programs instead of sources: nothing is compiled there.
 IS_RELEASE = not (ROOT / "Cargo.toml").exists()
-TORCH = ROOT / ".torch"
+TORCH = ROOT / ".torch" / (MACHINE if IS_FOREIGN else "")
 FETCHED = TORCH / f"torch-{TORCH_VERSION}"
 LIBTORCH = TORCH / "libtorch"
 
@@ -364,6 +392,10 @@ def given_torch(given):
 
 def needed_by(library, environment):
     """{name: path, or None where it is not found} of all that `library` needs, as the dynamic linker resolves it."""
+    if IS_FOREIGN:
+        # No linker of this machine reads it: all that was fetched.
+        fetched = FETCHED.rglob("lib/*.so*")
+        return {path.name: path for path in fetched}
     output = subprocess.run(["ldd", str(library)], capture_output=True, text=True, env=environment).stdout
     needed = {}
     for name, path in re.findall(r"^\s*(\S+) => (not found|/\S+)", output, re.MULTILINE):
@@ -409,7 +441,8 @@ def link(torch, relative):
             f" nvidia-cuda-cupti==13.0.85), or unset LIBTORCH and set-up fetches torch {TORCH_VERSION}."
         )
     load = f"import ctypes; ctypes.CDLL({str(library_folder / 'libtorch_cpu.so')!r}, ctypes.RTLD_GLOBAL)"
-    tried = subprocess.run([sys.executable, "-c", load], capture_output=True, text=True, env=own)
+    proof = [sys.executable, "-c", "" if IS_FOREIGN else load]
+    tried = subprocess.run(proof, capture_output=True, text=True, env=own)
     if tried.returncode != 0:
         said = (tried.stderr.strip().splitlines() or [f"exit status {tried.returncode}"])[-1]
         mend = f"run 'rm -rf {TORCH}' and set up again" if relative else "install that torch anew, or unset LIBTORCH"
@@ -422,8 +455,8 @@ def link(torch, relative):
         LIBTORCH.rename(Path(tempfile.mkdtemp(prefix="tmp.", dir=TORCH)) / "replaced")
     made.rename(LIBTORCH)
     names = sorted(place.name for place in (LIBTORCH / "lib").iterdir())
-    say(f".torch/libtorch links to {torch.relative_to(ROOT) if relative else torch}: {', '.join(names)}")
-    say("libtorch_cpu.so loads, no library is missing")
+    say(f"{LIBTORCH.relative_to(ROOT)} links to {torch.relative_to(ROOT) if relative else torch}: {', '.join(names)}")
+    say("libtorch_cpu.so is of another processor" if IS_FOREIGN else "libtorch_cpu.so loads, no library is missing")
 
 
 # ---------------------------------------------------------------- the whole
@@ -451,7 +484,7 @@ def only_one():
 
 
 def set_up():
-    given = os.environ.get("LIBTORCH", "")
+    given = "" if IS_FOREIGN else os.environ.get("LIBTORCH", "")
     torch = found = None
     # A shell that exports LIBTORCH=.../.torch/libtorch means what is set up here.
     if given and os.path.realpath(given) != os.path.realpath(LIBTORCH):
@@ -463,9 +496,9 @@ def set_up():
         )
 
     if done():
-        say(f"nothing to do: .torch/libtorch is torch {TORCH_VERSION} at {torch_in_use(LIBTORCH)}")
+        say(f"nothing to do: {LIBTORCH.relative_to(ROOT)} is torch {TORCH_VERSION} at {torch_in_use(LIBTORCH)}")
         return
-    TORCH.mkdir(exist_ok=True)
+    TORCH.mkdir(parents=True, exist_ok=True)
     with only_one():
         if done():
             say("nothing left to do")
@@ -484,6 +517,8 @@ def set_up():
                 link(FETCHED / "torch", relative=True)
         finally:
             remove_leftovers()
+    if IS_FOREIGN:
+        return
     ready = "`./orchestrator doctor` says whether this machine is ready" if IS_RELEASE else "plain cargo commands work now"
     say(f"done; {ready}. `rm -rf .torch` undoes this")
 

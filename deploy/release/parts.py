@@ -65,12 +65,12 @@ def linked_into_programs(data):
 
 
 def torch():
-    """The wheels that set-up fetches: (name, version, SHA-256)."""
+    """{(name, version): SHA-256 for each processor} of the wheels that set-up fetches."""
     text = (ROOT / "deploy/setup_libtorch.py").read_text()
     wheels = re.findall(r'"([a-z-]+)==([0-9.]+)",\s+"[^"]+",\s+"[^"]+",\s+\d+,\s+"([0-9a-f]{64})"', text)
-    if len(wheels) != 3:
+    if len(wheels) != 6:
         sys.exit("dist: error: the wheels in deploy/setup_libtorch.py are not as deploy/release/parts.py reads them")
-    return wheels
+    return {wheel[:2]: [other[2] for other in wheels if other[:2] == wheel[:2]] for wheel in wheels}
 
 
 def charts():
@@ -115,7 +115,7 @@ def bill(data):
         component(packages[identity], sums.get((packages[identity]["name"], packages[identity]["version"])))
         for identity in sorted(linked, key=reference)
     ]
-    for name, torch_version, digest in torch():
+    for (name, torch_version), digests in torch().items():
         place = f"pkg:pypi/{name}@{torch_version}"
         components.append({
             "type": "library",
@@ -125,7 +125,7 @@ def bill(data):
             "purl": place,
             "scope": "required",
             "description": "Not included: set-up or pip fetches this, or finds a torch that is there.",
-            "hashes": [{"alg": "SHA-256", "content": digest}],
+            "hashes": [{"alg": "SHA-256", "content": digest} for digest in digests],
         })  # fmt: skip
     charts_version, digest, _ = charts()
     place = f"pkg:npm/uplot@{charts_version}"

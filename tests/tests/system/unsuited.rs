@@ -16,12 +16,12 @@ fn set_up_on(system: &str, machine: &str) -> Printed {
 }
 
 #[test]
-fn set_up_says_on_arm_and_on_macos_what_is_needed() {
-    for (system, machine) in [("Linux", "aarch64"), ("Darwin", "arm64"), ("Darwin", "x86_64")] {
+fn set_up_says_on_macos_and_on_other_processors_what_is_needed() {
+    for (system, machine) in [("Linux", "riscv64"), ("Darwin", "arm64"), ("Darwin", "x86_64")] {
         let printed = set_up_on(system, machine);
         let sentence = format!(
-            "setup: error: this is {system} on {machine}; Stillroom's programs are for 64-bit x86 Linux only, because \
-             libtorch is pinned for it. Use such a machine, or a container on one; the Python package alone ('make \
+            "setup: error: this is {system} on {machine}; Stillroom's programs are for 64-bit x86 and ARM Linux only, \
+             because libtorch is pinned for it. Use such a machine, or a container on one; the Python package alone ('make \
              python') needs no libtorch.\n"
         );
         assert!(!printed.success && printed.stderr == sentence, "{}", printed.stderr);
