@@ -18,6 +18,9 @@ import wheel
 from maturin import *  # noqa: F403  # the hooks that stay maturin's own
 
 LOCKED = "--locked"
+# As python/cross names it, for a build for another processor.
+TARGET = os.environ.get("CARGO_BUILD_TARGET", "")
+MACHINE = TARGET.split("-")[:1] if TARGET else []
 
 
 def run(*command):
@@ -28,7 +31,7 @@ def run(*command):
 
 def set_up():
     os.environ["PYTHON"] = sys.executable
-    run("deploy/setup")
+    run("deploy/setup", *MACHINE)
     commit = subprocess.run(["deploy/commit"], cwd=wheel.ROOT, capture_output=True, text=True)
     os.environ.setdefault("STILLROOM_COMMIT", commit.stdout.strip())
     os.environ.setdefault("MATURIN_PEP517_ARGS", LOCKED)
@@ -53,7 +56,7 @@ def build_wheel(wheel_directory, config_settings=None, metadata_directory=None):
     run(*cargo, "-p", "stillroom_actor")
     name = maturin.build_wheel(wheel_directory, config_settings, metadata_directory)
     target = Path(os.environ.get("CARGO_TARGET_DIR", wheel.ROOT / "target"))
-    wheel.complete(Path(wheel_directory, name), target / "release", parts.licences(parts.metadata()))
+    wheel.complete(Path(wheel_directory, name), target / TARGET / "release", parts.licences(parts.metadata()))
     return name
 
 

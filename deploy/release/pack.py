@@ -158,7 +158,7 @@ def pack(programs, wheels, out, glibc, text):
         check([folder, *(unpack(path, work) for path in made)], glibc)
         for path in made:
             shutil.copy2(path, out)
-        archive(folder, out / f"{name}-x86_64-linux-{f'glibc{glibc}' if glibc else 'as-built'}.tar.gz")
+        archive(folder, out / f"{name}-{os.uname().machine}-linux-{f'glibc{glibc}' if glibc else 'as-built'}.tar.gz")
     parts.write_bill(data, out / f"{name}.cdx.json")
     if notes := changelog.notes(text, number):
         (out / f"{name}.notes.md").write_text(notes)

@@ -1,6 +1,6 @@
 """What a program asks of the system that runs it: says what is newer than a release promises.
 
-    python3 deploy/release/symbols.py [--glibc 2.28] FILE...
+    python3 deploy/release/symbols.py [--glibc 2.28] FILE|FOLDER...
 
 Exits with 1 and a line for each finding if a file needs a newer symbol, another library, or looks for libraries in a
 place of the machine that built it. Reads what `readelf` of the binutils prints. Standard library only, Python 3.8.
@@ -16,7 +16,7 @@ GLIBC = "2.28"
 # What is on every system with glibc 2.28: GCC 8's libraries. libtorch 2.11 itself needs no more.
 NEWEST = {"GLIBCXX": "3.4.25", "CXXABI": "1.3.11", "GCC": "7.0.0"}
 LIBRARIES = {
-    "ld-linux-x86-64.so.2", "libc.so.6", "libm.so.6", "libpthread.so.0", "libdl.so.2", "librt.so.1", "libutil.so.1",
+    "ld-linux-x86-64.so.2", "ld-linux-aarch64.so.1", "libc.so.6", "libm.so.6", "libpthread.so.0", "libdl.so.2", "librt.so.1", "libutil.so.1",
     "libgcc_s.so.1", "libstdc++.so.6",
     # What set-up brings.
     "libtorch_cpu.so", "libtorch.so", "libc10.so",
@@ -91,7 +91,8 @@ def main():
     parser.add_argument("files", nargs="+")
     arguments = parser.parse_args()
     try:
-        found = [finding for path in arguments.files for finding in findings(path, arguments.glibc)]
+        files = [file for path in arguments.files for file in (compiled(path) if Path(path).is_dir() else [path])]
+        found = [finding for path in files for finding in findings(path, arguments.glibc)]
     except OSError as failure:
         sys.exit(f"dist: error: {failure}")
     for finding in found:

@@ -10,6 +10,7 @@ files give the same bytes. Standard library only, Python 3.8 or newer.
 import argparse
 import base64
 import hashlib
+import os
 import re
 import shutil
 import subprocess
@@ -26,12 +27,14 @@ PACKAGE = "stillroom_programs"
 RUN_PATH = b"$ORIGIN/../torch/lib"
 POLICY = "models/fetch.safetensors"
 LIBRARY = "libstillroom_actor.so"
+# Of the processor that is built for.
+STRIP = os.environ.get("STRIP", "strip")
 HEADER = "actor/c/include/stillroom_actor.h"
 
 
 def strip(program, run_path=b"$ORIGIN/libtorch/lib"):
     """Takes line tables out of a program, and out of its run path the folder of the machine that built it."""
-    subprocess.run(["strip", str(program)], check=True)
+    subprocess.run([STRIP, str(program)], check=True)
     data = program.read_bytes()
     found = list(re.finditer(rb"\$ORIGIN/libtorch/lib(:[^\0]*)?\0", data))
     # The learner has one: without it, it finds no libtorch.
@@ -71,7 +74,7 @@ def complete(wheel, programs, third_party):
                 add(f"{PACKAGE}/{name}", program.read_bytes(), mode=0o755)
             library = Path(work, LIBRARY)
             shutil.copy2(programs / LIBRARY, library)
-            subprocess.run(["strip", str(library)], check=True)
+            subprocess.run([STRIP, str(library)], check=True)
             add(f"stillroom/c/{LIBRARY}", library.read_bytes(), mode=0o755)
         add(f"stillroom/c/{Path(HEADER).name}", (ROOT / HEADER).read_bytes())
         add(f"{PACKAGE}/{POLICY}", (ROOT / POLICY).read_bytes())

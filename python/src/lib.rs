@@ -41,7 +41,6 @@ mod state;
 use proto::config::{Config, SimulationConfig};
 use proto::kitchen::{KitchenId, Split, TargetCategory};
 use proto::task::{Channel, Role, Spec};
-use pyo3::exceptions::PyImportError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use simulator::simulation::{JAM_DEPTH_M, JAM_GROWTH_M};
@@ -93,7 +92,7 @@ fn _stillroom(module: &Bound<'_, PyModule>) -> PyResult<()> {
     // Before anything is computed: all of it is compiled for AVX2.
     #[cfg(target_arch = "x86_64")]
     if !std::arch::is_x86_feature_detected!("avx2") {
-        return Err(PyImportError::new_err(
+        return Err(pyo3::exceptions::PyImportError::new_err(
             "stillroom needs a processor with AVX2 (2015 or later); in a virtual machine, let the guest see the host's \
              processor",
         ));
