@@ -16,7 +16,8 @@ GLIBC = "2.28"
 # What is on every system with glibc 2.28: GCC 8's libraries. libtorch 2.11 itself needs no more.
 NEWEST = {"GLIBCXX": "3.4.25", "CXXABI": "1.3.11", "GCC": "7.0.0"}
 LIBRARIES = {
-    "ld-linux-x86-64.so.2", "ld-linux-aarch64.so.1", "libc.so.6", "libm.so.6", "libpthread.so.0", "libdl.so.2", "librt.so.1", "libutil.so.1",
+    "ld-linux-x86-64.so.2", "ld-linux-aarch64.so.1",
+    "libc.so.6", "libm.so.6", "libpthread.so.0", "libdl.so.2", "librt.so.1", "libutil.so.1",
     "libgcc_s.so.1", "libstdc++.so.6",
     # What set-up brings.
     "libtorch_cpu.so", "libtorch.so", "libc10.so",
