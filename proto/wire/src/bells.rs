@@ -5,6 +5,9 @@
 //! clear. With iceoryx2's events, which are sockets, both cost system calls: one sent, two or three read, and the waits
 //! around them. Who waits for many others, as a learner for its actors, need not be woken by each.
 //!
+//! Where each process of the run can have a core of its own, one that waits looks for a ring for a while before it
+//! sleeps: the kernel takes longer to wake it than a small environment takes for a step.
+//!
 //! Nothing here depends on who lives. A process can be killed or stopped before it rings, or between taking the mark
 //! off and waking the sleeper, when the others' rings find no mark either: so nobody sleeps without a limit. One that
 //! is killed asleep leaves its word marked, and a ring for it wakes nobody.
@@ -17,6 +20,7 @@ use rustix::io::Errno;
 use rustix::thread::futex::{self, Flags, Timespec};
 use std::cell::Cell;
 use std::fmt::Debug;
+use std::num::NonZeroUsize;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
@@ -31,6 +35,9 @@ const MOST_COUNTED: u32 = 1 << 20;
 const STRIDE: usize = 8;
 const TARGET: usize = 1;
 const AT_ONCE: usize = 2;
+
+/// How long one looks for a ring before it sleeps.
+const LOOK: Duration = Duration::from_micros(200);
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sleeper {
@@ -77,7 +84,11 @@ impl Bells {
         // As if it had just rung: what was sent before may be there.
         let at_once = self.words.low(place + AT_ONCE).load(Ordering::SeqCst).wrapping_sub(1);
         let seen = Seen { rings: rings(self.words.low(place).load(Ordering::SeqCst)), at_once };
-        Wakeup { words: Arc::clone(&self.words), place, seen: Cell::new(seen) }
+        let cores = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
+        // The recorder has no turn of its own to wait for.
+        let has_core = places(self.shape) - 1 <= cores;
+        let look = if has_core { LOOK } else { Duration::ZERO };
+        Wakeup { words: Arc::clone(&self.words), place, seen: Cell::new(seen), look }
     }
 
     fn place(&self, sleeper: Sleeper) -> usize {
@@ -156,6 +167,7 @@ pub struct Wakeup {
     words: Arc<SharedWords>,
     place: usize,
     seen: Cell<Seen>,
+    look: Duration,
 }
 
 /// The rings up to the last return.
@@ -186,8 +198,11 @@ impl Wakeup {
         // Before the mark, which whoever rings finds first.
         target.store(until, Ordering::SeqCst);
         let is_due = |word| has_reached(word, until) || at_once.load(Ordering::SeqCst) != seen.at_once;
+        let began = Instant::now();
+        while !is_due(word.load(Ordering::SeqCst)) && began.elapsed() < self.look.min(longest) {
+            std::hint::spin_loop();
+        }
         if !is_due(word.load(Ordering::SeqCst)) {
-            let began = Instant::now();
             // A ring that is not enough yet can keep it from falling asleep.
             while let Some(left) = longest.checked_sub(began.elapsed()).filter(|left| !left.is_zero()) {
                 let marked = word.fetch_or(ASLEEP, Ordering::SeqCst) | ASLEEP;
