@@ -153,7 +153,7 @@ mod tests {
         set("wrist_object_m", 0.25);
         let said = words(&rules, &Seen { record: &record, rewards: Some(&[]) });
         assert_eq!((said.action.as_str(), said.remark.as_str()), ("move arm height +", "picked up"));
-        assert!(said.measures.contains("wrist object 0.250 m"), "{}", said.measures);
+        assert!(said.measures.contains("wrist-object 0.250 m"), "{}", said.measures);
         assert_eq!(words(&rules, &Seen { record: &record, rewards: None }).action, "");
         let outcome = |word| outcome_in_words(&rules, word);
         assert_eq!(outcome("success-without-disturbance"), ("success without disturbance".to_owned(), true));

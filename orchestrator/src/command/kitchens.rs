@@ -1,11 +1,11 @@
 //! This program links no physics: `actor kitchens` builds and draws them.
 
 use crate::preflight::programs;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use proto::exit::how;
 use proto::kitchen::{KitchenChoice, KitchenId, KitchenRange};
 use proto::run_folder::unlike_a_flag;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
 
 /// Draw the kitchens or a scene of your own on one sheet, or write one as a glTF scene
@@ -76,7 +76,11 @@ pub fn run(args: &KitchensArgs) -> Result<ExitCode> {
             "kitchens.png".to_owned()
         }
     };
-    let out = args.out.clone().unwrap_or_else(|| default_name.into());
+    let out = args.out.clone().unwrap_or_else(|| PathBuf::from(&default_name));
+    let ending = Path::new(&default_name).extension();
+    ensure!(out.extension() == ending, "--out {}: the name has to end as {default_name} does", out.display());
+    let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty());
+    ensure!(folder.is_none_or(Path::is_dir), "--out {}: there is no such folder", out.display());
     command.arg("--out").arg(unlike_a_flag(out));
     // It ends with us, however we end: the pipe is its lifeline.
     let actor = command.arg("--lifeline").stdin(Stdio::piped()).spawn();

@@ -1,8 +1,9 @@
 use crate::output::terminal;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap_mangen::Man;
+use proto::likeness::nearest;
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Show the manual page, or write one for each command
 ///
@@ -11,10 +12,10 @@ use std::path::PathBuf;
 #[command(after_help = "Examples:
   orchestrator man up                              that of a command
   orchestrator man up > up.1                       its source
-  orchestrator man man1                            writes orchestrator.1, orchestrator-up.1, ... into the folder man1")]
+  orchestrator man man1/                           writes orchestrator.1, orchestrator-up.1, ... into the folder man1")]
 pub struct ManArgs {
-    /// A command, to show its page; or a folder for the pages of all, which is made if it is not there [default:
-    /// the page of `orchestrator`]
+    /// A command, to show its page; or a folder for the pages of all, with a slash where it is to be made [default: the
+    /// page of `orchestrator`]
     #[arg(value_name = "COMMAND|DIR")]
     folder: Option<PathBuf>,
 }
@@ -25,7 +26,14 @@ pub fn run(args: &ManArgs, line: clap::Command) -> Result<()> {
     line.build();
     let source = format!("{} {}", line.get_name(), line.get_version().unwrap_or_default());
     let page_of = |command: &clap::Command| Man::new(command.clone()).source(source.clone());
-    let named = args.folder.as_ref().and_then(|name| line.find_subcommand(name));
+    let name = args.folder.as_ref().and_then(|name| name.to_str());
+    let command = name.map(|name| name.strip_prefix("orchestrator-").unwrap_or(name));
+    let named = command.and_then(|name| line.find_subcommand(name));
+    if let Some(name) = command.filter(|name| named.is_none() && !name.contains('/') && !Path::new(name).is_dir()) {
+        let meant = nearest(name, line.get_subcommands().map(clap::Command::get_name));
+        let meant = meant.map_or_else(String::new, |meant| format!(" (did you mean `{meant}`?)"));
+        bail!("no command is called `{name}`{meant}; for the pages of all in a new folder type `{name}/`");
+    }
     let Some(folder) = args.folder.as_ref().filter(|_| named.is_none()) else {
         let (mut page, command) = (Vec::new(), named.unwrap_or(&line));
         page_of(command).render(&mut page).context("the manual page")?;

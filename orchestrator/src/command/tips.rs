@@ -7,7 +7,7 @@ use proto::likeness::{likeness, nearest};
 /// What the standard library says of a word in a number's place.
 const NO_NUMBER: &str = "invalid digit found in string";
 
-const COMMANDS: [(&str, &[&str]); 7] = [
+const COMMANDS: [(&str, &[&str]); 12] = [
     ("up", &["train", "start", "run", "launch", "learn"]),
     ("eval", &["evaluate", "test", "enjoy", "validate"]),
     ("view", &["ui", "dashboard", "watch"]),
@@ -15,11 +15,20 @@ const COMMANDS: [(&str, &[&str]); 7] = [
     ("stop", &["kill", "down", "cancel"]),
     ("resume", &["continue", "restart"]),
     ("status", &["ps", "info", "show"]),
+    ("replay", &["video", "film", "render", "movie"]),
+    ("report", &["plot", "plots"]),
+    ("compare", &["diff"]),
+    ("logs", &["log", "tail"]),
+    ("list", &["ls", "runs"]),
 ];
 
 /// Options of other programs, and what says the same to `up`.
-const OPTIONS: [(&str, &[&str]); 8] = [
+const OPTIONS: [(&str, &[&str]); 12] = [
     ("--set ppo.learning_rate=RATE", &["--lr", "--learning-rate"]),
+    ("--set ppo.minibatches=N", &["--batch-size", "--num-minibatches"]),
+    ("--set ppo.entropy_coefficient=C", &["--ent-coef", "--entropy-coef"]),
+    ("--set ppo.value_coefficient=C", &["--vf-coef", "--value-coef"]),
+    ("--set 'scenes=[\"FILE.toml\"]'", &["--scene", "--scenes"]),
     ("--set ppo.rollout_steps=STEPS", &["--n-steps", "--num-steps", "--rollout"]),
     ("--actors N` times `--envs-per-actor N", &["--num-envs", "--n-envs", "--num-processes"]),
     ("--learners N", &["--gpus", "--num-gpus", "--nproc-per-node"]),
@@ -86,7 +95,8 @@ pub fn with_tip(mut error: clap::Error) -> clap::Error {
         }
         ErrorKind::ValueValidation => text(ContextKind::InvalidValue).and_then(|setting| {
             let (key, _) = setting.split_once('=')?;
-            ours(&format!("--{}", key.trim().replace('_', "-")))
+            let last = key.trim().rsplit('.').next()?;
+            ours(&format!("--{}", last.replace('_', "-")))
         }),
         _ => None,
     };
@@ -135,6 +145,10 @@ mod tests {
             (&["up", "--set", "num_envs=8"], "tip: here it is `--actors N` times `--envs-per-actor N`"),
             (&["config", "--set", "n_steps = 128"], "tip: here it is `--set ppo.rollout_steps=STEPS`"),
             (&["up", "--set", "learning_rate=1e-3"], "tip: here it is `--set ppo.learning_rate=RATE`"),
+            (&["up", "--set", "ppo.lr=1e-3"], "tip: here it is `--set ppo.learning_rate=RATE`"),
+            (&["config", "--set", "batch_size=4"], "tip: here it is `--set ppo.minibatches=N`"),
+            (&["up", "--scene", "a.toml"], "tip: here it is `--set 'scenes=[\"FILE.toml\"]'`"),
+            (&["video", "runs/a"], "tip: `orchestrator replay` does that"),
             (&["up", "--set", "total_timesteps=1e6"], "tip: here it is `--frames N`"),
         ] {
             let line = std::iter::once("orchestrator").chain(words.iter().copied());

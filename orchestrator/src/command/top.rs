@@ -55,7 +55,7 @@ pub fn run(args: &TopArgs) -> Result<()> {
 
 /// The newest run below a folder, evaluations left out.
 fn newest(folder: &Path) -> Result<(RunReaders, String)> {
-    ensure!(folder.is_dir(), "there is no folder {}/ here: give the folder of a run", folder.display());
+    ensure!(folder.is_dir(), "no run yet: `orchestrator up` starts one; or give the folder of a run");
     let readers = RunReaders::of(vec![folder.to_path_buf()]);
     let newest = readers.list().into_iter().find(|card| !card.evaluation && card.problem.is_none());
     let newest =

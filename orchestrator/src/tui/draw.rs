@@ -106,7 +106,7 @@ fn progress(live: &Live) -> Gauge<'static> {
     let (done, budget) = (format::count(done), format::count(budget));
     Gauge::default()
         .gauge_style(Style::new().fg(Color::Blue).bg(Color::Black))
-        .label(format!("{stage}{done} / {budget} {what}  {:.1}%{left}", 100.0 * ratio))
+        .label(format!(" {stage}{done} / {budget} {what}  {:.1}%{left} ", 100.0 * ratio))
         .ratio(ratio)
 }
 

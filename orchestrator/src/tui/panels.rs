@@ -30,7 +30,9 @@ pub fn chart(frame: &mut Frame, area: Rect, model: &Model, live: &Live, number: 
     let (plain, plain_name) = if number == 0 { (metric::RETURN, "return") } else { (metric::LENGTH, "length") };
     let (first, second) = (curves.next().unwrap_or_else(|| of(plain)), curves.next().unwrap_or_default());
     let title = if charted.is_empty() {
-        vec![Span::from(format!(" {plain_name} {} ", format::number(last(&first), 2)))]
+        // Whatever the width.
+        let newest = last(&pieces(&model.curves, plain, 200));
+        vec![Span::from(format!(" {plain_name} {} ", format::number(newest, 2)))]
     } else {
         let text = |metric: &Described, pieces: &[Piece]| {
             let value = card.figures.get(&metric.name).copied().or_else(|| last(pieces));
@@ -58,6 +60,7 @@ pub fn chart(frame: &mut Frame, area: Rect, model: &Model, live: &Live, number: 
     let label = |value: f64| match number {
         _ if is_share => format!("{:.0}%", 100.0 * value),
         0 if greatest - least > 5.0 => format!("{value:.1}"),
+        _ if greatest.abs().max(least.abs()) < 0.1 => format!("{value:.3}"),
         _ => format!("{value:.2}"),
     };
     let x = Axis::default().bounds([0.0, frames.max(1) as f64]).labels(["0".to_owned(), short(frames)]);

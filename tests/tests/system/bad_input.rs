@@ -98,6 +98,9 @@ fn what_a_newcomer_types() {
         workshop.call(&typed).refused(help);
     }
     assert!(workshop.call(&["man", "up"]).success && !workshop.path("up").exists());
+    assert!(workshop.call(&["man", "orchestrator-up"]).success);
+    let mistyped = workshop.call(&["man", "ups"]);
+    assert!(mistyped.stderr.contains("(did you mean `up`?)") && !workshop.path("ups").exists());
     std::fs::create_dir(workshop.path("empty")).unwrap();
     let list = workshop.call(&["list", "empty"]);
     assert!(list.success && list.stderr.contains("no run yet: `orchestrator up` starts one"), "{list:#?}");

@@ -81,7 +81,11 @@ fn parse(text: &str) -> Result<SceneFile, Vec<Problem>> {
         let line = error.span().map_or(0, |span| text[..span.start].matches('\n').count());
         // Without what was left out there may be no entry at all.
         if problems.is_empty() || !error.message().starts_with("missing field `node`") {
-            problems.push(Problem::Toml { line: line + 1, problem: in_words(error.message()) });
+            let problem = Problem::Toml { line: line + 1, problem: in_words(error.message()) };
+            // What is missing is missing again when the line of the error is left out.
+            if problems.iter().all(|other| other.to_string() != problem.to_string()) {
+                problems.push(problem);
+            }
         }
         let is_head = |line: &&str| line.trim_start().starts_with('[');
         let entry = lines[..=line].iter().rposition(is_head);
