@@ -54,7 +54,8 @@ pub struct Captions {
     /// What is to be noted of it: failed, picked up.
     pub remark: String,
     pub measures: String,
-    pub outcome: Option<(String, bool)>,
+    /// How the episode ended, and its place among the task's successes, the most demanding first.
+    pub outcome: Option<(String, Option<usize>)>,
 }
 
 /// The movable things that are not always where they are at first, and the target: pictures of the whole episode do not

@@ -15,6 +15,8 @@ const FAINT: Rgb = [112, 118, 126];
 const GOOD: Rgb = [0, 128, 64];
 /// A failed action as well as a success.
 const NOTE: Rgb = [36, 92, 168];
+/// A success that lacks what the task demands most.
+const HALF_GOOD: Rgb = [154, 91, 0];
 const BAD: Rgb = [196, 40, 28];
 const GAP: usize = 4;
 pub struct Storyboard {
@@ -77,8 +79,9 @@ fn write(canvas: &mut Canvas, side: usize, task: &Task, captions: &Captions) {
     let line = |number: f32| 1.15 * text_px * number;
     let space = 1.2 * text_px;
     let end = canvas.text(&task.title, text_px, left, line(1.0), INK);
-    if let Some((outcome, good)) = &captions.outcome {
-        canvas.text(outcome, text_px, end + space, line(1.0), if *good { GOOD } else { BAD });
+    if let Some((outcome, place)) = &captions.outcome {
+        let color = place.map_or(BAD, |place| if place == 0 { GOOD } else { HALF_GOOD });
+        canvas.text(outcome, text_px, end + space, line(1.0), color);
     }
     let end = canvas.text(&captions.action, text_px, left, line(2.0), INK);
     canvas.text(&captions.remark, text_px, end + 0.4 * text_px, line(2.0), NOTE);

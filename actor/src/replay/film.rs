@@ -47,13 +47,12 @@ impl Played {
     }
 }
 
-/// An outcome for the caption, and whether it is good news.
-fn outcome_in_words(rules: &Rules, outcome: &str) -> (String, bool) {
-    let is_good = rules.spec.good_outcomes().any(|good| good == outcome);
+/// An outcome for the caption, and its place among the successes.
+fn outcome_in_words(rules: &Rules, outcome: &str) -> (String, Option<usize>) {
     if outcome == UNFINISHED {
-        ("the recording ends here".to_owned(), false)
+        ("the recording ends here".to_owned(), None)
     } else {
-        (outcome.replace('-', " "), is_good)
+        (outcome.replace('-', " "), rules.spec.good_outcomes().position(|good| good == outcome))
     }
 }
 
@@ -156,7 +155,7 @@ mod tests {
         assert!(said.measures.contains("wrist-object 0.250 m"), "{}", said.measures);
         assert_eq!(words(&rules, &Seen { record: &record, rewards: None }).action, "");
         let outcome = |word| outcome_in_words(&rules, word);
-        assert_eq!(outcome("success-without-disturbance"), ("success without disturbance".to_owned(), true));
-        assert_eq!([outcome("time-limit").1, outcome(UNFINISHED).1], [false, false]);
+        assert_eq!(outcome("success-without-disturbance"), ("success without disturbance".to_owned(), Some(0)));
+        assert_eq!([outcome("success").1, outcome("time-limit").1, outcome(UNFINISHED).1], [Some(1), None, None]);
     }
 }
