@@ -183,7 +183,7 @@ mod vector {
             unsafe { arm::vst1q_f32_x2(to.as_mut_ptr(), arm::float32x4x2_t(self.0[0], self.0[1])) }
         }
 
-        /// The smaller; `other` where one is not a number, which NEON's own instruction is not.
+        /// The smaller; `other` where one is not a number: NEON's own instruction answers otherwise.
         #[inline(always)]
         pub fn min(self, other: Self) -> Self {
             self.or_else(self.less(other), other)
