@@ -18,7 +18,7 @@ class Player {
     this.kind = h("select", { "aria-label": "Kind of film" }, this.kinds.map(({ name, ending }) => h("option", { value: ending }, name)));
     this.film = h("button", { class: "film", onclick: () => this.save() }, "Save film");
     this.element = h("section", { class: "card", "aria-label": "Steps" },
-      h("div", { class: "player" }, this.play, this.speed, this.range, this.film, this.kind), this.strip.element,
+      h("div", { class: "player" }, this.play, this.speed, this.range, h("span", { class: "row" }, this.film, this.kind)), this.strip.element,
       h("p", { class: "small soft keys" }, h("kbd", {}, "←"), " ", h("kbd", {}, "→"), " step  ", h("kbd", {}, "space"), " play  ", h("kbd", {}, "D"), " next disturbance"));
     const keys = (event) => this.key(event);
     document.addEventListener("keydown", keys);

@@ -85,6 +85,7 @@ export async function showList(root, query, signal) {
       if (head.dataset.columns !== metrics.join()) replace(head, h("tr", {}, h("th", {}, h("span", { class: "unseen" }, "Choose")), sorters(columns, asked, sort)));
       head.dataset.columns = metrics.join();
       order();
+      hint.hidden = !together.hidden || cards.length < 2;
       // Rows are new elements: the keyboard stays where it was.
       if (focused) body.querySelector(`[aria-label="${CSS.escape(focused)}"], [href="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
       empty.textContent = cards.length ? "" : "No run yet. Start one with `orchestrator up`: it appears here.";

@@ -40,7 +40,7 @@ class SceneRenderer {
 
   toggle() {
     this.still = !this.still;
-    this.button.textContent = this.still ? "Go on" : "Pause";
+    this.button.textContent = this.still ? "Play" : "Pause";
     this.button.setAttribute("aria-pressed", String(this.still));
     say(this.still ? "paused" : "goes on");
   }
@@ -61,7 +61,7 @@ class SceneRenderer {
     if (!places.includes(this.chosen)) this.chosen = places[0] ?? null;
     this.link.href = `#/run/${encodeURIComponent(newest.id)}`;
     this.link.hidden = false;
-    if (card.done) this.tally.textContent = [`${count(card.done)} episodes played`, ...card.metrics.filter(({ name }) => name in card.figures).map((metric) => `${metric.label} ${figure(metric, card.figures[metric.name], 0)}`)].join(", ");
+    if (card.done) this.tally.textContent = [`${count(card.done)} ${card.done === 1 ? "episode" : "episodes"} played`, ...card.metrics.filter(({ name }) => name in card.figures).map((metric) => `${metric.label} ${figure(metric, card.figures[metric.name], 0)}`)].join(", ");
     return this.chosen !== null;
   }
 

@@ -62,7 +62,7 @@ class Page {
       report.episodes.map((sentence) => says(sentence)),
       report.notes.length ? h("details", { class: "notice", open: true }, h("summary", {}, "Before you trust these figures"), h("ul", {}, report.notes.map((note) => h("li", {}, note)))) : null,
       parts,
-      this.missing.length ? h("details", { id: "missing" }, h("summary", {}, "What is not here"), h("ul", {}, this.missing.map((why) => h("li", {}, why)))) : null));
+      this.missing.length ? h("details", { id: "missing", open: !report.groups.some(({ results }) => results.length) }, h("summary", {}, "What is not here"), h("ul", {}, this.missing.map((why) => h("li", {}, why)))) : null));
     this.redraw();
   }
 

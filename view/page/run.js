@@ -68,6 +68,7 @@ function timeline(live) {
       h("thead", {}, h("tr", {}, ["Newest tenth of stage", ...metrics.map(({ label }) => label)].map((name) => h("th", { scope: "col" }, name)))),
       h("tbody", {}, begun.map(({ name, figures: known }) => h("tr", {}, h("td", {}, name), metrics.map((metric) => h("td", {}, figure(metric, known[metric.name])))))))) : null,
     live.frames_per_s === null ? null : [
+      h("div", { class: "small soft" }, "Where the time goes"),
       h("div", { class: "bar", role: "img", "aria-label": text.join(", ") }, shares.map((share) => h("i", { style: { width: `${100 * share}%` } }))),
       h("div", { class: "legend small soft" }, text.map((words, at) => h("span", {}, h("span", { class: "swatch", style: { background: `var(${colours[at]})` } }), words)))],
   ];

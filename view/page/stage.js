@@ -77,7 +77,8 @@ class OrbitView {
     this.home();
   }
 
-  home() { this.camera = structuredClone(this.stage.episode.orbit); }
+  /** The view that an episode was opened with: one that goes on has another at its end. */
+  home() { this.camera = structuredClone(this.began ??= this.stage.episode.orbit); }
 
   /** One pointer turns the camera, or moves it with shift; two fingers move it, and zoom as they part. */
   grab(down) {
@@ -258,8 +259,9 @@ export class Strip {
     const marked = this.stages.flatMap(({ episode }) => episode.moments.flatMap((moment) => marks(episode, moment)));
     const named = (good) => [...new Set(marked.filter((mark) => mark.good === good).map(({ name }) => words(name)))].join(", ");
     const unit = task.channels.find(({ name }) => name === limited)?.unit;
+    const most = Math.max(0, ...this.stages.flatMap(({ episode }) => episode.moments.map(({ channels }) => channels[limited]?.[0] ?? 0)));
     const rewards = this.stages.map((stage, index) => said(index ? "--run-1" : "--run-0", first && `reward ${words(first)}${this.stages.length > 1 ? `, ${stage.run}` : ""}`));
-    return h("div", { class: "legend small soft" }, rewards, said("--faint", first && "below zero"), said("--ghost", limited && words(limited, unit)), said("--target", named(true)), said("--bad", named(false)));
+    return h("div", { class: "legend small soft" }, rewards, said("--faint", first && "below zero"), said("--ghost", limited && `${words(limited, unit)}, at most ${number(most)} ${unit ?? ""}`), said("--target", named(true)), said("--bad", named(false)));
   }
 
   drag(event, go) { go(Math.round(CLAMP(event.offsetX / this.canvas.clientWidth, 0, 1) * this.steps)); }
@@ -389,7 +391,10 @@ export class Stage {
     const { constant, all } = terms(task, first.name);
     const doc = (part) => task.channels.find(({ name }) => name === part)?.doc ?? "";
     const unit = (part) => task.channels.find(({ name }) => name === part)?.unit;
-    const shown = this.step ? all.map(({ part, weight, holds }) => [part, weight * holds(now.channels[part][0])]).filter(([, value]) => value !== 0) : [];
+    const rows = (terms) => (this.step ? terms : []).map(({ part, weight, holds }) => [part, weight * holds(now.channels[part][0])]).filter(([, value]) => value !== 0)
+      .map(([part, value]) => h("tr", { title: doc(part) }, h("td", {}, words(part, unit(part))), h("td", {}, signed(value))));
+    // What another reward has beside the first one's terms.
+    const added = (name) => terms(task, name).all.filter(({ part, weight }) => !all.some((other) => other.part === part && other.weight === weight));
     const sum = (name) => moments.slice(0, this.step + 1).reduce((total, { rewards }) => total + (rewards[name] ?? 0), 0);
     const names = Object.keys(moments.at(-1).rewards);
     // Their order is the declaration's.
@@ -397,8 +402,8 @@ export class Stage {
     replace(this.parts, h("table", { class: "parts small" },
       h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Reward of this step"), h("th", { scope: "col" }, first.name))),
       h("tbody", {}, this.step ? h("tr", {}, h("td", {}, "each step"), h("td", {}, signed(constant))) : null,
-        shown.map(([part, value]) => h("tr", { title: doc(part) }, h("td", {}, words(part, unit(part))), h("td", {}, signed(value)))),
-        rewards.map((name, at) => h("tr", { class: at ? null : "total" }, h("td", {}, words(name)), h("td", {}, signed(now.rewards[name] ?? 0)))),
+        rows(all),
+        rewards.map((name, at) => [at ? rows(added(name)) : null, h("tr", { class: "total" }, h("td", {}, words(name)), h("td", {}, signed(now.rewards[name] ?? 0)))]),
         rewards.map((name) => h("tr", {}, h("td", { class: "soft" }, `return so far, ${words(name)}`), h("td", { class: "soft" }, number(sum(name))))))));
   }
 

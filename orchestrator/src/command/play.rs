@@ -34,7 +34,9 @@ const SHIPPED: [&str; 2] = ["models/fetch.safetensors", "../../models/fetch.safe
 pub fn run(args: &PlayArgs) -> Result<()> {
     let program = std::env::current_exe().context("this program has no place")?;
     let policy = args.file.clone().or_else(|| shipped(program.parent()?));
-    let policy = policy.context("no policy lies beside this program: name one, `orchestrator play FILE`")?;
+    let policy = policy.context(
+        "models/fetch.safetensors does not lie beside this program: name a policy, `orchestrator play FILE`",
+    )?;
     view::play(Player::of(&policy, &args.scene)?, &args.page, !args.no_open)
 }
 

@@ -20,7 +20,7 @@ const PANEL_LINES: u16 = 4;
 pub fn draw(frame: &mut Frame, model: &Model) {
     let [head, body, foot] =
         Layout::vertical([Constraint::Length(HEAD), Constraint::Min(0), Constraint::Length(1)]).areas(frame.area());
-    frame.render_widget(Paragraph::new(foot_line(model)), foot);
+    frame.render_widget(Paragraph::new(foot_line(model, foot.width)), foot);
     let Some(live) = &model.live else {
         frame.render_widget(Paragraph::new(" reading …"), head);
         return;
@@ -30,7 +30,7 @@ pub fn draw(frame: &mut Frame, model: &Model) {
     let charts = if body.height < charts + PANEL_LINES { body.height } else { charts };
     let charts = if live.card.evaluation { 0 } else { charts };
     let [upper, lower] = Layout::vertical([Constraint::Length(charts), Constraint::Min(0)]).areas(body);
-    let shown = usize::from((upper.width / CHART_COLUMNS).clamp(1, CHARTS as u16));
+    let shown = charts_shown(upper.width);
     if upper.height > 2 {
         let places = Layout::horizontal(vec![Constraint::Fill(1); shown]).split(upper);
         for (number, place) in places.iter().enumerate() {
@@ -105,7 +105,7 @@ fn progress(live: &Live) -> Gauge<'static> {
     let left = left.map_or_else(String::new, |left| format!("  {} left", format::duration(left)));
     let (done, budget) = (format::count(done), format::count(budget));
     Gauge::default()
-        .gauge_style(Style::new().fg(Color::Blue).bg(Color::Black))
+        .gauge_style(Style::new().fg(Color::Cyan).bg(Color::Black))
         .label(format!(" {stage}{done} / {budget} {what}  {:.1}%{left} ", 100.0 * ratio))
         .ratio(ratio)
 }
@@ -160,7 +160,11 @@ fn machine(live: &Live) -> Line<'static> {
     Line::from(format!(" {}", parts.join("  |  ")))
 }
 
-fn foot_line(model: &Model) -> Line<'static> {
+fn charts_shown(width: u16) -> usize {
+    usize::from((width / CHART_COLUMNS).clamp(1, CHARTS as u16))
+}
+
+fn foot_line(model: &Model, width: u16) -> Line<'static> {
     let notes = model.live.iter().flat_map(|live| &live.notes);
     let problem = model.problem.iter().chain(notes).next();
     if let Some(problem) = problem {
@@ -169,6 +173,9 @@ fn foot_line(model: &Model) -> Line<'static> {
     let key = |key: &'static str, what: &'static str| {
         [Span::styled(key, Style::new().add_modifier(Modifier::REVERSED)), Span::from(format!(" {what}  "))]
     };
-    let keys = [key("q", "leave"), key("↑↓", "processes"), key("w", "warnings"), key("Tab", "charts")];
+    let mut keys = vec![key("q", "leave"), key("↑↓", "processes"), key("w", "warnings")];
+    if charts_shown(width) < CHARTS {
+        keys.push(key("Tab", "charts"));
+    }
     Line::from(std::iter::once(Span::from(" ")).chain(keys.into_iter().flatten()).collect::<Vec<_>>())
 }

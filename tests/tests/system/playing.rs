@@ -109,7 +109,7 @@ fn a_policy_plays_on_the_page_and_leaves_nothing_behind() {
             format!("[...document.querySelectorAll('button')].some((one) => one.textContent === '{word}')")
         };
         browser.press(" ");
-        browser.wait_for(&button("Go on"));
+        browser.wait_for(&button("Play"));
         let step = "document.querySelector('[data-episode]').dataset.step";
         // A step that was being shown.
         std::thread::sleep(std::time::Duration::from_secs(1));
