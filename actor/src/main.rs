@@ -30,14 +30,14 @@ fn main() -> ExitCode {
     whereabouts::name_it_in_panics();
     match run(arguments) {
         Ok(()) => ExitCode::SUCCESS,
-        // To the user, not into a log.
-        Err(error) if is_command => {
-            eprintln!("error: {error:#}");
-            ExitCode::FAILURE
-        }
         Err(error) => {
             let place = whereabouts::here().map(|here| format!(" ({here})")).unwrap_or_default();
-            tracing::error!("{error:#}{place}");
+            // A command's reader is a person, a rollout's a log.
+            if is_command {
+                eprintln!("error: {error:#}{place}");
+            } else {
+                tracing::error!("{error:#}{place}");
+            }
             ExitCode::FAILURE
         }
     }

@@ -87,7 +87,7 @@ enum Command {
 pub fn main(version: &'static str) -> ExitCode {
     let matches = CommandLine::command().version(version).try_get_matches();
     let line = matches.and_then(|matches| CommandLine::from_arg_matches(&matches));
-    let line = line.unwrap_or_else(|error| command::tips::with_tip(error).exit());
+    let line = line.unwrap_or_else(|error| command::tips::with_tip(error, &CommandLine::command()).exit());
     output::terminal::init(line.verbose, Box::new(output::events::LogLines));
     // Before any child is started: it inherits the limit.
     wire::descriptors::raise_limit();

@@ -135,11 +135,18 @@ export function every(milliseconds, signal, work) {
   round();
 }
 
-/** Says what is waited for, and counts the seconds. `words`: may be put in other words. */
+/** Says what is waited for, and counts the seconds while it is on the page. `words`: may be put in other words; `renew`: counts anew. */
 export function waiting(text, signal) {
-  const [words, taken, begun] = [h("span", {}, text), h("span", { "aria-hidden": "true" }), performance.now()];
-  every(1000, signal, () => { taken.textContent = ` … ${Math.round((performance.now() - begun) / 1000)} s`; });
-  return { words, element: h("p", { class: "soft", role: "status" }, words, taken) };
+  const [words, taken] = [h("span", {}, text), h("span", { "aria-hidden": "true" })];
+  const element = h("p", { class: "soft", role: "status" }, words, taken);
+  let [begun, shown] = [performance.now(), false];
+  const timer = setInterval(() => {
+    shown ||= element.isConnected;
+    if (signal.aborted || (shown && !element.isConnected)) clearInterval(timer);
+    else taken.textContent = ` … ${Math.round((performance.now() - begun) / 1000)} s`;
+  }, 1000);
+  const renew = (other) => { words.textContent = other; taken.textContent = ""; begun = performance.now(); };
+  return { words, element, renew };
 }
 
 /** Heads of columns that sort by a click: largest first, smallest first, and back. `asked` has `sort` and `descending`. */

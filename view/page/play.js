@@ -29,11 +29,7 @@ class SceneRenderer {
 
   /** Says what it waits for; nothing without a text. */
   waits(text) {
-    if (text && text !== this.wait.words.textContent) {
-      const next = waiting(text, this.signal);
-      this.wait.element.replaceWith(next.element);
-      this.wait = next;
-    }
+    if (text && text !== this.wait.words.textContent) this.wait.renew(text);
     // Its line stays: nothing jumps.
     this.wait.element.style.visibility = text ? "visible" : "hidden";
   }

@@ -44,8 +44,14 @@ fn ours(word: &str) -> Option<String> {
     Some(format!("here it is `{ours}`"))
 }
 
-/// An error of the command line, with what was probably meant.
-pub fn with_tip(mut error: clap::Error) -> clap::Error {
+fn is_of_up(option: &str, line: &clap::Command) -> bool {
+    let name = option.strip_prefix("--");
+    let up = line.find_subcommand("up").filter(|_| name.is_some());
+    up.is_some_and(|up| up.get_arguments().any(|argument| argument.get_long() == name))
+}
+
+/// An error of a command line, `line` as it is declared, with what was probably meant.
+pub fn with_tip(mut error: clap::Error, line: &clap::Command) -> clap::Error {
     let text = |kind| match error.get(kind) {
         Some(ContextValue::String(text)) => Some(text.clone()),
         Some(ContextValue::StyledStr(text)) => Some(text.to_string()),
@@ -71,7 +77,7 @@ pub fn with_tip(mut error: clap::Error) -> clap::Error {
                 word if usage.contains("orchestrator kitchens") && word.parse::<u32>().is_ok() => {
                     Some(format!("it is drawn by `--kitchens {word}`"))
                 }
-                word if usage.contains("orchestrator [OPTIONS] <COMMAND>") && word.starts_with("--") => {
+                word if usage.contains("orchestrator [OPTIONS] <COMMAND>") && is_of_up(word, line) => {
                     Some(format!("a command comes first, as in `orchestrator up {word}`"))
                 }
                 word if usage.contains("orchestrator scale") && word.parse::<u32>().is_ok() => {
@@ -110,18 +116,24 @@ pub fn with_tip(mut error: clap::Error) -> clap::Error {
         error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
     }
     let said = error.to_string();
-    let readable = said.replace(NO_NUMBER, "expected a whole number").replace(" is not in ", " is outside ");
-    if readable != said {
-        let said = readable.trim_start_matches("error: ").replace("..=", " to ");
-        return clap::Error::raw(error.kind(), said);
-    }
-    error
+    let readable = if said.contains("..=") {
+        said.replace(" is not in ", " is outside ").replace("..=", " to ")
+    } else {
+        said.replace(NO_NUMBER, "expected a whole number")
+    };
+    if readable == said { error } else { clap::Error::raw(error.kind(), readable.trim_start_matches("error: ")) }
 }
 
 #[cfg(test)]
 mod tests {
     use crate::CommandLine;
     use clap::CommandFactory;
+
+    fn answer(words: &[&str]) -> String {
+        let line = std::iter::once("orchestrator").chain(words.iter().copied());
+        let error = CommandLine::command().try_get_matches_from(line).unwrap_err();
+        super::with_tip(error, &CommandLine::command()).to_string()
+    }
 
     #[test]
     fn what_others_understand_is_answered_with_what_we_do() {
@@ -133,6 +145,7 @@ mod tests {
             (&["resume", "runs/a", "--preset", "demo"], "tip: a run keeps its settings"),
             (&["upp"], "'up'"),
             (&["--preset", "demo"], "tip: a command comes first, as in `orchestrator up --preset`"),
+            (&["--verion"], "tip: a similar argument exists: '--version'"),
             (&["kitchens", "7"], "tip: it is drawn by `--kitchens 7`"),
             (&["tensorboard"], "tip: `orchestrator view` or `tensorboard --logdir RUN/tensorboard` does that"),
             (&["up", "--resume", "runs/a"], "tip: here it is `orchestrator resume RUN`"),
@@ -151,8 +164,7 @@ mod tests {
             (&["video", "runs/a"], "tip: `orchestrator replay` does that"),
             (&["up", "--set", "total_timesteps=1e6"], "tip: here it is `--frames N`"),
         ] {
-            let line = std::iter::once("orchestrator").chain(words.iter().copied());
-            let error = super::with_tip(CommandLine::command().try_get_matches_from(line).unwrap_err()).to_string();
+            let error = answer(words);
             assert!(error.contains(tip) && error.matches("tip:").count() == 1, "{words:?}: {error}");
         }
         for (words, said) in [
@@ -162,8 +174,7 @@ mod tests {
             // It is like `validate`, and was answered with `orchestrator eval`.
             (["delete", "runs/a", "--run", "b"], "unrecognized subcommand"),
         ] {
-            let line = std::iter::once("orchestrator").chain(words);
-            let error = super::with_tip(CommandLine::command().try_get_matches_from(line).unwrap_err()).to_string();
+            let error = answer(&words);
             assert!(error.contains(said) && !error.contains("tip:"), "{words:?}: {error}");
         }
     }
