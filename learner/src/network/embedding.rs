@@ -12,8 +12,8 @@ pub const GOAL: i64 = 32;
 /// Width of the previous action's embedding.
 pub const PREVIOUS_ACTION: i64 = 16;
 
-/// What the network is given for the numbers that a record has: a vector in space comes first, and what is behind it, for
-/// the critic alone, stays. Panics if there are fewer than three numbers, and those are to be a vector in space.
+/// What the network is given for the numbers that a record has: a vector in space comes first, and what is behind it
+/// stays. Panics if there are fewer than three numbers, and those are to be a vector in space.
 pub fn coordinates(kind: GoalCoordinates, numbers: &[f32]) -> Vec<f32> {
     if kind == GoalCoordinates::Plain {
         return numbers.to_vec();

@@ -134,7 +134,7 @@ pub struct NetworkConfig {
     pub encoder: Encoder,
     /// Side of the average pooling before the encoder: 2 for the paper's resnet, 1 for its cnn.
     pub input_pool: u32,
-    /// How the numbers beside the frame are given: `polar` and `cartesian` need three, a vector in space; a task without
+    /// How the numbers beside the frame are given: `polar` and `cartesian` change the first three, a vector; a task without
     /// a frame needs `plain`.
     pub goal: GoalCoordinates,
     /// Sign of the goal vector while the target is held. A policy trained with one sign is useless with the other.

@@ -115,7 +115,7 @@ impl Config {
             "network.goal",
             serde_json::json!(self.network.goal),
             self.network.goal == GoalCoordinates::Plain || inputs.frame.is_some() && inputs.are_coordinates(),
-            "must be \"plain\" in this task: only three numbers beside a frame are a vector in space",
+            "must be \"plain\" in this task: three numbers beside a frame, a vector in space, must come first",
         )?;
         check(
             "auxiliary.task",

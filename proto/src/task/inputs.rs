@@ -61,9 +61,9 @@ impl Inputs {
         })
     }
 
-    /// Whether the numbers are one vector in space, or could be.
+    /// Whether the numbers begin with a vector in space, or could.
     pub(crate) fn are_coordinates(&self) -> bool {
-        self.policy_width() == 3 && self.are_plain().take(3).all(|is_plain| is_plain)
+        self.policy_width() >= 3 && self.are_plain().take(3).all(|is_plain| is_plain)
     }
 
     /// Appends a record's numbers: one observation behind the other, as the task declares them, then what the critic alone

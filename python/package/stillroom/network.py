@@ -362,16 +362,18 @@ class Network(nn.Module):
         return F.avg_pool2d(depth_mm.unsqueeze(1), self.input_pool).squeeze(1)
 
     def coordinates(self, goal_m: Tensor) -> Tensor:
-        """Goal vectors [rows, 3], metres, to what the network is given [rows, 3]."""
+        """Goal vectors [rows, 3], metres, to what the network is given [rows, 3]; other numbers behind them stay."""
         if self.goal == "plain":
             return goal_m
+        goal_m, rest = goal_m[:, :3], goal_m[:, 3:]
         if self.goal == "cartesian":
-            return goal_m.abs()
+            return torch.cat([goal_m.abs(), rest], 1)
         x, y, z = goal_m.to(torch.float64).unbind(1)
         distance = (x * x + y * y + z * z).sqrt()
         elevation = torch.atan2(z, (x * x + y * y).sqrt())
         azimuth = torch.atan2(y, x)
-        return torch.stack([distance, elevation / (math.pi / 2), azimuth / math.pi], 1).to(torch.float32)
+        polar = torch.stack([distance, elevation / (math.pi / 2), azimuth / math.pi], 1)
+        return torch.cat([polar.to(torch.float32), rest], 1)
 
     def embed(
         self, depth_mm: Tensor, goal: Tensor, previous_action: Tensor, images: dict[str, Tensor] | None = None

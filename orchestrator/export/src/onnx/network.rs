@@ -6,6 +6,7 @@ use proto::camera::FRAME_SIDE;
 use proto::config::{Activation, Encoder, GoalCoordinates, Memory, dqn};
 use proto::task::{ActionHead, Dtype, Image};
 use std::f32::consts::{FRAC_PI_2, PI};
+use std::ops::Range;
 
 type Result<T> = std::result::Result<T, PolicyError>;
 
@@ -84,7 +85,7 @@ pub(super) fn graph(policy: &Policy) -> Result<Graph> {
     let (mut parts, mut width) = match (depth, given) {
         (Some(depth), Some(given)) => {
             let frames = maker.frames(&depth, network.input_pool as usize);
-            let given = maker.coordinates(network.goal, &given);
+            let given = maker.coordinates(network.goal, &given, numbers);
             let given = maker.normalized_numbers(given, numbers)?;
             let parts = vec![maker.encoder(network.encoder, frames)?, maker.goal(&given, numbers)?];
             (parts, VISUAL + GOAL[1])
@@ -334,13 +335,28 @@ impl Maker<'_> {
         Ok(Images { name, ..*x })
     }
 
-    fn coordinates(&mut self, coordinates: GoalCoordinates, goal: &Name) -> Name {
+    /// A vector in space comes first, and what is behind it stays.
+    fn coordinates(&mut self, coordinates: GoalCoordinates, given: &Name, numbers: usize) -> Name {
         self.builder.part("goal");
-        match coordinates {
-            GoalCoordinates::Cartesian => self.builder.apply("Abs", &[goal], &[]),
-            GoalCoordinates::Polar => self.polar(goal),
-            GoalCoordinates::Plain => goal.clone(),
+        if coordinates == GoalCoordinates::Plain {
+            return given.clone();
         }
+        let goal = if numbers == 3 { given.clone() } else { self.columns(given, 0..3) };
+        let goal = match coordinates {
+            GoalCoordinates::Cartesian => self.builder.apply("Abs", &[&goal], &[]),
+            GoalCoordinates::Polar | GoalCoordinates::Plain => self.polar(&goal),
+        };
+        if numbers == 3 {
+            return goal;
+        }
+        let rest = self.columns(given, 3..numbers as i64);
+        self.builder.apply("Concat", &[&goal, &rest], &[Int("axis", 1)])
+    }
+
+    fn columns(&mut self, of: &Name, range: Range<i64>) -> Name {
+        let builder = &mut self.builder;
+        let [from, to, axis] = [range.start, range.end, 1].map(|number| builder.integers(&[number]));
+        builder.apply("Slice", &[of, &from, &to, &axis], &[])
     }
 
     /// Less their mean, divided by their deviation and clipped, if the network does so.
@@ -375,12 +391,8 @@ impl Maker<'_> {
 
     /// (ρ, elevation / (π/2), azimuth / π) with elevation = atan2(z, hypot(x, y)) and azimuth = atan2(y, x).
     fn polar(&mut self, goal: &Name) -> Name {
+        let [x, y, z] = [0, 1, 2].map(|index| self.columns(goal, index..index + 1));
         let builder = &mut self.builder;
-        let mut axis = |index: i64| {
-            let (from, to, axis) = (builder.integers(&[index]), builder.integers(&[index + 1]), builder.integers(&[1]));
-            builder.apply("Slice", &[goal, &from, &to, &axis], &[])
-        };
-        let [x, y, z] = [axis(0), axis(1), axis(2)];
         let mut norm = |of: &[&Name]| {
             let squares: Vec<Name> = of.iter().map(|axis| builder.apply("Mul", &[axis, axis], &[])).collect();
             let sum = builder.apply("Sum", &squares.iter().collect::<Vec<_>>(), &[]);
