@@ -131,7 +131,7 @@ impl KitchensInUse {
         }
         self.kept.push(Kept { name, scene, moments, camera });
         Ok(ShownEpisode {
-            task: ShownTask::of(rules.spec, &config.reward.weights),
+            task: ShownTask::of(&config),
             target: picture::target_name(rules.spec, &record).map(str::to_owned),
             outcome,
             goal_tolerance_m,
@@ -260,10 +260,12 @@ fn shown(rules: &Rules, seen: &Seen, moved: Vec<(u32, f32, [f32; 2])>) -> ShownM
     let channels = channels.filter(|(channel, _)| !channel.is_bulk() && (acted || !channel.is_of_action()));
     let numbers = |field: &Field| field.numbers(seen.record).map(|number| number as f32).collect();
     let rewards = rules.compared.rewards().map(str::to_owned).zip(seen.rewards.into_iter().flatten().copied());
+    let part = |index| rules.spec.layout().part(seen.record, index);
+    let own = rules.own_rewards.iter().filter(|_| acted).map(|(name, reward)| (name.clone(), reward.of(part, 0.0)));
     ShownMoment {
         action: picture::action_name(rules.spec, seen.record).filter(|_| acted).map(str::to_owned),
         channels: channels.map(|(channel, field)| (channel.name.clone(), numbers(field))).collect(),
-        rewards: rewards.collect(),
+        rewards: rewards.chain(own).collect(),
         moved,
     }
 }

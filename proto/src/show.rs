@@ -3,8 +3,9 @@
 //!
 //! Every answer is a line, too. [`ShowAnswer::Picture`] says how many bytes of PNG follow its line.
 
+use crate::config::Config;
 use crate::replay::{Difference, RecordedEpisode, ReplaySetup};
-use crate::task::{Channel, Metric, Reward, Spec};
+use crate::task::{Channel, Metric, Reward};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -113,11 +114,12 @@ pub struct ShownTask {
 }
 
 impl ShownTask {
-    pub fn of(spec: &Spec, weights: &BTreeMap<String, f32>) -> Self {
+    pub fn of(config: &Config) -> Self {
+        let spec = config.spec();
         Self {
             channels: spec.channels.iter().filter(|channel| !channel.is_bulk()).cloned().collect(),
-            rewards: spec.rewards.clone(),
-            weights: weights.clone(),
+            rewards: [&spec.rewards[..], &config.rewards].concat(),
+            weights: config.reward.weights.clone(),
             metrics: spec.metrics.clone(),
             successes: spec.good_outcomes().collect(),
         }
@@ -130,7 +132,7 @@ pub struct ShownMoment {
     pub action: Option<String>,
     /// Numbers of the task's channels but images: what is seen now, and after an action what that did.
     pub channels: BTreeMap<String, Vec<f32>>,
-    /// The task's rewards of that action; none at the start.
+    /// The rewards of that action, the task's and the configuration's; none at the start.
     pub rewards: BTreeMap<String, f32>,
     /// What is not where it stood: number in [`ShownEpisode::things`], how far (metres), and where it is now (x, z).
     pub moved: Vec<(u32, f32, [f32; 2])>,

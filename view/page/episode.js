@@ -110,7 +110,7 @@ export async function showEpisode(root, run, key, query, signal) {
     h("div", { class: "episode" },
       h("div", { class: "stack" },
         h("section", { class: "card stack", "aria-label": "The room" }, stage.orbit.element, stage.words),
-        player.element, explained(), stage.proof()),
+        player.element, explained(stage.episode), stage.proof()),
       h("div", { class: "side" }, figure("What the robot sees", h("div", { class: "picture" }, stage.depth)), figure("Floor plan and way", stage.plan.element),
         h("section", { class: "card stack" }, stage.moved, stage.parts, stage.channels))));
   player.go(Number(query.get("step") ?? 0));

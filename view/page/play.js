@@ -74,7 +74,7 @@ class SceneRenderer {
     replace(this.place, h("div", { class: "episode" },
       h("div", { class: "stack" }, h("section", { class: "card stack", "aria-label": "The room" },
         h("div", { class: "row between" }, h("strong", {}, stage.episode.target ?? ""), end), stage.problem, stage.orbit.element, stage.words,
-        explained(), h("p", { class: "small soft keys" }, h("kbd", {}, "space"), " pause  ", h("kbd", {}, "arrows"), " turn  ", h("kbd", {}, "+"), " ", h("kbd", {}, "−"), " zoom  ", h("kbd", {}, "0"), " back, in the picture"))),
+        explained(stage.episode), h("p", { class: "small soft keys" }, h("kbd", {}, "space"), " pause  ", h("kbd", {}, "arrows"), " turn  ", h("kbd", {}, "+"), " ", h("kbd", {}, "−"), " zoom  ", h("kbd", {}, "0"), " back, in the picture"))),
       h("div", { class: "side" }, h("figure", { class: "card" }, h("figcaption", {}, "What the robot sees"), h("div", { class: "picture" }, stage.depth)), h("figure", { class: "card" }, h("figcaption", {}, "Floor plan and way"), stage.plan.element),
         h("section", { class: "card" }, stage.moved))));
     this.camera(stage);

@@ -238,7 +238,7 @@ function marks({ task }, moment) {
 const hint = () => (matchMedia("(pointer: coarse)").matches ? "Drag to turn, two fingers to zoom and move." : "Drag to turn, wheel to zoom, shift-drag to move.");
 
 /** What is marked in the room. */
-export const explained = () => h("p", { class: "small faint" }, `${hint()} Pink ring: the target. Green box: the goal. Violet: displaced, with a ghost where it stood.`);
+export const explained = ({ target }) => h("p", { class: "small faint" }, `${hint()}${target ? " Pink ring: the target." : ""} Green box: the goal. Violet: displaced, with a ghost where it stood.`);
 
 /** The task's first reward, and the channel that its metrics limit, over the steps; a click goes there. */
 export class Strip {

@@ -162,7 +162,7 @@ impl Agent {
         self.carry(input.columns, &beliefs);
         let Trainer { network, auxiliary, .. } = self.trainer();
         let beliefs = network.belief.of(&beliefs);
-        let disturbs = auxiliary.disturbance_logits(&network.parameters, &beliefs).map(|logits| {
+        let foretold = auxiliary.label_logits(&network.parameters, &beliefs).map(|logits| {
             let options: Vec<usize> = chosen.iter().map(option).collect();
             let logits = logits.gather(1, &column_indices(&options, self.device).unsqueeze(1), false);
             to_vec(&logits).into_iter().map(|logit| logit > 0.0).collect()
@@ -171,7 +171,7 @@ impl Agent {
         for action in &chosen {
             head.write(action, &mut actions);
         }
-        Ok(Choice { actions, disturbs })
+        Ok(Choice { actions, foretold })
     }
 
     /// Beliefs before these columns' next observations; without memory there are none.

@@ -91,9 +91,8 @@ pub struct StepOutput {
 pub struct Choice {
     /// Bytes of the actions, one behind the other.
     pub actions: Vec<u8>,
-    /// Whether the disturbance head predicts that the action disturbs something; none without the auxiliary task
-    /// `disturb`.
-    pub disturbs: Option<Vec<bool>>,
+    /// Whether the auxiliary task predicts the task's label of the action; none if it predicts something else.
+    pub foretold: Option<Vec<bool>>,
 }
 
 /// The network's outputs for the observations of some columns.

@@ -92,7 +92,7 @@ impl Task for Disturb {
         .collect()
     }
 
-    fn disturbance_logits(&self, parameters: &Parameters, beliefs: &Tensor) -> Option<Tensor> {
+    fn label_logits(&self, parameters: &Parameters, beliefs: &Tensor) -> Option<Tensor> {
         Some(self.logits(parameters, beliefs))
     }
 }

@@ -75,9 +75,9 @@ impl Auxiliary {
         self.0.as_ref().map(|task| task.figures(tally)).unwrap_or_default()
     }
 
-    /// Logits that an action disturbs something: see [`Task::disturbance_logits`].
-    pub(crate) fn disturbance_logits(&self, parameters: &Parameters, beliefs: &Tensor) -> Option<Tensor> {
-        self.0.as_ref()?.disturbance_logits(parameters, beliefs)
+    /// Logits of the task's label: see [`Task::label_logits`].
+    pub(crate) fn label_logits(&self, parameters: &Parameters, beliefs: &Tensor) -> Option<Tensor> {
+        self.0.as_ref()?.label_logits(parameters, beliefs)
     }
 }
 

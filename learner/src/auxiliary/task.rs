@@ -25,9 +25,9 @@ pub trait Task: fmt::Debug + Send {
     /// The task's figures, named `auxiliary/…`, from these sums over all passes.
     fn figures(&self, tally: &Tally) -> BTreeMap<String, f64>;
 
-    /// Logits that an action disturbs something, \[rows, hidden\] → \[rows, actions\]; `None` if the task does not
+    /// Logits of the task's label, \[rows, hidden\] → \[rows, actions\]; `None` if the task does not
     /// predict it.
-    fn disturbance_logits(&self, _parameters: &Parameters, _beliefs: &Tensor) -> Option<Tensor> {
+    fn label_logits(&self, _parameters: &Parameters, _beliefs: &Tensor) -> Option<Tensor> {
         None
     }
 }

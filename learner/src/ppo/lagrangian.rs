@@ -2,15 +2,15 @@
 //! constrained baseline:
 //!
 //! ```text
-//! max over π, min over λ ≥ 0 of  J(π) − λ·J_C(π),   J_C = E Σ γ^t (d_t − d_{t−1})
+//! max over π, min over λ ≥ 0 of  J(π) − λ·J_C(π),   J_C = E Σ γ^t c_t
 //! ```
-//! PPO trains the policy on r − λ·(`d_t` − d_{t−1}). After each update λ takes one step of gradient ascent on the
-//! constraint. The constraint allows no disturbance, so λ rises as long as episodes disturb anything, and falls
-//! only when `J_C` is negative.
+//! c is the cost that the task declares. PPO trains the policy on r − λ·c. After each update λ takes one step of
+//! gradient ascent on the constraint. The constraint allows no cost, so λ rises as long as episodes cost anything, and
+//! falls only when `J_C` is negative.
 
-/// λ after an update in which episodes ended with a mean discounted disturbance `J_C` of `constraint_m` metres.
-pub(crate) fn ascend(multiplier: f64, learning_rate: f64, constraint_m: f64) -> f64 {
-    (multiplier + learning_rate * constraint_m).max(0.0)
+/// λ after an update in which episodes ended with a mean discounted cost `J_C`.
+pub(crate) fn ascend(multiplier: f64, learning_rate: f64, discounted_cost: f64) -> f64 {
+    (multiplier + learning_rate * discounted_cost).max(0.0)
 }
 
 #[cfg(test)]

@@ -178,7 +178,7 @@ impl<W: Write> Room<'_, W> {
         let mut actions = Vec::with_capacity(choice.actions.len());
         let bytes = choice.actions.len() / input.columns.len();
         for (row, (&column, action)) in input.columns.iter().zip(choice.actions.chunks_exact(bytes)).enumerate() {
-            let foretold = choice.disturbs.as_ref().map(|disturbs| disturbs[row]);
+            let foretold = choice.foretold.as_ref().map(|foretold| foretold[row]);
             actions.extend_from_slice(self.examination.choose(column, action, foretold));
         }
         drop(batch);

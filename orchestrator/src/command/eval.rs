@@ -25,7 +25,7 @@ const ENVIRONMENTS_MAX: u32 = 32;
 
 /// Play episodes of the test, validation or training kitchens with a policy, and measure the metrics of its task
 ///
-/// A run whose episodes begin near their targets is asked for such episodes, drawn alike for every policy; any other
+/// A run whose episodes have short distances is asked for such episodes, drawn alike for every policy; any other
 /// one plays the fixed episodes. A run in scenes of its own is evaluated there. --kitchens chooses procedural kitchens,
 /// such as a run in kitchens without end has never seen. A run with an environment of your own plays episodes of fixed
 /// seeds. The same weights and seed give the same table, whatever the number of actors (docs/evaluation.md). Without a run, `--preset` evaluates the weights that a fresh run begins with: a nearly

@@ -12,7 +12,7 @@ use proto::evaluation::EpisodeRecord;
 use proto::replay::{RecordedEpisode, ReplaySetup};
 use proto::run_folder::RunFolder;
 use proto::show::{self, ShowAnswer, ShowOrbit, ShowRequest, ShowView};
-use proto::task::{Column, Kind, Spec};
+use proto::task::{Column, Kind, Metric, Spec};
 use report::study::{Evaluated, EvaluatedPair, Run, pair_of};
 use serde::Serialize;
 use std::cmp::Reverse;
@@ -28,8 +28,7 @@ const RUNS: usize = 3;
 const TRIED: usize = 200;
 const PATIENCE: Duration = Duration::from_mins(2);
 
-const MARKS: &str =
-    "Violet: what is displaced, with a ghost where it stood; pink ring: the target; green box: the goal.";
+const MARKS: &str = "Violet: what is displaced, with a ghost where it stood; green box: the goal";
 
 #[derive(Debug, Serialize)]
 pub struct ShownEpisode {
@@ -87,11 +86,12 @@ fn best(run: &Run, evaluated: &Evaluated) -> Result<ShownEpisode> {
     let (frames, _) = Actor::start()?.show("best", taken, None)?;
     Ok(ShownEpisode {
         caption: format!(
-            "{}, seed {}: {}, the best of {}. {MARKS}",
+            "{}, seed {}: {}, the best of {}. {}",
             run.name,
             run.config.seed,
             called(record),
-            counted(evaluated.episodes.len() as u64, "episode")
+            counted(evaluated.episodes.len() as u64, "episode"),
+            marks(record)
         ),
         strips: vec![ShownStrip { title: ending(spec, record), frames }],
     })
@@ -100,6 +100,10 @@ fn best(run: &Run, evaluated: &Evaluated) -> Result<ShownEpisode> {
 fn called(record: &EpisodeRecord) -> String {
     let target = record.category.map_or_else(String::new, |category| format!(", target {}", category.name()));
     format!("kitchen {}, episode {}{target}", record.kitchen.number(), record.episode)
+}
+
+fn marks(record: &EpisodeRecord) -> String {
+    format!("{MARKS}{}.", record.category.map_or("", |_| "; pink ring: the target"))
 }
 
 fn both(pair: &EvaluatedPair<'_>) -> Result<ShownEpisode> {
@@ -127,12 +131,13 @@ fn both(pair: &EvaluatedPair<'_>) -> Result<ShownEpisode> {
         caption: format!(
             "{}, seed {}: {}, played by the weights from before stage {} and from after it. Of the {} that both played \
              it is the one that shows most: the best afterwards, and then the largest rise of the return under the \
-             stage's reward. {MARKS}",
+             stage's reward. {}",
             pair.run.name,
             pair.run.config.seed,
             called(records[0]),
             pair.stage,
             counted(pair.episodes.len() as u64, "episode"),
+            marks(records[0]),
         ),
         strips: vec![
             ShownStrip { title: title("before", pair.before, records[0]), frames: before },
@@ -246,9 +251,12 @@ fn steps(moments: usize) -> impl Iterator<Item = usize> {
 
 fn words(shown: &show::ShownEpisode, step: usize) -> Vec<String> {
     let last = shown.moments.len() - 1;
-    let disturbance_m = shown.moments[step].numbers("disturbance_m").map(|[number]| number);
-    let disturbance = disturbance_m.map(|disturbance_m| format!("disturbance {disturbance_m:.2} m"));
-    std::iter::once(format!("step {step} of {last}")).chain(disturbance).collect()
+    let printed = shown.task.metrics.iter().filter(|metric| metric.curve && !metric.label.is_empty());
+    let values = printed.filter_map(|Metric { label, unit, value, .. }| {
+        let [number] = shown.moments[step].numbers(value.as_deref()?)?;
+        Some(format!("{label} {number:.2} {unit}").trim_end().to_owned())
+    });
+    std::iter::once(format!("step {step} of {last}")).chain(values).collect()
 }
 
 #[cfg(test)]

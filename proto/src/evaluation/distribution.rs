@@ -38,18 +38,18 @@ impl Distribution {
 
 /// Which episodes these are, as people read it. Distances are at most, metres; 0 = anywhere.
 pub fn describe(distribution: Distribution, start_m: f32, goal_m: f32) -> String {
-    let within = |limit_m: f32, of: &str| match limit_m {
+    let within = |limit_m: f32| match limit_m {
         0.0 => "anywhere".to_owned(),
-        limit_m => format!("within {limit_m} m of {of}"),
+        limit_m => format!("within {limit_m} m"),
     };
     match distribution {
         Distribution::Fixed => "fixed episodes at full distance".to_owned(),
         Distribution::Seeds => "episodes of fixed seeds".to_owned(),
         Distribution::Run if start_m == 0.0 && goal_m == 0.0 => "drawn episodes at full distance".to_owned(),
         Distribution::Run => format!(
-            "drawn episodes near their targets: the robot starts {}, the goal is {}",
-            within(start_m, "the target"),
-            within(goal_m, "where the target stands")
+            "drawn episodes at short distances: the robot starts {}, the goal is {}",
+            within(start_m),
+            within(goal_m)
         ),
     }
 }
@@ -61,6 +61,6 @@ mod tests {
     #[test]
     fn distances_are_told() {
         let text = describe(Distribution::Run, 0.0, 1.5);
-        assert!(text.ends_with("starts anywhere, the goal is within 1.5 m of where the target stands"), "{text}");
+        assert!(text.ends_with("starts anywhere, the goal is within 1.5 m"), "{text}");
     }
 }

@@ -336,6 +336,8 @@ fn observations_that_networks_cannot_take_are_refused_with_their_names() {
     assert_eq!((whole.frame, whole.are_coordinates()), (Some(spec.channel("image").unwrap().1), true));
     let other = inputs("shape = [3]", "shape = [2]").unwrap();
     assert_eq!((other.width(), other.are_coordinates()), (2, false));
+    let more = inputs("shape = [3]", "shape = [4]").unwrap();
+    assert_eq!((more.width(), more.are_coordinates()), (4, true), "what is behind a vector stays");
     let (seen, unseen) = ("role = \"observation\"\ndtype = \"u16\"", "role = \"state\"\ndtype = \"u16\"");
     assert_eq!(inputs(seen, unseen).unwrap().frame, None);
     for (from, to) in [("[224, 224]", "[112, 112]"), ("sums = 2", "")] {

@@ -159,7 +159,7 @@ fn which_episodes_are_played_follows_from_the_run_and_is_said() {
     let conditions = &near["conditions"];
     assert_eq!((&conditions["distribution"], &conditions["split"]), (&"run".into(), &"test".into()));
     assert_eq!((&conditions["start_distance_max_m"], &conditions["goal_distance_max_m"]), (&1.0.into(), &1.0.into()));
-    assert!(printed.stderr.contains("drawn episodes near their targets"), "{printed:#?}");
+    assert!(printed.stderr.contains("drawn episodes at short distances"), "{printed:#?}");
     assert!(table(&workshop, "near").lines().skip(1).all(|line| line.ends_with(",run")));
     assert!(near["overall"]["success_without_disturbance_per_axis"].is_number());
 
@@ -193,7 +193,7 @@ fn a_run_in_scenes_of_its_own_is_evaluated_there() {
     workshop.assert_replays("there");
 
     let report = workshop.call(&["report", "run", "there", "--out", "report"]).good();
-    assert!(report.stderr.contains("Figures of drawn episodes near their targets"), "{report:#?}");
+    assert!(report.stderr.contains("Figures of drawn episodes at short distances"), "{report:#?}");
     let numbers = workshop.json("report/report.json");
     assert_eq!(numbers["groups"][0]["results"][0]["field"], "scenes-seen");
 
