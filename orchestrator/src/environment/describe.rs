@@ -1,4 +1,5 @@
 use crate::environment::consent::shown;
+use crate::output::log_line::ERROR;
 use crate::process_end::wait_for_child;
 use anyhow::{Context, Result, anyhow, bail};
 use proto::config::EnvironmentConfig;
@@ -14,7 +15,6 @@ use std::time::Duration;
 /// To import a simulator and play fifty steps.
 const ANSWERS_WITHIN: Duration = Duration::from_mins(3);
 const SAYS_MOST: u64 = 4 << 20;
-const ERROR: &str = "stillroom: error: ";
 
 #[derive(Debug)]
 pub struct Answer {

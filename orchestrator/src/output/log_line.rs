@@ -1,5 +1,8 @@
 use tracing::Level;
 
+/// Before the sentence of a program that serves environments and has no log yet.
+pub const ERROR: &str = "stillroom: error: ";
+
 /// A line of a child's standard error, as `wire::logging` writes it: `2026-11-21T02:04:23.1Z  WARN text`; or of the
 /// orchestrator's log, which has the place in the program before the text.
 #[derive(Debug, PartialEq, Eq)]
@@ -10,6 +13,9 @@ pub struct LogLine<'a> {
 
 impl<'a> LogLine<'a> {
     pub fn parse(line: &'a str) -> Self {
+        if let Some(text) = line.strip_prefix(ERROR) {
+            return Self { level: Some(Level::ERROR), text };
+        }
         let plain = Self { level: None, text: line };
         let Some((time, rest)) = line.split_once(' ') else { return plain };
         if !(time.ends_with('Z') && time.contains('T') && time.starts_with(|first: char| first.is_ascii_digit())) {
@@ -54,6 +60,8 @@ mod tests {
         assert_eq!(at_a_place, LogLine { level: Some(Level::INFO), text: "actor-01: ready" });
         let panic = "thread 'main' panicked at src/main.rs:3:5:";
         assert_eq!(LogLine::parse(panic), LogLine { level: None, text: panic });
+        let refused = "stillroom: error: there is no file mine.py";
+        assert_eq!(LogLine::parse(refused), LogLine { level: Some(Level::ERROR), text: "there is no file mine.py" });
         assert_eq!(LogLine::parse(""), LogLine { level: None, text: "" });
     }
 

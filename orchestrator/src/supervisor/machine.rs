@@ -23,8 +23,8 @@ use super::deadlines::Deadlines;
 use super::event::{Action, Event, Exit, Level, Outcome, Process, Saved, SessionEnd};
 use super::learner_group::{Bereaved, LearnerGroup};
 use super::messages::{
-    also, connected, died_at_stop, given_up, immortal, killed_for_it, killed_unready, learners_given_up, quote, ready,
-    recorder_stands_still, rewinds, unanswering,
+    actor_died, also, connected, died_at_stop, given_up, immortal, killed_for_it, killed_unready, learners_given_up,
+    quote, ready, recorder_stands_still, rewinds, unanswering,
 };
 use super::overdue::{self, Overdue};
 use super::pace::Work;
@@ -294,7 +294,7 @@ impl Supervisor {
             Verdict::RestartAt(at) => {
                 self.children.restart(process, at);
                 let next = self.children.incarnation(process) + 1;
-                self.report(Level::Warning, format!("{who} died: {exit}; start number {next} follows"));
+                self.report(Level::Warning, actor_died(&who, exit, last_words, next));
             }
             Verdict::GiveUp { deaths } => self.fail(now, given_up(&who, "", deaths, exit, last_words)),
         }

@@ -1,6 +1,9 @@
 use super::event::{Exit, Process};
 use crate::output::log_line::error_in;
+use proto::actor_notes::LastPlace;
 use std::time::Duration;
+
+const LAST_CALL: &str = "its last call was in ";
 
 pub fn rewinds(learners: usize, evaluates: bool) -> String {
     match learners {
@@ -45,6 +48,17 @@ pub fn recorder_stands_still(rank: u32, waited_s: f64) -> String {
         "{who} waits for the recording, which has not got on for {waited_s:.0} s: its disk is slow or hangs, or its \
          orchestrator was stopped. No process is killed for that; the run waits up to ten minutes"
     )
+}
+
+/// Where an actor was in the code of others, the last line of one that has not said itself why it died.
+pub fn last_call(place: LastPlace) -> String {
+    format!("{LAST_CALL}{place}")
+}
+
+pub fn actor_died(who: &str, exit: &Exit, last_words: &[String], next: u32) -> String {
+    let call = last_words.last().filter(|line| line.starts_with(LAST_CALL));
+    let call = call.map_or_else(String::new, |call| format!(", {call}"));
+    format!("{who} died: {exit}{call}; start number {next} follows")
 }
 
 pub fn died_at_stop(who: Process, evaluates: bool, exit: &Exit, last_words: &[String]) -> String {

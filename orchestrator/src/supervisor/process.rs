@@ -6,6 +6,7 @@
 //! to the terminal. A learner writes its events to standard output ([`proto::event`]).
 
 use super::event::{Event, Exit, Process};
+use super::messages::last_call;
 use crate::output::log_line::LogLine;
 use crate::preflight::placement::{Placement, start_on};
 use crate::preflight::programs::Programs;
@@ -43,8 +44,6 @@ const LAST_WORDS: usize = 10;
 const LONGEST_LINE: usize = 64 << 10;
 /// After a child's death its pipes close at once, unless a grandchild holds them.
 const PIPES_CLOSE: Duration = Duration::from_secs(2);
-/// The exit status of an actor that has said itself what failed.
-const FAILED: i32 = 1;
 
 #[derive(Debug, Clone)]
 pub struct Launch {
@@ -277,10 +276,9 @@ async fn attend(attended: Attended, log: File, events: mpsc::Sender<Event>, mut 
         Ok(status) => exit_of(status),
         Err(error) => Exit::NotStarted(format!("it was lost: {error}")),
     };
-    if exit != Exit::Code(FAILED)
-        && let Some(noted) = notes.and_then(|(folder, actor)| Noted::read(&folder, actor))
-    {
-        last_words.push(format!("the last call of {process} was in {}", noted.place));
+    let has_said_why = last_words.iter().any(|line| LogLine::parse(line).level == Some(Level::ERROR));
+    if !has_said_why && let Some(noted) = notes.and_then(|(folder, actor)| Noted::read(&folder, actor)) {
+        last_words.push(last_call(noted.place));
     }
     tracing::debug!("{process} ended: {exit}");
     let _ = events.send(Event::Exited { process, incarnation, exit, last_words }).await;
