@@ -15,6 +15,7 @@ from gymnasium import spaces
 import stillroom
 from stillroom.description import F32_MOST, Refused, check_seen, describe
 from stillroom.determinism import prove, try_out
+from stillroom.film import Camera
 from stillroom.masks import add_mask
 from stillroom.serving import find
 from stillroom.wrappers import ActionMasks, MujocoSnapshot
@@ -243,6 +244,34 @@ def test_a_process_answers_with_its_description_alone(tmp_path: Path):
         2,
         "stillroom: error: --actor is missing: the orchestrator starts this, `orchestrator up --env ...`",
     )
+
+
+@pytest.mark.parametrize(
+    ("drawn", "problem"),
+    [
+        (RuntimeError("no display"), "step 1: its render() raised RuntimeError: no display"),
+        (None, "step 1: its render() returned object (), not uint8 of height, width and 3"),
+    ],
+)
+def test_a_picture_that_is_not_drawn_is_said_with_its_step(drawn, problem):
+    class Drawn(Env):
+        render_mode = "rgb_array"
+        calls = 0
+
+        def render(self):
+            self.calls += 1
+            if self.calls == 1:
+                return np.zeros((4, 4, 3), np.uint8)
+            if drawn is not None:
+                raise drawn
+            return None
+
+    camera = Camera(Drawn())
+    camera.reset(seed=1)
+    assert camera.problem is None
+    for _ in range(2):
+        camera.step(0)
+    assert camera.problem == problem
 
 
 def test_every_episode_has_a_seed_of_its_own():

@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-/// An actor that has not answered for this long is reported, and again after each [`NOTICE_INTERVAL`].
+/// An actor that has not answered for this long is reported, and again after each [`NOTICE_INTERVAL`]. Both are at most
+/// a quarter of the deadline: the orchestrator kills the actor at half of it.
 const FIRST_NOTICE: Duration = Duration::from_secs(2);
 const NOTICE_INTERVAL: Duration = Duration::from_secs(10);
 
@@ -23,7 +24,7 @@ pub enum Waited {
 impl Patience {
     pub fn new(deadline_s: f64) -> Self {
         let deadline = Duration::try_from_secs_f64(deadline_s).unwrap_or(Duration::MAX);
-        Self { deadline, notice: FIRST_NOTICE }
+        Self { deadline, notice: FIRST_NOTICE.min(deadline / 4) }
     }
 
     pub fn after(&mut self, waited: Duration) -> Waited {
@@ -32,7 +33,7 @@ impl Patience {
         }
         let noticed = waited >= self.notice;
         if noticed {
-            self.notice = waited + NOTICE_INTERVAL;
+            self.notice = waited + NOTICE_INTERVAL.min(self.deadline / 4);
         }
         let left = self.notice.min(self.deadline).saturating_sub(waited);
         if noticed { Waited::Notice(left) } else { Waited::Wait(left) }

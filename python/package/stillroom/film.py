@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import subprocess
+import traceback
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
@@ -30,6 +31,7 @@ class Camera(gymnasium.Wrapper):
                 " makes it a parameter `render_mode`"
             )
         self.pictures: list[NDArray[np.uint8]] = []
+        self.problem: str | None = None
 
     def __getattr__(self, name: str) -> Any:
         # Such as `get_state`.
@@ -49,9 +51,18 @@ class Camera(gymnasium.Wrapper):
         return returned
 
     def _keep(self) -> None:
-        picture = np.asarray(self.env.render())
+        if self.problem:
+            return
+        step = len(self.pictures)
+        try:
+            picture = np.asarray(self.env.render())
+        except Exception as error:
+            traceback.print_exc()
+            self.problem = f"step {step}: its render() raised {type(error).__name__}: {error}"
+            return
         if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
-            raise Refused(f"its render() returned {picture.dtype} {picture.shape}, not uint8 of height, width and 3")
+            returned = f"{picture.dtype} {picture.shape}"
+            self.problem = f"step {step}: its render() returned {returned}, not uint8 of height, width and 3"
         self.pictures.append(picture.copy())
 
 

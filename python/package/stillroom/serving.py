@@ -192,7 +192,10 @@ def _replay(make_env: MakeEnv, name: str, asked: TextIO, answer: TextIO) -> None
         verdict = replay.verdict(line)
         if camera is not None:
             told = json.loads(verdict)
-            film = f"environment-{told['environment']['number']}-episode-{told['episode']:06}"
+            number, episode = told["environment"]["number"], told["episode"]
+            if camera.problem:
+                raise Refused(f"environment {number}, episode {episode}, {camera.problem}")
+            film = f"environment-{number}-episode-{episode:06}"
             told["images"] = write(images, film, camera.pictures, one.metadata.get("render_fps") or 30)
             verdict = json.dumps(told)
         print(verdict, file=answer, flush=True)

@@ -289,7 +289,7 @@ fn the_page_says_nothing_of_kitchens(workshop: &Workshop, run: &str) {
 
 /// Environments of an image and a place, which fail as the arguments say.
 fn faulty(place: &Place, name: &str, function: &str, kwargs: &serde_json::Value) -> Command {
-    let text = TINY.replace("actor_deadline_s = 60.0", "actor_deadline_s = 30.0");
+    let text = TINY.replace("actor_deadline_s = 60.0", "actor_deadline_s = 10.0");
     std::fs::write(place.workshop.path("tiny.toml"), text).expect("a writable folder");
     let stage = format!("stages=[{{ name = \"I\", reward = \"r\", frames = {FRAMES} }}]");
     let more = ["--env-declaration", "sums.toml", "--set", &stage, "--set", "auxiliary.weight=0.0"];
