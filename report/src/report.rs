@@ -35,6 +35,7 @@ pub struct IntervalMethod {
 #[derive(Debug, Clone, Serialize)]
 pub struct TaskReport {
     pub described: Vec<Described>,
+    pub shown: Vec<Described>,
     pub ranking: Vec<String>,
     pub curves: Vec<TaskCurve>,
 }
@@ -49,7 +50,6 @@ pub struct GroupReport {
     pub metrics: Vec<Described>,
     pub runs: Vec<RunReport>,
     pub results: Vec<FieldResult>,
-    pub newest_tenth: BTreeMap<String, f64>,
     pub training: Vec<Curve>,
     pub validation: Vec<Curve>,
 }
@@ -57,7 +57,10 @@ pub struct GroupReport {
 #[derive(Debug, Clone, Serialize)]
 pub struct StageReport {
     pub name: String,
+    pub reward: String,
     pub begins_at: u64,
+    /// Over its newest tenth, means over the runs.
+    pub figures: BTreeMap<String, f64>,
 }
 
 #[derive(Debug, Clone, Serialize)]
@@ -199,8 +202,8 @@ fn ranking(spec: &Spec) -> Vec<String> {
 
 impl TaskReport {
     fn of(spec: &Spec) -> (String, Self) {
-        let (described, ranking, curves) = (spec.described(), ranking(spec), spec.curves.clone());
-        (spec.name.clone(), Self { described, ranking, curves })
+        let (described, shown, ranking) = (spec.described(), spec.shown(), ranking(spec));
+        (spec.name.clone(), Self { described, shown, ranking, curves: spec.curves.clone() })
     }
 }
 
@@ -215,33 +218,33 @@ impl GroupReport {
             task: group.runs[0].config.task.clone(),
             preset: group.preset.clone(),
             differences: group.differences.clone(),
-            stages: stages(&group.runs[0].config.stages),
+            stages: stages(group),
             metrics: group.runs[0].config.spec().charted(),
             runs: group.runs.iter().map(|run| RunReport::of(run)).collect(),
             results: entry.results.iter().map(|(_, result)| result.clone()).collect(),
-            newest_tenth: newest_tenth(group),
             training: metrics.into_iter().filter_map(|name| Curve::of_training(group, name)).collect(),
             validation: ranking.iter().filter_map(|name| Curve::of_validation(group, name)).collect(),
         }
     }
 }
 
-fn newest_tenth(group: &Group<'_>) -> BTreeMap<String, f64> {
+fn newest_tenth(group: &Group<'_>, stage: usize) -> BTreeMap<String, f64> {
     let mut of_runs: BTreeMap<String, Vec<f64>> = BTreeMap::new();
-    for (name, mean) in group.runs.iter().flat_map(|run| &run.newest_tenth) {
+    for (name, mean) in group.runs.iter().filter_map(|run| run.stages.get(stage)).flatten() {
         of_runs.entry(name.clone()).or_default().push(*mean);
     }
     let mean = |(name, means): (String, Vec<f64>)| (name, means.iter().sum::<f64>() / means.len() as f64);
     group.runs[0].config.spec().with_quotients(of_runs.into_iter().map(mean).collect())
 }
 
-fn stages(configured: &[StageConfig]) -> Vec<StageReport> {
-    let stage = |begins_at: &mut u64, stage: &StageConfig| {
-        let report = StageReport { name: stage.name.clone(), begins_at: *begins_at };
+fn stages(group: &Group<'_>) -> Vec<StageReport> {
+    let stage = |begins_at: &mut u64, (index, stage): (usize, &StageConfig)| {
+        let (name, reward) = (stage.name.clone(), stage.reward.clone());
+        let report = StageReport { name, reward, begins_at: *begins_at, figures: newest_tenth(group, index) };
         *begins_at += stage.frames;
         Some(report)
     };
-    configured.iter().scan(0, stage).collect()
+    group.runs[0].config.stages.iter().enumerate().scan(0, stage).collect()
 }
 
 fn evaluated_frames(run: &Run) -> u64 {

@@ -8,7 +8,7 @@ import { count, figure, number, short } from "./format.js";
 const measures = (metrics) => [
   ...metrics.map((metric) => [`episode/${metric.name}`, metric.unit ? `${metric.label}, ${metric.unit}` : metric.label, metric.kind === "share" ? { share: true } : { zero: true, format: (value) => figure(metric, value) }, metric]),
   ["episode/return", "Return", { format: (value) => number(value) }],
-  ["time/frames_per_second", "Frames a second", { zero: true, format: (value) => count(value) }],
+  ["time/frames_per_second", "Frames/s", { zero: true, format: (value) => count(value) }],
 ];
 const MORE = [
   ["episode/length", "Length, steps", { zero: true }],
@@ -40,9 +40,9 @@ export function legend(names, hidden, changed) {
 
 export class Curves {
   /** `sources`: each a name, the task's metrics, stages (name and first frame), perhaps the paper's levels by metric, and
-   * `of(figure, axis)`, which is the columns x, y, stage, and perhaps low and high. */
-  constructor(sources, { axes = ["frames", "time"], key = "curves", weight: lasting = 0.9, hidden = new Set(), signal } = {}) {
-    Object.assign(this, { sources, hidden, signal, charts: new Map() });
+   * `of(figure, axis)`, which is the columns x, y, stage, and perhaps low and high. `most`: where the axes of shares end. */
+  constructor(sources, { axes = ["frames", "time"], key = "curves", weight: lasting = 0.9, most, hidden = new Set(), signal } = {}) {
+    Object.assign(this, { sources, most, hidden, signal, charts: new Map() });
     this.settings = { weight: lasting, axis: "frames", raw: true, more: false, ...remembered(key, {}) };
     this.grid = h("div", { class: "grid" });
     const set = (change) => { Object.assign(this.settings, change); remember(key, this.settings); this.draw(); };
@@ -62,7 +62,7 @@ export class Curves {
     const { weight, axis, raw, more } = this.settings;
     const elements = [];
     const metrics = [...new Map(this.sources.flatMap((source) => source.metrics ?? []).map((metric) => [metric.name, metric])).values()];
-    let most;
+    let { most } = this;
     for (const [name, title, options, metric] of [...measures(metrics), ...(more ? MORE : [])]) {
       const scaled = (columns) => (options.per && columns.y ? { ...columns, ...Object.fromEntries(["y", "low", "high"].map((key) => [key, columns[key]?.map((value) => value / options.per)])) } : columns);
       const all = this.sources.map((source, index) => ({ source, index, ...scaled(source.of(name, axis)) })).filter(({ y, source }) => y?.length && !this.hidden.has(source.name));

@@ -3,7 +3,7 @@
 import { h, hand, json, notice, replace, say, waiting } from "./dom.js";
 import { film, kinds } from "./film.js";
 import { outcome } from "./format.js";
-import { Stage, Strip, explained } from "./stage.js";
+import { Stage, Strip, besides, explained } from "./stage.js";
 
 /** Goes through the steps of one or two episodes. */
 class Player {
@@ -109,8 +109,8 @@ export async function showEpisode(root, run, key, query, signal) {
   replace(root, stage.title(), stage.problem,
     h("div", { class: "episode" },
       h("div", { class: "stack" },
-        h("section", { class: "card stack", "aria-label": "The room" }, stage.orbit.element, stage.words),
-        player.element, explained(stage.episode), stage.proof()),
+        h("section", { class: "card", "aria-label": "The room" }, besides(stage.orbit.element, stage.words, explained(stage.episode), stage.proof())),
+        player.element),
       h("div", { class: "side" }, figure("What the robot sees", h("div", { class: "picture" }, stage.depth)), figure("Floor plan and way", stage.plan.element),
         h("section", { class: "card stack" }, stage.moved, stage.parts, stage.channels))));
   player.go(Number(query.get("step") ?? 0));

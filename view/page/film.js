@@ -76,6 +76,8 @@ export async function film(stages, last, kind, speed, signal, told) {
       told(step);
       await camera.take(Math.max(0, seconds - (performance.now() - began) / 1000));
     }
+    // The end is looked at for a second longer.
+    for (let held = 0; held < 1; held += seconds) await camera.take(seconds);
     return await camera.finish();
   } catch (error) {
     camera.drop();

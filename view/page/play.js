@@ -2,7 +2,7 @@
 
 import { h, json, notice, pause, replace, say, waiting } from "./dom.js";
 import { count, figure, outcome } from "./format.js";
-import { Stage, explained } from "./stage.js";
+import { Stage, besides, explained } from "./stage.js";
 
 /** Steps a second, as a policy plays by default; what lies behind what goes on is caught up with within two seconds. */
 const SPEED = 6;
@@ -18,13 +18,14 @@ class SceneRenderer {
   constructor(root, signal) {
     Object.assign(this, { signal, run: null, chosen: null, live: null, still: false });
     this.title = h("h1", {}, "A policy at work");
-    this.tally = h("span", { class: "soft small", role: "status" });
+    this.terms = h("p", { class: "soft small" }, "\u00a0");
+    this.tally = h("p", { class: "soft small", role: "status" }, "no episode is over yet");
     this.picker = h("select", { "aria-label": "Kitchen", hidden: true, onchange: () => { this.chosen = this.picker.value; } });
     this.link = h("a", { href: "#/?all", hidden: true }, "Figures and all episodes");
     this.button = h("button", { "aria-pressed": "false", hidden: true, onclick: () => this.toggle() }, "Pause");
     this.wait = waiting("The policy is loaded, and its kitchens are built", signal);
     this.place = h("div", {});
-    replace(root, h("div", { class: "row between" }, h("div", { class: "row" }, this.title, this.tally), h("div", { class: "row" }, this.button, this.picker, this.link)), this.wait.element, this.place);
+    replace(root, h("div", { class: "row between" }, this.title, h("div", { class: "row" }, this.button, this.picker, this.link)), h("div", {}, this.terms, this.tally), this.wait.element, this.place);
   }
 
   /** Says what it waits for; nothing without a text. */
@@ -57,6 +58,8 @@ class SceneRenderer {
     if (!places.includes(this.chosen)) this.chosen = places[0] ?? null;
     this.link.href = `#/run/${encodeURIComponent(newest.id)}`;
     this.link.hidden = false;
+    // Which policy plays, and what.
+    if (card.conditions) this.terms.textContent = card.conditions;
     if (card.done) this.tally.textContent = [`${count(card.done)} ${card.done === 1 ? "episode" : "episodes"} played`, ...card.metrics.filter(({ name }) => name in card.figures).map((metric) => `${metric.label} ${figure(metric, card.figures[metric.name], 0)}`)].join(", ");
     return this.chosen !== null;
   }
@@ -73,8 +76,8 @@ class SceneRenderer {
     const end = h("span", {});
     replace(this.place, h("div", { class: "episode" },
       h("div", { class: "stack" }, h("section", { class: "card stack", "aria-label": "The room" },
-        h("div", { class: "row between" }, h("strong", {}, stage.episode.target ?? ""), end), stage.problem, stage.orbit.element, stage.words,
-        explained(stage.episode), h("p", { class: "small soft keys" }, h("kbd", {}, "space"), " pause  ", h("kbd", {}, "arrows"), " turn  ", h("kbd", {}, "+"), " ", h("kbd", {}, "−"), " zoom  ", h("kbd", {}, "0"), " back, in the picture"))),
+        h("div", { class: "row between" }, h("strong", {}, stage.episode.target ?? ""), end), stage.problem,
+        besides(stage.orbit.element, stage.words, explained(stage.episode), h("p", { class: "small soft keys" }, h("kbd", {}, "space"), " pause  ", h("kbd", {}, "arrows"), " turn  ", h("kbd", {}, "+"), " ", h("kbd", {}, "−"), " zoom  ", h("kbd", {}, "0"), " back, in the picture")))),
       h("div", { class: "side" }, h("figure", { class: "card" }, h("figcaption", {}, "What the robot sees"), h("div", { class: "picture" }, stage.depth)), h("figure", { class: "card" }, h("figcaption", {}, "Floor plan and way"), stage.plan.element),
         h("section", { class: "card" }, stage.moved))));
     this.camera(stage);

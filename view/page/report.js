@@ -1,7 +1,7 @@
 // A report: what runs came to, over seeds and beside the paper. `orchestrator report` puts its data into the page.
 
 import { css, h, hand, replace } from "./dom.js";
-import { action, count, figure, number, percent, short } from "./format.js";
+import { action, count, number, percent, short } from "./format.js";
 import { Chart, look } from "./chart.js";
 import { Curves, legend } from "./curves.js";
 
@@ -10,9 +10,6 @@ function fieldName(key) {
   const words = { novel: "novel objects", seen: "seen objects", drawn: "drawn episodes", best: "best checkpoint" };
   return key.split("-").map((word) => words[word] ?? word).join(", ");
 }
-
-/** What a mean of a field is over: episodes of fixed seeds are in no kitchen. */
-const samples = (field) => (/-seeds(-best)?$/.test(field) ? "seeds" : "seeds and kitchens");
 
 const SHARE = { kind: "share" };
 /** A figure that `one` describes, as people read it; the unit stands in its heading. */
@@ -45,6 +42,9 @@ const says = (...text) => h("p", { class: "small soft wide" }, text);
 class Page {
   constructor(root, { made, report, episodes }) {
     Object.assign(this, { report, episodes, hidden: new Set(), missing: [] });
+    // Where each group is one run it is called so, and nothing is said of means over seeds.
+    this.seeds = report.groups.some(({ runs }) => runs.length > 1);
+    this.group = this.seeds ? "group" : "run";
     this.names = report.groups.map(({ label }) => label);
     this.results = report.groups.flatMap((group, index) => group.results.map((result) => ({ group, index, result })));
     this.fields = [...new Set(report.comparisons.map(({ field }) => field).concat(this.results.map(({ result }) => result.field)))];
@@ -52,7 +52,7 @@ class Page {
     this.keys = h("div", { class: "legend small" });
     this.redraws = [];
     const opening = [this.headline(), this.strips()];
-    const parts = [this.evaluated(), this.comparisons(), this.curves(), this.validation(), this.limits(), this.sweeps(), this.prediction(), this.actions(), this.runs()].filter(Boolean);
+    const parts = [this.evaluated(), this.comparisons(), this.stages(), this.curves(), this.validation(), this.limits(), this.sweeps(), this.prediction(), this.actions(), this.runs()].filter(Boolean);
     const several = this.names.length > 1;
     replace(root, h("div", { class: "stack report" },
       h("div", { class: "row between" }, h("h1", {}, "Report"), h("span", { class: "small soft" }, made)),
@@ -78,7 +78,7 @@ class Page {
   charts(keys, make, of) {
     const charts = keys.map((key) => {
       const chart = make(key);
-      this.redraws.push(() => chart.show({ ...chart.content, series: this.report.groups.flatMap((group, index) => {
+      this.redraws.push(() => chart.show({ ...chart.content, most: chart.share ? 1 : undefined, series: this.report.groups.flatMap((group, index) => {
         const columns = this.hidden.has(group.label) ? null : of(group, key);
         return columns ? [{ name: group.label, look: look(index), ...columns }] : [];
       }) }));
@@ -93,16 +93,15 @@ class Page {
     const cards = this.report.groups.slice(0, 6).map((group, index) => {
       const [result] = group.results;
       const frames = Math.max(...group.runs.map((run) => run.frames));
-      const { ranking } = this.report.tasks[group.task];
-      const chief = this.printed(group.task, result).filter(({ name, kind }) => ranking.includes(name) || kind !== "share");
-      const of = (one, { point, interval }) => [shown(one, point), interval && range(one, interval)];
       // Of a run that was not evaluated what its newest training episodes came to.
-      const trained = ({ name }) => group.newest_tenth[name];
+      const { figures: trained } = group.stages.findLast((stage) => Object.keys(stage.figures).length) ?? { figures: {} };
+      const of = (one) => {
+        const { point, interval } = result?.metrics[one.name]?.mean ?? { point: (result?.pooled ?? trained)[one.name] };
+        return point === undefined ? null : entry(heading(one), shown(one, point), interval && range(one, interval));
+      };
       return h("section", { class: "card stack", style: { "border-top": `3px solid var(${look(index).colour})` } },
-        h("div", { class: "row between" }, h("h2", {}, group.label), h("span", { class: "small soft" }, result ? fieldName(result.field) : "newest tenth of training")),
-        h("dl", { class: "figures" }, result ? [
-          chief.map((one) => entry(heading(one), ...of(one, result.metrics[one.name].mean))), entry("episodes", count(result.pooled.episodes))]
-          : group.metrics.filter((metric) => trained(metric) !== undefined).map((metric) => entry(metric.label, figure(metric, trained(metric)))),
+        h("div", { class: "row between" }, h("h2", {}, group.label), h("span", { class: "small soft" }, `${group.preset === group.label ? "" : `${group.preset} · `}${result ? fieldName(result.field) : "newest tenth of training"}`)),
+        h("dl", { class: "figures" }, this.report.tasks[group.task].shown.map(of), result ? entry("episodes", count(result.pooled.episodes)) : null,
         entry(group.runs.length === 1 ? "seed" : "seeds", group.runs.map((run) => run.seed).join(", ")), entry("frames", short(frames))),
         group.differences.length ? says(`other than ${group.preset}: ${group.differences.join("; ")}`) : null);
     });
@@ -115,17 +114,23 @@ class Page {
   /** These results by task: each with its name. */
   byTask(found) { return Object.keys(this.report.tasks).map((task) => [task, found.filter(({ group }) => group.task === task)]).filter(([, some]) => some.length); }
 
+  /** What a mean of a field is over: episodes of fixed seeds are in no kitchen. */
+  samples(field) {
+    const fixed = /-seeds(-best)?$/.test(field);
+    return this.seeds ? `seeds${fixed ? "" : " and kitchens"}` : fixed ? "episodes" : "kitchens";
+  }
+
   /** Every group in every field. */
   evaluated() {
     if (!this.results.length) return this.none("Results: none of these runs has been evaluated yet (orchestrator eval RUN).");
     const metrics = ([task, found]) => {
       const { ranking } = this.report.tasks[task];
       const printed = this.printed(task, found[0].result);
-      const both = (one) => ranking.includes(one.name);
+      const both = (one) => this.seeds && ranking.includes(one.name);
       const heads = printed.flatMap((one) => (both(one) ? [`#${heading(one)}, mean`, `#${heading(one)}, IQM`] : [`#${heading(one)}`]));
-      const row = ({ group, result: { seeds, pooled, metrics: all } }) => [group.label, count(seeds.length), count(pooled.episodes),
-        ...printed.flatMap((one) => { const { mean, iqm } = all[one.name]; return both(one) ? [estimate(one, mean), estimate(one, iqm)] : [estimate(one, mean)]; })];
-      return table(["group", "#seeds", "#episodes", ...heads], plain(found.map(row)));
+      const row = ({ group, result: { seeds, pooled, metrics: all } }) => [group.label, ...(this.seeds ? [count(seeds.length)] : []), count(pooled.episodes),
+        ...printed.flatMap((one) => { const { mean, iqm } = all[one.name]; return both(one) ? [estimate(one, mean), seeds.length > 1 ? estimate(one, iqm) : ""] : [estimate(one, mean)]; })];
+      return table([this.group, ...(this.seeds ? ["#seeds"] : []), "#episodes", ...heads], plain(found.map(row)));
     };
     const fields = this.fields.map((field) => {
       const found = this.results.filter(({ result }) => result.field === field);
@@ -134,12 +139,13 @@ class Page {
     const further = ([task, found]) => {
       const columns = this.report.tasks[task].described.filter(({ name, label }) => label && !found[0].result.metrics[name]);
       const row = ({ group, result: { field, pooled } }) => [group.label, fieldName(field), ...columns.map((one) => shown(one, pooled[one.name]))];
-      return [table(["group", "episodes of", ...columns.map((one) => `#${heading(one)}`)], plain(found.map(row))), this.docs(columns)];
+      return [table([this.group, "episodes of", ...columns.map((one) => `#${heading(one)}`)], plain(found.map(row))), this.docs(columns)];
     };
     return section("results", "Results", fields,
-      says(`Means and interquartile means (IQM) over ${samples(this.fields[0])} with 95% intervals; one seed alone has none.`),
+      says(this.seeds ? `Means and interquartile means (IQM) over ${this.samples(this.fields[0])} with 95% intervals; one seed alone has neither IQM nor interval.`
+        : `Means over ${this.samples(this.fields[0])} of one seed each: without intervals, for they need several seeds.`),
       this.byTask(this.results).map(([task, [{ result }]]) => this.docs(this.printed(task, result))),
-      h("h3", {}, "Over all episodes of all seeds together"), this.byTask(this.results).map(further));
+      h("h3", {}, `Over all episodes${this.seeds ? " of all seeds" : ""} together`), this.byTask(this.results).map(further));
   }
 
   /** What the task says of these figures. */
@@ -151,20 +157,21 @@ class Page {
     return rows.find(({ ours }) => ours.some((one) => one.group === group.label && one.field === field))?.paper;
   }
 
-  /** Means with their intervals, and what the paper has. */
+  /** Means with their intervals, and what the paper has; nothing where one figure alone would be drawn. */
   intervals(task, field, found) {
     const { described, ranking } = this.report.tasks[task];
+    if (found.length === 1 && !this.seeds && !this.published(found[0].group, field)) return null;
     const chart = (one) => {
       const { name: figure, label: title } = one;
       const visible = () => found.filter(({ group }) => !this.hidden.has(group.label)).map(({ group, index, result }) => ({ name: group.label, colour: look(index).colour, ...result.metrics[figure].mean, paper: this.published(group, field)?.[figure] }));
-      const made = new Chart(`${title}, ${fieldName(field)}`, { share: one.kind === "share", rows: [], xLabel: `mean over ${samples(field)}${found.some(({ group }) => this.published(group, field)) ? "; open diamond: the paper" : ""}`, xFormat: (value) => (one.kind === "share" ? percent(value, 0) : short(value)) });
+      const made = new Chart(`${title}, ${fieldName(field)}`, { share: one.kind === "share", rows: [], xLabel: `mean over ${this.samples(field)}${found.some(({ group }) => this.published(group, field)) ? "; open diamond: the paper" : ""}`, xFormat: (value) => (one.kind === "share" ? percent(value, 0) : short(value)) });
       made.element.id = `${figure}-${field}`;
       this.redraws.push(() => {
         const all = visible();
         const most = Math.max(0.05, ...all.flatMap(({ point, interval, paper }) => [point, interval?.high ?? 0, paper ?? 0]));
         Object.assign(made, { rows: all.map(({ name }) => name), height: 62 + 24 * all.length });
         made.show({
-          series: [], domain: [0, one.kind === "share" ? Math.min(1, most * 1.05) : most * 1.05],
+          series: [], domain: [0, one.kind === "share" ? 1 : most * 1.05],
           table: [["group", "mean", "low", "high", "paper"], ...all.map(({ name, point, interval, paper }) => [name, point, interval?.low, interval?.high, paper])],
           read: (plot) => { const at = all[rowAt(plot)]; return at ? [`${at.name}: ${shown(one, at.point)}${at.interval ? ` (${range(one, at.interval)})` : ""}`] : []; },
           paint: (plot, pen, unit) => all.forEach(({ colour, point, interval, paper }, row) => {
@@ -201,7 +208,7 @@ class Page {
       const [low, high] = one.frames;
       const what = `ours: ${one.group}, ${one.field.endsWith("-best") ? "best checkpoint " : ""}after ${low === high ? count(low) : `${count(low)} to ${count(high)}`} frames`;
       const { success, success_without_disturbance: undisturbed, success_without_disturbance_per_axis: perAxis } = one.metrics;
-      const both = [success, undisturbed].flatMap((all) => [estimate(SHARE, all.mean), estimate(SHARE, all.iqm), percent(all.iqm_of_seeds)]);
+      const both = [success, undisturbed].flatMap((all) => [estimate(SHARE, all.mean), ...(all.seeds > 1 ? [estimate(SHARE, all.iqm), percent(all.iqm_of_seeds)] : ["", ""])]);
       return { kind: "ours", row: [{ columns, content: over(what, one.differences.join("; ")) }, count(success.seeds), ...both, estimate(SHARE, perAxis.mean)] };
     };
     const tables = comparisons.map(({ name, title, columns, rows }) => {
@@ -215,6 +222,18 @@ class Page {
       tables);
   }
 
+  /** What each stage of training came to. */
+  stages() {
+    const { tasks, groups } = this.report;
+    const begun = groups.map((group) => ({ group, stages: group.stages.filter(({ figures }) => Object.keys(figures).length) })).filter(({ stages }) => stages.length);
+    if (!begun.length) return null;
+    const tables = Object.keys(tasks).map((task) => begun.filter(({ group }) => group.task === task)).filter((some) => some.length).map((some) => {
+      const { shown: metrics } = tasks[some[0].group.task];
+      return table([this.group, "stage", "reward", ...metrics.map((one) => `#${heading(one)}`)], plain(some.flatMap(({ group, stages }) => stages.map(({ name, reward, figures }) => [group.label, name, reward, ...metrics.map((one) => shown(one, figures[one.name]))]))));
+    });
+    return section("stages", "Stages of training", tables, says(`Training episodes of the newest tenth of each stage${this.seeds ? ": means over seeds" : ""}.`));
+  }
+
   curves() {
     const { groups } = this.report;
     const trained = groups.some(({ training }) => training.length);
@@ -223,13 +242,16 @@ class Page {
       const of = new Map(training.map(({ metric, points }) => [metric, columns(points, stages)]));
       return { name: label, metrics, stages: stages.map(({ name, begins_at: at }) => [name, at]), of: (metric) => of.get(metric) ?? {} };
     });
-    const curves = new Curves(sources, { axes: ["frames"], key: "report", weight: 0.5, hidden: this.hidden });
+    const curves = new Curves(sources, { axes: ["frames"], key: "report", weight: 0.5, most: 1, hidden: this.hidden });
     curves.keys.hidden = true;
     this.redraws.push(() => curves.draw());
     curves.element.id = "training";
-    curves.element.append(says("Training episodes in bins of an eightieth of the run: mean over seeds; shaded, from the lowest seed to the highest; faint, without smoothing, which begins anew with each stage. The return is under the reward of the stage, so it jumps where the reward changes. While a run stands still no time passes."));
+    curves.element.append(says(`Training episodes in bins of an eightieth of the run${this.spread()}; faint, without smoothing, which begins anew with each stage. The return is under the reward of the stage, so it jumps where the reward changes. While a run stands still no time passes.`));
     return curves.element;
   }
+
+  /** What curves over training show of several seeds. */
+  spread() { return this.seeds ? ": mean over seeds; shaded, from the lowest seed to the highest" : ""; }
 
   validation() {
     const of = ({ validation, stages }, key) => { const curve = validation.find(({ metric }) => metric === key); return curve && columns(curve.points, stages); };
@@ -238,7 +260,7 @@ class Page {
     const titles = new Map(ranked.map(({ name, label, kind }) => [name, [`${label} in validation`, { share: kind === "share", sync: "curves" }]]));
     return section("validation", "Validation during training",
       this.charts([...titles.keys()], (key) => new Chart(...titles.get(key)), of),
-      says("Episodes of the validation kitchens, where every seed was evaluated: mean over seeds; shaded, from the lowest seed to the highest."));
+      says(`Episodes of the validation kitchens${this.seeds ? ", where every seed was evaluated" : ""}${this.spread()}.`));
   }
 
   /** The curves over limits that a task declares. */
@@ -255,7 +277,7 @@ class Page {
       return [this.charts(this.fields.filter((field) => found.some(({ result }) => result.field === field)), make, of), says(doc)];
     }));
     if (!parts.length) return null;
-    return section("limits", "Within limits", parts, says("Mean over seeds and kitchens with 95% stratified-bootstrap intervals."));
+    return section("limits", "Within limits", parts, says(`Mean over ${this.samples(this.fields[0])}${this.seeds ? " with 95% stratified-bootstrap intervals" : ""}.`));
   }
 
   /** One episode of each run, as two policies play it where both were recorded. */
@@ -283,10 +305,10 @@ class Page {
         return { name: label, look: { colour: "--ink", dash: index ? [7, 3] : [] }, x: points.map(({ value }) => value), y: all(({ point }) => point),
           ...(measured ? { low: all(({ interval }) => interval.low), high: all(({ interval }) => interval.high) } : {}) };
       });
-      made.show({ series });
+      made.show({ series, most: 1 });
       return made.element;
     };
-    return section("sweep", "Weights of rewards", h("div", { class: "grid" }, sweeps.map(chart)), says("Runs that differ in one weight of their rewards only: mean over seeds and kitchens with 95% stratified-bootstrap intervals. Dashed: the second of the metrics."));
+    return section("sweep", "Weights of rewards", h("div", { class: "grid" }, sweeps.map(chart)), says(`Runs that differ in one weight of their rewards only: mean over ${this.samples(this.fields[0])}${this.seeds ? " with 95% stratified-bootstrap intervals" : ""}. Dashed: the second of the metrics.`));
   }
 
   prediction() {
@@ -295,7 +317,7 @@ class Page {
       return [group.label, fieldName(result.field), percent(precision), percent(recall), percent(quiet), count(hits + misses + alarms + right)];
     });
     if (!rows.length) return this.none("Prediction of the label: no evaluated policy has the auxiliary task that predicts it.");
-    return section("prediction", "Prediction of the label", table(["group", "episodes of", "#precision", "#recall", "#recall of quiet steps", "#steps"], plain(rows)),
+    return section("prediction", "Prediction of the label", table([this.group, "episodes of", "#precision", "#recall", "#recall of quiet steps", "#steps"], plain(rows)),
       says("The label is a yes or no of each step, such as whether it disturbs. Of the steps foretold to have it, those that did (precision); of the steps that did, those foretold (recall)."));
   }
 
@@ -324,20 +346,20 @@ class Page {
       return made.element;
     };
     return section("actions", "Actions by step", h("div", { class: "grid broad" }, found.map(chart)),
-      says("Share of the episodes still running at a step in which each action was taken, over all seeds. Colours are logarithmic and the same on every map: ",
+      says("Share of the episodes still running at a step in which each action was taken. Colours are logarithmic and the same on every map: ",
         [0.001, 0.01, 0.1, 1].map((value) => [h("span", { class: "heat", style: { background: heat(value) } }), value === 0.001 ? "0.1% or less " : `${100 * value}% `])));
   }
 
   /** Which runs there are, and which of their evaluations count. */
   runs() {
-    const runs = this.report.groups.flatMap(({ label, runs: all }) => all.map((run) => [run.name, label, String(run.seed), run.state, count(run.frames), count(run.budget), run.evaluations.join(", ") || "none yet"]));
+    const runs = this.report.groups.flatMap(({ label, runs: all }) => all.map((run) => [run.name, ...(this.seeds ? [label] : []), String(run.seed), run.state, count(run.frames), count(run.budget), run.evaluations.join(", ") || "none yet"]));
     const counting = ([task, found]) => {
       const shares = this.printed(task, found[0].result).filter(({ kind }) => kind === "share");
       const rate = (one, { share, interval }) => over(percent(share), range(one, interval));
       const rows = found.flatMap(({ group, result }) => result.seeds.map((seed) => [fieldName(result.field), group.label, String(seed.seed), seed.evaluation, count(seed.frames), count(seed.episodes), ...shares.map((one) => rate(one, seed.rates[one.name])), seed.weights.slice(0, 12)]));
-      return table(["episodes of", "group", "#seed", "evaluation", "#frames", "#episodes", ...shares.map((one) => `#${one.label}`), "weights"], plain(rows));
+      return table(["episodes of", this.group, "#seed", "evaluation", "#frames", "#episodes", ...shares.map((one) => `#${one.label}`), "weights"], plain(rows));
     };
-    return section("runs", "Runs and evaluations", table(["run", "group", "#seed", "state", "#frames", "#of", "evaluations"], plain(runs)),
+    return section("runs", "Runs and evaluations", table(["run", ...(this.seeds ? ["group"] : []), "#seed", "state", "#frames", "#of", "evaluations"], plain(runs)),
       this.results.length ? [h("h3", {}, "The evaluations that count"),
         says("Of several evaluations of a run on the same kind of episodes that of the newest checkpoint counts, then the one with sampled actions, then the one with the most episodes, then the newest. Beneath a rate: Wilson's 95% interval over this policy's episodes, which says nothing about other seeds."),
         this.byTask(this.results).map(counting)] : null);

@@ -38,8 +38,8 @@ function figures(live) {
   const items = [
     entry(card.evaluation ? "episodes" : "frames", count(card.done), `of ${count(card.budget)}`),
     card.left_s !== null ? entry("time left", duration(card.left_s)) : null,
-    card.evaluation ? null : entry("frames a second", count(live.frames_per_s)),
-    card.metrics.filter(({ name }) => !card.evaluation || name in card.figures).map((metric) => entry(metric.label, figure(metric, card.figures[metric.name]))),
+    card.evaluation ? null : entry(card.state === "running" ? "frames/s now" : "frames/s, mean", count(live.frames_per_s)),
+    card.metrics.filter(({ name }) => card.evaluation && name in card.figures).map((metric) => entry(metric.label, figure(metric, card.figures[metric.name]))),
     live.cores ? entry("processor", number(working, 1), `of ${live.cores} cores`) : null,
     live.gpus.map((gpu) => entry(`GPU ${gpu.index}`, percent(gpu.busy, 0), bytes(gpu.used_mib * 2 ** 20))),
     entry("wall time", duration(live.wall_s)),
@@ -50,28 +50,26 @@ function figures(live) {
   }, []));
 }
 
-function timeline(live) {
-  const stages = live.stages.map((stage, index) => h("div", { style: { flex: String(Math.max(stage.budget, 1)) } },
-    progress(stage.frames / stage.budget, `stage ${stage.name}: ${percent(stage.frames / stage.budget)}`),
-    h("div", { class: `small ${index === live.stage ? "" : "faint"}` }, `stage ${stage.name} · ${stage.reward} · ${short(stage.budget)} frames`)));
-  const [simulate, infer, update] = live.shares;
-  const rest = Math.max(0, 1 - simulate - infer - update);
-  const names = ["waiting for simulation", "inference", "updates", "other"];
-  const shares = [simulate, infer, update, rest];
-  const colours = ["--accent", "--run-5", "--run-1", "--faint"];
-  const text = names.map((name, at) => `${name} ${percent(shares[at], 0)}`);
+/** The stages of training and what each came to. */
+function stages(live) {
   const { metrics } = live.card;
-  const begun = live.stages.filter(({ figures: known }) => Object.keys(known).length);
+  const part = ({ frames, budget, name }) => progress(frames / budget, `stage ${name}: ${percent(frames / budget)}`);
+  return h("div", { class: "scroll" }, h("table", { class: "tight", "aria-label": "Stages" },
+    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Stage"), h("th", { scope: "col" }, "Reward"), h("th", { scope: "col" }, "Frames"), metrics.map(({ label }) => h("th", { scope: "col" }, label)))),
+    h("tbody", {}, live.stages.map((stage, index) => h("tr", { class: index === live.stage ? null : "soft" }, h("td", {}, stage.name), h("td", {}, stage.reward),
+      h("td", {}, h("div", { class: "meter" }, part(stage), h("span", { class: "small" }, short(stage.budget)))), metrics.map((metric) => h("td", {}, figure(metric, stage.figures[metric.name]))))))),
+  h("p", { class: "small faint" }, "Means over the newest tenth of each stage."));
+}
+
+/** Where the time goes. */
+function times(live) {
+  const [simulate, infer, update] = live.shares;
+  const shares = [simulate, infer, update, Math.max(0, 1 - simulate - infer - update)];
+  const colours = ["--accent", "--run-5", "--run-1", "--faint"];
+  const text = ["waiting for simulation", "inference", "updates", "other"].map((name, at) => `${name} ${percent(shares[at], 0)}`);
   return [
-    h("div", { class: "stages", role: "group", "aria-label": "Stages" }, stages),
-    begun.length ? h("div", { class: "scroll" }, h("table", { class: "tight", "aria-label": "Figures of the stages" },
-      h("thead", {}, h("tr", {}, ["Newest tenth of stage", ...metrics.map(({ label }) => label)].map((name) => h("th", { scope: "col" }, name)))),
-      h("tbody", {}, begun.map(({ name, figures: known }) => h("tr", {}, h("td", {}, name), metrics.map((metric) => h("td", {}, figure(metric, known[metric.name])))))))) : null,
-    live.frames_per_s === null ? null : [
-      h("div", { class: "small soft" }, "Where the time goes"),
-      h("div", { class: "bar", role: "img", "aria-label": text.join(", ") }, shares.map((share) => h("i", { style: { width: `${100 * share}%` } }))),
-      h("div", { class: "legend small soft" }, text.map((words, at) => h("span", {}, h("span", { class: "swatch", style: { background: `var(${colours[at]})` } }), words)))],
-  ];
+    h("div", { class: "bar", role: "img", "aria-label": text.join(", ") }, shares.map((share) => h("i", { style: { width: `${100 * share}%` } }))),
+    h("div", { class: "legend small soft" }, text.map((words, at) => h("span", {}, h("span", { class: "swatch", style: { background: `var(${colours[at]})` } }), words)))];
 }
 
 function kitchens(live, run) {
@@ -272,19 +270,19 @@ export async function showRun(root, run, signal) {
   const head = h("div", { class: "row between" });
   const summary = h("section", { class: "card stack", "aria-label": "Progress" });
   const notes = h("div", {});
-  const parts = Object.fromEntries(["kitchens", "workers", "warnings", "log", "validation", "evaluations"].map((name) => [name, h("div", {})]));
+  const parts = Object.fromEntries(["kitchens", "workers", "warnings", "log", "validation", "evaluations", "times"].map((name) => [name, h("div", {})]));
   const columns = new Columns(run);
   const curves = new Curves([columns], { signal });
   const grow = async () => { if (await columns.grow(signal)) curves.draw(); };
   const [depths, thumbnails] = [new Depths(run, signal), new Thumbnails(run, signal)];
   const card = (title, part) => h("section", { class: "card" }, h("h2", {}, title), part);
   const kitchensCard = card("By kitchen, newest 50 episodes of each", parts.kitchens);
-  const [workersCard, warningsCard] = [card("Processes", parts.workers), card("Warnings", parts.warnings)];
+  const [workersCard, warningsCard, timesCard] = [card("Processes", parts.workers), card("Warnings", parts.warnings), card("Where the time goes", parts.times)];
   const log = h("div", { class: "stack" }, warningsCard, card("Log", parts.log));
   // Of a run at work what it does now; of one at rest what it has come to.
   const arrange = (running) => replace(root, head, notes, summary, running
-    ? [curves.element, h("div", { class: "grid" }, kitchensCard, h("div", { class: "stack" }, depths.element, parts.evaluations, parts.validation)), h("div", { class: "grid" }, workersCard, log)]
-    : [thumbnails.element, parts.evaluations, curves.element, h("div", { class: "grid" }, kitchensCard, h("div", { class: "stack" }, parts.validation, workersCard, log))]);
+    ? [curves.element, h("div", { class: "grid" }, kitchensCard, h("div", { class: "stack" }, depths.element, parts.evaluations, parts.validation)), h("div", { class: "grid" }, h("div", { class: "stack" }, timesCard, workersCard), log)]
+    : [thumbnails.element, parts.evaluations, curves.element, h("div", { class: "grid" }, kitchensCard, h("div", { class: "stack" }, parts.validation, timesCard, workersCard, log))]);
 
   let rollouts = -1;
   const shown = {};
@@ -299,15 +297,17 @@ export async function showRun(root, run, signal) {
       h("div", { class: "row" }, h("h1", {}, run), stateWord(live.card.state), h("span", { class: "soft small" }, `${live.card.preset} · seed ${live.card.seed}`)),
       h("div", { class: "row" }, h("a", { href: `#/run/${encoded}/episodes` }, "Episodes"))]);
     update("notes", notes, live.notes, () => live.notes.map((note) => notice(note)));
-    update("summary", summary, [live.card, live.stages, live.shares, live.workers.map((worker) => worker.cores), live.gpus, Math.round(live.wall_s)], () => [figures(live), live.card.evaluation ? null : timeline(live)]);
+    update("summary", summary, [live.card, live.stages, live.frames_per_s, live.workers.map((worker) => worker.cores), live.gpus, Math.round(live.wall_s)], () => [figures(live), live.card.evaluation ? live.card.conditions && h("p", { class: "small soft" }, live.card.conditions) : stages(live)]);
     const running = live.card.state === "running";
     if (shown.running !== running) {
       shown.running = running;
       arrange(running);
     }
     update("kitchens", parts.kitchens, [live.kitchens, live.indexed], () => kitchens(live, run));
+    update("times", parts.times, live.shares, () => times(live));
     update("workers", parts.workers, live.workers, () => workers(live));
     update("warnings", parts.warnings, live.warnings, () => lines(live.warnings.slice(-8)));
+    timesCard.hidden = live.frames_per_s === null || live.card.evaluation;
     for (const [one, many] of [[kitchensCard, live.kitchens], [workersCard, live.workers], [warningsCard, live.warnings]]) one.hidden = !many.length;
     update("log", parts.log, [live.log, live.starts], () => [lines(live.log), h("details", {}, h("summary", { class: "small soft" }, `${live.starts.length} ${live.starts.length === 1 ? "start" : "starts"}`), starts(live)), live.recordings ? h("p", { class: "small faint" }, live.recordings) : null]);
     update("validation", parts.validation, live.validation, () => (live.validation.length ? card("Validation", h("div", { class: "scroll" }, h("table", {},

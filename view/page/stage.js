@@ -238,7 +238,12 @@ function marks({ task }, moment) {
 const hint = () => (matchMedia("(pointer: coarse)").matches ? "Drag to turn, two fingers to zoom and move." : "Drag to turn, wheel to zoom, shift-drag to move.");
 
 /** What is marked in the room. */
-export const explained = ({ target }) => h("p", { class: "small faint" }, `${hint()}${target ? " Pink ring: the target." : ""} Green box: the goal. Violet: displaced, with a ghost where it stood.`);
+export const explained = ({ target }) => h("ul", { class: "marks small soft" },
+  [...(target ? [["--target", "the target, pale where something hides it"]] : []), ["--goal", "the goal"], ["--ghost", "displaced, pale where it stood"]]
+    .map(([ink, text]) => h("li", {}, h("span", { class: "swatch", style: { background: `var(${ink})` } }), text)), h("li", { class: "faint" }, hint()));
+
+/** A picture of the room, and beside it, where there is a place, what is said of it. */
+export const besides = (picture, ...said) => h("div", { class: "room" }, picture, h("div", { class: "stack" }, said));
 
 /** The task's first reward, and the channel that its metrics limit, over the steps; a click goes there. */
 export class Strip {
@@ -260,7 +265,7 @@ export class Strip {
     const named = (good) => [...new Set(marked.filter((mark) => mark.good === good).map(({ name }) => words(name)))].join(", ");
     const unit = task.channels.find(({ name }) => name === limited)?.unit;
     const most = Math.max(0, ...this.stages.flatMap(({ episode }) => episode.moments.map(({ channels }) => channels[limited]?.[0] ?? 0)));
-    const rewards = this.stages.map((stage, index) => said(index ? "--run-1" : "--run-0", first && `reward ${words(first)}${this.stages.length > 1 ? `, ${stage.run}` : ""}`));
+    const rewards = this.stages.map((stage, index) => said(index ? "--run-1" : "--run-0", first && `reward ${first}${this.stages.length > 1 ? `, ${stage.run}` : ""}`));
     return h("div", { class: "legend small soft" }, rewards, said("--faint", first && "below zero"), said("--ghost", limited && `${words(limited, unit)}, at most ${number(most)} ${unit ?? ""}`), said("--target", named(true)), said("--bad", named(false)));
   }
 
@@ -403,14 +408,14 @@ export class Stage {
       h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Reward of this step"), h("th", { scope: "col" }, first.name))),
       h("tbody", {}, this.step ? h("tr", {}, h("td", {}, "each step"), h("td", {}, signed(constant))) : null,
         rows(all),
-        rewards.map((name, at) => [at ? rows(added(name)) : null, h("tr", { class: "total" }, h("td", {}, words(name)), h("td", {}, signed(now.rewards[name] ?? 0)))]),
-        rewards.map((name) => h("tr", {}, h("td", { class: "soft" }, `return so far, ${words(name)}`), h("td", { class: "soft" }, number(sum(name))))))));
+        rewards.map((name, at) => [at ? rows(added(name)) : null, h("tr", { class: "total" }, h("td", {}, name), h("td", {}, signed(now.rewards[name] ?? 0)))]),
+        rewards.map((name) => h("tr", {}, h("td", { class: "soft" }, `return so far, ${name}`), h("td", { class: "soft" }, number(sum(name))))))));
   }
 
   displaced(now) {
     const rows = [...now.moved].sort((a, b) => b[1] - a[1]).map(([thing, far]) => h("tr", {}, h("td", {}, this.episode.things[thing].category), h("td", {}, metres(far))));
     replace(this.moved, h("table", { class: "parts small" },
-      h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Displaced"), h("th", { scope: "col" }, metres(now.moved.reduce((total, [, far]) => total + far, 0))))),
+      h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Disturbance"), h("th", { scope: "col" }, metres(now.moved.reduce((total, [, far]) => total + far, 0))))),
       h("tbody", {}, rows.length ? rows : h("tr", {}, h("td", { colSpan: 2, class: "soft" }, "Nothing is displaced.")))));
   }
 }

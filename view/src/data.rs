@@ -37,6 +37,9 @@ pub struct Card {
     pub seed: u64,
     pub state: String,
     pub evaluation: bool,
+    /// Of an evaluation which policy plays which episodes, in words.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub conditions: Option<String>,
     pub created_unix_s: u64,
     pub done: u64,
     pub budget: u64,

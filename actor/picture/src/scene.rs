@@ -28,6 +28,10 @@ const SLACK_M: f32 = 0.005;
 const LAMPS: usize = 24;
 /// Light on an upright surface in a draft, as a share of that on a floor.
 const DRAFT_SIDE_LIGHT: f32 = 0.6;
+/// Light on a floor in a draft, for as bright a picture as the fine one: walls and furniture leave a part of the sky.
+const DRAFT_LIGHT: f32 = 0.42;
+/// How much a hidden target is seen through what hides it.
+const TARGET_THROUGH: f32 = 0.4;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Standpoint {
@@ -102,7 +106,9 @@ impl Scene {
             }
         };
         // Soft light would take most of a second a picture, and a data set has thousands.
-        self.develop(Exposure::take(&model, &camera, side, side, PAPER), false)
+        let exposure = Exposure::take(&model, &camera, side, side, PAPER);
+        let light: Vec<f32> = exposure.waiting().map(|lit| slope(&lit)).collect();
+        exposure.develop(&mut light.into_iter())
     }
 
     pub fn plan(&self, side: usize, background: Rgb) -> Canvas {
@@ -155,13 +161,12 @@ impl Scene {
         let light = if fine {
             self.dome.get_or_init(|| Dome::over(&self.unmoved(), LAMPS)).light(&waiting)
         } else {
-            let slope = |lit: &Lit| DRAFT_SIDE_LIGHT + (1.0 - DRAFT_SIDE_LIGHT) * lit.normal.y.max(0.0);
-            waiting.iter().map(slope).collect()
+            waiting.iter().map(|lit| DRAFT_LIGHT * slope(lit)).collect()
         };
         exposure.develop(&mut light.into_iter())
     }
 
-    /// Draws what is displaced where it stood.
+    /// Draws what is displaced where it stood, and the target through what hides it, such as a wall that is cut.
     pub fn haunt(&self, picture: &mut Canvas, moment: &Moment, camera: &Camera, depths_m: &[f32]) {
         let (width, height) = (picture.width, picture.height);
         let mut ghosts = Model::default();
@@ -174,7 +179,20 @@ impl Scene {
             let is_hidden = 1.0 / nearness > depths_m[index] + SLACK_M;
             picture.blend(index % width, index / width, DISPLACED, GHOST[usize::from(is_hidden)]);
         }
+        let Some(target) = self.task.target else { return };
+        let mut model = Model::default();
+        model.add(&bodies[target].shape, &moment.things[target], TARGET, true);
+        let visible = Visible::draw(camera, width, height, (0..).zip(model.corners()));
+        for (index, &nearness) in visible.nearness.iter().enumerate().filter(|(_, nearness)| nearness.is_finite()) {
+            if 1.0 / nearness > depths_m[index] + SLACK_M {
+                picture.blend(index % width, index / width, TARGET, TARGET_THROUGH);
+            }
+        }
     }
+}
+
+fn slope(lit: &Lit) -> f32 {
+    DRAFT_SIDE_LIGHT + (1.0 - DRAFT_SIDE_LIGHT) * lit.normal.y.max(0.0)
 }
 
 #[cfg(test)]

@@ -91,7 +91,7 @@ fn write(canvas: &mut Canvas, side: usize, task: &Task, captions: &Captions) {
     let signs = [
         ("target", TARGET, task.target.is_some()),
         ("goal", GOAL, task.goal.is_some()),
-        ("moved by the robot", DISPLACED, true),
+        ("displaced", DISPLACED, true),
         ("where it stood", mix(PAPER, DISPLACED, GHOST[0]), true),
     ];
     for (word, colour, _) in signs.into_iter().filter(|(.., is_there)| *is_there) {

@@ -1,7 +1,8 @@
 use crate::output::format::{self, NOTHING, counted};
 use proto::config::Config;
 use proto::evaluation::{
-    Cost, Distribution, Evaluation, EvaluationConfig, Figures, KitchenFigures, SEEDED_EPISODES, describe, seed_of,
+    Cost, Distribution, Evaluation, EvaluationConfig, Figures, KitchenFigures, ObjectSet, SEEDED_EPISODES, describe,
+    seed_of,
 };
 use proto::kitchen::{KitchenRange, Split};
 use proto::task::{Described, Kind, Spec};
@@ -27,6 +28,29 @@ pub fn place(split: Split, procedural: Option<KitchenRange>, scenes: usize) -> S
         Split::Test => "the 5 test kitchens",
     };
     split.to_owned()
+}
+
+/// Which policy plays which episodes, in a line.
+pub fn conditions(config: &Config, asked: &EvaluationConfig) -> String {
+    let policy = asked.checkpoint.as_deref().map_or("fresh weights", |path| {
+        let parents = if path.ends_with(".safetensors") { 1 } else { 3 };
+        let begin = path.rmatch_indices('/').nth(parents - 1).map_or(0, |(at, _)| at + 1);
+        &path[begin..]
+    });
+    let actions = if asked.deterministic { "the most probable action" } else { "sampled actions" };
+    let (episodes, _) = episodes_of(config, asked);
+    let seeds = seeds_of(asked.distribution, asked.split, asked.episodes);
+    let objects = match asked.objects {
+        ObjectSet::NoTargets => String::new(),
+        ObjectSet::All => "novel and seen objects, ".to_owned(),
+        objects => format!("{} objects, ", objects.name()),
+    };
+    let place = match asked.kitchen {
+        Some(kitchen) => format!("kitchen {kitchen}"),
+        None => place(asked.split, asked.procedural, config.scenes.len()),
+    };
+    let played = seeds.unwrap_or_else(|| format!("{objects}{episodes}, in {place}"));
+    format!("{policy} ({}), {actions}: {played}", config.preset)
 }
 
 pub fn seeds_of(distribution: Distribution, split: Split, episodes: u32) -> Option<String> {

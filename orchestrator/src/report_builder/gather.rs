@@ -2,12 +2,12 @@ use super::unclaimed::{UnclaimedEvaluation, evaluation, is_of, same_run};
 use crate::run::identity::Identity;
 use crate::run::lock::{LockState, holder, state_of};
 use crate::run::scenes::config_by_content;
-use crate::training::means::recent;
+use crate::training::means::by_stage;
 use crate::training::metrics::Figures;
 use crate::training::scores::{Score, Scores, evaluations_below};
 use crate::training::summary::Summary;
 use anyhow::{Context, Result, bail};
-use proto::config::Config;
+use proto::config::{Config, StageConfig};
 use proto::evaluation::{RESULT_FILE, Subject};
 use proto::run_folder::{Item, RunFolder};
 use proto::task::Spec;
@@ -152,11 +152,16 @@ fn run(folder: &RunFolder, notes: &mut Vec<String>) -> Result<(String, Run)> {
     let Scores { scores, notes: about_scores } = Scores::read(folder, config.spec(), at_rest);
     notes.extend(about_figures.into_iter().chain(about_scores).map(|note| format!("{}: {note}.", path.display())));
     let config = config_by_content(folder)?;
+    let means = by_stage(&config.stages, &history);
+    let newest_tenth = |stage: &StageConfig| {
+        let of_stage = means.iter().find(|means| means.name == stage.name);
+        of_stage.map(|means| means.last_tenth.figures.clone()).unwrap_or_default()
+    };
     let run = Run {
         name: path.display().to_string(),
         origin: Origin::Run(state_of(&identity, &held, summary.is_some())),
         rollouts: rollouts(&history),
-        newest_tenth: recent(&config.stages, &history, true).episodes.figures,
+        stages: config.stages.iter().map(newest_tenth).collect(),
         evaluations: evaluations_of(config.spec(), folder, notes)?,
         validation: validation_of(&scores),
         config,
@@ -411,7 +416,7 @@ mod tests {
         let gathered = gather(&["bath-3", "hall-3", "hall-4"].map(at)).unwrap();
         let groups = groups(&gathered.runs).unwrap();
         let seeds: Vec<_> = groups.iter().map(|group| (group.label.as_str(), group.runs.len())).collect();
-        assert_eq!(seeds, [("bath*", 1), ("hall*", 2)]);
+        assert_eq!(seeds, [("bath-3", 1), ("hall", 2)]);
         assert_ne!(groups[0].differences, groups[1].differences, "what tells them apart is said");
     }
 

@@ -8,7 +8,6 @@ use proto::evaluation::{Subject, TABLE_FILE, read_table_from};
 use proto::run_folder::RunFolder;
 use proto::task::Spec;
 use report::study::{Evaluated, Origin, Run, differences_between};
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 pub(super) struct UnclaimedEvaluation {
@@ -55,7 +54,7 @@ impl UnclaimedEvaluation {
             origin,
             config,
             rollouts: Vec::new(),
-            newest_tenth: BTreeMap::new(),
+            stages: Vec::new(),
             evaluations: vec![self.evaluated],
             validation: Vec::new(),
         }

@@ -75,11 +75,16 @@ fn draw_head(frame: &mut Frame, area: Rect, live: &Live) {
     };
     let wall = Duration::try_from_secs_f64(live.wall_s).unwrap_or_default();
     let starts = if live.starts.len() > 1 { format!("  {} starts", live.starts.len()) } else { String::new() };
-    let title = vec![
+    let mut title = vec![
         Span::from(format!(" {}  ", end_of(&printable(&card.folder), usize::from(area.width) / 2))).bold(),
         state,
         Span::from(format!("  {}, seed {}  {}{starts}", printable(&card.preset), card.seed, format::duration(wall))),
     ];
+    // What the colours of the curves are.
+    let stages = live.stages.iter().enumerate().filter(|_| live.stages.len() > 1);
+    title.extend(stages.map(|(index, stage)| {
+        Span::from(format!("  ━ stage {}", printable(&stage.name))).fg(panels::STAGES[index % panels::STAGES.len()])
+    }));
     frame.render_widget(Paragraph::new(Line::from(title)), first);
     frame.render_widget(progress(live), second);
     frame.render_widget(Paragraph::new(throughput(live, third.width)), third);
@@ -153,7 +158,12 @@ fn machine(live: &Live) -> Line<'static> {
     };
     if live.card.evaluation {
         parts.push(metrics(&live.card.figures));
+    } else {
+        // Quotients have no curve.
+        let quotients = live.card.metrics.iter().filter(|metric| metric.quotient.is_some());
+        parts.push(format::metrics(quotients, &live.card.figures, "  "));
     }
+    parts.retain(|part| !part.is_empty());
     if let Some(last) = live.validation.last() {
         parts.push(format!("validation at {}: {}", format::count(last.frames), metrics(&last.figures)));
     }

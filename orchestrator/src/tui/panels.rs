@@ -12,7 +12,7 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::{Axis, Block, Cell, Chart, Dataset, GraphType, Paragraph, Row, Table};
 use view::data::{Kitchen, Live, LogLine, Worker};
 
-const STAGES: [Color; 4] = [Color::Cyan, Color::Yellow, Color::Green, Color::Magenta];
+pub const STAGES: [Color; 4] = [Color::Cyan, Color::Yellow, Color::Green, Color::Magenta];
 const SECOND: Color = Color::DarkGray;
 
 pub fn chart(frame: &mut Frame, area: Rect, model: &Model, live: &Live, number: usize) {

@@ -8,6 +8,7 @@ use super::tail::{New, Tail};
 use crate::environment::growing;
 use crate::evaluation::journal;
 use crate::evaluation::progress::Progress;
+use crate::evaluation::text::conditions;
 use crate::output::format;
 use crate::output::log_line::LogLine as Parsed;
 use crate::recording::Recordings;
@@ -178,6 +179,7 @@ impl Watched {
         if let Some(standing) = Progress::read(&self.folder, config)? {
             return Ok(Card {
                 evaluation: true,
+                conditions: config.evaluation.as_ref().map(|asked| conditions(config, asked)),
                 state: state_of(identity, held, standing.result.is_some()).to_string(),
                 done: standing.played,
                 budget: standing.asked,

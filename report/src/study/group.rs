@@ -5,8 +5,9 @@ use toml::Table;
 
 #[derive(Debug, Clone)]
 pub struct Group<'a> {
-    /// Its name in tables and figures: the preset's, with a star where it has other settings than the preset. Where
-    /// that does not distinguish groups, also their folders' names, or else a letter.
+    /// Its name in tables and figures: its runs' folders', where they have one; else the preset's, with a star where it
+    /// has other settings than the preset. Where
+    /// that does not distinguish groups, a letter follows.
     pub label: String,
     pub preset: String,
     pub differences: Vec<String>,
@@ -78,8 +79,12 @@ impl Group<'_> {
         self.runs.iter().all(|run| run.origin.trained().is_none())
     }
 
-    fn named(&self, name: &str) -> String {
+    fn named(&self) -> String {
+        let config = &self.runs[0].config;
+        // All environments of others have one preset.
+        let preset = config.environment.as_ref().map_or(&self.preset, |_| &config.task);
         let star = if self.differences.is_empty() { "" } else { "*" };
+        let name = self.called().unwrap_or_else(|| format!("{preset}{star}"));
         let trained = match &self.runs[0].origin {
             Origin::Policy(file) if self.runs.len() == 1 => format!(", {file}"),
             Origin::Policy(_) => ", policy files".to_owned(),
@@ -87,17 +92,17 @@ impl Group<'_> {
             Origin::Untrained => ", untrained".to_owned(),
             Origin::Run(_) | Origin::NotGiven => String::new(),
         };
-        format!("{name}{star}{trained}")
+        format!("{name}{trained}")
     }
 
-    /// What all its folders are called, without their seeds; none where they differ, or only a clock named them.
+    /// What its run's folder is called, and of several what all are without their seeds; none where they differ.
     fn called(&self) -> Option<String> {
         let mut names = self.runs.iter().map(|run| {
+            // The others' folders are those of evaluations.
+            let Origin::Run(_) = run.origin else { return None };
             let folder = Path::new(&run.name).file_name()?.to_str()?;
-            let name = folder.strip_suffix(&format!("-{}", run.config.seed)).unwrap_or(folder);
-            let time = name.strip_suffix(&run.config.preset).unwrap_or(name);
-            (!name.is_empty() && time.contains(|letter: char| !letter.is_ascii_digit() && letter != '-'))
-                .then_some(name)
+            let seed = format!("-{}", run.config.seed);
+            folder.strip_suffix(&seed).filter(|name| self.runs.len() > 1 && !name.is_empty()).or(Some(folder))
         });
         let first = names.next()??;
         names.all(|name| name == Some(first)).then(|| first.to_owned())
@@ -105,33 +110,15 @@ impl Group<'_> {
 }
 
 fn label(groups: &mut [Group<'_>]) {
-    // All environments of others have one preset.
-    let name = |group: &Group<'_>| {
-        let config = &group.runs[0].config;
-        group.named(config.environment.as_ref().map_or(&group.preset, |_| &config.task))
-    };
-    let names: Vec<String> = groups.iter().map(name).collect();
-    let labels: Vec<String> = groups
-        .iter()
-        .zip(&names)
-        .enumerate()
-        .map(|(index, (group, name))| {
-            let alike = |other: &usize| names[*other] == *name;
-            let before = (0..index).filter(alike).count();
-            let folders: Vec<Option<String>> =
-                (0..groups.len()).filter(alike).map(|other| groups[other].called()).collect();
-            let told_apart =
-                folders.iter().enumerate().all(|(n, folder)| folder.is_some() && !folders[..n].contains(folder));
-            match &folders[before] {
-                _ if folders.len() == 1 => name.clone(),
-                Some(folder) if told_apart => group.named(folder),
-                _ if before < 26 => format!("{name} ({})", char::from(b'a' + before as u8)),
-                _ => format!("{name} ({})", before + 1),
-            }
-        })
-        .collect();
-    for (group, label) in groups.iter_mut().zip(labels) {
-        group.label = label;
+    let names: Vec<String> = groups.iter().map(Group::named).collect();
+    for (index, group) in groups.iter_mut().enumerate() {
+        let name = &names[index];
+        let before = names[..index].iter().filter(|other| *other == name).count();
+        group.label = match names.iter().filter(|other| *other == name).count() {
+            1 => name.clone(),
+            _ if before < 26 => format!("{name} ({})", char::from(b'a' + before as u8)),
+            _ => format!("{name} ({})", before + 1),
+        };
     }
 }
 
@@ -140,7 +127,6 @@ pub(crate) mod tests {
     use super::*;
     use proto::config::{Config, EnvironmentConfig, FromConfig};
     use proto::run_state::{Ending, RunState};
-    use std::collections::BTreeMap;
 
     pub fn run(name: &str, preset: &str, seed: u64) -> Run {
         let config = Config { seed, ..Config::resolve(preset, None).unwrap() };
@@ -149,7 +135,7 @@ pub(crate) mod tests {
             origin: Origin::Run(RunState::Ended(Ending::Complete)),
             config,
             rollouts: Vec::new(),
-            newest_tenth: BTreeMap::new(),
+            stages: Vec::new(),
             evaluations: Vec::new(),
             validation: Vec::new(),
         }
@@ -176,7 +162,7 @@ pub(crate) mod tests {
         ];
         let groups = groups(&runs).unwrap();
         let labels: Vec<&str> = groups.iter().map(|group| group.label.as_str()).collect();
-        assert_eq!(labels, ["demo", "demo* (a)", "demo* (b)", "demo, untrained", "demo, run not found", "paper"]);
+        assert_eq!(labels, ["demo", "d (a)", "d (b)", "demo, untrained", "demo, run not found", "f"]);
         let policy = [with_origin("h", Origin::Policy("fetch.safetensors".to_owned()))];
         assert_eq!(super::groups(&policy).unwrap()[0].label, "demo, fetch.safetensors");
         let names: Vec<&str> = groups[0].runs.iter().map(|run| run.name.as_str()).collect();
@@ -186,7 +172,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn groups_of_one_preset_are_told_apart_by_what_their_folders_are_called() {
+    fn groups_are_called_as_their_folders() {
         let with = |name: &str, seed: u64, clip: f64| {
             let mut run = run(name, "demo", seed);
             run.config.ppo.clip = clip;
@@ -194,12 +180,9 @@ pub(crate) mod tests {
         };
         let labels = |runs: &[Run]| groups(runs).unwrap().into_iter().map(|group| group.label).collect::<Vec<_>>();
         let suite = [with("s/wide-1", 1, 0.3), with("s/narrow-1", 1, 0.05), with("s/wide-2", 2, 0.3)];
-        assert_eq!(labels(&suite), ["wide*", "narrow*"]);
-        assert_eq!(labels(&suite[..1]), ["demo*"], "nothing to tell apart");
+        assert_eq!(labels(&suite), ["wide", "narrow-1"]);
         let differ = [with("s/wide-1", 1, 0.3), with("s/broad-2", 2, 0.3), with("s/narrow-1", 1, 0.05)];
-        assert_eq!(labels(&differ), ["demo* (a)", "demo* (b)"]);
-        let clock = [with("runs/20261121-145536-demo-1", 1, 0.3), with("runs/20261121-145537-demo-1", 1, 0.05)];
-        assert_eq!(labels(&clock), ["demo* (a)", "demo* (b)"]);
+        assert_eq!(labels(&differ), ["demo*", "narrow-1"]);
     }
 
     #[test]

@@ -15,8 +15,9 @@ pub struct Run {
     pub origin: Origin,
     pub config: Config,
     pub rollouts: Vec<Rollout>,
-    /// Means of the task's metrics over the newest tenth of its newest stage, by name: as the run itself shows them.
-    pub newest_tenth: BTreeMap<String, f64>,
+    /// Of each stage, means of the task's metrics over its newest tenth, by name: as the run itself shows them. Empty of
+    /// one that has not begun.
+    pub stages: Vec<BTreeMap<String, f64>>,
     pub evaluations: Vec<Evaluated>,
     pub validation: Vec<Validated>,
 }

@@ -155,7 +155,7 @@ pub fn run(preset: &str, seed: u64, (skill, care): (f64, f64)) -> Run {
         name: format!("runs/{preset}-{seed}"),
         origin: Origin::Run(RunState::Ended(Ending::Complete)),
         rollouts: rollouts(&config, skill - luck),
-        newest_tenth: BTreeMap::new(),
+        stages: Vec::new(),
         evaluations: [
             (Split::Test, ObjectSet::Novel, skill),
             (Split::Test, ObjectSet::Seen, skill + 0.02),
