@@ -125,8 +125,30 @@ pub fn main(version: &'static str) -> ExitCode {
     let result = result.and_then(|code| output::terminal::demand_written().map(|()| code));
     result.unwrap_or_else(|error| {
         output::terminal::note(&format!("error: {error:#}"));
-        ExitCode::FAILURE
+        ExitCode::from(status_of(&error))
     })
+}
+
+/// As of a command line that cannot be read: 2, if what was asked is wrong in itself.
+fn status_of(error: &anyhow::Error) -> u8 {
+    use proto::config::ConfigError::{Invalid, OutOfRange, UnknownKey, UnknownPreset, UnknownTask};
+    let wrong = error.downcast_ref().is_some_and(|cause| {
+        matches!(
+            cause,
+            UnknownPreset { .. } | UnknownKey { .. } | Invalid { .. } | OutOfRange { .. } | UnknownTask { .. }
+        )
+    });
+    if wrong { 2 } else { 1 }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn a_wrong_preset_ends_as_a_wrong_option_does() {
+        let unknown = proto::config::Config::resolve("demmo", None).unwrap_err();
+        assert_eq!(super::status_of(&unknown.into()), 2);
+        assert_eq!(super::status_of(&anyhow::anyhow!("the disk is full")), 1);
+    }
 }
 
 /// Refuses a current folder that was removed: libraries and children would fail in it for reasons that hide this one.

@@ -94,7 +94,7 @@ pub(crate) fn comparisons(entries: &[GroupResults<'_>]) -> Vec<Comparison> {
 
 fn plain(cell: &str) -> String {
     match cell {
-        "r'" => "r′".to_owned(),
+        "r'" => "r_prime".to_owned(),
         "none_original" => "none (original)".to_owned(),
         "cpca16" => "CPC|A-16".to_owned(),
         "finetune" => "stage I".to_owned(),

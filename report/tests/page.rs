@@ -86,6 +86,27 @@ fn the_page_fits_screens_and_gives_its_charts_away() {
     assert_eq!(browser.complaints, Vec::<String>::new(), "the page's console has no error");
 }
 
+#[test]
+fn of_one_seed_nothing_is_said_of_seeds_and_each_stage_has_its_figures() {
+    let Some(mut browser) = Browser::start() else { return };
+    let mut alone = run("disturb-two-stage", 1, (0.8, 0.5));
+    let figures = |success: f64| [("success".to_owned(), success), ("disturbance_m".to_owned(), 0.03)].into();
+    alone.stages = vec![figures(0.25), figures(0.6)];
+    let report = Report::of(&[alone], &Options::default(), Vec::new()).expect("a sound run");
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    open(&mut browser, folder.path(), &report, &json!([]));
+    let of = |part: &str| format!("document.querySelector('{part}').innerText");
+    let stages = browser.value(&of("#stages"));
+    for said in ["disturb-two-stage-1", "25.0%", "60.0%", "disturbance per success (m)", "0.120", "0.050"] {
+        assert!(stages.as_str().is_some_and(|stages| stages.contains(said)), "{said}: {stages}");
+    }
+    let results = browser.value(&of("#results"));
+    let results = results.as_str().expect("text");
+    assert!(!results.contains("IQM") && !results.contains("seeds") && results.contains("run\t"), "{results}");
+    let axis = "document.querySelector('#training .chart canvas') !== null";
+    browser.wait_for(axis);
+}
+
 fn the_numbers_are_on_the_page(browser: &mut Browser, report: &Report, folder: &Path) {
     let group = &report.groups[0];
     let success = group.results[0].metrics["success"].mean;

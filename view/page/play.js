@@ -25,7 +25,7 @@ class SceneRenderer {
     this.button = h("button", { "aria-pressed": "false", hidden: true, onclick: () => this.toggle() }, "Pause");
     this.wait = waiting("The policy is loaded, and its kitchens are built", signal);
     this.place = h("div", {});
-    replace(root, h("div", { class: "row between" }, this.title, h("div", { class: "row" }, this.button, this.picker, this.link)), h("div", {}, this.terms, this.tally), this.wait.element, this.place);
+    replace(root, h("div", { class: "row between" }, this.title, h("div", { class: "row" }, this.button, this.picker, this.link)), h("div", {}, this.terms, h("div", { class: "row between small" }, this.tally, this.wait.element)), this.place);
   }
 
   /** Says what it waits for; nothing without a text. */

@@ -143,7 +143,7 @@ class Page {
     };
     return section("results", "Results", fields,
       says(this.seeds ? `Means and interquartile means (IQM) over ${this.samples(this.fields[0])} with 95% intervals; one seed alone has neither IQM nor interval.`
-        : `Means over ${this.samples(this.fields[0])} of one seed each: without intervals, for they need several seeds.`),
+        : `Means over ${this.samples(this.fields[0])}, of one seed: it alone has no interval.`),
       this.byTask(this.results).map(([task, [{ result }]]) => this.docs(this.printed(task, result))),
       h("h3", {}, `Over all episodes${this.seeds ? " of all seeds" : ""} together`), this.byTask(this.results).map(further));
   }

@@ -55,8 +55,8 @@ function stages(live) {
   const { metrics } = live.card;
   const part = ({ frames, budget, name }) => progress(frames / budget, `stage ${name}: ${percent(frames / budget)}`);
   return h("div", { class: "scroll" }, h("table", { class: "tight", "aria-label": "Stages" },
-    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Stage"), h("th", { scope: "col" }, "Reward"), h("th", { scope: "col" }, "Frames"), metrics.map(({ label }) => h("th", { scope: "col" }, label)))),
-    h("tbody", {}, live.stages.map((stage, index) => h("tr", { class: index === live.stage ? null : "soft" }, h("td", {}, stage.name), h("td", {}, stage.reward),
+    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Stage"), h("th", { scope: "col", class: "optional" }, "Reward"), h("th", { scope: "col" }, "Frames"), metrics.map(({ label }) => h("th", { scope: "col" }, label)))),
+    h("tbody", {}, live.stages.map((stage, index) => h("tr", { class: index === live.stage ? null : "soft" }, h("td", {}, stage.name), h("td", { class: "optional" }, stage.reward),
       h("td", {}, h("div", { class: "meter" }, part(stage), h("span", { class: "small" }, short(stage.budget)))), metrics.map((metric) => h("td", {}, figure(metric, stage.figures[metric.name]))))))),
   h("p", { class: "small faint" }, "Means over the newest tenth of each stage."));
 }
@@ -282,7 +282,7 @@ export async function showRun(root, run, signal) {
   // Of a run at work what it does now; of one at rest what it has come to.
   const arrange = (running) => replace(root, head, notes, summary, running
     ? [curves.element, h("div", { class: "grid" }, kitchensCard, h("div", { class: "stack" }, depths.element, parts.evaluations, parts.validation)), h("div", { class: "grid" }, h("div", { class: "stack" }, timesCard, workersCard), log)]
-    : [thumbnails.element, parts.evaluations, curves.element, h("div", { class: "grid" }, kitchensCard, h("div", { class: "stack" }, parts.validation, timesCard, workersCard, log))]);
+    : [thumbnails.element, curves.element, parts.evaluations, h("div", { class: "grid" }, kitchensCard, h("div", { class: "stack" }, parts.validation, timesCard, workersCard, log))]);
 
   let rollouts = -1;
   const shown = {};

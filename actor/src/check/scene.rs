@@ -14,6 +14,7 @@ use std::sync::Arc;
 /// Loads a scene, proves that nothing in it moves by itself, and says what it offers. With `copy`, its files are
 /// copied into that folder, which is made. With `targets_only` it says the categories of its targets alone, one a line.
 pub fn run(path: &Path, copy: Option<&Path>, targets_only: bool, mut out: impl Write) -> Result<()> {
+    ensure!(!path.is_dir(), "{0} is a folder: name the scene's file, such as {0}/scene.toml", path.display());
     let config = Config::default();
     let id = KitchenId::scene(0).context("there is a first scene")?;
     let kitchen = Arc::new(load(path, id, &config.simulation)?);

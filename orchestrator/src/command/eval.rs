@@ -38,7 +38,7 @@ const ENVIRONMENTS_MAX: u32 = 32;
   orchestrator eval models/fetch.safetensors --split test   a policy file, which `orchestrator export` writes
   orchestrator eval runs/demo --distribution fixed          the paper's kind of episodes, whatever the run trained on
   orchestrator eval runs/a --split train --episodes 6 --json
-  orchestrator eval runs/a --kitchens procedural:5000..5100 --episodes 6     in a hundred kitchens never seen
+  orchestrator eval runs/a --kitchens 5000..5100 --episodes 6     in a hundred kitchens never seen
   orchestrator eval runs/cart-pole --episodes 100        an environment of your own: seeds 0 to 99
   orchestrator eval --preset recipe --split test         a random policy")]
 pub struct EvalArgs {
@@ -57,10 +57,10 @@ pub struct EvalArgs {
     /// Kitchens [default: test; of a run in scenes of its own: those scenes]
     #[arg(long, value_enum)]
     split: Option<SplitChoice>,
-    /// Procedural kitchens instead of a split's, by their numbers: a run in `count` of them was trained in those from
-    /// 1000 on, and has seen none of 1000 + `count` and up
-    #[arg(long, value_name = "procedural:FIRST..END", value_parser = procedural, conflicts_with = "split")]
-    kitchens: Option<KitchenRange>,
+    /// Instead of a split's kitchens one, by its number, or procedural ones: a run in `count` of them was trained in those
+    /// from 1000 on, and has seen none of 1000 + `count` and up
+    #[arg(long, value_name = "N|FIRST..END", value_parser = kitchens, conflicts_with = "split")]
+    kitchens: Option<Chosen>,
     /// Targets, of a task that has them: novel, seen in training, or all [default: novel; in scenes all that they have]
     #[arg(long, value_enum)]
     objects: Option<ObjectsChoice>,
@@ -103,13 +103,41 @@ pub struct EvalArgs {
     shown: ShownArgs,
 }
 
-fn procedural(text: &str) -> Result<KitchenRange, String> {
-    let range = text.strip_prefix("procedural:");
-    let wanted = || {
-        "expected procedural:FIRST..END, for example procedural:5000..5100; for built-in kitchens type --split train, \
-         valid or test"
-    };
-    range.ok_or_else(wanted)?.parse()
+#[derive(Debug, Clone, Copy)]
+enum Chosen {
+    One(KitchenId),
+    Procedural(KitchenRange),
+}
+
+fn kitchens(text: &str) -> Result<Chosen, String> {
+    let text = text.strip_prefix("procedural:").unwrap_or(text);
+    if text.contains("..") {
+        return text.parse().map(Chosen::Procedural);
+    }
+    let wanted = "expected one kitchen's number, as 7, or procedural kitchens, as 5000..5100; several that are built in are \
+                  those of a split: --split train, valid or test";
+    let number: u32 = text.parse().map_err(|_| wanted)?;
+    let kitchen = KitchenId::generated(number).map_err(|error| error.to_string())?;
+    match kitchen.is_procedural() {
+        true => format!("{number}..{}", number + 1).parse().map(Chosen::Procedural),
+        false => Ok(Chosen::One(kitchen)),
+    }
+}
+
+impl EvalArgs {
+    fn kitchen(&self) -> Option<KitchenId> {
+        match self.kitchens {
+            Some(Chosen::One(kitchen)) => Some(kitchen),
+            _ => self.shown.kitchen,
+        }
+    }
+
+    fn procedural(&self) -> Option<KitchenRange> {
+        match self.kitchens {
+            Some(Chosen::Procedural(range)) => Some(range),
+            _ => None,
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -252,7 +280,7 @@ fn asked(
         "--split train: episodes of fixed seeds are those of the test or of validation (--split valid)"
     );
     let split = match args.split {
-        None if args.shown.kitchen.is_some() => args.shown.kitchen.map_or(Split::Test, KitchenId::split),
+        None if args.kitchen().is_some() => args.kitchen().map_or(Split::Test, KitchenId::split),
         None if in_scenes || args.kitchens.is_some() => Split::Train,
         Some(SplitChoice::Train) => Split::Train,
         Some(SplitChoice::Valid) => Split::Validation,
@@ -267,7 +295,7 @@ fn asked(
     ensure!(
         distribution != Distribution::Fixed || split != Split::Train,
         "--distribution fixed: {} have no fixed episodes, only validation and test kitchens do (--split valid or test)",
-        match args.kitchens {
+        match args.procedural() {
             Some(_) => "procedural kitchens",
             None if in_scenes => "scenes",
             None => "training kitchens",
@@ -281,8 +309,8 @@ fn asked(
     );
     Ok(EvaluationConfig {
         split,
-        procedural: args.kitchens,
-        kitchen: args.shown.kitchen,
+        procedural: args.procedural(),
+        kitchen: args.kitchen(),
         objects: match args.objects {
             _ if !has_targets => ObjectSet::NoTargets,
             None if in_scenes => ObjectSet::All,
@@ -306,7 +334,7 @@ fn announcement(args: &EvalArgs, config: &Config, asked: &EvaluationConfig) -> S
     if let Some(seeds) = seeds_of(asked.distribution, asked.split, asked.episodes) {
         return seeds;
     }
-    let place = place(asked.split, asked.procedural, asked.scene_targets.len());
+    let place = place(asked.split, asked.procedural, asked.scene_targets.len(), asked.kitchen);
     let otherwise = match (args.distribution, asked.distribution, asked.split) {
         _ if !config.scenes.is_empty() => " (--split goes elsewhere)",
         (None, Distribution::Run, Split::Validation | Split::Test) => " (--distribution fixed plays the fixed ones)",
@@ -392,7 +420,12 @@ mod tests {
             let announced = announcement(&args, &config, &asked);
             Ok::<_, anyhow::Error>((config, asked, announced))
         };
-        let (config, asked, announced) = of(&["a", "--kitchens", "procedural:5000..5100", "--episodes", "6"]).unwrap();
+        let test = KitchenId::of_split(Split::Test)[0];
+        let (_, asked, announced) = of(&["a", "--kitchens", &test.to_string()]).unwrap();
+        assert_eq!((asked.split, asked.kitchens().ids()), (Split::Test, vec![test]));
+        assert!(announced.ends_with(&format!("in kitchen {test}")), "{announced}");
+        assert_eq!(of(&["a", "--kitchens", "5000"]).unwrap().1.procedural.map(|range| range.count()), Some(1));
+        let (config, asked, announced) = of(&["a", "--kitchens", "5000..5100", "--episodes", "6"]).unwrap();
         assert_eq!((asked.split, asked.distribution), (Split::Train, Distribution::Run));
         assert_eq!((config.actors.count, config.actors.environments_per_actor), (2, 32));
         assert_eq!(config.evaluation_plan().unwrap().len(), 600);
@@ -402,7 +435,7 @@ mod tests {
         let fixed = of(&["a", "--kitchens", "procedural:5000..5100", "--distribution", "fixed"]).unwrap_err();
         assert!(fixed.to_string().contains("procedural kitchens have no fixed episodes"), "{fixed}");
         let command = EvalArgs::augment_args(clap::Command::new("eval").no_binary_name(true));
-        for wrong in ["5000..5100", "procedural:5000", "procedural:1..30"] {
+        for wrong in ["1,2", "31", "seven", "procedural:1..30"] {
             assert!(command.clone().try_get_matches_from(["a", "--kitchens", wrong]).is_err(), "{wrong}");
         }
     }

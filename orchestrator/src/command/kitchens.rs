@@ -22,7 +22,7 @@ use std::process::{Command, ExitCode, Stdio};
   orchestrator kitchens --scene scenes/studio/scene.toml --gltf   as it came to rest, into scene-settled.glb")]
 pub struct KitchensArgs {
     /// Which kitchens are on the sheet: `all` 29, or numbers.
-    #[arg(long, default_value = "all", value_name = "all|1,2,...", conflicts_with = "gltf")]
+    #[arg(long, default_value = "all", value_name = "all|1,2,5-9", value_parser = several, conflicts_with = "gltf")]
     kitchens: KitchenChoice,
     /// Procedural kitchens are on the sheet instead: from this number up to, but not, that one.
     #[arg(long, value_name = "FIRST..END", conflicts_with_all = ["gltf", "kitchens", "scene"])]
@@ -41,6 +41,18 @@ pub struct KitchensArgs {
     /// File to write [default: kitchens.png, kitchen-N.glb, scene.png or scene-settled.glb].
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+}
+
+/// Numbers, and `5-9` for those from 5 to 9.
+fn several(text: &str) -> Result<KitchenChoice, String> {
+    let range = |word: &str| {
+        let (first, last) = word.split_once('-')?;
+        let (first, last): (u32, u32) = (first.trim().parse().ok()?, last.trim().parse().ok()?);
+        let numbers = (first..=last).take(1000).map(|number| number.to_string());
+        (first <= last).then(|| numbers.collect::<Vec<_>>().join(","))
+    };
+    let words: Vec<String> = text.split(',').map(|word| range(word).unwrap_or_else(|| word.to_owned())).collect();
+    words.join(",").parse()
 }
 
 fn one(text: &str) -> Result<KitchenId, String> {

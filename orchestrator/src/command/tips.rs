@@ -1,7 +1,7 @@
 //! What to type in place of what another program would have understood.
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
-use proto::config::presets;
+use proto::config::{Config, presets};
 use proto::likeness::{likeness, nearest};
 
 /// What the standard library says of a word in a number's place.
@@ -42,6 +42,13 @@ const OPTIONS: [(&str, &[&str]); 12] = [
 fn ours(word: &str) -> Option<String> {
     let (ours, _) = OPTIONS.iter().find(|(_, theirs)| theirs.contains(&word))?;
     Some(format!("here it is `{ours}`"))
+}
+
+/// A key of a table that was set as if it were one.
+fn key_of(table: &str, value: &str) -> Option<String> {
+    let all: toml::Table = toml::from_str(&Config::default().to_toml()).ok()?;
+    let (first, _) = all.get(table)?.as_table()?.iter().find(|(_, value)| !value.is_table())?;
+    Some(format!("`{table}` is a table of keys: set one of them, as in `{table}.{first}={value}`"))
 }
 
 fn is_of_up(option: &str, line: &clap::Command) -> bool {
@@ -100,9 +107,9 @@ pub fn with_tip(mut error: clap::Error, line: &clap::Command) -> clap::Error {
             })
         }
         ErrorKind::ValueValidation => text(ContextKind::InvalidValue).and_then(|setting| {
-            let (key, _) = setting.split_once('=')?;
+            let (key, value) = setting.split_once('=')?;
             let last = key.trim().rsplit('.').next()?;
-            ours(&format!("--{}", last.replace('_', "-")))
+            ours(&format!("--{}", last.replace('_', "-"))).or_else(|| key_of(key.trim(), value))
         }),
         _ => None,
     };
@@ -163,6 +170,7 @@ mod tests {
             (&["up", "--scene", "a.toml"], "tip: here it is `--set 'scenes=[\"FILE.toml\"]'`"),
             (&["video", "runs/a"], "tip: `orchestrator replay` does that"),
             (&["up", "--set", "total_timesteps=1e6"], "tip: here it is `--frames N`"),
+            (&["up", "--set", "actors=4"], "tip: `actors` is a table of keys: set one of them, as in `actors.count=4`"),
         ] {
             let error = answer(words);
             assert!(error.contains(tip) && error.matches("tip:").count() == 1, "{words:?}: {error}");

@@ -142,7 +142,7 @@ fn evaluations(list: &mut List, folder: &RunFolder) {
 /// What has to be the same for two evaluations to be compared.
 fn kind_of(evaluation: &Evaluation) -> String {
     let conditions = &evaluation.conditions;
-    let place = place(conditions.split, conditions.procedural, conditions.scenes.len());
+    let place = place(conditions.split, conditions.procedural, conditions.scenes.len(), None);
     let seeds = seeds_of(conditions.distribution, conditions.split, conditions.episodes);
     let in_kitchens = || format!("{}, {} targets", place.trim_start_matches("the "), conditions.objects.name());
     let mut kind = seeds.unwrap_or_else(in_kitchens);

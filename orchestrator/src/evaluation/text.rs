@@ -4,7 +4,7 @@ use proto::evaluation::{
     Cost, Distribution, Evaluation, EvaluationConfig, Figures, KitchenFigures, ObjectSet, SEEDED_EPISODES, describe,
     seed_of,
 };
-use proto::kitchen::{KitchenRange, Split};
+use proto::kitchen::{KitchenId, KitchenRange, Split};
 use proto::task::{Described, Kind, Spec};
 
 /// Which episodes are played, as people read it, and their distances at most: of start and target, and of goal and
@@ -17,7 +17,10 @@ pub fn episodes_of(config: &Config, asked: &EvaluationConfig) -> (String, [f32; 
     (describe(asked.distribution, distances_m[0], distances_m[1]), distances_m)
 }
 
-pub fn place(split: Split, procedural: Option<KitchenRange>, scenes: usize) -> String {
+pub fn place(split: Split, procedural: Option<KitchenRange>, scenes: usize, one: Option<KitchenId>) -> String {
+    if let Some(kitchen) = one {
+        return format!("kitchen {kitchen}");
+    }
     if let Some(range) = procedural {
         return format!("{} ({range})", counted(u64::from(range.count()), "procedural kitchen"));
     }
@@ -45,10 +48,7 @@ pub fn conditions(config: &Config, asked: &EvaluationConfig) -> String {
         ObjectSet::All => "novel and seen objects, ".to_owned(),
         objects => format!("{} objects, ", objects.name()),
     };
-    let place = match asked.kitchen {
-        Some(kitchen) => format!("kitchen {kitchen}"),
-        None => place(asked.split, asked.procedural, config.scenes.len()),
-    };
+    let place = place(asked.split, asked.procedural, config.scenes.len(), asked.kitchen);
     let played = seeds.unwrap_or_else(|| format!("{objects}{episodes}, in {place}"));
     format!("{policy} ({}), {actions}: {played}", config.preset)
 }
@@ -64,7 +64,11 @@ pub fn seeds_of(distribution: Distribution, split: Split, episodes: u32) -> Opti
 pub fn lines(spec: &Spec, evaluation: &Evaluation) -> Vec<String> {
     let Cost { wall_s, steps, .. } = evaluation.cost;
     let conditions = &evaluation.conditions;
-    let place = place(conditions.split, conditions.procedural, conditions.scenes.len());
+    let one = match &evaluation.kitchens[..] {
+        [only] if conditions.scenes.is_empty() && conditions.procedural.is_none() => Some(only.kitchen),
+        _ => None,
+    };
+    let place = place(conditions.split, conditions.procedural, conditions.scenes.len(), one);
     let seeds = seeds_of(conditions.distribution, conditions.split, conditions.episodes);
     let mut lines = vec![seeds.unwrap_or_else(|| format!("{}, in {place}", conditions.episodes_played()))];
     let further = spec.described().len() - spec.figures.len();
@@ -86,7 +90,10 @@ pub fn lines(spec: &Spec, evaluation: &Evaluation) -> Vec<String> {
     lines.push(line("", "episodes", &|_, head| head.to_owned()));
     // A hundred lines would bury the others; the result file has them all.
     let kitchens = if conditions.procedural.is_some() { 0 } else { evaluation.kitchens.len() };
-    let of_kitchen = |part: &KitchenFigures| row(&format!("kitchen {}", part.kitchen), &part.figures);
+    let named = |kitchen: KitchenId| {
+        kitchen.scene_index().map_or_else(|| format!("kitchen {kitchen}"), |scene| format!("scene {scene}"))
+    };
+    let of_kitchen = |part: &KitchenFigures| row(&named(part.kitchen), &part.figures);
     lines.extend(evaluation.kitchens[..kitchens].iter().map(of_kitchen));
     lines.extend(evaluation.categories.iter().map(|part| row(part.category.name(), &part.figures)));
     lines.extend(evaluation.object_sets.iter().map(|part| row(part.objects.name(), &part.figures)));

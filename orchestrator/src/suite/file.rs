@@ -8,6 +8,7 @@ use crate::output::format::counted;
 use anyhow::{Context, Result, bail, ensure};
 use proto::bounded;
 use proto::config::{Config, check_settings, overlay};
+use proto::likeness::nearest;
 use proto::stage::{TooFewFrames, scale_to};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -116,7 +117,7 @@ impl Suite {
     }
 
     pub fn parse(text: &str) -> Result<Self> {
-        let file: File = toml::from_str(text)?;
+        let file: File = toml::from_str(text).map_err(with_suggestion)?;
         ensure!(!file.runs.is_empty(), "no [[runs]]: a suite has at least one");
         check_keys(&file.config).context("for every run")?;
         let mut entries = Vec::new();
@@ -166,6 +167,16 @@ impl Suite {
         let mut is_kept = kept.iter();
         self.entries.retain(|_| is_kept.next() == Some(&true));
     }
+}
+
+/// An unknown key with the one that was probably meant.
+fn with_suggestion(error: toml::de::Error) -> anyhow::Error {
+    let meant = error.message().strip_prefix("unknown field ").and_then(|names| {
+        let mut names = names.split('`').skip(1).step_by(2);
+        nearest(names.next()?, names)
+    });
+    let meant = meant.map_or_else(String::new, |meant| format!(" (did you mean `{meant}`?)"));
+    anyhow::anyhow!("{}{meant}", error.to_string().trim_end())
 }
 
 impl Planned {
@@ -462,6 +473,7 @@ mod tests {
     fn mistakes_are_found_before_anything_starts() {
         assert!(problem("").contains("runs"));
         assert!(problem("runs = []").contains("at least one"));
+        assert!(problem("runs = []\nsedes = [1]\n").ends_with("(did you mean `seeds`?)"));
         assert!(problem("[[runs]]\npreset = \"demo\"\n").contains("no seeds"));
         let unknown = problem("seeds = [1]\n[[runs]]\npreset = \"demo\"\n[[runs]]\npreset = \"demmo\"\n");
         assert!(unknown.contains("number 2") && unknown.contains("did you mean `demo`?"), "{unknown}");

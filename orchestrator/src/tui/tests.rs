@@ -90,6 +90,11 @@ fn every_size_is_drawn() {
     for (columns, lines) in [(1, 1), (2, 5), (20, 7), (25, 12), (60, 15), (80, 24), (131, 41), (300, 100)] {
         let shown = screen(&model, columns, lines);
         assert_eq!(shown.len(), usize::from(lines));
+        if columns > 100 && lines > 5 {
+            // What the colours of its curves stand for, and a figure that has no curve.
+            assert!(shown[0].contains("━ stage I  ━ stage II"), "{}", shown[0]);
+            assert!(shown[3].contains("disturbance per success 0.500 m"), "{}", shown[3]);
+        }
         if columns > 20 && lines > 5 {
             assert!(shown[0].contains("my-run"), "{columns}x{lines}");
         }

@@ -100,6 +100,8 @@ fn a_policy_plays_on_the_page_and_leaves_nothing_behind() {
         browser.open(&viewer.page());
         browser.wait_for("location.hash === '#/play' && document.querySelector('canvas.orbit')?.dataset.step > 1");
         browser.wait_for("document.querySelector('canvas.depth')?.dataset.step > 1");
+        let terms = format!("{FILE} (demo), sampled actions: novel and seen objects, ");
+        browser.wait_for(&format!("document.querySelector('main').innerText.includes({terms:?})"));
         if let Some(folder) = std::env::var_os("STILLROOM_SCREENSHOTS") {
             let picture = browser.screenshot();
             std::fs::write(Path::new(&folder).join("play.png"), picture).expect("a folder of pictures");
