@@ -151,14 +151,18 @@ class OrbitView {
   draw() {
     clearTimeout(this.timer);
     const { step, stage: { signal } } = this;
-    const { step: shown = String(step) } = this.canvas.dataset;
-    this.busy.textContent = shown === String(step) ? "drawing" : `still step ${shown}: drawing step ${step}`;
+    const tell = () => {
+      const { step: shown = String(this.step) } = this.canvas.dataset;
+      this.busy.textContent = shown === String(this.step) ? "drawing" : `still step ${shown}: drawing step ${this.step}`;
+    };
+    tell();
     const failed = (error) => this.stage.fail(error);
     const refine = () => this.painter.paint(this.address(true), signal).then((painted) => { if (painted) this.canvas.dataset.fine = String(step); }, failed);
     this.painter.paint(this.address(false), signal).then((painted) => {
       // Of those that were overtaken the newest draws on.
       if (!painted) return;
       this.canvas.dataset.step = String(step);
+      tell();
       this.first.remove();
       clearTimeout(this.timer);
       this.timer = setTimeout(refine, 350);
