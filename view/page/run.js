@@ -55,9 +55,9 @@ function stages(live) {
   const { metrics } = live.card;
   const part = ({ frames, budget, name }) => progress(frames / budget, `stage ${name}: ${percent(frames / budget)}`);
   return h("div", { class: "scroll" }, h("table", { class: "tight", "aria-label": "Stages" },
-    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Stage"), h("th", { scope: "col", class: "optional" }, "Reward"), h("th", { scope: "col" }, "Frames"), metrics.map(({ label }) => h("th", { scope: "col" }, label)))),
+    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Stage"), h("th", { scope: "col", class: "optional" }, "Reward"), h("th", { scope: "col", class: "optional" }, "Frames"), metrics.map(({ label }) => h("th", { scope: "col" }, label)))),
     h("tbody", {}, live.stages.map((stage, index) => h("tr", { class: index === live.stage ? null : "soft" }, h("td", {}, stage.name), h("td", { class: "optional" }, stage.reward),
-      h("td", {}, h("div", { class: "meter" }, part(stage), h("span", { class: "small" }, short(stage.budget)))), metrics.map((metric) => h("td", {}, figure(metric, stage.figures[metric.name]))))))),
+      h("td", { class: "optional" }, h("div", { class: "meter" }, part(stage), h("span", { class: "small" }, short(stage.budget)))), metrics.map((metric) => h("td", {}, figure(metric, stage.figures[metric.name]))))))),
   h("p", { class: "small faint" }, "Means over the newest tenth of each stage."));
 }
 
@@ -330,7 +330,7 @@ export async function showRun(root, run, signal) {
   signal.addEventListener("abort", () => events.close());
   events.onmessage = ({ data }) => {
     const live = JSON.parse(data);
-    if (live.error) replace(notes, notice(live.error, "error")); else take(live);
+    if (live.error) { shown.notes = null; replace(notes, notice(live.error, "error")); } else take(live);
   };
   // An event of an error says nothing of it; an ordinary request does.
   events.onerror = () => json("/api/opening", { signal }).catch((error) => {
