@@ -130,10 +130,10 @@ fn drawn_episodes_are_named_on_top_and_stand_in_no_row_of_the_paper() {
     let fixed = made(&[run("disturb-two-stage", 1, (0.8, 0.5)), near.clone()]);
     assert!(ours(&fixed) > 0);
     assert_eq!(fixed.episodes.len(), 4, "{:#?}", fixed.episodes);
-    assert_eq!(fixed.episodes[0], "Figures of fixed episodes at full distance: disturb-two-stage.");
+    assert_eq!(fixed.episodes[0], "Figures of fixed episodes at full distance: disturb-two-stage-1.");
     let sentence = &fixed.episodes[2];
     assert!(
-        sentence.contains("within 0.7 m of the target") && sentence.contains(": demo. Not the paper's"),
+        sentence.contains("within 0.7 m of the target") && sentence.contains(": demo-1. Not the paper's"),
         "{sentence}"
     );
     let fields = |index: usize| -> Vec<&str> {
@@ -145,7 +145,7 @@ fn drawn_episodes_are_named_on_top_and_stand_in_no_row_of_the_paper() {
     // A row's own method, and yet not on the paper's episodes: beside it, and in figures, stands nothing.
     let drawn = made(&[drawn(run("disturb-two-stage", 1, (0.8, 0.5)))]);
     assert_eq!(ours(&drawn), 0);
-    assert!(drawn.episodes[0].starts_with("Figures of drawn episodes at full distance: disturb-two-stage."));
+    assert!(drawn.episodes[0].starts_with("Figures of drawn episodes at full distance: disturb-two-stage-1."));
     assert!(!drawn.notes.iter().any(|note| note.contains("instead of the paper's 1800")));
 
     // In scenes of one's own.

@@ -88,7 +88,7 @@ fn what_a_newcomer_types() {
         ("replay nowhere", "nowhere does not exist; `orchestrator list`"),
         ("resume runs/a --preset demo", "`orchestrator up --from RUN`"),
         ("eval runs/a/best", "--set validation.every_frames=N"),
-        ("eval runs/a --kitchens 99", "for built-in kitchens type --split train, valid or test"),
+        ("eval runs/a --kitchens 1,2", "those of a split: --split train, valid or test"),
         ("eval policy.onnx", "give the run, or a policy file"),
         ("eval policy.json", "give the run, or a file of one of these"),
         ("export runs/a --out policy.pt", "call it policy.onnx (for onnxruntime) or policy.safetensors"),
