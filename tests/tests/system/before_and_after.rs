@@ -137,8 +137,8 @@ fn films(workshop: &Workshop, browser: &mut Browser, last: u32) {
          return [decoder.tracks.selectedTrack.frameCount, image.displayWidth, image.displayHeight]; }})()",
         text(&gif)
     );
-    let expected = serde_json::json!([last + 1, 768, 288]);
-    assert_eq!(browser.value(&decoded), expected, "a frame a step, both beside each other");
+    let expected = serde_json::json!([last + 1 + 20, 768, 288]);
+    assert_eq!(browser.value(&decoded), expected, "a frame a step, the last for a second more, both beside each other");
     // The viewer's own page lets in nothing but its own pictures.
     browser.open("about:blank");
     browser.wait_for("location.href === 'about:blank' && document.readyState === 'complete'");
