@@ -141,16 +141,6 @@ fn status_of(error: &anyhow::Error) -> u8 {
     if wrong { 2 } else { 1 }
 }
 
-#[cfg(test)]
-mod tests {
-    #[test]
-    fn a_wrong_preset_ends_as_a_wrong_option_does() {
-        let unknown = proto::config::Config::resolve("demmo", None).unwrap_err();
-        assert_eq!(super::status_of(&unknown.into()), 2);
-        assert_eq!(super::status_of(&anyhow::anyhow!("the disk is full")), 1);
-    }
-}
-
 /// Refuses a current folder that was removed: libraries and children would fail in it for reasons that hide this one.
 fn demand_place() -> anyhow::Result<()> {
     std::env::current_dir().map(drop).context("the current folder cannot be used: change to another one")
@@ -162,6 +152,13 @@ mod tests {
     use clap::Parser;
     use proto::run_folder::RunFolder;
     use std::path::Path;
+
+    #[test]
+    fn a_wrong_preset_ends_as_a_wrong_option_does() {
+        let unknown = proto::config::Config::resolve("demmo", None).unwrap_err();
+        assert_eq!(status_of(&unknown.into()), 2);
+        assert_eq!(status_of(&anyhow::anyhow!("the disk is full")), 1);
+    }
 
     #[test]
     fn the_viewer_that_a_run_starts_is_a_command_of_ours() {
