@@ -189,7 +189,7 @@ mod tests {
         let numbers = vec![Some(1.0), Some(0.75)];
         let record = EpisodeRecord { category: None, numbers, ..played(kitchen, 6, &[]) };
         let expected = [
-            "fixed episodes at full distance, in the 5 test kitchens",
+            "fixed episodes at full distance, in kitchen 2",
             "              episodes  length      SR     SPL",
             "kitchen 2            1     1.0  100.0%    0.75",
             "all                  1     1.0  100.0%    0.75",

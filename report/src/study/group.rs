@@ -228,6 +228,6 @@ pub(crate) mod tests {
         let runs = [theirs];
         let groups = groups(&runs).unwrap();
         assert_eq!(groups[0].differences, ["environment: python cart_pole.py", "task = \"cart_pole\""]);
-        assert_eq!(groups[0].label, "cart_pole*");
+        assert_eq!(groups[0].label, "b");
     }
 }
