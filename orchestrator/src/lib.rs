@@ -129,11 +129,14 @@ pub fn main(version: &'static str) -> ExitCode {
     })
 }
 
-/// As of a command line that cannot be read: 2, if what was asked is wrong in itself, in every run.
+/// As of a command line that cannot be read: 2, if what was asked is wrong in itself.
 fn status_of(error: &anyhow::Error) -> u8 {
-    use proto::config::ConfigError::{OutOfRange, UnknownKey, UnknownPreset, UnknownTask};
+    use proto::config::ConfigError::{Invalid, OutOfRange, UnknownKey, UnknownPreset, UnknownTask};
     let wrong = error.downcast_ref().is_some_and(|cause| {
-        matches!(cause, UnknownPreset { .. } | UnknownKey { .. } | OutOfRange { .. } | UnknownTask { .. })
+        matches!(
+            cause,
+            UnknownPreset { .. } | UnknownKey { .. } | Invalid { .. } | OutOfRange { .. } | UnknownTask { .. }
+        )
     });
     if wrong { 2 } else { 1 }
 }

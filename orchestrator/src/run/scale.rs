@@ -2,7 +2,7 @@
 
 use super::damaged;
 use crate::output::format::counted;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
 use serde::{Deserialize, Serialize};
@@ -100,7 +100,10 @@ impl ScaleRequest {
 pub fn with_actors(config: &Config, actors: u32) -> Result<Config> {
     let mut new = config.clone();
     new.actors.count = actors;
-    new.validate().with_context(|| format!("the run cannot have {}", counted(u64::from(actors), "actor")))?;
+    // Other runs can have it: a failure, not wrong usage.
+    new.validate().map_err(|error| {
+        anyhow!("the run cannot have {}: {:#}", counted(u64::from(actors), "actor"), anyhow::Error::from(error))
+    })?;
     Ok(new)
 }
 
