@@ -81,7 +81,7 @@ pub struct ShownEpisode {
     pub task: ShownTask,
     /// Name of its `target`, if the task has such a channel.
     pub target: Option<String>,
-    /// How it ended: [`Spec::outcome`].
+    /// How it ended: [`crate::task::Spec::outcome`].
     pub outcome: String,
     /// How near to `goal_position_m` is enough on each axis, metres.
     pub goal_tolerance_m: f32,

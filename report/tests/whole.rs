@@ -132,10 +132,7 @@ fn drawn_episodes_are_named_on_top_and_stand_in_no_row_of_the_paper() {
     assert_eq!(fixed.episodes.len(), 4, "{:#?}", fixed.episodes);
     assert_eq!(fixed.episodes[0], "Figures of fixed episodes at full distance: disturb-two-stage-1.");
     let sentence = &fixed.episodes[2];
-    assert!(
-        sentence.contains("starts within 0.7 m,") && sentence.contains(": demo-1. Not the paper's"),
-        "{sentence}"
-    );
+    assert!(sentence.contains("starts within 0.7 m,") && sentence.contains(": demo-1. Not the paper's"), "{sentence}");
     let fields = |index: usize| -> Vec<&str> {
         fixed.groups[index].results.iter().map(|result| result.field.as_str()).collect()
     };
