@@ -118,9 +118,10 @@ fn kitchens(text: &str) -> Result<Chosen, String> {
                   those of a split: --split train, valid or test";
     let number: u32 = text.parse().map_err(|_| wanted)?;
     let kitchen = KitchenId::generated(number).map_err(|error| error.to_string())?;
-    match kitchen.is_procedural() {
-        true => format!("{number}..{}", number + 1).parse().map(Chosen::Procedural),
-        false => Ok(Chosen::One(kitchen)),
+    if kitchen.is_procedural() {
+        format!("{number}..{}", number + 1).parse().map(Chosen::Procedural)
+    } else {
+        Ok(Chosen::One(kitchen))
     }
 }
 

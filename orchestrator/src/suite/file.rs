@@ -117,7 +117,7 @@ impl Suite {
     }
 
     pub fn parse(text: &str) -> Result<Self> {
-        let file: File = toml::from_str(text).map_err(with_suggestion)?;
+        let file: File = toml::from_str(text).map_err(|error| with_suggestion(&error))?;
         ensure!(!file.runs.is_empty(), "no [[runs]]: a suite has at least one");
         check_keys(&file.config).context("for every run")?;
         let mut entries = Vec::new();
@@ -170,7 +170,7 @@ impl Suite {
 }
 
 /// An unknown key with the one that was probably meant.
-fn with_suggestion(error: toml::de::Error) -> anyhow::Error {
+fn with_suggestion(error: &toml::de::Error) -> anyhow::Error {
     let meant = error.message().strip_prefix("unknown field ").and_then(|names| {
         let mut names = names.split('`').skip(1).step_by(2);
         nearest(names.next()?, names)
