@@ -425,7 +425,7 @@ mod tests {
         let (_, asked, announced) = of(&["a", "--kitchens", &test.to_string()]).unwrap();
         assert_eq!((asked.split, asked.kitchens().ids()), (Split::Test, vec![test]));
         assert!(announced.ends_with(&format!("in kitchen {test}")), "{announced}");
-        assert_eq!(of(&["a", "--kitchens", "5000"]).unwrap().1.procedural.map(|range| range.count()), Some(1));
+        assert_eq!(of(&["a", "--kitchens", "5000"]).unwrap().1.procedural.map(KitchenRange::count), Some(1));
         let (config, asked, announced) = of(&["a", "--kitchens", "5000..5100", "--episodes", "6"]).unwrap();
         assert_eq!((asked.split, asked.distribution), (Split::Train, Distribution::Run));
         assert_eq!((config.actors.count, config.actors.environments_per_actor), (2, 32));
