@@ -116,12 +116,13 @@ export async function showEpisode(root, run, key, query, signal) {
   player.go(Number(query.get("step") ?? 0));
 }
 
-/** The recorded episodes of a run by what makes them the same: kitchen and number, in a training run environment, too. */
+/** The recorded episodes of a run by what makes them the same: kitchen and number, in a training run environment and seed, too. */
 async function index(run, signal) {
-  const page = await json(`/api/runs/${encodeURIComponent(run)}/episodes?recorded=true&sort=kitchen&limit=500`, { signal });
-  // Only a training run has sources: there an environment's number counts, too.
-  const where = (row) => (page.sources.length ? `${row.kitchen}/${row.environment}` : row.kitchen);
-  const rows = new Map(page.rows.map((row) => [`${where(row)}:${row.episode}:${row.target ?? ""}`, row]));
+  const at = `/api/runs/${encodeURIComponent(run)}`;
+  const [{ card }, page] = await Promise.all([json(at, { signal }), json(`${at}/episodes?recorded=true&sort=kitchen&limit=500`, { signal })]);
+  // Only a training run has sources: there an environment's number and the seed count, too.
+  const [where, drawn] = page.sources.length ? [(row) => `${row.kitchen}/${row.environment}`, card.seed] : [(row) => row.kitchen, ""];
+  const rows = new Map(page.rows.map((row) => [`${where(row)}:${row.episode}:${row.target ?? ""}:${drawn}`, row]));
   return { rows, cut: page.matching > page.rows.length };
 }
 
@@ -129,7 +130,7 @@ export async function showCompare(root, runs, query, signal) {
   replace(root, h("p", { class: "soft", role: "status" }, "Looking for episodes that both have …"));
   const found = await Promise.all(runs.map((run) => index(run, signal)));
   const [ones, others] = found.map(({ rows }) => rows);
-  const cut = found.some((one) => one.cut) ? notice("Only the first 500 recorded episodes of each are compared.") : null;
+  const cut = found.some((one) => one.cut) ? notice("Only the first 500 recorded episodes of each, by kitchen, are compared.") : null;
   const both = [...ones.keys()].filter((name) => others.has(name));
   if (!both.length) {
     replace(root, notice("The two have no recorded episode in common. Evaluate both on the same episodes with `orchestrator eval RUN --record all`."));

@@ -169,24 +169,24 @@ impl Scene {
     /// Draws what is displaced where it stood, and the target through what hides it, such as a wall that is cut.
     pub fn haunt(&self, picture: &mut Canvas, moment: &Moment, camera: &Camera, depths_m: &[f32]) {
         let (width, height) = (picture.width, picture.height);
-        let mut ghosts = Model::default();
         let bodies = &self.kitchen.bodies()[self.kitchen.movable_bodies()];
+        // How much of it is seen, open and through what hides it.
+        let mut lay = |model: &Model, colour: Rgb, shares: [f32; 2]| {
+            let visible = Visible::draw(camera, width, height, (0..).zip(model.corners()));
+            for (index, &nearness) in visible.nearness.iter().enumerate().filter(|(_, nearness)| nearness.is_finite()) {
+                let is_hidden = 1.0 / nearness > depths_m[index] + SLACK_M;
+                picture.blend(index % width, index / width, colour, shares[usize::from(is_hidden)]);
+            }
+        };
+        let mut ghosts = Model::default();
         for thing in (0..self.origins.len()).filter(|&thing| self.is_displaced(thing, &moment.things)) {
             ghosts.add(&bodies[thing].shape, &self.origins[thing], DISPLACED, true);
         }
-        let visible = Visible::draw(camera, width, height, (0..).zip(ghosts.corners()));
-        for (index, &nearness) in visible.nearness.iter().enumerate().filter(|(_, nearness)| nearness.is_finite()) {
-            let is_hidden = 1.0 / nearness > depths_m[index] + SLACK_M;
-            picture.blend(index % width, index / width, DISPLACED, GHOST[usize::from(is_hidden)]);
-        }
-        let Some(target) = self.task.target else { return };
-        let mut model = Model::default();
-        model.add(&bodies[target].shape, &moment.things[target], TARGET, true);
-        let visible = Visible::draw(camera, width, height, (0..).zip(model.corners()));
-        for (index, &nearness) in visible.nearness.iter().enumerate().filter(|(_, nearness)| nearness.is_finite()) {
-            if 1.0 / nearness > depths_m[index] + SLACK_M {
-                picture.blend(index % width, index / width, TARGET, TARGET_THROUGH);
-            }
+        lay(&ghosts, DISPLACED, GHOST);
+        if let Some(target) = self.task.target {
+            let mut model = Model::default();
+            model.add(&bodies[target].shape, &moment.things[target], TARGET, true);
+            lay(&model, TARGET, [0.0, TARGET_THROUGH]);
         }
     }
 }

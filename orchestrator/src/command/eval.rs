@@ -129,7 +129,7 @@ impl EvalArgs {
     fn kitchen(&self) -> Option<KitchenId> {
         match self.kitchens {
             Some(Chosen::One(kitchen)) => Some(kitchen),
-            _ => self.shown.kitchen,
+            _ => None,
         }
     }
 

@@ -53,9 +53,6 @@ pub struct ShownArgs {
     /// The viewer that started this: the evaluation stops with it
     #[arg(long, hide = true, value_name = "PID", requires = "out")]
     shown_by: Option<u32>,
-    /// A single built-in kitchen
-    #[arg(long, hide = true, value_name = "K", value_parser = generated, conflicts_with_all = ["split", "kitchens"])]
-    pub kitchen: Option<KitchenId>,
     /// Steps a second at most, of each environment
     #[arg(long, hide = true, value_name = "N")]
     pub steps_per_s: Option<u32>,
@@ -99,10 +96,7 @@ impl Drop for Orphan {
 /// Options of an evaluation that is shown: where it plays, and how fast. `has_targets`: its episodes have targets.
 pub fn options(kitchen: Option<KitchenId>, split: Option<&str>, steps_per_s: u32, has_targets: bool) -> Vec<String> {
     let place = match (kitchen, split) {
-        (Some(kitchen), _) if kitchen.is_procedural() => {
-            Some(("--kitchens", format!("procedural:{kitchen}..{}", kitchen.number() + 1)))
-        }
-        (Some(kitchen), _) => Some(("--kitchen", kitchen.to_string())),
+        (Some(kitchen), _) => Some(("--kitchens", kitchen.to_string())),
         (None, Some(split)) => Some(("--split", split.to_owned())),
         (None, None) => None,
     };

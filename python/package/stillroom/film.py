@@ -63,6 +63,7 @@ class Camera(gymnasium.Wrapper):
         if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
             returned = f"{picture.dtype} {picture.shape}"
             self.problem = f"step {step}: its render() returned {returned}, not uint8 of height, width and 3"
+            return
         self.pictures.append(picture.copy())
 
 

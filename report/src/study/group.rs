@@ -6,8 +6,7 @@ use toml::Table;
 #[derive(Debug, Clone)]
 pub struct Group<'a> {
     /// Its name in tables and figures: its runs' folders', where they have one; else the preset's, with a star where it
-    /// has other settings than the preset. Where
-    /// that does not distinguish groups, a letter follows.
+    /// has other settings than the preset. Where that does not distinguish groups, a letter follows.
     pub label: String,
     pub preset: String,
     pub differences: Vec<String>,

@@ -40,6 +40,7 @@ fn an_episode_of_two_checkpoints_is_compared_filmed_and_reported() {
     browser.keep_downloads_in(&workshop.path(""));
     the_report_s_page_is_whole(&workshop, &mut browser);
     side_by_side(&workshop, &mut browser);
+    seeds_draw_other_episodes(&workshop, &mut browser);
     assert_eq!(browser.complaints, Vec::<String>::new(), "the pages' console has no error");
 }
 
@@ -104,6 +105,23 @@ fn side_by_side(workshop: &Workshop, browser: &mut Browser) {
     assert!(turned[0] != ended[0] && turned[1] != ended[1], "turning one camera turns both");
     films(workshop, browser, last);
     assert!(viewer.stop());
+}
+
+/// A run's first episode is another one's with the same seed alone.
+fn seeds_draw_other_episodes(workshop: &Workshop, browser: &mut Browser) {
+    for (seed, shown) in [
+        (5, "document.querySelector('.twins')"),
+        (6, "document.body.innerText.includes('no recorded episode in common')"),
+    ] {
+        let name = format!("seed-{seed}");
+        let mut command = workshop.up_seeded(&name, 2, 2, FRAMES, seed);
+        command.args(["--set", "episode.max_steps=5"]);
+        complete(command).result();
+        let viewer = Viewer::start(workshop, &["--compare", "run", &name]);
+        browser.open(&viewer.page());
+        browser.wait_for(shown);
+        assert!(viewer.stop());
+    }
 }
 
 /// The kinds of films that are offered; each is saved, and then looked at on a page that may load it.
