@@ -172,7 +172,7 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
         check_free(&RunFolder::new(out))?;
     }
     let (mut run, provenance, checkpoint) = subject(args)?;
-    if args.split.is_some() || args.kitchens.is_some() || args.shown.kitchen.is_some() {
+    if args.split.is_some() || args.kitchens.is_some() {
         // Elsewhere than in its own scenes.
         run.scenes.clear();
     }
@@ -273,7 +273,7 @@ fn asked(
         "--episodes {episodes}: a kitchen has {EPISODES_OF_SET} episodes of each object set"
     );
     ensure!(
-        !elsewhere || args.kitchens.is_none() && args.distribution.is_none() && args.shown.kitchen.is_none(),
+        !elsewhere || args.kitchens.is_none() && args.distribution.is_none(),
         "--kitchens, --kitchen, --distribution: the run's environments are not built in, and are in no kitchen"
     );
     ensure!(
