@@ -88,6 +88,13 @@ impl Browser {
     }
 
     fn call(&mut self, method: &str, parameters: &Value) -> Value {
+        let mut answer = self.ask(method, parameters);
+        assert!(answer["error"].is_null(), "{method}: {}", answer["error"]);
+        answer["result"].take()
+    }
+
+    /// The browser's answer, which has a result or an error.
+    fn ask(&mut self, method: &str, parameters: &Value) -> Value {
         self.last += 1;
         let mut call = json!({ "id": self.last, "method": method, "params": parameters });
         if !self.session.is_empty() {
@@ -99,14 +106,13 @@ impl Browser {
         let begun = Instant::now();
         loop {
             let left = PATIENCE.saturating_sub(begun.elapsed());
-            let mut message = match self.messages.recv_timeout(left) {
+            let message = match self.messages.recv_timeout(left) {
                 Ok(message) => message,
                 Err(RecvTimeoutError::Timeout) => panic!("the browser does not answer {method}"),
                 Err(RecvTimeoutError::Disconnected) => panic!("the browser has ended before it answered {method}"),
             };
             if message["id"] == self.last {
-                assert!(message["error"].is_null(), "{method}: {}", message["error"]);
-                return message["result"].take();
+                return message;
             }
             self.hear(&message);
         }
@@ -179,7 +185,9 @@ impl Browser {
         let begun = Instant::now();
         // While a page loads there is nothing that an expression could be about.
         let probe = format!("(() => {{ try {{ return Boolean({expression}); }} catch {{ return false; }} }})()");
-        while self.value(&probe) != true {
+        let evaluated = json!({ "expression": probe, "returnByValue": true });
+        // A page that is left meanwhile gives an error, not a value.
+        while self.ask("Runtime.evaluate", &evaluated)["result"]["result"]["value"] != true {
             if begun.elapsed() > PATIENCE {
                 let text = self.value("document.body?.innerText");
                 panic!("never true: {expression}\n{}\ncomplaints: {:#?}", text.as_str().unwrap_or(""), self.complaints);
