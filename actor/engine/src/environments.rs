@@ -5,6 +5,7 @@ use crate::simulator::Simulator;
 use crate::whereabouts::{self, Whereabouts};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
+use proto::kitchen::Kitchens;
 use proto::random::{Key, Purpose};
 use proto::record::{End, RecordHeader};
 use proto::task::{Actions, LINE_BYTES, Layout, Restore};
@@ -29,6 +30,8 @@ struct Rules {
     /// Share of the episodes whose frames are recorded.
     recorded: f64,
     restore: Restore,
+    /// They are built in.
+    has_kitchens: bool,
     /// An evaluation: an episode that was cut has no score.
     is_evaluation: bool,
     max_steps: u32,
@@ -63,6 +66,7 @@ impl Rules {
             seed: config.seed,
             recorded: if config.recording.enabled { config.recording.depth_share } else { 0.0 },
             restore: spec.restore,
+            has_kitchens: config.kitchens() != Kitchens::Elsewhere,
             is_evaluation: config.evaluation.is_some(),
             max_steps: config.episode.max_steps,
         }
@@ -138,6 +142,22 @@ impl Rules {
         running.header.begin(episode, snapshot.state_hash, self.records(running.id, episode));
         running.header.step = step;
         Ok(())
+    }
+
+    /// Whether the state before the last action is the one that the learner answered.
+    fn compare(&self, running: &Running, state: &EnvironmentState) -> Result<(), EngineError> {
+        if running.is_lost || state.hash_before().is_none_or(|hash| hash == running.header.state_hash) {
+            return Ok(());
+        }
+        let Whereabouts { environment, episode } = running.place();
+        let (place, advice) = if self.has_kitchens {
+            (running.place().to_string(), "Was the run begun with another version of the simulator?")
+        } else {
+            let advice = "Begin another run, in which every random number comes from the episode's seed, or with \
+                          metadata[\"restore\"] = \"none\"";
+            (format!("environment {}, episode {episode}", environment.number), advice)
+        };
+        Err(EngineError::Differs { place, step: running.header.step, advice })
     }
 
     /// Lets an environment that cannot be brought back stand as if an episode's last action had led nowhere.
@@ -305,6 +325,9 @@ impl<S: Simulator> Environments<S> {
                     return Err(EngineError::NoSuchActionBefore { action, step, place });
                 }
                 actions[index * bytes..][..bytes].copy_from_slice(action);
+            }
+            if moment + 1 == moments {
+                acting().try_for_each(|index| rules.compare(&running[index], &states[index]))?;
             }
             simulator.act_together(0, &actions).map_err(failed::<S>)?;
             for index in acting() {
@@ -501,5 +524,16 @@ terms = [["gain", 1.0]]
         let states = [EnvironmentState::after(0, &[0, 0, 0], 1), EnvironmentState::after(0, &[0, 0, 1], 1)];
         rebuilt.rebuild(&states).expect("nothing fails");
         assert_eq!(records(&mut rebuilt), records(&mut environments));
+
+        // The learner answered a state of hash 0, as each of these is.
+        let [mut first, second] = states;
+        first.remember(Snapshot { state_hash: 0, bytes: vec![] });
+        rebuilt.rebuild(&[first.clone(), second.clone()]).expect("nothing fails");
+        first.remember(Snapshot { state_hash: 1, bytes: vec![] });
+        let refused = rebuilt.rebuild(&[first, second]).unwrap_err().to_string();
+        assert!(
+            refused.starts_with("environment 0, episode 0, step 2: the same seed and actions led to another"),
+            "{refused}"
+        );
     }
 }

@@ -29,6 +29,10 @@ pub enum EngineError {
     )]
     EndsEarlier { actions: usize, place: Whereabouts, ended: usize },
     #[error(
+        "{place}, step {step}: the same seed and actions led to another state before this process was started. {advice}"
+    )]
+    Differs { place: String, step: u32, advice: &'static str },
+    #[error(
         "{place} was cut off, and its environment cannot be restored (metadata[\"restore\"] is \"none\"): evaluate again"
     )]
     CutEvaluation { place: Whereabouts },

@@ -7,7 +7,7 @@
 //! | `environment.action_count` | u32 (N): actions taken in it |
 //! | `environment.actions` | u8: bytes of those actions, one column's behind the other's; of older versions (N, 512), those actions, then zeros |
 //! | `environment.action_bytes` | u32 (1): bytes of an action, if they are not 1 |
-//! | `environment.states` | u8: the same as a restore holds it, with snapshots, where there are some |
+//! | `environment.states` | u8: the same as a restore holds it, with hashes and snapshots, where there are some |
 //! | `running.return` | f64 (N): return of the episode in progress |
 //! | `running.discounted_disturbance_m` | f64 (N): Σ `γ^t` cost of the episode in progress, by its name of older versions |
 //! | `running.discounted_return` | f64 (N): sum of its rewards, each discounted by its age; of older versions 0 |
@@ -114,7 +114,7 @@ pub fn encode(tensors: &BTreeMap<String, Tensor>, boundary: &Boundary) -> Result
     if bytes > 1 {
         own(ACTION_BYTES, Dtype::U32, vec![1], (bytes as u32).to_le_bytes().to_vec())?;
     }
-    if states.iter().any(|state| state.snapshot().is_some()) {
+    if states.iter().any(|state| state.hash_before().is_some()) {
         let bytes = EnvironmentState::encode(states);
         own(STATES, Dtype::U8, vec![bytes.len()], bytes)?;
     }

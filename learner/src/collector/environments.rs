@@ -132,11 +132,8 @@ impl Environments {
         let allows = |mask: Field| self.actions.allows(&seen[mask.range()], action);
         assert!(self.mask.is_none_or(allows), "the agent answers with what the mask allows, not {action:?}");
         self.states[column].push(action);
-        let snapshot = self.layout.snapshot_in(seen);
-        if !snapshot.is_empty() {
-            let state_hash = RecordHeader::of(seen).state_hash;
-            self.states[column].remember(Snapshot { state_hash, bytes: snapshot.to_vec() });
-        }
+        let (state_hash, bytes) = (RecordHeader::of(seen).state_hash, self.layout.snapshot_in(seen).to_vec());
+        self.states[column].remember(Snapshot { state_hash, bytes });
         self.in_flight[column] = true;
     }
 

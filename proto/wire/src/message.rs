@@ -94,14 +94,14 @@ pub struct EnvironmentState {
     count: u32,
     actions: Vec<u8>,
     has_ended: bool,
-    snapshot: Option<Snapshot>,
+    before: Option<Snapshot>,
 }
 
-/// An environment's own state before the last action of an [`EnvironmentState`], of a task that is restored by such.
+/// An environment's state before the last action of an [`EnvironmentState`].
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Snapshot {
     pub state_hash: u64,
-    /// As the environment makes of them what it will.
+    /// As the environment makes of them what it will; none, if its task is not restored by such.
     pub bytes: Vec<u8>,
 }
 
@@ -114,8 +114,10 @@ pub struct BadRestore {
 
 impl EnvironmentState {
     /// Bytes of one before its actions: episode, number of actions, whether the episode has ended, and how many bytes a
-    /// snapshot behind the actions has, 0 without one: little-endian `u32`. A snapshot begins with its hash.
+    /// snapshot behind the actions has, 0 without one, [`Self::HASH_ALONE`] if only its hash is there: little-endian
+    /// `u32`. A snapshot begins with its hash.
     const HEAD_BYTES: usize = 16;
+    const HASH_ALONE: u32 = u32::MAX;
 
     /// After these actions of `bytes` bytes each. Panics if they are more than [`MAX_EPISODE_STEPS`], or one is cut
     /// off.
@@ -127,7 +129,7 @@ impl EnvironmentState {
     }
 
     pub fn start_of(episode: u32) -> Self {
-        Self { episode, count: 0, actions: vec![], has_ended: false, snapshot: None }
+        Self { episode, count: 0, actions: vec![], has_ended: false, before: None }
     }
 
     pub fn actions(&self) -> &[u8] {
@@ -154,29 +156,38 @@ impl EnvironmentState {
         self.has_ended
     }
 
-    /// The state before the last action, if it is known.
+    /// The snapshot of the state before the last action, if there is one.
     pub fn snapshot(&self) -> Option<&Snapshot> {
-        self.snapshot.as_ref()
+        self.before.as_ref().filter(|before| !before.bytes.is_empty())
+    }
+
+    /// Hash of the state before the last action, if it is known.
+    pub fn hash_before(&self) -> Option<u64> {
+        self.before.as_ref().map(|before| before.state_hash)
     }
 
     /// Bytes of a state with so many actions and a snapshot of so many bytes.
     pub(crate) const fn bytes(actions: usize, snapshot: usize) -> usize {
-        Self::HEAD_BYTES + actions + if snapshot > 0 { size_of::<u64>() + snapshot } else { 0 }
+        Self::HEAD_BYTES + actions + size_of::<u64>() + snapshot
     }
 
     /// States as the payload of a restore.
     pub fn encode(states: &[Self]) -> Vec<u8> {
-        let snapshot_bytes = |state: &Self| state.snapshot.as_ref().map_or(0, |snapshot| snapshot.bytes.len());
+        let snapshot_bytes = |state: &Self| state.snapshot().map_or(0, |snapshot| snapshot.bytes.len());
         let length = states.iter().map(|state| Self::bytes(state.actions.len(), snapshot_bytes(state))).sum();
         let mut bytes = Vec::with_capacity(length);
         for state in states {
-            for word in [state.episode, state.action_count(), state.has_ended.into(), snapshot_bytes(state) as u32] {
+            let count = match (&state.before, snapshot_bytes(state) as u32) {
+                (Some(_), 0) => Self::HASH_ALONE,
+                (_, count) => count,
+            };
+            for word in [state.episode, state.action_count(), state.has_ended.into(), count] {
                 bytes.extend(word.to_le_bytes());
             }
             bytes.extend(&state.actions);
-            if let Some(snapshot) = &state.snapshot {
-                bytes.extend(snapshot.state_hash.to_le_bytes());
-                bytes.extend(&snapshot.bytes);
+            if let Some(before) = &state.before {
+                bytes.extend(before.state_hash.to_le_bytes());
+                bytes.extend(&before.bytes);
             }
         }
         bytes
@@ -191,14 +202,15 @@ impl EnvironmentState {
             let claimed = head[1].unwrap_or_default();
             let claimed_bytes = (claimed as usize).checked_mul(bytes).filter(|_| claimed as usize <= MAX_EPISODE_STEPS);
             let actions = claimed_bytes.and_then(|claimed| rest.split_off(..claimed));
-            let snapshot = match head[3].unwrap_or_default() {
+            let before = match head[3].unwrap_or_default() {
                 0 => Some(None),
                 _ if claimed == 0 => None,
+                Self::HASH_ALONE => Self::decode_snapshot(&mut rest, 0).map(Some),
                 count => Self::decode_snapshot(&mut rest, count as usize).map(Some),
             };
-            match (head, actions, snapshot) {
-                ([Some(episode), _, Some(ended), Some(_)], Some(actions), Some(snapshot)) => {
-                    states.push(Self { has_ended: ended != 0, snapshot, ..Self::after(episode, actions, bytes) });
+            match (head, actions, before) {
+                ([Some(episode), _, Some(ended), Some(_)], Some(actions), Some(before)) => {
+                    states.push(Self { has_ended: ended != 0, before, ..Self::after(episode, actions, bytes) });
                 }
                 _ => return Err(BadRestore { bytes: payload.len(), claimed }),
             }
@@ -216,13 +228,13 @@ impl EnvironmentState {
         assert!(self.action_count() < MAX_EPISODE_STEPS as u32, "an episode never exceeds MAX_EPISODE_STEPS");
         self.count += 1;
         self.actions.extend_from_slice(action);
-        self.snapshot = None;
+        self.before = None;
     }
 
     /// Notes the state that the last action was taken in. Panics if there is no action.
-    pub fn remember(&mut self, snapshot: Snapshot) {
+    pub fn remember(&mut self, before: Snapshot) {
         assert!(!self.actions.is_empty(), "a snapshot is of a state that an action was taken in");
-        self.snapshot = Some(snapshot);
+        self.before = Some(before);
     }
 }
 
@@ -316,10 +328,13 @@ mod tests {
                 states[2].remember(Snapshot { state_hash: action.into(), bytes: vec![action, 11] });
             }
             states[2].end();
+            states[0].remember(Snapshot { state_hash: 17, bytes: vec![] });
+            assert_eq!((states[0].snapshot(), states[0].hash_before()), (None, Some(17)));
             let bytes = EnvironmentState::encode(&states);
+            // The second one has no hash.
             let lengths = [(1, 0), (MAX_EPISODE_STEPS, 0), (2, 2)];
             let length = |(actions, snapshot)| EnvironmentState::bytes(actions * width, snapshot);
-            assert_eq!(bytes.len(), lengths.map(length).iter().sum::<usize>());
+            assert_eq!(bytes.len() + 8, lengths.map(length).iter().sum::<usize>());
             assert_eq!(EnvironmentState::decode(&bytes, width), Ok(states));
             for cut in [1, 4, 7, 8, 12, bytes.len() - 1, bytes.len() - 9] {
                 assert!(EnvironmentState::decode(&bytes[..cut], width).is_err(), "{cut}");

@@ -219,6 +219,11 @@ fn an_environment_is_restored_as_it_declares() {
     for class in ["Forgetful", "Claiming"] {
         complete(place.of_numbers("refused", &own(class), &[])).refused("it does not repeat itself");
     }
+    let other = place.disturbed("other", place.of_numbers("other", &own("ByProcess"), &[]));
+    let found = other.stderr.lines().find(|line| line.contains("led to another state before this process was started"));
+    let line = found.unwrap_or_else(|| panic!("{other:#?}"));
+    assert!(["actor", "environment ", ", episode ", ", step "].iter().all(|part| line.contains(part)), "{line}");
+    assert!(!other.success, "{other:#?}");
 }
 
 /// Numbers, choices and images cross, are recorded, and are taken again after kills; by one learner or two.

@@ -1,6 +1,7 @@
 """Environments that no seed and actions bring back: their weather goes on from episode to episode."""
 
 import json
+import os
 
 import gymnasium
 import numpy as np
@@ -60,6 +61,15 @@ class Forgetful(Kept):
 
 class Claiming(Walk):
     metadata = {"restore": "replay"}
+
+
+class ByProcess(Seeded):
+    """Repeats itself within a process alone."""
+
+    metadata = {"restore": "replay"}
+
+    def reset(self, *, seed=None, options=None):
+        return super().reset(seed=seed + os.getpid(), options=options)
 
 
 class Leaking(Seeded):
