@@ -5,6 +5,8 @@ import { ask, h } from "./dom.js";
 import { gif } from "./gif.js";
 
 const [WIDTH, HEIGHT] = [640, 480];
+/** Pictures that are asked for before they are filmed. */
+const AHEAD = 6;
 
 /** Kinds of films that this browser can make: name, ending, what its recorder is told. */
 export function kinds() {
@@ -28,11 +30,15 @@ class Recorded {
     this.ended = new Promise((resolve) => { this.recorder.onstop = resolve; });
     this.type = type;
     this.recorder.start();
+    this.recorder.pause();
   }
 
+  /** While a picture is waited for the film's time stands still. */
   async take(seconds) {
+    this.recorder.resume();
     this.stream.getVideoTracks()[0].requestFrame();
     await new Promise((resolve) => setTimeout(resolve, 1000 * seconds));
+    this.recorder.pause();
   }
 
   async finish() {
@@ -51,7 +57,7 @@ class Kept {
   drop() { this.frames = []; }
 }
 
-/** The film as a blob. `told`: called with each step that was drawn. */
+/** The film as a blob. `told`: called with the share that is done. */
 export async function film(stages, last, kind, speed, signal, told) {
   // A GIF grows with its pixels much faster.
   const small = kind.type ? 1 : stages.length > 1 ? 0.6 : 0.75;
@@ -60,21 +66,32 @@ export async function film(stages, last, kind, speed, signal, told) {
   const pen = canvas.getContext("2d", { willReadFrequently: kind.type === null });
   const seconds = 1 / speed;
   const camera = kind.type ? new Recorded(canvas, kind.type) : new Kept(canvas, seconds);
+  const picture = async ({ orbit, last: end }, step) => {
+    orbit.step = Math.min(step, end);
+    const address = new URL(orbit.address(true), location.href);
+    address.searchParams.set("width", String(width));
+    address.searchParams.set("height", String(height));
+    // Two processes draw.
+    if (step % 2) address.searchParams.set("later", "true");
+    return createImageBitmap(await (await ask(address, { signal })).blob());
+  };
+  // Pictures are drawn while others are filmed.
+  const drawn = [];
+  const draw = (step) => {
+    if (step > last) return;
+    drawn[step] = Promise.all(stages.map((stage) => picture(stage, step)));
+    drawn[step].catch(() => {});
+  };
+  for (let step = 0; step < AHEAD; step += 1) draw(step);
   try {
     for (let step = 0; step <= last; step += 1) {
+      const pictures = await drawn[step];
       signal.throwIfAborted();
-      const began = performance.now();
-      for (const [at, { orbit, last: end }] of stages.entries()) {
-        orbit.step = Math.min(step, end);
-        const address = new URL(orbit.address(true), location.href);
-        address.searchParams.set("width", String(width));
-        address.searchParams.set("height", String(height));
-        const picture = await createImageBitmap(await (await ask(address, { signal })).blob());
-        pen.drawImage(picture, at * width, 0);
-        picture.close();
-      }
-      told(step);
-      await camera.take(Math.max(0, seconds - (performance.now() - began) / 1000));
+      delete drawn[step];
+      draw(step + AHEAD);
+      pictures.forEach((each, at) => { pen.drawImage(each, at * width, 0); each.close(); });
+      told(step / (last + 1));
+      await camera.take(seconds);
     }
     // The end is looked at for a second longer.
     for (let held = 0; held < 1; held += seconds) await camera.take(seconds);
