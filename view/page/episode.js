@@ -171,7 +171,7 @@ export async function showCompare(root, runs, query, signal) {
   const turn = (other) => (camera) => { other.orbit.camera = structuredClone(camera); other.orbit.draw(); };
   [stages[0].turned, stages[1].turned] = [turn(stages[1]), turn(stages[0])];
   stages[1].orbit.camera = structuredClone(stages[0].orbit.camera);
-  const policy = (run) => { const card = cards.find(({ id }) => id === run); return card && (card.conditions?.split(": ")[0] ?? `${card.preset} · seed ${card.seed}`); };
+  const policy = (run) => { const card = cards.find(({ id }) => id === run); return card?.preset && (card.conditions?.split(": ")[0] ?? `${card.preset} · seed ${card.seed}`); };
   replace(place,
     h("p", { class: "notice", id: "difference" }, difference(stages)),
     h("div", { class: "twins" }, stages.map((stage, at) => h("section", { class: "card stack", "aria-label": stage.run },

@@ -5,8 +5,6 @@ import { ask, h } from "./dom.js";
 import { gif } from "./gif.js";
 
 const [WIDTH, HEIGHT] = [640, 480];
-/** Pictures that are asked for before they are filmed. */
-const AHEAD = 6;
 
 /** Kinds of films that this browser can make: name, ending, what its recorder is told. */
 export function kinds() {
@@ -30,15 +28,11 @@ class Recorded {
     this.ended = new Promise((resolve) => { this.recorder.onstop = resolve; });
     this.type = type;
     this.recorder.start();
-    this.recorder.pause();
   }
 
-  /** While a picture is waited for the film's time stands still. */
   async take(seconds) {
-    this.recorder.resume();
     this.stream.getVideoTracks()[0].requestFrame();
     await new Promise((resolve) => setTimeout(resolve, 1000 * seconds));
-    this.recorder.pause();
   }
 
   async finish() {
@@ -65,33 +59,35 @@ export async function film(stages, last, kind, speed, signal, told) {
   const canvas = h("canvas", { width: width * stages.length, height });
   const pen = canvas.getContext("2d", { willReadFrequently: kind.type === null });
   const seconds = 1 / speed;
-  const camera = kind.type ? new Recorded(canvas, kind.type) : new Kept(canvas, seconds);
-  const picture = async ({ orbit, last: end }, step) => {
+  let done = 0;
+  const tell = () => { done += 1; told(done / (2 * (last + 1))); };
+  const picture = async ({ orbit, last: end }, step, later) => {
     orbit.step = Math.min(step, end);
     const address = new URL(orbit.address(true), location.href);
-    address.searchParams.set("width", String(width));
-    address.searchParams.set("height", String(height));
-    // Two processes draw.
-    if (step % 2) address.searchParams.set("later", "true");
-    return createImageBitmap(await (await ask(address, { signal })).blob());
+    for (const [name, value] of Object.entries({ width, height, later })) address.searchParams.set(name, String(value));
+    return (await ask(address, { signal })).blob();
   };
-  // Pictures are drawn while others are filmed.
+  // All are drawn before the first is filmed, by both processes that draw: a recorder's time does not wait.
   const drawn = [];
-  const draw = (step) => {
-    if (step > last) return;
-    drawn[step] = Promise.all(stages.map((stage) => picture(stage, step)));
-    drawn[step].catch(() => {});
+  const draw = async (from, later) => {
+    for (let step = from; step <= last; step += 2) {
+      drawn[step] = await Promise.all(stages.map((stage) => picture(stage, step, later)));
+      tell();
+    }
   };
-  for (let step = 0; step < AHEAD; step += 1) draw(step);
+  await Promise.all([draw(0, false), draw(1, true)]);
+  const camera = kind.type ? new Recorded(canvas, kind.type) : new Kept(canvas, seconds);
   try {
-    for (let step = 0; step <= last; step += 1) {
-      const pictures = await drawn[step];
+    for (const blobs of drawn) {
       signal.throwIfAborted();
-      delete drawn[step];
-      draw(step + AHEAD);
-      pictures.forEach((each, at) => { pen.drawImage(each, at * width, 0); each.close(); });
-      told(step / (last + 1));
-      await camera.take(seconds);
+      const began = performance.now();
+      for (const [at, blob] of blobs.entries()) {
+        const each = await createImageBitmap(blob);
+        pen.drawImage(each, at * width, 0);
+        each.close();
+      }
+      tell();
+      await camera.take(Math.max(0, seconds - (performance.now() - began) / 1000));
     }
     // The end is looked at for a second longer.
     for (let held = 0; held < 1; held += seconds) await camera.take(seconds);
