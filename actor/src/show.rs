@@ -102,6 +102,9 @@ impl KitchensInUse {
         let at = self.kept.iter().position(|kept| kept.name == name)?;
         let kept = self.kept.remove(at);
         self.kept.push(kept);
+        // Two are looked at side by side.
+        let others = self.kept.len().saturating_sub(2);
+        self.kept[..others].iter_mut().for_each(|kept| kept.scene.forget());
         self.kept.last_mut()
     }
 

@@ -98,7 +98,7 @@ export class Chart {
       points: points ?? { size: 5 * scale, width: 0, fill: () => css(colour) },
     });
     return {
-      width, height, legend: { show: false }, padding: [8 * scale, 10 * scale, 0, 0],
+      width, height, legend: { show: false }, padding: [8 * scale, 16 * scale, 0, 0],
       cursor: { y: false, sync: this.sync && { key: this.sync, setSeries: false }, drag: { x: !this.rows, y: false }, points: { show: (plot, at) => (this.lines[at - 1].name === undefined ? false : h("div", { class: "u-cursor-pt here", style: { background: css(this.lines[at - 1].colour) } })) } },
       scales: {
         x: { time: false, distr: this.log ? 3 : 1, range: (plot, low, high) => this.content.domain ?? (low === null ? [0, 1] : [low, high > low ? high : low + (Math.abs(low) || 1)]) },
@@ -143,11 +143,13 @@ export class Chart {
       pen.stroke();
     };
     Object.assign(pen, { fillStyle: css("--soft"), textAlign: "left", textBaseline: "alphabetic" });
-    for (const { x, label } of this.content.marks ?? []) {
+    for (const [row, { x, label }] of (this.content.marks ?? []).entries()) {
       const at = plot.valToPos(x, "x", true);
       if (at <= left || at >= left + width) continue;
       stroke("--faint", [2, 3], at, top, at, top + height);
-      pen.fillText(label, at + 4 * unit, top + 10 * unit);
+      const over = at + pen.measureText(label).width + 4 * unit > left + width;
+      pen.textAlign = over ? "right" : "left";
+      pen.fillText(label, at + (over ? -4 : 4) * unit, top + (10 + 12 * row) * unit);
     }
     pen.textAlign = "right";
     for (const { y, label } of this.content.levels ?? []) {

@@ -80,11 +80,13 @@ export class Curves {
       }));
       // One axis for all shares: others are mostly parts of the first.
       if (metric?.kind === "share") most ??= Math.max(...series.flatMap(({ y }) => y));
+      // Where stages begin; of runs that differ in it with their names.
+      const begins = new Map(all.map(({ source }) => [JSON.stringify(source.stages), source]));
+      const marks = [...begins.values()].flatMap(({ name: run, stages }) => stages.slice(1).map(([label, x]) => ({ label: `stage ${label}${begins.size > 1 ? `, ${run}` : ""}`, x })));
       const first = this.sources[all[0].index];
-      const alike = all.every(({ source }) => JSON.stringify(source.stages) === JSON.stringify(first.stages));
       chart.show({
         series, smoothed: weight > 0, most: metric?.kind === "share" ? most : undefined,
-        marks: axis === "frames" && alike ? first.stages.slice(1).map(([label, x]) => ({ label: `stage ${label}`, x })) : [],
+        marks: axis === "frames" ? marks : [],
         levels: metric && metric.name in (first.paper ?? {}) ? [{ y: first.paper[metric.name], label: "the paper's level" }] : [],
       });
       chart.element.dataset.points = String(all[0].x.length);

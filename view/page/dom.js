@@ -2,6 +2,9 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 
+/** A number stays on the line of its unit, and with its own digits. */
+const tight = (child) => (typeof child === "string" ? child.replace(/(\d) (?=(?:\d{3}|m|s|min|h|d|[MG]iB)(?!\w))/g, "$1\u00a0") : child);
+
 function fill(element, properties, children) {
   for (const [name, value] of Object.entries(properties ?? {})) {
     if (value === undefined || value === null || value === false) continue;
@@ -10,16 +13,16 @@ function fill(element, properties, children) {
     else if (name in element && typeof value !== "string" && element.namespaceURI !== SVG) element[name] = value;
     else element.setAttribute(name, value === true ? "" : value);
   }
-  element.append(...children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false));
+  element.append(...there(children));
   return element;
 }
+
+const there = (children) => children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false).map(tight);
 
 export const h = (tag, properties, ...children) => fill(document.createElement(tag), properties, children);
 export const svg = (tag, properties, ...children) => fill(document.createElementNS(SVG, tag), properties, children);
 
-export function replace(element, ...children) {
-  element.replaceChildren(...children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false));
-}
+export const replace = (element, ...children) => element.replaceChildren(...there(children));
 
 /** Says it to those who do not see the page. */
 export function say(text) {

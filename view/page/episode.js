@@ -1,9 +1,9 @@
 // The pages of one episode, and of two side by side.
 
-import { h, hand, json, notice, replace, say, waiting } from "./dom.js";
+import { h, hand, json, notice, pause, replace, say, waiting } from "./dom.js";
 import { film, kinds } from "./film.js";
-import { outcome } from "./format.js";
-import { Stage, Strip, besides, explained } from "./stage.js";
+import { count, outcome, percent, quantity, words } from "./format.js";
+import { Stage, Strip, besides, explained, limit } from "./stage.js";
 
 /** Goes through the steps of one or two episodes. */
 class Player {
@@ -78,7 +78,7 @@ class Player {
     this.film.disabled = true;
     const kind = this.kinds[this.kind.selectedIndex];
     try {
-      const made = await film(this.stages, this.last, kind, Number(this.speed.value), this.signal, (step) => { this.film.textContent = `step ${step} of ${this.last}`; });
+      const made = await film(this.stages, this.last, kind, Number(this.speed.value), this.signal, (done) => { this.film.textContent = `${percent(done, 0)} filmed`; });
       hand(made, `${this.stages.map((stage) => `${stage.run}-${stage.key}`).join("-and-")}.${kind.ending}`);
       say("The film is saved.");
     } catch (error) {
@@ -90,7 +90,7 @@ class Player {
   }
 }
 
-const figure = (title, content) => h("figure", { class: "card" }, h("figcaption", {}, h("span", {}, title)), content);
+const figure = (title, content, kind = "card") => h("figure", { class: kind }, h("figcaption", {}, h("span", {}, title)), content);
 
 const keep = (base) => {
   let timer = 0;
@@ -102,62 +102,85 @@ const keep = (base) => {
 };
 
 export async function showEpisode(root, run, key, query, signal) {
-  const { element, words } = waiting("The kitchen is built, and the episode simulated again", signal);
-  replace(root, element);
-  const stage = await Stage.open(run, key, signal, (why) => { words.textContent = why; });
+  const opened = waiting("The kitchen is built, and the episode simulated again", signal);
+  replace(root, opened.element);
+  const stage = await Stage.open(run, key, signal, (why) => { opened.words.textContent = why; });
   const player = new Player([stage], signal, keep(`#/run/${encodeURIComponent(run)}/episode/${key}`));
   replace(root, stage.title(), stage.problem,
     h("div", { class: "episode" },
       h("div", { class: "stack" },
         h("section", { class: "card", "aria-label": "The room" }, besides(stage.orbit.element, stage.words, explained(stage.episode), stage.proof())),
         player.element),
-      h("div", { class: "side" }, figure("What the robot sees", h("div", { class: "picture" }, stage.depth)), figure("Floor plan and way", stage.plan.element),
+      h("div", { class: "side" }, figure("What the robot sees", stage.depth.element), figure("Floor plan and way", stage.plan.element),
         h("section", { class: "card stack" }, stage.moved, stage.parts, stage.channels))));
   player.go(Number(query.get("step") ?? 0));
 }
 
-/** The recorded episodes of a run by what makes them the same: kitchen and number, in a training run environment and seed, too. */
-async function index(run, signal) {
-  const at = `/api/runs/${encodeURIComponent(run)}`;
-  const [{ card }, page] = await Promise.all([json(at, { signal }), json(`${at}/episodes?recorded=true&sort=kitchen&limit=500`, { signal })]);
-  // Only a training run has sources: there an environment's number and the seed count, too.
-  const [where, drawn] = page.sources.length ? [(row) => `${row.kitchen}/${row.environment}`, card.seed] : [(row) => row.kitchen, ""];
-  const rows = new Map(page.rows.map((row) => [`${where(row)}:${row.episode}:${row.target ?? ""}:${drawn}`, row]));
-  return { rows, cut: page.matching > page.rows.length };
+/** How two episodes of one task differ, in words. */
+function difference(stages) {
+  const { successes, channels } = stages[0].episode.task;
+  const [a, b] = stages.map(({ name, last, episode: { outcome: ended, moments } }) => ({ name, last, moments, ended: outcome(ended), rank: successes.includes(ended) ? successes.indexOf(ended) : successes.length }));
+  const better = b.rank < a.rank ? [b, a] : [a, b];
+  const ends = a.rank === b.rank ? `Both end alike: ${a.ended}.` : `${better[0].name} ends better: ${better[0].ended}. ${better[1].name}: ${better[1].ended}.`;
+  const channel = channels.find(({ name }) => name === limit(stages[0].episode.task)?.channel);
+  const at = channel && [a, b].map(({ moments }) => moments.at(-1).channels[channel.name]);
+  const amounts = at?.every(Boolean) ? `${words(channel.name, channel.unit)}: ${[a, b].map(({ name }, each) => `${name} ${quantity(channel, at[each], false)}`).join(", ")}.` : "";
+  const parted = a.moments.findIndex(({ action: taken }, step) => taken !== b.moments[step]?.action);
+  const same = parted < 0 && a.last === b.last ? "All their actions are the same." : `Their actions differ from step ${parted < 0 ? a.last + 1 : parted} on.`;
+  return [ends, amounts && amounts[0].toUpperCase() + amounts.slice(1), same].join(" ");
 }
 
 export async function showCompare(root, runs, query, signal) {
-  replace(root, h("p", { class: "soft", role: "status" }, "Looking for episodes that both have …"));
-  const found = await Promise.all(runs.map((run) => index(run, signal)));
-  const [ones, others] = found.map(({ rows }) => rows);
-  const cut = found.some((one) => one.cut) ? notice("Only the first 500 recorded episodes of each, by kitchen, are compared.") : null;
-  const both = [...ones.keys()].filter((name) => others.has(name));
-  if (!both.length) {
+  const searched = waiting("Episodes that both have are looked for", signal);
+  replace(root, searched.element);
+  const tell = (why) => { searched.words.textContent = why; };
+  const find = () => json(`/api/runs/${encodeURIComponent(runs[0])}/pairs/${encodeURIComponent(runs[1])}`, { signal, waits: tell });
+  let [found, cards] = await Promise.all([find(), json("/api/runs", { signal })]);
+  const chosen = /^[\d-]+~[\d-]+$/.test(query.get("episode") ?? "") ? query.get("episode") : null;
+  // Those that differ most may not be read yet.
+  while (!chosen && found.indexed < 0.999) {
+    tell(`The recordings are read first: ${percent(found.indexed, 0)}`);
+    await pause(500, signal);
+    found = await find();
+  }
+  const { total, better, rows } = found;
+  if (!total && !chosen) {
     replace(root, notice("The two have no recorded episode in common. Evaluate both on the same episodes with `orchestrator eval RUN --record all`."));
     return;
   }
-  const asked = both.includes(query.get("episode")) ? query.get("episode") : both[0];
+  const pairs = new Map(rows.map((pair) => [pair.map(({ key }) => key).join("~"), pair]));
+  const asked = chosen ?? pairs.keys().next().value;
+  const label = ([one, other]) => `${one.target ? `${one.target}, ` : ""}kitchen ${one.kitchen}, episode ${one.episode}: ${outcome(one.outcome)} | ${outcome(other.outcome)}`;
+  const base = (name) => `#/compare/${runs.map(encodeURIComponent).join("/")}?episode=${name}`;
+  const go = (name) => { location.hash = base(name); };
+  const names = [...new Set([...(pairs.has(asked) ? [] : [asked]), ...pairs.keys()])];
+  const picker = h("select", { onchange: () => go(picker.value) }, names.map((name) => h("option", { value: name, selected: name === asked }, pairs.has(name) ? label(pairs.get(name)) : name.replace("~", " | "))));
+  const next = h("button", { disabled: names.length < 2, onclick: () => go(names[(names.indexOf(asked) + 1) % names.length]) }, "Next");
+  const most = rows.length < total ? `; the list has the ${count(rows.length)} that differ most` : "; those that differ most come first";
   const place = h("div", { class: "stack" });
-  const label = (name) => {
-    const [kitchen, episode, target] = name.split(":");
-    const ends = [ones, others].map((all) => outcome(all.get(name).outcome));
-    return `kitchen ${kitchen}, episode ${episode}${target ? `, ${target}` : ""}: ${ends.join(" | ")}`;
-  };
-  const base = (name) => `#/compare/${runs.map(encodeURIComponent).join("/")}?episode=${encodeURIComponent(name)}`;
-  const picker = h("select", { onchange: () => { location.hash = base(picker.value); } }, both.map((name) => h("option", { value: name, selected: name === asked }, label(name))));
-  replace(root, h("div", { class: "row between" }, h("h1", {}, "Side by side"), h("label", {}, "episode", picker)), cut, place);
+  replace(root, h("div", { class: "row between" }, h("h1", {}, "Side by side"), h("div", { class: "row choice" }, h("label", {}, "episode", picker), next)),
+    h("p", { class: "small soft" }, `Both have ${count(total)} episodes: A ends better in ${count(better[0])}, B in ${count(better[1])}${most}.`), place);
   replace(place, waiting("Both are simulated again", signal).element);
-  const keys = [ones, others].map((all) => all.get(asked).key);
-  const stages = [await Stage.open(runs[0], keys[0], signal), await Stage.open(runs[1], keys[1], signal)];
+  const keys = asked.split("~");
+  const stages = [];
+  for (const [at, run] of runs.entries()) stages.push(Object.assign(await Stage.open(run, keys[at], signal), { name: "AB"[at] }));
+  const drawn = Promise.all(stages.map((stage) => stage.drawn));
+  for (const stage of stages) stage.drawn = drawn;
   const player = new Player(stages, signal, keep(base(asked)));
   // One camera for both: what is compared is seen from the same place.
   const turn = (other) => (camera) => { other.orbit.camera = structuredClone(camera); other.orbit.draw(); };
   [stages[0].turned, stages[1].turned] = [turn(stages[1]), turn(stages[0])];
   stages[1].orbit.camera = structuredClone(stages[0].orbit.camera);
+  const policy = (run) => { const card = cards.find(({ id }) => id === run); return card?.preset && (card.conditions?.split(": ")[0] ?? `${card.preset} · seed ${card.seed}`); };
   replace(place,
-    h("div", { class: "twins" }, stages.map((stage) => h("section", { class: "card stack", "aria-label": stage.run },
-      h("div", { class: "row between" }, h("a", { href: `#/run/${encodeURIComponent(stage.run)}/episode/${stage.key}` }, stage.run), h("span", { class: stage.kind() }, outcome(stage.episode.outcome))),
-      stage.problem, stage.orbit.element, stage.words, h("div", { class: "grid" }, h("div", { class: "picture" }, stage.depth), stage.plan.element), stage.moved, stage.proof()))),
-    player.element);
+    h("p", { class: "notice", id: "difference" }, difference(stages)),
+    h("div", { class: "twins" }, stages.map((stage, at) => h("section", { class: "card stack", "aria-label": stage.run },
+      h("div", {},
+        h("div", { class: "row between" }, h("span", {}, h("strong", { style: { color: `var(--run-${at})` } }, stage.name), " ", h("a", { href: `#/run/${encodeURIComponent(stage.run)}/episode/${stage.key}` }, stage.run)), h("span", { class: stage.kind() }, outcome(stage.episode.outcome))),
+        h("div", { class: "small soft" }, policy(stage.run))),
+      stage.problem, stage.orbit.element, stage.words))),
+    player.element, h("div", { class: "across" }, explained(stages[0].episode)),
+    h("div", { class: "twins" }, stages.map((stage) => h("div", { class: "card stack" },
+      h("div", { class: "pair" }, figure("What the robot sees", stage.depth.element, ""), figure("Floor plan and way", stage.plan.element, "")), stage.moved, stage.proof()))));
   player.go(Number(query.get("step") ?? 0));
 }

@@ -51,7 +51,7 @@ class Kept {
   drop() { this.frames = []; }
 }
 
-/** The film as a blob. `told`: called with each step that was drawn. */
+/** The film as a blob. `told`: called with the share that is done. */
 export async function film(stages, last, kind, speed, signal, told) {
   // A GIF grows with its pixels much faster.
   const small = kind.type ? 1 : stages.length > 1 ? 0.6 : 0.75;
@@ -59,21 +59,34 @@ export async function film(stages, last, kind, speed, signal, told) {
   const canvas = h("canvas", { width: width * stages.length, height });
   const pen = canvas.getContext("2d", { willReadFrequently: kind.type === null });
   const seconds = 1 / speed;
+  let done = 0;
+  const tell = () => { done += 1; told(done / (2 * (last + 1))); };
+  const picture = async ({ orbit, last: end }, step, later) => {
+    orbit.step = Math.min(step, end);
+    const address = new URL(orbit.address(true), location.href);
+    for (const [name, value] of Object.entries({ width, height, later })) address.searchParams.set(name, String(value));
+    return (await ask(address, { signal })).blob();
+  };
+  // All are drawn before the first is filmed, by both processes that draw: a recorder's time does not wait.
+  const drawn = [];
+  const draw = async (from, later) => {
+    for (let step = from; step <= last; step += 2) {
+      drawn[step] = await Promise.all(stages.map((stage) => picture(stage, step, later)));
+      tell();
+    }
+  };
+  await Promise.all([draw(0, false), draw(1, true)]);
   const camera = kind.type ? new Recorded(canvas, kind.type) : new Kept(canvas, seconds);
   try {
-    for (let step = 0; step <= last; step += 1) {
+    for (const blobs of drawn) {
       signal.throwIfAborted();
       const began = performance.now();
-      for (const [at, { orbit, last: end }] of stages.entries()) {
-        orbit.step = Math.min(step, end);
-        const address = new URL(orbit.address(true), location.href);
-        address.searchParams.set("width", String(width));
-        address.searchParams.set("height", String(height));
-        const picture = await createImageBitmap(await (await ask(address, { signal })).blob());
-        pen.drawImage(picture, at * width, 0);
-        picture.close();
+      for (const [at, blob] of blobs.entries()) {
+        const each = await createImageBitmap(blob);
+        pen.drawImage(each, at * width, 0);
+        each.close();
       }
-      told(step);
+      tell();
       await camera.take(Math.max(0, seconds - (performance.now() - began) / 1000));
     }
     // The end is looked at for a second longer.

@@ -44,7 +44,7 @@ export async function showList(root, query, signal) {
   replace(root,
     h("div", { class: "row between" }, h("h1", {}, "Runs"), h("div", { class: "row" }, hint, together, beside)),
     h("div", { class: "card scroll" },
-      h("table", {}, head, body), empty));
+      h("table", { class: "fold runs" }, head, body), empty));
 
   const row = (card) => {
     const box = h("input", {
@@ -63,14 +63,12 @@ export async function showList(root, query, signal) {
     return h("tr", {},
       h("td", {}, box),
       h("td", {}, link, h("div", { class: "faint small" }, `${card.evaluation ? "evaluation · " : ""}${card.preset} · seed ${card.seed}`)),
-      h("td", {}, progress(card.done / card.budget, done), h("div", { class: "row small" }, stateWord(card.state), h("span", { class: "faint" }, done)),
-        // On a narrow screen in the place of their columns.
-        card.metrics.slice(2).map((metric) => h("div", { class: "narrow faint small" }, `${metric.label} ${figure(metric, card.figures[metric.name])}`))),
+      h("td", {}, progress(card.done / card.budget, done), h("div", { class: "row small" }, stateWord(card.state), h("span", { class: "faint" }, done))),
       metrics.map((label, at) => {
         const metric = card.metrics.find((each) => each.label === label);
-        return h("td", { class: at > 1 ? "optional" : null }, metric ? figure(metric, card.figures[metric.name]) : "");
+        return h("td", { "data-head": label, class: at > 1 ? "optional" : null }, metric && figure(metric, card.figures[metric.name]));
       }),
-      h("td", { class: "optional soft small" }, date(card.created_unix_s)));
+      h("td", { "data-head": "Begun", class: "optional soft small" }, date(card.created_unix_s)));
   };
   let shown = "";
   every(3000, signal, async () => {

@@ -16,7 +16,7 @@ const SILENCE = 1500;
 /** The environment that is watched. The evaluation may be another one when all episodes have been played. */
 class SceneRenderer {
   constructor(root, signal) {
-    Object.assign(this, { signal, run: null, chosen: null, live: null, still: false });
+    Object.assign(this, { signal, run: null, chosen: null, live: null, still: false, stage: null });
     this.title = h("h1", {}, "A policy at work");
     this.terms = h("p", { class: "soft small" }, "\u00a0");
     this.tally = h("p", { class: "soft small", role: "status" }, "no episode is over yet");
@@ -24,7 +24,7 @@ class SceneRenderer {
     this.link = h("a", { href: "#/?all", hidden: true }, "Figures and all episodes");
     this.button = h("button", { "aria-pressed": "false", hidden: true, onclick: () => this.toggle() }, "Pause");
     this.wait = waiting("The policy is loaded, and its kitchens are built", signal);
-    this.place = h("div", {});
+    this.place = h("div", {}, h("section", { class: "card" }, h("p", {}, "Here a robot will be seen at its task, step by step, episode after episode. The menu above chooses the kitchen.")));
     replace(root, h("div", { class: "row between" }, this.title, h("div", { class: "row" }, this.button, this.picker, this.link)), h("div", {}, this.terms, h("div", { class: "row between small" }, this.tally, this.wait.element)), this.place);
   }
 
@@ -73,12 +73,16 @@ class SceneRenderer {
     const stage = await Stage.open(run, key, signal);
     this.waits("");
     this.button.hidden = false;
+    this.stage = stage;
     const end = h("span", {});
+    const { target } = stage.episode;
+    const task = target ? `Bring the ${target} (pink) to its goal (green), and displace nothing else (violet)` : "Reach the goal (green)";
+    const keys = [["space", "pause"], ["arrows", "turn"], ["shift arrows", "move"], ["+ −", "zoom"], ["0", "back"]];
     replace(this.place, h("div", { class: "episode" },
       h("div", { class: "stack" }, h("section", { class: "card stack", "aria-label": "The room" },
-        h("div", { class: "row between" }, h("strong", {}, stage.episode.target ?? ""), end), stage.problem,
-        besides(stage.orbit.element, stage.words, explained(stage.episode), h("p", { class: "small soft keys" }, h("kbd", {}, "space"), " pause  ", h("kbd", {}, "arrows"), " turn  ", h("kbd", {}, "+"), " ", h("kbd", {}, "−"), " zoom  ", h("kbd", {}, "0"), " back, in the picture")))),
-      h("div", { class: "side" }, h("figure", { class: "card" }, h("figcaption", {}, "What the robot sees"), h("div", { class: "picture" }, stage.depth)), h("figure", { class: "card" }, h("figcaption", {}, "Floor plan and way"), stage.plan.element),
+        h("div", { class: "row between" }, h("strong", {}, task), end), stage.problem,
+        besides(stage.orbit.element, stage.words, explained(stage.episode), h("p", { class: "small soft keys" }, keys.map(([key, does]) => h("div", {}, h("kbd", {}, key), ` ${does}`)))))),
+      h("div", { class: "side" }, h("figure", { class: "card" }, h("figcaption", {}, "What the robot sees"), stage.depth.element), h("figure", { class: "card" }, h("figcaption", {}, "Floor plan and way"), stage.plan.element),
         h("section", { class: "card" }, stage.moved))));
     this.camera(stage);
     stage.show(0);
@@ -121,7 +125,8 @@ class SceneRenderer {
 export async function showPlay(root, signal) {
   const renderer = new SceneRenderer(root, signal);
   addEventListener("keydown", (event) => {
-    if (event.key !== " " || event.target.closest("select, button, a, summary")) return;
+    if (event.target.closest("select, button, a, summary")) return;
+    if (event.key !== " ") { renderer.stage?.orbit.key(event); return; }
     event.preventDefault();
     renderer.toggle();
   }, { signal });

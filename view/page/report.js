@@ -15,21 +15,30 @@ const SHARE = { kind: "share" };
 /** A figure that `one` describes, as people read it; the unit stands in its heading. */
 const shown = ({ kind, unit }, value) => (kind === "share" ? percent(value) : number(value, { m: 3, steps: 1 }[unit] ?? 2));
 const heading = ({ label, unit }) => (unit === "m" ? `${label} (m)` : label);
-const range = (one, { low, high }) => [low, high].map((value) => shown(one, value).replace("%", "")).join(" – ");
+const range = (one, { low, high }) => [low, high].map((value) => shown(one, value).replace("%", "")).join("\u00a0–\u00a0");
 const over = (value, below) => [value, below ? h("small", {}, below) : null];
 /** A figure with its interval beneath. */
 const estimate = (one, { point, interval }) => over(shown(one, point), interval && range(one, interval));
 
+/** A metric's mean in a result; of one seed's share the interval over its episodes. */
+function meanOf({ metrics, seeds }, { name, kind }) {
+  const { mean } = metrics[name];
+  const interval = mean.interval ?? (kind === "share" && seeds.length === 1 ? seeds[0].rates[name]?.interval : null);
+  return { ...mean, interval };
+}
+
 /** A table. `heads`: names; those that begin with # are of numbers. `rows`: cells, and perhaps a class. */
 function table(heads, rows, spans = null) {
   const kind = (at) => (heads[at].startsWith("#") ? "number" : null);
+  const spanned = (spans ?? []).flatMap(([columns, name]) => Array(columns).fill(name));
+  const called = (at) => [spanned[at], heads[at].replace("#", "")].filter(Boolean).join(", ");
   const cells = (all) => all.reduce((made, cell) => {
     const { content = cell, columns = 1 } = cell?.columns ? cell : {};
-    made.row.push(h("td", { class: kind(made.at), colSpan: columns }, content));
+    made.row.push(h("td", { class: kind(made.at), colSpan: columns, "data-head": columns === 1 ? called(made.at) : null }, content));
     made.at += columns;
     return made;
   }, { row: [], at: 0 }).row;
-  return h("div", { class: "scroll" }, h("table", { class: "tight" },
+  return h("div", { class: "scroll" }, h("table", { class: "tight fold" },
     h("thead", {}, spans && h("tr", {}, spans.map(([columns, name]) => h("th", { colSpan: columns, class: "span" }, name))),
       h("tr", {}, heads.map((head, at) => h("th", { scope: "col", class: kind(at) }, head.replace("#", ""))))),
     h("tbody", {}, rows.map(({ kind: of = null, row }) => h("tr", { class: of }, cells(row))))));
@@ -96,8 +105,8 @@ class Page {
       // Of a run that was not evaluated what its newest training episodes came to.
       const { figures: trained } = group.stages.findLast((stage) => Object.keys(stage.figures).length) ?? { figures: {} };
       const of = (one) => {
-        const { point, interval } = result?.metrics[one.name]?.mean ?? { point: (result?.pooled ?? trained)[one.name] };
-        return point === undefined ? null : entry(heading(one), shown(one, point), interval && range(one, interval));
+        const { point, interval } = result?.metrics[one.name] ? meanOf(result, one) : { point: (result?.pooled ?? trained)[one.name] };
+        return point === undefined ? null : entry(heading(one), shown(one, point), interval && `95%: ${range(one, interval)}`);
       };
       return h("section", { class: "card stack", style: { "border-top": `3px solid var(${look(index).colour})` } },
         h("div", { class: "row between" }, h("h2", {}, group.label), h("span", { class: "small soft" }, `${group.preset === group.label ? "" : `${group.preset} · `}${result ? fieldName(result.field) : "newest tenth of training"}`)),
@@ -128,8 +137,8 @@ class Page {
       const printed = this.printed(task, found[0].result);
       const both = (one) => this.seeds && ranking.includes(one.name);
       const heads = printed.flatMap((one) => (both(one) ? [`#${heading(one)}, mean`, `#${heading(one)}, IQM`] : [`#${heading(one)}`]));
-      const row = ({ group, result: { seeds, pooled, metrics: all } }) => [group.label, ...(this.seeds ? [count(seeds.length)] : []), count(pooled.episodes),
-        ...printed.flatMap((one) => { const { mean, iqm } = all[one.name]; return both(one) ? [estimate(one, mean), seeds.length > 1 ? estimate(one, iqm) : ""] : [estimate(one, mean)]; })];
+      const row = ({ group, result }) => [group.label, ...(this.seeds ? [count(result.seeds.length)] : []), count(result.pooled.episodes),
+        ...printed.flatMap((one) => [estimate(one, meanOf(result, one)), ...(both(one) ? [result.seeds.length > 1 ? estimate(one, result.metrics[one.name].iqm) : ""] : [])])];
       return table([this.group, ...(this.seeds ? ["#seeds"] : []), "#episodes", ...heads], plain(found.map(row)));
     };
     const fields = this.fields.map((field) => {
@@ -142,8 +151,8 @@ class Page {
       return [table([this.group, "episodes of", ...columns.map((one) => `#${heading(one)}`)], plain(found.map(row))), this.docs(columns)];
     };
     return section("results", "Results", fields,
-      says(this.seeds ? `Means and interquartile means (IQM) over ${this.samples(this.fields[0])} with 95% intervals; one seed alone has neither IQM nor interval.`
-        : `Means over ${this.samples(this.fields[0])}, of one seed: it alone has no interval.`),
+      says(this.seeds ? `Means and interquartile means (IQM) over ${this.samples(this.fields[0])} with 95% intervals. Of one seed alone: no IQM; the 95% interval of a share is Wilson's over its episodes, and says nothing of other seeds.`
+        : `Means over ${this.samples(this.fields[0])}, of one seed. The 95% interval of a share is Wilson's over its episodes, and says nothing of other seeds.`),
       this.byTask(this.results).map(([task, [{ result }]]) => this.docs(this.printed(task, result))),
       h("h3", {}, `Over all episodes${this.seeds ? " of all seeds" : ""} together`), this.byTask(this.results).map(further));
   }
@@ -163,8 +172,8 @@ class Page {
     if (found.length === 1 && !this.seeds && !this.published(found[0].group, field)) return null;
     const chart = (one) => {
       const { name: figure, label: title } = one;
-      const visible = () => found.filter(({ group }) => !this.hidden.has(group.label)).map(({ group, index, result }) => ({ name: group.label, colour: look(index).colour, ...result.metrics[figure].mean, paper: this.published(group, field)?.[figure] }));
-      const made = new Chart(`${title}, ${fieldName(field)}`, { share: one.kind === "share", rows: [], xLabel: `mean over ${this.samples(field)}${found.some(({ group }) => this.published(group, field)) ? "; open diamond: the paper" : ""}`, xFormat: (value) => (one.kind === "share" ? percent(value, 0) : short(value)) });
+      const visible = () => found.filter(({ group }) => !this.hidden.has(group.label)).map(({ group, index, result }) => ({ name: group.label, colour: look(index).colour, ...meanOf(result, one), paper: this.published(group, field)?.[figure] }));
+      const made = new Chart(`${title}, ${fieldName(field)}`, { share: one.kind === "share", rows: [], xLabel: `mean, shaded its 95% interval${found.some(({ group }) => this.published(group, field)) ? "; open diamond: the paper" : ""}`, xFormat: (value) => (one.kind === "share" ? percent(value, 0) : short(value)) });
       made.element.id = `${figure}-${field}`;
       this.redraws.push(() => {
         const all = visible();
@@ -231,7 +240,7 @@ class Page {
       const { shown: metrics } = tasks[some[0].group.task];
       return table([this.group, "stage", "reward", ...metrics.map((one) => `#${heading(one)}`)], plain(some.flatMap(({ group, stages }) => stages.map(({ name, reward, figures }) => [group.label, name, reward, ...metrics.map((one) => shown(one, figures[one.name]))]))));
     });
-    return section("stages", "Stages of training", tables, says(`Training episodes of the newest tenth of each stage${this.seeds ? ": means over seeds" : ""}.`));
+    return section("stages", "Stages of training", tables, says(`Training episodes of the newest tenth of each stage${this.seeds ? ": means over the seeds of a group" : ""}.`));
   }
 
   curves() {
@@ -251,7 +260,7 @@ class Page {
   }
 
   /** What curves over training show of several seeds. */
-  spread() { return this.seeds ? ": mean over seeds; shaded, from the lowest seed to the highest" : ""; }
+  spread() { return this.seeds ? ": of several seeds their mean; shaded, from the lowest seed to the highest" : ""; }
 
   validation() {
     const of = ({ validation, stages }, key) => { const curve = validation.find(({ metric }) => metric === key); return curve && columns(curve.points, stages); };
@@ -285,7 +294,7 @@ class Page {
     if (!this.episodes.length) return this.none("One episode in pictures: no run has a recorded evaluation (orchestrator eval RUN --record all). Before and after stage II: evaluate the checkpoint at stage I's end, too (orchestrator eval RUN/checkpoints/rollout-NUMBER.json --record all).");
     const pictures = ({ caption, strips }, index) => {
       const made = h("figure", { id: `episode-${index + 1}`, class: "card stack" }, strips.map(({ title, frames }) => h("div", {}, h("h3", {}, title),
-        h("div", { class: "strip-frames" }, frames.map(({ png, words }) => h("div", {}, h("img", { src: png, alt: words.join(", ") }), h("small", { class: "soft" }, words.join(", "))))))),
+        h("div", { class: "strip-frames" }, frames.map(({ png, words }) => h("div", {}, h("img", { src: png, alt: words.join(", ") }), h("small", { class: "soft" }, words.map((each, at) => [at ? ", " : "", h("span", { style: { "white-space": "nowrap" } }, each)]))))))),
       h("p", { class: "small soft" }, caption, " ", h("button", { class: "save", onclick: () => savePictures(made, `episode-${index + 1}.png`) }, "PNG")));
       return made;
     };

@@ -54,10 +54,10 @@ function figures(live) {
 function stages(live) {
   const { metrics } = live.card;
   const part = ({ frames, budget, name }) => progress(frames / budget, `stage ${name}: ${percent(frames / budget)}`);
-  return h("div", { class: "scroll" }, h("table", { class: "tight", "aria-label": "Stages" },
+  return h("div", { class: "scroll" }, h("table", { class: "tight fold", "aria-label": "Stages" },
     h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Stage"), h("th", { scope: "col", class: "optional" }, "Reward"), h("th", { scope: "col", class: "optional" }, "Frames"), metrics.map(({ label }) => h("th", { scope: "col" }, label)))),
-    h("tbody", {}, live.stages.map((stage, index) => h("tr", { class: index === live.stage ? null : "soft" }, h("td", {}, stage.name), h("td", { class: "optional" }, stage.reward),
-      h("td", { class: "optional" }, h("div", { class: "meter" }, part(stage), h("span", { class: "small" }, short(stage.budget)))), metrics.map((metric) => h("td", {}, figure(metric, stage.figures[metric.name]))))))),
+    h("tbody", {}, live.stages.map((stage, index) => h("tr", { class: index === live.stage ? null : "soft" }, h("td", { "data-head": "Stage" }, stage.name), h("td", { class: "optional", "data-head": "Reward" }, stage.reward),
+      h("td", { class: "optional", "data-head": "Frames" }, h("div", { class: "meter" }, part(stage), h("span", { class: "small" }, short(stage.budget)))), metrics.map((metric) => h("td", { "data-head": metric.label }, figure(metric, stage.figures[metric.name]))))))),
   h("p", { class: "small faint" }, "Means over the newest tenth of each stage."));
 }
 
@@ -65,10 +65,10 @@ function stages(live) {
 function times(live) {
   const [simulate, infer, update] = live.shares;
   const shares = [simulate, infer, update, Math.max(0, 1 - simulate - infer - update)];
-  const colours = ["--accent", "--run-5", "--run-1", "--faint"];
+  const colours = ["--run-0", "--run-2", "--run-1", "--faint"];
   const text = ["waiting for simulation", "inference", "updates", "other"].map((name, at) => `${name} ${percent(shares[at], 0)}`);
   return [
-    h("div", { class: "bar", role: "img", "aria-label": text.join(", ") }, shares.map((share) => h("i", { style: { width: `${100 * share}%` } }))),
+    h("div", { class: "bar", role: "img", "aria-label": text.join(", ") }, shares.map((share, at) => h("i", { style: { width: `${100 * share}%`, background: `var(${colours[at]})` } }))),
     h("div", { class: "legend small soft" }, text.map((words, at) => h("span", {}, h("span", { class: "swatch", style: { background: `var(${colours[at]})` } }), words)))];
 }
 
@@ -185,7 +185,10 @@ class Thumbnails {
   constructor(run, signal) {
     Object.assign(this, { run, signal, shown: "" });
     this.grid = h("div", { class: "tiles" });
-    this.element = h("section", { class: "card", hidden: true }, h("div", { class: "row between" }, h("h2", {}, "Newest episodes"), h("a", { href: `#/run/${encodeURIComponent(run)}/episodes` }, "all")), this.grid);
+    // As many as come at most: what is below stays where it is when they do.
+    this.wait = h("span", { class: "soft small", role: "status" }, "are drawn when the recordings are read");
+    replace(this.grid, Array.from({ length: 6 }, () => h("figure", {}, h("canvas", { class: "room", "aria-hidden": "true" }), h("figcaption", {}, "\u00a0"))));
+    this.element = h("section", { class: "card" }, h("div", { class: "row between" }, h("div", { class: "row" }, h("h2", {}, "Newest episodes"), this.wait), h("a", { href: `#/run/${encodeURIComponent(run)}/episodes` }, "all")), this.grid);
   }
 
   async know(live) {
@@ -195,7 +198,7 @@ class Thumbnails {
     // A machine that is busy with other work may need several tries.
     for (let left = 5; this.shown === version && !this.signal.aborted; left -= 1) {
       try { return await this.load(); } catch (error) {
-        if (!left && !this.signal.aborted) { this.element.hidden = false; replace(this.grid, notice(error.message, "error")); }
+        if (!left && !this.signal.aborted) { this.wait.remove(); replace(this.grid, notice(error.message, "error")); }
         if (!left) return;
       }
       await pause(5000, this.signal);
@@ -208,6 +211,7 @@ class Thumbnails {
     const ask = (ended) => json(`/api/runs/${run}/episodes?recorded=true&limit=2&outcome=${ended}`, { signal });
     const { successes, elsewhere } = await ask("");
     // Only kitchens are drawn here.
+    this.element.hidden = elsewhere;
     if (elsewhere) return;
     const pages = await Promise.all([...successes, "any-failure"].map(ask));
     const rows = pages.flatMap((page) => page.rows);
@@ -217,6 +221,7 @@ class Thumbnails {
       const canvas = h("canvas", { class: "room", width: 320, height: 240, role: "img", "aria-label": `Episode ${key}: ${outcome(ended)}` });
       return { key, canvas, element: h("figure", {}, h("a", { href: `#/run/${run}/episode/${key}` }, canvas), h("figcaption", {}, h("span", {}, target ?? `kitchen ${kitchen}`), h("span", { class: kind(ended) }, outcome(ended)))) };
     });
+    this.wait.remove();
     replace(this.grid, tiles.map(({ element }) => element));
     for (const { key, canvas } of tiles) await paintEnd(canvas, this.run, key, signal);
   }
@@ -227,9 +232,9 @@ function evaluations(cards, { folder }) {
   const own = cards.filter((card) => card.evaluation && !card.problem && card.folder.startsWith(`${folder}/`));
   if (!own.length) return null;
   const { metrics } = own[0];
-  const row = (card) => h("tr", {}, h("td", {}, h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, card.folder.slice(card.folder.lastIndexOf("/") + 1))),
-    h("td", { class: "number" }, count(card.done)), metrics.map((metric, at) => h("td", { class: at > 1 ? "optional" : null }, figure(metric, card.figures[metric.name]))));
-  return h("section", { class: "card" }, h("h2", {}, "Evaluations"), h("div", { class: "scroll" }, h("table", { class: "tight" },
+  const row = (card) => h("tr", {}, h("td", { "data-head": "Evaluation" }, h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, card.folder.slice(card.folder.lastIndexOf("/") + 1))),
+    h("td", { class: "number", "data-head": "Episodes" }, count(card.done)), metrics.map((metric, at) => h("td", { class: at > 1 ? "optional" : null, "data-head": metric.label }, figure(metric, card.figures[metric.name]))));
+  return h("section", { class: "card" }, h("h2", {}, "Evaluations"), h("div", { class: "scroll" }, h("table", { class: "tight fold" },
     h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Evaluation"), h("th", { scope: "col", class: "number" }, "Episodes"), metrics.map(({ label }, at) => h("th", { scope: "col", class: at > 1 ? "optional" : null }, label)))),
     h("tbody", {}, own.map(row)))));
 }
@@ -238,7 +243,7 @@ function evaluations(cards, { folder }) {
 export async function showTogether(root, runs, signal) {
   const columns = runs.map((run) => new Columns(run));
   const curves = new Curves(columns, { signal });
-  const table = h("table", { class: "tight", "aria-label": "The runs" });
+  const table = h("table", { class: "tight fold", "aria-label": "The runs" });
   const notes = h("div", {});
   replace(root, h("h1", {}, runs.join(", ")), notes, h("section", { class: "card scroll" }, table), curves.element);
   every(5000, signal, async () => {
@@ -254,8 +259,8 @@ export async function showTogether(root, runs, signal) {
         h("thead", {}, h("tr", {}, ["Run", "Progress", ...labels].map((head, at) => h("th", { scope: "col", class: at === 1 ? "optional" : null }, head)))),
         h("tbody", {}, own.map((card) => h("tr", {},
           h("td", {}, h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, card.id), h("div", { class: "faint small" }, `${card.preset} · seed ${card.seed}`)),
-          h("td", { class: "optional" }, stateWord(card.state), h("div", { class: "faint small" }, `${count(card.done)} of ${count(card.budget)}`)),
-          labels.map((label) => h("td", {}, cell(card, label)))))));
+          h("td", { class: "optional", "data-head": "Progress" }, stateWord(card.state), h("div", { class: "faint small" }, `${count(card.done)} of ${count(card.budget)}`)),
+          labels.map((label) => h("td", { "data-head": label }, cell(card, label)))))));
       if ((await Promise.all(columns.map((one) => one.grow(signal)))).some(Boolean)) curves.draw();
       replace(notes);
     } catch (error) {
@@ -310,9 +315,9 @@ export async function showRun(root, run, signal) {
     timesCard.hidden = live.frames_per_s === null || live.card.evaluation;
     for (const [one, many] of [[kitchensCard, live.kitchens], [workersCard, live.workers], [warningsCard, live.warnings]]) one.hidden = !many.length;
     update("log", parts.log, [live.log, live.starts], () => [lines(live.log), h("details", {}, h("summary", { class: "small soft" }, `${live.starts.length} ${live.starts.length === 1 ? "start" : "starts"}`), starts(live)), live.recordings ? h("p", { class: "small faint" }, live.recordings) : null]);
-    update("validation", parts.validation, live.validation, () => (live.validation.length ? card("Validation", h("div", { class: "scroll" }, h("table", {},
+    update("validation", parts.validation, live.validation, () => (live.validation.length ? card("Validation", h("div", { class: "scroll" }, h("table", { class: "fold" },
       h("thead", {}, h("tr", {}, ["Frames", ...live.card.metrics.map(({ label }) => label)].map((name) => h("th", { scope: "col" }, name)))),
-      h("tbody", {}, live.validation.slice(-8).map((one) => h("tr", {}, h("td", {}, count(one.frames)), live.card.metrics.map((metric) => h("td", {}, figure(metric, one.figures[metric.name]))))))))) : null));
+      h("tbody", {}, live.validation.slice(-8).map((one) => h("tr", {}, h("td", { "data-head": "Frames" }, count(one.frames)), live.card.metrics.map((metric) => h("td", { "data-head": metric.label }, figure(metric, one.figures[metric.name]))))))))) : null));
     depths.know(live);
     thumbnails.know(live);
     if (live.rollouts !== rollouts) {

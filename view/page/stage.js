@@ -56,13 +56,24 @@ function orbitQuery({ centre_m: [x, y, z], radius_m: radius, yaw_rad: yaw, pitch
   return Object.fromEntries(Object.entries({ x, y, z, radius, yaw, pitch }).map(([name, value]) => [name, value.toFixed(4)]));
 }
 
+/** A canvas with a badge that says which step it shows while another one's picture is waited for; `tell(step)` renews it. */
+function framed(canvas, kind, ...over) {
+  const busy = h("span", { class: "busy" }, "drawing");
+  const element = h("div", { class: `${kind} waits` }, canvas, over, busy);
+  const tell = (step) => {
+    const { step: shown = String(step) } = canvas.dataset;
+    busy.textContent = shown === String(step) ? "drawing" : `still step ${shown}: drawing step ${step}`;
+  };
+  return { canvas, element, tell, painter: new Painter(canvas, (waits) => element.classList.toggle("waits", waits)) };
+}
+
 const CLAMP = (value, low, high) => Math.min(high, Math.max(low, value));
 
 /** The room from a free camera. `moved`: told when the camera was moved. */
 class OrbitView {
-  constructor(stage, moved) {
-    Object.assign(this, { stage, moved, step: 0, timer: 0, pointers: new Map() });
-    this.canvas = h("canvas", {
+  constructor(stage, moved, drawn) {
+    Object.assign(this, { stage, moved, drawn, step: 0, timer: 0, pointers: new Map() });
+    const canvas = h("canvas", {
       class: "orbit", tabIndex: 0, role: "application", width: 640, height: 480,
       "aria-label": "The room from a free camera. Arrow keys turn it, plus and minus zoom, with shift the arrow keys move it, 0 puts it back.",
       onpointerdown: (event) => this.grab(event),
@@ -70,10 +81,8 @@ class OrbitView {
       onkeydown: (event) => this.key(event),
       oncontextmenu: (event) => event.preventDefault(),
     });
-    this.busy = h("span", { class: "busy" }, "drawing");
     this.first = h("div", { class: "first" }, waiting("The room is drawn", stage.signal).element);
-    this.element = h("div", { class: "picture" }, this.canvas, this.first, this.busy);
-    this.painter = new Painter(this.canvas, (waits) => this.element.classList.toggle("waits", waits));
+    Object.assign(this, framed(canvas, "picture", this.first));
     this.home();
   }
 
@@ -151,19 +160,16 @@ class OrbitView {
   draw() {
     clearTimeout(this.timer);
     const { step, stage: { signal } } = this;
-    const tell = () => {
-      const { step: shown = String(this.step) } = this.canvas.dataset;
-      this.busy.textContent = shown === String(this.step) ? "drawing" : `still step ${shown}: drawing step ${this.step}`;
-    };
-    tell();
+    this.tell(step);
     const failed = (error) => this.stage.fail(error);
     const refine = () => this.painter.paint(this.address(true), signal).then((painted) => { if (painted) this.canvas.dataset.fine = String(step); }, failed);
     this.painter.paint(this.address(false), signal).then((painted) => {
       // Of those that were overtaken the newest draws on.
       if (!painted) return;
       this.canvas.dataset.step = String(step);
-      tell();
+      this.tell(this.step);
       this.first.remove();
+      this.drawn();
       clearTimeout(this.timer);
       this.timer = setTimeout(refine, 350);
     }, failed);
@@ -175,16 +181,15 @@ class PlanView {
   constructor(stage) {
     this.stage = stage;
     const { plan_centre_m: [x, z], plan_half_width_m: half } = stage.episode;
-    this.canvas = h("canvas", { width: 420, height: 420, "aria-hidden": "true" });
     this.overlay = svg("svg", { viewBox: `${x - half} ${-z - half} ${2 * half} ${2 * half}`, role: "img" });
-    this.element = h("div", { class: "plan" }, this.canvas, this.overlay);
+    Object.assign(this, framed(h("canvas", { width: 420, height: 420, "aria-hidden": "true" }), "plan", this.overlay));
   }
 
   /** Only what the task has channels for is drawn. */
   draw(step) {
     const { stage } = this;
     // After the room's first picture: its soft light takes long.
-    this.floor ??= new Painter(this.canvas).paint(stage.address({ view: "plan", step: 0, width: 640 }), stage.signal).catch((error) => stage.fail(error));
+    this.floor ??= stage.drawn.then(() => this.painter.paint(stage.address({ view: "plan", step: 0, width: 640 }), stage.signal)).catch((error) => stage.fail(error));
     const { moments, goal_tolerance_m: reach, things } = stage.episode;
     const now = moments[step];
     // Of a place in the room that on the floor; of two numbers both are.
@@ -223,7 +228,7 @@ function terms(task, name) {
 }
 
 /** The first metric with a limit: which channel has it, and what it is. */
-function limit({ metrics }) {
+export function limit({ metrics }) {
   const clauses = metrics.flatMap(({ all_of: all }) => all ?? []);
   const bound = (clause) => clause.below ?? clause.at_most ?? clause.at_least ?? clause.above;
   const found = clauses.find((clause) => typeof bound(clause) === "number");
@@ -269,8 +274,8 @@ export class Strip {
     const named = (good) => [...new Set(marked.filter((mark) => mark.good === good).map(({ name }) => words(name)))].join(", ");
     const unit = task.channels.find(({ name }) => name === limited)?.unit;
     const most = Math.max(0, ...this.stages.flatMap(({ episode }) => episode.moments.map(({ channels }) => channels[limited]?.[0] ?? 0)));
-    const rewards = this.stages.map((stage, index) => said(index ? "--run-1" : "--run-0", first && `reward ${first}${this.stages.length > 1 ? `, ${stage.run}` : ""}`));
-    return h("div", { class: "legend small soft" }, rewards, said("--faint", first && "below zero"), said("--ghost", limited && `${words(limited, unit)}, at most ${number(most)} ${unit ?? ""}`), said("--target", named(true)), said("--bad", named(false)));
+    const rewards = this.stages.map((stage, index) => said(index ? "--run-1" : "--run-0", first && `reward ${first}${stage.name ? `, ${stage.name}` : ""}`));
+    return h("div", { class: "legend small soft" }, rewards, said("--faint", first && "below zero"), said("--ghost", limited && `${words(limited, unit)}, at most ${number(most)} ${unit ?? ""}`), said("--target", named(true)), said("--bad", named(false)), this.stages.length > 1 && limited && h("span", {}, `dashed: ${this.stages[1].name}`));
   }
 
   drag(event, go) { go(Math.round(CLAMP(event.offsetX / this.canvas.clientWidth, 0, 1) * this.steps)); }
@@ -324,9 +329,8 @@ export class Stage {
   constructor(run, key, signal, episode) {
     Object.assign(this, { run, key, signal, episode, step: 0 });
     this.problem = h("p", { class: "notice error", hidden: true, role: "alert" });
-    this.orbit = new OrbitView(this, (camera) => this.turned?.(camera));
-    this.depth = h("canvas", { class: "depth", width: 224, height: 224, role: "img" });
-    this.depthPainter = new Painter(this.depth);
+    this.drawn = new Promise((resolve) => { this.orbit = new OrbitView(this, (camera) => this.turned?.(camera), resolve); });
+    this.depth = framed(h("canvas", { class: "depth", width: 224, height: 224, role: "img" }), "picture");
     this.plan = new PlanView(this);
     this.words = h("div", { class: "row" });
     this.parts = h("div", {});
@@ -377,8 +381,10 @@ export class Stage {
     const now = this.episode.moments[this.step];
     this.orbit.step = this.step;
     this.orbit.draw();
-    this.depth.setAttribute("aria-label", `What the robot's depth camera sees at step ${this.step}`);
-    this.depthPainter.paint(this.address({ view: "depth", step: this.step, width: 224 }), this.signal).then((painted) => { if (painted) this.depth.dataset.step = String(this.step); }, (error) => this.fail(error));
+    const { depth, step: wanted } = this;
+    depth.canvas.setAttribute("aria-label", `What the robot's depth camera sees at step ${wanted}`);
+    depth.tell(wanted);
+    depth.painter.paint(this.address({ view: "depth", step: wanted, width: 224 }), this.signal).then((painted) => { if (painted) { depth.canvas.dataset.step = String(wanted); depth.tell(this.step); } }, (error) => this.fail(error));
     this.plan.draw(this.step);
     const { task } = this.episode;
     const limited = task.channels.find(({ name }) => name === limit(task)?.channel);

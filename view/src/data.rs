@@ -22,6 +22,7 @@ pub trait Runs: Send + Sync + 'static {
     /// were written anew since.
     fn curves(&self, run: &str, edition: u64, known: usize) -> Result<Curves, Problem>;
     fn episodes(&self, run: &str, query: &EpisodeQuery) -> Result<EpisodePage, Problem>;
+    fn pairs(&self, runs: [&str; 2]) -> Result<Pairs, Problem>;
     fn recorded(&self, run: &str, key: EpisodeKey) -> Result<(ReplaySetup, RecordedEpisode), Problem>;
     /// The newest episode of an environment, which may still go on; none if nothing was recorded of it yet.
     fn newest(&self, run: &str, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>, Problem>;
@@ -224,6 +225,15 @@ pub struct EpisodePage {
     pub sources: Vec<String>,
     pub indexed: f64,
     pub notes: Vec<String>,
+}
+
+/// Recorded episodes that two runs both have: in all, how many of them end better in each, and those that differ most.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Pairs {
+    pub total: usize,
+    pub better: [usize; 2],
+    pub rows: Vec<[EpisodeRow; 2]>,
+    pub indexed: f64,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize)]

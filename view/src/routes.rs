@@ -50,6 +50,7 @@ pub fn router(runs: Arc<dyn Runs>, scene_renderers: [SceneRenderer; 2], token: A
         .route("/api/runs/{run}/live", get(follow))
         .route("/api/runs/{run}/curves", get(curves))
         .route("/api/runs/{run}/episodes", get(episodes))
+        .route("/api/runs/{run}/pairs/{other}", get(pairs))
         .route("/api/runs/{run}/episodes/{key}", get(episode))
         .route("/api/runs/{run}/episodes/{key}/picture", get(picture))
         .route("/api/runs/{run}/newest/{kitchen}/{environment}", get(newest))
@@ -136,6 +137,10 @@ async fn episodes(
 ) -> Result<Response, Refusal> {
     let query = understood(query)?;
     server.answer(move |runs| runs.episodes(&run, &query)).await
+}
+
+async fn pairs(State(server): State<Server>, Path((run, other)): Path<(String, String)>) -> Result<Response, Refusal> {
+    server.answer(move |runs| runs.pairs([&run, &other])).await
 }
 
 fn understood<T>(query: Result<Query<T>, QueryRejection>) -> Result<T, Refusal> {

@@ -11,7 +11,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
-use view::data::{Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Problem, Runs};
+use view::data::{Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Pairs, Problem, Runs};
 use view::{Settings, serve};
 
 /// What a request shows that has the server's token.
@@ -57,6 +57,9 @@ impl Runs for One {
     }
     fn episodes(&self, run: &str, query: &EpisodeQuery) -> Result<EpisodePage, Problem> {
         self.read(run, EpisodePage { total: query.offset, ..EpisodePage::default() })
+    }
+    fn pairs(&self, [run, _]: [&str; 2]) -> Result<Pairs, Problem> {
+        self.read(run, Pairs::default())
     }
     fn recorded(&self, run: &str, key: EpisodeKey) -> Result<(ReplaySetup, RecordedEpisode), Problem> {
         let kitchen = KitchenId::new(key.kitchen).map_err(|error| Problem::NotThere(error.to_string()))?;

@@ -15,7 +15,7 @@ use rapier3d::math::Pose3;
 use simulator::depth::DepthCamera;
 use simulator::environment::DISTURBED_AXIS_M;
 use simulator::kitchen::Kitchen;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// Where there is no room: on a light page, and on a dark one.
 pub const PAPER: Rgb = [250, 250, 248];
@@ -50,6 +50,8 @@ pub struct Scene {
     moving: Vec<usize>,
     /// Light on the first moment without the robot and what moves. Made with the first fine picture.
     dome: OnceLock<Dome>,
+    /// Light on each sample of the last fine picture: most of the next one shows the same.
+    last: Mutex<Vec<Option<(Lit, f32)>>>,
     pub frame: PlanFrame,
 }
 
@@ -60,7 +62,7 @@ impl Scene {
         let origins = moments[0].things.clone();
         let frame = PlanFrame::of(&fixed);
         let moving = moving(&task, moments);
-        Self { kitchen, task, origins, fixed, moving, dome: OnceLock::new(), frame }
+        Self { kitchen, task, origins, fixed, moving, dome: OnceLock::new(), last: Mutex::default(), frame }
     }
 
     pub fn best(&self, moments: &[Moment]) -> Orbit {
@@ -157,13 +159,33 @@ impl Scene {
     }
 
     fn develop(&self, exposure: Exposure, fine: bool) -> Canvas {
-        let waiting: Vec<Lit> = exposure.waiting().collect();
         let light = if fine {
-            self.dome.get_or_init(|| Dome::over(&self.unmoved(), LAMPS)).light(&waiting)
+            self.soft_light(&exposure)
         } else {
-            waiting.iter().map(|lit| DRAFT_LIGHT * slope(lit)).collect()
+            exposure.waiting().map(|lit| DRAFT_LIGHT * slope(&lit)).collect()
         };
         exposure.develop(&mut light.into_iter())
+    }
+
+    fn soft_light(&self, exposure: &Exposure) -> Vec<f32> {
+        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        let samples: Vec<Option<Lit>> = exposure.lit().collect();
+        last.resize(samples.len(), None);
+        for (before, here) in last.iter_mut().zip(&samples) {
+            *before = before.filter(|(lit, _)| Some(*lit) == *here);
+        }
+        let is_new = |(before, _): &(&Option<_>, &Option<Lit>)| before.is_none();
+        let new: Vec<Lit> = last.iter().zip(&samples).filter(is_new).filter_map(|(_, here)| *here).collect();
+        let mut light = self.dome.get_or_init(|| Dome::over(&self.unmoved(), LAMPS)).light(&new).into_iter();
+        for (before, here) in last.iter_mut().zip(samples).filter(|(before, _)| before.is_none()) {
+            *before = here.zip(here.and_then(|_| light.next()));
+        }
+        last.iter().flatten().map(|(_, light)| *light).collect()
+    }
+
+    /// Gives back the memory of the last picture's light.
+    pub fn forget(&mut self) {
+        self.last = Mutex::default();
     }
 
     /// Draws what is displaced where it stood, and the target through what hides it, such as a wall that is cut.

@@ -73,8 +73,13 @@ impl Exposure {
         Self { width, height, samples }
     }
 
+    /// Of each sample whether light falls on it, and where.
+    pub fn lit(&self) -> impl Iterator<Item = Option<Lit>> + '_ {
+        self.samples.iter().map(|sample| sample.lit.map(|point| Lit { point, normal: sample.normal }))
+    }
+
     pub fn waiting(&self) -> impl Iterator<Item = Lit> + '_ {
-        self.samples.iter().filter_map(|sample| sample.lit.map(|point| Lit { point, normal: sample.normal }))
+        self.lit().flatten()
     }
 
     /// What falls onto each waiting point, in order: as in an earlier picture by the same camera where that shows the

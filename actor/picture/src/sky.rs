@@ -19,7 +19,7 @@ const LIFT_M: f32 = 0.012;
 /// ... and counts as hidden only by what is this much nearer to the lamp, metres.
 const SLACK_M: f32 = 0.012;
 
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lit {
     pub point: Vec3,
     pub normal: Vec3,

@@ -91,3 +91,21 @@ fn what_cannot_be_done_is_answered_and_the_next_request_is_heard() {
         assert!(matches!(answers[at].0, ShowAnswer::Picture { .. }), "{:?}", answers[at].0);
     }
 }
+
+/// What the last picture showed at the same place is not lit anew.
+#[test]
+fn a_fine_picture_is_the_same_whatever_was_drawn_before_it() {
+    let config = Config::default();
+    let opened = open(&config, "a", recorded(&config, &WAY, None));
+    let orbit = ShowOrbit { centre_m: [0.0, 0.8, 0.0], radius_m: 1.5, yaw_rad: 0.4, pitch_rad: 0.6 };
+    let at = |step| match draw("a", step, ShowView::Orbit(orbit.clone()), 96) {
+        ShowRequest::Draw { name, step, view, width, height, dark, .. } => {
+            ShowRequest::Draw { name, step, view, width, height, fine: true, dark }
+        }
+        open => open,
+    };
+    let alone = ask(&[opened.clone(), at(2)]);
+    let after = ask(&[opened, at(0), at(2)]);
+    assert_eq!(alone[1], after[2]);
+    assert_ne!(after[1], after[2], "something moved");
+}

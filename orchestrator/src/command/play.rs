@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 /// It plays on the CPU until Ctrl-C, episode after episode. Without FILE it is the policy that comes with the programs:
 /// trained for 45 million frames, it fetches things in kitchens that it has never seen.
 ///
-/// Keys on the page: space pauses and goes on. With the keyboard in the picture arrow keys turn the camera (with shift they
-/// move it), + and - zoom, 0 puts it back.
+/// Keys on the page: space pauses and goes on. Arrow keys turn the camera (with shift they move it), + and - zoom, 0 puts it
+/// back.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator play                                the shipped policy in the test kitchens

@@ -4,7 +4,7 @@ use proto::kitchen::TargetCategory;
 use proto::task::{Described, Spec};
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
-use view::data::{EpisodeColumn, EpisodeKey, EpisodePage, EpisodeQuery, EpisodeRow, ROWS, ROWS_MAX};
+use view::data::{EpisodeColumn, EpisodeKey, EpisodePage, EpisodeQuery, EpisodeRow, Pairs, ROWS, ROWS_MAX};
 
 pub fn row_of_shelved((kitchen, environment, episode): Key, shelved: &Shelved) -> Option<EpisodeRow> {
     let end = shelved.end.as_ref()?;
@@ -129,6 +129,55 @@ fn sort(rows: &mut [EpisodeRow], column: &str, columns: &[EpisodeColumn]) -> boo
     true
 }
 
+/// Recorded episodes of a run, and what tells which of another run are the same.
+pub struct Pairable {
+    /// Of a training run: what its episodes are drawn by. Those of an evaluation are the same in every one.
+    pub seed: Option<u64>,
+    pub successes: Vec<String>,
+    /// The number that tells two episodes of one outcome apart.
+    pub measure: String,
+    pub rows: Vec<EpisodeRow>,
+    pub indexed: f64,
+}
+
+impl Pairable {
+    fn name<'a>(&self, row: &'a EpisodeRow) -> (u32, Option<u32>, u32, Option<&'a str>, Option<u64>) {
+        let environment = row.environment.filter(|_| self.seed.is_some());
+        (row.kitchen, environment, row.episode, row.target.as_deref(), self.seed)
+    }
+
+    /// Whether it ended well: the smaller the better.
+    fn rank(&self, row: &EpisodeRow) -> usize {
+        self.successes.iter().position(|success| *success == row.outcome).unwrap_or(self.successes.len())
+    }
+}
+
+/// Pairs every episode with the other run's; those that end most differently come first.
+pub fn pairs(runs: [Pairable; 2]) -> Pairs {
+    let [one, other] = &runs;
+    let theirs: HashMap<_, _> = other.rows.iter().map(|row| (other.name(row), row)).collect();
+    let mut found: Vec<_> = one
+        .rows
+        .iter()
+        .filter_map(|row| {
+            let pair = [row, *theirs.get(&one.name(row))?];
+            let ranks = [one.rank(pair[0]), other.rank(pair[1])];
+            let [a, b] = pair.map(|row| number(row, &one.measure).unwrap_or(0.0));
+            Some((ranks, (a - b).abs(), pair))
+        })
+        .collect();
+    found.sort_by(|(a, apart, _), (b, further, _)| {
+        b[0].abs_diff(b[1]).cmp(&a[0].abs_diff(a[1])).then_with(|| further.total_cmp(apart))
+    });
+    let better = |least: fn(&[usize; 2]) -> bool| found.iter().filter(|(ranks, ..)| least(ranks)).count();
+    Pairs {
+        total: found.len(),
+        better: [better(|ranks| ranks[0] < ranks[1]), better(|ranks| ranks[1] < ranks[0])],
+        indexed: one.indexed.min(other.indexed),
+        rows: found.iter().take(ROWS_MAX).map(|(.., pair)| pair.map(EpisodeRow::clone)).collect(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -172,6 +221,27 @@ mod tests {
         assert_eq!(episodes(&by("disturbance_m", true)), [2, 4, 3, 1]);
         assert_eq!(episodes(&by("length", false)), [1, 2, 3, 4]);
         assert_eq!(episodes(&by("no such column", true)), [4, 3, 2, 1]);
+    }
+
+    /// Only the first 500 of each by kitchen were looked through.
+    #[test]
+    fn of_all_that_two_runs_have_those_that_end_otherwise_are_found() {
+        let run = |seed, last: EpisodeRow| {
+            let mut rows: Vec<EpisodeRow> = (0..2000).map(|episode| row(1, 10 + episode, "failure", 0.0)).collect();
+            rows.push(last);
+            let successes = vec!["success-without-disturbance".to_owned(), "success".to_owned()];
+            Pairable { seed, successes, measure: "disturbance_m".to_owned(), rows, indexed: 1.0 }
+        };
+        let found = |seeds: [Option<u64>; 2]| {
+            let one = run(seeds[0], row(30, 1, "success", 0.2));
+            pairs([one, run(seeds[1], row(30, 1, "success-without-disturbance", 0.0))])
+        };
+        let all = found([Some(1), Some(1)]);
+        assert_eq!((all.total, all.better, all.rows.len()), (2001, [0, 1], ROWS_MAX));
+        assert_eq!(all.rows[0].clone().map(|row| row.kitchen), [30, 30]);
+        assert_eq!(found([None, None]).total, 2001, "evaluations play the same episodes");
+        assert_eq!(found([Some(1), Some(2)]).total, 0, "another seed draws others");
+        assert_eq!(found([Some(1), None]).total, 0);
     }
 
     #[test]

@@ -17,7 +17,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
-use view::data::{Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Problem, Runs};
+use view::data::{Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Pairs, Problem, Runs};
 use watched::Watched;
 
 const LIST_EVERY: Duration = Duration::from_secs(2);
@@ -212,6 +212,11 @@ impl Runs for RunReaders {
     fn episodes(&self, run: &str, query: &EpisodeQuery) -> Result<EpisodePage, Problem> {
         let query = query.clone();
         self.with(run, move |watched| watched.episodes(&query))
+    }
+
+    fn pairs(&self, [one, other]: [&str; 2]) -> Result<Pairs, Problem> {
+        let recorded = [self.with(one, Watched::pairable)?, self.with(other, Watched::pairable)?];
+        Ok(episode_table::pairs(recorded))
     }
 
     fn recorded(&self, run: &str, key: EpisodeKey) -> Result<(ReplaySetup, RecordedEpisode), Problem> {

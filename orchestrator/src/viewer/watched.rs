@@ -1,6 +1,6 @@
 //! One run or evaluation that is looked at: what was read of it, so that only what is new is read again.
 
-use super::episode_table;
+use super::episode_table::{self, Pairable};
 use super::logbook::{Found, beginnings, logs_of};
 use super::processes::{Process, Processes};
 use super::roster::Entry;
@@ -290,10 +290,21 @@ impl Watched {
 
     pub fn episodes(&mut self, query: &EpisodeQuery) -> Result<EpisodePage> {
         self.episode_index.advance(LOOK);
-        let mut sources = Vec::new();
         let config = Config::of_run(&self.folder)?;
+        let rows = self.rows(&config, &query.source)?;
+        let page = episode_table::page(config.spec(), rows, query);
+        Ok(EpisodePage {
+            sources: if config.evaluation.is_some() { Vec::new() } else { self.sources() },
+            indexed: self.episode_index.indexed(),
+            notes: self.episode_index.notes.clone(),
+            elsewhere: config.environment.is_some(),
+            ..page
+        })
+    }
+
+    fn rows(&self, config: &Config, source: &str) -> Result<Vec<EpisodeRow>> {
         let spec = config.spec();
-        let rows: Vec<EpisodeRow> = if config.evaluation.is_some() {
+        if config.evaluation.is_some() {
             let recorded: HashMap<(u32, u32), EpisodeKey> = self
                 .episode_index
                 .episodes()
@@ -302,29 +313,38 @@ impl Watched {
                     Some(((kitchen, shelved.fixed?), EpisodeKey { kitchen, environment, episode }))
                 })
                 .collect();
-            let played = records_in(config.spec(), &self.folder)?;
+            let played = records_in(spec, &self.folder)?;
             let played = if played.is_empty() { journal::read(&self.folder)? } else { played };
-            played.iter().map(|record| episode_table::row_of_record(spec, record, &recorded)).collect()
-        } else {
-            sources = self.sources();
-            if let Some(rollout) = RolloutName::Folder.rollout_of(Path::new(&query.source)) {
-                let records = records_in(spec, &result_folder(&self.folder, rollout))?;
-                records.iter().map(|record| episode_table::row_of_record(spec, record, &HashMap::new())).collect()
-            } else {
-                let of =
-                    |(key, shelved): (_, &Shelved)| Some((shelved.order, episode_table::row_of_shelved(key, shelved)?));
-                let mut ended: Vec<(u64, EpisodeRow)> = self.episode_index.episodes().filter_map(of).collect();
-                ended.sort_unstable_by_key(|(order, _)| *order);
-                ended.into_iter().map(|(_, row)| row).collect()
-            }
-        };
-        let page = episode_table::page(spec, rows, query);
-        Ok(EpisodePage {
-            sources,
+            return Ok(played.iter().map(|record| episode_table::row_of_record(spec, record, &recorded)).collect());
+        }
+        if let Some(rollout) = RolloutName::Folder.rollout_of(Path::new(source)) {
+            let records = records_in(spec, &result_folder(&self.folder, rollout))?;
+            return Ok(records
+                .iter()
+                .map(|record| episode_table::row_of_record(spec, record, &HashMap::new()))
+                .collect());
+        }
+        let of = |(key, shelved): (_, &Shelved)| Some((shelved.order, episode_table::row_of_shelved(key, shelved)?));
+        let mut ended: Vec<(u64, EpisodeRow)> = self.episode_index.episodes().filter_map(of).collect();
+        ended.sort_unstable_by_key(|(order, _)| *order);
+        Ok(ended.into_iter().map(|(_, row)| row).collect())
+    }
+
+    /// Its recorded episodes, to be found in another run.
+    pub fn pairable(&mut self) -> Result<Pairable> {
+        self.episode_index.advance(LOOK);
+        let config = Config::of_run(&self.folder)?;
+        let spec = config.spec();
+        Ok(Pairable {
+            seed: config.evaluation.is_none().then_some(config.seed),
+            successes: spec.good_outcomes().collect(),
+            measure: spec.shown().into_iter().find(|one| !one.is_share()).map(|one| one.name).unwrap_or_default(),
+            // Only kitchens are drawn here.
+            rows: match config.environment {
+                None => self.rows(&config, "")?.into_iter().filter(|row| row.key.is_some()).collect(),
+                Some(_) => Vec::new(),
+            },
             indexed: self.episode_index.indexed(),
-            notes: self.episode_index.notes.clone(),
-            elsewhere: config.environment.is_some(),
-            ..page
         })
     }
 

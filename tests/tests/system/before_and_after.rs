@@ -66,6 +66,11 @@ fn the_report_s_page_is_whole(workshop: &Workshop, browser: &mut Browser) {
     }
     browser.resize(1280, 900);
     assert_eq!(browser.value("document.documentElement.scrollWidth <= innerWidth"), true, "nothing scrolls sideways");
+    browser.resize(400, 800);
+    let cut = "[...document.querySelectorAll('.fold')].filter((one) => one.scrollWidth > one.parentElement.clientWidth).length";
+    assert_eq!(browser.value(cut), 0, "tables are folded on a phone");
+    assert_eq!(browser.value("document.documentElement.scrollWidth <= innerWidth"), true, "nor does a phone");
+    browser.resize(1280, 900);
     // What the pictures show is there: a picture that cannot be decoded has no size.
     let sizes = browser.value("[...document.querySelectorAll('#episode-1 img')].map((image) => image.naturalWidth)");
     assert!(sizes.as_array().is_some_and(|sizes| sizes.iter().all(|width| width == 320)), "{sizes}");
@@ -82,6 +87,9 @@ fn side_by_side(workshop: &Workshop, browser: &mut Browser) {
     // The same fixed episode: both have one target, and both are told of under their own name.
     let shown = browser.value("[...document.querySelectorAll('.twins section')].map((one) => one.ariaLabel)");
     assert_eq!(shown, serde_json::json!(["before", "after"]));
+    let said = browser.value("document.querySelector('#difference').innerText");
+    let said = said.as_str().expect("text");
+    assert!(said.contains("isturbance: A ") && said.contains("actions"), "how they differ is said: {said}");
     let proofs = browser.value("document.body.innerText.match(/states are as recorded/g)?.length");
     assert_eq!(proofs, 2, "both are simulated as they were recorded");
     let drawn = |from: u32, to: u32| {

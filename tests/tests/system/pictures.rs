@@ -17,10 +17,10 @@ fn the_pictures_of_the_documents_are_made_where_they_are_asked_for() {
     let workshop = Workshop::new();
     let viewer = Viewer::start(&workshop, &[run.to_str().expect("a name that is text")]);
     browser.keep_downloads_in(&workshop.path(""));
-    browser.resize(1280, 960);
+    browser.resize(1280, 800);
     browser.open(&viewer.page());
     browser.wait_for("Number(document.querySelector('[data-figure=\"episode/success\"]')?.dataset.points) > 1");
-    browser.wait_for("document.querySelectorAll('.tiles canvas[data-step]').length > 0");
+    browser.wait_for("[...document.querySelectorAll('.tiles canvas')].every(({ dataset }) => dataset.step)");
     keep(&mut browser, &folder, "view.png");
 
     // What it is about: the target is fetched, and nothing else moves. Long episodes make long films.
@@ -31,7 +31,6 @@ fn the_pictures_of_the_documents_are_made_where_they_are_asked_for() {
     browser.wait_for("document.querySelector('table.episodes tr.link a')");
     browser.value("document.querySelector('table.episodes tr.link a').click()");
     browser.wait_for("document.querySelector('canvas.orbit')?.dataset.fine === '0'");
-    browser.resize(940, 700);
     browser.press("End");
     browser.wait_for(
         "document.querySelector('canvas.orbit').dataset.fine === document.querySelector('input[type=range]').max",

@@ -123,6 +123,8 @@ fn thumbnails_are_tried_again(browser: &mut Browser) {
            await showRun(planted.root, 'watched', planted.leaving.signal); \
          })()",
     );
+    let kept = "planted.root.querySelectorAll('.tiles figure').length === 6";
+    assert_eq!(browser.value(kept), true, "what comes late has its room");
     browser.wait_for("planted.failing < 0 && planted.root.querySelector('.tiles canvas.room[data-step]')");
     browser.value(
         "(async () => { \
@@ -157,6 +159,8 @@ fn what_is_waited_for_is_said(browser: &mut Browser) {
     browser.wait_for("planted.root.textContent.includes('simulated again … 2 s')");
     browser.value("planted.go()");
     browser.wait_for("planted.root.querySelector('.picture')?.textContent.includes('The room is drawn … 1 s')");
+    // The room, what the robot sees, and the floor plan say that they are not there yet.
+    assert_eq!(browser.value("planted.root.querySelectorAll('.waits > .busy').length"), 3);
     browser.value("planted.leaving.abort(); window.fetch = planted.own; 0");
 }
 
@@ -274,6 +278,14 @@ fn two_are_beside_one_another(browser: &mut Browser, workshop: &Workshop) {
     // Nothing is there that only one of them has.
     assert_eq!(browser.value("document.querySelector('section[aria-label=Progress]') === null"), true);
     keep(browser, "two");
+    browser.resize(390, 800);
+    browser.value("location.hash = '#/compare/watched/copied'");
+    browser.wait_for("document.querySelector('#difference')?.innerText.includes('All their actions are the same.')");
+    let width = browser.value("document.documentElement.scrollWidth");
+    assert!(width.as_u64().is_some_and(|width| width <= 390), "{width} pixels wide on a screen of 390");
+    browser.wait_for("document.querySelectorAll('.twins canvas.orbit[data-fine]').length === 2");
+    keep(browser, "compared");
+    browser.resize(1280, 900);
 }
 
 fn narrow_and_dark(browser: &mut Browser) {
@@ -293,6 +305,8 @@ fn narrow_and_dark(browser: &mut Browser) {
                 width.as_u64().is_some_and(|width| width <= 390),
                 "{page} is {width} pixels wide on a screen of 390"
             );
+            let folded = "[...document.querySelectorAll('.fold')].every((one) => one.scrollWidth <= one.parentElement.clientWidth)";
+            assert_eq!(browser.value(folded), true, "no table of {page} is cut");
         }
         keep(browser, &format!("narrow-{scheme}"));
         browser.resize(1280, 900);
