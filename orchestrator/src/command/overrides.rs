@@ -1,6 +1,7 @@
 //! Options that `up`, `import`, `config` and `doctor` share: what the user lays over a preset. Each lies over those
 //! before it: preset, `--config`, `--set`, the other flags.
 
+use crate::wrong::judged;
 use anyhow::{Context, Result};
 use clap::Args;
 use proto::bounded;
@@ -97,7 +98,8 @@ impl Overrides {
 
     fn preset_in_file(&self) -> Result<Option<String>> {
         let Some(path) = &self.config else { return Ok(None) };
-        let text = bounded::read_text(path).with_context(|| format!("cannot read configuration {}", path.display()))?;
+        let text = bounded::read_text(path).with_context(|| format!("cannot read configuration {}", path.display()));
+        let text = judged(text)?;
         // A broken file is reported with its line when it is read in earnest.
         let table: Option<toml::Table> = toml::from_str(&text).ok();
         Ok(table.and_then(|table| Some(table.get("preset")?.as_str()?.to_owned())))

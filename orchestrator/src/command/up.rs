@@ -12,6 +12,7 @@ use crate::run::checkpoints::read_manifest;
 use crate::run::create::{check_free, create, new_folder};
 use crate::run::identity::unix_now;
 use crate::run::scenes;
+use crate::suite;
 use crate::supervisor::process::{TOKEN, TOKEN_FILE};
 use crate::training::next_steps;
 use crate::training::run::TrainingRun;
@@ -110,6 +111,7 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
         return go_on(folder, config, started, args.hosts.patience().lost);
     }
     if let Some(from) = &args.from {
+        suite::refuse(from)?;
         config.from = Some(begin_from(&find(from)?.checkpoint()?, &config)?);
     }
     // The default was needed: nobody asked for a preset, on the command line or in a file.
