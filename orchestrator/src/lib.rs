@@ -147,6 +147,12 @@ mod tests {
         let unknown = proto::config::Config::resolve("demmo", None).unwrap_err();
         assert!(wrong::is_wrong(&anyhow::Error::from(unknown).context("a suite")));
         assert!(!wrong::is_wrong(&anyhow::anyhow!("the disk is full")));
+        let unreadable = |cause: std::io::ErrorKind| {
+            let path = "a.toml".into();
+            wrong::is_wrong(&proto::config::ConfigError::Unreadable { path, cause: cause.into() }.into())
+        };
+        assert!(unreadable(std::io::ErrorKind::NotFound));
+        assert!(!unreadable(std::io::ErrorKind::StaleNetworkFileHandle));
     }
 
     #[test]

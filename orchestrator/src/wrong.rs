@@ -5,6 +5,7 @@ use anyhow::{Error, Result};
 use proto::config::ConfigError;
 use proto::stage::TooFewFrames;
 use std::fmt::{Display, Formatter};
+use std::io::ErrorKind;
 
 /// The command line, or a file or folder that it names, is wrong or not there: the exit status is 2, since the same call
 /// fails again.
@@ -38,11 +39,24 @@ macro_rules! demand {
 
 pub(crate) use demand;
 
+const NAMED_WRONGLY: [ErrorKind; 5] = [
+    ErrorKind::NotFound,
+    ErrorKind::PermissionDenied,
+    ErrorKind::InvalidInput,
+    ErrorKind::InvalidData,
+    ErrorKind::FileTooLarge,
+];
+
 pub fn is_wrong(error: &Error) -> bool {
-    // A run's own files are not what the user typed.
-    let of_run = |cause: &ConfigError| matches!(cause, ConfigError::OfRun { .. } | ConfigError::OtherTask { .. });
+    let of_config = |cause: &ConfigError| match cause {
+        // A disk that fails may work again.
+        ConfigError::Unreadable { cause, .. } => NAMED_WRONGLY.contains(&cause.kind()),
+        // A run's own files are not what the user typed.
+        ConfigError::OfRun { .. } | ConfigError::OtherTask { .. } => false,
+        _ => true,
+    };
     let is_typed = |cause: &(dyn std::error::Error + 'static)| {
         cause.is::<Wrong>() || cause.is::<MembershipError>() || cause.is::<TooFewFrames>()
     };
-    error.chain().any(|cause| is_typed(cause) || cause.downcast_ref().is_some_and(|cause| !of_run(cause)))
+    error.chain().any(|cause| is_typed(cause) || cause.downcast_ref().is_some_and(of_config))
 }

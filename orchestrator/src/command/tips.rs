@@ -60,7 +60,7 @@ const OPTIONS: &[(&str, &str, &str)] = &[
         "it is `--run FOLDER`",
         "out output output-dir logdir log-dir log-folder name exp-name run-name experiment-name",
     ),
-    ("up", "it is `--set checkpoint.every_frames=N`", "save-freq save-interval"),
+    ("up", "it is `--set checkpoint.interval_s=SECONDS`", "save-freq save-interval"),
     ("up", "it is `--set validation.every_frames=N`", "eval-freq eval-interval"),
     ("up", "it is `--preset NAME`, or `--env gymnasium:ID` for a simulator of your own", "task env-id experiment"),
     ("resume", "it is `--frames N`, of the whole run", "steps timesteps total-timesteps n-timesteps max-iterations"),

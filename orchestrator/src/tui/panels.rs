@@ -15,7 +15,7 @@ use view::data::{Kitchen, Live, LogLine, Worker};
 
 pub const STAGES: [Color; 4] = [Color::Cyan, Color::Yellow, Color::Green, Color::Magenta];
 /// Columns of a kitchen's row: its number, episodes and two figures.
-const KITCHEN_COLUMNS: u16 = 33;
+const KITCHEN_COLUMNS: u16 = 32;
 const SECOND: Color = Color::DarkGray;
 
 pub fn chart(frame: &mut Frame, area: Rect, model: &Model, live: &Live, number: usize) {
@@ -189,7 +189,7 @@ pub fn kitchens(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
     // Side by side where one below the other they do not fit.
     let blocks = if known.len() > height { (inner / KITCHEN_COLUMNS).clamp(1, 3) } else { 1 };
     let width = |metric: &Described| (metric.label.chars().count() as u16 + 1).max(7);
-    let mut left = (inner / blocks).saturating_sub(18);
+    let mut left = (inner / blocks).saturating_sub(17);
     let fits = |metric: &&Described| left.checked_sub(width(metric)).map(|rest| left = rest).is_some();
     let metrics: Vec<&Described> = live.card.metrics.iter().take_while(fits).collect();
     let (shown, more) = window(known.len(), model.scrolled, height * usize::from(blocks));
@@ -209,7 +209,7 @@ pub fn kitchens(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
         )
     };
     let rows: Vec<Row> = (0..height.min(all.len())).map(row).collect();
-    let widths = || [9, 9].into_iter().chain(metrics.iter().map(|metric| width(metric))).map(Constraint::Length);
+    let widths = || [8, 9].into_iter().chain(metrics.iter().map(|metric| width(metric))).map(Constraint::Length);
     let labels = || ["kitchen", "episodes"].into_iter().chain(metrics.iter().map(|metric| metric.label.as_str()));
     let times = usize::from(blocks);
     let head = Row::new((0..times).flat_map(|_| labels())).bold();
