@@ -7,6 +7,7 @@ use anyhow::Result;
 use clap::Parser;
 use command::{Command, RolloutArgs};
 use engine::whereabouts;
+use simulator::scene_file::SceneError;
 use std::process::ExitCode;
 
 wire::require_processor!();
@@ -38,7 +39,9 @@ fn main() -> ExitCode {
             } else {
                 tracing::error!("{error:#}{place}");
             }
-            ExitCode::FAILURE
+            // As of a command line that cannot be read: the scene that it names is wrong.
+            let is_wrong = is_command && error.chain().any(|cause| cause.is::<SceneError>());
+            if is_wrong { ExitCode::from(2) } else { ExitCode::FAILURE }
         }
     }
 }

@@ -25,7 +25,8 @@ const WIDTH_MAX: u32 = 8192;
 #[derive(Debug, Clone)]
 pub struct SheetOptions {
     pub subjects: Vec<Subject>,
-    pub width: u32,
+    /// Pixels; of few kitchens less than of many if it is not given.
+    pub width: Option<u32>,
     pub out: PathBuf,
 }
 
@@ -75,18 +76,16 @@ impl fmt::Display for Subject {
 
 pub fn sheet(options: &SheetOptions) -> Result<()> {
     ensure!(!options.subjects.is_empty(), "no kitchen was asked for");
-    ensure!(
-        (WIDTH_MIN..=WIDTH_MAX).contains(&options.width),
-        "a sheet is {WIDTH_MIN} to {WIDTH_MAX} pixels wide, not {}",
-        options.width
-    );
-    let columns = options.subjects.len().min(COLUMNS).min(options.width as usize / CELL_LEAST).max(1);
+    let width = options.width.unwrap_or((440 * options.subjects.len().min(COLUMNS) as u32).max(1100));
+    ensure!((WIDTH_MIN..=WIDTH_MAX).contains(&width), "a sheet is {WIDTH_MIN} to {WIDTH_MAX} pixels wide, not {width}");
+    let width = width as usize;
+    let columns = options.subjects.len().min(COLUMNS).min(width / CELL_LEAST).max(1);
     let rows = options.subjects.len().div_ceil(columns);
-    let cell = (options.width as usize - MARGIN) / columns - MARGIN;
+    let cell = (width - MARGIN) / columns - MARGIN;
     let side = cell / 2;
     let pairs = draw_all(&options.subjects, side)?;
 
-    let (width, height) = (options.width as usize, HEAD + rows * (TITLE + side + MARGIN) + MARGIN);
+    let height = HEAD + rows * (TITLE + side + MARGIN) + MARGIN;
     let mut canvas = Canvas::new(width, height, PAPER);
     let end = canvas.text("Stillroom kitchens", 26.0, MARGIN as f32, 31.0, INK);
     let legend = format!(
@@ -94,7 +93,7 @@ pub fn sheet(options: &SheetOptions) -> Result<()> {
         pairs.iter().map(|(_, _, things)| *things).sum::<usize>()
     );
     // On a narrow sheet it would be cut.
-    if end + 18.0 + 8.0 * legend.len() as f32 <= options.width as f32 {
+    if end + 18.0 + 8.0 * legend.len() as f32 <= width as f32 {
         canvas.text(&legend, 17.0, end + 18.0, 31.0, FAINT);
     }
     for (index, (subject, (views, plan, things))) in options.subjects.iter().zip(&pairs).enumerate() {

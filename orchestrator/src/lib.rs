@@ -20,6 +20,7 @@ mod supervisor;
 mod training;
 mod tui;
 mod viewer;
+mod wrong;
 
 pub use recording::recorder::{Gap, Ledger, Tally, Verdict};
 pub use supervisor::clock::Clock;
@@ -37,10 +38,10 @@ use std::process::ExitCode;
 #[command(
     version,
     propagate_version = true,
-    after_help = "Exit status: 0 when all went well (an orderly stop included), 1 on failure, 2 on wrong usage, 6 if \
-                  recordings are damaged or not complete (recover, replay), 7 if a host of the run was lost, 75 if it \
-                  was saved for a scheduler that starts it again (SIGUSR1, or a launcher's SIGTERM), 130 after a second \
-                  Ctrl-C."
+    after_help = "Exit status: 0 when all went well (an orderly stop included), 1 on failure, 2 if the command line, or \
+                  a file or folder that it names, is wrong or not there, 6 if recordings are damaged or not complete \
+                  (recover, replay), 7 if a host of the run was lost, 75 if it was saved for a scheduler that starts it \
+                  again (SIGUSR1, or a launcher's SIGTERM), 130 after a second Ctrl-C."
 )]
 struct CommandLine {
     #[command(subcommand)]
@@ -125,20 +126,8 @@ pub fn main(version: &'static str) -> ExitCode {
     let result = result.and_then(|code| output::terminal::demand_written().map(|()| code));
     result.unwrap_or_else(|error| {
         output::terminal::note(&format!("error: {error:#}"));
-        ExitCode::from(status_of(&error))
+        ExitCode::from(if wrong::is_wrong(&error) { 2 } else { 1 })
     })
-}
-
-/// As of a command line that cannot be read: 2, if what was asked is wrong in itself.
-fn status_of(error: &anyhow::Error) -> u8 {
-    use proto::config::ConfigError::{Invalid, OutOfRange, UnknownKey, UnknownPreset, UnknownTask};
-    let wrong = error.downcast_ref().is_some_and(|cause| {
-        matches!(
-            cause,
-            UnknownPreset { .. } | UnknownKey { .. } | Invalid { .. } | OutOfRange { .. } | UnknownTask { .. }
-        )
-    });
-    if wrong { 2 } else { 1 }
 }
 
 /// Refuses a current folder that was removed: libraries and children would fail in it for reasons that hide this one.
@@ -156,8 +145,14 @@ mod tests {
     #[test]
     fn a_wrong_preset_ends_as_a_wrong_option_does() {
         let unknown = proto::config::Config::resolve("demmo", None).unwrap_err();
-        assert_eq!(status_of(&unknown.into()), 2);
-        assert_eq!(status_of(&anyhow::anyhow!("the disk is full")), 1);
+        assert!(wrong::is_wrong(&anyhow::Error::from(unknown).context("a suite")));
+        assert!(!wrong::is_wrong(&anyhow::anyhow!("the disk is full")));
+        let unreadable = |cause: std::io::ErrorKind| {
+            let path = "a.toml".into();
+            wrong::is_wrong(&proto::config::ConfigError::Unreadable { path, cause: cause.into() }.into())
+        };
+        assert!(unreadable(std::io::ErrorKind::NotFound));
+        assert!(!unreadable(std::io::ErrorKind::StaleNetworkFileHandle));
     }
 
     #[test]

@@ -73,26 +73,53 @@ impl Exposure {
         Self { width, height, samples }
     }
 
-    /// Of each sample whether light falls on it, and where.
+    /// Of each sample whether it waits for its light, and where: one of each surface in each pixel, whose light the others
+    /// take.
     pub fn lit(&self) -> impl Iterator<Item = Option<Lit>> + '_ {
-        self.samples.iter().map(|sample| sample.lit.map(|point| Lit { point, normal: sample.normal }))
+        (0..self.samples.len()).map(|index| {
+            let sample = &self.samples[index];
+            let point = sample.lit.filter(|_| self.first(index) == index)?;
+            Some(Lit { point, normal: sample.normal })
+        })
     }
 
     pub fn waiting(&self) -> impl Iterator<Item = Lit> + '_ {
         self.lit().flatten()
     }
 
+    /// The first sample of a sample's pixel that shows the same surface.
+    fn first(&self, index: usize) -> usize {
+        let columns = self.width * SAMPLES;
+        let (x, y) = (index % columns / SAMPLES * SAMPLES, index / columns / SAMPLES * SAMPLES);
+        let here = &self.samples[index];
+        let same = |&at: &usize| {
+            let other = &self.samples[at];
+            other.lit.is_some() && (other.body, other.normal) == (here.body, here.normal)
+        };
+        (0..SAMPLES * SAMPLES).map(|at| (y + at / SAMPLES) * columns + x + at % SAMPLES).find(same).unwrap_or(index)
+    }
+
+    /// The light of each sample, of those that wait for it.
+    fn spread(&self, light: &mut impl Iterator<Item = f32>) -> Vec<f32> {
+        let mut all = vec![0.0; self.samples.len()];
+        for index in (0..all.len()).filter(|&index| self.samples[index].lit.is_some()) {
+            let first = self.first(index);
+            all[index] = if first == index { light.next().unwrap_or(0.0) } else { all[first] };
+        }
+        all
+    }
+
     /// What falls onto each waiting point, in order: as in an earlier picture by the same camera where that shows the
     /// same surface, else by the surface's slope alone. The soft light of a whole picture takes a second; this takes
     /// none, and what moves is small.
     pub fn light_as_in<'a>(&'a self, earlier: &'a Self, light: &'a [f32]) -> impl Iterator<Item = f32> + 'a {
-        let mut known = light.iter();
-        self.samples.iter().zip(&earlier.samples).filter_map(move |(here, before)| {
-            let before_light = if before.lit.is_some() { known.next().copied() } else { None };
+        let known = earlier.spread(&mut light.iter().copied());
+        (0..self.samples.len()).filter(|&index| self.first(index) == index).filter_map(move |index| {
+            let (here, before) = (&self.samples[index], &earlier.samples[index]);
             here.lit?;
             let same = here.body == before.body && (here.depth_m - before.depth_m).abs() < SAME_SURFACE_M;
             let slope_light = SIDE_LIGHT + (1.0 - SIDE_LIGHT) * here.normal.y.max(0.0);
-            Some(before_light.filter(|_| same).unwrap_or(slope_light))
+            Some(if same && before.lit.is_some() { known[index] } else { slope_light })
         })
     }
 
@@ -107,9 +134,9 @@ impl Exposure {
 
     /// The picture; `light` yields what falls onto each of the waiting points, in order.
     pub fn develop(mut self, light: &mut impl Iterator<Item = f32>) -> Canvas {
-        for sample in &mut self.samples {
+        for (index, sky) in self.spread(light).into_iter().enumerate() {
+            let sample = &mut self.samples[index];
             if sample.lit.is_some() {
-                let sky = light.next().unwrap_or(0.0);
                 let light = AMBIENT + SKY * sky + HEAD_LAMP * sample.facing;
                 sample.colour = sample.colour.map(|channel| channel * light);
             }

@@ -1,11 +1,11 @@
 //! `actor check --scene`: everything that a scene must satisfy, in one line, and a copy of its files.
 
 use super::kitchens::scene_problems;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::disk::{copy, sync_folder};
 use proto::kitchen::{KitchenId, TargetCategory};
-use simulator::scene_file::{load, read};
+use simulator::scene_file::{Problem, SceneError, load, read};
 use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::Path;
@@ -14,12 +14,14 @@ use std::sync::Arc;
 /// Loads a scene, proves that nothing in it moves by itself, and says what it offers. With `copy`, its files are
 /// copied into that folder, which is made. With `targets_only` it says the categories of its targets alone, one a line.
 pub fn run(path: &Path, copy: Option<&Path>, targets_only: bool, mut out: impl Write) -> Result<()> {
-    ensure!(!path.is_dir(), "{0} is a folder: name the scene's file, such as {0}/scene.toml", path.display());
     let config = Config::default();
     let id = KitchenId::scene(0).context("there is a first scene")?;
     let kitchen = Arc::new(load(path, id, &config.simulation)?);
-    let found: Vec<String> = scene_problems(&kitchen, &config).iter().map(ToString::to_string).collect();
-    ensure!(found.is_empty(), "{}:\n  {}", path.display(), found.join("\n  "));
+    let found = scene_problems(&kitchen, &config).into_iter();
+    let problems: Vec<Problem> = found.map(|problem| Problem::Unfit(problem.to_string())).collect();
+    if !problems.is_empty() {
+        return Err(SceneError { file: path.to_path_buf(), problems }.into());
+    }
     let targets = TargetCategory::ALL.into_iter().filter(|&target| !kitchen.target_spots(target).is_empty());
     if targets_only {
         targets.map(TargetCategory::name).try_for_each(|target| writeln!(out, "{target}"))?;

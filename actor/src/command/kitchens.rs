@@ -16,9 +16,9 @@ pub enum KitchensCommand {
         /// Scenes of your own instead: their TOML files.
         #[arg(long, value_name = "FILE.toml", conflicts_with = "kitchens", num_args = 1..)]
         scene: Vec<PathBuf>,
-        /// Width of the picture, pixels.
-        #[arg(long, default_value_t = 2200, value_name = "PIXELS")]
-        width: u32,
+        /// Width of the picture, pixels [default: 1100 to 2200, by the number of kitchens].
+        #[arg(long, value_name = "PIXELS")]
+        width: Option<u32>,
         /// The PNG file.
         #[arg(long, value_name = "FILE")]
         out: PathBuf,

@@ -357,6 +357,26 @@ fn a_thing_that_hangs_in_the_air_is_named() {
     assert!(message.contains("while coming to rest: it hangs in the air"), "{message}");
 }
 
+/// It fell without end, and was said to hang in the air.
+#[test]
+fn a_thing_outside_of_the_room_is_named_with_the_rooms_bounds() {
+    let folder = tempfile::tempdir().unwrap();
+    let studio = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes/studio");
+    std::fs::copy(studio.join("scene.toml"), folder.path().join("scene.toml")).unwrap();
+    let bytes = std::fs::read(studio.join("studio.glb")).unwrap();
+    let glb = gltf::binary::Glb::from_slice(&bytes).unwrap();
+    let mut root: serde_json::Value = serde_json::from_slice(&glb.json).unwrap();
+    let nodes = root["nodes"].as_array_mut().unwrap();
+    let apple = nodes.iter_mut().find(|node| node["name"] == "Apple").unwrap();
+    apple["translation"] = serde_json::json!([9.0, 0.05, 0.0]);
+    let changed = gltf::binary::Glb { json: serde_json::to_vec(&root).unwrap().into(), ..glb };
+    std::fs::write(folder.path().join("studio.glb"), changed.to_vec().unwrap()).unwrap();
+    let message = load(&folder.path().join("scene.toml")).unwrap_err();
+    let expected = "node Apple: its middle is at x 9.00 m, z 0.00 m, outside of the room: its floor reaches from x -";
+    assert!(message.contains(expected) && message.contains("scene.toml: "), "{message}");
+    assert_eq!(message.lines().count(), 1, "{message}");
+}
+
 #[test]
 fn files_that_are_not_there_or_not_sound_are_named() {
     let folder = tempfile::tempdir().unwrap();

@@ -3,7 +3,10 @@ use crate::recording::episodes::{Recorded, gather};
 use crate::recording::files_at;
 use crate::recording::reader::RecordingError;
 use crate::recording::wanted::Wanted;
+use crate::run::identity::perhaps;
+use crate::suite;
 use crate::training::summary::Summary;
+use crate::wrong::demand;
 use anyhow::{Result, bail};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
@@ -48,6 +51,8 @@ impl Choice {
     pub fn gather(&self, paths: &[PathBuf]) -> Result<Chosen> {
         let mut files = Vec::new();
         for path in paths {
+            demand!(path.exists(), "{} does not exist{}", path.display(), perhaps(path));
+            suite::refuse(path)?;
             files.extend(recordings_at(path)?);
         }
         files.sort_by(|a, b| by_number(a, b));

@@ -1,6 +1,9 @@
 use crate::comparison::Comparison;
 use crate::output::terminal;
-use anyhow::{Result, bail, ensure};
+use crate::run::identity::perhaps;
+use crate::suite;
+use crate::wrong::demand;
+use anyhow::Result;
 use std::path::PathBuf;
 
 /// Show in what runs or evaluations differ, and what they came to, a column each
@@ -23,10 +26,11 @@ pub struct CompareArgs {
 }
 
 pub fn run(args: &CompareArgs) -> Result<()> {
-    if let Some(gone) = args.runs.iter().find(|run| !run.exists()) {
-        bail!("{} does not exist", gone.display());
+    for run in &args.runs {
+        demand!(run.exists(), "{} does not exist{}", run.display(), perhaps(run));
+        suite::refuse(run)?;
     }
-    ensure!(args.runs.len() > 1, "there is nothing to compare {} with: give two runs or more", args.runs[0].display());
+    demand!(args.runs.len() > 1, "there is nothing to compare {} with: give two runs or more", args.runs[0].display());
     let comparison = Comparison::read(&args.runs)?;
     if args.json {
         terminal::out_json(&comparison)?;

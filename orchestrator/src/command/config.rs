@@ -1,7 +1,8 @@
 use super::overrides::{Overrides, default_preset};
 use crate::output::terminal;
 use crate::preflight::programs::Tools;
-use anyhow::{Context, Result, ensure};
+use crate::wrong::demand;
+use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
 use std::path::{Path, PathBuf};
@@ -54,7 +55,7 @@ pub fn run(args: &ConfigArgs) -> Result<()> {
 fn write(file: &Path, config: &Config) -> Result<()> {
     // What is written whole takes the place of what was there: not that of a folder, or of /dev/stdout.
     let other = std::fs::metadata(file).is_ok_and(|found| !found.is_file());
-    ensure!(!other, "{} is no file: name another one with --out", file.display());
+    demand!(!other, "{} is no file: name another one with --out", file.display());
     write_atomically(file, config.to_toml().as_bytes()).with_context(|| format!("cannot write {}", file.display()))
 }
 

@@ -7,6 +7,7 @@ use crate::run::create::check_free;
 use crate::run::remains::survey;
 use crate::run::scenes;
 use crate::supervisor::session::shape;
+use crate::wrong::is_wrong;
 use anyhow::Result;
 use proto::device::Torch;
 use proto::run_folder::RunFolder;
@@ -16,7 +17,7 @@ use std::process::ExitCode;
 
 /// Check everything that `up` would check, and show what is found
 ///
-/// The exit status is 1 if something would keep `up` from running.
+/// The exit status is not 0 if something would keep `up` from running.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator doctor
@@ -67,8 +68,12 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
     }
     let default = || Ok(torch.as_ref().map_or("demo", default_preset));
     let preset = args.overrides.preset(args.preset.as_deref(), default)?;
+    let mut code = ExitCode::FAILURE;
     match args.overrides.resolve(&preset) {
-        Err(error) => table.row("configuration", Finding::Problem(format!("{error:#}"))),
+        Err(error) => {
+            code = if is_wrong(&error) { ExitCode::from(2) } else { code };
+            table.row("configuration", Finding::Problem(format!("{error:#}")));
+        }
         Ok(config) => {
             let frames = format::count(proto::stage::total_frames(&config.stages));
             let shape = format!("preset {}: {}, {frames} frames", config.preset, shape(&config));
@@ -90,7 +95,7 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
         table.row("remains", remains()?);
     }
     table.end()?;
-    Ok(if table.is_good() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(if table.is_good() { ExitCode::SUCCESS } else { code })
 }
 
 fn remains() -> Result<Finding> {

@@ -2,7 +2,8 @@ use super::overrides::Overrides;
 use crate::environment::consent;
 use crate::environment::describe::{Answer, demand_build, describe};
 use crate::preflight::programs::on_path;
-use anyhow::{Context, Result, bail, ensure};
+use crate::wrong::{demand, wrong};
+use anyhow::{Context, Result, anyhow, ensure};
 use clap::Args;
 use proto::bounded;
 use proto::config::{EnvironmentConfig, Setting};
@@ -41,7 +42,7 @@ impl EnvironmentFlags {
     /// consent to start it. `given`: what the user sets beside it.
     pub fn settings(&self, given: &Overrides) -> Result<Vec<Setting>> {
         let Some(command) = self.command()? else {
-            ensure!(self.env_declaration.is_none(), "--env-declaration goes with --env or --env-command");
+            demand!(self.env_declaration.is_none(), "--env-declaration goes with --env or --env-command");
             return Ok(vec![]);
         };
         let mut environment = EnvironmentConfig { command, declaration: String::new() };
@@ -74,14 +75,16 @@ impl EnvironmentFlags {
 
     fn command(&self) -> Result<Option<Vec<String>>> {
         if let Some(command) = &self.env_command {
-            ensure!(!command.trim().is_empty(), "--env-command is empty");
+            demand!(!command.trim().is_empty(), "--env-command is empty");
             // A shell reads it, in the folder where the user wrote it, and adds what the orchestrator says.
             let script = format!("cd {} && exec {command} \"$@\"", quoted(std::env::current_dir()?));
             return Ok(Some(["sh", "-c", &script, "sh"].map(str::to_owned).to_vec()));
         }
         let Some(env) = &self.env else { return Ok(None) };
         let Some((place, name)) = env.split_once(':') else {
-            bail!("--env {env}: expected gymnasium:ID, envpool:ID, package.module:function or ./file.py:function")
+            return Err(wrong(anyhow!(
+                "--env {env}: expected gymnasium:ID, envpool:ID, package.module:function or ./file.py:function"
+            )));
         };
         let text = |path: PathBuf| path.into_os_string().into_string().ok().context("a path is not text");
         let absolute = |path: &Path| std::path::absolute(path).context("the current folder").and_then(text);
@@ -93,7 +96,7 @@ impl EnvironmentFlags {
         }
         if let Some(kwargs) = &self.env_kwargs {
             let table: serde_json::Value = serde_json::from_str(kwargs).context("--env-kwargs is no JSON")?;
-            ensure!(table.is_object(), "--env-kwargs is {table}, not an object such as {{\"size\": 5}}");
+            demand!(table.is_object(), "--env-kwargs is {table}, not an object such as {{\"size\": 5}}");
             command.extend(["--kwargs".to_owned(), table.to_string()]);
         }
         Ok(Some(command))

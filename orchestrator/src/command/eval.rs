@@ -9,6 +9,8 @@ use crate::preflight::programs::Tools;
 use crate::run::create::{check_free, create, new_folder};
 use crate::run::identity::unix_now;
 use crate::run::{lifeline, scenes};
+use crate::suite;
+use crate::wrong::demand;
 use anyhow::{Result, ensure};
 use proto::checkpoint::Manifest;
 use proto::config::{Config, DeviceChoice, Setting, ValidationConfig};
@@ -237,6 +239,7 @@ fn subject(args: &EvalArgs) -> Result<(Config, Provenance, Option<String>)> {
         None => anyhow::bail!("{} has a name that is not text", path.display()),
     };
     if let Some(path) = &args.subject {
+        suite::refuse(path)?;
         let (config, run, run_id, weights) = match find(path)? {
             Source::Checkpoint(found) => {
                 let Found { manifest, named, run, mut config } = *found;
@@ -268,15 +271,15 @@ fn asked(
 ) -> Result<EvaluationConfig> {
     let (in_scenes, elsewhere) = (!run.scenes.is_empty(), run.environment.is_some());
     let episodes = args.episodes.unwrap_or(0);
-    ensure!(
+    demand!(
         elsewhere || episodes <= EPISODES_OF_SET,
         "--episodes {episodes}: a kitchen has {EPISODES_OF_SET} episodes of each object set"
     );
-    ensure!(
+    demand!(
         !elsewhere || args.kitchens.is_none() && args.distribution.is_none(),
         "--kitchens, --kitchen, --distribution: the run's environments are not built in, and are in no kitchen"
     );
-    ensure!(
+    demand!(
         !elsewhere || args.split != Some(SplitChoice::Train),
         "--split train: episodes of fixed seeds are those of the test or of validation (--split valid)"
     );
@@ -293,7 +296,7 @@ fn asked(
         None if elsewhere => Distribution::Seeds,
         None => run.episode.default_distribution(split),
     };
-    ensure!(
+    demand!(
         distribution != Distribution::Fixed || split != Split::Train,
         "--distribution fixed: {} have no fixed episodes, only validation and test kitchens do (--split valid or test)",
         match args.procedural() {
@@ -303,7 +306,7 @@ fn asked(
         }
     );
     let has_targets = has_targets(run.spec());
-    ensure!(
+    demand!(
         has_targets || args.objects.is_none(),
         "--objects: an episode of the task `{}` has no target, and so there are no sets of them",
         run.task

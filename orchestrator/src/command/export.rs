@@ -4,7 +4,9 @@ use crate::output::format::{bytes, counted};
 use crate::output::terminal;
 use crate::recording::episodes::Recorded;
 use crate::recording::harvest::{Harvest, harvest};
-use anyhow::{Context, Result, bail, ensure};
+use crate::suite;
+use crate::wrong::{demand, wrong};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use export::{Policy, Precision};
 use proto::dataset::{DatasetRequest, DatasetSetup, PictureKind};
 use proto::exit::EXIT_INCOMPLETE;
@@ -85,10 +87,10 @@ impl Format {
         match out.extension().and_then(|ending| ending.to_str()) {
             Some("safetensors") => Ok(Self::Safetensors),
             Some("onnx") => Ok(Self::Onnx),
-            _ => bail!(
+            _ => Err(wrong(anyhow!(
                 "--out {}: call it policy.onnx (for onnxruntime) or policy.safetensors (PyTorch reads it), or give --format",
                 out.display()
-            ),
+            ))),
         }
     }
 }
@@ -101,7 +103,7 @@ impl EpisodeArgs {
 
 pub fn run(args: &ExportArgs) -> Result<ExitCode> {
     let format = args.format.map_or_else(|| Format::of(&args.out), Ok)?;
-    ensure!(!args.half || format == Format::Safetensors, "--half is for --format safetensors");
+    demand!(!args.half || format == Format::Safetensors, "--half is for --format safetensors");
     match format {
         Format::Onnx | Format::Safetensors => export_policy(args, format).map(|()| ExitCode::SUCCESS),
         Format::Npz => export_episodes(args),
@@ -110,9 +112,12 @@ pub fn run(args: &ExportArgs) -> Result<ExitCode> {
 
 fn export_policy(args: &ExportArgs, format: Format) -> Result<()> {
     let [subject] = &args.subjects[..] else {
-        bail!("a policy is exported from one run or checkpoint, not from {}", args.subjects.len());
+        return Err(wrong(anyhow!(
+            "a policy is exported from one run or checkpoint, not from {}",
+            args.subjects.len()
+        )));
     };
-    ensure!(
+    demand!(
         args.episodes.is_empty(),
         "--kitchen, --environment, --episode, --only, --limit and --pictures choose episodes: give --format npz with them"
     );
@@ -120,8 +125,9 @@ fn export_policy(args: &ExportArgs, format: Format) -> Result<()> {
     let page = out.with_extension("md");
     free(out)?;
     if let Some(folder) = out.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
-        bail!("--out {}: there is no folder {}: make it first", out.display(), folder.display());
+        return Err(wrong(anyhow!("--out {}: there is no folder {}: make it first", out.display(), folder.display())));
     }
+    suite::refuse(subject)?;
     let policy = match find(subject)? {
         Source::Checkpoint(found) => Policy::read(&found.named, &found.manifest, found.config)?,
         Source::File { policy, .. } => *policy,
@@ -129,7 +135,7 @@ fn export_policy(args: &ExportArgs, format: Format) -> Result<()> {
     if format == Format::Safetensors {
         export::save(&policy, out, if args.half { Precision::Half } else { Precision::Single })?;
     } else {
-        ensure!(page != *out, "--out {}: the page about the model has this name; call it policy.onnx", out.display());
+        demand!(page != *out, "--out {}: the page about the model has this name; call it policy.onnx", out.display());
         free(&page)?;
         let model = export::onnx(&policy)?;
         let name = out.file_name().unwrap_or_default().to_string_lossy();
@@ -206,7 +212,7 @@ fn export_episodes(args: &ExportArgs) -> Result<ExitCode> {
 }
 
 fn free(path: &Path) -> Result<()> {
-    ensure!(!path.exists(), "{} exists; remove it or choose another --out", path.display());
+    demand!(!path.exists(), "{} exists; remove it or choose another --out", path.display());
     Ok(())
 }
 

@@ -7,6 +7,7 @@ use crate::preflight::programs::Tools;
 use crate::run::create::{check_free, prepare};
 use crate::run::identity::Identity;
 use crate::run::scenes;
+use crate::wrong::demand;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use export::PolicyError;
 use proto::config::{Config, presets};
@@ -53,6 +54,7 @@ pub struct ImportArgs {
 
 pub fn run(args: &ImportArgs) -> Result<()> {
     let folder = RunFolder::new(&args.run);
+    demand!(args.from.exists(), "{} does not exist", args.from.display());
     check_free(&folder)?;
     let named = named_preset(&args.from)?;
     let mut defaulted = false;

@@ -1,7 +1,8 @@
 //! This program links no physics: `actor kitchens` builds and draws them.
 
 use crate::preflight::programs;
-use anyhow::{Context, Result, bail, ensure};
+use crate::wrong::{demand, wrong};
+use anyhow::{Context, Result, anyhow};
 use proto::exit::how;
 use proto::kitchen::{KitchenChoice, KitchenId, KitchenRange};
 use proto::run_folder::unlike_a_flag;
@@ -27,9 +28,9 @@ pub struct KitchensArgs {
     /// Procedural kitchens are on the sheet instead: from this number up to, but not, that one.
     #[arg(long, value_name = "FIRST..END", conflicts_with_all = ["gltf", "kitchens", "scene"])]
     procedural: Option<KitchenRange>,
-    /// Width of the sheet in pixels.
-    #[arg(long, default_value_t = 2200, value_parser = clap::value_parser!(u32).range(320..=8192), conflicts_with = "gltf")]
-    width: u32,
+    /// Width of the sheet in pixels [default: 1100 to 2200, by the number of kitchens].
+    #[arg(long, value_parser = clap::value_parser!(u32).range(320..=8192), conflicts_with = "gltf")]
+    width: Option<u32>,
     /// Draw this scene of your own: its TOML file.
     #[arg(long, value_name = "FILE.toml", conflicts_with = "kitchens")]
     scene: Option<PathBuf>,
@@ -64,12 +65,17 @@ pub fn run(args: &KitchensArgs) -> Result<ExitCode> {
     let program = programs::find("actor")?;
     let mut command = Command::new(&program);
     command.arg("kitchens");
-    let width = args.width.to_string();
     let default_name = match (&args.scene, args.gltf) {
         (Some(_), Some(Some(kitchen))) => {
-            bail!("--gltf {kitchen} and --scene name two things to write: leave out one, or the number after --gltf")
+            return Err(wrong(anyhow!(
+                "--gltf {kitchen} and --scene name two things to write: leave out one, or the number after --gltf"
+            )));
         }
-        (None, Some(None)) => bail!("--gltf needs the number of a kitchen, --gltf 7, or a scene, --scene FILE.toml"),
+        (None, Some(None)) => {
+            return Err(wrong(anyhow!(
+                "--gltf needs the number of a kitchen, --gltf 7, or a scene, --scene FILE.toml"
+            )));
+        }
         (None, Some(Some(kitchen))) => {
             command.args(["gltf", "--kitchen", &kitchen.to_string()]);
             format!("kitchen-{kitchen}.glb")
@@ -79,20 +85,23 @@ pub fn run(args: &KitchensArgs) -> Result<ExitCode> {
             "scene-settled.glb".to_owned()
         }
         (Some(scene), None) => {
-            command.arg("sheet").arg("--scene").arg(unlike_a_flag(scene)).args(["--width", &width]);
+            command.arg("sheet").arg("--scene").arg(unlike_a_flag(scene));
             "scene.png".to_owned()
         }
         (None, None) => {
             let kitchens = args.procedural.map_or_else(|| args.kitchens.to_string(), |range| range.to_string());
-            command.args(["sheet", "--kitchens", &kitchens, "--width", &width]);
+            command.args(["sheet", "--kitchens", &kitchens]);
             "kitchens.png".to_owned()
         }
     };
+    if let Some(width) = args.width {
+        command.args(["--width", &width.to_string()]);
+    }
     let out = args.out.clone().unwrap_or_else(|| PathBuf::from(&default_name));
     let ending = Path::new(&default_name).extension();
-    ensure!(out.extension() == ending, "--out {}: the name has to end as {default_name} does", out.display());
+    demand!(out.extension() == ending, "--out {}: the name has to end as {default_name} does", out.display());
     let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty());
-    ensure!(folder.is_none_or(Path::is_dir), "--out {}: there is no such folder", out.display());
+    demand!(folder.is_none_or(Path::is_dir), "--out {}: there is no such folder", out.display());
     command.arg("--out").arg(unlike_a_flag(out));
     // It ends with us, however we end: the pipe is its lifeline.
     let actor = command.arg("--lifeline").stdin(Stdio::piped()).spawn();

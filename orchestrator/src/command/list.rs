@@ -1,7 +1,8 @@
 use crate::output::table::aligned;
 use crate::output::{format, terminal};
 use crate::viewer::RunReaders;
-use anyhow::{Result, ensure};
+use crate::wrong::demand;
+use anyhow::Result;
 use std::path::PathBuf;
 use std::time::Duration;
 use view::data::{Card, Runs};
@@ -25,10 +26,15 @@ pub struct ListArgs {
 pub fn run(args: &ListArgs) -> Result<()> {
     let unused = args.folders == [PathBuf::from(RUNS)] && !args.folders[0].exists();
     for folder in args.folders.iter().filter(|_| !unused) {
-        ensure!(folder.is_dir(), "{} is not a folder: give one that holds runs", folder.display());
+        demand!(folder.is_dir(), "{} is not a folder: give one that holds runs", folder.display());
     }
-    let cards = if unused { vec![] } else { RunReaders::once(args.folders.clone()).list() };
-    if args.json {
+    show(if unused { &[] } else { &args.folders }, args.json)
+}
+
+/// A line for each run in these folders.
+pub fn show(folders: &[PathBuf], json: bool) -> Result<()> {
+    let cards = if folders.is_empty() { vec![] } else { RunReaders::once(folders.to_vec()).list() };
+    if json {
         terminal::out_json(&cards)?;
         return Ok(());
     }

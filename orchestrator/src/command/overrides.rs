@@ -1,10 +1,10 @@
 //! Options that `up`, `import`, `config` and `doctor` share: what the user lays over a preset. Each lies over those
 //! before it: preset, `--config`, `--set`, the other flags.
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Args;
 use proto::bounded;
-use proto::config::{Config, Setting};
+use proto::config::{Config, ConfigError, Setting};
 use proto::device::Torch;
 use proto::stage::scale_to;
 use std::path::PathBuf;
@@ -97,7 +97,8 @@ impl Overrides {
 
     fn preset_in_file(&self) -> Result<Option<String>> {
         let Some(path) = &self.config else { return Ok(None) };
-        let text = bounded::read_text(path).with_context(|| format!("cannot read configuration {}", path.display()))?;
+        let unreadable = |cause| ConfigError::Unreadable { path: path.clone(), cause };
+        let text = bounded::read_text(path).map_err(unreadable)?;
         // A broken file is reported with its line when it is read in earnest.
         let table: Option<toml::Table> = toml::from_str(&text).ok();
         Ok(table.and_then(|table| Some(table.get("preset")?.as_str()?.to_owned())))

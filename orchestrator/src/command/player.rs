@@ -8,6 +8,7 @@ use crate::evaluation::subject::find;
 use crate::output::log_line::error_in;
 use crate::run::identity::Identity;
 use crate::run::lifeline::{follow, this_program};
+use crate::suite;
 use anyhow::{Context, Result, bail, ensure};
 use proto::config::Config;
 use proto::evaluation::has_targets;
@@ -118,6 +119,7 @@ pub struct Player {
 impl Player {
     /// Checks what is asked. Nothing is started or written yet.
     pub fn of(policy: &Path, scene: &SceneArgs) -> Result<Self> {
+        suite::refuse(policy)?;
         let found = find(policy)?;
         let config = found.config();
         ensure!(

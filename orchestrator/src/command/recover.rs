@@ -1,6 +1,7 @@
 use crate::output::format::counted;
 use crate::output::terminal;
 use crate::recording::repair::{Repair, repair};
+use crate::wrong::demand;
 use anyhow::Result;
 use proto::exit::EXIT_INCOMPLETE;
 use std::path::PathBuf;
@@ -26,6 +27,7 @@ pub struct RecoverArgs {
 
 pub fn run(args: &RecoverArgs) -> Result<ExitCode> {
     let file = args.file.display();
+    demand!(args.file.exists(), "{file} does not exist");
     match repair(&args.file, args.output.as_deref())? {
         Repair::NotNeeded { messages } => {
             terminal::out(&format!("{file} is complete ({}): nothing to do", counted(messages, "message")));

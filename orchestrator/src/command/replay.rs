@@ -5,6 +5,8 @@ use crate::recording::ffmpeg;
 use crate::recording::newest::{Only, newest};
 use crate::recording::simulate::{Totals, simulate};
 use crate::run::identity::perhaps;
+use crate::suite;
+use crate::wrong::demand;
 use anyhow::{Context, Result, bail, ensure};
 use proto::config::Config;
 use proto::exit::EXIT_INCOMPLETE;
@@ -147,7 +149,8 @@ impl ReplayArgs {
     fn picked(&self) -> Result<Vec<Share>> {
         let mut shares: Vec<Share> = Vec::new();
         for path in &self.paths {
-            ensure!(path.exists(), "{} does not exist{}", path.display(), perhaps(path));
+            demand!(path.exists(), "{} does not exist{}", path.display(), perhaps(path));
+            suite::refuse(path)?;
             let folder = run_of(path).with_context(|| {
                 format!("{} lies in no run folder: choose with --episode, or --check it", path.display())
             })?;

@@ -2,7 +2,8 @@ use crate::output::format::counted;
 use crate::output::terminal;
 use crate::report_builder::files::{NUMBERS, PAGE, add_to_table, check_free, read_table, write};
 use crate::report_builder::gather::gather;
-use anyhow::{Result, ensure};
+use crate::wrong::demand;
+use anyhow::Result;
 use report::Options;
 use std::path::{Path, PathBuf};
 
@@ -48,7 +49,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     }
     let out = args.out.clone().unwrap_or_else(|| default_folder(&args.runs));
     let is_file = out.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("html"));
-    ensure!(!is_file, "--out {} is to be a folder, for {PAGE} and {NUMBERS}: leave out .html", out.display());
+    demand!(!is_file, "--out {} is to be a folder, for {PAGE} and {NUMBERS}: leave out .html", out.display());
     check_free(&out)?;
     let gathered = gather(&args.runs)?;
     let runs = gathered.runs.len();
@@ -86,7 +87,7 @@ fn options(thresholds: &[f32]) -> Result<Options> {
         return Ok(Options::default());
     }
     for threshold in thresholds {
-        ensure!(threshold.is_finite() && *threshold > 0.0, "--threshold {threshold}: a threshold is a positive number");
+        demand!(threshold.is_finite() && *threshold > 0.0, "--threshold {threshold}: a threshold is a positive number");
     }
     let mut sorted = thresholds.to_vec();
     sorted.sort_by(f32::total_cmp);

@@ -176,7 +176,9 @@ fn stopped_line(process: &Stopped, holder: u32) -> String {
 
 pub fn run(args: &StatusArgs) -> Result<()> {
     let folder = RunFolder::new(&args.run);
-    suite::refuse(folder.root())?;
+    if suite::is_suite(folder.root()) {
+        return super::list::show(&[args.run.clone()], args.json);
+    }
     let identity = Identity::read(&folder)?;
     let config = Config::of_run(&folder)?;
     let held = holder(&folder)?;

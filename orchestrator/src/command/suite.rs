@@ -5,9 +5,10 @@ use crate::preflight::disk::need;
 use crate::preflight::{device, libtorch, programs};
 use crate::report_builder::files;
 use crate::report_builder::gather::gather;
-use crate::suite::{Asked, EntryProgress, Suite, SuiteEntry, SuiteFolder, SuiteOutcome, run as work, standings};
+use crate::suite::{Asked, Suite, SuiteEntry, SuiteFolder, SuiteOutcome, results, run as work, standings};
 use crate::supervisor::session::EXIT_INTERRUPTED;
 use crate::training::next_steps::program;
+use crate::wrong::judged;
 use anyhow::{Context, Result, ensure};
 use proto::device::VISIBLE_DEVICES;
 use proto::shell::quoted;
@@ -97,11 +98,11 @@ pub struct SuiteArgs {
 }
 
 pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
-    check_gpus(&args.gpus)?;
-    check_seeds(&args.seed)?;
-    let (mut suite, text) = Suite::read(&args.file, &args.seed)?;
+    judged(check_gpus(&args.gpus))?;
+    judged(check_seeds(&args.seed))?;
+    let (mut suite, text) = judged(Suite::read(&args.file, &args.seed))?;
     if let Some(table) = &args.table {
-        let kept = files::read_table(table)?;
+        let kept = judged(files::read_table(table))?;
         suite.leave_out(&kept.runs());
         if suite.entries.is_empty() {
             terminal::out(&format!("nothing is left to run: {} has the scores of all", table.display()));
@@ -125,8 +126,11 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     let outcome = work(&suite, &folder, &args.gpus)?;
     let runs = standings(&suite, &folder)?;
     if !args.json {
-        let row = |run: &EntryProgress| vec![run.name.clone(), run.status.status.text()];
-        for line in aligned(&runs.iter().map(row).collect::<Vec<_>>()) {
+        let rows = suite.entries.iter().zip(&runs).flat_map(|(entry, run)| {
+            let row = |[of, figures]: [String; 2]| vec![run.name.clone(), run.status.status.text(), of, figures];
+            results(&suite, &folder, entry).into_iter().map(row)
+        });
+        for line in aligned(&rows.collect::<Vec<_>>()) {
             terminal::out(&line);
         }
     }
@@ -137,6 +141,9 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
         }
         if let Some(page) = page {
             terminal::out(&format!("page: {page}"));
+            let (program, folder) = (program(), quoted(&root));
+            terminal::out(&format!("look        {program} view {folder}"));
+            terminal::out(&format!("report      {program} report {folder}"));
         }
         Ok(())
     };

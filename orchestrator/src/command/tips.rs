@@ -1,7 +1,7 @@
 //! What to type in place of what another program would have understood.
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
-use proto::config::{Config, presets};
+use proto::config::{Config, Setting, SettingError, presets};
 use proto::likeness::{likeness, nearest};
 
 /// What the standard library says of a word in a number's place.
@@ -22,26 +22,91 @@ const COMMANDS: [(&str, &[&str]); 12] = [
     ("list", &["ls", "runs"]),
 ];
 
-/// Options of other programs, and what says the same to `up`.
-const OPTIONS: [(&str, &[&str]); 12] = [
-    ("--set ppo.learning_rate=RATE", &["--lr", "--learning-rate"]),
-    ("--set ppo.minibatches=N", &["--batch-size", "--num-minibatches"]),
-    ("--set ppo.entropy_coefficient=C", &["--ent-coef", "--entropy-coef"]),
-    ("--set ppo.value_coefficient=C", &["--vf-coef", "--value-coef"]),
-    ("--set 'scenes=[\"FILE.toml\"]'", &["--scene", "--scenes"]),
-    ("--set ppo.rollout_steps=STEPS", &["--n-steps", "--num-steps", "--rollout"]),
-    ("--actors N` times `--envs-per-actor N", &["--num-envs", "--n-envs", "--num-processes"]),
-    ("--learners N", &["--gpus", "--num-gpus", "--nproc-per-node"]),
-    ("--set learner.device=cuda", &["--device", "--cuda", "--gpu"]),
-    ("orchestrator resume RUN", &["--resume", "--continue", "--restore"]),
-    ("--frames N", &["--steps", "--timesteps", "--total-timesteps"]),
-    ("--run FOLDER", &["--out", "--output", "--output-dir", "--logdir", "--name", "--exp-name"]),
+/// Options of other programs (CleanRL, Stable-Baselines3, AllenAct, Isaac Lab), and what says the same here, by command:
+/// `up` stands for all commands that take a configuration, nothing for any.
+const OPTIONS: &[(&str, &str, &str)] = &[
+    ("up", "it is `--set ppo.learning_rate=RATE`", "lr learning-rate"),
+    ("up", "it is `--set ppo.learning_rate_frames=FRAMES`, over which the rate falls", "anneal-lr lr-schedule"),
+    ("up", "it is `--set ppo.minibatches=N`", "batch-size num-minibatches n-minibatches num-mini-batch minibatch-size"),
+    ("up", "it is `--set ppo.epochs=N`", "update-epochs n-epochs num-epochs update-repeats num-learning-epochs"),
+    ("up", "it is `--set ppo.gamma=GAMMA`", "discount discount-factor"),
+    ("up", "it is `--set ppo.gae_lambda=LAMBDA`", "tau lam lambda"),
+    ("up", "it is `--set ppo.clip=CLIP`", "clip-coef clip-range clip-param"),
+    ("up", "it is `--set ppo.entropy_coefficient=C`", "ent-coef entropy-coef"),
+    ("up", "it is `--set ppo.value_coefficient=C`", "vf-coef value-coef value-loss-coef"),
+    ("up", "it is `--set ppo.max_gradient_norm=NORM`", "max-grad-norm"),
+    ("up", "it is `--set ppo.normalize_advantages=true`", "norm-adv normalize-advantage"),
+    ("up", "it is `--set 'scenes=[\"FILE.toml\"]'`", "scene scenes"),
+    ("up", "it is `--set ppo.rollout_steps=STEPS`", "n-steps num-steps num-steps-per-env rollout rollout-length"),
+    ("up", "it is `--actors N` times `--envs-per-actor N`", "num-envs n-envs num-processes num-workers num-env"),
+    ("up", "it is `--learners N`", "gpus num-gpus nproc-per-node distributed world-size"),
+    ("up", "it is `--rendezvous HOST:PORT`", "distributed-ip-and-port master-addr"),
+    ("up", "it is `--set learner.device=cuda`", "device cuda gpu"),
+    ("up", "it is the default (`learner.deterministic`)", "torch-deterministic deterministic-cudnn"),
+    ("up", "it is `orchestrator resume RUN`", "resume continue restore restart-pipeline"),
+    (
+        "up",
+        "it is `--from RUN`, which begins with its weights; `orchestrator resume RUN` goes on with a run",
+        "checkpoint ckpt load load-run load-checkpoint pretrained trained-agent init-from",
+    ),
+    ("up", "it is `orchestrator eval RUN`", "eval evaluate test play"),
+    (
+        "up",
+        "it is `--frames N`",
+        "steps timesteps total-timesteps n-timesteps num-timesteps total-steps max-steps max-iterations",
+    ),
+    (
+        "up",
+        "it is `--run FOLDER`",
+        "out output output-dir logdir log-dir log-folder name exp-name run-name experiment-name",
+    ),
+    ("up", "it is `--set checkpoint.interval_s=SECONDS`", "save-freq save-interval"),
+    ("up", "it is `--set validation.every_frames=N`", "eval-freq eval-interval"),
+    ("up", "it is `--preset NAME`, or `--env gymnasium:ID` for a simulator of your own", "task env-id experiment"),
+    ("resume", "it is `--frames N`, of the whole run", "steps timesteps total-timesteps n-timesteps max-iterations"),
+    (
+        "eval",
+        "it is the first word, as in `orchestrator eval RUN/checkpoints/rollout-NUMBER.json`",
+        "checkpoint ckpt load load-run model policy",
+    ),
+    ("eval", "it is `--episodes N`", "n-eval-episodes num-episodes n-episodes eval-episodes"),
+    (
+        "",
+        "no window is opened; `orchestrator view` shows runs on a page",
+        "headless render render-mode livestream enable-cameras",
+    ),
+    (
+        "",
+        "steps are recorded, and `orchestrator replay RUN` makes films",
+        "video capture-video record-video save-video video-length",
+    ),
+    (
+        "",
+        "TensorBoard's files are in RUN/tensorboard; for other loggers `--json` prints all figures",
+        "wandb track use-wandb wandb-project wandb-project-name wandb-entity logger tensorboard tensorboard-log",
+    ),
 ];
 
-/// What says the same here as an option of another program, or as a setting of it.
-fn ours(word: &str) -> Option<String> {
-    let (ours, _) = OPTIONS.iter().find(|(_, theirs)| theirs.contains(&word))?;
-    Some(format!("here it is `{ours}`"))
+/// What says the same here as an option of another program, or as a setting of it: of the table, or the key with this
+/// last part.
+fn ours(command: &str, word: &str) -> Option<String> {
+    let command = if ["config", "doctor", "import"].contains(&command) { "up" } else { command };
+    let name = word.trim_start_matches('-').replace('_', "-");
+    let same = |(of, _, theirs): &&(&str, &str, &str)| {
+        (of.is_empty() || *of == command) && theirs.split(' ').any(|one| one == name)
+    };
+    let known = OPTIONS.iter().find(same).map(|(_, ours, _)| format!("here {ours}"));
+    known.or_else(|| {
+        let key = name.replace('-', "_");
+        match format!("{key}=0").parse::<Setting>() {
+            Err(SettingError::UnknownKey { nearest: Some(nearest), .. })
+                if command == "up" && word.starts_with('-') && nearest.ends_with(&format!(".{key}")) =>
+            {
+                Some(format!("here it is `--set {nearest}=VALUE`"))
+            }
+            _ => None,
+        }
+    })
 }
 
 /// A key of a table that was set as if it were one.
@@ -101,15 +166,14 @@ pub fn with_tip(mut error: clap::Error, line: &clap::Command) -> clap::Error {
                      begins another run with its weights"
                         .to_owned(),
                 ),
-                word if usage.contains("orchestrator up") => ours(word),
-                _ => None,
+                word => ours(usage.split("orchestrator ").nth(1).and_then(|rest| rest.split(' ').next())?, word),
             }
             })
         }
         ErrorKind::ValueValidation => text(ContextKind::InvalidValue).and_then(|setting| {
             let (key, value) = setting.split_once('=')?;
             let last = key.trim().rsplit('.').next()?;
-            ours(&format!("--{}", last.replace('_', "-"))).or_else(|| key_of(key.trim(), value))
+            ours("up", last).or_else(|| key_of(key.trim(), value))
         }),
         _ => None,
     };
@@ -119,7 +183,10 @@ pub fn with_tip(mut error: clap::Error, line: &clap::Command) -> clap::Error {
     }
     if let Some(tip) = tip {
         error.remove(ContextKind::SuggestedSubcommand);
-        error.remove(ContextKind::SuggestedArg);
+        // The usage is of the argument that was suggested.
+        if error.remove(ContextKind::SuggestedArg).is_some() {
+            error.remove(ContextKind::Usage);
+        }
         error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
     }
     let said = error.to_string();
@@ -170,10 +237,30 @@ mod tests {
             (&["up", "--scene", "a.toml"], "tip: here it is `--set 'scenes=[\"FILE.toml\"]'`"),
             (&["video", "runs/a"], "tip: `orchestrator replay` does that"),
             (&["up", "--set", "total_timesteps=1e6"], "tip: here it is `--frames N`"),
+            (&["up", "--preset", "demo", "--num_envs", "8"], "tip: here it is `--actors N` times `--envs-per-actor N`"),
+            (&["up", "--num-envs", "8"], "tip: here it is `--actors N` times `--envs-per-actor N`"),
+            (&["up", "--gamma", "0.9"], "tip: here it is `--set ppo.gamma=VALUE`"),
+            (&["up", "--gae_lambda", "0.9"], "tip: here it is `--set ppo.gae_lambda=VALUE`"),
+            (&["config", "--lr", "1e-3"], "tip: here it is `--set ppo.learning_rate=RATE`"),
+            (&["up", "--checkpoint", "a"], "tip: here it is `--from RUN`"),
+            (&["eval", "runs/a", "--checkpoint", "b"], "tip: here it is the first word, as in `orchestrator eval RUN/"),
+            (&["up", "--total_timesteps", "9"], "tip: here it is `--frames N`"),
+            (&["resume", "runs/a", "--total-timesteps", "9"], "tip: here it is `--frames N`, of the whole run"),
+            (&["up", "--wandb"], "tip: here TensorBoard's files are in RUN/tensorboard;"),
+            (&["up", "--headless"], "tip: here no window is opened; `orchestrator view` shows runs on a page"),
+            (&["eval", "runs/a", "--headless"], "tip: here no window is opened"),
+            (&["up", "--capture-video"], "tip: here steps are recorded, and `orchestrator replay RUN` makes films"),
+            (&["up", "--task", "Isaac-Lift"], "tip: here it is `--preset NAME`, or `--env gymnasium:ID`"),
+            (&["up", "--envs_per_actor", "3"], "tip: a similar argument exists: '--envs-per-actor'"),
             (&["up", "--set", "actors=4"], "tip: `actors` is a table of keys: set one of them, as in `actors.count=4`"),
         ] {
             let error = answer(words);
             assert!(error.contains(tip) && error.matches("tip:").count() == 1, "{words:?}: {error}");
+        }
+        for (_, ours, _) in super::OPTIONS.iter().filter(|(_, ours, _)| ours.contains("--set ")) {
+            let key = ours.split("--set ").nth(1).unwrap().trim_start_matches('\'').split('=').next().unwrap();
+            let problem = format!("{key}=[]").parse::<super::Setting>().err();
+            assert!(!matches!(problem, Some(super::SettingError::UnknownKey { .. })), "{ours}");
         }
         for (words, said) in [
             (["eval", "runs/a", "--run", "b"], "unexpected argument '--run'"),

@@ -10,7 +10,7 @@ use view::data::Runs;
 ///
 /// It only reads the run folder, so it can be started and left at any time, from any terminal, as often as you like; the
 /// run neither waits for it nor ends with it. q, Esc or Ctrl-C leave, Tab changes the chart where there is room for one,
-/// w shows warnings only, the arrow keys scroll the processes.
+/// w shows warnings only, then kitchens, the arrow keys scroll processes and kitchens.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator top runs/20261121-020423-demo-1

@@ -12,11 +12,13 @@ use crate::run::checkpoints::read_manifest;
 use crate::run::create::{check_free, create, new_folder};
 use crate::run::identity::unix_now;
 use crate::run::scenes;
+use crate::suite;
 use crate::supervisor::process::{TOKEN, TOKEN_FILE};
 use crate::training::next_steps;
 use crate::training::run::TrainingRun;
 use crate::training::summary::Summary;
-use anyhow::{Context, Result, bail};
+use crate::wrong::{judged, wrong};
+use anyhow::{Context, Result, anyhow, bail};
 use proto::checkpoint::Manifest;
 use proto::config::{Config, FromConfig};
 use proto::run_folder::RunFolder;
@@ -110,6 +112,7 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
         return go_on(folder, config, started, args.hosts.patience().lost);
     }
     if let Some(from) = &args.from {
+        suite::refuse(from)?;
         config.from = Some(begin_from(&find(from)?.checkpoint()?, &config)?);
     }
     // The default was needed: nobody asked for a preset, on the command line or in a file.
@@ -141,7 +144,8 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
 impl UpArgs {
     /// The run folder, which nobody can make up who shares it with other hosts.
     fn shared_run(&self) -> Result<&Path> {
-        self.run.as_deref().context("several hosts need --run DIR: the same name on all, on a shared disk or not")
+        let run = self.run.as_deref();
+        judged(run.context("several hosts need --run DIR: the same name on all, on a shared disk or not"))
     }
 
     fn otherwise(&self, hosts: u32, run: &Config, folder: &RunFolder) -> Result<Vec<String>> {
@@ -156,11 +160,11 @@ impl UpArgs {
 fn check_hosts(config: &Config, member: Option<&Membership>) -> Result<()> {
     let Some(Membership { hosts, by, .. }) = member else { return Ok(()) };
     if config.learner.count < *hosts {
-        bail!(
+        return Err(wrong(anyhow!(
             "{hosts} hosts ({by}) cannot share {}: every host has learners of its own, so give --learners {hosts} or more, or \
              --learners-per-host 1",
             counted(u64::from(config.learner.count), "learner")
-        );
+        )));
     }
     Ok(())
 }

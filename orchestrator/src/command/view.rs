@@ -4,6 +4,7 @@ use crate::output::terminal;
 use crate::preflight::programs;
 use crate::run::identity::host_name;
 use crate::viewer::RunReaders;
+use crate::wrong::demand;
 use anyhow::{Context, Result, bail, ensure};
 use std::convert::Infallible;
 use std::io::Write;
@@ -113,7 +114,7 @@ fn show(shown: Shown, page: &PageArgs, open: bool) -> Result<()> {
 fn readers(args: &ViewArgs) -> Result<(RunReaders, Vec<String>)> {
     let asked = if args.compare.is_empty() { &args.runs } else { &args.compare };
     for path in asked {
-        ensure!(path.is_dir(), "{} is not a folder: give the folder of a run, or one that holds runs", path.display());
+        demand!(path.is_dir(), "{} is not a folder: give the folder of a run, or one that holds runs", path.display());
     }
     if asked.is_empty() && !Path::new("runs").is_dir() {
         bail!(

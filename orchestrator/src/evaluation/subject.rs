@@ -7,7 +7,8 @@
 
 use crate::run::checkpoints::newest_whole;
 use crate::run::identity::perhaps;
-use anyhow::{Context, Result, bail, ensure};
+use crate::wrong::demand;
+use anyhow::{Context, Result, bail};
 use export::Policy;
 use proto::config::Config;
 use proto::run_folder::{RolloutName, RunFolder};
@@ -103,13 +104,13 @@ pub fn find(named: &Path) -> Result<Source> {
     let path = RunFolder::through_best(std::path::absolute(named).with_context(|| named.display().to_string())?);
     if !path.exists() {
         let run = path.parent().map(RunFolder::new).filter(|_| path.ends_with("best"));
-        ensure!(
+        demand!(
             run.is_none_or(|run| !run.identity().exists()),
             "{} does not exist: the run has no validation, which would choose it (`--set validation.every_frames=N`); \
              the run's folder means its newest checkpoint",
             path.display()
         );
-        bail!("{} does not exist{}", path.display(), perhaps(named));
+        demand!(false, "{} does not exist{}", path.display(), perhaps(named));
     }
     let is_tensors = path.extension().is_some_and(|kind| kind == "safetensors");
     if is_tensors && !path.is_dir() && !path.with_extension("json").is_file() {
@@ -121,7 +122,7 @@ pub fn find(named: &Path) -> Result<Source> {
 
 fn find_checkpoint(path: &Path) -> Result<Found> {
     let named = RunFolder::new(if path.is_dir() { path } else { path.parent().unwrap_or(path) });
-    ensure!(
+    demand!(
         path.extension().is_none_or(|kind| kind != "onnx"),
         "{} is a model for other programs, without its run's configuration: give the run, or a policy file \
          (`orchestrator export RUN --out policy.safetensors`)",
@@ -138,7 +139,7 @@ fn find_checkpoint(path: &Path) -> Result<Found> {
     } else {
         path.with_extension("json")
     };
-    ensure!(
+    demand!(
         RolloutName::Manifest.rollout_of(&manifest).is_some() && named.has(&manifest),
         "{} is no checkpoint (those are called rollout-00000012.json) and no policy file (.safetensors): give the run, \
          or a file of one of these",

@@ -8,6 +8,7 @@ use crate::output::log_line::error_in;
 use crate::output::terminal;
 use crate::preflight::{Finding, programs};
 use crate::process_end::{self, Answer};
+use crate::wrong::judged;
 use anyhow::{Context, Result, bail, ensure};
 use proto::bounded;
 use proto::config::Config;
@@ -23,7 +24,7 @@ pub fn check(config: &Config) -> Result<()> {
     if config.scenes.is_empty() {
         return Ok(());
     }
-    finding(config, &programs::find("actor")?).map_or(Ok(()), Finding::demand)
+    judged(finding(config, &programs::find("actor")?).map_or(Ok(()), Finding::demand))
 }
 
 pub fn finding(config: &Config, program: &Path) -> Option<Finding> {
@@ -158,6 +159,7 @@ fn ask_within(program: &Path, scene: &Path, further: &[&OsStr], patience: Durati
     let said = stderr.trim_end();
     if !status.success() {
         let complaint = error_in(said).filter(|error| !error.is_empty()).unwrap_or(said);
+        let complaint = complaint.strip_prefix("error: ").unwrap_or(complaint);
         let complaint = if complaint.is_empty() { status.to_string() } else { complaint.to_owned() };
         bail!("scene {} cannot be used: {complaint}", scene.display());
     }

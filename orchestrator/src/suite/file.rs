@@ -105,7 +105,7 @@ impl Suite {
     pub fn read(path: &Path, seeds: &[u64]) -> Result<(Self, String)> {
         ensure!(
             path.exists() || path.extension().is_some(),
-            "{} is no file: a suite is a TOML file, such as suites/demo.toml (`orchestrator suite --help` shows one); \
+            "{} is no file: a suite is a TOML file, such as suites/two-seeds.toml (`orchestrator suite --help` shows one); \
              `orchestrator up --preset` trains a preset, `orchestrator presets` lists them",
             path.display()
         );

@@ -19,6 +19,7 @@ use crate::run::lock::{LockState, holder};
 use crate::run::scenes;
 use crate::run::unfinished::is_cut_off;
 use crate::training::summary::Summary;
+use crate::wrong::demand;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::evaluation::RESULT_FILE;
@@ -33,15 +34,26 @@ use wire::fault;
 
 const LOCK: &str = "suite.lock";
 const FILE: &str = "suite.toml";
+const RUNS_NAMED: usize = 4;
 
+pub fn is_suite(folder: &Path) -> bool {
+    folder.join(FILE).exists() && !RunFolder::new(folder).identity().exists()
+}
+
+/// Refuses the folder of a suite where a run's is wanted, and names its runs.
 pub fn refuse(folder: &Path) -> Result<()> {
-    if folder.join(FILE).exists() && !RunFolder::new(folder).identity().exists() {
-        let (root, file, out) = (folder.display(), quoted(folder.join(FILE)), quoted(folder));
-        bail!(
-            "{root} is the folder of a suite, not of a run: `orchestrator suite {file} --out {out}` goes on with it, \
-             Ctrl-C there stops it, {root}/suite.json tells how it stands, and its runs are in {root}/runs"
-        );
-    }
+    let (root, file, out) = (folder.display(), quoted(folder.join(FILE)), quoted(folder));
+    let runs = std::fs::read_dir(folder.join("runs")).into_iter().flatten().flatten().map(|run| run.path());
+    let mut runs: Vec<String> = runs.map(quoted).collect();
+    runs.sort();
+    let more = runs.len().saturating_sub(RUNS_NAMED);
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    let runs = if runs.is_empty() { "none yet".to_owned() } else { runs[..runs.len().min(RUNS_NAMED)].join(", ") };
+    demand!(
+        !is_suite(folder),
+        "{root} is the folder of a suite: give one of its runs ({runs}{more}); `orchestrator status {out}` shows them all, \
+         `orchestrator suite {file} --out {out}` goes on with it, and Ctrl-C there stops it"
+    );
     Ok(())
 }
 
@@ -128,7 +140,10 @@ impl SuiteFolder {
             }
         }
         if foreign && !self.file().exists() {
-            bail!("{root} is not empty, and what it holds is no suite: choose another folder with --out");
+            bail!(
+                "{root} is not empty, and what it holds is no suite: choose another folder, as in `--out {}`",
+                quoted(self.root.with_extension("suite"))
+            );
         }
         for entry in &suite.entries {
             let run = self.run(entry);
@@ -291,7 +306,10 @@ mod tests {
         let _lock = folder.open(&suite, TEXT).unwrap();
         let refused = refuse(&folder.root).unwrap_err().to_string();
         let root = folder.root.display();
-        assert!(refused.starts_with(&format!("{root} is the folder of a suite")), "{refused}");
+        assert!(
+            refused.starts_with(&format!("{root} is the folder of a suite: give one of its runs (none yet)")),
+            "{refused}"
+        );
         assert!(refused.contains(&format!("`orchestrator suite {root}/suite.toml --out {root}`")), "{refused}");
         assert!(folder.open(&suite, TEXT).unwrap_err().to_string().contains("already in use"));
         let entry = &suite.entries[0];

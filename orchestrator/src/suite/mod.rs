@@ -2,6 +2,7 @@
 //! folders, as many at once as there are GPUs to give them ([`scheduler`]). It can be killed at any time: its processes
 //! end with it, and the next call continues from what is in the run folders.
 
+mod figures;
 mod file;
 mod folder;
 mod grid;
@@ -10,6 +11,7 @@ mod state;
 #[cfg(test)]
 mod tests;
 
+pub use figures::results;
 pub use file::{Asked, Suite, SuiteEntry};
-pub use folder::{SuiteFolder, refuse};
-pub use scheduler::{EntryProgress, SuiteOutcome, run, standings};
+pub use folder::{SuiteFolder, is_suite, refuse};
+pub use scheduler::{SuiteOutcome, run, standings};

@@ -1,3 +1,4 @@
+use super::figures::progress;
 use super::file::{Suite, SuiteEntry};
 use super::folder::{Next, Step, SuiteFolder};
 use super::state::{RunStatus, State, Status};
@@ -5,9 +6,6 @@ use crate::evaluation::choice::word;
 use crate::output::log_line::error_in;
 use crate::output::terminal;
 use crate::run::lifeline::this_program;
-use crate::training::means::recent;
-use crate::training::metrics::read_history;
-use crate::training::progress::frames_line;
 use anyhow::{Context, Result};
 use proto::bounded;
 use proto::device::VISIBLE_DEVICES;
@@ -28,7 +26,7 @@ use wire::fault;
 const TICK: Duration = Duration::from_millis(200);
 /// How long a process of an earlier call may go on holding a run: it saves, at the end of an update at the latest.
 const HELD_PATIENCE: Duration = Duration::from_mins(15);
-const LINE_EVERY: Duration = Duration::from_mins(1);
+const LINE_EVERY: Duration = Duration::from_secs(20);
 const REFRESH_EVERY: Duration = Duration::from_secs(2);
 const LAST_WORDS_BYTES: u64 = 8192;
 
@@ -166,6 +164,10 @@ impl Scheduler<'_> {
         if status != Status::Waiting || self.stops > 0 {
             self.settled[worker.entry] = true;
         }
+        if went_on {
+            let figures = progress(self.suite, self.folder, entry, &worker.step);
+            terminal::note(&format!("{}: {figures}", entry.name));
+        }
         match &status {
             Status::Waiting => {}
             Status::Failed { reason } => terminal::note(&format!(
@@ -173,7 +175,11 @@ impl Scheduler<'_> {
                 entry.name,
                 self.folder.log(entry).display()
             )),
-            other => terminal::note(&format!("{} {}", entry.name, other.text())),
+            other => {
+                let settled = self.settled.iter().filter(|settled| **settled).count();
+                let how = other.text();
+                terminal::note(&format!("{} {how} ({settled} of {} runs)", entry.name, self.settled.len()));
+            }
         }
         self.state.of(&entry.name).status = status;
         self.write()
@@ -294,17 +300,7 @@ impl Scheduler<'_> {
     fn tell(&self) {
         let line = |worker: &Worker| {
             let entry = &self.suite.entries[worker.entry];
-            let how = match &worker.step {
-                Step::Evaluate(number) => format!("evaluating ({})", self.suite.evaluations[*number].folder()),
-                Step::Begin | Step::Resume => match read_history(&self.folder.run(entry)) {
-                    Ok(history) => {
-                        let stages = &entry.config.stages;
-                        frames_line(stages, &recent(stages, &history, false))
-                    }
-                    Err(_) => "training".to_owned(),
-                },
-            };
-            format!("{}  {how}", entry.name)
+            format!("{}  {}", entry.name, progress(self.suite, self.folder, entry, &worker.step))
         };
         let lines: Vec<String> = self.workers.iter().map(line).collect();
         if terminal::interactive() {

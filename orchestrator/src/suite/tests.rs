@@ -14,7 +14,7 @@ fn our_own_suites_cover_the_paper() {
         main.evaluations.iter().map(Asked::folder).collect::<Vec<_>>(),
         ["suite-test-all", "suite-test-all-best"]
     );
-    Suite::parse(include_str!("../../../suites/demo.toml")).unwrap();
+    Suite::parse(include_str!("../../../suites/two-seeds.toml")).unwrap();
     let smaller = Suite::parse(include_str!("../../../suites/ablations.toml")).unwrap();
     let short = Suite::parse(include_str!("../../../suites/short.toml")).unwrap();
     assert_eq!(short.entries.iter().filter(|entry| entry.from == Some(0)).count(), 5);

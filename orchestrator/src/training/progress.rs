@@ -141,7 +141,7 @@ impl Progress {
     }
 }
 
-const BETWEEN: &str = "  |  ";
+pub const BETWEEN: &str = "  |  ";
 
 fn short_line(
     metrics: &[Described],
@@ -207,7 +207,7 @@ pub fn frames_line(stages: &[StageConfig], recent: &Recent) -> String {
     parts.join(BETWEEN)
 }
 
-fn figures_line(metrics: &[Described], recent: &Recent) -> String {
+pub fn figures_line(metrics: &[Described], recent: &Recent) -> String {
     let EpisodeMeans { episodes, mean_return, figures } = &recent.episodes;
     if *episodes == 0 {
         return String::new();

@@ -1,4 +1,4 @@
-use super::model::{CHARTS, Model};
+use super::model::{CHARTS, Lines, Model};
 use super::panels;
 use crate::output::format;
 use proto::printable::printable;
@@ -45,9 +45,9 @@ fn draw_panels(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
     if area.height < 2 {
         return;
     }
-    let wide = area.width >= 130 && !live.kitchens.is_empty();
-    let widths = match (wide, area.width >= 70) {
-        (true, _) => vec![Constraint::Length(50), Constraint::Fill(1), Constraint::Length(45)],
+    let beside = area.width >= 110 && !live.kitchens.is_empty() && model.lines != Lines::Kitchens;
+    let widths = match (beside, area.width >= 70) {
+        (true, _) => vec![Constraint::Length(44), Constraint::Fill(1), Constraint::Length((area.width / 3).min(68))],
         (false, true) => vec![Constraint::Length(44.min(area.width / 2 + 2)), Constraint::Fill(1)],
         (false, false) => vec![Constraint::Fill(1)],
     };
@@ -55,13 +55,13 @@ fn draw_panels(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
     if let [only] = places[..] {
         let [upper, lower] = Layout::vertical([Constraint::Fill(1), Constraint::Fill(1)]).areas(only);
         panels::processes(frame, upper, model, live);
-        panels::log(frame, lower, model, live);
+        panels::log_or_kitchens(frame, lower, model, live);
         return;
     }
     panels::processes(frame, places[0], model, live);
-    panels::log(frame, places[1], model, live);
+    panels::log_or_kitchens(frame, places[1], model, live);
     if let Some(place) = places.get(2) {
-        panels::kitchens(frame, *place, live);
+        panels::kitchens(frame, *place, model, live);
     }
 }
 
@@ -183,7 +183,7 @@ fn foot_line(model: &Model, width: u16) -> Line<'static> {
     let key = |key: &'static str, what: &'static str| {
         [Span::styled(key, Style::new().add_modifier(Modifier::REVERSED)), Span::from(format!(" {what}  "))]
     };
-    let mut keys = vec![key("q", "leave"), key("↑↓", "processes"), key("w", "warnings")];
+    let mut keys = vec![key("q", "leave"), key("↑↓", "scroll"), key("w", "log, warnings, kitchens")];
     if charts_shown(width) < CHARTS {
         keys.push(key("Tab", "charts"));
     }

@@ -14,6 +14,8 @@ pub enum Lines {
     #[default]
     Last,
     Warnings,
+    /// The table of kitchens in the place of the log.
+    Kitchens,
 }
 
 #[derive(Debug, Default)]
@@ -71,13 +73,19 @@ impl Model {
             return true;
         }
         let control = key.modifiers.contains(KeyModifiers::CONTROL);
-        let processes = self.live.as_ref().map_or(0, |live| live.workers.len());
-        let last = processes.saturating_sub(1);
+        let rows = self.live.as_ref().map_or(0, |live| live.workers.len().max(live.kitchens.len()));
+        let last = rows.saturating_sub(1);
         match key.code {
             KeyCode::Char('q') | KeyCode::Esc => return false,
             KeyCode::Char('c' | 'd') if control => return false,
             KeyCode::Char('w') => {
-                self.lines = if self.lines == Lines::Last { Lines::Warnings } else { Lines::Last };
+                self.lines = match self.lines {
+                    Lines::Last => Lines::Warnings,
+                    Lines::Warnings if self.live.as_ref().is_some_and(|live| !live.kitchens.is_empty()) => {
+                        Lines::Kitchens
+                    }
+                    Lines::Warnings | Lines::Kitchens => Lines::Last,
+                };
             }
             KeyCode::Char('c') | KeyCode::Tab => self.chart = (self.chart + 1) % CHARTS,
             KeyCode::Up | KeyCode::Char('k') => self.scrolled = self.scrolled.saturating_sub(1),

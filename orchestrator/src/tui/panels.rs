@@ -10,9 +10,12 @@ use ratatui::style::{Color, Style, Stylize};
 use ratatui::symbols::Marker;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Axis, Block, Cell, Chart, Dataset, GraphType, Paragraph, Row, Table};
+use std::ops::Range;
 use view::data::{Kitchen, Live, LogLine, Worker};
 
 pub const STAGES: [Color; 4] = [Color::Cyan, Color::Yellow, Color::Green, Color::Magenta];
+/// Columns of a kitchen's row: its number, episodes and two figures.
+const KITCHEN_COLUMNS: u16 = 32;
 const SECOND: Color = Color::DarkGray;
 
 pub fn chart(frame: &mut Frame, area: Rect, model: &Model, live: &Live, number: usize) {
@@ -87,14 +90,22 @@ pub fn processes(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
         format::counted(of("actor-"), "actor"),
         format::counted(u64::from(restarts), "restart")
     );
-    let height = usize::from(area.height.saturating_sub(3));
-    // Whatever is scrolled away, the last line stays at the bottom.
-    let first = model.scrolled.min(live.workers.len().saturating_sub(height));
-    let rows = live.workers.iter().skip(first).map(process_row);
+    let (shown, more) = window(live.workers.len(), model.scrolled, usize::from(area.height.saturating_sub(3)));
+    let rows = live.workers[shown].iter().map(process_row).chain(more.map(|more| Row::new([more])));
     let widths = [12, 7, 6, 6, 5].map(Constraint::Length);
     let head = Row::new(["process", "pid", "incarn", "starts", "cores"]).bold();
     let table = Table::new(rows, widths).header(head).block(Block::bordered().title(title));
     frame.render_widget(table, area);
+}
+
+/// Which of so many rows are shown, and what the last line says of those below. Whatever is scrolled away, the last row
+/// stays at the bottom.
+fn window(rows: usize, scrolled: usize, height: usize) -> (Range<usize>, Option<String>) {
+    let first = scrolled.min(rows.saturating_sub(height));
+    let fits = height.min(rows - first);
+    let shown = if first + fits < rows { fits.saturating_sub(1) } else { fits };
+    let more = rows - first - shown;
+    (first..first + shown, (more > 0 && height > 0).then(|| format!("… {more} more")))
 }
 
 fn process_row(worker: &Worker) -> Row<'static> {
@@ -114,11 +125,15 @@ fn process_row(worker: &Worker) -> Row<'static> {
     Row::new(cells.map(Cell::from)).style(Style::new().fg(color))
 }
 
-pub fn log(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
+pub fn log_or_kitchens(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
+    if model.lines == Lines::Kitchens { kitchens(frame, area, model, live) } else { log(frame, area, model, live) }
+}
+
+fn log(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
     let warnings = format::counted(live.warnings.len() as u64, "warning");
     let (title, lines) = match model.lines {
         Lines::Last => (format!(" log, {warnings} "), &live.log),
-        Lines::Warnings => (format!(" {warnings} "), &live.warnings),
+        Lines::Warnings | Lines::Kitchens => (format!(" {warnings} "), &live.warnings),
     };
     let (width, height) =
         (usize::from(area.width.saturating_sub(2)).max(1), usize::from(area.height.saturating_sub(2)));
@@ -166,25 +181,43 @@ fn share_bounds([least, greatest]: [f64; 2]) -> [f64; 2] {
     [low * STEP, (greatest / STEP).ceil().clamp(low + 1.0, 20.0) * STEP]
 }
 
-pub fn kitchens(frame: &mut Frame, area: Rect, live: &Live) {
+pub fn kitchens(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
+    // They are read in the order of time: the newest that are known of few are of the run's beginning.
+    let known = if live.indexed < 0.9 { &[] } else { &live.kitchens[..] };
+    let height = usize::from(area.height.saturating_sub(3));
+    let inner = area.width.saturating_sub(2);
+    // Side by side where one below the other they do not fit.
+    let blocks = if known.len() > height { (inner / KITCHEN_COLUMNS).clamp(1, 3) } else { 1 };
     let width = |metric: &Described| (metric.label.chars().count() as u16 + 1).max(7);
-    let mut left = area.width.saturating_sub(19);
+    let mut left = (inner / blocks).saturating_sub(17);
     let fits = |metric: &&Described| left.checked_sub(width(metric)).map(|rest| left = rest).is_some();
     let metrics: Vec<&Described> = live.card.metrics.iter().take_while(fits).collect();
-    let row = |kitchen: &Kitchen| {
+    let (shown, more) = window(known.len(), model.scrolled, height * usize::from(blocks));
+    let cells = |kitchen: &Kitchen| {
         let figures = metrics.iter().map(|metric| format::metric(metric, kitchen.figures.get(&metric.name).copied()));
-        Row::new([kitchen.kitchen.to_string(), kitchen.episodes.to_string()].into_iter().chain(figures).map(Cell::from))
+        [kitchen.kitchen.to_string(), kitchen.episodes.to_string()].into_iter().chain(figures).map(Cell::from).collect()
     };
-    let widths = [8, 9].into_iter().chain(metrics.iter().map(|metric| width(metric))).map(Constraint::Length);
-    let labels = metrics.iter().map(|metric| metric.label.as_str());
-    let head = Row::new(["kitchen", "episodes"].into_iter().chain(labels)).bold();
+    let mut all: Vec<Vec<Cell>> = known[shown].iter().map(cells).collect();
+    all.extend(more.map(|more| {
+        std::iter::once(Cell::from(more)).chain((0..metrics.len() + 1).map(|_| Cell::default())).collect()
+    }));
+    let row = |at: usize| {
+        Row::new(
+            (0..usize::from(blocks))
+                .flat_map(|block| all.get(block * height + at).into_iter().flatten().cloned())
+                .collect::<Vec<_>>(),
+        )
+    };
+    let rows: Vec<Row> = (0..height.min(all.len())).map(row).collect();
+    let widths = || [8, 9].into_iter().chain(metrics.iter().map(|metric| width(metric))).map(Constraint::Length);
+    let labels = || ["kitchen", "episodes"].into_iter().chain(metrics.iter().map(|metric| metric.label.as_str()));
+    let times = usize::from(blocks);
+    let head = Row::new((0..times).flat_map(|_| labels())).bold();
     let title = match live.indexed {
         0.999.. => " newest episodes ".to_owned(),
         indexed => format!(" {:.0}% of the recordings are read ", 100.0 * indexed),
     };
-    // They are read in the order of time: the newest that are known of few are of the run's beginning.
-    let known = if live.indexed < 0.9 { &[] } else { &live.kitchens[..] };
-    let table = Table::new(known.iter().map(row), widths).header(head).column_spacing(0);
+    let table = Table::new(rows, (0..times).flat_map(|_| widths())).header(head).column_spacing(0);
     frame.render_widget(table.block(Block::bordered().title(title)), area);
 }
 
@@ -198,6 +231,16 @@ mod tests {
         assert_eq!(wrapped("/a/long/path at last", 6), ["/a/lon", "g/path", "at", "last"]);
         assert_eq!(wrapped("short", 12), ["short"]);
         assert_eq!(wrapped("", 3), [""]);
+    }
+
+    #[test]
+    fn what_does_not_fit_is_counted() {
+        let more = |count: usize| Some(format!("… {count} more"));
+        assert_eq!(window(19, 0, 26), (0..19, None));
+        assert_eq!(window(19, 0, 12), (0..11, more(8)));
+        assert_eq!(window(19, 3, 12), (3..14, more(5)));
+        assert_eq!(window(19, 18, 12), (7..19, None));
+        assert_eq!(window(3, 0, 0), (0..0, None));
     }
 
     #[test]

@@ -146,6 +146,41 @@ fn a_figure_that_comes_or_ends_has_no_value_where_it_is_missing() {
     assert_eq!(model.problem.as_deref(), Some("not asked"));
 }
 
+/// Of nineteen kitchens some were cut without a word, and all where there were fewer than 130 columns.
+#[test]
+fn kitchens_are_shown_in_every_usual_size_and_what_is_cut_is_counted() {
+    let (_temporary, readers, name) = run(3);
+    let mut model = Model::default();
+    look(&readers, &name, &mut model);
+    let live = model.live.as_mut().unwrap();
+    live.kitchens = (1..=19)
+        .map(|kitchen| Kitchen {
+            kitchen,
+            environments: vec![0],
+            episodes: u64::from(100 + kitchen),
+            figures: [].into(),
+        })
+        .collect();
+    live.indexed = 1.0;
+    let counts = |shown: &str| (101..=119).filter(|count| shown.contains(&format!(" {count} "))).count();
+    let wide = screen(&model, 200, 50).join("\n");
+    assert_eq!(counts(&wide), 19, "{wide}");
+    let usual = screen(&model, 120, 35).join("\n");
+    let known = counts(&usual);
+    assert!(known > 8 && usual.contains(&format!("… {} more", 19 - known)), "{usual}");
+    assert_eq!(counts(&screen(&model, 80, 24).join("\n")), 0);
+    press(&mut model, KeyCode::Char('w'));
+    press(&mut model, KeyCode::Char('w'));
+    assert_eq!(model.lines, Lines::Kitchens);
+    let small = screen(&model, 80, 24).join("\n");
+    let known = counts(&small);
+    assert!(known > 4 && small.contains(&format!("… {} more", 19 - known)), "{small}");
+    press(&mut model, KeyCode::End);
+    assert!(screen(&model, 80, 24).join("\n").contains(" 119 "));
+    press(&mut model, KeyCode::Char('w'));
+    assert_eq!(model.lines, Lines::Last);
+}
+
 /// They are read in the order of time: what is known of a long run is of its beginning at first.
 #[test]
 fn the_oldest_episodes_are_not_shown_as_the_newest() {

@@ -101,8 +101,20 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     // Killed when all is done but the last file of the report.
     killed_at(call(&workshop), "report.before_page");
     assert!(!workshop.path("all/report/report.html").exists());
-    complete(call(&workshop)).good();
+    let printed = complete(call(&workshop)).good();
+    for name in ["tiny-5", "tiny-6", "after-5"] {
+        let line = printed.stdout.lines().find(|line| line.starts_with(name)).expect("a line for each run");
+        assert!(line.contains("done  suite-test-novel-6  SR ") && line.contains("SRwoD "), "{line}");
+    }
+    assert!(printed.stdout.contains("report      ") && printed.stdout.contains(" report "), "{printed:#?}");
     let done = state(&workshop);
+    let listed = complete(workshop.orchestrator(&["status", "all"])).good();
+    assert!(listed.stdout.contains("all/runs/tiny-5 ") && listed.stdout.contains("complete"), "{listed:#?}");
+    for command in ["replay", "eval", "resume", "stop", "logs", "top", "play"] {
+        let printed = complete(workshop.orchestrator(&[command, "all"]));
+        printed.refused("all is the folder of a suite: give one of its runs (all/runs/after-5, all/runs/tiny-5, ");
+        assert_eq!(printed.status, Some(2), "{command}");
+    }
     for name in ["tiny-5", "tiny-6", "after-5"] {
         assert_eq!(done["runs"][name]["status"], "done", "{done:#}");
     }

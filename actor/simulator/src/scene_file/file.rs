@@ -108,6 +108,9 @@ impl SceneFile {
         if path.extension().is_some_and(|kind| kind == "glb" || kind == "gltf") {
             return Err(vec![Problem::Geometry]);
         }
+        if path.is_dir() {
+            return Err(vec![Problem::Folder]);
+        }
         let text = bounded::read_text(path).map_err(|cause| vec![Problem::Unreadable { cause: cause.to_string() }])?;
         let mut file = parse(&text)?;
         // As the names of the nodes are.

@@ -55,6 +55,8 @@ pub enum Problem {
         "is geometry alone: give the scene's TOML file, which names it and says which node is floor (docs/scenes.md)"
     )]
     Geometry,
+    #[error("is a folder: name the scene's file in it, such as scene.toml")]
+    Folder,
     #[error("line {line}: {problem}")]
     Toml { line: usize, problem: String },
     #[error("has {entries} [[node]] entries, more than {ENTRIES_MOST}: use patterns, `*` stands for any characters")]
@@ -143,6 +145,15 @@ pub enum Problem {
          or turn the scene, or export it anew"
     )]
     FloorSize { node: String, size_m: Size },
+    #[error(
+        "node {node}: its middle is at x {:.2} m, z {:.2} m, outside of the room: its floor reaches from x {:.2} to {:.2} m and \
+         from z {:.2} to {:.2} m",
+        .at.x, .at.z, .floor.0.x, .floor.1.x, .floor.0.z, .floor.1.z
+    )]
+    Outside { node: String, at: Vec3, floor: (Vec3, Vec3) },
+    /// What else `actor check` finds.
+    #[error("{0}")]
+    Unfit(String),
     #[error(
         "node {node}: moved {moved_m:.3} m while coming to rest: it hangs in the air, stands tilted or overlaps something; \
          put it down where it stays"

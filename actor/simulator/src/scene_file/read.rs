@@ -192,6 +192,13 @@ impl Draft {
     /// The room with its floor at height 0; none where a problem was found before that left it without one floor.
     fn finish(mut self, problems: &mut Vec<Problem>) -> Option<Room> {
         let [floor] = *self.floors.as_slice() else { return None };
+        for (thing, node) in self.things.iter().zip(&self.nodes) {
+            let at = thing.pose.translation;
+            let inside = |axis: fn(Vec3) -> f32| (axis(floor.0)..=axis(floor.1)).contains(&axis(at));
+            if !inside(|point| point.x) || !inside(|point| point.z) {
+                problems.push(Problem::Outside { node: node.clone(), at, floor });
+            }
+        }
         let down = Vec3::new(0.0, -floor.0.y, 0.0);
         for pose in self.fixtures.iter_mut().map(|f| &mut f.pose).chain(self.things.iter_mut().map(|t| &mut t.pose)) {
             pose.translation += down;

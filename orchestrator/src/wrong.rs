@@ -1,0 +1,62 @@
+//! What is wrong in itself: the command line, or what it names.
+
+use crate::hosts::membership::MembershipError;
+use anyhow::{Error, Result};
+use proto::config::ConfigError;
+use proto::stage::TooFewFrames;
+use std::fmt::{Display, Formatter};
+use std::io::ErrorKind;
+
+/// The command line, or a file or folder that it names, is wrong or not there: the exit status is 2, since the same call
+/// fails again.
+#[derive(Debug)]
+struct Wrong(Error);
+
+impl Display for Wrong {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{:#}", self.0)
+    }
+}
+
+impl std::error::Error for Wrong {}
+
+pub fn wrong(error: impl Into<Error>) -> Error {
+    Wrong(error.into()).into()
+}
+
+pub fn judged<T>(result: Result<T>) -> Result<T> {
+    result.map_err(wrong)
+}
+
+/// Refuses what is asked, unless this is so.
+macro_rules! demand {
+    ($so:expr, $($text:tt)*) => {
+        if !$so {
+            return Err($crate::wrong::wrong(anyhow::anyhow!($($text)*)));
+        }
+    };
+}
+
+pub(crate) use demand;
+
+const NAMED_WRONGLY: [ErrorKind; 5] = [
+    ErrorKind::NotFound,
+    ErrorKind::PermissionDenied,
+    ErrorKind::InvalidInput,
+    ErrorKind::InvalidData,
+    ErrorKind::FileTooLarge,
+];
+
+pub fn is_wrong(error: &Error) -> bool {
+    let of_config = |cause: &ConfigError| match cause {
+        // A disk that fails may work again.
+        ConfigError::Unreadable { cause, .. } => NAMED_WRONGLY.contains(&cause.kind()),
+        // A run's own files are not what the user typed.
+        ConfigError::OfRun { .. } | ConfigError::OtherTask { .. } => false,
+        _ => true,
+    };
+    let is_typed = |cause: &(dyn std::error::Error + 'static)| {
+        cause.is::<Wrong>() || cause.is::<MembershipError>() || cause.is::<TooFewFrames>()
+    };
+    error.chain().any(|cause| is_typed(cause) || cause.downcast_ref().is_some_and(of_config))
+}
