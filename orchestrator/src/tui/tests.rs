@@ -154,7 +154,12 @@ fn kitchens_are_shown_in_every_usual_size_and_what_is_cut_is_counted() {
     look(&readers, &name, &mut model);
     let live = model.live.as_mut().unwrap();
     live.kitchens = (1..=19)
-        .map(|kitchen| Kitchen { kitchen, environments: vec![0], episodes: u64::from(100 + kitchen), figures: [].into() })
+        .map(|kitchen| Kitchen {
+            kitchen,
+            environments: vec![0],
+            episodes: u64::from(100 + kitchen),
+            figures: [].into(),
+        })
         .collect();
     live.indexed = 1.0;
     let counts = |shown: &str| (101..=119).filter(|count| shown.contains(&format!(" {count} "))).count();
