@@ -1,6 +1,5 @@
 //! What is wrong in itself: the command line, or what it names.
 
-use crate::hosts::membership::MembershipError;
 use anyhow::{Error, Result};
 use proto::config::ConfigError;
 use proto::stage::TooFewFrames;
@@ -55,8 +54,6 @@ pub fn is_wrong(error: &Error) -> bool {
         ConfigError::OfRun { .. } | ConfigError::OtherTask { .. } => false,
         _ => true,
     };
-    let is_typed = |cause: &(dyn std::error::Error + 'static)| {
-        cause.is::<Wrong>() || cause.is::<MembershipError>() || cause.is::<TooFewFrames>()
-    };
+    let is_typed = |cause: &(dyn std::error::Error + 'static)| cause.is::<Wrong>() || cause.is::<TooFewFrames>();
     error.chain().any(|cause| is_typed(cause) || cause.downcast_ref().is_some_and(of_config))
 }

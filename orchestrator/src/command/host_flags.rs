@@ -6,6 +6,7 @@ use crate::hosts::token::Token;
 use crate::output::format::counted;
 use crate::run::scenes;
 use crate::training::run::Started;
+use crate::wrong::wrong;
 use anyhow::{Context, Result};
 use clap::Args;
 use proto::config::Config;
@@ -53,7 +54,7 @@ pub struct HostFlags {
 impl HostFlags {
     pub fn membership(&self) -> Result<Option<Membership>> {
         let (hosts, host_rank, rendezvous) = (self.hosts, self.host_rank, self.rendezvous.clone());
-        Ok(membership(&Flags { hosts, host_rank, rendezvous }, &|name| std::env::var(name).ok())?)
+        membership(&Flags { hosts, host_rank, rendezvous }, &|name| std::env::var(name).ok()).map_err(wrong)
     }
 
     /// The configuration of these options. The run has as many actors and learners as its hosts have together, where each
