@@ -157,7 +157,7 @@ python:
 python-aarch64:
 	@wheel=$$(PYTHON='$(PYTHON)' python/cross) && echo "built; $$wheel"
 
-# After `make build` it links again and packs.
+# After `make build` it links again, compiles the programs for ARM (the longest part), and packs.
 dist: build
 	@STRICT='$(STRICT)' deploy/dist
 
