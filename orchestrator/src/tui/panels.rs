@@ -105,7 +105,7 @@ fn window(rows: usize, scrolled: usize, height: usize) -> (Range<usize>, Option<
     let fits = height.min(rows - first);
     let shown = if first + fits < rows { fits.saturating_sub(1) } else { fits };
     let more = rows - first - shown;
-    (first..first + shown, (more > 0 && height > 0).then(|| format!("… {more} more")))
+    (first..first + shown, (more > 0 && height > 0).then(|| format!("…{more} more")))
 }
 
 fn process_row(worker: &Worker) -> Row<'static> {
@@ -235,7 +235,7 @@ mod tests {
 
     #[test]
     fn what_does_not_fit_is_counted() {
-        let more = |count: usize| Some(format!("… {count} more"));
+        let more = |count: usize| Some(format!("…{count} more"));
         assert_eq!(window(19, 0, 26), (0..19, None));
         assert_eq!(window(19, 0, 12), (0..11, more(8)));
         assert_eq!(window(19, 3, 12), (3..14, more(5)));

@@ -167,14 +167,14 @@ fn kitchens_are_shown_in_every_usual_size_and_what_is_cut_is_counted() {
     assert_eq!(counts(&wide), 19, "{wide}");
     let usual = screen(&model, 120, 35).join("\n");
     let known = counts(&usual);
-    assert!(known > 8 && usual.contains(&format!("… {} more", 19 - known)), "{usual}");
+    assert!(known > 8 && usual.contains(&format!("…{} more", 19 - known)), "{usual}");
     assert_eq!(counts(&screen(&model, 80, 24).join("\n")), 0);
     press(&mut model, KeyCode::Char('w'));
     press(&mut model, KeyCode::Char('w'));
     assert_eq!(model.lines, Lines::Kitchens);
     let small = screen(&model, 80, 24).join("\n");
     let known = counts(&small);
-    assert!(known > 4 && small.contains(&format!("… {} more", 19 - known)), "{small}");
+    assert!(known > 4 && small.contains(&format!("…{} more", 19 - known)), "{small}");
     press(&mut model, KeyCode::End);
     assert!(screen(&model, 80, 24).join("\n").contains(" 119 "));
     press(&mut model, KeyCode::Char('w'));
