@@ -83,7 +83,8 @@ impl EnvironmentFlags {
         let Some(env) = &self.env else { return Ok(None) };
         let Some((place, name)) = env.split_once(':') else {
             return Err(wrong(anyhow!(
-                "--env {env}: expected gymnasium:ID, envpool:ID, package.module:function or ./file.py:function"
+                "--env {env}: expected gymnasium:ID, envpool:ID, package.module:function or ./file.py:function, as in \
+                 gymnasium:{env}"
             )));
         };
         let text = |path: PathBuf| path.into_os_string().into_string().ok().context("a path is not text");

@@ -53,13 +53,14 @@ const OPTIONS: &[(&str, &str, &str)] = &[
     (
         "up",
         "it is `--frames N`",
-        "steps timesteps total-timesteps n-timesteps num-timesteps total-steps max-steps max-iterations",
+        "steps timesteps total-timesteps n-timesteps num-timesteps total-steps max-iterations",
     ),
     (
         "up",
         "it is `--run FOLDER`",
         "out output output-dir logdir log-dir log-folder name exp-name run-name experiment-name",
     ),
+    ("up", "it is `--set episode.max_steps=STEPS` of an episode, `--frames N` of a run", "max-steps max-episode-steps"),
     ("up", "it is `--set checkpoint.interval_s=SECONDS`", "save-freq save-interval"),
     ("up", "it is `--set validation.every_frames=N`", "eval-freq eval-interval"),
     ("up", "it is `--preset NAME`, or `--env gymnasium:ID` for a simulator of your own", "task env-id experiment"),
@@ -246,6 +247,7 @@ mod tests {
             (&["eval", "runs/a", "--checkpoint", "b"], "tip: here it is the first word, as in `orchestrator eval RUN/"),
             (&["up", "--total_timesteps", "9"], "tip: here it is `--frames N`"),
             (&["resume", "runs/a", "--total-timesteps", "9"], "tip: here it is `--frames N`, of the whole run"),
+            (&["up", "--max-steps", "9"], "tip: here it is `--set episode.max_steps=STEPS` of an episode"),
             (&["up", "--wandb"], "tip: here TensorBoard's files are in RUN/tensorboard;"),
             (&["up", "--headless"], "tip: here no window is opened; `orchestrator view` shows runs on a page"),
             (&["eval", "runs/a", "--headless"], "tip: here no window is opened"),

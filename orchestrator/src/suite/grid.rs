@@ -58,7 +58,8 @@ fn collect(above: &str, table: &Table, axes: &mut Vec<Axis>) -> Result<()> {
 
 fn values_of(key: &str, values: &[Value]) -> Result<Vec<(String, Setting)>> {
     for (word, instead) in [
-        ("seed", "`seeds`"),
+        ("seed", "`seeds`, beside the grid"),
+        ("seeds", "`seeds`, beside the grid"),
         ("preset", "`preset`: make it [[runs]] of its own"),
         ("from", "`from`: make it [[runs]] of its own"),
         ("evaluation", "[[evaluations]]"),
@@ -131,7 +132,9 @@ mod tests {
         assert_eq!(problem("ppo.clip = [0.2, 0.20]"), "grid.ppo.clip: 0.2 is given twice");
         let alone = problem("ppo.clip = 0.2");
         assert_eq!(alone, "grid.ppo.clip: expected a list of values, for example ppo.clip = [0.2]");
-        assert!(problem("seed = [1, 2]").ends_with("set it by `seeds`"));
+        for key in ["seed", "seeds"] {
+            assert!(problem(&format!("{key} = [1, 2]")).ends_with("set it by `seeds`, beside the grid"));
+        }
         assert!(problem("scenes = [[\"a.toml\"]]").contains("a value is a number, a word, true or false"));
         assert!(problem("\"ppo.clip\" = [1]\nppo.clip = [2]").contains("grid.ppo.clip: it is given twice"));
         assert!(problem("a = { 1 = [[]] }").starts_with("grid.a.1: "));

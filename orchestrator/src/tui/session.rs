@@ -17,6 +17,8 @@ use view::data::Runs;
 
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 const WAIT: Duration = Duration::from_millis(100);
+/// From a signal until the process ends, if the screen has not.
+const PATIENCE: Duration = Duration::from_secs(2);
 
 enum News {
     Look(Box<Look>),
@@ -98,6 +100,10 @@ fn leave_on_signals(sender: Sender<News>) -> Result<()> {
         });
         // Whoever does not listen has left.
         let _ = sender.send(News::Leave);
+        // crossterm reads a terminal that is gone without end.
+        thread::sleep(PATIENCE);
+        give_back();
+        std::process::exit(0);
     };
     thread::Builder::new().name("signals".to_owned()).spawn(wait).context("a thread")?;
     Ok(())
@@ -145,32 +151,65 @@ mod tests {
     use rustix::termios::tcgetattr;
     use std::fs::File;
     use std::io::Read;
-    use std::process::Command;
+    use std::os::fd::OwnedFd;
+    use std::process::{Child, Command};
 
     const CHILD: &str = "STILLROOM_SCREEN_TEST";
 
-    /// The test starts itself on a terminal of its own, where it takes over the terminal and panics.
+    /// A test of this file, started again on a terminal of its own: both sides of the terminal, and its modes before.
+    fn on_a_terminal(test: &str) -> (OwnedFd, File, String, Child) {
+        let terminal = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+        grantpt(&terminal).unwrap();
+        unlockpt(&terminal).unwrap();
+        let name = ptsname(&terminal, Vec::new()).unwrap().into_string().unwrap();
+        let line = File::options().read(true).write(true).open(name).unwrap();
+        let before = modes(&line);
+        let mut command = Command::new(std::env::current_exe().unwrap());
+        command.args(["--exact", &format!("tui::session::tests::{test}"), "--nocapture", "--test-threads=1"]);
+        command.env(CHILD, "yes").env_remove("RUST_BACKTRACE");
+        let copy = || line.try_clone().unwrap();
+        let child = command.stdin(copy()).stdout(copy()).stderr(copy()).spawn().unwrap();
+        (terminal, line, before, child)
+    }
+
+    fn modes(line: &File) -> String {
+        format!("{:?}", tcgetattr(line).unwrap())
+    }
+
+    #[test]
+    fn a_signal_ends_it_also_where_the_terminal_is_gone() {
+        if std::env::var_os(CHILD).is_some() {
+            let (sender, _inbox) = channel();
+            leave_on_signals(sender).unwrap();
+            let _screen = Screen::open().unwrap();
+            loop {
+                let _ = event::poll(WAIT);
+            }
+        }
+        let (terminal, line, _, mut child) = on_a_terminal("a_signal_ends_it_also_where_the_terminal_is_gone");
+        let (mut terminal, mut shown) = (File::from(terminal), String::new());
+        while !shown.contains("\x1b[?1049h") {
+            let mut bytes = [0; 64];
+            let count = terminal.read(&mut bytes).unwrap();
+            shown += &String::from_utf8_lossy(&bytes[..count]);
+        }
+        drop((terminal, line));
+        rustix::process::kill_process(rustix::process::Pid::from_child(&child), rustix::process::Signal::TERM).unwrap();
+        assert!(child.wait().unwrap().success());
+    }
+
+    /// The test takes over the terminal and panics.
     #[test]
     fn a_panic_gives_the_terminal_back_before_its_message() {
         if std::env::var_os(CHILD).is_some() {
             let _screen = Screen::open().unwrap();
             panic!("the drawing went wrong");
         }
-        let terminal = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
-        grantpt(&terminal).unwrap();
-        unlockpt(&terminal).unwrap();
-        let name = ptsname(&terminal, Vec::new()).unwrap().into_string().unwrap();
-        let line = File::options().read(true).write(true).open(name).unwrap();
-        let before = format!("{:?}", tcgetattr(&line).unwrap());
-        let mut command = Command::new(std::env::current_exe().unwrap());
-        command.args(["--exact", "tui::session::tests::a_panic_gives_the_terminal_back_before_its_message"]);
-        command.args(["--nocapture", "--test-threads=1"]).env(CHILD, "yes").env_remove("RUST_BACKTRACE");
-        let copy = || line.try_clone().unwrap();
-        let mut child = command.stdin(copy()).stdout(copy()).stderr(copy()).spawn().unwrap();
+        let (terminal, line, before, mut child) = on_a_terminal("a_panic_gives_the_terminal_back_before_its_message");
         assert!(!child.wait().unwrap().success());
-        assert_eq!(format!("{:?}", tcgetattr(&line).unwrap()), before, "modes of the terminal");
+        assert_eq!(modes(&line), before, "modes of the terminal");
         // Whoever holds a descriptor of its other side keeps a terminal from ending.
-        drop((line, command));
+        drop(line);
         let mut bytes = Vec::new();
         // Without anybody on its other side a terminal ends with an error.
         let _ = File::from(terminal).read_to_end(&mut bytes);
