@@ -247,7 +247,7 @@ def test_what_is_not_to_be_written_is_not(orchestrator: Path, run: Path, tmp_pat
     mine = tmp_path / "mine"
     mine.mkdir()
     there = call(orchestrator, "export", run, "--format", "npz", "--out", mine)
-    assert there.returncode == 1 and "mine exists" in there.stderr
+    assert there.returncode == 2 and "mine exists" in there.stderr
     none = call(
         orchestrator,
         "export",

@@ -199,7 +199,7 @@ def test_the_page_beside_a_model_is_a_program_that_runs(programs: dict[str, Path
     # What is there stays as it is.
     before = (tmp_path / "fetch.onnx").read_bytes()
     again = orchestrator(programs, tmp_path, "export", "run", "--out", "fetch.onnx")
-    assert again.returncode == 1 and "fetch.onnx exists" in again.stderr
+    assert again.returncode == 2 and "fetch.onnx exists" in again.stderr
     assert (tmp_path / "fetch.onnx").read_bytes() == before
     (tmp_path / "other.md").write_text("mine")
     other = orchestrator(programs, tmp_path, "export", "run", "--out", "other.onnx")
