@@ -177,7 +177,7 @@ fn stopped_line(process: &Stopped, holder: u32) -> String {
 pub fn run(args: &StatusArgs) -> Result<()> {
     let folder = RunFolder::new(&args.run);
     if suite::is_suite(folder.root()) {
-        return super::list::show(&[args.run.clone()], args.json);
+        return super::list::show(std::slice::from_ref(&args.run), args.json);
     }
     let identity = Identity::read(&folder)?;
     let config = Config::of_run(&folder)?;

@@ -198,9 +198,11 @@ pub fn kitchens(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
         [kitchen.kitchen.to_string(), kitchen.episodes.to_string()].into_iter().chain(figures).map(Cell::from).collect()
     };
     let mut all: Vec<Vec<Cell>> = known[shown].iter().map(cells).collect();
-    all.extend(more.map(|more| {
-        std::iter::once(Cell::from(more)).chain((0..metrics.len() + 1).map(|_| Cell::default())).collect()
-    }));
+    all.extend(
+        more.map(|more| {
+            std::iter::once(Cell::from(more)).chain((0..=metrics.len()).map(|_| Cell::default())).collect()
+        }),
+    );
     let row = |at: usize| {
         Row::new(
             (0..usize::from(blocks))

@@ -153,8 +153,7 @@ impl Pairable {
 }
 
 /// Pairs every episode with the other run's; those that end most differently come first.
-pub fn pairs(runs: [Pairable; 2]) -> Pairs {
-    let [one, other] = &runs;
+pub fn pairs([one, other]: &[Pairable; 2]) -> Pairs {
     let theirs: HashMap<_, _> = other.rows.iter().map(|row| (other.name(row), row)).collect();
     let mut found: Vec<_> = one
         .rows
@@ -234,7 +233,7 @@ mod tests {
         };
         let found = |seeds: [Option<u64>; 2]| {
             let one = run(seeds[0], row(30, 1, "success", 0.2));
-            pairs([one, run(seeds[1], row(30, 1, "success-without-disturbance", 0.0))])
+            pairs(&[one, run(seeds[1], row(30, 1, "success-without-disturbance", 0.0))])
         };
         let all = found([Some(1), Some(1)]);
         assert_eq!((all.total, all.better, all.rows.len()), (2001, [0, 1], ROWS_MAX));

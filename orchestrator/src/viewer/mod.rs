@@ -216,7 +216,7 @@ impl Runs for RunReaders {
 
     fn pairs(&self, [one, other]: [&str; 2]) -> Result<Pairs, Problem> {
         let recorded = [self.with(one, Watched::pairable)?, self.with(other, Watched::pairable)?];
-        Ok(episode_table::pairs(recorded))
+        Ok(episode_table::pairs(&recorded))
     }
 
     fn recorded(&self, run: &str, key: EpisodeKey) -> Result<(ReplaySetup, RecordedEpisode), Problem> {

@@ -219,7 +219,10 @@ fn an_environment_is_restored_as_it_declares() {
     for class in ["Forgetful", "Claiming"] {
         complete(place.of_numbers("refused", &own(class), &[])).refused("it does not repeat itself");
     }
-    let other = place.disturbed("other", place.of_numbers("other", &own("ByProcess"), &[]));
+    let child = start(place.of_numbers("other", &own("ByProcess"), &[]));
+    workshop.run("other").wait_for_rollouts(1);
+    workshop.run("other").processes("--actor 0 ").into_iter().for_each(kill);
+    let other = finish(child);
     let found = other.stderr.lines().find(|line| line.contains("led to another state before this process was started"));
     let line = found.unwrap_or_else(|| panic!("{other:#?}"));
     assert!(["actor", "environment ", ", episode ", ", step "].iter().all(|part| line.contains(part)), "{line}");
