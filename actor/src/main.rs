@@ -40,7 +40,7 @@ fn main() -> ExitCode {
                 tracing::error!("{error:#}{place}");
             }
             // As of a command line that cannot be read: the scene that it names is wrong.
-            let is_wrong = is_command && error.chain().any(|cause| cause.is::<SceneError>());
+            let is_wrong = is_command && error.chain().any(<dyn std::error::Error>::is::<SceneError>);
             if is_wrong { ExitCode::from(2) } else { ExitCode::FAILURE }
         }
     }

@@ -203,6 +203,6 @@ def test_the_page_beside_a_model_is_a_program_that_runs(programs: dict[str, Path
     assert (tmp_path / "fetch.onnx").read_bytes() == before
     (tmp_path / "other.md").write_text("mine")
     other = orchestrator(programs, tmp_path, "export", "run", "--out", "other.onnx")
-    assert other.returncode == 1 and "other.md exists" in other.stderr and not (tmp_path / "other.onnx").exists()
+    assert other.returncode == 2 and "other.md exists" in other.stderr and not (tmp_path / "other.onnx").exists()
     nothing = orchestrator(programs, tmp_path, "export", "nowhere", "--out", "x.onnx")
-    assert nothing.returncode == 1 and "nowhere does not exist" in nothing.stderr
+    assert nothing.returncode == 2 and "nowhere does not exist" in nothing.stderr
