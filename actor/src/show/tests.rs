@@ -98,11 +98,11 @@ fn a_fine_picture_is_the_same_whatever_was_drawn_before_it() {
     let config = Config::default();
     let opened = open(&config, "a", recorded(&config, &WAY, None));
     let orbit = ShowOrbit { centre_m: [0.0, 0.8, 0.0], radius_m: 1.5, yaw_rad: 0.4, pitch_rad: 0.6 };
-    let at = |step| match draw("a", step, ShowView::Orbit(orbit.clone()), 96) {
+    let at = |step| match draw("a", step, ShowView::Orbit(orbit), 96) {
         ShowRequest::Draw { name, step, view, width, height, dark, .. } => {
             ShowRequest::Draw { name, step, view, width, height, fine: true, dark }
         }
-        open => open,
+        open @ ShowRequest::Open { .. } => open,
     };
     let alone = ask(&[opened.clone(), at(2)]);
     let after = ask(&[opened, at(0), at(2)]);
