@@ -152,7 +152,7 @@ class Page {
     };
     return section("results", "Results", fields,
       says(this.seeds ? `Means and interquartile means (IQM) over ${this.samples(this.fields[0])} with 95% intervals. Of one seed alone: no IQM; the 95% interval of a share is Wilson's over its episodes, and says nothing of other seeds.`
-        : `Means over ${this.samples(this.fields[0])}, of one seed. The 95% interval of a share is Wilson's over its episodes, and says nothing of other seeds.`),
+        : `Means over ${this.samples(this.fields[0])}, of one seed. The 95% interval of a share is Wilson's over the episodes of this seed alone.`),
       this.byTask(this.results).map(([task, [{ result }]]) => this.docs(this.printed(task, result))),
       h("h3", {}, `Over all episodes${this.seeds ? " of all seeds" : ""} together`), this.byTask(this.results).map(further));
   }
