@@ -27,16 +27,23 @@ pub fn judged<T>(result: Result<T>) -> Result<T> {
     result.map_err(wrong)
 }
 
+/// Refuses what is asked.
+macro_rules! reject {
+    ($($text:tt)*) => {
+        return Err($crate::wrong::wrong(anyhow::anyhow!($($text)*)))
+    };
+}
+
 /// Refuses what is asked, unless this is so.
 macro_rules! demand {
     ($so:expr, $($text:tt)*) => {
         if !$so {
-            return Err($crate::wrong::wrong(anyhow::anyhow!($($text)*)));
+            $crate::wrong::reject!($($text)*);
         }
     };
 }
 
-pub(crate) use demand;
+pub(crate) use {demand, reject};
 
 const NAMED_WRONGLY: [ErrorKind; 5] = [
     ErrorKind::NotFound,

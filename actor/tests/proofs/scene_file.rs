@@ -357,7 +357,6 @@ fn a_thing_that_hangs_in_the_air_is_named() {
     assert!(message.contains("while coming to rest: it hangs in the air"), "{message}");
 }
 
-/// It fell without end, and was said to hang in the air.
 #[test]
 fn a_thing_outside_of_the_room_is_named_with_the_rooms_bounds() {
     let folder = tempfile::tempdir().unwrap();

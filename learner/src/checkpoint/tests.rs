@@ -271,10 +271,11 @@ fn episodes_of_any_length_come_back_and_those_of_older_versions_do() {
         assert_eq!(tensors::decode(&bytes, 4).unwrap().1, boundary);
 
         let mut with_snapshot = boundary;
-        let snapshot_before = wire::message::Snapshot { state_hash: u64::MAX, bytes: vec![3; 1000] };
-        with_snapshot.environments[1].remember(snapshot_before);
-        let bytes = tensors::encode(&agent.tensors, &with_snapshot).unwrap();
-        assert_eq!(tensors::decode(&bytes, 4).unwrap().1, with_snapshot);
+        for bytes in [vec![3; 1000], vec![]] {
+            with_snapshot.environments[1].remember(wire::message::Snapshot { state_hash: u64::MAX, bytes });
+            let bytes = tensors::encode(&agent.tensors, &with_snapshot).unwrap();
+            assert_eq!(tensors::decode(&bytes, 4).unwrap().1, with_snapshot);
+        }
     }
 
     // Each column had room for 512 actions.

@@ -2,8 +2,8 @@ use super::overrides::Overrides;
 use crate::environment::consent;
 use crate::environment::describe::{Answer, demand_build, describe};
 use crate::preflight::programs::on_path;
-use crate::wrong::{demand, wrong};
-use anyhow::{Context, Result, anyhow, ensure};
+use crate::wrong::{demand, reject};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 use proto::bounded;
 use proto::config::{EnvironmentConfig, Setting};
@@ -82,10 +82,10 @@ impl EnvironmentFlags {
         }
         let Some(env) = &self.env else { return Ok(None) };
         let Some((place, name)) = env.split_once(':') else {
-            return Err(wrong(anyhow!(
+            reject!(
                 "--env {env}: expected gymnasium:ID, envpool:ID, package.module:function or ./file.py:function, as in \
                  gymnasium:{env}"
-            )));
+            );
         };
         let text = |path: PathBuf| path.into_os_string().into_string().ok().context("a path is not text");
         let absolute = |path: &Path| std::path::absolute(path).context("the current folder").and_then(text);

@@ -5,8 +5,8 @@ use crate::output::terminal;
 use crate::recording::episodes::Recorded;
 use crate::recording::harvest::{Harvest, harvest};
 use crate::suite;
-use crate::wrong::{demand, wrong};
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use crate::wrong::{demand, reject};
+use anyhow::{Context, Result, bail, ensure};
 use export::{Policy, Precision};
 use proto::dataset::{DatasetRequest, DatasetSetup, PictureKind};
 use proto::exit::EXIT_INCOMPLETE;
@@ -87,10 +87,10 @@ impl Format {
         match out.extension().and_then(|ending| ending.to_str()) {
             Some("safetensors") => Ok(Self::Safetensors),
             Some("onnx") => Ok(Self::Onnx),
-            _ => Err(wrong(anyhow!(
+            _ => reject!(
                 "--out {}: call it policy.onnx (for onnxruntime) or policy.safetensors (PyTorch reads it), or give --format",
                 out.display()
-            ))),
+            ),
         }
     }
 }
@@ -112,10 +112,7 @@ pub fn run(args: &ExportArgs) -> Result<ExitCode> {
 
 fn export_policy(args: &ExportArgs, format: Format) -> Result<()> {
     let [subject] = &args.subjects[..] else {
-        return Err(wrong(anyhow!(
-            "a policy is exported from one run or checkpoint, not from {}",
-            args.subjects.len()
-        )));
+        reject!("a policy is exported from one run or checkpoint, not from {}", args.subjects.len());
     };
     demand!(
         args.episodes.is_empty(),
@@ -125,7 +122,7 @@ fn export_policy(args: &ExportArgs, format: Format) -> Result<()> {
     let page = out.with_extension("md");
     free(out)?;
     if let Some(folder) = out.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
-        return Err(wrong(anyhow!("--out {}: there is no folder {}: make it first", out.display(), folder.display())));
+        reject!("--out {}: there is no folder {}: make it first", out.display(), folder.display());
     }
     suite::refuse(subject)?;
     let policy = match find(subject)? {

@@ -1,8 +1,8 @@
 //! This program links no physics: `actor kitchens` builds and draws them.
 
 use crate::preflight::programs;
-use crate::wrong::{demand, wrong};
-use anyhow::{Context, Result, anyhow};
+use crate::wrong::{demand, reject};
+use anyhow::{Context, Result};
 use proto::exit::how;
 use proto::kitchen::{KitchenChoice, KitchenId, KitchenRange};
 use proto::run_folder::unlike_a_flag;
@@ -67,14 +67,10 @@ pub fn run(args: &KitchensArgs) -> Result<ExitCode> {
     command.arg("kitchens");
     let default_name = match (&args.scene, args.gltf) {
         (Some(_), Some(Some(kitchen))) => {
-            return Err(wrong(anyhow!(
-                "--gltf {kitchen} and --scene name two things to write: leave out one, or the number after --gltf"
-            )));
+            reject!("--gltf {kitchen} and --scene name two things to write: leave out one, or the number after --gltf");
         }
         (None, Some(None)) => {
-            return Err(wrong(anyhow!(
-                "--gltf needs the number of a kitchen, --gltf 7, or a scene, --scene FILE.toml"
-            )));
+            reject!("--gltf needs the number of a kitchen, --gltf 7, or a scene, --scene FILE.toml");
         }
         (None, Some(Some(kitchen))) => {
             command.args(["gltf", "--kitchen", &kitchen.to_string()]);

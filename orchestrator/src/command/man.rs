@@ -1,6 +1,6 @@
 use crate::output::terminal;
-use crate::wrong::wrong;
-use anyhow::{Context, Result, anyhow};
+use crate::wrong::reject;
+use anyhow::{Context, Result};
 use clap_mangen::Man;
 use proto::likeness::nearest;
 use std::io::IsTerminal;
@@ -33,9 +33,7 @@ pub fn run(args: &ManArgs, line: clap::Command) -> Result<()> {
     if let Some(name) = command.filter(|name| named.is_none() && !name.contains('/') && !Path::new(name).is_dir()) {
         let meant = nearest(name, line.get_subcommands().map(clap::Command::get_name));
         let meant = meant.map_or_else(String::new, |meant| format!(" (did you mean `{meant}`?)"));
-        return Err(wrong(anyhow!(
-            "no command is called `{name}`{meant}; for the pages of all in a new folder type `{name}/`"
-        )));
+        reject!("no command is called `{name}`{meant}; for the pages of all in a new folder type `{name}/`");
     }
     let Some(folder) = args.folder.as_ref().filter(|_| named.is_none()) else {
         let (mut page, command) = (Vec::new(), named.unwrap_or(&line));

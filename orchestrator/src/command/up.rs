@@ -17,8 +17,8 @@ use crate::supervisor::process::{TOKEN, TOKEN_FILE};
 use crate::training::next_steps;
 use crate::training::run::TrainingRun;
 use crate::training::summary::Summary;
-use crate::wrong::{judged, wrong};
-use anyhow::{Context, Result, anyhow, bail};
+use crate::wrong::{judged, reject};
+use anyhow::{Context, Result, bail};
 use proto::checkpoint::Manifest;
 use proto::config::{Config, FromConfig};
 use proto::run_folder::RunFolder;
@@ -160,11 +160,11 @@ impl UpArgs {
 fn check_hosts(config: &Config, member: Option<&Membership>) -> Result<()> {
     let Some(Membership { hosts, by, .. }) = member else { return Ok(()) };
     if config.learner.count < *hosts {
-        return Err(wrong(anyhow!(
+        reject!(
             "{hosts} hosts ({by}) cannot share {}: every host has learners of its own, so give --learners {hosts} or more, or \
              --learners-per-host 1",
             counted(u64::from(config.learner.count), "learner")
-        )));
+        );
     }
     Ok(())
 }

@@ -7,7 +7,7 @@
 
 use crate::run::checkpoints::newest_whole;
 use crate::run::identity::perhaps;
-use crate::wrong::demand;
+use crate::wrong::{demand, reject};
 use anyhow::{Context, Result, bail};
 use export::Policy;
 use proto::config::Config;
@@ -110,7 +110,7 @@ pub fn find(named: &Path) -> Result<Source> {
              the run's folder means its newest checkpoint",
             path.display()
         );
-        demand!(false, "{} does not exist{}", path.display(), perhaps(named));
+        reject!("{} does not exist{}", path.display(), perhaps(named));
     }
     let is_tensors = path.extension().is_some_and(|kind| kind == "safetensors");
     if is_tensors && !path.is_dir() && !path.with_extension("json").is_file() {

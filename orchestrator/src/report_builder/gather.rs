@@ -6,8 +6,8 @@ use crate::training::means::by_stage;
 use crate::training::metrics::Figures;
 use crate::training::scores::{Score, Scores, evaluations_below};
 use crate::training::summary::Summary;
-use crate::wrong::wrong;
-use anyhow::{Context, Result, anyhow, bail};
+use crate::wrong::reject;
+use anyhow::{Context, Result, bail};
 use proto::config::{Config, StageConfig};
 use proto::evaluation::{RESULT_FILE, Subject};
 use proto::run_folder::{Item, RunFolder};
@@ -55,7 +55,7 @@ pub fn gather(paths: &[PathBuf]) -> Result<Gathered> {
             notes.push(left_out(path, &error));
         }
         if found.is_empty() && notes.len() == before {
-            return Err(wrong(anyhow!("{} {}", path.display(), no_run(path)?)));
+            reject!("{} {}", path.display(), no_run(path)?);
         }
         for folder in found {
             let root = folder.root();

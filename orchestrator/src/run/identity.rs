@@ -1,8 +1,8 @@
 use super::damaged;
 use super::unfinished::is_cut_off;
 use crate::output::format::{self, counted};
-use crate::wrong::wrong;
-use anyhow::{Context, Result, anyhow, bail};
+use crate::wrong::reject;
+use anyhow::{Context, Result, bail};
 use proto::SCHEMA_VERSION;
 use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
@@ -133,9 +133,9 @@ impl Identity {
                     );
                 }
                 if !folder.root().exists() {
-                    return Err(wrong(anyhow!("{root} does not exist: no run began there{}", perhaps(folder.root()))));
+                    reject!("{root} does not exist: no run began there{}", perhaps(folder.root()));
                 }
-                return Err(wrong(anyhow!("{root} is not a run folder: it has no run.toml")));
+                reject!("{root} is not a run folder: it has no run.toml");
             }
             Err(error) => return Err(error).with_context(|| path.display().to_string()),
         };

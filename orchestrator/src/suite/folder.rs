@@ -19,7 +19,7 @@ use crate::run::lock::{LockState, holder};
 use crate::run::scenes;
 use crate::run::unfinished::is_cut_off;
 use crate::training::summary::Summary;
-use crate::wrong::demand;
+use crate::wrong::reject;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::evaluation::RESULT_FILE;
@@ -42,6 +42,9 @@ pub fn is_suite(folder: &Path) -> bool {
 
 /// Refuses the folder of a suite where a run's is wanted, and names its runs.
 pub fn refuse(folder: &Path) -> Result<()> {
+    if !is_suite(folder) {
+        return Ok(());
+    }
     let (root, file, out) = (folder.display(), quoted(folder.join(FILE)), quoted(folder));
     let runs = std::fs::read_dir(folder.join("runs")).into_iter().flatten().flatten().map(|run| run.path());
     let mut runs: Vec<String> = runs.map(quoted).collect();
@@ -49,12 +52,10 @@ pub fn refuse(folder: &Path) -> Result<()> {
     let more = runs.len().saturating_sub(RUNS_NAMED);
     let more = if more > 0 { format!(" and {more} more") } else { String::new() };
     let runs = if runs.is_empty() { "none yet".to_owned() } else { runs[..runs.len().min(RUNS_NAMED)].join(", ") };
-    demand!(
-        !is_suite(folder),
+    reject!(
         "{root} is the folder of a suite: give one of its runs ({runs}{more}); `orchestrator status {out}` shows them all, \
          `orchestrator suite {file} --out {out}` goes on with it, and Ctrl-C there stops it"
-    );
-    Ok(())
+    )
 }
 
 #[derive(Debug, Clone)]

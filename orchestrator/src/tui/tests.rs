@@ -146,7 +146,6 @@ fn a_figure_that_comes_or_ends_has_no_value_where_it_is_missing() {
     assert_eq!(model.problem.as_deref(), Some("not asked"));
 }
 
-/// Of nineteen kitchens some were cut without a word, and all where there were fewer than 130 columns.
 #[test]
 fn kitchens_are_shown_in_every_usual_size_and_what_is_cut_is_counted() {
     let (_temporary, readers, name) = run(3);

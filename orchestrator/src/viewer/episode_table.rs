@@ -222,7 +222,6 @@ mod tests {
         assert_eq!(episodes(&by("no such column", true)), [4, 3, 2, 1]);
     }
 
-    /// Only the first 500 of each by kitchen were looked through.
     #[test]
     fn of_all_that_two_runs_have_those_that_end_otherwise_are_found() {
         let run = |seed, last: EpisodeRow| {

@@ -166,7 +166,7 @@ impl EnvironmentState {
         self.before.as_ref().map(|before| before.state_hash)
     }
 
-    /// Bytes of a state with so many actions and a snapshot of so many bytes.
+    /// The most bytes of a state with so many bytes of actions and a snapshot of so many.
     pub(crate) const fn bytes(actions: usize, snapshot: usize) -> usize {
         Self::HEAD_BYTES + actions + size_of::<u64>() + snapshot
     }
