@@ -33,7 +33,8 @@ const FAINT: &str = "const channels = (colour) => colour.match(/[\\d.]+/g).slice
       if (element.innerText?.trim()) against(getComputedStyle(element).color, behind(element), element.innerText.slice(0, 30))";
 
 fn open(browser: &mut Browser, folder: &Path, report: &Report, episodes: &Value) {
-    let data = json!({ "made": "made for a test", "report": report, "episodes": episodes });
+    let differences = json!([{ "name": "ppo.clip", "values": report.groups.iter().map(|_| 0.2).collect::<Vec<_>>() }]);
+    let data = json!({ "made": "made for a test", "report": report, "episodes": episodes, "differences": differences });
     let path = folder.join("report.html");
     std::fs::write(&path, view::page::report(&data.to_string(), "")).expect("a writable folder");
     browser.open(&format!("file://{}", path.display()));

@@ -1,3 +1,4 @@
+use crate::comparison::settings::{Row, differences};
 use crate::evaluation::text::shown;
 use crate::output::format::{self, counted};
 use crate::report_builder::gather::Gathered;
@@ -5,12 +6,14 @@ use crate::report_builder::strips::strips;
 use crate::run::identity::unix_now;
 use anyhow::{Context, Result, bail};
 use proto::bounded;
+use proto::config::Config;
 use proto::run_folder::write_atomically;
 use proto::task::Kind;
 use report::comparison::Comparison;
 use report::format::{interval, percent};
 use report::statistics::Estimate;
-use report::{Kept, Options, Report};
+use report::study::Run;
+use report::{GroupReport, Kept, Options, Report};
 use serde_json::json;
 use std::fmt::Write;
 use std::path::Path;
@@ -71,10 +74,20 @@ pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<Report
         env!("CARGO_PKG_VERSION"),
         counted(runs.len() as u64, "run")
     );
-    let data = json!({ "made": made, "report": report, "episodes": episodes });
+    let data = json!({ "made": made, "report": report, "episodes": episodes, "differences": between(&report, &runs) });
     fault::reach("report.before_page");
     put(PAGE, &view::page::report(&data.to_string(), &table(&report)))?;
     Ok(report)
+}
+
+/// The settings in which the groups of a report differ, with the value of each group. Seeds stand elsewhere.
+fn between(report: &Report, runs: &[Run]) -> Vec<Row> {
+    let first =
+        |group: &GroupReport| runs.iter().find(|run| run.name == group.runs[0].name).map(|run| run.config.clone());
+    let configs: Vec<Config> = report.groups.iter().filter_map(first).collect();
+    let mut rows = differences(&configs);
+    rows.retain(|row| row.name != "seed" && !row.name.starts_with("evaluation"));
+    rows
 }
 
 fn table(report: &Report) -> String {
