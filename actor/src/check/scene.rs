@@ -25,7 +25,9 @@ pub fn run(path: &Path, copy: Option<&Path>, targets_only: bool, mut out: impl W
     if !problems.is_empty() {
         return Err(SceneError { file: path.to_path_buf(), problems }.into());
     }
-    for (thing, target) in nearly_targets(&kitchen) {
+    // A run has its scenes judged first, and copied then.
+    let is_asked = copy.is_none() && !targets_only;
+    for (thing, target) in nearly_targets(&kitchen).into_iter().filter(|_| is_asked) {
         eprintln!(
             "{}: {thing} is no target, did you mean `{target}`? Add category = \"{target}\" to its entry",
             path.display()

@@ -129,6 +129,23 @@ pub fn add_to_table(path: &Path, tables: &[Comparison]) -> Result<Kept> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use report::study::Origin;
+
+    #[test]
+    fn settings_that_differ_between_groups_have_a_value_of_each() {
+        let run = |name: &str, seed: u64, clip: f64| {
+            let mut config = Config { seed, ..Config::resolve("demo", None).unwrap() };
+            config.ppo.clip = clip;
+            let (origin, rollouts, stages) = (Origin::NotGiven, Vec::new(), Vec::new());
+            Run { name: name.into(), origin, config, rollouts, stages, evaluations: vec![], validation: vec![] }
+        };
+        let runs = [run("a-1", 1, 0.1), run("b", 1, 0.3), run("a-2", 2, 0.1)];
+        let report = Report::of(&runs, &Options::default(), Vec::new()).unwrap();
+        let rows = between(&report, &runs);
+        assert_eq!((rows.len(), rows[0].name.as_str()), (1, "ppo.clip"), "and not the seed");
+        assert_eq!(rows[0].values, [json!(0.1), json!(0.3)]);
+        assert_eq!(between(&Report::of(&runs[1..2], &Options::default(), Vec::new()).unwrap(), &runs), []);
+    }
 
     #[test]
     fn a_folder_is_a_reports_or_empty() {
