@@ -129,9 +129,12 @@ class Page {
   /** The settings that are not the same in all groups. */
   differing() {
     const text = (one) => (one === null ? "–" : typeof one === "string" ? one : JSON.stringify(one));
-    const value = (one) => (text(one).length > 60 ? `${text(one).slice(0, 59)}…` : text(one));
-    const row = ({ name, values }) => [h("code", {}, name), ...values.map(value)];
-    return this.differences.length ? section("differences", "What differs", table(["setting", ...this.names], plain(this.differences.map(row)))) : null;
+    const value = (one) => (text(one).length > 40 ? `${text(one).slice(0, 39)}…` : text(one));
+    // More columns than three do not fit.
+    const listed = (values) => [values.map((one, at) => `${this.names[at]}: ${value(one)}`).join("; ")];
+    const [heads, cells] = this.names.length > 3 ? [["values"], listed] : [this.names, (values) => values.map(value)];
+    const rows = this.differences.map(({ name, values }) => [h("code", {}, name), ...cells(values)]);
+    return rows.length ? section("differences", "What differs", table(["setting", ...heads], plain(rows))) : null;
   }
 
   /** The metrics of a task that are printed and that a result has, in the order of the declaration. */
