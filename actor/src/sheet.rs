@@ -9,6 +9,7 @@ use simulator::kitchen::Kitchen;
 use simulator::scene_file;
 use std::fmt;
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 const PAPER: Rgb = [250, 250, 248];
 const INK: Rgb = [34, 38, 44];
@@ -125,16 +126,27 @@ pub fn sheet(options: &SheetOptions) -> Result<()> {
 /// Pictures, plan and number of things of a kitchen.
 type Drawn = (Views, String, usize);
 
+/// How often something is said while many kitchens are drawn, each for seconds.
+const SAID_EVERY: usize = 5;
+
 /// Pictures, plan and number of things of each kitchen, in order, on all cores.
 fn draw_all(subjects: &[Subject], side: usize) -> Result<Vec<Drawn>> {
+    let drawn = AtomicUsize::new(0);
     let draw = |index: usize| -> Result<Drawn> {
         let subject: &Subject = &subjects[index];
         let kitchen = subject.load()?;
         let views =
             Views::of(&kitchen, side, PAPER).with_context(|| format!("{subject}: the kitchen has no free floor"))?;
         let plan = kitchen.plan().map_or_else(String::new, |plan| format!("{}, ", plan.name()));
+        let (number, all) = (drawn.fetch_add(1, Ordering::Relaxed) + 1, subjects.len());
+        if number.is_multiple_of(SAID_EVERY) && number < all {
+            eprintln!("{number} of {all} kitchens are drawn");
+        }
         Ok((views, plan, kitchen.thing_count()))
     };
+    if subjects.len() > SAID_EVERY {
+        eprintln!("{} kitchens are built and drawn, each for some seconds", subjects.len());
+    }
     in_parallel(subjects.len(), draw).into_iter().collect()
 }
 

@@ -117,13 +117,15 @@ impl KitchensInUse {
         let mut environment = tasks::open(&house.run, &kitchen, id, number)?;
         let rules = Rules::of(&config)?;
         let mut telling = Telling::of(environment.base());
-        let Performance { verdict, outcome, .. } = play(&rules, &mut *environment, recorded, |environment, seen| {
-            telling.keep(&rules, environment.base(), seen);
-            anyhow::Ok(())
-        })?;
+        let Performance { verdict, outcome, metrics } =
+            play(&rules, &mut *environment, recorded, |environment, seen| {
+                telling.keep(&rules, environment.base(), seen);
+                anyhow::Ok(())
+            })?;
         let Telling { moments, shown, things, record, .. } = telling;
         let task = picture::task(rules.spec, environment.base(), &record, String::new());
         let goal_tolerance_m = task.goal_tolerance_m;
+        let figures = rules.spec.metrics.iter().zip(metrics);
         let scene = Scene::new(Arc::clone(&kitchen), task, &moments);
         let frame = scene.frame;
         let Orbit { centre, radius_m, yaw_rad, pitch_rad } = scene.best(&moments);
@@ -137,6 +139,7 @@ impl KitchensInUse {
             task: ShownTask::of(&config),
             target: picture::target_name(rules.spec, &record).map(str::to_owned),
             outcome,
+            figures: figures.filter_map(|(metric, number)| Some((metric.name.clone(), number?))).collect(),
             goal_tolerance_m,
             orbit: ShowOrbit { centre_m: centre.into(), radius_m, yaw_rad, pitch_rad },
             plan_centre_m: [frame.centre.x, frame.centre.z],

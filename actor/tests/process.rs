@@ -438,3 +438,16 @@ fn bad_settings_are_named_once() {
     assert_eq!(text.matches("/nowhere/config.toml").count(), 1, "{text}");
     stand.end();
 }
+
+/// Each takes seconds: whoever waits for many sees how far it is.
+#[test]
+fn a_sheet_of_many_kitchens_says_how_far_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("six.png");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_actor"));
+    command.args(["kitchens", "sheet", "--kitchens", "1,2,3,4,5,6", "--width", "320", "--out"]).arg(&out);
+    let output = command.output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && out.is_file(), "{said}");
+    assert_eq!(said, "6 kitchens are built and drawn, each for some seconds\n5 of 6 kitchens are drawn\n");
+}

@@ -83,6 +83,8 @@ pub struct ShownEpisode {
     pub target: Option<String>,
     /// How it ended: [`crate::task::Spec::outcome`].
     pub outcome: String,
+    /// The task's metrics over the steps that are shown, by name.
+    pub figures: BTreeMap<String, f64>,
     /// How near to `goal_position_m` is enough on each axis, metres.
     pub goal_tolerance_m: f32,
     /// The camera from which the way is seen best.

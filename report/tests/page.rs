@@ -33,7 +33,9 @@ const FAINT: &str = "const channels = (colour) => colour.match(/[\\d.]+/g).slice
       if (element.innerText?.trim()) against(getComputedStyle(element).color, behind(element), element.innerText.slice(0, 30))";
 
 fn open(browser: &mut Browser, folder: &Path, report: &Report, episodes: &Value) {
-    let data = json!({ "made": "made for a test", "report": report, "episodes": episodes });
+    let values: Vec<f64> = report.groups.iter().map(|_| 0.2).collect();
+    let differences = if values.len() > 1 { json!([{ "name": "ppo.clip", "values": values }]) } else { json!([]) };
+    let data = json!({ "made": "made for a test", "report": report, "episodes": episodes, "differences": differences });
     let path = folder.join("report.html");
     std::fs::write(&path, view::page::report(&data.to_string(), "")).expect("a writable folder");
     browser.open(&format!("file://{}", path.display()));
@@ -64,6 +66,9 @@ fn the_page_fits_screens_and_gives_its_charts_away() {
     browser
         .value("[...document.querySelectorAll('.controls label')].find((one) => one.textContent === 'more').click()");
     browser.wait_for("document.querySelectorAll('.chart canvas').length >= 36");
+    let differs = browser.value("document.querySelector('#differences table').innerText");
+    let differs = differs.as_str().expect("text");
+    assert!(differs.contains("ppo.clip") && differs.matches("0.2").count() == report.groups.len(), "{differs}");
     assert_ne!(browser.value("document.querySelectorAll('tr.absent').length"), 0, "rows of the paper without a group");
     browser.value("document.querySelectorAll('details').forEach((one) => { one.open = true; })");
     assert_eq!(findings(&mut browser, TOO_WIDE), [""; 0], "nothing scrolls on a screen of 1280 pixels");
@@ -100,6 +105,12 @@ fn of_one_seed_nothing_is_said_of_seeds_and_each_stage_has_its_figures() {
     for said in ["disturb-two-stage-1", "25.0%", "60.0%", "disturbance per success (m)", "0.120", "0.050"] {
         assert!(stages.as_str().is_some_and(|stages| stages.contains(said)), "{said}: {stages}");
     }
+    // Beside its results, too; alone it differs from nothing.
+    let card = browser.value(&of(".report .card"));
+    for said in ["training, stage", "25.0%", "60.0%"] {
+        assert!(card.as_str().is_some_and(|card| card.contains(said)), "{said}: {card}");
+    }
+    assert_eq!(browser.value("document.querySelector('#differences')"), Value::Null);
     let results = browser.value(&of("#results"));
     let results = results.as_str().expect("text");
     assert!(!results.contains("IQM") && !results.contains("seeds"), "{results}");

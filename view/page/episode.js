@@ -116,6 +116,12 @@ export async function showEpisode(root, run, key, query, signal) {
   player.go(Number(query.get("step") ?? 0));
 }
 
+/** Two runs by the last parts of their names; by letters where those are the same or fill a line. */
+function short(runs) {
+  const last = runs.map((run) => run.split("/").pop());
+  return last[0] !== last[1] && last.every((name) => name.length <= 32) ? last : ["A", "B"];
+}
+
 /** How two episodes of one task differ, in words. */
 function difference(stages) {
   const { successes, channels } = stages[0].episode.task;
@@ -158,12 +164,13 @@ export async function showCompare(root, runs, query, signal) {
   const next = h("button", { disabled: names.length < 2, onclick: () => go(names[(names.indexOf(asked) + 1) % names.length]) }, "Next");
   const most = rows.length < total ? `; the list has the ${count(rows.length)} that differ most` : "; those that differ most come first";
   const place = h("div", { class: "stack" });
+  const called = short(runs);
   replace(root, h("div", { class: "row between" }, h("h1", {}, "Side by side"), h("div", { class: "row choice" }, h("label", {}, "episode", picker), next)),
-    h("p", { class: "small soft" }, `Both have ${count(total)} episodes: A ends better in ${count(better[0])}, B in ${count(better[1])}${most}.`), place);
+    h("p", { class: "small soft" }, `Both have ${count(total)} episodes: ${called[0]} ends better in ${count(better[0])}, ${called[1]} in ${count(better[1])}${most}.`), place);
   replace(place, waiting("Both are simulated again", signal).element);
   const keys = asked.split("~");
   const stages = [];
-  for (const [at, run] of runs.entries()) stages.push(Object.assign(await Stage.open(run, keys[at], signal), { name: "AB"[at] }));
+  for (const [at, run] of runs.entries()) stages.push(Object.assign(await Stage.open(run, keys[at], signal), { name: called[at] }));
   const drawn = Promise.all(stages.map((stage) => stage.drawn));
   for (const stage of stages) stage.drawn = drawn;
   const player = new Player(stages, signal, keep(base(asked)));
@@ -176,7 +183,7 @@ export async function showCompare(root, runs, query, signal) {
     h("p", { class: "notice", id: "difference" }, difference(stages)),
     h("div", { class: "twins" }, stages.map((stage, at) => h("section", { class: "card stack", "aria-label": stage.run },
       h("div", {},
-        h("div", { class: "row between" }, h("span", {}, h("strong", { style: { color: `var(--run-${at})` } }, stage.name), " ", h("a", { href: `#/run/${encodeURIComponent(stage.run)}/episode/${stage.key}` }, stage.run)), h("span", { class: stage.kind() }, outcome(stage.episode.outcome))),
+        h("div", { class: "row between" }, h("span", {}, h("strong", { style: { color: `var(--run-${at})` } }, stage.name === stage.run ? "●" : stage.name), " ", h("a", { href: `#/run/${encodeURIComponent(stage.run)}/episode/${stage.key}` }, stage.run)), h("span", { class: stage.kind() }, outcome(stage.episode.outcome))),
         h("div", { class: "small soft" }, policy(stage.run))),
       stage.problem, stage.orbit.element, stage.words))),
     player.element, h("div", { class: "across" }, explained(stages[0].episode)),

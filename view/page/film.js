@@ -2,9 +2,20 @@
 // browser.
 
 import { ask, h } from "./dom.js";
+import { outcome } from "./format.js";
 import { gif } from "./gif.js";
 
 const [WIDTH, HEIGHT] = [640, 480];
+/** Height of the line beneath the picture, and width of the robot's view in its corner, pixels. */
+const LINE = 24;
+const VIEW = 128;
+
+/** What the line beneath a picture says: which episode, which step, and at its end how it ended. */
+export function caption({ key, last, episode: { target, outcome: ended } }, step) {
+  const [kitchen, , number] = key.split("-");
+  const at = Math.min(step, last);
+  return [`kitchen ${kitchen}, episode ${number}`, target, `step ${at} of ${last}`, at === last ? outcome(ended) : null].filter(Boolean).join(" · ");
+}
 
 /** Kinds of films that this browser can make: name, ending, what its recorder is told. */
 export function kinds() {
@@ -56,7 +67,7 @@ export async function film(stages, last, kind, speed, signal, told) {
   // A GIF grows with its pixels much faster.
   const small = kind.type ? 1 : stages.length > 1 ? 0.6 : 0.75;
   const [width, height] = [Math.round(WIDTH * small), Math.round(HEIGHT * small)];
-  const canvas = h("canvas", { width: width * stages.length, height });
+  const canvas = h("canvas", { width: width * stages.length, height: height + LINE });
   const pen = canvas.getContext("2d", { willReadFrequently: kind.type === null });
   const seconds = 1 / speed;
   let done = 0;
@@ -67,24 +78,34 @@ export async function film(stages, last, kind, speed, signal, told) {
     for (const [name, value] of Object.entries({ width, height, later })) address.searchParams.set(name, String(value));
     return (await ask(address, { signal })).blob();
   };
+  const view = async (stage, step, later) => {
+    const address = new URL(stage.address({ view: "depth", step: Math.min(step, stage.last), width: VIEW, later }), location.href);
+    return (await ask(address, { signal })).blob();
+  };
   // All are drawn before the first is filmed, by both processes that draw: a recorder's time does not wait.
   const drawn = [];
   const draw = async (from, later) => {
     for (let step = from; step <= last; step += 2) {
-      drawn[step] = await Promise.all(stages.map((stage) => picture(stage, step, later)));
+      drawn[step] = await Promise.all(stages.map(async (stage) => [await picture(stage, step, later), await view(stage, step, later)]));
       tell();
     }
   };
   await Promise.all([draw(0, false), draw(1, true)]);
   const camera = kind.type ? new Recorded(canvas, kind.type) : new Kept(canvas, seconds);
   try {
-    for (const blobs of drawn) {
+    for (const [step, blobs] of drawn.entries()) {
       signal.throwIfAborted();
       const began = performance.now();
-      for (const [at, blob] of blobs.entries()) {
-        const each = await createImageBitmap(blob);
-        pen.drawImage(each, at * width, 0);
-        each.close();
+      Object.assign(pen, { fillStyle: "#ffffff", font: "14px system-ui, sans-serif" });
+      pen.fillRect(0, height, canvas.width, LINE);
+      pen.fillStyle = "#22262c";
+      for (const [at, [room, depth]] of blobs.entries()) {
+        for (const [blob, left, top, wide] of [[room, 0, 0, width], [depth, width - VIEW, height - VIEW, VIEW]]) {
+          const each = await createImageBitmap(blob);
+          pen.drawImage(each, at * width + left, top, wide, wide === VIEW ? VIEW : height);
+          each.close();
+        }
+        pen.fillText(caption(stages[at], step), at * width + 6, height + 17, width - 12);
       }
       tell();
       await camera.take(Math.max(0, seconds - (performance.now() - began) / 1000));

@@ -46,7 +46,7 @@ async function show() {
     }
     if (kind === "play") {
       title("A policy at work", [crumb("at work")]);
-      await showPlay(root, signal);
+      await showPlay(root, opening.play ?? "", signal);
     } else if (!kind) {
       title("Runs", []);
       await showList(root, query, signal);

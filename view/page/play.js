@@ -15,17 +15,18 @@ const SILENCE = 1500;
 
 /** The environment that is watched. The evaluation may be another one when all episodes have been played. */
 class SceneRenderer {
-  constructor(root, signal) {
-    Object.assign(this, { signal, run: null, chosen: null, live: null, still: false, stage: null });
+  constructor(root, policy, signal) {
+    Object.assign(this, { policy, signal, run: null, chosen: null, live: null, still: false, stage: null, over: [] });
     this.title = h("h1", {}, "A policy at work");
+    this.plays = h("p", { class: "small" }, policy);
     this.terms = h("p", { class: "soft small" }, "\u00a0");
-    this.tally = h("p", { class: "soft small", role: "status" }, "no episode is over yet");
+    this.tally = h("p", { class: "soft small", role: "status" }, "no episode is shown to its end yet");
     this.picker = h("select", { "aria-label": "Kitchen", hidden: true, onchange: () => { this.chosen = this.picker.value; } });
-    this.link = h("a", { href: "#/?all", hidden: true }, "Figures and all episodes");
+    this.link = h("a", { href: "#/?all", hidden: true }, "All episodes");
     this.button = h("button", { "aria-pressed": "false", hidden: true, onclick: () => this.toggle() }, "Pause");
     this.wait = waiting("The policy is loaded, and its kitchens are built", signal);
     this.place = h("div", {}, h("section", { class: "card" }, h("p", {}, "Here a robot will be seen at its task, step by step, episode after episode. The menu above chooses the kitchen.")));
-    replace(root, h("div", { class: "row between" }, this.title, h("div", { class: "row" }, this.button, this.picker, this.link)), h("div", {}, this.terms, h("div", { class: "row between small" }, this.tally, this.wait.element)), this.place);
+    replace(root, h("div", { class: "row between" }, this.title, h("div", { class: "row" }, this.button, this.picker, this.link)), h("div", {}, this.plays, this.terms, h("div", { class: "row between small" }, this.tally, this.wait.element)), this.place);
   }
 
   /** Says what it waits for; nothing without a text. */
@@ -58,10 +59,23 @@ class SceneRenderer {
     if (!places.includes(this.chosen)) this.chosen = places[0] ?? null;
     this.link.href = `#/run/${encodeURIComponent(newest.id)}`;
     this.link.hidden = false;
-    // Which policy plays, and what.
-    if (card.conditions) this.terms.textContent = card.conditions;
-    if (card.done) this.tally.textContent = [`${count(card.done)} ${card.done === 1 ? "episode" : "episodes"} played`, ...card.metrics.filter(({ name }) => name in card.figures).map((metric) => `${metric.label} ${figure(metric, card.figures[metric.name], 0)}`)].join(", ");
+    this.link.textContent = `All ${count(card.done)} episodes`;
+    if (card.conditions) {
+      // Of a run that trains each round plays the newest checkpoint.
+      const [plays, terms] = card.conditions.split(": ");
+      const isAsked = this.policy.includes(plays.split(" (")[0]);
+      replace(this.plays, isAsked ? this.policy : plays.split(", ")[0]);
+      this.terms.textContent = [...plays.split(", ").slice(1), terms].filter(Boolean).join(", ");
+    }
     return this.chosen !== null;
+  }
+
+  /** Means over the episodes that this page has shown to their ends, and no others. */
+  count(episode) {
+    this.over.push(episode);
+    const mean = ({ name }) => this.over.reduce((sum, { figures }) => sum + (figures[name] ?? 0), 0) / this.over.length;
+    const known = this.live.card.metrics.filter(({ name }) => name in episode.figures);
+    this.tally.textContent = [`${this.over.length} ${this.over.length === 1 ? "episode" : "episodes"} shown to the end`, ...known.map((metric) => `${metric.label} ${figure(metric, mean(metric), 0)}`)].join(", ");
   }
 
   newest() { return json(`/api/runs/${encodeURIComponent(this.run)}/newest/${this.chosen}`, { signal: this.signal }); }
@@ -75,12 +89,14 @@ class SceneRenderer {
     this.button.hidden = false;
     this.stage = stage;
     const end = h("span", {});
+    const [kitchen, , number] = key.split("-");
+    const named = [`episode ${number} in kitchen ${kitchen}`, stage.episode.target].filter(Boolean).join(", ");
     const { target } = stage.episode;
     const task = target ? `Bring the ${target} (pink) to its goal (green), and displace nothing else (violet)` : "Reach the goal (green)";
     const keys = [["space", "pause"], ["arrows", "turn"], ["shift arrows", "move"], ["+ −", "zoom"], ["0", "back"]];
     replace(this.place, h("div", { class: "episode" },
       h("div", { class: "stack" }, h("section", { class: "card stack", "aria-label": "The room" },
-        h("div", { class: "row between" }, h("strong", {}, task), end), stage.problem,
+        h("strong", {}, task), h("div", { class: "row small" }, h("span", {}, named), end), stage.problem,
         besides(stage.orbit.element, stage.words, explained(stage.episode), h("p", { class: "small soft keys" }, keys.map(([key, does]) => h("div", {}, h("kbd", {}, key), ` ${does}`)))))),
       h("div", { class: "side" }, h("figure", { class: "card" }, h("figcaption", {}, "What the robot sees"), stage.depth.element), h("figure", { class: "card" }, h("figcaption", {}, "Floor plan and way"), stage.plan.element),
         h("section", { class: "card" }, stage.moved))));
@@ -100,7 +116,8 @@ class SceneRenderer {
         await pause(1000 / Math.max(SPEED, (stage.last - step) / CATCH_UP), signal);
       } else if (stage.episode.outcome !== "unfinished") {
         const ended = outcome(stage.episode.outcome);
-        replace(end, h("span", { class: stage.kind() }, ended));
+        replace(end, h("span", { class: stage.kind() }, ended), ` after ${count(stage.last)} steps`);
+        this.count(stage.episode);
         say([stage.episode.target, ended].filter(Boolean).join(": "));
         await pause(END, signal);
         return;
@@ -122,8 +139,8 @@ class SceneRenderer {
   }
 }
 
-export async function showPlay(root, signal) {
-  const renderer = new SceneRenderer(root, signal);
+export async function showPlay(root, policy, signal) {
+  const renderer = new SceneRenderer(root, policy, signal);
   addEventListener("keydown", (event) => {
     if (event.target.closest("select, button, a, summary")) return;
     if (event.key !== " ") { renderer.stage?.orbit.key(event); return; }

@@ -49,8 +49,8 @@ const section = (id, title, ...content) => h("section", { id, class: "stack" }, 
 const says = (...text) => h("p", { class: "small soft wide" }, text);
 
 class Page {
-  constructor(root, { made, report, episodes }) {
-    Object.assign(this, { report, episodes, hidden: new Set(), missing: [] });
+  constructor(root, { made, report, episodes, differences = [] }) {
+    Object.assign(this, { report, episodes, differences, hidden: new Set(), missing: [] });
     // Where each group is one run it is called so, and nothing is said of means over seeds.
     this.seeds = report.groups.some(({ runs }) => runs.length > 1);
     this.group = this.seeds ? "group" : "run";
@@ -60,7 +60,7 @@ class Page {
     this.fields = this.fields.filter((field) => this.results.some(({ result }) => result.field === field));
     this.keys = h("div", { class: "legend small" });
     this.redraws = [];
-    const opening = [this.headline(), this.strips()];
+    const opening = [this.headline(), this.differing(), this.strips()];
     const parts = [this.evaluated(), this.comparisons(), this.stages(), this.curves(), this.validation(), this.limits(), this.sweeps(), this.prediction(), this.actions(), this.runs()].filter(Boolean);
     const several = this.names.length > 1;
     replace(root, h("div", { class: "stack report" },
@@ -112,9 +112,29 @@ class Page {
         h("div", { class: "row between" }, h("h2", {}, group.label), h("span", { class: "small soft" }, `${group.preset === group.label ? "" : `${group.preset} · `}${result ? fieldName(result.field) : "newest tenth of training"}`)),
         h("dl", { class: "figures" }, this.report.tasks[group.task].shown.map(of), result ? entry("episodes", count(result.pooled.episodes)) : null,
         entry(group.runs.length === 1 ? "seed" : "seeds", group.runs.map((run) => run.seed).join(", ")), entry("frames", short(frames))),
+        this.trained(group),
         group.differences.length ? says(`other than ${group.preset}: ${group.differences.join("; ")}`) : null);
     });
     return h("div", { class: "grid" }, cards);
+  }
+
+  /** What the stages of a group came to in training, where it has several. */
+  trained({ task, stages }) {
+    const begun = stages.filter(({ figures }) => Object.keys(figures).length);
+    const { shown: metrics } = this.report.tasks[task];
+    const row = ({ name, figures }) => [name, ...metrics.map((one) => shown(one, figures[one.name]))];
+    return begun.length > 1 ? table(["training, stage", ...metrics.map((one) => `#${heading(one)}`)], plain(begun.map(row))) : null;
+  }
+
+  /** The settings that are not the same in all groups. */
+  differing() {
+    const text = (one) => (one === null ? "–" : typeof one === "string" ? one : JSON.stringify(one));
+    const value = (one) => (text(one).length > 40 ? `${text(one).slice(0, 39)}…` : text(one));
+    // More columns than three do not fit.
+    const listed = (values) => [values.map((one, at) => `${this.names[at]}: ${value(one)}`).join("; ")];
+    const [heads, cells] = this.names.length > 3 ? [["values"], listed] : [this.names, (values) => values.map(value)];
+    const rows = this.differences.map(({ name, values }) => [h("code", {}, name), ...cells(values)]);
+    return rows.length ? section("differences", "What differs", table(["setting", ...heads], plain(rows))) : null;
   }
 
   /** The metrics of a task that are printed and that a result has, in the order of the declaration. */

@@ -32,7 +32,8 @@ struct Server {
 pub struct Opening {
     pub runs: Vec<String>,
     pub compare: bool,
-    pub play: bool,
+    /// The policy that plays, in words.
+    pub play: Option<String>,
     pub version: &'static str,
 }
 

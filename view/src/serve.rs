@@ -24,7 +24,7 @@ pub struct Settings {
     pub token: String,
     pub open: Vec<String>,
     pub compare: bool,
-    pub play: bool,
+    pub play: Option<String>,
 }
 
 #[derive(Debug, thiserror::Error)]

@@ -113,7 +113,7 @@ impl Server {
         let address = listener.local_addr().expect("an address");
         let runs = Arc::new(One::default());
         let settings =
-            Settings { play: false, actor, token: "0123abcd".to_owned(), open: vec!["a".to_owned()], compare: false };
+            Settings { play: None, actor, token: "0123abcd".to_owned(), open: vec!["a".to_owned()], compare: false };
         runtime.spawn(serve(listener, Arc::clone(&runs) as Arc<dyn Runs>, settings, std::future::pending()));
         Self { address, runs, _runtime: runtime, _folder: folder }
     }

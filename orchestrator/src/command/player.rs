@@ -4,12 +4,14 @@
 //! (`orchestrator eval`), slowly enough to be watched, and begins again when all episodes are played. When the viewer
 //! ends it stops the child and removes the folder; when it is killed the kernel interrupts the child, which does that.
 
-use crate::evaluation::subject::find;
+use crate::evaluation::subject::{Source, find};
+use crate::output::format;
 use crate::output::log_line::error_in;
 use crate::run::identity::Identity;
 use crate::run::lifeline::{follow, this_program};
 use crate::suite;
 use anyhow::{Context, Result, bail, ensure};
+use proto::checkpoint::Manifest;
 use proto::config::Config;
 use proto::evaluation::has_targets;
 use proto::exit::how;
@@ -108,9 +110,33 @@ pub fn options(kitchen: Option<KitchenId>, split: Option<&str>, steps_per_s: u32
     place.chain(speed).chain(objects.chain(rest).map(str::to_owned)).collect()
 }
 
+/// Digits of the weights' digest that tell policies apart, as `compare` prints them.
+const DIGITS: usize = 12;
+
+fn in_words(policy: &Path, source: &Source) -> Result<String> {
+    let (file, frames, weights) = match source {
+        Source::File { path, policy } => (path, policy.origin.frames, policy.origin.weights.clone()),
+        Source::Checkpoint(found) => {
+            let manifest = Manifest::read_in(&found.named, &found.manifest);
+            let read = manifest.with_context(|| found.manifest.display().to_string())?;
+            (&found.manifest, read.frames, read.weights)
+        }
+    };
+    let file = file.canonicalize().unwrap_or_else(|_| policy.to_owned());
+    // A file's folder says whose it is, a checkpoint's run.
+    let parts = file.components().count();
+    let kept = if matches!(source, Source::File { .. }) { 2 } else { 3 };
+    let file: PathBuf = file.components().skip(parts.saturating_sub(kept)).collect();
+    let weights: String = weights.chars().take(DIGITS).collect();
+    let (preset, frames) = (&source.config().preset, format::count(frames));
+    Ok(format!("{}: preset {preset}, {frames} frames, weights {weights}", file.display()))
+}
+
 pub struct Player {
     pub root: PathBuf,
-    pub policy: PathBuf,
+    /// Which policy, in words: its file, preset, frames and weights.
+    pub plays: String,
+    policy: PathBuf,
     options: Vec<String>,
     name: String,
     child: Option<Child>,
@@ -128,11 +154,12 @@ impl Player {
              makes films of it",
             policy.display()
         );
+        let plays = in_words(policy, &found)?;
         let policy = std::path::absolute(policy)?;
         let options = options(scene.kitchen, scene.split.as_deref(), scene.speed, has_targets(config.spec()));
         let name = policy.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let root = wire::temporary_folder().join(format!("{PREFIX}{}", Identity::new()?.id));
-        Ok(Self { root, policy, options, name, child: None })
+        Ok(Self { root, plays, policy, options, name, child: None })
     }
 
     /// Plays all episodes again and again; comes back with the reason when that is not possible.

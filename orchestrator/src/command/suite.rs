@@ -115,6 +115,9 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     };
     let folder = SuiteFolder::new(&root);
     folder.check(&suite)?;
+    for warning in suite.without_stage_one() {
+        terminal::note(&warning);
+    }
     if args.check {
         announce(&suite, &folder, args.json)?;
         return Ok(ExitCode::SUCCESS);

@@ -7,7 +7,7 @@ use proto::likeness::{likeness, nearest};
 /// What the standard library says of a word in a number's place.
 const NO_NUMBER: &str = "invalid digit found in string";
 
-const COMMANDS: [(&str, &[&str]); 12] = [
+const COMMANDS: [(&str, &[&str]); 14] = [
     ("up", &["train", "start", "run", "launch", "learn"]),
     ("eval", &["evaluate", "test", "enjoy", "validate"]),
     ("view", &["ui", "dashboard", "watch"]),
@@ -18,6 +18,8 @@ const COMMANDS: [(&str, &[&str]); 12] = [
     ("replay", &["video", "film", "render", "movie"]),
     ("report", &["plot", "plots"]),
     ("compare", &["diff"]),
+    ("suite", &["sweep", "benchmark", "grid", "tune"]),
+    ("stop RUN` ends a run, then `rm -r RUN", &["rm", "remove"]),
     ("logs", &["log", "tail"]),
     ("list", &["ls", "runs"]),
 ];
@@ -63,6 +65,15 @@ const OPTIONS: &[(&str, &str, &str)] = &[
     ("up", "it is `--set episode.max_steps=STEPS` of an episode, `--frames N` of a run", "max-steps max-episode-steps"),
     ("up", "it is `--set checkpoint.interval_s=SECONDS`", "save-freq save-interval"),
     ("up", "it is `--set validation.every_frames=N`", "eval-freq eval-interval"),
+    ("up", "it is `--seed S`", "s"),
+    ("up", "there is one algorithm, DD-PPO; `orchestrator config` prints its keys, `[ppo]`", "algo algorithm agent"),
+    ("up", "it is `--set 'stages=[{ name = \"I\", reward = \"r\", frames = N }]'`", "reward reward-function"),
+    (
+        "up",
+        "`orchestrator config` prints what a run would do, `orchestrator doctor` checks the machine",
+        "dry-run print-config",
+    ),
+    ("suite", "it is `--check`", "dry-run"),
     ("up", "it is `--preset NAME`, or `--env gymnasium:ID` for a simulator of your own", "task env-id experiment"),
     ("resume", "it is `--frames N`, of the whole run", "steps timesteps total-timesteps n-timesteps max-iterations"),
     (
@@ -222,6 +233,16 @@ mod tests {
             (&["--preset", "demo"], "tip: a command comes first, as in `orchestrator up --preset`"),
             (&["--verion"], "tip: a similar argument exists: '--version'"),
             (&["kitchens", "7"], "tip: it is drawn by `--kitchens 7`"),
+            (&["up", "-s", "1"], "tip: here it is `--seed S`"),
+            (
+                &["up", "--algo", "ppo"],
+                "tip: here there is one algorithm, DD-PPO; `orchestrator config` prints its keys",
+            ),
+            (&["up", "--reward", "r"], "tip: here it is `--set 'stages=[{"),
+            (&["up", "--dry-run"], "tip: here `orchestrator config` prints what a run would do"),
+            (&["suite", "a.toml", "--dry-run"], "tip: here it is `--check`"),
+            (&["sweep", "a.toml"], "tip: `orchestrator suite` does that"),
+            (&["rm", "runs/a"], "tip: `orchestrator stop RUN` ends a run, then `rm -r RUN` does that"),
             (&["tensorboard"], "tip: `orchestrator view` or `tensorboard --logdir RUN/tensorboard` does that"),
             (&["up", "--resume", "runs/a"], "tip: here it is `orchestrator resume RUN`"),
             (&["trian"], "tip: `orchestrator up` does that"),

@@ -11,6 +11,7 @@ use view::data::Runs;
 /// It only reads the run folder, so it can be started and left at any time, from any terminal, as often as you like; the
 /// run neither waits for it nor ends with it. q, Esc or Ctrl-C leave, Tab changes the chart where there is room for one,
 /// w shows warnings only, then kitchens, the arrow keys scroll processes and kitchens.
+/// `restarts` are of a process since the newest start of the run, `starts` over all of them.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator top runs/20261121-020423-demo-1

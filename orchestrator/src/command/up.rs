@@ -128,6 +128,9 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
     if let Some(FromConfig { checkpoint, frames, .. }) = &config.from {
         terminal::note(&format!("begins with the weights of {checkpoint}, {} frames", format::count(*frames)));
     }
+    if let Some(warning) = next_steps::without_stage_one(&config, |_| "`--from RUN`".to_owned()) {
+        terminal::note(&warning);
+    }
     let folder = if args.run.is_some() { RunFolder::new(named) } else { new_folder(&named)? };
     let (identity, lock) = create(&folder, &mut config, &[folder.checkpoints(), folder.recordings()])?;
     if args.view {

@@ -76,7 +76,7 @@ pub fn run(args: &ViewArgs) -> Result<()> {
 
 pub fn play(player: Player, page: &PageArgs, open: bool) -> Result<()> {
     let readers = RunReaders::of(vec![player.root.clone()]);
-    let note = format!("{} plays until Ctrl-C, on the CPU", player.policy.display());
+    let note = format!("{} plays until Ctrl-C, on the CPU", player.plays);
     show(Shown { readers, open: Vec::new(), compare: false, player: Some(player), note }, page, open)
 }
 
@@ -101,7 +101,7 @@ fn show(shown: Shown, page: &PageArgs, open: bool) -> Result<()> {
         token,
         open: shown.open,
         compare: shown.compare,
-        play: shown.player.is_some(),
+        play: shown.player.as_ref().map(|player| player.plays.clone()),
     };
     // Where it is refused the server is as important as others.
     let _ = rustix::process::setpriority_process(None, NICENESS);

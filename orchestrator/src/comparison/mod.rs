@@ -1,5 +1,5 @@
 mod figures;
-mod settings;
+pub mod settings;
 
 use crate::output::table::{aligned, cell};
 use crate::output::terminal;

@@ -71,6 +71,8 @@ pub fn lines(spec: &Spec, evaluation: &Evaluation) -> Vec<String> {
     let place = place(conditions.split, conditions.procedural, conditions.scenes.len(), one);
     let seeds = seeds_of(conditions.distribution, conditions.split, conditions.episodes);
     let mut lines = vec![seeds.unwrap_or_else(|| format!("{}, in {place}", conditions.episodes_played()))];
+    let scenes = conditions.scenes.iter().enumerate().filter(|_| conditions.procedural.is_none());
+    lines.extend(scenes.map(|(index, file)| format!("scene {index} is {file}")));
     let further = spec.described().len() - spec.figures.len();
     let printed = |one: &&Described| !one.label.is_empty();
     let (described, heads) = (spec.described(), |one: &Described| match one.unit.as_str() {
@@ -135,6 +137,10 @@ mod tests {
     use proto::kitchen::KitchenId;
 
     fn result(spec: &Spec, objects: ObjectSet, record: EpisodeRecord) -> Vec<String> {
+        lines(spec, &evaluation(spec, objects, record))
+    }
+
+    fn evaluation(spec: &Spec, objects: ObjectSet, record: EpisodeRecord) -> Evaluation {
         let config = Config::default();
         let [preset, weights, device] = ["", "", ""].map(str::to_owned);
         let (run, run_id, checkpoint) = (None, None, None);
@@ -156,7 +162,7 @@ mod tests {
             environments_per_actor: 1,
             device,
         };
-        lines(spec, &Evaluation::of(spec, subject, conditions, Cost::default(), &[(record, vec![])]))
+        Evaluation::of(spec, subject, conditions, Cost::default(), &[(record, vec![])])
     }
 
     #[test]
@@ -172,6 +178,12 @@ mod tests {
         assert_eq!(printed[printed.len() - 5], all);
         let figures = "disturbance per success 0.000 m, success but unsafe 0.0%, unsafe of the successes 0.0%, worst";
         assert!(printed[printed.len() - 4].starts_with(figures), "{printed:#?}");
+
+        let mut evaluation = evaluation(arm, ObjectSet::Novel, played(KitchenId::scene(0).unwrap(), 6, &["success"]));
+        evaluation.conditions.scenes = vec!["runs/a/scenes/000/cabin.toml".to_owned()];
+        let of_scene = lines(arm, &evaluation);
+        assert_eq!(of_scene[1], "scene 0 is runs/a/scenes/000/cabin.toml");
+        assert!(of_scene[3].starts_with("scene 0 "), "{of_scene:#?}");
 
         let text = r#"
         name = "small"

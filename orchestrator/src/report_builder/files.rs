@@ -1,3 +1,4 @@
+use crate::comparison::settings::{Row, differences};
 use crate::evaluation::text::shown;
 use crate::output::format::{self, counted};
 use crate::report_builder::gather::Gathered;
@@ -5,12 +6,14 @@ use crate::report_builder::strips::strips;
 use crate::run::identity::unix_now;
 use anyhow::{Context, Result, bail};
 use proto::bounded;
+use proto::config::Config;
 use proto::run_folder::write_atomically;
 use proto::task::Kind;
 use report::comparison::Comparison;
 use report::format::{interval, percent};
 use report::statistics::Estimate;
-use report::{Kept, Options, Report};
+use report::study::Run;
+use report::{GroupReport, Kept, Options, Report};
 use serde_json::json;
 use std::fmt::Write;
 use std::path::Path;
@@ -71,10 +74,20 @@ pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<Report
         env!("CARGO_PKG_VERSION"),
         counted(runs.len() as u64, "run")
     );
-    let data = json!({ "made": made, "report": report, "episodes": episodes });
+    let data = json!({ "made": made, "report": report, "episodes": episodes, "differences": between(&report, &runs) });
     fault::reach("report.before_page");
     put(PAGE, &view::page::report(&data.to_string(), &table(&report)))?;
     Ok(report)
+}
+
+/// The settings in which the groups of a report differ, with the value of each group. Seeds stand elsewhere.
+fn between(report: &Report, runs: &[Run]) -> Vec<Row> {
+    let first =
+        |group: &GroupReport| runs.iter().find(|run| run.name == group.runs[0].name).map(|run| run.config.clone());
+    let configs: Vec<Config> = report.groups.iter().filter_map(first).collect();
+    let mut rows = differences(&configs);
+    rows.retain(|row| row.name != "seed" && !row.name.starts_with("evaluation"));
+    rows
 }
 
 fn table(report: &Report) -> String {
@@ -116,6 +129,23 @@ pub fn add_to_table(path: &Path, tables: &[Comparison]) -> Result<Kept> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use report::study::Origin;
+
+    #[test]
+    fn settings_that_differ_between_groups_have_a_value_of_each() {
+        let run = |name: &str, seed: u64, clip: f64| {
+            let mut config = Config { seed, ..Config::resolve("demo", None).unwrap() };
+            config.ppo.clip = clip;
+            let (origin, rollouts, stages) = (Origin::NotGiven, Vec::new(), Vec::new());
+            Run { name: name.into(), origin, config, rollouts, stages, evaluations: vec![], validation: vec![] }
+        };
+        let runs = [run("a-1", 1, 0.1), run("b", 1, 0.3), run("a-2", 2, 0.1)];
+        let report = Report::of(&runs, &Options::default(), Vec::new()).unwrap();
+        let rows = between(&report, &runs);
+        assert_eq!((rows.len(), rows[0].name.as_str()), (1, "ppo.clip"), "and not the seed");
+        assert_eq!(rows[0].values, [json!(0.1), json!(0.3)]);
+        assert_eq!(between(&Report::of(&runs[1..2], &Options::default(), Vec::new()).unwrap(), &runs), []);
+    }
 
     #[test]
     fn a_folder_is_a_reports_or_empty() {

@@ -1,7 +1,7 @@
 use super::damaged;
 use super::unfinished::is_cut_off;
 use crate::output::format::{self, counted};
-use crate::wrong::reject;
+use crate::wrong::{demand, reject};
 use anyhow::{Context, Result, bail};
 use proto::SCHEMA_VERSION;
 use proto::config::Config;
@@ -135,7 +135,17 @@ impl Identity {
                 if !folder.root().exists() {
                     reject!("{root} does not exist: no run began there{}", perhaps(folder.root()));
                 }
+                demand!(
+                    !holds_runs(folder.root()),
+                    "{root} is not a run folder: it holds runs, which `orchestrator list {}` shows",
+                    quoted(folder.root())
+                );
                 reject!("{root} is not a run folder: it has no run.toml");
+            }
+            Err(error) if error.kind() == std::io::ErrorKind::NotADirectory => {
+                reject!(
+                    "{root} is a file: give the folder of a run, or that of an evaluation, which `orchestrator eval FILE` makes of a policy file"
+                );
             }
             Err(error) => return Err(error).with_context(|| path.display().to_string()),
         };
@@ -271,6 +281,11 @@ pub fn is_evaluation(folder: &RunFolder) -> bool {
     Config::of_run(folder).is_ok_and(|config| config.evaluation.is_some())
 }
 
+fn holds_runs(folder: &Path) -> bool {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.into_iter().any(|entry| RunFolder::new(entry.path()).identity().is_file())
+}
+
 /// Which run is probably meant by a path that is not there: one of that name where runs are.
 pub fn perhaps(path: &Path) -> String {
     let there = Path::new("runs").join(path);
@@ -325,7 +340,15 @@ pub mod tests {
     #[test]
     fn what_is_no_run_folder_or_of_another_schema_is_refused() {
         let (_temporary, folder) = folder();
-        assert!(Identity::read(&folder).unwrap_err().to_string().contains("not a run folder"));
+        assert!(Identity::read(&folder).unwrap_err().to_string().ends_with("not a run folder: it has no run.toml"));
+        let holds = tempfile::tempdir().unwrap();
+        std::fs::create_dir(holds.path().join("a")).unwrap();
+        std::fs::write(holds.path().join("a/run.toml"), "").unwrap();
+        let told = Identity::read(&RunFolder::new(holds.path())).unwrap_err().to_string();
+        assert!(told.contains("it holds runs, which `orchestrator list "), "{told}");
+        std::fs::write(holds.path().join("policy.onnx"), "").unwrap();
+        let told = Identity::read(&RunFolder::new(holds.path().join("policy.onnx"))).unwrap_err().to_string();
+        assert!(told.contains("policy.onnx is a file: give the folder of a run"), "{told}");
         let identity = Identity { schema_version: SCHEMA_VERSION + 1, ..Identity::new().unwrap() };
         identity.write(&folder).unwrap();
         assert!(Identity::read(&folder).unwrap_err().to_string().contains("schema"));

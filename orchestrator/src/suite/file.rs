@@ -5,10 +5,11 @@ use super::grid::{Point, points};
 use crate::evaluation::choice::{ObjectsChoice, SplitChoice, word};
 use crate::evaluation::subject::network_differences;
 use crate::output::format::counted;
+use crate::training::next_steps::without_stage_one;
 use anyhow::{Context, Result, bail, ensure};
 use proto::bounded;
-use proto::config::{Config, check_settings, overlay};
-use proto::likeness::nearest;
+use proto::config::{Config, check_settings, in_plain_words, overlay};
+use proto::likeness::{nearest, suggestion};
 use proto::stage::{TooFewFrames, scale_to};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -117,7 +118,7 @@ impl Suite {
     }
 
     pub fn parse(text: &str) -> Result<Self> {
-        let file: File = toml::from_str(text).map_err(|error| with_suggestion(&error))?;
+        let file: File = toml::from_str(text).map_err(|error| in_words(text, &error))?;
         ensure!(!file.runs.is_empty(), "no [[runs]]: a suite has at least one");
         check_keys(&file.config).context("for every run")?;
         let mut entries = Vec::new();
@@ -151,6 +152,16 @@ impl Suite {
         Ok(Self { entries, evaluations: file.evaluations })
     }
 
+    /// Runs that begin with stage II and no weights of a stage I, each once, whatever its seeds.
+    pub fn without_stage_one(&self) -> BTreeSet<String> {
+        let alone = self.entries.iter().filter(|entry| entry.from.is_none());
+        alone
+            .filter_map(|entry| {
+                without_stage_one(&entry.config, |stage| format!("`from = \"{stage}\"`, a run further up"))
+            })
+            .collect()
+    }
+
     /// Leaves out what is in a table already.
     pub fn leave_out(&mut self, done: &BTreeSet<&str>) {
         let mut kept = vec![false; self.entries.len()];
@@ -169,14 +180,17 @@ impl Suite {
     }
 }
 
-/// An unknown key with the one that was probably meant.
-fn with_suggestion(error: &toml::de::Error) -> anyhow::Error {
+/// What is wrong with a line of the file, which is shown, and for an unknown key the one that was probably meant.
+fn in_words(text: &str, error: &toml::de::Error) -> anyhow::Error {
     let meant = error.message().strip_prefix("unknown field ").and_then(|names| {
         let mut names = names.split('`').skip(1).step_by(2);
         nearest(names.next()?, names)
     });
-    let meant = meant.map_or_else(String::new, |meant| format!(" (did you mean `{meant}`?)"));
-    anyhow::anyhow!("{}{meant}", error.to_string().trim_end())
+    let problem = in_plain_words(error.message()).replacen("unknown field", "unknown key", 1);
+    let problem = problem.replacen("missing field", "missing key", 1);
+    let number = error.span().map_or(0, |span| text[..span.start].matches('\n').count());
+    let line = text.lines().nth(number).unwrap_or_default().trim();
+    anyhow::anyhow!("line {}, `{line}`: {problem}{}", number + 1, suggestion(meant.as_deref()))
 }
 
 impl Planned {
@@ -271,7 +285,7 @@ fn check_keys(keys: &Table) -> Result<()> {
 }
 
 fn with_seeds(text: &str, seeds: &[u64]) -> Result<String> {
-    let mut file: Table = toml::from_str(text)?;
+    let mut file: Table = toml::from_str(text).map_err(|error| in_words(text, &error))?;
     let numbers = seeds.iter().map(|&seed| i64::try_from(seed).map(Value::Integer)).collect::<Result<_, _>>();
     let numbers = numbers.context("--seed: TOML has no number as large")?;
     file.insert("seeds".to_owned(), Value::Array(numbers));
@@ -328,6 +342,33 @@ mod tests {
 
     fn problem(text: &str) -> String {
         format!("{:#}", Suite::parse(text).unwrap_err())
+    }
+
+    #[test]
+    fn a_wrong_line_is_shown_with_what_it_needs_in_plain_words() {
+        for (text, said) in [
+            ("seeds = [\"a\"]", "line 1, `seeds = [\"a\"]`: expected a whole number, 0 or greater, found \"a\""),
+            ("seeds = [1]\nframes = 1.5", "line 2, `frames = 1.5`: expected a whole number, 0 or greater, found `1.5`"),
+            ("seeds = 1", "line 1, `seeds = 1`: expected a list, found `1`"),
+            ("[[runs]]\nname = \"x\"", "line 1, `[[runs]]`: missing key `preset`"),
+            (
+                "evaluations = [{ split = \"tset\", objects = \"all\" }]",
+                "unknown value `tset`, expected one of `train`, `valid`, `test`",
+            ),
+        ] {
+            let problem = problem(text);
+            assert!(problem.contains(said), "{problem}");
+        }
+    }
+
+    #[test]
+    fn a_second_stage_without_from_is_told_of_once() {
+        let stages = "seeds = [1, 2]\n[[runs]]\npreset = \"none-stage1-20m\"\n[[runs]]\npreset = \"none-stage2-25m\"\n";
+        let told = Suite::parse(stages).unwrap().without_stage_one();
+        assert_eq!(told.len(), 1, "{told:?}");
+        assert!(told.first().unwrap().contains("give it `from = \"none-stage1-20m\"`, a run further up"), "{told:?}");
+        let with = format!("{stages}from = \"none-stage1-20m\"\n");
+        assert!(Suite::parse(&with).unwrap().without_stage_one().is_empty());
     }
 
     #[test]

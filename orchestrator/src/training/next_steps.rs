@@ -1,3 +1,4 @@
+use proto::config::Config;
 use proto::run_folder::RunFolder;
 use proto::shell::quoted;
 use std::path::Path;
@@ -18,6 +19,20 @@ pub fn full_run(program: &str, preset: &str, words: impl IntoIterator<Item = Str
 
 pub fn resume(program: &str, run: &Path) -> String {
     format!("{program} resume {}", quoted(run))
+}
+
+/// A word about a run that begins with stage II and fresh weights, though its preset is one that follows a stage I.
+/// `from` is how the stage I is named.
+pub fn without_stage_one(config: &Config, from: impl Fn(&str) -> String) -> Option<String> {
+    let (experiment, plan) = config.preset.split_once("-stage2-")?;
+    let stage_one = format!("{experiment}-stage1-20m");
+    config.from.is_none().then(|| {
+        format!(
+            "{experiment}-stage2-{plan} is stage II alone and begins with fresh weights: give it {}, to begin with those of \
+             a stage I",
+            from(&stage_one)
+        )
+    })
 }
 
 pub fn go_on(program: &str, run: &Path, hosts: u32) -> String {
@@ -53,6 +68,17 @@ pub fn complete(program: &str, folder: &RunFolder, preset: &str, recorded: bool)
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_second_stage_alone_is_told_of_and_no_other_run() {
+        let said = |preset| without_stage_one(&Config::resolve(preset, None).unwrap(), |stage| format!("from {stage}"));
+        let alone = said("disturb-stage2-25m").unwrap();
+        assert!(alone.starts_with("disturb-stage2-25m is stage II alone and begins with fresh weights"), "{alone}");
+        assert!(alone.contains("from disturb-stage1-20m"), "{alone}");
+        for other in ["demo", "disturb-two-stage", "disturb-scratch-45m", "disturb-stage1-20m"] {
+            assert_eq!(said(other), None);
+        }
+    }
 
     #[test]
     fn a_complete_run_is_looked_at_evaluated_and_reported() {

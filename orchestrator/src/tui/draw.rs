@@ -14,6 +14,8 @@ use view::data::{Card, Live};
 const HEAD: u16 = 4;
 const CHART_COLUMNS: u16 = 25;
 const CHART_LINES: [u16; 2] = [6, 16];
+/// Columns of a kitchen's number and episodes, SR, SRwoD and disturbance, with the frame.
+const KITCHENS: u16 = 45;
 /// Lines that the panels need below the charts; where there are fewer, charts take them all.
 const PANEL_LINES: u16 = 4;
 
@@ -45,9 +47,11 @@ fn draw_panels(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
     if area.height < 2 {
         return;
     }
-    let beside = area.width >= 110 && !live.kitchens.is_empty() && model.lines != Lines::Kitchens;
+    let beside = area.width >= 116 && !live.kitchens.is_empty() && model.lines != Lines::Kitchens;
     let widths = match (beside, area.width >= 70) {
-        (true, _) => vec![Constraint::Length(44), Constraint::Fill(1), Constraint::Length((area.width / 3).min(68))],
+        (true, _) => {
+            vec![Constraint::Length(44), Constraint::Fill(1), Constraint::Length((area.width / 3).clamp(KITCHENS, 68))]
+        }
         (false, true) => vec![Constraint::Length(44.min(area.width / 2 + 2)), Constraint::Fill(1)],
         (false, false) => vec![Constraint::Fill(1)],
     };

@@ -92,8 +92,8 @@ pub fn processes(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
     );
     let (shown, more) = window(live.workers.len(), model.scrolled, usize::from(area.height.saturating_sub(3)));
     let rows = live.workers[shown].iter().map(process_row).chain(more.map(|more| Row::new([more])));
-    let widths = [12, 7, 6, 6, 5].map(Constraint::Length);
-    let head = Row::new(["process", "pid", "incarn", "starts", "cores"]).bold();
+    let widths = [11, 7, 8, 6, 5].map(Constraint::Length);
+    let head = Row::new(["process", "pid", "restarts", "starts", "cores"]).bold();
     let table = Table::new(rows, widths).header(head).block(Block::bordered().title(title));
     frame.render_widget(table, area);
 }
@@ -120,8 +120,8 @@ fn process_row(worker: &Worker) -> Row<'static> {
     } else {
         worker.cores.map_or_else(|| format::NOTHING.to_owned(), |cores| format!("{cores:.1}"))
     };
-    let cells =
-        [printable(&worker.name).into_owned(), pid, worker.incarnation.to_string(), worker.starts.to_string(), cores];
+    let (restarts, starts) = (worker.incarnation.saturating_sub(1).to_string(), worker.starts.to_string());
+    let cells = [printable(&worker.name).into_owned(), pid, restarts, starts, cores];
     Row::new(cells.map(Cell::from)).style(Style::new().fg(color))
 }
 

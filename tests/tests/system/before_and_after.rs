@@ -89,7 +89,7 @@ fn side_by_side(workshop: &Workshop, browser: &mut Browser) {
     assert_eq!(shown, serde_json::json!(["before", "after"]));
     let said = browser.value("document.querySelector('#difference').innerText");
     let said = said.as_str().expect("text");
-    assert!(said.contains("isturbance: A ") && said.contains("actions"), "how they differ is said: {said}");
+    assert!(said.contains("isturbance: before ") && said.contains("actions"), "how they differ is said: {said}");
     let proofs = browser.value("document.body.innerText.match(/states are as recorded/g)?.length");
     assert_eq!(proofs, 2, "both are simulated as they were recorded");
     let drawn = |from: u32, to: u32| {

@@ -83,7 +83,8 @@ fn a_policy_plays_on_the_page_and_leaves_nothing_behind() {
     let viewer = play(&workshop, &["--kitchen", "7", "--speed", "10"]);
     let (run, key) = watched(&viewer, "7/0");
     assert!(run == "small-1" && key.starts_with("7-0-"), "{run} {key}");
-    assert_eq!(viewer.json("/api/opening")["play"], true);
+    let plays = viewer.json("/api/opening")["play"].as_str().expect("a policy").to_owned();
+    assert!(plays.contains(&format!("{FILE}: preset demo, {FRAMES} frames, weights ")), "{plays}");
     let address = format!("/api/runs/{run}/episodes/{key}");
     let mut shown = Value::Null;
     wait_until("the episode has ended", || {
@@ -92,6 +93,19 @@ fn a_policy_plays_on_the_page_and_leaves_nothing_behind() {
     });
     assert!(shown["moments"].as_array().is_some_and(|moments| moments.len() > 1), "{shown}");
     assert_eq!(shown["first_difference"], Value::Null);
+    // Figures of this episode, and no other.
+    let steps = shown["moments"].as_array().map_or(0, Vec::len) - 1;
+    let disturbed = &shown["moments"][steps]["channels"]["disturbance_m"][0];
+    let (there, told) = (disturbed.as_f64(), shown["figures"]["disturbance_m"].as_f64());
+    assert!(
+        there.zip(told).is_some_and(|(there, told)| (there - told).abs() < 1e-6),
+        "{disturbed}, {}",
+        shown["figures"]
+    );
+    assert_eq!(
+        shown["figures"]["success"].as_f64(),
+        Some(f64::from(u8::from(shown["outcome"].as_str().is_some_and(|how| how.starts_with("success")))))
+    );
     let frame = |step: u32| viewer.get(&format!("{address}/picture?view=depth&step={step}&width=224"));
     let (first, second) = (frame(0), frame(1));
     assert!([&first, &second].iter().all(|frame| frame.status == 200 && frame.body.starts_with(b"\x89PNG")));
@@ -100,8 +114,12 @@ fn a_policy_plays_on_the_page_and_leaves_nothing_behind() {
         browser.open(&viewer.page());
         browser.wait_for("location.hash === '#/play' && document.querySelector('canvas.orbit')?.dataset.step > 1");
         browser.wait_for("document.querySelector('canvas.depth')?.dataset.step > 1");
-        let terms = format!("{FILE} (demo), sampled actions: novel and seen objects, ");
-        browser.wait_for(&format!("document.querySelector('main').innerText.includes({terms:?})"));
+        for terms in [&*plays, "sampled actions, novel and seen objects, "] {
+            browser.wait_for(&format!("document.querySelector('main').innerText.includes({terms:?})"));
+        }
+        // Which episode is shown, and what those came to that were shown to their ends.
+        browser.wait_for("/episode \\d+ in kitchen 7, [A-Z]/.test(document.querySelector('main').innerText)");
+        browser.wait_for("/\\d episodes? shown to the end, SR \\d/.test(document.querySelector('main').innerText)");
         if let Some(folder) = std::env::var_os("STILLROOM_SCREENSHOTS") {
             let picture = browser.screenshot();
             std::fs::write(Path::new(&folder).join("play.png"), picture).expect("a folder of pictures");
