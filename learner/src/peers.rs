@@ -9,11 +9,9 @@
 //! All learners make the same calls in the same order. When one dies, the calls of the others fail, or block until the
 //! orchestrator ends them. A group is never repaired: all learners restart together from the last checkpoint.
 
-use crate::ffi::gpu::pci_address;
 pub use crate::ffi::group::Meeting;
 use crate::ffi::group::ProcessGroup;
 use crate::ffi::nccl::{Communicator, Invitation, Nccl, NcclError};
-use sha2::{Digest, Sha256};
 use std::cell::Cell;
 use std::time::{Duration, Instant};
 use tch::{Device, Kind, TchError, Tensor};
@@ -70,11 +68,6 @@ pub enum PeerError {
     Gpus(#[from] NcclError),
     #[error("another learner cannot go on")]
     Elsewhere,
-    #[error(
-        "learners {} and {} have the same GPU, and NCCL takes a GPU once. Start fewer learners, or give each orchestrator \
-         of this machine its own GPUs (CUDA_VISIBLE_DEVICES); to share one, its own NCCL_HOSTID", ranks[0], ranks[1]
-    )]
-    SharedGpu { ranks: [usize; 2] },
     #[error("the learners have come apart: {what} differ ({values:x?}, by rank)")]
     Apart { what: &'static str, values: Vec<u64> },
 }
@@ -86,18 +79,18 @@ impl Peers {
         }
         let lost = |cause| PeerError::Lost { rank, cause };
         let gloo = ProcessGroup::join(meeting, [rank, learners], [JOINING, PATIENCE]).map_err(lost)?;
-        let mut group = Group { rank, learners, gloo, gpus: None, exchanged: Cell::default() };
-        if let Device::Cuda(index) = device {
-            group.demand_own_gpus(pci_address(index).map(|address| gpu_name(&address)))?;
+        let gpus = if device.is_cuda() {
             let nccl = Nccl::open()?;
             let mut invitation: Invitation = [0; 128];
             if rank == 0 {
-                group.gloo.note(INVITATION, &nccl.invite()?).map_err(lost)?;
+                gloo.note(INVITATION, &nccl.invite()?).map_err(lost)?;
             }
-            group.gloo.read(INVITATION, &mut invitation).map_err(lost)?;
-            group.gpus = Some(nccl.join(invitation, rank, learners)?);
-        }
-        let peers = Self::Group(group);
+            gloo.read(INVITATION, &mut invitation).map_err(lost)?;
+            Some(nccl.join(invitation, rank, learners)?)
+        } else {
+            None
+        };
+        let peers = Self::Group(Group { rank, learners, gloo, gpus, exchanged: Cell::default() });
         // A barrier: no learner leaves before all have joined.
         peers.barrier()?;
         Ok(peers)
@@ -140,7 +133,10 @@ impl Peers {
     /// Replaces numbers by their sums over all learners.
     pub fn sum(&self, numbers: &mut [f64]) -> Result<(), PeerError> {
         let Self::Group(group) = self else { return Ok(()) };
-        group.sum(numbers)
+        let mut tensor = Tensor::from_slice(numbers);
+        group.gloo.sum(&mut tensor).map_err(|cause| group.lost(cause))?;
+        tensor.copy_data(numbers, numbers.len());
+        Ok(())
     }
 
     /// Returns when every learner has called it: an all-reduce ends nowhere before it has begun everywhere.
@@ -260,41 +256,17 @@ impl Peers {
 
     pub(crate) fn agree(&self, what: &'static str, value: u64) -> Result<(), PeerError> {
         let Self::Group(group) = self else { return Ok(()) };
-        let values = group.values(value)?;
+        // Each learner fills its own two places: halves of 32 bits are exact in a double.
+        let mut halves = vec![0.0; 2 * group.learners as usize];
+        let own = 2 * group.rank as usize;
+        (halves[own], halves[own + 1]) = ((value >> 32) as f64, (value & 0xffff_ffff) as f64);
+        self.sum(&mut halves)?;
+        let values: Vec<u64> = halves.chunks_exact(2).map(|pair| (pair[0] as u64) << 32 | pair[1] as u64).collect();
         if values.iter().all(|&other| other == value) { Ok(()) } else { Err(PeerError::Apart { what, values }) }
     }
 }
 
 impl Group {
-    fn sum(&self, numbers: &mut [f64]) -> Result<(), PeerError> {
-        let mut tensor = Tensor::from_slice(numbers);
-        self.gloo.sum(&mut tensor).map_err(|cause| self.lost(cause))?;
-        tensor.copy_data(numbers, numbers.len());
-        Ok(())
-    }
-
-    /// One number of each learner, by rank.
-    fn values(&self, own: u64) -> Result<Vec<u64>, PeerError> {
-        // Each learner fills its own two places: halves of 32 bits are exact in a double.
-        let mut halves = vec![0.0; 2 * self.learners as usize];
-        let place = 2 * self.rank as usize;
-        (halves[place], halves[place + 1]) = ((own >> 32) as f64, (own & 0xffff_ffff) as f64);
-        self.sum(&mut halves)?;
-        Ok(halves.chunks_exact(2).map(|pair| (pair[0] as u64) << 32 | pair[1] as u64).collect())
-    }
-
-    /// NCCL refuses two learners on one GPU, but only as "invalid usage". A GPU without a name passes.
-    fn demand_own_gpus(&self, name: Option<String>) -> Result<(), PeerError> {
-        let digest = name.map(Sha256::digest);
-        // Of 63 bits; the highest one marks a GPU that has no name.
-        let own = digest.map_or(1 << 63 | u64::from(self.rank), |digest| {
-            digest.iter().take(8).fold(0, |number, &byte| number << 8 | u64::from(byte)) >> 1
-        });
-        let values = self.values(own)?;
-        let second = (1..values.len()).find_map(|b| Some([values[..b].iter().position(|&a| a == values[b])?, b]));
-        second.map_or(Ok(()), |ranks| Err(PeerError::SharedGpu { ranks }))
-    }
-
     /// Replaces numbers of gradients by their sums over all learners, and counts what that takes.
     fn exchange(&self, numbers: &mut Tensor) -> Result<(), PeerError> {
         let Exchanged { mut seconds, mut bytes } = self.exchanged.get();
@@ -313,15 +285,6 @@ impl Group {
     fn lost(&self, cause: TchError) -> PeerError {
         PeerError::Lost { rank: self.rank, cause }
     }
-}
-
-/// A GPU among those of all hosts, by NCCL's rule for hosts: containers with names of their own count as hosts.
-fn gpu_name(address: &str) -> String {
-    let host = std::env::var("NCCL_HOSTID").unwrap_or_else(|_| {
-        let boot = std::fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default();
-        format!("{} {boot}", rustix::system::uname().nodename().to_string_lossy())
-    });
-    format!("{host} {address}")
 }
 
 /// The note of one learner about one rollout.
@@ -428,28 +391,6 @@ mod tests {
         }
         assert_eq!(seen[0].2, [vec![1], vec![2, 2]]);
         assert!(seen[1].2.is_empty() && seen[2].2.is_empty());
-    }
-
-    #[test]
-    fn two_learners_on_one_gpu_are_refused_by_all_with_their_ranks() {
-        let outcome = |names: [Option<&str>; 4]| {
-            let refused = |rank: u32, peers: &Peers| {
-                let Peers::Group(group) = peers else { unreachable!("four learners") };
-                group.demand_own_gpus(names[rank as usize].map(str::to_owned)).err().map(|error| error.to_string())
-            };
-            among(4, refused)
-        };
-        let [here, there] = ["0000:0f:00.0", "0000:10:00.0"].map(gpu_name);
-        assert!(here.ends_with(" 0000:0f:00.0") && here.len() > " 0000:0f:00.0".len(), "with its host: {here}");
-        let (here, there) = (Some(here.as_str()), Some(there.as_str()));
-        assert_eq!(outcome([here, there, Some("elsewhere 0000:0f:00.0"), None]), [const { None }; 4]);
-        assert_eq!(outcome([None; 4]), [const { None }; 4], "the driver names none");
-        for text in outcome([there, here, None, here]) {
-            let text = text.expect("refused");
-            for part in ["learners 1 and 3 have the same GPU", "CUDA_VISIBLE_DEVICES", "its own NCCL_HOSTID"] {
-                assert!(text.contains(part), "{part}: {text}");
-            }
-        }
     }
 
     #[test]
