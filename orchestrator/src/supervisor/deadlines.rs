@@ -61,7 +61,8 @@ impl Deadlines {
             disk: Standstill::DEADLINE,
             actor_silence: actor_deadline / 2,
             learner_leaves: Duration::from_secs(30),
-            actor_leaves: Duration::from_secs(2),
+            // All leave at once, and share the cores.
+            actor_leaves: Duration::from_secs(2) + Duration::from_millis(20) * config.actors.count,
             killed: Duration::from_secs(10),
             overlap: config.ppo.overlap,
         }

@@ -338,9 +338,10 @@ impl WireHost {
         }
         receipts::create(address, shape.shares.actors())?;
         let config = address.config()?;
-        let sweeper = address.close_to_others().and_then(|()| Sweeper::of(config)).map_err(|cause| {
-            WireError::Node { root: address.root().display().to_string(), cause: cause.to_string() }
-        })?;
+        let sweeper =
+            address.close_to_others().and_then(|()| Sweeper::of(config, shape.shares.actors())).map_err(|cause| {
+                WireError::Node { root: address.root().display().to_string(), cause: cause.to_string() }
+            })?;
         Ok(Self { wire, address: address.clone(), sweeper, _services: held })
     }
 
@@ -353,8 +354,8 @@ impl WireHost {
         &self.address
     }
 
-    /// Frees the resources of dead, reaped processes, so that no process stays blocked on them. Waits for it a second
-    /// at most.
+    /// Frees the resources of dead, reaped processes, so that no process stays blocked on them. Waits for it a few
+    /// seconds at most.
     pub fn sweep_dead(&self) {
         self.sweeper.sweep();
     }

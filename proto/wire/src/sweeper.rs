@@ -7,8 +7,8 @@ use std::cell::Cell;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
 use std::time::Duration;
 
-/// A sweep takes milliseconds. After this long its caller goes on without it.
-const PATIENCE: Duration = Duration::from_secs(1);
+/// After this long its caller goes on without a sweep: a second, and this for each process. A dead one takes 3 ms.
+const PATIENCE_EACH: Duration = Duration::from_millis(10);
 
 #[derive(Debug)]
 pub struct Sweeper {
@@ -20,8 +20,8 @@ pub struct Sweeper {
 }
 
 impl Sweeper {
-    pub fn of(config: Config) -> std::io::Result<Self> {
-        Self::with_patience(move || sweep_nodes(&config), PATIENCE)
+    pub fn of(config: Config, processes: u32) -> std::io::Result<Self> {
+        Self::with_patience(move || sweep_nodes(&config), Duration::from_secs(1) + PATIENCE_EACH * processes)
     }
 
     fn with_patience(mut sweep: impl FnMut() + Send + 'static, patience: Duration) -> std::io::Result<Self> {
