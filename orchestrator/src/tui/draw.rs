@@ -14,7 +14,7 @@ use view::data::{Card, Live};
 const HEAD: u16 = 4;
 const CHART_COLUMNS: u16 = 25;
 const CHART_LINES: [u16; 2] = [6, 16];
-/// Columns of a kitchen's number and episodes, SR, SRwoD and disturbance, with the frame.
+/// Columns of a kitchen's number and episodes, of both rates and the disturbance, with the frame.
 const KITCHENS: u16 = 45;
 /// Lines that the panels need below the charts; where there are fewer, charts take them all.
 const PANEL_LINES: u16 = 4;
