@@ -193,7 +193,9 @@ class Thumbnails {
 
   async know(live) {
     const version = `${live.rollouts} ${live.card.done}`;
-    if (live.card.state === "running" || live.indexed < 0.999 || version === this.shown) return;
+    // Only kitchens are drawn here.
+    if (live.card.elsewhere) this.element.hidden = true;
+    if (live.card.elsewhere || live.card.state === "running" || live.indexed < 0.999 || version === this.shown) return;
     this.shown = version;
     // A machine that is busy with other work may need several tries.
     for (let left = 5; this.shown === version && !this.signal.aborted; left -= 1) {
@@ -209,10 +211,7 @@ class Thumbnails {
     const { signal } = this;
     const run = encodeURIComponent(this.run);
     const ask = (ended) => json(`/api/runs/${run}/episodes?recorded=true&limit=2&outcome=${ended}`, { signal });
-    const { successes, elsewhere } = await ask("");
-    // Only kitchens are drawn here.
-    this.element.hidden = elsewhere;
-    if (elsewhere) return;
+    const { successes } = await ask("");
     const pages = await Promise.all([...successes, "any-failure"].map(ask));
     const rows = pages.flatMap((page) => page.rows);
     this.element.hidden = !rows.length;

@@ -38,6 +38,8 @@ pub struct Card {
     pub seed: u64,
     pub state: String,
     pub evaluation: bool,
+    /// Whether its environments are no kitchens.
+    pub elsewhere: bool,
     /// Of an evaluation which policy plays which episodes, in words.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub conditions: Option<String>,

@@ -172,6 +172,7 @@ impl Watched {
             seed: config.seed,
             preset: config.preset.clone(),
             created_unix_s: identity.created_unix_s,
+            elsewhere: config.environment.is_some(),
             metrics: config.spec().shown(),
             note: self.left_out.first().cloned(),
             ..self.entry.card()
